@@ -1,0 +1,60 @@
+# stipple_add_module(NAME PUBLIC targets... PRIVATE targets...): a folder's whole list file. It takes the sources from
+# src/, the public headers from include/, and adds the alias stipple::NAME, the warnings, the install rule and a check
+# that each public header compiles alone.
+
+add_library(stipple_build_flags INTERFACE)
+target_compile_features(stipple_build_flags INTERFACE cxx_std_20)
+# Contraction to fused multiply-add would make results depend on the instruction set.
+target_compile_options(stipple_build_flags INTERFACE -ffp-contract=off)
+if(STIPPLE_NATIVE)
+    target_compile_options(stipple_build_flags INTERFACE -march=native)
+elseif(CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")
+    target_compile_options(stipple_build_flags INTERFACE -march=x86-64-v2)
+endif()
+if(STIPPLE_SANITIZE)
+    target_compile_options(stipple_build_flags INTERFACE -fsanitize=${STIPPLE_SANITIZE} -fno-omit-frame-pointer)
+    target_link_options(stipple_build_flags INTERFACE -fsanitize=${STIPPLE_SANITIZE})
+endif()
+
+add_library(stipple_warnings INTERFACE)
+target_compile_options(stipple_warnings INTERFACE -Wall -Wextra -Wpedantic -Wshadow -Wnon-virtual-dtor
+                       -Woverloaded-virtual $<$<BOOL:${STIPPLE_WERROR}>:-Werror>)
+
+function(stipple_add_module name)
+    cmake_parse_arguments(arg "" "" "PUBLIC;PRIVATE" ${ARGN})
+    file(GLOB_RECURSE headers CONFIGURE_DEPENDS ${CMAKE_CURRENT_SOURCE_DIR}/include/*.hpp)
+    file(GLOB sources CONFIGURE_DEPENDS ${CMAKE_CURRENT_SOURCE_DIR}/src/*.cpp)
+    list(FILTER sources EXCLUDE REGEX "/main\\.cpp$")
+
+    add_library(stipple_${name} STATIC ${sources})
+    add_library(stipple::${name} ALIAS stipple_${name})
+    set_target_properties(stipple_${name} PROPERTIES EXPORT_NAME ${name} POSITION_INDEPENDENT_CODE ON)
+    target_sources(stipple_${name} PUBLIC FILE_SET HEADERS BASE_DIRS include FILES ${headers})
+    target_include_directories(stipple_${name} PRIVATE src)
+    target_link_libraries(stipple_${name}
+        PUBLIC ${arg_PUBLIC} Threads::Threads
+        PRIVATE ${arg_PRIVATE} $<BUILD_INTERFACE:stipple_build_flags> $<BUILD_INTERFACE:stipple_warnings>)
+    target_compile_features(stipple_${name} PUBLIC cxx_std_20)
+
+    # Every public header compiles alone.
+    set(checks)
+    foreach(header IN LISTS headers)
+        cmake_path(RELATIVE_PATH header BASE_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR}/include OUTPUT_VARIABLE relative)
+        string(MAKE_C_IDENTIFIER ${relative} id)
+        file(CONFIGURE OUTPUT header_check/${id}.cpp CONTENT "#include \"${relative}\" // IWYU pragma: keep\n")
+        list(APPEND checks ${CMAKE_CURRENT_BINARY_DIR}/header_check/${id}.cpp)
+    endforeach()
+    if(checks AND STIPPLE_BUILD_TESTS)
+        add_library(stipple_${name}_header_check OBJECT ${checks})
+        target_link_libraries(stipple_${name}_header_check PRIVATE stipple_${name} stipple_build_flags stipple_warnings)
+    endif()
+
+    install(TARGETS stipple_${name} EXPORT stipple-targets FILE_SET HEADERS)
+endfunction()
+
+# stipple_add_program(NAME sources... LINK targets...): an executable with the project's flags.
+function(stipple_add_program name)
+    cmake_parse_arguments(arg "" "" "LINK" ${ARGN})
+    add_executable(${name} ${arg_UNPARSED_ARGUMENTS})
+    target_link_libraries(${name} PRIVATE ${arg_LINK} stipple_build_flags stipple_warnings)
+endfunction()

@@ -1,0 +1,36 @@
+#pragma once
+
+#include <cstddef>
+#include <filesystem>
+#include <memory>
+#include <span>
+#include <string>
+
+namespace stipple::proto {
+
+/// SHA-256 of bytes as they come by.
+class Sha256 {
+public:
+    Sha256();
+    ~Sha256();
+    Sha256(Sha256&&) noexcept;
+    Sha256& operator=(Sha256&&) noexcept;
+
+    void update(std::span<const std::byte> bytes);
+    /// 64 lower-case hexadecimal digits. Call once, at the end.
+    std::string finish();
+
+private:
+    struct State;
+    std::unique_ptr<State> state_;
+};
+
+std::string sha256_hex(std::span<const std::byte> bytes);
+/// @throws Error(Internal) when the file cannot be read.
+std::string sha256_of_file(const std::filesystem::path& file);
+/// Whether `text` is 64 lower-case hexadecimal digits.
+bool is_sha256(std::string_view text) noexcept;
+/// `bytes` random bytes from the system, in lower-case hexadecimal.
+std::string random_hex(std::size_t bytes);
+
+}  // namespace stipple::proto

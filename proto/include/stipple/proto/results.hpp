@@ -1,0 +1,90 @@
+#pragma once
+
+#include "stipple/proto/job.hpp"
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace stipple::proto {
+
+/// One encoded file of a result.
+struct OutputFile {
+    CloudFormat format = CloudFormat::Ply;
+    std::uint64_t bytes = 0;
+    std::string sha256;  ///< of the bytes; also the strong ETag
+    std::string href;    ///< where it is served: absolute path on the server, relative file name in an exported folder
+};
+
+/// One simplified cloud: the only one of a simplify job, or a level of a pyramid (0 the coarsest).
+struct OutputCloud {
+    unsigned level = 0;
+    std::uint64_t points = 0;
+    double spacing = 0;  ///< mean distance to the nearest other point, input units
+    Aabb bounds;
+    std::vector<OutputFile> files;  ///< one per format
+};
+
+/// What a job took.
+struct JobCost {
+    double decode_seconds = 0, simplify_seconds = 0, encode_seconds = 0, total_seconds = 0;
+    std::uint64_t peak_memory_bytes = 0;
+    unsigned threads = 0;
+};
+
+/// What a job made. The same struct is `GET /v1/jobs/{id}/results`, and a pyramid's `manifest.json`:
+///
+///     {"schema": "stipple-results/1" | "stipple-pyramid/1", "complete": true, "request": {…},
+///      "source": {cloud statistics, "sha256"}, "method": "hierarchical",
+///      "levels": [{"level": 0, "points": 8396, "spacing": 0.5, "bounds": {"min": [x, y, z], "max": […]},
+///                  "files": [{"format": "drc", "bytes": 20000, "sha256": "…", "href": "…"}]}],
+///      "cost": {"seconds": {"decode", "simplify", "encode", "total"}, "peak_memory_bytes", "threads"}}
+///
+/// `complete` is false while levels are still to come; `cost` stands only in a complete one.
+struct Results {
+    JobRequest request;
+    std::optional<CloudStatistics> source;  ///< absent until decoded
+    std::vector<OutputCloud> levels;        ///< coarsest first
+    bool complete = false;
+    std::optional<JobCost> cost;
+};
+std::string to_json(const Results& results);
+Results results_from_json(std::string_view json);
+
+/// What stipple-job is told, in a file named on its command line.
+struct JobSpec {
+    JobRequest request;
+    std::string input_file;  ///< the cloud's bytes
+    std::string output_dir;  ///< exists and is empty; files are named level-<n>.<format>
+    DecodeLimits limits;
+    std::uint64_t max_memory_bytes = 0;  ///< RLIMIT_AS; 0: none
+    std::uint64_t max_cpu_seconds = 0;   ///< RLIMIT_CPU
+    std::uint64_t max_file_bytes = 0;    ///< RLIMIT_FSIZE
+    unsigned threads = 0;
+};
+std::string to_json(const JobSpec& spec);
+JobSpec job_spec_from_json(std::string_view json);
+
+/// What stipple-job reports on its standard output, one JSON object a line. Exactly one field is set.
+///
+///     {"progress": {"stage": "decode", "percent": 12.5}}
+///     {"source": {cloud statistics}}
+///     {"level": {OutputCloud with file names as href, hashes filled}}
+///     {"cost": {…}}       the last line of a success
+///     {"problem": {…}}    the last line of a failure
+struct JobReport {
+    struct Progress {
+        std::string stage;
+        double percent = 0;
+    };
+    std::optional<Progress> progress;
+    std::optional<CloudStatistics> source;
+    std::optional<OutputCloud> level;
+    std::optional<JobCost> cost;
+    std::optional<Problem> problem;
+};
+std::string to_json(const JobReport& report);  ///< one line, no line break
+JobReport job_report_from_json(std::string_view json);
+
+}  // namespace stipple::proto

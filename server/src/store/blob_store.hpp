@@ -1,0 +1,52 @@
+#pragma once
+
+#include "stipple/proto/digest.hpp"
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+
+namespace stipple::server {
+
+/// A blob being written. Gone without a trace unless committed.
+class BlobWriter {
+public:
+    virtual ~BlobWriter() = default;
+    /// @throws Error(TooLarge) above the limit given to `create`; Error(Internal) with `storage full` in it when the disk is.
+    virtual void write(std::span<const std::byte> bytes) = 0;
+    /// Makes the bytes durable under their SHA-256 (fsync, rename, fsync of the folder) and returns it.
+    virtual std::string commit() = 0;
+    virtual std::uint64_t size() const noexcept = 0;
+};
+
+/// A blob that can be read; the file stays readable while this lives, even when the blob is removed.
+class BlobReader {
+public:
+    virtual ~BlobReader() = default;
+    virtual std::uint64_t size() const noexcept = 0;
+    /// Fills `out` from `offset`; returns how many bytes there were. Any thread.
+    virtual std::size_t read(std::uint64_t offset, std::span<std::byte> out) const = 0;
+    /// Where the bytes lie as a local file.
+    virtual std::filesystem::path path() const = 0;
+};
+
+/// Bytes by the SHA-256 of what they are. Safe to call from any thread.
+class BlobStore {
+public:
+    virtual ~BlobStore() = default;
+    virtual std::unique_ptr<BlobWriter> create(std::uint64_t max_bytes) = 0;
+    /// Moves a finished local file in (hash taken anew, never believed) and returns its id.
+    virtual std::string adopt(const std::filesystem::path& file) = 0;
+    virtual std::shared_ptr<const BlobReader> open(const std::string& sha256) const = 0;  ///< null when missing
+    virtual void remove(const std::string& sha256) = 0;
+    /// Whether a small write succeeds: for readiness.
+    virtual void probe() = 0;
+};
+
+/// Blobs as files `<root>/ab/cd/<sha256>`.
+std::unique_ptr<BlobStore> open_file_blob_store(const std::filesystem::path& root);
+
+}  // namespace stipple::server
