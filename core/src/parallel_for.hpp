@@ -2,18 +2,30 @@
 
 #include "stipple/run_context.hpp"
 
-#include <algorithm>
-#include <cstddef>
 #include <tbb/blocked_range.h>
+#include <tbb/global_control.h>
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
+#include <algorithm>
+#include <cstddef>
 #include <utility>
 
 namespace stipple {
 
-/// Calls `body(begin, end)` for the blocks of `block` indices that make up 0..n, on the threads of `context`. The blocks
-/// depend on `n` and `block` alone, so what a body sums up over its block does not depend on the number of threads. Throws what a
-/// body throws, and `Cancelled` between blocks when asked to stop.
+/// Runs `work` where TBB uses the threads of `context`, also when those are more than the machine
+/// has.
+template <typename Work>
+void with_threads(const RunContext& context, Work&& work) {
+    const unsigned threads = context.thread_count();
+    const tbb::global_control allow(tbb::global_control::max_allowed_parallelism,
+                                    std::max(threads, 2U));
+    tbb::task_arena(static_cast<int>(threads)).execute(std::forward<Work>(work));
+}
+
+/// Calls `body(begin, end)` for the blocks of `block` indices that make up 0..n, on the threads of
+/// `context`. The blocks depend on `n` and `block` alone, so what a body sums up over its block
+/// does not depend on the number of threads. Throws what a body throws, and `Cancelled` between
+/// blocks when asked to stop.
 template <typename Body>
 void parallel_for_blocks(std::size_t n, std::size_t block, const RunContext& context, Body&& body) {
     const std::size_t blocks = (n + block - 1) / block;
@@ -21,13 +33,11 @@ void parallel_for_blocks(std::size_t n, std::size_t block, const RunContext& con
         context.throw_if_stopped();
         body(b * block, std::min(n, (b + 1) * block));
     };
-    const unsigned threads = context.thread_count();
-    if (threads == 1 || blocks <= 1) {
+    if (context.thread_count() == 1 || blocks <= 1) {
         for (std::size_t b = 0; b < blocks; ++b) run_block(b);
         return;
     }
-    tbb::task_arena arena(static_cast<int>(threads));
-    arena.execute([&] {
+    with_threads(context, [&] {
         tbb::parallel_for(tbb::blocked_range<std::size_t>(0, blocks, 1), [&](const auto& range) {
             for (std::size_t b = range.begin(); b != range.end(); ++b) run_block(b);
         });

@@ -16,9 +16,9 @@ void validate(const PointCloud& cloud) {
     const std::size_t n = cloud.size();
     const auto check = [n](const std::string& what, std::size_t entries, std::size_t components) {
         if (entries != n * components) {
-            throw Error(ErrorCode::InvalidArgument, what + ": " + std::to_string(entries) + " values for " +
-                                                        std::to_string(n) + " points of " +
-                                                        std::to_string(components));
+            throw Error(ErrorCode::InvalidArgument, what + ": " + std::to_string(entries) +
+                                                        " values for " + std::to_string(n) +
+                                                        " points of " + std::to_string(components));
         }
     };
     if (n > std::numeric_limits<Index>::max()) {
@@ -46,13 +46,15 @@ Aabb bounds(const PointCloud& cloud) {
 namespace {
 
 template <typename T>
-std::vector<T> gather(const std::vector<T>& values, std::span<const Index> indices, unsigned components) {
+std::vector<T> gather(const std::vector<T>& values, std::span<const Index> indices,
+                      unsigned components) {
     std::vector<T> result;
     if (values.empty()) return result;
     result.resize(indices.size() * components);
     auto out = result.begin();
     for (const Index i : indices) {
-        out = std::copy_n(values.begin() + static_cast<std::ptrdiff_t>(i) * components, components, out);
+        out = std::copy_n(values.begin() + static_cast<std::ptrdiff_t>(i) * components, components,
+                          out);
     }
     return result;
 }
@@ -69,9 +71,11 @@ PointCloud subset(const PointCloud& cloud, std::span<const Index> indices) {
     result.colors = gather(cloud.colors, indices, 1);
     for (const Attribute& attribute : cloud.attributes) {
         result.attributes.push_back({attribute.name,
-                                     std::visit([&](const auto& values) -> AttributeValues {
-                                         return gather(values, indices, attribute.components);
-                                     }, attribute.values),
+                                     std::visit(
+                                         [&](const auto& values) -> AttributeValues {
+                                             return gather(values, indices, attribute.components);
+                                         },
+                                         attribute.values),
                                      attribute.components, attribute.reduction});
     }
     return result;

@@ -1,18 +1,20 @@
 #include "support/support.hpp"
 
+#include <unistd.h>
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <numbers>
 #include <random>
 #include <stdexcept>
-#include <unistd.h>
 
 namespace stipple::test {
 
 namespace fs = std::filesystem;
 
-fs::path data_file(std::string_view name) { return fs::path(STIPPLE_TEST_DATA) / name; }
+fs::path data_file(std::string_view name) {
+    return fs::path(STIPPLE_TEST_DATA) / name;
+}
 
 std::optional<fs::path> shared_folder(std::string_view name) {
     const fs::path folder = fs::path(STIPPLE_SHARED_DATA) / name;
@@ -37,7 +39,9 @@ std::optional<fs::path> shared_file(std::string_view name) {
     return unpacked;
 }
 
-fs::path program(std::string_view name) { return fs::path(STIPPLE_BIN_DIR) / name; }
+fs::path program(std::string_view name) {
+    return fs::path(STIPPLE_BIN_DIR) / name;
+}
 
 TemporaryFolder::TemporaryFolder() {
     std::string name = (fs::temp_directory_path() / "stipple-test-XXXXXX").string();
@@ -60,7 +64,8 @@ PointCloud sphere(std::size_t n, double noise, std::uint64_t seed) {
         const double ring = std::sqrt(1.0 - z * z);
         const double angle = golden_angle * static_cast<double>(i);
         const Vec3d direction(ring * std::cos(angle), ring * std::sin(angle), z);
-        cloud.positions.push_back((direction * (1.0 + (noise > 0 ? offset(random) : 0.0))).cast<float>());
+        cloud.positions.push_back(
+            (direction * (1.0 + (noise > 0 ? offset(random) : 0.0))).cast<float>());
     }
     return cloud;
 }
@@ -101,7 +106,9 @@ PointCloud with_attributes(PointCloud cloud) {
     std::vector<std::int32_t> label;
     for (const Vec3f& p : cloud.positions) {
         cloud.normals.push_back(p.norm() > 0 ? Vec3f(p.normalized()) : Vec3f(0, 0, 1));
-        const auto channel = [](float v) { return static_cast<std::uint8_t>(std::clamp(127.5F + 127.5F * v, 0.0F, 255.0F)); };
+        const auto channel = [](float v) {
+            return static_cast<std::uint8_t>(std::clamp(127.5F + 127.5F * v, 0.0F, 255.0F));
+        };
         cloud.colors.push_back({channel(p.x()), channel(p.y()), channel(p.z()), 255});
         height.push_back(p.z());
         label.push_back(p.x() < 0 ? 7 : 1'000'003);

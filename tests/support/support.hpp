@@ -13,8 +13,8 @@ namespace stipple::test {
 /// A file of `tests/data`.
 std::filesystem::path data_file(std::string_view name);
 
-/// A real scan from the shared test data (`models/igea.ply`; a `.gz` is unpacked into the temporary folder), or nothing
-/// where that data is not: skip the test with a message then.
+/// A real scan from the shared test data (`models/igea.ply`; a `.gz` is unpacked into the temporary
+/// folder), or nothing where that data is not: skip the test with a message then.
 std::optional<std::filesystem::path> shared_file(std::string_view name);
 /// The folder of the shared test data, when it is there.
 std::optional<std::filesystem::path> shared_folder(std::string_view name);
@@ -44,7 +44,8 @@ PointCloud plane(std::size_t n, std::uint64_t seed = 1);
 PointCloud line(std::size_t n);
 /// n points at random in the unit cube.
 PointCloud cube(std::size_t n, std::uint64_t seed = 1);
-/// `cloud` with normals, colours, a float and a label attribute, each a known function of the position.
+/// `cloud` with normals, colours, a float and a label attribute, each a known function of the
+/// position.
 PointCloud with_attributes(PointCloud cloud);
 
 }  // namespace stipple::test

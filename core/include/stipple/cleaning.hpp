@@ -13,9 +13,9 @@ struct CleaningReport {
     std::size_t removed() const noexcept { return non_finite + duplicates; }
 };
 
-/// Removes the points that no neighbour search should see: first those with a non-finite coordinate, then those at
-/// exactly the position of an earlier point (-0 equals 0). The rest keep their order and their attributes. Normals that
-/// are not finite become zero.
+/// Removes the points that no neighbour search should see: first those with a non-finite
+/// coordinate, then those at exactly the position of an earlier point (-0 equals 0). The rest keep
+/// their order and their attributes. Normals that are not finite become zero.
 ///
 /// Expected O(N) time; 8 to 16 bytes a point while it runs.
 CleaningReport clean(PointCloud& cloud, const RunContext& context = {});

@@ -19,7 +19,8 @@ enum class CloudFormat { Ply, Draco };
 std::string_view to_string(CloudFormat format) noexcept;
 /// `model/ply`, `model/vnd.google.draco`... as sent in `Content-Type`.
 std::string_view media_type(CloudFormat format) noexcept;
-/// The inverse of `to_string`; also `draco`. @throws Error(UnsupportedFormat) naming what is offered.
+/// The inverse of `to_string`; also `draco`. @throws Error(UnsupportedFormat) naming what is
+/// offered.
 CloudFormat cloud_format_from_name(std::string_view name);
 /// By the first bytes (`ply` or `DRACO`), never by a file's name; nothing when it is neither.
 std::optional<CloudFormat> detect_format(std::span<const std::byte> head) noexcept;
@@ -33,26 +34,34 @@ struct DecodeLimits {
 /// What the file was and what was left out of the cloud.
 struct DecodeReport {
     CloudFormat format = CloudFormat::Ply;
-    std::string encoding;               ///< `ascii`, `binary_little_endian`, `binary_big_endian`; `sequential`, `kd-tree`, `edgebreaker`
-    std::uint64_t points = 0;           ///< points in the cloud, before any cleaning
-    std::uint64_t faces = 0;            ///< faces that were ignored
-    std::vector<std::string> skipped;   ///< elements and list properties that were left out, as `face.vertex_indices`
-    std::vector<std::string> comments;  ///< `comment` and `obj_info` lines of a PLY header, without the keyword
+    std::string encoding;  ///< `ascii`, `binary_little_endian`, `binary_big_endian`; `sequential`,
+                           ///< `kd-tree`, `edgebreaker`
+    std::uint64_t points = 0;  ///< points in the cloud, before any cleaning
+    std::uint64_t faces = 0;   ///< faces that were ignored
+    std::vector<std::string>
+        skipped;  ///< elements and list properties that were left out, as `face.vertex_indices`
+    std::vector<std::string>
+        comments;  ///< `comment` and `obj_info` lines of a PLY header, without the keyword
 };
 
 /// Decodes a PLY or Draco file that lies in memory (or is mapped there).
 ///
-/// PLY: ascii, little and big endian; any property types and names; elements in any order. Double or 32-bit integer
-/// coordinates are kept through `PointCloud::origin` (float relative to the centre of the box). Colours under their usual
-/// names (`red`, `r`, `diffuse_red`; 8 bits, 16 bits or float 0..1) become `colors`; `nx ny nz` become `normals`; every
-/// other scalar property becomes an attribute; a list property of the points is kept as an attribute of several components when
+/// PLY: ascii, little and big endian; any property types and names; elements in any order. Double
+/// or 32-bit integer coordinates are kept through `PointCloud::origin` (float relative to the
+/// centre of the box). Colours under their usual names (`red`, `r`, `diffuse_red`; 8 bits, 16 bits
+/// or float 0..1) become `colors`; `nx ny nz` become `normals`; every other scalar property becomes
+/// an attribute; a list property of the points is kept as an attribute of several components when
 /// all its lists have one length, else left out and named in the report.
-/// Draco: point clouds and meshes (the faces are ignored); generic attributes with their names from the metadata.
+/// Draco: point clouds and meshes (the faces are ignored); generic attributes with their names from
+/// the metadata.
 ///
 /// @param report  filled when not null.
-/// @throws Error(UnsupportedFormat) for bytes that are neither; Error(MalformedInput) naming what is wrong and where
-///         (line or byte offset); Error(TooLarge) over a limit. Nothing is allocated beyond what the input can hold.
-/// A Draco file can still ask Google's decoder for all memory: decode foreign bytes in a process with a memory limit.
+/// @throws Error(UnsupportedFormat) for bytes that are neither; Error(MalformedInput) naming what
+/// is wrong and where
+///         (line or byte offset); Error(TooLarge) over a limit. Nothing is allocated beyond what
+///         the input can hold.
+/// A Draco file can still ask Google's decoder for all memory: decode foreign bytes in a process
+/// with a memory limit.
 PointCloud decode_cloud(std::span<const std::byte> bytes, const DecodeLimits& limits = {},
                         const RunContext& context = {}, DecodeReport* report = nullptr);
 
@@ -75,25 +84,31 @@ enum class DracoCoding {
 
 struct DracoEncodeOptions {
     DracoCoding coding = DracoCoding::Auto;
-    unsigned position_bits = 14;       ///< 1..30 bits per axis of the longest side; 0: unquantised floats
-    std::optional<double> precision;   ///< instead of position_bits: the largest error per axis, in input units
-    unsigned normal_bits = 10;         ///< 2..30, octahedral
-    unsigned attribute_bits = 16;      ///< 1..30 for floating-point attributes; 0: unquantised. Integers are lossless.
-    unsigned compression_level = 7;    ///< 0 fastest .. 10 smallest
+    unsigned position_bits =
+        14;  ///< 1..30 bits per axis of the longest side; 0: unquantised floats
+    std::optional<double>
+        precision;  ///< instead of position_bits: the largest error per axis, in input units
+    unsigned normal_bits = 10;  ///< 2..30, octahedral
+    unsigned attribute_bits =
+        16;  ///< 1..30 for floating-point attributes; 0: unquantised. Integers are lossless.
+    unsigned compression_level = 7;  ///< 0 fastest .. 10 smallest
 };
 
-/// Encodes a cloud. Draco keeps every point (duplicates too) and every attribute; generic attributes carry their name in the
-/// metadata entry `name`, the origin stands in the geometry's metadata as `stipple.origin` (3 doubles). Unique ids are fixed: position 0, normal 1,
-/// colour 2, generic attributes from 3 on in the order of the cloud.
+/// Encodes a cloud. Draco keeps every point (duplicates too) and every attribute; generic
+/// attributes carry their name in the metadata entry `name`, the origin stands in the geometry's
+/// metadata as `stipple.origin` (3 doubles). Unique ids are fixed: position 0, normal 1, colour 2,
+/// generic attributes from 3 on in the order of the cloud.
 /// @throws Error(InvalidArgument) for an option out of range.
 std::vector<std::byte> encode_ply(const PointCloud& cloud, const PlyEncodeOptions& options = {},
                                   const RunContext& context = {});
 std::vector<std::byte> encode_draco(const PointCloud& cloud, const DracoEncodeOptions& options = {},
                                     const RunContext& context = {});
 
-/// Writes a cloud, the format by the extension (`.ply`, `.drc`), through a temporary file beside it, so that a file of that
-/// name is whole or not there. @throws Error(UnsupportedFormat) for another extension, Error(Internal) when it cannot be written.
-void write_cloud(const PointCloud& cloud, const std::filesystem::path& file, const PlyEncodeOptions& ply = {},
-                 const DracoEncodeOptions& draco = {}, const RunContext& context = {});
+/// Writes a cloud, the format by the extension (`.ply`, `.drc`), through a temporary file beside
+/// it, so that a file of that name is whole or not there. @throws Error(UnsupportedFormat) for
+/// another extension, Error(Internal) when it cannot be written.
+void write_cloud(const PointCloud& cloud, const std::filesystem::path& file,
+                 const PlyEncodeOptions& ply = {}, const DracoEncodeOptions& draco = {},
+                 const RunContext& context = {});
 
 }  // namespace stipple

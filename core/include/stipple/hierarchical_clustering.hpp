@@ -5,38 +5,42 @@
 #include "stipple/run_context.hpp"
 
 #include <cstdint>
+#include <map>
 #include <optional>
 #include <span>
+#include <string>
 #include <vector>
 
 namespace stipple {
 
 struct HierarchicalClusteringOptions {
-    std::optional<std::uint64_t> target_size;       ///< exactly this many points (priority queue); instead of the two below
-    std::optional<std::uint64_t> max_cluster_size;  ///< n_max >= 1: split clusters of more points
-    std::optional<double> max_variation;            ///< sigma_max in (0, 1/3]: split clusters of more surface variation
-    Representative representative = Representative::Surface;
+    std::optional<std::uint64_t>
+        target_size{};  ///< exactly this many points (priority queue); instead of the two below
+    std::optional<std::uint64_t> max_cluster_size{};  ///< n_max >= 1: split clusters of more points
+    std::optional<double>
+        max_variation{};  ///< sigma_max in (0, 1/3]: split clusters of more surface variation
+    Representative representative = Representative::Nearest;
+    std::map<std::string, Reduction>
+        reductions{};  ///< by attribute name, instead of the attribute's own
 };
 
-/// Hierarchical clustering (§3.1): a binary space partition. A cluster is split by the plane through its centroid across
-/// the eigenvector of its largest eigenvalue, while its size is above `max_cluster_size` or its variation (Eq. 5) above
-/// `max_variation`; or, given `target_size`, the cluster with most to gain is split until there are exactly so many.
+/// Hierarchical clustering (§3.1): a binary space partition. A cluster is split by the plane
+/// through its centroid across the eigenvector of its largest eigenvalue, while its size is above
+/// `max_cluster_size` or its variation (Eq. 5) above `max_variation`; or, given `target_size`, the
+/// cluster with most to gain is split until there are exactly so many.
 ///
-/// Give `target_size`, or at least one of the other two. A target above the number of points returns the cloud as it is.
-/// The cloud must hold finite positions, no two alike (`clean`).
+/// Give `target_size`, or at least one of the other two. A target above the number of points
+/// returns the cloud as it is. The cloud must hold finite positions, no two alike (`clean`).
 ///
-/// @throws Error(InvalidArgument) for an empty cloud, an option out of range or a combination that says nothing.
-/// O(N log M), parallel; 16 bytes a point and 80 a cluster beyond the cloud.
-PointCloud hierarchical_clustering(const PointCloud& cloud, const HierarchicalClusteringOptions& options,
+/// @throws Error(InvalidArgument) for an empty cloud, an option out of range or a combination that
+/// says nothing. O(N log M), parallel; 32 bytes a point and 250 a cluster beyond the cloud.
+PointCloud hierarchical_clustering(const PointCloud& cloud,
+                                   const HierarchicalClusteringOptions& options,
                                    const RunContext& context = {});
 
 /// The clusters alone, in the order of the tree (left before right).
-Clusters hierarchical_clusters(std::span<const Vec3f> points, const HierarchicalClusteringOptions& options,
+Clusters hierarchical_clusters(std::span<const Vec3f> points,
+                               const HierarchicalClusteringOptions& options,
                                const RunContext& context = {});
-
-/// Cuts of one tree: for each of `sizes` (ascending, each 1..N) the clusters that the queue holds when it has that many. Costs
-/// little more than the finest alone. `options.target_size` and the bounds are not looked at.
-std::vector<Clusters> hierarchical_cuts(std::span<const Vec3f> points, std::span<const std::uint64_t> sizes,
-                                        const HierarchicalClusteringOptions& options, const RunContext& context = {});
 
 }  // namespace stipple

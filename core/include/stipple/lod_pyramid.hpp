@@ -6,38 +6,46 @@
 
 #include <cstdint>
 #include <functional>
+#include <map>
+#include <string>
 #include <vector>
 
 namespace stipple {
 
 struct LodPyramidOptions {
-    std::vector<std::uint64_t> sizes;   ///< points of each level, strictly ascending; empty: by ratio
-    double ratio = 4.0;                 ///< in (1, 64]: each level has this many times the points of the one above
-    std::uint64_t base_points = 10'000; ///< the coarsest level by ratio has at most so many
-    Representative representative = Representative::Surface;
-    std::map<std::string, Reduction> reductions;  ///< by attribute name, instead of the defaults
+    std::vector<std::uint64_t>
+        sizes{};         ///< points of each level, strictly ascending; empty: by ratio
+    double ratio = 4.0;  ///< in (1, 64]: each level has this many times the points of the one above
+    std::uint64_t base_points = 10'000;  ///< the coarsest level by ratio has at most so many
+    Representative representative = Representative::Nearest;
+    std::map<std::string, Reduction>
+        reductions{};  ///< by attribute name, instead of the attribute's own
 };
 
 /// One level of a pyramid, 0 the coarsest.
 struct LodLevel {
     unsigned level = 0;
     PointCloud cloud;
-    double spacing = 0;  ///< mean distance to the nearest other point, input units; 0 for a single point
+    double spacing =
+        0;  ///< mean distance to the nearest other point, input units; 0 for a single point
 };
 
 /// @throws Error(InvalidArgument) for an option out of range.
 void validate(const LodPyramidOptions& options);
 
-/// The sizes that `options` give for a cloud of `points`: the finest by ratio is the whole cloud; a size in the list above
-/// the count becomes the count. Ascending, without repeats, never empty.
+/// The sizes that `options` give for a cloud of `points`: the finest by ratio is the whole cloud; a
+/// size in the list above the count becomes the count. Ascending, without repeats, never empty.
 std::vector<std::uint64_t> lod_sizes(std::uint64_t points, const LodPyramidOptions& options);
 
-/// Levels of detail of a cleaned cloud, all from one run of the hierarchical clustering: every level is a cut of the same
-/// tree. The level of all points is the cloud itself.
+/// Levels of detail of a cleaned cloud, all from one run of the hierarchical clustering: every
+/// level is a cut of the same tree. The level of all points is the cloud itself.
 ///
-/// @param on_level  called for each level as soon as it is there, coarsest first, on the calling thread.
+/// @param on_level  called for each level as soon as it is there, coarsest first, on the calling
+/// thread.
+/// @throws Error(InvalidArgument) for options out of range or a cloud without points.
 /// Costs at most 1.3 times the finest cut.
 void build_lod_pyramid(const PointCloud& cloud, const LodPyramidOptions& options,
-                       const std::function<void(LodLevel&&)>& on_level, const RunContext& context = {});
+                       const std::function<void(LodLevel&&)>& on_level,
+                       const RunContext& context = {});
 
 }  // namespace stipple

@@ -25,7 +25,8 @@ struct Rgba8 {
 /// How the values of many points become the value of one.
 enum class Reduction {
     Mean,     ///< the average; the default for floating-point values
-    Nearest,  ///< the value of the point nearest to the new one; the default for integers, which may be labels
+    Nearest,  ///< the value of the point nearest to the new one; the default for integers, which
+              ///< may be labels
     Min,
     Max,
     Mode,  ///< the most frequent value; the least of them in a tie
@@ -39,8 +40,8 @@ using AttributeValues =
 
 /// Any per-point property that is not a position, normal or colour.
 struct Attribute {
-    std::string name;         ///< as in the file: 1 to 255 printable ASCII characters without blanks
-    AttributeValues values;   ///< N * components values, point by point
+    std::string name;        ///< as in the file: 1 to 255 printable ASCII characters without blanks
+    AttributeValues values;  ///< N * components values, point by point
     unsigned components = 1;  ///< values per point
     Reduction reduction = Reduction::Nearest;
 
@@ -61,9 +62,11 @@ struct Aabb {
     double diagonal() const noexcept { return empty() ? 0.0 : (max - min).norm(); }
 };
 
-/// Points and what is known of each: one array per attribute, each empty (absent) or with N entries.
+/// Points and what is known of each: one array per attribute, each empty (absent) or with N
+/// entries.
 struct PointCloud {
-    Vec3d origin = Vec3d::Zero();   ///< added to every position; keeps georeferenced doubles exact enough
+    Vec3d origin =
+        Vec3d::Zero();  ///< added to every position; keeps georeferenced doubles exact enough
     std::vector<Vec3f> positions;   ///< N, in the unit of the input, relative to origin
     std::vector<Vec3f> normals;     ///< N unit vectors, or empty
     std::vector<Rgba8> colors;      ///< N, sRGB, or empty
@@ -75,7 +78,8 @@ struct PointCloud {
     bool empty() const noexcept { return positions.empty(); }
 };
 
-/// Checks that every array has N entries or none. @throws Error(InvalidArgument) naming the array that does not.
+/// Checks that every array has N entries or none. @throws Error(InvalidArgument) naming the array
+/// that does not.
 void validate(const PointCloud& cloud);
 
 /// Bounds of the finite positions, in the unit of the input, origin added. O(N).

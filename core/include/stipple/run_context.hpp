@@ -7,9 +7,10 @@ namespace stipple {
 
 /// How a computation is run: stopped, watched, and on how many threads. Results never depend on it.
 struct RunContext {
-    std::stop_token stop;                  ///< asks the computation to end with `Cancelled`
-    std::function<void(double)> progress;  ///< called with 0..1, never decreasing, on the calling thread only
-    unsigned threads = 0;                  ///< 0: one per hardware thread
+    std::stop_token stop{};  ///< asks the computation to end with `Cancelled`
+    std::function<void(double)>
+        progress{};        ///< called with 0..1, never decreasing, on the calling thread only
+    unsigned threads = 0;  ///< 0: one per hardware thread
 
     /// Reports `fraction` and throws `Cancelled` when asked to stop. For the calling thread.
     void checkpoint(double fraction) const;

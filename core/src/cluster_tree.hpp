@@ -1,0 +1,119 @@
+#pragma once
+
+#include "stipple/point_cloud.hpp"
+#include "stipple/run_context.hpp"
+#include "symmetric_eigen.hpp"
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <span>
+#include <type_traits>
+#include <vector>
+
+namespace stipple {
+
+/// Some points by their coordinates, and their numbers in the cloud; one array each, so that vector
+/// code reads them as they lie.
+template <bool kMutable>
+struct BasicSampleSpan {
+    template <typename T>
+    using Pointer = std::conditional_t<kMutable, T*, const T*>;
+    Pointer<float> x, y, z;
+    Pointer<Index> index;
+    std::size_t size = 0;
+
+    BasicSampleSpan part(std::size_t begin, std::size_t end) const noexcept {
+        return {x + begin, y + begin, z + begin, index + begin, end - begin};
+    }
+    Vec3f position(std::size_t i) const noexcept { return {x[i], y[i], z[i]}; }
+    operator BasicSampleSpan<false>() const noexcept { return {x, y, z, index, size}; }
+};
+using SampleSpan = BasicSampleSpan<false>;
+using MutableSampleSpan = BasicSampleSpan<true>;
+
+/// Room for samples; not initialised, since touching memory twice costs more than a level of the
+/// tree.
+class Samples {
+public:
+    explicit Samples(std::size_t n)
+        : size_(n),
+          coordinates_(std::make_unique_for_overwrite<float[]>(3 * n)),
+          index_(std::make_unique_for_overwrite<Index[]>(n)) {}
+
+    std::size_t size() const noexcept { return size_; }
+    MutableSampleSpan all() noexcept {
+        float* x = coordinates_.get();
+        return {x, x + size_, x + 2 * size_, index_.get(), size_};
+    }
+    SampleSpan all() const noexcept { return const_cast<Samples*>(this)->all(); }
+
+private:
+    std::size_t size_;
+    std::unique_ptr<float[]> coordinates_;  ///< all x, then all y, then all z
+    std::unique_ptr<Index[]> index_;
+};
+
+/// Where some samples are and how they spread.
+struct SampleMoments {
+    Vec3d centroid = Vec3d::Zero();
+    Symmetric3 scatter;  ///< sum of (p - centroid)(p - centroid)^T, Eq. 1
+};
+
+/// The moments of at least one sample. Differences to the first are taken in float, so large
+/// coordinates cost no accuracy.
+SampleMoments moments_of(const SampleSpan& samples);
+
+/// A node of the binary space partition: samples `begin..end` of the tree.
+struct ClusterNode {
+    Index begin = 0, end = 0;
+    Index left = 0,
+          right = 0;      ///< children; both 0 when not split yet (the root is nobody's child)
+    double priority = 0;  ///< the larger is split first; never above the parent's
+    SampleMoments moments;
+
+    Index size() const noexcept { return end - begin; }
+    bool is_split() const noexcept { return right != 0; }
+    bool can_split() const noexcept { return size() > 1; }
+    /// Surface variation (Eq. 5).
+    double variation() const noexcept;
+};
+
+/// A cut through the tree: cluster i is the samples `offsets[i] .. offsets[i + 1]`.
+struct Cut {
+    std::vector<Index> offsets;
+    std::vector<SampleMoments> moments;
+};
+
+/// The binary space partition of a cloud (§3.1), grown as far as asked.
+///
+/// Every node is a range of the samples, and its points stand there in the order of the cloud. 32
+/// bytes a point.
+class ClusterTree {
+public:
+    /// One root with all points: finite, no two alike, at least one.
+    ClusterTree(std::span<const Vec3f> points, const RunContext& context);
+
+    /// Splits every leaf for which `wanted` says so, and its children, and so on. Parallel.
+    void grow(const std::function<bool(const ClusterNode&)>& wanted, const RunContext& context);
+
+    /// The clusters that a priority queue holds when there are `size` of them; grows the tree where
+    /// it must. 1 <= size <= number of points.
+    Cut cut(std::uint64_t size, const RunContext& context);
+
+    /// The leaves.
+    Cut leaves() const;
+
+    /// The points, cluster by cluster, left before right.
+    SampleSpan samples() const noexcept { return samples_.all(); }
+
+private:
+    void split_leaves(std::span<const Index> nodes, const RunContext& context);
+    Cut cut_where(const std::function<bool(Index)>& descends) const;
+
+    Samples samples_;
+    Samples scratch_;  ///< as large, for the half that moves
+    std::vector<ClusterNode> nodes_;
+};
+
+}  // namespace stipple

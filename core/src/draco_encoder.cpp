@@ -1,0 +1,296 @@
+// Writes Draco through Google's encoder, which is told everything: its builder would remove
+// duplicates, and its defaults reorder points and quantise without a bound. Types it cannot hold
+// are widened, and the metadata says what they were.
+
+#include "attribute_name.hpp"
+#include "in_quotes.hpp"
+#include "stipple/codec.hpp"
+#include "stipple/error.hpp"
+
+#include <draco/compression/expert_encode.h>
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <sstream>
+
+namespace stipple {
+
+namespace {
+
+using draco::GeometryAttribute;
+
+constexpr unsigned kMostBits = 30;
+
+[[noreturn]] void refuse(const std::string& what) {
+    throw Error(ErrorCode::InvalidArgument, what);
+}
+
+void check_range(const char* name, unsigned value, unsigned least, unsigned most,
+                 bool zero_allowed) {
+    if ((value >= least && value <= most) || (zero_allowed && value == 0)) return;
+    refuse(std::string(name) + " " + std::to_string(value) + ": expected " + std::to_string(least) +
+           ".." + std::to_string(most) + (zero_allowed ? ", or 0 for unquantised" : ""));
+}
+
+void check(const DracoEncodeOptions& options) {
+    check_range("position_bits", options.position_bits, 1, kMostBits, true);
+    check_range("normal_bits", options.normal_bits, 2, kMostBits, false);
+    check_range("attribute_bits", options.attribute_bits, 1, kMostBits, true);
+    check_range("compression_level", options.compression_level, 0, 10, false);
+}
+
+template <typename Vectors>
+void require_finite(const Vectors& vectors, const char* what) {
+    const auto found = std::ranges::find_if(vectors, [](const Vec3f& v) { return !v.allFinite(); });
+    if (found == vectors.end()) return;
+    refuse(std::string(what) + " of point " + std::to_string(found - vectors.begin()) +
+           " is not finite, which Draco cannot quantise: clean the cloud first");
+}
+
+/// The longest side of the box of the positions, and the largest coordinate: what the error of a
+/// quantisation depends on.
+struct Extent {
+    double side = 0;
+    double largest = 0;
+};
+
+Extent extent_of(std::span<const Vec3f> positions) {
+    if (positions.empty()) return {};
+    Vec3f low = positions[0];
+    Vec3f high = positions[0];
+    for (const Vec3f& p : positions) {
+        low = low.cwiseMin(p);
+        high = high.cwiseMax(p);
+    }
+    const double side = (high.cast<double>() - low.cast<double>()).maxCoeff();
+    if (side > double{std::numeric_limits<float>::max()})
+        refuse("the positions spread beyond single precision");
+    return {side, std::max(low.cwiseAbs().maxCoeff(), high.cwiseAbs().maxCoeff())};
+}
+
+/// The fewest bits whose error per axis is at most `precision`. The largest error is half a step,
+/// side / (2^bits - 1) / 2, and what the decoder's single-precision arithmetic adds: it rounds
+/// three times, numbers up to the side or the largest coordinate.
+unsigned bits_for(double precision, const Extent& extent) {
+    std::ostringstream text;
+    text << "precision " << precision << ": expected ";
+    if (!(precision > 0) || !std::isfinite(precision))
+        refuse(text.str() + "a finite number above 0");
+    constexpr double kRounding = 0x1p-24;
+    const double rounding = kRounding * (3 * extent.side + extent.largest);
+    const double levels = extent.side / (2 * (precision - rounding)) + 1;
+    const double bits = extent.side == 0 ? 1 : std::ceil(std::log2(levels));
+    if (precision <= rounding || bits > kMostBits) {
+        text << "at least " << std::max(2 * rounding, extent.side * 0x1p-30) << " for points "
+             << extent.side
+             << " apart, held in single precision; position_bits 0 keeps them exactly";
+        refuse(text.str());
+    }
+    return std::max(1U, static_cast<unsigned>(bits));
+}
+
+// ---- The cloud as Draco holds it
+
+struct Encoded {
+    draco::PointCloud geometry;
+    std::vector<int> quantization_bits;  ///< of each attribute; 0: as it is
+};
+
+constexpr std::uint32_t kFirstGenericId = 3;
+
+int add_attribute(Encoded& encoded, GeometryAttribute::Type type, unsigned components,
+                  draco::DataType data_type, std::uint32_t unique_id, const void* values,
+                  int quantization_bits) {
+    const std::size_t stride =
+        components * static_cast<std::size_t>(draco::DataTypeLength(data_type));
+    const bool normalized = type == GeometryAttribute::COLOR;
+    GeometryAttribute attribute;
+    attribute.Init(type, nullptr, static_cast<std::uint8_t>(components), data_type, normalized,
+                   static_cast<std::int64_t>(stride), 0);
+    const std::uint32_t n = encoded.geometry.num_points();
+    const int id = encoded.geometry.AddAttribute(attribute, true, n);
+    draco::PointAttribute& added = *encoded.geometry.attribute(id);
+    added.set_unique_id(unique_id);
+    if (n != 0) added.buffer()->Write(0, values, n * stride);
+    encoded.quantization_bits.push_back(quantization_bits);
+    return id;
+}
+
+void add_colors(const PointCloud& cloud, Encoded& encoded) {
+    const unsigned channels = cloud.has_alpha ? 4 : 3;
+    std::vector<std::uint8_t> flat;
+    flat.reserve(cloud.colors.size() * channels);
+    for (const Rgba8& c : cloud.colors) {
+        flat.insert(flat.end(), {c.r, c.g, c.b});
+        if (cloud.has_alpha) flat.push_back(c.a);
+    }
+    add_attribute(encoded, GeometryAttribute::COLOR, channels, draco::DT_UINT8, 2, flat.data(), 0);
+}
+
+template <typename T>
+constexpr draco::DataType data_type_of() {
+    if constexpr (std::is_same_v<T, std::int8_t>) return draco::DT_INT8;
+    if constexpr (std::is_same_v<T, std::uint8_t>) return draco::DT_UINT8;
+    if constexpr (std::is_same_v<T, std::int16_t>) return draco::DT_INT16;
+    if constexpr (std::is_same_v<T, std::uint16_t>) return draco::DT_UINT16;
+    if constexpr (std::is_same_v<T, std::int32_t>) return draco::DT_INT32;
+    if constexpr (std::is_same_v<T, std::uint32_t>) return draco::DT_UINT32;
+    if constexpr (std::is_same_v<T, float>) return draco::DT_FLOAT32;
+    return draco::DT_FLOAT64;
+}
+
+/// Draco refuses to quantise what is not finite or spreads beyond a float; such values stay as they
+/// are.
+bool can_be_quantized(const std::vector<float>& values) {
+    if (values.empty()) return false;
+    const auto [low, high] = std::ranges::minmax(values);
+    return std::ranges::all_of(values, [](float v) { return std::isfinite(v); }) &&
+           std::isfinite(high - low);
+}
+
+/// Draco takes integers through int32, and its encoder keeps a table as long as the largest
+/// difference: from 2^31 on it crashes, and below it takes gigabytes. What spreads wider than this
+/// goes as doubles, which any reader understands.
+template <typename T>
+bool can_be_entropy_coded(const std::vector<T>& values) {
+    constexpr std::int64_t kWidest = std::int64_t{1} << 24;
+    if (values.empty()) return true;
+    const auto [low, high] = std::ranges::minmax(values);
+    return std::int64_t{high} <= std::numeric_limits<std::int32_t>::max() &&
+           std::int64_t{high} - std::int64_t{low} < kWidest;
+}
+
+void add_generic(const Attribute& attribute, std::uint32_t unique_id, unsigned attribute_bits,
+                 Encoded& encoded) {
+    std::string original_type;
+    const int id = std::visit(
+        [&]<typename T>(const std::vector<T>& values) {
+            const auto add = [&](draco::DataType type, const void* data, int bits) {
+                return add_attribute(encoded, GeometryAttribute::GENERIC, attribute.components,
+                                     type, unique_id, data, bits);
+            };
+            if constexpr (std::is_integral_v<T> && sizeof(T) == 4) {
+                if (!can_be_entropy_coded(values)) {
+                    original_type = std::is_signed_v<T> ? "int32" : "uint32";
+                    const std::vector<double> wide(values.begin(), values.end());
+                    return add(draco::DT_FLOAT64, wide.data(), 0);
+                }
+            }
+            int bits = 0;
+            if constexpr (std::is_same_v<T, float>) {
+                if (can_be_quantized(values)) bits = static_cast<int>(attribute_bits);
+            }
+            return add(data_type_of<T>(), values.data(), bits);
+        },
+        attribute.values);
+
+    auto metadata = std::make_unique<draco::AttributeMetadata>();
+    metadata->AddEntryString("name", attribute.name);
+    if (!original_type.empty()) metadata->AddEntryString("stipple.type", original_type);
+    encoded.geometry.AddAttributeMetadata(id, std::move(metadata));
+}
+
+void check_attribute(const Attribute& attribute) {
+    if (!is_attribute_name(attribute.name)) {
+        refuse("attribute " + in_quotes(attribute.name) + ": expected a name of " +
+               std::string(kAttributeNameRule));
+    }
+    constexpr unsigned kMostComponents = 127;  // what the decoder's signed byte holds
+    if (attribute.components < 1 || attribute.components > kMostComponents) {
+        refuse("attribute " + attribute.name + " has " + std::to_string(attribute.components) +
+               " components: Draco holds 1.." + std::to_string(kMostComponents));
+    }
+}
+
+void fill(const PointCloud& cloud, const DracoEncodeOptions& options, int position_bits,
+          Encoded& encoded) {
+    encoded.geometry.set_num_points(static_cast<std::uint32_t>(cloud.size()));
+    add_attribute(encoded, GeometryAttribute::POSITION, 3, draco::DT_FLOAT32, 0,
+                  cloud.positions.data(), position_bits);
+    if (!cloud.normals.empty()) {
+        add_attribute(encoded, GeometryAttribute::NORMAL, 3, draco::DT_FLOAT32, 1,
+                      cloud.normals.data(), static_cast<int>(options.normal_bits));
+    }
+    if (!cloud.colors.empty()) add_colors(cloud, encoded);
+    std::uint32_t unique_id = kFirstGenericId;
+    // Draco's decoder refuses integers of no points: an empty cloud is its positions and origin.
+    const std::span<const Attribute> kept(cloud.attributes.data(),
+                                          cloud.empty() ? 0 : cloud.attributes.size());
+    for (const Attribute& attribute : kept) {
+        check_attribute(attribute);
+        add_generic(attribute, unique_id++, options.attribute_bits, encoded);
+    }
+    if (cloud.double_precision || !cloud.origin.isZero(0)) {
+        if (encoded.geometry.GetMetadata() == nullptr) {
+            encoded.geometry.AddMetadata(std::make_unique<draco::GeometryMetadata>());
+        }
+        encoded.geometry.metadata()->AddEntryDoubleArray(
+            "stipple.origin", {cloud.origin.x(), cloud.origin.y(), cloud.origin.z()});
+    }
+}
+
+// ---- The coding
+
+/// Why the kd-tree coding cannot hold the cloud; empty when it can.
+std::string hindrance_to_kd_tree(const Encoded& encoded) {
+    for (int id = 0; id < encoded.geometry.num_attributes(); ++id) {
+        const draco::PointAttribute& attribute = *encoded.geometry.attribute(id);
+        const std::string which = "attribute " + std::to_string(attribute.unique_id());
+        if (attribute.data_type() == draco::DT_FLOAT64) return which + " has doubles";
+        if (attribute.data_type() == draco::DT_FLOAT32 &&
+            encoded.quantization_bits[static_cast<std::size_t>(id)] == 0) {
+            return which + " has unquantised floats";
+        }
+    }
+    return encoded.geometry.num_points() == 0 ? "there are no points" : "";
+}
+
+draco::PointCloudEncodingMethod method_for(const Encoded& encoded, DracoCoding coding) {
+    const std::string hindrance = hindrance_to_kd_tree(encoded);
+    if (coding == DracoCoding::KdTree && !hindrance.empty()) {
+        refuse("kd-tree coding: " + hindrance + ", which it cannot hold; use sequential coding");
+    }
+    const bool bare = encoded.geometry.num_attributes() == 1;
+    const bool kd_tree =
+        coding == DracoCoding::KdTree || (coding == DracoCoding::Auto && bare && hindrance.empty());
+    return kd_tree ? draco::POINT_CLOUD_KD_TREE_ENCODING : draco::POINT_CLOUD_SEQUENTIAL_ENCODING;
+}
+
+}  // namespace
+
+std::vector<std::byte> encode_draco(const PointCloud& cloud, const DracoEncodeOptions& options,
+                                    const RunContext& context) {
+    check(options);
+    validate(cloud);
+    if (options.position_bits != 0 || options.precision)
+        require_finite(cloud.positions, "the position");
+    require_finite(cloud.normals, "the normal");
+    unsigned position_bits = options.position_bits;
+    if (position_bits != 0 || options.precision) {
+        const Extent extent = extent_of(cloud.positions);
+        if (options.precision) position_bits = bits_for(*options.precision, extent);
+    }
+    context.checkpoint(0);
+
+    Encoded encoded;
+    fill(cloud, options, cloud.empty() ? 0 : static_cast<int>(position_bits), encoded);
+    draco::ExpertEncoder encoder(encoded.geometry);
+    encoder.SetEncodingMethod(method_for(encoded, options.coding));
+    const int speed = 10 - static_cast<int>(options.compression_level);
+    encoder.SetSpeedOptions(speed, speed);
+    for (int id = 0; id < encoded.geometry.num_attributes(); ++id) {
+        const int bits = encoded.quantization_bits[static_cast<std::size_t>(id)];
+        if (bits != 0) encoder.SetAttributeQuantization(id, bits);
+    }
+    context.checkpoint(0.2);
+    draco::EncoderBuffer buffer;
+    if (const draco::Status status = encoder.EncodeToBuffer(&buffer); !status.ok()) {
+        throw Error(ErrorCode::Internal,
+                    "Draco cannot encode the cloud: " + status.error_msg_string());
+    }
+    context.checkpoint(1);
+    const auto* const data = reinterpret_cast<const std::byte*>(buffer.data());
+    return {data, data + buffer.size()};
+}
+
+}  // namespace stipple

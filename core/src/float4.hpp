@@ -1,0 +1,90 @@
+#pragma once
+
+#include "cluster_tree.hpp"
+
+#include <array>
+#include <cstdint>
+
+#if defined(__SSSE3__)
+#include <tmmintrin.h>
+#elif defined(__SSE2__)
+#include <emmintrin.h>
+#endif
+
+namespace stipple {
+
+// Four lanes, as every machine has them; results do not depend on wider ones being there.
+using Float4 = float __attribute__((vector_size(16)));
+using Int4 = std::int32_t __attribute__((vector_size(16)));
+
+inline Float4 load(const float* from) noexcept {
+    Float4 v;
+    __builtin_memcpy(&v, from, sizeof v);
+    return v;
+}
+
+/// The four lanes of a comparison as bits, the first lowest.
+inline unsigned lane_bits(Int4 mask) noexcept {
+#if defined(__SSE2__)
+    return static_cast<unsigned>(_mm_movemask_ps(reinterpret_cast<__m128>(mask)));
+#else
+    return (mask[0] & 1U) | (mask[1] & 2U) | (mask[2] & 4U) | (mask[3] & 8U);
+#endif
+}
+
+/// Writes the lanes chosen by the four bits of `mask` to `out`, packed, in order; up to three lanes
+/// behind them become anything.
+template <typename T>
+inline void store_packed(T* out, const T* lanes, unsigned mask) noexcept {
+    static_assert(sizeof(T) == 4);
+#if defined(__SSSE3__)
+    static constexpr auto kShuffles = [] {
+        std::array<std::array<std::uint8_t, 16>, 16> table{};
+        for (unsigned m = 0; m < 16; ++m) {
+            std::uint8_t to = 0;
+            for (std::uint8_t lane = 0; lane < 4; ++lane) {
+                if ((m >> lane & 1U) == 0) continue;
+                for (std::uint8_t byte = 0; byte < 4; ++byte)
+                    table[m][to++] = static_cast<std::uint8_t>(4 * lane + byte);
+            }
+        }
+        return table;
+    }();
+    const __m128i v = _mm_loadu_si128(reinterpret_cast<const __m128i*>(lanes));
+    const __m128i shuffle =
+        _mm_loadu_si128(reinterpret_cast<const __m128i*>(kShuffles[mask].data()));
+    _mm_storeu_si128(reinterpret_cast<__m128i*>(out), _mm_shuffle_epi8(v, shuffle));
+#else
+    for (unsigned lane = 0; lane < 4; ++lane) {
+        if ((mask >> lane & 1U) != 0) *out++ = lanes[lane];
+    }
+#endif
+}
+
+inline double sum(Float4 v) noexcept {
+    return (static_cast<double>(v[0]) + static_cast<double>(v[1])) +
+           (static_cast<double>(v[2]) + static_cast<double>(v[3]));
+}
+
+/// Four points relative to a reference; what is missing at the end stands at the reference, where
+/// it adds nothing.
+struct Group {
+    Float4 x, y, z;
+
+    Group(const SampleSpan& s, std::size_t i, const Vec3f& reference) noexcept
+        : x(load(s.x + i) - reference.x()),
+          y(load(s.y + i) - reference.y()),
+          z(load(s.z + i) - reference.z()) {}
+    static Group tail(const SampleSpan& s, std::size_t i, const Vec3f& reference) noexcept {
+        std::array<float, 12> padded;
+        for (std::size_t j = 0; j < 4; ++j) {
+            const Vec3f p = i + j < s.size ? s.position(i + j) : reference;
+            for (std::size_t axis = 0; axis < 3; ++axis)
+                padded[4 * axis + j] = p[static_cast<Eigen::Index>(axis)];
+        }
+        return {SampleSpan{padded.data(), padded.data() + 4, padded.data() + 8, nullptr, 4}, 0,
+                reference};
+    }
+};
+
+}  // namespace stipple

@@ -1,0 +1,28 @@
+#include "georeference.hpp"
+
+#include "stipple/error.hpp"
+
+#include <cmath>
+#include <sstream>
+
+namespace stipple {
+
+Vec3d choose_origin(const Aabb& box) {
+    if (box.empty()) return Vec3d::Zero();
+    const double side = (box.max - box.min).maxCoeff();
+    constexpr double kLongestSide = 1e37;
+    if (!(side <= kLongestSide)) {
+        std::ostringstream message;
+        message << "the coordinates spread over " << side << ": expected at most " << kLongestSide
+                << ", the reach of single precision";
+        throw Error(ErrorCode::MalformedInput, message.str());
+    }
+    const Vec3d center = 0.5 * box.min + 0.5 * box.max;
+    if (side == 0) return center;
+    const double grid = std::exp2(std::ceil(std::log2(side)));
+    // Two thirds, not a half: boxes like 0..side and -side/2..side/2 are common, and their centres
+    // lie on the steps of the usual roundings, where the last bit would decide.
+    return ((center / grid).array() + 2.0 / 3.0).floor() * grid;
+}
+
+}  // namespace stipple

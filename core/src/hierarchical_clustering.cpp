@@ -1,0 +1,95 @@
+#include "stipple/hierarchical_clustering.hpp"
+
+#include "cluster_tree.hpp"
+#include "representatives.hpp"
+#include "stipple/error.hpp"
+
+#include <sstream>
+
+namespace stipple {
+
+namespace {
+
+template <typename T>
+std::string text(T value) {
+    std::ostringstream out;
+    out << value;
+    return out.str();
+}
+
+void check(const HierarchicalClusteringOptions& options, std::size_t points) {
+    const auto refuse = [](const std::string& message) {
+        throw Error(ErrorCode::InvalidArgument, message);
+    };
+    if (points == 0) refuse("the cloud has no points: expected at least 1");
+    const bool bounded = options.max_cluster_size || options.max_variation;
+    if (!options.target_size && !bounded) {
+        refuse("hierarchical: expected a target size, max_cluster_size or max_variation");
+    }
+    if (options.target_size && bounded) {
+        refuse(
+            "hierarchical: a target size stands alone; remove max_cluster_size and max_variation");
+    }
+    if (options.target_size && *options.target_size == 0) {
+        refuse("target_size 0: expected 1.." + std::to_string(points));
+    }
+    if (options.max_cluster_size && *options.max_cluster_size == 0) {
+        refuse("max_cluster_size 0: expected at least 1");
+    }
+    if (options.max_variation &&
+        !(*options.max_variation > 0 && *options.max_variation <= 1.0 / 3.0)) {
+        refuse("max_variation " + text(*options.max_variation) + ": expected above 0, at most 1/3");
+    }
+}
+
+/// The clusters that the options ask for. A target is at most the number of points.
+Cut grow_clusters(ClusterTree& tree, const HierarchicalClusteringOptions& options,
+                  const RunContext& context) {
+    if (options.target_size) return tree.cut(*options.target_size, context);
+    tree.grow(
+        [&options](const ClusterNode& node) {
+            return (options.max_cluster_size && node.size() > *options.max_cluster_size) ||
+                   (options.max_variation && node.variation() > *options.max_variation);
+        },
+        context);
+    return tree.leaves();
+}
+
+/// A target of all points, or more of them, leaves the cloud as it is.
+bool keeps_everything(const HierarchicalClusteringOptions& options, std::size_t points) {
+    return options.target_size && *options.target_size >= points;
+}
+
+}  // namespace
+
+PointCloud hierarchical_clustering(const PointCloud& cloud,
+                                   const HierarchicalClusteringOptions& options,
+                                   const RunContext& context) {
+    check(options, cloud.size());
+    if (keeps_everything(options, cloud.size())) return cloud;
+    const std::vector<Reduction> reductions =
+        reductions_for(cloud, options.reductions, options.representative);
+    context.checkpoint(0.0);
+    ClusterTree tree(cloud.positions, context);
+    const Cut cut = grow_clusters(tree, options, context);
+    context.checkpoint(0.8);
+    PointCloud result =
+        representatives(cloud, tree.samples(), cut, options.representative, reductions, context);
+    context.checkpoint(1.0);
+    return result;
+}
+
+Clusters hierarchical_clusters(std::span<const Vec3f> points,
+                               const HierarchicalClusteringOptions& options,
+                               const RunContext& context) {
+    check(options, points.size());
+    HierarchicalClusteringOptions bounded = options;
+    if (keeps_everything(options, points.size())) bounded.target_size = points.size();
+    ClusterTree tree(points, context);
+    Clusters clusters;
+    clusters.offsets = grow_clusters(tree, bounded, context).offsets;
+    clusters.members.assign(tree.samples().index, tree.samples().index + tree.samples().size);
+    return clusters;
+}
+
+}  // namespace stipple

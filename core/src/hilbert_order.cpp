@@ -1,0 +1,232 @@
+#include "hilbert_order.hpp"
+
+#include "parallel_for.hpp"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cstdint>
+#include <utility>
+
+// Follows: C. Hamilton, Compact Hilbert Indices, 2006 (entry point and direction of the subcubes),
+// tabulated.
+
+namespace stipple {
+
+namespace {
+
+constexpr std::size_t kBlock = 32'768;
+constexpr std::size_t kCrowded = 64;  // points in one cell from which it gets a curve of its own
+
+/// One step down the curve: which subcube comes at which place, and how the curve turns in it.
+struct Step {
+    std::uint8_t digit;  ///< place of the subcube on the curve, 0..7
+    std::uint8_t state;  ///< 3 * entry + direction within it
+};
+
+using StepTable = std::array<std::array<Step, 8>, 24>;
+
+constexpr StepTable make_steps() {
+    const auto rotate_left = [](unsigned v, unsigned by) {
+        return ((v << by) | (v >> (3 - by))) & 7U;
+    };
+    const auto rotate_right = [&](unsigned v, unsigned by) { return rotate_left(v, (3 - by) % 3); };
+    const auto gray = [](unsigned i) { return i ^ (i >> 1U); };
+    const auto gray_inverse = [](unsigned g) { return (g ^ (g >> 1U) ^ (g >> 2U)) & 7U; };
+    const auto trailing_ones = [](unsigned i) {
+        unsigned n = 0;
+        for (; (i & 1U) != 0; i >>= 1U) ++n;
+        return n;
+    };
+    const auto entry_of = [&](unsigned w) { return w == 0 ? 0U : gray(2 * ((w - 1) / 2)); };
+    const auto direction_of = [&](unsigned w) {
+        return (w == 0 ? 0U : w % 2 == 0 ? trailing_ones(w - 1) : trailing_ones(w)) % 3;
+    };
+    StepTable table{};
+    for (unsigned entry = 0; entry < 8; ++entry) {
+        for (unsigned direction = 0; direction < 3; ++direction) {
+            const unsigned turn = (direction + 1) % 3;
+            for (unsigned cube = 0; cube < 8; ++cube) {
+                const unsigned w = gray_inverse(rotate_right(cube ^ entry, turn));
+                const unsigned next_entry = entry ^ rotate_left(entry_of(w), turn);
+                const unsigned next_direction = (direction + direction_of(w) + 1) % 3;
+                table[3 * entry + direction][cube] = {
+                    static_cast<std::uint8_t>(w),
+                    static_cast<std::uint8_t>(3 * next_entry + next_direction)};
+            }
+        }
+    }
+    return table;
+}
+
+constexpr StepTable kSteps = make_steps();
+
+struct Keyed {
+    std::uint64_t key;
+    Index index;
+};
+
+/// Cells of a cubic grid over some points.
+struct Grid {
+    Vec3d low;
+    double cells_per_unit;
+    unsigned bits;
+
+    std::uint64_t key(const Vec3f& p) const noexcept {
+        const double last = static_cast<double>((std::uint64_t{1} << bits) - 1);
+        std::array<std::uint32_t, 3> cell;
+        for (int axis = 0; axis < 3; ++axis) {
+            const double c = (static_cast<double>(p[axis]) - low[axis]) * cells_per_unit;
+            cell[static_cast<std::size_t>(axis)] =
+                static_cast<std::uint32_t>(std::clamp(c, 0.0, last));
+        }
+        std::uint64_t key = 0;
+        unsigned state = 0;
+        for (unsigned level = bits; level-- > 0;) {
+            const unsigned cube = (cell[0] >> level & 1U) | (cell[1] >> level & 1U) << 1U |
+                                  (cell[2] >> level & 1U) << 2U;
+            const Step step = kSteps[state][cube];
+            key = key << 3U | step.digit;
+            state = step.state;
+        }
+        return key;
+    }
+};
+
+struct FloatBox {
+    Vec3f low = Vec3f::Constant(std::numeric_limits<float>::infinity());
+    Vec3f high = Vec3f::Constant(-std::numeric_limits<float>::infinity());
+
+    void add(const Vec3f& p) noexcept {
+        low = low.cwiseMin(p);
+        high = high.cwiseMax(p);
+    }
+};
+
+/// Cells fine enough that a surface of n points seldom has many in one; as few bits as that takes,
+/// since each costs a step.
+Grid make_grid(const FloatBox& box, std::size_t n) {
+    const double extent = (box.high.cast<double>() - box.low.cast<double>()).maxCoeff();
+    const unsigned bits = static_cast<unsigned>(std::clamp<int>(std::bit_width(n) / 2 + 3, 6, 21));
+    const double cells = static_cast<double>(std::uint64_t{1} << bits);
+    return {box.low.cast<double>(), extent > 0 ? cells / extent : 0.0, bits};
+}
+
+/// Sorts by (key, index), given in order of index: least digit first, digits that are all alike
+/// left out.
+void radix_sort(std::span<Keyed> items, std::vector<Keyed>& buffer) {
+    constexpr std::size_t kSmall = 96;
+    const auto by_key = [](const Keyed& a, const Keyed& b) {
+        return a.key != b.key ? a.key < b.key : a.index < b.index;
+    };
+    if (items.size() <= kSmall) {
+        std::ranges::sort(items, by_key);
+        return;
+    }
+    std::uint64_t varying = 0;
+    for (const Keyed& item : items) varying |= item.key ^ items.front().key;
+    buffer.resize(std::max(buffer.size(), items.size()));
+    std::span<Keyed> from = items, to(buffer.data(), items.size());
+    for (unsigned shift = 0; shift < 64; shift += 8) {
+        if ((varying >> shift & 0xFFU) == 0) continue;
+        std::array<Index, 257> begin{};
+        for (const Keyed& item : from) ++begin[(item.key >> shift & 0xFFU) + 1];
+        for (std::size_t digit = 1; digit < begin.size(); ++digit) begin[digit] += begin[digit - 1];
+        for (const Keyed& item : from) to[begin[item.key >> shift & 0xFFU]++] = item;
+        std::swap(from, to);
+    }
+    if (from.data() != items.data()) std::ranges::copy(from, items.begin());
+}
+
+/// Orders the points of one crowded cell by a curve of their own.
+void refine(std::span<const Vec3f> points, std::span<Keyed> items, std::vector<Keyed>& buffer);
+
+/// Where many points share a cell, looks closer.
+void refine_crowded(std::span<const Vec3f> points, std::span<Keyed> sorted,
+                    std::vector<Keyed>& buffer) {
+    for (std::size_t begin = 0; begin < sorted.size();) {
+        std::size_t end = begin + 1;
+        while (end < sorted.size() && sorted[end].key == sorted[begin].key) ++end;
+        if (end - begin > kCrowded) refine(points, sorted.subspan(begin, end - begin), buffer);
+        begin = end;
+    }
+}
+
+void refine(std::span<const Vec3f> points, std::span<Keyed> items, std::vector<Keyed>& buffer) {
+    FloatBox box;
+    for (const Keyed& item : items) box.add(points[item.index]);
+    if (box.low == box.high) return;  // one position: in order of number already
+    const Grid grid = make_grid(box, items.size());
+    for (Keyed& item : items) item.key = grid.key(points[item.index]);
+    radix_sort(items, buffer);
+    refine_crowded(points, items, buffer);
+}
+
+FloatBox box_of(std::span<const Vec3f> points, const RunContext& context) {
+    std::vector<FloatBox> boxes((points.size() + kBlock - 1) / kBlock);
+    parallel_for_blocks(points.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) boxes[begin / kBlock].add(points[i]);
+    });
+    FloatBox all;
+    for (const FloatBox& box : boxes) {
+        all.low = all.low.cwiseMin(box.low);
+        all.high = all.high.cwiseMax(box.high);
+    }
+    return all;
+}
+
+}  // namespace
+
+std::vector<Index> hilbert_order(std::span<const Vec3f> points, const RunContext& context) {
+    const std::size_t n = points.size();
+    if (n == 0) return {};
+    const Grid grid = make_grid(box_of(points, context), n);
+
+    // By the leading bits of the key into buckets, in parallel blocks and stable; then each bucket
+    // by itself.
+    const unsigned bucket_bits = std::min(12U, 3 * grid.bits);
+    const unsigned shift = 3 * grid.bits - bucket_bits;
+    const std::size_t buckets = std::size_t{1} << bucket_bits;
+    const std::size_t blocks = (n + kBlock - 1) / kBlock;
+    std::vector<Keyed> keyed(n);
+    std::vector<Index> starts(blocks * buckets);
+    std::vector<std::uint64_t> keys(n);
+    parallel_for_blocks(n, kBlock, context, [&](std::size_t begin, std::size_t end) {
+        Index* count = starts.data() + begin / kBlock * buckets;
+        for (std::size_t i = begin; i < end; ++i) {
+            keys[i] = grid.key(points[i]);
+            ++count[keys[i] >> shift];
+        }
+    });
+    std::vector<Index> bucket_begin(buckets + 1);
+    Index total = 0;
+    for (std::size_t bucket = 0; bucket < buckets; ++bucket) {
+        bucket_begin[bucket] = total;
+        for (std::size_t block = 0; block < blocks; ++block) {
+            total += std::exchange(starts[block * buckets + bucket], total);
+        }
+    }
+    bucket_begin[buckets] = total;
+    parallel_for_blocks(n, kBlock, context, [&](std::size_t begin, std::size_t end) {
+        Index* next = starts.data() + begin / kBlock * buckets;
+        for (std::size_t i = begin; i < end; ++i)
+            keyed[next[keys[i] >> shift]++] = {keys[i], static_cast<Index>(i)};
+    });
+    keys = {};
+
+    std::vector<Index> order(n);
+    parallel_for_blocks(buckets, 16, context, [&](std::size_t begin, std::size_t end) {
+        std::vector<Keyed> buffer;
+        for (std::size_t bucket = begin; bucket < end; ++bucket) {
+            const std::span<Keyed> items(keyed.data() + bucket_begin[bucket],
+                                         keyed.data() + bucket_begin[bucket + 1]);
+            radix_sort(items, buffer);
+            refine_crowded(points, items, buffer);
+        }
+        for (std::size_t i = bucket_begin[begin]; i < bucket_begin[end]; ++i)
+            order[i] = keyed[i].index;
+    });
+    return order;
+}
+
+}  // namespace stipple

@@ -1,0 +1,348 @@
+#include "stipple/codec.hpp"
+#include "stipple/error.hpp"
+#include "support/support.hpp"
+
+#include <draco/compression/expert_encode.h>
+#include <gtest/gtest.h>
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <map>
+
+namespace stipple {
+namespace {
+
+/// A point with all its values, to compare clouds whose order the coding changed.
+using Row = std::vector<double>;
+
+std::vector<Row> rows_of(const PointCloud& cloud) {
+    std::vector<Row> rows(cloud.size());
+    for (std::size_t i = 0; i < cloud.size(); ++i) {
+        for (int axis = 0; axis < 3; ++axis) rows[i].push_back(cloud.positions[i][axis]);
+        if (!cloud.colors.empty()) {
+            const Rgba8 c = cloud.colors[i];
+            rows[i].insert(rows[i].end(), {double(c.r), double(c.g), double(c.b), double(c.a)});
+        }
+        for (const Attribute& attribute : cloud.attributes) {
+            std::visit(
+                [&](const auto& v) {
+                    for (unsigned c = 0; c < attribute.components; ++c)
+                        rows[i].push_back(double(v[i * attribute.components + c]));
+                },
+                attribute.values);
+        }
+    }
+    return rows;
+}
+
+std::vector<Row> sorted(std::vector<Row> rows) {
+    std::ranges::sort(rows);
+    return rows;
+}
+
+template <typename T>
+void add(PointCloud& cloud, std::string name, std::vector<T> values, unsigned components = 1) {
+    AttributeValues any = std::move(values);
+    const Reduction reduction = default_reduction(any);
+    cloud.attributes.push_back({std::move(name), std::move(any), components, reduction});
+}
+
+/// Every integer type from end to end of its range.
+PointCloud cloud_of_integers(std::size_t n) {
+    PointCloud cloud = test::cube(n);
+    const auto ramp = [n]<typename T>(T) {
+        std::vector<T> values(n);
+        const double low = std::numeric_limits<T>::min(), high = std::numeric_limits<T>::max();
+        for (std::size_t i = 0; i < n; ++i) {
+            values[i] = static_cast<T>(
+                std::floor(low + (high - low) * double((i * 7919) % n) / double(n - 1)));
+        }
+        return values;
+    };
+    add(cloud, "i8", ramp(std::int8_t{}));
+    add(cloud, "u8", ramp(std::uint8_t{}));
+    add(cloud, "i16", ramp(std::int16_t{}));
+    add(cloud, "u16", ramp(std::uint16_t{}));
+    add(cloud, "i32", ramp(std::int32_t{}));
+    add(cloud, "u32", ramp(std::uint32_t{}));
+    add(cloud, "small_u32", std::vector<std::uint32_t>(n, 5));
+    return cloud;
+}
+
+PointCloud round_trip(const PointCloud& cloud, const DracoEncodeOptions& options,
+                      DecodeReport* report = nullptr) {
+    return decode_cloud(encode_draco(cloud, options), {}, {}, report);
+}
+
+TEST(Draco, KeepsEveryBitInOrderWhenNothingIsQuantized) {
+    PointCloud cloud = cloud_of_integers(1000);
+    std::vector<float> floats;
+    std::vector<double> doubles;
+    for (const Vec3f& p : cloud.positions) {
+        floats.push_back(p.x() / 3);
+        doubles.insert(doubles.end(), {p.x() / 3.0, 1e300 * p.y(), -p.z()});
+    }
+    floats[5] = std::numeric_limits<float>::quiet_NaN();
+    floats[6] = std::numeric_limits<float>::infinity();
+    add(cloud, "floats", floats);
+    add(cloud, "doubles", doubles, 3);
+    DecodeReport report;
+    const PointCloud back = round_trip(cloud,
+                                       {.coding = DracoCoding::Sequential,
+                                        .position_bits = 0,
+                                        .precision = {},
+                                        .attribute_bits = 0},
+                                       &report);
+    EXPECT_EQ(report.encoding, "sequential");
+    EXPECT_EQ(report.points, cloud.size());
+    ASSERT_EQ(back.size(), cloud.size());
+    EXPECT_EQ(
+        std::memcmp(back.positions.data(), cloud.positions.data(), cloud.size() * sizeof(Vec3f)),
+        0);
+    ASSERT_EQ(back.attributes.size(), cloud.attributes.size());
+    for (std::size_t i = 0; i < cloud.attributes.size(); ++i) {
+        EXPECT_EQ(back.attributes[i].name, cloud.attributes[i].name);
+        EXPECT_EQ(back.attributes[i].components, cloud.attributes[i].components);
+        if (cloud.attributes[i].name == "floats") {
+            const auto& got = std::get<std::vector<float>>(back.attributes[i].values);
+            EXPECT_EQ(std::memcmp(got.data(), floats.data(), floats.size() * sizeof(float)), 0);
+        } else {
+            EXPECT_EQ(back.attributes[i].values, cloud.attributes[i].values)
+                << cloud.attributes[i].name;
+        }
+    }
+}
+
+TEST(Draco, KeepsEveryIntegerThroughTheKdTreeUpToTheOrder) {
+    PointCloud cloud = cloud_of_integers(500);
+    std::erase_if(cloud.attributes,
+                  [](const Attribute& a) { return a.name == "u32" || a.name == "i32"; });
+    for (const Vec3f& p : cloud.positions) {
+        cloud.colors.push_back({std::uint8_t(p.x() * 255), std::uint8_t(p.y() * 255), 7, 255});
+    }
+    DecodeReport report;
+    const PointCloud back = round_trip(
+        cloud, {.coding = DracoCoding::KdTree, .position_bits = 16, .precision = {}}, &report);
+    EXPECT_EQ(report.encoding, "kd-tree");
+    // Positions are rounded, so rows are matched by everything else.
+    const auto without_positions = [](const PointCloud& c) {
+        std::vector<Row> rows = rows_of(c);
+        for (Row& row : rows) row.erase(row.begin(), row.begin() + 3);
+        return sorted(rows);
+    };
+    EXPECT_EQ(without_positions(back), without_positions(cloud));
+}
+
+TEST(Draco, KeepsColorsWithAndWithoutAlpha) {
+    for (const bool alpha : {false, true}) {
+        PointCloud cloud = test::with_attributes(test::sphere(100));
+        cloud.has_alpha = alpha;
+        if (alpha) cloud.colors[3].a = 17;
+        const PointCloud back = round_trip(cloud, {});
+        EXPECT_EQ(back.colors, cloud.colors);
+        EXPECT_EQ(back.has_alpha, alpha);
+    }
+}
+
+class DracoCodings : public testing::TestWithParam<DracoCoding> {};
+
+TEST_P(DracoCodings, KeepsTenThousandIdenticalPoints) {
+    PointCloud cloud;
+    cloud.positions.assign(10'000, Vec3f(1.5F, -2.5F, 1e6F));
+    EXPECT_EQ(round_trip(cloud, {.coding = GetParam(), .precision = {}}).positions,
+              cloud.positions);
+    EXPECT_EQ(round_trip(cloud, {.coding = GetParam(), .precision = 1.0}).positions,
+              cloud.positions);
+}
+
+TEST_P(DracoCodings, KeepsTheCountOfEveryRepeatedPoint) {
+    PointCloud cloud = test::cube(300);
+    const std::vector<Vec3f> once = cloud.positions;
+    for (int copy = 0; copy < 4; ++copy)
+        cloud.positions.insert(cloud.positions.end(), once.begin(), once.end());
+    std::map<Row, int> counts;
+    for (const Row& row :
+         rows_of(round_trip(cloud, {.coding = GetParam(), .position_bits = 20, .precision = {}})))
+        ++counts[row];
+    EXPECT_EQ(counts.size(), 300U);
+    for (const auto& [row, count] : counts) EXPECT_EQ(count, 5);
+}
+
+TEST_P(DracoCodings, HoldsTheErrorBelowThePrecisionAskedFor) {
+    // Far from zero, where single precision is coarse itself.
+    for (const double offset : {0.0, 1000.0, -40.0}) {
+        PointCloud cloud = test::sphere(2000);
+        for (Vec3f& p : cloud.positions) p = 3 * p + Vec3f::Constant(float(offset));
+        std::vector<std::int32_t> number(cloud.size());
+        for (std::size_t i = 0; i < number.size(); ++i) number[i] = int(i);
+        add(cloud, "number", number);
+        for (const double precision : {1.0, 0.1, 0.011, 1e-3, 2.5e-4}) {
+            const PointCloud back =
+                round_trip(cloud, {.coding = GetParam(), .precision = precision});
+            ASSERT_EQ(back.size(), cloud.size());
+            const auto& order = std::get<std::vector<std::int32_t>>(back.attributes.at(0).values);
+            double worst = 0;
+            for (std::size_t i = 0; i < back.size(); ++i) {
+                const Vec3d error =
+                    (back.positions[i] - cloud.positions[std::size_t(order[i])]).cast<double>();
+                worst = std::max(worst, error.cwiseAbs().maxCoeff());
+            }
+            EXPECT_LE(worst, precision) << "offset " << offset;
+            EXPECT_GE(worst, precision / 8) << "far more bits than needed";
+        }
+    }
+}
+
+INSTANTIATE_TEST_SUITE_P(Codings, DracoCodings,
+                         testing::Values(DracoCoding::Sequential, DracoCoding::KdTree),
+                         [](const auto& which) {
+                             return which.param == DracoCoding::KdTree ? "KdTree" : "Sequential";
+                         });
+
+TEST(Draco, KeepsNormalsWithinTheStepOfTheOctahedron) {
+    const PointCloud cloud = test::with_attributes(test::sphere(3000));
+    const PointCloud back = round_trip(cloud, {});
+    ASSERT_EQ(back.normals.size(), cloud.size());
+    for (std::size_t i = 0; i < cloud.size(); ++i) {
+        ASSERT_NEAR(back.normals[i].norm(), 1, 1e-5);
+        ASSERT_LT((back.normals[i] - cloud.normals[i]).norm(), 4.0 / 1024) << i;
+    }
+}
+
+TEST(Draco, QuantizesFloatAttributesToTheBitsAskedFor) {
+    const PointCloud cloud = test::with_attributes(test::sphere(1000));
+    const PointCloud back = round_trip(cloud, {.precision = {}, .attribute_bits = 12});
+    const auto& got = std::get<std::vector<float>>(back.attributes.at(0).values);
+    const auto& sent = std::get<std::vector<float>>(cloud.attributes.at(0).values);
+    for (std::size_t i = 0; i < sent.size(); ++i)
+        ASSERT_NEAR(got[i], sent[i], 1.01 * 2.0 / 4095 / 2);
+    EXPECT_EQ(back.attributes.at(1).values, cloud.attributes.at(1).values);
+}
+
+TEST(Draco, KeepsTheOriginOfGeoreferencedPoints) {
+    PointCloud cloud = test::sphere(50);
+    cloud.origin = Vec3d(635'616.25, 848'899.7, -0.1);
+    cloud.double_precision = true;
+    const PointCloud back = round_trip(cloud, {.position_bits = 0, .precision = {}});
+    EXPECT_EQ(back.origin, cloud.origin);
+    EXPECT_TRUE(back.double_precision);
+    EXPECT_EQ(back.positions, cloud.positions);
+}
+
+TEST(Draco, ChoosesTheKdTreeForBarePositionsAlone) {
+    DecodeReport report;
+    round_trip(test::sphere(100), {}, &report);
+    EXPECT_EQ(report.encoding, "kd-tree");
+    round_trip(test::with_attributes(test::sphere(100)), {}, &report);
+    EXPECT_EQ(report.encoding, "sequential");
+    round_trip(test::sphere(100), {.position_bits = 0, .precision = {}}, &report);
+    EXPECT_EQ(report.encoding, "sequential");
+}
+
+TEST(Draco, KeepsOnePointAndNone) {
+    for (const std::size_t n : {0, 1}) {
+        const PointCloud cloud = test::with_attributes(test::sphere(n));
+        const PointCloud back = round_trip(cloud, {});
+        EXPECT_EQ(back.size(), n);
+        EXPECT_EQ(back.attributes.size(), 2 * n);
+    }
+    EXPECT_EQ(round_trip(test::sphere(1), {}).positions, test::sphere(1).positions);
+    EXPECT_EQ(round_trip(test::sphere(0), {}).size(), 0U);
+}
+
+TEST(Draco, RefusesWhatItCannotHoldAndSaysWhy) {
+    const auto message = [](const PointCloud& cloud,
+                            const DracoEncodeOptions& options) -> std::string {
+        try {
+            encode_draco(cloud, options);
+        } catch (const Error& error) {
+            EXPECT_EQ(error.code(), ErrorCode::InvalidArgument) << error.what();
+            return error.what();
+        }
+        return "no error";
+    };
+    const PointCloud cloud = test::sphere(10);
+    EXPECT_EQ(message(cloud, {.position_bits = 31, .precision = {}}),
+              "position_bits 31: expected 1..30, or 0 for unquantised");
+    EXPECT_EQ(message(cloud, {.precision = {}, .normal_bits = 1}), "normal_bits 1: expected 2..30");
+    EXPECT_EQ(message(cloud, {.precision = {}, .attribute_bits = 31}),
+              "attribute_bits 31: expected 1..30, or 0 for unquantised");
+    EXPECT_EQ(message(cloud, {.precision = {}, .compression_level = 11}),
+              "compression_level 11: expected 0..10");
+    for (const double precision : {0.0, -1.0, 1e-9, double(NAN)}) {
+        EXPECT_EQ(message(cloud, {.precision = precision}).find("precision "), 0U);
+    }
+    PointCloud bad = cloud;
+    bad.positions[7].y() = NAN;
+    EXPECT_EQ(message(bad, {}).find("the position of point 7 is not finite"), 0U);
+    bad = cloud;
+    add(bad, "time", std::vector<double>(10, 0.5));
+    EXPECT_NE(message(bad, {.coding = DracoCoding::KdTree, .precision = {}}).find("doubles"),
+              std::string::npos);
+    bad.attributes[0].name = "two words";
+    EXPECT_NE(message(bad, {}).find("two words"), std::string::npos);
+}
+
+TEST(Draco, RefusesMorePointsThanTheLimitBeforeItDecodesThem) {
+    for (const DracoCoding coding : {DracoCoding::Sequential, DracoCoding::KdTree}) {
+        const auto bytes = encode_draco(test::sphere(1000), {.coding = coding, .precision = {}});
+        try {
+            decode_cloud(bytes, {.max_points = 999});
+            FAIL() << "accepted";
+        } catch (const Error& error) {
+            EXPECT_EQ(error.code(), ErrorCode::TooLarge);
+            EXPECT_NE(std::string_view(error.what()).find("1000 points: expected at most 999"),
+                      std::string::npos);
+        }
+    }
+}
+
+/// A file as other programs write it: integer positions, a named and a nameless attribute, texture
+/// coordinates.
+TEST(Draco, ReadsAttributesOfOtherPrograms) {
+    draco::PointCloud geometry;
+    geometry.set_num_points(2);
+    const auto add_to = [&](draco::GeometryAttribute::Type type, draco::DataType data_type,
+                            int components, const auto& values) {
+        draco::GeometryAttribute attribute;
+        attribute.Init(type, nullptr, std::uint8_t(components), data_type, false,
+                       components * draco::DataTypeLength(data_type), 0);
+        const int id = geometry.AddAttribute(attribute, true, 2);
+        geometry.attribute(id)->buffer()->Write(0, values.data(),
+                                                sizeof(values[0]) * values.size());
+        return id;
+    };
+    using Type = draco::GeometryAttribute::Type;
+    add_to(Type::POSITION, draco::DT_INT32, 3,
+           std::array{1'000'000'001, 5, -7, 1'000'000'003, 5, -7});
+    add_to(Type::TEX_COORD, draco::DT_FLOAT32, 2, std::array{0.1F, 0.2F, 0.3F, 0.4F});
+    const int named = add_to(Type::GENERIC, draco::DT_FLOAT64, 1, std::array{0.1, 0.2});
+    add_to(Type::GENERIC, draco::DT_INT64, 1, std::array{std::int64_t{1} << 40, std::int64_t{-3}});
+    add_to(Type::COLOR, draco::DT_FLOAT32, 3, std::array{0.F, 0.5F, 1.F, 2.F, -1.F, 0.F});
+    auto metadata = std::make_unique<draco::AttributeMetadata>();
+    metadata->AddEntryString("name", "GpsTime");
+    geometry.AddAttributeMetadata(named, std::move(metadata));
+    draco::ExpertEncoder encoder(geometry);
+    encoder.SetEncodingMethod(draco::POINT_CLOUD_SEQUENTIAL_ENCODING);
+    draco::EncoderBuffer buffer;
+    ASSERT_TRUE(encoder.EncodeToBuffer(&buffer).ok());
+
+    const PointCloud cloud = decode_cloud(std::as_bytes(std::span(buffer.data(), buffer.size())));
+    ASSERT_EQ(cloud.size(), 2U);
+    EXPECT_TRUE(cloud.double_precision);
+    EXPECT_EQ((cloud.origin + cloud.positions[1].cast<double>()).eval(),
+              Vec3d(1'000'000'003, 5, -7));
+    EXPECT_EQ(cloud.colors.at(0), (Rgba8{0, 128, 255, 255}));
+    EXPECT_EQ(cloud.colors.at(1), (Rgba8{255, 0, 0, 255}));
+    ASSERT_EQ(cloud.attributes.size(), 3U);
+    EXPECT_EQ(cloud.attributes[0].name, "texcoord");
+    EXPECT_EQ(cloud.attributes[0].components, 2U);
+    EXPECT_EQ(cloud.attributes[1].name, "GpsTime");
+    EXPECT_EQ(cloud.attributes[1].values, AttributeValues(std::vector{0.1, 0.2}));
+    EXPECT_EQ(cloud.attributes[2].name, "generic_3");
+    EXPECT_EQ(cloud.attributes[2].values,
+              AttributeValues(std::vector{double(std::int64_t{1} << 40), -3.0}));
+}
+
+}  // namespace
+}  // namespace stipple

@@ -1,0 +1,100 @@
+#include "stipple/lod_pyramid.hpp"
+
+#include "stipple/error.hpp"
+#include "support/support.hpp"
+
+#include <gtest/gtest.h>
+
+namespace stipple {
+namespace {
+
+using Sizes = std::vector<std::uint64_t>;
+
+std::vector<LodLevel> build(const PointCloud& cloud, const LodPyramidOptions& options,
+                            const RunContext& context = {}) {
+    std::vector<LodLevel> levels;
+    build_lod_pyramid(
+        cloud, options, [&](LodLevel&& level) { levels.push_back(std::move(level)); }, context);
+    return levels;
+}
+
+TEST(LodSizes, ByRatioEndAtTheWholeCloudAndBeginBelowTheBase) {
+    EXPECT_EQ(lod_sizes(134'345, {}), (Sizes{8'397, 33'586, 134'345}));
+    EXPECT_EQ(lod_sizes(10'000, {}), (Sizes{10'000}));
+    EXPECT_EQ(lod_sizes(1, {}), (Sizes{1}));
+}
+
+TEST(LodSizes, ByListAreTheListCutAtTheCount) {
+    LodPyramidOptions options;
+    options.sizes = {10, 100, 1000, 2000};
+    EXPECT_EQ(lod_sizes(500, options), (Sizes{10, 100, 500}));
+}
+
+TEST(LodSizes, ARatioNearOneComesToAnEnd) {
+    LodPyramidOptions options;
+    options.ratio = 1.0001;
+    options.base_points = 1;
+    EXPECT_EQ(lod_sizes(50, options).size(), 50U);
+}
+
+TEST(LodSizes, RefusesListsThatDoNotAscend) {
+    for (const Sizes& sizes : {Sizes{0, 5}, Sizes{5, 5}, Sizes{9, 5}}) {
+        LodPyramidOptions options;
+        options.sizes = sizes;
+        EXPECT_THROW(lod_sizes(100, options), Error);
+    }
+}
+
+TEST(LodPyramid, GivesEveryLevelCoarsestFirstWithExactCounts) {
+    LodPyramidOptions options;
+    options.base_points = 50;
+    const PointCloud cloud = test::with_attributes(test::sphere(5000));
+    const auto levels = build(cloud, options);
+    const Sizes sizes = lod_sizes(cloud.size(), options);
+    ASSERT_EQ(levels.size(), sizes.size());
+    for (unsigned i = 0; i < levels.size(); ++i) {
+        EXPECT_EQ(levels[i].level, i);
+        EXPECT_EQ(levels[i].cloud.size(), sizes[i]);
+        EXPECT_EQ(levels[i].cloud.colors.size(), sizes[i]);
+        EXPECT_EQ(levels[i].cloud.attributes.size(), cloud.attributes.size());
+        if (i > 0) {
+            EXPECT_LT(levels[i].spacing, levels[i - 1].spacing);
+        }
+    }
+    EXPECT_EQ(levels.back().cloud.positions, cloud.positions);
+}
+
+TEST(LodPyramid, ALevelIsWhatSimplifyGivesForItsCount) {
+    const PointCloud cloud = test::sphere(4000, 0.02);
+    LodPyramidOptions options;
+    options.sizes = {17, 300, 1111};
+    for (const LodLevel& level : build(cloud, options)) {
+        SimplifyOptions simplify_options;
+        simplify_options.points = level.cloud.size();
+        EXPECT_EQ(level.cloud.positions, simplify(cloud, simplify_options).positions);
+    }
+}
+
+TEST(LodPyramid, IsTheSameForAnyNumberOfThreads) {
+    const PointCloud cloud = test::sphere(60'000, 0.02);
+    const auto one = build(cloud, {}, {.threads = 1});
+    const auto eight = build(cloud, {}, {.threads = 8});
+    ASSERT_EQ(one.size(), eight.size());
+    for (std::size_t i = 0; i < one.size(); ++i) {
+        EXPECT_EQ(one[i].cloud.positions, eight[i].cloud.positions);
+        EXPECT_EQ(one[i].spacing, eight[i].spacing);
+    }
+}
+
+TEST(LodPyramid, OfOnePointIsOneLevel) {
+    const auto levels = build(test::cube(1), {});
+    ASSERT_EQ(levels.size(), 1U);
+    EXPECT_EQ(levels[0].spacing, 0.0);
+}
+
+TEST(LodPyramid, RefusesAnEmptyCloud) {
+    EXPECT_THROW(build({}, {}), Error);
+}
+
+}  // namespace
+}  // namespace stipple

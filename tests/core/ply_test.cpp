@@ -1,0 +1,475 @@
+#include "../../core/src/ply_number.hpp"
+#include "stipple/codec.hpp"
+#include "stipple/error.hpp"
+#include "support/support.hpp"
+
+#include <gtest/gtest.h>
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <fstream>
+#include <random>
+
+namespace stipple {
+namespace {
+
+std::span<const std::byte> bytes_of(std::string_view text) {
+    return std::as_bytes(std::span(text.data(), text.size()));
+}
+
+PointCloud decode(std::string_view text, DecodeReport* report = nullptr, unsigned threads = 0) {
+    RunContext context;
+    context.threads = threads;
+    return decode_cloud(bytes_of(text), {}, context, report);
+}
+
+std::string text_of(const std::vector<std::byte>& bytes) {
+    return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
+}
+
+std::string message_of(std::string_view text) {
+    try {
+        decode(text);
+    } catch (const Error& error) {
+        return error.what();
+    }
+    return "no error";
+}
+
+std::string ascii(std::string_view elements, std::string_view body) {
+    return "ply\nformat ascii 1.0\n" + std::string(elements) + "end_header\n" + std::string(body);
+}
+
+const std::string kXyz = "property float x\nproperty float y\nproperty float z\n";
+
+template <typename T>
+void append(std::string& bytes, T value, bool big = false) {
+    std::array<char, sizeof(T)> raw;
+    std::memcpy(raw.data(), &value, sizeof(T));
+    if (big) std::reverse(raw.begin(), raw.end());
+    bytes.append(raw.data(), raw.size());
+}
+
+template <typename T>
+const std::vector<T>& values(const PointCloud& cloud, std::string_view name) {
+    const Attribute* const attribute = find_attribute(cloud, name);
+    if (attribute == nullptr) throw std::runtime_error("no attribute " + std::string(name));
+    return std::get<std::vector<T>>(attribute->values);
+}
+
+bool same_bits(std::span<const Vec3f> a, std::span<const Vec3f> b) {
+    return a.size() == b.size() &&
+           (a.empty() || std::memcmp(a.data(), b.data(), a.size_bytes()) == 0);
+}
+
+void expect_same(const PointCloud& a, const PointCloud& b) {
+    EXPECT_EQ(a.origin, b.origin);
+    EXPECT_TRUE(same_bits(a.positions, b.positions));
+    EXPECT_TRUE(same_bits(a.normals, b.normals));
+    EXPECT_EQ(a.colors, b.colors);
+    EXPECT_EQ(a.has_alpha, b.has_alpha);
+    EXPECT_EQ(a.double_precision, b.double_precision);
+    ASSERT_EQ(a.attributes.size(), b.attributes.size());
+    for (std::size_t i = 0; i < a.attributes.size(); ++i) {
+        EXPECT_EQ(a.attributes[i].name, b.attributes[i].name);
+        EXPECT_EQ(a.attributes[i].components, b.attributes[i].components);
+        EXPECT_EQ(a.attributes[i].values, b.attributes[i].values) << a.attributes[i].name;
+    }
+}
+
+/// Every type of attribute, with the ends of its range.
+PointCloud cloud_of_every_type() {
+    PointCloud cloud = test::with_attributes(test::sphere(3));
+    const auto add = [&]<typename T>(std::string name, T low, T middle, T high) {
+        AttributeValues values = std::vector<T>{low, middle, high};
+        const Reduction reduction = default_reduction(values);
+        cloud.attributes.push_back({std::move(name), std::move(values), 1, reduction});
+    };
+    add("i8", std::int8_t{-128}, std::int8_t{0}, std::int8_t{127});
+    add("u8", std::uint8_t{0}, std::uint8_t{9}, std::uint8_t{255});
+    add("i16", std::int16_t{-32768}, std::int16_t{1}, std::int16_t{32767});
+    add("u16", std::uint16_t{0}, std::uint16_t{1}, std::uint16_t{65535});
+    add("i32", std::numeric_limits<std::int32_t>::min(), 0,
+        std::numeric_limits<std::int32_t>::max());
+    add("u32", std::uint32_t{0}, std::uint32_t{7}, std::numeric_limits<std::uint32_t>::max());
+    add("f32", -1.17549435e-38F, 0.1F, 3.4028235e38F);
+    add("f64", -0.1, 1e300, 4.9e-324);
+    cloud.attributes.push_back({"pair", std::vector<double>{1, 2, 3, 4, 5, 6}, 2, Reduction::Mean});
+    return cloud;
+}
+
+class PlyRoundTrip : public testing::TestWithParam<PlyEncoding> {};
+
+TEST_P(PlyRoundTrip, KeepsEveryBitOfEveryType) {
+    const PointCloud cloud = cloud_of_every_type();
+    expect_same(decode_cloud(encode_ply(cloud, {.encoding = GetParam(), .comments = {}})), cloud);
+}
+
+TEST_P(PlyRoundTrip, KeepsAnEmptyCloudAndItsProperties) {
+    PointCloud cloud;
+    cloud.attributes.push_back({"label", std::vector<std::int32_t>{}, 1, Reduction::Nearest});
+    const PointCloud back =
+        decode_cloud(encode_ply(cloud, {.encoding = GetParam(), .comments = {}}));
+    EXPECT_EQ(back.size(), 0U);
+    EXPECT_NE(find_attribute(back, "label"), nullptr);
+}
+
+TEST_P(PlyRoundTrip, KeepsGeoreferencedCoordinatesWithinFloatPrecisionOfTheExtent) {
+    std::string body;
+    std::mt19937_64 random(7);
+    std::uniform_real_distribution<double> east(635'000.0, 637'000.0), north(848'000.0, 850'000.0),
+        up(400, 600);
+    std::vector<Vec3d> points;
+    std::string file =
+        "ply\nformat binary_little_endian 1.0\nelement vertex 5000\nproperty double x\nproperty "
+        "double y\n"
+        "property double z\nend_header\n";
+    for (int i = 0; i < 5000; ++i) {
+        points.emplace_back(east(random), north(random), up(random));
+        for (int axis = 0; axis < 3; ++axis) append(file, points.back()[axis]);
+    }
+    const PointCloud first = decode(file);
+    EXPECT_TRUE(first.double_precision);
+    const auto once = encode_ply(first, {.encoding = GetParam(), .comments = {}});
+    const PointCloud second = decode_cloud(once);
+    ASSERT_EQ(second.size(), points.size());
+    const double bound = 2048 * 0x1p-23;
+    for (std::size_t i = 0; i < points.size(); ++i) {
+        const Vec3d back = second.origin + second.positions[i].cast<double>();
+        ASSERT_LE((back - points[i]).cwiseAbs().maxCoeff(), bound) << i;
+    }
+    EXPECT_EQ(encode_ply(second, {.encoding = GetParam(), .comments = {}}), once)
+        << "the second round trip changes bits";
+}
+
+std::string name_of_encoding(const testing::TestParamInfo<PlyEncoding>& encoding) {
+    switch (encoding.param) {
+        case PlyEncoding::BinaryLittleEndian:
+            return "LittleEndian";
+        case PlyEncoding::BinaryBigEndian:
+            return "BigEndian";
+        case PlyEncoding::Ascii:
+            break;
+    }
+    return "Ascii";
+}
+
+INSTANTIATE_TEST_SUITE_P(Encodings, PlyRoundTrip,
+                         testing::Values(PlyEncoding::Ascii, PlyEncoding::BinaryLittleEndian,
+                                         PlyEncoding::BinaryBigEndian),
+                         name_of_encoding);
+
+TEST(PlyReader, ReadsCoordinatesColorsNormalsAndScalarsByTheirUsualNames) {
+    const PointCloud cloud =
+        decode(ascii("element vertex 1\nproperty float nx\nproperty float ny\nproperty float "
+                     "nz\nproperty double z\nproperty short x\n"
+                     "property float y\nproperty uchar r\nproperty ushort g\nproperty float "
+                     "b\nproperty uchar a\nproperty short k\n",
+                     "0 0 1 3.5 -1 2 10 65535 0.5 77 -9\n"));
+    ASSERT_EQ(cloud.size(), 1U);
+    EXPECT_EQ((cloud.origin + cloud.positions[0].cast<double>()).eval(), Vec3d(-1, 2, 3.5));
+    EXPECT_EQ(cloud.normals.at(0), Vec3f(0, 0, 1));
+    EXPECT_EQ(cloud.colors.at(0), (Rgba8{10, 255, 128, 77}));
+    EXPECT_TRUE(cloud.has_alpha);
+    EXPECT_EQ(values<std::int16_t>(cloud, "k").at(0), -9);
+}
+
+TEST(PlyReader, PrefersRedGreenBlueAndKeepsASecondFamilyAsAttributes) {
+    const PointCloud cloud = decode(
+        ascii("element vertex 1\n" + kXyz +
+                  "property uchar diffuse_red\nproperty uchar diffuse_green\nproperty uchar "
+                  "diffuse_blue\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n",
+              "0 0 0 1 2 3 4 5 6\n"));
+    EXPECT_EQ(cloud.colors.at(0), (Rgba8{4, 5, 6, 255}));
+    EXPECT_FALSE(cloud.has_alpha);
+    EXPECT_EQ(values<std::uint8_t>(cloud, "diffuse_blue").at(0), 3);
+}
+
+TEST(PlyReader, KeepsAnIncompleteColorAsAttribute) {
+    const PointCloud cloud =
+        decode(ascii("element vertex 1\n" + kXyz + "property uchar red\n", "0 0 0 9\n"));
+    EXPECT_TRUE(cloud.colors.empty());
+    EXPECT_EQ(values<std::uint8_t>(cloud, "red").at(0), 9);
+}
+
+TEST(PlyReader, KeepsListsOfOneLengthAndReportsTheOthers) {
+    const std::string header = "element vertex 2\n" + kXyz + "property list uchar short w\n";
+    DecodeReport report;
+    const PointCloud even = decode(ascii(header, "0 0 0 2 1 2\n1 1 1 2 3 4\n"), &report);
+    EXPECT_EQ(values<std::int16_t>(even, "w"), (std::vector<std::int16_t>{1, 2, 3, 4}));
+    EXPECT_EQ(even.attributes[0].components, 2U);
+    EXPECT_TRUE(report.skipped.empty());
+    const PointCloud uneven = decode(ascii(header, "0 0 0 2 1 2\n1 1 1 1 3\n"), &report);
+    EXPECT_TRUE(uneven.attributes.empty());
+    EXPECT_EQ(uneven.positions[1], Vec3f(1, 1, 1));
+    EXPECT_EQ(report.skipped, std::vector<std::string>{"vertex.w"});
+}
+
+TEST(PlyReader, SkipsElementsBeforeAndAfterTheVerticesExactly) {
+    for (const bool big : {false, true}) {
+        std::string file =
+            std::string("ply\nformat binary_") + (big ? "big" : "little") +
+            "_endian 1.0\ncomment  a remark \nobj_info by hand\nelement face 2\nproperty list "
+            "ushort int i\n"
+            "property uchar flag\nelement nothing 3\nelement vertex 2\n" +
+            kXyz +
+            "property int label\nelement edge 1\nproperty int a\nproperty int b\nend_header\n";
+        for (const std::uint16_t length : {std::uint16_t{3}, std::uint16_t{0}}) {
+            append(file, length, big);
+            for (int i = 0; i < length; ++i) append(file, i, big);
+            append(file, std::uint8_t{1});
+        }
+        for (int p = 0; p < 2; ++p) {
+            for (int axis = 0; axis < 3; ++axis) append(file, float(10 * p + axis), big);
+            append(file, 1000 + p, big);
+        }
+        append(file, std::int64_t{0});
+        DecodeReport report;
+        const PointCloud cloud = decode(file, &report);
+        ASSERT_EQ(cloud.size(), 2U);
+        EXPECT_EQ(cloud.positions[1], Vec3f(10, 11, 12));
+        EXPECT_EQ(values<std::int32_t>(cloud, "label"), (std::vector<std::int32_t>{1000, 1001}));
+        EXPECT_EQ(report.faces, 2U);
+        EXPECT_EQ(report.comments, (std::vector<std::string>{"a remark", "by hand"}));
+        EXPECT_EQ(report.skipped, (std::vector<std::string>{"face.i", "nothing", "edge"}));
+    }
+}
+
+TEST(PlyReader, TakesCarriageReturnsTabsAndBlanksInTheHeader) {
+    for (const std::string_view line_end : {"\n", "\r\n", "\r"}) {
+        std::string file;
+        for (const std::string_view line :
+             {"ply", " format\tbinary_little_endian   1.0 ", "", "comment x", "\telement vertex 1",
+              "property float  x", "property float y\t", "property float z", "end_header"}) {
+            file.append(line).append(line_end);
+        }
+        // A body that starts like a line end must not be taken for one.
+        append(file, std::bit_cast<float>(0x0a0d0a0dU));
+        append(file, 2.0F);
+        append(file, 3.0F);
+        const PointCloud cloud = decode(file);
+        ASSERT_EQ(cloud.size(), 1U);
+        EXPECT_EQ(std::bit_cast<std::uint32_t>(cloud.positions[0].x()), 0x0a0d0a0dU);
+        EXPECT_EQ(cloud.positions[0].z(), 3.0F);
+    }
+}
+
+TEST(PlyReader, PassesAnEmptyLineBeforeABinaryBodyOnlyWhenTheFileFitsSo) {
+    std::string header =
+        "ply\nformat binary_little_endian 1.0\nelement vertex 1\n" + kXyz + "end_header\n";
+    std::string body;
+    append(body, std::bit_cast<float>(0x4000000aU));
+    append(body, 2.0F);
+    append(body, 3.0F);
+    EXPECT_EQ(decode(header + body).positions.at(0).y(), 2.0F);
+    EXPECT_EQ(decode(header + "\n" + body).positions.at(0).y(), 2.0F);
+}
+
+TEST(PlyReader, LetsUnknownLinesPassBeforeTheFirstElementAndReportsThem) {
+    DecodeReport report;
+    EXPECT_EQ(
+        decode("ply\nformat ascii 1.0\nbye\nelement vertex 1\n" + kXyz + "end_header\n1 2 3\n",
+               &report)
+            .size(),
+        1U);
+    EXPECT_EQ(report.skipped, std::vector<std::string>{"header line 3: 'bye'"});
+}
+
+TEST(PlyReader, TakesTheOddNumbersThatProgramsPrint) {
+    const PointCloud cloud =
+        decode(ascii("element vertex 4\n" + kXyz + "property uchar c\n",
+                     "+1 1e-3 -1.5E+2 255.0\nnan inf -inf 1\n1.#INF -1.#IND -1.#INF 2\n"
+                     "1e60 -1e-60 .5 3"));
+    EXPECT_EQ(cloud.positions[0], Vec3f(1, 1e-3F, -150));
+    EXPECT_EQ(values<std::uint8_t>(cloud, "c"), (std::vector<std::uint8_t>{255, 1, 2, 3}));
+    EXPECT_TRUE(std::isnan(cloud.positions[1].x()));
+    EXPECT_EQ(cloud.positions[1].z(), -std::numeric_limits<float>::infinity());
+    EXPECT_EQ(cloud.positions[2].x(), std::numeric_limits<float>::infinity());
+    EXPECT_TRUE(std::isnan(cloud.positions[2].y()));
+    EXPECT_EQ(cloud.positions[3], Vec3f(std::numeric_limits<float>::infinity(), 0, 0.5F));
+}
+
+TEST(PlyReader, ReadsTextThatIsNotOneVertexALine) {
+    const std::string header =
+        "element vertex 3\n" + kXyz + "element face 1\nproperty list uchar int i\n";
+    const PointCloud expected = decode(ascii(header, "1 2 3\n4 5 6\n7 8 9\n3 0 1 2\n"));
+    EXPECT_EQ(expected.positions[2], Vec3f(7, 8, 9));
+    for (const std::string_view body :
+         {"1 2 3 4 5 6 7 8 9 3 0 1 2", "1\n2\n3 4 5\n6 7 8 9\n\n3 0 1\n2",
+          "\n1 2 3\n\n4 5 6\n \n7 8 9\n3 0 1 2\n"}) {
+        expect_same(decode(ascii(header, body)), expected);
+    }
+}
+
+TEST(PlyReader, ReadsLongTextAlikeOnAnyNumberOfThreads) {
+    const PointCloud cloud = test::with_attributes(test::sphere(60'000, 0.1));
+    std::string text = text_of(encode_ply(cloud, {.encoding = PlyEncoding::Ascii, .comments = {}}));
+    for (const unsigned threads : {1U, 2U, 7U}) expect_same(decode(text, nullptr, threads), cloud);
+    // A blank line anywhere sends the reader another way to the same cloud.
+    text.insert(text.find('\n', text.size() / 2), "\n");
+    expect_same(decode(text, nullptr, 2), cloud);
+}
+
+TEST(PlyReader, NamesTheFirstBadLineOnAnyNumberOfThreads) {
+    std::string text =
+        text_of(encode_ply(test::sphere(60'000), {.encoding = PlyEncoding::Ascii, .comments = {}}));
+    const std::size_t middle = text.find('\n', text.size() / 2) + 1;
+    text[middle + 3] = '?';
+    text[text.find('\n', text.size() - 200) + 4] = '?';
+    const auto line =
+        1 + std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(middle), '\n');
+    for (const unsigned threads : {1U, 2U}) {
+        try {
+            decode(text, nullptr, threads);
+            FAIL() << "accepted";
+        } catch (const Error& error) {
+            EXPECT_EQ(error.code(), ErrorCode::MalformedInput);
+            EXPECT_NE(std::string_view(error.what()).find("line " + std::to_string(line) + " "),
+                      std::string::npos)
+                << error.what();
+        }
+    }
+}
+
+TEST(PlyReader, RejectsAHeaderThatPromisesMorePointsThanTheFileHolds) {
+    EXPECT_NE(
+        message_of("ply\nformat binary_little_endian 1.0\nelement vertex 190000000\n" + kXyz +
+                   "end_header\n123456789012")
+            .find(
+                "declares 190000000 of element 'vertex', 12 bytes each, but only 12 bytes follow"),
+        std::string::npos);
+}
+
+TEST(PlyReader, NamesTheLimitThatACloudIsOver) {
+    const std::string file = ascii("element vertex 3\n" + kXyz + "property int a\nproperty int b\n",
+                                   "0 0 0 1 2\n1 0 0 1 2\n2 0 0 1 2\n");
+    const auto message_under = [&](const DecodeLimits& limits) -> std::string {
+        try {
+            decode_cloud(bytes_of(file), limits);
+        } catch (const Error& error) {
+            EXPECT_EQ(error.code(), ErrorCode::TooLarge);
+            return error.what();
+        }
+        return "";
+    };
+    EXPECT_EQ(message_under({.max_points = 3, .max_attributes = 2}), "");
+    EXPECT_NE(message_under({.max_points = 2, .max_attributes = 2})
+                  .find("3 vertices: expected at most 2"),
+              std::string::npos);
+    EXPECT_NE(message_under({.max_points = 3, .max_attributes = 1}).find("expected at most 1"),
+              std::string::npos);
+}
+
+TEST(PlyReader, StopsWhenAsked) {
+    std::stop_source source;
+    source.request_stop();
+    RunContext context;
+    context.stop = source.get_token();
+    EXPECT_THROW(decode_cloud(encode_ply(test::sphere(10)), {}, context), Cancelled);
+}
+
+TEST(PlyReader, GivesACloudOrAnErrorForEveryTruncation) {
+    PointCloud cloud = cloud_of_every_type();
+    for (const PlyEncoding encoding :
+         {PlyEncoding::Ascii, PlyEncoding::BinaryLittleEndian, PlyEncoding::BinaryBigEndian}) {
+        for (const bool lists : {true, false}) {
+            if (!lists)
+                std::erase_if(cloud.attributes,
+                              [](const Attribute& a) { return a.components > 1; });
+            const auto whole = encode_ply(cloud, {.encoding = encoding, .comments = {}});
+            for (std::size_t size = 0; size < whole.size(); ++size) {
+                // A copy of its own, so that a sanitizer sees a read past the end.
+                const std::vector<std::byte> cut(whole.begin(),
+                                                 whole.begin() + static_cast<std::ptrdiff_t>(size));
+                try {
+                    const PointCloud got = decode_cloud(cut);
+                    // Text may lose the end of its last number and no more.
+                    EXPECT_EQ(encoding, PlyEncoding::Ascii);
+                    EXPECT_EQ(got.size(), cloud.size());
+                    EXPECT_GE(size + 7, whole.size());
+                } catch (const Error& error) {
+                    EXPECT_NE(error.code(), ErrorCode::Internal);
+                }
+            }
+        }
+        cloud = cloud_of_every_type();
+    }
+}
+
+TEST(PlyWriter, RefusesNamesThatCannotBeReadBack) {
+    PointCloud cloud = test::sphere(1);
+    for (const std::string name : {"", "two words", "x", "line\nbreak"}) {
+        cloud.attributes = {{name, std::vector<float>{1}, 1, Reduction::Mean}};
+        EXPECT_THROW(encode_ply(cloud), Error) << name;
+    }
+    EXPECT_THROW(encode_ply(test::sphere(1),
+                            {.encoding = PlyEncoding::Ascii, .comments = {"a\nend_header"}}),
+                 Error);
+}
+
+TEST(PlyWriter, WritesTheSameBytesOnAnyNumberOfThreads) {
+    const PointCloud cloud = test::with_attributes(test::sphere(50'000, 0.1));
+    for (const PlyEncoding encoding : {PlyEncoding::Ascii, PlyEncoding::BinaryLittleEndian}) {
+        RunContext one, three;
+        one.threads = 1;
+        three.threads = 3;
+        EXPECT_EQ(encode_ply(cloud, {.encoding = encoding, .comments = {}}, one),
+                  encode_ply(cloud, {.encoding = encoding, .comments = {}}, three));
+    }
+}
+
+template <typename T>
+void expect_as_from_chars(const std::string& word) {
+    T expected{};
+    const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), expected);
+    if (error != std::errc()) return;
+    T got{};
+    ASSERT_EQ(ply_number::parse(word.data(), word.data() + word.size(), got),
+              word.data() + word.size())
+        << word;
+    ASSERT_EQ(std::memcmp(&got, &expected, sizeof(T)), 0)
+        << word << ": " << got << " for " << expected;
+}
+
+TEST(PlyNumber, IsExactlyAsAccurateAsFromChars) {
+    std::mt19937_64 random(3);
+    std::array<char, 64> text;
+    for (int i = 0; i < 300'000; ++i) {
+        const std::uint64_t bits = random();
+        const auto narrow = std::bit_cast<float>(static_cast<std::uint32_t>(bits));
+        const auto wide = std::bit_cast<double>(bits);
+        for (const int digits : {1, 4, 6, 7, 9, 12, 17}) {
+            const double plain = std::ldexp(static_cast<double>(bits >> 11), -int(bits % 64) - 20);
+            for (const auto& [format, value] :
+                 {std::pair{"%.*g", double{narrow}}, {"%.*g", wide}, {"%.*f", plain}}) {
+                std::snprintf(text.data(), text.size(), format, digits, value);
+                expect_as_from_chars<float>(text.data());
+                expect_as_from_chars<double>(text.data());
+            }
+            if (HasFatalFailure()) return;
+            i += 1;
+        }
+    }
+    // Exactly between two floats, and a digit to either side of it.
+    for (const char* word :
+         {"16777217", "16777217.0000001", "16777216.9999999", "1.00000005960464477539",
+          "1.000000059604644775390625", "1.0000000596046448", "8388608.5", "8388609.5",
+          "0.00000000000000000000000000000000000000000000140129846432e0"}) {
+        expect_as_from_chars<float>(word);
+        expect_as_from_chars<double>(word);
+    }
+}
+
+TEST(PlyNumber, RefusesWhatIsNoNumber) {
+    for (const std::string_view word : {"-", ".", "e5", "1e", "1e+", "0x10", "1,5", "1.2.3", "--1",
+                                        "1f", "#INF", "1.#FOO", "+-1"}) {
+        double real = 0;
+        int whole = 0;
+        EXPECT_EQ(ply_number::parse(word.data(), word.data() + word.size(), real), nullptr) << word;
+        EXPECT_EQ(ply_number::parse(word.data(), word.data() + word.size(), whole), nullptr)
+            << word;
+    }
+}
+
+}  // namespace
+}  // namespace stipple

@@ -1,0 +1,56 @@
+#include "stipple/point_cloud.hpp"
+
+#include "stipple/error.hpp"
+#include "support/support.hpp"
+
+#include <gtest/gtest.h>
+#include <cmath>
+
+namespace stipple {
+namespace {
+
+TEST(PointCloud, ValidateNamesTheArrayThatDoesNotFit) {
+    PointCloud cloud = test::with_attributes(test::cube(10));
+    EXPECT_NO_THROW(validate(cloud));
+    std::get<std::vector<float>>(cloud.attributes[0].values).pop_back();
+    try {
+        validate(cloud);
+        FAIL() << "expected an error";
+    } catch (const Error& error) {
+        EXPECT_STREQ(error.what(), "attribute height: 9 values for 10 points of 1");
+    }
+}
+
+TEST(PointCloud, BoundsAddTheOriginAndLeaveOutWhatIsNotFinite) {
+    PointCloud cloud;
+    cloud.origin = {1e6, 0, 0};
+    cloud.positions = {{0, 1, 2}, {3, -1, 0}, {std::nanf(""), 9, 9}};
+    const Aabb box = bounds(cloud);
+    EXPECT_EQ(box.min, Vec3d(1e6, -1, 0));
+    EXPECT_EQ(box.max, Vec3d(1e6 + 3, 1, 2));
+    EXPECT_TRUE(bounds({}).empty());
+    EXPECT_EQ(bounds({}).diagonal(), 0.0);
+}
+
+TEST(PointCloud, ASubsetHasAllAttributesInTheOrderAsked) {
+    PointCloud cloud = test::with_attributes(test::cube(10));
+    cloud.origin = {1, 2, 3};
+    cloud.attributes.push_back({"pair", std::vector<std::uint8_t>(20, 1), 2, Reduction::Nearest});
+    const std::vector<Index> chosen = {7, 0, 7};
+    const PointCloud result = subset(cloud, chosen);
+    EXPECT_NO_THROW(validate(result));
+    EXPECT_EQ(result.origin, cloud.origin);
+    for (std::size_t i = 0; i < chosen.size(); ++i) {
+        EXPECT_EQ(result.positions[i], cloud.positions[chosen[i]]);
+        EXPECT_EQ(result.colors[i], cloud.colors[chosen[i]]);
+    }
+}
+
+TEST(PointCloud, FloatsAreAveragedAndIntegersAreNotUnlessToldTo) {
+    EXPECT_EQ(default_reduction(std::vector<float>{}), Reduction::Mean);
+    EXPECT_EQ(default_reduction(std::vector<double>{}), Reduction::Mean);
+    EXPECT_EQ(default_reduction(std::vector<std::uint16_t>{}), Reduction::Nearest);
+}
+
+}  // namespace
+}  // namespace stipple
