@@ -1,0 +1,217 @@
+#include "stipple/proto/results.hpp"
+
+#include "json_parts.hpp"
+
+namespace stipple::proto {
+
+namespace {
+
+constexpr JsonRules kReportRules{ErrorCode::MalformedInput, 1 << 20, 12};
+
+Json file_json(const OutputFile& file) {
+    return {{"format", to_string(file.format)},
+            {"bytes", file.bytes},
+            {"sha256", file.sha256},
+            {"href", file.href}};
+}
+
+OutputFile read_file(const JsonValue& value) {
+    JsonObject object = value.object();
+    OutputFile file;
+    file.format = object["format"].named(cloud_format_from_name);
+    file.bytes = object["bytes"].integer();
+    file.sha256 = object["sha256"].text();
+    file.href = object["href"].text();
+    object.finish();
+    return file;
+}
+
+Json level_json(const OutputCloud& cloud) {
+    Json json = {{"level", cloud.level},
+                 {"points", cloud.points},
+                 {"spacing", cloud.spacing},
+                 {"bounds", bounds_json(cloud.bounds)},
+                 {"files", Json::array()}};
+    for (const OutputFile& file : cloud.files) json["files"].push_back(file_json(file));
+    return json;
+}
+
+OutputCloud read_level(const JsonValue& value) {
+    JsonObject object = value.object();
+    OutputCloud cloud;
+    cloud.level = object["level"].small_integer();
+    cloud.points = object["points"].integer();
+    cloud.spacing = object["spacing"].number();
+    cloud.bounds = read_bounds(object["bounds"]);
+    cloud.files = object["files"].list_of(read_file);
+    object.finish();
+    return cloud;
+}
+
+Json cost_json(const JobCost& cost) {
+    return {{"seconds",
+             {{"decode", cost.decode_seconds},
+              {"simplify", cost.simplify_seconds},
+              {"encode", cost.encode_seconds},
+              {"total", cost.total_seconds}}},
+            {"peak_memory_bytes", cost.peak_memory_bytes},
+            {"threads", cost.threads}};
+}
+
+JobCost read_cost(const JsonValue& value) {
+    JsonObject object = value.object();
+    JsonObject seconds = object["seconds"].object();
+    JobCost cost;
+    cost.decode_seconds = seconds["decode"].number();
+    cost.simplify_seconds = seconds["simplify"].number();
+    cost.encode_seconds = seconds["encode"].number();
+    cost.total_seconds = seconds["total"].number();
+    seconds.finish();
+    cost.peak_memory_bytes = object["peak_memory_bytes"].integer();
+    cost.threads = object["threads"].small_integer();
+    object.finish();
+    return cost;
+}
+
+Json statistics_json(const CloudStatistics& statistics) {
+    Json json;
+    add_statistics(json, statistics);
+    return json;
+}
+
+std::string_view schema_of(const JobRequest& request) noexcept {
+    return std::holds_alternative<SimplifyJob>(request.job) ? "stipple-results/1"
+                                                            : "stipple-pyramid/1";
+}
+
+std::string_view method_of(const JobRequest& request) noexcept {
+    const auto* simplify = std::get_if<SimplifyJob>(&request.job);
+    return to_string(simplify ? simplify->options.method : Method::Hierarchical);
+}
+
+Json source_json(const Results& results) {
+    Json json = statistics_json(*results.source);
+    json["sha256"] = results.request.input;
+    return json;
+}
+
+CloudStatistics read_source(const JsonValue& value, const JobRequest& request) {
+    JsonObject object = value.object();
+    CloudStatistics source = read_statistics(object);
+    if (const JsonValue hash = object["sha256"]; hash.text() != request.input) {
+        hash.refuse("the input of the request");
+    }
+    object.finish();
+    return source;
+}
+
+void require_text(const JsonValue& value, std::string_view expected) {
+    if (value.text() != expected) value.refuse(expected);
+}
+
+Json progress_json(const JobReport::Progress& progress) {
+    return {{"stage", progress.stage}, {"percent", progress.percent}};
+}
+
+JobReport::Progress read_progress(const JsonValue& value) {
+    JsonObject object = value.object();
+    JobReport::Progress progress{object["stage"].text(), object["percent"].number()};
+    object.finish();
+    return progress;
+}
+
+CloudStatistics read_whole_statistics(const JsonValue& value) {
+    JsonObject object = value.object();
+    CloudStatistics statistics = read_statistics(object);
+    object.finish();
+    return statistics;
+}
+
+}  // namespace
+
+std::string to_json(const Results& results) {
+    Json json = {{"schema", schema_of(results.request)},
+                 {"complete", results.complete},
+                 {"request", request_json(results.request)}};
+    if (results.source) json["source"] = source_json(results);
+    json["method"] = method_of(results.request);
+    json["levels"] = Json::array();
+    for (const OutputCloud& level : results.levels) json["levels"].push_back(level_json(level));
+    if (results.cost) json["cost"] = cost_json(*results.cost);
+    return to_text(json);
+}
+
+Results results_from_json(std::string_view text) {
+    const JsonDocument json(text, {});
+    JsonObject object = json.object();
+    Results results;
+    results.request = read_request(object["request"]);
+    require_text(object["schema"], schema_of(results.request));
+    require_text(object["method"], method_of(results.request));
+    results.complete = object["complete"].boolean();
+    if (const auto source = object.find("source")) {
+        results.source = read_source(*source, results.request);
+    }
+    results.levels = object["levels"].list_of(read_level);
+    if (const auto cost = object.find("cost")) results.cost = read_cost(*cost);
+    object.finish();
+    return results;
+}
+
+std::string to_json(const JobSpec& spec) {
+    return to_text(
+        {{"request", request_json(spec.request)},
+         {"input_file", spec.input_file},
+         {"output_dir", spec.output_dir},
+         {"limits",
+          {{"max_points", spec.limits.max_points}, {"max_attributes", spec.limits.max_attributes}}},
+         {"max_memory_bytes", spec.max_memory_bytes},
+         {"max_cpu_seconds", spec.max_cpu_seconds},
+         {"max_file_bytes", spec.max_file_bytes},
+         {"threads", spec.threads}});
+}
+
+JobSpec job_spec_from_json(std::string_view text) {
+    const JsonDocument json(text, {});
+    JsonObject object = json.object();
+    JobSpec spec;
+    spec.request = read_request(object["request"]);
+    spec.input_file = object["input_file"].text();
+    spec.output_dir = object["output_dir"].text();
+    JsonObject limits = object["limits"].object();
+    spec.limits.max_points = limits["max_points"].integer();
+    spec.limits.max_attributes = limits["max_attributes"].small_integer();
+    limits.finish();
+    spec.max_memory_bytes = object["max_memory_bytes"].integer();
+    spec.max_cpu_seconds = object["max_cpu_seconds"].integer();
+    spec.max_file_bytes = object["max_file_bytes"].integer();
+    spec.threads = object["threads"].small_integer();
+    object.finish();
+    return spec;
+}
+
+std::string to_json(const JobReport& report) {
+    Json json;
+    if (report.progress) json["progress"] = progress_json(*report.progress);
+    if (report.source) json["source"] = statistics_json(*report.source);
+    if (report.level) json["level"] = level_json(*report.level);
+    if (report.cost) json["cost"] = cost_json(*report.cost);
+    if (report.problem) json["problem"] = problem_json(*report.problem);
+    return to_text(json);
+}
+
+JobReport job_report_from_json(std::string_view text) {
+    const JsonDocument json(text, kReportRules);
+    JsonObject object = json.object();
+    JobReport report;
+    if (const auto value = object.find("progress")) report.progress = read_progress(*value);
+    if (const auto value = object.find("source")) report.source = read_whole_statistics(*value);
+    if (const auto value = object.find("level")) report.level = read_level(*value);
+    if (const auto value = object.find("cost")) report.cost = read_cost(*value);
+    if (const auto value = object.find("problem")) report.problem = read_problem(*value);
+    object.finish();
+    if (json.root().members().size() != 1) throw object.error("", "expected exactly one report");
+    return report;
+}
+
+}  // namespace stipple::proto

@@ -1,0 +1,274 @@
+#include "stipple/proto/run_job.hpp"
+
+#include "stipple/cleaning.hpp"
+#include "stipple/neighbors.hpp"
+#include "stipple/proto/digest.hpp"
+
+#include <fcntl.h>
+#include <sys/resource.h>
+#include <unistd.h>
+#include <utility>
+#include <algorithm>
+#include <cerrno>
+#include <chrono>
+#include <cmath>
+#include <cstring>
+#include <filesystem>
+#include <new>
+#include <numeric>
+
+namespace stipple::proto {
+
+namespace {
+
+namespace fs = std::filesystem;
+using Clock = std::chrono::steady_clock;
+using Report = std::function<void(const JobReport&)>;
+
+enum Stage : std::size_t { kDecode, kClean, kSimplify, kEncode };
+
+double seconds_since(Clock::time_point start) {
+    return std::chrono::duration<double>(Clock::now() - start).count();
+}
+
+/// Adds the time until its end to `seconds`.
+class Stopwatch {
+public:
+    explicit Stopwatch(double& seconds) : seconds_(seconds) {}
+    ~Stopwatch() { seconds_ += seconds_since(start_); }
+    Stopwatch(const Stopwatch&) = delete;
+    Stopwatch& operator=(const Stopwatch&) = delete;
+
+private:
+    double& seconds_;
+    Clock::time_point start_ = Clock::now();
+};
+
+/// One percentage for the whole job, which never decreases.
+class ProgressMeter {
+public:
+    explicit ProgressMeter(const Report& report) : report_(report) {}
+
+    void advance(Stage stage, double fraction) {
+        done_[stage] = std::max(done_[stage], std::clamp(fraction, 0.0, 1.0));
+        const auto now = Clock::now();
+        if (stage == reported_stage_ && now < next_report_ && fraction < 1) return;
+        reported_stage_ = stage;
+        next_report_ = now + kInterval;
+        JobReport line;
+        line.progress = {std::string(kJobStages[stage].name), percent()};
+        report_(line);
+    }
+
+private:
+    static constexpr std::chrono::milliseconds kInterval{50};
+
+    double percent() const {
+        double sum = 0;
+        for (std::size_t i = 0; i < done_.size(); ++i) sum += kJobStages[i].share * done_[i];
+        return std::round(sum * 10) / 10;
+    }
+
+    const Report& report_;
+    std::array<double, kJobStages.size()> done_{};
+    std::optional<Stage> reported_stage_;
+    Clock::time_point next_report_;
+};
+
+std::string shown(std::uint64_t count, const char* what) {
+    return std::to_string(count) + " " + what;
+}
+
+void require_points(const PointCloud& cloud, std::uint64_t points, const CleaningReport& removed) {
+    if (!cloud.empty()) return;
+    if (points == 0) throw Error(ErrorCode::MalformedInput, "the file holds no points");
+    throw Error(ErrorCode::MalformedInput,
+                "no point is left: of " + shown(points, "in the file ") +
+                    shown(removed.non_finite, "have a NaN or infinite coordinate and ") +
+                    shown(removed.duplicates, "are duplicates"));
+}
+
+/// The failure of a system call on an output file.
+Error write_error(const fs::path& file, const JobSpec& spec) {
+    const int code = errno;
+    if (code == EFBIG) {
+        return Error(ErrorCode::TooLarge, file.filename().string() + ": above the limit of " +
+                                              shown(spec.max_file_bytes, "bytes a file") +
+                                              ": ask for fewer points or another format");
+    }
+    const std::string full = code == ENOSPC || code == EDQUOT ? "storage full: " : "";
+    return Error(ErrorCode::Internal, full + file.filename().string() + ": " + std::strerror(code));
+}
+
+class OutputDescriptor {
+public:
+    explicit OutputDescriptor(const fs::path& file)
+        : fd_(::open(file.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644)) {}
+    ~OutputDescriptor() { close(); }
+    OutputDescriptor(const OutputDescriptor&) = delete;
+    OutputDescriptor& operator=(const OutputDescriptor&) = delete;
+
+    bool write(std::span<const std::byte> bytes) {
+        while (!bytes.empty()) {
+            const ssize_t n = ::write(fd_, bytes.data(), bytes.size());
+            if (n < 0 && errno == EINTR) continue;
+            if (n < 0) return false;
+            bytes = bytes.subspan(static_cast<std::size_t>(n));
+        }
+        return true;
+    }
+    bool close() {
+        const int fd = std::exchange(fd_, -1);
+        return fd < 0 || ::close(fd) == 0;
+    }
+
+private:
+    int fd_;
+};
+
+/// Under its name the file is whole or not there. Whoever keeps it makes it durable.
+void write_whole_file(const fs::path& file, std::span<const std::byte> bytes, const JobSpec& spec) {
+    const fs::path partial = file.string() + ".partial";
+    OutputDescriptor out(partial);
+    if (!out.write(bytes) || !out.close() || ::rename(partial.c_str(), file.c_str()) != 0) {
+        throw write_error(file, spec);
+    }
+}
+
+/// Runs one job: a member function for each stage.
+class JobRun {
+public:
+    JobRun(const JobSpec& spec, const Report& report, const RunContext& context)
+        : spec_(spec), report_(report), meter_(report), context_(context) {
+        if (spec.threads != 0) context_.threads = spec.threads;
+    }
+
+    void run() {
+        const auto start = Clock::now();
+        const PointCloud cloud = read();
+        std::visit([&](const auto& job) { make(cloud, job); }, spec_.request.job);
+        cost_.total_seconds = seconds_since(start);
+        report_cost();
+    }
+
+private:
+    /// A context whose progress is that of a stage.
+    RunContext in_stage(Stage stage) {
+        meter_.advance(stage, 0);
+        return {context_.stop, [this, stage](double f) { meter_.advance(stage, f); },
+                context_.threads};
+    }
+
+    PointCloud read() {
+        const Stopwatch watch(cost_.decode_seconds);
+        DecodeReport decoded;
+        PointCloud cloud = read_cloud(spec_.input_file, spec_.limits, in_stage(kDecode), &decoded);
+        meter_.advance(kDecode, 1);
+        const CleaningReport removed = clean(cloud, in_stage(kClean));
+        meter_.advance(kClean, 1);
+
+        JobReport line;
+        line.source = describe(cloud, decoded, removed.non_finite, removed.duplicates);
+        report_(line);
+        require_points(cloud, decoded.points, removed);
+        return cloud;
+    }
+
+    void make(const PointCloud& cloud, const SimplifyJob& job) {
+        LodLevel result;
+        {
+            const Stopwatch watch(cost_.simplify_seconds);
+            result.cloud = simplify(cloud, job.options, in_stage(kSimplify));
+        }
+        meter_.advance(kSimplify, 1);
+        result.spacing = mean_spacing(result.cloud.positions, {context_.stop, {}, context_.threads});
+        points_to_encode_ = result.cloud.size();
+        encode(result, job.output);
+    }
+
+    void make(const PointCloud& cloud, const PyramidJob& job) {
+        const std::vector<std::uint64_t> sizes = lod_sizes(cloud.size(), job.options);
+        points_to_encode_ = std::accumulate(sizes.begin(), sizes.end(), std::uint64_t{0});
+
+        const double encoded_before = cost_.encode_seconds;
+        const auto start = Clock::now();
+        build_lod_pyramid(
+            cloud, job.options, [&](LodLevel&& level) { encode(level, job.output); },
+            in_stage(kSimplify));
+        meter_.advance(kSimplify, 1);
+        // Levels are encoded as they come: what that took is not the computation's.
+        cost_.simplify_seconds = seconds_since(start) - (cost_.encode_seconds - encoded_before);
+        meter_.advance(kEncode, 1);
+    }
+
+    void encode(const LodLevel& level, const OutputOptions& options) {
+        const Stopwatch watch(cost_.encode_seconds);
+        const double points = static_cast<double>(level.cloud.size());
+        const double all = static_cast<double>(points_to_encode_);
+        const double files = static_cast<double>(options.formats.size());
+        const double before = static_cast<double>(points_encoded_) / all;
+
+        JobReport line;
+        line.level = {level.level, level.cloud.size(), level.spacing, bounds(level.cloud), {}};
+        for (const CloudFormat format : options.formats) {
+            const double from =
+                before + points / all * static_cast<double>(line.level->files.size()) / files;
+            RunContext context = in_stage(kEncode);
+            line.level->files.push_back(write(level, format, options.draco,
+                                              context.part(from, from + points / all / files)));
+        }
+        points_encoded_ += level.cloud.size();
+        meter_.advance(kEncode, static_cast<double>(points_encoded_) / all);
+        report_(line);
+    }
+
+    OutputFile write(const LodLevel& level, CloudFormat format, const DracoEncodeOptions& draco,
+                     const RunContext& context) {
+        const std::vector<std::byte> bytes = format == CloudFormat::Draco
+                                                 ? encode_draco(level.cloud, draco, context)
+                                                 : encode_ply(level.cloud, {}, context);
+        const std::string name =
+            "level-" + std::to_string(level.level) + "." + std::string(to_string(format));
+        write_whole_file(fs::path(spec_.output_dir) / name, bytes, spec_);
+        return {format, bytes.size(), sha256_hex(bytes), name};
+    }
+
+    void report_cost() {
+        rusage usage{};
+        ::getrusage(RUSAGE_SELF, &usage);
+        cost_.peak_memory_bytes = static_cast<std::uint64_t>(usage.ru_maxrss) * 1024;
+        cost_.threads = context_.thread_count();
+        JobReport line;
+        line.cost = cost_;
+        report_(line);
+    }
+
+    const JobSpec& spec_;
+    const Report& report_;
+    ProgressMeter meter_;
+    RunContext context_;
+    JobCost cost_;
+    std::uint64_t points_to_encode_ = 0;
+    std::uint64_t points_encoded_ = 0;
+};
+
+}  // namespace
+
+void run_job(const JobSpec& spec, const Report& report, const RunContext& context) {
+    try {
+        JobRun(spec, report, context).run();
+    } catch (const std::bad_alloc&) {
+        throw Error(ErrorCode::TooLarge, memory_limit_message(spec));
+    } catch (const std::length_error&) {
+        // A container asked for more than any memory holds, as a hostile count makes it do.
+        throw Error(ErrorCode::TooLarge, memory_limit_message(spec));
+    }
+}
+
+std::string memory_limit_message(const JobSpec& spec) {
+    if (spec.max_memory_bytes == 0) return "the memory of this machine is too small for the cloud";
+    return "the job needs more than its memory limit of " +
+           shown(spec.max_memory_bytes, "bytes: upload a smaller cloud, or raise the limit");
+}
+
+}  // namespace stipple::proto

@@ -1,0 +1,97 @@
+// stipple-job: does one job in a process of its own, so that a hostile or huge cloud ends this
+// process and nothing else.
+//
+// SIGTERM has its default effect on purpose: the process holds nothing but memory and a scratch
+// folder of its starter, so to end on the spot, even deep inside a decoder, is the quickest and the
+// safest way to stop.
+
+#include "last_words.hpp"
+#include "sandbox.hpp"
+#include "stipple/proto/run_job.hpp"
+
+#include <unistd.h>
+#include <charconv>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <exception>
+#include <fstream>
+#include <iterator>
+#include <string>
+
+namespace {
+
+namespace proto = stipple::proto;
+using stipple::Error;
+using stipple::ErrorCode;
+
+constexpr const char* kUsage = R"(usage: stipple-job SPEC
+
+Does the job that the JSON file SPEC describes and reports on standard output, one JSON object a line; the last one is
+{"cost": ...} or {"problem": ...}. stippled starts it; by hand, `stipple simplify` is the convenient way.
+
+SPEC: {"request": {...}, "input_file": "...", "output_dir": "...", "limits": {"max_points": N, "max_attributes": N},
+       "max_memory_bytes": N, "max_cpu_seconds": N, "max_file_bytes": N, "threads": N}      (0: no limit)
+
+environment:
+  STIPPLE_JOB_PARENT=PID    end when this process, the parent, ends
+  STIPPLE_JOB_SANDBOX=off   run where the kernel has no seccomp: limits only
+)";
+
+void report_problem(ErrorCode code, const std::string& detail) {
+    proto::Problem problem = proto::problem_from(code, detail);
+    if (const auto stage = stipple::job::current_stage(); !stage.empty()) problem.stage = stage;
+    proto::JobReport report;
+    report.problem = problem;
+    stipple::job::write_report(report);
+}
+
+proto::JobSpec read_spec(const char* file) {
+    std::ifstream in(file, std::ios::binary);
+    const std::string text{std::istreambuf_iterator<char>(in), {}};
+    if (!in) throw Error(ErrorCode::Internal, std::string(file) + ": cannot be read");
+    return proto::job_spec_from_json(text);
+}
+
+void leave_the_world(const proto::JobSpec& spec) {
+    if (const char* parent = std::getenv("STIPPLE_JOB_PARENT")) {
+        int id = 0;
+        std::from_chars(parent, parent + std::strlen(parent), id);
+        stipple::job::die_with(id);
+    }
+    stipple::job::set_limits(spec);
+    const char* sandbox = std::getenv("STIPPLE_JOB_SANDBOX");
+    if (sandbox != nullptr && std::string_view(sandbox) == "off") return;
+    try {
+        stipple::job::enter_sandbox();
+    } catch (const Error& error) {
+        throw Error(ErrorCode::Internal,
+                    std::string("refusing to decode outside a sandbox: ") + error.what() +
+                        ": allow seccomp here, or set STIPPLE_JOB_SANDBOX=off");
+    }
+}
+
+void run(const char* spec_file) {
+    const proto::JobSpec spec = read_spec(spec_file);
+    stipple::job::prepare_last_words(spec);
+    leave_the_world(spec);
+    proto::run_job(spec, stipple::job::write_report);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+    if (argc != 2 || argv[1][0] == '-') {
+        std::fputs(kUsage, stderr);
+        return 2;
+    }
+    try {
+        run(argv[1]);
+    } catch (const Error& error) {
+        report_problem(error.code(), error.what());
+    } catch (const std::exception& error) {
+        report_problem(ErrorCode::Internal, error.what());
+    }
+    // Straight out: giving gigabytes back piece by piece would take longer than the exit does.
+    ::_exit(0);
+}

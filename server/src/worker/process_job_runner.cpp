@@ -1,0 +1,380 @@
+// One process per job: spawned with nothing but its specification, its output and the log; watched
+// until its last word; always reaped. What it says is believed no further than the grammar of
+// reports.
+
+#include "stipple/error.hpp"
+#include "worker/worker_pool.hpp"
+
+#include <fcntl.h>
+#include <poll.h>
+#include <spawn.h>
+#include <sys/eventfd.h>
+#include <sys/mman.h>
+#include <sys/wait.h>
+#include <unistd.h>
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <csignal>
+#include <cstdlib>
+#include <cstring>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+namespace stipple::server {
+
+namespace {
+
+using Clock = std::chrono::steady_clock;
+using Outcome = JobRunner::Outcome;
+
+constexpr std::size_t kMaxLineBytes = 1 << 20;
+constexpr std::size_t kMaxOutputBytes = 64 << 20;
+constexpr std::chrono::milliseconds kGrace{50};  // between SIGTERM and SIGKILL
+constexpr int kSpecDescriptor = 3;
+constexpr const char* kSpecPath = "/proc/self/fd/3";
+
+Error system_error(const std::string& what, int code = errno) {
+    return Error(ErrorCode::Internal, what + ": " + std::strerror(code));
+}
+
+class Descriptor {
+public:
+    explicit Descriptor(int fd = -1) noexcept : fd_(fd) {}
+    Descriptor(Descriptor&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
+    Descriptor& operator=(Descriptor&& other) noexcept {
+        std::swap(fd_, other.fd_);
+        return *this;
+    }
+    ~Descriptor() {
+        if (fd_ >= 0) ::close(fd_);
+    }
+    int get() const noexcept { return fd_; }
+
+private:
+    int fd_;
+};
+
+/// The specification as a file that only the child can name and that is gone with it.
+Descriptor spec_file(const proto::JobSpec& spec) {
+    const std::string text = to_json(spec);
+    Descriptor file(::memfd_create("stipple-job-spec", MFD_CLOEXEC));
+    if (file.get() < 0) throw system_error("memfd_create");
+    for (std::size_t done = 0; done < text.size();) {
+        const ssize_t n = ::write(file.get(), text.data() + done, text.size() - done);
+        if (n < 0 && errno != EINTR) throw system_error("writing the specification of a job");
+        if (n > 0) done += static_cast<std::size_t>(n);
+    }
+    return file;
+}
+
+/// Nothing of the server's environment but what a job may need: no key and no address leaks into
+/// it.
+std::vector<std::string> environment() {
+    std::vector<std::string> result = {"LC_ALL=C",
+                                       "STIPPLE_JOB_PARENT=" + std::to_string(::getpid())};
+    for (const char* name : {"STIPPLE_JOB_SANDBOX", "LD_LIBRARY_PATH"}) {
+        if (const char* value = std::getenv(name))
+            result.push_back(std::string(name) + "=" + value);
+    }
+    return result;
+}
+
+/// A process group of its own; killed and reaped when this ends, whatever happens.
+class Child {
+public:
+    Child(const std::filesystem::path& program, const Descriptor& spec, const Descriptor& output);
+    ~Child() {
+        if (pid_ > 0) end();
+    }
+    Child(const Child&) = delete;
+    Child& operator=(const Child&) = delete;
+
+    void signal(int number) const noexcept { ::kill(-pid_, number); }
+
+    /// Kills what still runs and returns the wait status. A process that is ending by itself
+    /// already keeps its own status.
+    int end() noexcept {
+        signal(SIGKILL);
+        int status = 0;
+        while (::waitpid(pid_, &status, 0) < 0 && errno == EINTR) {
+        }
+        pid_ = -1;
+        return status;
+    }
+
+private:
+    pid_t pid_ = -1;
+};
+
+class SpawnActions {
+public:
+    SpawnActions() { ::posix_spawn_file_actions_init(&actions_); }
+    ~SpawnActions() { ::posix_spawn_file_actions_destroy(&actions_); }
+    SpawnActions(const SpawnActions&) = delete;
+    SpawnActions& operator=(const SpawnActions&) = delete;
+    posix_spawn_file_actions_t* get() noexcept { return &actions_; }
+
+private:
+    posix_spawn_file_actions_t actions_{};
+};
+
+class SpawnAttributes {
+public:
+    SpawnAttributes() {
+        sigset_t none, all;
+        ::sigemptyset(&none);
+        ::sigfillset(&all);
+        ::posix_spawnattr_init(&attributes_);
+        ::posix_spawnattr_setpgroup(&attributes_, 0);
+        ::posix_spawnattr_setsigmask(&attributes_, &none);
+        ::posix_spawnattr_setsigdefault(&attributes_, &all);
+        ::posix_spawnattr_setflags(
+            &attributes_, POSIX_SPAWN_SETPGROUP | POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF);
+    }
+    ~SpawnAttributes() { ::posix_spawnattr_destroy(&attributes_); }
+    SpawnAttributes(const SpawnAttributes&) = delete;
+    SpawnAttributes& operator=(const SpawnAttributes&) = delete;
+    const posix_spawnattr_t* get() const noexcept { return &attributes_; }
+
+private:
+    posix_spawnattr_t attributes_{};
+};
+
+Child::Child(const std::filesystem::path& program, const Descriptor& spec,
+             const Descriptor& output) {
+    SpawnActions actions;
+    ::posix_spawn_file_actions_addopen(actions.get(), STDIN_FILENO, "/dev/null", O_RDONLY, 0);
+    ::posix_spawn_file_actions_adddup2(actions.get(), output.get(), STDOUT_FILENO);
+    ::posix_spawn_file_actions_adddup2(actions.get(), spec.get(), kSpecDescriptor);
+    // Also what a library opened without close-on-exec: a job inherits no connection and no
+    // database.
+    ::posix_spawn_file_actions_addclosefrom_np(actions.get(), kSpecDescriptor + 1);
+
+    const std::vector<std::string> variables = environment();
+    std::vector<char*> environment_pointers;
+    for (const std::string& variable : variables) {
+        environment_pointers.push_back(const_cast<char*>(variable.c_str()));
+    }
+    environment_pointers.push_back(nullptr);
+    std::string name = program.string();
+    std::string spec_path = kSpecPath;
+    const std::array<char*, 3> arguments = {name.data(), spec_path.data(), nullptr};
+
+    const SpawnAttributes attributes;
+    const int failed = ::posix_spawn(&pid_, program.c_str(), actions.get(), attributes.get(),
+                                     arguments.data(), environment_pointers.data());
+    if (failed != 0) {
+        pid_ = -1;
+        throw system_error("cannot start " + name, failed);
+    }
+}
+
+/// Readable as soon as a stop is requested.
+class StopSignal {
+public:
+    explicit StopSignal(std::stop_token stop)
+        : event_(::eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)),
+          callback_(std::move(stop), Raise{this}) {
+        if (event_.get() < 0) throw system_error("eventfd");
+    }
+    int descriptor() const noexcept { return event_.get(); }
+
+private:
+    struct Raise {
+        StopSignal* signal;
+        void operator()() const noexcept {
+            const std::uint64_t one = 1;
+            // A counter that is full is readable too.
+            [[maybe_unused]] const ssize_t ignored =
+                ::write(signal->event_.get(), &one, sizeof(one));
+        }
+    };
+
+    Descriptor event_;
+    std::stop_callback<Raise> callback_;
+};
+
+/// Cuts what a child writes into lines, within limits.
+class LineReader {
+public:
+    explicit LineReader(Descriptor input) : input_(std::move(input)) {}
+    int descriptor() const noexcept { return input_.get(); }
+
+    /// Reads what there is and calls `line` for each complete one. False at the end of the output.
+    /// @throws Error(MalformedInput) over a limit.
+    template <typename OnLine>
+    bool read(OnLine&& on_line) {
+        std::array<char, 65536> block;
+        const ssize_t n = ::read(input_.get(), block.data(), block.size());
+        if (n < 0) return errno == EINTR || errno == EAGAIN;
+        if (n == 0) return false;
+        total_ += static_cast<std::size_t>(n);
+        std::string_view rest(block.data(), static_cast<std::size_t>(n));
+        for (std::size_t end; (end = rest.find('\n')) != std::string_view::npos;) {
+            line_ += rest.substr(0, end);
+            rest.remove_prefix(end + 1);
+            on_line(std::string_view(line_));
+            line_.clear();
+        }
+        line_ += rest;
+        if (line_.size() > kMaxLineBytes || total_ > kMaxOutputBytes) {
+            throw Error(ErrorCode::MalformedInput, "more output than a job may write");
+        }
+        return true;
+    }
+
+private:
+    Descriptor input_;
+    std::string line_;
+    std::size_t total_ = 0;
+};
+
+std::string describe_end(int status) {
+    if (WIFSIGNALED(status)) {
+        const int number = WTERMSIG(status);
+        return "signal " + std::to_string(number) + " (" + ::strsignal(number) + ")";
+    }
+    return "exit status " + std::to_string(WEXITSTATUS(status)) + " without a last word";
+}
+
+/// How long a job may take by the clock on the wall: one that only waits uses no processor time.
+std::optional<Clock::duration> wall_limit(const proto::JobSpec& spec) {
+    constexpr std::uint64_t kLongest = 365 * 24 * 3600;
+    if (spec.max_cpu_seconds == 0) return std::nullopt;
+    return std::chrono::seconds(4 * std::min(spec.max_cpu_seconds, kLongest) + 60);
+}
+
+proto::JobReport out_of_time(Clock::duration limit) {
+    const auto seconds = std::chrono::duration_cast<std::chrono::seconds>(limit).count();
+    proto::JobReport report;
+    report.problem = proto::problem_from(
+        ErrorCode::TooLarge, "the job did not end within " + std::to_string(seconds) +
+                                 " seconds: upload a smaller cloud, or raise the limit");
+    return report;
+}
+
+/// The two ends of a pipe.
+struct Pipe {
+    Descriptor read_end, write_end;
+
+    Pipe() {
+        std::array<int, 2> ends{};
+        if (::pipe2(ends.data(), O_CLOEXEC) != 0) throw system_error("pipe2");
+        read_end = Descriptor(ends[0]);
+        write_end = Descriptor(ends[1]);
+    }
+};
+
+class ProcessJobRunner : public JobRunner {
+public:
+    explicit ProcessJobRunner(std::filesystem::path program) : program_(std::move(program)) {}
+
+    Outcome run(const proto::JobSpec& spec,
+                const std::function<void(const proto::JobReport&)>& report,
+                std::stop_token stop) override {
+        const StopSignal stopped(std::move(stop));
+        Pipe pipe;
+        Child child(program_, spec_file(spec), pipe.write_end);
+        pipe.write_end = Descriptor();  // so that the child's end is the only one left
+        LineReader lines(std::move(pipe.read_end));
+        return watch(child, lines, stopped, spec, report);
+    }
+
+private:
+    static Outcome watch(Child& child, LineReader& lines, const StopSignal& stopped,
+                         const proto::JobSpec& spec,
+                         const std::function<void(const proto::JobReport&)>& report);
+
+    const std::filesystem::path program_;
+};
+
+/// Waits for the first of output, stop and `deadline`.
+enum class Wake { Output, Stop, Deadline };
+Wake wait_for(const LineReader& lines, const StopSignal& stopped,
+              std::optional<Clock::time_point> deadline) {
+    std::array<pollfd, 2> watched = {pollfd{stopped.descriptor(), POLLIN, 0},
+                                     pollfd{lines.descriptor(), POLLIN, 0}};
+    for (;;) {
+        int timeout = -1;
+        if (deadline) {
+            const auto left =
+                std::chrono::ceil<std::chrono::milliseconds>(*deadline - Clock::now()).count();
+            timeout = static_cast<int>(std::clamp<std::int64_t>(left, 0, 3'600'000));
+            if (left <= 0) return Wake::Deadline;
+        }
+        if (::poll(watched.data(), watched.size(), timeout) < 0 && errno != EINTR) {
+            throw system_error("poll");
+        }
+        if (watched[0].revents != 0) return Wake::Stop;
+        if (watched[1].revents != 0) return Wake::Output;
+    }
+}
+
+/// Asks for an end and leaves a moment for it; `Child::end` does not ask.
+void ask_to_end(const Child& child, LineReader& lines) {
+    child.signal(SIGTERM);
+    const auto deadline = Clock::now() + kGrace;
+    pollfd output = {lines.descriptor(), POLLIN, 0};
+    for (auto left = kGrace; left.count() > 0;
+         left = std::chrono::duration_cast<std::chrono::milliseconds>(deadline - Clock::now())) {
+        if (::poll(&output, 1, static_cast<int>(left.count())) <= 0) continue;
+        try {
+            if (!lines.read([](std::string_view) {})) return;
+        } catch (const Error&) {
+            return;  // it talks on: no more patience
+        }
+    }
+}
+
+Outcome ProcessJobRunner::watch(Child& child, LineReader& lines, const StopSignal& stopped,
+                                const proto::JobSpec& spec,
+                                const std::function<void(const proto::JobReport&)>& report) {
+    const std::optional<Clock::duration> limit = wall_limit(spec);
+    const auto deadline = limit ? std::optional(Clock::now() + *limit) : std::nullopt;
+
+    std::vector<proto::JobReport> reports;
+    const auto take = [&reports](std::string_view line) {
+        reports.push_back(proto::job_report_from_json(line));
+    };
+    for (;;) {
+        const Wake wake = wait_for(lines, stopped, deadline);
+        if (wake == Wake::Stop) {
+            ask_to_end(child, lines);
+            child.end();
+            return {Outcome::Kind::Stopped, {}};
+        }
+        if (wake == Wake::Deadline) {
+            child.end();
+            report(out_of_time(*limit));
+            return {Outcome::Kind::Finished, {}};
+        }
+
+        bool more = true;
+        reports.clear();
+        try {
+            more = lines.read(take);
+        } catch (const Error& error) {
+            child.end();
+            return {Outcome::Kind::Crashed, std::string("unreadable report: ") + error.what()};
+        }
+        for (const proto::JobReport& line : reports) {
+            const bool finished = line.cost || line.problem;
+            if (finished) child.end();  // so that its memory is free when the result is published
+            report(line);
+            if (finished) return {Outcome::Kind::Finished, {}};
+        }
+        if (!more) return {Outcome::Kind::Crashed, describe_end(child.end())};
+    }
+}
+
+}  // namespace
+
+std::unique_ptr<JobRunner> make_process_job_runner(const std::filesystem::path& program) {
+    return std::make_unique<ProcessJobRunner>(program);
+}
+
+}  // namespace stipple::server

@@ -1,0 +1,125 @@
+#pragma once
+
+#include "stipple/proto/results.hpp"
+#include "support/support.hpp"
+
+#include <fstream>
+#include <iterator>
+#include <nlohmann/json.hpp>
+#include <string>
+
+/// Documents with every field set, and the golden files that pin how they travel.
+namespace stipple::test {
+
+inline const std::string kInput(64, 'a');
+
+/// A golden file on one line, its keys in their order.
+inline std::string golden(std::string_view name) {
+    std::ifstream in(data_file("golden") / name);
+    const std::string text{std::istreambuf_iterator<char>(in), {}};
+    return nlohmann::ordered_json::parse(text).dump();
+}
+
+inline proto::JobRequest simplify_request() {
+    proto::SimplifyJob job;
+    job.options.points = 5000;
+    job.options.reductions = {{"label", Reduction::Mode}, {"intensity", Reduction::Mean}};
+    job.output.formats = {CloudFormat::Draco};
+    job.output.draco.precision = 0.001;
+    return {kInput, job};
+}
+
+inline proto::JobRequest pyramid_request() {
+    proto::PyramidJob job;
+    job.output.formats = {CloudFormat::Draco, CloudFormat::Ply};
+    return {kInput, job};
+}
+
+inline proto::CloudStatistics statistics() {
+    return {.points = 1003,
+            .non_finite = 2,
+            .duplicates = 1,
+            .bounds = {Vec3d(-1, -2.5, 0.1), Vec3d(1, 2.5, 3)},
+            .attributes = {{"normal", "float32", 3}, {"label", "uint16", 1}},
+            .encoding = "binary_little_endian",
+            .skipped = {"face.vertex_indices"},
+            .comments = {"made by hand"}};
+}
+
+inline proto::JobDocument failed_job() {
+    proto::JobDocument document;
+    document.id = std::string(32, 'b');
+    document.request = simplify_request();
+    document.status = proto::JobStatus::Failed;
+    document.progress = 12.5;
+    document.stage = "decode";
+    document.message = "failed while decoding";
+    document.created = "2026-01-02T03:04:05.678Z";
+    document.started = "2026-01-02T03:04:06.000Z";
+    document.finished = "2026-01-02T03:04:07.000Z";
+    document.updated = "2026-01-02T03:04:07.000Z";
+    document.links = {{"self", "/v1/jobs/" + document.id, "application/json"}};
+    document.problem = proto::problem_from(ErrorCode::MalformedInput, "line 7: no name");
+    document.problem->stage = "decode";
+    return document;
+}
+
+inline proto::CloudDocument cloud_document() {
+    return {.id = kInput,
+            .format = CloudFormat::Ply,
+            .bytes = 12345,
+            .created = "2026-01-02T03:04:05.678Z",
+            .statistics = statistics(),
+            .links = {{"content", "/v1/clouds/" + kInput + "/content", "model/ply"}}};
+}
+
+inline proto::OutputCloud output_cloud() {
+    return {.level = 1,
+            .points = 400,
+            .spacing = 0.25,
+            .bounds = {Vec3d(-1, -2.5, 0.1), Vec3d(1, 2.5, 3)},
+            .files = {{CloudFormat::Draco, 900, std::string(64, 'c'), "level-1.drc"},
+                      {CloudFormat::Ply, 4900, std::string(64, 'd'), "level-1.ply"}}};
+}
+
+inline proto::JobCost job_cost() {
+    return {.decode_seconds = 0.5,
+            .simplify_seconds = 1.25,
+            .encode_seconds = 0.125,
+            .total_seconds = 2,
+            .peak_memory_bytes = 50'000'000,
+            .threads = 2};
+}
+
+inline proto::Results pyramid_results() {
+    return {.request = pyramid_request(),
+            .source = statistics(),
+            .levels = {output_cloud()},
+            .complete = true,
+            .cost = job_cost()};
+}
+
+inline proto::JobSpec job_spec() {
+    return {.request = pyramid_request(),
+            .input_file = "/data/in",
+            .output_dir = "/data/out",
+            .limits = {.max_points = 1000, .max_attributes = 8},
+            .max_memory_bytes = 1 << 30,
+            .max_cpu_seconds = 60,
+            .max_file_bytes = 1 << 20,
+            .threads = 2};
+}
+
+/// The message of the error that `json` is refused with; empty when it is taken.
+template <typename Parse>
+std::string refusal(Parse&& parse, const std::string& json, ErrorCode expected) {
+    try {
+        parse(json);
+    } catch (const Error& error) {
+        if (error.code() == expected) return error.what();
+        return "wrong code " + std::string(to_string(error.code())) + ": " + error.what();
+    }
+    return {};
+}
+
+}  // namespace stipple::test

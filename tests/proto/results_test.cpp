@@ -1,0 +1,101 @@
+#include "stipple/proto/results.hpp"
+
+#include "documents.hpp"
+
+#include <gtest/gtest.h>
+
+namespace stipple::proto {
+namespace {
+
+using test::golden;
+
+TEST(Results, TravelAsTheGoldenFileSays) {
+    const std::string text = to_json(test::pyramid_results());
+    EXPECT_EQ(text, golden("pyramid_results.json"));
+    EXPECT_EQ(to_json(results_from_json(text)), text);
+}
+
+TEST(Results, ThatAreStillToComeTravelWithoutSourceAndCost) {
+    const Results results{.request = test::simplify_request(),
+                          .source = {},
+                          .levels = {},
+                          .complete = false,
+                          .cost = {}};
+    const Results back = results_from_json(to_json(results));
+    EXPECT_FALSE(back.complete);
+    EXPECT_FALSE(back.source);
+    EXPECT_FALSE(back.cost);
+    EXPECT_TRUE(back.levels.empty());
+}
+
+TEST(Results, WhoseSchemaIsThatOfAnotherJobAreRefused) {
+    auto json = nlohmann::json::parse(to_json(test::pyramid_results()));
+    json["schema"] = "stipple-results/1";
+    EXPECT_EQ(test::refusal(results_from_json, json.dump(), ErrorCode::MalformedInput),
+              "schema: \"stipple-results/1\": expected stipple-pyramid/1");
+}
+
+TEST(Results, ThatAreMalformedAreRefusedByThePathOfTheField) {
+    auto json = nlohmann::json::parse(to_json(test::pyramid_results()));
+    json["levels"][0]["files"][1]["bytes"] = "many";
+    EXPECT_EQ(test::refusal(results_from_json, json.dump(), ErrorCode::MalformedInput),
+              "levels[0].files[1].bytes: \"many\": expected an integer of at least 0");
+}
+
+TEST(Results, EveryFieldIsNeeded) {
+    const auto whole = nlohmann::json::parse(to_json(test::pyramid_results()));
+    for (const auto& [name, value] : whole.items()) {
+        if (name == "source" || name == "cost") continue;  // absent until known
+        auto json = whole;
+        json.erase(name);
+        EXPECT_EQ(test::refusal(results_from_json, json.dump(), ErrorCode::MalformedInput),
+                  name + ": missing: this field is required");
+    }
+}
+
+TEST(JobSpec, TravelsAsTheGoldenFileSays) {
+    const std::string text = to_json(test::job_spec());
+    EXPECT_EQ(text, golden("job_spec.json"));
+    EXPECT_EQ(to_json(job_spec_from_json(text)), text);
+}
+
+TEST(JobReport, TravelsOnOneLineForEachOfItsKinds) {
+    JobReport progress, source, level, cost, problem;
+    progress.progress = {"decode", 12.5};
+    source.source = test::statistics();
+    source.source->comments = {"two\nlines"};
+    level.level = test::output_cloud();
+    cost.cost = test::job_cost();
+    problem.problem = problem_from(ErrorCode::TooLarge, "too large");
+    for (const JobReport& report : {progress, source, level, cost, problem}) {
+        const std::string line = to_json(report);
+        EXPECT_EQ(line.find('\n'), std::string::npos);
+        EXPECT_EQ(to_json(job_report_from_json(line)), line);
+    }
+    EXPECT_EQ(to_json(progress), R"({"progress":{"stage":"decode","percent":12.5}})");
+}
+
+TEST(JobReport, WithNoneOrTwoFieldsIsRefused) {
+    EXPECT_EQ(test::refusal(job_report_from_json, "{}", ErrorCode::MalformedInput),
+              "JSON: expected exactly one report");
+    JobReport both;
+    both.progress = {"decode", 1};
+    both.cost = test::job_cost();
+    EXPECT_EQ(test::refusal(job_report_from_json, to_json(both), ErrorCode::MalformedInput),
+              "JSON: expected exactly one report");
+}
+
+TEST(JobReport, CutAtAnyByteIsRefused) {
+    JobReport report;
+    report.level = test::output_cloud();
+    const std::string line = to_json(report);
+    for (std::size_t length = 0; length < line.size(); ++length) {
+        EXPECT_NE(
+            test::refusal(job_report_from_json, line.substr(0, length), ErrorCode::MalformedInput),
+            "")
+            << length;
+    }
+}
+
+}  // namespace
+}  // namespace stipple::proto

@@ -1,0 +1,241 @@
+#include "stipple/proto/run_job.hpp"
+
+#include "stipple/proto/digest.hpp"
+#include "support/support.hpp"
+
+#include <gtest/gtest.h>
+#include <algorithm>
+#include <fstream>
+#include <map>
+#include <string>
+#include <thread>
+
+namespace stipple::proto {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// A job on a cloud in a folder of its own, and what it reports.
+class RunJob : public testing::Test {
+protected:
+    RunJob() { fs::create_directory(folder_ / "out"); }
+
+    JobSpec spec_for(const PointCloud& cloud, const std::variant<SimplifyJob, PyramidJob>& job) {
+        const fs::path input = folder_ / "in.ply";
+        write_cloud(cloud, input);
+        return {.request = {std::string(64, 'a'), job},
+                .input_file = input,
+                .output_dir = folder_ / "out",
+                .limits = {},
+                .threads = 2};
+    }
+
+    void run(const JobSpec& spec, const RunContext& context = {}) {
+        run_job(
+            spec, [this](const JobReport& report) { reports_.push_back(report); }, context);
+    }
+
+    std::vector<OutputCloud> levels() const {
+        std::vector<OutputCloud> result;
+        for (const JobReport& report : reports_) {
+            if (report.level) result.push_back(*report.level);
+        }
+        return result;
+    }
+
+    std::optional<CloudStatistics> source() const {
+        for (const JobReport& report : reports_) {
+            if (report.source) return report.source;
+        }
+        return std::nullopt;
+    }
+
+    std::size_t files_written() const {
+        const fs::directory_iterator files(folder_ / "out");
+        return static_cast<std::size_t>(std::distance(begin(files), end(files)));
+    }
+
+    test::TemporaryFolder folder_;
+    std::vector<JobReport> reports_;
+};
+
+SimplifyJob to_points(std::uint64_t points) {
+    SimplifyJob job;
+    job.options.points = points;
+    job.output.formats = {CloudFormat::Ply};
+    return job;
+}
+
+PyramidJob levels_of(std::vector<std::uint64_t> sizes) {
+    PyramidJob job;
+    job.options.sizes = std::move(sizes);
+    job.output.formats = {CloudFormat::Draco, CloudFormat::Ply};
+    return job;
+}
+
+Error error_of(const std::function<void()>& work) {
+    try {
+        work();
+    } catch (const Error& error) {
+        return error;
+    }
+    return Error(ErrorCode::Internal, "no error");
+}
+
+TEST_F(RunJob, WritesTheSimplifiedCloudAndTellsWhatItIs) {
+    run(spec_for(test::with_attributes(test::sphere(2000)), to_points(300)));
+    ASSERT_EQ(levels().size(), 1U);
+    const OutputCloud level = levels().front();
+    EXPECT_EQ(level.points, 300U);
+    ASSERT_EQ(level.files.size(), 1U);
+
+    const OutputFile& file = level.files.front();
+    EXPECT_EQ(file.href, "level-0.ply");
+    const fs::path path = folder_ / "out" / file.href;
+    EXPECT_EQ(file.bytes, fs::file_size(path));
+    EXPECT_EQ(file.sha256, sha256_of_file(path));
+    const PointCloud cloud = read_cloud(path);
+    EXPECT_EQ(cloud.size(), 300U);
+    EXPECT_NE(find_attribute(cloud, "label"), nullptr);
+    EXPECT_EQ(bounds(cloud).min, level.bounds.min);
+    // 300 points share 4 pi: about sqrt(4 pi / 300) = 0.2 apart.
+    EXPECT_GT(level.spacing, 0.1);
+    EXPECT_LT(level.spacing, 0.3);
+}
+
+TEST_F(RunJob, WritesEveryLevelOfAPyramidInEveryFormatCoarsestFirst) {
+    run(spec_for(test::sphere(3000), levels_of({50, 500, 3000})));
+    ASSERT_EQ(levels().size(), 3U);
+    const std::uint64_t sizes[] = {50, 500, 3000};
+    for (unsigned i = 0; i < 3; ++i) {
+        EXPECT_EQ(levels()[i].level, i);
+        EXPECT_EQ(levels()[i].points, sizes[i]);
+        ASSERT_EQ(levels()[i].files.size(), 2U);
+        for (const OutputFile& file : levels()[i].files) {
+            EXPECT_EQ(read_cloud(folder_ / "out" / file.href).size(), sizes[i]);
+        }
+    }
+    EXPECT_EQ(files_written(), 6U);  // nothing half-written is left
+}
+
+TEST_F(RunJob, ReportsProgressThatNeverDecreasesAndEndsAtAHundred) {
+    run(spec_for(test::sphere(20000), levels_of({100, 1000, 10000})));
+    double last = 0;
+    std::string stages;
+    for (const JobReport& report : reports_) {
+        if (!report.progress) continue;
+        EXPECT_GE(report.progress->percent, last);
+        last = report.progress->percent;
+        if (stages.find(report.progress->stage) == std::string::npos) {
+            stages += report.progress->stage + " ";
+        }
+    }
+    EXPECT_EQ(last, 100);
+    EXPECT_EQ(stages, "decode clean simplify encode ");
+}
+
+TEST_F(RunJob, ReportsTheSourceBeforeAnyLevelAndTheCostLast) {
+    run(spec_for(test::sphere(1000), to_points(10)));
+    const auto place = [this](auto field) {
+        return std::ranges::find_if(
+                   reports_, [field](const JobReport& r) { return (r.*field).has_value(); }) -
+               reports_.begin();
+    };
+    EXPECT_LT(place(&JobReport::source), place(&JobReport::level));
+    ASSERT_TRUE(reports_.back().cost);
+    const JobCost& cost = *reports_.back().cost;
+    EXPECT_EQ(cost.threads, 2U);
+    EXPECT_GT(cost.peak_memory_bytes, 1'000'000U);
+    EXPECT_GT(cost.decode_seconds, 0);
+    EXPECT_GT(cost.simplify_seconds, 0);
+    EXPECT_GT(cost.encode_seconds, 0);
+    EXPECT_GE(cost.total_seconds + 1e-9,
+              cost.decode_seconds + cost.simplify_seconds + cost.encode_seconds);
+}
+
+TEST_F(RunJob, CountsWhatItRemovesFromTheSource) {
+    PointCloud cloud = test::sphere(100);
+    cloud.positions.push_back(cloud.positions.front());
+    cloud.positions.push_back(Vec3f::Constant(std::numeric_limits<float>::quiet_NaN()));
+    run(spec_for(cloud, to_points(1000)));
+    ASSERT_TRUE(source());
+    EXPECT_EQ(source()->points, 102U);
+    EXPECT_EQ(source()->duplicates, 1U);
+    EXPECT_EQ(source()->non_finite, 1U);
+    EXPECT_EQ(levels().front().points, 100U);
+}
+
+TEST_F(RunJob, SaysWhyNoPointIsLeft) {
+    PointCloud cloud;
+    cloud.positions.assign(7, Vec3f::Constant(std::numeric_limits<float>::infinity()));
+    const JobSpec spec = spec_for(cloud, to_points(10));
+    const Error error = error_of([&] { run(spec); });
+    EXPECT_EQ(error.code(), ErrorCode::MalformedInput);
+    EXPECT_STREQ(error.what(),
+                 "no point is left: of 7 in the file 7 have a NaN or infinite coordinate and 0 are "
+                 "duplicates");
+    EXPECT_EQ(source()->non_finite, 7U);  // the statistics are told nevertheless
+}
+
+TEST_F(RunJob, RefusesACloudWithoutPoints) {
+    const JobSpec spec = spec_for(PointCloud(), levels_of({10}));
+    const Error error = error_of([&] { run(spec); });
+    EXPECT_EQ(error.code(), ErrorCode::MalformedInput);
+    EXPECT_STREQ(error.what(), "the file holds no points");
+    EXPECT_EQ(files_written(), 0U);
+}
+
+TEST_F(RunJob, ReducesAnAttributeAsAsked) {
+    SimplifyJob job = to_points(1);
+    job.options.reductions = {{"label", Reduction::Max}, {"height", Reduction::Min}};
+    run(spec_for(test::with_attributes(test::sphere(500)), job));
+    const PointCloud cloud = read_cloud(folder_ / "out" / "level-0.ply");
+    const Attribute* label = find_attribute(cloud, "label");
+    ASSERT_NE(label, nullptr);
+    EXPECT_EQ(std::get<std::vector<std::int32_t>>(label->values).front(), 1'000'003);
+    const Attribute* height = find_attribute(cloud, "height");
+    ASSERT_NE(height, nullptr);
+    EXPECT_LT(std::get<std::vector<float>>(height->values).front(), -0.99F);
+}
+
+TEST_F(RunJob, RefusesAReductionOfAnAttributeThatIsNotThere) {
+    SimplifyJob job = to_points(10);
+    job.options.reductions = {{"intensity", Reduction::Max}};
+    const JobSpec spec = spec_for(test::with_attributes(test::sphere(100)), job);
+    const Error error = error_of([&] { run(spec); });
+    EXPECT_EQ(error.code(), ErrorCode::InvalidArgument);
+    EXPECT_NE(std::string(error.what()).find("intensity"), std::string::npos);
+}
+
+TEST_F(RunJob, RefusesAFileOverALimitByItsHeader) {
+    JobSpec spec = spec_for(test::sphere(100), to_points(10));
+    spec.limits.max_points = 99;
+    EXPECT_EQ(error_of([&] { run(spec); }).code(), ErrorCode::TooLarge);
+}
+
+TEST_F(RunJob, EndsWithCancelledWhenAskedToStop) {
+    std::stop_source stop;
+    const JobSpec spec = spec_for(test::sphere(100'000), to_points(5000));
+    const auto stop_at_simplify = [&stop](const JobReport& report) {
+        if (report.progress && report.progress->stage == "simplify") stop.request_stop();
+    };
+    EXPECT_THROW(run_job(spec, stop_at_simplify, {.stop = stop.get_token(), .progress = {}}),
+                 Cancelled);
+    EXPECT_EQ(files_written(), 0U);
+}
+
+TEST_F(RunJob, GivesTheSameBytesForAnyNumberOfThreads) {
+    std::map<unsigned, std::string> hashes;
+    const PointCloud cloud = test::with_attributes(test::sphere(5000, 0.01));
+    for (const unsigned threads : {1U, 4U}) {
+        JobSpec spec = spec_for(cloud, to_points(500));
+        spec.threads = threads;
+        reports_.clear();
+        run(spec);
+        hashes[threads] = levels().front().files.front().sha256;
+    }
+    EXPECT_EQ(hashes[1], hashes[4]);
+}
+
+}  // namespace
+}  // namespace stipple::proto
