@@ -4,9 +4,11 @@
 #include "store/job_store.hpp"
 
 #include <chrono>
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <span>
 #include <stop_token>
 #include <string>
 #include <vector>
@@ -25,8 +27,8 @@ struct Limits {
     std::chrono::seconds max_wait{60};  ///< longest long poll
 };
 
-/// What each route means: no HTTP, no JSON text. One object for all threads. Every call names the tenant; what is another's is
-/// NotFound. All failures are `Error`.
+/// What each route means: no HTTP, no JSON text. One object for all threads. Every call names the
+/// tenant; what is another's is NotFound. All failures are `Error`.
 class Service {
 public:
     Service(Limits limits, JobStore& jobs, BlobStore& blobs);
@@ -35,13 +37,16 @@ public:
 
     /// An upload: write the bytes, then `finish_upload`.
     std::unique_ptr<BlobWriter> begin_upload();
-    /// Refuses bytes that are neither PLY nor Draco by their first bytes (`head`). Durable when it returns.
-    proto::CloudDocument finish_upload(const std::string& tenant, BlobWriter& upload, std::span<const std::byte> head,
-                                       bool& existed);
+    /// Refuses bytes that are neither PLY nor Draco by their first bytes (`head`). Durable when it
+    /// returns.
+    proto::CloudDocument finish_upload(const std::string& tenant, BlobWriter& upload,
+                                       std::span<const std::byte> head, bool& existed);
     proto::CloudDocument cloud(const std::string& tenant, const std::string& id);
     std::vector<proto::CloudDocument> clouds(const std::string& tenant, unsigned limit,
-                                             const std::optional<std::string>& cursor, std::optional<std::string>& next);
-    std::shared_ptr<const BlobReader> cloud_content(const std::string& tenant, const std::string& id);
+                                             const std::optional<std::string>& cursor,
+                                             std::optional<std::string>& next);
+    std::shared_ptr<const BlobReader> cloud_content(const std::string& tenant,
+                                                    const std::string& id);
     void remove_cloud(const std::string& tenant, const std::string& id);
 
     /// Validates, checks that the input is there, queues.
@@ -49,15 +54,18 @@ public:
                               const std::optional<std::string>& idempotency_key, bool& existed);
     proto::JobDocument job(const std::string& tenant, const std::string& id);
     /// The document as soon as the job is final, or as it is after `wait` or when asked to stop.
-    proto::JobDocument wait_for_job(const std::string& tenant, const std::string& id, std::chrono::milliseconds wait,
-                                    std::stop_token stop);
-    std::vector<proto::JobDocument> jobs(const std::string& tenant, const JobStore::JobFilter& filter, unsigned limit,
-                                         const std::optional<std::string>& cursor, std::optional<std::string>& next);
+    proto::JobDocument wait_for_job(const std::string& tenant, const std::string& id,
+                                    std::chrono::milliseconds wait, std::stop_token stop);
+    std::vector<proto::JobDocument> jobs(const std::string& tenant,
+                                         const JobStore::JobFilter& filter, unsigned limit,
+                                         const std::optional<std::string>& cursor,
+                                         std::optional<std::string>& next);
     /// The document after it: `dismissed`, or as it last was when a finished job is removed.
     proto::JobDocument dismiss(const std::string& tenant, const std::string& id);
     /// Events after `after`; waits up to `wait` for the first of them.
-    std::vector<JobEvent> events(const std::string& tenant, const std::string& id, std::uint64_t after,
-                                 std::chrono::milliseconds wait, std::stop_token stop);
+    std::vector<JobEvent> events(const std::string& tenant, const std::string& id,
+                                 std::uint64_t after, std::chrono::milliseconds wait,
+                                 std::stop_token stop);
     /// Also of a running job: what is there so far, `complete` false. Links filled.
     proto::Results results(const std::string& tenant, const std::string& id);
     /// A file of a result by its hash; NotFound when the job does not list it.

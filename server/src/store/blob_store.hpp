@@ -1,13 +1,13 @@
 #pragma once
 
-#include "stipple/proto/digest.hpp"
-
+#include <chrono>
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <memory>
-#include <optional>
 #include <span>
 #include <string>
+#include <vector>
 
 namespace stipple::server {
 
@@ -15,14 +15,17 @@ namespace stipple::server {
 class BlobWriter {
 public:
     virtual ~BlobWriter() = default;
-    /// @throws Error(TooLarge) above the limit given to `create`; Error(Internal) with `storage full` in it when the disk is.
+    /// @throws Error(TooLarge) above the limit given to `create`; Error(Internal) starting with
+    /// `storage full` when the disk is full.
     virtual void write(std::span<const std::byte> bytes) = 0;
-    /// Makes the bytes durable under their SHA-256 (fsync, rename, fsync of the folder) and returns it.
+    /// Makes the bytes durable under their SHA-256 (fsync, rename, fsync of the folder) and returns
+    /// it. Once.
     virtual std::string commit() = 0;
     virtual std::uint64_t size() const noexcept = 0;
 };
 
-/// A blob that can be read; the file stays readable while this lives, even when the blob is removed.
+/// A blob that can be read; the file stays readable while this lives, even when the blob is
+/// removed.
 class BlobReader {
 public:
     virtual ~BlobReader() = default;
@@ -40,9 +43,17 @@ public:
     virtual std::unique_ptr<BlobWriter> create(std::uint64_t max_bytes) = 0;
     /// Moves a finished local file in (hash taken anew, never believed) and returns its id.
     virtual std::string adopt(const std::filesystem::path& file) = 0;
-    virtual std::shared_ptr<const BlobReader> open(const std::string& sha256) const = 0;  ///< null when missing
-    virtual void remove(const std::string& sha256) = 0;
-    /// Whether a small write succeeds: for readiness.
+    /// Null when missing. What was changed behind our back is found out: @throws Error(Internal)
+    /// when the bytes have another hash.
+    virtual std::shared_ptr<const BlobReader> open(const std::string& sha256) const = 0;
+    /// The ids of blobs last committed or adopted before `time`.
+    virtual std::vector<std::string> older_than(
+        std::chrono::system_clock::time_point time) const = 0;
+    /// Removes a blob unless it was committed or adopted (again) at `time` or later. Whether it
+    /// did.
+    virtual bool remove_older(const std::string& sha256,
+                              std::chrono::system_clock::time_point time) = 0;
+    /// Writes something small, durably. @throws Error(Internal) saying why it could not.
     virtual void probe() = 0;
 };
 

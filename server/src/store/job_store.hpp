@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <memory>
 #include <optional>
+#include <stop_token>
 #include <string>
 #include <vector>
 
@@ -21,7 +22,8 @@ struct CloudRow {
     std::optional<proto::CloudStatistics> statistics;
 };
 
-/// The right to work on a job, for a while. Every write names the token; one that is stale touches no row.
+/// The right to work on a job, for a while. Every write names the token; one that is stale touches
+/// no row.
 struct Lease {
     std::string job_id;
     std::string tenant;
@@ -29,10 +31,19 @@ struct Lease {
     proto::JobRequest request;
 };
 
+/// What happened to a job. `data` is JSON by `type`:
+///
+///     status    {"status": "running"}                           every change of status
+///     progress  {"progress": {"stage": "decode", "percent": 12.5}}  thinned out: at most one per 1
+///     % and 250 ms source    {"source": {cloud statistics}}                  the cloud was decoded
+///     level     {"level": {as in the results}}                  it can be fetched
+///
+/// The last three are what stipple-job reported (proto::JobReport); `href`s of a level are filled
+/// by the service.
 struct JobEvent {
-    std::uint64_t id = 0;   ///< per job, from 1
-    std::string type;       ///< status, progress, level
-    std::string data;       ///< JSON
+    std::uint64_t id = 0;  ///< per job, from 1
+    std::string type;
+    std::string data;
 };
 
 struct QueueLimits {
@@ -42,68 +53,92 @@ struct QueueLimits {
 
 enum class Submitted { Created, Existing };
 
-/// Clouds, jobs, their events and results: rows that survive a power cut once a call has returned. Safe to call from any
-/// thread. Every read is by tenant; another tenant's row is as missing.
+/// Clouds, jobs, their events and results: rows that survive a power cut once a call has returned.
+/// Safe to call from any thread. Every read is by tenant; another tenant's row is as missing.
 class JobStore {
 public:
     virtual ~JobStore() = default;
 
     // Clouds.
     virtual Submitted put_cloud(const CloudRow& row) = 0;
-    virtual std::optional<CloudRow> find_cloud(const std::string& tenant, const std::string& id) = 0;
+    virtual std::optional<CloudRow> find_cloud(const std::string& tenant,
+                                               const std::string& id) = 0;
     virtual std::vector<CloudRow> list_clouds(const std::string& tenant, unsigned limit,
-                                              const std::optional<std::string>& cursor, std::optional<std::string>& next) = 0;
-    virtual void set_statistics(const std::string& tenant, const std::string& id, const proto::CloudStatistics&) = 0;
+                                              const std::optional<std::string>& cursor,
+                                              std::optional<std::string>& next) = 0;
+    virtual void set_statistics(const std::string& tenant, const std::string& id,
+                                const proto::CloudStatistics&) = 0;
     /// @throws Error(Conflict) while an unfinished job needs it. False when there is none.
     virtual bool remove_cloud(const std::string& tenant, const std::string& id) = 0;
 
     // Jobs.
-    /// Adds a job. With an idempotency key seen before: the same fingerprint returns that job, another throws
-    /// Error(Conflict). @throws Error(QueueFull) over the limit.
+    /// Adds a job. With an idempotency key seen before: the same request returns that job, another
+    /// throws Error(Conflict). @throws Error(NotFound) without the input cloud, Error(QueueFull)
+    /// over the limit.
     virtual Submitted submit(const std::string& tenant, const proto::JobRequest& request,
-                             const std::optional<std::string>& idempotency_key, const QueueLimits& limits,
-                             proto::JobDocument& document) = 0;
-    virtual std::optional<proto::JobDocument> find_job(const std::string& tenant, const std::string& id) = 0;
+                             const std::optional<std::string>& idempotency_key,
+                             const QueueLimits& limits, proto::JobDocument& document) = 0;
+    virtual std::optional<proto::JobDocument> find_job(const std::string& tenant,
+                                                       const std::string& id) = 0;
     struct JobFilter {
         std::optional<std::string> type, status, input;
     };
-    virtual std::vector<proto::JobDocument> list_jobs(const std::string& tenant, const JobFilter& filter, unsigned limit,
+    virtual std::vector<proto::JobDocument> list_jobs(const std::string& tenant,
+                                                      const JobFilter& filter, unsigned limit,
                                                       const std::optional<std::string>& cursor,
                                                       std::optional<std::string>& next) = 0;
-    /// Accepted: dismissed at once. Running: marked, the worker stops it. Final: removed with its results. False when missing.
-    virtual bool dismiss(const std::string& tenant, const std::string& id) = 0;
-    virtual std::vector<JobEvent> events_after(const std::string& tenant, const std::string& id, std::uint64_t after) = 0;
-    virtual std::optional<proto::Results> results(const std::string& tenant, const std::string& id) = 0;
-    /// Counts rows every time something is written: a cheap way to see that something may have changed.
+    /// Unfinished: dismissed at once, which also ends the lease of its worker. Final: removed with
+    /// its results. Returns the document after it, or as it last was when removed; nothing when
+    /// missing.
+    virtual std::optional<proto::JobDocument> dismiss(const std::string& tenant,
+                                                      const std::string& id) = 0;
+    virtual std::vector<JobEvent> events_after(const std::string& tenant, const std::string& id,
+                                               std::uint64_t after) = 0;
+    virtual std::optional<proto::Results> results(const std::string& tenant,
+                                                  const std::string& id) = 0;
+    /// Grows every time something is written: a cheap way to see that something may have changed.
     virtual std::uint64_t version() const noexcept = 0;
+    /// Returns when `version()` is no longer `seen`, at `deadline`, or when asked to stop.
+    virtual void wait_for_change(std::uint64_t seen, std::chrono::steady_clock::time_point deadline,
+                                 std::stop_token stop) const = 0;
 
-    // The worker's side. Each returns false, having changed nothing, when the lease is stale.
-    virtual std::optional<Lease> claim(const QueueLimits& limits, std::chrono::seconds lease_time) = 0;
+    // The worker's side. Each returns false, having changed nothing, when the lease is stale: the
+    // job was dismissed, or given to another worker.
+    /// The oldest job of the tenant with the fewest running ones. Jobs whose lease ran out go back
+    /// to the queue first.
+    virtual std::optional<Lease> claim(const QueueLimits& limits,
+                                       std::chrono::seconds lease_time) = 0;
     virtual bool renew(const Lease& lease, std::chrono::seconds lease_time) = 0;
     virtual bool report_progress(const Lease& lease, const std::string& stage, double percent) = 0;
     virtual bool report_source(const Lease& lease, const proto::CloudStatistics& source) = 0;
     virtual bool publish_level(const Lease& lease, const proto::OutputCloud& level) = 0;
     virtual bool succeed(const Lease& lease, const proto::JobCost& cost) = 0;
     virtual bool fail(const Lease& lease, const proto::Problem& problem) = 0;
-    /// The child died (signal, no last word). Back to the queue, or failed as poison the second time.
+    /// The child died (signal, no last word). Back to the queue, or failed as poison the second
+    /// time.
     virtual bool crashed(const Lease& lease, const std::string& how) = 0;
-    virtual bool release(const Lease& lease) = 0;           ///< back to the queue, at no cost: shutdown
-    virtual bool is_dismissed(const Lease& lease) = 0;      ///< also true when the lease is stale
-    virtual bool finish_dismissal(const Lease& lease) = 0;  ///< running and dismissed -> final
+    virtual bool release(const Lease& lease) = 0;  ///< back to the queue, at no cost: shutdown
+    virtual bool holds(const Lease& lease) = 0;    ///< whether the lease is good; changes nothing
 
     // Housekeeping.
-    virtual void recover() = 0;  ///< at start of the only process on this store: running rows go back to the queue
+    virtual void recover() = 0;  ///< at start of the only process on this store: running rows go
+                                 ///< back to the queue
     struct Counts {
         std::uint64_t queued = 0, running = 0;
         double oldest_queued_seconds = 0;
     };
     virtual Counts counts() = 0;
+    /// Removes jobs that ended longer ago than `retention`, with their results. Clouds stay until
+    /// they are removed.
     virtual void remove_expired(std::chrono::seconds retention) = 0;
+    /// Blobs that a row needs: clouds, inputs of unfinished jobs, results.
     virtual std::vector<std::string> referenced_blobs() = 0;
+    /// @throws Error(Internal) when the database does not answer.
     virtual void probe() = 0;
 };
 
-/// SQLite in WAL mode, `synchronous=FULL`.
+/// SQLite in WAL mode, `synchronous=FULL`, for one process: @throws Error(Conflict) while another
+/// has the file open.
 std::unique_ptr<JobStore> open_sqlite_job_store(const std::filesystem::path& file);
 
 }  // namespace stipple::server

@@ -9,38 +9,46 @@
 
 namespace stipple::server {
 
-/// Runs one job to its end. The one seam that tests replace: production spawns stipple-job, tests run a function.
+/// Runs one job to its end. The one seam that tests replace: production spawns stipple-job, tests
+/// run a function.
 class JobRunner {
 public:
     virtual ~JobRunner() = default;
     struct Outcome {
-        enum class Kind { Finished, Crashed, Stopped } kind = Kind::Finished;  ///< Finished: a cost or problem was reported
-        std::string how;  ///< of a crash: `signal 9 (Killed)`, `exit status 3`
+        enum class Kind {
+            Finished,
+            Crashed,
+            Stopped
+        } kind = Kind::Finished;  ///< Finished: a cost or problem was reported
+        std::string how;          ///< of a crash: `signal 9 (Killed)`, `exit status 3`
     };
-    /// Reports as they come, on the calling thread. Returns soon (under 100 ms) after `stop` is requested.
-    virtual Outcome run(const proto::JobSpec& spec, const std::function<void(const proto::JobReport&)>& report,
+    /// Reports as they come, on the calling thread; `report` does not throw. Returns soon (under
+    /// 100 ms) after `stop` is requested, which `report` may do.
+    virtual Outcome run(const proto::JobSpec& spec,
+                        const std::function<void(const proto::JobReport&)>& report,
                         std::stop_token stop) = 0;
 };
 
-/// Spawns `program` (stipple-job) for each job, in a process group of its own; SIGTERM, then SIGKILL on stop.
+/// Spawns `program` (stipple-job) for each job, in a process group of its own; SIGTERM, then
+/// SIGKILL on stop.
 std::unique_ptr<JobRunner> make_process_job_runner(const std::filesystem::path& program);
 
 struct WorkerPoolOptions {
-    unsigned workers = 1;          ///< jobs at a time
-    unsigned threads_per_job = 0;  ///< 0: all
-    std::filesystem::path scratch; ///< emptied at start; one folder a running job
+    unsigned workers = 1;           ///< jobs at a time
+    unsigned threads_per_job = 0;   ///< 0: all
+    std::filesystem::path scratch;  ///< emptied at start; one folder a running job
     std::chrono::seconds lease{30};
-    std::chrono::seconds drain{30};  ///< how long running jobs may go on when stopping; then they are handed back
+    std::chrono::seconds drain{
+        30};  ///< how long running jobs may go on when stopping; then they are handed back
 };
 
-/// Claims, spawns, watches, publishes. Starts in the constructor; the destructor drains.
+/// Claims, spawns, watches, publishes. Starts in the constructor; the destructor drains. Learns
+/// from the store at once of jobs that were submitted or dismissed.
 class WorkerPool {
 public:
-    WorkerPool(const WorkerPoolOptions& options, const Limits& limits, JobStore& jobs, BlobStore& blobs, JobRunner& runner);
+    WorkerPool(const WorkerPoolOptions& options, const Limits& limits, JobStore& jobs,
+               BlobStore& blobs, JobRunner& runner);
     ~WorkerPool();
-
-    /// Wakes an idle worker: a job was submitted. Workers also poll.
-    void notify();
 
 private:
     struct State;

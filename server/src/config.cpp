@@ -1,0 +1,179 @@
+#include "config.hpp"
+
+#include "stipple/error.hpp"
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <charconv>
+#include <iostream>
+#include <map>
+
+namespace stipple::server {
+
+namespace {
+
+/// The flags as they are written, before they mean something.
+struct Flags {
+    std::string listen = "127.0.0.1:8080";
+    std::string admin = "127.0.0.1:8081";
+    std::string data, api_keys;
+    Role role = Role::All;
+    std::uint64_t retention_seconds = 7 * 24 * 3600;
+    std::uint64_t max_wait_seconds = 60;
+    std::uint64_t drain_seconds = 30;
+};
+
+const std::map<std::string, Role> kRoles = {
+    {"all", Role::All}, {"api", Role::Api}, {"worker", Role::Worker}};
+
+/// `--max-upload` is also STIPPLE_MAX_UPLOAD.
+std::string environment_name(std::string flag) {
+    std::ranges::replace(flag, '-', '_');
+    std::ranges::transform(flag, flag.begin(), [](unsigned char c) { return std::toupper(c); });
+    return "STIPPLE" + flag.substr(1);
+}
+
+template <typename T>
+CLI::Option* add(CLI::App& app, const std::string& flag, T& value, const std::string& help) {
+    return app.add_option(flag, value, help)
+        ->envname(environment_name(flag))
+        ->capture_default_str();
+}
+
+void add_addresses(CLI::App& serve, Flags& flags) {
+    add(serve, "--listen", flags.listen,
+        "address of the API, HOST:PORT; port 0 is any that is free");
+    add(serve, "--admin", flags.admin, "address of /livez, /readyz and /metrics");
+}
+
+void add_work(CLI::App& serve, Flags& flags, ServerConfig& config) {
+    add(serve, "--data", flags.data, "folder of the store; made when missing")->required();
+    add(serve, "--role", flags.role, "all, api or worker")
+        ->transform(CLI::CheckedTransformer(kRoles, CLI::ignore_case));
+    add(serve, "--workers", config.workers, "jobs at a time")->check(CLI::Range(1, 256));
+    add(serve, "--threads", config.threads, "threads of a job; 0 is one for each processor")
+        ->check(CLI::Range(0, 1024));
+    add(serve, "--drain-timeout", flags.drain_seconds,
+        "seconds that jobs under way may go on when stopping");
+}
+
+void add_limits(CLI::App& serve, Flags& flags, Limits& limits) {
+    const CLI::AsSizeValue bytes(false);
+    add(serve, "--max-upload", limits.max_upload_bytes, "bytes of an upload, as in 2GB")
+        ->transform(bytes);
+    add(serve, "--max-points", limits.decode.max_points, "points of a cloud");
+    add(serve, "--max-attributes", limits.decode.max_attributes, "attributes of a cloud");
+    add(serve, "--max-memory", limits.max_job_memory_bytes, "bytes of memory of a job")
+        ->transform(bytes);
+    add(serve, "--max-cpu-seconds", limits.max_job_cpu_seconds, "processor time of a job");
+    add(serve, "--max-output", limits.max_job_output_bytes, "bytes that a job may write")
+        ->transform(bytes);
+    add(serve, "--max-queued", limits.queue.max_queued, "waiting jobs of a tenant");
+    add(serve, "--max-running", limits.queue.max_running, "running jobs of a tenant");
+    add(serve, "--retention-seconds", flags.retention_seconds, "how long a finished job is kept");
+    add(serve, "--max-wait", flags.max_wait_seconds, "seconds of the longest long poll")
+        ->check(CLI::Range(0, 3600));
+}
+
+void add_guards(CLI::App& serve, Flags& flags, ServerConfig& config) {
+    add(serve, "--max-connections", config.max_connections, "connections in all")
+        ->check(CLI::Range(8, 20'000));
+    add(serve, "--max-connections-per-address", config.max_connections_per_address,
+        "connections of one address; raise it behind a proxy")
+        ->check(CLI::Range(1, 20'000));
+    add(serve, "--min-rate", config.min_bytes_per_second, "bytes per second of the slowest client")
+        ->check(CLI::Range(1, 1 << 30));
+    add(serve, "--api-keys", flags.api_keys,
+        "file of API keys: a JSON list of {tenant, key_sha256, scopes}");
+    serve.add_flag("--insecure-no-auth", config.insecure_no_auth,
+                   "serve others than this machine without API keys");
+    add(serve, "--cors-origin", config.cors_origins,
+        "site whose scripts may use the API, as https://example.org; may be repeated");
+    add(serve, "--log-level", config.log_level, "debug, info, warn or error")
+        ->check(CLI::IsMember({"debug", "info", "warn", "error"}));
+}
+
+void finish(const Flags& flags, ServerConfig& config) {
+    config.listen = parse_address(flags.listen);
+    config.admin = parse_address(flags.admin);
+    config.data = flags.data;
+    config.role = flags.role;
+    config.drain_timeout = std::chrono::seconds(flags.drain_seconds);
+    config.limits.retention = std::chrono::seconds(flags.retention_seconds);
+    config.limits.max_wait = std::chrono::seconds(flags.max_wait_seconds);
+    if (!flags.api_keys.empty()) config.api_keys = flags.api_keys;
+    if (!config.api_keys && !config.insecure_no_auth && !is_loopback(config.listen)) {
+        throw Error(ErrorCode::InvalidArgument,
+                    "--listen " + flags.listen +
+                        " can be reached from other machines: give --api-keys FILE, or "
+                        "--insecure-no-auth when that is meant");
+    }
+}
+
+}  // namespace
+
+ListenAddress parse_address(const std::string& text) {
+    const auto colon = text.rfind(':');
+    ListenAddress address;
+    const char* const end = text.data() + text.size();
+    const char* const port = colon == text.npos ? end : text.data() + colon + 1;
+    const auto [stop, error] = std::from_chars(port, end, address.port);
+    if (colon == 0 || error != std::errc() || stop != end) {
+        throw Error(ErrorCode::InvalidArgument,
+                    "address \"" + text + "\": expected HOST:PORT, as in 127.0.0.1:8080");
+    }
+    address.host = text.substr(0, colon);
+    if (address.host.starts_with('[') && address.host.ends_with(']')) {
+        address.host = address.host.substr(1, address.host.size() - 2);
+    }
+    return address;
+}
+
+bool is_loopback(const ListenAddress& address) {
+    return address.host == "localhost" || address.host == "::1" || address.host.starts_with("127.");
+}
+
+std::optional<Command> parse_command_line(int argc, const char* const* argv) {
+    Command command;
+    Flags flags;
+    CLI::App app{
+        "stippled: smaller point clouds that still describe the same surface, served level by "
+        "level"};
+    app.set_version_flag("--version", STIPPLE_VERSION);
+    app.require_subcommand(1);
+    app.set_config("--config", "",
+                   "file with the flags, as `[serve]` and `listen=\"127.0.0.1:8080\"`");
+    app.fallthrough();
+
+    CLI::App& serve = *app.add_subcommand("serve", "Run the service");
+    add_addresses(serve, flags);
+    add_work(serve, flags, command.config);
+    add_limits(serve, flags, command.config.limits);
+    add_guards(serve, flags, command.config);
+    CLI::App& healthcheck = *app.add_subcommand(
+        "healthcheck", "Ask a running service whether it is ready (exit status)");
+    add(healthcheck, "--admin", flags.admin, "address of its admin listener");
+    CLI::App& scrub = *app.add_subcommand("scrub", "Compare every stored file with its hash");
+    add(scrub, "--data", flags.data, "folder of the store")->required();
+
+    try {
+        app.parse(argc, argv);
+    } catch (const CLI::Success& help) {
+        app.exit(help);
+        return std::nullopt;
+    } catch (const CLI::ParseError& error) {
+        throw Error(ErrorCode::InvalidArgument, error.what());
+    }
+    command.kind = healthcheck.parsed() ? Command::Kind::Healthcheck
+                   : scrub.parsed()     ? Command::Kind::Scrub
+                                        : Command::Kind::Serve;
+    if (command.kind == Command::Kind::Serve) {
+        finish(flags, command.config);
+    } else {
+        command.config.admin = parse_address(flags.admin);
+        command.config.data = flags.data;
+    }
+    return command;
+}
+
+}  // namespace stipple::server

@@ -1,0 +1,51 @@
+#include "http/admin.hpp"
+
+#include "http/api.hpp"
+
+#include <spdlog/spdlog.h>
+
+namespace stipple::server::http {
+
+namespace {
+
+Reply text_reply(std::string text, const char* media_type = "text/plain; charset=utf-8") {
+    Reply reply;
+    reply.media_type = media_type;
+    reply.content = std::move(text);
+    reply.headers.set("Cache-Control", "no-store");
+    return reply;
+}
+
+}  // namespace
+
+Admin::Admin(Service& service, Metrics& metrics, std::function<unsigned()> connections)
+    : service_(service), metrics_(metrics), connections_(std::move(connections)) {}
+
+Reply Admin::handle(Request& request) {
+    try {
+        if (request.method != "GET" && request.method != "HEAD")
+            throw HttpError(405, "only GET and HEAD are taken here");
+        if (request.path == "/livez") return text_reply("alive\n");
+        if (request.path == "/readyz") return ready();
+        if (request.path == "/metrics") {
+            return text_reply(metrics_.text(service_.counts(), connections_()),
+                              "text/plain; version=0.0.4; charset=utf-8");
+        }
+        throw HttpError(404, "no such path: /livez, /readyz and /metrics are here");
+    } catch (...) {
+        return failure_reply(std::current_exception(), request);
+    }
+}
+
+Reply Admin::ready() {
+    if (draining_) throw HttpError(503, "the server is stopping");
+    try {
+        service_.check_ready();
+    } catch (const Error& error) {
+        spdlog::error("readyz.failed reason=\"{}\"", error.what());
+        throw HttpError(503, "the store does not answer; the log tells why");
+    }
+    return text_reply("ready\n");
+}
+
+}  // namespace stipple::server::http

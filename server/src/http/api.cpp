@@ -1,0 +1,189 @@
+#include "http/api.hpp"
+
+#include "stipple/proto/digest.hpp"
+
+#include <spdlog/spdlog.h>
+#include <algorithm>
+
+namespace stipple::server::http {
+
+namespace {
+
+constexpr double kQueueFullRetrySeconds = 5;
+constexpr const char* kExposed =
+    "ETag, Location, Link, Retry-After, Content-Range, X-Request-Id, Stipple-Points";
+
+/// The caller's own id when it can stand in a log, else a new one.
+std::string request_id(const Request& request) {
+    const auto given = request.headers.find("X-Request-Id").value_or("");
+    const bool plain = std::ranges::all_of(given, [](char c) {
+        return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') ||
+               c == '.' || c == '_' || c == '-';
+    });
+    return !given.empty() && given.size() <= 64 && plain ? std::string(given)
+                                                         : proto::random_hex(8);
+}
+
+/// `example.org:8080` of `https://example.org:8080`.
+std::string_view authority_of(std::string_view origin) noexcept {
+    const auto scheme = origin.find("://");
+    return scheme == origin.npos ? origin : origin.substr(scheme + 3);
+}
+
+HttpError unauthorized(const char* why) {
+    Headers headers;
+    headers.add("WWW-Authenticate", "Bearer");
+    return HttpError(proto::problem_from_status(401, why), std::move(headers));
+}
+
+Reply error_reply(const Error& error, const Request& request) {
+    const std::string detail = error.what();
+    if (error.code() == ErrorCode::Internal) {
+        spdlog::error("request.failed id={} route={} reason=\"{}\"", request.id, request.route,
+                      detail);
+        if (detail.starts_with("storage full")) {
+            return problem_reply(HttpError(
+                507, "the server's disk is full: nothing was stored; remove clouds or jobs"));
+        }
+        return problem_reply(
+            HttpError(500, "the server failed; its log tells why, under request " + request.id));
+    }
+    proto::Problem problem = proto::problem_from(error.code(), detail);
+    if (error.code() == ErrorCode::QueueFull) problem.retry_after = kQueueFullRetrySeconds;
+    return problem_reply(HttpError(std::move(problem)));
+}
+
+}  // namespace
+
+Reply failure_reply(std::exception_ptr failure, const Request& request) {
+    try {
+        std::rethrow_exception(failure);
+    } catch (const HttpError& error) {
+        return problem_reply(error);
+    } catch (const Error& error) {
+        return error_reply(error, request);
+    } catch (const Disconnected&) {
+        throw;
+    } catch (const std::exception& error) {
+        return error_reply(Error(ErrorCode::Internal, error.what()), request);
+    }
+}
+
+Api::Api(ApiOptions options, Service& service, Metrics& metrics)
+    : options_(std::move(options)),
+      resources_(service, options_.keys.required(), options_.max_connections),
+      metrics_(metrics) {}
+
+Reply Api::handle(Request& request) {
+    request.id = request_id(request);
+    Reply reply;
+    try {
+        reply = answer(request);
+    } catch (...) {
+        reply = failure_reply(std::current_exception(), request);
+        const RouteMatch match = find_route(request.method, request.path);
+        if (match.same_path != nullptr) share(*match.same_path, request, reply);
+    }
+    reply.headers.set("X-Request-Id", request.id);
+    return reply;
+}
+
+Reply Api::answer(Request& request) {
+    RouteMatch match = find_route(request.method, request.path);
+    if (match.same_path == nullptr)
+        throw HttpError(404, "no such path: /docs describes those there are");
+    request.route = match.same_path->path;
+    if (request.method == "OPTIONS") return preflight(match, request);
+    if (match.route == nullptr) {
+        Headers headers;
+        headers.add("Allow", match.allow);
+        throw HttpError(
+            proto::problem_from_status(405, request.method + ": this path takes " + match.allow),
+            std::move(headers));
+    }
+    authorize(*match.route, request);
+    refuse_foreign_sites(*match.route, request);
+    request.path_values = std::move(match.values);
+    Reply reply = match.route->handle(resources_, request);
+    share(*match.route, request, reply);
+    return reply;
+}
+
+void Api::authorize(const Route& route, Request& request) const {
+    request.tenant = "default";
+    if (!options_.keys.required() || route.scope == Scope::Open) return;
+    constexpr std::string_view kBearer = "Bearer ";
+    const auto field = request.headers.find("Authorization").value_or("");
+    if (!equal_ignoring_case(field.substr(0, kBearer.size()), kBearer)) {
+        throw unauthorized("an API key is needed: Authorization: Bearer KEY");
+    }
+    const auto grant = options_.keys.find(trimmed(field.substr(kBearer.size())));
+    if (!grant) throw unauthorized("this API key is not known");
+    if (!grant->allows(route.scope)) {
+        throw HttpError(403, std::string("this API key may not ") +
+                                 (route.scope == Scope::Read ? "read" : "submit"));
+    }
+    request.tenant = grant->tenant;
+}
+
+/// A page of another site can make a browser send requests here, even to a server that listens on
+/// this machine alone. What changes something is refused then; what only reads tells such a page
+/// nothing.
+void Api::refuse_foreign_sites(const Route& route, const Request& request) const {
+    const auto origin = request.headers.find("Origin");
+    if (route.scope != Scope::Submit || !origin || listed(*origin)) return;
+    if (authority_of(*origin) != request.headers.find("Host").value_or("")) {
+        throw HttpError(
+            403,
+            "the site that asks is not allowed to: start the server with --cors-origin for it");
+    }
+}
+
+void Api::share(const Route& route, const Request& request, Reply& reply) const {
+    const auto origin = request.headers.find("Origin");
+    if (route.sharing == Sharing::Everyone) {
+        reply.headers.set("Access-Control-Allow-Origin", "*");
+    } else if (origin && listed(*origin)) {
+        reply.headers.set("Access-Control-Allow-Origin", std::string(*origin));
+        reply.headers.add("Vary", "Origin");
+    } else {
+        return;
+    }
+    reply.headers.set("Access-Control-Expose-Headers", kExposed);
+}
+
+Reply Api::preflight(const RouteMatch& match, const Request& request) const {
+    Reply reply;
+    reply.headers.set("Allow", match.allow);
+    share(*match.same_path, request, reply);
+    if (reply.headers.find("Access-Control-Allow-Origin")) {
+        reply.headers.set("Access-Control-Allow-Methods", match.allow);
+        reply.headers.set("Access-Control-Allow-Headers",
+                          "Authorization, Content-Type, Idempotency-Key, If-None-Match, "
+                          "Last-Event-ID, Range, X-Request-Id");
+        reply.headers.set("Access-Control-Max-Age", "86400");
+    }
+    return reply;
+}
+
+bool Api::listed(std::string_view origin) const noexcept {
+    return std::ranges::any_of(options_.cors_origins, [origin](const std::string& known) {
+        return known == "*" || known == origin;
+    });
+}
+
+void Api::served(const Request& request, const Served& outcome) {
+    metrics_.request_served(request.method, request.route, outcome);
+    // The template, not the path: what others chose stays out of the log.
+    spdlog::info("http.served id={} tenant={} method={} route={} status={} bytes={} ms={:.1f}{}",
+                 request.id, request.tenant.empty() ? "-" : request.tenant, request.method,
+                 request.route.empty() ? "none" : request.route, outcome.status, outcome.bytes,
+                 1000 * outcome.seconds.count(), outcome.complete ? "" : " client=gone");
+}
+
+void Api::refused(int status, std::string_view detail) {
+    metrics_.request_refused(std::to_string(status));
+    spdlog::debug("http.refused status={} reason=\"{}\"", status, detail);
+}
+
+}  // namespace stipple::server::http

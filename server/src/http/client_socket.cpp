@@ -1,0 +1,171 @@
+#include "http/client_socket.hpp"
+
+#include "http/request_head.hpp"
+
+#include <poll.h>
+#include <sys/eventfd.h>
+#include <sys/socket.h>
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstring>
+
+namespace stipple::server::http {
+
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr std::size_t kReceiveBytes = 16 * 1024;
+
+}  // namespace
+
+StopEvent::StopEvent() : fd_(::eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {
+    if (!fd_) throw Error(ErrorCode::Internal, "eventfd: no more file descriptors");
+}
+
+void StopEvent::raise() noexcept {
+    ::eventfd_write(fd_.get(), 1);
+}
+
+bool StopEvent::raised() const noexcept {
+    pollfd event{fd_.get(), POLLIN, 0};
+    return ::poll(&event, 1, 0) == 1;
+}
+
+ClientSocket::ClientSocket(FileDescriptor fd, std::string address, const Patience& patience,
+                           const StopEvent& drain, const StopEvent& abort)
+    : fd_(std::move(fd)),
+      address_(std::move(address)),
+      patience_(patience),
+      drain_(drain),
+      abort_(abort) {}
+
+void ClientSocket::begin_exchange() noexcept {
+    body_bytes_ = reply_bytes_ = 0;
+    body_waited_ = reply_waited_ = {};
+}
+
+std::optional<std::string> ClientSocket::read_head() {
+    auto deadline = Clock::now() + (received_.empty() ? patience_.keep_alive : patience_.head);
+    std::size_t searched = 0;
+    std::array<char, kReceiveBytes> piece;
+    while (true) {
+        // An empty line before the request line is forgiven (RFC 9112 §2.2).
+        while (searched == 0 && received_.starts_with("\r\n")) received_.erase(0, 2);
+        const auto end = received_.find("\r\n\r\n", searched);
+        check_head_size(std::string_view(received_).substr(0, end));
+        if (end != received_.npos) {
+            std::string head = received_.substr(0, end);
+            received_.erase(0, end + 4);
+            return head;
+        }
+        searched = received_.size() < 3 ? 0 : received_.size() - 3;
+
+        const bool nothing_yet = received_.empty();
+        const std::size_t n = receive(piece, deadline, nothing_yet);
+        if (n == 0 && nothing_yet) return std::nullopt;
+        if (n == 0) throw Disconnected();
+        received_.append(piece.data(), n);
+        if (nothing_yet) deadline = Clock::now() + patience_.head;
+    }
+}
+
+std::size_t ClientSocket::read_some(std::span<std::byte> out) {
+    std::size_t n = std::min(out.size(), received_.size());
+    if (n > 0) {
+        std::memcpy(out.data(), received_.data(), n);
+        received_.erase(0, n);
+    } else {
+        const auto begin = Clock::now();
+        n = receive({reinterpret_cast<char*>(out.data()), out.size()},
+                    begin + allowance(body_bytes_) - body_waited_, false);
+        body_waited_ += Clock::now() - begin;
+        if (n == 0) throw Disconnected();
+    }
+    body_bytes_ += n;
+    return n;
+}
+
+void ClientSocket::write_all(std::string_view bytes) {
+    while (!bytes.empty()) {
+        const ssize_t sent =
+            ::send(fd_.get(), bytes.data(), bytes.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
+        if (sent > 0) {
+            bytes.remove_prefix(static_cast<std::size_t>(sent));
+            reply_bytes_ += static_cast<std::uint64_t>(sent);
+            continue;
+        }
+        if (errno == EINTR) continue;
+        if (errno != EAGAIN && errno != EWOULDBLOCK) throw Disconnected();
+        const auto begin = Clock::now();
+        const Waited waited =
+            wait_for(POLLOUT, begin + allowance(reply_bytes_) - reply_waited_, false);
+        reply_waited_ += Clock::now() - begin;
+        if (waited != Waited::Ready) throw Disconnected();
+    }
+}
+
+bool ClientSocket::peer_gone() const noexcept {
+    char byte = 0;
+    const ssize_t n = ::recv(fd_.get(), &byte, 1, MSG_PEEK | MSG_DONTWAIT);
+    return n == 0 || (n < 0 && errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR);
+}
+
+void ClientSocket::close_gently() noexcept {
+    ::shutdown(fd_.get(), SHUT_WR);
+    const auto deadline = Clock::now() + 1s;
+    std::array<char, 16 * 1024> discarded;
+    for (std::size_t budget = 16U << 20; budget > discarded.size(); budget -= discarded.size()) {
+        const ssize_t n = ::recv(fd_.get(), discarded.data(), discarded.size(), MSG_DONTWAIT);
+        if (n > 0) continue;
+        const bool later = n < 0 && (errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR);
+        if (!later || wait_for(POLLIN, deadline, false) != Waited::Ready) return;
+    }
+}
+
+ClientSocket::Waited ClientSocket::wait_for(short events, Clock::time_point deadline,
+                                            bool between_requests) const {
+    std::array<pollfd, 3> polled = {pollfd{fd_.get(), events, 0}, pollfd{abort_.fd(), POLLIN, 0},
+                                    pollfd{drain_.fd(), POLLIN, 0}};
+    const nfds_t count = between_requests ? 3 : 2;
+    while (true) {
+        const auto left = std::chrono::ceil<std::chrono::milliseconds>(deadline - Clock::now());
+        if (left <= 0ms) return Waited::TimedOut;
+        const int ready =
+            ::poll(polled.data(), count, static_cast<int>(std::min(left, 60'000ms).count()));
+        if (ready < 0 && errno != EINTR) return Waited::Stopped;
+        if (ready <= 0) continue;
+        if (polled[1].revents != 0) return Waited::Stopped;
+        // What the client has already sent is served, even when the server begins to drain.
+        return polled[0].revents != 0 ? Waited::Ready : Waited::Stopped;
+    }
+}
+
+std::size_t ClientSocket::receive(std::span<char> out, Clock::time_point deadline,
+                                  bool between_requests) const {
+    while (true) {
+        const Waited waited = wait_for(POLLIN, deadline, between_requests);
+        if (waited != Waited::Ready && between_requests) return 0;
+        if (waited == Waited::Stopped) throw Disconnected();
+        if (waited == Waited::TimedOut) {
+            throw HttpError(408, "the request came too slowly: a head has " +
+                                     std::to_string(patience_.head.count()) + " ms, a body needs " +
+                                     std::to_string(patience_.min_bytes_per_second) +
+                                     " bytes per second");
+        }
+        const ssize_t n = ::recv(fd_.get(), out.data(), out.size(), MSG_DONTWAIT);
+        if (n >= 0) return static_cast<std::size_t>(n);
+        if (errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR) throw Disconnected();
+    }
+}
+
+ClientSocket::Clock::duration ClientSocket::allowance(std::uint64_t bytes) const noexcept {
+    const double seconds =
+        static_cast<double>(bytes) / static_cast<double>(patience_.min_bytes_per_second);
+    // A day is as good as for ever, and does not overflow.
+    return patience_.grace + std::chrono::duration_cast<Clock::duration>(
+                                 std::chrono::duration<double>(std::min(seconds, 86'400.0)));
+}
+
+}  // namespace stipple::server::http

@@ -1,0 +1,86 @@
+#pragma once
+
+#include "http/message.hpp"
+#include "store/posix_file.hpp"
+
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+
+namespace stipple::server::http {
+
+/// How long we wait for the other side. A head has a deadline; a body, and a reply, may keep us
+/// waiting for `grace` and for what its bytes take at the slowest rate.
+struct Patience {
+    std::chrono::milliseconds head{5'000};         ///< for a whole head, from its first byte on
+    std::chrono::milliseconds keep_alive{10'000};  ///< between two requests
+    std::chrono::milliseconds grace{10'000};
+    std::uint64_t min_bytes_per_second = 4096;
+};
+
+/// An event that stays: once raised, every wait on it returns.
+class StopEvent {
+public:
+    StopEvent();
+    void raise() noexcept;
+    bool raised() const noexcept;
+    int fd() const noexcept { return fd_.get(); }
+
+private:
+    FileDescriptor fd_;
+};
+
+/// A connection to a client that may be slow, silent or hostile.
+class ClientSocket {
+public:
+    /// @param drain  ends the wait for a next request;  @param abort  ends every wait.
+    ClientSocket(FileDescriptor fd, std::string address, const Patience& patience,
+                 const StopEvent& drain, const StopEvent& abort);
+
+    const std::string& address() const noexcept { return address_; }
+
+    /// Begins a request: the rates are counted anew.
+    void begin_exchange() noexcept;
+
+    /// Up to and without the empty line; nothing when the client left or stayed silent, or the
+    /// server drains, before its first byte.
+    /// @throws HttpError (408, 414, 431), Disconnected.
+    std::optional<std::string> read_head();
+
+    /// Some bytes of the body, at least one. @throws HttpError(408) below the slowest rate,
+    /// Disconnected.
+    std::size_t read_some(std::span<std::byte> out);
+
+    /// @throws Disconnected also when the client takes the bytes too slowly.
+    void write_all(std::string_view bytes);
+
+    /// Whether the client has closed the connection, as far as is known without waiting.
+    bool peer_gone() const noexcept;
+
+    /// Ends our side and takes what still comes for a moment, so that our last words are not lost
+    /// to a reset.
+    void close_gently() noexcept;
+
+private:
+    using Clock = std::chrono::steady_clock;
+    enum class Waited { Ready, TimedOut, Stopped };
+    Waited wait_for(short events, Clock::time_point deadline, bool between_requests) const;
+    /// 0 at the end of the stream; between requests also when nothing came in time.
+    std::size_t receive(std::span<char> out, Clock::time_point deadline,
+                        bool between_requests) const;
+    Clock::duration allowance(std::uint64_t bytes) const noexcept;
+
+    FileDescriptor fd_;
+    const std::string address_;
+    const Patience& patience_;
+    const StopEvent& drain_;
+    const StopEvent& abort_;
+    std::string received_;  ///< read from the socket, not yet used
+    std::uint64_t body_bytes_ = 0, reply_bytes_ = 0;
+    Clock::duration body_waited_{}, reply_waited_{};
+};
+
+}  // namespace stipple::server::http

@@ -1,0 +1,109 @@
+#include "http/conditional.hpp"
+#include "http/query.hpp"
+#include "http/routes.hpp"
+#include "http/upload.hpp"
+
+#include <algorithm>
+
+namespace stipple::server::http {
+
+namespace {
+
+constexpr std::size_t kPieceBytes = 256 * 1024;
+constexpr std::size_t kHeadBytes = 64;  ///< enough to tell the formats apart
+
+void check_length(const Request& request, const Limits& limits) {
+    if (!request.body->announced()) {
+        throw HttpError(411,
+                        "no body was announced: send the file with Content-Length, or chunked");
+    }
+    const auto length = request.body->length();
+    if (length && *length > limits.max_upload_bytes) {
+        throw HttpError(413, "the body has " + std::to_string(*length) + " bytes: at most " +
+                                 std::to_string(limits.max_upload_bytes) +
+                                 " are taken (GET /v1/limits)");
+    }
+}
+
+/// Refuses what is no cloud as soon as its first bytes are there.
+void check_format(std::span<const std::byte> head) {
+    if (detect_format(head)) return;
+    const auto begins_with = [head](std::initializer_list<unsigned> magic) {
+        return head.size() >= magic.size() &&
+               std::ranges::equal(head.first(magic.size()), magic, {},
+                                  [](std::byte byte) { return std::to_integer<unsigned>(byte); });
+    };
+    std::string remedy = "expected it to begin with `ply` or `DRACO`";
+    if (begins_with({0x1F, 0x8B}) || begins_with({'P', 'K', 3, 4}) ||
+        begins_with({0x28, 0xB5, 0x2F, 0xFD})) {
+        remedy = "it is a packed file: unpack it first";
+    } else if (begins_with({'L', 'A', 'S', 'F'})) {
+        remedy = "it is a LAS or LAZ file: convert it to PLY first";
+    }
+    throw HttpError(415, "the body is neither PLY nor Draco: " + remedy);
+}
+
+}  // namespace
+
+proto::CloudDocument receive_cloud(Resources& resources, Request& request, bool& existed) {
+    check_length(request, resources.service.limits());
+    const auto permit = resources.uploads.take();
+    const auto upload = resources.service.begin_upload();
+    std::vector<std::byte> piece(kPieceBytes);
+    std::vector<std::byte> head;
+    while (const std::size_t n = request.body->read(piece)) {
+        const auto bytes = std::span(piece).first(n);
+        if (head.size() < kHeadBytes) {
+            const auto wanted = bytes.first(std::min(n, kHeadBytes - head.size()));
+            head.insert(head.end(), wanted.begin(), wanted.end());
+            if (head.size() == kHeadBytes) check_format(head);
+        }
+        upload->write(bytes);
+    }
+    check_format(head);
+    return resources.service.finish_upload(request.tenant, *upload, head, existed);
+}
+
+Reply upload_cloud(Resources& resources, Request& request) {
+    bool existed = false;
+    const proto::CloudDocument cloud = receive_cloud(resources, request, existed);
+    Reply reply = json_reply(existed ? 200 : 201, proto::to_json(cloud));
+    reply.headers.set("Location", "/v1/clouds/" + cloud.id);
+    return reply;
+}
+
+Reply list_clouds(Resources& resources, Request& request) {
+    allow_query(request, {"limit", "cursor"});
+    const PageQuery page = query_page(request);
+    std::optional<std::string> next;
+    std::vector<std::string> items;
+    for (const auto& cloud :
+         resources.service.clouds(request.tenant, page.limit, page.cursor, next)) {
+        items.push_back(proto::to_json(cloud));
+    }
+    return page_reply(request, items, next);
+}
+
+Reply get_cloud(Resources& resources, Request& request) {
+    return json_reply(
+        200, proto::to_json(resources.service.cloud(request.tenant, request.path_value("id"))));
+}
+
+Reply remove_cloud(Resources& resources, Request& request) {
+    const proto::CloudDocument cloud =
+        resources.service.cloud(request.tenant, request.path_value("id"));
+    resources.service.remove_cloud(request.tenant, cloud.id);
+    return json_reply(200, proto::to_json(cloud));
+}
+
+Reply get_cloud_content(Resources& resources, Request& request) {
+    const proto::CloudDocument cloud =
+        resources.service.cloud(request.tenant, request.path_value("id"));
+    auto permit = resources.downloads.take();
+    Reply reply = blob_reply(request, resources.service.cloud_content(request.tenant, cloud.id),
+                             cloud.id, media_type(cloud.format), resources.with_keys);
+    reply.permit = std::move(permit);
+    return reply;
+}
+
+}  // namespace stipple::server::http

@@ -1,0 +1,38 @@
+#pragma once
+
+#include "http/client_socket.hpp"
+
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <string_view>
+
+namespace stipple::server::http {
+
+/// What was answered.
+struct Served {
+    int status = 0;
+    std::uint64_t bytes = 0;  ///< of the reply, head included
+    std::chrono::duration<double> seconds{};
+    bool complete = true;  ///< false: the client left before its end
+};
+
+/// What a connection serves. Called by many threads at a time.
+class Application {
+public:
+    virtual ~Application() = default;
+    /// @throws Disconnected; every other failure is made a reply.
+    virtual Reply handle(Request& request) = 0;
+    virtual void served(const Request& request, const Served& outcome) = 0;
+    /// A request refused before it was one: too slow, too large, malformed.
+    virtual void refused(int status, std::string_view detail) = 0;
+};
+
+/// Serves the requests of one connection, one after the other, until either side closes it.
+void serve_connection(ClientSocket& socket, Application& application, const StopEvent& drain,
+                      std::stop_token stop);
+
+/// A whole HTTP message with this problem, which also ends the connection.
+std::string last_words(const proto::Problem& problem);
+
+}  // namespace stipple::server::http

@@ -1,0 +1,54 @@
+#include "http/event_stream.hpp"
+
+#include <nlohmann/json.hpp>
+
+namespace stipple::server::http {
+
+namespace {
+
+using namespace std::chrono_literals;
+using std::chrono::steady_clock;
+
+constexpr auto kHeartbeat = 10s;
+constexpr auto kLookAtClient = 1s;  ///< how soon a client that left is noticed
+
+}  // namespace
+
+std::string event_text(const JobEvent& event) {
+    return "id: " + std::to_string(event.id) + "\nevent: " + event.type + "\ndata: " + event.data +
+           "\n\n";
+}
+
+bool is_last(const JobEvent& event) {
+    if (event.type != "status") return false;
+    const auto data = nlohmann::json::parse(event.data);
+    return proto::is_final(proto::job_status_from_name(data.at("status").get<std::string>()));
+}
+
+Stream event_stream(Service& service, const Request& request, const std::string& job_id,
+                    std::uint64_t after) {
+    return [&service, tenant = request.tenant, job_id, after, stop = request.stop,
+            client_gone = request.client_gone](const StreamWriter& write) {
+        std::uint64_t last = after;
+        write("retry: 1000\n\n");
+        auto last_write = steady_clock::now();
+        while (!stop.stop_requested()) {
+            const auto events = service.events(tenant, job_id, last, kLookAtClient, stop);
+            for (const JobEvent& event : events) {
+                write(event_text(event));
+                last = event.id;
+                last_write = steady_clock::now();
+                if (is_last(event)) return;
+            }
+            // A client that resumes behind the last event of a job that has ended.
+            if (events.empty() && proto::is_final(service.job(tenant, job_id).status)) return;
+            if (client_gone()) throw Disconnected();
+            if (steady_clock::now() - last_write >= kHeartbeat) {
+                write(": still here\n\n");
+                last_write = steady_clock::now();
+            }
+        }
+    };
+}
+
+}  // namespace stipple::server::http

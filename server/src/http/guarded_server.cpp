@@ -1,0 +1,207 @@
+#include "http/guarded_server.hpp"
+
+#include <arpa/inet.h>
+#include <fcntl.h>
+#include <netdb.h>
+#include <netinet/tcp.h>
+#include <poll.h>
+#include <sys/socket.h>
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstring>
+
+namespace stipple::server::http {
+
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr std::size_t kMaxFarewells = 64;
+constexpr auto kFarewell = 500ms;
+
+struct AddressList {
+    addrinfo* first = nullptr;
+    AddressList() = default;
+    AddressList(const AddressList&) = delete;
+    AddressList& operator=(const AddressList&) = delete;
+    ~AddressList() {
+        if (first != nullptr) ::freeaddrinfo(first);
+    }
+};
+
+[[noreturn]] void cannot_listen(const GuardedServerOptions& options, const char* why) {
+    throw Error(ErrorCode::InvalidArgument, "cannot listen on " + options.host + ":" +
+                                                std::to_string(options.port) + ": " + why);
+}
+
+FileDescriptor listen_on(const GuardedServerOptions& options) {
+    addrinfo hints{};
+    hints.ai_socktype = SOCK_STREAM;
+    hints.ai_flags = AI_PASSIVE | AI_NUMERICSERV;
+    AddressList found;
+    const int failed = ::getaddrinfo(options.host.c_str(), std::to_string(options.port).c_str(),
+                                     &hints, &found.first);
+    if (failed != 0) cannot_listen(options, ::gai_strerror(failed));
+
+    FileDescriptor fd(
+        ::socket(found.first->ai_family, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
+    const int on = 1;
+    if (!fd || ::setsockopt(fd.get(), SOL_SOCKET, SO_REUSEADDR, &on, sizeof on) != 0 ||
+        ::bind(fd.get(), found.first->ai_addr, found.first->ai_addrlen) != 0 ||
+        ::listen(fd.get(), 512) != 0) {
+        cannot_listen(options, std::strerror(errno));
+    }
+    return fd;
+}
+
+/// The numeric address and the port of an end of a connection.
+std::pair<std::string, std::uint16_t> name_of(const sockaddr_storage& address) {
+    std::array<char, INET6_ADDRSTRLEN> text{};
+    if (address.ss_family == AF_INET6) {
+        const auto& v6 = reinterpret_cast<const sockaddr_in6&>(address);
+        ::inet_ntop(AF_INET6, &v6.sin6_addr, text.data(), text.size());
+        return {text.data(), ntohs(v6.sin6_port)};
+    }
+    const auto& v4 = reinterpret_cast<const sockaddr_in&>(address);
+    ::inet_ntop(AF_INET, &v4.sin_addr, text.data(), text.size());
+    return {text.data(), ntohs(v4.sin_port)};
+}
+
+std::uint16_t port_of(const FileDescriptor& fd) {
+    sockaddr_storage address{};
+    socklen_t size = sizeof address;
+    ::getsockname(fd.get(), reinterpret_cast<sockaddr*>(&address), &size);
+    return name_of(address).second;
+}
+
+}  // namespace
+
+GuardedServer::GuardedServer(const GuardedServerOptions& options, Application& application)
+    : options_(options),
+      application_(application),
+      listener_(listen_on(options)),
+      port_(port_of(listener_)) {
+    const bool v6 = options.host.find(':') != std::string::npos;
+    address_ = (v6 ? "[" + options.host + "]" : options.host) + ":" + std::to_string(port_);
+    acceptor_ = std::jthread([this] { accept_loop(); });
+}
+
+GuardedServer::~GuardedServer() {
+    drain_.raise();
+    stop_.request_stop();
+    abort_.raise();
+    acceptor_.join();
+    {
+        const std::lock_guard lock(mutex_);
+        ended_ = true;
+    }
+    arrived_.notify_all();
+    threads_.clear();
+}
+
+bool GuardedServer::drain(std::chrono::milliseconds time) {
+    drain_.raise();
+    stop_.request_stop();
+    std::unique_lock lock(mutex_);
+    return left_.wait_for(lock, time, [this] { return by_address_.empty(); });
+}
+
+void GuardedServer::accept_loop() {
+    std::vector<pollfd> polled;
+    while (true) {
+        polled = {{drain_.fd(), POLLIN, 0}, {listener_.get(), POLLIN, 0}};
+        for (const Farewell& farewell : farewells_)
+            polled.push_back({farewell.fd.get(), POLLIN, 0});
+        ::poll(polled.data(), polled.size(), farewells_.empty() ? -1 : 100);
+        if (polled[0].revents != 0) break;
+        if (polled[1].revents != 0) accept_one();
+
+        const auto now = std::chrono::steady_clock::now();
+        std::erase_if(farewells_, [now](const Farewell& farewell) {
+            std::array<char, 4096> discarded;
+            const ssize_t n =
+                ::recv(farewell.fd.get(), discarded.data(), discarded.size(), MSG_DONTWAIT);
+            return n == 0 || now >= farewell.until;
+        });
+    }
+    listener_ = FileDescriptor();
+    farewells_.clear();
+}
+
+void GuardedServer::accept_one() {
+    sockaddr_storage address{};
+    socklen_t size = sizeof address;
+    FileDescriptor fd(::accept4(listener_.get(), reinterpret_cast<sockaddr*>(&address), &size,
+                                SOCK_CLOEXEC | SOCK_NONBLOCK));
+    if (!fd) {
+        // Out of descriptors: the connection stays in the backlog; without a pause this would be a
+        // busy loop.
+        if (errno == EMFILE || errno == ENFILE || errno == ENOMEM) ::poll(nullptr, 0, 50);
+        return;
+    }
+    const int on = 1;
+    ::setsockopt(fd.get(), IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
+
+    std::string name = name_of(address).first;
+    if (!admit(name)) return turn_away(std::move(fd));
+    const std::lock_guard lock(mutex_);
+    waiting_.push_back({std::move(fd), std::move(name)});
+    if (idle_ < waiting_.size()) threads_.emplace_back([this] { serve_loop(); });
+    arrived_.notify_one();
+}
+
+bool GuardedServer::admit(const std::string& address) {
+    const std::lock_guard lock(mutex_);
+    if (open_ >= options_.max_connections) return false;
+    unsigned& here = by_address_[address];
+    if (here >= options_.max_connections_per_address) return false;
+    ++here;
+    ++open_;
+    return true;
+}
+
+void GuardedServer::turn_away(FileDescriptor fd) {
+    proto::Problem problem =
+        proto::problem_from_status(503, "too many connections: try again in a second");
+    problem.retry_after = 1;
+    application_.refused(503, problem.detail);
+    const std::string words = last_words(problem);
+    // A new connection's buffer takes so little at once; one that does not is not worth waiting
+    // for.
+    if (::send(fd.get(), words.data(), words.size(), MSG_NOSIGNAL | MSG_DONTWAIT) < 0) return;
+    ::shutdown(fd.get(), SHUT_WR);
+    if (farewells_.size() == kMaxFarewells) farewells_.erase(farewells_.begin());
+    farewells_.push_back({std::move(fd), std::chrono::steady_clock::now() + kFarewell});
+}
+
+void GuardedServer::serve_loop() {
+    while (true) {
+        Accepted accepted;
+        {
+            std::unique_lock lock(mutex_);
+            ++idle_;
+            arrived_.wait(lock, [this] { return ended_ || !waiting_.empty(); });
+            --idle_;
+            if (waiting_.empty()) return;
+            accepted = std::move(waiting_.front());
+            waiting_.pop_front();
+        }
+        {
+            ClientSocket socket(std::move(accepted.fd), accepted.address, options_.patience, drain_,
+                                abort_);
+            serve_connection(socket, application_, drain_, stop_.get_token());
+        }
+        leave(accepted.address);
+    }
+}
+
+void GuardedServer::leave(const std::string& address) {
+    const std::lock_guard lock(mutex_);
+    const auto here = by_address_.find(address);
+    if (--here->second == 0) by_address_.erase(here);
+    --open_;
+    if (by_address_.empty()) left_.notify_all();
+}
+
+}  // namespace stipple::server::http

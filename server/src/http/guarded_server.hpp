@@ -1,0 +1,81 @@
+#pragma once
+
+#include "http/connection.hpp"
+
+#include <atomic>
+#include <condition_variable>
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <map>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <vector>
+
+namespace stipple::server::http {
+
+struct GuardedServerOptions {
+    std::string host = "127.0.0.1";
+    std::uint16_t port = 0;  ///< 0: any that is free
+    unsigned max_connections = 512;
+    unsigned max_connections_per_address = 128;
+    Patience patience;
+};
+
+/// Accepts connections and serves each on a thread of its own; there are never more connections
+/// than threads, so none waits for another. Above a cap a connection is answered 503 by the
+/// accepting thread, before a byte of it is read.
+class GuardedServer {
+public:
+    /// Listens at once: @throws Error(InvalidArgument) naming the address when that fails.
+    GuardedServer(const GuardedServerOptions& options, Application& application);
+    /// Stops at once what `drain` did not end.
+    ~GuardedServer();
+
+    /// As chosen: `127.0.0.1:41234`.
+    const std::string& address() const noexcept { return address_; }
+    std::uint16_t port() const noexcept { return port_; }
+    unsigned connections() const noexcept { return open_.load(std::memory_order_relaxed); }
+
+    /// Takes no new connection, lets requests under way end, streams and long polls at once; true
+    /// when all have within `time`.
+    bool drain(std::chrono::milliseconds time);
+
+private:
+    struct Accepted {
+        FileDescriptor fd;
+        std::string address;
+    };
+    struct Farewell {
+        FileDescriptor fd;
+        std::chrono::steady_clock::time_point until;
+    };
+    void accept_loop();
+    void accept_one();
+    bool admit(const std::string& address);
+    void turn_away(FileDescriptor fd);
+    void serve_loop();
+    void leave(const std::string& address);
+
+    const GuardedServerOptions options_;
+    Application& application_;
+    StopEvent drain_, abort_;
+    std::stop_source stop_;
+    FileDescriptor listener_;
+    std::string address_;
+    std::uint16_t port_ = 0;
+    std::vector<Farewell> farewells_;  ///< of the accepting thread only
+
+    std::atomic<unsigned> open_ = 0;
+    std::mutex mutex_;  ///< for all below
+    std::condition_variable arrived_, left_;
+    std::map<std::string, unsigned> by_address_;
+    std::deque<Accepted> waiting_;
+    unsigned idle_ = 0;
+    bool ended_ = false;
+    std::vector<std::jthread> threads_;
+    std::jthread acceptor_;
+};
+
+}  // namespace stipple::server::http

@@ -1,0 +1,153 @@
+#include "http/conditional.hpp"
+#include "http/event_stream.hpp"
+#include "http/query.hpp"
+#include "http/routes.hpp"
+#include "http/waiting.hpp"
+
+#include "stipple/proto/digest.hpp"
+
+#include <algorithm>
+#include <charconv>
+
+namespace stipple::server::http {
+
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr std::size_t kMaxRequestBytes = 1 << 20;
+constexpr auto kLookAtClient = 1000ms;
+
+/// Only a request that says it is JSON: a form of another site cannot say so.
+std::string read_json(const Request& request) {
+    const auto type = request.headers.find("Content-Type").value_or("");
+    if (!equal_ignoring_case(trimmed(type.substr(0, type.find(';'))), "application/json")) {
+        throw HttpError(415,
+                        "the body is not called JSON: send it with Content-Type: application/json");
+    }
+    return read_all(*request.body, kMaxRequestBytes);
+}
+
+Reply job_reply(int status, const proto::JobDocument& job) {
+    Reply reply = json_reply(status, proto::to_json(job));
+    reply.headers.set("Cache-Control", "no-store");
+    return reply;
+}
+
+/// `Last-Event-ID` says where a browser's stream was cut; it stands before the query, which says
+/// where it began.
+std::uint64_t first_wanted(const Request& request) {
+    const auto resumed = request.headers.find("Last-Event-ID");
+    if (!resumed) return query_count(request, "after", 0, INT64_MAX).value_or(0);
+    std::uint64_t id = 0;
+    const auto [end, error] =
+        std::from_chars(resumed->data(), resumed->data() + resumed->size(), id);
+    if (error != std::errc() || end != resumed->data() + resumed->size()) {
+        throw HttpError(400, "Last-Event-ID is not the id of an event");
+    }
+    return id;
+}
+
+}  // namespace
+
+proto::JobDocument wait_for_job(Resources& resources, const Request& request, const std::string& id,
+                                std::chrono::milliseconds wait) {
+    if (wait == 0ms) return resources.service.job(request.tenant, id);
+    const auto permit = resources.waits.take();
+    const auto deadline = std::chrono::steady_clock::now() + wait;
+    while (true) {
+        const auto left = std::chrono::ceil<std::chrono::milliseconds>(
+            deadline - std::chrono::steady_clock::now());
+        const auto slice = std::clamp<std::chrono::milliseconds>(left, 0ms, kLookAtClient);
+        proto::JobDocument job =
+            resources.service.wait_for_job(request.tenant, id, slice, request.stop);
+        if (proto::is_final(job.status) || left <= slice || request.stop.stop_requested())
+            return job;
+        if (request.client_gone()) throw Disconnected();
+    }
+}
+
+Reply output_reply(Resources& resources, const Request& request, const std::string& job_id,
+                   const std::string& file_name) {
+    const auto dot = file_name.find('.');
+    const std::string sha256 = file_name.substr(0, dot);
+    const std::string_view extension =
+        std::string_view(file_name).substr(std::min(dot, file_name.size()));
+    if (!proto::is_sha256(sha256) || (extension != ".ply" && extension != ".drc")) {
+        throw HttpError(404, "no such file: the manifest names those there are");
+    }
+    auto permit = resources.downloads.take();
+    Reply reply =
+        blob_reply(request, resources.service.output(request.tenant, job_id, sha256), sha256,
+                   media_type(cloud_format_from_name(extension.substr(1))), resources.with_keys);
+    reply.permit = std::move(permit);
+    return reply;
+}
+
+Reply submit_job(Resources& resources, Request& request) {
+    const proto::JobRequest wanted = proto::job_request_from_json(read_json(request));
+    std::optional<std::string> key;
+    if (const auto field = request.headers.find("Idempotency-Key")) key = *field;
+    bool existed = false;
+    const proto::JobDocument job = resources.service.submit(request.tenant, wanted, key, existed);
+    Reply reply = job_reply(existed ? 200 : 201, job);
+    reply.headers.set("Location", "/v1/jobs/" + job.id);
+    return reply;
+}
+
+Reply list_jobs(Resources& resources, Request& request) {
+    allow_query(request, {"limit", "cursor", "type", "status", "input"});
+    const PageQuery page = query_page(request);
+    const JobStore::JobFilter filter{.type = request.query_value("type"),
+                                     .status = request.query_value("status"),
+                                     .input = request.query_value("input")};
+    if (filter.type && *filter.type != "simplify" && *filter.type != "pyramid") {
+        throw HttpError(400, "type: expected simplify or pyramid");
+    }
+    if (filter.status) (void)proto::job_status_from_name(*filter.status);
+    std::optional<std::string> next;
+    std::vector<std::string> items;
+    for (const auto& job :
+         resources.service.jobs(request.tenant, filter, page.limit, page.cursor, next)) {
+        items.push_back(proto::to_json(job));
+    }
+    return page_reply(request, items, next);
+}
+
+Reply get_job(Resources& resources, Request& request) {
+    const auto wait = query_wait(request, resources.service.limits(), 0ms);
+    return job_reply(200, wait_for_job(resources, request, request.path_value("id"), wait));
+}
+
+Reply dismiss_job(Resources& resources, Request& request) {
+    return job_reply(200, resources.service.dismiss(request.tenant, request.path_value("id")));
+}
+
+Reply follow_job(Resources& resources, Request& request) {
+    if (request.version == "HTTP/1.0") throw HttpError(505, "an event stream needs HTTP/1.1");
+    const std::uint64_t after = first_wanted(request);
+    const proto::JobDocument job = resources.service.job(request.tenant, request.path_value("id"));
+    Reply reply{.status = 200,
+                .headers = {},
+                .media_type = "text/event-stream",
+                .content = event_stream(resources.service, request, job.id, after),
+                .permit = resources.streams.take()};
+    reply.headers.set("Cache-Control", "no-store");
+    reply.headers.set("X-Accel-Buffering", "no");  // nginx would keep the events back
+    return reply;
+}
+
+Reply get_results(Resources& resources, Request& request) {
+    const proto::JobDocument job = resources.service.job(request.tenant, request.path_value("id"));
+    if (job.status == proto::JobStatus::Failed && job.problem) throw HttpError(*job.problem);
+    Reply reply =
+        json_reply(200, proto::to_json(resources.service.results(request.tenant, job.id)));
+    reply.headers.set("Cache-Control", "no-store");
+    return reply;
+}
+
+Reply get_result_file(Resources& resources, Request& request) {
+    return output_reply(resources, request, request.path_value("id"), request.path_value("file"));
+}
+
+}  // namespace stipple::server::http

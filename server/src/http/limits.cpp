@@ -1,0 +1,26 @@
+#include "http/routes.hpp"
+
+#include <nlohmann/json.hpp>
+
+namespace stipple::server::http {
+
+Reply get_limits(Resources& resources, Request&) {
+    const Limits& limits = resources.service.limits();
+    const nlohmann::json json = {
+        {"max_upload_bytes", limits.max_upload_bytes},
+        {"max_points", limits.decode.max_points},
+        {"max_attributes", limits.decode.max_attributes},
+        {"max_job_memory_bytes", limits.max_job_memory_bytes},
+        {"max_job_cpu_seconds", limits.max_job_cpu_seconds},
+        {"max_job_output_bytes", limits.max_job_output_bytes},
+        {"max_queued_jobs", limits.queue.max_queued},
+        {"max_running_jobs", limits.queue.max_running},
+        {"retention_seconds", limits.retention.count()},
+        {"max_wait_seconds", limits.max_wait.count()},
+        {"formats", {to_string(CloudFormat::Ply), to_string(CloudFormat::Draco)}},
+        {"methods", {to_string(Method::Hierarchical)}},
+    };
+    return json_reply(200, json.dump());
+}
+
+}  // namespace stipple::server::http

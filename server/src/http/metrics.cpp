@@ -1,0 +1,91 @@
+#include "http/metrics.hpp"
+
+#include <prometheus/counter.h>
+#include <prometheus/gauge.h>
+#include <prometheus/histogram.h>
+#include <prometheus/registry.h>
+#include <prometheus/text_serializer.h>
+
+namespace stipple::server::http {
+
+namespace {
+
+using prometheus::BuildCounter;
+using prometheus::BuildGauge;
+using prometheus::BuildHistogram;
+
+const prometheus::Histogram::BucketBoundaries kSeconds = {0.001, 0.005, 0.02, 0.1, 0.5, 2, 10, 60};
+
+}  // namespace
+
+struct Metrics::Series {
+    prometheus::Registry registry;
+    prometheus::Family<prometheus::Counter>& requests = BuildCounter()
+                                                            .Name("stipple_http_requests_total")
+                                                            .Help("Requests answered")
+                                                            .Register(registry);
+    prometheus::Family<prometheus::Histogram>& durations =
+        BuildHistogram()
+            .Name("stipple_http_request_seconds")
+            .Help("From the head of a request to the end of its reply")
+            .Register(registry);
+    prometheus::Family<prometheus::Counter>& bytes = BuildCounter()
+                                                         .Name("stipple_http_sent_bytes_total")
+                                                         .Help("Bytes of replies")
+                                                         .Register(registry);
+    prometheus::Family<prometheus::Counter>& refused =
+        BuildCounter()
+            .Name("stipple_http_refused_total")
+            .Help("Requests and connections refused before a handler saw them")
+            .Register(registry);
+    prometheus::Family<prometheus::Gauge>& jobs =
+        BuildGauge().Name("stipple_jobs").Help("Unfinished jobs").Register(registry);
+    prometheus::Gauge& oldest = BuildGauge()
+                                    .Name("stipple_queue_oldest_seconds")
+                                    .Help("Age of the oldest waiting job")
+                                    .Register(registry)
+                                    .Add({});
+    prometheus::Gauge& connections = BuildGauge()
+                                         .Name("stipple_http_connections")
+                                         .Help("Open connections")
+                                         .Register(registry)
+                                         .Add({});
+
+    Series() {
+        BuildGauge()
+            .Name("stipple_build_info")
+            .Help("The version that runs")
+            .Register(registry)
+            .Add({{"version", STIPPLE_VERSION}})
+            .Set(1);
+    }
+};
+
+Metrics::Metrics() : series_(std::make_unique<Series>()) {}
+Metrics::~Metrics() = default;
+
+void Metrics::request_served(std::string_view method, std::string_view route,
+                             const Served& outcome) {
+    const std::string template_path(route.empty() ? "none" : route);
+    series_->requests
+        .Add({{"method", std::string(method)},
+              {"route", template_path},
+              {"status", std::to_string(outcome.status)}})
+        .Increment();
+    series_->durations.Add({{"route", template_path}}, kSeconds).Observe(outcome.seconds.count());
+    series_->bytes.Add({{"route", template_path}}).Increment(static_cast<double>(outcome.bytes));
+}
+
+void Metrics::request_refused(std::string_view reason) {
+    series_->refused.Add({{"reason", std::string(reason)}}).Increment();
+}
+
+std::string Metrics::text(const JobStore::Counts& queue, unsigned connections) {
+    series_->jobs.Add({{"status", "accepted"}}).Set(static_cast<double>(queue.queued));
+    series_->jobs.Add({{"status", "running"}}).Set(static_cast<double>(queue.running));
+    series_->oldest.Set(queue.oldest_queued_seconds);
+    series_->connections.Set(connections);
+    return prometheus::TextSerializer().Serialize(series_->registry.Collect());
+}
+
+}  // namespace stipple::server::http

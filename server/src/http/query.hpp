@@ -1,0 +1,38 @@
+#pragma once
+
+#include "http/message.hpp"
+#include "service/service.hpp"
+
+#include <chrono>
+#include <initializer_list>
+#include <optional>
+#include <string>
+#include <string_view>
+
+namespace stipple::server::http {
+
+/// @throws HttpError(400) naming a query parameter that is none of these, so that a slip of the pen
+/// is noticed.
+void allow_query(const Request& request, std::initializer_list<std::string_view> names);
+
+/// A whole number. @throws HttpError(400) naming the parameter, its value and the range.
+std::optional<std::uint64_t> query_count(const Request& request, std::string_view name,
+                                         std::uint64_t least, std::uint64_t most);
+/// A finite number.
+std::optional<double> query_number(const Request& request, std::string_view name);
+
+/// `wait` in seconds, capped by the limits.
+std::chrono::milliseconds query_wait(const Request& request, const Limits& limits,
+                                     std::chrono::milliseconds otherwise);
+
+/// `limit` and `cursor` of a list.
+struct PageQuery {
+    unsigned limit = 100;
+    std::optional<std::string> cursor;
+};
+PageQuery query_page(const Request& request);
+/// The page, with a `Link` to the next one.
+Reply page_reply(const Request& request, const std::vector<std::string>& items,
+                 const std::optional<std::string>& next);
+
+}  // namespace stipple::server::http

@@ -1,0 +1,75 @@
+#pragma once
+
+#include "http/api_keys.hpp"
+#include "http/message.hpp"
+#include "http/permits.hpp"
+#include "service/service.hpp"
+
+#include <chrono>
+#include <span>
+#include <string_view>
+
+namespace stipple::server::http {
+
+/// What the handlers work with.
+struct Resources {
+    Service& service;
+    bool with_keys = false;  ///< replies are for their tenant alone
+    Permits uploads, downloads, waits, streams;
+
+    Resources(Service& the_service, bool keys, unsigned max_connections)
+        : service(the_service),
+          with_keys(keys),
+          uploads("uploads", max_connections / 8 + 1),
+          downloads("downloads", max_connections / 4 + 1),
+          waits("long polls", max_connections / 4 + 1),
+          streams("event streams", max_connections / 4 + 1) {}
+};
+
+/// Whether scripts of other sites may read the reply: those that the server was told of, or all.
+enum class Sharing { Listed, Everyone };
+
+struct Route {
+    std::string_view method;
+    std::string_view path;  ///< `{name}` stands for one segment
+    Scope scope;
+    Sharing sharing;
+    Reply (*handle)(Resources&, Request&);
+};
+
+/// One line for each operation, in the order of openapi.yaml.
+std::span<const Route> routes() noexcept;
+
+/// What a method and a path lead to.
+struct RouteMatch {
+    const Route* route = nullptr;      ///< null: none of this method
+    const Route* same_path = nullptr;  ///< one of another method, when there is one
+    std::string allow;                 ///< the methods of the path, as in `Allow`
+    std::map<std::string, std::string, std::less<>> values;
+};
+RouteMatch find_route(std::string_view method, std::string_view path);
+
+// Handlers, by resource: clouds.cpp, jobs.cpp, simplify.cpp, pyramids.cpp, limits.cpp, pages.cpp.
+Reply upload_cloud(Resources&, Request&);
+Reply list_clouds(Resources&, Request&);
+Reply get_cloud(Resources&, Request&);
+Reply remove_cloud(Resources&, Request&);
+Reply get_cloud_content(Resources&, Request&);
+Reply submit_job(Resources&, Request&);
+Reply list_jobs(Resources&, Request&);
+Reply get_job(Resources&, Request&);
+Reply dismiss_job(Resources&, Request&);
+Reply follow_job(Resources&, Request&);
+Reply get_results(Resources&, Request&);
+Reply get_result_file(Resources&, Request&);
+Reply simplify(Resources&, Request&);
+Reply get_manifest(Resources&, Request&);
+Reply get_pyramid_file(Resources&, Request&);
+Reply get_limits(Resources&, Request&);
+Reply get_openapi(Resources&, Request&);
+Reply get_docs(Resources&, Request&);
+Reply get_docs_style(Resources&, Request&);
+Reply get_viewer(Resources&, Request&);
+Reply get_viewer_file(Resources&, Request&);
+
+}  // namespace stipple::server::http

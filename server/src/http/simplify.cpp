@@ -1,0 +1,122 @@
+#include "http/query.hpp"
+#include "http/routes.hpp"
+#include "http/upload.hpp"
+#include "http/waiting.hpp"
+
+#include <algorithm>
+#include <array>
+#include <nlohmann/json.hpp>
+
+namespace stipple::server::http {
+
+namespace {
+
+using namespace std::chrono_literals;
+using Json = nlohmann::json;
+
+constexpr auto kDefaultWait = 20s;
+
+/// A field of the job request by its query parameter; the request's own reader checks ranges and
+/// names.
+enum class Kind { Text, Count, Number };
+struct Field {
+    const char* name;
+    Kind kind;
+};
+constexpr std::array kJobFields = {
+    Field{"method", Kind::Text},          Field{"points", Kind::Count},
+    Field{"ratio", Kind::Number},         Field{"max_cluster_size", Kind::Count},
+    Field{"max_variation", Kind::Number}, Field{"representative", Kind::Text},
+    Field{"seed", Kind::Count},
+};
+constexpr std::array kDracoFields = {
+    Field{"position_bits", Kind::Count},     Field{"precision", Kind::Number},
+    Field{"normal_bits", Kind::Count},       Field{"attribute_bits", Kind::Count},
+    Field{"compression_level", Kind::Count}, Field{"coding", Kind::Text},
+};
+
+void copy_fields(const Request& request, std::span<const Field> fields, Json& out) {
+    for (const auto& [name, kind] : fields) {
+        const auto text = request.query_value(name);
+        if (!text) continue;
+        if (kind == Kind::Text) out[name] = *text;
+        if (kind == Kind::Count) out[name] = *query_count(request, name, 0, INT64_MAX);
+        if (kind == Kind::Number) out[name] = *query_number(request, name);
+    }
+}
+
+/// The format that `Accept` names first; PLY when it takes anything.
+CloudFormat accepted_format(const Request& request) {
+    std::string_view accept = request.headers.find("Accept").value_or("*/*");
+    while (!accept.empty()) {
+        const auto comma = accept.find(',');
+        const std::string_view item = accept.substr(0, comma);
+        const std::string_view type = trimmed(item.substr(0, item.find(';')));
+        for (const CloudFormat format : {CloudFormat::Ply, CloudFormat::Draco}) {
+            if (equal_ignoring_case(type, media_type(format))) return format;
+        }
+        if (type == "*/*" || equal_ignoring_case(type, "model/*") ||
+            equal_ignoring_case(type, "application/octet-stream")) {
+            return CloudFormat::Ply;
+        }
+        accept = comma == accept.npos ? std::string_view() : accept.substr(comma + 1);
+    }
+    throw HttpError(406, "Accept names neither model/ply nor model/vnd.google.draco");
+}
+
+/// What the query asks for, of a cloud that has not come yet.
+proto::JobRequest read_query(const Request& request) {
+    allow_query(request, {"method", "points", "ratio", "max_cluster_size", "max_variation",
+                          "representative", "seed", "format", "position_bits", "precision",
+                          "normal_bits", "attribute_bits", "compression_level", "coding", "wait"});
+    Json json = {{"type", "simplify"}, {"input", std::string(64, '0')}};
+    copy_fields(request, kJobFields, json);
+    json["format"] =
+        request.query_value("format").value_or(std::string(to_string(accepted_format(request))));
+    Json draco = Json::object();
+    copy_fields(request, kDracoFields, draco);
+    if (!draco.empty()) json["draco"] = std::move(draco);
+    proto::JobRequest wanted =
+        proto::job_request_from_json(json.dump(-1, ' ', false, Json::error_handler_t::replace));
+    validate(std::get<proto::SimplifyJob>(wanted.job).options);
+    return wanted;
+}
+
+Reply result_reply(Resources& resources, const Request& request, const proto::JobDocument& job) {
+    const proto::Results results = resources.service.results(request.tenant, job.id);
+    const proto::OutputCloud& cloud = results.levels.at(0);
+    const proto::OutputFile& file = cloud.files.at(0);
+    auto permit = resources.downloads.take();
+    auto blob = resources.service.output(request.tenant, job.id, file.sha256);
+    const std::uint64_t size = blob->size();
+    Reply reply{.status = 200,
+                .headers = {},
+                .media_type = std::string(media_type(file.format)),
+                .content = BlobRange{std::move(blob), 0, size},
+                .permit = std::move(permit)};
+    reply.headers.set("ETag", '"' + file.sha256 + '"');
+    reply.headers.set("Cache-Control", "no-store");
+    reply.headers.set("Link", "</v1/jobs/" + job.id + ">; rel=\"via\"");
+    reply.headers.set("Stipple-Points", std::to_string(cloud.points));
+    return reply;
+}
+
+}  // namespace
+
+Reply simplify(Resources& resources, Request& request) {
+    proto::JobRequest wanted = read_query(request);
+    const auto wait = query_wait(request, resources.service.limits(), kDefaultWait);
+    bool existed = false;
+    wanted.input = receive_cloud(resources, request, existed).id;
+    const proto::JobDocument queued =
+        resources.service.submit(request.tenant, wanted, std::nullopt, existed);
+    const proto::JobDocument job = wait_for_job(resources, request, queued.id, wait);
+
+    if (job.status == proto::JobStatus::Successful) return result_reply(resources, request, job);
+    if (job.status == proto::JobStatus::Failed && job.problem) throw HttpError(*job.problem);
+    Reply reply = json_reply(201, proto::to_json(job));
+    reply.headers.set("Location", "/v1/jobs/" + job.id);
+    return reply;
+}
+
+}  // namespace stipple::server::http

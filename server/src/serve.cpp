@@ -1,0 +1,166 @@
+#include "serve.hpp"
+
+#include "http/admin.hpp"
+#include "http/api.hpp"
+#include "http/guarded_server.hpp"
+#include "service/housekeeper.hpp"
+#include "store/posix_file.hpp"
+#include "worker/worker_pool.hpp"
+
+#include <fcntl.h>
+#include <spdlog/spdlog.h>
+#include <sys/eventfd.h>
+#include <sys/file.h>
+#include <unistd.h>
+#include <atomic>
+#include <cerrno>
+#include <csignal>
+#include <iostream>
+
+namespace stipple::server {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Written to by the signal handler, which may do little else. A handler rather than a blocked
+/// signal: what we spawn inherits no mask.
+std::atomic<int> signal_event = -1;
+std::atomic<int> signals_seen = 0;
+static_assert(std::atomic<int>::is_always_lock_free);
+
+extern "C" void on_signal(int) {
+    if (signals_seen.fetch_add(1) > 0) ::_exit(130);
+    const int saved = errno;
+    ::eventfd_write(signal_event, 1);
+    errno = saved;
+}
+
+/// From here on SIGTERM and SIGINT are waited for.
+class StopSignal {
+public:
+    StopSignal() : event_(::eventfd(0, EFD_CLOEXEC)) {
+        signal_event = event_.get();
+        struct sigaction action {};
+        action.sa_handler = on_signal;
+        action.sa_flags = SA_RESTART;
+        ::sigaction(SIGTERM, &action, nullptr);
+        ::sigaction(SIGINT, &action, nullptr);
+        ::signal(SIGPIPE, SIG_IGN);
+    }
+    void wait() {
+        eventfd_t value = 0;
+        while (::eventfd_read(event_.get(), &value) != 0 && errno == EINTR) {
+        }
+    }
+
+private:
+    FileDescriptor event_;
+};
+
+/// One service on one folder: the lock lives as long as the process.
+FileDescriptor lock_folder(const fs::path& folder) {
+    std::error_code error;
+    fs::create_directories(folder, error);
+    FileDescriptor lock = open_file(folder / "lock", O_RDWR | O_CREAT);
+    if (!lock) throw_errno("cannot open", folder / "lock");
+    if (::flock(lock.get(), LOCK_EX | LOCK_NB) != 0) {
+        throw Error(ErrorCode::Conflict,
+                    "--data " + folder.string() + ": another stippled runs on this folder");
+    }
+    return lock;
+}
+
+http::GuardedServerOptions guard(const ServerConfig& config, const ListenAddress& address) {
+    http::GuardedServerOptions options{
+        .host = address.host,
+        .port = address.port,
+        .max_connections = config.max_connections,
+        .max_connections_per_address = config.max_connections_per_address,
+        .patience = {}};
+    options.patience.min_bytes_per_second = config.min_bytes_per_second;
+    return options;
+}
+
+http::GuardedServerOptions admin_guard(const ServerConfig& config) {
+    http::GuardedServerOptions options = guard(config, config.admin);
+    options.max_connections = options.max_connections_per_address = 64;
+    return options;
+}
+
+WorkerPoolOptions worker_options(const ServerConfig& config) {
+    return {.workers = config.workers,
+            .threads_per_job = config.threads,
+            .scratch = config.data / "scratch",
+            .lease = std::chrono::seconds(30),
+            .drain = config.drain_timeout};
+}
+
+}  // namespace
+
+int serve(const ServerConfig& config) {
+    spdlog::set_level(spdlog::level::from_str(config.log_level));
+    StopSignal stop;
+    const FileDescriptor lock = lock_folder(config.data);
+    const auto keys = config.api_keys ? http::ApiKeys::read(*config.api_keys) : http::ApiKeys();
+    const auto blobs = open_file_blob_store(config.data / "blobs");
+    const auto jobs = open_sqlite_job_store(config.data / "stipple.sqlite");
+    jobs->recover();
+    Service service(config.limits, *jobs, *blobs);
+
+    http::Metrics metrics;
+    http::Api api({.keys = keys,
+                   .cors_origins = config.cors_origins,
+                   .max_connections = config.max_connections},
+                  service, metrics);
+    std::unique_ptr<http::GuardedServer> api_server;
+    http::Admin admin(service, metrics,
+                      [&api_server] { return api_server ? api_server->connections() : 0U; });
+    if (config.role != Role::Worker) {
+        api_server = std::make_unique<http::GuardedServer>(guard(config, config.listen), api);
+    }
+    http::GuardedServer admin_server(admin_guard(config), admin);
+
+    Housekeeper housekeeper({.retention = config.limits.retention}, *jobs, *blobs);
+    const auto runner =
+        make_process_job_runner(fs::read_symlink("/proc/self/exe").parent_path() / "stipple-job");
+    std::optional<WorkerPool> workers;
+    if (config.role != Role::Api)
+        workers.emplace(worker_options(config), config.limits, *jobs, *blobs, *runner);
+
+    // One line for people and scripts: with port 0 the only way to learn the addresses.
+    std::cout << "stippled is ready: api=http://" << (api_server ? api_server->address() : "none")
+              << " admin=http://" << admin_server.address() << std::endl;
+    spdlog::info("server.started api={} admin={} data={}",
+                 api_server ? api_server->address() : "none", admin_server.address(),
+                 config.data.string());
+
+    stop.wait();
+    spdlog::info("server.stopping");
+    admin.begin_drain();
+    const bool all_served = !api_server || api_server->drain(config.drain_timeout);
+    workers.reset();
+    spdlog::info("server.stopped requests_cut={}", !all_served);
+    return 0;
+}
+
+int scrub(const ServerConfig& config) {
+    const FileDescriptor lock = lock_folder(config.data);
+    const auto blobs = open_file_blob_store(config.data / "blobs");
+    std::uint64_t whole = 0, bytes = 0, broken = 0;
+    for (const std::string& id : blobs->older_than(std::chrono::system_clock::now())) {
+        try {
+            const auto blob = blobs->open(id);  // compares the hash
+            if (!blob) continue;
+            ++whole;
+            bytes += blob->size();
+        } catch (const Error& error) {
+            ++broken;
+            std::cout << id << "  " << error.what() << '\n';
+        }
+    }
+    std::cout << whole << " files whole, " << bytes << " bytes; " << broken << " broken\n";
+    return broken == 0 ? 0 : 1;
+}
+
+}  // namespace stipple::server

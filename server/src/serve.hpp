@@ -1,0 +1,19 @@
+#pragma once
+
+#include "config.hpp"
+
+namespace stipple::server {
+
+/// Runs the service until SIGTERM or SIGINT, then lets it end in order; a second signal ends it at
+/// once.
+/// @returns the exit status. @throws Error when it cannot start.
+int serve(const ServerConfig& config);
+
+/// Asks `/readyz` of a running service. @returns the exit status: 0 when it is ready.
+int healthcheck(const ServerConfig& config);
+
+/// Reads every stored file and compares it with its hash; tells of each that is not what it was.
+/// @returns the exit status: 0 when all are whole.
+int scrub(const ServerConfig& config);
+
+}  // namespace stipple::server

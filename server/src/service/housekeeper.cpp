@@ -1,0 +1,52 @@
+#include "service/housekeeper.hpp"
+
+#include <spdlog/spdlog.h>
+#include <condition_variable>
+#include <mutex>
+
+namespace stipple::server {
+
+Housekeeper::Housekeeper(const HousekeeperOptions& options, JobStore& jobs, BlobStore& blobs)
+    : options_(options),
+      jobs_(jobs),
+      blobs_(blobs),
+      thread_([this](std::stop_token stop) { run(std::move(stop)); }) {}
+
+void Housekeeper::run(std::stop_token stop) {
+    std::mutex mutex;
+    std::condition_variable_any stopped;
+    while (!stop.stop_requested()) {
+        try {
+            sweep();
+        } catch (const std::exception& error) {
+            spdlog::error("housekeeper.failed error=\"{}\"", error.what());
+        }
+        std::unique_lock lock(mutex);
+        stopped.wait_for(lock, stop, options_.period, [] { return false; });
+    }
+}
+
+void Housekeeper::sweep() {
+    jobs_.remove_expired(options_.retention);
+
+    const auto grace =
+        std::chrono::duration_cast<std::chrono::system_clock::duration>(options_.grace);
+    const auto time = std::chrono::system_clock::now() - grace;
+    const std::vector<std::string> old = blobs_.older_than(time);
+    const std::vector<std::string> referenced = jobs_.referenced_blobs();
+    std::set<std::string> unreferenced(old.begin(), old.end());
+    for (const std::string& blob : referenced) unreferenced.erase(blob);
+
+    for (auto blob = unreferenced.begin(); blob != unreferenced.end();) {
+        const bool again = candidates_.contains(*blob);
+        if (again && blobs_.remove_older(*blob, time)) {
+            spdlog::info("blob.removed sha256={}", *blob);
+            blob = unreferenced.erase(blob);
+        } else {
+            ++blob;
+        }
+    }
+    candidates_ = std::move(unreferenced);
+}
+
+}  // namespace stipple::server

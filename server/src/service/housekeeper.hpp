@@ -1,0 +1,42 @@
+#pragma once
+
+#include "store/blob_store.hpp"
+#include "store/job_store.hpp"
+
+#include <chrono>
+#include <set>
+#include <string>
+#include <thread>
+
+namespace stipple::server {
+
+struct HousekeeperOptions {
+    std::chrono::seconds retention{
+        7 * 24 * 3600};  ///< how long a job and its results are kept after its end
+    std::chrono::milliseconds period{60'000};    ///< between two sweeps
+    std::chrono::milliseconds grace{3'600'000};  ///< a blob younger than this is never removed
+};
+
+/// Removes expired jobs, and blobs that no row needs any more. Starts in the constructor, ends in
+/// the destructor.
+///
+/// A blob goes when it is older than the grace period and two sweeps in a row found no row that
+/// names it: bytes are durable before the row that names them is written, so a young blob may be
+/// waiting for its row.
+class Housekeeper {
+public:
+    Housekeeper(const HousekeeperOptions& options, JobStore& jobs, BlobStore& blobs);
+
+private:
+    void run(std::stop_token stop);
+    void sweep();
+
+    const HousekeeperOptions options_;
+    JobStore& jobs_;
+    BlobStore& blobs_;
+    std::set<std::string>
+        candidates_;  ///< unreferenced at the last sweep; of the thread below only
+    std::jthread thread_;
+};
+
+}  // namespace stipple::server

@@ -1,0 +1,264 @@
+#include "service/service.hpp"
+
+#include "stipple/error.hpp"
+#include "stipple/proto/digest.hpp"
+
+#include <algorithm>
+
+namespace stipple::server {
+
+namespace {
+
+using std::chrono::steady_clock;
+
+constexpr const char* kJson = "application/json";
+constexpr std::size_t kMaxKeyLength = 255;
+constexpr unsigned kMaxPage = 1000;
+
+Error no_such(const char* what, const std::string& id) {
+    return {ErrorCode::NotFound, std::string("no such ") + what + ": " + id};
+}
+
+void check_page(unsigned limit) {
+    if (limit >= 1 && limit <= kMaxPage) return;
+    throw Error(ErrorCode::InvalidArgument,
+                "limit " + std::to_string(limit) + ": expected 1.." + std::to_string(kMaxPage));
+}
+
+void check_key(const std::string& key) {
+    const bool printable = std::ranges::all_of(key, [](char c) { return ' ' <= c && c <= '~'; });
+    if (!key.empty() && key.size() <= kMaxKeyLength && printable) return;
+    throw Error(ErrorCode::InvalidArgument,
+                "idempotency key of " + std::to_string(key.size()) + " bytes: expected 1.." +
+                    std::to_string(kMaxKeyLength) + " printable ASCII characters");
+}
+
+bool is_pyramid(const proto::JobRequest& request) {
+    return std::holds_alternative<proto::PyramidJob>(request.job);
+}
+
+std::vector<proto::Link> links_of(const proto::JobDocument& job) {
+    const std::string self = "/v1/jobs/" + job.id;
+    std::vector<proto::Link> links = {{"self", self, kJson},
+                                      {"events", self + "/events", "text/event-stream"},
+                                      {"results", self + "/results", kJson}};
+    if (is_pyramid(job.request)) {
+        links.push_back({"pyramid", "/v1/pyramids/" + job.id + "/manifest.json", kJson});
+        links.push_back({"viewer", "/?pyramid=" + job.id, "text/html"});
+    }
+    return links;
+}
+
+proto::JobDocument with_links(proto::JobDocument job) {
+    job.links = links_of(job);
+    return job;
+}
+
+proto::CloudDocument document_of(CloudRow row) {
+    const std::string self = "/v1/clouds/" + row.id;
+    return {.id = row.id,
+            .format = row.format,
+            .bytes = row.bytes,
+            .created = std::move(row.created),
+            .statistics = std::move(row.statistics),
+            .links = {{"self", self, kJson},
+                      {"content", self + "/content", std::string(media_type(row.format))}}};
+}
+
+/// Where the files of a level are served.
+void fill_links(proto::OutputCloud& level, const std::string& job_id, bool pyramid) {
+    const std::string folder =
+        pyramid ? "/v1/pyramids/" + job_id + "/" : "/v1/jobs/" + job_id + "/results/";
+    for (proto::OutputFile& file : level.files) {
+        file.href = folder + file.sha256 + "." + std::string(to_string(file.format));
+    }
+}
+
+/// The same for an event that tells of a level.
+void fill_links(JobEvent& event, const proto::JobDocument& job) {
+    if (event.type != "level") return;
+    proto::JobReport report = proto::job_report_from_json(event.data);
+    fill_links(report.level.value(), job.id, is_pyramid(job.request));
+    event.data = to_json(report);
+}
+
+/// What earlier jobs found out about the input: a job that could only fail is refused at once.
+void check_known_cloud(const proto::CloudStatistics& cloud, const Limits& limits) {
+    if (cloud.points > limits.decode.max_points) {
+        throw Error(ErrorCode::TooLarge, "the input has " + std::to_string(cloud.points) +
+                                             " points: the limit is " +
+                                             std::to_string(limits.decode.max_points));
+    }
+    if (cloud.points == cloud.non_finite) {
+        throw Error(ErrorCode::MalformedInput,
+                    "the input has no point with finite coordinates: there is nothing to simplify");
+    }
+}
+
+}  // namespace
+
+Service::Service(Limits limits, JobStore& jobs, BlobStore& blobs)
+    : limits_(std::move(limits)), jobs_(jobs), blobs_(blobs) {}
+
+// Clouds.
+
+std::unique_ptr<BlobWriter> Service::begin_upload() {
+    return blobs_.create(limits_.max_upload_bytes);
+}
+
+proto::CloudDocument Service::finish_upload(const std::string& tenant, BlobWriter& upload,
+                                            std::span<const std::byte> head, bool& existed) {
+    if (upload.size() == 0) {
+        throw Error(ErrorCode::UnsupportedFormat,
+                    "the body is empty: expected the bytes of a PLY or Draco file");
+    }
+    const auto format = detect_format(head);
+    if (!format) {
+        throw Error(
+            ErrorCode::UnsupportedFormat,
+            "the body is neither PLY nor Draco: expected it to start with `ply` or `DRACO`");
+    }
+    const std::uint64_t bytes = upload.size();
+    const std::string id = upload.commit();
+    const Submitted submitted = jobs_.put_cloud({.tenant = tenant,
+                                                 .id = id,
+                                                 .format = *format,
+                                                 .bytes = bytes,
+                                                 .created = {},
+                                                 .statistics = {}});
+    existed = submitted == Submitted::Existing;
+    return cloud(tenant, id);
+}
+
+proto::CloudDocument Service::cloud(const std::string& tenant, const std::string& id) {
+    auto row = jobs_.find_cloud(tenant, id);
+    if (!row) throw no_such("cloud", id);
+    return document_of(std::move(*row));
+}
+
+std::vector<proto::CloudDocument> Service::clouds(const std::string& tenant, unsigned limit,
+                                                  const std::optional<std::string>& cursor,
+                                                  std::optional<std::string>& next) {
+    check_page(limit);
+    std::vector<proto::CloudDocument> documents;
+    for (CloudRow& row : jobs_.list_clouds(tenant, limit, cursor, next)) {
+        documents.push_back(document_of(std::move(row)));
+    }
+    return documents;
+}
+
+std::shared_ptr<const BlobReader> Service::cloud_content(const std::string& tenant,
+                                                         const std::string& id) {
+    if (!jobs_.find_cloud(tenant, id)) throw no_such("cloud", id);
+    auto blob = blobs_.open(id);
+    if (!blob) throw Error(ErrorCode::Internal, "cloud " + id + ": its bytes are missing");
+    return blob;
+}
+
+void Service::remove_cloud(const std::string& tenant, const std::string& id) {
+    if (!jobs_.remove_cloud(tenant, id)) throw no_such("cloud", id);
+}
+
+// Jobs.
+
+proto::JobDocument Service::submit(const std::string& tenant, const proto::JobRequest& request,
+                                   const std::optional<std::string>& idempotency_key,
+                                   bool& existed) {
+    if (idempotency_key) check_key(*idempotency_key);
+    std::visit([](const auto& job) { validate(job.options); }, request.job);
+    const auto input = jobs_.find_cloud(tenant, request.input);
+    if (input && input->statistics) check_known_cloud(*input->statistics, limits_);
+
+    proto::JobDocument document;
+    existed = jobs_.submit(tenant, request, idempotency_key, limits_.queue, document) ==
+              Submitted::Existing;
+    return with_links(std::move(document));
+}
+
+proto::JobDocument Service::job(const std::string& tenant, const std::string& id) {
+    auto document = jobs_.find_job(tenant, id);
+    if (!document) throw no_such("job", id);
+    return with_links(std::move(*document));
+}
+
+proto::JobDocument Service::wait_for_job(const std::string& tenant, const std::string& id,
+                                         std::chrono::milliseconds wait, std::stop_token stop) {
+    const auto deadline =
+        steady_clock::now() + std::min<std::chrono::milliseconds>(wait, limits_.max_wait);
+    while (true) {
+        // Taken before the look at the job: a change after it ends the wait at once.
+        const std::uint64_t seen = jobs_.version();
+        proto::JobDocument document = job(tenant, id);
+        if (is_final(document.status) || steady_clock::now() >= deadline || stop.stop_requested()) {
+            return document;
+        }
+        jobs_.wait_for_change(seen, deadline, stop);
+    }
+}
+
+std::vector<proto::JobDocument> Service::jobs(const std::string& tenant,
+                                              const JobStore::JobFilter& filter, unsigned limit,
+                                              const std::optional<std::string>& cursor,
+                                              std::optional<std::string>& next) {
+    check_page(limit);
+    auto documents = jobs_.list_jobs(tenant, filter, limit, cursor, next);
+    for (proto::JobDocument& document : documents) document.links = links_of(document);
+    return documents;
+}
+
+proto::JobDocument Service::dismiss(const std::string& tenant, const std::string& id) {
+    auto document = jobs_.dismiss(tenant, id);
+    if (!document) throw no_such("job", id);
+    return with_links(std::move(*document));
+}
+
+std::vector<JobEvent> Service::events(const std::string& tenant, const std::string& id,
+                                      std::uint64_t after, std::chrono::milliseconds wait,
+                                      std::stop_token stop) {
+    const auto deadline =
+        steady_clock::now() + std::min<std::chrono::milliseconds>(wait, limits_.max_wait);
+    while (true) {
+        const std::uint64_t seen = jobs_.version();
+        // The document first: once it is final, every event is there.
+        const proto::JobDocument document = job(tenant, id);
+        std::vector<JobEvent> events = jobs_.events_after(tenant, id, after);
+        if (!events.empty() || is_final(document.status) || steady_clock::now() >= deadline ||
+            stop.stop_requested()) {
+            for (JobEvent& event : events) fill_links(event, document);
+            return events;
+        }
+        jobs_.wait_for_change(seen, deadline, stop);
+    }
+}
+
+// Results.
+
+proto::Results Service::results(const std::string& tenant, const std::string& id) {
+    auto results = jobs_.results(tenant, id);
+    if (!results) throw no_such("job", id);
+    for (proto::OutputCloud& level : results->levels) {
+        fill_links(level, id, is_pyramid(results->request));
+    }
+    return std::move(*results);
+}
+
+std::shared_ptr<const BlobReader> Service::output(const std::string& tenant,
+                                                  const std::string& job_id,
+                                                  const std::string& sha256) {
+    const proto::Results all = results(tenant, job_id);
+    const bool listed = std::ranges::any_of(all.levels, [&](const proto::OutputCloud& level) {
+        return std::ranges::find(level.files, sha256, &proto::OutputFile::sha256) !=
+               level.files.end();
+    });
+    if (!listed) throw no_such("result", job_id + "/" + sha256);
+    auto blob = blobs_.open(sha256);
+    if (!blob) throw Error(ErrorCode::Internal, "result " + sha256 + ": its bytes are missing");
+    return blob;
+}
+
+void Service::check_ready() {
+    jobs_.probe();
+    blobs_.probe();
+}
+
+}  // namespace stipple::server

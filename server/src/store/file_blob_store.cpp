@@ -1,0 +1,289 @@
+#include "store/blob_store.hpp"
+
+#include "store/posix_file.hpp"
+
+#include "stipple/error.hpp"
+#include "stipple/proto/digest.hpp"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+#include <cerrno>
+#include <map>
+#include <mutex>
+#include <tuple>
+
+namespace stipple::server {
+
+namespace {
+
+namespace fs = std::filesystem;
+using std::chrono::system_clock;
+
+constexpr std::size_t kBlock = 1 << 20;
+
+struct stat status_of(const FileDescriptor& fd, const fs::path& file) {
+    struct stat status {};
+    if (::fstat(fd.get(), &status) != 0) throw_errno("cannot stat", file);
+    return status;
+}
+
+std::string hash_of(const FileDescriptor& fd, const fs::path& file) {
+    proto::Sha256 hash;
+    std::vector<std::byte> block(kBlock);
+    std::uint64_t offset = 0;
+    while (const std::size_t n = read_at(fd, offset, block, file)) {
+        hash.update({block.data(), n});
+        offset += n;
+    }
+    return hash.finish();
+}
+
+/// What changes when somebody writes to a file or puts another in its place.
+using Identity = std::tuple<dev_t, ino_t, off_t, std::int64_t, std::int64_t>;
+
+Identity identity_of(const struct stat& status) {
+    return {status.st_dev, status.st_ino, status.st_size, status.st_ctim.tv_sec,
+            status.st_ctim.tv_nsec};
+}
+
+system_clock::time_point committed_at(const struct stat& status) {
+    const auto since_epoch = std::chrono::seconds(status.st_mtim.tv_sec) +
+                             std::chrono::nanoseconds(status.st_mtim.tv_nsec);
+    return system_clock::time_point(
+        std::chrono::duration_cast<system_clock::duration>(since_epoch));
+}
+
+class FileBlobReader final : public BlobReader {
+public:
+    FileBlobReader(FileDescriptor fd, std::uint64_t size, fs::path file)
+        : fd_(std::move(fd)), size_(size), file_(std::move(file)) {}
+
+    std::uint64_t size() const noexcept override { return size_; }
+    std::size_t read(std::uint64_t offset, std::span<std::byte> out) const override {
+        return read_at(fd_, offset, out, file_);
+    }
+    fs::path path() const override { return file_; }
+
+private:
+    const FileDescriptor fd_;
+    const std::uint64_t size_;
+    const fs::path file_;
+};
+
+/// A name in the folder for unfinished files; the file is removed unless it was moved away.
+class TemporaryName {
+public:
+    explicit TemporaryName(const fs::path& folder) : path_(folder / proto::random_hex(16)) {}
+    TemporaryName(const TemporaryName&) = delete;
+    TemporaryName& operator=(const TemporaryName&) = delete;
+    ~TemporaryName() {
+        std::error_code ignored;
+        if (!moved_) fs::remove(path_, ignored);
+    }
+    const fs::path& path() const noexcept { return path_; }
+    void moved() noexcept { moved_ = true; }
+
+private:
+    const fs::path path_;
+    bool moved_ = false;
+};
+
+class FileBlobStore final : public BlobStore {
+public:
+    explicit FileBlobStore(const fs::path& root);
+
+    std::unique_ptr<BlobWriter> create(std::uint64_t max_bytes) override;
+    std::string adopt(const fs::path& file) override;
+    std::shared_ptr<const BlobReader> open(const std::string& sha256) const override;
+    std::vector<std::string> older_than(system_clock::time_point time) const override;
+    bool remove_older(const std::string& sha256, system_clock::time_point time) override;
+    void probe() override;
+
+    /// Gives a whole, written file its name for good.
+    void publish(const FileDescriptor& fd, TemporaryName& temporary, const std::string& sha256);
+    fs::path temporary_folder() const { return root_ / "tmp"; }
+
+private:
+    fs::path folder_of(const std::string& sha256) const {
+        return root_ / sha256.substr(0, 2) / sha256.substr(2, 2);
+    }
+    fs::path file_of(const std::string& sha256) const { return folder_of(sha256) / sha256; }
+    void remember(const std::string& sha256, const Identity& identity) const;
+    bool remembers(const std::string& sha256, const Identity& identity) const;
+
+    const fs::path root_;
+    /// Held while a blob gets its name or loses it, so that none is removed that was committed
+    /// again just now.
+    std::mutex names_mutex_;
+    mutable std::mutex verified_mutex_;
+    mutable std::map<std::string, Identity> verified_;  ///< files whose hash was seen to be right
+};
+
+class FileBlobWriter final : public BlobWriter {
+public:
+    FileBlobWriter(FileBlobStore& store, std::uint64_t max_bytes)
+        : store_(store), max_bytes_(max_bytes), temporary_(store.temporary_folder()) {
+        fd_ = open_file(temporary_.path(), O_RDWR | O_CREAT | O_EXCL);
+        if (!fd_) throw_errno("cannot create", temporary_.path());
+    }
+
+    void write(std::span<const std::byte> bytes) override {
+        if (bytes.size() > max_bytes_ - size_) {
+            throw Error(ErrorCode::TooLarge, "more than " + std::to_string(max_bytes_) +
+                                                 " bytes: the limit for one upload; send fewer "
+                                                 "points or a compressed format");
+        }
+        write_all(fd_, bytes, temporary_.path());
+        hash_.update(bytes);
+        size_ += bytes.size();
+    }
+
+    std::string commit() override {
+        std::string sha256 = hash_.finish();
+        store_.publish(fd_, temporary_, sha256);
+        return sha256;
+    }
+
+    std::uint64_t size() const noexcept override { return size_; }
+
+private:
+    FileBlobStore& store_;
+    const std::uint64_t max_bytes_;
+    TemporaryName temporary_;
+    FileDescriptor fd_;
+    proto::Sha256 hash_;
+    std::uint64_t size_ = 0;
+};
+
+FileBlobStore::FileBlobStore(const fs::path& root) : root_(root) {
+    std::error_code failure;
+    // What lies there was never acknowledged.
+    fs::remove_all(temporary_folder(), failure);
+    if (!failure) fs::create_directories(temporary_folder(), failure);
+    if (failure) {
+        throw Error(ErrorCode::Internal,
+                    "cannot use " + root.string() + " as a store of blobs: " + failure.message());
+    }
+    sync_folder(root_);
+}
+
+std::unique_ptr<BlobWriter> FileBlobStore::create(std::uint64_t max_bytes) {
+    return std::make_unique<FileBlobWriter>(*this, max_bytes);
+}
+
+void FileBlobStore::publish(const FileDescriptor& fd, TemporaryName& temporary,
+                            const std::string& sha256) {
+    if (::fchmod(fd.get(), 0440) != 0) throw_errno("cannot protect", temporary.path());
+    const timespec now[2] = {{0, UTIME_NOW}, {0, UTIME_NOW}};
+    if (::futimens(fd.get(), now) != 0) throw_errno("cannot touch", temporary.path());
+    sync_file(fd, temporary.path());
+
+    const std::lock_guard lock(names_mutex_);
+    const fs::path folder = folder_of(sha256);
+    std::error_code failure;
+    fs::create_directories(folder, failure);
+    if (failure) {
+        errno = failure.value();
+        throw_errno("cannot create", folder);
+    }
+    // A blob that is there already is replaced by the same bytes, freshly checked: that mends a
+    // damaged one and makes it young again. Who reads the old one keeps it.
+    const fs::path file = folder / sha256;
+    if (::rename(temporary.path().c_str(), file.c_str()) != 0) throw_errno("cannot name", file);
+    temporary.moved();
+    sync_folder(folder);
+    sync_folder(folder.parent_path());
+    sync_folder(root_);
+    remember(sha256, identity_of(status_of(fd, file)));
+}
+
+std::string FileBlobStore::adopt(const fs::path& file) {
+    TemporaryName temporary(temporary_folder());
+    // Moved before it is looked at: whoever made it can no longer put another file in its place.
+    if (::rename(file.c_str(), temporary.path().c_str()) != 0) {
+        if (errno != EXDEV) throw_errno("cannot take over", file);
+        fs::copy(file, temporary.path(), fs::copy_options::copy_symlinks);
+        fs::remove(file);
+    }
+    const FileDescriptor fd = open_file(temporary.path(), O_RDONLY | O_NOFOLLOW | O_NONBLOCK);
+    if (!fd) throw_errno("cannot open", file);
+    const struct stat status = status_of(fd, file);
+    if (!S_ISREG(status.st_mode) || status.st_nlink != 1) {
+        throw Error(ErrorCode::Internal, file.string() + ": not a plain file with one name");
+    }
+    std::string sha256 = hash_of(fd, file);
+    publish(fd, temporary, sha256);
+    return sha256;
+}
+
+std::shared_ptr<const BlobReader> FileBlobStore::open(const std::string& sha256) const {
+    if (!proto::is_sha256(sha256)) return nullptr;
+    const fs::path file = file_of(sha256);
+    FileDescriptor fd = open_file(file, O_RDONLY | O_NOFOLLOW);
+    if (!fd && errno == ENOENT) return nullptr;
+    if (!fd) throw_errno("cannot open", file);
+
+    const struct stat status = status_of(fd, file);
+    const Identity identity = identity_of(status);
+    if (!remembers(sha256, identity)) {
+        if (hash_of(fd, file) != sha256) {
+            throw Error(ErrorCode::Internal,
+                        "blob " + sha256 + " is damaged: its bytes have another hash");
+        }
+        remember(sha256, identity);
+    }
+    return std::make_shared<FileBlobReader>(std::move(fd),
+                                            static_cast<std::uint64_t>(status.st_size), file);
+}
+
+std::vector<std::string> FileBlobStore::older_than(system_clock::time_point time) const {
+    std::vector<std::string> names;
+    for (auto entry = fs::recursive_directory_iterator(root_);
+         const fs::directory_entry& file : entry) {
+        std::string name = file.path().filename().string();
+        struct stat status {};
+        if (!proto::is_sha256(name) || ::stat(file.path().c_str(), &status) != 0) continue;
+        if (committed_at(status) < time) names.push_back(std::move(name));
+    }
+    return names;
+}
+
+bool FileBlobStore::remove_older(const std::string& sha256, system_clock::time_point time) {
+    if (!proto::is_sha256(sha256)) return false;
+    const fs::path file = file_of(sha256);
+    const std::lock_guard lock(names_mutex_);
+    struct stat status {};
+    if (::stat(file.c_str(), &status) != 0 || committed_at(status) >= time) return false;
+    if (::unlink(file.c_str()) != 0) throw_errno("cannot remove", file);
+    const std::lock_guard verified_lock(verified_mutex_);
+    verified_.erase(sha256);
+    return true;
+}
+
+void FileBlobStore::probe() {
+    const TemporaryName temporary(temporary_folder());
+    const FileDescriptor fd = open_file(temporary.path(), O_WRONLY | O_CREAT | O_EXCL);
+    if (!fd) throw_errno("cannot create", temporary.path());
+    write_all(fd, std::as_bytes(std::span("probe")), temporary.path());
+    sync_file(fd, temporary.path());
+}
+
+void FileBlobStore::remember(const std::string& sha256, const Identity& identity) const {
+    const std::lock_guard lock(verified_mutex_);
+    verified_.insert_or_assign(sha256, identity);
+}
+
+bool FileBlobStore::remembers(const std::string& sha256, const Identity& identity) const {
+    const std::lock_guard lock(verified_mutex_);
+    const auto found = verified_.find(sha256);
+    return found != verified_.end() && found->second == identity;
+}
+
+}  // namespace
+
+std::unique_ptr<BlobStore> open_file_blob_store(const fs::path& root) {
+    return std::make_unique<FileBlobStore>(root);
+}
+
+}  // namespace stipple::server

@@ -1,0 +1,198 @@
+#include "worker/job_attempt.hpp"
+
+#include "stipple/error.hpp"
+
+#include <spdlog/spdlog.h>
+
+namespace stipple::server {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+/// A pyramid of 2^32 points by the smallest sensible ratio has fewer levels.
+constexpr unsigned kMaxLevels = 256;
+
+/// A folder for the files of one attempt, gone with all in it at the end.
+class ScratchFolder {
+public:
+    explicit ScratchFolder(fs::path path) : path_(std::move(path)) {
+        fs::remove_all(path_);  // of an attempt that was cut off
+        fs::create_directories(path_ / "output");
+    }
+    ScratchFolder(const ScratchFolder&) = delete;
+    ScratchFolder& operator=(const ScratchFolder&) = delete;
+    ~ScratchFolder() {
+        std::error_code failure;
+        fs::remove_all(path_, failure);
+        if (failure) {
+            spdlog::warn("scratch.left path={} error=\"{}\"", path_.string(), failure.message());
+        }
+    }
+    const fs::path& path() const noexcept { return path_; }
+
+private:
+    const fs::path path_;
+};
+
+}  // namespace
+
+JobAttempt::JobAttempt(Lease lease, const WorkerPoolOptions& options, const Limits& limits,
+                       JobStore& jobs, BlobStore& blobs)
+    : lease_(std::move(lease)), options_(options), limits_(limits), jobs_(jobs), blobs_(blobs) {}
+
+void JobAttempt::stop(Stop reason) {
+    Stop none = Stop::None;
+    reason_.compare_exchange_strong(none, reason);
+    stop_.request_stop();
+}
+
+void JobAttempt::run(JobRunner& runner) noexcept try {
+    spdlog::info("job.started id={} tenant={} type={} attempt={}", lease_.job_id, lease_.tenant,
+                 type_name(lease_.request), lease_.token);
+    try {
+        const ScratchFolder folder(options_.scratch / lease_.job_id);
+        run_in(folder.path(), runner);
+    } catch (const Error& error) {
+        fail(proto::problem_from(error.code(), error.what()));
+    } catch (const std::exception& error) {
+        spdlog::error("job.broken id={} error=\"{}\"", lease_.job_id, error.what());
+        fail(proto::problem_from(ErrorCode::Internal,
+                                 "the service could not run the job; its log says why"));
+    }
+} catch (const std::exception& error) {
+    // Not even the failure could be written: the lease runs out, and the job is tried again.
+    spdlog::error("job.abandoned id={} error=\"{}\"", lease_.job_id, error.what());
+}
+
+void JobAttempt::run_in(const fs::path& folder, JobRunner& runner) {
+    const auto input = blobs_.open(lease_.request.input);
+    if (!input) {
+        throw Error(ErrorCode::Internal,
+                    "input " + lease_.request.input + ": its bytes are missing");
+    }
+    output_ = folder / "output";
+    conclude(runner.run(
+        spec_for(input->path(), output_),
+        [this](const proto::JobReport& report) { on_report(report); }, stop_.get_token()));
+}
+
+proto::JobSpec JobAttempt::spec_for(const fs::path& input, const fs::path& output) const {
+    return {.request = lease_.request,
+            .input_file = input.string(),
+            .output_dir = output.string(),
+            .limits = limits_.decode,
+            .max_memory_bytes = limits_.max_job_memory_bytes,
+            .max_cpu_seconds = limits_.max_job_cpu_seconds,
+            .max_file_bytes = limits_.max_job_output_bytes,
+            .threads = options_.threads_per_job};
+}
+
+void JobAttempt::on_report(const proto::JobReport& report) {
+    if (stop_.stop_requested()) return;
+    try {
+        handle(report);
+    } catch (const Error& error) {
+        problem_ = proto::problem_from(error.code(), error.what());
+    } catch (const std::exception& error) {
+        spdlog::error("job.broken id={} error=\"{}\"", lease_.job_id, error.what());
+        problem_ = proto::problem_from(ErrorCode::Internal,
+                                       "the service could not keep a result; its log says why");
+    }
+    if (problem_) stop_.request_stop();
+}
+
+void JobAttempt::handle(const proto::JobReport& report) {
+    if (report.progress) {
+        taken(jobs_.report_progress(lease_, report.progress->stage, report.progress->percent));
+    }
+    if (report.source) taken(jobs_.report_source(lease_, *report.source));
+    if (report.level) {
+        // Durable first, then the row that names it.
+        const proto::OutputCloud level = adopt_files(*report.level);
+        if (taken(jobs_.publish_level(lease_, level))) {
+            spdlog::debug("job.level id={} level={} points={}", lease_.job_id, level.level,
+                          level.points);
+        }
+    }
+    if (report.cost) cost_ = report.cost;
+    if (report.problem) problem_ = report.problem;
+}
+
+/// The job process worked on foreign bytes: nothing it says of its files is believed.
+proto::OutputCloud JobAttempt::adopt_files(proto::OutputCloud level) {
+    if (level.level >= kMaxLevels) {
+        throw Error(ErrorCode::Internal, "the job reported level " + std::to_string(level.level) +
+                                             ": expected fewer than " + std::to_string(kMaxLevels));
+    }
+    for (proto::OutputFile& file : level.files) {
+        const fs::path name = file.href;
+        const fs::path path = output_ / name;
+        if (name.empty() || name != name.filename() ||
+            !fs::is_regular_file(fs::symlink_status(path))) {
+            throw Error(ErrorCode::Internal,
+                        "the job reported a file that it did not make: " + file.href);
+        }
+        file.bytes = fs::file_size(path);
+        output_bytes_ += file.bytes;
+        if (output_bytes_ > limits_.max_job_output_bytes) {
+            throw Error(ErrorCode::TooLarge, "the results take more than " +
+                                                 std::to_string(limits_.max_job_output_bytes) +
+                                                 " bytes: ask for fewer points, levels or formats");
+        }
+        if (const std::string hash = blobs_.adopt(path); hash != file.sha256) {
+            throw Error(ErrorCode::Internal, "the job reported " + file.href + " with hash " +
+                                                 file.sha256 + ", its bytes have " + hash);
+        }
+        file.href.clear();
+    }
+    return level;
+}
+
+void JobAttempt::conclude(const JobRunner::Outcome& outcome) {
+    const Stop reason = reason_;
+    if (reason == Stop::LeaseLost) {
+        spdlog::info("job.stopped id={} reason=\"dismissed or given to another worker\"",
+                     lease_.job_id);
+    } else if (problem_) {
+        fail(*problem_);
+    } else if (cost_) {
+        succeed();
+    } else if (reason == Stop::Drained) {
+        hand_back();
+    } else {
+        crash(outcome.how.empty() ? "it ended without a result" : outcome.how);
+    }
+}
+
+void JobAttempt::succeed() {
+    if (!taken(jobs_.succeed(lease_, *cost_))) return;
+    const auto ms = std::chrono::duration_cast<std::chrono::milliseconds>(
+        std::chrono::steady_clock::now() - started_);
+    spdlog::info("job.succeeded id={} type={} bytes={} ms={}", lease_.job_id,
+                 type_name(lease_.request), output_bytes_, ms.count());
+}
+
+void JobAttempt::fail(const proto::Problem& problem) {
+    if (!taken(jobs_.fail(lease_, problem))) return;
+    const auto level = problem.status >= 500 ? spdlog::level::err : spdlog::level::warn;
+    spdlog::log(level, "job.failed id={} status={} detail=\"{}\"", lease_.job_id, problem.status,
+                problem.detail);
+}
+
+void JobAttempt::crash(const std::string& how) {
+    if (taken(jobs_.crashed(lease_, how))) {
+        spdlog::warn("job.crashed id={} how=\"{}\"", lease_.job_id, how);
+    }
+}
+
+void JobAttempt::hand_back() {
+    if (taken(jobs_.release(lease_))) spdlog::info("job.released id={}", lease_.job_id);
+}
+
+bool JobAttempt::taken(bool written) {
+    if (!written) stop(Stop::LeaseLost);
+    return written;
+}
+
+}  // namespace stipple::server

@@ -1,0 +1,62 @@
+#pragma once
+
+#include "worker/worker_pool.hpp"
+
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+#include <optional>
+#include <stop_token>
+
+namespace stipple::server {
+
+/// One attempt at a job, under one lease: runs it, publishes what it reports, writes down how it
+/// ended.
+class JobAttempt {
+public:
+    enum class Stop { None, LeaseLost, Drained };
+
+    JobAttempt(Lease lease, const WorkerPoolOptions& options, const Limits& limits, JobStore& jobs,
+               BlobStore& blobs);
+
+    const Lease& lease() const noexcept { return lease_; }
+
+    /// To the end, whatever it is: nothing is thrown.
+    void run(JobRunner& runner) noexcept;
+
+    /// Ends it soon. Drained: handed back to the queue. LeaseLost: nothing more is written. Any
+    /// thread; the first reason stands.
+    void stop(Stop reason);
+
+private:
+    void run_in(const std::filesystem::path& folder, JobRunner& runner);
+    proto::JobSpec spec_for(const std::filesystem::path& input,
+                            const std::filesystem::path& output) const;
+    void on_report(const proto::JobReport& report);
+    void handle(const proto::JobReport& report);
+    proto::OutputCloud adopt_files(proto::OutputCloud level);
+    void conclude(const JobRunner::Outcome& outcome);
+    void succeed();
+    void fail(const proto::Problem& problem);
+    void crash(const std::string& how);
+    void hand_back();
+    /// Whether a write was taken; when not, the lease is lost.
+    bool taken(bool written);
+
+    const Lease lease_;
+    const WorkerPoolOptions& options_;
+    const Limits& limits_;
+    JobStore& jobs_;
+    BlobStore& blobs_;
+    const std::chrono::steady_clock::time_point started_ = std::chrono::steady_clock::now();
+    std::stop_source stop_;
+    std::atomic<Stop> reason_ = Stop::None;
+
+    // Of the thread in `run`.
+    std::filesystem::path output_;
+    std::uint64_t output_bytes_ = 0;
+    std::optional<proto::JobCost> cost_;
+    std::optional<proto::Problem> problem_;
+};
+
+}  // namespace stipple::server

@@ -1,0 +1,169 @@
+#include "worker/worker_pool.hpp"
+
+#include "worker/job_attempt.hpp"
+
+#include <spdlog/spdlog.h>
+#include <algorithm>
+#include <condition_variable>
+#include <mutex>
+#include <thread>
+#include <vector>
+
+namespace stipple::server {
+
+namespace {
+
+namespace fs = std::filesystem;
+using std::chrono::steady_clock;
+
+/// An idle worker looks at the queue at least so often: a lease of another may have run out.
+constexpr std::chrono::seconds kIdlePoll{1};
+/// Between two looks at the leases while much is written: a dismissal is noticed within this time.
+constexpr std::chrono::milliseconds kLookPeriod{20};
+
+void empty_folder(const fs::path& folder) {
+    fs::create_directories(folder);
+    for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
+        fs::remove_all(entry.path());
+    }
+}
+
+/// Returns after `time`, or when asked to stop.
+void pause(steady_clock::duration time, const std::stop_token& stop) {
+    std::mutex mutex;
+    std::unique_lock lock(mutex);
+    std::condition_variable_any().wait_for(lock, stop, time, [] { return false; });
+}
+
+}  // namespace
+
+struct WorkerPool::State {
+    State(const WorkerPoolOptions& given_options, const Limits& given_limits, JobStore& job_store,
+          BlobStore& blob_store, JobRunner& job_runner);
+    ~State();
+
+    void work(const std::stop_token& stop);
+    std::optional<Lease> claim();
+    void run(Lease lease);
+    void keep_leases(const std::stop_token& stop);
+    void stop_before_others_may_claim(steady_clock::duration silent);
+    std::vector<std::shared_ptr<JobAttempt>> attempts();
+
+    const WorkerPoolOptions options;
+    const Limits limits;
+    JobStore& jobs;
+    BlobStore& blobs;
+    JobRunner& runner;
+
+    std::mutex mutex;
+    std::vector<std::shared_ptr<JobAttempt>> running;
+    bool drained = false;           ///< no job may go on
+    std::condition_variable ended;  ///< one fewer is running
+
+    std::jthread keeper;  ///< renews leases until the last worker has ended
+    std::vector<std::jthread> workers;
+};
+
+WorkerPool::State::State(const WorkerPoolOptions& given_options, const Limits& given_limits,
+                         JobStore& job_store, BlobStore& blob_store, JobRunner& job_runner)
+    : options(given_options),
+      limits(given_limits),
+      jobs(job_store),
+      blobs(blob_store),
+      runner(job_runner) {
+    empty_folder(options.scratch);
+    keeper = std::jthread([this](const std::stop_token& stop) { keep_leases(stop); });
+    for (unsigned i = 0; i < options.workers; ++i) {
+        workers.emplace_back([this](const std::stop_token& stop) { work(stop); });
+    }
+}
+
+WorkerPool::State::~State() {
+    for (std::jthread& worker : workers) worker.request_stop();
+    {
+        std::unique_lock lock(mutex);
+        ended.wait_for(lock, options.drain, [this] { return running.empty(); });
+        drained = true;
+    }
+    for (const auto& attempt : attempts()) attempt->stop(JobAttempt::Stop::Drained);
+    workers.clear();
+}
+
+void WorkerPool::State::work(const std::stop_token& stop) {
+    while (!stop.stop_requested()) {
+        // Taken before the look at the queue: a job that is submitted after it ends the wait at
+        // once.
+        const std::uint64_t seen = jobs.version();
+        if (auto lease = claim()) {
+            run(std::move(*lease));
+        } else {
+            jobs.wait_for_change(seen, steady_clock::now() + kIdlePoll, stop);
+        }
+    }
+}
+
+std::optional<Lease> WorkerPool::State::claim() try {
+    return jobs.claim(limits.queue, options.lease);
+} catch (const std::exception& error) {
+    spdlog::error("queue.failed error=\"{}\"", error.what());
+    return std::nullopt;
+}
+
+void WorkerPool::State::run(Lease lease) {
+    const auto attempt =
+        std::make_shared<JobAttempt>(std::move(lease), options, limits, jobs, blobs);
+    {
+        const std::lock_guard lock(mutex);
+        running.push_back(attempt);
+        if (drained) attempt->stop(JobAttempt::Stop::Drained);
+    }
+    attempt->run(runner);
+    {
+        const std::lock_guard lock(mutex);
+        std::erase(running, attempt);
+    }
+    ended.notify_all();
+}
+
+std::vector<std::shared_ptr<JobAttempt>> WorkerPool::State::attempts() {
+    const std::lock_guard lock(mutex);
+    return running;
+}
+
+void WorkerPool::State::keep_leases(const std::stop_token& stop) {
+    const steady_clock::duration renewal = steady_clock::duration(options.lease) / 3;
+    steady_clock::time_point renewed = steady_clock::now();
+    while (!stop.stop_requested()) {
+        const std::uint64_t seen = jobs.version();
+        const steady_clock::time_point now = steady_clock::now();
+        const bool renewing = now >= renewed + renewal;
+        try {
+            for (const auto& attempt : attempts()) {
+                const bool good = renewing ? jobs.renew(attempt->lease(), options.lease)
+                                           : jobs.holds(attempt->lease());
+                if (!good) attempt->stop(JobAttempt::Stop::LeaseLost);
+            }
+            if (renewing) renewed = now;
+        } catch (const std::exception& error) {
+            spdlog::error("lease.failed error=\"{}\"", error.what());
+            stop_before_others_may_claim(now - renewed);
+        }
+        pause(kLookPeriod, stop);
+        jobs.wait_for_change(seen, std::max(renewed + renewal, now + kLookPeriod), stop);
+    }
+}
+
+/// A lease that could not be renewed for so long may soon be another's: its job must not run twice
+/// at a time.
+void WorkerPool::State::stop_before_others_may_claim(steady_clock::duration silent) {
+    if (silent < steady_clock::duration(options.lease) * 2 / 3) return;
+    for (const auto& attempt : attempts()) attempt->stop(JobAttempt::Stop::LeaseLost);
+}
+
+WorkerPool::WorkerPool(const WorkerPoolOptions& options, const Limits& limits, JobStore& jobs,
+                       BlobStore& blobs, JobRunner& runner)
+    : state_(std::make_unique<State>(options, limits, jobs, blobs, runner)) {}
+
+WorkerPool::~WorkerPool() = default;
+
+}  // namespace stipple::server

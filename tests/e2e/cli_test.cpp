@@ -1,0 +1,213 @@
+#include "stipple/codec.hpp"
+#include "stipple/proto/digest.hpp"
+#include "support/support.hpp"
+
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <algorithm>
+#include <cstdlib>
+#include <fstream>
+#include <iterator>
+#include <nlohmann/json.hpp>
+
+namespace stipple {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+using test::TemporaryFolder;
+
+std::string content(const fs::path& file) {
+    std::ifstream stream(file, std::ios::binary);
+    return {std::istreambuf_iterator<char>(stream), {}};
+}
+
+struct Outcome {
+    int exit_code = -1;
+    std::string out, err;
+};
+
+/// Runs the real program in a folder of its own.
+class StippleCli : public testing::Test {
+protected:
+    /// @param before  what starts the program, as `timeout 1 `.
+    Outcome stipple(const std::string& arguments, const std::string& before = "") const {
+        const std::string command = "cd '" + folder_.path().string() + "' && " + before + "'" +
+                                    test::program("stipple").string() + "' " + arguments +
+                                    " > out.txt 2> err.txt";
+        const int status = std::system(command.c_str());
+        Outcome outcome{WIFEXITED(status) ? WEXITSTATUS(status) : -1, content(folder_ / "out.txt"),
+                        content(folder_ / "err.txt")};
+        fs::remove(folder_ / "out.txt");
+        fs::remove(folder_ / "err.txt");
+        return outcome;
+    }
+
+    void synthesize(const std::string& name, int points) const {
+        const Outcome outcome =
+            stipple("synthesize " + name + " --points " + std::to_string(points));
+        ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+    }
+
+    std::vector<std::string> files() const {
+        std::vector<std::string> names;
+        for (const auto& entry : fs::directory_iterator(folder_.path()))
+            names.push_back(entry.path().filename().string());
+        std::sort(names.begin(), names.end());
+        return names;
+    }
+
+    TemporaryFolder folder_;
+};
+
+TEST_F(StippleCli, SimplifyGivesExactlyThePointsAndTheFiguresAskedFor) {
+    synthesize("in.ply", 20'000);
+    const Outcome outcome =
+        stipple("simplify in.ply out.ply --method hierarchical --points 777 --json -");
+    ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+    EXPECT_EQ(read_cloud(folder_ / "out.ply").size(), 777U);
+
+    const json figures = json::parse(outcome.out);
+    EXPECT_EQ(figures["input"]["points"], 20'000);
+    EXPECT_EQ(figures["output"]["points"], 777);
+    EXPECT_EQ(figures["output"]["sha256"], proto::sha256_of_file(folder_ / "out.ply"));
+    EXPECT_EQ(figures["method"], "hierarchical");
+    EXPECT_GE(figures["threads"].get<int>(), 1);
+    for (const char* part : {"decode", "simplify", "encode", "total"})
+        EXPECT_GT(figures["seconds"][part].get<double>(), 0.0) << part;
+    EXPECT_GT(figures["peak_memory_bytes"].get<double>(), 1e6);
+    EXPECT_NE(outcome.err.find("777 points"), std::string::npos);
+}
+
+TEST_F(StippleCli, SimplifyKeepsColoursNormalsAndAttributes) {
+    synthesize("in.ply", 5000);
+    ASSERT_EQ(stipple("simplify in.ply out.drc --ratio 0.1").exit_code, 0);
+    const PointCloud cloud = read_cloud(folder_ / "out.drc");
+    EXPECT_EQ(cloud.size(), 500U);
+    EXPECT_EQ(cloud.colors.size(), 500U);
+    EXPECT_EQ(cloud.normals.size(), 500U);
+    EXPECT_NE(find_attribute(cloud, "intensity"), nullptr);
+}
+
+TEST_F(StippleCli, SimplifyGivesTheSameBytesOnOneAndTwoThreads) {
+    synthesize("in.ply", 50'000);
+    for (const char* format : {"ply", "drc"}) {
+        const std::string end = std::string(".") + format;
+        ASSERT_EQ(stipple("simplify in.ply one" + end + " --points 999 --threads 1").exit_code, 0);
+        ASSERT_EQ(stipple("simplify in.ply two" + end + " --points 999 --threads 2").exit_code, 0);
+        EXPECT_EQ(content(folder_ / ("one" + end)), content(folder_ / ("two" + end)));
+    }
+}
+
+TEST_F(StippleCli, SimplifyWritesTheEncodingOfPlyAskedFor) {
+    synthesize("in.ply", 1000);
+    ASSERT_EQ(stipple("simplify in.ply out.ply -n 10 --ply-encoding ascii").exit_code, 0);
+    EXPECT_TRUE(content(folder_ / "out.ply").starts_with("ply\nformat ascii 1.0\n"));
+}
+
+TEST_F(StippleCli, PyramidLeavesLevelsAndAManifestThatAgree) {
+    synthesize("in.ply", 20'000);
+    const Outcome outcome = stipple("pyramid in.ply levels --levels 100,2000");
+    ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+    const json manifest = json::parse(content(folder_ / "levels/manifest.json"));
+    EXPECT_EQ(manifest["complete"], true);
+    ASSERT_EQ(manifest["levels"].size(), 2U);
+    std::size_t files = 0;
+    for (const json& level : manifest["levels"]) {
+        for (const json& file : level["files"]) {
+            const fs::path path = folder_.path() / "levels" / file["href"].get<std::string>();
+            EXPECT_EQ(read_cloud(path).size(), level["points"].get<std::size_t>());
+            EXPECT_EQ(proto::sha256_of_file(path), file["sha256"].get<std::string>());
+            EXPECT_EQ(fs::file_size(path), file["bytes"].get<std::size_t>());
+            ++files;
+        }
+    }
+    EXPECT_EQ(files, 4U);
+    EXPECT_EQ(std::distance(fs::directory_iterator(folder_ / "levels"), {}), 5);
+}
+
+TEST_F(StippleCli, InspectTellsPointsBoundsAttributesAndHash) {
+    synthesize("in.ply", 3000);
+    const Outcome outcome = stipple("inspect in.ply --json figures.json");
+    ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+    const json figures = json::parse(content(folder_ / "figures.json"));
+    EXPECT_EQ(figures["points"], 3000);
+    EXPECT_EQ(figures["encoding"], "binary_little_endian");
+    EXPECT_EQ(figures["sha256"], proto::sha256_of_file(folder_ / "in.ply"));
+    EXPECT_EQ(figures["attributes"].size(), 3U);
+    EXPECT_GT(figures["spacing"].get<double>(), 0.1);
+    EXPECT_NE(outcome.err.find("3,000"), std::string::npos);
+}
+
+TEST_F(StippleCli, ConvertThereAndBackKeepsEveryPoint) {
+    synthesize("in.ply", 3000);
+    ASSERT_EQ(stipple("convert in.ply mid.drc --position-bits 0 --coding sequential").exit_code, 0);
+    ASSERT_EQ(stipple("convert mid.drc out.ply").exit_code, 0);
+    EXPECT_EQ(read_cloud(folder_ / "in.ply").positions, read_cloud(folder_ / "out.ply").positions);
+}
+
+TEST_F(StippleCli, ReadsAFileByItsContentWhateverItsName) {
+    synthesize("in.drc", 1000);
+    fs::rename(folder_ / "in.drc", folder_ / "in.ply");
+    EXPECT_EQ(stipple("simplify in.ply out.ply -n 10").exit_code, 0);
+}
+
+TEST_F(StippleCli, ABrokenFileGivesOneLineThatNamesItAndLeavesNothing) {
+    std::ofstream(folder_ / "bad.ply")
+        << "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\n"
+           "property float y\nproperty float z\nend_header\n0 0 0\n";
+    for (const char* command : {"simplify bad.ply out.ply -n 1", "pyramid bad.ply levels",
+                                "convert bad.ply out.drc", "inspect bad.ply"}) {
+        const Outcome outcome = stipple(command);
+        EXPECT_EQ(outcome.exit_code, 1) << command;
+        EXPECT_TRUE(outcome.err.starts_with("stipple: bad.ply: ")) << outcome.err;
+        EXPECT_EQ(std::count(outcome.err.begin(), outcome.err.end(), '\n'), 1) << outcome.err;
+        EXPECT_EQ(files(), std::vector<std::string>{"bad.ply"}) << command;
+    }
+}
+
+TEST_F(StippleCli, AFailureLeavesTheOldOutputAsItWas) {
+    std::ofstream(folder_ / "bad.ply") << "ply\n";
+    std::ofstream(folder_ / "out.ply") << "precious";
+    EXPECT_EQ(stipple("simplify bad.ply out.ply -n 1").exit_code, 1);
+    EXPECT_EQ(content(folder_ / "out.ply"), "precious");
+}
+
+TEST_F(StippleCli, UsageErrorsExitWithTwoAndNameTheRemedy) {
+    const Outcome outcome = stipple("simplify in.ply out.ply --max-error 0.1");
+    EXPECT_EQ(outcome.exit_code, 2);
+    EXPECT_NE(outcome.err.find("--points"), std::string::npos);
+    EXPECT_EQ(stipple("simplify in.ply").exit_code, 2);
+    EXPECT_EQ(stipple("simplify missing.ply out.ply -n 5").exit_code, 1);
+}
+
+TEST_F(StippleCli, AServerThatIsNotThereIsNamedWithTheRemedy) {
+    synthesize("in.ply", 100);
+    const Outcome outcome = stipple("simplify in.ply out.ply -n 5 --server http://127.0.0.1:1");
+    EXPECT_EQ(outcome.exit_code, 1);
+    EXPECT_NE(outcome.err.find("http://127.0.0.1:1"), std::string::npos);
+    EXPECT_NE(outcome.err.find("stippled serve"), std::string::npos);
+    EXPECT_EQ(files(), std::vector<std::string>{"in.ply"});
+}
+
+TEST_F(StippleCli, AnInterruptLeavesNothingBehind) {
+    synthesize("in.ply", 1'000'000);
+    // Work of seconds, interrupted as Ctrl-C does it.
+    const Outcome outcome =
+        stipple("pyramid in.ply levels --threads 1", "timeout --preserve-status -s INT 0.3 ");
+    EXPECT_EQ(outcome.exit_code, 130);
+    EXPECT_EQ(files(), std::vector<std::string>{"in.ply"});
+}
+
+TEST_F(StippleCli, IgeaComesOutWithTheCountAskedFor) {
+    const auto igea = test::shared_file("models/igea.ply");
+    if (!igea) GTEST_SKIP() << "the shared scans are not here";
+    const Outcome outcome =
+        stipple("simplify '" + igea->string() + "' out.drc --points 5000 --json -");
+    ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+    EXPECT_EQ(json::parse(outcome.out)["input"]["points"], 134'345);
+    EXPECT_EQ(read_cloud(folder_ / "out.drc").size(), 5000U);
+}
+
+}  // namespace
+}  // namespace stipple

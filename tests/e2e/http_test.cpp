@@ -1,0 +1,303 @@
+// The real stippled over HTTP: what a client may rely on.
+#include "support/stippled_process.hpp"
+
+#include "stipple/codec.hpp"
+#include "stipple/proto/digest.hpp"
+
+#include <gtest/gtest.h>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+namespace stipple::test {
+namespace {
+
+using namespace std::chrono_literals;
+using Json = nlohmann::json;
+
+std::string as_ply(const PointCloud& cloud) {
+    const auto bytes = encode_ply(cloud);
+    return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
+}
+
+std::string hash_of(const std::string& bytes) {
+    return proto::sha256_hex(std::as_bytes(std::span(bytes)));
+}
+
+const std::vector<std::string> kJson = {"Content-Type: application/json"};
+
+/// Uploads a cloud; returns its id.
+std::string upload(const StippledProcess& server, const std::string& bytes) {
+    const HttpReply reply = request(server.port(), "POST", "/v1/clouds", bytes);
+    EXPECT_TRUE(reply.status == 201 || reply.status == 200) << reply.body;
+    return Json::parse(reply.body).at("id");
+}
+
+std::string submit(const StippledProcess& server, const Json& job,
+                   std::vector<std::string> fields = kJson) {
+    const HttpReply reply = request(server.port(), "POST", "/v1/jobs", job.dump(), fields);
+    EXPECT_TRUE(reply.status == 201 || reply.status == 200) << reply.body;
+    return Json::parse(reply.body).at("id");
+}
+
+Json pyramid_of(const std::string& cloud) {
+    return {
+        {"type", "pyramid"}, {"input", cloud}, {"levels", {100, 500}}, {"formats", {"drc", "ply"}}};
+}
+
+/// The document of a job once it is final.
+Json finished(const StippledProcess& server, const std::string& id) {
+    for (int attempt = 0; attempt < 20; ++attempt) {
+        const Json job =
+            Json::parse(request(server.port(), "GET", "/v1/jobs/" + id + "?wait=10").body);
+        const std::string status = job.at("status");
+        if (status != "accepted" && status != "running") return job;
+    }
+    ADD_FAILURE() << "job " << id << " did not end";
+    return {};
+}
+
+/// The type of a problem, without its base; what else a problem must have is checked.
+std::string problem_of(const HttpReply& reply) {
+    EXPECT_EQ(reply.field("Content-Type"), "application/problem+json") << reply.head << reply.body;
+    const Json problem = Json::parse(reply.body, nullptr, false);
+    if (!problem.is_object()) return "no problem document";
+    EXPECT_EQ(problem.at("status"), reply.status);
+    EXPECT_FALSE(problem.at("detail").get<std::string>().empty());
+    const std::string type = problem.at("type");
+    return type.substr(type.rfind('/') + 1);
+}
+
+TEST(Stippled, TurnsAnUploadIntoAPyramidWhoseBytesAreWhatTheManifestSays) {
+    const StippledProcess server;
+    const std::string bytes = as_ply(with_attributes(sphere(2000)));
+    const HttpReply uploaded = request(server.port(), "POST", "/v1/clouds", bytes);
+    EXPECT_EQ(uploaded.status, 201) << uploaded.body;
+    EXPECT_EQ(uploaded.field("Location"), "/v1/clouds/" + hash_of(bytes));
+    EXPECT_EQ(request(server.port(), "POST", "/v1/clouds", bytes).status, 200);
+
+    const std::string id = submit(server, pyramid_of(hash_of(bytes)));
+    const Json job = finished(server, id);
+    ASSERT_EQ(job.at("status"), "successful") << job.dump();
+    EXPECT_EQ(job.at("progress"), 100);
+
+    const Json manifest =
+        Json::parse(request(server.port(), "GET", "/v1/pyramids/" + id + "/manifest.json").body);
+    EXPECT_TRUE(manifest.at("complete"));
+    ASSERT_EQ(manifest.at("levels").size(), 2U);
+    for (const Json& level : manifest.at("levels")) {
+        for (const Json& file : level.at("files")) {
+            const HttpReply reply = request(server.port(), "GET", file.at("href"));
+            ASSERT_EQ(reply.status, 200) << reply.body;
+            EXPECT_EQ(hash_of(reply.body), file.at("sha256"));
+            EXPECT_EQ(reply.field("ETag"), '"' + file.at("sha256").get<std::string>() + '"');
+            const PointCloud cloud = decode_cloud(std::as_bytes(std::span(reply.body)));
+            EXPECT_EQ(cloud.size(), level.at("points"));
+        }
+    }
+    const Json cloud =
+        Json::parse(request(server.port(), "GET", "/v1/clouds/" + hash_of(bytes)).body);
+    EXPECT_EQ(cloud.at("points"), 2000);
+    EXPECT_EQ(request(server.port(), "GET", "/v1/clouds/" + hash_of(bytes) + "/content").body,
+              bytes);
+}
+
+TEST(Stippled, AnswersConditionsAndRangesOnImmutableBytes) {
+    const StippledProcess server;
+    const std::string bytes = as_ply(sphere(1000));
+    const std::string target = "/v1/clouds/" + upload(server, bytes) + "/content";
+    const std::string etag = request(server.port(), "GET", target).field("ETag");
+    const auto get = [&](const std::string& field) {
+        return request(server.port(), "GET", target, {}, {field});
+    };
+
+    EXPECT_EQ(get("If-None-Match: " + etag).status, 304);
+    EXPECT_EQ(get("If-None-Match: \"other\"").status, 200);
+    const HttpReply part = get("Range: bytes=10-19");
+    EXPECT_EQ(part.status, 206);
+    EXPECT_EQ(part.body, bytes.substr(10, 10));
+    EXPECT_EQ(part.field("Content-Range"), "bytes 10-19/" + std::to_string(bytes.size()));
+    EXPECT_EQ(get("Range: bytes=-5").body, bytes.substr(bytes.size() - 5));
+    const HttpReply beyond = get("Range: bytes=99999999-");
+    EXPECT_EQ(problem_of(beyond), "range-not-satisfiable");
+    EXPECT_EQ(beyond.field("Content-Range"), "bytes */" + std::to_string(bytes.size()));
+    EXPECT_EQ(get("Range: bytes=0-0,2-2").body, bytes);
+    EXPECT_EQ(
+        request(server.port(), "GET", target, {}, {"Range: bytes=0-9", "If-Range: \"other\""}).body,
+        bytes);
+
+    const HttpReply head = request(server.port(), "HEAD", target);
+    EXPECT_EQ(head.status, 200);
+    EXPECT_EQ(head.field("Content-Length"), std::to_string(bytes.size()));
+}
+
+TEST(Stippled, StreamsEventsToTheFinalStatusAndResumesWhereAStreamWasCut) {
+    const StippledProcess server;
+    const std::string id = submit(server, pyramid_of(upload(server, as_ply(sphere(2000)))));
+    const HttpReply all = request(server.port(), "GET", "/v1/jobs/" + id + "/events");
+    EXPECT_EQ(all.field("Content-Type"), "text/event-stream");
+    EXPECT_EQ(all.field("X-Accel-Buffering"), "no");
+    EXPECT_NE(all.body.find("event: level\ndata: {\"level\":"), std::string::npos) << all.body;
+    EXPECT_NE(all.body.find("\"href\":\"/v1/pyramids/" + id), std::string::npos) << all.body;
+    EXPECT_TRUE(all.body.ends_with("data: {\"status\":\"successful\"}\n\n")) << all.body;
+
+    const HttpReply rest =
+        request(server.port(), "GET", "/v1/jobs/" + id + "/events", {}, {"Last-Event-ID: 2"});
+    EXPECT_EQ(rest.body.find("\nid: 2\n"), std::string::npos);
+    EXPECT_NE(rest.body.find("\nid: 3\n"), std::string::npos) << rest.body;
+    EXPECT_EQ(request(server.port(), "GET", "/v1/jobs/" + id + "/events?after=100000").status, 200);
+    EXPECT_EQ(problem_of(request(server.port(), "GET", "/v1/jobs/nowhere/events")), "not-found");
+}
+
+TEST(Stippled, SimplifiesInOneCall) {
+    const StippledProcess server;
+    const std::string bytes = as_ply(sphere(3000));
+    const HttpReply ply = request(server.port(), "POST", "/v1/simplify?points=300&wait=60", bytes);
+    ASSERT_EQ(ply.status, 200) << ply.body;
+    EXPECT_EQ(ply.field("Content-Type"), "model/ply");
+    EXPECT_EQ(ply.field("Stipple-Points"), "300");
+    EXPECT_EQ(decode_cloud(std::as_bytes(std::span(ply.body))).size(), 300U);
+
+    const HttpReply draco = request(server.port(), "POST", "/v1/simplify?ratio=0.1&wait=60", bytes,
+                                    {"Accept: model/vnd.google.draco"});
+    ASSERT_EQ(draco.status, 200) << draco.body;
+    EXPECT_EQ(draco.body.substr(0, 5), "DRACO");
+
+    const HttpReply later = request(server.port(), "POST", "/v1/simplify?points=300&wait=0", bytes);
+    EXPECT_EQ(later.status, 201) << later.body;
+    EXPECT_EQ(finished(server, Json::parse(later.body).at("id")).at("status"), "successful");
+
+    EXPECT_EQ(problem_of(request(server.port(), "POST", "/v1/simplify?points=0", bytes)),
+              "invalid-argument");
+    EXPECT_EQ(problem_of(request(server.port(), "POST", "/v1/simplify?pionts=9", bytes)),
+              "invalid-argument");
+    EXPECT_EQ(problem_of(request(server.port(), "POST", "/v1/simplify?points=9", bytes,
+                                 {"Accept: image/png"})),
+              "not-acceptable");
+    EXPECT_EQ(problem_of(request(server.port(), "POST", "/v1/simplify?points=9&wait=60",
+                                 "ply\nnonsense\n")),
+              "malformed-input");
+}
+
+TEST(Stippled, ReturnsTheSameJobForTheSameIdempotencyKey) {
+    const StippledProcess server;
+    const Json job = pyramid_of(upload(server, as_ply(sphere(500))));
+    const std::vector<std::string> keyed = {"Content-Type: application/json",
+                                            "Idempotency-Key: mine"};
+    const std::string id = submit(server, job, keyed);
+    EXPECT_EQ(submit(server, job, keyed), id);
+    Json other = job;
+    other["levels"] = {7};
+    EXPECT_EQ(problem_of(request(server.port(), "POST", "/v1/jobs", other.dump(), keyed)),
+              "conflict");
+}
+
+TEST(Stippled, RefusesByAProblemThatSaysWhy) {
+    const StippledProcess server({"--max-upload", "1000"});
+    const auto ask = [&server](const char* method, const char* target, const std::string& body = {},
+                               std::vector<std::string> fields = {}) {
+        return problem_of(request(server.port(), method, target, body, fields));
+    };
+    EXPECT_EQ(ask("GET", "/v1/nothing"), "not-found");
+    EXPECT_EQ(ask("GET", "/v1/jobs/0"), "not-found");
+    EXPECT_EQ(ask("PUT", "/v1/jobs"), "method-not-allowed");
+    EXPECT_EQ(ask("GET", "/v1/jobs?limit=0"), "invalid-argument");
+    EXPECT_EQ(ask("GET", "/v1/jobs?status=odd"), "invalid-argument");
+    EXPECT_EQ(ask("GET", "/v1/jobs?limit=1&limit=2"), "invalid-argument");
+    EXPECT_EQ(ask("POST", "/v1/clouds", "neither"), "unsupported-format");
+    EXPECT_EQ(ask("POST", "/v1/clouds", "\x1f\x8b packed"), "unsupported-format");
+    EXPECT_EQ(ask("POST", "/v1/clouds", "ply" + std::string(2000, ' ')), "too-large");
+    EXPECT_EQ(ask("POST", "/v1/jobs", "{"), "unsupported-format");
+    EXPECT_EQ(ask("POST", "/v1/jobs", "{", kJson), "invalid-argument");
+    EXPECT_EQ(ask("POST", "/v1/jobs", "[]",
+                  {"Content-Type: application/json", "Origin: http://evil.example"}),
+              "forbidden");
+    EXPECT_EQ(request(server.port(), "PUT", "/v1/jobs").field("Allow"), "POST, GET, HEAD, OPTIONS");
+}
+
+TEST(Stippled, ServesItsContractItsDocsAndItsLimits) {
+    const StippledProcess server({"--max-upload", "1000"});
+    EXPECT_TRUE(request(server.port(), "GET", "/openapi.yaml").body.starts_with("openapi: 3.1"));
+    const HttpReply docs = request(server.port(), "GET", "/docs");
+    EXPECT_NE(docs.body.find("/v1/pyramids/{id}/{file}"), std::string::npos);
+    EXPECT_NE(docs.field("Content-Security-Policy").find("default-src 'none'"), std::string::npos);
+    EXPECT_EQ(Json::parse(request(server.port(), "GET", "/v1/limits").body).at("max_upload_bytes"),
+              1000);
+    EXPECT_EQ(request(server.port(), "OPTIONS", "/v1/limits").field("Access-Control-Allow-Origin"),
+              "*");
+    EXPECT_EQ(request(server.port(), "GET", "/v1/limits", {}, {"X-Request-Id: a.b-c"})
+                  .field("X-Request-Id"),
+              "a.b-c");
+}
+
+TEST(Stippled, TellsOperatorsHowItIs) {
+    const StippledProcess server;
+    EXPECT_EQ(request(server.admin_port(), "GET", "/livez").status, 200);
+    EXPECT_EQ(request(server.admin_port(), "GET", "/readyz").status, 200);
+    request(server.port(), "GET", "/v1/limits");
+    const std::string metrics = request(server.admin_port(), "GET", "/metrics").body;
+    EXPECT_NE(metrics.find("stipple_http_requests_total{"), std::string::npos) << metrics;
+    EXPECT_NE(metrics.find("route=\"/v1/limits\""), std::string::npos) << metrics;
+    EXPECT_EQ(request(server.port(), "GET", "/metrics").status, 404);
+}
+
+TEST(Stippled, KeepsTenantsApart) {
+    const TemporaryFolder folder;
+    const auto entry = [](const char* tenant, const char* key, Json scopes) {
+        return Json{
+            {"tenant", tenant}, {"key_sha256", hash_of(key)}, {"scopes", std::move(scopes)}};
+    };
+    std::ofstream(folder / "keys.json")
+        << Json{entry("a", "key-a", {"admin"}), entry("b", "key-b", {"admin"}),
+                entry("a", "look-a", {"read"})};
+    const StippledProcess server({"--api-keys", (folder / "keys.json").string()});
+    const auto with = [](const char* key) {
+        return std::vector<std::string>{std::string("Authorization: Bearer ") + key};
+    };
+
+    const std::string bytes = as_ply(sphere(100));
+    const HttpReply anonymous = request(server.port(), "POST", "/v1/clouds", bytes);
+    EXPECT_EQ(problem_of(anonymous), "unauthorized");
+    EXPECT_EQ(anonymous.field("WWW-Authenticate"), "Bearer");
+    EXPECT_EQ(problem_of(request(server.port(), "POST", "/v1/clouds", bytes, with("wrong"))),
+              "unauthorized");
+    EXPECT_EQ(problem_of(request(server.port(), "POST", "/v1/clouds", bytes, with("look-a"))),
+              "forbidden");
+    ASSERT_EQ(request(server.port(), "POST", "/v1/clouds", bytes, with("key-a")).status, 201);
+
+    const std::string target = "/v1/clouds/" + hash_of(bytes);
+    EXPECT_EQ(request(server.port(), "GET", target, {}, with("look-a")).status, 200);
+    EXPECT_EQ(problem_of(request(server.port(), "GET", target, {}, with("key-b"))), "not-found");
+    EXPECT_EQ(problem_of(request(server.port(), "DELETE", target, {}, with("key-b"))), "not-found");
+    EXPECT_EQ(request(server.port(), "GET", "/v1/limits").status, 200);
+}
+
+TEST(Stippled, LosesNothingThatItAcknowledgedWhenKilled) {
+    StippledProcess server;
+    const std::string cloud = upload(server, as_ply(sphere(200'000, 0.01)));
+    std::vector<std::string> ids;
+    for (int i = 0; i < 3; ++i) {
+        ids.push_back(
+            submit(server, {{"type", "simplify"}, {"input", cloud}, {"points", 1000 + i}}));
+    }
+    std::this_thread::sleep_for(150ms);  // somewhere within the first job
+    server.restart();
+    for (const std::string& id : ids) {
+        const Json job = finished(server, id);
+        EXPECT_EQ(job.at("status"), "successful") << job.dump();
+        const Json results =
+            Json::parse(request(server.port(), "GET", "/v1/jobs/" + id + "/results").body);
+        const Json& file = results.at("levels").at(0).at("files").at(0);
+        EXPECT_EQ(hash_of(request(server.port(), "GET", file.at("href")).body), file.at("sha256"));
+    }
+}
+
+TEST(Stippled, EndsInOrderOnSigterm) {
+    StippledProcess server;
+    RawConnection idle(server.port());
+    EXPECT_EQ(server.stop(), 0);
+    EXPECT_TRUE(idle.closed_within(10s));
+}
+
+}  // namespace
+}  // namespace stipple::test

@@ -1,0 +1,133 @@
+// Holds the program and openapi.yaml together.
+#include "http/routes.hpp"
+
+#include <gtest/gtest.h>
+#include <yaml-cpp/yaml.h>
+#include <algorithm>
+#include <filesystem>
+#include <set>
+#include <string>
+#include <utility>
+
+namespace stipple::server::http {
+namespace {
+
+YAML::Node document() {
+    return YAML::LoadFile((std::filesystem::path(STIPPLE_SOURCE_DIR) / "openapi.yaml").string());
+}
+
+using Operation = std::pair<std::string, std::string>;
+
+std::set<Operation> documented_operations() {
+    std::set<Operation> operations;
+    for (const auto& path : document()["paths"]) {
+        for (const auto& operation : path.second) {
+            std::string method = operation.first.as<std::string>();
+            std::ranges::transform(method, method.begin(),
+                                   [](unsigned char c) { return std::toupper(c); });
+            operations.emplace(method, path.first.as<std::string>());
+        }
+    }
+    return operations;
+}
+
+std::string scope_name(Scope scope) {
+    return scope == Scope::Read ? "read" : scope == Scope::Submit ? "submit" : "";
+}
+
+TEST(OpenApi, DescribesExactlyTheRoutesThatAreServed) {
+    std::set<Operation> served;
+    for (const Route& route : routes()) served.emplace(route.method, route.path);
+    EXPECT_EQ(served, documented_operations());
+}
+
+TEST(OpenApi, NamesTheScopeOfEveryRoute) {
+    const YAML::Node paths = document()["paths"];
+    for (const Route& route : routes()) {
+        std::string method(route.method);
+        std::ranges::transform(method, method.begin(),
+                               [](unsigned char c) { return std::tolower(c); });
+        const YAML::Node operation = paths[std::string(route.path)][method];
+        const std::string scope =
+            operation["x-scope"] ? operation["x-scope"].as<std::string>() : "";
+        EXPECT_EQ(scope, scope_name(route.scope)) << route.method << ' ' << route.path;
+        // A route without a scope is open, and says so.
+        EXPECT_EQ(scope.empty(), operation["security"].IsDefined())
+            << route.method << ' ' << route.path;
+    }
+}
+
+TEST(OpenApi, ListsExactlyTheProblemTypesThatCanBeSent) {
+    std::set<std::string> sent;
+    for (int status = 400; status < 600; ++status)
+        sent.insert(proto::problem_from_status(status, "").type);
+    for (const ErrorCode code :
+         {ErrorCode::InvalidArgument, ErrorCode::MalformedInput, ErrorCode::UnsupportedFormat,
+          ErrorCode::TooLarge, ErrorCode::NotFound, ErrorCode::Conflict, ErrorCode::QueueFull,
+          ErrorCode::Internal}) {
+        sent.insert(proto::problem_from(code, "").type);
+    }
+    std::set<std::string> listed;
+    for (const auto& type :
+         document()["components"]["schemas"]["Problem"]["properties"]["type"]["enum"]) {
+        listed.insert(type.as<std::string>());
+    }
+    EXPECT_EQ(sent, listed);
+}
+
+TEST(OpenApi, HasEverythingThatItRefersTo) {
+    std::set<std::string> dangling;
+    const YAML::Node root = document();
+    const auto visit = [&](const auto& self, const YAML::Node& node) -> void {
+        if (node.IsMap()) {
+            for (const auto& entry : node) {
+                if (entry.first.Scalar() == "$ref") {
+                    std::istringstream parts(entry.second.Scalar().substr(2));
+                    YAML::Node found = root;
+                    for (std::string part; found.IsDefined() && std::getline(parts, part, '/');) {
+                        const YAML::Node next = static_cast<const YAML::Node&>(found)[part];
+                        if (!next.IsDefined()) dangling.insert(entry.second.Scalar());
+                        if (!next.IsDefined()) break;
+                        found.reset(next);
+                    }
+                }
+                self(self, entry.second);
+            }
+        } else if (node.IsSequence()) {
+            for (const auto& item : node) self(self, item);
+        }
+    };
+    visit(visit, root);
+    EXPECT_EQ(dangling, std::set<std::string>());
+}
+
+TEST(RouteTable, PrefersALiteralPathToAPlaceholder) {
+    EXPECT_EQ(find_route("GET", "/v1/pyramids/7/manifest.json").route->handle, &get_manifest);
+    EXPECT_EQ(find_route("GET", "/v1/pyramids/7/ab.drc").route->handle, &get_pyramid_file);
+}
+
+TEST(RouteTable, TakesThePlaceholdersOutOfThePath) {
+    const RouteMatch match = find_route("GET", "/v1/jobs/7/results/ab.ply");
+    EXPECT_EQ(match.values.at("id"), "7");
+    EXPECT_EQ(match.values.at("file"), "ab.ply");
+}
+
+TEST(RouteTable, AnswersHeadWhereGetIsAnswered) {
+    EXPECT_EQ(find_route("HEAD", "/v1/limits").route->handle, &get_limits);
+}
+
+TEST(RouteTable, NamesTheMethodsOfAPathThatTakesOthers) {
+    const RouteMatch match = find_route("PUT", "/v1/clouds/7");
+    EXPECT_EQ(match.route, nullptr);
+    EXPECT_EQ(match.allow, "GET, HEAD, DELETE, OPTIONS");
+}
+
+TEST(RouteTable, KnowsNoOtherPath) {
+    for (const char* path : {"/v1", "/v1/", "/v1/clouds/", "/v1/clouds//content",
+                             "/v1/jobs/7/results/a/b", "//", "/assets/"}) {
+        EXPECT_EQ(find_route("GET", path).same_path, nullptr) << path;
+    }
+}
+
+}  // namespace
+}  // namespace stipple::server::http

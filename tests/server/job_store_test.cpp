@@ -1,0 +1,603 @@
+#include "store/job_store.hpp"
+
+#include "store_fixtures.hpp"
+
+#include <sqlite3.h>
+#include <algorithm>
+#include <functional>
+#include <map>
+#include <mutex>
+#include <regex>
+#include <set>
+#include <thread>
+
+namespace stipple::server {
+namespace {
+
+using namespace stipple::test;
+using namespace std::chrono_literals;
+using proto::JobDocument;
+using proto::JobStatus;
+
+/// What every job store promises. Another database joins by one more line at the end.
+struct Backend {
+    const char* name;
+    std::function<std::unique_ptr<JobStore>(const TemporaryFolder&)> open;
+};
+
+class JobStoreContract : public testing::TestWithParam<Backend> {
+protected:
+    void reopen() {
+        store_.reset();
+        store_ = GetParam().open(folder_);
+    }
+    JobDocument submit(const std::string& tenant = "ada",
+                       const std::optional<std::string>& key = {}, std::uint64_t points = 100) {
+        JobDocument document;
+        store_->submit(tenant, simplify_request(put_cloud(*store_, tenant, "cloud"), points), key,
+                       limits_, document);
+        return document;
+    }
+    Lease claim(std::chrono::seconds lease_time = 60s) {
+        auto lease = store_->claim(limits_, lease_time);
+        if (!lease) throw std::logic_error("nothing to claim");
+        return *lease;
+    }
+    /// A lease that is over at once.
+    Lease claim_for_a_moment() {
+        const Lease lease = claim(0s);
+        std::this_thread::sleep_for(5ms);
+        return lease;
+    }
+    JobDocument find(const std::string& id, const std::string& tenant = "ada") {
+        return store_->find_job(tenant, id).value();
+    }
+    std::vector<std::string> events(const std::string& id) {
+        std::vector<std::string> told;
+        for (const JobEvent& event : store_->events_after("ada", id, 0)) {
+            told.push_back(event.type == "status" ? event.data : event.type);
+        }
+        return told;
+    }
+
+    TemporaryFolder folder_;
+    QueueLimits limits_;
+    std::unique_ptr<JobStore> store_ = GetParam().open(folder_);
+};
+
+const proto::Problem kProblem = proto::problem_from(ErrorCode::MalformedInput, "line 7: no name");
+const std::string kHash(64, 'a');
+
+// Clouds.
+
+TEST_P(JobStoreContract, TakesACloudOncePerTenant) {
+    const CloudRow row{.tenant = "ada",
+                       .id = kHash,
+                       .format = CloudFormat::Draco,
+                       .bytes = 42,
+                       .created = {},
+                       .statistics = {}};
+    EXPECT_EQ(store_->put_cloud(row), Submitted::Created);
+    EXPECT_EQ(store_->put_cloud(row), Submitted::Existing);
+    const auto found = store_->find_cloud("ada", kHash);
+    ASSERT_TRUE(found);
+    EXPECT_EQ(found->format, CloudFormat::Draco);
+    EXPECT_EQ(found->bytes, 42U);
+    EXPECT_FALSE(found->statistics);
+}
+
+TEST_P(JobStoreContract, TellsTimesInUtcWithMilliseconds) {
+    const std::regex form(R"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z)");
+    const std::string cloud = put_cloud(*store_, "ada", "cloud");
+    EXPECT_TRUE(std::regex_match(store_->find_cloud("ada", cloud)->created, form));
+    const JobDocument job = submit();
+    EXPECT_TRUE(std::regex_match(job.created, form)) << job.created;
+    EXPECT_EQ(job.started, "");
+    EXPECT_EQ(job.finished, "");
+}
+
+TEST_P(JobStoreContract, KeepsTheStatisticsOfACloud) {
+    const std::string cloud = put_cloud(*store_, "ada", "cloud");
+    store_->set_statistics("ada", cloud, statistics_of(7));
+    reopen();
+    EXPECT_EQ(store_->find_cloud("ada", cloud)->statistics->points, 7U);
+}
+
+TEST_P(JobStoreContract, KeepsACloudWhileAnUnfinishedJobNeedsIt) {
+    const JobDocument job = submit();
+    const std::string cloud = job.request.input;
+    expect_error(ErrorCode::Conflict, job.id, [&] { store_->remove_cloud("ada", cloud); });
+    store_->dismiss("ada", job.id);
+    EXPECT_TRUE(store_->remove_cloud("ada", cloud));
+    EXPECT_FALSE(store_->remove_cloud("ada", cloud));
+}
+
+// Jobs.
+
+TEST_P(JobStoreContract, RefusesAJobWithoutItsCloud) {
+    JobDocument document;
+    expect_error(ErrorCode::NotFound, "input " + kHash + ": no such cloud",
+                 [&] { store_->submit("ada", simplify_request(kHash), {}, limits_, document); });
+    put_cloud(*store_, "bob", "cloud");
+    const std::string of_bob = proto::sha256_hex(bytes_of("cloud"));
+    EXPECT_THROW(store_->submit("ada", simplify_request(of_bob), {}, limits_, document), Error);
+    EXPECT_EQ(store_->counts().queued, 0U);
+}
+
+TEST_P(JobStoreContract, KeepsAJobAsItWasAcknowledged) {
+    const JobDocument job = submit("ada", {}, 77);
+    reopen();
+    const JobDocument found = find(job.id);
+    EXPECT_EQ(to_json(found), to_json(job));
+    EXPECT_EQ(found.status, JobStatus::Accepted);
+    EXPECT_EQ(found.stage, "queued");
+}
+
+TEST_P(JobStoreContract, AnswersARepeatedSubmissionWithTheSameJob) {
+    const JobDocument first = submit("ada", "key");
+    EXPECT_EQ(submit("ada", "key").id, first.id);
+    EXPECT_EQ(store_->counts().queued, 1U);
+    EXPECT_NE(submit("bob", "key").id, first.id) << "a key belongs to its tenant";
+    EXPECT_NE(submit("ada", "other").id, first.id);
+}
+
+TEST_P(JobStoreContract, RefusesAnotherRequestUnderTheSameKey) {
+    submit("ada", "key", 100);
+    expect_error(ErrorCode::Conflict, "idempotency key \"key\"",
+                 [&] { submit("ada", "key", 101); });
+}
+
+TEST_P(JobStoreContract, RefusesJobsBeyondTheQueueLimitOfTheirTenant) {
+    limits_.max_queued = 2;
+    submit("ada", "key");
+    submit();
+    expect_error(ErrorCode::QueueFull, "the limit is 2", [&] { submit(); });
+    EXPECT_NO_THROW(submit("ada", "key")) << "a repeated submission adds nothing";
+    EXPECT_NO_THROW(submit("bob"));
+    claim();
+    EXPECT_NO_THROW(submit());
+}
+
+TEST_P(JobStoreContract, ShowsATenantNothingOfAnother) {
+    const JobDocument job = submit();
+    const std::string cloud = job.request.input;
+    std::optional<std::string> next;
+    EXPECT_FALSE(store_->find_job("bob", job.id));
+    EXPECT_FALSE(store_->find_cloud("bob", cloud));
+    EXPECT_FALSE(store_->dismiss("bob", job.id));
+    EXPECT_FALSE(store_->results("bob", job.id));
+    EXPECT_FALSE(store_->remove_cloud("bob", cloud));
+    EXPECT_TRUE(store_->events_after("bob", job.id, 0).empty());
+    EXPECT_TRUE(store_->list_jobs("bob", {}, 10, {}, next).empty());
+    EXPECT_TRUE(store_->list_clouds("bob", 10, {}, next).empty());
+    EXPECT_EQ(find(job.id).status, JobStatus::Accepted);
+}
+
+TEST_P(JobStoreContract, PagesThroughJobsNewestFirstWhileMoreAreAdded) {
+    std::vector<std::string> expected;
+    for (int i = 0; i < 5; ++i) expected.insert(expected.begin(), submit().id);
+    std::vector<std::string> seen;
+    std::optional<std::string> cursor;
+    do {
+        std::optional<std::string> next;
+        for (const JobDocument& job : store_->list_jobs("ada", {}, 2, cursor, next)) {
+            seen.push_back(job.id);
+        }
+        cursor = next;
+        submit();
+    } while (cursor);
+    EXPECT_EQ(seen, expected);
+}
+
+TEST_P(JobStoreContract, PagesThroughClouds) {
+    std::set<std::string> expected;
+    for (const char* text : {"a", "b", "c"}) expected.insert(put_cloud(*store_, "ada", text));
+    std::optional<std::string> next;
+    std::optional<std::string> after;
+    std::set<std::string> seen;
+    for (const CloudRow& row : store_->list_clouds("ada", 2, {}, next)) seen.insert(row.id);
+    ASSERT_TRUE(next);
+    for (const CloudRow& row : store_->list_clouds("ada", 2, next, after)) seen.insert(row.id);
+    EXPECT_EQ(seen, expected);
+    EXPECT_FALSE(after);
+}
+
+TEST_P(JobStoreContract, RefusesACursorThatItDidNotGive) {
+    submit();
+    submit();
+    std::optional<std::string> next;
+    store_->list_jobs("ada", {}, 1, {}, next);
+    std::optional<std::string> ignored;
+    for (const std::string& cursor : {std::string(), std::string("1"), std::string("'; DROP TABLE"),
+                                      *next + "A", std::string(10'000, 'x')}) {
+        expect_error(ErrorCode::InvalidArgument, "cursor",
+                     [&] { store_->list_jobs("ada", {}, 1, cursor, ignored); });
+    }
+    expect_error(ErrorCode::InvalidArgument, "of this listing",
+                 [&] { store_->list_clouds("ada", 1, next, ignored); });
+}
+
+TEST_P(JobStoreContract, FiltersJobsByTypeStatusAndInput) {
+    const JobDocument simplify = submit();
+    JobDocument pyramid;
+    store_->submit("ada", pyramid_request(put_cloud(*store_, "ada", "other")), {}, limits_,
+                   pyramid);
+    claim();
+    const auto ids = [this](const JobStore::JobFilter& filter) {
+        std::optional<std::string> next;
+        std::vector<std::string> found;
+        for (const auto& job : store_->list_jobs("ada", filter, 10, {}, next)) {
+            found.push_back(job.id);
+        }
+        return found;
+    };
+    using Ids = std::vector<std::string>;
+    EXPECT_EQ(ids({.type = "pyramid", .status = {}, .input = {}}), Ids{pyramid.id});
+    EXPECT_EQ(ids({.type = {}, .status = "running", .input = {}}), Ids{simplify.id});
+    EXPECT_EQ(ids({.type = {}, .status = {}, .input = pyramid.request.input}), Ids{pyramid.id});
+    EXPECT_EQ(ids({.type = "pyramid", .status = "running", .input = {}}), Ids{});
+}
+
+TEST_P(JobStoreContract, RemovesAFinishedJobThatIsDismissed) {
+    const JobDocument job = submit("ada", "key");
+    store_->succeed(claim(), {});
+    EXPECT_EQ(store_->dismiss("ada", job.id)->status, JobStatus::Successful);
+    EXPECT_FALSE(store_->find_job("ada", job.id));
+    EXPECT_TRUE(store_->events_after("ada", job.id, 0).empty());
+    EXPECT_NE(submit("ada", "key").id, job.id);
+}
+
+// The worker's side.
+
+TEST_P(JobStoreContract, GivesTheOldestJobFirst) {
+    const JobDocument first = submit();
+    const JobDocument second = submit();
+    EXPECT_EQ(claim().job_id, first.id);
+    EXPECT_EQ(claim().job_id, second.id);
+    EXPECT_FALSE(store_->claim(limits_, 60s));
+}
+
+TEST_P(JobStoreContract, GivesTheTenantWithTheFewestRunningJobsItsTurn) {
+    for (int i = 0; i < 10; ++i) submit("ada");
+    EXPECT_EQ(claim().tenant, "ada");
+    submit("bob");
+    EXPECT_EQ(claim().tenant, "bob");
+    EXPECT_EQ(claim().tenant, "ada");
+}
+
+TEST_P(JobStoreContract, RunsNoMoreJobsOfATenantThanItsLimit) {
+    limits_.max_running = 1;
+    submit();
+    submit();
+    const Lease lease = claim();
+    EXPECT_FALSE(store_->claim(limits_, 60s));
+    store_->succeed(lease, {});
+    EXPECT_TRUE(store_->claim(limits_, 60s));
+}
+
+TEST_P(JobStoreContract, GivesEachOfAThousandJobsToOneOfEightThreads) {
+    limits_.max_running = 2000;
+    const auto request = simplify_request(put_cloud(*store_, "ada", "cloud"));
+    JobDocument document;
+    for (int i = 0; i < 1000; ++i) store_->submit("ada", request, {}, limits_, document);
+    std::mutex mutex;
+    std::map<std::string, int> claims;
+    std::vector<std::jthread> threads;
+    for (int i = 0; i < 8; ++i) {
+        threads.emplace_back([&] {
+            while (const auto lease = store_->claim(limits_, 600s)) {
+                const std::lock_guard lock(mutex);
+                ++claims[lease->job_id];
+            }
+        });
+    }
+    threads.clear();
+    EXPECT_EQ(claims.size(), 1000U);
+    EXPECT_TRUE(std::ranges::all_of(claims, [](const auto& claim) { return claim.second == 1; }));
+}
+
+TEST_P(JobStoreContract, TellsTheLifeOfAJobInOrder) {
+    const JobDocument job = submit();
+    const Lease lease = claim();
+    EXPECT_EQ(find(job.id).status, JobStatus::Running);
+    EXPECT_NE(find(job.id).started, "");
+    EXPECT_TRUE(store_->report_progress(lease, "decode", 10));
+    EXPECT_TRUE(store_->report_source(lease, statistics_of(1000)));
+    EXPECT_TRUE(store_->publish_level(lease, level_with(0, kHash)));
+    EXPECT_EQ(find(job.id).levels_ready, 1U);
+    EXPECT_TRUE(store_->succeed(lease, {.total_seconds = 2}));
+
+    const JobDocument done = find(job.id);
+    EXPECT_EQ(done.status, JobStatus::Successful);
+    EXPECT_EQ(done.progress, 100);
+    EXPECT_EQ(done.stage, "done");
+    EXPECT_NE(done.finished, "");
+    EXPECT_EQ(events(job.id), (std::vector<std::string>{
+                                  R"({"status":"accepted"})", R"({"status":"running"})", "progress",
+                                  "source", "level", R"({"status":"successful"})"}));
+    const auto numbered = store_->events_after("ada", job.id, 4);
+    ASSERT_EQ(numbered.size(), 2U);
+    EXPECT_EQ(numbered[0].id, 5U);
+    EXPECT_EQ(proto::job_report_from_json(numbered[0].data).level->files[0].sha256, kHash);
+    EXPECT_EQ(store_->find_cloud("ada", job.request.input)->statistics->points, 1000U);
+}
+
+TEST_P(JobStoreContract, ShowsResultsWhileTheyComeAndWhenTheyAreComplete) {
+    const JobDocument job = submit();
+    const Lease lease = claim();
+    EXPECT_TRUE(store_->results("ada", job.id)->levels.empty());
+    store_->publish_level(lease, level_with(1, std::string(64, 'b'), 20));
+    store_->publish_level(lease, level_with(0, kHash, 10));
+    auto results = store_->results("ada", job.id).value();
+    EXPECT_FALSE(results.complete);
+    EXPECT_FALSE(results.cost);
+    store_->report_source(lease, statistics_of(1000));
+    store_->succeed(lease, {.total_seconds = 2});
+    reopen();
+    results = store_->results("ada", job.id).value();
+    EXPECT_TRUE(results.complete);
+    EXPECT_EQ(results.cost->total_seconds, 2);
+    EXPECT_EQ(results.source->points, 1000U);
+    ASSERT_EQ(results.levels.size(), 2U);
+    EXPECT_EQ(results.levels[0].points, 10U) << "coarsest first";
+    EXPECT_EQ(results.levels[1].points, 20U);
+}
+
+TEST_P(JobStoreContract, NeverLetsProgressDecrease) {
+    const JobDocument job = submit();
+    const Lease lease = claim();
+    store_->report_progress(lease, "decode", 40);
+    std::this_thread::sleep_for(260ms);
+    store_->report_progress(lease, "simplify", 20);
+    EXPECT_EQ(find(job.id).progress, 40);
+    EXPECT_EQ(find(job.id).stage, "simplify");
+    std::this_thread::sleep_for(260ms);
+    store_->report_progress(lease, "simplify", 2000);
+    EXPECT_EQ(find(job.id).progress, 100);
+}
+
+TEST_P(JobStoreContract, ThinsOutProgress) {
+    const JobDocument job = submit();
+    const Lease lease = claim();
+    for (int i = 0; i < 1000; ++i) {
+        ASSERT_TRUE(store_->report_progress(lease, i % 2 ? "decode" : "clean", i * 0.1));
+    }
+    // 250 ms apart, beside the first; a slow machine may take seconds for the loop.
+    EXPECT_LT(events(job.id).size(), 50U);
+    EXPECT_GE(events(job.id).size(), 3U);
+}
+
+TEST_P(JobStoreContract, KeepsTheProblemOfAFailedJob) {
+    const JobDocument job = submit();
+    EXPECT_TRUE(store_->fail(claim(), kProblem));
+    const JobDocument failed = find(job.id);
+    EXPECT_EQ(failed.status, JobStatus::Failed);
+    EXPECT_EQ(failed.problem->detail, "line 7: no name");
+    EXPECT_EQ(failed.problem->status, kProblem.status);
+    EXPECT_FALSE(store_->results("ada", job.id)->complete);
+}
+
+TEST_P(JobStoreContract, TakesNoWriteUnderALeaseThatAnotherHoldsNow) {
+    const JobDocument job = submit();
+    const Lease stale = claim_for_a_moment();
+    const Lease good = claim();
+    EXPECT_EQ(good.job_id, stale.job_id);
+    EXPECT_GT(good.token, stale.token);
+    const std::string before = to_json(find(job.id));
+    const std::size_t told = events(job.id).size();
+
+    EXPECT_FALSE(store_->holds(stale));
+    EXPECT_FALSE(store_->renew(stale, 60s));
+    EXPECT_FALSE(store_->report_progress(stale, "encode", 90));
+    EXPECT_FALSE(store_->report_source(stale, statistics_of(1)));
+    EXPECT_FALSE(store_->publish_level(stale, level_with(0, kHash)));
+    EXPECT_FALSE(store_->succeed(stale, {}));
+    EXPECT_FALSE(store_->fail(stale, kProblem));
+    EXPECT_FALSE(store_->crashed(stale, "signal 9 (Killed)"));
+    EXPECT_FALSE(store_->release(stale));
+
+    EXPECT_EQ(to_json(find(job.id)), before);
+    EXPECT_EQ(events(job.id).size(), told);
+    EXPECT_FALSE(store_->find_cloud("ada", job.request.input)->statistics);
+    EXPECT_TRUE(store_->holds(good));
+    EXPECT_TRUE(store_->succeed(good, {}));
+}
+
+TEST_P(JobStoreContract, TakesNoWriteOfADismissedJob) {
+    const JobDocument job = submit();
+    const Lease lease = claim();
+    EXPECT_EQ(store_->dismiss("ada", job.id)->status, JobStatus::Dismissed);
+    EXPECT_FALSE(store_->holds(lease));
+    EXPECT_FALSE(store_->publish_level(lease, level_with(0, kHash)));
+    EXPECT_FALSE(store_->succeed(lease, {}));
+    EXPECT_FALSE(store_->crashed(lease, "signal 9 (Killed)"));
+    EXPECT_EQ(find(job.id).status, JobStatus::Dismissed);
+    EXPECT_FALSE(store_->claim(limits_, 60s));
+}
+
+TEST_P(JobStoreContract, KeepsALeaseThatIsRenewed) {
+    submit();
+    const Lease lease = claim_for_a_moment();
+    EXPECT_TRUE(store_->renew(lease, 60s));
+    EXPECT_FALSE(store_->claim(limits_, 60s));
+    EXPECT_TRUE(store_->succeed(lease, {}));
+}
+
+TEST_P(JobStoreContract, TriesAJobAgainAfterOneCrashAndFailsItAfterTwo) {
+    const JobDocument job = submit();
+    EXPECT_TRUE(store_->crashed(claim(), "signal 9 (Killed)"));
+    EXPECT_EQ(find(job.id).status, JobStatus::Accepted);
+    EXPECT_TRUE(store_->crashed(claim(), "signal 9 (Killed)"));
+    const JobDocument failed = find(job.id);
+    EXPECT_EQ(failed.status, JobStatus::Failed);
+    EXPECT_EQ(failed.problem->detail, "the job process died twice: signal 9 (Killed)");
+    EXPECT_EQ(failed.problem->stage, "decode");
+}
+
+TEST_P(JobStoreContract, CountsNoCrashWhenAJobIsHandedBack) {
+    const JobDocument job = submit();
+    for (int i = 0; i < 5; ++i) EXPECT_TRUE(store_->release(claim()));
+    EXPECT_EQ(find(job.id).status, JobStatus::Accepted);
+    EXPECT_TRUE(store_->crashed(claim(), "signal 9 (Killed)"));
+    EXPECT_EQ(find(job.id).status, JobStatus::Accepted);
+}
+
+TEST_P(JobStoreContract, TellsOfARepeatedLevelOnce) {
+    const JobDocument job = submit();
+    const Lease first = claim();
+    store_->publish_level(first, level_with(0, kHash));
+    store_->release(first);
+    const Lease second = claim();
+    EXPECT_TRUE(store_->publish_level(second, level_with(0, kHash)));
+    EXPECT_EQ(std::ranges::count(events(job.id), "level"), 1);
+    EXPECT_EQ(find(job.id).levels_ready, 1U);
+}
+
+TEST_P(JobStoreContract, QueuesRunningJobsAgainWhenItRecovers) {
+    const JobDocument job = submit();
+    const Lease lost = claim();
+    reopen();
+    EXPECT_FALSE(store_->claim(limits_, 60s));
+    store_->recover();
+    EXPECT_EQ(find(job.id).status, JobStatus::Accepted);
+    EXPECT_EQ(claim().job_id, job.id);
+    EXPECT_FALSE(store_->holds(lost));
+}
+
+// Housekeeping.
+
+TEST_P(JobStoreContract, CountsWhatWaitsAndWhatRuns) {
+    submit();
+    submit();
+    claim();
+    std::this_thread::sleep_for(10ms);
+    const JobStore::Counts counts = store_->counts();
+    EXPECT_EQ(counts.queued, 1U);
+    EXPECT_EQ(counts.running, 1U);
+    EXPECT_GT(counts.oldest_queued_seconds, 0.005);
+    EXPECT_LT(counts.oldest_queued_seconds, 60);
+}
+
+TEST_P(JobStoreContract, RemovesWhatEndedLongAgoAndNothingElse) {
+    const JobDocument finished = submit();
+    store_->succeed(claim(), {});
+    const JobDocument running = submit();
+    claim();
+    const JobDocument waiting = submit();
+    store_->remove_expired(1h);
+    EXPECT_TRUE(store_->find_job("ada", finished.id));
+    std::this_thread::sleep_for(5ms);
+    store_->remove_expired(0s);
+    EXPECT_FALSE(store_->find_job("ada", finished.id));
+    EXPECT_TRUE(store_->find_job("ada", running.id));
+    EXPECT_TRUE(store_->find_job("ada", waiting.id));
+}
+
+TEST_P(JobStoreContract, NamesEveryBlobThatARowNeeds) {
+    const JobDocument job = submit();
+    const Lease lease = claim();
+    store_->publish_level(lease, level_with(0, kHash));
+    auto blobs = store_->referenced_blobs();
+    EXPECT_EQ(std::set(blobs.begin(), blobs.end()), (std::set{kHash, job.request.input}));
+    store_->succeed(lease, {});
+    store_->dismiss("ada", job.id);
+    EXPECT_EQ(store_->referenced_blobs(), std::vector{job.request.input});
+    store_->remove_cloud("ada", job.request.input);
+    EXPECT_TRUE(store_->referenced_blobs().empty());
+}
+
+TEST_P(JobStoreContract, WakesWhoWaitsWhenSomethingIsWritten) {
+    const std::uint64_t seen = store_->version();
+    std::jthread writer([this] {
+        std::this_thread::sleep_for(30ms);
+        submit();
+    });
+    const auto start = std::chrono::steady_clock::now();
+    store_->wait_for_change(seen, start + 60s, {});
+    EXPECT_NE(store_->version(), seen);
+    EXPECT_LT(std::chrono::steady_clock::now() - start, 30s);
+}
+
+TEST_P(JobStoreContract, EndsAWaitAtItsDeadlineAndWhenAskedToStop) {
+    const std::uint64_t seen = store_->version();
+    store_->wait_for_change(seen, std::chrono::steady_clock::now() + 10ms, {});
+    std::stop_source stop;
+    std::jthread stopper([&] {
+        std::this_thread::sleep_for(20ms);
+        stop.request_stop();
+    });
+    const auto start = std::chrono::steady_clock::now();
+    store_->wait_for_change(seen, start + 60s, stop.get_token());
+    EXPECT_LT(std::chrono::steady_clock::now() - start, 30s);
+}
+
+TEST_P(JobStoreContract, HasTheSameVersionWhileNothingChanges) {
+    submit();
+    const Lease lease = claim();
+    const std::uint64_t seen = store_->version();
+    store_->claim(limits_, 60s);
+    store_->holds(lease);
+    store_->succeed({lease.job_id, lease.tenant, lease.token + 1, lease.request}, {});
+    store_->counts();
+    store_->probe();
+    EXPECT_EQ(store_->version(), seen);
+}
+
+INSTANTIATE_TEST_SUITE_P(Stores, JobStoreContract,
+                         testing::Values(Backend{"Sqlite",
+                                                 [](const TemporaryFolder& folder) {
+                                                     return open_sqlite_job_store(folder /
+                                                                                  "jobs.sqlite");
+                                                 }}),
+                         [](const auto& instance) { return std::string(instance.param.name); });
+
+// SQLite alone.
+
+TEST(SqliteJobStore, IsForOneProcessAtATime) {
+    const TemporaryFolder folder;
+    const auto store = open_sqlite_job_store(folder / "jobs.sqlite");
+    expect_error(ErrorCode::Conflict, "in use by another process",
+                 [&] { open_sqlite_job_store(folder / "jobs.sqlite"); });
+}
+
+void run_sql(const std::filesystem::path& file, const char* sql) {
+    sqlite3* connection = nullptr;
+    ASSERT_EQ(sqlite3_open(file.c_str(), &connection), SQLITE_OK);
+    EXPECT_EQ(sqlite3_exec(connection, sql, nullptr, nullptr, nullptr), SQLITE_OK);
+    sqlite3_close(connection);
+}
+
+TEST(SqliteJobStore, RefusesADatabaseOfANewerVersion) {
+    const TemporaryFolder folder;
+    open_sqlite_job_store(folder / "jobs.sqlite");
+    run_sql(folder / "jobs.sqlite", "PRAGMA user_version = 999");
+    expect_error(ErrorCode::Internal, "schema 999",
+                 [&] { open_sqlite_job_store(folder / "jobs.sqlite"); });
+}
+
+TEST(SqliteJobStore, RefusesAFileThatIsNoDatabase) {
+    const TemporaryFolder folder;
+    std::filesystem::copy_file(std::filesystem::path("/proc/self/exe"), folder / "jobs.sqlite");
+    expect_error(ErrorCode::Internal, "not a database",
+                 [&] { open_sqlite_job_store(folder / "jobs.sqlite"); });
+}
+
+TEST(SqliteJobStore, FailsAJobWhoseRequestItCannotReadAndGoesOnToTheNext) {
+    const TemporaryFolder folder;
+    JobDocument unreadable;
+    JobDocument next;
+    {
+        const auto store = open_sqlite_job_store(folder / "jobs.sqlite");
+        const auto request = simplify_request(put_cloud(*store, "ada", "cloud"));
+        store->submit("ada", request, {}, {}, unreadable);
+        store->submit("ada", request, {}, {}, next);
+    }
+    run_sql(folder / "jobs.sqlite",
+            R"(UPDATE jobs SET request = '{"type": "sculpt"}' WHERE row = 1)");
+    const auto store = open_sqlite_job_store(folder / "jobs.sqlite");
+    EXPECT_EQ(store->claim({}, 60s)->job_id, next.id);
+    EXPECT_FALSE(store->claim({}, 60s));
+}
+
+}  // namespace
+}  // namespace stipple::server

@@ -1,0 +1,267 @@
+#include "service/service.hpp"
+
+#include "store_fixtures.hpp"
+
+#include "service/housekeeper.hpp"
+
+#include <algorithm>
+#include <thread>
+
+namespace stipple::server {
+namespace {
+
+using namespace stipple::test;
+using namespace std::chrono_literals;
+using proto::JobDocument;
+using proto::JobStatus;
+using std::chrono::steady_clock;
+
+constexpr std::string_view kPly = "ply\nformat ascii 1.0\n";
+const std::string kMissing(64, '0');
+
+class ServiceTest : public testing::Test {
+protected:
+    proto::CloudDocument upload(std::string_view bytes, const std::string& tenant = "ada") {
+        const auto writer = service_.begin_upload();
+        writer->write(bytes_of(bytes));
+        return service_.finish_upload(tenant, *writer, bytes_of(bytes), existed_);
+    }
+    JobDocument submit_simplify() {
+        return service_.submit("ada", simplify_request(upload(kPly).id), {}, existed_);
+    }
+    JobDocument submit_pyramid() {
+        return service_.submit("ada", pyramid_request(upload(kPly).id), {}, existed_);
+    }
+    Lease claim() { return jobs_->claim({}, 60s).value(); }
+
+    TemporaryFolder folder_;
+    Limits limits_{.max_upload_bytes = 1000, .decode = {}, .queue = {}, .max_wait = 2s};
+    std::unique_ptr<BlobStore> blobs_ = open_file_blob_store(folder_ / "blobs");
+    std::unique_ptr<JobStore> jobs_ = open_sqlite_job_store(folder_ / "jobs.sqlite");
+    Service service_{limits_, *jobs_, *blobs_};
+    bool existed_ = false;
+};
+
+TEST_F(ServiceTest, KeepsAnUploadUnderTheHashOfItsBytes) {
+    const proto::CloudDocument cloud = upload(kPly);
+    EXPECT_FALSE(existed_);
+    EXPECT_EQ(cloud.id, proto::sha256_hex(bytes_of(kPly)));
+    EXPECT_EQ(cloud.format, CloudFormat::Ply);
+    EXPECT_EQ(cloud.bytes, kPly.size());
+    EXPECT_EQ(cloud.links.at(1).href, "/v1/clouds/" + cloud.id + "/content");
+    EXPECT_EQ(text_of(*service_.cloud_content("ada", cloud.id)), kPly);
+    upload(kPly);
+    EXPECT_TRUE(existed_);
+}
+
+TEST_F(ServiceTest, RefusesBytesThatAreNoCloud) {
+    expect_error(ErrorCode::UnsupportedFormat, "neither PLY nor Draco",
+                 [&] { upload("PK\x03\x04"); });
+    expect_error(ErrorCode::UnsupportedFormat, "empty", [&] { upload(""); });
+    std::optional<std::string> next;
+    EXPECT_TRUE(service_.clouds("ada", 10, {}, next).empty());
+}
+
+TEST_F(ServiceTest, RefusesAnUploadAboveTheLimit) {
+    expect_error(ErrorCode::TooLarge, "more than 1000 bytes",
+                 [&] { upload(std::string(1001, 'x')); });
+}
+
+TEST_F(ServiceTest, KnowsNothingOfWhatIsMissingOrAnothers) {
+    const std::string cloud = upload(kPly).id;
+    const std::string job = submit_simplify().id;
+    const auto expect_missing = [](auto call) {
+        expect_error(ErrorCode::NotFound, "no such", call);
+    };
+    expect_missing([&] { service_.cloud("bob", cloud); });
+    expect_missing([&] { service_.cloud_content("bob", cloud); });
+    expect_missing([&] { service_.remove_cloud("bob", cloud); });
+    expect_missing([&] { service_.submit("bob", simplify_request(cloud), {}, existed_); });
+    expect_missing([&] { service_.job("bob", job); });
+    expect_missing([&] { service_.wait_for_job("bob", job, 1s, {}); });
+    expect_missing([&] { service_.events("bob", job, 0, 1s, {}); });
+    expect_missing([&] { service_.results("bob", job); });
+    expect_missing([&] { service_.output("bob", job, cloud); });
+    expect_missing([&] { service_.dismiss("bob", job); });
+    expect_missing([&] { service_.cloud("ada", kMissing); });
+    expect_missing([&] { service_.job("ada", "../jobs"); });
+}
+
+TEST_F(ServiceTest, RefusesPagesAndKeysOutOfRange) {
+    std::optional<std::string> next;
+    const auto request = simplify_request(upload(kPly).id);
+    const auto invalid = [](std::string_view part, auto call) {
+        expect_error(ErrorCode::InvalidArgument, part, call);
+    };
+    invalid("limit 0", [&] { service_.jobs("ada", {}, 0, {}, next); });
+    invalid("limit 1001", [&] { service_.clouds("ada", 1001, {}, next); });
+    invalid("idempotency key", [&] { service_.submit("ada", request, "", existed_); });
+    invalid("idempotency key", [&] { service_.submit("ada", request, "a\nb", existed_); });
+    invalid("256 bytes", [&] { service_.submit("ada", request, std::string(256, 'k'), existed_); });
+    invalid("points",
+            [&] { service_.submit("ada", simplify_request(request.input, 0), {}, existed_); });
+}
+
+TEST_F(ServiceTest, RefusesAtOnceACloudThatIsKnownToHaveNoPoint) {
+    const std::string cloud = upload(kPly).id;
+    proto::CloudStatistics statistics = statistics_of(5);
+    statistics.non_finite = 5;
+    jobs_->set_statistics("ada", cloud, statistics);
+    expect_error(ErrorCode::MalformedInput, "no point with finite coordinates",
+                 [&] { service_.submit("ada", simplify_request(cloud), {}, existed_); });
+}
+
+TEST_F(ServiceTest, LinksAJobToWhatBelongsToIt) {
+    const auto href = [](const JobDocument& job, const std::string& rel) {
+        const auto link = std::ranges::find(job.links, rel, &proto::Link::rel);
+        return link == job.links.end() ? "" : link->href;
+    };
+    const JobDocument simplify = submit_simplify();
+    EXPECT_EQ(href(simplify, "self"), "/v1/jobs/" + simplify.id);
+    EXPECT_EQ(href(simplify, "events"), "/v1/jobs/" + simplify.id + "/events");
+    EXPECT_EQ(href(simplify, "results"), "/v1/jobs/" + simplify.id + "/results");
+    EXPECT_EQ(href(simplify, "pyramid"), "");
+    const JobDocument pyramid = submit_pyramid();
+    EXPECT_EQ(href(pyramid, "pyramid"), "/v1/pyramids/" + pyramid.id + "/manifest.json");
+    EXPECT_EQ(href(pyramid, "viewer"), "/?pyramid=" + pyramid.id);
+}
+
+TEST_F(ServiceTest, ServesResultsWhileTheJobRuns) {
+    const JobDocument job = submit_pyramid();
+    const Lease lease = claim();
+    const std::string file = put_blob(*blobs_, "level");
+    jobs_->publish_level(lease, level_with(0, file));
+    const proto::Results results = service_.results("ada", job.id);
+    EXPECT_FALSE(results.complete);
+    EXPECT_EQ(results.levels.at(0).files.at(0).href,
+              "/v1/pyramids/" + job.id + "/" + file + ".ply");
+    EXPECT_EQ(text_of(*service_.output("ada", job.id, file)), "level");
+    jobs_->succeed(lease, {});
+    EXPECT_TRUE(service_.results("ada", job.id).complete);
+}
+
+TEST_F(ServiceTest, ServesNoBlobThatTheJobDoesNotList) {
+    const JobDocument job = submit_simplify();
+    jobs_->publish_level(claim(), level_with(0, put_blob(*blobs_, "level")));
+    expect_error(ErrorCode::NotFound, "no such result",
+                 [&] { service_.output("ada", job.id, put_blob(*blobs_, "of another")); });
+}
+
+TEST_F(ServiceTest, AnswersALongPollAsSoonAsTheJobEnds) {
+    const JobDocument job = submit_simplify();
+    const Lease lease = claim();
+    std::jthread worker([&] {
+        std::this_thread::sleep_for(50ms);
+        jobs_->succeed(lease, {});
+    });
+    const auto start = steady_clock::now();
+    EXPECT_EQ(service_.wait_for_job("ada", job.id, 60s, {}).status, JobStatus::Successful);
+    EXPECT_LT(steady_clock::now() - start, 1500ms) << "the limit of a wait is 2 s here";
+}
+
+TEST_F(ServiceTest, EndsALongPollAtItsLimitAndWhenAskedToStop) {
+    const JobDocument job = submit_simplify();
+    EXPECT_EQ(service_.wait_for_job("ada", job.id, 20ms, {}).status, JobStatus::Accepted);
+    const auto start = steady_clock::now();
+    service_.wait_for_job("ada", job.id, 1h, {});
+    EXPECT_GE(steady_clock::now() - start, limits_.max_wait);
+    std::stop_source stopped;
+    stopped.request_stop();
+    service_.wait_for_job("ada", job.id, 1h, stopped.get_token());
+    EXPECT_LT(steady_clock::now() - start, 30s);
+}
+
+TEST_F(ServiceTest, TellsEventsAsTheyHappenWithLinksToTheFiles) {
+    const JobDocument job = submit_simplify();
+    const Lease lease = claim();
+    EXPECT_EQ(service_.events("ada", job.id, 0, 0ms, {}).size(), 2U);
+    std::jthread worker([&] {
+        std::this_thread::sleep_for(30ms);
+        jobs_->publish_level(lease, level_with(0, kMissing));
+    });
+    const auto events = service_.events("ada", job.id, 2, 60s, {});
+    ASSERT_EQ(events.size(), 1U);
+    EXPECT_EQ(events[0].type, "level");
+    EXPECT_EQ(proto::job_report_from_json(events[0].data).level->files.at(0).href,
+              "/v1/jobs/" + job.id + "/results/" + kMissing + ".ply");
+    worker.join();
+    jobs_->succeed(lease, {});
+    EXPECT_EQ(service_.events("ada", job.id, 3, 60s, {}).size(), 1U);
+    const auto start = steady_clock::now();
+    EXPECT_TRUE(service_.events("ada", job.id, 4, 60s, {}).empty()) << "nothing more will come";
+    EXPECT_LT(steady_clock::now() - start, 1s);
+}
+
+TEST_F(ServiceTest, DismissesAndThenRemovesAJob) {
+    const JobDocument job = submit_simplify();
+    EXPECT_EQ(service_.dismiss("ada", job.id).status, JobStatus::Dismissed);
+    EXPECT_EQ(service_.job("ada", job.id).status, JobStatus::Dismissed);
+    EXPECT_EQ(service_.dismiss("ada", job.id).status, JobStatus::Dismissed);
+    EXPECT_THROW(service_.job("ada", job.id), Error);
+}
+
+TEST_F(ServiceTest, IsReadyUnlessBlobsCannotBeWritten) {
+    EXPECT_NO_THROW(service_.check_ready());
+    std::filesystem::remove_all(folder_ / "blobs");
+    EXPECT_THROW(service_.check_ready(), Error);
+}
+
+// Housekeeping.
+
+class HousekeeperTest : public ServiceTest {
+protected:
+    HousekeeperOptions options(std::chrono::milliseconds grace) const {
+        return {.retention = 3600s, .period = 10ms, .grace = grace};
+    }
+    /// Whether the blob goes within a time in which the housekeeper sweeps often.
+    bool goes(const std::string& blob, std::chrono::milliseconds time) {
+        const auto deadline = steady_clock::now() + time;
+        while (steady_clock::now() < deadline) {
+            if (!blobs_->open(blob)) return true;
+            std::this_thread::sleep_for(5ms);
+        }
+        return false;
+    }
+};
+
+TEST_F(HousekeeperTest, RemovesABlobThatNoRowNames) {
+    const std::string orphan = put_blob(*blobs_, "orphan");
+    const std::string kept = upload(kPly).id;
+    const Housekeeper housekeeper(options(0ms), *jobs_, *blobs_);
+    EXPECT_TRUE(goes(orphan, 10s));
+    EXPECT_FALSE(goes(kept, 100ms));
+}
+
+TEST_F(HousekeeperTest, LeavesABlobThatIsYoung) {
+    const std::string orphan = put_blob(*blobs_, "its row comes in a moment");
+    const Housekeeper housekeeper(options(1h), *jobs_, *blobs_);
+    EXPECT_FALSE(goes(orphan, 200ms));
+}
+
+TEST_F(HousekeeperTest, LeavesTheInputAndTheResultsOfAJobUntilItIsRemoved) {
+    const JobDocument job = submit_simplify();
+    const std::string result = put_blob(*blobs_, "level");
+    jobs_->publish_level(claim(), level_with(0, result));
+    const Housekeeper housekeeper(options(0ms), *jobs_, *blobs_);
+    EXPECT_FALSE(goes(job.request.input, 100ms));
+    EXPECT_FALSE(goes(result, 50ms));
+    service_.dismiss("ada", job.id);
+    service_.dismiss("ada", job.id);
+    EXPECT_TRUE(goes(result, 10s));
+    EXPECT_FALSE(goes(job.request.input, 50ms)) << "the cloud is still listed";
+}
+
+TEST_F(HousekeeperTest, RemovesJobsWhoseTimeIsOver) {
+    const JobDocument job = submit_simplify();
+    service_.dismiss("ada", job.id);
+    std::this_thread::sleep_for(5ms);
+    const Housekeeper housekeeper({.retention = 0s, .period = 10ms, .grace = 1h}, *jobs_, *blobs_);
+    const auto deadline = steady_clock::now() + 10s;
+    while (jobs_->find_job("ada", job.id) && steady_clock::now() < deadline) {
+        std::this_thread::sleep_for(5ms);
+    }
+    EXPECT_FALSE(jobs_->find_job("ada", job.id));
+}
+
+}  // namespace
+}  // namespace stipple::server

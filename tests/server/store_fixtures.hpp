@@ -1,0 +1,113 @@
+#pragma once
+
+#include "service/service.hpp"
+#include "support/support.hpp"
+#include "worker/worker_pool.hpp"
+
+#include "stipple/error.hpp"
+#include "stipple/proto/digest.hpp"
+
+#include <gtest/gtest.h>
+#include <functional>
+#include <string>
+#include <string_view>
+
+namespace stipple::test {
+
+inline std::span<const std::byte> bytes_of(std::string_view text) {
+    return std::as_bytes(std::span(text));
+}
+
+inline std::string text_of(const server::BlobReader& blob) {
+    std::string text(blob.size(), '\0');
+    text.resize(blob.read(0, std::as_writable_bytes(std::span(text))));
+    return text;
+}
+
+inline std::string put_blob(server::BlobStore& blobs, std::string_view text) {
+    const auto writer = blobs.create(text.size());
+    writer->write(bytes_of(text));
+    return writer->commit();
+}
+
+/// The row of a cloud; its bytes only matter to those who read them.
+inline std::string put_cloud(server::JobStore& jobs, const std::string& tenant,
+                             std::string_view text) {
+    const std::string id = proto::sha256_hex(bytes_of(text));
+    jobs.put_cloud({.tenant = tenant,
+                    .id = id,
+                    .format = CloudFormat::Ply,
+                    .bytes = text.size(),
+                    .created = {},
+                    .statistics = {}});
+    return id;
+}
+
+inline proto::JobRequest simplify_request(const std::string& input, std::uint64_t points = 100) {
+    proto::SimplifyJob job;
+    job.options.points = points;
+    return {input, job};
+}
+
+inline proto::JobRequest pyramid_request(const std::string& input) {
+    return {input, proto::PyramidJob{}};
+}
+
+inline proto::CloudStatistics statistics_of(std::uint64_t points) {
+    proto::CloudStatistics statistics;
+    statistics.points = points;
+    statistics.bounds = {Vec3d::Zero(), Vec3d::Ones()};
+    statistics.encoding = "ascii";
+    return statistics;
+}
+
+inline proto::OutputCloud level_with(unsigned level, const std::string& sha256,
+                                     std::uint64_t points = 10) {
+    return {.level = level,
+            .points = points,
+            .spacing = 0.5,
+            .bounds = {Vec3d::Zero(), Vec3d::Ones()},
+            .files = {{CloudFormat::Ply, 100, sha256, ""}}};
+}
+
+inline proto::JobReport progress_report(const std::string& stage, double percent) {
+    proto::JobReport report;
+    report.progress = {stage, percent};
+    return report;
+}
+
+inline proto::JobReport cost_report() {
+    proto::JobReport report;
+    report.cost = proto::JobCost{.total_seconds = 1, .threads = 1};
+    return report;
+}
+
+/// A job that is a function.
+class FunctionRunner final : public server::JobRunner {
+public:
+    using Report = std::function<void(const proto::JobReport&)>;
+    using Function = std::function<Outcome(const proto::JobSpec&, const Report&, std::stop_token)>;
+
+    explicit FunctionRunner(Function function) : function_(std::move(function)) {}
+    Outcome run(const proto::JobSpec& spec, const Report& report, std::stop_token stop) override {
+        return function_(spec, report, std::move(stop));
+    }
+
+private:
+    const Function function_;
+};
+
+/// Expects an Error of this kind whose message holds `part`.
+template <typename Call>
+void expect_error(ErrorCode code, std::string_view part, Call call) {
+    try {
+        call();
+        ADD_FAILURE() << "nothing was thrown; expected " << to_string(code) << ": " << part;
+    } catch (const Error& error) {
+        EXPECT_EQ(to_string(error.code()), to_string(code)) << error.what();
+        EXPECT_NE(std::string_view(error.what()).find(part), std::string_view::npos)
+            << error.what();
+    }
+}
+
+}  // namespace stipple::test
