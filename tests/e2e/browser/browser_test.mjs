@@ -1,0 +1,246 @@
+// The viewer of a real server, as a person meets it. Exits 0, 1, or 77 (skipped) where a browser is missing.
+//
+//     node browser_test.mjs --bin build/dev/bin --viewer viewer --modules FOLDER --artifacts FOLDER [--scan igea.ply]
+import assert from 'node:assert/strict';
+import { existsSync, mkdirSync, readFileSync } from 'node:fs';
+import { createRequire } from 'node:module';
+import { basename, join, resolve } from 'node:path';
+import { pathToFileURL } from 'node:url';
+import { parseArgs } from 'node:util';
+
+import { Browser, findChromium } from './browser.mjs';
+import { coloredTorus, line, onePoint, sphere, spherePoints, truncated } from './clouds.mjs';
+import { startServer } from './server.mjs';
+
+const kSkipped = 77;
+const { values: options } = parseArgs({
+    options: {
+        bin: { type: 'string' }, viewer: { type: 'string' }, modules: { type: 'string' }, artifacts: { type: 'string' },
+        scan: { type: 'string' },
+    },
+});
+
+const chromium = findChromium();
+if (!chromium) {
+    console.log('SKIPPED: no Chromium was found. Install it (apt-get install chromium) or name it in CHROMIUM.');
+    process.exit(kSkipped);
+}
+const playwright = createRequire(join(resolve(options.modules), 'package.json'))('playwright-core');
+mkdirSync(options.artifacts, { recursive: true });
+
+const server = await startServer(options.bin);
+const browser = await Browser.launch(playwright, chromium, server.url);
+const torus = { name: 'torus.ply', buffer: coloredTorus(60_000) };
+const scan = options.scan && existsSync(options.scan)
+    ? { name: basename(options.scan), buffer: readFileSync(options.scan) }
+    : { name: 'sphere.ply', buffer: sphere(150_000) };
+let torusPyramid = null;
+
+const tests = {
+    async 'Estimated normals of a sphere point along its radius'() {
+        const { estimateSurface } = await import(pathToFileURL(resolve(options.viewer, 'src/surface_estimate.js')));
+        const points = spherePoints(3000);
+        const surface = estimateSurface(Float32Array.from(points.flat()), null, 0.06);
+        points.forEach((point, i) => {
+            const along = point.reduce((sum, x, k) => sum + x * surface[4 * i + k], 0) / 32767;
+            assert.ok(Math.abs(along) > Math.cos(2 * Math.PI / 180), `point ${i}: cosine ${along}`);
+        });
+    },
+
+    async 'An empty server invites to add a cloud'() {
+        const page = await browser.open();
+        await page.getByText('Drop a point cloud here').waitFor();
+        assert.equal(await page.locator('#hud').isVisible(), false);
+        await page.context().close();
+    },
+
+    async 'A chosen file becomes a pyramid that is shown coarse to fine'() {
+        const page = await browser.open();
+        await page.locator('#file').setInputFiles({ ...torus, mimeType: 'application/octet-stream' });
+        torusPyramid = await settledPyramid(page);
+        const manifest = await manifestOf(torusPyramid);
+        const finest = manifest.levels.at(-1);
+        assert.ok(manifest.levels.length >= 2, `${manifest.levels.length} levels`);
+        assert.equal(finest.points, 60_000);
+        const marks = await page.evaluate(() => performance.getEntriesByType('mark').map(({ name, detail }) => [name, detail.points]));
+        assert.deepEqual(marks[0], ['stipple.level.0', manifest.levels[0].points]);
+        assert.deepEqual(marks.at(-1), [`stipple.level.${finest.level}`, finest.points]);
+        await page.context().close();
+    },
+
+    async 'The figures are those of the manifest'() {
+        const page = await browser.open(`/?pyramid=${torusPyramid}`);
+        await settledPyramid(page);
+        const { levels } = await manifestOf(torusPyramid);
+        const figure = (id) => page.locator(`#${id}`).innerText();
+        assert.equal(await figure('points'), levels.at(-1).points.toLocaleString('en'));
+        assert.equal(await figure('level-name'), `${levels.length} of ${levels.length}`);
+        assert.match(await figure('first-picture'), /^[\d.]+ m?s$/);
+        const bytes = levels.flatMap(({ files }) => files).filter(({ format }) => format === 'drc')
+            .reduce((sum, file) => sum + file.bytes, 0);
+        assert.ok(Math.abs(parseFloat(await figure('bytes')) * 1000 - bytes) <= 0.006 * bytes + 500, await figure('bytes'));
+        await page.context().close();
+    },
+
+    async 'A coloured cloud shows its colours'() {
+        const page = await browser.open(`/?pyramid=${torusPyramid}`);
+        await settledPyramid(page);
+        await rest(page);
+        await page.screenshot({ path: join(options.artifacts, 'viewer-colour.png') });
+        const picture = await browser.pixels(page, stageOf(page));
+        const shares = {
+            red: shareOf(picture, (r, g, b) => r > 1.8 * g && r > 1.8 * b && r > 90),
+            green: shareOf(picture, (r, g, b) => g > 1.5 * r && g > 1.5 * b && g > 90),
+            blue: shareOf(picture, (r, g, b) => b > 1.5 * r && b > 1.5 * g && b > 90),
+        };
+        for (const [name, value] of Object.entries(shares)) {
+            assert.ok(value > 0.03, `${name}: ${(100 * value).toFixed(1)} % of the pixels`);
+        }
+        await page.context().close();
+    },
+
+    async 'A key and the slider choose the level'() {
+        const page = await browser.open(`/?pyramid=${torusPyramid}`);
+        await settledPyramid(page);
+        const { levels } = await manifestOf(torusPyramid);
+        await page.keyboard.press('1');
+        await shows(page, levels[0].points);
+        await page.locator('#level').fill(String(levels.length));
+        await shows(page, levels.at(-1).points);
+        await page.context().close();
+    },
+
+    async 'A dropped scan fills the picture, in the dark and in the light'() {
+        const page = await browser.open();
+        await drop(page, scan);
+        const pyramid = await settledPyramid(page, torusPyramid);
+        await rest(page);
+        await page.screenshot({ path: join(options.artifacts, 'viewer-dark.png') });
+        const { levels } = await manifestOf(pyramid);
+        await shows(page, levels.at(-1).points);
+        const lit = await litShare(page);
+        assert.ok(lit > 0.15 && lit < 0.85, `${(100 * lit).toFixed(1)} % of the pixels`);
+        await page.emulateMedia({ colorScheme: 'light' });
+        await rest(page);
+        await page.screenshot({ path: join(options.artifacts, 'viewer-light.png') });
+        const litInLight = await litShare(page);
+        assert.ok(Math.abs(litInLight - lit) < 0.05, `${(100 * litInLight).toFixed(1)} % of the pixels`);
+        await page.context().close();
+    },
+
+    async 'A phone shows the cloud above the sheet'() {
+        const page = await browser.open('/', { width: 390, height: 844, scale: 2 });
+        await settledPyramid(page);
+        await rest(page);
+        await page.screenshot({ path: join(options.artifacts, 'viewer-phone.png') });
+        const dock = await page.locator('#dock').boundingBox();
+        const lit = await litShare(page, { x: 0, y: 60, width: 390, height: dock.y - 60 });
+        assert.ok(lit > 0.1, `${(100 * lit).toFixed(1)} % of the pixels`);
+        assert.equal(await page.evaluate(() => document.documentElement.scrollWidth), 390);
+        await page.locator('#grip').click();
+        await page.getByText('Add a point cloud').waitFor();
+        await page.context().close();
+    },
+
+    async 'One point and a line are shown'() {
+        for (const [name, buffer, points] of [['point.ply', onePoint(), 1], ['line.ply', line(500), 500]]) {
+            const page = await browser.open();
+            const before = await settledPyramid(page);
+            await page.locator('#file').setInputFiles({ name, buffer, mimeType: 'application/octet-stream' });
+            await settledPyramid(page, before);
+            await shows(page, points);
+            await rest(page);
+            assert.ok(await litShare(page) > 0, name);
+            await page.context().close();
+        }
+    },
+
+    async 'A refused file and a broken one are explained in the words of the server'() {
+        const page = await browser.open();
+        await settledPyramid(page);
+        browser.refusalsExpected = true;
+        await page.locator('#file').setInputFiles({ name: 'notes.txt', buffer: Buffer.from('hello'), mimeType: 'text/plain' });
+        await page.getByText('notes.txt was not accepted').waitFor();
+        await page.locator('#file').setInputFiles({ name: 'cut.ply', buffer: truncated(), mimeType: 'application/octet-stream' });
+        const notice = page.locator('.notice').last();
+        await notice.getByText(/malformed|vertex|bytes|points/i).first().waitFor();
+        browser.refusalsExpected = false;
+        await page.context().close();
+    },
+
+    async 'No error, no breach of the content policy, no request to anywhere else'() {
+        assert.deepEqual(browser.faults, []);
+        const policy = (await fetch(`${server.url}/`)).headers.get('content-security-policy');
+        assert.match(policy ?? 'no policy at all', /default-src 'none'/);
+    },
+};
+
+/** Waits until all levels are on the screen; the pyramid's id. `other` names one that it must not be. */
+async function settledPyramid(page, other = null) {
+    await page.waitForFunction((id) => document.documentElement.dataset.state === 'settled' &&
+        document.querySelector('[aria-current=true]') && document.querySelector('[aria-current=true]').dataset.pyramid !== id, other);
+    return page.locator('[aria-current=true]').getAttribute('data-pyramid');
+}
+
+const shows = (page, points) => page.waitForFunction(
+    (text) => document.getElementById('points').textContent === text, points.toLocaleString('en'));
+
+/** Until the picture at rest is drawn. */
+const rest = (page) => page.waitForFunction(() => document.documentElement.dataset.picture === 'rest');
+
+const manifestOf = async (id) => (await fetch(`${server.url}/v1/jobs/${id}/results`)).json();
+
+/** The canvas without the cards on it. */
+const stageOf = (page) => ({ x: 320, y: 70, width: page.viewportSize().width - 330, height: page.viewportSize().height - 170 });
+
+/** The share of pixels that the cloud changes. */
+async function litShare(page, clip = stageOf(page)) {
+    const shown = await browser.pixels(page, clip);
+    const visibility = (value) => page.locator('#stage').evaluate((stage, to) => { stage.style.visibility = to; }, value);
+    await visibility('hidden');
+    const empty = await browser.pixels(page, clip);
+    await visibility('visible');
+    return shareOf(shown, (r, g, b, at) =>
+        Math.abs(r - empty.data[at]) + Math.abs(g - empty.data[at + 1]) + Math.abs(b - empty.data[at + 2]) > 12);
+}
+
+/** The share of the pixels of a picture for which `test(red, green, blue, place)` holds. */
+function shareOf({ data, channels, count }, test) {
+    let hits = 0;
+    for (let at = 0; at < data.length; at += channels) {
+        hits += test(data[at], data[at + 1], data[at + 2], at) ? 1 : 0;
+    }
+    return hits / count;
+}
+
+/** A file dragged in from outside, as the browser would report it. */
+async function drop(page, { name, buffer }) {
+    const transfer = await page.evaluateHandle(([fileName, encoded]) => {
+        const bytes = Uint8Array.from(atob(encoded), (character) => character.charCodeAt(0));
+        const data = new DataTransfer();
+        data.items.add(new File([bytes], fileName));
+        return data;
+    }, [name, buffer.toString('base64')]);
+    for (const type of ['dragenter', 'dragover', 'drop']) {
+        await page.dispatchEvent('body', type, { dataTransfer: transfer });
+    }
+}
+
+let failed = 0;
+for (const [name, test] of Object.entries(tests)) {
+    const started = performance.now();
+    try {
+        await test();
+        console.log(`ok      ${name} (${((performance.now() - started) / 1000).toFixed(1)} s)`);
+    } catch (error) {
+        failed += 1;
+        console.log(`FAILED  ${name}\n${error.stack}`);
+    }
+}
+await browser.close();
+await server.stop();
+if (failed > 0) {
+    console.log(`The server's log:\n${server.log.slice(-8000)}`);
+}
+console.log(`${Object.keys(tests).length - failed} passed, ${failed} failed`);
+process.exit(failed > 0 ? 1 : 0);

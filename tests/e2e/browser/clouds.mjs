@@ -1,0 +1,47 @@
+// Clouds with known looks, as PLY files.
+
+/** A torus in three colours, a third of the way round each: red, green, blue. It lies along z, so that it is seen from above. */
+export function coloredTorus(count) {
+    const points = [];
+    for (let i = 0; i < count; i += 1) {
+        const around = 2 * Math.PI * (i + 0.5) / count;
+        const across = 2 * Math.PI * ((i * 0.6180339887498949) % 1);
+        const ring = 1 + 0.4 * Math.cos(across);
+        const color = [[220, 40, 40], [40, 190, 60], [50, 80, 230]][Math.floor(3 * i / count)];
+        points.push([ring * Math.cos(around), ring * Math.sin(around), 0.4 * Math.sin(across), ...color]);
+    }
+    return ply(points, true);
+}
+
+/** Evenly spread over the unit sphere (Fibonacci). */
+export function spherePoints(count) {
+    return Array.from({ length: count }, (_, i) => {
+        const z = 1 - 2 * (i + 0.5) / count;
+        const radius = Math.sqrt(1 - z * z);
+        const angle = i * Math.PI * (3 - Math.sqrt(5));
+        return [radius * Math.cos(angle), radius * Math.sin(angle), z];
+    });
+}
+
+export const sphere = (count) => ply(spherePoints(count), false);
+export const line = (count) => ply(Array.from({ length: count }, (_, i) => [i / count, 0, 0]), false);
+export const onePoint = () => ply([[1, 2, 3]], false);
+
+/** A header that promises more than follows. */
+export const truncated = () => sphere(1000).subarray(0, 4000);
+
+function ply(points, isColored) {
+    const header = ['ply', 'format binary_little_endian 1.0', `element vertex ${points.length}`,
+        ...['x', 'y', 'z'].map((name) => `property float ${name}`),
+        ...(isColored ? ['red', 'green', 'blue'].map((name) => `property uchar ${name}`) : []), 'end_header', ''];
+    const stride = isColored ? 15 : 12;
+    const body = Buffer.alloc(stride * points.length);
+    points.forEach((point, i) => point.forEach((value, k) => {
+        if (k < 3) {
+            body.writeFloatLE(value, stride * i + 4 * k);
+        } else {
+            body.writeUInt8(value, stride * i + 9 + k);
+        }
+    }));
+    return Buffer.concat([Buffer.from(header.join('\n')), body]);
+}

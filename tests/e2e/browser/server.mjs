@@ -1,0 +1,58 @@
+// A real stippled with a data folder of its own, on free ports.
+import { spawn } from 'node:child_process';
+import { mkdtempSync, rmSync } from 'node:fs';
+import { createServer } from 'node:net';
+import { tmpdir } from 'node:os';
+import { join } from 'node:path';
+import { setTimeout as sleep } from 'node:timers/promises';
+
+export async function startServer(binaries) {
+    const data = mkdtempSync(join(tmpdir(), 'stipple-browser-'));
+    const [port, adminPort] = await freePorts(2);
+    const child = spawn(join(binaries, 'stippled'),
+        ['serve', '--listen', `127.0.0.1:${port}`, '--admin', `127.0.0.1:${adminPort}`, '--data', data],
+        { stdio: ['ignore', 'pipe', 'pipe'] });
+    let log = '';
+    child.stdout.on('data', (text) => { log += text; });
+    child.stderr.on('data', (text) => { log += text; });
+    const ended = new Promise((resolve) => child.on('exit', resolve).on('error', resolve));
+    const server = {
+        url: `http://127.0.0.1:${port}`,
+        get log() { return log; },
+        async stop() {
+            child.kill('SIGTERM');
+            await ended;
+            rmSync(data, { recursive: true, force: true });
+        },
+    };
+    try {
+        await ready(`http://127.0.0.1:${adminPort}/readyz`, child);
+    } catch (error) {
+        await server.stop();
+        throw new Error(`${error.message}\n${log}`);
+    }
+    return server;
+}
+
+async function ready(url, child) {
+    for (let tries = 0; tries < 300; tries += 1) {
+        if (child.exitCode !== null) {
+            throw new Error(`stippled ended at once with ${child.exitCode}`);
+        }
+        if ((await fetch(url).catch(() => null))?.ok) {
+            return;
+        }
+        await sleep(100);
+    }
+    throw new Error('stippled was not ready within 30 s');
+}
+
+/** Held together until all are known, so that they differ. */
+async function freePorts(count) {
+    const listeners = await Promise.all(Array.from({ length: count }, () => new Promise((resolve) => {
+        const listener = createServer().listen(0, '127.0.0.1', () => resolve(listener));
+    })));
+    const ports = listeners.map((listener) => listener.address().port);
+    await Promise.all(listeners.map((listener) => new Promise((resolve) => { listener.close(resolve); })));
+    return ports;
+}

@@ -1,0 +1,72 @@
+// What the page asks of the server: openapi.yaml has the contract.
+
+/** A refusal: an RFC 9457 problem document, or its stand-in where there was no reply at all. */
+export class Problem extends Error {
+    constructor({ title, detail, status = 0 }) {
+        super(detail || title);
+        this.title = title;
+        this.status = status;
+    }
+}
+
+export async function getJson(url, signal) {
+    return readJson(await send(url, { signal }));
+}
+
+export async function getBytes(url, signal) {
+    const response = await send(url, { signal });
+    return response.arrayBuffer();
+}
+
+export const listClouds = async () => (await getJson('/v1/clouds?limit=100')).items;
+export const listPyramids = async () => (await getJson('/v1/jobs?type=pyramid&limit=100')).items;
+export const getJob = (id, signal) => getJson(`/v1/jobs/${id}`, signal);
+/** The levels that are there so far; `complete` tells whether more will come. */
+export const getManifest = (id, signal) => getJson(`/v1/jobs/${id}/results`, signal);
+
+export async function startPyramid(cloudId) {
+    return readJson(await send('/v1/jobs', {
+        method: 'POST',
+        headers: { 'Content-Type': 'application/json' },
+        body: JSON.stringify({ type: 'pyramid', input: cloudId, formats: ['drc'] }),
+    }));
+}
+
+export async function dismissJob(id) {
+    await send(`/v1/jobs/${id}`, { method: 'DELETE' });
+}
+
+export const isFinal = (job) => ['successful', 'failed', 'dismissed'].includes(job.status);
+
+/** The problem in a reply's text: the server's own words where it sent some. */
+export function problemFrom(status, statusText, text) {
+    try {
+        const { title, detail } = JSON.parse(text);
+        if (title || detail) {
+            return new Problem({ title: title ?? statusText, detail, status });
+        }
+    } catch {
+        // Not a problem document: a proxy in between answered.
+    }
+    return new Problem({ title: `The server answered ${status}`, detail: statusText, status });
+}
+
+export const unreachable = () => new Problem({
+    title: 'The server cannot be reached',
+    detail: 'Check that stippled is running and that this machine is online, then try again.',
+});
+
+async function send(url, init) {
+    let response;
+    try {
+        response = await fetch(url, init);
+    } catch (error) {
+        throw error.name === 'AbortError' ? error : unreachable();
+    }
+    if (!response.ok) {
+        throw problemFrom(response.status, response.statusText, await response.text());
+    }
+    return response;
+}
+
+const readJson = (response) => response.json();

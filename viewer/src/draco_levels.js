@@ -1,0 +1,24 @@
+import { DRACOLoader } from 'three/addons/loaders/DRACOLoader.js';
+
+/* global ASSETS: the URL of each file, put in by build.mjs */
+const loader = new DRACOLoader()
+    .setDecoderPath({ js: ASSETS['draco_wasm_wrapper.js'], wasm: ASSETS['draco_decoder.wasm'] })
+    .setWorkerLimit(2);
+
+/** Fetches the decoder before the first level needs it. */
+export const preloadDecoder = () => loader.preload();
+
+/**
+ * Decodes a level in a worker; takes `bytes` over.
+ * @returns {Promise<THREE.BufferGeometry>} position, and normal and color where the file has them. Colours stay bytes, in sRGB.
+ */
+export async function decodeLevel(bytes) {
+    const types = { position: 'Float32Array', normal: 'Float32Array', color: 'Uint8Array', uv: 'Float32Array' };
+    const geometry = await new Promise((resolve, reject) => {
+        const fail = (reason) => reject(new Error(reason.message ?? reason.error ?? 'the Draco decoder did not start'));
+        loader.decodeDracoFile(bytes, resolve, null, types, undefined, fail);
+    });
+    geometry.deleteAttribute('uv');
+    geometry.setIndex(null);
+    return geometry;
+}

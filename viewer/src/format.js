@@ -1,0 +1,36 @@
+// Numbers as people read them.
+
+const kCounts = new Intl.NumberFormat('en');
+const kCompact = new Intl.NumberFormat('en', { notation: 'compact', maximumSignificantDigits: 3 });
+
+export const count = (n) => kCounts.format(n);
+/** 134.3K is 134K: for places too narrow for every digit. */
+export const compactCount = (n) => (n < 10_000 ? count(n) : kCompact.format(n));
+export const compactPoints = (n) => `${compactCount(n)} ${n === 1 ? 'point' : 'points'}`;
+export const points = (n) => `${count(n)} ${n === 1 ? 'point' : 'points'}`;
+
+export function bytes(n) {
+    const units = ['B', 'kB', 'MB', 'GB', 'TB'];
+    let unit = 0;
+    while (n >= 999.5 && unit < units.length - 1) {
+        n /= 1000;
+        unit += 1;
+    }
+    return `${unit === 0 || n >= 99.95 ? Math.round(n) : n.toFixed(1)} ${units[unit]}`;
+}
+
+export const milliseconds = (ms) => (ms < 9_950 ? `${Math.round(ms)} ms` : `${(ms / 1000).toFixed(1)} s`);
+
+export function ago(time, now = Date.now()) {
+    const seconds = (now - Date.parse(time)) / 1000;
+    if (!(seconds >= 45)) {
+        return 'just now';
+    }
+    const relative = new Intl.RelativeTimeFormat('en', { numeric: 'auto' });
+    for (const [unit, size] of [['day', 86_400], ['hour', 3_600], ['minute', 60]]) {
+        if (seconds >= size) {
+            return relative.format(-Math.floor(seconds / size), unit);
+        }
+    }
+    return 'a minute ago';
+}

@@ -1,0 +1,91 @@
+import { BufferAttribute } from 'three';
+
+import { getBytes } from './api.js';
+import { decodeLevel, preloadDecoder } from './draco_levels.js';
+import { estimateSurfaceInWorker } from './surface.js';
+
+/** Finer levels than this wait until they are asked for: a browser's memory is not a server's. */
+const kMostPoints = 8_000_000;
+
+/**
+ * Brings the levels of one pyramid in, coarsest first. While one is decoded the next one is under way. `update` may be called
+ * again whenever the manifest has grown.
+ *
+ * A level in `levels` is its entry of the manifest with `state` (`listed`, `loading`, `ready`, `large`, `failed`) and, once
+ * ready, `geometry`: position, surface (see surface_estimate.js) and perhaps color.
+ */
+export class LevelLoader {
+    constructor({ onReady, onChange, onError, signal }) {
+        this.levels = [];
+        this.loadedBytes = 0;
+        this.onReady = onReady;
+        this.onChange = onChange;
+        this.onError = onError;
+        this.signal = signal;
+        this.fetching = Promise.resolve();
+        this.decoding = Promise.resolve();
+        preloadDecoder();
+    }
+
+    update(manifest) {
+        const known = this.levels.length;
+        for (const entry of manifest.levels.slice(known)) {
+            const level = { ...entry, file: entry.files.find((file) => file.format === 'drc'), state: 'listed' };
+            this.levels.push(level);
+            if (!level.file) {
+                this.fail(level, new Error(`level ${entry.level} has no Draco file: the pyramid was made without the format "drc"`));
+            } else if (level.points > kMostPoints) {
+                level.state = 'large';
+            } else {
+                this.load(level);
+            }
+        }
+        if (this.levels.length > known) {
+            this.onChange();
+        }
+    }
+
+    load(level) {
+        level.state = 'loading';
+        const bytes = this.fetching.then(() => getBytes(level.file.href, this.signal));
+        const before = this.decoding;
+        this.fetching = bytes.catch(() => {});
+        this.decoding = bytes
+            .then(async (buffer) => {
+                await before;
+                this.loadedBytes += buffer.byteLength;
+                level.geometry = await prepare(await decodeLevel(buffer), level.spacing);
+                level.state = 'ready';
+                if (this.signal.aborted) {
+                    level.geometry.dispose();
+                } else {
+                    this.onReady(level);
+                }
+            })
+            .catch((error) => this.fail(level, error));
+    }
+
+    fail(level, error) {
+        level.state = 'failed';
+        if (!this.signal.aborted) {
+            this.onError(level, error);
+        }
+    }
+
+    dispose() {
+        this.levels.forEach((level) => level.geometry?.dispose());
+    }
+}
+
+/** Splat sizes and missing normals, in the one attribute that the shader reads. */
+async function prepare(geometry, spacing) {
+    const position = geometry.getAttribute('position');
+    const normals = geometry.getAttribute('normal')?.array ?? null;
+    const { positions, surface } = await estimateSurfaceInWorker(position.array, normals, spacing);
+    geometry.setAttribute('position', new BufferAttribute(positions, 3));
+    geometry.setAttribute('surface', new BufferAttribute(surface, 4, true));
+    geometry.deleteAttribute('normal');
+    geometry.computeBoundingBox();
+    geometry.computeBoundingSphere();
+    return geometry;
+}

@@ -1,0 +1,107 @@
+import {
+    DepthTexture, FloatType, GLSL3, HalfFloatType, LinearSRGBColorSpace, Mesh, NearestFilter, NoBlending, OrthographicCamera,
+    PlaneGeometry, RGBAFormat, Scene, ShaderMaterial, Vector2, WebGLRenderTarget,
+} from 'three';
+
+const kFragmentShader = /* glsl */ `
+    precision highp float;
+    uniform sampler2D sums;        // colour × weight, weight
+    uniform sampler2D depths;
+    uniform vec2 texel;            // of the sums
+    uniform int samples;           // per pixel and axis
+    uniform float reach;           // of the shading, in texels
+    uniform float near, far;
+    uniform float strength;
+    out vec4 result;
+
+    float logDistance(vec2 at) {
+        float z = 2.0 * texture(depths, at).r - 1.0;
+        return log2(2.0 * near * far / (far + near - z * (far - near)));
+    }
+
+    // Eye-dome lighting (Boucheny 2009): what lies behind its surroundings is darker. Two rings: lines and hollows.
+    float shade(vec2 at) {
+        float own = logDistance(at);
+        float sum = 0.0;
+        for (int i = 0; i < 8; i++) {
+            float angle = 0.785398 * float(i);
+            vec2 direction = vec2(cos(angle), sin(angle)) * texel * reach;
+            sum += clamp(own - logDistance(at + direction), 0.0, 0.008);
+            sum += 0.3 * clamp(own - logDistance(at + 5.0 * direction), 0.0, 0.025);
+        }
+        return max(0.4, exp(-strength * sum));
+    }
+
+    vec3 toSrgb(vec3 c) {
+        return mix(c * 12.92, 1.055 * pow(max(c, 0.0), vec3(1.0 / 2.4)) - 0.055, step(0.0031308, c));
+    }
+
+    void main() {
+        vec4 sum = vec4(0.0);
+        vec2 corner = (floor(gl_FragCoord.xy) * float(samples) + 0.5) * texel;
+        for (int y = 0; y < samples; y++) {
+            for (int x = 0; x < samples; x++) {
+                vec2 at = corner + vec2(x, y) * texel;
+                vec4 splats = texture(sums, at);
+                if (splats.a > 0.0) {
+                    sum += vec4(splats.rgb / splats.a * shade(at), 1.0);
+                }
+            }
+        }
+        sum /= float(samples * samples);
+        // Premultiplied, over the page's own background.
+        result = vec4(sum.a > 0.0 ? toSrgb(min(sum.rgb / sum.a, 1.0)) * sum.a : vec3(0.0), sum.a);
+    }
+`;
+
+/** Turns the sums of the splats into the picture: normalised colours, eye-dome lighting, smooth edges. */
+export class ResolvePass {
+    constructor() {
+        this.target = new WebGLRenderTarget(1, 1, {
+            type: HalfFloatType,
+            format: RGBAFormat,
+            colorSpace: LinearSRGBColorSpace,
+            minFilter: NearestFilter,
+            magFilter: NearestFilter,
+            depthTexture: new DepthTexture(1, 1, FloatType),
+        });
+        this.uniforms = {
+            sums: { value: this.target.texture },
+            depths: { value: this.target.depthTexture },
+            texel: { value: new Vector2() },
+            samples: { value: 1 },
+            reach: { value: 1 },
+            near: { value: 1 },
+            far: { value: 2 },
+            strength: { value: 12 },
+        };
+        this.scene = new Scene();
+        this.camera = new OrthographicCamera(-1, 1, 1, -1, 0, 1);
+        const material = new ShaderMaterial({
+            glslVersion: GLSL3,
+            uniforms: this.uniforms,
+            vertexShader: 'void main() { gl_Position = vec4(position.xy, 0.0, 1.0); }',
+            fragmentShader: kFragmentShader,
+            blending: NoBlending,
+            depthTest: false,
+            depthWrite: false,
+        });
+        this.scene.add(new Mesh(new PlaneGeometry(2, 2), material));
+        this.scene.children[0].frustumCulled = false;
+    }
+
+    /** @param samples  of the target per pixel of the picture and axis */
+    setSize(width, height, samples) {
+        this.target.setSize(width * samples, height * samples);
+        this.uniforms.texel.value.set(1 / (width * samples), 1 / (height * samples));
+        this.uniforms.samples.value = samples;
+    }
+
+    render(renderer, camera, reach) {
+        this.uniforms.near.value = camera.near;
+        this.uniforms.far.value = camera.far;
+        this.uniforms.reach.value = reach;
+        renderer.setRenderTarget(null);
+        renderer.render(this.scene, this.camera);
+    }
+}

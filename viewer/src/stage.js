@@ -1,0 +1,293 @@
+import {
+    MathUtils, PerspectiveCamera, Points, Scene, Sphere, Vector2, Vector3, WebGLRenderer,
+} from 'three';
+import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
+
+import { ResolvePass } from './resolve_pass.js';
+import { largestRadiusOf, splatMaterials } from './splat_materials.js';
+
+const kFieldOfView = 32;
+const kMargin = 1.17;          // around a fitted cloud
+const kFittedPoints = 20_000;  // enough to know how large a cloud is
+const kFittedShare = 0.995;
+const kGlideMs = 650;
+const kRestMs = 140;           // without a change: draw once more, finer
+const kPickPixels = 14;
+const kTurnsPerSecond = 1 / 40;
+
+/** The canvas: one level at a time, the camera around it, pictures only when something has changed. */
+export class Stage {
+    constructor(canvas, { onPicture }) {
+        this.canvas = canvas;
+        this.onPicture = onPicture;
+        this.renderer = new WebGLRenderer({ canvas, alpha: true, antialias: false, powerPreference: 'high-performance' });
+        this.renderer.autoClear = false;
+        this.resolve = new ResolvePass();
+        this.scene = new Scene();
+        this.camera = new PerspectiveCamera(kFieldOfView, 1, 0.1, 10);
+        this.autoRotate = false;
+        this.renewControls();
+        this.materials = { true: splatMaterials({ colored: true }), false: splatMaterials({ colored: false }) };
+        this.level = null;
+        this.bounds = new Sphere(new Vector3(), 1);
+        this.insets = { left: 0, right: 0, top: 0, bottom: 0 };
+        this.largestPointSize = this.renderer.getContext().getParameter(
+            this.renderer.getContext().ALIASED_POINT_SIZE_RANGE)[1];
+        this.dirty = true;
+        this.changedAt = 0;
+        this.resting = false;
+        new ResizeObserver(() => this.changed()).observe(canvas);
+        canvas.addEventListener('dblclick', (event) => this.focusAt(event.clientX, event.clientY));
+        this.renderer.setAnimationLoop((now) => this.frame(now));
+    }
+
+    /** Empties the stage for another cloud. */
+    clear() {
+        this.scene.clear();
+        this.level = null;
+        this.home = null;
+        this.changed();
+    }
+
+    /** Shows a level in place of the one before; the first one of a cloud also places the camera. */
+    show(level) {
+        const { geometry } = level;
+        const colored = geometry.hasAttribute('color');
+        const materials = this.materials[colored];
+        this.home ??= homeView(geometry);
+        this.scene.clear();
+        this.points = new Points(geometry, materials.depth);
+        this.points.position.copy(this.home.center).negate();
+        this.points.frustumCulled = false;
+        this.scene.add(this.points);
+        const isFirst = this.level === null;
+        this.level = level;
+        this.uniforms = materials.uniforms;
+        this.uniforms.largestRadius.value = largestRadiusOf(level.spacing, this.home.radius);
+        if (isFirst) {
+            this.camera.up.copy(this.home.up);
+            this.renewControls();
+            this.fit({ glide: false });
+            this.controls.update();
+            this.draw(1);  // not a frame later: the next level may be decoded by then
+        }
+        this.changed();
+    }
+
+    /** OrbitControls read the camera's up once, when they are made. */
+    renewControls() {
+        this.controls?.dispose();
+        this.controls = new OrbitControls(this.camera, this.canvas);
+        Object.assign(this.controls, {
+            enableDamping: true,
+            dampingFactor: 0.09,
+            rotateSpeed: 0.75,
+            zoomToCursor: true,
+            autoRotate: this.autoRotate,
+            autoRotateSpeed: 60 * kTurnsPerSecond,
+        });
+        this.controls.addEventListener('change', () => this.changed());
+        this.controls.addEventListener('start', () => { this.glide = null; });
+    }
+
+    setAutoRotate(on) {
+        this.autoRotate = on;
+        this.controls.autoRotate = on;
+        this.changed();
+    }
+
+    /** Linear colour of clouds that bring none. */
+    setTint(red, green, blue) {
+        this.materials.false.uniforms.tint.value.set(red, green, blue);
+        this.changed();
+    }
+
+    /** The part of the canvas that panels cover: the cloud is centred in the rest. */
+    setInsets(insets) {
+        this.insets = insets;
+        this.changed();
+    }
+
+    /** The whole cloud, from where it is looked at best. */
+    fit({ glide = true } = {}) {
+        if (this.home) {
+            this.moveTo(new Vector3(), this.home.direction, this.fittingDistance(this.home.direction), glide);
+        }
+    }
+
+    /** From how far the points (but for strays) are seen between the cards, looking at the centre along `direction`. */
+    fittingDistance(direction) {
+        const { height, free } = this.layout();
+        const perPixel = 2 * Math.tan(MathUtils.degToRad(kFieldOfView / 2)) / Math.max(1, height);
+        const slopeX = 0.5 * free.width * perPixel / kMargin;
+        const slopeY = 0.5 * free.height * perPixel / kMargin;
+        const right = new Vector3().crossVectors(this.camera.up, direction).normalize();
+        const up = new Vector3().crossVectors(direction, right);
+        const position = this.points.geometry.getAttribute('position');
+        const step = Math.ceil(position.count / kFittedPoints);
+        const point = new Vector3();
+        const needed = [];
+        for (let i = 0; i < position.count; i += step) {
+            point.fromBufferAttribute(position, i).sub(this.home.center);
+            const aside = Math.max(Math.abs(point.dot(right)) / slopeX, Math.abs(point.dot(up)) / slopeY);
+            needed.push(point.dot(direction) + aside);
+        }
+        needed.sort((a, b) => a - b);
+        return Math.max(0.5 * this.home.radius, needed[Math.floor(kFittedShare * (needed.length - 1))]);
+    }
+
+    /** Turns around the point under the pointer and comes closer to it. */
+    focusAt(clientX, clientY) {
+        const hit = this.level && this.pick(clientX, clientY);
+        if (hit) {
+            const direction = this.camera.position.clone().sub(this.controls.target).normalize();
+            this.moveTo(hit, direction, 0.45 * this.camera.position.distanceTo(hit), true);
+        }
+    }
+
+    /** The nearest point drawn within a few pixels of a place, relative to the centre. */
+    pick(clientX, clientY) {
+        const box = this.canvas.getBoundingClientRect();
+        const pointer = new Vector2(clientX - box.left, clientY - box.top);
+        const position = this.points.geometry.getAttribute('position');
+        const toClip = this.camera.projectionMatrix.clone()
+            .multiply(this.camera.matrixWorldInverse).multiply(this.points.matrixWorld);
+        const point = new Vector3();
+        let best = null;
+        let bestDepth = Infinity;
+        for (let i = 0; i < position.count; i += 1) {
+            point.fromBufferAttribute(position, i).applyMatrix4(toClip);
+            const dx = (0.5 + 0.5 * point.x) * box.width - pointer.x;
+            const dy = (0.5 - 0.5 * point.y) * box.height - pointer.y;
+            if (dx * dx + dy * dy < kPickPixels ** 2 && Math.abs(point.z) <= 1 && point.z < bestDepth) {
+                bestDepth = point.z;
+                best = i;
+            }
+        }
+        return best === null ? null : point.fromBufferAttribute(position, best).sub(this.home.center).clone();
+    }
+
+    moveTo(target, direction, distance, glide) {
+        const to = { target: target.clone(), position: target.clone().addScaledVector(direction, distance) };
+        if (!glide || matchMedia('(prefers-reduced-motion: reduce)').matches) {
+            this.controls.target.copy(to.target);
+            this.camera.position.copy(to.position);
+        } else {
+            this.glide = {
+                from: { target: this.controls.target.clone(), position: this.camera.position.clone() },
+                to,
+                start: performance.now(),
+            };
+        }
+        this.changed();
+    }
+
+    changed() {
+        this.dirty = true;
+        this.resting = false;
+        this.changedAt = performance.now();
+        document.documentElement.dataset.picture = 'moving';
+    }
+
+    frame(now) {
+        if (this.glide) {
+            this.advanceGlide();
+        }
+        this.controls.update();
+        if (this.dirty) {
+            this.dirty = false;
+            this.draw(1);
+        } else if (!this.resting && performance.now() - this.changedAt > kRestMs) {
+            this.resting = true;
+            this.draw(2);
+            document.documentElement.dataset.picture = 'rest';
+        }
+    }
+
+    advanceGlide() {
+        const { from, to, start } = this.glide;
+        const t = Math.min(1, (performance.now() - start) / kGlideMs);
+        const eased = 1 - (1 - t) ** 3;
+        this.controls.target.lerpVectors(from.target, to.target, eased);
+        this.camera.position.lerpVectors(from.position, to.position, eased);
+        if (t === 1) {
+            this.glide = null;
+        }
+        this.changed();
+    }
+
+    layout() {
+        const width = this.canvas.clientWidth;
+        const height = this.canvas.clientHeight;
+        const { left, right, top, bottom } = this.insets;
+        const free = { width: Math.max(80, width - left - right), height: Math.max(80, height - top - bottom) };
+        return { width, height, free, shiftX: (right - left) / 2, shiftY: (bottom - top) / 2 };
+    }
+
+    /** @param samples  per pixel and axis: 1 while something moves, 2 at rest */
+    draw(samples) {
+        const { width, height, shiftX, shiftY } = this.layout();
+        if (width === 0 || height === 0) {
+            return;
+        }
+        const ratio = Math.min(devicePixelRatio, 2);
+        this.renderer.setPixelRatio(ratio);
+        this.renderer.setSize(width, height, false);
+        const buffer = this.renderer.getDrawingBufferSize(new Vector2());
+        this.resolve.setSize(buffer.x, buffer.y, samples);
+
+        this.camera.aspect = width / height;
+        this.camera.setViewOffset(width, height, shiftX, shiftY, width, height);
+        this.clipTightly();
+        this.drawSplats(height * ratio * samples);
+        this.resolve.render(this.renderer, this.camera, 1.2 * ratio * samples);
+        if (this.level) {
+            this.onPicture(this.level);
+        }
+    }
+
+    /** Depth is spent on the cloud alone. */
+    clipTightly() {
+        const radius = 1.05 * (this.home?.radius ?? 1);
+        const distance = this.camera.position.length();
+        this.camera.near = Math.max(distance - radius, 2e-3 * radius);
+        this.camera.far = Math.max(distance + radius, 2 * this.camera.near);
+        this.camera.updateProjectionMatrix();
+        this.camera.updateMatrixWorld();
+    }
+
+    drawSplats(targetHeight) {
+        this.renderer.setRenderTarget(this.resolve.target);
+        this.renderer.setClearColor(0x000000, 0);
+        this.renderer.clear();
+        if (!this.level) {
+            return;
+        }
+        const materials = this.materials[this.points.geometry.hasAttribute('color')];
+        const pixel = targetHeight / this.canvas.clientHeight;
+        this.uniforms.pixelsPerUnit.value = 0.5 * targetHeight / Math.tan(MathUtils.degToRad(kFieldOfView / 2));
+        this.uniforms.smallestPixels.value = (this.level.points < 100 ? 9 : 1.6) * pixel;
+        this.uniforms.largestPixels.value = this.largestPointSize;
+        this.uniforms.up.value.copy(this.camera.up).transformDirection(this.camera.matrixWorldInverse);
+        for (const material of [materials.depth, materials.blend]) {
+            this.points.material = material;
+            this.renderer.render(this.scene, this.camera);
+        }
+    }
+}
+
+/** Where a cloud is looked at from. Terrain lies flat, mostly along z; what stands does so along y. */
+function homeView(geometry) {
+    const { center, radius } = geometry.boundingSphere;
+    const size = geometry.boundingBox.getSize(new Vector3());
+    const liesAlongZ = size.z < 0.5 * Math.min(size.x, size.y);
+    const liesAlongY = size.y < 0.5 * Math.min(size.x, size.z);
+    const direction = liesAlongZ ? new Vector3(-0.45, -1, 0.75)
+        : liesAlongY ? new Vector3(0.4, 0.75, 1) : new Vector3(0.32, 0.2, 1);
+    return {
+        center: center.clone(),
+        radius: radius || 1,
+        up: liesAlongZ ? new Vector3(0, 0, 1) : new Vector3(0, 1, 0),
+        direction: direction.normalize(),
+    };
+}

@@ -1,0 +1,208 @@
+// Normals by the plane through the nearest neighbours (Pauly, Gross, Kobbelt 2002, §2), splat sizes by their distance.
+
+/** A splat's radius is stored as a fraction of this many spacings. */
+export const kLargestRadius = 4;
+
+const kSmallestRadius = 0.5;
+const kNeighbors = 16;
+const kSpacingNeighbor = 5;     // the sixth nearest: a hexagonal ring
+const kRadiusByDistance = 0.95; // a hexagonal arrangement is closed from 0.58 on, a random one is not before this
+const kFull = 32767;
+
+/**
+ * @param {Float32Array} positions  x y z of each point
+ * @param {?Float32Array} normals  kept as they are; null: estimated, of either sign
+ * @param {number} spacing  mean distance to the nearest other point
+ * @returns {Int16Array} of each point: normal (0 0 0 where it has none) and radius, as fractions of 32767
+ */
+export function estimateSurface(positions, normals, spacing) {
+    const count = positions.length / 3;
+    const surface = new Int16Array(4 * count);
+    if (normals) {
+        for (let i = 0; i < count; i += 1) {
+            storeUnit(surface, i, normals[3 * i], normals[3 * i + 1], normals[3 * i + 2]);
+        }
+    }
+    if (!(spacing > 0)) {
+        for (let i = 0; i < count; i += 1) {
+            surface[4 * i + 3] = kFull / kLargestRadius;
+        }
+        return surface;
+    }
+    const grid = new PointGrid(positions, 2.5 * spacing);
+    const nearest = new Nearest(kNeighbors);
+    for (let at = 0; at < count; at += 1) {
+        const i = grid.members[at];
+        grid.nearestTo(at, nearest);
+        surface[4 * i + 3] = kFull * splatRadius(nearest, spacing) / (kLargestRadius * spacing);
+        if (!normals && nearest.count >= 3) {
+            storePlaneNormal(surface, i, grid.positions, at, nearest);
+        }
+    }
+    return surface;
+}
+
+function splatRadius(nearest, spacing) {
+    if (nearest.count === 0) {
+        return spacing;
+    }
+    const distance = Math.sqrt(nearest.distanceSq[Math.min(kSpacingNeighbor, nearest.count - 1)]);
+    return Math.min(kLargestRadius * spacing, Math.max(kSmallestRadius * spacing, kRadiusByDistance * distance));
+}
+
+/** The k points nearest to another so far, by their place in the grid, in ascending order of distance. */
+class Nearest {
+    constructor(k) {
+        this.index = new Uint32Array(k);
+        this.distanceSq = new Float64Array(k);
+        this.count = 0;
+    }
+
+    offer(index, distanceSq) {
+        const k = this.index.length;
+        if (this.count === k && distanceSq >= this.distanceSq[k - 1]) {
+            return;
+        }
+        let at = this.count < k ? this.count++ : k - 1;
+        for (; at > 0 && this.distanceSq[at - 1] > distanceSq; at -= 1) {
+            this.distanceSq[at] = this.distanceSq[at - 1];
+            this.index[at] = this.index[at - 1];
+        }
+        this.distanceSq[at] = distanceSq;
+        this.index[at] = index;
+    }
+}
+
+/**
+ * Points by the cell they lie in, copied in the order of the cells. A row of cells along x is hashed as a whole: its cells are
+ * neighbours in memory too. Points of another row that share a bucket are told apart by `rows`.
+ */
+class PointGrid {
+    constructor(positions, cellSize) {
+        const count = positions.length / 3;
+        const buckets = 2 ** Math.ceil(Math.log2(Math.max(2, 2 * count)));
+        this.inverseCellSize = 1 / cellSize;
+        this.mask = buckets - 1;
+        this.starts = new Uint32Array(buckets + 1);
+        this.members = new Uint32Array(count);         // the point at each place
+        this.positions = new Float32Array(3 * count);
+        this.rows = new Int32Array(count);
+        const bucketOf = (i) =>
+            (rowHash(this.cell(positions[3 * i + 1]), this.cell(positions[3 * i + 2])) + this.cell(positions[3 * i])) & this.mask;
+        for (let i = 0; i < count; i += 1) {
+            this.starts[bucketOf(i) + 1] += 1;
+        }
+        for (let b = 0; b < buckets; b += 1) {
+            this.starts[b + 1] += this.starts[b];
+        }
+        const next = this.starts.slice();
+        for (let i = 0; i < count; i += 1) {
+            const at = next[bucketOf(i)]++;
+            this.members[at] = i;
+            this.positions.set(positions.subarray(3 * i, 3 * i + 3), 3 * at);
+            this.rows[at] = rowHash(this.cell(positions[3 * i + 1]), this.cell(positions[3 * i + 2]));
+        }
+    }
+
+    cell(coordinate) {
+        return Math.floor(coordinate * this.inverseCellSize);
+    }
+
+    /** Exact within the cells around a point; the second ring is asked only where the first holds too few. */
+    nearestTo(at, nearest) {
+        this.search(at, 1, nearest);
+        if (nearest.count <= kSpacingNeighbor) {
+            this.search(at, 2, nearest);
+        }
+    }
+
+    search(at, ring, nearest) {
+        const { positions, rows, starts, mask } = this;
+        const x = positions[3 * at], y = positions[3 * at + 1], z = positions[3 * at + 2];
+        const cx = this.cell(x), cy = this.cell(y), cz = this.cell(z);
+        nearest.count = 0;
+        for (let kz = cz - ring; kz <= cz + ring; kz += 1) {
+            for (let ky = cy - ring; ky <= cy + ring; ky += 1) {
+                const row = rowHash(ky, kz);
+                for (let kx = cx - ring; kx <= cx + ring; kx += 1) {
+                    const bucket = (row + kx) & mask;
+                    const end = starts[bucket + 1];
+                    for (let other = starts[bucket]; other < end; other += 1) {
+                        if (rows[other] === row && other !== at) {
+                            const dx = positions[3 * other] - x;
+                            const dy = positions[3 * other + 1] - y;
+                            const dz = positions[3 * other + 2] - z;
+                            nearest.offer(other, dx * dx + dy * dy + dz * dz);
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+function rowHash(y, z) {
+    const hash = Math.imul(y, 0x8da6b343) ^ Math.imul(z, 0xd8163841);
+    return Math.imul(hash ^ (hash >>> 15), 0x2c1b3c6d);
+}
+
+/** The eigenvector of the smallest eigenvalue of the neighbours' covariance (Eq. 1). */
+function storePlaneNormal(surface, i, positions, at, nearest) {
+    const { index, count } = nearest;
+    let mx = positions[3 * at], my = positions[3 * at + 1], mz = positions[3 * at + 2];
+    for (let n = 0; n < count; n += 1) {
+        mx += positions[3 * index[n]];
+        my += positions[3 * index[n] + 1];
+        mz += positions[3 * index[n] + 2];
+    }
+    mx /= count + 1;
+    my /= count + 1;
+    mz /= count + 1;
+    let xx = 0, xy = 0, xz = 0, yy = 0, yz = 0, zz = 0;
+    for (let n = -1; n < count; n += 1) {
+        const from = 3 * (n < 0 ? at : index[n]);
+        const x = positions[from] - mx, y = positions[from + 1] - my, z = positions[from + 2] - mz;
+        xx += x * x; xy += x * y; xz += x * z;
+        yy += y * y; yz += y * z; zz += z * z;
+    }
+    const smallest = smallestEigenvalue(xx, xy, xz, yy, yz, zz);
+    xx -= smallest;
+    yy -= smallest;
+    zz -= smallest;
+    // Its eigenvector is normal to every row of A - λI: the longest cross product of two rows is the most exact.
+    const ax = xy * yz - xz * yy, ay = xz * xy - xx * yz, az = xx * yy - xy * xy;
+    const bx = xy * zz - xz * yz, by = xz * xz - xx * zz, bz = xx * yz - xy * xz;
+    const cx = yy * zz - yz * yz, cy = yz * xz - xy * zz, cz = xy * yz - yy * xz;
+    const a = ax * ax + ay * ay + az * az, b = bx * bx + by * by + bz * bz, c = cx * cx + cy * cy + cz * cz;
+    if (a >= b && a >= c) {
+        storeUnit(surface, i, ax, ay, az);
+    } else if (b >= c) {
+        storeUnit(surface, i, bx, by, bz);
+    } else {
+        storeUnit(surface, i, cx, cy, cz);
+    }
+}
+
+/** Of a symmetric 3×3 matrix, in closed form (Smith 1961). */
+function smallestEigenvalue(xx, xy, xz, yy, yz, zz) {
+    const mean = (xx + yy + zz) / 3;
+    const dx = xx - mean, dy = yy - mean, dz = zz - mean;
+    const off = xy * xy + xz * xz + yz * yz;
+    const p = Math.sqrt((dx * dx + dy * dy + dz * dz + 2 * off) / 6);
+    if (p === 0) {
+        return mean;
+    }
+    const determinant = dx * (dy * dz - yz * yz) - xy * (xy * dz - yz * xz) + xz * (xy * yz - dy * xz);
+    const r = Math.min(1, Math.max(-1, determinant / (2 * p * p * p)));
+    return mean + 2 * p * Math.cos(Math.acos(r) / 3 + 2 * Math.PI / 3);
+}
+
+function storeUnit(surface, i, x, y, z) {
+    const length = Math.hypot(x, y, z);
+    if (length > 0) {
+        const scale = kFull / length;
+        surface[4 * i] = x * scale;
+        surface[4 * i + 1] = y * scale;
+        surface[4 * i + 2] = z * scale;
+    }
+}

@@ -1,0 +1,40 @@
+import { problemFrom, unreachable } from './api.js';
+
+/** Sends a file; resolves to the document of its cloud. XMLHttpRequest, since fetch tells no upload progress. */
+export function uploadCloud(file, onProgress) {
+    return new Promise((resolve, reject) => {
+        const request = new XMLHttpRequest();
+        request.open('POST', '/v1/clouds');
+        request.setRequestHeader('Content-Type', 'application/octet-stream');
+        request.upload.onprogress = ({ loaded, total }) => onProgress(total > 0 ? loaded / total : 1);
+        request.onload = () => {
+            if (request.status >= 200 && request.status < 300) {
+                resolve(JSON.parse(request.responseText));
+            } else {
+                reject(problemFrom(request.status, request.statusText, request.responseText));
+            }
+        };
+        request.onerror = () => reject(unreachable());
+        request.send(file);
+    });
+}
+
+/** Calls `onFile` with a file that is dropped anywhere on the page; `onHover` tells when one is held above it. */
+export function acceptDrops(onFile, onHover) {
+    let depth = 0;  // dragenter and dragleave also come for every child
+    const carriesFiles = (event) => event.dataTransfer?.types.includes('Files');
+    const hover = (change) => {
+        depth = change === 0 ? 0 : Math.max(0, depth + change);
+        onHover(depth > 0);
+    };
+    addEventListener('dragenter', (event) => carriesFiles(event) && hover(1));
+    addEventListener('dragleave', (event) => carriesFiles(event) && hover(-1));
+    addEventListener('dragover', (event) => carriesFiles(event) && event.preventDefault());
+    addEventListener('drop', (event) => {
+        if (carriesFiles(event)) {
+            event.preventDefault();
+            hover(0);
+            [...event.dataTransfer.files].slice(0, 1).forEach(onFile);
+        }
+    });
+}
