@@ -1,0 +1,384 @@
+#include "cli/command_line.hpp"
+
+#include "stipple/error.hpp"
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cstdlib>
+#include <map>
+#include <memory>
+
+namespace stipple::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+template <typename T>
+using Names = std::map<std::string, T>;
+
+const Names<Representative> kRepresentatives = {{"surface", Representative::Surface},
+                                                {"nearest", Representative::Nearest},
+                                                {"centroid", Representative::Centroid}};
+const Names<Reduction> kReductions = {{"mean", Reduction::Mean},
+                                      {"nearest", Reduction::Nearest},
+                                      {"min", Reduction::Min},
+                                      {"max", Reduction::Max},
+                                      {"mode", Reduction::Mode}};
+const Names<DracoCoding> kCodings = {{"auto", DracoCoding::Auto},
+                                     {"sequential", DracoCoding::Sequential},
+                                     {"kd-tree", DracoCoding::KdTree}};
+const Names<PlyEncoding> kPlyEncodings = {{"le", PlyEncoding::BinaryLittleEndian},
+                                          {"be", PlyEncoding::BinaryBigEndian},
+                                          {"ascii", PlyEncoding::Ascii}};
+
+/// What the options are read into before they are checked and mean something.
+struct Values {
+    std::string input, output, method = "hierarchical", representative = "surface";
+    std::optional<std::uint64_t> points, max_cluster_size;
+    std::optional<double> ratio, max_error, max_variation, precision;
+    std::uint64_t seed = 0;
+    std::vector<std::string> reductions, formats = {"drc", "ply"};
+    std::vector<std::uint64_t> levels;
+    LodPyramidOptions pyramid;
+    SyntheticScanOptions synthetic;
+    DracoEncodeOptions draco;
+    std::string coding = "auto", ply_encoding = "le";
+    ServerOptions server;
+    CommonOptions common;
+};
+
+template <typename T>
+std::string names_of(const Names<T>& names) {
+    std::string list;
+    for (const auto& [name, value] : names) list += (list.empty() ? "" : ", ") + name;
+    return list;
+}
+
+template <typename T>
+T named(const Names<T>& names, const std::string& name, const std::string& option) {
+    const auto found = names.find(name);
+    if (found == names.end())
+        throw UsageError(option + " " + name + ": expected one of " + names_of(names));
+    return found->second;
+}
+
+// The options, in groups that several commands share.
+
+void add_common(CLI::App& command, Values& values) {
+    command
+        .add_option("--threads", values.common.threads, "threads of a local run; 0: one per core")
+        ->type_name("T");
+    command
+        .add_option("--json", values.common.json,
+                    "write the figures as JSON; - for standard output")
+        ->type_name("FILE");
+    command.add_flag("-q,--quiet", values.common.quiet, "no progress and no summary");
+}
+
+void add_server(CLI::App& command, Values& values) {
+    command.add_option("--server", values.server.url, "let this stippled do it: http://HOST:PORT")
+        ->type_name("URL");
+    command.add_option("--api-key", values.server.api_key, "its key; better in STIPPLE_API_KEY")
+        ->type_name("KEY");
+}
+
+void add_representative(CLI::App& command, Values& values) {
+    command
+        .add_option("--representative", values.representative,
+                    "surface (default), nearest or centroid")
+        ->type_name("KIND");
+    command
+        .add_option("--reduce", values.reductions,
+                    "mean, nearest, min, max or mode, for one attribute")
+        ->type_name("NAME=POLICY");
+}
+
+void add_draco(CLI::App& command, Values& values) {
+    auto* const bits = command
+                           .add_option("--position-bits", values.draco.position_bits,
+                                       "of .drc: 1..30; 0: exact floats")
+                           ->type_name("B");
+    command
+        .add_option("--precision", values.precision, "of .drc: largest error per axis, input units")
+        ->type_name("E")
+        ->excludes(bits);
+    command.add_option("--normal-bits", values.draco.normal_bits, "of .drc: 2..30")->type_name("B");
+    command.add_option("--coding", values.coding, "of .drc: auto (default), sequential or kd-tree")
+        ->type_name("C");
+}
+
+void add_ply(CLI::App& command, Values& values) {
+    command.add_option("--ply-encoding", values.ply_encoding, "of .ply: le (default), be or ascii")
+        ->type_name("E");
+}
+
+void add_input(CLI::App& command, Values& values) {
+    command.add_option("IN", values.input, "a PLY or Draco file, whatever its name")
+        ->required()
+        ->type_name("FILE");
+}
+
+CLI::App& add_simplify(CLI::App& app, Values& values) {
+    CLI::App& command = *app.add_subcommand("simplify", "fewer points, the same surface");
+    add_input(command, values);
+    command.add_option("OUT", values.output, "a .ply or .drc file")->required()->type_name("FILE");
+    command.add_option("-m,--method", values.method, "hierarchical (default)")->type_name("M");
+    command.add_option("-n,--points", values.points, "exactly so many points")->type_name("N");
+    command.add_option("-r,--ratio", values.ratio, "this share of the points, in (0, 1]")
+        ->type_name("R");
+    command
+        .add_option("--max-error", values.max_error, "within this distance (not in this version)")
+        ->type_name("E");
+    command
+        .add_option("--max-cluster-size", values.max_cluster_size, "instead: points in a cluster")
+        ->type_name("N");
+    command
+        .add_option("--max-variation", values.max_variation,
+                    "instead: surface variation, in (0, 1/3]")
+        ->type_name("S");
+    command.add_option("--seed", values.seed, "of methods that draw at random")->type_name("S");
+    add_representative(command, values);
+    add_draco(command, values);
+    add_ply(command, values);
+    add_server(command, values);
+    add_common(command, values);
+    command.footer(
+        "Examples:\n"
+        "  stipple simplify scan.ply small.ply --points 5000\n"
+        "  stipple simplify scan.ply small.drc --ratio 0.01 --precision 0.001\n"
+        "  stipple simplify scan.ply small.ply --max-variation 0.02 --json figures.json\n"
+        "  stipple simplify scan.ply small.drc -n 5000 --server http://127.0.0.1:8080");
+    return command;
+}
+
+CLI::App& add_pyramid(CLI::App& app, Values& values) {
+    CLI::App& command = *app.add_subcommand("pyramid", "levels of detail, coarse to fine");
+    add_input(command, values);
+    command.add_option("OUTDIR", values.output, "folder for the levels and manifest.json")
+        ->required()
+        ->type_name("FOLDER");
+    auto* const levels =
+        command
+            .add_option("--levels", values.levels, "points of each level, as in 1000,10000,100000")
+            ->delimiter(',')
+            ->type_name("A,B,C");
+    command.add_option("--ratio", values.pyramid.ratio, "from a level to the next, in (1, 64]; 4")
+        ->type_name("R")
+        ->excludes(levels);
+    command
+        .add_option("--base-points", values.pyramid.base_points,
+                    "most points of the coarsest; 10000")
+        ->type_name("N")
+        ->excludes(levels);
+    command.add_option("--formats", values.formats, "drc, ply or both (default)")
+        ->delimiter(',')
+        ->type_name("F,F");
+    add_representative(command, values);
+    add_draco(command, values);
+    add_server(command, values);
+    add_common(command, values);
+    command.footer(
+        "Examples:\n"
+        "  stipple pyramid scan.ply levels/\n"
+        "  stipple pyramid scan.ply levels/ --levels 1000,10000,100000 --formats drc\n"
+        "  stipple pyramid scan.ply levels/ --server http://127.0.0.1:8080");
+    return command;
+}
+
+CLI::App& add_inspect(CLI::App& app, Values& values) {
+    CLI::App& command = *app.add_subcommand("inspect", "what is in a file");
+    add_input(command, values);
+    add_common(command, values);
+    command.footer(
+        "Examples:\n"
+        "  stipple inspect scan.ply\n"
+        "  stipple inspect scan.drc --json -");
+    return command;
+}
+
+CLI::App& add_convert(CLI::App& app, Values& values) {
+    CLI::App& command = *app.add_subcommand("convert", "PLY to Draco and back, every point kept");
+    add_input(command, values);
+    command.add_option("OUT", values.output, "a .ply or .drc file")->required()->type_name("FILE");
+    add_draco(command, values);
+    add_ply(command, values);
+    add_common(command, values);
+    command.footer(
+        "Examples:\n"
+        "  stipple convert scan.ply scan.drc --position-bits 16\n"
+        "  stipple convert scan.drc scan.ply --ply-encoding ascii");
+    return command;
+}
+
+CLI::App& add_synthesize(CLI::App& app, Values& values) {
+    CLI::App& command = *app.add_subcommand("synthesize", "a cloud to try things on: an ammonite");
+    command.add_option("OUT", values.output, "a .ply or .drc file")->required()->type_name("FILE");
+    command.add_option("-n,--points", values.synthetic.points, "exactly so many; 1000000")
+        ->type_name("N");
+    command.add_option("--seed", values.synthetic.seed, "another seed, other samples; 1")
+        ->type_name("S");
+    command.add_option("--noise", values.synthetic.noise, "standard deviation in mm; 0.08")
+        ->type_name("D");
+    add_draco(command, values);
+    add_ply(command, values);
+    add_common(command, values);
+    command.footer("Example:\n  stipple synthesize ammonite.ply --points 500000 --seed 7");
+    return command;
+}
+
+// From what was read to what it means.
+
+CloudFormat format_of(const fs::path& file) {
+    std::string extension = file.extension().string();
+    std::transform(extension.begin(), extension.end(), extension.begin(),
+                   [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+    if (extension == ".ply") return CloudFormat::Ply;
+    if (extension == ".drc") return CloudFormat::Draco;
+    throw UsageError("OUT " + file.string() + ": the name must end with .ply or .drc");
+}
+
+ServerOptions server(const Values& values) {
+    ServerOptions server = values.server;
+    const char* const key = std::getenv("STIPPLE_API_KEY");
+    if (server.url.empty() && !server.api_key.empty())
+        throw UsageError("--api-key without --server: name the server that the key is for");
+    if (server.api_key.empty() && key != nullptr) server.api_key = key;
+    return server;
+}
+
+DracoEncodeOptions draco(const Values& values) {
+    DracoEncodeOptions draco = values.draco;
+    draco.coding = named(kCodings, values.coding, "--coding");
+    draco.precision = values.precision;
+    return draco;
+}
+
+PlyEncodeOptions ply(const Values& values) {
+    return {named(kPlyEncodings, values.ply_encoding, "--ply-encoding"), {}};
+}
+
+std::map<std::string, Reduction> reductions(const Values& values) {
+    std::map<std::string, Reduction> reductions;
+    for (const std::string& text : values.reductions) {
+        const std::size_t equals = text.find('=');
+        if (equals == 0 || equals == text.npos)
+            throw UsageError("--reduce " + text + ": expected NAME=POLICY, as in intensity=max");
+        reductions[text.substr(0, equals)] =
+            named(kReductions, text.substr(equals + 1), "--reduce");
+    }
+    return reductions;
+}
+
+void refuse_max_error(const Values& values) {
+    if (values.max_error)
+        throw UsageError(
+            "--max-error: this version has no error-bounded method yet: give --points N or --ratio "
+            "R");
+}
+
+SimplifyCommand simplify_command(const Values& values) {
+    refuse_max_error(values);
+    SimplifyCommand command{values.input, values.output,  {},
+                            ply(values),  server(values), values.common};
+    SimplifyOptions& options = command.job.options;
+    options.method = method_from_name(values.method);
+    options.points = values.points;
+    options.ratio = values.ratio;
+    options.hierarchical.max_cluster_size = values.max_cluster_size;
+    options.hierarchical.max_variation = values.max_variation;
+    options.hierarchical.representative =
+        named(kRepresentatives, values.representative, "--representative");
+    options.reductions = reductions(values);
+    options.seed = values.seed;
+    command.job.output = {{format_of(values.output)}, draco(values)};
+    const bool bounded = values.max_cluster_size || values.max_variation;
+    if (!values.points && !values.ratio && !bounded)
+        throw UsageError("how many points? give --points N or --ratio R");
+    validate(options);
+    return command;
+}
+
+PyramidCommand pyramid_command(const Values& values) {
+    PyramidCommand command{values.input, values.output, {}, server(values), values.common};
+    LodPyramidOptions& options = command.job.options;
+    options = values.pyramid;
+    options.sizes = values.levels;
+    options.representative = named(kRepresentatives, values.representative, "--representative");
+    options.reductions = reductions(values);
+    std::vector<CloudFormat>& formats = command.job.output.formats;
+    for (const std::string& name : values.formats) {
+        const CloudFormat format = cloud_format_from_name(name);
+        if (std::find(formats.begin(), formats.end(), format) == formats.end())
+            formats.push_back(format);
+    }
+    command.job.output.draco = draco(values);
+    validate(options);
+    return command;
+}
+
+ConvertCommand convert_command(const Values& values) {
+    format_of(values.output);
+    return {values.input, values.output, draco(values), ply(values), values.common};
+}
+
+SynthesizeCommand synthesize_command(const Values& values) {
+    format_of(values.output);
+    return {values.output, values.synthetic, draco(values), ply(values), values.common};
+}
+
+/// CLI11 takes arguments from the back.
+std::vector<std::string> reversed(std::vector<std::string> arguments) {
+    std::reverse(arguments.begin(), arguments.end());
+    return arguments;
+}
+
+Command parse(CLI::App& app, Values& values, const std::vector<std::string>& arguments) {
+    const CLI::App& simplify = add_simplify(app, values);
+    const CLI::App& pyramid = add_pyramid(app, values);
+    const CLI::App& inspect = add_inspect(app, values);
+    const CLI::App& convert = add_convert(app, values);
+    const CLI::App& synthesize = add_synthesize(app, values);
+    app.parse(reversed(arguments));
+
+    if (simplify.parsed()) return simplify_command(values);
+    if (pyramid.parsed()) return pyramid_command(values);
+    if (inspect.parsed()) return InspectCommand{values.input, values.common};
+    if (convert.parsed()) return convert_command(values);
+    if (synthesize.parsed()) return synthesize_command(values);
+    return InfoCommand{app.help()};
+}
+
+std::string one_line(std::string text) {
+    std::replace(text.begin(), text.end(), '\n', ' ');
+    return text;
+}
+
+}  // namespace
+
+Command parse_command_line(const std::vector<std::string>& arguments) {
+    CLI::App app("stipple: smaller point clouds that still describe the same surface.", "stipple");
+    app.set_version_flag("--version", "stipple " STIPPLE_VERSION);
+    app.get_formatter()->column_width(32);
+    app.require_subcommand(0, 1);
+    app.footer(
+        "Examples:\n"
+        "  stipple synthesize ammonite.ply --points 500000\n"
+        "  stipple inspect ammonite.ply\n"
+        "  stipple simplify ammonite.ply small.drc --points 5000\n"
+        "  stipple pyramid ammonite.ply levels/\n"
+        "\nstipple COMMAND --help tells more about each.");
+    Values values;
+    try {
+        return parse(app, values, arguments);
+    } catch (const CLI::CallForHelp&) {
+        return InfoCommand{app.help()};  // of the command that was asked, when there is one
+    } catch (const CLI::CallForVersion& version) {
+        return InfoCommand{std::string(version.what()) + "\n"};
+    } catch (const CLI::ParseError& error) {
+        throw UsageError(one_line(error.what()) + " (see --help)");
+    } catch (const Error& error) {  // an option that the library refuses
+        throw UsageError(error.what());
+    }
+}
+
+}  // namespace stipple::cli

@@ -1,0 +1,81 @@
+#pragma once
+
+#include "stipple/proto/job.hpp"
+#include "stipple/synthetic_scan.hpp"
+
+#include <filesystem>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <variant>
+#include <vector>
+
+namespace stipple::cli {
+
+/// What every command understands.
+struct CommonOptions {
+    std::string json;      ///< file for the figures, `-` for standard output, empty for none
+    unsigned threads = 0;  ///< of a local run
+    bool quiet = false;    ///< no progress, no summary
+};
+
+/// Where a job runs: here, when there is no address.
+struct ServerOptions {
+    std::string url;
+    std::string api_key;
+};
+
+struct SimplifyCommand {
+    std::filesystem::path input, output;
+    proto::SimplifyJob job;
+    PlyEncodeOptions ply;
+    ServerOptions server;
+    CommonOptions common;
+};
+
+struct PyramidCommand {
+    std::filesystem::path input, output_folder;
+    proto::PyramidJob job;
+    ServerOptions server;
+    CommonOptions common;
+};
+
+struct InspectCommand {
+    std::filesystem::path input;
+    CommonOptions common;
+};
+
+struct ConvertCommand {
+    std::filesystem::path input, output;
+    DracoEncodeOptions draco;
+    PlyEncodeOptions ply;
+    CommonOptions common;
+};
+
+struct SynthesizeCommand {
+    std::filesystem::path output;
+    SyntheticScanOptions options;
+    DracoEncodeOptions draco;
+    PlyEncodeOptions ply;
+    CommonOptions common;
+};
+
+/// Help or the version, which was asked for and is all there is to do.
+struct InfoCommand {
+    std::string text;
+};
+
+using Command = std::variant<InfoCommand, SimplifyCommand, PyramidCommand, InspectCommand,
+                             ConvertCommand, SynthesizeCommand>;
+
+/// The command line says something that cannot be done: exit code 2.
+class UsageError : public std::runtime_error {
+public:
+    using std::runtime_error::runtime_error;
+};
+
+/// Reads and checks the command line (and STIPPLE_API_KEY, when a server is named). Touches no
+/// file. @throws UsageError.
+Command parse_command_line(const std::vector<std::string>& arguments);
+
+}  // namespace stipple::cli

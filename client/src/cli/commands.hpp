@@ -1,0 +1,26 @@
+#pragma once
+
+#include "cli/command_line.hpp"
+#include "cli/terminal.hpp"
+
+#include <stop_token>
+#include <string>
+
+namespace stipple::cli {
+
+/// What a command has to do with beside its options.
+struct Session {
+    Terminal terminal;
+    std::stop_token stop;
+};
+
+// One for each command. @throws Error with the file named, Cancelled. Nothing half done is left
+// behind.
+void run(const InfoCommand& command, const Session& session);
+void run(const SimplifyCommand& command, const Session& session);
+void run(const PyramidCommand& command, const Session& session);
+void run(const InspectCommand& command, const Session& session);
+void run(const ConvertCommand& command, const Session& session);
+void run(const SynthesizeCommand& command, const Session& session);
+
+}  // namespace stipple::cli

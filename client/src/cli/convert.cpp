@@ -1,0 +1,110 @@
+#include "cli/commands.hpp"
+#include "cli/files.hpp"
+#include "cli/progress_bar.hpp"
+#include "cli/report.hpp"
+#include "cli/units.hpp"
+#include "stipple/codec.hpp"
+#include "stipple/proto/digest.hpp"
+
+#include <chrono>
+#include <iostream>
+
+namespace stipple::cli {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::ordered_json;
+using Clock = std::chrono::steady_clock;
+
+double seconds_between(Clock::time_point from, Clock::time_point to) {
+    return std::chrono::duration<double>(to - from).count();
+}
+
+RunContext context_for(const CommonOptions& common, const Session& session) {
+    RunContext context;
+    context.stop = session.stop;
+    context.threads = common.threads;
+    return context;
+}
+
+RunContext shown_as(const char* stage, double from, double to, RunContext context,
+                    ProgressDisplay& display) {
+    context.progress = [&display, stage](double fraction) { display.update(stage, fraction); };
+    return context.part(from, to);
+}
+
+ordered_json output_json(const fs::path& file, std::uint64_t points) {
+    return {{"points", points},
+            {"file", file.string()},
+            {"bytes", fs::file_size(file)},
+            {"sha256", proto::sha256_of_file(file)}};
+}
+
+}  // namespace
+
+void run(const InfoCommand& command, const Session&) {
+    std::cout << command.text << std::flush;
+}
+
+void run(const ConvertCommand& command, const Session& session) {
+    require_input(command.input);
+    const RunContext context = context_for(command.common, session);
+    ProgressDisplay display(session.terminal, !command.common.quiet);
+    DecodeReport report;
+    const auto start = Clock::now();
+    const PointCloud cloud = naming(command.input, [&] {
+        return read_cloud(command.input, {}, shown_as("decode", 0, 0.5, context, display), &report);
+    });
+    const auto decoded = Clock::now();
+    const std::uint64_t bytes_in = fs::file_size(command.input);
+    PlyEncodeOptions ply = command.ply;
+    ply.comments = report.comments;
+    write_cloud(cloud, command.output, ply, command.draco,
+                shown_as("encode", 0.5, 1, context, display));
+    const auto encoded = Clock::now();
+    display.finish();
+
+    const TextStyle& style = session.terminal.style();
+    if (!command.common.quiet)
+        std::cerr << summary_line({cloud.size(), cloud.size(), bytes_in,
+                                   fs::file_size(command.output), seconds_between(start, encoded)},
+                                  style)
+                  << '\n';
+    ordered_json figures;
+    figures["input"] = {{"points", report.points},
+                        {"file", command.input.string()},
+                        {"bytes", bytes_in},
+                        {"encoding", report.encoding},
+                        {"skipped", report.skipped}};
+    figures["output"] = output_json(command.output, cloud.size());
+    figures["seconds"] = {{"decode", seconds_between(start, decoded)},
+                          {"encode", seconds_between(decoded, encoded)},
+                          {"total", seconds_between(start, encoded)}};
+    write_json(command.common.json, figures);
+}
+
+void run(const SynthesizeCommand& command, const Session& session) {
+    const RunContext context = context_for(command.common, session);
+    ProgressDisplay display(session.terminal, !command.common.quiet);
+    const auto start = Clock::now();
+    const PointCloud cloud =
+        synthetic_scan(command.options, shown_as("sample", 0, 0.8, context, display));
+    PlyEncodeOptions ply = command.ply;
+    ply.comments.push_back("synthetic scan of an ammonite, seed " +
+                           std::to_string(command.options.seed));
+    write_cloud(cloud, command.output, ply, command.draco,
+                shown_as("encode", 0.8, 1, context, display));
+    display.finish();
+
+    const double seconds = seconds_between(start, Clock::now());
+    if (!command.common.quiet)
+        std::cerr << session.terminal.style().strong(with_separators(cloud.size()) + " points")
+                  << " in " << readable_seconds(seconds) << ' ' << session.terminal.style().dot()
+                  << ' ' << readable_bytes(fs::file_size(command.output)) << '\n';
+    ordered_json figures;
+    figures["output"] = output_json(command.output, cloud.size());
+    figures["seconds"] = {{"total", seconds}};
+    write_json(command.common.json, figures);
+}
+
+}  // namespace stipple::cli

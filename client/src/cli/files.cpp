@@ -1,0 +1,42 @@
+#include "cli/files.hpp"
+
+#include <system_error>
+
+namespace stipple::cli {
+
+namespace fs = std::filesystem;
+
+void require_input(const fs::path& file) {
+    std::error_code error;
+    const fs::file_status status = fs::status(file, error);
+    if (!fs::exists(status)) throw Error(ErrorCode::NotFound, file.string() + ": no such file");
+    if (!fs::is_regular_file(status))
+        throw Error(ErrorCode::InvalidArgument, file.string() + ": not a regular file");
+}
+
+void move_into_place(const fs::path& from, const fs::path& to) {
+    std::error_code error;
+    fs::rename(from, to, error);
+    if (error)
+        throw Error(ErrorCode::InvalidArgument,
+                    to.string() + ": cannot be written: " + error.message());
+}
+
+proto::OutputFile& only_output(proto::Results& results) {
+    if (results.levels.size() != 1 || results.levels.front().files.size() != 1 || !results.source)
+        throw Error(ErrorCode::Internal, "the result of a simplify job is not one file: " +
+                                             std::to_string(results.levels.size()) +
+                                             " clouds came");
+    return results.levels.front().files.front();
+}
+
+Error named_after(const fs::path& file, const Error& error) {
+    const bool about_content = error.code() == ErrorCode::MalformedInput ||
+                               error.code() == ErrorCode::UnsupportedFormat ||
+                               error.code() == ErrorCode::TooLarge;
+    const std::string message = error.what();
+    if (!about_content || message.starts_with(file.string())) return error;
+    return Error(error.code(), file.string() + ": " + message);
+}
+
+}  // namespace stipple::cli

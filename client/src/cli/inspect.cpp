@@ -1,0 +1,134 @@
+#include "cli/commands.hpp"
+#include "cli/files.hpp"
+#include "cli/progress_bar.hpp"
+#include "cli/report.hpp"
+#include "cli/units.hpp"
+#include "stipple/cleaning.hpp"
+#include "stipple/neighbors.hpp"
+#include "stipple/proto/digest.hpp"
+
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <iostream>
+
+namespace stipple::cli {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::ordered_json;
+
+struct Findings {
+    DecodeReport report;
+    proto::CloudStatistics statistics;
+    std::uint64_t bytes = 0;
+    std::string sha256;
+    double spacing = 0;  ///< mean distance to the nearest other point, 0 for a single one
+};
+
+double mean_spacing(const PointCloud& cloud, const RunContext& context) {
+    if (cloud.size() < 2) return 0;
+    const NeighborLists nearest = k_nearest_neighbors(cloud.positions, 1, context);
+    double sum = 0;
+    for (const float distance_sq : nearest.distances_sq)
+        sum += std::sqrt(static_cast<double>(distance_sq));
+    return sum / static_cast<double>(cloud.size());
+}
+
+RunContext stage(const RunContext& context, ProgressDisplay& display, const char* name, double from,
+                 double to) {
+    RunContext named = context;
+    named.progress = [&display, name](double fraction) { display.update(name, fraction); };
+    return named.part(from, to);
+}
+
+Findings look_at(const fs::path& file, const RunContext& context, ProgressDisplay& display) {
+    Findings findings;
+    findings.bytes = fs::file_size(file);
+    findings.sha256 = proto::sha256_of_file(file);
+    PointCloud cloud =
+        read_cloud(file, {}, stage(context, display, "decode", 0, 0.4), &findings.report);
+    const CleaningReport removed = clean(cloud, stage(context, display, "clean", 0.4, 0.6));
+    findings.statistics =
+        proto::describe(cloud, findings.report, removed.non_finite, removed.duplicates);
+    findings.spacing = mean_spacing(cloud, stage(context, display, "measure", 0.6, 1));
+    return findings;
+}
+
+ordered_json figures(const fs::path& file, const Findings& findings) {
+    ordered_json json = ordered_json::parse(proto::to_json(findings.statistics));
+    json["file"] = file.string();
+    json["format"] = to_string(findings.report.format);
+    json["faces"] = findings.report.faces;
+    json["spacing"] = findings.spacing;
+    json["bytes"] = findings.bytes;
+    json["sha256"] = findings.sha256;
+    return json;
+}
+
+std::string number(double value) {
+    std::array<char, 64> text{};
+    std::snprintf(text.data(), text.size(), "%.7g", value);
+    return text.data();
+}
+
+std::string triple(const Vec3d& v, const char* between) {
+    return number(v.x()) + between + number(v.y()) + between + number(v.z());
+}
+
+std::string attribute_list(const std::vector<proto::CloudAttribute>& attributes) {
+    std::string list;
+    for (const proto::CloudAttribute& attribute : attributes) {
+        list += (list.empty() ? "" : ", ") + attribute.name + " " + attribute.type;
+        if (attribute.components > 1) list += "x" + std::to_string(attribute.components);
+    }
+    return list;
+}
+
+void print_row(const TextStyle& style, const std::string& name, const std::string& value) {
+    constexpr std::size_t kNameColumns = 12;
+    if (value.empty()) return;
+    const std::string gap(name.size() < kNameColumns ? kNameColumns - name.size() : 1, ' ');
+    std::cerr << style.dim(name) << gap << value << '\n';
+}
+
+void print(const Findings& findings, const Terminal& terminal) {
+    const TextStyle& style = terminal.style();
+    const proto::CloudStatistics& cloud = findings.statistics;
+    const std::string dot = " " + std::string(style.dot()) + " ";
+    print_row(style, "points", style.strong(with_separators(cloud.points)));
+    print_row(style, "encoding",
+              std::string(to_string(findings.report.format)) + dot + cloud.encoding + dot +
+                  readable_bytes(findings.bytes));
+    print_row(style, "attributes", attribute_list(cloud.attributes));
+    if (!cloud.bounds.empty()) {
+        print_row(style, "size",
+                  triple(cloud.bounds.max - cloud.bounds.min, style.unicode ? " × " : " x "));
+        print_row(style, "from", triple(cloud.bounds.min, ", "));
+        print_row(style, "to", triple(cloud.bounds.max, ", "));
+        print_row(style, "spacing", number(findings.spacing));
+    }
+    if (findings.report.faces > 0)
+        print_row(style, "faces", with_separators(findings.report.faces));
+    print_row(style, "not used", losses_line(cloud, style));
+    for (const std::string& comment : cloud.comments) print_row(style, "comment", comment);
+    print_row(style, "sha-256", findings.sha256);
+}
+
+}  // namespace
+
+void run(const InspectCommand& command, const Session& session) {
+    require_input(command.input);
+    RunContext context;
+    context.stop = session.stop;
+    context.threads = command.common.threads;
+    ProgressDisplay display(session.terminal, !command.common.quiet);
+    const Findings findings =
+        naming(command.input, [&] { return look_at(command.input, context, display); });
+    display.finish();
+    const bool figures_alone = command.common.json == "-";
+    if (!command.common.quiet && !figures_alone) print(findings, session.terminal);
+    write_json(command.common.json, figures(command.input, findings));
+}
+
+}  // namespace stipple::cli

@@ -1,0 +1,144 @@
+#include "cli/job_execution.hpp"
+
+#include "stipple/client.hpp"
+#include "stipple/error.hpp"
+#include "stipple/proto/digest.hpp"
+#include "stipple/proto/run_job.hpp"
+
+#include <unistd.h>
+#include <algorithm>
+#include <system_error>
+
+namespace stipple::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+proto::Results execute_here(const proto::JobRequest& request, const fs::path& input,
+                            const fs::path& folder, const JobExecution& execution,
+                            ProgressDisplay& display) {
+    proto::JobSpec spec;
+    spec.request = request;
+    spec.input_file = input.string();
+    spec.output_dir = folder.string();
+    spec.threads = execution.threads;
+
+    proto::Results results;
+    results.request = request;
+    const auto collect = [&](const proto::JobReport& report) {
+        if (report.progress) display.update(report.progress->stage, report.progress->percent / 100);
+        if (report.source) results.source = report.source;
+        if (report.level) results.levels.push_back(*report.level);
+        if (report.cost) results.cost = report.cost;
+    };
+    RunContext context;
+    context.stop = execution.stop;
+    proto::run_job(spec, collect, context);
+    results.complete = true;
+    return results;
+}
+
+/// What a server's progress event says.
+void show(const ClientEvent& event, double from, double to, ProgressDisplay& display) {
+    if (event.type != "progress") return;
+    const proto::JobReport report = proto::job_report_from_json(event.data);
+    if (!report.progress) return;
+    display.update(report.progress->stage, from + (to - from) * report.progress->percent / 100);
+}
+
+/// Nobody waits for it any more: the server need not go on. What fails here was said already.
+void dismiss_quietly(const ServerOptions& server, const std::string& job) {
+    try {
+        Client(server.url,
+               {.api_key = server.api_key, .stop = {}, .timeout = std::chrono::seconds(5)})
+            .dismiss(job);
+    } catch (const std::exception&) {
+    }
+}
+
+/// Files named as a job here names them, so that the rest need not know where it ran.
+void fetch_levels(Client& client, proto::Results& results, const fs::path& folder, double from,
+                  ProgressDisplay& display) {
+    std::uint64_t all = 1, fetched = 0;
+    for (const proto::OutputCloud& level : results.levels)
+        for (const proto::OutputFile& file : level.files) all += file.bytes;
+    for (proto::OutputCloud& level : results.levels) {
+        for (proto::OutputFile& file : level.files) {
+            const std::string name =
+                "level-" + std::to_string(level.level) + "." + std::string(to_string(file.format));
+            client.download(file, folder / name, [&](std::uint64_t done, std::uint64_t) {
+                const double share = static_cast<double>(fetched + done) / static_cast<double>(all);
+                display.update("download", from + (1 - from) * share);
+            });
+            fetched += file.bytes;
+            file.href = name;
+        }
+    }
+}
+
+proto::Results execute_there(proto::JobRequest request, const fs::path& input,
+                             const fs::path& folder, const JobExecution& execution,
+                             ProgressDisplay& display) {
+    constexpr double kUploaded = 0.25,
+                     kComputed = 0.9;  // of all the work, for want of better knowledge
+    const ServerOptions& server = execution.server;
+    Client client(
+        server.url,
+        {.api_key = server.api_key, .stop = execution.stop, .timeout = std::chrono::seconds(60)});
+    display.update("upload", 0);
+    const proto::CloudDocument cloud =
+        client.upload(input, [&](std::uint64_t done, std::uint64_t all) {
+            const double share =
+                static_cast<double>(done) / static_cast<double>(std::max<std::uint64_t>(all, 1));
+            display.update("upload", kUploaded * share);
+        });
+    request.input = cloud.id;
+
+    const std::string job = client.submit(request).id;
+    try {
+        display.update("queued", kUploaded);
+        const proto::JobDocument document = client.follow(
+            job, [&](const ClientEvent& event) { show(event, kUploaded, kComputed, display); });
+        if (document.problem) throw proto::error_from(*document.problem);
+        if (document.status == proto::JobStatus::Dismissed)
+            throw Error(ErrorCode::Conflict, "job " + job + " was dismissed on the server");
+        proto::Results results = client.results(job);
+        fetch_levels(client, results, folder, kComputed, display);
+        return results;
+    } catch (const Cancelled&) {
+        dismiss_quietly(server, job);
+        throw;
+    }
+}
+
+}  // namespace
+
+ScratchFolder::ScratchFolder(const fs::path& parent) {
+    std::string name = (parent / ".stipple-XXXXXX").string();
+    if (::mkdtemp(name.data()) == nullptr) {
+        const int code = errno;
+        throw Error(ErrorCode::InvalidArgument,
+                    parent.string() +
+                        ": nothing can be written there: " + std::generic_category().message(code));
+    }
+    path_ = name;
+}
+
+ScratchFolder::~ScratchFolder() {
+    std::error_code ignored;
+    fs::remove_all(path_, ignored);
+}
+
+proto::Results execute(proto::JobRequest request, const fs::path& input, const fs::path& folder,
+                       const JobExecution& execution, ProgressDisplay& display) {
+    return execution.server.url.empty()
+               ? execute_here(request, input, folder, execution, display)
+               : execute_there(std::move(request), input, folder, execution, display);
+}
+
+fs::path folder_of(const fs::path& file) {
+    const fs::path parent = file.parent_path();
+    return parent.empty() ? fs::path(".") : parent;
+}
+
+}  // namespace stipple::cli

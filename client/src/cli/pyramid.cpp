@@ -1,0 +1,121 @@
+#include "cli/commands.hpp"
+#include "cli/files.hpp"
+#include "cli/job_execution.hpp"
+#include "cli/report.hpp"
+#include "cli/units.hpp"
+#include "stipple/proto/digest.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <fstream>
+#include <iostream>
+
+namespace stipple::cli {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::ordered_json;
+
+void make_folder(const fs::path& folder) {
+    std::error_code error;
+    fs::create_directories(folder, error);
+    if (error || !fs::is_directory(folder))
+        throw Error(ErrorCode::InvalidArgument, folder.string() + ": cannot be made a folder" +
+                                                    (error ? ": " + error.message() : ""));
+}
+
+/// The manifest comes last: while it is missing or old, nobody takes the new files for a whole.
+void publish(const proto::Results& results, const fs::path& scratch, const fs::path& folder) {
+    for (const proto::OutputCloud& level : results.levels)
+        for (const proto::OutputFile& file : level.files)
+            move_into_place(scratch / file.href, folder / file.href);
+    std::ofstream manifest(scratch / "manifest.json", std::ios::binary);
+    manifest << proto::to_json(results) << '\n';
+    manifest.close();
+    if (!manifest)
+        throw Error(ErrorCode::Internal,
+                    (folder / "manifest.json").string() + ": cannot be written");
+    move_into_place(scratch / "manifest.json", folder / "manifest.json");
+}
+
+std::uint64_t bytes_of(const proto::Results& results) {
+    std::uint64_t bytes = 0;
+    for (const proto::OutputCloud& level : results.levels)
+        for (const proto::OutputFile& file : level.files) bytes += file.bytes;
+    return bytes;
+}
+
+std::string right(std::string text, std::size_t columns) {
+    return text.size() < columns ? std::string(columns - text.size(), ' ') + text : text;
+}
+
+/// A row for each level: its points and its files.
+void list_levels(const proto::Results& results) {
+    for (const proto::OutputCloud& level : results.levels) {
+        std::cerr << right(std::to_string(level.level), 4)
+                  << right(with_separators(level.points), 14);
+        for (const proto::OutputFile& file : level.files)
+            std::cerr << right(readable_bytes(file.bytes), 11) << ' ' << to_string(file.format);
+        std::cerr << '\n';
+    }
+}
+
+void summarise(const PyramidCommand& command, const proto::Results& results, double seconds,
+               const Terminal& terminal) {
+    const TextStyle& style = terminal.style();
+    const std::string arrow = " " + std::string(style.arrow()) + " ";
+    const std::size_t levels = results.levels.size();
+    std::cerr << style.strong(with_separators(results.source->points) + " points" + arrow +
+                              std::to_string(levels) + (levels == 1 ? " level" : " levels"))
+              << " in " << readable_seconds(seconds) << ' ' << style.dot() << ' '
+              << readable_bytes(fs::file_size(command.input)) << arrow
+              << readable_bytes(bytes_of(results)) << '\n';
+    if (!terminal.interactive()) return;
+    list_levels(results);
+    const std::string losses = losses_line(*results.source, style);
+    if (!losses.empty()) std::cerr << style.dim(losses) << '\n';
+}
+
+ordered_json figures(const PyramidCommand& command, const proto::Results& results) {
+    ordered_json json;
+    json["input"] = input_json(command.input, *results.source);
+    json["input"]["sha256"] = results.request.input;
+    json["output"] = {{"folder", command.output_folder.string()},
+                      {"levels", ordered_json::parse(proto::to_json(results)).at("levels")},
+                      {"bytes", bytes_of(results)}};
+    json["method"] = "hierarchical";
+    if (results.cost) add_cost(json, *results.cost);
+    return json;
+}
+
+}  // namespace
+
+void run(const PyramidCommand& command, const Session& session) {
+    const auto start = std::chrono::steady_clock::now();
+    require_input(command.input);
+    const bool made = !fs::exists(command.output_folder);
+    make_folder(command.output_folder);
+    try {
+        const ScratchFolder scratch(command.output_folder);
+        ProgressDisplay display(session.terminal, !command.common.quiet);
+        const JobExecution execution{command.server, command.common.threads, session.stop};
+        const proto::Results results = naming(command.input, [&] {
+            const proto::JobRequest request{proto::sha256_of_file(command.input), command.job};
+            return execute(request, command.input, scratch.path(), execution, display);
+        });
+        if (!results.source || results.levels.empty())
+            throw Error(ErrorCode::Internal, "the result of a pyramid job has no levels");
+        publish(results, scratch.path(), command.output_folder);
+        display.finish();
+
+        const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
+        if (!command.common.quiet) summarise(command, results, took.count(), session.terminal);
+        write_json(command.common.json, figures(command, results));
+    } catch (...) {
+        std::error_code not_empty;
+        if (made) fs::remove(command.output_folder, not_empty);
+        throw;
+    }
+}
+
+}  // namespace stipple::cli

@@ -1,0 +1,95 @@
+#include "cli/report.hpp"
+
+#include "cli/units.hpp"
+#include "stipple/error.hpp"
+#include "stipple/proto/digest.hpp"
+
+#include <fstream>
+#include <iostream>
+
+namespace stipple::cli {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::ordered_json;
+
+std::string counted(std::uint64_t count, const std::string& one, const std::string& many) {
+    return with_separators(count) + " " + (count == 1 ? one : many);
+}
+
+std::string joined(const std::vector<std::string>& parts, std::string_view separator) {
+    std::string text;
+    for (const std::string& part : parts)
+        text += (text.empty() ? "" : std::string(separator)) + part;
+    return text;
+}
+
+}  // namespace
+
+std::string summary_line(const Summary& summary, const TextStyle& style) {
+    const std::string arrow = " " + std::string(style.arrow()) + " ";
+    return style.strong(with_separators(summary.points_in) + arrow +
+                        counted(summary.points_out, "point", "points")) +
+           " (" + readable_share(summary.points_out, summary.points_in) + ") in " +
+           readable_seconds(summary.seconds) + " " + std::string(style.dot()) + " " +
+           readable_bytes(summary.bytes_in) + arrow + readable_bytes(summary.bytes_out);
+}
+
+std::string losses_line(const proto::CloudStatistics& source, const TextStyle& style) {
+    std::vector<std::string> removed;
+    if (source.duplicates > 0)
+        removed.push_back(counted(source.duplicates, "duplicate", "duplicates"));
+    if (source.non_finite > 0)
+        removed.push_back(counted(source.non_finite, "point", "points") +
+                          " without finite coordinates");
+
+    std::vector<std::string> losses;
+    if (!removed.empty()) losses.push_back("removed " + joined(removed, ", "));
+    if (!source.skipped.empty()) losses.push_back("left out " + joined(source.skipped, ", "));
+    return joined(losses, " " + std::string(style.dot()) + " ");
+}
+
+void write_json(const std::string& destination, const ordered_json& figures) {
+    if (destination.empty()) return;
+    const std::string text =
+        figures.dump(2, ' ', false, ordered_json::error_handler_t::replace) + "\n";
+    if (destination == "-") {
+        std::cout << text << std::flush;
+        if (!std::cout) throw Error(ErrorCode::Internal, "standard output: cannot be written");
+        return;
+    }
+    const fs::path partial = destination + ".partial-" + proto::random_hex(4);
+    std::ofstream stream(partial, std::ios::binary);
+    stream << text;
+    stream.close();
+    std::error_code error;
+    if (stream) fs::rename(partial, destination, error);
+    if (!stream || error) {
+        std::error_code ignored;
+        fs::remove(partial, ignored);
+        throw Error(ErrorCode::Internal, destination + ": the figures cannot be written there");
+    }
+}
+
+ordered_json input_json(const fs::path& file, const proto::CloudStatistics& source) {
+    ordered_json input = ordered_json::parse(proto::to_json(source));
+    input["file"] = file.string();
+    input["bytes"] = fs::file_size(file);
+    return input;
+}
+
+void add_cost(ordered_json& figures, const proto::JobCost& cost) {
+    figures["threads"] = cost.threads;
+    figures["seconds"] = {{"decode", cost.decode_seconds},
+                          {"simplify", cost.simplify_seconds},
+                          {"encode", cost.encode_seconds},
+                          {"total", cost.total_seconds}};
+    figures["peak_memory_bytes"] = cost.peak_memory_bytes;
+}
+
+ordered_json bounds_json(const Aabb& box) {
+    const auto corner = [](const Vec3d& v) { return ordered_json::array({v.x(), v.y(), v.z()}); };
+    return {{"min", corner(box.min)}, {"max", corner(box.max)}};
+}
+
+}  // namespace stipple::cli

@@ -1,0 +1,80 @@
+#include "cli/commands.hpp"
+#include "cli/files.hpp"
+#include "cli/job_execution.hpp"
+#include "cli/report.hpp"
+#include "stipple/codec.hpp"
+#include "stipple/error.hpp"
+#include "stipple/proto/digest.hpp"
+
+#include <chrono>
+#include <iostream>
+
+namespace stipple::cli {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::ordered_json;
+
+/// Jobs write PLY in little endian; another encoding of the same cloud is made of that.
+void change_encoding(const fs::path& file, const PlyEncodeOptions& options,
+                     proto::OutputFile& output) {
+    write_cloud(read_cloud(file), file, options);
+    output.bytes = fs::file_size(file);
+    output.sha256 = proto::sha256_of_file(file);
+}
+
+ordered_json figures(const SimplifyCommand& command, const proto::Results& results) {
+    const proto::OutputCloud& cloud = results.levels.front();
+    const proto::OutputFile& file = cloud.files.front();
+    ordered_json json;
+    json["input"] = input_json(command.input, *results.source);
+    json["output"] = {{"points", cloud.points},
+                      {"file", command.output.string()},
+                      {"format", to_string(file.format)},
+                      {"bytes", file.bytes},
+                      {"sha256", file.sha256},
+                      {"spacing", cloud.spacing},
+                      {"bounds", bounds_json(cloud.bounds)}};
+    json["method"] = to_string(command.job.options.method);
+    if (results.cost) add_cost(json, *results.cost);
+    return json;
+}
+
+void summarise(const SimplifyCommand& command, const proto::Results& results, double seconds,
+               const Terminal& terminal) {
+    const proto::OutputCloud& cloud = results.levels.front();
+    const TextStyle& style = terminal.style();
+    std::cerr << summary_line({results.source->points, cloud.points, fs::file_size(command.input),
+                               cloud.files.front().bytes, seconds},
+                              style)
+              << '\n';
+    const std::string losses = losses_line(*results.source, style);
+    if (terminal.interactive() && !losses.empty()) std::cerr << style.dim(losses) << '\n';
+}
+
+}  // namespace
+
+void run(const SimplifyCommand& command, const Session& session) {
+    const auto start = std::chrono::steady_clock::now();
+    require_input(command.input);
+    const ScratchFolder scratch(folder_of(command.output));
+    ProgressDisplay display(session.terminal, !command.common.quiet);
+    const JobExecution execution{command.server, command.common.threads, session.stop};
+    proto::Results results = naming(command.input, [&] {
+        return execute({{}, command.job}, command.input, scratch.path(), execution, display);
+    });
+
+    proto::OutputFile& output = only_output(results);
+    const fs::path file = scratch.path() / output.href;
+    if (output.format == CloudFormat::Ply &&
+        command.ply.encoding != PlyEncoding::BinaryLittleEndian)
+        change_encoding(file, command.ply, output);
+    move_into_place(file, command.output);
+    display.finish();
+
+    const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
+    if (!command.common.quiet) summarise(command, results, took.count(), session.terminal);
+    write_json(command.common.json, figures(command, results));
+}
+
+}  // namespace stipple::cli

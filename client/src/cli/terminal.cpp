@@ -1,0 +1,66 @@
+#include "cli/terminal.hpp"
+
+#include <sys/ioctl.h>
+#include <unistd.h>
+#include <algorithm>
+#include <cctype>
+#include <cstdlib>
+
+namespace stipple::cli {
+namespace {
+
+std::string_view environment(const char* name) {
+    const char* const value = std::getenv(name);
+    return value == nullptr ? std::string_view() : value;
+}
+
+std::string painted(bool color, std::string_view code, std::string_view text) {
+    if (!color) return std::string(text);
+    return "\033[" + std::string(code) + "m" + std::string(text) + "\033[0m";
+}
+
+}  // namespace
+
+std::string TextStyle::dim(std::string_view text) const {
+    return painted(color, "2", text);
+}
+std::string TextStyle::strong(std::string_view text) const {
+    return painted(color, "1", text);
+}
+std::string TextStyle::bad(std::string_view text) const {
+    return painted(color, "31", text);
+}
+
+bool locale_is_utf8() {
+    std::string name;
+    for (const char* variable : {"LC_ALL", "LC_CTYPE", "LANG"})
+        if (name.empty()) name = environment(variable);
+    std::transform(name.begin(), name.end(), name.begin(),
+                   [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+    return name.find("utf-8") != name.npos || name.find("utf8") != name.npos;
+}
+
+Terminal::Terminal() : interactive_(::isatty(STDERR_FILENO) == 1 && environment("TERM") != "dumb") {
+    style_.unicode = locale_is_utf8();
+    style_.color = interactive_ && environment("NO_COLOR").empty();  // https://no-color.org
+}
+
+unsigned Terminal::columns() const {
+    winsize size{};
+    const bool known = ::ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0;
+    return known ? size.ws_col : 80;
+}
+
+unsigned display_width(std::string_view text) noexcept {
+    unsigned width = 0;
+    bool escape = false;
+    for (const char c : text) {
+        if (c == '\033') escape = true;
+        const bool continuation = (static_cast<unsigned char>(c) & 0xC0U) == 0x80U;
+        if (!escape && !continuation) ++width;
+        if (escape && c == 'm') escape = false;
+    }
+    return width;
+}
+
+}  // namespace stipple::cli

@@ -1,0 +1,41 @@
+#pragma once
+
+#include <string>
+#include <string_view>
+
+namespace stipple::cli {
+
+/// How text for people may look where it goes.
+struct TextStyle {
+    bool unicode = false;
+    bool color = false;
+
+    std::string_view arrow() const noexcept { return unicode ? "→" : "->"; }
+    std::string_view dot() const noexcept { return unicode ? "·" : "|"; }
+    std::string dim(std::string_view text) const;
+    std::string strong(std::string_view text) const;
+    std::string bad(std::string_view text) const;
+};
+
+/// Whether the locale's character set is UTF-8, by LC_ALL, LC_CTYPE and LANG.
+bool locale_is_utf8();
+
+/// What stands behind standard error.
+class Terminal {
+public:
+    Terminal();
+
+    bool interactive() const noexcept { return interactive_; }
+    const TextStyle& style() const noexcept { return style_; }
+    /// Columns as of now; 80 when nobody knows.
+    unsigned columns() const;
+
+private:
+    bool interactive_;
+    TextStyle style_;
+};
+
+/// Columns that `text` takes: one for each code point, none for colours.
+unsigned display_width(std::string_view text) noexcept;
+
+}  // namespace stipple::cli

@@ -1,0 +1,17 @@
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+namespace stipple::cli {
+
+/// 435545 as `435,545`.
+std::string with_separators(std::uint64_t count);
+/// `310 B`, `60 kB`, `10.4 MB`: three digits at most, powers of 1000.
+std::string readable_bytes(std::uint64_t bytes);
+/// `0.4 ms`, `42 ms`, `1.8 s`, `12 s`, `3 min 20 s`, `2 h 5 min`.
+std::string readable_seconds(double seconds);
+/// `part` of `whole`: `1.1 %`, `25 %`, `<0.1 %`.
+std::string readable_share(std::uint64_t part, std::uint64_t whole);
+
+}  // namespace stipple::cli

@@ -1,0 +1,311 @@
+#include "stipple/client.hpp"
+
+#include "base_url.hpp"
+#include "event_stream.hpp"
+#include "http_connection.hpp"
+#include "stipple/proto/digest.hpp"
+
+#include <unistd.h>
+#include <algorithm>
+#include <charconv>
+#include <condition_variable>
+#include <fstream>
+#include <mutex>
+#include <nlohmann/json.hpp>
+
+namespace stipple {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+using Seconds = std::chrono::duration<double>;
+
+constexpr std::chrono::seconds kLongPoll{20};
+
+/// Waits, and wakes up with `Cancelled` when asked to stop.
+void pause(Seconds time, const std::stop_token& stop) {
+    std::mutex mutex;
+    std::condition_variable_any stopped;
+    std::unique_lock lock(mutex);
+    stopped.wait_for(lock, stop, time, [] { return false; });
+    if (stop.stop_requested()) throw Cancelled();
+}
+
+/// Repeats what may be repeated: when no answer came, or the server asked for a little patience.
+template <typename Call>
+HttpReply with_retries(const std::stop_token& stop, Call&& call) {
+    constexpr int kAttempts = 4;
+    constexpr Seconds kLongestPause{10.0};
+    Seconds delay{0.1};
+    for (int attempt = 1;; ++attempt, delay *= 4) {
+        try {
+            HttpReply reply = call();
+            const bool busy = reply.status == 429 || reply.status == 503;
+            const Seconds asked(reply.retry_after.value_or(delay.count()));
+            if (!busy || attempt == kAttempts || asked > kLongestPause) return reply;
+            pause(std::max(asked, delay), stop);
+        } catch (const ConnectionError&) {
+            if (attempt == kAttempts) throw;
+            pause(delay, stop);
+        }
+    }
+}
+
+/// The reply, when it is a good one. @throws Error for what the server says, or for its not being
+/// ours.
+HttpReply expect_ok(HttpReply reply, const std::string& where) {
+    if (reply.ok()) return reply;
+    if (reply.content_type.starts_with("application/problem+json"))
+        throw proto::error_from(proto::problem_from_json(reply.body));
+    throw Error(ErrorCode::Internal, where + ": answered with status " +
+                                         std::to_string(reply.status) +
+                                         " and no problem document: is it a stippled server?");
+}
+
+/// Ids become part of a path: only what ids are made of may.
+const std::string& checked_id(const std::string& id) {
+    const bool hexadecimal = std::all_of(id.begin(), id.end(), [](char c) {
+        return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'f');
+    });
+    if (id.empty() || !hexadecimal)
+        throw Error(ErrorCode::InvalidArgument,
+                    "id '" + id + "': expected lower-case hexadecimal digits");
+    return id;
+}
+
+/// A cursor is opaque: whatever it holds is kept from being read as more of the query.
+std::string query_escaped(const std::string& text) {
+    static constexpr char kDigits[] = "0123456789ABCDEF";
+    std::string escaped;
+    for (const char c : text) {
+        const auto byte = static_cast<unsigned char>(c);
+        if (std::isalnum(byte) != 0 || c == '-' || c == '_' || c == '.')
+            escaped += c;
+        else
+            escaped += {'%', kDigits[byte >> 4], kDigits[byte & 15]};
+    }
+    return escaped;
+}
+
+bool ends_the_job(const EventStreamParser::Event& event) {
+    if (event.type != "status") return false;
+    const json data = json::parse(event.data, nullptr, false);
+    const auto status = data.is_object() ? data.find("status") : data.end();
+    return status != data.end() && status->is_string() &&
+           proto::is_final(proto::job_status_from_name(status->get<std::string>()));
+}
+
+/// A file that has its name only once it is whole.
+class PartialFile {
+public:
+    explicit PartialFile(const fs::path& destination)
+        : destination_(destination),
+          partial_(destination.string() + ".partial-" + proto::random_hex(4)),
+          stream_(partial_, std::ios::binary) {
+        if (!stream_) fail("cannot be written here");
+    }
+    ~PartialFile() {
+        std::error_code ignored;
+        if (!kept_) fs::remove(partial_, ignored);
+    }
+    PartialFile(const PartialFile&) = delete;
+    PartialFile& operator=(const PartialFile&) = delete;
+
+    void restart() {
+        stream_.close();
+        stream_.open(partial_, std::ios::binary | std::ios::trunc);
+    }
+    void write(std::string_view bytes) {
+        stream_.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+        if (!stream_) fail("cannot be written: is the disk full?");
+    }
+    void keep() {
+        stream_.close();
+        if (!stream_) fail("cannot be written: is the disk full?");
+        fs::rename(partial_, destination_);
+        kept_ = true;
+    }
+
+private:
+    [[noreturn]] void fail(const char* why) const {
+        throw Error(ErrorCode::Internal, destination_.string() + ": " + why);
+    }
+
+    fs::path destination_, partial_;
+    std::ofstream stream_;
+    bool kept_ = false;
+};
+
+}  // namespace
+
+class Client::Implementation {
+public:
+    Implementation(std::string_view base_url, const ClientOptions& options)
+        : http_(parse_base_url(base_url), options.api_key, options.timeout, options.stop) {}
+
+    std::string get(const std::string& path, std::chrono::seconds extra_time = {}) const {
+        const HttpReply reply =
+            with_retries(http_.stop_token(), [&] { return http_.get(path, extra_time); });
+        return expect_ok(reply, where(path)).body;
+    }
+
+    std::string where(const std::string& path) const { return http_.url().text() + path; }
+    const HttpConnection& http() const { return http_; }
+
+private:
+    HttpConnection http_;
+};
+
+Client::Client(std::string_view base_url, ClientOptions options)
+    : implementation_(std::make_unique<Implementation>(base_url, options)) {}
+Client::~Client() = default;
+Client::Client(Client&&) noexcept = default;
+Client& Client::operator=(Client&&) noexcept = default;
+
+proto::CloudDocument Client::upload(const fs::path& file, const ByteProgress& progress) {
+    const HttpConnection& http = implementation_->http();
+    const std::string id = proto::sha256_of_file(file);
+    const HttpReply known =
+        with_retries(http.stop_token(), [&] { return http.get("/v1/clouds/" + id); });
+    if (known.status != 404)
+        return proto::cloud_document_from_json(
+            expect_ok(known, implementation_->where("/v1/clouds/" + id)).body);
+
+    const std::uint64_t bytes = fs::file_size(file);
+    std::ifstream stream(file, std::ios::binary);
+    const auto source = [&](std::uint64_t offset, char* buffer, std::size_t room) -> std::size_t {
+        if (progress) progress(offset, bytes);
+        stream.read(buffer, static_cast<std::streamsize>(room));
+        return static_cast<std::size_t>(stream.gcount());
+    };
+    const HttpReply reply = http.post("/v1/clouds", bytes, source);
+    if (progress) progress(bytes, bytes);
+    return proto::cloud_document_from_json(
+        expect_ok(reply, implementation_->where("/v1/clouds")).body);
+}
+
+proto::CloudDocument Client::cloud(const std::string& id) {
+    return proto::cloud_document_from_json(implementation_->get("/v1/clouds/" + checked_id(id)));
+}
+
+CloudPage Client::clouds(const std::optional<std::string>& cursor) {
+    const std::string query = cursor ? "?cursor=" + query_escaped(*cursor) : "";
+    const json page = json::parse(implementation_->get("/v1/clouds" + query), nullptr, false);
+    if (!page.is_object() || !page.contains("items") || !page["items"].is_array())
+        throw Error(ErrorCode::MalformedInput,
+                    implementation_->where("/v1/clouds") + ": not a page of clouds");
+    CloudPage clouds;
+    for (const json& item : page["items"])
+        clouds.items.push_back(proto::cloud_document_from_json(item.dump()));
+    if (const auto next = page.find("next"); next != page.end() && next->is_string())
+        clouds.next = next->get<std::string>();
+    return clouds;
+}
+
+proto::JobDocument Client::submit(const proto::JobRequest& request, std::string idempotency_key) {
+    if (idempotency_key.empty()) idempotency_key = proto::random_hex(16);
+    const HttpConnection& http = implementation_->http();
+    const HttpHeaders headers = {{"Idempotency-Key", idempotency_key}};
+    const std::string body = proto::to_json(request);
+    const HttpReply reply =
+        with_retries(http.stop_token(), [&] { return http.post("/v1/jobs", headers, body); });
+    return proto::job_document_from_json(expect_ok(reply, implementation_->where("/v1/jobs")).body);
+}
+
+proto::JobDocument Client::job(const std::string& id) {
+    return proto::job_document_from_json(implementation_->get("/v1/jobs/" + checked_id(id)));
+}
+
+proto::JobDocument Client::wait(const std::string& id) {
+    const std::string path =
+        "/v1/jobs/" + checked_id(id) + "?wait=" + std::to_string(kLongPoll.count());
+    for (;;) {
+        proto::JobDocument document =
+            proto::job_document_from_json(implementation_->get(path, kLongPoll));
+        if (proto::is_final(document.status)) return document;
+    }
+}
+
+proto::JobDocument Client::follow(const std::string& id,
+                                  const std::function<void(const ClientEvent&)>& on_event,
+                                  std::uint64_t after) {
+    const HttpConnection& http = implementation_->http();
+    const std::string path = "/v1/jobs/" + checked_id(id) + "/events";
+    bool final = false;
+    const auto deliver = [&](const EventStreamParser::Event& event) {
+        std::uint64_t number = 0;
+        const char* const end = event.id.data() + event.id.size();
+        if (std::from_chars(event.id.data(), end, number).ptr != end || number <= after) return;
+        after = number;
+        on_event({number, event.type, event.data});
+        final = final || ends_the_job(event);
+    };
+    while (!final) {
+        const std::uint64_t before = after;
+        const auto listen = [&] {
+            EventStreamParser parser(deliver);  // what a broken stream left unfinished comes again
+            const HttpHeaders headers = {{"Accept", "text/event-stream"},
+                                         {"Last-Event-ID", std::to_string(after)}};
+            return http.get(path, headers, [&](std::string_view bytes) {
+                parser.feed(bytes);
+                return !final;
+            });
+        };
+        expect_ok(with_retries(http.stop_token(), listen), implementation_->where(path));
+        // A stream that ends with nothing new: the job is over, or the server is going down.
+        if (!final && after == before) {
+            if (proto::is_final(job(id).status)) break;
+            pause(Seconds(0.25), http.stop_token());
+        }
+    }
+    return job(id);
+}
+
+proto::Results Client::results(const std::string& id) {
+    return proto::results_from_json(
+        implementation_->get("/v1/jobs/" + checked_id(id) + "/results"));
+}
+
+void Client::download(const proto::OutputFile& file, const fs::path& destination,
+                      const ByteProgress& progress) {
+    if (!file.href.starts_with('/') || file.href.starts_with("//"))
+        throw Error(ErrorCode::InvalidArgument,
+                    "href '" + file.href + "': expected an absolute path on the server");
+    const HttpConnection& http = implementation_->http();
+    PartialFile partial(destination);
+    std::string sha256;
+    const auto fetch = [&] {
+        proto::Sha256 hash;
+        std::uint64_t received = 0;
+        partial.restart();
+        HttpReply reply = http.get(file.href, {}, [&](std::string_view bytes) {
+            received += bytes.size();
+            if (received > file.bytes) return false;  // not what was promised: the hash will say so
+            hash.update(std::as_bytes(std::span(bytes)));
+            partial.write(bytes);
+            if (progress) progress(received, file.bytes);
+            return true;
+        });
+        sha256 = hash.finish();
+        return reply;
+    };
+    expect_ok(with_retries(http.stop_token(), fetch), implementation_->where(file.href));
+    if (sha256 != file.sha256)
+        throw Error(ErrorCode::Internal,
+                    implementation_->where(file.href) +
+                        ": the bytes that came have another hash than promised: try again");
+    partial.keep();
+}
+
+void Client::dismiss(const std::string& id) {
+    const HttpConnection& http = implementation_->http();
+    const std::string path = "/v1/jobs/" + checked_id(id);
+    expect_ok(with_retries(http.stop_token(), [&] { return http.remove(path); }),
+              implementation_->where(path));
+}
+
+std::string Client::limits() {
+    return implementation_->get("/v1/limits");
+}
+
+}  // namespace stipple

@@ -1,0 +1,142 @@
+#include "http_connection.hpp"
+
+#include <httplib.h>
+#include <array>
+#include <charconv>
+
+namespace stipple {
+namespace {
+
+httplib::Headers with(const HttpHeaders& common, const HttpHeaders& more) {
+    httplib::Headers headers(common.begin(), common.end());
+    headers.insert(more.begin(), more.end());
+    return headers;
+}
+
+/// Retry-After in seconds. Its other form, a date, is not worth a parser: the usual pause does.
+std::optional<double> retry_after(const httplib::Response& response) {
+    const std::string text = response.get_header_value("Retry-After");
+    double seconds = 0;
+    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), seconds);
+    if (error != std::errc() || end != text.data() + text.size()) return std::nullopt;
+    return seconds;
+}
+
+HttpReply reply_of(const httplib::Response& response) {
+    return {response.status, response.get_header_value("Content-Type"), response.body,
+            retry_after(response)};
+}
+
+std::string what_happened(httplib::Error error, std::chrono::seconds waited) {
+    switch (error) {
+        case httplib::Error::Connection:
+            return "cannot connect";
+        case httplib::Error::ConnectionTimeout:
+            return "cannot connect in time";
+        case httplib::Error::Read:
+            return "no answer, or an unfinished one (waited up to " +
+                   std::to_string(waited.count()) + " s)";
+        case httplib::Error::Write:
+            return "the connection closed while the request was being sent";
+        case httplib::Error::SSLConnection:
+        case httplib::Error::SSLLoadingCerts:
+        case httplib::Error::SSLServerVerification:
+            return "no trusted TLS connection";
+        default:
+            return httplib::to_string(error);
+    }
+}
+
+}  // namespace
+
+HttpConnection::HttpConnection(BaseUrl url, const std::string& api_key,
+                               std::chrono::seconds timeout, std::stop_token stop)
+    : url_(std::move(url)), timeout_(timeout), stop_(std::move(stop)) {
+    common_headers_.emplace_back("Accept", "application/json, application/problem+json, */*;q=0.1");
+    common_headers_.emplace_back("Accept-Encoding", "identity");
+    if (!api_key.empty()) common_headers_.emplace_back("Authorization", "Bearer " + api_key);
+}
+
+template <typename Call>
+HttpReply HttpConnection::perform(const std::string& path, std::chrono::seconds extra_time,
+                                  bool ended_by_caller_is_fine, Call&& call) const {
+    constexpr std::chrono::seconds kConnectTime{5};
+    httplib::Client client(url_.text());
+    client.set_connection_timeout(kConnectTime);
+    client.set_read_timeout(timeout_ + extra_time);
+    client.set_write_timeout(timeout_);
+    client.set_follow_location(false);  // the API key is for this address alone
+    client.set_tcp_nodelay(true);
+
+    const std::stop_callback shut_down(stop_, [&] { client.stop(); });
+    if (stop_.stop_requested()) throw Cancelled();
+    const httplib::Result result = call(client);
+    if (stop_.stop_requested()) throw Cancelled();
+    if (!result) {
+        if (ended_by_caller_is_fine && result.error() == httplib::Error::Canceled)
+            return HttpReply{200, {}, {}, {}};
+        throw ConnectionError(url_.text() + path + ": " +
+                              what_happened(result.error(), timeout_ + extra_time) +
+                              ": is stippled running there? (stippled serve)");
+    }
+    return reply_of(*result);
+}
+
+HttpReply HttpConnection::get(const std::string& path, std::chrono::seconds extra_time) const {
+    return perform(path, extra_time, false, [&](httplib::Client& client) {
+        return client.Get(path, with(common_headers_, {}));
+    });
+}
+
+HttpReply HttpConnection::get(const std::string& path, const HttpHeaders& headers,
+                              const Receiver& receiver) const {
+    // The content of a bad reply is a problem document, and not for the receiver.
+    bool good = false;
+    std::string problem;
+    HttpReply reply = perform(path, {}, true, [&](httplib::Client& client) {
+        return client.Get(
+            path, with(common_headers_, headers),
+            [&](const httplib::Response& head) {
+                good = head.status >= 200 && head.status < 300;
+                return true;
+            },
+            [&](const char* data, std::size_t size) {
+                if (good) return receiver({data, size});
+                problem.append(data, size);
+                return problem.size() < 65536;
+            });
+    });
+    if (!reply.ok()) reply.body = std::move(problem);
+    return reply;
+}
+
+HttpReply HttpConnection::post(const std::string& path, const HttpHeaders& headers,
+                               const std::string& body) const {
+    return perform(path, {}, false, [&](httplib::Client& client) {
+        return client.Post(path, with(common_headers_, headers), body, "application/json");
+    });
+}
+
+HttpReply HttpConnection::post(const std::string& path, std::uint64_t bytes,
+                               const Source& source) const {
+    std::vector<char> buffer(std::size_t{1} << 18);
+    const auto provide = [&](std::size_t offset, std::size_t length, httplib::DataSink& sink) {
+        if (stop_.stop_requested()) return false;
+        const std::size_t size = source(offset, buffer.data(), std::min(length, buffer.size()));
+        return size > 0 && sink.write(buffer.data(), size);
+    };
+    // The server answers once all is hashed and durable: give the disk the time that the wire had.
+    constexpr std::chrono::seconds kTimeToStore{120};
+    return perform(path, kTimeToStore, false, [&](httplib::Client& client) {
+        return client.Post(path, with(common_headers_, {}), bytes, provide,
+                           "application/octet-stream");
+    });
+}
+
+HttpReply HttpConnection::remove(const std::string& path) const {
+    return perform(path, {}, false, [&](httplib::Client& client) {
+        return client.Delete(path, with(common_headers_, {}));
+    });
+}
+
+}  // namespace stipple

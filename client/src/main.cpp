@@ -1,0 +1,40 @@
+#include "cli/command_line.hpp"
+#include "cli/commands.hpp"
+#include "cli/interrupt.hpp"
+#include "stipple/error.hpp"
+
+#include <algorithm>
+#include <iostream>
+
+namespace {
+
+using namespace stipple::cli;
+
+constexpr int kRuntimeFailure = 1, kUsageFailure = 2, kSignalBase = 128;
+
+/// One line, whatever a file may have smuggled into the message.
+int fail(const Terminal& terminal, std::string message, int exit_code) {
+    std::replace_if(
+        message.begin(), message.end(), [](unsigned char c) { return c < 0x20 || c == 0x7f; }, ' ');
+    std::cerr << terminal.style().bad("stipple:") << ' ' << message << '\n';
+    return exit_code;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+    const InterruptWatch interrupt;
+    const Session session{Terminal(), interrupt.token()};
+    try {
+        const Command command = parse_command_line({argv + 1, argv + argc});
+        std::visit([&](const auto& c) { run(c, session); }, command);
+        return 0;
+    } catch (const UsageError& error) {
+        return fail(session.terminal, error.what(), kUsageFailure);
+    } catch (const stipple::Cancelled&) {
+        return fail(session.terminal, "stopped; nothing was written",
+                    kSignalBase + interrupt.signal());
+    } catch (const std::exception& error) {
+        return fail(session.terminal, error.what(), kRuntimeFailure);
+    }
+}

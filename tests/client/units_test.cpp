@@ -1,0 +1,48 @@
+#include "cli/units.hpp"
+
+#include <gtest/gtest.h>
+
+namespace stipple::cli {
+namespace {
+
+TEST(Units, SeparateThousands) {
+    EXPECT_EQ(with_separators(0), "0");
+    EXPECT_EQ(with_separators(999), "999");
+    EXPECT_EQ(with_separators(1000), "1,000");
+    EXPECT_EQ(with_separators(435'545), "435,545");
+    EXPECT_EQ(with_separators(12'345'678), "12,345,678");
+}
+
+TEST(Units, ShowBytesWithThreeDigitsAtMost) {
+    EXPECT_EQ(readable_bytes(0), "0 B");
+    EXPECT_EQ(readable_bytes(999), "999 B");
+    EXPECT_EQ(readable_bytes(1000), "1 kB");
+    EXPECT_EQ(readable_bytes(60'000), "60 kB");
+    EXPECT_EQ(readable_bytes(10'400'000), "10.4 MB");
+    EXPECT_EQ(readable_bytes(999'600), "1 MB");
+    EXPECT_EQ(readable_bytes(123'456), "123 kB");
+    EXPECT_EQ(readable_bytes(2'147'483'648), "2.1 GB");
+}
+
+TEST(Units, ShowTimesAsPeopleSayThem) {
+    EXPECT_EQ(readable_seconds(0.0004), "0.4 ms");
+    EXPECT_EQ(readable_seconds(0.042), "42 ms");
+    EXPECT_EQ(readable_seconds(0.9999), "1 s");
+    EXPECT_EQ(readable_seconds(1.84), "1.8 s");
+    EXPECT_EQ(readable_seconds(12.3), "12 s");
+    EXPECT_EQ(readable_seconds(59.6), "1 min 0 s");
+    EXPECT_EQ(readable_seconds(200), "3 min 20 s");
+    EXPECT_EQ(readable_seconds(7500), "2 h 5 min");
+}
+
+TEST(Units, ShowSharesWithoutFalsePrecision) {
+    EXPECT_EQ(readable_share(5000, 435'545), "1.1 %");
+    EXPECT_EQ(readable_share(1, 4), "25 %");
+    EXPECT_EQ(readable_share(1, 1), "100 %");
+    EXPECT_EQ(readable_share(1, 1'000'000), "<0.1 %");
+    EXPECT_EQ(readable_share(0, 10), "0 %");
+    EXPECT_EQ(readable_share(0, 0), "0 %");
+}
+
+}  // namespace
+}  // namespace stipple::cli
