@@ -1,0 +1,270 @@
+#include "cases.hpp"
+
+#include "peers.hpp"
+#include "report.hpp"
+#include "stipple/codec.hpp"
+#include "stipple/hierarchical_clustering.hpp"
+#include "stipple/lod_pyramid.hpp"
+#include "stipple/neighbors.hpp"
+
+#include <fcntl.h>
+#include <unistd.h>
+#include <cstring>
+#include <memory>
+#include <optional>
+#include <span>
+#include <stdexcept>
+
+namespace stipple::bench {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+std::string described(const Model& model) {
+    return model.name + (model.synthetic() ? " (synthetic)" : "") + ": " +
+           with_commas(model.cloud.size()) + " points";
+}
+
+RunContext on_threads(unsigned threads) {
+    RunContext context;
+    context.threads = threads;
+    return context;
+}
+
+HierarchicalClusteringOptions exactly(std::uint64_t target, Representative representative) {
+    HierarchicalClusteringOptions options;
+    options.target_size = target;
+    options.representative = representative;
+    return options;
+}
+
+/// All bytes of the file by read(), the least that any reader must do.
+void read_all(const fs::path& file, std::span<std::byte> bytes) {
+    const int descriptor = ::open(file.c_str(), O_RDONLY | O_CLOEXEC);
+    if (descriptor < 0) throw std::runtime_error("cannot open " + file.string());
+    while (!bytes.empty()) {
+        const ssize_t got = ::read(descriptor, bytes.data(), bytes.size());
+        if (got <= 0) break;
+        bytes = bytes.subspan(static_cast<std::size_t>(got));
+    }
+    ::close(descriptor);
+    if (!bytes.empty()) throw std::runtime_error("cannot read " + file.string());
+}
+
+/// Reads into memory that was touched before, or into fresh memory as a reader of one file has to.
+Contestant raw_bytes(const fs::path& file, bool touched_before) {
+    const std::size_t size = fs::file_size(file);
+    const auto buffer = std::make_shared<std::unique_ptr<std::byte[]>>();
+    return {.name = touched_before ? "read() into a warm buffer" : "read() into a fresh buffer",
+            .run = [=]() -> std::any {
+                if (!touched_before) *buffer = std::make_unique_for_overwrite<std::byte[]>(size);
+                read_all(file, {buffer->get(), size});
+                return {};
+            },
+            .prepare =
+                [=] {
+                    buffer->reset();
+                    if (!touched_before) return;
+                    *buffer = std::make_unique_for_overwrite<std::byte[]>(size);
+                    std::memset(buffer->get(), 1, size);
+                }};
+}
+
+/// How much of `ours` has the same distances in `theirs`, of 1. Indices may differ among equals.
+double agreement(const NeighborLists& ours, const NeighborLists& theirs) {
+    if (ours.offsets != theirs.offsets) return 0;
+    std::size_t same = 0;
+    for (std::size_t i = 0; i < ours.distances_sq.size(); ++i)
+        same +=
+            std::abs(ours.distances_sq[i] - theirs.distances_sq[i]) <= 1e-6F * ours.distances_sq[i];
+    return static_cast<double>(same) / static_cast<double>(ours.distances_sq.size());
+}
+
+struct CgalRun {
+    std::any points;
+    std::size_t kept = 0;
+};
+
+/// A CGAL function that reorders its points in place and says how many it keeps.
+Contestant cgal_contestant(Session& session, const Model& model, const std::string& name,
+                           const std::function<std::size_t(std::any&)>& simplify) {
+    const auto state = std::make_shared<CgalRun>();
+    return {.name = name,
+            .run = [=]() -> std::any {
+                state->kept = simplify(state->points);
+                return {};
+            },
+            .prepare = [=, &model] { state->points = cgal_points(model.cloud); },
+            .figures =
+                [=, &session, &model](const std::any&) {
+                    auto figures =
+                        session.error_figures(model, from_cgal(state->points, state->kept));
+                    state->points.reset();
+                    return figures;
+                }};
+}
+
+Contestant stipple_contestant(Session& session, const Model& model, const std::string& name,
+                              Representative representative, std::uint64_t target,
+                              unsigned threads) {
+    const HierarchicalClusteringOptions options = exactly(target, representative);
+    return {.name = name,
+            .run = [=, &model]() -> std::any {
+                return hierarchical_clustering(model.cloud, options, on_threads(threads));
+            },
+            .figures =
+                [&](const std::any& value) {
+                    return session.error_figures(model, std::any_cast<const PointCloud&>(value));
+                }};
+}
+
+}  // namespace
+
+void read_ply(Session& session, const std::string& name, const std::string& model_name,
+              bool ascii) {
+    const fs::path file = session.models().ply_file(model_name, ascii);
+    const TriangleMesh& mesh = session.models().get(model_name).mesh;
+    for (const unsigned threads : session.options().threads) {
+        std::vector<Contestant> contestants;
+        contestants.push_back({.name = "stipple read_cloud", .run = [=]() -> std::any {
+                                   return read_cloud(file, {}, on_threads(threads));
+                               }});
+        if (have_cgal())
+            contestants.push_back(
+                {.name = "CGAL read_PLY", .run = [=] { return cgal_read_ply(file); }});
+        contestants.push_back(raw_bytes(file, false));
+        contestants.push_back(raw_bytes(file, true));
+        session.contest({.name = name,
+                         .threads = threads,
+                         .work = model_name + ": " + with_commas(mesh.vertices.size()) +
+                                 " points, " + with_commas(mesh.triangles.size()) + " triangles, " +
+                                 with_commas(fs::file_size(file)) + " bytes " +
+                                 (ascii ? "of text" : "in little endian"),
+                         .units = mesh.vertices.size()},
+                        std::move(contestants));
+    }
+}
+
+void neighbors(Session& session, const std::string& name, const std::string& model_name,
+               unsigned k) {
+    const Model& model = session.models().get(model_name);
+    const std::span<const Vec3f> points = model.cloud.positions;
+    for (const unsigned threads : session.options().threads) {
+        const auto ours = std::make_shared<NeighborLists>();
+        std::vector<Contestant> contestants;
+        contestants.push_back({.name = "stipple k_nearest_neighbors",
+                               .run = [=]() -> std::any {
+                                   return k_nearest_neighbors(points, k, on_threads(threads));
+                               },
+                               .figures =
+                                   [=](const std::any& value) {
+                                       *ours = std::any_cast<const NeighborLists&>(value);
+                                       return std::vector<Figure>{};
+                                   }});
+        contestants.push_back(
+            {.name = "nanoflann",
+             .run = [=]() -> std::any { return nanoflann_nearest_neighbors(points, k, threads); },
+             .figures =
+                 [=](const std::any& value) {
+                     const double same =
+                         agreement(*ours, std::any_cast<const NeighborLists&>(value));
+                     *ours = {};
+                     return std::vector<Figure>{{"% same distances", 100 * same, 3}};
+                 }});
+        session.contest({.name = name,
+                         .threads = threads,
+                         .work = described(model) + ", k = " + std::to_string(k) +
+                                 ", index built and all lists written",
+                         .units = points.size()},
+                        std::move(contestants));
+    }
+}
+
+void hierarchical(Session& session, const std::string& name, const std::string& model_name,
+                  std::uint64_t target) {
+    const Model& model = session.models().get(model_name);
+    for (const unsigned threads : session.options().threads) {
+        std::vector<Contestant> contestants;
+        const auto add = [&](const std::string& kind, Representative representative) {
+            contestants.push_back(stipple_contestant(session, model, "stipple " + kind,
+                                                     representative, target, threads));
+        };
+        add("surface", Representative::Surface);
+        add("nearest", Representative::Nearest);
+        add("centroid", Representative::Centroid);
+        if (have_cgal() && session.invited("CGAL hierarchy")) {
+            const unsigned size = session.tuned_cgal_size(model, target);
+            contestants.push_back(cgal_contestant(
+                session, model, "CGAL hierarchy (size " + std::to_string(size) + ")",
+                [=](std::any& points) { return cgal_hierarchy(points, size); }));
+        }
+        if (have_cgal())
+            contestants.push_back(
+                cgal_contestant(session, model, "CGAL random",
+                                [=](std::any& points) { return cgal_random(points, target); }));
+        session.contest({.name = name,
+                         .threads = threads,
+                         .work = described(model) + " -> " + with_commas(target) +
+                                 "; CGAL uses one thread; distances are 10^-4 of the diagonal",
+                         .units = model.cloud.size()},
+                        std::move(contestants));
+    }
+}
+
+void pyramid(Session& session, const std::string& name, const std::string& model_name) {
+    const Model& model = session.models().get(model_name);
+    for (const unsigned threads : session.options().threads) {
+        const LodPyramidOptions options;
+        const std::vector<std::uint64_t> sizes = lod_sizes(model.cloud.size(), options);
+        std::vector<Contestant> contestants;
+        contestants.push_back(
+            {.name = "stipple build_lod_pyramid", .run = [=, &model]() -> std::any {
+                 build_lod_pyramid(
+                     model.cloud, options, [](LodLevel&&) {}, on_threads(threads));
+                 return {};
+             }});
+        if (sizes.size() > 1)
+            contestants.push_back(
+                {.name = "its finest cut alone", .run = [=, &model]() -> std::any {
+                     const std::uint64_t finest = sizes[sizes.size() - 2];
+                     return hierarchical_clustering(
+                         model.cloud, exactly(finest, options.representative), on_threads(threads));
+                 }});
+        session.contest({.name = name,
+                         .threads = threads,
+                         .work = described(model) + ", " + std::to_string(sizes.size()) +
+                                 " levels from " + with_commas(sizes.front()),
+                         .units = model.cloud.size()},
+                        std::move(contestants));
+    }
+}
+
+void encode(Session& session, const std::string& name, const std::string& model_name) {
+    const Model& model = session.models().get(model_name);
+    const auto size_figure = [&model](const std::any& value) {
+        const auto bytes =
+            static_cast<double>(std::any_cast<const std::vector<std::byte>&>(value).size());
+        return std::vector<Figure>{
+            {"bits/point", 8 * bytes / static_cast<double>(model.cloud.size())}};
+    };
+    const auto draco = [&](const std::string& coding_name, DracoCoding coding) {
+        return Contestant{.name = coding_name,
+                          .run = [=, &model]() -> std::any {
+                              return encode_draco(model.cloud, {.coding = coding, .precision = {}},
+                                                  on_threads(1));
+                          },
+                          .figures = size_figure};
+    };
+    std::vector<Contestant> contestants;
+    contestants.push_back(draco("Draco kd-tree, 14 bits", DracoCoding::KdTree));
+    contestants.push_back(draco("Draco sequential, 14 bits", DracoCoding::Sequential));
+    contestants.push_back({.name = "PLY little endian",
+                           .run = [&model]() -> std::any { return encode_ply(model.cloud); },
+                           .figures = size_figure});
+    session.contest(
+        {.name = name, .threads = 1, .work = described(model), .units = model.cloud.size()},
+        std::move(contestants));
+}
+
+}  // namespace stipple::bench

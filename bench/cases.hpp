@@ -1,0 +1,77 @@
+#pragma once
+
+#include "contest.hpp"
+#include "models.hpp"
+#include "surface_distance.hpp"
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace stipple::bench {
+
+/// What the command line asked for.
+struct BenchOptions {
+    std::string filter;       ///< a case runs when its name holds this
+    std::string contestants;  ///< and of it those contestants whose names hold this
+    unsigned repeat = 5;      ///< timed rounds after the warm-up
+    std::vector<unsigned> threads = {1, 2};
+    std::size_t samples = 100'000;  ///< of the error measure; 0: no error
+    std::filesystem::path models;   ///< folder with the scans
+    std::filesystem::path json;     ///< where to write the results, or empty
+};
+
+/// What one case found with one number of threads.
+struct CaseResult {
+    std::string name;
+    unsigned threads = 1;
+    std::string work;       ///< `igea: 134,345 points -> 5,000`
+    std::size_t units = 0;  ///< points (or bytes) of work, for the rate
+    std::vector<Standing> standings = {};
+};
+
+/// What the cases share: models, the meters of error, and what was measured so far.
+class Session {
+public:
+    explicit Session(BenchOptions options)
+        : options_(std::move(options)), models_(options_.models) {}
+
+    const BenchOptions& options() const { return options_; }
+    Models& models() { return models_; }
+    const std::vector<CaseResult>& results() const { return results_; }
+
+    /// Holds the contest among those contestants that the options let in, and prints it.
+    void contest(CaseResult head, std::vector<Contestant> contestants);
+
+    /// Whether a contestant of that name takes part: what it needs can be left out when not.
+    bool invited(const std::string& contestant) const;
+
+    /// The error of `simplified` against the model, as figures times 10^4; measured once for equal
+    /// clouds.
+    std::vector<Figure> error_figures(const Model& model, const PointCloud& simplified);
+
+    /// CGAL's cluster size whose result comes nearest to `target` points, found by bisection.
+    unsigned tuned_cgal_size(const Model& model, std::uint64_t target);
+
+private:
+    const SurfaceMeter& meter(const Model& model);
+
+    BenchOptions options_;
+    Models models_;
+    std::vector<CaseResult> results_;
+    std::map<std::string, std::unique_ptr<SurfaceMeter>> meters_;
+    std::map<std::string, SurfaceDistance> errors_;  // by model and hash of the simplified cloud
+    std::map<std::string, unsigned> cgal_sizes_;     // by model and target
+};
+
+// The cases: what each compares is said in the list at the top of main.cpp.
+void read_ply(Session& session, const std::string& name, const std::string& model, bool ascii);
+void neighbors(Session& session, const std::string& name, const std::string& model, unsigned k);
+void hierarchical(Session& session, const std::string& name, const std::string& model,
+                  std::uint64_t target);
+void pyramid(Session& session, const std::string& name, const std::string& model);
+void encode(Session& session, const std::string& name, const std::string& model);
+
+}  // namespace stipple::bench

@@ -1,0 +1,100 @@
+#include "contest.hpp"
+
+#include <malloc.h>
+#include <algorithm>
+#include <ctime>
+#include <fstream>
+#include <sstream>
+
+namespace stipple::bench {
+
+namespace {
+
+double seconds(clockid_t clock) {
+    timespec now{};
+    ::clock_gettime(clock, &now);
+    return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+}
+
+/// A `VmRSS` or `VmHWM` line of the process, in bytes; 0 where there is no /proc.
+std::size_t status_bytes(const std::string& field) {
+    std::ifstream status("/proc/self/status");
+    for (std::string line; std::getline(status, line);) {
+        if (!line.starts_with(field + ":")) continue;
+        std::size_t kilobytes = 0;
+        std::istringstream(line.substr(field.size() + 1)) >> kilobytes;
+        return kilobytes * 1024;
+    }
+    return 0;
+}
+
+void reset_peak() {
+    std::ofstream("/proc/self/clear_refs") << "5";
+}
+
+std::any run_once(const Contestant& contestant, Timing& timing) {
+    contestant.prepare();
+    ::malloc_trim(0);
+    reset_peak();
+    const std::size_t before = status_bytes("VmRSS");
+    const double wall = seconds(CLOCK_MONOTONIC), cpu = seconds(CLOCK_PROCESS_CPUTIME_ID);
+    std::any value = contestant.run();
+    timing.wall_s = seconds(CLOCK_MONOTONIC) - wall;
+    timing.cpu_s = seconds(CLOCK_PROCESS_CPUTIME_ID) - cpu;
+    const std::size_t peak = status_bytes("VmHWM");
+    timing.peak_bytes = peak > before ? peak - before : 0;
+    return value;
+}
+
+double median(std::vector<double> values) {
+    std::sort(values.begin(), values.end());
+    const std::size_t half = values.size() / 2;
+    return values.size() % 2 == 1 ? values[half] : 0.5 * (values[half - 1] + values[half]);
+}
+
+std::vector<double> times(const Standing& standing, double Timing::*time) {
+    std::vector<double> values;
+    for (const Timing& run : standing.runs) values.push_back(run.*time);
+    return values;
+}
+
+}  // namespace
+
+double Standing::median_wall() const {
+    return median(times(*this, &Timing::wall_s));
+}
+double Standing::median_cpu() const {
+    return median(times(*this, &Timing::cpu_s));
+}
+double Standing::best_wall() const {
+    return std::ranges::min(times(*this, &Timing::wall_s));
+}
+double Standing::worst_wall() const {
+    return std::ranges::max(times(*this, &Timing::wall_s));
+}
+
+std::size_t Standing::peak_bytes() const {
+    return std::ranges::max_element(runs, {}, &Timing::peak_bytes)->peak_bytes;
+}
+
+std::vector<Standing> hold_contest(const std::vector<Contestant>& contestants, unsigned rounds) {
+    std::vector<Standing> standings;
+    for (const Contestant& contestant : contestants) {
+        Timing warm_up;
+        const std::any value = run_once(contestant, warm_up);
+        standings.push_back({contestant.name, {}, contestant.figures(value)});
+    }
+    for (unsigned round = 0; round < rounds; ++round)
+        for (std::size_t i = 0; i < contestants.size(); ++i)
+            run_once(contestants[i], standings[i].runs.emplace_back());
+    return standings;
+}
+
+double median_ratio(const Standing& ours, const Standing& other, double Timing::*time) {
+    std::vector<double> ratios;
+    for (std::size_t i = 0; i < ours.runs.size(); ++i)
+        ratios.push_back(other.runs[i].*time / ours.runs[i].*time);
+    return median(ratios);
+}
+
+}  // namespace stipple::bench

@@ -1,0 +1,126 @@
+#include "report.hpp"
+
+#include <algorithm>
+#include <iomanip>
+#include <ostream>
+#include <sstream>
+
+namespace stipple::bench {
+
+namespace {
+
+std::string fixed(double value, int decimals) {
+    std::ostringstream out;
+    out << std::fixed << std::setprecision(decimals) << value;
+    return out.str();
+}
+
+/// Three significant digits are enough for a time.
+std::string milliseconds(double seconds) {
+    const double ms = 1e3 * seconds;
+    return fixed(ms, ms < 10 ? 2 : ms < 100 ? 1 : 0);
+}
+
+using Row = std::vector<std::string>;
+
+Row heading(const CaseResult& result) {
+    Row row = {"contestant", "wall ms", "best",       "worst",    "CPU ms",
+               "M/s",        "+MB",     "wall ratio", "CPU ratio"};
+    const auto widest = std::ranges::max_element(
+        result.standings, {}, [](const Standing& standing) { return standing.figures.size(); });
+    for (const Figure& figure : widest->figures) row.push_back(figure.name);
+    return row;
+}
+
+Row row_of(const CaseResult& result, const Standing& standing) {
+    const Standing& first = result.standings.front();
+    Row row = {standing.name,
+               milliseconds(standing.median_wall()),
+               milliseconds(standing.best_wall()),
+               milliseconds(standing.worst_wall()),
+               milliseconds(standing.median_cpu()),
+               fixed(1e-6 * static_cast<double>(result.units) / standing.median_wall(), 2),
+               fixed(1e-6 * static_cast<double>(standing.peak_bytes()), 0),
+               fixed(median_ratio(first, standing, &Timing::wall_s), 2),
+               fixed(median_ratio(first, standing, &Timing::cpu_s), 2)};
+    for (const Figure& figure : standing.figures)
+        row.push_back(fixed(figure.value, figure.decimals));
+    return row;
+}
+
+void print_row(std::ostream& out, const Row& row, std::size_t columns) {
+    out << '|';
+    for (std::size_t i = 0; i < columns; ++i) out << ' ' << (i < row.size() ? row[i] : "") << " |";
+    out << '\n';
+}
+
+std::string quoted(const std::string& text) {
+    std::string escaped = "\"";
+    for (const char c : text) {
+        if (c == '"' || c == '\\') escaped += '\\';
+        escaped += c;
+    }
+    return escaped + '"';
+}
+
+void write_runs(std::ostream& out, const Standing& standing) {
+    const char* separator = "";
+    for (const Timing& run : standing.runs) {
+        out << separator << "{\"wall_s\":" << run.wall_s << ",\"cpu_s\":" << run.cpu_s
+            << ",\"peak_bytes\":" << run.peak_bytes << '}';
+        separator = ",";
+    }
+}
+
+void write_standing(std::ostream& out, const Standing& standing) {
+    out << "{\"contestant\":" << quoted(standing.name) << ",\"runs\":[";
+    write_runs(out, standing);
+    out << "],\"figures\":{";
+    const char* separator = "";
+    for (const Figure& figure : standing.figures) {
+        out << separator << quoted(figure.name) << ':' << figure.value;
+        separator = ",";
+    }
+    out << "}}";
+}
+
+}  // namespace
+
+std::string with_commas(std::uint64_t value) {
+    std::string digits = std::to_string(value);
+    for (std::size_t i = digits.size(); i > 3; i -= 3) digits.insert(i - 3, 1, ',');
+    return digits;
+}
+
+void print(std::ostream& out, const CaseResult& result) {
+    out << "\n### " << result.name << ", " << result.threads
+        << (result.threads == 1 ? " thread" : " threads") << "\n"
+        << result.work << "\n\n";
+    const Row head = heading(result);
+    print_row(out, head, head.size());
+    print_row(out, Row(head.size(), "---"), head.size());
+    for (const Standing& standing : result.standings)
+        print_row(out, row_of(result, standing), head.size());
+    out.flush();
+}
+
+void write_json(std::ostream& out, const std::vector<CaseResult>& results) {
+    out << std::setprecision(9) << "[";
+    const char* separator = "\n";
+    for (const CaseResult& result : results) {
+        out << separator << "{\"case\":" << quoted(result.name) << ",\"threads\":" << result.threads
+            << ",\"work\":" << quoted(result.work) << ",\"units\":" << result.units
+            << ",\"standings\":[";
+        const char* between = "\n  ";
+        for (const Standing& standing : result.standings) {
+            out << between;
+            write_standing(out, standing);
+            between = ",\n  ";
+        }
+        out << "]}";
+        separator = ",\n";
+    }
+    out << "\n]\n";
+}
+
+}  // namespace stipple::bench

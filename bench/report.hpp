@@ -1,0 +1,20 @@
+#pragma once
+
+#include "cases.hpp"
+
+#include <iosfwd>
+#include <string>
+#include <vector>
+
+namespace stipple::bench {
+
+/// 437645 as `437,645`.
+std::string with_commas(std::uint64_t value);
+
+/// One case as a Markdown table, ratios against its first contestant.
+void print(std::ostream& out, const CaseResult& result);
+
+/// All runs of all cases, for a program.
+void write_json(std::ostream& out, const std::vector<CaseResult>& results);
+
+}  // namespace stipple::bench
