@@ -55,21 +55,22 @@ SampleMoments moments_about(const SampleSpan& samples, const Vec3f& reference) {
         }
     };
     const std::size_t whole = samples.size / 4 * 4;
-    for (std::size_t i = 0; i < whole;) {
-        const std::size_t end = std::min(whole, i + 4 * kFlush);
-        for (; i < end; i += 4) add(Group(samples, i, reference));
-        flush();
+    std::size_t i = 0;
+    for (; i + 4 * kFlush <= whole; flush()) {
+        for (const std::size_t end = i + 4 * kFlush; i < end; i += 4) add(Group(samples, i, reference));
     }
-    if (whole < samples.size) {
-        add(Group::tail(samples, whole, reference));
-        flush();
-    }
+    for (; i < whole; i += 4) add(Group(samples, i, reference));
+    if (i < samples.size) add(Group::tail(samples, i, reference));
+    flush();
     const double n = static_cast<double>(samples.size);
     const Vec3d d(total[0] / n, total[1] / n, total[2] / n);
-    return {
-        reference.cast<double>() + d,
-        {total[3] - n * d.x() * d.x(), total[4] - n * d.x() * d.y(), total[5] - n * d.x() * d.z(),
-         total[6] - n * d.y() * d.y(), total[7] - n * d.y() * d.z(), total[8] - n * d.z() * d.z()}};
+    SampleMoments moments;
+    moments.centroid = reference.cast<double>() + d;
+    moments.scatter = {total[3] - n * d.x() * d.x(), total[4] - n * d.x() * d.y(),
+                       total[5] - n * d.x() * d.z(), total[6] - n * d.y() * d.y(),
+                       total[7] - n * d.y() * d.z(), total[8] - n * d.z() * d.z()};
+    moments.eigenvalues = eigenvalues(moments.scatter);
+    return moments;
 }
 
 /// The plane that splits a cluster: through its centroid, across the direction of largest extent.
@@ -78,7 +79,7 @@ struct SplitPlane {
     float offset;
 
     explicit SplitPlane(const SampleMoments& moments) {
-        const Vec3d direction = eigenvector(moments.scatter, eigenvalues(moments.scatter)[2]);
+        const Vec3d direction = eigenvector(moments.scatter, moments.eigenvalues[2]);
         reference = moments.centroid.cast<float>();
         normal = direction.cast<float>();
         offset = static_cast<float>(direction.dot(moments.centroid - reference.cast<double>()));
@@ -87,6 +88,15 @@ struct SplitPlane {
         return g.x * normal.x() + g.y * normal.y() + g.z * normal.z() < offset;
     }
 };
+
+/// Copies n values, four at a time: most clusters are so small that a call to memcpy costs more.
+template <typename T>
+void copy_four(const T* from, std::size_t n, T* to) noexcept {
+    static_assert(sizeof(T) == 4);
+    std::size_t i = 0;
+    for (; i + 4 <= n; i += 4) __builtin_memcpy(to + i, from + i, 16);
+    for (; i < n; ++i) to[i] = from[i];
+}
 
 /// Moves the samples left of the plane to the front and the others behind them, both in their
 /// order. `scratch` has as many.
@@ -124,10 +134,10 @@ Index partition(const MutableSampleSpan& s, const SplitPlane& plane,
             ++at;
         }
     }
-    std::copy_n(scratch.x, back, s.x + front);
-    std::copy_n(scratch.y, back, s.y + front);
-    std::copy_n(scratch.z, back, s.z + front);
-    std::copy_n(scratch.index, back, s.index + front);
+    copy_four(scratch.x, back, s.x + front);
+    copy_four(scratch.y, back, s.y + front);
+    copy_four(scratch.z, back, s.z + front);
+    copy_four(scratch.index, back, s.index + front);
     return static_cast<Index>(front);
 }
 
@@ -138,7 +148,7 @@ Index partition(const MutableSampleSpan& s, const SplitPlane& plane,
 double priority_of(const ClusterNode& node) {
     if (!node.can_split()) return -1;
     constexpr double kFlat = 0.02;
-    return node.moments.scatter.trace() * (kFlat + std::sqrt(node.variation()));
+    return node.moments.scatter.trace() * (kFlat + std::sqrt(node.moments.variation()));
 }
 
 /// Where rounding leaves all samples on one side of the plane, halves them along the longest axis.
@@ -260,11 +270,6 @@ std::vector<ClusterNode> grow_branch(const ClusterNode& leaf, const Workspace& s
 }
 
 }  // namespace
-
-double ClusterNode::variation() const noexcept {
-    const double total = moments.scatter.trace();
-    return total > 0 ? std::max(0.0, eigenvalues(moments.scatter)[0]) / total : 0.0;
-}
 
 SampleMoments moments_of(const SampleSpan& samples) {
     return moments_about(samples, samples.position(0));

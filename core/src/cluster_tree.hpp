@@ -4,6 +4,7 @@
 #include "stipple/run_context.hpp"
 #include "symmetric_eigen.hpp"
 
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -57,7 +58,14 @@ private:
 /// Where some samples are and how they spread.
 struct SampleMoments {
     Vec3d centroid = Vec3d::Zero();
-    Symmetric3 scatter;  ///< sum of (p - centroid)(p - centroid)^T, Eq. 1
+    Symmetric3 scatter;                   ///< sum of (p - centroid)(p - centroid)^T, Eq. 1
+    std::array<double, 3> eigenvalues{};  ///< of the scatter, ascending
+
+    /// Surface variation (Eq. 5).
+    double variation() const noexcept {
+        const double total = scatter.trace();
+        return total > 0 ? std::max(0.0, eigenvalues[0]) / total : 0.0;
+    }
 };
 
 /// The moments of at least one sample. Differences to the first are taken in float, so large
@@ -75,8 +83,6 @@ struct ClusterNode {
     Index size() const noexcept { return end - begin; }
     bool is_split() const noexcept { return right != 0; }
     bool can_split() const noexcept { return size() > 1; }
-    /// Surface variation (Eq. 5).
-    double variation() const noexcept;
 };
 
 /// A cut through the tree: cluster i is the samples `offsets[i] .. offsets[i + 1]`.

@@ -73,16 +73,14 @@ struct HeightSums {
             }
         };
         const std::size_t whole = samples.size / 4 * 4;
-        constexpr std::size_t kFlush = 128;
-        for (std::size_t i = 0; i < whole;) {
-            const std::size_t end = std::min(whole, i + kFlush);
-            for (; i < end; i += 4) add(Group(samples, i, reference));
-            flush();
+        constexpr std::size_t kFlush = 128;  // samples summed up in floats
+        std::size_t i = 0;
+        for (; i + kFlush <= whole; flush()) {
+            for (const std::size_t end = i + kFlush; i < end; i += 4) add(Group(samples, i, reference));
         }
-        if (whole < samples.size) {
-            add(Group::tail(samples, whole, reference));
-            flush();
-        }
+        for (; i < whole; i += 4) add(Group(samples, i, reference));
+        if (i < samples.size) add(Group::tail(samples, i, reference));
+        flush();
         for (int lane = 0; lane < 4; ++lane) {
             w_min = std::min(w_min, static_cast<double>(low[lane]));
             w_max = std::max(w_max, static_cast<double>(high[lane]));
@@ -92,7 +90,7 @@ struct HeightSums {
 
 /// The centroid moved along the normal onto w = a + b u^2 + c v^2, fitted by least squares.
 Vec3d surface_point(const SampleSpan& samples, const SampleMoments& moments) {
-    const auto lambda = eigenvalues(moments.scatter);
+    const auto& lambda = moments.eigenvalues;
     if (samples.size < kMinSurfaceFit || !(lambda[1] > 0)) return moments.centroid;
     const Vec3d longest = eigenvector(moments.scatter, lambda[2]);
     Frame frame;

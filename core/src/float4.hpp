@@ -62,8 +62,8 @@ inline void store_packed(T* out, const T* lanes, unsigned mask) noexcept {
 }
 
 inline double sum(Float4 v) noexcept {
-    return (static_cast<double>(v[0]) + static_cast<double>(v[1])) +
-           (static_cast<double>(v[2]) + static_cast<double>(v[3]));
+    const Float4 pairs = v + __builtin_shufflevector(v, v, 2, 3, 0, 1);
+    return static_cast<double>(pairs[0]) + static_cast<double>(pairs[1]);
 }
 
 /// Four points relative to a reference; what is missing at the end stands at the reference, where

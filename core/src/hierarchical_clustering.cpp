@@ -49,7 +49,7 @@ Cut grow_clusters(ClusterTree& tree, const HierarchicalClusteringOptions& option
     tree.grow(
         [&options](const ClusterNode& node) {
             return (options.max_cluster_size && node.size() > *options.max_cluster_size) ||
-                   (options.max_variation && node.variation() > *options.max_variation);
+                   (options.max_variation && node.moments.variation() > *options.max_variation);
         },
         context);
     return tree.leaves();
