@@ -1,6 +1,6 @@
 #include "cluster_tree.hpp"
 
-#include "float4.hpp"
+#include "cluster_kernels.hpp"
 #include "parallel_for.hpp"
 
 #include <tbb/task_group.h>
@@ -16,7 +16,7 @@
 // Follows: Pauly, Gross, Kobbelt 2002, §3.1; Shaffer and Garland 2001 (the same partition with a
 // queue, for meshes).
 //
-// Coordinates lie in arrays of their own and are taken four at a time. Splitting a cluster is two
+// Coordinates lie in arrays of their own and are taken eight at a time. Splitting a cluster is two
 // passes: one that moves its points to either side, keeping their order, and one that takes the
 // moments of the two halves while they are in the cache. Moments are sums of differences to a point
 // of the cluster, in floats over a few samples and in doubles over all. Nothing is derived from a
@@ -30,115 +30,30 @@ namespace stipple {
 
 namespace {
 
-constexpr std::size_t kParallelGrain = 16'384;  // samples below which a subtree is one task
-constexpr std::size_t kFlush = 32;              // groups of four summed up in floats
+constexpr std::size_t kParallelGrain = 8'192;  // samples below which a subtree is one task
 
 /// Moments relative to `reference`, which should be near the samples' centroid.
-SampleMoments moments_about(const SampleSpan& samples, const Vec3f& reference) {
-    std::array<Float4, 9> part{};
-    std::array<double, 9> total{};
-    const auto add = [&part](const Group& g) {
-        part[0] += g.x;
-        part[1] += g.y;
-        part[2] += g.z;
-        part[3] += g.x * g.x;
-        part[4] += g.x * g.y;
-        part[5] += g.x * g.z;
-        part[6] += g.y * g.y;
-        part[7] += g.y * g.z;
-        part[8] += g.z * g.z;
-    };
-    const auto flush = [&] {
-        for (std::size_t k = 0; k < total.size(); ++k) {
-            total[k] += sum(part[k]);
-            part[k] = Float4{};
-        }
-    };
-    const std::size_t whole = samples.size / 4 * 4;
-    std::size_t i = 0;
-    for (; i + 4 * kFlush <= whole; flush()) {
-        for (const std::size_t end = i + 4 * kFlush; i < end; i += 4) add(Group(samples, i, reference));
-    }
-    for (; i < whole; i += 4) add(Group(samples, i, reference));
-    if (i < samples.size) add(Group::tail(samples, i, reference));
-    flush();
+SampleMoments moments_about(const SampleSpan& samples, const std::array<float, 3>& reference) {
+    const SampleSums s = cluster_kernels().sums(samples, reference);
     const double n = static_cast<double>(samples.size);
-    const Vec3d d(total[0] / n, total[1] / n, total[2] / n);
+    const double x = s[0] / n, y = s[1] / n, z = s[2] / n;
     SampleMoments moments;
-    moments.centroid = reference.cast<double>() + d;
-    moments.scatter = {total[3] - n * d.x() * d.x(), total[4] - n * d.x() * d.y(),
-                       total[5] - n * d.x() * d.z(), total[6] - n * d.y() * d.y(),
-                       total[7] - n * d.y() * d.z(), total[8] - n * d.z() * d.z()};
+    moments.centroid =
+        Vec3d(static_cast<double>(reference[0]) + x, static_cast<double>(reference[1]) + y,
+              static_cast<double>(reference[2]) + z);
+    moments.scatter = {s[3] - n * x * x, s[4] - n * x * y, s[5] - n * x * z,
+                       s[6] - n * y * y, s[7] - n * y * z, s[8] - n * z * z};
     moments.eigenvalues = eigenvalues(moments.scatter);
     return moments;
 }
 
-/// The plane that splits a cluster: through its centroid, across the direction of largest extent.
-struct SplitPlane {
-    Vec3f reference, normal;
-    float offset;
-
-    explicit SplitPlane(const SampleMoments& moments) {
-        const Vec3d direction = eigenvector(moments.scatter, moments.eigenvalues[2]);
-        reference = moments.centroid.cast<float>();
-        normal = direction.cast<float>();
-        offset = static_cast<float>(direction.dot(moments.centroid - reference.cast<double>()));
-    }
-    Int4 left_of(const Group& g) const noexcept {
-        return g.x * normal.x() + g.y * normal.y() + g.z * normal.z() < offset;
-    }
-};
-
-/// Copies n values, four at a time: most clusters are so small that a call to memcpy costs more.
-template <typename T>
-void copy_four(const T* from, std::size_t n, T* to) noexcept {
-    static_assert(sizeof(T) == 4);
-    std::size_t i = 0;
-    for (; i + 4 <= n; i += 4) __builtin_memcpy(to + i, from + i, 16);
-    for (; i < n; ++i) to[i] = from[i];
-}
-
-/// Moves the samples left of the plane to the front and the others behind them, both in their
-/// order. `scratch` has as many.
-Index partition(const MutableSampleSpan& s, const SplitPlane& plane,
-                const MutableSampleSpan& scratch) {
-    std::size_t front = 0, back = 0;
-    const std::size_t whole = s.size / 4 * 4;
-    // Neither side is longer than what was read, so a store of four reaches no further than the
-    // four just read.
-    for (std::size_t i = 0; i < whole; i += 4) {
-        const unsigned left = lane_bits(plane.left_of(Group(s, i, plane.reference)));
-        const unsigned right = ~left & 15U;
-        store_packed(scratch.x + back, s.x + i, right);
-        store_packed(scratch.y + back, s.y + i, right);
-        store_packed(scratch.z + back, s.z + i, right);
-        store_packed(scratch.index + back, s.index + i, right);
-        store_packed(s.x + front, s.x + i, left);
-        store_packed(s.y + front, s.y + i, left);
-        store_packed(s.z + front, s.z + i, left);
-        store_packed(s.index + front, s.index + i, left);
-        const auto count = static_cast<std::size_t>(std::popcount(left));
-        front += count;
-        back += 4 - count;
-    }
-    if (whole < s.size) {
-        const unsigned left = lane_bits(plane.left_of(Group::tail(s, whole, plane.reference)));
-        for (std::size_t i = whole; i < s.size; ++i) {
-            const bool is_left = (left >> (i - whole) & 1U) != 0;
-            const MutableSampleSpan& to = is_left ? s : scratch;
-            std::size_t& at = is_left ? front : back;
-            to.x[at] = s.x[i];
-            to.y[at] = s.y[i];
-            to.z[at] = s.z[i];
-            to.index[at] = s.index[i];
-            ++at;
-        }
-    }
-    copy_four(scratch.x, back, s.x + front);
-    copy_four(scratch.y, back, s.y + front);
-    copy_four(scratch.z, back, s.z + front);
-    copy_four(scratch.index, back, s.index + front);
-    return static_cast<Index>(front);
+/// Through the centroid, across the direction of largest extent.
+SplitPlane split_plane(const SampleMoments& moments) {
+    const Vec3d direction = eigenvector(moments.scatter, moments.eigenvalues[2]);
+    const Vec3f reference = moments.centroid.cast<float>(), normal = direction.cast<float>();
+    return {{reference.x(), reference.y(), reference.z()},
+            {normal.x(), normal.y(), normal.z()},
+            static_cast<float>(direction.dot(moments.centroid - reference.cast<double>()))};
 }
 
 /// What splitting a cluster is worth: its total variation (Eq. 3), which keeps the spacing even,
@@ -150,6 +65,17 @@ double priority_of(const ClusterNode& node) {
     constexpr double kFlat = 0.02;
     return node.moments.scatter.trace() * (kFlat + std::sqrt(node.moments.variation()));
 }
+
+/// A node in the order of splitting: a total order in which a parent stands before its children.
+struct Ranked {
+    double priority;
+    Index begin, size, id;
+
+    bool operator<(const Ranked& other) const noexcept {
+        if (priority != other.priority) return priority > other.priority;
+        return begin != other.begin ? begin < other.begin : size > other.size;
+    }
+};
 
 /// Where rounding leaves all samples on one side of the plane, halves them along the longest axis.
 Index halve(const MutableSampleSpan& s) {
@@ -186,11 +112,17 @@ struct Workspace {
     MutableSampleSpan samples, scratch;
 };
 
+Workspace workspace_in(Samples& storage) {
+    const std::size_t n = storage.size() / 2;
+    return {storage.all().part(0, n), storage.all().part(n, 2 * n)};
+}
+
 /// Splits `node` in two. @return left and right.
 std::pair<ClusterNode, ClusterNode> split(const ClusterNode& node, const Workspace& space) {
     const MutableSampleSpan samples = space.samples.part(node.begin, node.end);
-    const SplitPlane plane(node.moments);
-    Index front = partition(samples, plane, space.scratch.part(node.begin, node.end));
+    const SplitPlane plane = split_plane(node.moments);
+    auto front = static_cast<Index>(
+        cluster_kernels().partition(samples, plane, space.scratch.part(node.begin, node.end)));
     if (front == 0 || front == node.size()) front = halve(samples);
 
     ClusterNode left, right;
@@ -272,13 +204,13 @@ std::vector<ClusterNode> grow_branch(const ClusterNode& leaf, const Workspace& s
 }  // namespace
 
 SampleMoments moments_of(const SampleSpan& samples) {
-    return moments_about(samples, samples.position(0));
+    return moments_about(samples, {samples.x[0], samples.y[0], samples.z[0]});
 }
 
 ClusterTree::ClusterTree(std::span<const Vec3f> points, const RunContext& context)
-    : samples_(points.size()), scratch_(points.size()) {
+    : size_(points.size()), storage_(2 * points.size()) {
     assert(!points.empty());
-    const MutableSampleSpan samples = samples_.all();
+    const MutableSampleSpan samples = workspace_in(storage_).samples;
     parallel_for_blocks(points.size(), 65'536, context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {
             samples.x[i] = points[i].x();
@@ -301,55 +233,59 @@ void ClusterTree::grow(const std::function<bool(const ClusterNode&)>& wanted,
         if (!nodes_[id].is_split() && nodes_[id].can_split() && wanted(nodes_[id]))
             open.push_back(id);
     }
+    const Workspace space = workspace_in(storage_);
+    if (context.thread_count() == 1) {
+        for (const Index id : open) grow_here(nodes_, id, space, wanted, context);
+        return;
+    }
     std::vector<std::vector<ClusterNode>> branches(open.size());
     with_threads(context, [&] {
         tbb::parallel_for(std::size_t{0}, open.size(), [&](std::size_t i) {
-            branches[i] =
-                grow_branch(nodes_[open[i]], {samples_.all(), scratch_.all()}, wanted, context);
+            branches[i] = grow_branch(nodes_[open[i]], space, wanted, context);
         });
     });
     for (std::size_t i = 0; i < open.size(); ++i) graft(nodes_, open[i], std::move(branches[i]));
 }
 
 Cut ClusterTree::cut(std::uint64_t size, const RunContext& context) {
-    assert(size >= 1 && size <= samples_.size());
+    assert(size >= 1 && size <= size_);
     // Most clusters larger than the average will be split: grow those at once, depth first, while
     // they are in the cache.
-    const double likely = 1.5 * static_cast<double>(samples_.size()) / static_cast<double>(size);
+    nodes_.reserve(4 * size);
+    const double likely = 1.5 * static_cast<double>(size_) / static_cast<double>(size);
     grow([likely](const ClusterNode& node) { return node.size() > likely; }, context);
 
-    const auto first =
-        [this](Index a, Index b) {  // a total order in which a parent stands before its children
-            const ClusterNode &p = nodes_[a], &q = nodes_[b];
-            if (p.priority != q.priority) return p.priority > q.priority;
-            return p.begin != q.begin ? p.begin < q.begin : p.size() > q.size();
-        };
     const std::size_t splits = size - 1;
-    std::vector<Index> order;
+    std::vector<Ranked> chosen;
+    const auto consider = [&](std::size_t first_node) {
+        for (std::size_t id = first_node; id < nodes_.size(); ++id) {
+            const ClusterNode& node = nodes_[id];
+            if (node.can_split()) {
+                chosen.push_back({node.priority, node.begin, node.size(), static_cast<Index>(id)});
+            }
+        }
+        if (chosen.size() <= splits) return;
+        std::nth_element(chosen.begin(), chosen.begin() + static_cast<std::ptrdiff_t>(splits),
+                         chosen.end());
+        chosen.resize(splits);
+    };
+    consider(0);
     while (true) {
-        order.clear();
-        for (Index id = 0; id < nodes_.size(); ++id) {
-            if (nodes_[id].can_split()) order.push_back(id);
+        std::vector<Index> leaves;
+        for (const Ranked& ranked : chosen) {
+            if (!nodes_[ranked.id].is_split()) leaves.push_back(ranked.id);
         }
-        const std::size_t chosen = std::min(splits, order.size());
-        std::nth_element(order.begin(), order.begin() + static_cast<std::ptrdiff_t>(chosen),
-                         order.end(), first);
-        order.resize(chosen);
-        std::vector<char> is_chosen(nodes_.size());
-        bool complete = chosen == splits;
-        for (const Index id : order) {
-            is_chosen[id] = 1;
-            complete = complete && nodes_[id].is_split();
-        }
-        if (complete) return cut_where([&](Index id) { return is_chosen[id] != 0; });
-        split_leaves(order, context);  // their children may take the place of others: look again
+        if (leaves.empty()) break;
+        const std::size_t old_size = nodes_.size();
+        split_leaves(leaves, context);
+        consider(old_size);  // the children may take the place of others, never of their parents
     }
+    std::vector<char> is_chosen(nodes_.size());
+    for (const Ranked& ranked : chosen) is_chosen[ranked.id] = 1;
+    return cut_where([&](Index id) { return is_chosen[id] != 0; });
 }
 
-void ClusterTree::split_leaves(std::span<const Index> nodes, const RunContext& context) {
-    std::vector<Index> leaves;
-    std::ranges::copy_if(nodes, std::back_inserter(leaves),
-                         [this](Index id) { return !nodes_[id].is_split(); });
+void ClusterTree::split_leaves(std::vector<Index> leaves, const RunContext& context) {
     std::ranges::sort(leaves);
     const std::size_t old_size = nodes_.size();
     nodes_.resize(old_size + 2 * leaves.size());
@@ -359,7 +295,7 @@ void ClusterTree::split_leaves(std::span<const Index> nodes, const RunContext& c
             node.left = static_cast<Index>(old_size + 2 * i);
             node.right = node.left + 1;
             std::tie(nodes_[node.left], nodes_[node.right]) =
-                split(node, {samples_.all(), scratch_.all()});
+                split(node, workspace_in(storage_));
         }
     });
 }

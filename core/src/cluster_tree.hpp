@@ -1,5 +1,6 @@
 #pragma once
 
+#include "samples.hpp"
 #include "stipple/point_cloud.hpp"
 #include "stipple/run_context.hpp"
 #include "symmetric_eigen.hpp"
@@ -7,53 +8,10 @@
 #include <array>
 #include <cstdint>
 #include <functional>
-#include <memory>
 #include <span>
-#include <type_traits>
 #include <vector>
 
 namespace stipple {
-
-/// Some points by their coordinates, and their numbers in the cloud; one array each, so that vector
-/// code reads them as they lie.
-template <bool kMutable>
-struct BasicSampleSpan {
-    template <typename T>
-    using Pointer = std::conditional_t<kMutable, T*, const T*>;
-    Pointer<float> x, y, z;
-    Pointer<Index> index;
-    std::size_t size = 0;
-
-    BasicSampleSpan part(std::size_t begin, std::size_t end) const noexcept {
-        return {x + begin, y + begin, z + begin, index + begin, end - begin};
-    }
-    Vec3f position(std::size_t i) const noexcept { return {x[i], y[i], z[i]}; }
-    operator BasicSampleSpan<false>() const noexcept { return {x, y, z, index, size}; }
-};
-using SampleSpan = BasicSampleSpan<false>;
-using MutableSampleSpan = BasicSampleSpan<true>;
-
-/// Room for samples; not initialised, since touching memory twice costs more than a level of the
-/// tree.
-class Samples {
-public:
-    explicit Samples(std::size_t n)
-        : size_(n),
-          coordinates_(std::make_unique_for_overwrite<float[]>(3 * n)),
-          index_(std::make_unique_for_overwrite<Index[]>(n)) {}
-
-    std::size_t size() const noexcept { return size_; }
-    MutableSampleSpan all() noexcept {
-        float* x = coordinates_.get();
-        return {x, x + size_, x + 2 * size_, index_.get(), size_};
-    }
-    SampleSpan all() const noexcept { return const_cast<Samples*>(this)->all(); }
-
-private:
-    std::size_t size_;
-    std::unique_ptr<float[]> coordinates_;  ///< all x, then all y, then all z
-    std::unique_ptr<Index[]> index_;
-};
 
 /// Where some samples are and how they spread.
 struct SampleMoments {
@@ -111,14 +69,14 @@ public:
     Cut leaves() const;
 
     /// The points, cluster by cluster, left before right.
-    SampleSpan samples() const noexcept { return samples_.all(); }
+    SampleSpan samples() const noexcept { return storage_.all().part(0, size_); }
 
 private:
-    void split_leaves(std::span<const Index> nodes, const RunContext& context);
+    void split_leaves(std::vector<Index> leaves, const RunContext& context);
     Cut cut_where(const std::function<bool(Index)>& descends) const;
 
-    Samples samples_;
-    Samples scratch_;  ///< as large, for the half that moves
+    std::size_t size_;
+    Samples storage_;  ///< the samples, and as many places again for the half that moves
     std::vector<ClusterNode> nodes_;
 };
 

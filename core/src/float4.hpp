@@ -1,6 +1,6 @@
 #pragma once
 
-#include "cluster_tree.hpp"
+#include "samples.hpp"
 
 #include <array>
 #include <cstdint>

@@ -13,13 +13,14 @@
 namespace stipple {
 
 /// Runs `work` where TBB uses the threads of `context`, also when those are more than the machine
-/// has.
+/// has. Where it does so already, in an outer call, nothing is set up anew.
 template <typename Work>
 void with_threads(const RunContext& context, Work&& work) {
-    const unsigned threads = context.thread_count();
+    const auto threads = static_cast<int>(context.thread_count());
+    if (threads == 1 || tbb::this_task_arena::max_concurrency() == threads) return work();
     const tbb::global_control allow(tbb::global_control::max_allowed_parallelism,
-                                    std::max(threads, 2U));
-    tbb::task_arena(static_cast<int>(threads)).execute(std::forward<Work>(work));
+                                    static_cast<std::size_t>(threads));
+    tbb::task_arena(threads).execute(std::forward<Work>(work));
 }
 
 /// Calls `body(begin, end)` for the blocks of `block` indices that make up 0..n, on the threads of

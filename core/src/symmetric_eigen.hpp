@@ -49,24 +49,26 @@ inline std::array<double, 3> eigenvalues(const Symmetric3& a) noexcept {
 /// A unit eigenvector of an extreme eigenvalue `value`. Where the eigenspace is a plane or
 /// everything, one of its vectors.
 inline Vec3d eigenvector(const Symmetric3& a, double value) noexcept {
-    const double scale = largest_entry(a) + std::abs(value);
-    const double by = scale > 0 ? 1.0 / scale : 0.0;  // so that no product under- or overflows
-    const std::array<Vec3d, 3> rows = {by * Vec3d(a.xx - value, a.xy, a.xz),
-                                       by * Vec3d(a.xy, a.yy - value, a.yz),
-                                       by * Vec3d(a.xz, a.yz, a.zz - value)};
+    const Symmetric3 shifted = {a.xx - value, a.xy, a.xz, a.yy - value, a.yz, a.zz - value};
+    const double scale = largest_entry(shifted);
+    if (!(scale > 0)) return Vec3d::UnitX();
+    const double by = 1.0 / scale;  // so that no product under- or overflows
+    const std::array<Vec3d, 3> rows = {by * Vec3d(shifted.xx, shifted.xy, shifted.xz),
+                                       by * Vec3d(shifted.xy, shifted.yy, shifted.yz),
+                                       by * Vec3d(shifted.xz, shifted.yz, shifted.zz)};
+    // The rows span what is orthogonal to the eigenvector.
     const std::array<Vec3d, 3> crossed = {rows[0].cross(rows[1]), rows[1].cross(rows[2]),
                                           rows[2].cross(rows[0])};
-    const auto longer = [](const Vec3d& p, const Vec3d& q) {
-        return p.squaredNorm() < q.squaredNorm();
-    };
-    const Vec3d& best = *std::max_element(crossed.begin(), crossed.end(), longer);
-    const Vec3d& row = *std::max_element(rows.begin(), rows.end(), longer);
-    // The rows span what is orthogonal to the eigenvector; when they are parallel it may be
-    // anything across them.
+    const std::array<double, 3> length_sq = {crossed[0].squaredNorm(), crossed[1].squaredNorm(),
+                                             crossed[2].squaredNorm()};
+    const std::size_t best = length_sq[0] >= length_sq[1] ? (length_sq[0] >= length_sq[2] ? 0 : 2)
+                                                          : (length_sq[1] >= length_sq[2] ? 1 : 2);
     constexpr double kParallel = 1e-20;
-    const double row_sq = row.squaredNorm();
-    if (best.squaredNorm() > kParallel * row_sq * row_sq) return best.normalized();
-    if (!(row_sq > 0)) return Vec3d::UnitX();
+    if (length_sq[best] > kParallel) return crossed[best] / std::sqrt(length_sq[best]);
+
+    // They are parallel: it may be anything across them.
+    const Vec3d& row =
+        *std::ranges::max_element(rows, {}, [](const Vec3d& r) { return r.squaredNorm(); });
     const Vec3d axis =
         std::abs(row.x()) <= std::abs(row.y()) && std::abs(row.x()) <= std::abs(row.z())
             ? Vec3d::UnitX()

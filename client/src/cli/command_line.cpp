@@ -33,7 +33,7 @@ const Names<PlyEncoding> kPlyEncodings = {{"le", PlyEncoding::BinaryLittleEndian
 
 /// What the options are read into before they are checked and mean something.
 struct Values {
-    std::string input, output, method = "hierarchical", representative = "surface";
+    std::string input, output, method = "hierarchical", representative = "nearest";
     std::optional<std::uint64_t> points, max_cluster_size;
     std::optional<double> ratio, max_error, max_variation, precision;
     std::uint64_t seed = 0;
@@ -85,7 +85,7 @@ void add_server(CLI::App& command, Values& values) {
 void add_representative(CLI::App& command, Values& values) {
     command
         .add_option("--representative", values.representative,
-                    "surface (default), nearest or centroid")
+                    "nearest (default), surface or centroid")
         ->type_name("KIND");
     command
         .add_option("--reduce", values.reductions,

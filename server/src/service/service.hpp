@@ -3,6 +3,7 @@
 #include "store/blob_store.hpp"
 #include "store/job_store.hpp"
 
+#include <algorithm>
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
@@ -25,6 +26,14 @@ struct Limits {
     QueueLimits queue;
     std::chrono::seconds retention{7 * 24 * 3600};
     std::chrono::seconds max_wait{60};  ///< longest long poll
+
+    /// The memory of a job on so many bytes: 1 GiB and 1,024 times the input, at most
+    /// `max_job_memory_bytes`. A cloud of any use needs less, and a file of 33 bytes that asks for
+    /// everything is stopped in a fraction of a second.
+    std::uint64_t memory_for(std::uint64_t input_bytes) const noexcept {
+        constexpr std::uint64_t kBase = 1ULL << 30;
+        return std::min(max_job_memory_bytes, kBase + 1024 * input_bytes);
+    }
 };
 
 /// What each route means: no HTTP, no JSON text. One object for all threads. Every call names the

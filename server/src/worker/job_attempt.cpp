@@ -73,16 +73,16 @@ void JobAttempt::run_in(const fs::path& folder, JobRunner& runner) {
     }
     output_ = folder / "output";
     conclude(runner.run(
-        spec_for(input->path(), output_),
-        [this](const proto::JobReport& report) { on_report(report); }, stop_.get_token()));
+        spec_for(*input, output_), [this](const proto::JobReport& report) { on_report(report); },
+        stop_.get_token()));
 }
 
-proto::JobSpec JobAttempt::spec_for(const fs::path& input, const fs::path& output) const {
+proto::JobSpec JobAttempt::spec_for(const BlobReader& input, const fs::path& output) const {
     return {.request = lease_.request,
-            .input_file = input.string(),
+            .input_file = input.path().string(),
             .output_dir = output.string(),
             .limits = limits_.decode,
-            .max_memory_bytes = limits_.max_job_memory_bytes,
+            .max_memory_bytes = limits_.memory_for(input.size()),
             .max_cpu_seconds = limits_.max_job_cpu_seconds,
             .max_file_bytes = limits_.max_job_output_bytes,
             .threads = options_.threads_per_job};

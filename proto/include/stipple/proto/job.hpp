@@ -33,7 +33,7 @@ struct PyramidJob {
 ///
 ///     {"type": "simplify", "input": "<sha-256>", "method": "hierarchical", "points": 5000 | "ratio": 0.01 |
 ///      "max_cluster_size": 50 and/or "max_variation": 0.05,
-///      "representative": "surface" | "centroid" | "nearest", "seed": 0, "reductions": {"intensity": "mean"},
+///      "representative": "nearest" | "surface" | "centroid", "seed": 0, "reductions": {"intensity": "mean"},
 ///      "format": "ply" | "drc", "draco": {"position_bits": 14, "precision": 0.001, "normal_bits": 10, "coding": "auto"}}
 ///     {"type": "pyramid", "input": "<sha-256>", "levels": [1000, 10000] | "ratio": 4, "base_points": 10000,
 ///      "representative": …, "reductions": …, "formats": ["drc", "ply"], "draco": {…}}

@@ -1,0 +1,167 @@
+// No header of its own: cluster_kernels.cpp includes it once for each instruction set, in a
+// namespace of its own. It uses eight lanes as the compiler makes them of what the set has; only
+// packing is written for each.
+
+using Float8 = float __attribute__((vector_size(32)));
+using Int8 = std::int32_t __attribute__((vector_size(32)));
+
+constexpr std::size_t kLanes = 8;
+constexpr std::size_t kFlush = 16;  // groups of eight summed up in floats
+
+struct Group {
+    Float8 x, y, z;
+};
+
+inline Float8 load(const float* from) noexcept {
+    Float8 v;
+    __builtin_memcpy(&v, from, sizeof v);
+    return v;
+}
+
+/// Eight samples relative to a reference.
+inline Group whole_group(const SampleSpan& s, std::size_t i,
+                         const std::array<float, 3>& reference) noexcept {
+    return {load(s.x + i) - reference[0], load(s.y + i) - reference[1],
+            load(s.z + i) - reference[2]};
+}
+
+/// The last samples; what is missing stands at the reference, where it adds nothing.
+inline Group last_group(const SampleSpan& s, std::size_t i,
+                        const std::array<float, 3>& reference) noexcept {
+    std::array<std::array<float, kLanes>, 3> padded;
+    for (std::size_t axis = 0; axis < 3; ++axis) padded[axis].fill(reference[axis]);
+    for (std::size_t j = 0; i + j < s.size; ++j) {
+        padded[0][j] = s.x[i + j];
+        padded[1][j] = s.y[i + j];
+        padded[2][j] = s.z[i + j];
+    }
+    return {load(padded[0].data()) - reference[0], load(padded[1].data()) - reference[1],
+            load(padded[2].data()) - reference[2]};
+}
+
+#if defined(STIPPLE_KERNELS_AVX2)
+
+inline unsigned lane_bits(Int8 mask) noexcept {
+    return static_cast<unsigned>(_mm256_movemask_ps(reinterpret_cast<__m256>(mask)));
+}
+
+/// Writes the lanes chosen by the bits of `mask` to `out`, packed, in order; up to seven behind
+/// them become anything.
+template <typename T>
+inline void store_packed(T* out, const T* lanes, unsigned mask) noexcept {
+    const __m256i v = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(lanes));
+    const __m256i order = _mm256_cvtepu8_epi32(
+        _mm_loadl_epi64(reinterpret_cast<const __m128i*>(&kPackedLanes[mask])));
+    _mm256_storeu_si256(reinterpret_cast<__m256i*>(out), _mm256_permutevar8x32_epi32(v, order));
+}
+
+#else
+
+inline unsigned lane_bits(Int8 mask) noexcept {
+    unsigned bits = 0;
+    for (unsigned half = 0; half < 2; ++half) {
+        std::array<std::int32_t, 4> lanes;
+        __builtin_memcpy(lanes.data(), reinterpret_cast<const char*>(&mask) + 16 * half, 16);
+        Int4 part;
+        __builtin_memcpy(&part, lanes.data(), 16);
+        bits |= stipple::lane_bits(part) << (4 * half);
+    }
+    return bits;
+}
+
+template <typename T>
+inline void store_packed(T* out, const T* lanes, unsigned mask) noexcept {
+    // Both halves are read before either is written: they may be the place that is written to.
+    std::array<T, kLanes> copy;
+    __builtin_memcpy(copy.data(), lanes, sizeof copy);
+    stipple::store_packed(out, copy.data(), mask & 15U);
+    stipple::store_packed(out + std::popcount(mask & 15U), copy.data() + 4, mask >> 4U);
+}
+
+#endif
+
+/// Copies n values, eight at a time: most clusters are so small that a call to memcpy costs more.
+template <typename T>
+inline void copy(const T* from, std::size_t n, T* to) noexcept {
+    std::size_t i = 0;
+    for (; i + kLanes <= n; i += kLanes) __builtin_memcpy(to + i, from + i, kLanes * sizeof(T));
+    for (; i < n; ++i) to[i] = from[i];
+}
+
+std::size_t partition(const MutableSampleSpan& s, const SplitPlane& plane,
+                      const MutableSampleSpan& scratch) noexcept {
+    const auto left_of = [&plane](const Group& g) {
+        return lane_bits(g.x * plane.normal[0] + g.y * plane.normal[1] + g.z * plane.normal[2] <
+                         plane.offset);
+    };
+    std::size_t front = 0, back = 0;
+    const std::size_t whole = s.size / kLanes * kLanes;
+    // Neither side is longer than what was read, so a store of eight reaches no further than the
+    // eight just read.
+    for (std::size_t i = 0; i < whole; i += kLanes) {
+        const unsigned left = left_of(whole_group(s, i, plane.reference));
+        const unsigned right = ~left & 255U;
+        store_packed(scratch.x + back, s.x + i, right);
+        store_packed(scratch.y + back, s.y + i, right);
+        store_packed(scratch.z + back, s.z + i, right);
+        store_packed(scratch.index + back, s.index + i, right);
+        store_packed(s.x + front, s.x + i, left);
+        store_packed(s.y + front, s.y + i, left);
+        store_packed(s.z + front, s.z + i, left);
+        store_packed(s.index + front, s.index + i, left);
+        const auto count = static_cast<std::size_t>(std::popcount(left));
+        front += count;
+        back += kLanes - count;
+    }
+    const unsigned left = whole < s.size ? left_of(last_group(s, whole, plane.reference)) : 0;
+    for (std::size_t i = whole; i < s.size; ++i) {
+        const bool is_left = (left >> (i - whole) & 1U) != 0;
+        const MutableSampleSpan& to = is_left ? s : scratch;
+        std::size_t& at = is_left ? front : back;
+        to.x[at] = s.x[i];
+        to.y[at] = s.y[i];
+        to.z[at] = s.z[i];
+        to.index[at] = s.index[i];
+        ++at;
+    }
+    copy(scratch.x, back, s.x + front);
+    copy(scratch.y, back, s.y + front);
+    copy(scratch.z, back, s.z + front);
+    copy(scratch.index, back, s.index + front);
+    return front;
+}
+
+inline double sum_of(Float8 v) noexcept {
+    const Float8 fours = v + __builtin_shufflevector(v, v, 4, 5, 6, 7, 0, 1, 2, 3);
+    const Float8 pairs = fours + __builtin_shufflevector(fours, fours, 2, 3, 0, 1, 6, 7, 4, 5);
+    return static_cast<double>(pairs[0]) + static_cast<double>(pairs[1]);
+}
+
+SampleSums sums(const SampleSpan& s, const std::array<float, 3>& reference) noexcept {
+    SampleSums total{};
+    const std::size_t whole = s.size / kLanes * kLanes;
+    std::size_t i = 0;
+    while (i < s.size) {
+        Float8 x{}, y{}, z{}, xx{}, xy{}, xz{}, yy{}, yz{}, zz{};
+        const auto add = [&](const Group& g) {
+            x += g.x;
+            y += g.y;
+            z += g.z;
+            xx += g.x * g.x;
+            xy += g.x * g.y;
+            xz += g.x * g.z;
+            yy += g.y * g.y;
+            yz += g.y * g.z;
+            zz += g.z * g.z;
+        };
+        const std::size_t end = std::min(whole, i + kLanes * kFlush);
+        for (; i < end; i += kLanes) add(whole_group(s, i, reference));
+        if (i == whole && i < s.size) {
+            add(last_group(s, i, reference));
+            i = s.size;
+        }
+        const std::array<Float8, 9> part = {x, y, z, xx, xy, xz, yy, yz, zz};
+        for (std::size_t k = 0; k < total.size(); ++k) total[k] += sum_of(part[k]);
+    }
+    return total;
+}

@@ -1,0 +1,24 @@
+#pragma once
+
+#include <cstddef>
+
+namespace stipple {
+
+/// Memory that is written once and read a few times, as working arrays of an algorithm are. On
+/// Linux in huge pages where the system lets it choose them: with small ones, a first touch costs
+/// more than what is then done with the bytes.
+class LargeMemory {
+public:
+    /// Not initialised. @throws std::bad_alloc.
+    explicit LargeMemory(std::size_t bytes);
+    ~LargeMemory();
+    LargeMemory(const LargeMemory&) = delete;
+    LargeMemory& operator=(const LargeMemory&) = delete;
+
+    void* data() const noexcept { return data_; }
+
+private:
+    void* data_ = nullptr;
+};
+
+}  // namespace stipple

@@ -1,0 +1,49 @@
+#pragma once
+
+#include "large_memory.hpp"
+#include "stipple/point_cloud.hpp"
+
+#include <cstddef>
+#include <type_traits>
+
+namespace stipple {
+
+/// Some points by their coordinates, and their numbers in the cloud; one array each, so that vector
+/// code reads them as they lie.
+template <bool kMutable>
+struct BasicSampleSpan {
+    template <typename T>
+    using Pointer = std::conditional_t<kMutable, T*, const T*>;
+    Pointer<float> x, y, z;
+    Pointer<Index> index;
+    std::size_t size = 0;
+
+    BasicSampleSpan part(std::size_t begin, std::size_t end) const noexcept {
+        return {x + begin, y + begin, z + begin, index + begin, end - begin};
+    }
+    Vec3f position(std::size_t i) const noexcept { return {x[i], y[i], z[i]}; }
+    operator BasicSampleSpan<false>() const noexcept { return {x, y, z, index, size}; }
+};
+using SampleSpan = BasicSampleSpan<false>;
+using MutableSampleSpan = BasicSampleSpan<true>;
+
+/// Room for samples, not initialised: the first touch of memory costs as much as a level of the
+/// tree.
+class Samples {
+public:
+    explicit Samples(std::size_t n) : size_(n), memory_(n * (3 * sizeof(float) + sizeof(Index))) {}
+
+    std::size_t size() const noexcept { return size_; }
+    MutableSampleSpan all() noexcept {
+        auto* const x = static_cast<float*>(memory_.data());
+        auto* const index = static_cast<Index*>(memory_.data()) + 3 * size_;
+        return {x, x + size_, x + 2 * size_, index, size_};
+    }
+    SampleSpan all() const noexcept { return const_cast<Samples*>(this)->all(); }
+
+private:
+    std::size_t size_;
+    LargeMemory memory_;  ///< all x, all y, all z, all indices
+};
+
+}  // namespace stipple
