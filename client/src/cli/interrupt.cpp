@@ -1,6 +1,7 @@
 #include "cli/interrupt.hpp"
 
 #include <unistd.h>
+#include <chrono>
 #include <csignal>
 
 namespace stipple::cli {
@@ -31,10 +32,19 @@ InterruptWatch::~InterruptWatch() {
 
 void InterruptWatch::watch() {
     const sigset_t signals = watched_signals();
+    // Wrappers send the same signal twice, to the process and to its group: that is one wish, and
+    // only one that comes later means that the first was not obeyed soon enough.
+    constexpr std::chrono::seconds kSameWish{1};
+    std::chrono::steady_clock::time_point first;
     for (int signal = 0; ::sigwait(&signals, &signal) == 0;) {
         if (ending_) return;
-        if (signal_.exchange(signal) != 0) ::_exit(128 + signal);
-        source_.request_stop();
+        const auto now = std::chrono::steady_clock::now();
+        if (signal_.exchange(signal) == 0) {
+            first = now;
+            source_.request_stop();
+        } else if (now - first > kSameWish) {
+            ::_exit(128 + signal);
+        }
     }
 }
 
