@@ -1,0 +1,186 @@
+// The client library against the real stippled: what comes back is what the same job gives here, on
+// real scans too.
+#include "stipple/client.hpp"
+
+#include "stipple/cleaning.hpp"
+#include "stipple/codec.hpp"
+#include "stipple/error.hpp"
+#include "stipple/proto/run_job.hpp"
+#include "support/stippled_process.hpp"
+
+#include <gtest/gtest.h>
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <fstream>
+#include <thread>
+
+namespace stipple {
+namespace {
+
+using namespace std::chrono_literals;
+namespace fs = std::filesystem;
+
+proto::JobRequest pyramid_request(const std::string& input) {
+    proto::PyramidJob job;
+    job.output.formats = {CloudFormat::Draco, CloudFormat::Ply};
+    job.output.draco.position_bits = 16;
+    return {input, job};
+}
+
+/// Everything that a level of the finest size must share with the cloud that was sent: bytes of
+/// colours, attributes, and positions.
+void expect_same_cloud(const PointCloud& result, const PointCloud& sent) {
+    ASSERT_EQ(result.size(), sent.size());
+    EXPECT_EQ(result.colors, sent.colors);
+    ASSERT_EQ(result.attributes.size(), sent.attributes.size());
+    for (std::size_t a = 0; a < sent.attributes.size(); ++a) {
+        EXPECT_EQ(result.attributes[a].name, sent.attributes[a].name);
+        EXPECT_TRUE(result.attributes[a].values == sent.attributes[a].values)
+            << sent.attributes[a].name;
+    }
+    const double step = bounds(sent).diagonal() * 1e-7;  // of single precision
+    for (std::size_t i = 0; i < sent.size(); ++i) {
+        const Vec3d there = result.positions[i].cast<double>() + result.origin;
+        const Vec3d here = sent.positions[i].cast<double>() + sent.origin;
+        ASSERT_LE((there - here).cwiseAbs().maxCoeff(), step) << "point " << i;
+    }
+}
+
+class RealScan : public testing::TestWithParam<const char*> {};
+
+TEST_P(RealScan, GoesThroughUploadAndPyramidWithCountsColoursAndCoordinatesIntact) {
+    const auto file = test::shared_file(GetParam());
+    if (!file) GTEST_SKIP() << "the shared scans are not here";
+    const test::StippledProcess server;
+    const test::TemporaryFolder folder;
+    Client client(server.url());
+    const auto cloud = client.upload(*file);
+    const auto job = client.wait(client.submit(pyramid_request(cloud.id)).id);
+    ASSERT_EQ(job.status, proto::JobStatus::Successful) << (job.problem ? job.problem->detail : "");
+
+    PointCloud sent = read_cloud(*file);
+    const std::size_t in_file = sent.size();
+    const CleaningReport cleaned = clean(sent);
+    const proto::Results results = client.results(job.id);
+    ASSERT_TRUE(results.complete && results.source);
+    EXPECT_EQ(results.source->points, in_file);
+    EXPECT_EQ(results.source->non_finite, cleaned.non_finite);
+    EXPECT_EQ(results.source->duplicates, cleaned.duplicates);
+
+    for (const proto::OutputCloud& level : results.levels) {
+        for (const proto::OutputFile& output : level.files) {
+            const fs::path path = folder / (std::to_string(level.level) + "." +
+                                            std::string(to_string(output.format)));
+            client.download(output, path);
+            const PointCloud decoded = read_cloud(path);
+            EXPECT_EQ(decoded.size(), level.points);
+            EXPECT_EQ(decoded.colors.size(), sent.colors.empty() ? 0 : decoded.size());
+            EXPECT_EQ(decoded.normals.size(), sent.normals.empty() ? 0 : decoded.size());
+            const Aabb box = bounds(decoded), whole = bounds(sent);
+            const double slack = whole.diagonal() * 2e-5;  // 16 bits
+            EXPECT_TRUE((box.min.array() >= whole.min.array() - slack).all());
+            EXPECT_TRUE((box.max.array() <= whole.max.array() + slack).all());
+        }
+    }
+    EXPECT_EQ(results.levels.back().points, sent.size());
+    expect_same_cloud(read_cloud(folder / (std::to_string(results.levels.back().level) + ".ply")),
+                      sent);
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Shared, RealScan,
+    testing::Values("models/igea.ply", "models/dragon_vrip.ply", "colour/3dhop_pc.ply",
+                    "colour/frag_115.ply", "colour/pond.0.ply",
+                    "colour/open3d_fragment_normals_curvature.ply", "lidar/small_gicp_target.ply",
+                    "lidar/autzen_stadium_tile.ply", "raw/kinect_milk_cartoon_nan.ply",
+                    "raw/indoor_1cm_grid.ply"),
+    [](const auto& instance) {
+        std::string name = fs::path(instance.param).stem().string();
+        std::erase_if(name,
+                      [](char c) { return std::isalnum(static_cast<unsigned char>(c)) == 0; });
+        return name;
+    });
+
+TEST(Client, AServersResultIsByteForByteTheLocalOne) {
+    const test::StippledProcess server;
+    const test::TemporaryFolder folder;
+    write_cloud(test::with_attributes(test::sphere(5000, 0.02)), folder / "in.ply");
+    Client client(server.url());
+    proto::SimplifyJob job;
+    job.options.points = 321;
+    job.output.formats = {CloudFormat::Ply};
+    const proto::JobRequest request{client.upload(folder / "in.ply").id, job};
+    const auto document = client.wait(client.submit(request).id);
+    ASSERT_EQ(document.status, proto::JobStatus::Successful);
+    const auto results = client.results(document.id);
+
+    fs::create_directory(folder / "here");
+    std::optional<proto::OutputCloud> here;
+    proto::run_job({.request = request,
+                    .input_file = folder / "in.ply",
+                    .output_dir = folder / "here",
+                    .limits = {}},
+                   [&](const proto::JobReport& report) {
+                       if (report.level) here = report.level;
+                   });
+    ASSERT_TRUE(here);
+    EXPECT_EQ(results.levels.front().files.front().sha256, here->files.front().sha256);
+}
+
+TEST(Client, ATinyFileThatAsksForAllMemoryEndsItsJobWhileOthersGoOn) {
+    const test::StippledProcess server({"--workers", "2"});
+    const test::TemporaryFolder folder;
+    write_cloud(test::sphere(300'000), folder / "good.ply");
+    Client client(server.url());
+    const auto good = client.upload(folder / "good.ply");
+    for (const char* bomb :
+         {"bad/bomb_sequential.drc", "bad/bomb_quantized.drc", "bad/bomb_kd_tree.drc"}) {
+        const auto bad = client.upload(test::data_file(bomb));
+        const auto started = std::chrono::steady_clock::now();
+        const auto bad_job = client.submit(pyramid_request(bad.id));
+        const auto good_job = client.submit(pyramid_request(good.id));
+        const auto ended = client.wait(bad_job.id);
+        const std::chrono::duration<double> took = std::chrono::steady_clock::now() - started;
+        EXPECT_EQ(ended.status, proto::JobStatus::Failed) << bomb;
+        ASSERT_TRUE(ended.problem);
+        EXPECT_FALSE(ended.problem->detail.empty());
+        EXPECT_LT(took.count(), 30.0)
+            << bomb;  // 2 s on a quiet machine; only a hang is an error here
+        RecordProperty(bomb, std::to_string(took.count()));
+        EXPECT_EQ(client.wait(good_job.id).status, proto::JobStatus::Successful);
+    }
+}
+
+TEST(Client, ARunningJobIsGoneSoonAfterItIsDismissed) {
+    const test::StippledProcess server;
+    const test::TemporaryFolder folder;
+    write_cloud(test::sphere(1'500'000, 0.01), folder / "big.ply");
+    Client client(server.url());
+    const auto cloud = client.upload(folder / "big.ply");
+    const auto job = client.submit(pyramid_request(cloud.id));
+    while (client.job(job.id).progress < 20) std::this_thread::sleep_for(5ms);  // decoding is over
+
+    client.dismiss(job.id);
+    EXPECT_EQ(client.job(job.id).status, proto::JobStatus::Dismissed);
+    const auto started = std::chrono::steady_clock::now();
+    const auto job_processes = [&] {
+        std::size_t count = 0;
+        for (const auto& thread :
+             fs::directory_iterator("/proc/" + std::to_string(server.pid()) + "/task")) {
+            std::ifstream in(thread.path() / "children");
+            for (pid_t pid = 0; in >> pid;) ++count;
+        }
+        return count;
+    };
+    while (job_processes() > 0 && std::chrono::steady_clock::now() - started < 20s)
+        std::this_thread::sleep_for(1ms);
+    const std::chrono::duration<double, std::milli> took =
+        std::chrono::steady_clock::now() - started;
+    EXPECT_EQ(job_processes(), 0U);
+    RecordProperty("milliseconds", std::to_string(took.count()));
+    std::cout << "the job process was gone " << took.count() << " ms after the dismissal\n";
+}
+
+}  // namespace
+}  // namespace stipple
