@@ -12,6 +12,7 @@
 #include <draco/compression/decode.h>
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <memory>
 #include <new>
 #include <stdexcept>
@@ -182,16 +183,30 @@ void read_positions(const draco::PointCloud& geometry, const PointAttribute& att
     }
 }
 
+void read_wide_colors(const draco::PointCloud& geometry, const PointAttribute& attribute,
+                      PointCloud& cloud) {
+    const auto flat =
+        convert_values<std::uint16_t, std::uint16_t>(geometry, attribute, std::identity());
+    const std::size_t step = cloud.has_alpha ? 4 : 3;
+    std::vector<WideColor> wide(cloud.colors.size(), kOpaque);
+    for (std::size_t i = 0; i < wide.size(); ++i) {
+        std::copy_n(flat.begin() + static_cast<std::ptrdiff_t>(i * step), step, wide[i].begin());
+    }
+    narrow_colors(wide, cloud.colors);
+}
+
 void read_colors(const draco::PointCloud& geometry, const PointAttribute& attribute,
                  PointCloud& cloud) {
+    cloud.has_alpha = attribute.num_components() == 4;
+    cloud.colors.resize(geometry.num_points());
+    if (attribute.data_type() == draco::DT_UINT16)
+        return read_wide_colors(geometry, attribute, cloud);
     const std::vector<std::uint8_t> flat =
         with_data_type(attribute.data_type(), [&]<typename From>() {
             return convert_values<From, std::uint8_t>(geometry, attribute,
                                                       [](From v) { return to_channel(v); });
         });
-    cloud.has_alpha = attribute.num_components() == 4;
     const std::size_t step = cloud.has_alpha ? 4 : 3;
-    cloud.colors.resize(geometry.num_points());
     for (std::size_t i = 0; i < cloud.colors.size(); ++i) {
         const std::uint8_t* const c = flat.data() + i * step;
         cloud.colors[i] = {c[0], c[1], c[2], cloud.has_alpha ? c[3] : std::uint8_t{255}};

@@ -201,6 +201,16 @@ struct ColorSink {
     }
 };
 
+/// A channel of 16 bits, kept until it is known whether the file uses them.
+struct WideColorSink {
+    WideColor* out;
+    unsigned channel;
+    template <typename T>
+    void operator()(std::size_t row, T value) const noexcept {
+        out[row][channel] = static_cast<std::uint16_t>(value);
+    }
+};
+
 struct AttributeSink {
     AttributeValues* values;
     template <typename T>
@@ -230,8 +240,8 @@ struct ListSink {
     }
 };
 
-using Sink = std::variant<VectorSink, GeoreferencedSink, CoordinateSink, ColorSink, AttributeSink,
-                          ListSink*>;
+using Sink = std::variant<VectorSink, GeoreferencedSink, CoordinateSink, ColorSink, WideColorSink,
+                          AttributeSink, ListSink*>;
 
 struct Column {
     const PlyProperty* property;
@@ -267,6 +277,7 @@ public:
 
     PointCloud finish(DecodeReport& report) {
         if (wide_ && !origin_) place_coordinates();
+        if (!wide_colors_.empty()) narrow_colors(wide_colors_, cloud_.colors);
         cloud_.origin = origin_.value_or(Vec3d::Zero());
         cloud_.double_precision = wide_;
         for (auto& [property, sink] : lists_) keep_or_report(*property, sink, report);
@@ -280,6 +291,7 @@ private:
         if (wide_ && !origin_) coordinates_.resize(n);
         if (layout_.has(Role::Normal)) cloud_.normals.resize(n);
         if (layout_.has(Role::Color)) cloud_.colors.resize(n);
+        if (has_wide_colors()) wide_colors_.resize(n, kOpaque);
         cloud_.has_alpha = layout_.has(Role::Color, 3);
         for (std::size_t i = 0; i < layout_.roles.size(); ++i) {
             const PlyProperty& property = layout_.vertex->properties[i];
@@ -288,6 +300,17 @@ private:
             const Reduction reduction = default_reduction(values);
             cloud_.attributes.push_back({property.name, std::move(values), 1, reduction});
         }
+    }
+
+    /// Whether all channels have 16 bits.
+    bool has_wide_colors() const {
+        bool any = false;
+        for (std::size_t i = 0; i < layout_.roles.size(); ++i) {
+            if (layout_.roles[i].kind != Role::Color) continue;
+            if (layout_.vertex->properties[i].type != PlyType::UInt16) return false;
+            any = true;
+        }
+        return any;
     }
 
     Sink sink_for(const Role& role, const PlyProperty& property, std::size_t& attribute) {
@@ -301,6 +324,8 @@ private:
             case Role::Normal:
                 return VectorSink{cloud_.normals.data(), role.component};
             case Role::Color:
+                if (!wide_colors_.empty())
+                    return WideColorSink{wide_colors_.data(), role.component};
                 return ColorSink{cloud_.colors.data(), kChannels[role.component]};
             case Role::Attribute:
                 break;
@@ -339,6 +364,7 @@ private:
     std::optional<Vec3d> origin_;
     PointCloud cloud_;
     std::vector<Vec3d> coordinates_;
+    std::vector<WideColor> wide_colors_;  ///< where all channels have 16 bits
     std::deque<std::pair<const PlyProperty*, ListSink>> lists_;  // a deque: columns point into it
 };
 

@@ -159,6 +159,22 @@ INSTANTIATE_TEST_SUITE_P(Encodings, PlyRoundTrip,
                                          PlyEncoding::BinaryBigEndian),
                          name_of_encoding);
 
+std::vector<Rgba8> colors_of_16_bits(const std::string& rows) {
+    const std::string text =
+        "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty "
+        "float z\n"
+        "property ushort red\nproperty ushort green\nproperty ushort blue\nend_header\n" +
+        rows;
+    return decode_cloud(std::as_bytes(std::span(text))).colors;
+}
+
+TEST(PlyReader, TakesColoursOf16BitsAsTheyAreWhereNoneIsAbove255) {
+    EXPECT_EQ(colors_of_16_bits("0 0 0 255 128 0\n1 0 0 1 2 3\n"),
+              (std::vector<Rgba8>{{255, 128, 0, 255}, {1, 2, 3, 255}}));
+    EXPECT_EQ(colors_of_16_bits("0 0 0 65535 32896 0\n1 0 0 257 2 255\n"),
+              (std::vector<Rgba8>{{255, 128, 0, 255}, {1, 0, 1, 255}}));
+}
+
 TEST(PlyReader, ReadsCoordinatesColorsNormalsAndScalarsByTheirUsualNames) {
     const PointCloud cloud =
         decode(ascii("element vertex 1\nproperty float nx\nproperty float ny\nproperty float "

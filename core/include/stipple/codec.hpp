@@ -48,12 +48,14 @@ struct DecodeReport {
 ///
 /// PLY: ascii, little and big endian; any property types and names; elements in any order. Double
 /// or 32-bit integer coordinates are kept through `PointCloud::origin` (float relative to the
-/// centre of the box). Colours under their usual names (`red`, `r`, `diffuse_red`; 8 bits, 16 bits
-/// or float 0..1) become `colors`; `nx ny nz` become `normals`; every other scalar property becomes
-/// an attribute; a list property of the points is kept as an attribute of several components when
-/// all its lists have one length, else left out and named in the report.
-/// Draco: point clouds and meshes (the faces are ignored); generic attributes with their names from
-/// the metadata.
+/// centre of the box). Colours under their usual names (`red`, `r`, `diffuse_red`; 8 bits; 16
+/// bits, which are scaled unless no value is above 255; or float 0..1) become `colors`; `nx ny nz`
+/// become `normals`, as they are; every other scalar property becomes an attribute; a list property
+/// of the points is kept as an attribute of several components when all its lists have one length,
+/// else left out and named in the report. The type `bool` is a byte; numbers beyond a type's range
+/// become infinite or zero; unknown header lines before the first element are passed over and named
+/// in the report. Draco: point clouds and meshes (the faces are ignored); generic attributes with
+/// their names from the metadata.
 ///
 /// @param report  filled when not null.
 /// @throws Error(UnsupportedFormat) for bytes that are neither; Error(MalformedInput) naming what
@@ -97,7 +99,9 @@ struct DracoEncodeOptions {
 /// Encodes a cloud. Draco keeps every point (duplicates too) and every attribute; generic
 /// attributes carry their name in the metadata entry `name`, the origin stands in the geometry's
 /// metadata as `stipple.origin` (3 doubles). Unique ids are fixed: position 0, normal 1, colour 2,
-/// generic attributes from 3 on in the order of the cloud.
+/// generic attributes from 3 on in the order of the cloud. Doubles, wide integers and values that
+/// are not finite are coded without loss, which the kd-tree cannot: asked for it, such a cloud is
+/// refused, and `Auto` takes the sequential coding. An empty cloud keeps only its origin.
 /// @throws Error(InvalidArgument) for an option out of range.
 std::vector<std::byte> encode_ply(const PointCloud& cloud, const PlyEncodeOptions& options = {},
                                   const RunContext& context = {});
