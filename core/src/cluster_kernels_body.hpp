@@ -45,15 +45,30 @@ inline unsigned lane_bits(Int8 mask) noexcept {
     return static_cast<unsigned>(_mm256_movemask_ps(reinterpret_cast<__m256>(mask)));
 }
 
-/// Writes the lanes chosen by the bits of `mask` to `out`, packed, in order; up to seven behind
-/// them become anything.
-template <typename T>
-inline void store_packed(T* out, const T* lanes, unsigned mask) noexcept {
-    const __m256i v = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(lanes));
-    const __m256i order = _mm256_cvtepu8_epi32(
-        _mm_loadl_epi64(reinterpret_cast<const __m128i*>(&kPackedLanes[mask])));
-    _mm256_storeu_si256(reinterpret_cast<__m256i*>(out), _mm256_permutevar8x32_epi32(v, order));
-}
+/// The lanes to the left and the others, each packed to the front.
+struct Packing {
+    __m256i left_order, right_order;
+
+    explicit Packing(unsigned left) noexcept
+        : left_order(order_of(left)), right_order(order_of(~left & 255U)) {}
+
+    /// Eight values from one place to two; behind those that belong there up to seven become
+    /// anything.
+    template <typename T>
+    void move(const T* from, T* left, T* right) const noexcept {
+        const __m256i v = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(from));
+        _mm256_storeu_si256(reinterpret_cast<__m256i*>(right),
+                            _mm256_permutevar8x32_epi32(v, right_order));
+        _mm256_storeu_si256(reinterpret_cast<__m256i*>(left),
+                            _mm256_permutevar8x32_epi32(v, left_order));
+    }
+
+private:
+    static __m256i order_of(unsigned mask) noexcept {
+        return _mm256_cvtepu8_epi32(
+            _mm_loadl_epi64(reinterpret_cast<const __m128i*>(&kPackedLanes[mask])));
+    }
+};
 
 #else
 
@@ -69,14 +84,22 @@ inline unsigned lane_bits(Int8 mask) noexcept {
     return bits;
 }
 
-template <typename T>
-inline void store_packed(T* out, const T* lanes, unsigned mask) noexcept {
-    // Both halves are read before either is written: they may be the place that is written to.
-    std::array<T, kLanes> copy;
-    __builtin_memcpy(copy.data(), lanes, sizeof copy);
-    stipple::store_packed(out, copy.data(), mask & 15U);
-    stipple::store_packed(out + std::popcount(mask & 15U), copy.data() + 4, mask >> 4U);
-}
+struct Packing {
+    unsigned left;
+
+    template <typename T>
+    void move(const T* from, T* to_left, T* to_right) const noexcept {
+        // Read whole before anything is written: `to_left` may be the same place.
+        std::array<T, kLanes> v;
+        __builtin_memcpy(v.data(), from, sizeof v);
+        const auto pack = [&v](T* to, unsigned mask) {
+            store_packed(to, v.data(), mask & 15U);
+            store_packed(to + std::popcount(mask & 15U), v.data() + 4, mask >> 4U);
+        };
+        pack(to_right, ~left & 255U);
+        pack(to_left, left);
+    }
+};
 
 #endif
 
@@ -88,9 +111,12 @@ inline void copy(const T* from, std::size_t n, T* to) noexcept {
     for (; i < n; ++i) to[i] = from[i];
 }
 
-std::size_t partition(const MutableSampleSpan& s, const SplitPlane& plane,
-                      const MutableSampleSpan& scratch) noexcept {
-    const auto left_of = [&plane](const Group& g) {
+std::size_t partition(const MutableSampleSpan& samples, const SplitPlane& split_plane,
+                      const MutableSampleSpan& scratch_space) noexcept {
+    // Copies that no store can reach, so that they stay in registers.
+    const MutableSampleSpan s = samples, scratch = scratch_space;
+    const SplitPlane plane = split_plane;
+    const auto left_of = [plane](const Group& g) {
         return lane_bits(g.x * plane.normal[0] + g.y * plane.normal[1] + g.z * plane.normal[2] <
                          plane.offset);
     };
@@ -100,15 +126,11 @@ std::size_t partition(const MutableSampleSpan& s, const SplitPlane& plane,
     // eight just read.
     for (std::size_t i = 0; i < whole; i += kLanes) {
         const unsigned left = left_of(whole_group(s, i, plane.reference));
-        const unsigned right = ~left & 255U;
-        store_packed(scratch.x + back, s.x + i, right);
-        store_packed(scratch.y + back, s.y + i, right);
-        store_packed(scratch.z + back, s.z + i, right);
-        store_packed(scratch.index + back, s.index + i, right);
-        store_packed(s.x + front, s.x + i, left);
-        store_packed(s.y + front, s.y + i, left);
-        store_packed(s.z + front, s.z + i, left);
-        store_packed(s.index + front, s.index + i, left);
+        const Packing packing(left);
+        packing.move(s.x + i, s.x + front, scratch.x + back);
+        packing.move(s.y + i, s.y + front, scratch.y + back);
+        packing.move(s.z + i, s.z + front, scratch.z + back);
+        packing.move(s.index + i, s.index + front, scratch.index + back);
         const auto count = static_cast<std::size_t>(std::popcount(left));
         front += count;
         back += kLanes - count;

@@ -8,6 +8,7 @@
 #include "symmetric_eigen.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <limits>
 
@@ -25,16 +26,35 @@ constexpr Index kMinSurfaceFit = 6;  // fewer samples do not carry two curvature
 
 /// The sample nearest to `target`; the smaller number among equals.
 std::size_t nearest_sample(const SampleSpan& samples, const Vec3d& target) {
-    std::size_t best = 0;
-    double best_sq = std::numeric_limits<double>::infinity();
-    for (std::size_t i = 0; i < samples.size; ++i) {
-        const double sq = (samples.position(i).cast<double>() - target).squaredNorm();
-        if (sq < best_sq || (sq == best_sq && samples.index[i] < samples.index[best])) {
-            best = i;
-            best_sq = sq;
+    const Vec3f reference = target.cast<float>();
+    const auto distance_sq = [&](std::size_t i) {
+        const Group g = i + 4 <= samples.size ? Group(samples, i, reference)
+                                              : Group::tail(samples, i, reference);
+        return g.x * g.x + g.y * g.y + g.z * g.z;
+    };
+    constexpr float kFar = std::numeric_limits<float>::infinity();
+    Float4 least = {kFar, kFar, kFar, kFar};
+    const std::size_t whole = samples.size / 4 * 4;
+    for (std::size_t i = 0; i < whole; i += 4) {
+        const Float4 d = distance_sq(i);
+        least = d < least ? d : least;
+    }
+    float least_sq = std::min({least[0], least[1], least[2], least[3]});
+    if (whole < samples.size) {
+        const Float4 d = distance_sq(whole);
+        for (std::size_t lane = 0; whole + lane < samples.size; ++lane)
+            least_sq = std::min(least_sq, d[lane]);
+    }
+    std::size_t best = samples.size;
+    for (std::size_t i = 0; i < samples.size; i += 4) {
+        for (unsigned lanes = lane_bits(distance_sq(i) <= least_sq); lanes != 0;
+             lanes &= lanes - 1) {
+            const std::size_t at = i + static_cast<std::size_t>(std::countr_zero(lanes));
+            if (at >= samples.size) break;
+            if (best == samples.size || samples.index[at] < samples.index[best]) best = at;
         }
     }
-    return best;
+    return best == samples.size ? 0 : best;  // the latter where every distance overflows
 }
 
 /// The principal frame of a cluster: u and v span its plane.
@@ -76,7 +96,8 @@ struct HeightSums {
         constexpr std::size_t kFlush = 128;  // samples summed up in floats
         std::size_t i = 0;
         for (; i + kFlush <= whole; flush()) {
-            for (const std::size_t end = i + kFlush; i < end; i += 4) add(Group(samples, i, reference));
+            for (const std::size_t end = i + kFlush; i < end; i += 4)
+                add(Group(samples, i, reference));
         }
         for (; i < whole; i += 4) add(Group(samples, i, reference));
         if (i < samples.size) add(Group::tail(samples, i, reference));
