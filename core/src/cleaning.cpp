@@ -1,5 +1,6 @@
 #include "stipple/cleaning.hpp"
 
+#include "counting_sort.hpp"
 #include "parallel_for.hpp"
 
 #include <algorithm>
@@ -56,16 +57,8 @@ std::size_t mark_duplicates(const std::vector<Vec3f>& points, std::vector<std::u
             if (drop[i] == 0) ++count[bucket_of(hash_of(points[i]))];
         }
     });
-    std::vector<Index> bucket_begin(buckets + 1);
-    Index total = 0;
-    for (std::size_t b = 0; b < buckets; ++b) {
-        bucket_begin[b] = total;
-        for (std::size_t block = 0; block < blocks; ++block) {
-            total += std::exchange(starts[block * buckets + b], total);
-        }
-    }
-    bucket_begin[buckets] = total;
-    std::vector<Hashed> sorted(total);
+    const std::vector<Index> bucket_begin = counts_to_places(starts, buckets);
+    std::vector<Hashed> sorted(bucket_begin.back());
     parallel_for_blocks(n, kBlock, context, [&](std::size_t begin, std::size_t end) {
         Index* next = starts.data() + begin / kBlock * buckets;
         for (std::size_t i = begin; i < end; ++i) {

@@ -1,5 +1,6 @@
 #include "hilbert_order.hpp"
 
+#include "counting_sort.hpp"
 #include "parallel_for.hpp"
 
 #include <algorithm>
@@ -198,15 +199,7 @@ std::vector<Index> hilbert_order(std::span<const Vec3f> points, const RunContext
             ++count[keys[i] >> shift];
         }
     });
-    std::vector<Index> bucket_begin(buckets + 1);
-    Index total = 0;
-    for (std::size_t bucket = 0; bucket < buckets; ++bucket) {
-        bucket_begin[bucket] = total;
-        for (std::size_t block = 0; block < blocks; ++block) {
-            total += std::exchange(starts[block * buckets + bucket], total);
-        }
-    }
-    bucket_begin[buckets] = total;
+    const std::vector<Index> bucket_begin = counts_to_places(starts, buckets);
     parallel_for_blocks(n, kBlock, context, [&](std::size_t begin, std::size_t end) {
         Index* next = starts.data() + begin / kBlock * buckets;
         for (std::size_t i = begin; i < end; ++i)

@@ -15,13 +15,6 @@
 #include <set>
 #include <sstream>
 
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-constexpr bool kSanitized =
-    true;  // its shadow memory leaves no room for a limit on the address space
-#else
-constexpr bool kSanitized = false;
-#endif
-
 namespace stipple {
 namespace {
 
@@ -73,7 +66,7 @@ std::vector<Outcome> decode_all_apart(const std::vector<std::vector<std::byte>>&
     const pid_t child = ::fork();
     if (child == 0) {
         const rlimit memory{rlim_t{1} << 30, rlim_t{1} << 30};
-        if (!kSanitized) ::setrlimit(RLIMIT_AS, &memory);
+        if (!test::kSanitized) ::setrlimit(RLIMIT_AS, &memory);
         for (const auto& input : inputs) {
             const Outcome outcome = decode_here(input);
             std::string line = std::to_string(outcome.kind) + " " +
@@ -130,7 +123,7 @@ TEST(BadFiles, AreEachRefusedWithOneClearError) {
     const std::vector<fs::path> files = files_in(test::data_file("bad"));
     ASSERT_GE(files.size(), 47U);
     for (const fs::path& file : files) {
-        if (kSanitized && file.filename().string().starts_with("bomb")) continue;
+        if (test::kSanitized && file.filename().string().starts_with("bomb")) continue;
         const Outcome outcome = decode_all_apart({contents(file)}).at(0);
         expect_clear(outcome, file.filename());
         std::cout << file.filename().string() << ": " << outcome.text << '\n';
@@ -197,7 +190,8 @@ TEST(RealFiles, CutShortGiveACloudOrAnError) {
             constexpr std::uintmax_t kSmall = 3000;
             if (fs::file_size(file) > kSmall) continue;
             ++files;
-            const auto outcomes = decode_all_apart(truncations(contents(file), kSanitized ? 7 : 1));
+            const auto outcomes =
+                decode_all_apart(truncations(contents(file), test::kSanitized ? 7 : 1));
             for (std::size_t i = 0; i < outcomes.size(); ++i) {
                 ASSERT_NE(outcomes[i].kind, Outcome::Broken)
                     << file.filename() << " cut " << i << ": " << outcomes[i].text;

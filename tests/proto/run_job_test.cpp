@@ -105,13 +105,14 @@ TEST_F(RunJob, WritesTheSimplifiedCloudAndTellsWhatItIs) {
 
 TEST_F(RunJob, WritesEveryLevelOfAPyramidInEveryFormatCoarsestFirst) {
     run(spec_for(test::sphere(3000), levels_of({50, 500, 3000})));
-    ASSERT_EQ(levels().size(), 3U);
+    const auto written = levels();
+    ASSERT_EQ(written.size(), 3U);
     const std::uint64_t sizes[] = {50, 500, 3000};
     for (unsigned i = 0; i < 3; ++i) {
-        EXPECT_EQ(levels()[i].level, i);
-        EXPECT_EQ(levels()[i].points, sizes[i]);
-        ASSERT_EQ(levels()[i].files.size(), 2U);
-        for (const OutputFile& file : levels()[i].files) {
+        EXPECT_EQ(written[i].level, i);
+        EXPECT_EQ(written[i].points, sizes[i]);
+        ASSERT_EQ(written[i].files.size(), 2U);
+        for (const OutputFile& file : written[i].files) {
             EXPECT_EQ(read_cloud(folder_ / "out" / file.href).size(), sizes[i]);
         }
     }

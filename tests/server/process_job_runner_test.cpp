@@ -115,6 +115,7 @@ TEST_F(ProcessJobRunner, ReportsTheProblemOfAFileThatIsNotThere) {
 class DracoBomb : public ProcessJobRunner, public testing::WithParamInterface<const char*> {};
 
 TEST_P(DracoBomb, EndsItsJobWithAProblemInUnderTwoSeconds) {
+    if (test::kSanitized) GTEST_SKIP() << "a sanitizer's build runs without limits";
     proto::JobSpec spec = spec_for(test::data_file("bad") / GetParam());
     spec.max_memory_bytes = 512 << 20;
     const auto start = Clock::now();
@@ -131,6 +132,7 @@ INSTANTIATE_TEST_SUITE_P(Bad, DracoBomb,
                                          "bomb_kd_tree.drc"));
 
 TEST_F(ProcessJobRunner, NamesTheMemoryLimitThatWasTooSmall) {
+    if (test::kSanitized) GTEST_SKIP() << "a sanitizer's build runs without limits";
     proto::JobSpec spec = spec_for(sphere_file(2'000'000));
     spec.max_memory_bytes = 64 << 20;
     spec.threads = 1;
@@ -245,6 +247,7 @@ TEST_F(ProcessJobRunner, GivesAJobNothingButItsSpecificationAndOutput) {
 }
 
 TEST_F(ProcessJobRunner, RunsAJobBehindAFilterOfSystemCallsAndUnderItsLimits) {
+    if (test::kSanitized) GTEST_SKIP() << "a sanitizer's build runs without limits";
     std::string status, limits;
     std::stop_source stop;
     on_report_ = [&] {

@@ -19,6 +19,14 @@ std::optional<std::filesystem::path> shared_file(std::string_view name);
 /// The folder of the shared test data, when it is there.
 std::optional<std::filesystem::path> shared_folder(std::string_view name);
 
+/// Whether this is a sanitizer's build, which knows no limit of memory and no filter of system
+/// calls.
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+inline constexpr bool kSanitized = true;
+#else
+inline constexpr bool kSanitized = false;
+#endif
+
 /// A program that was built: `stippled`.
 std::filesystem::path program(std::string_view name);
 
