@@ -126,7 +126,7 @@ std::size_t partition(const MutableSampleSpan& samples, const SplitPlane& split_
     // eight just read.
     for (std::size_t i = 0; i < whole; i += kLanes) {
         const unsigned left = left_of(whole_group(s, i, plane.reference));
-        const Packing packing(left);
+        const Packing packing{left};
         packing.move(s.x + i, s.x + front, scratch.x + back);
         packing.move(s.y + i, s.y + front, scratch.y + back);
         packing.move(s.z + i, s.z + front, scratch.z + back);
