@@ -10,7 +10,6 @@ packages_of() {
             libtbb-dev libsqlite3-dev libssl-dev libcli11-dev prometheus-cpp-dev libseccomp-dev libyaml-cpp-dev libgtest-dev ;;
         viewer) echo nodejs npm ca-certificates ;;
         test) echo chromium fonts-dejavu-core ;;
-        sanitize) echo clang ;;
         container) echo debootstrap buildah podman runc curl ;;
         *) echo "packages: no group '$1'" >&2; return 2 ;;
     esac

@@ -22,6 +22,11 @@ namespace stipple {
 
 namespace {
 
+namespace plain {
+#include "cluster_kernels_body.hpp"
+}
+
+#if defined(STIPPLE_HAS_AVX2_KERNELS)
 /// For each mask of eight lanes the numbers of the chosen ones, in order, a byte each.
 constexpr auto kPackedLanes = [] {
     std::array<std::uint64_t, 256> table{};
@@ -34,11 +39,6 @@ constexpr auto kPackedLanes = [] {
     return table;
 }();
 
-namespace plain {
-#include "cluster_kernels_body.hpp"
-}
-
-#if defined(STIPPLE_HAS_AVX2_KERNELS)
 #pragma GCC push_options
 #pragma GCC target("avx2")
 #define STIPPLE_KERNELS_AVX2

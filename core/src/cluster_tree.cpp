@@ -6,10 +6,8 @@
 #include <tbb/task_group.h>
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cassert>
 #include <cmath>
-#include <iterator>
 #include <numeric>
 #include <tuple>
 
@@ -22,9 +20,9 @@
 // of the cluster, in floats over a few samples and in doubles over all. Nothing is derived from a
 // parent's sums, so rounding does not build up towards the leaves.
 //
-// The priority queue is not there: a child's priority is never above its parent's, so the first n -
-// 1 splits of the queue are the n - 1 nodes of highest priority. That lets subtrees grow on their
-// own threads, and any number of cuts be read off one tree.
+// The priority queue is not there: a child's priority is never above its parent's, so the first
+// splits of the queue, one fewer than the clusters wanted, are as many nodes of highest priority.
+// That lets subtrees grow on their own threads, and any number of cuts be read off one tree.
 
 namespace stipple {
 
@@ -294,8 +292,7 @@ void ClusterTree::split_leaves(std::vector<Index> leaves, const RunContext& cont
             ClusterNode& node = nodes_[leaves[i]];
             node.left = static_cast<Index>(old_size + 2 * i);
             node.right = node.left + 1;
-            std::tie(nodes_[node.left], nodes_[node.right]) =
-                split(node, workspace_in(storage_));
+            std::tie(nodes_[node.left], nodes_[node.right]) = split(node, workspace_in(storage_));
         }
     });
 }

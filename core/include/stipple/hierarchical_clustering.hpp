@@ -33,7 +33,7 @@ struct HierarchicalClusteringOptions {
 /// returns the cloud as it is. The cloud must hold finite positions, no two alike (`clean`).
 ///
 /// @throws Error(InvalidArgument) for an empty cloud, an option out of range or a combination that
-/// says nothing. O(N log M), parallel; 32 bytes a point and 250 a cluster beyond the cloud.
+/// says nothing. O(N log M), parallel; 32 bytes a point and about 500 a cluster beyond the cloud.
 PointCloud hierarchical_clustering(const PointCloud& cloud,
                                    const HierarchicalClusteringOptions& options,
                                    const RunContext& context = {});

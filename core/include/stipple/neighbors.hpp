@@ -26,7 +26,7 @@ struct NeighborLists {
 ///
 /// Exact: by (squared distance in float, index). Positions must be finite (`clean`).
 /// @param k  >= 1. @throws Error(InvalidArgument) for k = 0.
-/// Expected O(N k) for points on surfaces; 8 k + 8 bytes a point, and 40 more while it runs.
+/// Expected O(N k) for points on surfaces; 8 k + 8 bytes a point, and about 50 more while it runs.
 NeighborLists k_nearest_neighbors(std::span<const Vec3f> points, unsigned k,
                                   const RunContext& context = {});
 

@@ -29,7 +29,7 @@ struct Limits {
 
     /// The memory of a job on so many bytes: 1 GiB and 1,024 times the input, at most
     /// `max_job_memory_bytes`. A cloud of any use needs less, and a file of 33 bytes that asks for
-    /// everything is stopped in a fraction of a second.
+    /// everything is stopped before it has taken all of it.
     std::uint64_t memory_for(std::uint64_t input_bytes) const noexcept {
         constexpr std::uint64_t kBase = 1ULL << 30;
         return std::min(max_job_memory_bytes, kBase + 1024 * input_bytes);
