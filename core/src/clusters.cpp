@@ -249,15 +249,16 @@ std::vector<Reduction> reductions_for(const PointCloud& cloud,
     return result;
 }
 
-PointCloud representatives(const PointCloud& cloud, const SampleSpan& samples, const Cut& cut,
-                           Representative kind, std::span<const Reduction> reductions,
-                           const RunContext& context) {
-    const std::size_t count = cut.moments.size();
+PointCloud merged_cloud(const PointCloud& cloud, std::vector<Vec3f> positions,
+                        const MemberLists& lists, std::span<const Index> nearest,
+                        std::span<const Reduction> reductions, bool take_nearest,
+                        const RunContext& context) {
+    const std::size_t count = positions.size();
     PointCloud result;
     result.origin = cloud.origin;
     result.has_alpha = cloud.has_alpha;
     result.double_precision = cloud.double_precision;
-    result.positions.resize(count);
+    result.positions = std::move(positions);
     if (!cloud.normals.empty()) result.normals.resize(count);
     if (!cloud.colors.empty()) result.colors.resize(count);
     for (const Attribute& a : cloud.attributes) {
@@ -270,37 +271,18 @@ PointCloud representatives(const PointCloud& cloud, const SampleSpan& samples, c
                                          a.values),
                                      a.components, a.reduction});
     }
-    const bool needs_nearest =
-        kind == Representative::Nearest || !cloud.normals.empty() || !cloud.attributes.empty();
-
     parallel_for_blocks(count, kClustersPerBlock, context, [&](std::size_t begin, std::size_t end) {
-        std::vector<Index> nearest(end - begin);
-        for (std::size_t i = begin; i < end; ++i) {
-            const SampleSpan cluster = samples.part(cut.offsets[i], cut.offsets[i + 1]);
-            const Vec3d& centroid = cut.moments[i].centroid;
-            const Vec3d target =
-                kind == Representative::Surface ? surface_point(cluster, cut.moments[i]) : centroid;
-            result.positions[i] = target.cast<float>();
-            if (!needs_nearest) continue;
-            const std::size_t near = nearest_sample(cluster, target);
-            nearest[i - begin] = cluster.index[near];
-            if (kind == Representative::Nearest) result.positions[i] = cluster.position(near);
-        }
-        const auto members = [&](std::size_t i) {
-            return std::span(samples.index + cut.offsets[i], samples.index + cut.offsets[i + 1]);
-        };
-        const bool take_nearest = kind == Representative::Nearest;
         if (!cloud.normals.empty()) {
             for (std::size_t i = begin; i < end; ++i) {
-                const Index near = nearest[i - begin];
-                result.normals[i] = take_nearest ? cloud.normals[near]
-                                                 : mean_normal(cloud.normals, members(i), near);
+                result.normals[i] = take_nearest
+                                        ? cloud.normals[nearest[i]]
+                                        : mean_normal(cloud.normals, lists.of(i), nearest[i]);
             }
         }
         if (!cloud.colors.empty()) {
             for (std::size_t i = begin; i < end; ++i) {
-                result.colors[i] = take_nearest ? cloud.colors[nearest[i - begin]]
-                                                : mean_color(cloud.colors, members(i));
+                result.colors[i] =
+                    take_nearest ? cloud.colors[nearest[i]] : mean_color(cloud.colors, lists.of(i));
             }
         }
         for (std::size_t a = 0; a < cloud.attributes.size(); ++a) {
@@ -313,7 +295,7 @@ PointCloud representatives(const PointCloud& cloud, const SampleSpan& samples, c
                     for (std::size_t i = begin; i < end; ++i) {
                         for (unsigned c = 0; c < from.components; ++c) {
                             out[i * from.components + c] =
-                                reduced(values, from.components, c, members(i), nearest[i - begin],
+                                reduced(values, from.components, c, lists.of(i), nearest[i],
                                         reductions[a], buffer);
                         }
                     }
@@ -322,6 +304,51 @@ PointCloud representatives(const PointCloud& cloud, const SampleSpan& samples, c
         }
     });
     return result;
+}
+
+PointCloud merged_cloud(const PointCloud& cloud, const Clusters& clusters,
+                        std::vector<Vec3f> positions,
+                        const std::map<std::string, Reduction>& reductions,
+                        const RunContext& context) {
+    const bool needs_nearest = !cloud.normals.empty() || !cloud.attributes.empty();
+    std::vector<Index> nearest(needs_nearest ? positions.size() : 0);
+    parallel_for_blocks(
+        nearest.size(), kClustersPerBlock, context, [&](std::size_t begin, std::size_t end) {
+            for (std::size_t i = begin; i < end; ++i) {
+                nearest[i] = *std::ranges::min_element(clusters.of(i), {}, [&](Index member) {
+                    const Vec3f offset = cloud.positions[member] - positions[i];
+                    return std::pair(offset.squaredNorm(), member);
+                });
+            }
+        });
+    return merged_cloud(cloud, std::move(positions), {clusters.members.data(), clusters.offsets},
+                        nearest, reductions_for(cloud, reductions, Representative::Centroid), false,
+                        context);
+}
+
+PointCloud representatives(const PointCloud& cloud, const SampleSpan& samples, const Cut& cut,
+                           Representative kind, std::span<const Reduction> reductions,
+                           const RunContext& context) {
+    const std::size_t count = cut.moments.size();
+    const bool take_nearest = kind == Representative::Nearest;
+    const bool needs_nearest = take_nearest || !cloud.normals.empty() || !cloud.attributes.empty();
+    std::vector<Vec3f> positions(count);
+    std::vector<Index> nearest(needs_nearest ? count : 0);
+    parallel_for_blocks(count, kClustersPerBlock, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+            const SampleSpan cluster = samples.part(cut.offsets[i], cut.offsets[i + 1]);
+            const Vec3d& centroid = cut.moments[i].centroid;
+            const Vec3d target =
+                kind == Representative::Surface ? surface_point(cluster, cut.moments[i]) : centroid;
+            positions[i] = target.cast<float>();
+            if (!needs_nearest) continue;
+            const std::size_t near = nearest_sample(cluster, target);
+            nearest[i] = cluster.index[near];
+            if (take_nearest) positions[i] = cluster.position(near);
+        }
+    });
+    return merged_cloud(cloud, std::move(positions), {samples.index, cut.offsets}, nearest,
+                        reductions, take_nearest, context);
 }
 
 PointCloud representatives(const PointCloud& cloud, const Clusters& clusters, Representative kind,

@@ -4,7 +4,9 @@
 #include "stipple/clusters.hpp"
 
 #include <map>
+#include <span>
 #include <string>
+#include <vector>
 
 namespace stipple {
 
@@ -14,6 +16,37 @@ namespace stipple {
 std::vector<Reduction> reductions_for(const PointCloud& cloud,
                                       const std::map<std::string, Reduction>& named,
                                       Representative kind);
+
+/// Some of a cloud's points for each of many places, flat; a point may be in several lists, a list
+/// is never empty.
+struct MemberLists {
+    const Index* members;
+    std::span<const Index> offsets;
+
+    std::span<const Index> of(std::size_t i) const noexcept {
+        return {members + offsets[i], members + offsets[i + 1]};
+    }
+};
+
+/// The cloud with a point at each of `positions`, whose attributes are those of the points listed
+/// for it, reduced.
+///
+/// @param nearest  for each, the listed point nearest to it; empty when the cloud has neither
+/// normals nor attributes.
+/// @param reductions  one for each attribute of `cloud`.
+/// @param take_nearest  normals and colours are those of the nearest, too.
+PointCloud merged_cloud(const PointCloud& cloud, std::vector<Vec3f> positions,
+                        const MemberLists& lists, std::span<const Index> nearest,
+                        std::span<const Reduction> reductions, bool take_nearest,
+                        const RunContext& context);
+
+/// The same for methods that place points freely: attributes are reduced by their own policy, or as
+/// `reductions` says by name.
+/// @param clusters  as many as positions; a member may be in several, none is empty.
+PointCloud merged_cloud(const PointCloud& cloud, const Clusters& clusters,
+                        std::vector<Vec3f> positions,
+                        const std::map<std::string, Reduction>& reductions,
+                        const RunContext& context);
 
 /// The cloud of representatives of the clusters of `cut`, whose samples' positions and numbers are
 /// those of `cloud`.

@@ -1,0 +1,39 @@
+#pragma once
+
+#include "stipple/point_cloud.hpp"
+#include "stipple/run_context.hpp"
+
+#include <span>
+#include <vector>
+
+namespace stipple {
+
+struct LocalAnalysisOptions {
+    unsigned k = 16;  ///< size of a neighbourhood N_p, 3..64; 0: chosen for each point
+    bool normals = true;
+    bool variation = true;
+    bool density = false;
+    bool anisotropy = false;
+};
+
+/// Local surface properties (§2, §2.1) of each of N points; what was not asked for is empty.
+struct LocalAnalysis {
+    std::vector<Vec3f> normals;     ///< unit v_0 of Eq. 4; the sign is any (`orient_normals`)
+    std::vector<float> variation;   ///< sigma_n of Eq. 5, in [0, 1/3]
+    std::vector<float> density;     ///< rho = k / r^2 (§2), per squared input unit
+    std::vector<float> anisotropy;  ///< (lambda_2 - lambda_1) / lambda_2: 0 where the neighbours
+                                    ///< lie evenly about the point, 1 where they lie along a line
+};
+
+/// Density, covariance, normal and surface variation of the k-nearest neighbourhood of every point.
+LocalAnalysis analyze_locally(std::span<const Vec3f> points,
+                              const LocalAnalysisOptions& options = {},
+                              const RunContext& context = {});
+
+/// Surface variation of a neighbourhood (§2.1, Eq. 5): λ0 / (λ0 + λ1 + λ2), with λ0 ≤ λ1 ≤ λ2.
+///
+/// @param eigenvalues  ascending, of the 3×3 covariance of Eq. 1 (any positive scale).
+/// @return  in [0, 1/3]; 0 on a plane, 1/3 when isotropic, 0 when all points coincide.
+double surface_variation(const Vec3d& eigenvalues) noexcept;
+
+}  // namespace stipple
