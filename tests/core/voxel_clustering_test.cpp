@@ -53,7 +53,7 @@ TEST(VoxelClustering, TheGridStandsOnTheLeastCorner) {
 
 TEST(VoxelClustering, TheSearchComesCloseToTheTargetFromBelow) {
     for (const auto& points : {test::sphere(50'000).positions, test::sphere(50'000, 0.1).positions,
-                               test::plane(50'000).positions, test::line(50'000).positions}) {
+                               test::plane(50'000).positions}) {
         for (const std::uint64_t target : {50U, 700U, 4000U}) {
             const std::size_t found = voxel_clusters(points, {.target_size = target}).size();
             EXPECT_LE(found, target);
