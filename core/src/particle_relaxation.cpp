@@ -13,11 +13,11 @@ namespace stipple {
 namespace {
 
 constexpr std::size_t kBlock = 512;
-constexpr float kForce = 0.35F;     // k of Eq. 7: a step over the sum of overlaps
-constexpr float kMomentum = 0.6F;   // part of a step that the next one keeps
+constexpr float kForce = 0.35F;       // k of Eq. 7: a step over the sum of overlaps
+constexpr float kMomentum = 0.6F;     // part of a step that the next one keeps
 constexpr float kLongestStep = 0.5F;  // over the spacing
-constexpr float kResting = 1e-4F;   // shorter steps, over the spacing, are not taken
-constexpr std::size_t kRing = 6;    // neighbours of a particle on a surface
+constexpr float kResting = 1e-4F;     // shorter steps, over the spacing, are not taken
+constexpr std::size_t kRing = 6;      // neighbours of a particle on a surface
 
 }  // namespace
 
@@ -32,12 +32,11 @@ ParticleRelaxation::ParticleRelaxation(const ParticleSurface& surface, std::vect
       feet_(positions_.size()),
       neighborhoods_((positions_.size() + kBlock - 1) / kBlock),
       progress_(neighborhoods_.size()) {
-    parallel_for_blocks(positions_.size(), kBlock, context_,
-                        [&](std::size_t begin, std::size_t end) {
-                            for (std::size_t i = begin; i < end; ++i)
-                                positions_[i] =
-                                    surface_.project(positions_[i], positions_[i], feet_[i]);
-                        });
+    parallel_for_blocks(
+        positions_.size(), kBlock, context_, [&](std::size_t begin, std::size_t end) {
+            for (std::size_t i = begin; i < end; ++i)
+                positions_[i] = surface_.project(positions_[i], positions_[i], feet_[i]);
+        });
 }
 
 ParticleRelaxation::Progress ParticleRelaxation::step(float radius, bool find_spacing) {

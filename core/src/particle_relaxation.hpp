@@ -29,7 +29,7 @@ public:
 
     /// How far an iteration moved the particles and how close they are.
     struct Progress {
-        double mean_step = 0;      ///< over the spacing
+        double mean_step = 0;        ///< over the spacing
         double largest_overlap = 0;  ///< of (r - |p - p_i|) / r
     };
 
@@ -38,8 +38,10 @@ public:
     Progress step(float radius, bool find_spacing);
 
     std::span<const Vec3f> positions() const noexcept { return positions_; }
-    /// The spacing at each particle.
+    /// The spacing at particle i.
     float spacing(std::size_t i) const noexcept { return factor_ * spacing_[feet_[i].sample]; }
+    /// The sample nearest to it.
+    Index sample(std::size_t i) const noexcept { return feet_[i].sample; }
 
     static constexpr float kReach = 1.6F;  ///< neighbours are known so far, over the spacing
 

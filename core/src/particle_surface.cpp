@@ -13,16 +13,20 @@ Vec3f ParticleSurface::project(const Vec3f& from, const Vec3f& to, Foot& foot) c
         std::array<Neighbor, 2> room;
         const std::span<Neighbor> nearest = search_.nearest(to, room);
         foot.sample = nearest.front().index;
-        foot.slack = nearest.size() < 2 ? 0
-                                        : 0.5F * (std::sqrt(nearest[1].distance_sq) -
-                                                  std::sqrt(nearest[0].distance_sq));
+        foot.slack =
+            nearest.size() < 2
+                ? 0
+                : 0.5F * (std::sqrt(nearest[1].distance_sq) - std::sqrt(nearest[0].distance_sq));
     }
-    const Vec3f& normal = normals_[foot.sample];
-    Vec3f offset = to - samples_[foot.sample];
+    const Vec3f& sample = samples_.positions[foot.sample];
+    const Vec3f& normal = samples_.normals[foot.sample];
+    Vec3f offset = to - sample;
     offset -= normal * normal.dot(offset);
-    const float distance = offset.norm(), border = border_[foot.sample];
+    // No place inside of evenly spread samples is further than about 0.3 radii from all of them.
+    constexpr float kBorder = 0.4F;
+    const float distance = offset.norm(), border = kBorder * samples_.radii[foot.sample];
     if (distance > border) offset *= border / distance;
-    const Vec3f projected = samples_[foot.sample] + offset;
+    const Vec3f projected = sample + offset;
     foot.slack -= (projected - to).norm();
     return projected;
 }

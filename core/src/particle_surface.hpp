@@ -4,13 +4,24 @@
 #include "stipple/point_cloud.hpp"
 #include "stipple/run_context.hpp"
 
-#include <span>
 #include <vector>
 
 namespace stipple {
 
-/// What particles move on: samples of a surface, each with its tangent plane (§3.3, Projection).
-/// Particles beyond the border of the samples, or in a hole, are held back.
+/// Points that stand for a surface, and what is known of it there; one entry each.
+struct SurfaceSamples {
+    std::vector<Index> points;  ///< their numbers in the cloud
+    std::vector<Vec3f> positions;
+    std::vector<Vec3f> normals;    ///< unit, sign any
+    std::vector<float> radii;      ///< of the enclosing sphere of the k nearest neighbours (§2)
+    std::vector<float> areas;      ///< of the surface each stands for: 1 / rho, to scale; positive
+    std::vector<float> variation;  ///< sigma_n
+
+    std::size_t size() const noexcept { return points.size(); }
+};
+
+/// What particles move on: the tangent planes of samples (§3.3, Projection). Particles beyond the
+/// border of the samples, or over a hole, are held back.
 class ParticleSurface {
 public:
     /// Where a particle stands.
@@ -19,25 +30,17 @@ public:
         float slack = -1;  ///< so far the particle can go with the same sample nearest
     };
 
-    /// @param normals  one for each sample, unit, sign any.
-    /// @param border  how far from each a particle may be along its plane, input units.
-    ParticleSurface(std::vector<Vec3f> samples, std::vector<Vec3f> normals,
-                    std::vector<float> border, const RunContext& context)
-        : search_(samples, context),
-          samples_(std::move(samples)),
-          normals_(std::move(normals)),
-          border_(std::move(border)) {}
+    /// @param samples  kept by reference.
+    ParticleSurface(const SurfaceSamples& samples, const RunContext& context)
+        : samples_(samples), search_(samples.positions, context) {}
 
     /// `to` on the tangent plane of the sample nearest to it, for a particle that moves there from
     /// `from`, where its foot was `foot`.
     Vec3f project(const Vec3f& from, const Vec3f& to, Foot& foot) const noexcept;
 
-    std::span<const Vec3f> samples() const noexcept { return samples_; }
-
 private:
+    const SurfaceSamples& samples_;
     NeighborSearch search_;
-    std::vector<Vec3f> samples_, normals_;
-    std::vector<float> border_;
 };
 
 }  // namespace stipple
