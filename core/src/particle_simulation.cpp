@@ -31,7 +31,8 @@ constexpr std::size_t kBlock = 1'024;
 // second, only pairs that are too close feel each other, and part.
 constexpr float kSpreadRadius = 1.25F;
 constexpr float kPartRadius = 0.88F;
-constexpr double kLargestOverlap = 0.05;
+constexpr double kNearly = 0.2;
+constexpr double kLargestOverlap = 0.1;
 
 template <typename... Parts>
 [[noreturn]] void refuse(const Parts&... parts) {
@@ -70,29 +71,8 @@ std::vector<Index> choose_samples(const PointCloud& cloud, const ParticleSimulat
     return order;
 }
 
-/// The cloud moved and scaled to about -1..1, where floats resolve small moves and hold squares.
-struct Frame {
-    Vec3d center;
-    double scale;  ///< input units, a power of two; 0 when all points coincide
-
-    explicit Frame(const std::vector<Vec3f>& points) {
-        Vec3f low = points.front(), high = low;
-        for (const Vec3f& p : points) {
-            low = low.cwiseMin(p);
-            high = high.cwiseMax(p);
-        }
-        center = 0.5 * (low.cast<double>() + high.cast<double>());
-        const double extent = (high.cast<double>() - low.cast<double>()).maxCoeff();
-        scale = extent > 0 ? std::ldexp(1.0, std::ilogb(extent)) : 0;
-    }
-    Vec3f inside(const Vec3f& p) const {
-        return ((p.cast<double>() - center) / scale).cast<float>();
-    }
-    Vec3d outside(const Vec3f& p) const { return p.cast<double>() * scale + center; }
-};
-
-SurfaceSamples analyze(const PointCloud& cloud, std::vector<Index> points, const Frame& frame,
-                       const RunContext& context) {
+SurfaceSamples analyze(const PointCloud& cloud, std::vector<Index> points,
+                       const ParticleFrame& frame, const RunContext& context) {
     const std::size_t n = points.size();
     SurfaceSamples s{std::move(points),     std::vector<Vec3f>(n), std::vector<Vec3f>(n),
                      std::vector<float>(n), std::vector<float>(n), std::vector<float>(n)};
@@ -159,7 +139,8 @@ void scale_spacing(std::vector<float>& spacing, const std::vector<float>& areas,
     for (float& value : spacing) value *= factor;
 }
 
-/// Repulsion (§3.3) until the particles are at rest, then until no two of them are too close.
+/// Repulsion (§3.3) until the particles are at rest, then until no two of them are too close, which
+/// may have to be done again where the projection onto the surface moved some.
 void relax(ParticleRelaxation& particles, const ParticleSimulationOptions& options,
            const RunContext& context) {
     const auto run = [&](float radius, bool find_spacing, auto&& is_done, const RunContext& part) {
@@ -170,34 +151,15 @@ void relax(ParticleRelaxation& particles, const ParticleSimulationOptions& optio
         part.checkpoint(1.0);
     };
     using Progress = ParticleRelaxation::Progress;
-    run(
-        kSpreadRadius, true, [&](const Progress& p) { return p.mean_step < options.tolerance; },
-        context.part(0.0, 0.7));
-    run(
-        kPartRadius, false, [&](const Progress& p) { return p.largest_overlap < kLargestOverlap; },
-        context.part(0.7, 1.0));
-}
-
-/// The particles on the moving least squares surface of the cloud. One that would move far, where
-/// the points carry no surface, stays on its tangent plane.
-std::vector<Vec3f> project_onto_surface(const PointCloud& cloud, const Frame& frame,
-                                        const ParticleRelaxation& particles,
-                                        const std::vector<float>& radii,
-                                        const RunContext& context) {
-    const MlsSurface surface(cloud.positions, {}, context);
-    std::vector<Vec3f> result(particles.positions().size());
-    parallel_for_blocks(result.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
-        for (std::size_t i = begin; i < end; ++i) {
-            const Vec3d p = frame.outside(particles.positions()[i]);
-            const Vec3d projected = surface.project(p).point;
-            const double most =
-                frame.scale *
-                static_cast<double>(std::max(particles.spacing(i), radii[particles.sample(i)]));
-            constexpr double kFar = 0.5;
-            result[i] = ((projected - p).norm() <= kFar * most ? projected : p).cast<float>();
-        }
-    });
-    return result;
+    const auto at_rest = [&](const Progress& p) { return p.mean_step < options.tolerance; };
+    const auto apart = [&](const Progress& p) { return p.largest_overlap < kLargestOverlap; };
+    const auto nearly_apart = [&](const Progress& p) {
+        return apart(p) || p.mean_step < kNearly * options.tolerance;
+    };
+    run(kSpreadRadius, true, at_rest, context.part(0.0, 0.6));
+    run(kPartRadius, false, nearly_apart, context.part(0.6, 0.8));
+    particles.settle();
+    run(kPartRadius, false, apart, context.part(0.8, 1.0));
 }
 
 /// The cloud's points at and around each particle, whose attributes it gets.
@@ -268,7 +230,7 @@ PointCloud particle_simulation(const PointCloud& cloud, const ParticleSimulation
     const std::vector<Reduction> reductions =
         reductions_for(cloud, options.reductions, Representative::Centroid);
     context.checkpoint(0.0);
-    const Frame frame(cloud.positions);
+    const ParticleFrame frame(cloud.positions);
     if (frame.scale == 0) return subset(cloud, std::vector<Index>(count, 0));
 
     const SurfaceSamples samples =
@@ -279,11 +241,14 @@ PointCloud particle_simulation(const PointCloud& cloud, const ParticleSimulation
         samples, particle_shares(samples.areas, spacing, count), count, options.seed);
     scale_spacing(spacing, samples.areas, count);
     context.checkpoint(0.25);
-    const ParticleSurface surface(samples, context);
+    const MlsSurface mls(cloud.positions, {}, context);
+    const ParticleSurface surface(samples, mls, frame, context);
     ParticleRelaxation particles(surface, std::move(spacing), std::move(positions), context);
-    relax(particles, options, context.part(0.25, 0.8));
-    positions = project_onto_surface(cloud, frame, particles, samples.radii, context);
-    context.checkpoint(0.95);
+    context.checkpoint(0.35);
+    relax(particles, options, context.part(0.35, 0.95));
+    positions.resize(count);
+    std::ranges::transform(particles.positions(), positions.begin(),
+                           [&](const Vec3f& p) { return Vec3f(frame.outside(p).cast<float>()); });
     PointCloud result = with_attributes(cloud, std::move(positions), reductions, context);
     context.checkpoint(1.0);
     return result;
