@@ -2,6 +2,7 @@
 
 #include "foot_finder.hpp"
 #include "mls_fit.hpp"
+#include "stipple/neighbors.hpp"
 
 #include <span>
 #include <vector>
@@ -12,7 +13,7 @@ namespace stipple {
 /// polynomial, whose tangent plane takes the plane's place in the iteration.
 class QuadraticFoot {
 public:
-    QuadraticFoot(std::span<const Vec3f> points, const NeighborSearch& search,
+    QuadraticFoot(std::span<const Vec3f> points, const PointTree& tree,
                   const FootFinder::Options& options);
 
     /// The foot of q near its foot on the linear surface. That itself where it is none of that
@@ -21,7 +22,7 @@ public:
 
 private:
     std::span<const Vec3f> points_;
-    const NeighborSearch& search_;
+    const PointTree& tree_;
     const FootFinder::Options& options_;
     MlsNeighborhood around_;
     std::vector<Neighbor> room_;

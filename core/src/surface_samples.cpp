@@ -114,8 +114,10 @@ SurfaceSamples sample_points(const PointTree& tree, std::uint64_t count, std::ui
     samples.resize(m);
     const double step = static_cast<double>(n) / static_cast<double>(m);
     for (std::size_t i = 0; i < m; ++i) {
-        const double where = (static_cast<double>(i) + random_unit(seed, i)) * step;
-        const std::size_t at = m == n ? i : std::min(n - 1, static_cast<std::size_t>(where));
+        const auto at =
+            m == n ? i
+                   : std::min(n - 1, static_cast<std::size_t>(
+                                         step * (static_cast<double>(i) + random_unit(seed, i))));
         samples.positions[i] = position(tree, at);
         samples.areas[i] = areas[at];
         samples.sources[i] = index(tree, at);
@@ -125,8 +127,8 @@ SurfaceSamples sample_points(const PointTree& tree, std::uint64_t count, std::ui
     return samples;
 }
 
-SurfaceSamples sample_surface(const PointTree& tree, const FootFinder& surface,
-                              std::uint64_t count, std::uint64_t seed, const RunContext& context) {
+SurfaceSamples sample_surface(const PointTree& tree, const FootFinder& surface, std::uint64_t count,
+                              std::uint64_t seed, const RunContext& context) {
     const std::vector<float> areas = point_areas(tree, context);
     const std::vector<std::size_t> drawn = draw_by_area(areas, count, seed);
     std::vector<std::size_t> used = drawn;
@@ -134,8 +136,8 @@ SurfaceSamples sample_surface(const PointTree& tree, const FootFinder& surface,
     std::vector<Vec3f> bases(used.size()), normals(used.size());
     for (std::size_t i = 0; i < used.size(); ++i) bases[i] = position(tree, used[i]);
     surface.find(
-        bases,
-        [&](std::size_t i, const Foot& foot) { normals[i] = foot.normal.cast<float>(); }, context);
+        bases, [&](std::size_t i, const Foot& foot) { normals[i] = foot.normal.cast<float>(); },
+        context);
 
     SurfaceSamples samples;
     samples.resize(count);
@@ -157,7 +159,7 @@ SurfaceSamples sample_surface(const PointTree& tree, const FootFinder& surface,
         [&](std::size_t i, const Foot& foot) {
             // Where the surface is not to be found there is at least the point.
             const Vec3f source = position(tree, drawn[i]);
-            feet[i] = foot.converged ? Vec3f(foot.point.cast<float>()) : source;
+            feet[i] = foot.converged && !foot.beyond ? Vec3f(foot.point.cast<float>()) : source;
         },
         context);
     samples.positions = std::move(feet);

@@ -32,7 +32,7 @@ SurfaceSamples sample_points(const PointTree& tree, std::uint64_t count, std::ui
 
 /// `count` random places of the surface, evenly over its area: points drawn by their area, moved in
 /// their tangent planes by up to about half a spacing, and projected.
-SurfaceSamples sample_surface(const PointTree& tree, const FootFinder& surface,
-                              std::uint64_t count, std::uint64_t seed, const RunContext& context);
+SurfaceSamples sample_surface(const PointTree& tree, const FootFinder& surface, std::uint64_t count,
+                              std::uint64_t seed, const RunContext& context);
 
 }  // namespace stipple
