@@ -145,7 +145,7 @@ SurfaceSamples sample_surface(const PointTree& tree, const FootFinder& surface, 
     for (std::uint64_t i = 0; i < count; ++i) {
         if (used[base] != drawn[i]) ++base;
         const Vec3f n = normals[base], u = n.unitOrthogonal(), v = n.cross(u);
-        constexpr double kReach = 0.75;  // of the distance to the third neighbour
+        constexpr double kReach = 0.6;  // of the distance to the third neighbour
         const double r = kReach * std::sqrt(areas[drawn[i]] * random_unit(~seed, 2 * i));
         const double angle = 2.0 * std::numbers::pi * random_unit(~seed, 2 * i + 1);
         samples.positions[i] = bases[base] + static_cast<float>(r * std::cos(angle)) * u +
