@@ -12,7 +12,7 @@ namespace stipple {
 
 /// The cloud Q of §4: places on a surface, each standing for a part of it. In an order in which
 /// neighbours follow each other.
-struct SurfaceSamples {
+struct ErrorSamples {
     std::vector<Vec3f> positions;
     std::vector<float> areas;    ///< of the part, in any unit; none negative, not all zero
     std::vector<Index> sources;  ///< the point that each is, or was moved from; none for particles
@@ -27,12 +27,12 @@ struct SurfaceSamples {
 std::vector<float> point_areas(const PointTree& tree, const RunContext& context);
 
 /// `count` of the points, evenly drawn, each with its area; all of them when there are no more.
-SurfaceSamples sample_points(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
+ErrorSamples take_points(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
                              const RunContext& context);
 
 /// `count` random places of the surface, evenly over its area: points drawn by their area, moved in
 /// their tangent planes by up to about half a spacing, and projected.
-SurfaceSamples sample_surface(const PointTree& tree, const FootFinder& surface, std::uint64_t count,
+ErrorSamples take_surface(const PointTree& tree, const FootFinder& surface, std::uint64_t count,
                               std::uint64_t seed, const RunContext& context);
 
 }  // namespace stipple

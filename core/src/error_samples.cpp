@@ -1,4 +1,4 @@
-#include "surface_samples.hpp"
+#include "error_samples.hpp"
 
 #include "parallel_for.hpp"
 
@@ -77,7 +77,7 @@ std::vector<std::size_t> draw_by_area(std::span<const float> areas, std::uint64_
 
 }  // namespace
 
-void SurfaceSamples::resize(std::size_t n) {
+void ErrorSamples::resize(std::size_t n) {
     positions.resize(n);
     areas.resize(n);
     sources.resize(n);
@@ -106,11 +106,11 @@ std::vector<float> point_areas(const PointTree& tree, const RunContext& context)
     return areas;
 }
 
-SurfaceSamples sample_points(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
+ErrorSamples take_points(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
                              const RunContext& context) {
     const std::vector<float> areas = point_areas(tree, context);
     const std::size_t n = tree.size(), m = std::min<std::uint64_t>(count, n);
-    SurfaceSamples samples;
+    ErrorSamples samples;
     samples.resize(m);
     const double step = static_cast<double>(n) / static_cast<double>(m);
     for (std::size_t i = 0; i < m; ++i) {
@@ -127,7 +127,7 @@ SurfaceSamples sample_points(const PointTree& tree, std::uint64_t count, std::ui
     return samples;
 }
 
-SurfaceSamples sample_surface(const PointTree& tree, const FootFinder& surface, std::uint64_t count,
+ErrorSamples take_surface(const PointTree& tree, const FootFinder& surface, std::uint64_t count,
                               std::uint64_t seed, const RunContext& context) {
     const std::vector<float> areas = point_areas(tree, context);
     const std::vector<std::size_t> drawn = draw_by_area(areas, count, seed);
@@ -139,7 +139,7 @@ SurfaceSamples sample_surface(const PointTree& tree, const FootFinder& surface, 
         bases, [&](std::size_t i, const Foot& foot) { normals[i] = foot.normal.cast<float>(); },
         context);
 
-    SurfaceSamples samples;
+    ErrorSamples samples;
     samples.resize(count);
     std::size_t base = 0;
     for (std::uint64_t i = 0; i < count; ++i) {
