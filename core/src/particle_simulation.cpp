@@ -27,11 +27,13 @@ constexpr std::size_t kBlock = 1'024;
 
 // Radii over the spacing. With the first, each particle feels the ring around it and the whole
 // comes to rest; it is evenly spread then, but for pairs that the others press together. With the
-// second, only pairs that are too close feel each other, and part.
+// second, only pairs that are too close feel each other, and part; with the third, only those that
+// the projection brought together.
 constexpr float kSpreadRadius = 1.25F;
 constexpr float kPartRadius = 0.88F;
-constexpr double kNearly = 0.2;
-constexpr double kLargestOverlap = 0.1;
+constexpr float kSettledRadius = 0.83F;
+constexpr double kLargestOverlap = 0.05;  // over the radius
+constexpr double kNearly = 0.2;           // of the tolerance, where pairs are pressed by others
 
 template <typename... Parts>
 [[noreturn]] void refuse(const Parts&... parts) {
@@ -120,7 +122,7 @@ void relax(ParticleRelaxation& particles, const ParticleSimulationOptions& optio
     run(kSpreadRadius, true, at_rest, context.part(0.0, 0.6));
     run(kPartRadius, false, nearly_apart, context.part(0.6, 0.8));
     particles.settle();
-    run(kPartRadius, false, apart, context.part(0.8, 1.0));
+    run(kSettledRadius, false, apart, context.part(0.8, 1.0));
 }
 
 /// The cloud's points at and around each particle, whose attributes it gets.
@@ -200,16 +202,16 @@ PointCloud particle_simulation(const PointCloud& cloud, const ParticleSimulation
     std::vector<float> areas(samples.size());
     for (std::size_t i = 0; i < areas.size(); ++i) areas[i] = samples.area(i);
     std::vector<float> spacing = relative_spacing(cloud, samples, areas, options, context);
-    std::vector<Vec3f> positions =
+    SpreadParticles start =
         spread_particles(samples, particle_shares(areas, spacing, count), count, options.seed);
     scale_spacing(spacing, areas, count);
     context.checkpoint(0.25);
     const MlsSurface mls(cloud.positions, {}, context);
     const ParticleSurface surface(samples, mls, frame, context);
-    ParticleRelaxation particles(surface, std::move(spacing), std::move(positions), context);
+    ParticleRelaxation particles(surface, std::move(spacing), std::move(start), context);
     context.checkpoint(0.35);
     relax(particles, options, context.part(0.35, 0.95));
-    positions.resize(count);
+    std::vector<Vec3f> positions(count);
     std::ranges::transform(particles.positions(), positions.begin(),
                            [&](const Vec3f& p) { return Vec3f(frame.outside(p).cast<float>()); });
     PointCloud result = with_attributes(cloud, std::move(positions), reductions, context);

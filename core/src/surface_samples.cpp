@@ -85,9 +85,9 @@ SurfaceSamples sample_surface(const PointCloud& cloud, std::vector<Index> points
     s.neighbors = k_nearest_neighbors(s.positions, kNeighbors, context);
     parallel_for_blocks(n, kBlock, context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {
-            const std::uint64_t end = s.neighbors.offsets[i + 1];
-            const bool alone = end == s.neighbors.offsets[i];
-            analyze(s, i, alone ? 0.0F : std::sqrt(s.neighbors.distances_sq[end - 1]));
+            const bool alone = s.neighbors.of(i).empty();
+            const std::uint64_t farthest = s.neighbors.offsets[i + 1] - 1;
+            analyze(s, i, alone ? 0.0F : std::sqrt(s.neighbors.distances_sq[farthest]));
         }
     });
     s.neighbors.distances_sq = {};
