@@ -39,6 +39,13 @@ std::span<Neighbor> NearbySearch::find_near(const Vec3f& q) {
     return found.first(most_);
 }
 
+std::span<Neighbor> NearbySearch::find_nearest_few(const Vec3f& q) {
+    const std::span<Neighbor> found = find(q);
+    const auto last = found.begin() + static_cast<std::ptrdiff_t>(least_ - 1);
+    std::nth_element(found.begin(), last, found.end());
+    return found.first(least_);
+}
+
 std::span<Neighbor> NearbySearch::find(const Vec3f& q) {
     if (const std::span<Neighbor> found = find_near(q); !found.empty()) return found;
     const std::span<Neighbor> found = find_nearest(tree_, q, room_);

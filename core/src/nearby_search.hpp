@@ -22,6 +22,9 @@ public:
     /// The same where no more than the last radius has to be looked through; else nothing.
     std::span<Neighbor> find_near(const Vec3f& q);
 
+    /// The `least` nearest to q, in any order.
+    std::span<Neighbor> find_nearest_few(const Vec3f& q);
+
     /// Infinite where the last answer was all points.
     double reach() const noexcept { return reach_; }
 

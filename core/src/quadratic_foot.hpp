@@ -2,10 +2,9 @@
 
 #include "foot_finder.hpp"
 #include "mls_fit.hpp"
-#include "stipple/neighbors.hpp"
+#include "nearby_search.hpp"
 
 #include <span>
-#include <vector>
 
 namespace stipple {
 
@@ -22,10 +21,9 @@ public:
 
 private:
     std::span<const Vec3f> points_;
-    const PointTree& tree_;
     const FootFinder::Options& options_;
     MlsNeighborhood around_;
-    std::vector<Neighbor> room_;
+    NearbySearch search_;
 };
 
 }  // namespace stipple

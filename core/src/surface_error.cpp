@@ -6,7 +6,7 @@
 #include "parallel_for.hpp"
 #include "point_tree.hpp"
 #include "stipple/error.hpp"
-#include "surface_samples.hpp"
+#include "error_samples.hpp"
 #include "tree_search.hpp"
 
 #include <algorithm>
@@ -94,13 +94,13 @@ struct Surface {
     AttributedSurface attributed() const { return {cloud, tree}; }
 };
 
-SurfaceSamples take_samples(const Surface& surface, const SurfaceErrorOptions& options,
+ErrorSamples take_samples(const Surface& surface, const SurfaceErrorOptions& options,
                             const RunContext& context) {
     const std::uint64_t n = surface.points.size();
     const std::uint64_t count = options.samples > 0 ? options.samples : std::max(n, kLeastSamples);
     if (options.sampling == ErrorSampling::Points && count <= n)
-        return sample_points(surface.tree, count, options.seed, context);
-    return sample_surface(surface.tree, surface.finder, count, options.seed, context);
+        return take_points(surface.tree, count, options.seed, context);
+    return take_surface(surface.tree, surface.finder, count, options.seed, context);
 }
 
 /// Distances to the nearest of the points.
@@ -121,7 +121,7 @@ void find_nearest_points(const Surface& surface, std::span<const Vec3f> queries,
 
 DirectedError measure_direction(const Surface& from, const Surface& to, const Frame& frame,
                                 const SurfaceErrorOptions& options, const RunContext& context) {
-    const SurfaceSamples samples = take_samples(from, options, context);
+    const ErrorSamples samples = take_samples(from, options, context);
     context.checkpoint(0.3);
     std::vector<float> distances(samples.size());
     std::vector<Vec3f> feet(options.attributes ? samples.size() : 0);
