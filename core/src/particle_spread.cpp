@@ -36,7 +36,7 @@ Vec3f place_around(const SurfaceSamples& samples, Index sample, std::size_t rank
     const Vec3d u = normal.unitOrthogonal(), v = normal.cross(u);
     constexpr double kGoldenAngle = 2.39996322972865332;
     const double angle = kGoldenAngle * static_cast<double>(rank) + 2 * std::numbers::pi * turn;
-    const double radius = std::sqrt(static_cast<double>(samples.areas[sample]) / std::numbers::pi *
+    const double radius = std::sqrt(static_cast<double>(samples.area(sample)) / std::numbers::pi *
                                     static_cast<double>(rank) / static_cast<double>(of));
     return samples.positions[sample] +
            (radius * (std::cos(angle) * u + std::sin(angle) * v)).cast<float>();

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "particle_surface.hpp"
+#include "surface_samples.hpp"
 
 #include <cstdint>
 #include <span>
