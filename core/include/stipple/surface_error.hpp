@@ -14,7 +14,8 @@ namespace stipple {
 enum class ErrorSampling : std::uint8_t {
     Points,     ///< at the points themselves, each for the area around it; where there are fewer
                 ///< points than samples asked for, as `Surface`
-    Surface,    ///< at random places of the surface, evenly over its area
+    Surface,    ///< at random places of the surface: evenly over its area, but hardly in gaps
+                ///< between points that are wider than usual there
     Particles,  ///< at particles that repel each other on the surface (§3.3), as the paper has it
 };
 
@@ -22,7 +23,7 @@ enum class ErrorSampling : std::uint8_t {
 enum class ErrorSurface : std::uint8_t {
     Linear,     ///< MLS with a linear basis, as the paper has it; lies inside curved parts
     Quadratic,  ///< MLS with a quadratic basis, an order closer to the true surface
-    Samples,    ///< the points alone: no surface. Zero for any subset
+    Samples,    ///< the points alone, no surface, from points only: zero for any subset
 };
 
 struct SurfaceErrorOptions {
