@@ -1,0 +1,220 @@
+#include "stipple/particle_simulation.hpp"
+
+#include "hilbert_order.hpp"
+#include "parallel_for.hpp"
+#include "particle_density.hpp"
+#include "particle_relaxation.hpp"
+#include "particle_spread.hpp"
+#include "particle_surface.hpp"
+#include "representatives.hpp"
+#include "stipple/error.hpp"
+#include "stipple/mls.hpp"
+#include "stipple/neighbors.hpp"
+#include "surface_samples.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <sstream>
+
+namespace stipple {
+
+namespace {
+
+constexpr std::size_t kSamplesPerParticle = 16;
+constexpr std::size_t kBlock = 1'024;
+
+// Radii over the spacing. With the first, each particle feels the ring around it and the whole
+// comes to rest; it is evenly spread then, but for pairs that the others press together. With the
+// second, only pairs that are too close feel each other, and part.
+constexpr float kSpreadRadius = 1.25F;
+constexpr float kPartRadius = 0.88F;
+constexpr double kNearly = 0.2;
+constexpr double kLargestOverlap = 0.1;
+
+template <typename... Parts>
+[[noreturn]] void refuse(const Parts&... parts) {
+    std::ostringstream message;
+    (message << ... << parts);
+    throw Error(ErrorCode::InvalidArgument, message.str());
+}
+
+void check(const ParticleSimulationOptions& options, const PointCloud& cloud) {
+    if (cloud.empty()) refuse("the cloud has no points: expected at least 1");
+    constexpr auto kMost = std::numeric_limits<Index>::max();
+    if (options.target_size == 0 || options.target_size > kMost)
+        refuse("target_size ", options.target_size, ": expected 1..", kMost);
+    if (!(options.adaptivity >= 0 && options.adaptivity <= 1))
+        refuse("adaptivity ", options.adaptivity, ": expected 0..1");
+    if (!(options.max_grading >= 1 && std::isfinite(options.max_grading)))
+        refuse("max_grading ", options.max_grading, ": expected at least 1, finite");
+    if (options.max_iterations == 0) refuse("max_iterations 0: expected at least 1");
+    if (!(options.tolerance > 0 && options.tolerance < 1))
+        refuse("tolerance ", options.tolerance, ": expected above 0, below 1");
+    validate(options.regions, cloud);
+}
+
+/// The numbers of the points that stand for the surface, along a space-filling curve: all of them,
+/// or, for a uniform simplification, as many as particles can tell apart.
+std::vector<Index> choose_samples(const PointCloud& cloud, const ParticleSimulationOptions& options,
+                                  const RunContext& context) {
+    std::vector<Index> order = hilbert_order(cloud.positions, context);
+    const std::size_t n = order.size();
+    const bool uniform = options.adaptivity == 0 && options.regions.empty();
+    const std::size_t count =
+        uniform ? std::min<std::size_t>(n, kSamplesPerParticle * options.target_size) : n;
+    if (count == n) return order;
+    for (std::size_t i = 0; i < count; ++i) order[i] = order[(2 * i + 1) * n / (2 * count)];
+    order.resize(count);
+    return order;
+}
+
+/// The spacing of particles at each sample, up to a common factor.
+std::vector<float> relative_spacing(const PointCloud& cloud, const SurfaceSamples& samples,
+                                    std::span<const float> areas,
+                                    const ParticleSimulationOptions& options,
+                                    const RunContext& context) {
+    std::vector<float> spacing(samples.points.size(), 1.0F);
+    if (options.adaptivity > 0) {
+        spacing =
+            adaptive_spacing(samples, areas, options.adaptivity, options.max_grading, context);
+    }
+    if (options.regions.empty()) return spacing;
+    parallel_for_blocks(spacing.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i)
+            spacing[i] *= region_spacing(options.regions, cloud, samples.points[i]);
+    });
+    return spacing;
+}
+
+/// Spacing that `count` particles can have: in a hexagonal lattice, each has sqrt(3) / 2 of its
+/// square. The factor is found anew while they relax.
+void scale_spacing(std::vector<float>& spacing, const std::vector<float>& areas,
+                   std::size_t count) {
+    double places = 0;
+    for (std::size_t i = 0; i < spacing.size(); ++i)
+        places += static_cast<double>(areas[i] / (spacing[i] * spacing[i]));
+    const auto factor = static_cast<float>(
+        std::sqrt(2 / std::numbers::sqrt3 * places / static_cast<double>(count)));
+    for (float& value : spacing) value *= factor;
+}
+
+/// Repulsion (§3.3) until the particles are at rest, then until no two of them are too close, which
+/// may have to be done again where the projection onto the surface moved some.
+void relax(ParticleRelaxation& particles, const ParticleSimulationOptions& options,
+           const RunContext& context) {
+    const auto run = [&](float radius, bool find_spacing, auto&& is_done, const RunContext& part) {
+        for (unsigned i = 0; i < options.max_iterations; ++i) {
+            if (is_done(particles.step(radius, find_spacing))) break;
+            part.checkpoint(static_cast<double>(i + 1) / options.max_iterations);
+        }
+        part.checkpoint(1.0);
+    };
+    using Progress = ParticleRelaxation::Progress;
+    const auto at_rest = [&](const Progress& p) { return p.mean_step < options.tolerance; };
+    const auto apart = [&](const Progress& p) { return p.largest_overlap < kLargestOverlap; };
+    const auto nearly_apart = [&](const Progress& p) {
+        return apart(p) || p.mean_step < kNearly * options.tolerance;
+    };
+    run(kSpreadRadius, true, at_rest, context.part(0.0, 0.6));
+    run(kPartRadius, false, nearly_apart, context.part(0.6, 0.8));
+    particles.settle();
+    run(kPartRadius, false, apart, context.part(0.8, 1.0));
+}
+
+/// The cloud's points at and around each particle, whose attributes it gets.
+struct Sources {
+    std::vector<Index> members, offsets, nearest;
+};
+
+/// With fewer particles than points, as many of the nearest points as there are to a particle, at
+/// most; else the four nearest, the nearer the more often: each by Franke and Little's weight,
+/// which is large at a point and 0 at the next farther one, so that values change smoothly.
+Sources find_sources(const PointCloud& cloud, const std::vector<Vec3f>& positions,
+                     const RunContext& context) {
+    constexpr std::size_t kInterpolated = 4, kAveraged = 16;
+    constexpr float kTimes = 8;
+    const std::size_t share = cloud.size() / positions.size();
+    const bool interpolate = share < kInterpolated;
+    const std::size_t wanted = interpolate ? kInterpolated + 1 : std::min(share, kAveraged);
+    const NeighborSearch search(cloud.positions, context);
+    Sources sources;
+    sources.nearest.resize(positions.size());
+    sources.offsets.resize(positions.size() + 1);
+    std::vector<std::vector<Index>> blocks((positions.size() + kBlock - 1) / kBlock);
+    parallel_for_blocks(positions.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+        std::array<Neighbor, kAveraged> room;
+        std::vector<Index>& members = blocks[begin / kBlock];
+        for (std::size_t i = begin; i < end; ++i) {
+            const std::span<Neighbor> found =
+                search.nearest(positions[i], std::span(room).first(wanted));
+            const float limit = std::sqrt(found.back().distance_sq);
+            const auto weight = [limit](const Neighbor& n) {
+                const float d = std::max(std::sqrt(n.distance_sq), 1e-3F * limit);
+                return (limit - d) * (limit - d) / (d * d);
+            };
+            const float heaviest = limit > 0 ? weight(found.front()) : 0;
+            const std::size_t before = members.size();
+            for (const Neighbor& n : found) {
+                const auto times = !interpolate || !(heaviest > 0)
+                                       ? 1
+                                       : std::lround(kTimes * weight(n) / heaviest);
+                members.insert(members.end(), static_cast<std::size_t>(times), n.index);
+            }
+            sources.nearest[i] = found.front().index;
+            sources.offsets[i + 1] = static_cast<Index>(members.size() - before);
+        }
+    });
+    for (std::size_t i = 0; i < positions.size(); ++i) sources.offsets[i + 1] += sources.offsets[i];
+    for (const std::vector<Index>& block : blocks)
+        sources.members.insert(sources.members.end(), block.begin(), block.end());
+    return sources;
+}
+
+/// The cloud of the particles, with attributes where there are any.
+PointCloud with_attributes(const PointCloud& cloud, std::vector<Vec3f> positions,
+                           std::span<const Reduction> reductions, const RunContext& context) {
+    Sources sources;
+    if (!cloud.normals.empty() || !cloud.colors.empty() || !cloud.attributes.empty())
+        sources = find_sources(cloud, positions, context);
+    return merged_cloud(cloud, std::move(positions), {sources.members.data(), sources.offsets},
+                        sources.nearest, reductions, false, context);
+}
+
+}  // namespace
+
+PointCloud particle_simulation(const PointCloud& cloud, const ParticleSimulationOptions& options,
+                               const RunContext& context) {
+    check(options, cloud);
+    const auto count = static_cast<std::size_t>(options.target_size);
+    const std::vector<Reduction> reductions =
+        reductions_for(cloud, options.reductions, Representative::Centroid);
+    context.checkpoint(0.0);
+    const ParticleFrame frame(cloud.positions);
+    if (frame.scale == 0) return subset(cloud, std::vector<Index>(count, 0));
+
+    const SurfaceSamples samples =
+        sample_surface(cloud, choose_samples(cloud, options, context), frame, context);
+    context.checkpoint(0.2);
+    std::vector<float> areas(samples.size());
+    for (std::size_t i = 0; i < areas.size(); ++i) areas[i] = samples.area(i);
+    std::vector<float> spacing = relative_spacing(cloud, samples, areas, options, context);
+    std::vector<Vec3f> positions =
+        spread_particles(samples, particle_shares(areas, spacing, count), count, options.seed);
+    scale_spacing(spacing, areas, count);
+    context.checkpoint(0.25);
+    const MlsSurface mls(cloud.positions, {}, context);
+    const ParticleSurface surface(samples, mls, frame, context);
+    ParticleRelaxation particles(surface, std::move(spacing), std::move(positions), context);
+    context.checkpoint(0.35);
+    relax(particles, options, context.part(0.35, 0.95));
+    positions.resize(count);
+    std::ranges::transform(particles.positions(), positions.begin(),
+                           [&](const Vec3f& p) { return Vec3f(frame.outside(p).cast<float>()); });
+    PointCloud result = with_attributes(cloud, std::move(positions), reductions, context);
+    context.checkpoint(1.0);
+    return result;
+}
+
+}  // namespace stipple

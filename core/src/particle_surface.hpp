@@ -1,0 +1,54 @@
+#pragma once
+
+#include "stipple/mls.hpp"
+#include "stipple/neighbors.hpp"
+#include "stipple/point_cloud.hpp"
+#include "stipple/run_context.hpp"
+#include "surface_samples.hpp"
+
+namespace stipple {
+
+/// What particles move on (§3.3, Projection): the tangent planes of samples, and at the end the
+/// moving least squares surface of the cloud.
+class ParticleSurface {
+public:
+    /// Where a particle stands.
+    struct Foot {
+        Index sample = 0;  ///< the nearest, or the nearest on the same sheet of the surface
+        float slack = 0;   ///< so far the particle can go with the same sample nearest
+    };
+
+    /// @param samples  kept by reference, as is `mls`, the surface outside of the frame.
+    ParticleSurface(const SurfaceSamples& samples, const MlsSurface& mls,
+                    const ParticleFrame& frame, const RunContext& context)
+        : samples_(samples), mls_(mls), frame_(frame), search_(samples.positions, context) {}
+
+    /// The sample nearest to p.
+    Index nearest(const Vec3f& p) const noexcept;
+
+    /// `to` on the tangent plane of the sample nearest to it, for a particle that moves there from
+    /// `from`, where its foot was `foot`. Beyond the border of the samples, or over a hole, it is
+    /// held back.
+    Vec3f project(const Vec3f& from, const Vec3f& to, Foot& foot) const noexcept;
+
+    /// Psi(P, p) for a particle that `project` gave. Where that is far, since the points carry no
+    /// surface there, it stays.
+    /// @param spacing  of the particles there.
+    Vec3f settle(const Vec3f& p, const Foot& foot, float spacing) const;
+
+private:
+    struct Projection {
+        Vec3f point;
+        bool held_back;
+    };
+
+    void walk(const Vec3f& p, Foot& foot) const noexcept;
+    Projection onto_plane(const Vec3f& p, Index sample) const noexcept;
+
+    const SurfaceSamples& samples_;
+    const MlsSurface& mls_;
+    ParticleFrame frame_;
+    NeighborSearch search_;
+};
+
+}  // namespace stipple

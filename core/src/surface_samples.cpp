@@ -1,0 +1,97 @@
+#include "surface_samples.hpp"
+
+#include "parallel_for.hpp"
+#include "symmetric_eigen.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace stipple {
+
+namespace {
+
+constexpr unsigned kNeighbors = 16;
+constexpr std::size_t kBlock = 1'024;
+
+// No place inside of evenly spread samples is further than about 0.3 radii from all of them. The
+// mean of the neighbours of a sample on a straight border is 4 / (3 pi) = 0.42 radii away.
+constexpr float kInside = 0.4F;
+constexpr float kTwoSided = 0.2F, kOneSided = 0.35F;
+
+void analyze(SurfaceSamples& s, std::size_t i, float radius) {
+    const std::span<const Index> near = s.neighbors.of(i);
+    const Vec3f p = s.positions[i];
+    Vec3f sum = Vec3f::Zero(), squares = Vec3f::Zero(), products = Vec3f::Zero();
+    for (const Index j : near) {
+        const Vec3f d = s.positions[j] - p;
+        sum += d;
+        squares += d.cwiseProduct(d);
+        products += Vec3f(d.x() * d.y(), d.y() * d.z(), d.z() * d.x());
+    }
+    // Around the centroid of the neighbours and the point itself, Eq. 1.
+    const Vec3d total = sum.cast<double>(), q = squares.cast<double>(), m = products.cast<double>();
+    const double by = 1.0 / static_cast<double>(near.size() + 1);
+    const Symmetric3 scatter = {
+        q.x() - by * total.x() * total.x(), m.x() - by * total.x() * total.y(),
+        m.z() - by * total.z() * total.x(), q.y() - by * total.y() * total.y(),
+        m.y() - by * total.y() * total.z(), q.z() - by * total.z() * total.z()};
+    const std::array<double, 3> lambda = eigenvalues(scatter);
+    s.normals[i] = eigenvector(scatter, lambda[0]).cast<float>();
+    s.variation[i] =
+        scatter.trace() > 0 ? static_cast<float>(std::max(0.0, lambda[0]) / scatter.trace()) : 0.0F;
+    s.radii[i] = radius;
+    const Vec3f mean = sum / static_cast<float>(std::max<std::size_t>(1, near.size()));
+    const float offset = mean.norm();
+    s.outward[i] = offset > 0 ? Vec3f(-mean / offset) : Vec3f::Zero();
+    const float sided = radius > 0 ? offset / radius : 0.0F;
+    s.outer[i] =
+        kInside * radius * std::clamp((kOneSided - sided) / (kOneSided - kTwoSided), 0.0F, 1.0F);
+}
+
+}  // namespace
+
+ParticleFrame::ParticleFrame(std::span<const Vec3f> points) {
+    Vec3f low = points.front(), high = low;
+    for (const Vec3f& p : points) {
+        low = low.cwiseMin(p);
+        high = high.cwiseMax(p);
+    }
+    center = 0.5 * (low.cast<double>() + high.cast<double>());
+    const double extent = (high.cast<double>() - low.cast<double>()).maxCoeff();
+    scale = extent > 0 ? std::ldexp(1.0, std::ilogb(extent)) : 0;
+}
+
+float SurfaceSamples::area(std::size_t i) const noexcept {
+    constexpr float kSmallest = 1e-30F;  // where samples coincide
+    return std::max(kSmallest, std::numbers::pi_v<float> / kNeighbors * radii[i] * radii[i]);
+}
+
+float SurfaceSamples::border(std::size_t i) const noexcept {
+    return kInside * radii[i];
+}
+
+SurfaceSamples sample_surface(const PointCloud& cloud, std::vector<Index> points,
+                              const ParticleFrame& frame, const RunContext& context) {
+    const std::size_t n = points.size();
+    SurfaceSamples s;
+    s.points = std::move(points);
+    for (auto* vectors : {&s.positions, &s.normals, &s.outward}) vectors->resize(n);
+    for (auto* values : {&s.radii, &s.variation, &s.outer}) values->resize(n);
+    parallel_for_blocks(n, kBlock, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i)
+            s.positions[i] = frame.inside(cloud.positions[s.points[i]].cast<double>());
+    });
+    s.neighbors = k_nearest_neighbors(s.positions, kNeighbors, context);
+    parallel_for_blocks(n, kBlock, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+            const std::uint64_t end = s.neighbors.offsets[i + 1];
+            const bool alone = end == s.neighbors.offsets[i];
+            analyze(s, i, alone ? 0.0F : std::sqrt(s.neighbors.distances_sq[end - 1]));
+        }
+    });
+    s.neighbors.distances_sq = {};
+    return s;
+}
+
+}  // namespace stipple

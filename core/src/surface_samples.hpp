@@ -1,0 +1,47 @@
+#pragma once
+
+#include "stipple/neighbors.hpp"
+#include "stipple/point_cloud.hpp"
+#include "stipple/run_context.hpp"
+
+#include <span>
+#include <vector>
+
+namespace stipple {
+
+/// A cloud moved and scaled to about -1..1, where floats resolve small moves and hold squares.
+struct ParticleFrame {
+    Vec3d center;
+    double scale;  ///< input units, a power of two; 0 when all points coincide
+
+    explicit ParticleFrame(std::span<const Vec3f> points);
+    Vec3f inside(const Vec3d& p) const { return ((p - center) / scale).cast<float>(); }
+    Vec3d outside(const Vec3f& p) const { return p.cast<double>() * scale + center; }
+};
+
+/// Points that stand for a surface, and what is known of it there; one entry each, lengths in the
+/// units of the frame.
+struct SurfaceSamples {
+    std::vector<Index> points;  ///< their numbers in the cloud
+    std::vector<Vec3f> positions;
+    NeighborLists neighbors;       ///< the k nearest, without their distances
+    std::vector<Vec3f> normals;    ///< unit, sign any
+    std::vector<float> radii;      ///< of the enclosing sphere of the k nearest neighbours (§2)
+    std::vector<float> variation;  ///< sigma_n
+    std::vector<Vec3f> outward;    ///< away from the mean of the neighbours, unit or 0
+    std::vector<float> outer;      ///< how far the surface goes on in that direction, at least; 0
+                                   ///< where the neighbours lie on one side, as at a border
+
+    std::size_t size() const noexcept { return points.size(); }
+    /// Of the surface that sample i stands for: 1 / rho, to scale; positive.
+    float area(std::size_t i) const noexcept;
+    /// How far from it along its plane its surface reaches, in directions that go on.
+    float border(std::size_t i) const noexcept;
+};
+
+/// Analyses the `points` of a cloud, among themselves: neighbourhoods of 16, normals by Eq. 4,
+/// variation by Eq. 5.
+SurfaceSamples sample_surface(const PointCloud& cloud, std::vector<Index> points,
+                              const ParticleFrame& frame, const RunContext& context);
+
+}  // namespace stipple
