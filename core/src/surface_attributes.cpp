@@ -88,8 +88,11 @@ void add_splats(PointCloud& cloud, SplatAttributes attributes, const RunContext&
     if (attributes == SplatAttributes::None) return;
     const bool normals = attributes != SplatAttributes::Radius && cloud.normals.empty();
     const bool ellipses = attributes == SplatAttributes::Ellipse;
-    Splats splats = measure_splats(cloud.positions, {normals, ellipses}, context);
-    if (normals) cloud.normals = std::move(splats.normals);
+    Splats splats = measure_splats(cloud.positions, {normals, ellipses}, context.part(0, 0.7));
+    if (normals) {
+        cloud.normals = std::move(splats.normals);
+        orient_normals(cloud.positions, cloud.normals, {}, context.part(0.7, 1));
+    }
     add_scalars(cloud, "radius", std::move(splats.radii));
     if (!ellipses) return;
     add_vectors(cloud, "major", splats.major);

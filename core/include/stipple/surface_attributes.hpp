@@ -48,7 +48,8 @@ enum class SplatAttributes {
 };
 
 /// Writes the splats of a cloud's points (`measure_splats`) into it. Attributes of these names that
-/// it had are replaced; normals that it had stay, for they carry a sign.
+/// it had are replaced. Normals that it had stay, for they carry a sign; else neighbours agree
+/// (`orient_normals`).
 void add_splats(PointCloud& cloud, SplatAttributes attributes, const RunContext& context = {});
 
 }  // namespace stipple

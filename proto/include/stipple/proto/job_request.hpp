@@ -61,7 +61,7 @@ struct PyramidJob {
 /// with the fields of its method:
 ///
 ///     multiphase    "oversampling": 4, and those of iterative
-///     iterative     "k": 8, "placement": "optimal" | "end-point", "max_displacement": 0.1,
+///     iterative     "k": 6, "placement": "optimal" | "end-point", "max_displacement": 0.1,
 ///                   "color_weight": 0, "attribute_weights": {"intensity": 0.1}
 ///     hierarchical  "representative": "nearest" | "surface" | "centroid"; instead of a target
 ///                   "max_cluster_size": 50 and/or "max_variation": 0.05
