@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
 #include <cstdint>
 
 // GCC compiles the same lines for another instruction set between these pragmas; where that is not
@@ -27,13 +28,16 @@ namespace plain {
 }
 
 #if defined(STIPPLE_HAS_AVX2_KERNELS)
-/// For each mask of eight lanes the numbers of the chosen ones, in order, a byte each.
+/// For each mask of eight lanes the numbers of the chosen ones and then of the others, in order, a
+/// byte each.
 constexpr auto kPackedLanes = [] {
     std::array<std::uint64_t, 256> table{};
     for (unsigned mask = 0; mask < 256; ++mask) {
         unsigned to = 0;
-        for (std::uint64_t lane = 0; lane < 8; ++lane) {
-            if ((mask >> lane & 1U) != 0) table[mask] |= lane << (8 * to++);
+        for (const unsigned part : {mask, ~mask}) {
+            for (std::uint64_t lane = 0; lane < 8; ++lane) {
+                if ((part >> lane & 1U) != 0) table[mask] |= lane << (8 * to++);
+            }
         }
     }
     return table;
@@ -52,9 +56,12 @@ namespace avx2 {
 }  // namespace
 
 std::vector<ClusterKernels> available_cluster_kernels() {
-    std::vector<ClusterKernels> kernels = {{"plain", plain::partition, plain::sums}};
+    std::vector<ClusterKernels> kernels = {
+        {"plain", plain::partition, plain::sums, plain::spreads}};
 #if defined(STIPPLE_HAS_AVX2_KERNELS)
-    if (__builtin_cpu_supports("avx2")) kernels.push_back({"avx2", avx2::partition, avx2::sums});
+    if (__builtin_cpu_supports("avx2")) {
+        kernels.push_back({"avx2", avx2::partition, avx2::sums, avx2::spreads});
+    }
 #endif
     return kernels;
 }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "samples.hpp"
+#include "symmetric_eigen.hpp"
 
 #include <array>
 #include <cstddef>
@@ -20,15 +21,28 @@ struct SplitPlane {
 /// reference: x y z xx xy xz yy yz zz.
 using SampleSums = std::array<double, 9>;
 
-/// The two inner loops of the clustering, for one instruction set. Every set gives the same bits:
-/// the lanes of a sum are eight, whatever the width of the machine's.
+/// The extreme eigenvalues of a scatter matrix and the unit vector of the largest.
+struct Spread {
+    double smallest = 0, largest = 0;
+    Vec3d direction = Vec3d::UnitX();
+};
+
+/// How many spreads are taken at once.
+constexpr std::size_t kSpreads = 4;
+
+/// The inner loops of the clustering, for one instruction set. Every set gives the same bits: the
+/// lanes of a sum are eight, whatever the width of the machine's.
 struct ClusterKernels {
     const char* name;
-    /// Moves the samples left of the plane to the front and the others behind them, both in their
-    /// order; `scratch` is as large. @return how many are left.
-    std::size_t (*partition)(const MutableSampleSpan& samples, const SplitPlane& plane,
-                             const MutableSampleSpan& scratch) noexcept;
+    /// Writes the samples left of the plane to the front of `to` and the others behind them, in an
+    /// order that depends on nothing but the samples; `to` is another place of the same size.
+    /// @return how many are left.
+    std::size_t (*partition)(const SampleSpan& samples, const SplitPlane& plane,
+                             const MutableSampleSpan& to) noexcept;
     SampleSums (*sums)(const SampleSpan& samples, const std::array<float, 3>& reference) noexcept;
+    /// As `eigenvalues` and `eigenvector` of symmetric_eigen.hpp, up to rounding, for four matrices.
+    std::array<Spread, kSpreads> (*spreads)(
+        const std::array<Symmetric3, kSpreads>& scatters) noexcept;
 };
 
 /// What this machine can run, the plainest first.

@@ -1,8 +1,10 @@
 #include "stipple/clusters.hpp"
 
 #include "float4.hpp"
+#include "gather.hpp"
 #include "parallel_for.hpp"
 #include "representatives.hpp"
+#include "sample_moments.hpp"
 #include "srgb.hpp"
 #include "stipple/error.hpp"
 #include "symmetric_eigen.hpp"
@@ -24,12 +26,59 @@ namespace {
 constexpr std::size_t kClustersPerBlock = 256;
 constexpr Index kMinSurfaceFit = 6;  // fewer samples do not carry two curvatures and a height
 
-/// The sample nearest to `target`; the smaller number among equals.
-std::size_t nearest_sample(const SampleSpan& samples, const Vec3d& target) {
-    const Vec3f reference = target.cast<float>();
+/// The members of a cluster, a piece at a time where they are many; the last piece stays, so that a
+/// cluster of one piece is gathered once.
+class Gathered {
+public:
+    Gathered(std::span<const Vec3f> points) : points_(points), storage_(kPiece) {}
+
+    /// Calls `visit` with the samples of each piece.
+    template <typename Visit>
+    void each_piece(std::span<const Index> members, Visit&& visit) {
+        for (std::size_t begin = 0; begin < members.size(); begin += kPiece) {
+            const auto piece = members.subspan(begin, std::min(kPiece, members.size() - begin));
+            visit(SampleSpan(gathered(piece)));
+        }
+    }
+
+private:
+    static constexpr std::size_t kPiece = 4'096;
+
+    MutableSampleSpan gathered(std::span<const Index> piece) {
+        const MutableSampleSpan samples = storage_.all().part(0, piece.size());
+        if (piece.data() == last_) return samples;
+        last_ = piece.data();
+        gather(points_, piece, samples);
+        return samples;
+    }
+
+    std::span<const Vec3f> points_;
+    Samples storage_;
+    const Index* last_ = nullptr;
+};
+
+SampleMoments moments_of(Gathered& gathered, std::span<const Index> members, const Vec3f& first) {
+    const std::array<float, 3> reference = {first.x(), first.y(), first.z()};
+    SampleSums sums{};
+    gathered.each_piece(members, [&](const SampleSpan& samples) {
+        const SampleSums part = cluster_kernels().sums(samples, reference);
+        for (std::size_t k = 0; k < sums.size(); ++k) sums[k] += part[k];
+    });
+    return moments_from(sums, members.size(), first.cast<double>());
+}
+
+/// A sample and how far it is.
+struct Near {
+    float distance_sq = std::numeric_limits<float>::infinity();
+    Index index = std::numeric_limits<Index>::max();
+    Vec3f position = Vec3f::Zero();
+};
+
+/// Keeps in `near` the sample nearest to `target`; the smaller number among equals.
+void keep_nearest(Near& near, const SampleSpan& samples, const Vec3f& target) {
     const auto distance_sq = [&](std::size_t i) {
-        const Group g = i + 4 <= samples.size ? Group(samples, i, reference)
-                                              : Group::tail(samples, i, reference);
+        const Group g =
+            i + 4 <= samples.size ? Group(samples, i, target) : Group::tail(samples, i, target);
         return g.x * g.x + g.y * g.y + g.z * g.z;
     };
     constexpr float kFar = std::numeric_limits<float>::infinity();
@@ -45,16 +94,16 @@ std::size_t nearest_sample(const SampleSpan& samples, const Vec3d& target) {
         for (std::size_t lane = 0; whole + lane < samples.size; ++lane)
             least_sq = std::min(least_sq, d[lane]);
     }
-    std::size_t best = samples.size;
+    if (least_sq > near.distance_sq) return;
     for (std::size_t i = 0; i < samples.size; i += 4) {
         for (unsigned lanes = lane_bits(distance_sq(i) <= least_sq); lanes != 0;
              lanes &= lanes - 1) {
             const std::size_t at = i + static_cast<std::size_t>(std::countr_zero(lanes));
             if (at >= samples.size) break;
-            if (best == samples.size || samples.index[at] < samples.index[best]) best = at;
+            if (least_sq < near.distance_sq || samples.index[at] < near.index)
+                near = {least_sq, samples.index[at], samples.position(at)};
         }
     }
-    return best == samples.size ? 0 : best;  // the latter where every distance overflows
 }
 
 /// The principal frame of a cluster: u and v span its plane.
@@ -67,7 +116,8 @@ struct Frame {
 struct HeightSums {
     double uu = 0, vv = 0, uuuu = 0, uuvv = 0, vvvv = 0, wuu = 0, wvv = 0, w_min = 0, w_max = 0;
 
-    HeightSums(const SampleSpan& samples, const Vec3d& centroid, const Frame& frame, double scale) {
+    void add_all(const SampleSpan& samples, const Vec3d& centroid, const Frame& frame,
+                 double scale) {
         const Vec3f reference = centroid.cast<float>();
         const Vec3f u_axis = (frame.u / scale).cast<float>(),
                     v_axis = (frame.v / scale).cast<float>(),
@@ -110,19 +160,23 @@ struct HeightSums {
 };
 
 /// The centroid moved along the normal onto w = a + b u^2 + c v^2, fitted by least squares.
-Vec3d surface_point(const SampleSpan& samples, const SampleMoments& moments) {
-    const auto& lambda = moments.eigenvalues;
-    if (samples.size < kMinSurfaceFit || !(lambda[1] > 0)) return moments.centroid;
+Vec3d surface_point(Gathered& gathered, std::span<const Index> members,
+                    const SampleMoments& moments) {
+    const auto lambda = eigenvalues(moments.scatter);
+    if (members.size() < kMinSurfaceFit || !(lambda[1] > 0)) return moments.centroid;
     const Vec3d longest = eigenvector(moments.scatter, lambda[2]);
     Frame frame;
     frame.normal = eigenvector(moments.scatter, lambda[0]);
     frame.u = (longest - frame.normal * frame.normal.dot(longest)).normalized();
     frame.v = frame.normal.cross(frame.u);
-    const double scale = std::sqrt(lambda[2] / static_cast<double>(samples.size));
-    const HeightSums s(samples, moments.centroid, frame, scale);
+    const double n = static_cast<double>(members.size());
+    const double scale = std::sqrt(lambda[2] / n);
+    HeightSums s;
+    gathered.each_piece(members, [&](const SampleSpan& samples) {
+        s.add_all(samples, moments.centroid, frame, scale);
+    });
     // The mean of w is 0, so with u^2 and v^2 centred the normal equations are 2 x 2, and a = -(b
     // uu + c vv) / n.
-    const double n = static_cast<double>(samples.size);
     const double a11 = s.uuuu - s.uu * s.uu / n, a12 = s.uuvv - s.uu * s.vv / n,
                  a22 = s.vvvv - s.vv * s.vv / n;
     const double determinant = a11 * a22 - a12 * a12;
@@ -326,47 +380,41 @@ PointCloud merged_cloud(const PointCloud& cloud, const Clusters& clusters,
                         context);
 }
 
-PointCloud representatives(const PointCloud& cloud, const SampleSpan& samples, const Cut& cut,
+PointCloud representatives(const PointCloud& cloud, const MemberLists& clusters,
                            Representative kind, std::span<const Reduction> reductions,
                            const RunContext& context) {
-    const std::size_t count = cut.moments.size();
+    const std::size_t count = clusters.size();
     const bool take_nearest = kind == Representative::Nearest;
     const bool needs_nearest = take_nearest || !cloud.normals.empty() || !cloud.attributes.empty();
     std::vector<Vec3f> positions(count);
     std::vector<Index> nearest(needs_nearest ? count : 0);
     parallel_for_blocks(count, kClustersPerBlock, context, [&](std::size_t begin, std::size_t end) {
+        Gathered gathered(cloud.positions);
         for (std::size_t i = begin; i < end; ++i) {
-            const SampleSpan cluster = samples.part(cut.offsets[i], cut.offsets[i + 1]);
-            const Vec3d& centroid = cut.moments[i].centroid;
-            const Vec3d target =
-                kind == Representative::Surface ? surface_point(cluster, cut.moments[i]) : centroid;
+            const std::span<const Index> members = clusters.of(i);
+            const SampleMoments moments =
+                moments_of(gathered, members, cloud.positions[members.front()]);
+            const Vec3d target = kind == Representative::Surface
+                                     ? surface_point(gathered, members, moments)
+                                     : moments.centroid;
             positions[i] = target.cast<float>();
             if (!needs_nearest) continue;
-            const std::size_t near = nearest_sample(cluster, target);
-            nearest[i] = cluster.index[near];
-            if (take_nearest) positions[i] = cluster.position(near);
+            Near near = {.index = members.front(), .position = cloud.positions[members.front()]};
+            gathered.each_piece(members, [&](const SampleSpan& samples) {
+                keep_nearest(near, samples, positions[i]);
+            });
+            nearest[i] = near.index;
+            if (take_nearest) positions[i] = near.position;
         }
     });
-    return merged_cloud(cloud, std::move(positions), {samples.index, cut.offsets}, nearest,
-                        reductions, take_nearest, context);
+    return merged_cloud(cloud, std::move(positions), clusters, nearest, reductions, take_nearest,
+                        context);
 }
 
 PointCloud representatives(const PointCloud& cloud, const Clusters& clusters, Representative kind,
                            const RunContext& context) {
-    Samples storage(clusters.members.size());
-    const MutableSampleSpan samples = storage.all();
-    for (std::size_t i = 0; i < clusters.members.size(); ++i) {
-        const Vec3f& p = cloud.positions[clusters.members[i]];
-        samples.x[i] = p.x();
-        samples.y[i] = p.y();
-        samples.z[i] = p.z();
-        samples.index[i] = clusters.members[i];
-    }
-    Cut cut{clusters.offsets, {}};
-    for (std::size_t i = 0; i < clusters.size(); ++i) {
-        cut.moments.push_back(moments_of(samples.part(cut.offsets[i], cut.offsets[i + 1])));
-    }
-    return representatives(cloud, samples, cut, kind, reductions_for(cloud, {}, kind), context);
+    return representatives(cloud, MemberLists{clusters.members.data(), clusters.offsets}, kind,
+                           reductions_for(cloud, {}, kind), context);
 }
 
 }  // namespace stipple
