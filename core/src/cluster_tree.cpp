@@ -253,26 +253,27 @@ void ClusterTree::split_large(const SplitRule& rule, const RunContext& context) 
 void ClusterTree::grow_leaves(const SplitRule& rule, const RunContext& context) {
     // Leaves are grown in jobs of at least so many points.
     struct Job {
-        std::size_t begin = 0, end = 0, largest = 0;
+        std::size_t begin = 0, end = 0, largest = 0, points = 0;
     };
     std::vector<Index> leaves;
     std::vector<Job> jobs;
-    std::size_t points = 0;
     for (Index id = 0; id < nodes_.size(); ++id) {
         const ClusterNode& node = nodes_[id];
         if (node.is_split() || node.size > kResident || !rule.may_want(node)) continue;
-        if (jobs.empty() || points >= kParallelGrain) {
-            jobs.push_back({leaves.size()});
-            points = 0;
-        }
+        if (jobs.empty() || jobs.back().points >= kParallelGrain)
+            jobs.push_back({.begin = leaves.size()});
         leaves.push_back(id);
         jobs.back().end = leaves.size();
         jobs.back().largest = std::max<std::size_t>(jobs.back().largest, node.size);
-        points += node.size;
+        jobs.back().points += node.size;
     }
     std::vector<std::vector<ClusterNode>> grown(jobs.size());
     parallel_for_blocks(jobs.size(), 1, context, [&](std::size_t j, std::size_t) {
         const Job& job = jobs[j];
+        if (rule.max_size < kResident) {  // leaves of 3/4 of the bound, so much for each
+            grown[j].reserve(static_cast<std::size_t>(
+                3.0 * static_cast<double>(job.points) / rule.max_size + 64.0));
+        }
         Residence residence(points_, job.largest, rule, context);
         for (std::size_t i = job.begin; i < job.end; ++i) grown[j].push_back(nodes_[leaves[i]]);
         for (Index root = 0; root < job.end - job.begin; ++root) {
@@ -300,23 +301,23 @@ std::vector<Index> ClusterTree::cut(std::uint64_t size, const RunContext& contex
     }
     if (size == 1) return {0, static_cast<Index>(points_.size())};
 
-    std::vector<SplitRank> ranks;
+    // The nodes that the queue splits, first among those known, until none of them is a leaf.
+    std::vector<SplitRank> chosen;
+    std::size_t known = 0;
     while (true) {
-        ranks.clear();
-        for (const ClusterNode& node : nodes_) {
-            if (node.can_split()) ranks.push_back(node.rank());
+        for (; known < nodes_.size(); ++known) {
+            if (nodes_[known].can_split()) chosen.push_back(nodes_[known].rank());
         }
-        const std::size_t last = std::min<std::size_t>(size - 1, ranks.size()) - 1;
-        std::nth_element(ranks.begin(), ranks.begin() + static_cast<std::ptrdiff_t>(last),
-                         ranks.end());
-        const SplitRule rule{.last = ranks[last]};
-        const std::size_t before = nodes_.size();
+        const std::size_t splits = std::min<std::size_t>(size - 1, chosen.size());
+        std::nth_element(chosen.begin(), chosen.begin() + static_cast<std::ptrdiff_t>(splits - 1),
+                         chosen.end());
+        chosen.resize(splits);
+        const SplitRule rule{.last = chosen.back()};
         grow_leaves(rule, context);
-        if (nodes_.size() == before) {
-            return offsets_where([&rule](const ClusterNode& node) {
-                return node.is_split() && !(rule.last < node.rank());
-            });
-        }
+        if (nodes_.size() > known) continue;
+        return offsets_where([&rule](const ClusterNode& node) {
+            return node.is_split() && !(rule.last < node.rank());
+        });
     }
 }
 

@@ -112,8 +112,9 @@ TEST(Spreads, AreTheExtremeEigenvaluesAndTheVectorOfTheLargest) {
             for (std::size_t i = 0; i < kSpreads; ++i) {
                 const Symmetric3& s = scatters[i];
                 const auto values = eigenvalues(s);
-                EXPECT_NEAR(spreads[i].smallest, values[0], 1e-13 * values[2]) << kernels.name << i;
-                EXPECT_NEAR(spreads[i].largest, values[2], 1e-13 * values[2]) << kernels.name << i;
+                // Of equal eigenvalues half the digits.
+                EXPECT_NEAR(spreads[i].smallest, values[0], 1e-7 * values[2]) << kernels.name << i;
+                EXPECT_NEAR(spreads[i].largest, values[2], 1e-7 * values[2]) << kernels.name << i;
                 const Vec3d& v = spreads[i].direction;
                 const Vec3d product(s.xx * v.x() + s.xy * v.y() + s.xz * v.z(),
                                     s.xy * v.x() + s.yy * v.y() + s.yz * v.z(),
