@@ -40,7 +40,8 @@ struct ClusterKernels {
     std::size_t (*partition)(const SampleSpan& samples, const SplitPlane& plane,
                              const MutableSampleSpan& to) noexcept;
     SampleSums (*sums)(const SampleSpan& samples, const std::array<float, 3>& reference) noexcept;
-    /// As `eigenvalues` and `eigenvector` of symmetric_eigen.hpp, up to rounding, for four matrices.
+    /// As `eigenvalues` and `eigenvector` of symmetric_eigen.hpp, up to rounding, for four
+    /// matrices.
     std::array<Spread, kSpreads> (*spreads)(
         const std::array<Symmetric3, kSpreads>& scatters) noexcept;
 };

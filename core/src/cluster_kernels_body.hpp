@@ -250,8 +250,7 @@ inline Extremes extreme_eigenvalues(const Symmetric4& a) noexcept {
     const Double4 mean = (a.xx + a.yy + a.zz) / 3.0;
     const Symmetric4 d = a.minus_identity(mean);
     const Double4 off = d.xy * d.xy + d.xz * d.xz + d.yz * d.yz;
-    const Double4 spread =
-        root_of((d.xx * d.xx + d.yy * d.yy + d.zz * d.zz + 2.0 * off) / 6.0);
+    const Double4 spread = root_of((d.xx * d.xx + d.yy * d.yy + d.zz * d.zz + 2.0 * off) / 6.0);
     const Double4 determinant = d.xx * (d.yy * d.zz - d.yz * d.yz) -
                                 d.xy * (d.xy * d.zz - d.yz * d.xz) +
                                 d.xz * (d.xy * d.yz - d.yy * d.xz);
@@ -283,9 +282,10 @@ inline void keep_longer(Vector4& v, Double4& length_sq, const Vector4& other) no
 }
 
 std::array<Spread, kSpreads> spreads(const std::array<Symmetric3, kSpreads>& m) noexcept {
-    const Symmetric4 all = {{m[0].xx, m[1].xx, m[2].xx, m[3].xx}, {m[0].xy, m[1].xy, m[2].xy, m[3].xy},
-                            {m[0].xz, m[1].xz, m[2].xz, m[3].xz}, {m[0].yy, m[1].yy, m[2].yy, m[3].yy},
-                            {m[0].yz, m[1].yz, m[2].yz, m[3].yz}, {m[0].zz, m[1].zz, m[2].zz, m[3].zz}};
+    const Symmetric4 all = {
+        {m[0].xx, m[1].xx, m[2].xx, m[3].xx}, {m[0].xy, m[1].xy, m[2].xy, m[3].xy},
+        {m[0].xz, m[1].xz, m[2].xz, m[3].xz}, {m[0].yy, m[1].yy, m[2].yy, m[3].yy},
+        {m[0].yz, m[1].yz, m[2].yz, m[3].yz}, {m[0].zz, m[1].zz, m[2].zz, m[3].zz}};
     const Double4 scale = all.largest_entry();
     const Symmetric4 a = all.scaled(inverse_of(scale));
     const Extremes values = extreme_eigenvalues(a);

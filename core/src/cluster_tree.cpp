@@ -242,7 +242,8 @@ void ClusterTree::split_large(const SplitRule& rule, const RunContext& context) 
         if (sides.left.count == 0 || sides.right.count == 0) {
             const Index front = halve(points_, members);
             sides.left = moments_of_many(points_, members.first(front), plane.reference, context);
-            sides.right = moments_of_many(points_, members.subspan(front), plane.reference, context);
+            sides.right =
+                moments_of_many(points_, members.subspan(front), plane.reference, context);
         }
         add_halves(nodes_, id, static_cast<Index>(sides.left.count), plane.reference);
         open.push_back({nodes_[id].left + 1, sides.right});
@@ -292,14 +293,14 @@ void ClusterTree::grow_leaves(const SplitRule& rule, const RunContext& context) 
     }
 }
 
-std::vector<Index> ClusterTree::cut(std::uint64_t size, const RunContext& context) {
+Cut ClusterTree::cut(std::uint64_t size, const RunContext& context) {
     assert(size >= 1 && size <= points_.size());
     // Most clusters larger than the average will be split.
     if (nodes_.empty()) {
         const double likely = 1.5 * static_cast<double>(points_.size()) / static_cast<double>(size);
         grow({.max_size = std::min<double>(likely, kResident)}, context);
     }
-    if (size == 1) return {0, static_cast<Index>(points_.size())};
+    if (size == 1) return {{0, static_cast<Index>(points_.size())}, {1}};
 
     // The nodes that the queue splits, first among those known, until none of them is a leaf.
     std::vector<SplitRank> chosen;
@@ -315,19 +316,20 @@ std::vector<Index> ClusterTree::cut(std::uint64_t size, const RunContext& contex
         const SplitRule rule{.last = chosen.back()};
         grow_leaves(rule, context);
         if (nodes_.size() > known) continue;
-        return offsets_where([&rule](const ClusterNode& node) {
+        return cut_where([&rule](const ClusterNode& node) {
             return node.is_split() && !(rule.last < node.rank());
         });
     }
 }
 
-std::vector<Index> ClusterTree::leaves() const {
-    return offsets_where([](const ClusterNode& node) { return node.is_split(); });
+Cut ClusterTree::leaves() const {
+    return cut_where([](const ClusterNode& node) { return node.is_split(); });
 }
 
 template <typename Descends>
-std::vector<Index> ClusterTree::offsets_where(const Descends& descends) const {
-    std::vector<Index> offsets;
+Cut ClusterTree::cut_where(const Descends& descends) const {
+    constexpr Index kInner = 0;
+    Cut cut;
     std::vector<Index> open = {0};
     while (!open.empty()) {
         const ClusterNode& node = nodes_[open.back()];
@@ -335,12 +337,19 @@ std::vector<Index> ClusterTree::offsets_where(const Descends& descends) const {
         if (descends(node)) {
             open.push_back(node.left + 1);
             open.push_back(node.left);
+            cut.clusters_of.push_back(kInner);
         } else {
-            offsets.push_back(node.begin);
+            cut.offsets.push_back(node.begin);
+            cut.clusters_of.push_back(1);
         }
     }
-    offsets.push_back(static_cast<Index>(points_.size()));
-    return offsets;
+    cut.offsets.push_back(static_cast<Index>(points_.size()));
+    for (std::size_t i = cut.clusters_of.size(); i-- > 0;) {
+        if (cut.clusters_of[i] != kInner) continue;
+        const Index left = cut.clusters_of[i + 1];
+        cut.clusters_of[i] = left + cut.clusters_of[i + 2 * std::size_t{left}];
+    }
+    return cut;
 }
 
 }  // namespace stipple

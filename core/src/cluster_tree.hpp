@@ -36,18 +36,27 @@ struct ClusterNode {
 
 /// Which clusters are split: those of two points or more for which any of the three says so.
 struct SplitRule {
-    double max_size = std::numeric_limits<double>::infinity();       ///< more points than these
-    double max_variation = std::numeric_limits<double>::infinity();  ///< more surface variation
+    double max_size = std::numeric_limits<double>::infinity();         ///< more points than these
+    double max_variation = std::numeric_limits<double>::infinity();    ///< more surface variation
     SplitRank last = {std::numeric_limits<double>::infinity(), 0, 0};  ///< up to this rank
 
     bool wants(const ClusterNode& node, double variation) const noexcept {
-        return node.can_split() && (node.size > max_size || variation > max_variation ||
-                                    !(last < node.rank()));
+        return node.can_split() &&
+               (node.size > max_size || variation > max_variation || !(last < node.rank()));
     }
     /// Whether it could want a node whose variation is not known.
     bool may_want(const ClusterNode& node) const noexcept {
         return wants(node, std::numeric_limits<double>::infinity());
     }
+};
+
+/// A cut through the tree: cluster i is the members `offsets[i] .. offsets[i + 1]`.
+struct Cut {
+    std::vector<Index> offsets;
+    /// The nodes at and above the cut, each before those below it, left before right: of how many
+    /// clusters it consists. The first half of a node of more than one is the next node, and the
+    /// other half comes 2 n - 1 places after that one, n being its clusters.
+    std::vector<Index> clusters_of;
 };
 
 /// The binary space partition of a cloud (§3.1), grown as far as asked. A node is split in the same
@@ -65,11 +74,10 @@ public:
 
     /// The clusters that a priority queue holds when there are `size` of them; grows the tree where
     /// it must. 1 <= size <= number of points.
-    /// @return where in `members` each begins, and the end of the last.
-    std::vector<Index> cut(std::uint64_t size, const RunContext& context);
+    Cut cut(std::uint64_t size, const RunContext& context);
 
-    /// The leaves, in the form of `cut`.
-    std::vector<Index> leaves() const;
+    /// The leaves.
+    Cut leaves() const;
 
     /// The numbers of the points, cluster by cluster, left before right.
     const std::vector<Index>& members() const noexcept { return members_; }
@@ -79,7 +87,7 @@ private:
     void split_large(const SplitRule& rule, const RunContext& context);
     void grow_leaves(const SplitRule& rule, const RunContext& context);
     template <typename Descends>
-    std::vector<Index> offsets_where(const Descends& descends) const;
+    Cut cut_where(const Descends& descends) const;
 
     std::span<const Vec3f> points_;
     std::vector<Index> members_;

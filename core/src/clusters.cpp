@@ -26,86 +26,6 @@ namespace {
 constexpr std::size_t kClustersPerBlock = 256;
 constexpr Index kMinSurfaceFit = 6;  // fewer samples do not carry two curvatures and a height
 
-/// The members of a cluster, a piece at a time where they are many; the last piece stays, so that a
-/// cluster of one piece is gathered once.
-class Gathered {
-public:
-    Gathered(std::span<const Vec3f> points) : points_(points), storage_(kPiece) {}
-
-    /// Calls `visit` with the samples of each piece.
-    template <typename Visit>
-    void each_piece(std::span<const Index> members, Visit&& visit) {
-        for (std::size_t begin = 0; begin < members.size(); begin += kPiece) {
-            const auto piece = members.subspan(begin, std::min(kPiece, members.size() - begin));
-            visit(SampleSpan(gathered(piece)));
-        }
-    }
-
-private:
-    static constexpr std::size_t kPiece = 4'096;
-
-    MutableSampleSpan gathered(std::span<const Index> piece) {
-        const MutableSampleSpan samples = storage_.all().part(0, piece.size());
-        if (piece.data() == last_) return samples;
-        last_ = piece.data();
-        gather(points_, piece, samples);
-        return samples;
-    }
-
-    std::span<const Vec3f> points_;
-    Samples storage_;
-    const Index* last_ = nullptr;
-};
-
-SampleMoments moments_of(Gathered& gathered, std::span<const Index> members, const Vec3f& first) {
-    const std::array<float, 3> reference = {first.x(), first.y(), first.z()};
-    SampleSums sums{};
-    gathered.each_piece(members, [&](const SampleSpan& samples) {
-        const SampleSums part = cluster_kernels().sums(samples, reference);
-        for (std::size_t k = 0; k < sums.size(); ++k) sums[k] += part[k];
-    });
-    return moments_from(sums, members.size(), first.cast<double>());
-}
-
-/// A sample and how far it is.
-struct Near {
-    float distance_sq = std::numeric_limits<float>::infinity();
-    Index index = std::numeric_limits<Index>::max();
-    Vec3f position = Vec3f::Zero();
-};
-
-/// Keeps in `near` the sample nearest to `target`; the smaller number among equals.
-void keep_nearest(Near& near, const SampleSpan& samples, const Vec3f& target) {
-    const auto distance_sq = [&](std::size_t i) {
-        const Group g =
-            i + 4 <= samples.size ? Group(samples, i, target) : Group::tail(samples, i, target);
-        return g.x * g.x + g.y * g.y + g.z * g.z;
-    };
-    constexpr float kFar = std::numeric_limits<float>::infinity();
-    Float4 least = {kFar, kFar, kFar, kFar};
-    const std::size_t whole = samples.size / 4 * 4;
-    for (std::size_t i = 0; i < whole; i += 4) {
-        const Float4 d = distance_sq(i);
-        least = d < least ? d : least;
-    }
-    float least_sq = std::min({least[0], least[1], least[2], least[3]});
-    if (whole < samples.size) {
-        const Float4 d = distance_sq(whole);
-        for (std::size_t lane = 0; whole + lane < samples.size; ++lane)
-            least_sq = std::min(least_sq, d[lane]);
-    }
-    if (least_sq > near.distance_sq) return;
-    for (std::size_t i = 0; i < samples.size; i += 4) {
-        for (unsigned lanes = lane_bits(distance_sq(i) <= least_sq); lanes != 0;
-             lanes &= lanes - 1) {
-            const std::size_t at = i + static_cast<std::size_t>(std::countr_zero(lanes));
-            if (at >= samples.size) break;
-            if (least_sq < near.distance_sq || samples.index[at] < near.index)
-                near = {least_sq, samples.index[at], samples.position(at)};
-        }
-    }
-}
-
 /// The principal frame of a cluster: u and v span its plane.
 struct Frame {
     Vec3d u, v, normal;
@@ -364,20 +284,25 @@ PointCloud merged_cloud(const PointCloud& cloud, const Clusters& clusters,
                         std::vector<Vec3f> positions,
                         const std::map<std::string, Reduction>& reductions,
                         const RunContext& context) {
-    const bool needs_nearest = !cloud.normals.empty() || !cloud.attributes.empty();
-    std::vector<Index> nearest(needs_nearest ? positions.size() : 0);
-    parallel_for_blocks(
-        nearest.size(), kClustersPerBlock, context, [&](std::size_t begin, std::size_t end) {
-            for (std::size_t i = begin; i < end; ++i) {
-                nearest[i] = *std::ranges::min_element(clusters.of(i), {}, [&](Index member) {
-                    const Vec3f offset = cloud.positions[member] - positions[i];
-                    return std::pair(offset.squaredNorm(), member);
-                });
-            }
-        });
-    return merged_cloud(cloud, std::move(positions), {clusters.members.data(), clusters.offsets},
-                        nearest, reductions_for(cloud, reductions, Representative::Centroid), false,
+    const MemberLists lists = {clusters.members.data(), clusters.offsets};
+    std::vector<Index> nearest;
+    if (!cloud.normals.empty() || !cloud.attributes.empty())
+        nearest = nearest_members(cloud.positions, lists, positions, context);
+    return merged_cloud(cloud, std::move(positions), lists, nearest,
+                        reductions_for(cloud, reductions, Representative::Centroid), false,
                         context);
+}
+
+std::vector<Index> nearest_members(std::span<const Vec3f> points, const MemberLists& lists,
+                                   std::span<const Vec3f> positions, const RunContext& context) {
+    std::vector<Index> nearest(positions.size());
+    parallel_for_blocks(nearest.size(), kClustersPerBlock, context,
+                        [&](std::size_t begin, std::size_t end) {
+                            Gathered gathered(points);
+                            for (std::size_t i = begin; i < end; ++i)
+                                nearest[i] = gathered.nearest_to(positions[i], lists.of(i)).index;
+                        });
+    return nearest;
 }
 
 PointCloud representatives(const PointCloud& cloud, const MemberLists& clusters,
@@ -392,17 +317,13 @@ PointCloud representatives(const PointCloud& cloud, const MemberLists& clusters,
         Gathered gathered(cloud.positions);
         for (std::size_t i = begin; i < end; ++i) {
             const std::span<const Index> members = clusters.of(i);
-            const SampleMoments moments =
-                moments_of(gathered, members, cloud.positions[members.front()]);
+            const SampleMoments moments = gathered.moments_of(members);
             const Vec3d target = kind == Representative::Surface
                                      ? surface_point(gathered, members, moments)
                                      : moments.centroid;
             positions[i] = target.cast<float>();
             if (!needs_nearest) continue;
-            Near near = {.index = members.front(), .position = cloud.positions[members.front()]};
-            gathered.each_piece(members, [&](const SampleSpan& samples) {
-                keep_nearest(near, samples, positions[i]);
-            });
+            const Near near = gathered.nearest_to(positions[i], members);
             nearest[i] = near.index;
             if (take_nearest) positions[i] = near.position;
         }

@@ -42,9 +42,9 @@ void check(const HierarchicalClusteringOptions& options, std::size_t points) {
     }
 }
 
-/// Where the clusters that the options ask for begin. A target is at most the number of points.
-std::vector<Index> grow_clusters(ClusterTree& tree, const HierarchicalClusteringOptions& options,
-                                 const RunContext& context) {
+/// The clusters that the options ask for. A target is at most the number of points.
+Cut grow_clusters(ClusterTree& tree, const HierarchicalClusteringOptions& options,
+                  const RunContext& context) {
     if (options.target_size) return tree.cut(*options.target_size, context);
     SplitRule rule;
     if (options.max_cluster_size) rule.max_size = static_cast<double>(*options.max_cluster_size);
@@ -69,7 +69,7 @@ PointCloud hierarchical_clustering(const PointCloud& cloud,
         reductions_for(cloud, options.reductions, options.representative);
     context.checkpoint(0.0);
     ClusterTree tree(cloud.positions);
-    const std::vector<Index> offsets = grow_clusters(tree, options, context);
+    const std::vector<Index> offsets = grow_clusters(tree, options, context).offsets;
     const std::vector<Index> members = tree.take_members();
     context.checkpoint(0.8);
     PointCloud result = representatives(cloud, MemberLists{members.data(), offsets},
@@ -86,7 +86,7 @@ Clusters hierarchical_clusters(std::span<const Vec3f> points,
     if (keeps_everything(options, points.size())) bounded.target_size = points.size();
     ClusterTree tree(points);
     Clusters clusters;
-    clusters.offsets = grow_clusters(tree, bounded, context);
+    clusters.offsets = grow_clusters(tree, bounded, context).offsets;
     clusters.members = tree.take_members();
     return clusters;
 }

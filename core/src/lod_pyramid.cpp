@@ -70,7 +70,7 @@ void build_lod_pyramid(const PointCloud& cloud, const LodPyramidOptions& options
     ClusterTree tree(cloud.positions);
     std::vector<std::vector<Index>> offsets(sizes.size());
     for (std::size_t level = sizes.size(); level-- > 0;) {
-        if (sizes[level] < cloud.size()) offsets[level] = tree.cut(sizes[level], context);
+        if (sizes[level] < cloud.size()) offsets[level] = tree.cut(sizes[level], context).offsets;
     }
     for (unsigned level = 0; level < sizes.size(); ++level) {
         LodLevel result{level, {}, 0.0};

@@ -49,6 +49,10 @@ PointCloud merged_cloud(const PointCloud& cloud, const Clusters& clusters,
                         const std::map<std::string, Reduction>& reductions,
                         const RunContext& context);
 
+/// For each position the listed point nearest to it, the smaller number among equals.
+std::vector<Index> nearest_members(std::span<const Vec3f> points, const MemberLists& lists,
+                                   std::span<const Vec3f> positions, const RunContext& context);
+
 /// The cloud of representatives of clusters of its points.
 /// @param reductions  one for each attribute of `cloud`.
 PointCloud representatives(const PointCloud& cloud, const MemberLists& clusters,

@@ -52,12 +52,10 @@ inline double gain_of_split(const SampleMoments& moments, const Spread& spread) 
 
 /// Through the centroid, across the direction of largest extent.
 inline SplitPlane split_plane(const SampleMoments& moments, const Spread& spread) noexcept {
-    const Vec3f reference = moments.centroid.cast<float>(),
-                normal = spread.direction.cast<float>();
+    const Vec3f reference = moments.centroid.cast<float>(), normal = spread.direction.cast<float>();
     return {{reference.x(), reference.y(), reference.z()},
             {normal.x(), normal.y(), normal.z()},
-            static_cast<float>(
-                spread.direction.dot(moments.centroid - reference.cast<double>()))};
+            static_cast<float>(spread.direction.dot(moments.centroid - reference.cast<double>()))};
 }
 
 }  // namespace stipple

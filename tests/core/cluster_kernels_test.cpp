@@ -2,8 +2,8 @@
 
 #include "support/support.hpp"
 
-#include <algorithm>
 #include <gtest/gtest.h>
+#include <algorithm>
 #include <numeric>
 
 namespace stipple {
@@ -13,7 +13,8 @@ namespace {
 struct Work {
     Samples samples, scratch;
 
-    explicit Work(const std::vector<Vec3f>& points) : samples(points.size()), scratch(points.size()) {
+    explicit Work(const std::vector<Vec3f>& points)
+        : samples(points.size()), scratch(points.size()) {
         const MutableSampleSpan s = samples.all();
         for (std::size_t i = 0; i < points.size(); ++i) {
             s.x[i] = points[i].x();
@@ -32,7 +33,8 @@ const SplitPlane kPlane = {{0.4F, 0.5F, 0.6F}, {0.6F, -0.64F, 0.48F}, 0.05F};
 
 bool is_left(const Vec3f& p) {
     const auto& [reference, normal, offset] = kPlane;
-    return (p.x() - reference[0]) * normal[0] + (p.y() - reference[1]) * normal[1] + (p.z() - reference[2]) * normal[2] <
+    return (p.x() - reference[0]) * normal[0] + (p.y() - reference[1]) * normal[1] +
+               (p.z() - reference[2]) * normal[2] <
            offset;
 }
 
@@ -41,8 +43,8 @@ class EveryKernel : public testing::TestWithParam<std::size_t> {};
 TEST_P(EveryKernel, PartitionsAsPlainCodeDoes) {
     const std::vector<Vec3f> points = test::cube(GetParam()).positions;
     Work plain(points);
-    const auto left = available_cluster_kernels().front().partition(
-        plain.samples.all(), kPlane, plain.scratch.all());
+    const auto left = available_cluster_kernels().front().partition(plain.samples.all(), kPlane,
+                                                                    plain.scratch.all());
     EXPECT_EQ(left, static_cast<std::size_t>(std::ranges::count_if(points, is_left)));
     for (const ClusterKernels& kernels : available_cluster_kernels()) {
         Work work(points);
@@ -82,13 +84,16 @@ TEST_P(EveryKernel, GivesTheSameBitsOfSumsNearThoseOfDoubles) {
     const std::vector<Vec3f> points = test::cube(GetParam(), 2).positions;
     SampleSums exact{};
     for (const Vec3f& p : points) {
-        const Vec3d d = (p - Vec3f(kPlane.reference[0], kPlane.reference[1], kPlane.reference[2])).cast<double>();
-        const SampleSums terms = {d.x(), d.y(), d.z(), d.x() * d.x(), d.x() * d.y(),
-                                  d.x() * d.z(), d.y() * d.y(), d.y() * d.z(), d.z() * d.z()};
+        const Vec3d d = (p - Vec3f(kPlane.reference[0], kPlane.reference[1], kPlane.reference[2]))
+                            .cast<double>();
+        const SampleSums terms = {d.x(),         d.y(),         d.z(),
+                                  d.x() * d.x(), d.x() * d.y(), d.x() * d.z(),
+                                  d.y() * d.y(), d.y() * d.z(), d.z() * d.z()};
         for (std::size_t k = 0; k < exact.size(); ++k) exact[k] += terms[k];
     }
     const Work work(points);
-    const SampleSums plain = available_cluster_kernels().front().sums(work.samples.all(), kPlane.reference);
+    const SampleSums plain =
+        available_cluster_kernels().front().sums(work.samples.all(), kPlane.reference);
     for (std::size_t k = 0; k < exact.size(); ++k) {
         EXPECT_NEAR(plain[k], exact[k], 1e-6 * static_cast<double>(points.size()));
     }
@@ -106,7 +111,8 @@ TEST(Spreads, AreTheExtremeEigenvaluesAndTheVectorOfTheLargest) {
     for (const double scale : {1.0, 1e-60, 1e60}) {
         auto scatters = some_scatters();
         for (Symmetric3& s : scatters)
-            s = {s.xx * scale, s.xy * scale, s.xz * scale, s.yy * scale, s.yz * scale, s.zz * scale};
+            s = {s.xx * scale, s.xy * scale, s.xz * scale,
+                 s.yy * scale, s.yz * scale, s.zz * scale};
         for (const ClusterKernels& kernels : available_cluster_kernels()) {
             const auto spreads = kernels.spreads(scatters);
             for (std::size_t i = 0; i < kSpreads; ++i) {
@@ -140,7 +146,8 @@ TEST(Spreads, AreTheSameBitsForEveryInstructionSet) {
     const auto cloud = test::cube(1'000, 7).positions;
     for (std::size_t i = 0; i + 8 <= cloud.size(); i += 8) {
         for (std::size_t k = 0; k < kSpreads; ++k) {
-            const Vec3d a = cloud[i + 2 * k].cast<double>(), b = cloud[i + 2 * k + 1].cast<double>();
+            const Vec3d a = cloud[i + 2 * k].cast<double>(),
+                        b = cloud[i + 2 * k + 1].cast<double>();
             scatters[k] = {a.x(), b.x() - 0.5, b.y() - 0.5, a.y(), b.z() - 0.5, a.z()};
         }
         const auto plain = available_cluster_kernels().front().spreads(scatters);
@@ -155,7 +162,9 @@ TEST(Spreads, AreTheSameBitsForEveryInstructionSet) {
     }
 }
 
-INSTANTIATE_TEST_SUITE_P(Sizes, EveryKernel, testing::Values(1U, 2U, 7U, 8U, 9U, 16U, 31U, 127U, 128U, 129U, 1000U, 5003U));
+INSTANTIATE_TEST_SUITE_P(Sizes, EveryKernel,
+                         testing::Values(1U, 2U, 7U, 8U, 9U, 16U, 31U, 127U, 128U, 129U, 1000U,
+                                         5003U));
 
 }  // namespace
 }  // namespace stipple
