@@ -15,8 +15,10 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <sstream>
+#include <utility>
 
 namespace stipple {
 
@@ -27,11 +29,15 @@ constexpr std::size_t kBlock = 1'024;
 
 // Radii over the spacing. With the first, each particle feels the ring around it and the whole
 // comes to rest; it is evenly spread then, but for pairs that the others press together. With the
-// second, only pairs that are too close feel each other, and part.
+// second, only pairs that are too close feel each other, and part; with the third, only those that
+// the projection brought together.
 constexpr float kSpreadRadius = 1.25F;
 constexpr float kPartRadius = 0.88F;
-constexpr double kNearly = 0.2;
-constexpr double kLargestOverlap = 0.1;
+constexpr float kSettledRadius = 0.83F;
+constexpr double kLargestOverlap = 0.05;  // over the radius
+constexpr double kNearly = 0.2;           // of the tolerance, where pairs are pressed by others
+constexpr double kSlowing = 0.97;         // of the step before, while they come to rest
+constexpr double kSlow = 4;               // of the tolerance; longer steps never count as rest
 
 template <typename... Parts>
 [[noreturn]] void refuse(const Parts&... parts) {
@@ -100,27 +106,40 @@ void scale_spacing(std::vector<float>& spacing, const std::vector<float>& areas,
     for (float& value : spacing) value *= factor;
 }
 
-/// Repulsion (§3.3) until the particles are at rest, then until no two of them are too close, which
-/// may have to be done again where the projection onto the surface moved some.
+/// Repulsion (§3.3) until the particles are at rest, or come no nearer to it; then until no two of
+/// them are too close, which may have to be done again where the projection onto the surface moved
+/// some.
 void relax(ParticleRelaxation& particles, const ParticleSimulationOptions& options,
            const RunContext& context) {
-    const auto run = [&](float radius, bool find_spacing, auto&& is_done, const RunContext& part) {
-        for (unsigned i = 0; i < options.max_iterations; ++i) {
-            if (is_done(particles.step(radius, find_spacing))) break;
-            part.checkpoint(static_cast<double>(i + 1) / options.max_iterations);
+    using Progress = ParticleRelaxation::Progress;
+    const auto run = [&](unsigned most, auto&& step, auto&& is_done, const RunContext& part) {
+        for (unsigned i = 0; i < most; ++i) {
+            if (is_done(step())) break;
+            part.checkpoint(static_cast<double>(i + 1) / most);
         }
         part.checkpoint(1.0);
     };
-    using Progress = ParticleRelaxation::Progress;
-    const auto at_rest = [&](const Progress& p) { return p.mean_step < options.tolerance; };
-    const auto apart = [&](const Progress& p) { return p.largest_overlap < kLargestOverlap; };
+    double last_step = std::numeric_limits<double>::infinity();
+    const auto at_rest = [&](const Progress& p) {
+        const bool slows_down = p.mean_step < kSlowing * std::exchange(last_step, p.mean_step);
+        return p.mean_step < options.tolerance ||
+               (p.mean_step < kSlow * options.tolerance && !slows_down);
+    };
+    const auto apart = [&](const Progress& p) {
+        return p.knows_all && p.largest_overlap < kLargestOverlap;
+    };
     const auto nearly_apart = [&](const Progress& p) {
         return apart(p) || p.mean_step < kNearly * options.tolerance;
     };
-    run(kSpreadRadius, true, at_rest, context.part(0.0, 0.6));
-    run(kPartRadius, false, nearly_apart, context.part(0.6, 0.8));
+    run(
+        options.max_iterations, [&] { return particles.step(kSpreadRadius, true); }, at_rest,
+        context.part(0.0, 0.6));
+    run(
+        options.max_iterations, [&] { return particles.step(kPartRadius, false); }, nearly_apart,
+        context.part(0.6, 0.8));
     particles.settle();
-    run(kPartRadius, false, apart, context.part(0.8, 1.0));
+    run((options.max_iterations + 1) / 2, [&] { return particles.step(kSettledRadius, false); },
+        apart, context.part(0.8, 1.0));
 }
 
 /// The cloud's points at and around each particle, whose attributes it gets.
@@ -200,16 +219,16 @@ PointCloud particle_simulation(const PointCloud& cloud, const ParticleSimulation
     std::vector<float> areas(samples.size());
     for (std::size_t i = 0; i < areas.size(); ++i) areas[i] = samples.area(i);
     std::vector<float> spacing = relative_spacing(cloud, samples, areas, options, context);
-    std::vector<Vec3f> positions =
+    SpreadParticles start =
         spread_particles(samples, particle_shares(areas, spacing, count), count, options.seed);
     scale_spacing(spacing, areas, count);
     context.checkpoint(0.25);
     const MlsSurface mls(cloud.positions, {}, context);
     const ParticleSurface surface(samples, mls, frame, context);
-    ParticleRelaxation particles(surface, std::move(spacing), std::move(positions), context);
+    ParticleRelaxation particles(surface, std::move(spacing), std::move(start), context);
     context.checkpoint(0.35);
     relax(particles, options, context.part(0.35, 0.95));
-    positions.resize(count);
+    std::vector<Vec3f> positions(count);
     std::ranges::transform(particles.positions(), positions.begin(),
                            [&](const Vec3f& p) { return Vec3f(frame.outside(p).cast<float>()); });
     PointCloud result = with_attributes(cloud, std::move(positions), reductions, context);
