@@ -1,0 +1,91 @@
+#include "distance_statistics.hpp"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstdint>
+#include <numeric>
+#include <utility>
+#include <vector>
+
+namespace stipple {
+
+AttributeError summarize(std::string name, std::span<const float> differences,
+                         std::span<const float> areas) {
+    AttributeError error{.name = std::move(name)};
+    double total = 0, sum = 0, sum_sq = 0;
+    for (std::size_t i = 0; i < differences.size(); ++i) {
+        const double d = differences[i], area = areas[i];
+        error.max = std::max(error.max, d);
+        total += area;
+        sum += area * d;
+        sum_sq += area * d * d;
+    }
+    error.mean = sum / total;
+    error.rms = std::sqrt(sum_sq / total);
+    return error;
+}
+
+std::vector<double> weighted_quantiles(std::span<const float> values,
+                                       std::span<const float> weights,
+                                       std::span<const double> parts) {
+    // Floats that are not negative sort as their bits: the weight of each stretch of them first,
+    // then the values of the one stretch that matters.
+    constexpr unsigned kShift = 16;
+    const auto stretch = [](float v) { return std::bit_cast<std::uint32_t>(v) >> kShift; };
+    std::vector<double> weight_of(std::size_t{1} << (32 - kShift));
+    for (std::size_t i = 0; i < values.size(); ++i) weight_of[stretch(values[i])] += weights[i];
+    const double total = std::accumulate(weight_of.begin(), weight_of.end(), 0.0);
+
+    std::vector<double> quantiles;
+    for (const double part : parts) {
+        double left = part * total;
+        std::size_t chosen = 0;
+        for (std::size_t s = 0; s < weight_of.size(); ++s) {
+            if (weight_of[s] == 0) continue;
+            chosen = s;
+            if (weight_of[s] >= left) break;
+            left -= weight_of[s];
+        }
+        std::vector<std::pair<float, float>> inside;
+        for (std::size_t i = 0; i < values.size(); ++i)
+            if (stretch(values[i]) == chosen) inside.emplace_back(values[i], weights[i]);
+        std::ranges::sort(inside);
+        std::size_t at = 0;
+        while (at + 1 < inside.size() && inside[at].second < left) left -= inside[at++].second;
+        quantiles.push_back(inside.empty() ? 0.0 : inside[at].first);
+    }
+    return quantiles;
+}
+
+DirectedError summarize_distances(std::span<const float> distances, std::span<const float> areas,
+                                  unsigned histogram_bins) {
+    const AttributeError all = summarize("", distances, areas);
+    DirectedError error;
+    error.samples = distances.size();
+    error.max = all.max;
+    error.mean = all.mean;
+    error.rms = all.rms;
+    const auto quantiles =
+        weighted_quantiles(distances, areas, std::array<double, 3>{0.50, 0.95, 0.99});
+    error.p50 = quantiles[0];
+    error.p95 = quantiles[1];
+    error.p99 = quantiles[2];
+
+    error.histogram.resize(histogram_bins);
+    const double bins = histogram_bins, by = all.max > 0 ? bins / all.max : 0.0;
+    double total = 0, spread = 0;
+    for (std::size_t i = 0; i < distances.size(); ++i) {
+        const double area = areas[i], from_mean = area * (distances[i] - all.mean);
+        total += area;
+        spread += from_mean * from_mean;
+        error.histogram[std::min(histogram_bins - 1, static_cast<unsigned>(distances[i] * by))] +=
+            area;
+    }
+    for (double& share : error.histogram) share /= total;
+    constexpr double kDeviations = 1.96;  // of a normal distribution hold 95 % of it
+    error.mean_confidence = kDeviations * std::sqrt(spread) / total;
+    return error;
+}
+
+}  // namespace stipple
