@@ -26,21 +26,20 @@ inline Group whole_group(const SampleSpan& s, std::size_t i,
             load(s.z + i) - reference[2]};
 }
 
-/// The last samples; what is missing stands at the reference, where it adds nothing.
+#if defined(STIPPLE_KERNELS_AVX2)
+
+/// The last samples, fewer than eight; the other lanes are 0.
 inline Group last_group(const SampleSpan& s, std::size_t i,
                         const std::array<float, 3>& reference) noexcept {
-    std::array<std::array<float, kLanes>, 3> padded;
-    for (std::size_t axis = 0; axis < 3; ++axis) padded[axis].fill(reference[axis]);
-    for (std::size_t j = 0; i + j < s.size; ++j) {
-        padded[0][j] = s.x[i + j];
-        padded[1][j] = s.y[i + j];
-        padded[2][j] = s.z[i + j];
-    }
-    return {load(padded[0].data()) - reference[0], load(padded[1].data()) - reference[1],
-            load(padded[2].data()) - reference[2]};
+    const Int8 lanes = {0, 1, 2, 3, 4, 5, 6, 7};
+    const Int8 present = lanes < static_cast<std::int32_t>(s.size - i);
+    const auto of = [&](const float* from, float origin) {
+        const auto v = reinterpret_cast<Float8>(
+            _mm256_maskload_ps(from + i, reinterpret_cast<__m256i>(present)));
+        return reinterpret_cast<Float8>(reinterpret_cast<Int8>(v - origin) & present);
+    };
+    return {of(s.x, reference[0]), of(s.y, reference[1]), of(s.z, reference[2])};
 }
-
-#if defined(STIPPLE_KERNELS_AVX2)
 
 inline unsigned lane_bits(Int8 mask) noexcept {
     return static_cast<unsigned>(_mm256_movemask_ps(reinterpret_cast<__m256>(mask)));
@@ -66,6 +65,20 @@ inline Double4 root_of(Double4 v) noexcept {
 }
 
 #else
+
+/// The last samples, fewer than eight; what is missing stands at the reference, where it is 0.
+inline Group last_group(const SampleSpan& s, std::size_t i,
+                        const std::array<float, 3>& reference) noexcept {
+    std::array<std::array<float, kLanes>, 3> padded;
+    for (std::size_t axis = 0; axis < 3; ++axis) padded[axis].fill(reference[axis]);
+    for (std::size_t j = 0; i + j < s.size; ++j) {
+        padded[0][j] = s.x[i + j];
+        padded[1][j] = s.y[i + j];
+        padded[2][j] = s.z[i + j];
+    }
+    return {load(padded[0].data()) - reference[0], load(padded[1].data()) - reference[1],
+            load(padded[2].data()) - reference[2]};
+}
 
 inline unsigned lane_bits(Int8 mask) noexcept {
     unsigned bits = 0;
@@ -174,10 +187,19 @@ std::size_t partition(const SampleSpan& samples, const SplitPlane& split_plane,
     return front;
 }
 
-inline double sum_of(Float8 v) noexcept {
-    const Float8 fours = v + __builtin_shufflevector(v, v, 4, 5, 6, 7, 0, 1, 2, 3);
-    const Float8 pairs = fours + __builtin_shufflevector(fours, fours, 2, 3, 0, 1, 6, 7, 4, 5);
-    return static_cast<double>(pairs[0]) + static_cast<double>(pairs[1]);
+/// Of each of four the sums of lanes side by side, in pairs, of either half.
+inline Float8 pairs_of(Float8 a, Float8 b) noexcept {
+    return __builtin_shufflevector(a, b, 0, 2, 8, 10, 4, 6, 12, 14) +
+           __builtin_shufflevector(a, b, 1, 3, 9, 11, 5, 7, 13, 15);
+}
+
+/// The sums over the lanes of each of four.
+inline std::array<float, 4> sums_of(Float8 a, Float8 b, Float8 c, Float8 d) noexcept {
+    const Float8 halves = pairs_of(pairs_of(a, b), pairs_of(c, d));
+    const Float8 whole = halves + __builtin_shufflevector(halves, halves, 4, 5, 6, 7, 0, 1, 2, 3);
+    std::array<float, 4> sums;
+    __builtin_memcpy(sums.data(), &whole, sizeof sums);
+    return sums;
 }
 
 SampleSums sums(const SampleSpan& s, const std::array<float, 3>& reference) noexcept {
@@ -203,8 +225,12 @@ SampleSums sums(const SampleSpan& s, const std::array<float, 3>& reference) noex
             add(last_group(s, i, reference));
             i = s.size;
         }
-        const std::array<Float8, 9> part = {x, y, z, xx, xy, xz, yy, yz, zz};
-        for (std::size_t k = 0; k < total.size(); ++k) total[k] += sum_of(part[k]);
+        const auto first = sums_of(x, y, z, xx), second = sums_of(xy, xz, yy, yz);
+        for (std::size_t k = 0; k < 4; ++k) {
+            total[k] += static_cast<double>(first[k]);
+            total[4 + k] += static_cast<double>(second[k]);
+        }
+        total[8] += static_cast<double>(sums_of(zz, zz, zz, zz)[0]);
     }
     return total;
 }

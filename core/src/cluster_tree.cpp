@@ -81,41 +81,49 @@ void graft(std::vector<ClusterNode>& nodes, std::span<const Index> leaves,
 /// A node whose points are resident and whose moments are known.
 struct Open {
     Index id = 0;
-    bool in_second = false;  ///< which half of the storage holds its points
+    Index place = 0;         ///< where its points begin
+    bool in_second = false;  ///< which half of the storage holds them
     SampleMoments moments;
 };
 
-/// Grows subtrees of at most `capacity` points, one at a time.
+/// The points of some nodes, whose subtrees grow there.
 class Residence {
 public:
-    Residence(std::span<const Vec3f> points, std::size_t capacity, const SplitRule& rule,
-              const RunContext& context)
+    /// @param members  of the whole tree.
+    Residence(std::span<const Vec3f> points, std::span<Index> members, std::size_t capacity,
+              const SplitRule& rule, const RunContext& context)
         : points_(points),
+          members_(members),
           capacity_(capacity),
           storage_(2 * capacity),
           rule_(rule),
           context_(context) {}
 
-    /// Adds what grows below a node, and puts its members in order.
-    void grow(std::vector<ClusterNode>& nodes, Index id, std::span<Index> members) {
-        base_ = nodes[id].begin;
-        members_ = members;
-        const MutableSampleSpan samples = half(false).part(0, members.size());
-        gather(points_, members, samples);
-        grow_from(nodes, {id, false, moments_about(samples, nodes[id].reference)});
+    /// Adds what grows below the nodes, and puts their members in order.
+    void grow(std::vector<ClusterNode>& nodes) {
+        std::vector<Open> small, large;
+        Index place = 0;
+        for (Index id = 0; id < nodes.size(); ++id) {
+            const ClusterNode& node = nodes[id];
+            const MutableSampleSpan samples = part(false, place, node.size);
+            gather(points_, members_.subspan(node.begin, node.size), samples);
+            (is_task(node) ? small : large)
+                .push_back({id, place, false, moments_about(samples, node.reference)});
+            place += node.size;
+        }
+        for (const Open& top : large) grow_in_parallel(nodes, top);
+        grow_here(nodes, std::move(small));
     }
 
 private:
-    MutableSampleSpan half(bool second) {
-        return second ? storage_.all().part(capacity_, 2 * capacity_)
-                      : storage_.all().part(0, capacity_);
+    MutableSampleSpan part(bool second, Index place, Index size) {
+        const std::size_t begin = (second ? capacity_ : 0) + place;
+        return storage_.all().part(begin, begin + size);
     }
 
-    void grow_from(std::vector<ClusterNode>& nodes, const Open& top) {
-        if (nodes[top.id].size <= kParallelGrain || context_.thread_count() == 1)
-            grow_here(nodes, top);
-        else
-            grow_in_parallel(nodes, top);
+    /// Whether its subtree is grown by one thread.
+    bool is_task(const ClusterNode& node) const {
+        return node.size <= kParallelGrain || context_.thread_count() == 1;
     }
 
     /// Splits the node where it is wanted, and adds its halves to `open`.
@@ -123,36 +131,35 @@ private:
                std::vector<Open>& open) {
         ClusterNode& node = nodes[top.id];
         node.priority = std::min(node.priority, gain_of_split(top.moments, spread));
-        const std::size_t begin = node.begin - base_, end = begin + node.size;
-        const MutableSampleSpan from = half(top.in_second).part(begin, end),
-                                to = half(!top.in_second).part(begin, end);
+        const std::span<Index> members = members_.subspan(node.begin, node.size);
+        const SampleSpan from = part(top.in_second, top.place, node.size);
         if (!rule_.wants(node, variation_of(top.moments, spread))) {
-            std::copy_n(from.index, from.size, members_.data() + begin);
+            std::copy_n(from.index, from.size, members.data());
             return;
         }
         if (node.size > kParallelGrain) context_.throw_if_stopped();
         const SplitPlane plane = split_plane(top.moments, spread);
+        const MutableSampleSpan to = part(!top.in_second, top.place, node.size);
         auto front = static_cast<Index>(cluster_kernels().partition(from, plane, to));
         if (front == 0 || front == node.size) {
-            const std::span<Index> members = members_.subspan(begin, from.size);
             std::copy_n(from.index, from.size, members.data());
             front = halve(points_, members);
             gather(points_, members, to);
         }
         add_halves(nodes, top.id, front, plane.reference);
-        for (std::size_t id = nodes.size() - 2; id < nodes.size(); ++id) {
-            const std::size_t at = nodes[id].begin - base_;
+        Index place = top.place;
+        for (auto id = static_cast<Index>(nodes.size() - 2); id < nodes.size(); ++id) {
+            const SampleSpan samples = part(!top.in_second, place, nodes[id].size);
             if (nodes[id].can_split())
-                open.push_back({static_cast<Index>(id), !top.in_second,
-                                moments_about(half(!top.in_second).part(at, at + nodes[id].size),
-                                              plane.reference)});
+                open.push_back(
+                    {id, place, !top.in_second, moments_about(samples, plane.reference)});
             else
-                members_[at] = half(!top.in_second).index[at];
+                members_[nodes[id].begin] = *samples.index;
+            place += nodes[id].size;
         }
     }
 
-    void grow_here(std::vector<ClusterNode>& nodes, const Open& top) {
-        std::vector<Open> open = {top};
+    void grow_here(std::vector<ClusterNode>& nodes, std::vector<Open> open) {
         std::array<Open, kSpreads> batch;
         std::array<Symmetric3, kSpreads> scatters;
         while (!open.empty()) {
@@ -168,20 +175,22 @@ private:
     }
 
     void grow_in_parallel(std::vector<ClusterNode>& nodes, const Open& top) {
+        if (is_task(nodes[top.id])) return grow_here(nodes, {top});
         const auto spreads = cluster_kernels().spreads({top.moments.scatter, {}, {}, {}});
         std::vector<Open> open;
         visit(nodes, top, spreads[0], open);
-        if (open.size() < 2) {
-            for (const Open& only : open) grow_from(nodes, only);
-            return;
-        }
+        if (open.size() < 2) return grow_here(nodes, std::move(open));
+
         std::vector<ClusterNode> right_branch = {nodes[open[1].id]};
-        const Open right = {0, open[1].in_second, open[1].moments};
         tbb::task_group group;
-        group.run([&] { grow_from(right_branch, right); });
+        group.run([&] {
+            Open right = open[1];
+            right.id = 0;
+            grow_in_parallel(right_branch, right);
+        });
         std::exception_ptr failure;
         try {
-            grow_from(nodes, open[0]);
+            grow_in_parallel(nodes, open[0]);
         } catch (...) {
             failure = std::current_exception();
         }
@@ -191,12 +200,11 @@ private:
     }
 
     std::span<const Vec3f> points_;
+    std::span<Index> members_;
     std::size_t capacity_;
     Samples storage_;
     const SplitRule& rule_;
     const RunContext& context_;
-    std::span<Index> members_;
-    Index base_ = 0;
 };
 
 }  // namespace
@@ -254,7 +262,7 @@ void ClusterTree::split_large(const SplitRule& rule, const RunContext& context) 
 void ClusterTree::grow_leaves(const SplitRule& rule, const RunContext& context) {
     // Leaves are grown in jobs of at least so many points.
     struct Job {
-        std::size_t begin = 0, end = 0, largest = 0, points = 0;
+        std::size_t begin = 0, end = 0, points = 0;
     };
     std::vector<Index> leaves;
     std::vector<Job> jobs;
@@ -265,23 +273,26 @@ void ClusterTree::grow_leaves(const SplitRule& rule, const RunContext& context) 
             jobs.push_back({.begin = leaves.size()});
         leaves.push_back(id);
         jobs.back().end = leaves.size();
-        jobs.back().largest = std::max<std::size_t>(jobs.back().largest, node.size);
         jobs.back().points += node.size;
     }
     std::vector<std::vector<ClusterNode>> grown(jobs.size());
-    parallel_for_blocks(jobs.size(), 1, context, [&](std::size_t j, std::size_t) {
+    const auto grow_job = [&](std::size_t j) {
         const Job& job = jobs[j];
         if (rule.max_size < kResident) {  // leaves of 3/4 of the bound, so much for each
             grown[j].reserve(static_cast<std::size_t>(
                 3.0 * static_cast<double>(job.points) / rule.max_size + 64.0));
         }
-        Residence residence(points_, job.largest, rule, context);
         for (std::size_t i = job.begin; i < job.end; ++i) grown[j].push_back(nodes_[leaves[i]]);
-        for (Index root = 0; root < job.end - job.begin; ++root) {
-            const ClusterNode leaf = grown[j][root];
-            residence.grow(grown[j], root, std::span(members_).subspan(leaf.begin, leaf.size));
-        }
+        Residence(points_, members_, job.points, rule, context).grow(grown[j]);
+    };
+    with_threads(context, [&] {
+        parallel_for_blocks(jobs.size(), 1, context,
+                            [&](std::size_t j, std::size_t) { grow_job(j); });
     });
+    if (nodes_.size() == 1 && jobs.size() == 1) {
+        nodes_ = std::move(grown[0]);
+        return;
+    }
     std::size_t total = nodes_.size();
     for (std::size_t j = 0; j < jobs.size(); ++j)
         total += grown[j].size() - (jobs[j].end - jobs[j].begin);
@@ -305,6 +316,7 @@ Cut ClusterTree::cut(std::uint64_t size, const RunContext& context) {
     // The nodes that the queue splits, first among those known, until none of them is a leaf.
     std::vector<SplitRank> chosen;
     std::size_t known = 0;
+    chosen.reserve(nodes_.size());
     while (true) {
         for (; known < nodes_.size(); ++known) {
             if (nodes_[known].can_split()) chosen.push_back(nodes_[known].rank());

@@ -80,6 +80,9 @@ void check_contraction(const PointCloud& cloud, const IterativeSimplificationOpt
 }
 
 Features::Features(const PointCloud& cloud, const IterativeSimplificationOptions& options) {
+    const auto is_set = [](const auto& entry) { return entry.second > 0; };
+    if (options.color_weight == 0 && std::ranges::none_of(options.attribute_weights, is_set))
+        return;
     const double diagonal = bounds(cloud).diagonal();
     std::vector<std::vector<float>> columns;
     if (options.color_weight > 0 && !cloud.colors.empty()) {

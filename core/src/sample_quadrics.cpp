@@ -54,8 +54,12 @@ public:
         for (std::size_t k = 0; k < sums_.size(); ++k) sums_[k] += terms[k];
         count_ += n;
     }
-    SampleMoments moments() const {
-        return moments_from(sums_, static_cast<std::size_t>(count_), Vec3d::Zero());
+    /// About the centroid.
+    Symmetric3 scatter() const noexcept {
+        const auto& s = sums_;
+        const Vec3d c = centroid();
+        return {s[3] - s[0] * c.x(), s[4] - s[0] * c.y(), s[5] - s[0] * c.z(),
+                s[6] - s[1] * c.y(), s[7] - s[1] * c.z(), s[8] - s[2] * c.z()};
     }
     Vec3d centroid() const noexcept { return Vec3d(sums_[0], sums_[1], sums_[2]) / count_; }
     double mean_radius_sq() const noexcept { return (sums_[3] + sums_[6] + sums_[8]) / count_; }
@@ -77,11 +81,10 @@ void add_edge_planes(Quadric& q, std::span<const Vec3d> edges, const Vec3d& norm
     constexpr double kUpright = 1e-6;
     for (const Vec3d& e : edges) {
         const double length_sq = e.squaredNorm();
-        if (!(length_sq > 0)) continue;
-        const double along = normal.dot(e) / length_sq;
-        const Vec3d across = normal - along * e;  // e x b, but for its length
+        const Vec3d across = length_sq * normal - normal.dot(e) * e;  // (e x n) x e
         const double across_sq = across.squaredNorm();
-        if (across_sq > kUpright) add_plane(q, across, Vec3d::Zero(), each / across_sq);
+        if (across_sq > kUpright * length_sq * length_sq)
+            add_plane(q, across, Vec3d::Zero(), each / across_sq);
     }
 }
 
@@ -143,8 +146,13 @@ Quadric quadric_of(std::span<const Vec3d> edges, const SummarySums& around, cons
     return q;
 }
 
-Vec3d edge(std::span<const Vec3f> points, std::size_t from, Index to) {
-    return points[to].cast<double>() - points[from].cast<double>();
+/// The features of the neighbours less those of sample i.
+void set_steps(std::vector<float>& steps, std::span<const float> features, unsigned channels,
+               std::size_t i, std::span<const Index> neighbors) {
+    steps.clear();
+    for (const Index j : neighbors)
+        for (unsigned c = 0; c < channels; ++c)
+            steps.push_back(features[j * std::size_t{channels} + c] - features[i * channels + c]);
 }
 
 double squared_diagonal(std::span<const Vec3f> points) {
@@ -175,38 +183,37 @@ QuadricSamples::QuadricSamples(std::span<const Vec3f> points, const MemberLists&
     const NeighborLists lists = k_nearest_neighbors(centroids, k, context);
     const double unit_sq = squared_diagonal(centroids);
     parallel_for_blocks(size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
-        std::vector<Vec3d> edges;
+        std::array<std::vector<Vec3d>, kSpreads> edges;
         std::vector<float> steps;
         for (std::size_t first = begin; first < end; first += kSpreads) {
-            const std::size_t last = std::min(end, first + kSpreads);
+            const std::size_t lanes = std::min(kSpreads, end - first);
             std::array<SummarySums, kSpreads> around;
             std::array<Symmetric3, kSpreads> matrices;
-            for (std::size_t i = first; i < last; ++i) {
-                around[i - first].add(summaries[i], Vec3d::Zero());
-                for (const Index j : lists.of(i))
-                    around[i - first].add(summaries[j], edge(centroids, i, j));
-                matrices[i - first] = reversed(around[i - first].moments().scatter);
+            for (std::size_t lane = 0; lane < lanes; ++lane) {
+                const std::size_t i = first + lane;
+                around[lane].add(summaries[i], Vec3d::Zero());
+                edges[lane].clear();
+                for (const Index j : lists.of(i)) {
+                    edges[lane].push_back(centroids[j].cast<double>() -
+                                          centroids[i].cast<double>());
+                    around[lane].add(summaries[j], edges[lane].back());
+                }
+                matrices[lane] = reversed(around[lane].scatter());
             }
             const auto spreads = cluster_kernels().spreads(matrices);
-            for (std::size_t i = first; i < last; ++i) {
-                edges.clear();
-                steps.clear();
-                for (const Index j : lists.of(i)) {
-                    edges.push_back(edge(centroids, i, j));
-                    for (unsigned c = 0; c < features.channels; ++c)
-                        steps.push_back(means[j * std::size_t{features.channels} + c] -
-                                        means[i * features.channels + c]);
-                }
-                const Vec3d& normal = spreads[i - first].direction;
-                if (!edges.empty()) {
-                    const double area = mean_square(edges) / unit_sq;
-                    Quadric q = quadric_of(edges, around[i - first], normal, area);
-                    if (features.channels > 0)
-                        add_gradients(q, edges, steps, features.channels, normal, area);
-                    matrices_[i] = Matrix(q);
-                }
-                const double height = height_over(summaries[i], around[i - first], normal);
+            for (std::size_t lane = 0; lane < lanes; ++lane) {
+                const std::size_t i = first + lane;
+                const Vec3d& normal = spreads[lane].direction;
+                const double height = height_over(summaries[i], around[lane], normal);
                 positions_[i] = (centroids[i].cast<double>() + height * normal).cast<float>();
+                if (edges[lane].empty()) continue;
+                const double area = mean_square(edges[lane]) / unit_sq;
+                Quadric q = quadric_of(edges[lane], around[lane], normal, area);
+                if (features.channels > 0) {
+                    set_steps(steps, means, features.channels, i, lists.of(i));
+                    add_gradients(q, edges[lane], steps, features.channels, normal, area);
+                }
+                matrices_[i] = Matrix(q);
             }
         }
     });
