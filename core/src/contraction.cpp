@@ -1,6 +1,7 @@
 #include "contraction.hpp"
 
 #include "contraction_quadrics.hpp"
+#include "contraction_record.hpp"
 #include "contraction_relaxation.hpp"
 #include "large_memory.hpp"
 #include "leaf_query.hpp"
@@ -37,15 +38,7 @@ constexpr unsigned kMaxNeighbors = 32;
 constexpr float kUnknown = -1;  // a cost that has to be computed
 constexpr float kIsolated = std::numeric_limits<float>::infinity();
 
-/// All that a contraction reads of a sample, in one line of the cache.
-struct alignas(64) Record {
-    Vec3f position;
-    StoredQuadric quadric;
-    Index link;   ///< see `Engine::root`
-    Index claim;  ///< the sample that asks to contract with this one for the least, or kNone
-    float cost;   ///< of the contraction with the first of the neighbours
-};
-static_assert(sizeof(Record) == 64);
+using Record = ContractionRecord;
 
 /// A link of a sample into which another was just contracted: that other's number lies below.
 constexpr Index kMerged = Index{1} << 31U;
@@ -57,43 +50,6 @@ std::uint64_t shuffled(Index a, Index b) noexcept {
     h *= 0x9E3779B97F4A7C15ULL;
     h ^= h >> 29U;
     return h * 0xBF58476D1CE4E5B9ULL;
-}
-
-/// Two samples as one, relative to the first.
-struct Joined {
-    Quadric quadric;
-    Vec3d offset;  ///< of the new position
-    double error;  ///< there
-};
-
-Joined join(const Record& a, const Record& b, Placement placement) {
-    const Vec3d d = (b.position - a.position).cast<double>();
-    Joined joined{Quadric(a.quadric) + referred_to(Quadric(b.quadric), -d), Vec3d::Zero(), 0};
-    if (placement == Placement::EndPoint) {
-        const double at_b = value(joined.quadric, d);
-        joined.error = joined.quadric.c;
-        if (at_b < joined.error) {
-            joined.error = at_b;
-            joined.offset = d;
-        }
-        return joined;
-    }
-    const Quadric& q = joined.quadric;
-    const Vec3d middle = 0.5 * d;
-    Vec3d y = middle;
-    bool least = minimiser(q, y);
-    if (least) {
-        // Not farther from the middle than the two are from each other, whatever the planes say.
-        const double away_sq = (y - middle).squaredNorm(), limit_sq = d.squaredNorm();
-        if (away_sq > limit_sq) {
-            y = middle + (y - middle) * std::sqrt(limit_sq / away_sq);
-            least = false;
-        }
-    }
-    joined.offset = y;
-    joined.error =
-        std::max(0.0, least ? q.c + q.x * y.x() + q.y * y.y() + q.z * y.z() : value(q, y));
-    return joined;
 }
 
 /// Where to stop: to keep the samples that a snapshot will share out, or to take it.
@@ -146,13 +102,16 @@ private:
     Index slot_at(std::size_t place) const {
         return slot_of_.empty() ? static_cast<Index>(place) : slot_of_[place];
     }
-    float cost_of(Index i, Index j) const;
     bool is_better(float cost, Index i, Index j, float than, Index a, Index b) const {
         return cost < than || (cost == than && shuffled(i, j) < shuffled(a, b));
     }
 
     void round(std::span<const Stop>& stops, const std::function<void(const Stop&)>& at_stop);
+    struct Gathered;
+    void gather(Index of, Index self, Gathered& gathered) const;
     void refresh(Index i);
+    void keep_nearest(Index i, Gathered& found) const;
+    void choose_partner(Index i, std::span<const Index> asked);
     void compact();
     float quantile_of_costs() const;
     void propose(float limit);
@@ -323,72 +282,102 @@ std::vector<float> Engine::feature_steps(Index i) const {
     return steps;
 }
 
-/// What the contraction adds to the error, times the distance of the two.
-float Engine::cost_of(Index i, Index j) const {
-    const Record &a = records()[std::min(i, j)], &b = records()[std::max(i, j)];
-    const double added = join(a, b, options_.placement).error - static_cast<double>(a.quadric.c) -
-                         static_cast<double>(b.quadric.c);
-    const float cost = static_cast<float>(std::max(0.0, added)) * (a.position - b.position).norm();
-    return std::min(cost, std::numeric_limits<float>::max());
+/// The neighbours of a sample in a round: each live and named once.
+struct Engine::Gathered {
+    std::array<Index, 2 * kMaxNeighbors> slots;
+    std::array<bool, 2 * kMaxNeighbors> changed;  ///< whether it was part of a contraction
+    std::size_t count = 0;
+    bool any_changed = false;
+
+    void add(Index slot, bool is_changed) {
+        for (std::size_t f = 0; f < count; ++f)
+            if (slots[f] == slot) return;
+        slots[count] = slot;
+        changed[count++] = is_changed;
+    }
+};
+
+void Engine::gather(Index of, Index self, Gathered& gathered) const {
+    for_neighbors(of, [&](Index named) {
+        const Index j = root(named);
+        const bool changed = j != named || (records()[j].link & kMerged) != 0;
+        gathered.any_changed |= changed;
+        if (j != self) gathered.add(j, changed);
+    });
 }
 
 /// Brings the list of neighbours up to date, and chooses the partner.
 void Engine::refresh(Index i) {
     Record& self = records()[i];
     self.claim = kNone;
-    struct Found {
-        float distance_sq;
-        Index slot;
-        bool changed;
-    };
-    std::array<Found, kMaxNeighbors + 1> found;
-    std::size_t count = 0;
-    const bool merged = (self.link & kMerged) != 0;
-    bool all_new = merged || self.cost == kUnknown, any_new = all_new;
-    const auto take = [&](const Index* list) {
-        for (std::size_t s = 0; s < k_ && list[s] != kNone; ++s) {
-            const Index j = root(list[s]);
-            const bool changed = j != list[s] || (records()[j].link & kMerged) != 0;
-            any_new |= changed;
-            all_new |= changed && s == 0;
-            if (j == i) continue;
-            if (std::any_of(found.begin(), found.begin() + static_cast<std::ptrdiff_t>(count),
-                            [j](const Found& f) { return f.slot == j; })) {
-                continue;
-            }
-            // By distance; the farthest falls out.
-            const float d = (records()[j].position - self.position).squaredNorm();
-            if (count == k_ && !(d < found[count - 1].distance_sq)) continue;
-            std::size_t at = count == k_ ? count - 1 : count;
-            for (; at > 0 && d < found[at - 1].distance_sq; --at) found[at] = found[at - 1];
-            found[at] = {d, j, changed};
-            count = std::min(count + 1, k_);
-        }
-    };
+    Gathered found;
     const Index partner = list_of(i)[0];
-    take(list_of(i));
-    if (merged) take(list_of(self.link & ~kMerged));
-    if (!any_new) return;
+    gather(i, i, found);
+    const bool merged = (self.link & kMerged) != 0;
+    if (merged) gather(self.link & ~kMerged, i, found);
+    if (!found.any_changed && !merged && self.cost != kUnknown) return;
+    if (found.count > k_) keep_nearest(i, found);
 
     Index* const list = list_of(i);
-    Index best = all_new ? kNone : partner;
-    float least = all_new ? kIsolated : self.cost;
-    for (std::size_t f = 0; f < count; ++f) {
-        list[f] = found[f].slot;
-        if (!all_new && !found[f].changed) continue;
-        const float cost = cost_of(i, list[f]);
-        if (best == kNone || is_better(cost, i, list[f], least, i, best)) {
-            best = list[f];
-            least = cost;
+    std::copy_n(found.slots.begin(), found.count, list);
+    std::fill(list + found.count, list + k_, kNone);
+    // Where the partner is as it was, only what changed can be cheaper.
+    const bool has_partner = !merged && self.cost != kUnknown && found.count > 0 &&
+                             list[0] == partner && !found.changed[0];
+    std::size_t asking = has_partner ? 0 : found.count;
+    if (has_partner) {
+        for (std::size_t f = 1; f < found.count; ++f)
+            if (found.changed[f]) found.slots[asking++] = found.slots[f];
+    } else {
+        self.cost = kIsolated;
+    }
+    choose_partner(i, std::span(found.slots).first(asking));
+}
+
+/// The nearest to sample i, as many as a list holds.
+void Engine::keep_nearest(Index i, Gathered& found) const {
+    std::array<std::pair<float, Index>, 2 * kMaxNeighbors> by_distance;
+    for (std::size_t f = 0; f < found.count; ++f) {
+        const Vec3f d = records()[found.slots[f]].position - records()[i].position;
+        by_distance[f] = {d.squaredNorm(), found.slots[f]};
+    }
+    const auto end = by_distance.begin() + static_cast<std::ptrdiff_t>(found.count);
+    std::nth_element(by_distance.begin(), by_distance.begin() + static_cast<std::ptrdiff_t>(k_) - 1,
+                     end);
+    found.count = k_;
+    for (std::size_t f = 0; f < k_; ++f) found.slots[f] = by_distance[f].second;
+}
+
+/// Puts the cheapest of the asked, if it is cheaper than the partner of before, to the front of the
+/// list.
+void Engine::choose_partner(Index i, std::span<const Index> asked) {
+    Index* const list = list_of(i);
+    Index best = list[0];
+    float least = records()[i].cost;
+    for (std::size_t f = 0; f < asked.size(); f += 4) {
+        const std::size_t lanes = std::min<std::size_t>(4, asked.size() - f);
+        std::array<const Record*, 4> firsts, seconds;
+        for (std::size_t lane = 0; lane < 4; ++lane) {
+            // In the order of their numbers, so that both ends of a pair find the same bits.
+            const Index j = asked[f + std::min(lane, lanes - 1)];
+            firsts[lane] = &records()[std::min(i, j)];
+            seconds[lane] = &records()[std::max(i, j)];
+        }
+        const Float4 costs = costs_of_joining(firsts, seconds, options_.placement);
+        for (std::size_t lane = 0; lane < lanes; ++lane) {
+            const Index j = asked[f + lane];
+            if (is_better(costs[lane], i, j, least, i, best)) {
+                best = j;
+                least = costs[lane];
+            }
         }
     }
-    std::fill(list + count, list + k_, kNone);
-    self.cost = least;
-    if (count > 0) std::swap(list[0], *std::find(list, list + count, best));
+    records()[i].cost = least;
+    if (best != list[0]) std::swap(list[0], *std::find(list, list + k_, best));
 }
 
 float Engine::quantile_of_costs() const {
-    constexpr double kQuantile = 0.3;
+    constexpr double kQuantile = 0.5;
     constexpr std::size_t kAsked = 1 << 15;
     const std::size_t step = std::max<std::size_t>(1, live_ / kAsked);
     std::vector<float> costs;
@@ -454,7 +443,7 @@ void Engine::contract(const Winner& winner) {
     Index kept = std::min(winner.first, winner.second),
           gone = std::max(winner.first, winner.second);
     const Vec3d from = records()[kept].position.cast<double>();
-    const Joined joined = join(records()[kept], records()[gone], options_.placement);
+    const JoinedSamples joined = join(records()[kept], records()[gone], options_.placement);
     Vec3f position = (from + joined.offset).cast<float>();
     if (options_.placement == Placement::EndPoint) {
         if (joined.offset != Vec3d::Zero()) std::swap(kept, gone);
