@@ -5,6 +5,7 @@
 #include "stipple/codec.hpp"
 #include "stipple/hierarchical_clustering.hpp"
 #include "stipple/lod_pyramid.hpp"
+#include "stipple/multiphase.hpp"
 #include "stipple/neighbors.hpp"
 
 #include <fcntl.h>
@@ -190,6 +191,17 @@ void hierarchical(Session& session, const std::string& name, const std::string& 
             contestants.push_back(stipple_contestant(session, model, "stipple " + kind,
                                                      representative, target, threads));
         };
+        contestants.push_back({.name = "stipple multiphase",
+                               .run = [=, &model]() -> std::any {
+                                   MultiphaseOptions options;
+                                   options.contraction.target_size = target;
+                                   return multiphase(model.cloud, options, on_threads(threads));
+                               },
+                               .figures =
+                                   [&](const std::any& value) {
+                                       return session.error_figures(
+                                           model, std::any_cast<const PointCloud&>(value));
+                                   }});
         add("surface", Representative::Surface);
         add("nearest", Representative::Nearest);
         add("centroid", Representative::Centroid);

@@ -105,8 +105,39 @@ TEST(OpenApi, ListsExactlyTheFieldsOfEveryRequest) {
     EXPECT_EQ(documented_fields("SimplifyRequest"), simplify);
     EXPECT_EQ(documented_fields("UpsampleRequest"),
               fields_of("upsample", R"(,"points":9)", {"ratio"}));
-    EXPECT_EQ(documented_fields("AnalyzeRequest"), fields_of("analyze", "", {"viewpoint"}));
+    EXPECT_EQ(documented_fields("AnalyzeRequest"),
+              fields_of("analyze", "", {"viewpoint", "feature_lines"}));
     EXPECT_EQ(documented_fields("PyramidRequest"), fields_of("pyramid", "", {"levels"}));
+}
+
+TEST(OpenApi, TellsTheDefaultsOfEveryRequest) {
+    const auto compare = [](const char* schema, const std::string& type,
+                            const std::string& target) {
+        const auto request =
+            proto::job_request_from_json(R"({"type": ")" + type + R"(", "input": ")" +
+                                         std::string(64, 'a') + '"' + target + "}");
+        const YAML::Node written = YAML::Load(proto::to_json(request));
+        for (const auto& field : document()["components"]["schemas"][schema]["properties"]) {
+            const YAML::Node expected = field.second["default"];
+            const YAML::Node found = written[field.first.as<std::string>()];
+            if (!expected.IsDefined() || !found.IsDefined() || !expected.IsScalar()) continue;
+            double a = 0, b = 0;
+            const bool numbers = YAML::convert<double>::decode(expected, a) &&
+                                 YAML::convert<double>::decode(found, b);
+            if (numbers) {
+                EXPECT_EQ(a, b) << schema << ' ' << field.first;
+            } else {
+                EXPECT_EQ(expected.Scalar(), found.Scalar()) << schema << ' ' << field.first;
+            }
+        }
+    };
+    for (const Method method : kMethods) {
+        compare("SimplifyRequest", "simplify",
+                R"(,"points":9,"method":")" + std::string(to_string(method)) + '"');
+    }
+    compare("UpsampleRequest", "upsample", R"(,"points":9)");
+    compare("AnalyzeRequest", "analyze", "");
+    compare("PyramidRequest", "pyramid", "");
 }
 
 TEST(OpenApi, ListsTheMethodsInTheirOrder) {
