@@ -1,9 +1,12 @@
 #include "stipple/simplify.hpp"
 
 #include "stipple/error.hpp"
+#include "stipple/iterative_simplification.hpp"
+#include "stipple/random_sampling.hpp"
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <sstream>
 
 namespace stipple {
@@ -14,48 +17,240 @@ namespace {
     throw Error(ErrorCode::InvalidArgument, message);
 }
 
+template <typename T>
+void require(bool fits, const std::string& name, const T& value, const char* expected) {
+    if (fits) return;
+    std::ostringstream text;
+    text << name << ' ' << value << ": expected " << expected;
+    refuse(text.str());
+}
+
+void require_positive(const std::string& name, double value) {
+    require(value > 0 && std::isfinite(value), name, value, "a finite number above 0");
+}
+
+void require_not_negative(const std::string& name, double value) {
+    require(value >= 0 && std::isfinite(value), name, value, "a finite number, at least 0");
+}
+
+// The options of each method.
+
+template <typename ClusteringOptions>
+void check_bounds(const ClusteringOptions& options) {
+    if (options.max_cluster_size) {
+        const std::uint64_t size = *options.max_cluster_size;
+        require(size >= 1, "max_cluster_size", size, "at least 1");
+    }
+    if (options.max_variation) {
+        const double variation = *options.max_variation;
+        require(variation > 0 && variation <= 1.0 / 3.0, "max_variation", variation,
+                "above 0, at most 1/3");
+    }
+}
+
+void check(const IterativeSimplificationOptions& options) {
+    require(options.k >= 3 && options.k <= 32, "k", options.k, "3..32");
+    if (options.max_displacement) require_positive("max_displacement", *options.max_displacement);
+    require_not_negative("color_weight", options.color_weight);
+    for (const auto& [name, weight] : options.attribute_weights) {
+        require_not_negative("attribute_weights." + name, weight);
+    }
+}
+
+void check(const DensityRegion& region) {
+    const auto finite = [](const Vec3d& v) { return v.array().isFinite().all(); };
+    if (const auto* sphere = std::get_if<DensityRegion::Sphere>(&region.where)) {
+        if (!finite(sphere->center)) refuse("regions: the centre of a sphere is not finite");
+        require_positive("regions: the radius", sphere->radius);
+    } else if (const auto* box = std::get_if<DensityRegion::Box>(&region.where)) {
+        const bool ordered = (box->min.array() <= box->max.array()).all();
+        if (!finite(box->min) || !finite(box->max) || !ordered) {
+            refuse("regions: a box whose min is above its max, or is not finite");
+        }
+    } else if (const auto* scalar = std::get_if<DensityRegion::Scalar>(&region.where)) {
+        require(scalar->low <= scalar->high, "regions: low", scalar->low, "at most high");
+    }
+    require_positive("regions: density", region.density);
+    require_not_negative("regions: transition", region.transition);
+}
+
+void check(const ParticleSimulationOptions& options) {
+    require(options.adaptivity >= 0 && options.adaptivity <= 1, "adaptivity", options.adaptivity,
+            "0 to 1");
+    require(options.max_grading >= 1 && std::isfinite(options.max_grading), "max_grading",
+            options.max_grading, "a finite number, at least 1");
+    for (const DensityRegion& region : options.regions) check(region);
+    require(options.max_iterations >= 1, "max_iterations", options.max_iterations, "at least 1");
+    require_positive("tolerance", options.tolerance);
+}
+
+/// Whether bounds of the method's own say how many points there will be.
+bool has_bounds(const SimplifyOptions& options) {
+    switch (options.method) {
+        case Method::Hierarchical:
+            return options.hierarchical.max_cluster_size || options.hierarchical.max_variation;
+        case Method::Incremental: {
+            // Beside a target, the variation shapes the clusters.
+            const bool targeted = options.points || options.ratio;
+            return options.incremental.max_cluster_size ||
+                   (options.incremental.max_variation && !targeted);
+        }
+        case Method::Voxel:
+            return options.voxel.voxel_size.has_value();
+        default:
+            return false;
+    }
+}
+
+std::string expected_targets(Method method) {
+    switch (method) {
+        case Method::Hierarchical:
+        case Method::Incremental:
+            return "exactly one of points, ratio, or max_cluster_size and max_variation";
+        case Method::Voxel:
+            return "exactly one of points, ratio and voxel_size";
+        default:
+            return "exactly one of points and ratio";
+    }
+}
+
+void check_own_options(const SimplifyOptions& options) {
+    switch (options.method) {
+        case Method::Multiphase:
+            require(options.oversampling >= 1 && options.oversampling <= 64, "oversampling",
+                    options.oversampling, "1 to 64");
+            return check(options.iterative);
+        case Method::Hierarchical:
+            return check_bounds(options.hierarchical);
+        case Method::Incremental:
+            return check_bounds(options.incremental);
+        case Method::Iterative:
+            return check(options.iterative);
+        case Method::Particles:
+            return check(options.particles);
+        case Method::Voxel:
+            if (options.voxel.voxel_size) require_positive("voxel_size", *options.voxel.voxel_size);
+            return;
+        case Method::Random:
+            if (!options.reductions.empty()) refuse("reductions: random keeps points as they are");
+            return;
+    }
+}
+
+std::uint64_t scaled(std::size_t points, double ratio) {
+    const double wanted = std::round(ratio * static_cast<double>(points));
+    constexpr double kMost = std::numeric_limits<Index>::max();
+    require(wanted <= kMost, "ratio", ratio, "fewer than 2^32 points");
+    return static_cast<std::uint64_t>(std::max(1.0, wanted));
+}
+
+/// The method's own options, with what is common to all of them.
+template <typename Options>
+Options with_common(Options own, const SimplifyOptions& options,
+                    const std::optional<std::uint64_t>& target) {
+    if (target) own.target_size = *target;
+    if constexpr (requires { own.reductions; }) own.reductions = options.reductions;
+    if constexpr (requires { own.seed; }) own.seed = options.seed;
+    return own;
+}
+
 }  // namespace
 
 std::string_view to_string(Method method) noexcept {
     switch (method) {
+        case Method::Multiphase:
+            return "multiphase";
         case Method::Hierarchical:
+            return "hierarchical";
+        case Method::Incremental:
+            return "incremental";
+        case Method::Iterative:
+            return "iterative";
+        case Method::Particles:
+            return "particles";
+        case Method::Voxel:
+            return "voxel";
+        case Method::Random:
             break;
     }
-    return "hierarchical";
+    return "random";
 }
 
 Method method_from_name(std::string_view name) {
-    if (name == to_string(Method::Hierarchical)) return Method::Hierarchical;
-    refuse("method " + std::string(name) + ": expected hierarchical");
+    std::string offered;
+    for (const Method method : kMethods) {
+        if (name == to_string(method)) return method;
+        offered += (offered.empty() ? "" : ", ") + std::string(to_string(method));
+    }
+    refuse("method " + std::string(name.substr(0, 60)) + ": expected one of " + offered);
 }
 
 void validate(const SimplifyOptions& options) {
-    const bool bounded =
-        options.hierarchical.max_cluster_size || options.hierarchical.max_variation;
-    if (int{options.points.has_value()} + int{options.ratio.has_value()} + int{bounded} != 1) {
-        refuse(
-            "target: expected exactly one of points, ratio, or max_cluster_size and max_variation");
+    const int targets =
+        int{options.points.has_value()} + int{options.ratio.has_value()} + int{has_bounds(options)};
+    if (targets != 1) refuse("target: expected " + expected_targets(options.method));
+    if (options.points) require(*options.points >= 1, "points", *options.points, "at least 1");
+    if (options.ratio) {
+        require(*options.ratio > 0 && *options.ratio <= 1, "ratio", *options.ratio,
+                "above 0, at most 1");
     }
-    if (options.points && *options.points == 0) refuse("points 0: expected at least 1");
-    if (options.ratio && !(*options.ratio > 0 && *options.ratio <= 1)) {
-        std::ostringstream text;
-        text << "ratio " << *options.ratio << ": expected above 0, at most 1";
-        refuse(text.str());
-    }
+    check_own_options(options);
 }
 
 PointCloud simplify(const PointCloud& cloud, const SimplifyOptions& options,
                     const RunContext& context) {
     validate(options);
     if (cloud.empty()) refuse("the cloud has no points: expected at least 1");
-    HierarchicalClusteringOptions hierarchical = options.hierarchical;
-    hierarchical.reductions.insert(options.reductions.begin(), options.reductions.end());
-    if (options.points) hierarchical.target_size = *options.points;
-    if (options.ratio) {
-        const double wanted = std::round(*options.ratio * static_cast<double>(cloud.size()));
-        hierarchical.target_size = static_cast<std::uint64_t>(std::max(1.0, wanted));
+    std::optional<std::uint64_t> target = options.points;
+    if (options.ratio) target = scaled(cloud.size(), *options.ratio);
+    if (target && *target >= cloud.size()) return cloud;
+
+    const auto own = [&](const auto& defaults) { return with_common(defaults, options, target); };
+    switch (options.method) {
+        case Method::Multiphase:
+            return multiphase(cloud, {options.oversampling, own(options.iterative)}, context);
+        case Method::Hierarchical:
+            return hierarchical_clustering(cloud, own(options.hierarchical), context);
+        case Method::Incremental:
+            return incremental_clustering(cloud, own(options.incremental), context);
+        case Method::Iterative:
+            return iterative_simplification(cloud, own(options.iterative), context);
+        case Method::Particles:
+            return particle_simulation(cloud, own(options.particles), context);
+        case Method::Voxel:
+            return voxel_clustering(cloud, own(options.voxel), context);
+        case Method::Random:
+            break;
     }
-    return hierarchical_clustering(cloud, hierarchical, context);
+    return random_sampling(cloud, own(RandomSamplingOptions{}), context);
+}
+
+void validate(const UpsampleOptions& options) {
+    if (int{options.points.has_value()} + int{options.ratio.has_value()} != 1) {
+        refuse("target: expected exactly one of points and ratio");
+    }
+    if (options.points) {
+        require(*options.points >= 2 && *options.points <= std::numeric_limits<Index>::max(),
+                "points", *options.points, "at least 2, fewer than 2^32");
+    }
+    if (options.ratio) {
+        require(*options.ratio > 1 && std::isfinite(*options.ratio), "ratio", *options.ratio,
+                "a finite number above 1");
+    }
+    check(options.particles);
+}
+
+PointCloud upsample(const PointCloud& cloud, const UpsampleOptions& options,
+                    const RunContext& context) {
+    validate(options);
+    if (cloud.empty()) refuse("the cloud has no points: expected at least 1");
+    ParticleSimulationOptions particles = options.particles;
+    particles.target_size = options.points ? *options.points : scaled(cloud.size(), *options.ratio);
+    if (particles.target_size <= cloud.size()) {
+        refuse("points " + std::to_string(particles.target_size) + ": expected more than the " +
+               std::to_string(cloud.size()) + " there are; simplify makes fewer");
+    }
+    return particle_simulation(cloud, particles, context);
 }
 
 }  // namespace stipple
