@@ -224,6 +224,32 @@ ClusterTree::ClusterTree(std::span<const Vec3f> points, const RunContext& contex
     nodes_.push_back(root);
 }
 
+ClusterTree::ClusterTree(std::span<const Vec3f> points, const Clusters& clusters,
+                         const RunContext& context)
+    : size_(points.size()),
+      roots_(static_cast<Index>(clusters.size())),
+      storage_(2 * points.size()),
+      nodes_(clusters.size()) {
+    assert(!points.empty() && clusters.members.size() == points.size());
+    const MutableSampleSpan samples = workspace_in(storage_).samples;
+    parallel_for_blocks(nodes_.size(), 256, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t c = begin; c < end; ++c) {
+            ClusterNode& root = nodes_[c];
+            root.begin = clusters.offsets[c];
+            root.end = clusters.offsets[c + 1];
+            for (Index at = root.begin; at < root.end; ++at) {
+                const Vec3f& p = points[clusters.members[at]];
+                samples.x[at] = p.x();
+                samples.y[at] = p.y();
+                samples.z[at] = p.z();
+                samples.index[at] = clusters.members[at];
+            }
+            root.moments = moments_of(samples.part(root.begin, root.end));
+            root.priority = priority_of(root);
+        }
+    });
+}
+
 void ClusterTree::grow(const std::function<bool(const ClusterNode&)>& wanted,
                        const RunContext& context) {
     std::vector<Index> open;
@@ -246,14 +272,15 @@ void ClusterTree::grow(const std::function<bool(const ClusterNode&)>& wanted,
 }
 
 Cut ClusterTree::cut(std::uint64_t size, const RunContext& context) {
-    assert(size >= 1 && size <= size_);
-    // Most clusters larger than the average will be split: grow those at once, depth first, while
-    // they are in the cache.
-    nodes_.reserve(4 * size);
-    const double likely = 1.5 * static_cast<double>(size_) / static_cast<double>(size);
-    grow([likely](const ClusterNode& node) { return node.size() > likely; }, context);
-
-    const std::size_t splits = size - 1;
+    assert(size >= roots_ && size <= size_);
+    if (roots_ == 1) {
+        // Most clusters larger than the average will be split: grow those at once, depth first,
+        // while they are in the cache.
+        nodes_.reserve(4 * size);
+        const double likely = 1.5 * static_cast<double>(size_) / static_cast<double>(size);
+        grow([likely](const ClusterNode& node) { return node.size() > likely; }, context);
+    }
+    const std::size_t splits = size - roots_;
     std::vector<Ranked> chosen;
     const auto consider = [&](std::size_t first_node) {
         for (std::size_t id = first_node; id < nodes_.size(); ++id) {
@@ -303,7 +330,8 @@ Cut ClusterTree::leaves() const {
 
 Cut ClusterTree::cut_where(const std::function<bool(Index)>& descends) const {
     Cut cut;
-    std::vector<Index> open = {0};
+    std::vector<Index> open(roots_);
+    std::iota(open.rbegin(), open.rend(), Index{0});
     while (!open.empty()) {
         const ClusterNode& node = nodes_[open.back()];
         const bool is_inner = descends(open.back());
@@ -316,7 +344,7 @@ Cut ClusterTree::cut_where(const std::function<bool(Index)>& descends) const {
             cut.moments.push_back(node.moments);
         }
     }
-    cut.offsets.push_back(nodes_.front().end);
+    cut.offsets.push_back(static_cast<Index>(size_));
     return cut;
 }
 

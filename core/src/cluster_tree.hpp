@@ -1,6 +1,7 @@
 #pragma once
 
 #include "samples.hpp"
+#include "stipple/clusters.hpp"
 #include "stipple/point_cloud.hpp"
 #include "stipple/run_context.hpp"
 #include "symmetric_eigen.hpp"
@@ -34,7 +35,7 @@ SampleMoments moments_of(const SampleSpan& samples);
 struct ClusterNode {
     Index begin = 0, end = 0;
     Index left = 0,
-          right = 0;      ///< children; both 0 when not split yet (the root is nobody's child)
+          right = 0;      ///< children; both 0 when not split yet (a root is nobody's child)
     double priority = 0;  ///< the larger is split first; never above the parent's
     SampleMoments moments;
 
@@ -49,7 +50,7 @@ struct Cut {
     std::vector<SampleMoments> moments;
 };
 
-/// The binary space partition of a cloud (§3.1), grown as far as asked.
+/// The binary space partition of a cloud, or of each of its clusters (§3.1), grown as far as asked.
 ///
 /// Every node is a range of the samples, and its points stand there in the order of the cloud. 32
 /// bytes a point.
@@ -58,11 +59,14 @@ public:
     /// One root with all points: finite, no two alike, at least one.
     ClusterTree(std::span<const Vec3f> points, const RunContext& context);
 
+    /// A root for each cluster, with its points in the order given there.
+    ClusterTree(std::span<const Vec3f> points, const Clusters& clusters, const RunContext& context);
+
     /// Splits every leaf for which `wanted` says so, and its children, and so on. Parallel.
     void grow(const std::function<bool(const ClusterNode&)>& wanted, const RunContext& context);
 
     /// The clusters that a priority queue holds when there are `size` of them; grows the tree where
-    /// it must. 1 <= size <= number of points.
+    /// it must. Number of roots <= size <= number of points.
     Cut cut(std::uint64_t size, const RunContext& context);
 
     /// The leaves.
@@ -76,6 +80,7 @@ private:
     Cut cut_where(const std::function<bool(Index)>& descends) const;
 
     std::size_t size_;
+    Index roots_ = 1;  ///< the first of `nodes_`
     Samples storage_;  ///< the samples, and as many places again for the half that moves
     std::vector<ClusterNode> nodes_;
 };

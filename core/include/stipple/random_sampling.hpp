@@ -13,7 +13,14 @@ struct RandomSamplingOptions {
     std::uint64_t seed = 0;
 };
 
-/// Every subset of that size with equal probability; a baseline. Points keep their order.
+/// A random subset of a cloud: every subset of that size is equally likely. A baseline for the
+/// methods of the paper, which says why it is none of them (§3.2: true subsampling aliases, and
+/// spreads its points unevenly).
+///
+/// Points keep their order and all their attributes. The choice depends on the number of points,
+/// the target and the seed alone. Any positions will do, also ones that are not finite.
+///
+/// @throws Error(InvalidArgument) for an empty cloud or a target of 0. O(N); 4 bytes a kept point.
 PointCloud random_sampling(const PointCloud& cloud, const RandomSamplingOptions& options,
                            const RunContext& context = {});
 

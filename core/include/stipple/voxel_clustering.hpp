@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <map>
 #include <optional>
+#include <span>
 #include <string>
 
 namespace stipple {
@@ -12,13 +13,31 @@ namespace stipple {
 struct VoxelClusteringOptions {
     std::optional<std::uint64_t>
         target_size{};  ///< exactly so many points: the size of a voxel is searched
-    std::optional<double> voxel_size{};  ///< input units; instead
+    std::optional<double> voxel_size{};  ///< edge of a voxel, input units; instead
     Representative representative = Representative::Nearest;
-    std::map<std::string, Reduction> reductions{};
+    std::map<std::string, Reduction>
+        reductions{};  ///< by attribute name, instead of the attribute's own
 };
 
-/// One point for each cube of a grid that holds any (Rossignac and Borrel 1993); a baseline.
+/// Voxel clustering (Rossignac and Borrel 1993; §3.1 says what it cannot do): one point for each
+/// cube of a grid that holds any. A baseline.
+///
+/// The grid stands on the least corner of the cloud's box. Given a target, the edge of its voxels
+/// is searched until a few too few hold points; the difference is then made up by splitting the
+/// voxels whose points vary most, as `hierarchical_clustering` would.
+///
+/// Give `target_size` or `voxel_size`. A target above the number of points returns the cloud as it
+/// is. The cloud must hold finite positions, no two alike (`clean`).
+///
+/// @throws Error(InvalidArgument) for an empty cloud, an option out of range (a voxel must be at
+/// least 2^-21 of the cloud's longest side), or both or none of the two. O(N); 40 bytes a point and
+/// about 150 a voxel beyond the cloud.
 PointCloud voxel_clustering(const PointCloud& cloud, const VoxelClusteringOptions& options,
                             const RunContext& context = {});
+
+/// The points of each voxel, voxels in the order of their first points; with a target, as many
+/// voxels as one size gives, at most that many.
+Clusters voxel_clusters(std::span<const Vec3f> points, const VoxelClusteringOptions& options,
+                        const RunContext& context = {});
 
 }  // namespace stipple
