@@ -170,14 +170,14 @@ unsigned lanes_within(const std::array<Float4, 4>& d, float limit) noexcept {
 
 /// (squared distance, index) in one number that sorts as they do: a float that is not negative
 /// sorts as its bits.
-using Neighbor = std::uint64_t;
-constexpr Neighbor make_neighbor(float distance_sq, Index index) noexcept {
-    return static_cast<Neighbor>(std::bit_cast<std::uint32_t>(distance_sq)) << 32U | index;
+using PackedNeighbor = std::uint64_t;
+constexpr PackedNeighbor make_neighbor(float distance_sq, Index index) noexcept {
+    return static_cast<PackedNeighbor>(std::bit_cast<std::uint32_t>(distance_sq)) << 32U | index;
 }
-float distance_of(Neighbor n) noexcept {
+float distance_of(PackedNeighbor n) noexcept {
     return std::bit_cast<float>(static_cast<std::uint32_t>(n >> 32U));
 }
-Index index_of(Neighbor n) noexcept {
+Index index_of(PackedNeighbor n) noexcept {
     return static_cast<Index>(n);
 }
 
@@ -278,7 +278,7 @@ private:
     std::size_t count_ = 0;
     std::vector<float> distances_sq_;
     std::vector<Index> indices_;
-    std::vector<Neighbor> sorted_;
+    std::vector<PackedNeighbor> sorted_;
 };
 
 /// Answers for the points of one leaf at a time.
@@ -509,7 +509,8 @@ NeighborLists radius_neighbors(std::span<const Vec3f> points, float radius,
     };
     parallel_for_blocks(
         tree.leaf_count(), kLeavesPerBlock, context, [&](std::size_t begin, std::size_t end) {
-            for_pairs(begin, end, [&](Index i, Neighbor) { ++lists.offsets[i + std::size_t{1}]; });
+            for_pairs(begin, end,
+                      [&](Index i, PackedNeighbor) { ++lists.offsets[i + std::size_t{1}]; });
         });
     for (std::size_t i = 1; i < lists.offsets.size(); ++i) lists.offsets[i] += lists.offsets[i - 1];
     constexpr std::uint64_t kMaxPairs = std::uint64_t{1} << 32U;
@@ -522,18 +523,18 @@ NeighborLists radius_neighbors(std::span<const Vec3f> points, float radius,
     lists.distances_sq.resize(lists.offsets.back());
     parallel_for_blocks(tree.leaf_count(), kLeavesPerBlock, context,
                         [&](std::size_t begin, std::size_t end) {
-                            std::vector<Neighbor> list;
+                            std::vector<PackedNeighbor> list;
                             const auto write = [&](Index i) {
                                 std::ranges::sort(list);
                                 std::uint64_t to = lists.offsets[i];
-                                for (const Neighbor neighbor : list) {
+                                for (const PackedNeighbor neighbor : list) {
                                     lists.indices[to] = index_of(neighbor);
                                     lists.distances_sq[to++] = distance_of(neighbor);
                                 }
                                 list.clear();
                             };
                             Index current = tree.leaf(begin).index[0];
-                            for_pairs(begin, end, [&](Index i, Neighbor neighbor) {
+                            for_pairs(begin, end, [&](Index i, PackedNeighbor neighbor) {
                                 if (i != current) write(std::exchange(current, i));
                                 list.push_back(neighbor);
                             });

@@ -13,41 +13,58 @@ namespace stipple {
 
 struct MlsOptions {
     unsigned degree = 2;  ///< of the polynomial g(u, v): 0 (the plane itself) to 4
-    unsigned k =
-        20;  ///< neighbours that may contribute, 6..64; more than degree 3 and 4 have coefficients
-    std::optional<double> h{};  ///< fixed scale, input units; absent: adaptive, h = r / 3 (§2.2)
-    unsigned max_iterations = 30;
-    double tolerance = 1e-4;  ///< a step shorter than this part of h ends the iteration
+    unsigned k = 20;      ///< size of a neighbourhood, 6..64; for the adaptive h only
+    std::optional<double>
+        h{};  ///< fixed scale, input units, > 0: all points within 3 h contribute; absent: adaptive
+              ///< h = r / 3, r the radius of the k nearest (§2.2)
+    bool fixed_point = false;      ///< projects again until the point stays where it is
+    unsigned max_iterations = 30;  ///< of the plane's minimisation, and of the fixed point; >= 1
+    double tolerance = 1e-4;       ///< a step shorter than this part of h ends either; > 0
 };
 
 enum class MlsStatus : std::uint8_t {
     Converged,
-    NotConverged,  ///< `max_iterations` were not enough: the best iterate is given
-    Degenerate,  ///< the neighbours carry no plane (a line, a point, too few): the nearest of what
-                 ///< they carry
-    TooFar,      ///< no weight reaches the point (fixed h): it is given back as it came
+    NotConverged,  ///< Eq. 6 has no minimum near, or `max_iterations` were not enough: the plane
+                   ///< with the weights held fast, or the last iterate, stands for it
+    Degenerate,    ///< the neighbours carry no plane: the nearest point of their line, or their
+                   ///< common place
+    TooFar,        ///< no weight reaches the point (fixed h): it is given back as it came
 };
 
 struct MlsProjection {
-    Vec3d point;   ///< Psi(P, r), relative to the origin of the cloud; never NaN for a finite r
-    Vec3d normal;  ///< of the surface there, unit; sign any
+    Vec3d point;   ///< Psi(P, r), relative to the origin of the cloud; never NaN
+    Vec3d normal;  ///< of the surface there, unit; the sign is any
     MlsStatus status = MlsStatus::Converged;
 };
 
 /// The moving least squares surface of a point cloud (§2.2): { x | Psi(P, x) = x }.
+///
+/// Psi(P, r) has two steps. The plane H = { x | x . n = D } minimises Eq. 6, where the weights are
+/// centred at q, the projection of r onto H, and so move with n and D. Over it a polynomial g(u, v)
+/// of `degree` is fitted to the same points with the same weights; Psi(P, r) = q + g(0, 0) n.
+/// Neighbours and the adaptive h are those of r.
+///
+/// The degree is lowered for a point with fewer neighbours than coefficients, or where g(0, 0)
+/// would lie beyond the heights of all neighbours; terms that the neighbours cannot tell apart are
+/// left out, the higher ones first.
+///
+/// On a sphere of curvature kappa a plane or a linear g lies inside by about h^2 kappa / 2; degrees
+/// 2 and 3 by an order h^2 less.
 class MlsSurface {
 public:
+    /// Holds a copy of the points: 32 bytes each. Finite points (`clean`), at least one.
+    /// @throws Error(InvalidArgument) for no points or an option out of range. O(N log N),
+    /// parallel.
     MlsSurface(std::span<const Vec3f> points, const MlsOptions& options,
                const RunContext& context = {});
     ~MlsSurface();
     MlsSurface(MlsSurface&&) noexcept;
     MlsSurface& operator=(MlsSurface&&) noexcept;
 
-    /// Psi(P, r): the plane H that minimises Eq. 6 over n and D, then the polynomial over it.
-    /// Thread-safe.
+    /// Psi(P, r) for a finite r. For any thread. About 2 us for k = 20 and a degree up to 2.
     MlsProjection project(const Vec3d& r) const;
 
-    /// All of them, in parallel.
+    /// All of them, in parallel; 56 bytes each.
     std::vector<MlsProjection> project(std::span<const Vec3f> points,
                                        const RunContext& context = {}) const;
 

@@ -3,6 +3,8 @@
 #include "stipple/point_cloud.hpp"
 #include "stipple/run_context.hpp"
 
+#include <compare>
+#include <memory>
 #include <span>
 #include <vector>
 
@@ -19,6 +21,45 @@ struct NeighborLists {
     std::span<const Index> of(std::size_t i) const noexcept {
         return {indices.data() + offsets[i], indices.data() + offsets[i + 1]};
     }
+};
+
+/// A point as it is found from somewhere. Ordered by distance, then index.
+struct Neighbor {
+    float distance_sq;  ///< squared input units
+    Index index;        ///< of the point
+
+    friend auto operator<=>(const Neighbor&, const Neighbor&) = default;
+};
+
+/// Finds the points near any position. Holds a copy of the positions: 20 bytes a point.
+///
+/// All functions are exact in the squared distance as floats have it, dx² + dy² + dz² summed in
+/// that order, allocate nothing, and may be called by many threads at once.
+class NeighborSearch {
+public:
+    /// Positions must be finite (`clean`). O(N log N), parallel; about 30 bytes a point more while
+    /// it is built.
+    explicit NeighborSearch(std::span<const Vec3f> points, const RunContext& context = {});
+    ~NeighborSearch();
+    NeighborSearch(NeighborSearch&&) noexcept;
+    NeighborSearch& operator=(NeighborSearch&&) noexcept;
+
+    /// The number of points.
+    std::size_t size() const noexcept;
+
+    /// The nearest points to `q` (finite), as many as `room` has places or as there are; a point
+    /// that lies at `q` is among them, at distance 0. Nearest first, the smaller index first among
+    /// equals.
+    /// @return the beginning of `room` that was filled. Expected O(k log k + log N).
+    std::span<Neighbor> nearest(const Vec3f& q, std::span<Neighbor> room) const noexcept;
+
+    /// Puts into `found`, which is cleared, all points whose squared distance to `q` (finite) is at
+    /// most `radius`²; in an order that depends on the points alone. Nothing for a radius that is
+    /// negative or not a number.
+    void within(const Vec3f& q, float radius, std::vector<Neighbor>& found) const;
+
+private:
+    std::unique_ptr<const class PointTree> tree_;
 };
 
 /// The k nearest neighbours N_p of every point (§2), the point itself left out; fewer when there

@@ -1,0 +1,154 @@
+#include "particle_density.hpp"
+
+#include "parallel_for.hpp"
+#include "stipple/error.hpp"
+#include "stipple/neighbors.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <sstream>
+
+namespace stipple {
+
+namespace {
+
+constexpr std::size_t kBlock = 4'096;
+
+template <typename... Parts>
+[[noreturn]] void refuse(std::size_t region, const Parts&... parts) {
+    std::ostringstream message;
+    message << "regions[" << region << "]: ";
+    (message << ... << parts);
+    throw Error(ErrorCode::InvalidArgument, message.str());
+}
+
+template <typename... Forms>
+struct Overloaded : Forms... {
+    using Forms::operator()...;
+};
+
+/// The width of the passage where none was chosen: enough for a dozen particles of a region that
+/// many lie in.
+double chosen_transition(const DensityRegion& region) {
+    if (region.transition > 0) return region.transition;
+    return std::visit(
+        Overloaded{[](const DensityRegion::Sphere& s) { return 0.5 * s.radius; },
+                   [](const DensityRegion::Box& b) { return 0.25 * (b.max - b.min).maxCoeff(); },
+                   [](const DensityRegion::Scalar& s) { return 0.25 * (s.high - s.low); }},
+        region.where);
+}
+
+double value_at(const Attribute& attribute, Index i) {
+    return std::visit([i](const auto& values) { return static_cast<double>(values[i]); },
+                      attribute.values);
+}
+
+/// How far point i is outside of the region, in the unit of its transition.
+double distance_outside(const DensityRegion& region, const PointCloud& cloud, Index i) {
+    const Vec3d p = cloud.positions[i].cast<double>();
+    return std::visit(
+        Overloaded{[&](const DensityRegion::Sphere& s) {
+                       return std::max(0.0, (p - s.center).norm() - s.radius);
+                   },
+                   [&](const DensityRegion::Box& b) {
+                       return (b.min - p).cwiseMax(p - b.max).cwiseMax(0.0).norm();
+                   },
+                   [&](const DensityRegion::Scalar& s) {
+                       const double v = value_at(*find_attribute(cloud, s.attribute), i);
+                       return std::isnan(v) ? std::numeric_limits<double>::infinity()
+                                            : std::max({0.0, s.low - v, v - s.high});
+                   }},
+        region.where);
+}
+
+/// 1 inside, 0 from the end of the transition on.
+double membership(const DensityRegion& region, const PointCloud& cloud, Index i) {
+    const double outside = distance_outside(region, cloud, i);
+    if (outside <= 0) return 1;
+    const double t = 1 - outside / chosen_transition(region);
+    return t > 0 ? t * t * (3 - 2 * t) : 0;
+}
+
+}  // namespace
+
+void validate(const std::vector<DensityRegion>& regions, const PointCloud& cloud) {
+    for (std::size_t r = 0; r < regions.size(); ++r) {
+        const DensityRegion& region = regions[r];
+        if (!(region.density > 0 && std::isfinite(region.density)))
+            refuse(r, "density ", region.density, ": expected above 0, finite");
+        if (!(region.transition >= 0 && std::isfinite(region.transition)))
+            refuse(r, "transition ", region.transition, ": expected at least 0, finite");
+        std::visit(
+            Overloaded{[&](const DensityRegion::Sphere& s) {
+                           if (!s.center.allFinite()) refuse(r, "center: expected finite numbers");
+                           if (!(s.radius > 0 && std::isfinite(s.radius)))
+                               refuse(r, "radius ", s.radius, ": expected above 0, finite");
+                       },
+                       [&](const DensityRegion::Box& b) {
+                           if (!b.min.allFinite() || !b.max.allFinite())
+                               refuse(r, "box: expected finite numbers");
+                           if (!(b.min.array() <= b.max.array()).all())
+                               refuse(r, "box: min ", b.min.transpose(), " above max ",
+                                      b.max.transpose());
+                       },
+                       [&](const DensityRegion::Scalar& s) {
+                           if (!std::isfinite(s.low) || !std::isfinite(s.high) || s.low > s.high)
+                               refuse(r, "low ", s.low, " and high ", s.high,
+                                      ": expected finite, low at most high");
+                           const Attribute* attribute = find_attribute(cloud, s.attribute);
+                           if (attribute == nullptr) refuse(r, "no attribute ", s.attribute);
+                           if (attribute->components != 1)
+                               refuse(r, "attribute ", s.attribute, " has ", attribute->components,
+                                      " components: expected 1");
+                       }},
+            region.where);
+    }
+}
+
+float region_spacing(const std::vector<DensityRegion>& regions, const PointCloud& cloud, Index i) {
+    double log_spacing = 0;
+    for (const DensityRegion& region : regions)
+        log_spacing -= 0.5 * std::log(region.density) * membership(region, cloud, i);
+    return static_cast<float>(std::exp(log_spacing));
+}
+
+std::vector<float> adaptive_spacing(std::span<const Vec3f> samples,
+                                    std::span<const float> variation, std::span<const float> areas,
+                                    double adaptivity, double max_grading,
+                                    const RunContext& context) {
+    double sum = 0, area = 0;
+    for (std::size_t i = 0; i < samples.size(); ++i) {
+        sum += static_cast<double>(variation[i]) * static_cast<double>(areas[i]);
+        area += static_cast<double>(areas[i]);
+    }
+    constexpr double kFlat = 1e-9;  // what rounding makes of a plane
+    const double mean = area > 0 ? sum / area : 0;
+    if (!(mean > kFlat)) return std::vector<float>(samples.size(), 1.0F);
+
+    const double bound = 0.5 * std::log(max_grading);
+    std::vector<float> logs(samples.size()), smooth(samples.size());
+    for (std::size_t i = 0; i < samples.size(); ++i) {
+        const double sigma = std::max(static_cast<double>(variation[i]), kFlat);
+        logs[i] =
+            static_cast<float>(std::clamp(adaptivity * std::log(mean / sigma), -bound, bound));
+    }
+    // sigma_n of neighbours differs by noise, and particles lie evenly only where their radius
+    // changes slowly.
+    constexpr unsigned kNeighbors = 8, kPasses = 4;
+    const NeighborLists lists = k_nearest_neighbors(samples, kNeighbors, context);
+    for (unsigned pass = 0; pass < kPasses; ++pass) {
+        parallel_for_blocks(samples.size(), kBlock, context,
+                            [&](std::size_t begin, std::size_t end) {
+                                for (std::size_t i = begin; i < end; ++i) {
+                                    float total = logs[i];
+                                    for (const Index j : lists.of(i)) total += logs[j];
+                                    smooth[i] = total / static_cast<float>(1 + lists.of(i).size());
+                                }
+                            });
+        std::swap(logs, smooth);
+    }
+    for (float& value : logs) value = std::exp(value);
+    return logs;
+}
+
+}  // namespace stipple

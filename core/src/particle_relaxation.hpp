@@ -1,0 +1,78 @@
+#pragma once
+
+#include "particle_surface.hpp"
+#include "stipple/point_cloud.hpp"
+#include "stipple/run_context.hpp"
+
+#include <span>
+#include <vector>
+
+namespace stipple {
+
+/// The force on a particle at p due to one at p_i (§3.3, Eq. 7) for a force constant k = 1: as long
+/// as r - |p - p_i|, away from p_i; none from the repulsion radius r on, and none where both
+/// coincide.
+inline Vec3f repulsion(const Vec3f& p, const Vec3f& p_i, float r) noexcept {
+    const Vec3f away = p - p_i;
+    const float distance = away.norm();
+    return distance > 0 && distance < r ? Vec3f(away * ((r - distance) / distance)) : Vec3f::Zero();
+}
+
+/// Particles that repel each other on a surface (§3.3).
+class ParticleRelaxation {
+public:
+    /// @param spacing  wanted distance of neighbours at each sample of the surface, up to a factor
+    /// that all have in common, which is found; finite, positive.
+    /// @param positions  where the particles start: near the surface.
+    ParticleRelaxation(const ParticleSurface& surface, std::vector<float> spacing,
+                       std::vector<Vec3f> positions, const RunContext& context);
+
+    /// How far an iteration moved the particles and how close they are.
+    struct Progress {
+        double mean_step = 0;      ///< over the spacing
+        double largest_overlap = 0;  ///< of (r - |p - p_i|) / r
+    };
+
+    /// One step of all particles at once, with r = `radius` times their spacing, below `kReach`.
+    /// @param find_spacing  whether the common factor may still change.
+    Progress step(float radius, bool find_spacing);
+
+    std::span<const Vec3f> positions() const noexcept { return positions_; }
+    /// The spacing at each particle.
+    float spacing(std::size_t i) const noexcept { return factor_ * spacing_[feet_[i].sample]; }
+
+    static constexpr float kReach = 1.6F;  ///< neighbours are known so far, over the spacing
+
+private:
+    /// The particles near those of a block.
+    struct Neighborhood {
+        std::vector<Index> members;
+        std::vector<Index> ends;  ///< of each particle's in `members`
+
+        std::span<const Index> of(std::size_t i) const noexcept {
+            return {members.data() + (i == 0 ? 0 : ends[i - 1]), members.data() + ends[i]};
+        }
+    };
+    struct BlockProgress {
+        double step_sum = 0;
+        float overlap = 0;
+        float drift = 0;  ///< farthest from where the neighbours were found, over the spacing
+    };
+
+    void find_neighbors();
+    double mean_of_six(std::size_t block) const;
+    BlockProgress move(std::size_t begin, std::size_t end, float radius);
+
+    const ParticleSurface& surface_;
+    RunContext context_;
+    std::vector<float> spacing_;
+    float factor_ = 1;
+    std::vector<Vec3f> positions_, next_, steps_;
+    std::vector<ParticleSurface::Foot> feet_;
+    std::vector<Neighborhood> neighborhoods_;  ///< of each block
+    std::vector<Vec3f> found_at_;              ///< the positions when they were found
+    std::vector<BlockProgress> progress_;
+    float drift_ = 0;
+};
+
+}  // namespace stipple
