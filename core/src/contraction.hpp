@@ -1,0 +1,48 @@
+#pragma once
+
+#include "quadric.hpp"
+#include "stipple/iterative_simplification.hpp"
+#include "stipple/point_cloud.hpp"
+#include "stipple/run_context.hpp"
+
+#include <cstdint>
+#include <functional>
+#include <span>
+#include <utility>
+#include <vector>
+
+namespace stipple {
+
+/// What point-pair contraction has come to at some count.
+struct ContractionSnapshot {
+    std::vector<Vec3f> positions;    ///< of the survivors
+    std::vector<Index> samples;      ///< for each survivor, a sample that it stands for; with
+                                     ///< `Placement::EndPoint` the sample that it is
+    std::vector<Index> survivor_of;  ///< for each sample, the survivor that stands for it
+};
+
+/// What a sample adds to its quadric beside its planes: so much of their weight times the squared
+/// distance to itself. It spreads the samples evenly where planes leave them free to slide, and
+/// makes every minimiser one well-defined point.
+inline constexpr double kPointTerm = 3e-4;
+
+struct ContractionOptions {
+    unsigned k = 6;  ///< neighbours of a sample at the start and capacity of its list after
+    Placement placement = Placement::Optimal;
+};
+
+/// Point-pair contraction (§3.2) from all samples down to the last of `counts`, in rounds.
+///
+/// @param quadrics  one for each sample, relative to its position: what it stands for as planes and
+///        points (`add_plane`, `add_point` with `kPointTerm` of the planes' weight), each weighted
+///        by its area; the scale is free, but one for all. Empty: made here, from the planes of
+///        the edges to the k nearest neighbours.
+/// @param counts  descending, each at least 1 and at most the number of samples.
+/// @param on_snapshot  called for each count, on the calling thread. A snapshot does not depend on
+///        the other counts.
+void contract(std::span<const Vec3f> positions, std::span<const StoredQuadric> quadrics,
+              std::span<const std::uint64_t> counts, const ContractionOptions& options,
+              const std::function<void(ContractionSnapshot&&)>& on_snapshot,
+              const RunContext& context);
+
+}  // namespace stipple

@@ -1,0 +1,94 @@
+#include "stipple/iterative_simplification.hpp"
+
+#include "contraction.hpp"
+#include "representatives.hpp"
+#include "stipple/clusters.hpp"
+#include "stipple/error.hpp"
+
+#include <algorithm>
+#include <utility>
+#include <vector>
+
+// Follows: Pauly, Gross, Kobbelt 2002, §3.2. The contraction itself is in contraction.cpp.
+
+namespace stipple {
+
+namespace {
+
+constexpr unsigned kMinK = 3, kMaxK = 32;
+
+void check(const PointCloud& cloud, const IterativeSimplificationOptions& options) {
+    if (cloud.empty()) throw Error(ErrorCode::InvalidArgument, "the cloud has no points");
+    if (options.k < kMinK || options.k > kMaxK) {
+        throw Error(ErrorCode::InvalidArgument,
+                    "k " + std::to_string(options.k) + ": expected 3..32 neighbours");
+    }
+}
+
+/// The samples of each survivor, in their order.
+Clusters clusters_of(const ContractionSnapshot& snapshot) {
+    Clusters clusters;
+    clusters.offsets.assign(snapshot.positions.size() + 1, 0);
+    for (const Index survivor : snapshot.survivor_of) ++clusters.offsets[survivor];
+    Index begin = 0;
+    for (Index& offset : clusters.offsets) begin += std::exchange(offset, begin);
+    clusters.members.resize(snapshot.survivor_of.size());
+    std::vector<Index> next = clusters.offsets;
+    for (std::size_t i = 0; i < snapshot.survivor_of.size(); ++i)
+        clusters.members[next[snapshot.survivor_of[i]]++] = static_cast<Index>(i);
+    return clusters;
+}
+
+PointCloud cloud_of(const PointCloud& cloud, ContractionSnapshot&& snapshot,
+                    const IterativeSimplificationOptions& options, const RunContext& context) {
+    const Clusters clusters = clusters_of(snapshot);
+    if (options.placement == Placement::Optimal) {
+        return merged_cloud(cloud, clusters, std::move(snapshot.positions), options.reductions,
+                            context);
+    }
+    const auto reductions = reductions_for(cloud, options.reductions, Representative::Nearest);
+    return merged_cloud(cloud, std::move(snapshot.positions),
+                        {clusters.members.data(), clusters.offsets}, snapshot.samples, reductions,
+                        true, context);
+}
+
+}  // namespace
+
+PointCloud iterative_simplification(const PointCloud& cloud,
+                                    const IterativeSimplificationOptions& options,
+                                    const RunContext& context) {
+    if (options.target_size == 0) {
+        throw Error(ErrorCode::InvalidArgument, "target_size 0: expected at least 1");
+    }
+    check(cloud, options);
+    if (options.target_size >= cloud.size()) return cloud;
+    PointCloud result;
+    const std::uint64_t size = options.target_size;
+    iterative_snapshots(
+        cloud, std::span(&size, 1), options, [&](PointCloud&& c) { result = std::move(c); },
+        context);
+    return result;
+}
+
+void iterative_snapshots(const PointCloud& cloud, std::span<const std::uint64_t> sizes,
+                         const IterativeSimplificationOptions& options,
+                         const std::function<void(PointCloud&&)>& on_cloud,
+                         const RunContext& context) {
+    check(cloud, options);
+    for (std::size_t i = 0; i < sizes.size(); ++i) {
+        const std::uint64_t most = i == 0 ? cloud.size() : sizes[i - 1];
+        if (sizes[i] < 1 || sizes[i] > most) {
+            throw Error(ErrorCode::InvalidArgument, "size " + std::to_string(sizes[i]) +
+                                                        ": expected 1.." + std::to_string(most) +
+                                                        ", descending");
+        }
+    }
+    contract(
+        cloud.positions, {}, sizes, {.k = options.k, .placement = options.placement},
+        [&](ContractionSnapshot&& snapshot) {
+            on_cloud(cloud_of(cloud, std::move(snapshot), options, context));
+        },
+        context);
+}
+
+}  // namespace stipple
