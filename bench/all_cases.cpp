@@ -61,7 +61,7 @@ void add_method_cases(std::vector<Case>& all) {
     };
     const std::vector<Work> works = {{"igea", 5'000}, {"dragon", 4'376}, {"2M", 5'000}};
     const std::vector<std::string> hierarchy = {"CGAL hierarchy"};
-    const std::vector<std::string> even = {"Farthest", "Poisson", "on the mesh"};
+    const std::vector<std::string> even = {"Farthest", "on the mesh"};
     for (const auto& [model, target] : works) {
         all.push_back(method_case(Method::Hierarchical, model, target,
                                   {"CGAL hierarchy", "CGAL random"},

@@ -4,7 +4,9 @@
 
 #include <meshoptimizer.h>
 #include <algorithm>
+#include <array>
 #include <memory>
+#include <utility>
 
 namespace stipple::bench::meshopt_peer {
 
@@ -17,7 +19,52 @@ struct Mesh {
     Indices corners;
 };
 
-Mesh mesh_of(const TriangleMesh& triangles) {
+using Triangle = std::array<Index, 3>;
+
+bool runs_along(const Triangle& t, Index from, Index to) {
+    for (unsigned i = 0; i < 3; ++i)
+        if (t[i] == from && t[(i + 1) % 3] == to) return true;
+    return false;
+}
+
+/// Turns triangles so that those across an edge agree. Scans are passed on with faces turned at
+/// random, and the simplifier takes every edge of such a mesh for a seam.
+void agree_on_sides(std::vector<Triangle>& triangles) {
+    struct Edge {
+        Index low, high, triangle;
+        auto operator<=>(const Edge&) const = default;
+    };
+    std::vector<Edge> edges;
+    for (Index t = 0; t < triangles.size(); ++t)
+        for (unsigned i = 0; i < 3; ++i) {
+            const auto [low, high] = std::minmax({triangles[t][i], triangles[t][(i + 1) % 3]});
+            edges.push_back({low, high, t});
+        }
+    std::ranges::sort(edges);
+    std::vector<char> settled(triangles.size(), 0);
+    for (Index first = 0; first < triangles.size(); ++first) {
+        if (std::exchange(settled[first], 1)) continue;
+        for (std::vector<Index> front = {first}; !front.empty();) {
+            const Triangle here = triangles[front.back()];
+            front.pop_back();
+            for (unsigned i = 0; i < 3; ++i) {
+                const Index from = here[i], to = here[(i + 1) % 3];
+                const auto [low, high] = std::minmax({from, to});
+                for (auto edge = std::ranges::lower_bound(edges, Edge{low, high, 0});
+                     edge != edges.end() && edge->low == low && edge->high == high; ++edge) {
+                    if (settled[edge->triangle]) continue;
+                    settled[edge->triangle] = 1;
+                    Triangle& other = triangles[edge->triangle];
+                    if (runs_along(other, from, to)) std::swap(other[0], other[1]);
+                    front.push_back(edge->triangle);
+                }
+            }
+        }
+    }
+}
+
+Mesh mesh_of(TriangleMesh triangles) {
+    agree_on_sides(triangles.triangles);
     Mesh mesh;
     for (const Vec3d& v : triangles.vertices) mesh.vertices.push_back(v.cast<float>());
     for (const auto& triangle : triangles.triangles)
