@@ -46,19 +46,19 @@ double value_at(const Attribute& attribute, Index i) {
 /// How far point i is outside of the region, in the unit of its transition.
 double distance_outside(const DensityRegion& region, const PointCloud& cloud, Index i) {
     const Vec3d p = cloud.positions[i].cast<double>();
-    return std::visit(
-        Overloaded{[&](const DensityRegion::Sphere& s) {
-                       return std::max(0.0, (p - s.center).norm() - s.radius);
-                   },
-                   [&](const DensityRegion::Box& b) {
-                       return (b.min - p).cwiseMax(p - b.max).cwiseMax(0.0).norm();
-                   },
-                   [&](const DensityRegion::Scalar& s) {
-                       const double v = value_at(*find_attribute(cloud, s.attribute), i);
-                       return std::isnan(v) ? std::numeric_limits<double>::infinity()
-                                            : std::max({0.0, s.low - v, v - s.high});
-                   }},
-        region.where);
+    return std::visit(Overloaded{[&](const DensityRegion::Sphere& s) {
+                                     return std::max(0.0, (p - s.center).norm() - s.radius);
+                                 },
+                                 [&](const DensityRegion::Box& b) {
+                                     return (b.min - p).cwiseMax(p - b.max).cwiseMax(0.0).norm();
+                                 },
+                                 [&](const DensityRegion::Scalar& s) {
+                                     const double v =
+                                         value_at(*find_attribute(cloud, s.attribute), i);
+                                     return std::isnan(v) ? std::numeric_limits<double>::infinity()
+                                                          : std::max({0.0, s.low - v, v - s.high});
+                                 }},
+                      region.where);
 }
 
 /// 1 inside, 0 from the end of the transition on.

@@ -46,10 +46,12 @@ ParticleGrid::ParticleGrid(std::span<const Vec3f> positions, std::span<const flo
         while (level.cells() < 2 * count[l]) {
             int axis = 0;
             const auto wraps = [&](int a) {
-                return std::ldexp(extent[a], -static_cast<int>(level.bits[static_cast<std::size_t>(a)]));
+                return std::ldexp(extent[a],
+                                  -static_cast<int>(level.bits[static_cast<std::size_t>(a)]));
             };
             for (int a = 1; a < 3; ++a) axis = wraps(a) > wraps(axis) ? a : axis;
-            if (wraps(axis) < level.cell || level.bits[static_cast<std::size_t>(axis)] == kMaxBits) break;
+            if (wraps(axis) < level.cell || level.bits[static_cast<std::size_t>(axis)] == kMaxBits)
+                break;
             ++level.bits[static_cast<std::size_t>(axis)];
         }
         level.first_cell = cells;

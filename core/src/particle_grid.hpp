@@ -10,7 +10,8 @@
 
 namespace stipple {
 
-/// Particles and how far each reaches, in buckets (§5.1, "a 3D grid data structure with bucketing").
+/// Particles and how far each reaches, in buckets (§5.1, "a 3D grid data structure with
+/// bucketing").
 ///
 /// Particles of like reach share a grid whose cells are as wide as the widest of them reaches; each
 /// next grid has cells half as wide. A grid is a table with about two cells a particle, laid over
@@ -34,11 +35,13 @@ private:
         Index index;
     };
     struct Level {
-        double cell = 0;  ///< width
+        double cell = 0;                 ///< width
         std::array<unsigned, 3> bits{};  ///< cells along each axis: 1 << bits
         std::size_t first_cell = 0;      ///< of this table among all
 
-        std::size_t cells() const noexcept { return std::size_t{1} << (bits[0] + bits[1] + bits[2]); }
+        std::size_t cells() const noexcept {
+            return std::size_t{1} << (bits[0] + bits[1] + bits[2]);
+        }
     };
 
     unsigned level_of(float reach) const noexcept;

@@ -13,11 +13,13 @@ namespace stipple {
 namespace {
 
 constexpr std::size_t kBlock = 512;
-constexpr float kForce = 0.35F;     // k of Eq. 7: a step over the sum of overlaps
-constexpr float kMomentum = 0.6F;   // part of a step that the next one keeps
+constexpr float kForce = 0.35F;       // k of Eq. 7: a step over the sum of overlaps
+constexpr float kMomentum = 0.6F;     // part of a step that the next one keeps
 constexpr float kLongestStep = 0.5F;  // over the spacing
-constexpr float kResting = 1e-4F;   // shorter steps, over the spacing, are not taken
-constexpr std::size_t kRing = 6;    // neighbours of a particle on a surface
+constexpr float kResting = 1e-4F;     // shorter steps, over the spacing, are not taken
+constexpr double kStrangers =
+    0.02;  // part of the particles that need new neighbours before all get them
+constexpr std::size_t kRing = 6;  // neighbours of a particle on a surface
 
 }  // namespace
 
@@ -32,17 +34,16 @@ ParticleRelaxation::ParticleRelaxation(const ParticleSurface& surface, std::vect
       feet_(positions_.size()),
       neighborhoods_((positions_.size() + kBlock - 1) / kBlock),
       progress_(neighborhoods_.size()) {
-    parallel_for_blocks(positions_.size(), kBlock, context_,
-                        [&](std::size_t begin, std::size_t end) {
-                            for (std::size_t i = begin; i < end; ++i)
-                                positions_[i] =
-                                    surface_.project(positions_[i], positions_[i], feet_[i]);
-                        });
+    parallel_for_blocks(
+        positions_.size(), kBlock, context_, [&](std::size_t begin, std::size_t end) {
+            for (std::size_t i = begin; i < end; ++i)
+                positions_[i] = surface_.project(positions_[i], positions_[i], feet_[i]);
+        });
 }
 
 ParticleRelaxation::Progress ParticleRelaxation::step(float radius, bool find_spacing) {
-    // Two particles may have come nearer by twice the drift since their neighbours were found.
-    if (found_at_.empty() || 2 * drift_ > kReach - radius) {
+    if (found_at_.empty() ||
+        static_cast<double>(strangers_) > kStrangers * static_cast<double>(positions_.size())) {
         find_neighbors();
         if (find_spacing) {
             double sum = 0;
@@ -57,14 +58,26 @@ ParticleRelaxation::Progress ParticleRelaxation::step(float radius, bool find_sp
                         });
     std::swap(positions_, next_);
     Progress result;
-    drift_ = 0;
+    strangers_ = 0;
     for (const BlockProgress& block : progress_) {
         result.mean_step += block.step_sum / static_cast<double>(positions_.size());
         result.largest_overlap =
             std::max(result.largest_overlap, static_cast<double>(block.overlap));
-        drift_ = std::max(drift_, block.drift);
+        strangers_ += block.strangers;
     }
     return result;
+}
+
+void ParticleRelaxation::settle() {
+    settled_ = true;
+    parallel_for_blocks(
+        positions_.size(), kBlock, context_, [&](std::size_t begin, std::size_t end) {
+            for (std::size_t i = begin; i < end; ++i) {
+                positions_[i] = surface_.settle(positions_[i], feet_[i], spacing(i));
+                steps_[i].setZero();
+            }
+        });
+    found_at_.clear();
 }
 
 void ParticleRelaxation::find_neighbors() {
@@ -122,10 +135,13 @@ ParticleRelaxation::BlockProgress ParticleRelaxation::move(std::size_t begin, st
         if (length > kResting * own) {
             if (length > kLongestStep * own) step *= kLongestStep * own / length;
             next_[i] = surface_.project(p, p + step, feet_[i]);
+            if (settled_) next_[i] = surface_.settle(next_[i], feet_[i], own);
         }
         steps_[i] = next_[i] - p;
         progress.step_sum += static_cast<double>(steps_[i].norm() / own);
-        progress.drift = std::max(progress.drift, (next_[i] - found_at_[i]).norm() / own);
+        // Two particles may have come nearer by twice this since their neighbours were found.
+        const float drift = 0.5F * (kReach - radius) * own;
+        progress.strangers += (next_[i] - found_at_[i]).squaredNorm() > drift * drift;
     }
     progress.overlap = std::sqrt(progress.overlap);
     return progress;

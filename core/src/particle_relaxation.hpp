@@ -29,7 +29,7 @@ public:
 
     /// How far an iteration moved the particles and how close they are.
     struct Progress {
-        double mean_step = 0;      ///< over the spacing
+        double mean_step = 0;        ///< over the spacing
         double largest_overlap = 0;  ///< of (r - |p - p_i|) / r
     };
 
@@ -37,8 +37,11 @@ public:
     /// @param find_spacing  whether the common factor may still change.
     Progress step(float radius, bool find_spacing);
 
+    /// Puts all particles on the moving least squares surface; further steps keep them there.
+    void settle();
+
     std::span<const Vec3f> positions() const noexcept { return positions_; }
-    /// The spacing at each particle.
+    /// The spacing at particle i.
     float spacing(std::size_t i) const noexcept { return factor_ * spacing_[feet_[i].sample]; }
 
     static constexpr float kReach = 1.6F;  ///< neighbours are known so far, over the spacing
@@ -56,7 +59,8 @@ private:
     struct BlockProgress {
         double step_sum = 0;
         float overlap = 0;
-        float drift = 0;  ///< farthest from where the neighbours were found, over the spacing
+        std::size_t strangers =
+            0;  ///< so far from where their neighbours were found that they may have others
     };
 
     void find_neighbors();
@@ -72,7 +76,8 @@ private:
     std::vector<Neighborhood> neighborhoods_;  ///< of each block
     std::vector<Vec3f> found_at_;              ///< the positions when they were found
     std::vector<BlockProgress> progress_;
-    float drift_ = 0;
+    std::size_t strangers_ = 0;
+    bool settled_ = false;
 };
 
 }  // namespace stipple

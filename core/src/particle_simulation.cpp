@@ -4,15 +4,16 @@
 #include "parallel_for.hpp"
 #include "particle_density.hpp"
 #include "particle_relaxation.hpp"
+#include "particle_spread.hpp"
 #include "particle_surface.hpp"
-#include "random.hpp"
 #include "representatives.hpp"
 #include "stipple/error.hpp"
-#include "stipple/local_analysis.hpp"
+#include "stipple/mls.hpp"
 #include "stipple/neighbors.hpp"
 #include "symmetric_eigen.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 #include <sstream>
@@ -30,7 +31,8 @@ constexpr std::size_t kBlock = 1'024;
 // second, only pairs that are too close feel each other, and part.
 constexpr float kSpreadRadius = 1.25F;
 constexpr float kPartRadius = 0.88F;
-constexpr double kLargestOverlap = 0.05;
+constexpr double kNearly = 0.2;
+constexpr double kLargestOverlap = 0.1;
 
 template <typename... Parts>
 [[noreturn]] void refuse(const Parts&... parts) {
@@ -61,70 +63,162 @@ std::vector<Index> choose_samples(const PointCloud& cloud, const ParticleSimulat
     std::vector<Index> order = hilbert_order(cloud.positions, context);
     const std::size_t n = order.size();
     const bool uniform = options.adaptivity == 0 && options.regions.empty();
-    const std::size_t count = uniform ? std::min<std::size_t>(n, kSamplesPerParticle * options.target_size) : n;
+    const std::size_t count =
+        uniform ? std::min<std::size_t>(n, kSamplesPerParticle * options.target_size) : n;
     if (count == n) return order;
     for (std::size_t i = 0; i < count; ++i) order[i] = order[(2 * i + 1) * n / (2 * count)];
     order.resize(count);
     return order;
 }
 
-struct Analysis {
-    std::vector<Vec3f> normals;
-    std::vector<float> radius, variation;
-};
-
-Analysis analyze(const std::vector<Vec3f>& samples, const RunContext& context) {
-    const NeighborLists lists = k_nearest_neighbors(samples, kNeighbors, context);
-    Analysis a{std::vector<Vec3f>(samples.size()), std::vector<float>(samples.size()),
-               std::vector<float>(samples.size())};
-    parallel_for_blocks(samples.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+SurfaceSamples analyze(const PointCloud& cloud, std::vector<Index> points,
+                       const ParticleFrame& frame, const RunContext& context) {
+    const std::size_t n = points.size();
+    SurfaceSamples s{std::move(points),     std::vector<Vec3f>(n), std::vector<Vec3f>(n),
+                     std::vector<float>(n), std::vector<float>(n), std::vector<float>(n)};
+    parallel_for_blocks(n, kBlock, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i)
+            s.positions[i] = frame.inside(cloud.positions[s.points[i]]);
+    });
+    const NeighborLists lists = k_nearest_neighbors(s.positions, kNeighbors, context);
+    parallel_for_blocks(n, kBlock, context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {
             const auto near = lists.of(i);
             Vec3d mean = Vec3d::Zero();
-            for (const Index j : near) mean += (samples[j] - samples[i]).cast<double>();
+            for (const Index j : near) mean += (s.positions[j] - s.positions[i]).cast<double>();
             mean /= static_cast<double>(std::max<std::size_t>(1, near.size()));
-            Symmetric3 s;
+            Symmetric3 c;
             for (const Index j : near) {
-                const Vec3d d = (samples[j] - samples[i]).cast<double>() - mean;
-                s.xx += d.x() * d.x(); s.xy += d.x() * d.y(); s.xz += d.x() * d.z();
-                s.yy += d.y() * d.y(); s.yz += d.y() * d.z(); s.zz += d.z() * d.z();
+                const Vec3d d = (s.positions[j] - s.positions[i]).cast<double>() - mean;
+                c.xx += d.x() * d.x();
+                c.xy += d.x() * d.y();
+                c.xz += d.x() * d.z();
+                c.yy += d.y() * d.y();
+                c.yz += d.y() * d.z();
+                c.zz += d.z() * d.z();
             }
-            const auto l = eigenvalues(s);
-            a.normals[i] = eigenvector(s, l[0]).cast<float>();
-            a.variation[i] = s.trace() > 0 ? static_cast<float>(std::max(0.0, l[0]) / s.trace()) : 0;
-            a.radius[i] = near.empty() ? 0 : std::sqrt(lists.distances_sq[lists.offsets[i + 1] - 1]);
+            const auto l = eigenvalues(c);
+            s.normals[i] = eigenvector(c, l[0]).cast<float>();
+            s.variation[i] =
+                c.trace() > 0 ? static_cast<float>(std::max(0.0, l[0]) / c.trace()) : 0;
+            s.radii[i] = near.empty() ? 0 : std::sqrt(lists.distances_sq[lists.offsets[i + 1] - 1]);
+            constexpr float kSmallest = 1e-30F;  // where points coincide
+            s.areas[i] = std::max(kSmallest, std::numbers::pi_v<float> * s.radii[i] * s.radii[i] /
+                                                 static_cast<float>(kNeighbors));
         }
     });
-    return a;
+    return s;
 }
 
-/// Lowers weights to a bound: what `most` particles weigh, of `particles` in all.
-void bound_weights(std::vector<float>& weights, double particles, double most) {
-    constexpr int kRounds = 4;  // each lowers the sum, and so the bound
-    for (int round = 0; round < kRounds; ++round) {
-        double sum = 0;
-        for (const float w : weights) sum += static_cast<double>(w);
-        const auto bound = static_cast<float>(most * sum / particles);
-        for (float& w : weights) w = std::min(w, bound);
+/// The spacing of particles at each sample, up to a common factor.
+std::vector<float> relative_spacing(const PointCloud& cloud, const SurfaceSamples& samples,
+                                    const ParticleSimulationOptions& options,
+                                    const RunContext& context) {
+    std::vector<float> spacing(samples.points.size(), 1.0F);
+    if (options.adaptivity > 0) {
+        spacing = adaptive_spacing(samples.positions, samples.variation, samples.areas,
+                                   options.adaptivity, options.max_grading, context);
     }
+    if (options.regions.empty()) return spacing;
+    parallel_for_blocks(spacing.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i)
+            spacing[i] *= region_spacing(options.regions, cloud, samples.points[i]);
+    });
+    return spacing;
 }
 
-/// Spreading (§3.3): `count` particles, so many at each sample as its weight says.
-std::vector<Index> spread(const std::vector<float>& weights, std::size_t count,
-                          std::uint64_t seed) {
-    double sum = 0;
-    for (const float w : weights) sum += static_cast<double>(w);
-    const double phase = static_cast<double>(random_bits(seed, 0) >> 11U) * 0x1p-53;
-    std::vector<Index> sample_of(count);
-    double passed = 0;
-    std::size_t sample = 0;
-    for (std::size_t i = 0; i < count; ++i) {
-        const double place = (static_cast<double>(i) + phase) / static_cast<double>(count) * sum;
-        while (sample + 1 < weights.size() && passed + static_cast<double>(weights[sample]) <= place)
-            passed += static_cast<double>(weights[sample++]);
-        sample_of[i] = static_cast<Index>(sample);
-    }
-    return sample_of;
+/// Spacing that `count` particles can have: in a hexagonal lattice, each has sqrt(3) / 2 of its
+/// square. The factor is found anew while they relax.
+void scale_spacing(std::vector<float>& spacing, const std::vector<float>& areas,
+                   std::size_t count) {
+    double places = 0;
+    for (std::size_t i = 0; i < spacing.size(); ++i)
+        places += static_cast<double>(areas[i] / (spacing[i] * spacing[i]));
+    const auto factor = static_cast<float>(
+        std::sqrt(2 / std::numbers::sqrt3 * places / static_cast<double>(count)));
+    for (float& value : spacing) value *= factor;
+}
+
+/// Repulsion (§3.3) until the particles are at rest, then until no two of them are too close, which
+/// may have to be done again where the projection onto the surface moved some.
+void relax(ParticleRelaxation& particles, const ParticleSimulationOptions& options,
+           const RunContext& context) {
+    const auto run = [&](float radius, bool find_spacing, auto&& is_done, const RunContext& part) {
+        for (unsigned i = 0; i < options.max_iterations; ++i) {
+            if (is_done(particles.step(radius, find_spacing))) break;
+            part.checkpoint(static_cast<double>(i + 1) / options.max_iterations);
+        }
+        part.checkpoint(1.0);
+    };
+    using Progress = ParticleRelaxation::Progress;
+    const auto at_rest = [&](const Progress& p) { return p.mean_step < options.tolerance; };
+    const auto apart = [&](const Progress& p) { return p.largest_overlap < kLargestOverlap; };
+    const auto nearly_apart = [&](const Progress& p) {
+        return apart(p) || p.mean_step < kNearly * options.tolerance;
+    };
+    run(kSpreadRadius, true, at_rest, context.part(0.0, 0.6));
+    run(kPartRadius, false, nearly_apart, context.part(0.6, 0.8));
+    particles.settle();
+    run(kPartRadius, false, apart, context.part(0.8, 1.0));
+}
+
+/// The cloud's points at and around each particle, whose attributes it gets.
+struct Sources {
+    std::vector<Index> members, offsets, nearest;
+};
+
+/// With fewer particles than points, as many of the nearest points as there are to a particle, at
+/// most; else the four nearest, the nearer the more often: each by Franke and Little's weight,
+/// which is large at a point and 0 at the next farther one, so that values change smoothly.
+Sources find_sources(const PointCloud& cloud, const std::vector<Vec3f>& positions,
+                     const RunContext& context) {
+    constexpr std::size_t kInterpolated = 4, kAveraged = 16;
+    constexpr float kTimes = 8;
+    const std::size_t share = cloud.size() / positions.size();
+    const bool interpolate = share < kInterpolated;
+    const std::size_t wanted = interpolate ? kInterpolated + 1 : std::min(share, kAveraged);
+    const NeighborSearch search(cloud.positions, context);
+    Sources sources;
+    sources.nearest.resize(positions.size());
+    sources.offsets.resize(positions.size() + 1);
+    std::vector<std::vector<Index>> blocks((positions.size() + kBlock - 1) / kBlock);
+    parallel_for_blocks(positions.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+        std::array<Neighbor, kAveraged> room;
+        std::vector<Index>& members = blocks[begin / kBlock];
+        for (std::size_t i = begin; i < end; ++i) {
+            const std::span<Neighbor> found =
+                search.nearest(positions[i], std::span(room).first(wanted));
+            const float limit = std::sqrt(found.back().distance_sq);
+            const auto weight = [limit](const Neighbor& n) {
+                const float d = std::max(std::sqrt(n.distance_sq), 1e-3F * limit);
+                return (limit - d) * (limit - d) / (d * d);
+            };
+            const float heaviest = limit > 0 ? weight(found.front()) : 0;
+            const std::size_t before = members.size();
+            for (const Neighbor& n : found) {
+                const auto times = !interpolate || !(heaviest > 0)
+                                       ? 1
+                                       : std::lround(kTimes * weight(n) / heaviest);
+                members.insert(members.end(), static_cast<std::size_t>(times), n.index);
+            }
+            sources.nearest[i] = found.front().index;
+            sources.offsets[i + 1] = static_cast<Index>(members.size() - before);
+        }
+    });
+    for (std::size_t i = 0; i < positions.size(); ++i) sources.offsets[i + 1] += sources.offsets[i];
+    for (const std::vector<Index>& block : blocks)
+        sources.members.insert(sources.members.end(), block.begin(), block.end());
+    return sources;
+}
+
+/// The cloud of the particles, with attributes where there are any.
+PointCloud with_attributes(const PointCloud& cloud, std::vector<Vec3f> positions,
+                           std::span<const Reduction> reductions, const RunContext& context) {
+    Sources sources;
+    if (!cloud.normals.empty() || !cloud.colors.empty() || !cloud.attributes.empty())
+        sources = find_sources(cloud, positions, context);
+    return merged_cloud(cloud, std::move(positions), {sources.members.data(), sources.offsets},
+                        sources.nearest, reductions, false, context);
 }
 
 }  // namespace
@@ -136,54 +230,28 @@ PointCloud particle_simulation(const PointCloud& cloud, const ParticleSimulation
     const std::vector<Reduction> reductions =
         reductions_for(cloud, options.reductions, Representative::Centroid);
     context.checkpoint(0.0);
+    const ParticleFrame frame(cloud.positions);
+    if (frame.scale == 0) return subset(cloud, std::vector<Index>(count, 0));
 
-    const std::vector<Index> chosen = choose_samples(cloud, options, context);
-    // Near the middle, floats resolve small moves.
-    const Aabb box = [&] { PointCloud local; local.positions = cloud.positions; return bounds(local); }();
-    const Vec3f center = (0.5 * (box.min + box.max)).cast<float>();
-    std::vector<Vec3f> samples(chosen.size());
-    for (std::size_t i = 0; i < chosen.size(); ++i) samples[i] = cloud.positions[chosen[i]] - center;
-    Analysis local = analyze(samples, context);
-    context.checkpoint(0.3);
-
-    std::vector<float> areas(samples.size()), relative(samples.size(), 1.0F), weights(samples.size());
-    for (std::size_t i = 0; i < samples.size(); ++i)
-        areas[i] = std::max(local.radius[i] * local.radius[i] * std::numbers::pi_v<float> / kNeighbors, 1e-30F);
-    if (options.adaptivity > 0)
-        relative = adaptive_spacing(samples, local.variation, areas, options.adaptivity, options.max_grading, context);
-    if (!options.regions.empty())
-        for (std::size_t i = 0; i < samples.size(); ++i) relative[i] *= region_spacing(options.regions, cloud, chosen[i]);
-    for (std::size_t i = 0; i < samples.size(); ++i) weights[i] = areas[i] / (relative[i] * relative[i]);
-    const double per_sample = static_cast<double>(count) / static_cast<double>(samples.size());
-    bound_weights(weights, static_cast<double>(count), std::max(1.0, 8 * per_sample));
-    const std::vector<Index> sample_of = spread(weights, count, options.seed);
-    double total = 0;
-    for (const float w : weights) total += static_cast<double>(w);
-    const double spacing = std::sqrt(2 / std::numbers::sqrt3 * total / static_cast<double>(count));
-
-    std::vector<Vec3f> positions(count);
-    for (std::size_t i = 0; i < count; ++i) positions[i] = samples[sample_of[i]];
-    std::vector<float> border(samples.size());
-    for (std::size_t i = 0; i < samples.size(); ++i) { relative[i] *= static_cast<float>(spacing); border[i] = 0.4F * local.radius[i]; }
-    const ParticleSurface surface(samples, local.normals, border, context);
-    ParticleRelaxation particles(surface, relative, positions, context);
-    unsigned it = 0;
-    for (; it < options.max_iterations; ++it) {
-        const auto p = particles.step(kSpreadRadius, true);
-        if (p.mean_step < options.tolerance) break;
-    }
-    unsigned it2 = 0;
-    for (; it2 < options.max_iterations; ++it2) {
-        const auto p = particles.step(kPartRadius, false);
-        if (p.largest_overlap < kLargestOverlap) break;
-    }
-    if (getenv("VERBOSE")) fprintf(stderr, "iterations %u + %u\n", it, it2);
-    std::vector<Vec3f> result(particles.positions().begin(), particles.positions().end());
-    for (Vec3f& p : result) p += center;
-    PointCloud out;
-    out.origin = cloud.origin;
-    out.positions = result;
-    return out;
+    const SurfaceSamples samples =
+        analyze(cloud, choose_samples(cloud, options, context), frame, context);
+    context.checkpoint(0.2);
+    std::vector<float> spacing = relative_spacing(cloud, samples, options, context);
+    std::vector<Vec3f> positions = spread_particles(
+        samples, particle_shares(samples.areas, spacing, count), count, options.seed);
+    scale_spacing(spacing, samples.areas, count);
+    context.checkpoint(0.25);
+    const MlsSurface mls(cloud.positions, {}, context);
+    const ParticleSurface surface(samples, mls, frame, context);
+    ParticleRelaxation particles(surface, std::move(spacing), std::move(positions), context);
+    context.checkpoint(0.35);
+    relax(particles, options, context.part(0.35, 0.95));
+    positions.resize(count);
+    std::ranges::transform(particles.positions(), positions.begin(),
+                           [&](const Vec3f& p) { return Vec3f(frame.outside(p).cast<float>()); });
+    PointCloud result = with_attributes(cloud, std::move(positions), reductions, context);
+    context.checkpoint(1.0);
+    return result;
 }
 
 }  // namespace stipple

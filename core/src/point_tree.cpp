@@ -9,7 +9,6 @@ namespace stipple {
 
 namespace {
 
-constexpr std::size_t kTidied = 1024;  // points of the curve that are ordered anew
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
 struct Box {
@@ -37,7 +36,7 @@ Box box_of(const PointTree::Node& node) noexcept {
     Box box;
     for (std::size_t child = 0; child < PointTree::kWidth; ++child) {
         box.add(Box{{node.low[0][child], node.low[1][child], node.low[2][child]},
-                 {node.high[0][child], node.high[1][child], node.high[2][child]}});
+                    {node.high[0][child], node.high[1][child], node.high[2][child]}});
     }
     return box;
 }
@@ -48,34 +47,11 @@ PointTree::Node empty_node() noexcept {
     return node;
 }
 
-/// Orders a stretch of the curve so that its leaves are compact: halved across its longest side,
-/// again and again. A surface runs in and out of the cells of the curve, whose own stretches of
-/// eight points are scattered.
-void tidy(std::span<const Vec3f> points, std::span<Index> stretch) {
-    constexpr std::size_t kLeaf = PointTree::kWidth;
-    if (stretch.size() <= kLeaf) return;
-    Box box;
-    for (const Index i : stretch) box.add(points[i]);
-    int axis = 0;
-    (box.high - box.low).maxCoeff(&axis);
-    const std::size_t half = (stretch.size() / 2 + kLeaf - 1) / kLeaf * kLeaf;
-    std::nth_element(stretch.begin(), stretch.begin() + static_cast<std::ptrdiff_t>(half),
-                     stretch.end(), [&](Index a, Index b) {
-                         const float p = points[a][axis], q = points[b][axis];
-                         return p < q || (p == q && a < b);
-                     });
-    tidy(points, stretch.first(half));
-    tidy(points, stretch.subspan(half));
-}
-
 }  // namespace
 
 PointTree::PointTree(std::span<const Vec3f> points, const RunContext& context)
     : size_(points.size()), leaves_((points.size() + kWidth - 1) / kWidth) {
-    std::vector<Index> order = hilbert_order(points, context);
-    parallel_for_blocks(size_, kTidied, context, [&](std::size_t begin, std::size_t end) {
-        tidy(points, std::span(order).subspan(begin, end - begin));
-    });
+    const std::vector<Index> order = hilbert_order(points, context);
     if (size_ == 0) return;
 
     std::vector<Node>* level = &levels_.emplace_back((leaves_.size() + kWidth - 1) / kWidth);
@@ -104,6 +80,10 @@ PointTree::PointTree(std::span<const Vec3f> points, const RunContext& context)
         for (std::size_t n = 0; n < level->size(); ++n)
             set_child(above[n / kWidth], n % kWidth, box_of((*level)[n]));
         level = &levels_.emplace_back(std::move(above));
+    }
+    for (std::size_t l = 0; l < levels_.size(); ++l) {
+        level_data_.push_back(levels_[l].data());
+        child_counts_.push_back(static_cast<std::uint32_t>(child_count(l)));
     }
 }
 

@@ -53,10 +53,25 @@ public:
         return level == 0 ? leaves_.size() : levels_[level - 1].size();
     }
 
+    /// All points of the tree by raw pointers, for kernels that are compiled for several
+    /// instruction sets and must share no inline function with other code.
+    struct View {
+        const Leaf* leaves;
+        const Node* const* levels;
+        const std::uint32_t* child_counts;
+        std::uint32_t level_count;
+    };
+    View view() const noexcept {
+        return {leaves_.data(), level_data_.data(), child_counts_.data(),
+                static_cast<std::uint32_t>(levels_.size())};
+    }
+
 private:
     std::size_t size_;
     std::vector<Leaf> leaves_;
     std::vector<std::vector<Node>> levels_;
+    std::vector<const Node*> level_data_;
+    std::vector<std::uint32_t> child_counts_;
 };
 
 }  // namespace stipple

@@ -1,6 +1,6 @@
+#include "tree_search.hpp"
+
 #include "float4.hpp"
-#include "point_tree.hpp"
-#include "stipple/neighbors.hpp"
 
 #include <algorithm>
 #include <array>
@@ -91,26 +91,16 @@ void search(const PointTree& tree, const Vec3f& q, Limit&& limit, Visit&& visit)
 
 }  // namespace
 
-NeighborSearch::NeighborSearch(std::span<const Vec3f> points, const RunContext& context)
-    : tree_(std::make_unique<const PointTree>(points, context)) {}
-NeighborSearch::~NeighborSearch() = default;
-NeighborSearch::NeighborSearch(NeighborSearch&&) noexcept = default;
-NeighborSearch& NeighborSearch::operator=(NeighborSearch&&) noexcept = default;
-
-std::size_t NeighborSearch::size() const noexcept {
-    return tree_->size();
-}
-
-std::span<Neighbor> NeighborSearch::nearest(const Vec3f& q,
-                                            std::span<Neighbor> room) const noexcept {
-    const std::span<Neighbor> found = room.first(std::min(room.size(), size()));
+std::span<Neighbor> find_nearest(const PointTree& tree, const Vec3f& q,
+                                 std::span<Neighbor> room) noexcept {
+    const std::span<Neighbor> found = room.first(std::min(room.size(), tree.size()));
     if (found.empty()) return found;
     std::size_t count = 0;  // then the farthest stands in front: a heap
     const auto limit = [&] {
         return count < found.size() ? std::numeric_limits<float>::infinity()
                                     : found.front().distance_sq;
     };
-    search(*tree_, q, limit, [&](const PointTree::Leaf& leaf, const Eight& d) {
+    search(tree, q, limit, [&](const PointTree::Leaf& leaf, const Eight& d) {
         for (unsigned lanes = lanes_within(d, limit()); lanes != 0; lanes &= lanes - 1) {
             const auto lane = static_cast<std::size_t>(std::countr_zero(lanes));
             const Neighbor neighbor = {d[lane / 4][lane % 4], leaf.index[lane]};
@@ -129,12 +119,10 @@ std::span<Neighbor> NeighborSearch::nearest(const Vec3f& q,
     return found;
 }
 
-void NeighborSearch::within(const Vec3f& q, float radius, std::vector<Neighbor>& found) const {
-    found.clear();
-    if (!(radius >= 0)) return;
-    const float radius_sq = radius * radius;
+void find_within(const PointTree& tree, const Vec3f& q, float radius_sq,
+                 std::vector<Neighbor>& found) {
     search(
-        *tree_, q, [radius_sq] { return radius_sq; },
+        tree, q, [radius_sq] { return radius_sq; },
         [&](const PointTree::Leaf& leaf, const Eight& d) {
             for (unsigned lanes = lanes_within(d, radius_sq); lanes != 0; lanes &= lanes - 1) {
                 const auto lane = static_cast<std::size_t>(std::countr_zero(lanes));

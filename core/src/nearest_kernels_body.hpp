@@ -1,0 +1,272 @@
+// No header of its own: nearest_kernels.cpp includes it once for each instruction set, in a
+// namespace of its own. It uses eight lanes as the compiler makes them of what the set has; only
+// packing is written for each.
+
+using Float8 = float __attribute__((vector_size(32)));
+using Int8 = std::int32_t __attribute__((vector_size(32)));
+
+constexpr std::uint32_t kLanes = 8;
+
+[[gnu::always_inline]] inline Float8 load(const float* from) noexcept {
+    Float8 v;
+    __builtin_memcpy(&v, from, sizeof v);
+    return v;
+}
+[[gnu::always_inline]] inline Int8 load(const std::uint32_t* from) noexcept {
+    Int8 v;
+    __builtin_memcpy(&v, from, sizeof v);
+    return v;
+}
+inline void store(float* to, Float8 v) noexcept {
+    __builtin_memcpy(to, &v, sizeof v);
+}
+inline void store(std::uint32_t* to, Int8 v) noexcept {
+    __builtin_memcpy(to, &v, sizeof v);
+}
+
+[[gnu::always_inline]] inline Float8 larger(Float8 a, Float8 b) noexcept {
+    return a > b ? a : b;
+}
+
+inline std::uint32_t sum_of(Int8 v) noexcept {
+    const Int8 fours = v + __builtin_shufflevector(v, v, 4, 5, 6, 7, 0, 1, 2, 3);
+    const Int8 pairs = fours + __builtin_shufflevector(fours, fours, 2, 3, 0, 1, 6, 7, 4, 5);
+    return static_cast<std::uint32_t>(pairs[0] + pairs[1]);
+}
+
+#if defined(STIPPLE_KERNELS_AVX2)
+
+inline std::uint32_t lane_bits(Int8 mask) noexcept {
+    return static_cast<std::uint32_t>(_mm256_movemask_ps(reinterpret_cast<__m256>(mask)));
+}
+
+/// The chosen lanes, packed to the front; behind them anything.
+struct Packing {
+    __m256i order;
+
+    explicit Packing(std::uint32_t mask) noexcept
+        : order(_mm256_cvtepu8_epi32(
+              _mm_loadl_epi64(reinterpret_cast<const __m128i*>(kPackedLanes + mask)))) {}
+
+    template <typename T>
+    void move(const T* from, T* to) const noexcept {
+        const __m256i v = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(from));
+        _mm256_storeu_si256(reinterpret_cast<__m256i*>(to), _mm256_permutevar8x32_epi32(v, order));
+    }
+};
+
+#else
+
+inline std::uint32_t lane_bits(Int8 mask) noexcept {
+    std::uint32_t bits = 0;
+    for (unsigned half = 0; half < 2; ++half) {
+        Int4 part;
+        __builtin_memcpy(&part, reinterpret_cast<const char*>(&mask) + 16 * half, 16);
+        bits |= stipple::lane_bits(part) << (4 * half);
+    }
+    return bits;
+}
+
+struct Packing {
+    std::uint32_t mask;
+
+    template <typename T>
+    void move(const T* from, T* to) const noexcept {
+        store_packed(to, from, mask & 15U);
+        store_packed(to + __builtin_popcount(mask & 15U), from + 4, mask >> 4U);
+    }
+};
+
+#endif
+
+/// How far a box is from eight others along an axis; 0 where they overlap.
+[[gnu::always_inline]] inline Float8 gap(float low, float high, const float* lows,
+                                         const float* highs) noexcept {
+    return larger(larger(load(lows) - high, low - load(highs)), Float8{});
+}
+
+/// The children of a node within a distance of a box, as bits. Their distance is never above that
+/// of two points in the boxes: each difference is no larger, and rounding keeps order.
+inline std::uint32_t near_children(const PointTree::Node& node, const float* low, const float* high,
+                                   float limit_sq) noexcept {
+    const float* const lows = reinterpret_cast<const float*>(&node.low);
+    const float* const highs = reinterpret_cast<const float*>(&node.high);
+    const Float8 x = gap(low[0], high[0], lows, highs);
+    const Float8 y = gap(low[1], high[1], lows + kLanes, highs + kLanes);
+    const Float8 z = gap(low[2], high[2], lows + 2 * kLanes, highs + 2 * kLanes);
+    return lane_bits(x * x + y * y + z * z <= limit_sq);
+}
+
+bool gather(const PointTree::View& tree, std::uint32_t home, float limit_sq,
+            Candidates& candidates) noexcept {
+    float low[3], high[3];
+    const PointTree::Node& own = tree.levels[0][home / kLanes];
+    const float* const lows = reinterpret_cast<const float*>(&own.low) + home % kLanes;
+    const float* const highs = reinterpret_cast<const float*>(&own.high) + home % kLanes;
+    for (unsigned axis = 0; axis < 3; ++axis) {
+        low[axis] = lows[kLanes * axis];
+        high[axis] = highs[kLanes * axis];
+    }
+
+    // Depth first in order of the curve: of each level the node that is open, and its children
+    // still to be visited.
+    constexpr unsigned kDepth = 12;
+    std::uint32_t node[kDepth], open[kDepth];
+    std::uint32_t level = tree.level_count - 1;
+    node[level] = 0;
+    open[level] = near_children(tree.levels[level][0], low, high, limit_sq);
+    std::uint32_t count = 0;
+    while (true) {
+        if (open[level] == 0) {
+            if (++level == tree.level_count) break;
+            continue;
+        }
+        const std::uint32_t child =
+            node[level] * kLanes + static_cast<std::uint32_t>(__builtin_ctz(open[level]));
+        open[level] &= open[level] - 1;
+        if (level > 0) {
+            --level;
+            node[level] = child;
+            open[level] = near_children(tree.levels[level][child], low, high, limit_sq);
+            continue;
+        }
+        if (count == candidates.capacity) return false;
+        const PointTree::Leaf& leaf = tree.leaves[child];
+        const std::uint32_t at = count * kLanes;
+        store(candidates.x + at, load(reinterpret_cast<const float*>(&leaf.x)));
+        store(candidates.y + at, load(reinterpret_cast<const float*>(&leaf.y)));
+        store(candidates.z + at, load(reinterpret_cast<const float*>(&leaf.z)));
+        store(candidates.index + at, load(reinterpret_cast<const Index*>(&leaf.index)));
+        if (child == home) candidates.home = count;
+        ++count;
+    }
+    candidates.leaves = count;
+    candidates.limit_sq = limit_sq;
+    return true;
+}
+
+/// Puts the candidates at `slot` to `slot` + 7 that are near enough behind those chosen.
+inline void take(Float8 distance_sq, float radius_sq, std::uint32_t slot, Chosen& to) noexcept {
+    const std::uint32_t within = lane_bits(distance_sq <= radius_sq);
+    const Packing packing{within};
+    alignas(32) float distances[kLanes];
+    alignas(32) std::uint32_t slots[kLanes];
+    store(distances, distance_sq);
+    store(slots, Int8{0, 1, 2, 3, 4, 5, 6, 7} + static_cast<std::int32_t>(slot));
+    packing.move(distances, to.distance_sq + to.count);
+    packing.move(slots, to.slot + to.count);
+    to.count += static_cast<std::uint32_t>(__builtin_popcount(within));
+}
+
+/// Measures all candidates from a point of the home leaf, and takes those within `radius_sq`. The
+/// point itself is put infinitely far away.
+inline void measure(const Candidates& c, std::uint32_t lane, float radius_sq, Chosen& to) noexcept {
+    const std::uint32_t home = c.home * kLanes;
+    const float qx = c.x[home + lane], qy = c.y[home + lane], qz = c.z[home + lane];
+    const Int8 is_lane = Int8{0, 1, 2, 3, 4, 5, 6, 7} == static_cast<std::int32_t>(lane);
+    to.count = 0;
+    for (std::uint32_t i = 0; i < c.leaves * kLanes; i += kLanes) {
+        const Float8 x = load(c.x + i) - qx, y = load(c.y + i) - qy, z = load(c.z + i) - qz;
+        Float8 distance_sq = x * x + y * y + z * z;
+        const Int8 infinite = is_lane & (i == home ? 0x7F800000 : 0);
+        distance_sq = reinterpret_cast<Float8>(reinterpret_cast<Int8>(distance_sq) | infinite);
+        store(c.distance_sq + i, distance_sq);
+        take(distance_sq, radius_sq, i, to);
+    }
+}
+
+inline std::uint32_t count_within(const Candidates& c, float radius_sq) noexcept {
+    Int8 minus{};
+    for (std::uint32_t i = 0; i < c.leaves * kLanes; i += kLanes)
+        minus += load(c.distance_sq + i) <= radius_sq;
+    return -sum_of(minus);
+}
+
+/// A squared distance within which there are `least` to `most` candidates, `n` being within `at`;
+/// more where several are equally far or the tries were used up. Negative where there are fewer
+/// than `least` within the limit.
+inline float find_radius_sq(const Candidates& c, std::uint32_t least, std::uint32_t most, float at,
+                            std::uint32_t n) noexcept {
+    constexpr unsigned kTries = 8;
+    const float wanted = 0.5F * static_cast<float>(least + most);
+    float low = 0, high = c.limit_sq;
+    float low_count = 0, high_count = -1;  // none is known yet
+    for (unsigned i = 0; i < kTries; ++i) {
+        if (n < least) {
+            if (!(at < c.limit_sq)) return -1.0F;
+            low = at;
+            low_count = static_cast<float>(n);
+        } else {
+            high = at;
+            high_count = static_cast<float>(n);
+        }
+        // On a surface the number grows as the squared distance does.
+        at = high_count < 0 ? at * (wanted + 0.5F) / (low_count + 0.5F)
+                            : low + (high - low) * (wanted - low_count) / (high_count - low_count);
+        if (!(at < c.limit_sq)) at = c.limit_sq;
+        if (high_count >= 0 && !(at > low && at < high)) break;
+        n = count_within(c, at);
+        if (n >= least && n <= most) return at;
+    }
+    if (high_count >= 0) return high;
+    return count_within(c, c.limit_sq) >= least ? c.limit_sq : -1.0F;
+}
+
+void choose(const Candidates& candidates, std::uint32_t lane, std::uint32_t k, std::uint32_t slack,
+            float guess_sq, Chosen& chosen) noexcept {
+    // Copies that no store can reach, so that they stay in registers.
+    const Candidates c = candidates;
+    Chosen to = chosen;
+    float radius_sq = guess_sq < c.limit_sq ? guess_sq : c.limit_sq;
+    measure(c, lane, radius_sq, to);
+    if (to.count < k || to.count > k + slack) {
+        radius_sq = find_radius_sq(c, k, k + slack, radius_sq, to.count);
+        to.count = 0;
+        if (radius_sq >= 0) {
+            for (std::uint32_t i = 0; i < c.leaves * kLanes; i += kLanes)
+                take(load(c.distance_sq + i), radius_sq, i, to);
+        }
+    }
+    chosen.count = to.count;
+    chosen.radius_sq = radius_sq;
+}
+
+/// Adds to the ranks how many of the others are nearer.
+inline void count_nearer(const Chosen& c) noexcept {
+    for (std::uint32_t i = 0; i < c.count; i += 3 * kLanes) {
+        Int8 minus[3] = {};
+        for (std::uint32_t j = 0; j < c.count; ++j) {
+            for (std::uint32_t g = 0; g < 3; ++g)
+                minus[g] += c.distance_sq[j] < load(c.distance_sq + i + g * kLanes);
+        }
+        for (std::uint32_t g = 0; g < 3; ++g) store(c.rank + i + g * kLanes, -minus[g]);
+    }
+}
+
+/// Adds to the ranks how many of the others are equally far and stand before it in number.
+inline void count_equals(const Candidates& candidates, const Chosen& c) noexcept {
+    for (std::uint32_t i = 0; i < c.count; ++i) {
+        const float distance_sq = c.distance_sq[i];
+        const Index index = candidates.index[c.slot[i]];
+        std::uint32_t before = 0;
+        for (std::uint32_t j = 0; j < c.count; ++j)
+            before +=
+                c.distance_sq[j] == distance_sq && candidates.index[c.slot[j]] < index ? 1 : 0;
+        c.rank[i] += before;
+    }
+}
+
+void rank(const Candidates& candidates, const Chosen& chosen) noexcept {
+    const Chosen c = chosen;
+    const std::uint32_t groups = (c.count + 3 * kLanes - 1) / (3 * kLanes) * 3;
+    const Float8 infinite = Float8{} + __builtin_inff();
+    for (std::uint32_t g = 0; g < 3; ++g) store(c.distance_sq + c.count + g * kLanes, infinite);
+
+    // Quadratic, but without a branch that could be mispredicted.
+    count_nearer(c);
+    Int8 sum{};
+    for (std::uint32_t g = 0; g < groups; ++g) sum += load(c.rank + g * kLanes);
+    const std::uint32_t without_equals =
+        c.count * (c.count - 1) / 2 + (groups * kLanes - c.count) * c.count;
+    if (sum_of(sum) != without_equals) count_equals(candidates, c);
+}

@@ -1,0 +1,85 @@
+#include "particle_spread.hpp"
+
+#include "random.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <numeric>
+
+// Follows: Pauly, Gross, Kobbelt 2002, §3.3. Particles are not drawn each by itself: the samples
+// follow each other along a space-filling curve, and a particle falls wherever their shares add up
+// to one more (systematic sampling). Every stretch of the curve, and so every part of the surface,
+// gets the number it is due to within one, and what is left to relax is local.
+
+namespace stipple {
+
+namespace {
+
+double sum_of(std::span<const float> values) {
+    return std::accumulate(values.begin(), values.end(), 0.0, [](double sum, float value) {
+        return sum + static_cast<double>(value);
+    });
+}
+
+/// 0 <= x < 1.
+double random_unit(std::uint64_t seed, std::uint64_t i) {
+    return static_cast<double>(random_bits(seed, i) >> 11U) * 0x1p-53;
+}
+
+/// Where particle `rank` of the `of` at a sample starts: on a spiral over the sample's area.
+Vec3f place_around(const SurfaceSamples& samples, Index sample, std::size_t rank, std::size_t of,
+                   double turn) {
+    if (rank == 0) return samples.positions[sample];
+    const Vec3d normal = samples.normals[sample].cast<double>();
+    const Vec3d u = normal.unitOrthogonal(), v = normal.cross(u);
+    constexpr double kGoldenAngle = 2.39996322972865332;
+    const double angle = kGoldenAngle * static_cast<double>(rank) + 2 * std::numbers::pi * turn;
+    const double radius = std::sqrt(static_cast<double>(samples.areas[sample]) / std::numbers::pi *
+                                    static_cast<double>(rank) / static_cast<double>(of));
+    return samples.positions[sample] +
+           (radius * (std::cos(angle) * u + std::sin(angle) * v)).cast<float>();
+}
+
+}  // namespace
+
+std::vector<float> particle_shares(std::span<const float> areas, std::span<const float> spacing,
+                                   std::size_t count) {
+    std::vector<float> shares(areas.size());
+    for (std::size_t i = 0; i < shares.size(); ++i)
+        shares[i] = areas[i] / (spacing[i] * spacing[i]);
+    const auto particles = static_cast<double>(count);
+    constexpr double kMost = 8;
+    const double bound = std::max(1.0, kMost * particles / static_cast<double>(shares.size()));
+    constexpr int kRounds = 4;  // what is cut off one falls to the others
+    for (int round = 0; round < kRounds; ++round) {
+        const double scale = particles / sum_of(shares);
+        for (float& share : shares)
+            share = static_cast<float>(std::min(bound, static_cast<double>(share) * scale));
+    }
+    return shares;
+}
+
+std::vector<Vec3f> spread_particles(const SurfaceSamples& samples, std::span<const float> shares,
+                                    std::size_t count, std::uint64_t seed) {
+    const double pace = sum_of(shares) / static_cast<double>(count), start = random_unit(seed, 0);
+    std::vector<Vec3f> positions;
+    positions.reserve(count);
+    double passed = 0;
+    for (Index sample = 0; sample < shares.size(); ++sample) {
+        passed += static_cast<double>(shares[sample]);
+        const bool is_last = sample + 1 == shares.size();
+        const double due =
+            is_last ? static_cast<double>(count)
+                    : std::clamp(std::ceil(passed / pace - start), 0.0, static_cast<double>(count));
+        const auto here = static_cast<std::size_t>(due) - positions.size();
+        for (std::size_t rank = 0; rank < here; ++rank) {
+            positions.push_back(
+                place_around(samples, sample, rank, here, random_unit(seed, sample + 1)));
+        }
+    }
+    return positions;
+}
+
+}  // namespace stipple
