@@ -198,10 +198,13 @@ void MlsNeighborhood::resize(std::size_t n) {
     weight.resize(n);
 }
 
-MlsPlane fit_plane(MlsNeighborhood& around, double h, unsigned max_iterations, double tolerance) {
-    MlsPlane plane;
+MlsPlane fit_weighted_plane(MlsNeighborhood& around, double h) {
     weigh(around, Vec3d::Zero(), h);
-    plane = weighted_plane(around);
+    return weighted_plane(around);
+}
+
+MlsPlane fit_plane(MlsNeighborhood& around, double h, unsigned max_iterations, double tolerance) {
+    MlsPlane plane = fit_weighted_plane(around, h);
     for (unsigned i = 0; i < max_iterations; ++i) {
         if (plane.kind == MlsPlane::Kind::Line || plane.kind == MlsPlane::Kind::Point) return plane;
         weigh(around, plane.q, h);

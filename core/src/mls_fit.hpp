@@ -37,6 +37,10 @@ struct MlsPlane {
 /// the weights centred at q behind.
 MlsPlane fit_plane(MlsNeighborhood& around, double h, unsigned max_iterations, double tolerance);
 
+/// The plane of weighted least squares with the weights centred at r, which it leaves behind: not
+/// of Eq. 6, but with the same weights for every plane.
+MlsPlane fit_weighted_plane(MlsNeighborhood& around, double h);
+
 /// A polynomial over a plane at its origin q: height and normal.
 struct MlsHeight {
     double height = 0;

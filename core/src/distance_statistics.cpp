@@ -1,0 +1,79 @@
+#include "distance_statistics.hpp"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstdint>
+#include <numeric>
+#include <utility>
+#include <vector>
+
+namespace stipple {
+
+AttributeError summarize(std::string name, std::span<const float> differences,
+                         std::span<const float> areas) {
+    AttributeError error{.name = std::move(name)};
+    double total = 0, sum = 0, sum_sq = 0;
+    for (std::size_t i = 0; i < differences.size(); ++i) {
+        const double d = differences[i], area = areas[i];
+        error.max = std::max(error.max, d);
+        total += area;
+        sum += area * d;
+        sum_sq += area * d * d;
+    }
+    error.mean = sum / total;
+    error.rms = std::sqrt(sum_sq / total);
+    return error;
+}
+
+double weighted_quantile(std::span<const float> values, std::span<const float> weights, double q) {
+    // Floats that are not negative sort as their bits: the weight of each stretch of them first,
+    // then the values of one stretch.
+    constexpr unsigned kShift = 16;
+    const auto stretch = [](float v) { return std::bit_cast<std::uint32_t>(v) >> kShift; };
+    std::vector<double> weight_of(std::size_t{1} << (32 - kShift));
+    for (std::size_t i = 0; i < values.size(); ++i) weight_of[stretch(values[i])] += weights[i];
+    double left = q * std::accumulate(weight_of.begin(), weight_of.end(), 0.0);
+    std::size_t chosen = 0;
+    std::size_t last = 0;
+    for (std::size_t s = 0; s < weight_of.size(); ++s)
+        if (weight_of[s] > 0) last = s;
+    while (chosen < last && weight_of[chosen] < left) left -= weight_of[chosen++];
+    std::vector<std::pair<float, float>> inside;
+    for (std::size_t i = 0; i < values.size(); ++i)
+        if (stretch(values[i]) == chosen) inside.emplace_back(values[i], weights[i]);
+    std::ranges::sort(inside);
+    for (const auto& [value, weight] : inside)
+        if ((left -= weight) <= 0) return value;
+    return inside.empty() ? 0.0 : inside.back().first;
+}
+
+DirectedError summarize_distances(std::span<const float> distances, std::span<const float> areas,
+                                  unsigned histogram_bins) {
+    const AttributeError all = summarize("", distances, areas);
+    DirectedError error;
+    error.samples = distances.size();
+    error.max = all.max;
+    error.mean = all.mean;
+    error.rms = all.rms;
+    error.p50 = weighted_quantile(distances, areas, 0.50);
+    error.p95 = weighted_quantile(distances, areas, 0.95);
+    error.p99 = weighted_quantile(distances, areas, 0.99);
+
+    error.histogram.resize(histogram_bins);
+    const double bins = histogram_bins, by = all.max > 0 ? bins / all.max : 0.0;
+    double total = 0, spread = 0;
+    for (std::size_t i = 0; i < distances.size(); ++i) {
+        const double area = areas[i], from_mean = area * (distances[i] - all.mean);
+        total += area;
+        spread += from_mean * from_mean;
+        error.histogram[std::min(histogram_bins - 1, static_cast<unsigned>(distances[i] * by))] +=
+            area;
+    }
+    for (double& share : error.histogram) share /= total;
+    constexpr double kDeviations = 1.96;  // of a normal distribution hold 95 % of it
+    error.mean_confidence = kDeviations * std::sqrt(spread) / total;
+    return error;
+}
+
+}  // namespace stipple

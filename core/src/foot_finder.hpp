@@ -1,0 +1,56 @@
+#pragma once
+
+#include "stipple/neighbors.hpp"
+#include "stipple/point_cloud.hpp"
+#include "stipple/run_context.hpp"
+
+#include <cstddef>
+#include <functional>
+#include <span>
+
+namespace stipple {
+
+/// Where a query meets a surface: q' of §4.
+struct Foot {
+    Vec3d point = Vec3d::Zero();
+    Vec3d normal = Vec3d::UnitZ();  ///< of the surface there; the sign is any
+    double distance = 0;            ///< d(q, S')
+    double h = 0;                   ///< scale of the weights at the foot
+    bool converged = false;
+    bool beyond = false;  ///< where the surface has no samples: `distance` is a lower bound
+};
+
+/// Finds the feet of many queries on the MLS surface of some points, with k nearest neighbours and h =
+/// r / 3.
+///
+/// With a linear basis the surface is { x | n(x) . (x - a(x)) = 0 }, with a the weighted mean and n the normal of the
+/// weighted least squares plane of the neighbours of x. A foot is a fixed point of
+/// x <- q - (n . (q - a)) n. Each query starts at q; where that foot is farther than h / 4 or does
+/// not converge, at the sample nearest to q as well, and the nearer foot counts. The surface ends
+/// where its samples end: no foot is nearer than the nearest sample less the radius of that
+/// sample's neighbourhood.
+class FootFinder {
+public:
+    struct Options {
+        unsigned k = 20;
+        unsigned degree = 1;  ///< of the basis: 1 or 2
+        unsigned max_iterations = 30;
+        double tolerance = 1e-3;  ///< a foot moves by less than this part of h
+    };
+
+    /// @param points  at least one; must outlive the finder, like `search` over them.
+    FootFinder(std::span<const Vec3f> points, const NeighborSearch& search, const Options& options);
+
+    /// Calls found(i, foot) once for each query, from several threads. Quicker when queries that
+    /// follow each other lie near each other.
+    void find(std::span<const Vec3f> queries,
+              const std::function<void(std::size_t, const Foot&)>& found,
+              const RunContext& context) const;
+
+private:
+    std::span<const Vec3f> points_;
+    const NeighborSearch& search_;
+    Options options_;
+};
+
+}  // namespace stipple

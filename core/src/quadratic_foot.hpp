@@ -1,0 +1,30 @@
+#pragma once
+
+#include "foot_finder.hpp"
+#include "mls_fit.hpp"
+
+#include <span>
+#include <vector>
+
+namespace stipple {
+
+/// Feet on the MLS surface with a quadratic basis: over the plane of `FootFinder` at x a quadratic
+/// polynomial, whose tangent plane takes the plane's place in the iteration.
+class QuadraticFoot {
+public:
+    QuadraticFoot(std::span<const Vec3f> points, const NeighborSearch& search,
+                  const FootFinder::Options& options);
+
+    /// The foot of q near its foot on the linear surface. That itself where it is none of that
+    /// surface.
+    Foot find(const Vec3d& q, const Foot& linear);
+
+private:
+    std::span<const Vec3f> points_;
+    const NeighborSearch& search_;
+    const FootFinder::Options& options_;
+    MlsNeighborhood around_;
+    std::vector<Neighbor> room_;
+};
+
+}  // namespace stipple
