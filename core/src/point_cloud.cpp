@@ -3,6 +3,7 @@
 #include "stipple/error.hpp"
 
 #include <algorithm>
+#include <utility>
 
 namespace stipple {
 
@@ -84,6 +85,15 @@ PointCloud subset(const PointCloud& cloud, std::span<const Index> indices) {
 const Attribute* find_attribute(const PointCloud& cloud, std::string_view name) noexcept {
     const auto found = std::ranges::find(cloud.attributes, name, &Attribute::name);
     return found == cloud.attributes.end() ? nullptr : &*found;
+}
+
+void set_attribute(PointCloud& cloud, Attribute attribute) {
+    const auto found = std::ranges::find(cloud.attributes, attribute.name, &Attribute::name);
+    if (found == cloud.attributes.end()) {
+        cloud.attributes.push_back(std::move(attribute));
+    } else {
+        *found = std::move(attribute);
+    }
 }
 
 }  // namespace stipple

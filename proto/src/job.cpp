@@ -1,40 +1,14 @@
 #include "stipple/proto/job.hpp"
 
 #include "json_parts.hpp"
-#include "stipple/proto/digest.hpp"
+#include "names.hpp"
 
-#include <algorithm>
 #include <array>
 
 namespace stipple::proto {
 
 namespace {
 
-constexpr JsonRules kRequestRules{ErrorCode::InvalidArgument, 1 << 20, 8};
-
-// Names on the wire.
-
-template <typename Enum>
-struct Named {
-    Enum value;
-    std::string_view name;
-};
-
-constexpr std::array kRepresentatives = {
-    Named<Representative>{Representative::Surface, "surface"},
-    Named<Representative>{Representative::Centroid, "centroid"},
-    Named<Representative>{Representative::Nearest, "nearest"},
-};
-constexpr std::array kReductions = {
-    Named<Reduction>{Reduction::Mean, "mean"}, Named<Reduction>{Reduction::Nearest, "nearest"},
-    Named<Reduction>{Reduction::Min, "min"},   Named<Reduction>{Reduction::Max, "max"},
-    Named<Reduction>{Reduction::Mode, "mode"},
-};
-constexpr std::array kCodings = {
-    Named<DracoCoding>{DracoCoding::Auto, "auto"},
-    Named<DracoCoding>{DracoCoding::Sequential, "sequential"},
-    Named<DracoCoding>{DracoCoding::KdTree, "kd-tree"},
-};
 constexpr std::array kStatuses = {
     Named<JobStatus>{JobStatus::Accepted, "accepted"},
     Named<JobStatus>{JobStatus::Running, "running"},
@@ -43,204 +17,7 @@ constexpr std::array kStatuses = {
     Named<JobStatus>{JobStatus::Dismissed, "dismissed"},
 };
 
-template <typename Names, typename Enum>
-std::string_view name_of(const Names& names, Enum value) noexcept {
-    return std::ranges::find(names, value, &Named<Enum>::value)->name;
-}
-
-template <typename Names>
-auto by_name(const Names& names, std::string_view name) {
-    std::string offered;
-    for (const auto& entry : names) {
-        if (entry.name == name) return entry.value;
-        offered += (offered.empty() ? "" : ", ") + std::string(entry.name);
-    }
-    throw Error(ErrorCode::InvalidArgument,
-                "\"" + std::string(name.substr(0, 60)) + "\": expected one of " + offered);
-}
-
-template <typename Names>
-auto one_of(const Names& names, const JsonValue& value) {
-    return value.named([&names](std::string_view name) { return by_name(names, name); });
-}
-
-// Requests.
-
-Json reductions_json(const std::map<std::string, Reduction>& reductions) {
-    Json json = Json::object();
-    for (const auto& [name, reduction] : reductions) json[name] = name_of(kReductions, reduction);
-    return json;
-}
-
-std::map<std::string, Reduction> read_reductions(const JsonValue& value) {
-    std::map<std::string, Reduction> reductions;
-    for (const auto& [name, reduction] : value.members()) {
-        reductions[name] = one_of(kReductions, reduction);
-    }
-    return reductions;
-}
-
-Json draco_json(const DracoEncodeOptions& options) {
-    Json json = {{"attribute_bits", options.attribute_bits},
-                 {"coding", name_of(kCodings, options.coding)},
-                 {"compression_level", options.compression_level},
-                 {"normal_bits", options.normal_bits}};
-    if (options.precision) {
-        json["precision"] = *options.precision;
-    } else {
-        json["position_bits"] = options.position_bits;
-    }
-    return json;
-}
-
-DracoEncodeOptions read_draco(const JsonValue& value) {
-    JsonObject object = value.object();
-    DracoEncodeOptions options;
-    const auto position_bits = object.find("position_bits");
-    const auto precision = object.find("precision");
-    if (position_bits && precision) {
-        throw object.error("precision", "stands instead of position_bits: give one of the two");
-    }
-    if (position_bits) options.position_bits = position_bits->small_integer(0, 30);
-    if (precision) {
-        options.precision = precision->number();
-        if (!(*options.precision > 0)) precision->refuse("a length above 0, in input units");
-    }
-    if (const auto bits = object.find("normal_bits")) {
-        options.normal_bits = bits->small_integer(2, 30);
-    }
-    if (const auto bits = object.find("attribute_bits")) {
-        options.attribute_bits = bits->small_integer(0, 30);
-    }
-    if (const auto level = object.find("compression_level")) {
-        options.compression_level = level->small_integer(0, 10);
-    }
-    if (const auto coding = object.find("coding")) options.coding = one_of(kCodings, *coding);
-    object.finish();
-    return options;
-}
-
-std::optional<std::uint64_t> read_count(const std::optional<JsonValue>& value) {
-    return value ? std::optional(value->integer(1)) : std::nullopt;
-}
-
-std::optional<double> read_number(const std::optional<JsonValue>& value) {
-    return value ? std::optional(value->number()) : std::nullopt;
-}
-
-SimplifyJob read_simplify(JsonObject& object) {
-    SimplifyJob job;
-    SimplifyOptions& options = job.options;
-    if (const auto method = object.find("method")) {
-        options.method = method->named(method_from_name);
-    }
-    options.points = read_count(object.find("points"));
-    options.ratio = read_number(object.find("ratio"));
-    options.hierarchical.max_cluster_size = read_count(object.find("max_cluster_size"));
-    options.hierarchical.max_variation = read_number(object.find("max_variation"));
-    if (const auto kind = object.find("representative")) {
-        options.hierarchical.representative = one_of(kRepresentatives, *kind);
-    }
-    if (const auto seed = object.find("seed")) options.seed = seed->integer();
-    if (const auto policies = object.find("reductions")) {
-        options.reductions = read_reductions(*policies);
-    }
-
-    job.output.formats = {CloudFormat::Ply};
-    if (const auto format = object.find("format")) {
-        job.output.formats = {format->named(cloud_format_from_name)};
-    }
-    if (const auto draco = object.find("draco")) job.output.draco = read_draco(*draco);
-    return job;
-}
-
-std::vector<CloudFormat> read_formats(const JsonValue& value) {
-    std::vector<CloudFormat> formats;
-    for (const JsonValue& item : value.items()) {
-        const auto format = item.named(cloud_format_from_name);
-        if (std::ranges::find(formats, format) != formats.end()) item.refuse("each format once");
-        formats.push_back(format);
-    }
-    if (formats.empty()) value.refuse("at least one format");
-    return formats;
-}
-
-PyramidJob read_pyramid(JsonObject& object) {
-    PyramidJob job;
-    LodPyramidOptions& options = job.options;
-    const auto levels = object.find("levels");
-    const auto ratio = object.find("ratio");
-    const auto base_points = object.find("base_points");
-    if (levels && (ratio || base_points)) {
-        throw object.error("levels", "stands instead of ratio and base_points: give one form");
-    }
-    if (levels) {
-        options.sizes = levels->list_of([](const JsonValue& size) { return size.integer(1); });
-        if (options.sizes.empty()) levels->refuse("at least one size");
-    }
-    if (ratio) options.ratio = ratio->number();
-    if (base_points) options.base_points = base_points->integer(1);
-    if (const auto kind = object.find("representative")) {
-        options.representative = one_of(kRepresentatives, *kind);
-    }
-    if (const auto policies = object.find("reductions")) {
-        options.reductions = read_reductions(*policies);
-    }
-
-    job.output.formats = {CloudFormat::Draco, CloudFormat::Ply};
-    if (const auto formats = object.find("formats")) job.output.formats = read_formats(*formats);
-    if (const auto draco = object.find("draco")) job.output.draco = read_draco(*draco);
-    return job;
-}
-
-void add_options(Json& json, const SimplifyJob& job) {
-    const SimplifyOptions& options = job.options;
-    const HierarchicalClusteringOptions& hierarchical = options.hierarchical;
-    json["type"] = "simplify";
-    json["method"] = to_string(options.method);
-    if (options.points) json["points"] = *options.points;
-    if (options.ratio) json["ratio"] = *options.ratio;
-    if (hierarchical.max_cluster_size) json["max_cluster_size"] = *hierarchical.max_cluster_size;
-    if (hierarchical.max_variation) json["max_variation"] = *hierarchical.max_variation;
-    json["representative"] = name_of(kRepresentatives, hierarchical.representative);
-    json["seed"] = options.seed;
-    json["reductions"] = reductions_json(options.reductions);
-    json["format"] =
-        to_string(job.output.formats.empty() ? CloudFormat::Ply : job.output.formats.front());
-    json["draco"] = draco_json(job.output.draco);
-}
-
-void add_options(Json& json, const PyramidJob& job) {
-    const LodPyramidOptions& options = job.options;
-    json["type"] = "pyramid";
-    if (options.sizes.empty()) {
-        json["ratio"] = options.ratio;
-        json["base_points"] = options.base_points;
-    } else {
-        json["levels"] = options.sizes;
-    }
-    json["representative"] = name_of(kRepresentatives, options.representative);
-    json["reductions"] = reductions_json(options.reductions);
-    json["formats"] = Json::array();
-    for (const CloudFormat format : {CloudFormat::Draco, CloudFormat::Ply}) {
-        const auto& formats = job.output.formats;
-        const bool wanted = formats.empty() || std::ranges::find(formats, format) != formats.end();
-        if (wanted) json["formats"].push_back(to_string(format));
-    }
-    json["draco"] = draco_json(job.output.draco);
-}
-
 // Parts of documents.
-
-Json vector_json(const Vec3d& v) {
-    return {v.x(), v.y(), v.z()};
-}
-
-Vec3d read_vector(const JsonValue& value) {
-    const std::vector<JsonValue> items = value.items();
-    if (items.size() != 3) value.refuse("three numbers");
-    return {items[0].number(), items[1].number(), items[2].number()};
-}
 
 Json links_json(const std::vector<Link>& links) {
     Json json = Json::array();
@@ -324,46 +101,6 @@ std::vector<std::string> first_lines(const std::vector<std::string>& lines) {
 
 }  // namespace
 
-std::string_view type_name(const JobRequest& request) noexcept {
-    return std::holds_alternative<SimplifyJob>(request.job) ? "simplify" : "pyramid";
-}
-
-Json request_json(const JobRequest& request) {
-    Json json = {{"input", request.input}};
-    std::visit([&json](const auto& job) { add_options(json, job); }, request.job);
-    return nlohmann::json(json);  // which sorts the keys
-}
-
-JobRequest read_request(const JsonValue& value) {
-    JsonObject object = value.object();
-    JobRequest request;
-    const JsonValue type = object["type"];
-    const JsonValue input = object["input"];
-    request.input = input.text();
-    if (!is_sha256(request.input)) {
-        input.refuse("the id of a cloud: 64 lower-case hexadecimal digits");
-    }
-    if (type.text() == "simplify") {
-        request.job = read_simplify(object);
-    } else if (type.text() == "pyramid") {
-        request.job = read_pyramid(object);
-    } else {
-        type.refuse("simplify or pyramid");
-    }
-    object.finish();
-    return request;
-}
-
-std::string to_json(const JobRequest& request) {
-    return to_text(request_json(request));
-}
-
-JobRequest job_request_from_json(std::string_view json) {
-    JobRequest request = read_request(JsonDocument(json, kRequestRules).root());
-    std::visit([](const auto& job) { validate(job.options); }, request.job);
-    return request;
-}
-
 std::string_view to_string(JobStatus status) noexcept {
     return name_of(kStatuses, status);
 }
@@ -416,6 +153,16 @@ JobDocument job_document_from_json(std::string_view text) {
     if (const auto problem = object.find("problem")) document.problem = read_problem(*problem);
     object.finish();
     return document;
+}
+
+Json vector_json(const Vec3d& v) {
+    return {v.x(), v.y(), v.z()};
+}
+
+Vec3d read_vector(const JsonValue& value) {
+    const std::vector<JsonValue> items = value.items();
+    if (items.size() != 3) value.refuse("three numbers");
+    return {items[0].number(), items[1].number(), items[2].number()};
 }
 
 Json bounds_json(const Aabb& bounds) {
@@ -495,24 +242,28 @@ CloudDocument cloud_document_from_json(std::string_view text) {
     return document;
 }
 
+std::vector<CloudAttribute> attributes_of(const PointCloud& cloud) {
+    std::vector<CloudAttribute> attributes;
+    if (!cloud.normals.empty()) attributes.push_back({"normal", "float32", 3});
+    if (!cloud.colors.empty()) {
+        attributes.push_back({"color", "uint8", cloud.has_alpha ? 4U : 3U});
+    }
+    for (const Attribute& attribute : cloud.attributes) {
+        attributes.push_back({attribute.name, type_of(attribute), attribute.components});
+    }
+    return attributes;
+}
+
 CloudStatistics describe(const PointCloud& cleaned, const DecodeReport& report,
                          std::uint64_t non_finite, std::uint64_t duplicates) {
-    CloudStatistics statistics{.points = report.points,
-                               .non_finite = non_finite,
-                               .duplicates = duplicates,
-                               .bounds = bounds(cleaned),
-                               .attributes = {},
-                               .encoding = report.encoding,
-                               .skipped = first_lines(report.skipped),
-                               .comments = first_lines(report.comments)};
-    if (!cleaned.normals.empty()) statistics.attributes.push_back({"normal", "float32", 3});
-    if (!cleaned.colors.empty()) {
-        statistics.attributes.push_back({"color", "uint8", cleaned.has_alpha ? 4U : 3U});
-    }
-    for (const Attribute& attribute : cleaned.attributes) {
-        statistics.attributes.push_back({attribute.name, type_of(attribute), attribute.components});
-    }
-    return statistics;
+    return {.points = report.points,
+            .non_finite = non_finite,
+            .duplicates = duplicates,
+            .bounds = bounds(cleaned),
+            .attributes = attributes_of(cleaned),
+            .encoding = report.encoding,
+            .skipped = first_lines(report.skipped),
+            .comments = first_lines(report.comments)};
 }
 
 std::string page_json(const std::vector<std::string>& items,

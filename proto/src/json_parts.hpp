@@ -14,6 +14,9 @@ Problem read_problem(const JsonValue& value);
 Json request_json(const JobRequest& request);
 JobRequest read_request(const JsonValue& value);
 
+Json vector_json(const Vec3d& v);
+Vec3d read_vector(const JsonValue& value);
+
 Json bounds_json(const Aabb& bounds);
 Aabb read_bounds(const JsonValue& value);
 

@@ -91,6 +91,7 @@ public:
     JsonValue operator[](const char* name);
     /// A field that may be absent.
     std::optional<JsonValue> find(const char* name);
+    bool has(std::string_view name) const { return value_.value_->contains(name); }
     /// Refuses fields that were never asked for. Call when all were.
     void finish() const;
     /// An error about the field `name`, or about the object as a whole when it is empty.

@@ -52,6 +52,7 @@ Json cost_json(const JobCost& cost) {
     return {{"seconds",
              {{"decode", cost.decode_seconds},
               {"simplify", cost.simplify_seconds},
+              {"splats", cost.splats_seconds},
               {"encode", cost.encode_seconds},
               {"total", cost.total_seconds}}},
             {"peak_memory_bytes", cost.peak_memory_bytes},
@@ -64,6 +65,7 @@ JobCost read_cost(const JsonValue& value) {
     JobCost cost;
     cost.decode_seconds = seconds["decode"].number();
     cost.simplify_seconds = seconds["simplify"].number();
+    cost.splats_seconds = seconds["splats"].number();
     cost.encode_seconds = seconds["encode"].number();
     cost.total_seconds = seconds["total"].number();
     seconds.finish();
@@ -80,13 +82,8 @@ Json statistics_json(const CloudStatistics& statistics) {
 }
 
 std::string_view schema_of(const JobRequest& request) noexcept {
-    return std::holds_alternative<SimplifyJob>(request.job) ? "stipple-results/1"
-                                                            : "stipple-pyramid/1";
-}
-
-std::string_view method_of(const JobRequest& request) noexcept {
-    const auto* simplify = std::get_if<SimplifyJob>(&request.job);
-    return to_string(simplify ? simplify->options.method : Method::Hierarchical);
+    return std::holds_alternative<PyramidJob>(request.job) ? "stipple-pyramid/1"
+                                                           : "stipple-results/1";
 }
 
 Json source_json(const Results& results) {
@@ -129,12 +126,19 @@ CloudStatistics read_whole_statistics(const JsonValue& value) {
 
 }  // namespace
 
+std::optional<Method> method_of(const JobRequest& request) noexcept {
+    if (std::holds_alternative<AnalyzeJob>(request.job)) return std::nullopt;
+    if (std::holds_alternative<PyramidJob>(request.job)) return Method::Hierarchical;
+    if (std::holds_alternative<UpsampleJob>(request.job)) return Method::Particles;
+    return std::get<SimplifyJob>(request.job).options.method;
+}
+
 std::string to_json(const Results& results) {
     Json json = {{"schema", schema_of(results.request)},
                  {"complete", results.complete},
                  {"request", request_json(results.request)}};
     if (results.source) json["source"] = source_json(results);
-    json["method"] = method_of(results.request);
+    if (const auto method = method_of(results.request)) json["method"] = to_string(*method);
     json["levels"] = Json::array();
     for (const OutputCloud& level : results.levels) json["levels"].push_back(level_json(level));
     if (results.cost) json["cost"] = cost_json(*results.cost);
@@ -147,7 +151,9 @@ Results results_from_json(std::string_view text) {
     Results results;
     results.request = read_request(object["request"]);
     require_text(object["schema"], schema_of(results.request));
-    require_text(object["method"], method_of(results.request));
+    if (const auto method = method_of(results.request)) {
+        require_text(object["method"], to_string(*method));
+    }
     results.complete = object["complete"].boolean();
     if (const auto source = object.find("source")) {
         results.source = read_source(*source, results.request);

@@ -3,11 +3,11 @@
 #include "stipple/cleaning.hpp"
 #include "stipple/neighbors.hpp"
 #include "stipple/proto/digest.hpp"
+#include "stipple/surface_attributes.hpp"
 
 #include <fcntl.h>
 #include <sys/resource.h>
 #include <unistd.h>
-#include <utility>
 #include <algorithm>
 #include <cerrno>
 #include <chrono>
@@ -16,6 +16,7 @@
 #include <filesystem>
 #include <new>
 #include <numeric>
+#include <utility>
 
 namespace stipple::proto {
 
@@ -25,7 +26,7 @@ namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 using Report = std::function<void(const JobReport&)>;
 
-enum Stage : std::size_t { kDecode, kClean, kSimplify, kEncode };
+enum Stage : std::size_t { kDecode, kClean, kSimplify, kUpsample, kAnalyze, kEncode };
 
 double seconds_since(Clock::time_point start) {
     return std::chrono::duration<double>(Clock::now() - start).count();
@@ -88,6 +89,34 @@ void require_points(const PointCloud& cloud, std::uint64_t points, const Cleanin
                     shown(removed.duplicates, "are duplicates"));
 }
 
+bool wants_source_index(const JobRequest& request) {
+    return std::visit(
+        [](const auto& job) {
+            if constexpr (requires { job.added; }) return job.added.source_index;
+            return false;
+        },
+        request.job);
+}
+
+/// Numbers the points as they stand in the file.
+void add_source_index(PointCloud& cloud) {
+    std::vector<std::uint32_t> numbers(cloud.size());
+    std::iota(numbers.begin(), numbers.end(), 0U);
+    set_attribute(cloud, {"source_index", std::move(numbers), 1, Reduction::Nearest});
+}
+
+/// A job's coordinates are those of the file, core's are relative to the origin of the cloud.
+void to_frame_of(const PointCloud& cloud, ParticleSimulationOptions& options) {
+    for (DensityRegion& region : options.regions) {
+        if (auto* sphere = std::get_if<DensityRegion::Sphere>(&region.where)) {
+            sphere->center -= cloud.origin;
+        } else if (auto* box = std::get_if<DensityRegion::Box>(&region.where)) {
+            box->min -= cloud.origin;
+            box->max -= cloud.origin;
+        }
+    }
+}
+
 /// The failure of a system call on an output file.
 Error write_error(const fs::path& file, const JobSpec& spec) {
     const int code = errno;
@@ -145,8 +174,8 @@ public:
 
     void run() {
         const auto start = Clock::now();
-        const PointCloud cloud = read();
-        std::visit([&](const auto& job) { make(cloud, job); }, spec_.request.job);
+        PointCloud cloud = read();
+        std::visit([&](const auto& job) { make(std::move(cloud), job); }, spec_.request.job);
         cost_.total_seconds = seconds_since(start);
         report_cost();
     }
@@ -164,29 +193,70 @@ private:
         DecodeReport decoded;
         PointCloud cloud = read_cloud(spec_.input_file, spec_.limits, in_stage(kDecode), &decoded);
         meter_.advance(kDecode, 1);
+        const std::vector<CloudAttribute> attributes = attributes_of(cloud);
+        if (wants_source_index(spec_.request)) add_source_index(cloud);
         const CleaningReport removed = clean(cloud, in_stage(kClean));
         meter_.advance(kClean, 1);
 
         JobReport line;
         line.source = describe(cloud, decoded, removed.non_finite, removed.duplicates);
+        line.source->attributes = attributes;  // those of the file, without what was added
         report_(line);
         require_points(cloud, decoded.points, removed);
         return cloud;
     }
 
-    void make(const PointCloud& cloud, const SimplifyJob& job) {
-        LodLevel result;
-        {
-            const Stopwatch watch(cost_.simplify_seconds);
-            result.cloud = simplify(cloud, job.options, in_stage(kSimplify));
-        }
-        meter_.advance(kSimplify, 1);
-        result.spacing = mean_spacing(result.cloud.positions, {context_.stop, {}, context_.threads});
-        points_to_encode_ = result.cloud.size();
-        encode(result, job.output);
+    void make(PointCloud&& cloud, const SimplifyJob& job) {
+        SimplifyOptions options = job.options;
+        to_frame_of(cloud, options.particles);
+        finish(kSimplify, job,
+               [&](const RunContext& context) { return simplify(cloud, options, context); });
     }
 
-    void make(const PointCloud& cloud, const PyramidJob& job) {
+    void make(PointCloud&& cloud, const UpsampleJob& job) {
+        UpsampleOptions options = job.options;
+        to_frame_of(cloud, options.particles);
+        finish(kUpsample, job,
+               [&](const RunContext& context) { return upsample(cloud, options, context); });
+    }
+
+    /// What follows a computation of points, and the computation itself.
+    template <typename Job, typename Compute>
+    void finish(Stage stage, const Job& job, Compute&& compute) {
+        constexpr double kComputed = 0.95;  // of the stage; the splats are the rest
+        LodLevel result;
+        const RunContext context = in_stage(stage);
+        {
+            const Stopwatch watch(cost_.simplify_seconds);
+            result.cloud = compute(context.part(0, kComputed));
+        }
+        {
+            const Stopwatch watch(cost_.splats_seconds);
+            add_splats(result.cloud, job.added.splats, context.part(kComputed, 1));
+        }
+        meter_.advance(stage, 1);
+        encode_only(std::move(result), job.output);
+    }
+
+    void make(PointCloud&& cloud, const AnalyzeJob& job) {
+        SurfaceAttributeOptions options = job.options;
+        if (options.viewpoint) *options.viewpoint -= cloud.origin;
+        {
+            const Stopwatch watch(cost_.simplify_seconds);
+            add_surface_attributes(cloud, options, in_stage(kAnalyze));
+        }
+        meter_.advance(kAnalyze, 1);
+        encode_only({.cloud = std::move(cloud)}, job.output);
+    }
+
+    void encode_only(LodLevel&& result, const OutputOptions& output) {
+        result.spacing =
+            mean_spacing(result.cloud.positions, {context_.stop, {}, context_.threads});
+        points_to_encode_ = result.cloud.size();
+        encode(result, output);
+    }
+
+    void make(PointCloud&& cloud, const PyramidJob& job) {
         const std::vector<std::uint64_t> sizes = lod_sizes(cloud.size(), job.options);
         points_to_encode_ = std::accumulate(sizes.begin(), sizes.end(), std::uint64_t{0});
 

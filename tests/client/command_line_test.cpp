@@ -1,6 +1,8 @@
 #include "cli/command_line.hpp"
 
 #include <gtest/gtest.h>
+#include <algorithm>
+#include <map>
 
 namespace stipple::cli {
 namespace {
@@ -29,6 +31,137 @@ TEST(CommandLine, SimplifyTakesTheFormThatMeasurementsRelyOn) {
     EXPECT_EQ(command.job.output.formats, std::vector{CloudFormat::Draco});
     EXPECT_EQ(command.common.threads, 2U);
     EXPECT_EQ(command.common.json, "f.json");
+}
+
+TEST(CommandLine, TheDefaultMethodIsThatOfCore) {
+    const auto command = parsed<SimplifyCommand>({"simplify", "i.ply", "o.ply", "-n", "5"});
+    EXPECT_EQ(command.job.options.method, Method::Multiphase);
+    EXPECT_EQ(command.job.added.splats, SplatAttributes::Radius);
+    EXPECT_FALSE(command.job.added.source_index);
+}
+
+TEST(CommandLine, SimplifyTakesTheOptionsOfTheContraction) {
+    const auto command =
+        parsed<SimplifyCommand>({"simplify", "--oversampling", "8", "--k", "12", "--placement",
+                                 "end-point", "--max-displacement", "0.5", "--color-weight", "0.25",
+                                 "--attribute-weight", "a=b=2", "i.ply", "o.ply", "-n", "5"});
+    const SimplifyOptions& options = command.job.options;
+    EXPECT_EQ(options.oversampling, 8);
+    EXPECT_EQ(options.iterative.k, 12U);
+    EXPECT_EQ(options.iterative.placement, Placement::EndPoint);
+    EXPECT_EQ(options.iterative.max_displacement, 0.5);
+    EXPECT_EQ(options.iterative.color_weight, 0.25);
+    EXPECT_EQ(options.iterative.attribute_weights.at("a=b"), 2);
+}
+
+TEST(CommandLine, SimplifyTakesTheOptionsOfTheClusterings) {
+    for (const Method method : {Method::Hierarchical, Method::Incremental}) {
+        const std::string name(to_string(method));
+        const SimplifyOptions options =
+            parsed<SimplifyCommand>({"simplify", "i.ply", "o.ply", "-m", name, "--max-variation",
+                                     "0.1", "--max-cluster-size", "7", "--representative",
+                                     "centroid"})
+                .job.options;
+        EXPECT_EQ(options.method, method);
+        EXPECT_EQ(options.hierarchical.max_variation, 0.1);
+        EXPECT_EQ(options.incremental.max_cluster_size, 7U);
+        EXPECT_EQ(options.incremental.representative, Representative::Centroid);
+    }
+    EXPECT_EQ(parsed<SimplifyCommand>(
+                  {"simplify", "i.ply", "o.ply", "-m", "voxel", "--voxel-size", "0.5"})
+                  .job.options.voxel.voxel_size,
+              0.5);
+}
+
+TEST(CommandLine, RegionsAreSpheresBoxesAndRangesOfAnAttribute) {
+    const auto command = parsed<SimplifyCommand>({"simplify",
+                                                  "i.ply",
+                                                  "o.ply",
+                                                  "-n",
+                                                  "5",
+                                                  "-m",
+                                                  "particles",
+                                                  "--region",
+                                                  "sphere:1,-2e3,3,0.5:4",
+                                                  "--region",
+                                                  "box:-1,-1,-1,1,1,1:0.5:0.25",
+                                                  "--region",
+                                                  "attribute:a:b,c,-1,2:8",
+                                                  "--adaptivity",
+                                                  "1",
+                                                  "--max-grading",
+                                                  "2",
+                                                  "--max-iterations",
+                                                  "9",
+                                                  "--tolerance",
+                                                  "0.1"});
+    const ParticleSimulationOptions& options = command.job.options.particles;
+    EXPECT_EQ(options.adaptivity, 1);
+    EXPECT_EQ(options.max_grading, 2);
+    EXPECT_EQ(options.max_iterations, 9U);
+    EXPECT_EQ(options.tolerance, 0.1);
+    ASSERT_EQ(options.regions.size(), 3U);
+    EXPECT_EQ(std::get<DensityRegion::Sphere>(options.regions[0].where).center, Vec3d(1, -2e3, 3));
+    EXPECT_EQ(options.regions[0].density, 4);
+    EXPECT_EQ(options.regions[0].transition, 0);
+    EXPECT_EQ(std::get<DensityRegion::Box>(options.regions[1].where).min, Vec3d(-1, -1, -1));
+    EXPECT_EQ(options.regions[1].transition, 0.25);
+    const auto& scalar = std::get<DensityRegion::Scalar>(options.regions[2].where);
+    EXPECT_EQ(scalar.attribute, "a:b,c");
+    EXPECT_EQ(scalar.low, -1);
+    EXPECT_EQ(scalar.high, 2);
+}
+
+TEST(CommandLine, AnOptionOfAnotherMethodIsRefusedWithItsOwners) {
+    EXPECT_EQ(refusal({"simplify", "i.ply", "o.ply", "-n", "5", "-m", "voxel", "--k", "8"}),
+              "--k belongs to multiphase and iterative, not to voxel");
+    EXPECT_EQ(refusal({"simplify", "i.ply", "o.ply", "--max-variation", "0.1"}),
+              "--max-variation belongs to hierarchical and incremental, not to multiphase");
+    // Every field that only some methods have is an option, and is refused where it has no meaning.
+    const std::map<std::string, std::string> values = {{"placement", "optimal"},
+                                                       {"representative", "nearest"},
+                                                       {"regions", "sphere:0,0,0,1:1"},
+                                                       {"attribute_weights", "a=1"},
+                                                       {"reductions", "a=max"}};
+    for (const proto::MethodField& field : proto::method_fields()) {
+        std::string option = "--" + std::string(field.name);
+        std::replace(option.begin(), option.end(), '_', '-');
+        if (field.name == "regions") option = "--region";
+        if (field.name == "reductions") option = "--reduce";
+        if (field.name == "attribute_weights") option = "--attribute-weight";
+        const auto value = values.find(std::string(field.name));
+        EXPECT_TRUE(refusal({"simplify", "i.ply", "o.ply", "-n", "5", "-m", "random", option,
+                             value == values.end() ? "1" : value->second})
+                        .starts_with(option + " belongs to "))
+            << option;
+    }
+}
+
+TEST(CommandLine, UpsampleTakesMorePointsOrARatioAboveOne) {
+    const auto command = parsed<UpsampleCommand>(
+        {"upsample", "i.ply", "o.ply", "--ratio", "4", "--seed", "3", "--splats", "none"});
+    EXPECT_EQ(command.job.options.ratio, 4);
+    EXPECT_EQ(command.job.options.particles.seed, 3U);
+    EXPECT_EQ(command.job.added.splats, SplatAttributes::None);
+    EXPECT_NE(refusal({"upsample", "i.ply", "o.ply"}).find("--ratio"), std::string::npos);
+    EXPECT_NE(refusal({"upsample", "i.ply", "o.ply", "-r", "0.5"}).find("ratio 0.5"),
+              std::string::npos);
+}
+
+TEST(CommandLine, AnalyzeTakesNeighboursAndTheSignsOfNormals) {
+    const auto plain = parsed<AnalyzeCommand>({"analyze", "i.ply", "o.ply"});
+    EXPECT_EQ(plain.job.options.k, 16U);
+    EXPECT_EQ(plain.job.options.signs, NormalSigns::SpanningTree);
+    EXPECT_EQ(
+        parsed<AnalyzeCommand>({"analyze", "i.ply", "o.ply", "--orient", "none"}).job.options.signs,
+        NormalSigns::Any);
+    const auto viewed =
+        parsed<AnalyzeCommand>({"analyze", "i.ply", "o.ply", "--k", "0", "--viewpoint", "-1,2,3"});
+    EXPECT_EQ(viewed.job.options.k, 0U);
+    EXPECT_EQ(viewed.job.options.viewpoint, Vec3d(-1, 2, 3));
+    EXPECT_NE(refusal({"analyze", "i.ply", "o.ply", "--k", "2"}).find("k 2"), std::string::npos);
+    EXPECT_NE(refusal({"analyze", "i.ply", "o.ply", "--viewpoint", "1,2"}).find("X,Y,Z"),
+              std::string::npos);
 }
 
 TEST(CommandLine, DashIsStandardOutputForTheFigures) {
@@ -73,11 +206,25 @@ TEST(CommandLine, RefusesWhatCannotBeDoneByNameAndValue) {
         std::string::npos);
     EXPECT_NE(refusal({"simplify", "i.ply", "o.ply", "-n", "5", "--api-key", "k"}).find("--server"),
               std::string::npos);
+    for (const char* region : {"sphere:1,2,3:4", "sphere:1,2,3,x:4", "cone:1,2,3,4:5", "box:4",
+                               "attribute:a,1:2", "sphere:1,2,3,4", "sphere:1,2,3,4:5:6:7"}) {
+        EXPECT_NE(refusal({"simplify", "i.ply", "o.ply", "-n", "5", "-m", "particles", "--region",
+                           region})
+                      .find(std::string("--region ") + region + ": expected"),
+                  std::string::npos);
+    }
+    EXPECT_NE(refusal({"simplify", "i.ply", "o.ply", "-n", "5", "--attribute-weight", "a"})
+                  .find("NAME=W"),
+              std::string::npos);
+    EXPECT_NE(
+        refusal({"simplify", "i.ply", "o.ply", "-n", "5", "--splats", "disc"}).find("ellipse"),
+        std::string::npos);
     EXPECT_NE(refusal({"frobnicate"}).find("frobnicate"), std::string::npos);
 }
 
 TEST(CommandLine, HelpOfACommandShowsExamples) {
-    for (const char* command : {"simplify", "pyramid", "inspect", "convert", "synthesize"}) {
+    for (const char* command :
+         {"simplify", "upsample", "analyze", "pyramid", "inspect", "convert", "synthesize"}) {
         const std::string text = parsed<InfoCommand>({command, "--help"}).text;
         EXPECT_NE(text.find(std::string("stipple ") + command), std::string::npos) << text;
         EXPECT_NE(text.find("Example"), std::string::npos);

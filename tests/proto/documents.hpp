@@ -29,6 +29,32 @@ inline proto::JobRequest simplify_request() {
     return {kInput, job};
 }
 
+inline proto::JobRequest particles_request() {
+    proto::SimplifyJob job;
+    job.options.method = Method::Particles;
+    job.options.ratio = 0.25;
+    job.options.particles.regions = {
+        {.where = DensityRegion::Sphere{Vec3d(1, 2, 3), 0.5}, .density = 4, .transition = 0.25},
+        {.where = DensityRegion::Box{Vec3d(-1, -1, -1), Vec3d(1, 1, 1)}, .density = 0.5},
+        {.where = DensityRegion::Scalar{"intensity", 0.25, 0.75}, .density = 2}};
+    job.added = {.splats = SplatAttributes::Ellipse, .source_index = true};
+    return {kInput, job};
+}
+
+inline proto::JobRequest upsample_request() {
+    proto::UpsampleJob job;
+    job.options.points = 1'000'000;
+    job.options.particles.seed = 7;
+    return {kInput, job};
+}
+
+inline proto::JobRequest analyze_request() {
+    proto::AnalyzeJob job;
+    job.options.signs = NormalSigns::Viewpoint;
+    job.options.viewpoint = Vec3d(0, 0, 10);
+    return {kInput, job};
+}
+
 inline proto::JobRequest pyramid_request() {
     proto::PyramidJob job;
     job.output.formats = {CloudFormat::Draco, CloudFormat::Ply};
@@ -85,6 +111,7 @@ inline proto::OutputCloud output_cloud() {
 inline proto::JobCost job_cost() {
     return {.decode_seconds = 0.5,
             .simplify_seconds = 1.25,
+            .splats_seconds = 0.0625,
             .encode_seconds = 0.125,
             .total_seconds = 2,
             .peak_memory_bytes = 50'000'000,

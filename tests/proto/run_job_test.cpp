@@ -20,7 +20,7 @@ class RunJob : public testing::Test {
 protected:
     RunJob() { fs::create_directory(folder_ / "out"); }
 
-    JobSpec spec_for(const PointCloud& cloud, const std::variant<SimplifyJob, PyramidJob>& job) {
+    JobSpec spec_for(const PointCloud& cloud, const decltype(JobRequest::job)& job) {
         const fs::path input = folder_ / "in.ply";
         write_cloud(cloud, input);
         return {.request = {std::string(64, 'a'), job},
@@ -50,6 +50,8 @@ protected:
         return std::nullopt;
     }
 
+    fs::path output() const { return folder_ / "out" / "level-0.ply"; }
+
     std::size_t files_written() const {
         const fs::directory_iterator files(folder_ / "out");
         return static_cast<std::size_t>(std::distance(begin(files), end(files)));
@@ -59,10 +61,12 @@ protected:
     std::vector<JobReport> reports_;
 };
 
+const OutputOptions kPly{.formats = {CloudFormat::Ply}, .draco = {}};
+
 SimplifyJob to_points(std::uint64_t points) {
     SimplifyJob job;
     job.options.points = points;
-    job.output.formats = {CloudFormat::Ply};
+    job.output = kPly;
     return job;
 }
 
@@ -149,9 +153,10 @@ TEST_F(RunJob, ReportsTheSourceBeforeAnyLevelAndTheCostLast) {
     EXPECT_GT(cost.peak_memory_bytes, 1'000'000U);
     EXPECT_GT(cost.decode_seconds, 0);
     EXPECT_GT(cost.simplify_seconds, 0);
+    EXPECT_GT(cost.splats_seconds, 0);
     EXPECT_GT(cost.encode_seconds, 0);
-    EXPECT_GE(cost.total_seconds + 1e-9,
-              cost.decode_seconds + cost.simplify_seconds + cost.encode_seconds);
+    EXPECT_GE(cost.total_seconds + 1e-9, cost.decode_seconds + cost.simplify_seconds +
+                                             cost.splats_seconds + cost.encode_seconds);
 }
 
 TEST_F(RunJob, CountsWhatItRemovesFromTheSource) {
@@ -206,6 +211,113 @@ TEST_F(RunJob, RefusesAReductionOfAnAttributeThatIsNotThere) {
     const Error error = error_of([&] { run(spec); });
     EXPECT_EQ(error.code(), ErrorCode::InvalidArgument);
     EXPECT_NE(std::string(error.what()).find("intensity"), std::string::npos);
+}
+
+TEST_F(RunJob, AddsTheRadiusOfEverySplatUnlessToldOtherwise) {
+    const PointCloud sphere = test::sphere(2000);
+    run(spec_for(sphere, to_points(300)));
+    PointCloud cloud = read_cloud(output());
+    const Attribute* radius = find_attribute(cloud, "radius");
+    ASSERT_NE(radius, nullptr);
+    for (const float r : std::get<std::vector<float>>(radius->values)) EXPECT_GT(r, 0.01F);
+    EXPECT_TRUE(cloud.normals.empty());
+
+    SimplifyJob job = to_points(300);
+    job.added.splats = SplatAttributes::None;
+    run(spec_for(sphere, job));
+    EXPECT_TRUE(read_cloud(output()).attributes.empty());
+
+    job.added.splats = SplatAttributes::Ellipse;
+    run(spec_for(sphere, job));
+    cloud = read_cloud(output());
+    EXPECT_EQ(cloud.normals.size(), 300U);
+    for (const char* name : {"major", "minor"}) {
+        ASSERT_NE(find_attribute(cloud, name), nullptr) << name;
+        EXPECT_EQ(find_attribute(cloud, name)->components, 3U);
+    }
+}
+
+TEST_F(RunJob, TellsWhichPointOfTheFileEachPointWas) {
+    PointCloud cloud = test::sphere(500);
+    // What cleaning removes is counted, too.
+    cloud.positions[3] = Vec3f::Constant(std::numeric_limits<float>::quiet_NaN());
+    cloud.positions[8] = cloud.positions[7];
+    SimplifyJob job = to_points(100);
+    job.options.method = Method::Hierarchical;  // whose points are points of the input
+    job.added.source_index = true;
+    run(spec_for(cloud, job));
+    EXPECT_TRUE(source()->attributes.empty());  // it is not the file's
+    const PointCloud result = read_cloud(output());
+    ASSERT_EQ(result.size(), 100U);
+    const Attribute* index = find_attribute(result, "source_index");
+    ASSERT_NE(index, nullptr);
+    const auto& numbers = std::get<std::vector<std::uint32_t>>(index->values);
+    for (std::size_t i = 0; i < result.size(); ++i) {
+        EXPECT_EQ(result.positions[i], cloud.positions[numbers[i]]);
+    }
+}
+
+TEST_F(RunJob, UpsamplesToMorePointsThanThereAre) {
+    UpsampleJob job;
+    job.output = kPly;
+    job.options.ratio = 2;
+    run(spec_for(test::sphere(400), job));
+    EXPECT_EQ(levels().front().points, 800U);
+    EXPECT_NE(find_attribute(read_cloud(output()), "radius"), nullptr);
+
+    job.options.ratio.reset();
+    job.options.points = 400;
+    const JobSpec spec = spec_for(test::sphere(400), job);
+    EXPECT_STREQ(error_of([&] { run(spec); }).what(),
+                 "points 400: expected more than the 400 there are; simplify makes fewer");
+}
+
+TEST_F(RunJob, TakesTheCoordinatesOfRegionsFromTheFile) {
+    // A million units away: a region around its own coordinates must still be found.
+    PointCloud cloud = test::plane(4000);
+    cloud.origin = Vec3d(1e6, -2e6, 3e6);
+    cloud.double_precision = true;
+    const Aabb box = bounds(cloud);
+    SimplifyJob job = to_points(500);
+    job.options.method = Method::Particles;
+    DensityRegion::Box left{box.min, box.max};
+    left.max.x() = (box.min.x() + box.max.x()) / 2;
+    left.min -= Vec3d::Ones();
+    left.max.z() += 1;
+    job.options.particles.regions = {{.where = left, .density = 8, .transition = 0.01}};
+    run(spec_for(cloud, job));
+    const PointCloud result = read_cloud(output());
+    const auto in_left = std::ranges::count_if(
+        result.positions, [&](const Vec3f& p) { return p.x() + result.origin.x() < left.max.x(); });
+    EXPECT_GT(in_left, 400);  // 8/9 of them lie there
+}
+
+TEST_F(RunJob, AnalyzeWritesTheLocalPropertiesOfEveryPoint) {
+    AnalyzeJob job;
+    job.output = kPly;
+    run(spec_for(test::with_attributes(test::sphere(3000)), job));
+    const PointCloud cloud = read_cloud(output());
+    ASSERT_EQ(cloud.size(), 3000U);
+    ASSERT_EQ(cloud.normals.size(), 3000U);
+    for (std::size_t i = 0; i < cloud.size(); ++i) {
+        EXPECT_GT(cloud.normals[i].dot(cloud.positions[i].normalized()), 0.9F);  // outward
+    }
+    for (const char* name : {"variation", "density", "anisotropy", "label"}) {
+        EXPECT_NE(find_attribute(cloud, name), nullptr) << name;
+    }
+}
+
+TEST_F(RunJob, AnalyzeTurnsNormalsTowardsAViewpointInTheFile) {
+    PointCloud cloud = test::plane(1000);
+    cloud.origin = Vec3d(1e6, 1e6, 1e6);
+    cloud.double_precision = true;
+    const Vec3d center = (bounds(cloud).min + bounds(cloud).max) / 2;
+    AnalyzeJob job;
+    job.output = kPly;
+    job.options.signs = NormalSigns::Viewpoint;
+    job.options.viewpoint = center - Vec3d(0, 0, 5);
+    run(spec_for(cloud, job));
+    for (const Vec3f& normal : read_cloud(output()).normals) EXPECT_LT(normal.z(), -0.9F);
 }
 
 TEST_F(RunJob, RefusesAFileOverALimitByItsHeader) {

@@ -1,5 +1,7 @@
 #include "cli/command_line.hpp"
 
+#include "cli/method_options.hpp"
+#include "cli/names.hpp"
 #include "stipple/error.hpp"
 
 #include <CLI/CLI.hpp>
@@ -13,17 +15,16 @@ namespace {
 
 namespace fs = std::filesystem;
 
-template <typename T>
-using Names = std::map<std::string, T>;
-
-const Names<Representative> kRepresentatives = {{"surface", Representative::Surface},
-                                                {"nearest", Representative::Nearest},
-                                                {"centroid", Representative::Centroid}};
 const Names<Reduction> kReductions = {{"mean", Reduction::Mean},
                                       {"nearest", Reduction::Nearest},
                                       {"min", Reduction::Min},
                                       {"max", Reduction::Max},
                                       {"mode", Reduction::Mode}};
+const Names<SplatAttributes> kSplats = {{"none", SplatAttributes::None},
+                                        {"radius", SplatAttributes::Radius},
+                                        {"normal", SplatAttributes::Normal},
+                                        {"ellipse", SplatAttributes::Ellipse}};
+const Names<NormalSigns> kSigns = {{"mst", NormalSigns::SpanningTree}, {"none", NormalSigns::Any}};
 const Names<DracoCoding> kCodings = {{"auto", DracoCoding::Auto},
                                      {"sequential", DracoCoding::Sequential},
                                      {"kd-tree", DracoCoding::KdTree}};
@@ -33,10 +34,14 @@ const Names<PlyEncoding> kPlyEncodings = {{"le", PlyEncoding::BinaryLittleEndian
 
 /// What the options are read into before they are checked and mean something.
 struct Values {
-    std::string input, output, method = "hierarchical", representative = "nearest";
-    std::optional<std::uint64_t> points, max_cluster_size;
-    std::optional<double> ratio, max_error, max_variation, precision;
+    std::string input, output, method{to_string(SimplifyOptions{}.method)};
+    std::optional<std::uint64_t> points;
+    std::optional<double> ratio, max_error, precision;
     std::uint64_t seed = 0;
+    MethodValues of_methods;
+    std::string splats = "radius", orient = "mst", viewpoint;
+    bool source_index = false;
+    SurfaceAttributeOptions surface;
     std::vector<std::string> reductions, formats = {"drc", "ply"};
     std::vector<std::uint64_t> levels;
     LodPyramidOptions pyramid;
@@ -46,21 +51,6 @@ struct Values {
     ServerOptions server;
     CommonOptions common;
 };
-
-template <typename T>
-std::string names_of(const Names<T>& names) {
-    std::string list;
-    for (const auto& [name, value] : names) list += (list.empty() ? "" : ", ") + name;
-    return list;
-}
-
-template <typename T>
-T named(const Names<T>& names, const std::string& name, const std::string& option) {
-    const auto found = names.find(name);
-    if (found == names.end())
-        throw UsageError(option + " " + name + ": expected one of " + names_of(names));
-    return found->second;
-}
 
 // The options, in groups that several commands share.
 
@@ -82,15 +72,22 @@ void add_server(CLI::App& command, Values& values) {
         ->type_name("KEY");
 }
 
-void add_representative(CLI::App& command, Values& values) {
-    command
-        .add_option("--representative", values.representative,
-                    "nearest (default), surface or centroid")
-        ->type_name("KIND");
+void add_reductions(CLI::App& command, Values& values) {
     command
         .add_option("--reduce", values.reductions,
                     "mean, nearest, min, max or mode, for one attribute")
-        ->type_name("NAME=POLICY");
+        ->type_name("NAME=POLICY")
+        ->allow_extra_args(false);
+}
+
+void add_added_attributes(CLI::App& command, Values& values) {
+    command
+        .add_option("--splats", values.splats,
+                    "what to write of each point's splat: none, radius, normal or ellipse")
+        ->type_name("S")
+        ->capture_default_str();
+    command.add_flag("--source-index", values.source_index,
+                     "write which point of IN each was, as source_index");
 }
 
 void add_draco(CLI::App& command, Values& values) {
@@ -118,36 +115,100 @@ void add_input(CLI::App& command, Values& values) {
         ->type_name("FILE");
 }
 
+void add_output(CLI::App& command, Values& values) {
+    command.add_option("OUT", values.output, "a .ply or .drc file")->required()->type_name("FILE");
+}
+
+/// How the cloud is written, and where the work is done.
+void add_encoding(CLI::App& command, Values& values) {
+    add_draco(command, values);
+    add_ply(command, values);
+    add_server(command, values);
+    add_common(command, values);
+}
+
+std::string methods() {
+    std::string names;
+    for (const Method method : kMethods)
+        names += (names.empty() ? "" : ", ") + std::string(to_string(method));
+    return names;
+}
+
 CLI::App& add_simplify(CLI::App& app, Values& values) {
     CLI::App& command = *app.add_subcommand("simplify", "fewer points, the same surface");
     add_input(command, values);
-    command.add_option("OUT", values.output, "a .ply or .drc file")->required()->type_name("FILE");
-    command.add_option("-m,--method", values.method, "hierarchical (default)")->type_name("M");
+    add_output(command, values);
+    command.add_option("-m,--method", values.method, methods())
+        ->type_name("M")
+        ->capture_default_str();
     command.add_option("-n,--points", values.points, "exactly so many points")->type_name("N");
     command.add_option("-r,--ratio", values.ratio, "this share of the points, in (0, 1]")
         ->type_name("R");
     command
         .add_option("--max-error", values.max_error, "within this distance (not in this version)")
         ->type_name("E");
-    command
-        .add_option("--max-cluster-size", values.max_cluster_size, "instead: points in a cluster")
-        ->type_name("N");
-    command
-        .add_option("--max-variation", values.max_variation,
-                    "instead: surface variation, in (0, 1/3]")
-        ->type_name("S");
-    command.add_option("--seed", values.seed, "of methods that draw at random")->type_name("S");
-    add_representative(command, values);
-    add_draco(command, values);
-    add_ply(command, values);
-    add_server(command, values);
-    add_common(command, values);
+    command.add_option("--seed", values.seed, "of methods that draw at random")
+        ->type_name("S")
+        ->capture_default_str();
+    add_reductions(command, values);
+    add_added_attributes(command, values);
+    add_encoding(command, values);
+    add_method_options(command, values.of_methods);
     command.footer(
         "Examples:\n"
         "  stipple simplify scan.ply small.ply --points 5000\n"
         "  stipple simplify scan.ply small.drc --ratio 0.01 --precision 0.001\n"
-        "  stipple simplify scan.ply small.ply --max-variation 0.02 --json figures.json\n"
+        "  stipple simplify scan.ply small.ply --method iterative -n 5000 --color-weight 0.1\n"
+        "  stipple simplify scan.ply small.ply --method hierarchical --max-variation 0.02\n"
+        "  stipple simplify scan.ply even.ply --method particles -n 5000 --region "
+        "sphere:0,0,0,1:4\n"
         "  stipple simplify scan.ply small.drc -n 5000 --server http://127.0.0.1:8080");
+    return command;
+}
+
+CLI::App& add_upsample(CLI::App& app, Values& values) {
+    CLI::App& command = *app.add_subcommand("upsample", "more points on the same surface");
+    add_input(command, values);
+    add_output(command, values);
+    command.add_option("-n,--points", values.points, "exactly so many points, more than IN has")
+        ->type_name("N");
+    command.add_option("-r,--ratio", values.ratio, "so many times the points, above 1")
+        ->type_name("R");
+    add_particle_options(command, values.of_methods);
+    command.add_option("--seed", values.seed, "another seed, other points")
+        ->type_name("S")
+        ->capture_default_str();
+    add_reductions(command, values);
+    add_added_attributes(command, values);
+    add_encoding(command, values);
+    command.footer(
+        "Examples:\n"
+        "  stipple upsample scan.ply dense.ply --ratio 4\n"
+        "  stipple upsample scan.ply dense.drc --points 1000000");
+    return command;
+}
+
+CLI::App& add_analyze(CLI::App& app, Values& values) {
+    CLI::App& command =
+        *app.add_subcommand("analyze", "normals, variation, density and anisotropy of every point");
+    add_input(command, values);
+    add_output(command, values);
+    command.add_option("--k", values.surface.k, "neighbours, 3..64; 0: chosen for each point")
+        ->type_name("K")
+        ->capture_default_str();
+    auto* const orient =
+        command.add_option("--orient", values.orient, "signs of the normals: mst or none")
+            ->type_name("O")
+            ->capture_default_str();
+    command
+        .add_option("--viewpoint", values.viewpoint, "turn the normals towards this point instead")
+        ->type_name("X,Y,Z")
+        ->excludes(orient);
+    add_encoding(command, values);
+    command.footer(
+        "Examples:\n"
+        "  stipple analyze scan.ply analyzed.ply\n"
+        "  stipple analyze scan.ply analyzed.ply --k 24 --viewpoint 0,0,10");
     return command;
 }
 
@@ -173,7 +234,8 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
     command.add_option("--formats", values.formats, "drc, ply or both (default)")
         ->delimiter(',')
         ->type_name("F,F");
-    add_representative(command, values);
+    add_representative(command, values.of_methods.representative);
+    add_reductions(command, values);
     add_draco(command, values);
     add_server(command, values);
     add_common(command, values);
@@ -276,24 +338,62 @@ void refuse_max_error(const Values& values) {
             "R");
 }
 
-SimplifyCommand simplify_command(const Values& values) {
+proto::AddedAttributes added_attributes(const Values& values) {
+    return {named(kSplats, values.splats, "--splats"), values.source_index};
+}
+
+/// All of a command but the options of its job.
+template <typename Job>
+FileCommand<Job> file_command(const Values& values) {
+    FileCommand<Job> command{values.input, values.output,  {},
+                             ply(values),  server(values), values.common};
+    command.job.output = {{format_of(values.output)}, draco(values)};
+    if constexpr (requires { command.job.added; }) command.job.added = added_attributes(values);
+    return command;
+}
+
+SimplifyCommand simplify_command(const Values& values, const CLI::App& app) {
     refuse_max_error(values);
-    SimplifyCommand command{values.input, values.output,  {},
-                            ply(values),  server(values), values.common};
+    auto command = file_command<proto::SimplifyJob>(values);
     SimplifyOptions& options = command.job.options;
     options.method = method_from_name(values.method);
+    refuse_options_of_other_methods(app, options.method);
     options.points = values.points;
     options.ratio = values.ratio;
-    options.hierarchical.max_cluster_size = values.max_cluster_size;
-    options.hierarchical.max_variation = values.max_variation;
-    options.hierarchical.representative =
-        named(kRepresentatives, values.representative, "--representative");
+    set_method_options(values.of_methods, options);
     options.reductions = reductions(values);
     options.seed = values.seed;
-    command.job.output = {{format_of(values.output)}, draco(values)};
-    const bool bounded = values.max_cluster_size || values.max_variation;
-    if (!values.points && !values.ratio && !bounded)
+    const MethodValues& own = values.of_methods;
+    if (!values.points && !values.ratio && !own.max_cluster_size && !own.max_variation &&
+        !own.voxel_size)
         throw UsageError("how many points? give --points N or --ratio R");
+    validate(options);
+    return command;
+}
+
+UpsampleCommand upsample_command(const Values& values) {
+    auto command = file_command<proto::UpsampleJob>(values);
+    UpsampleOptions& options = command.job.options;
+    options.points = values.points;
+    options.ratio = values.ratio;
+    if (!values.points && !values.ratio)
+        throw UsageError("how many points? give --points N or --ratio R");
+    options.particles = particle_options(values.of_methods);
+    options.particles.seed = values.seed;
+    options.particles.reductions = reductions(values);
+    validate(options);
+    return command;
+}
+
+AnalyzeCommand analyze_command(const Values& values) {
+    auto command = file_command<proto::AnalyzeJob>(values);
+    SurfaceAttributeOptions& options = command.job.options;
+    options = values.surface;
+    options.signs = named(kSigns, values.orient, "--orient");
+    if (!values.viewpoint.empty()) {
+        options.signs = NormalSigns::Viewpoint;
+        options.viewpoint = read_position(values.viewpoint, "--viewpoint");
+    }
     validate(options);
     return command;
 }
@@ -303,7 +403,7 @@ PyramidCommand pyramid_command(const Values& values) {
     LodPyramidOptions& options = command.job.options;
     options = values.pyramid;
     options.sizes = values.levels;
-    options.representative = named(kRepresentatives, values.representative, "--representative");
+    options.representative = representative_from_name(values.of_methods.representative);
     options.reductions = reductions(values);
     std::vector<CloudFormat>& formats = command.job.output.formats;
     for (const std::string& name : values.formats) {
@@ -334,13 +434,17 @@ std::vector<std::string> reversed(std::vector<std::string> arguments) {
 
 Command parse(CLI::App& app, Values& values, const std::vector<std::string>& arguments) {
     const CLI::App& simplify = add_simplify(app, values);
+    const CLI::App& upsample = add_upsample(app, values);
+    const CLI::App& analyze = add_analyze(app, values);
     const CLI::App& pyramid = add_pyramid(app, values);
     const CLI::App& inspect = add_inspect(app, values);
     const CLI::App& convert = add_convert(app, values);
     const CLI::App& synthesize = add_synthesize(app, values);
     app.parse(reversed(arguments));
 
-    if (simplify.parsed()) return simplify_command(values);
+    if (simplify.parsed()) return simplify_command(values, simplify);
+    if (upsample.parsed()) return upsample_command(values);
+    if (analyze.parsed()) return analyze_command(values);
     if (pyramid.parsed()) return pyramid_command(values);
     if (inspect.parsed()) return InspectCommand{values.input, values.common};
     if (convert.parsed()) return convert_command(values);

@@ -25,13 +25,18 @@ struct ServerOptions {
     std::string api_key;
 };
 
-struct SimplifyCommand {
+/// A cloud in, a cloud out.
+template <typename Job>
+struct FileCommand {
     std::filesystem::path input, output;
-    proto::SimplifyJob job;
+    Job job;
     PlyEncodeOptions ply;
     ServerOptions server;
     CommonOptions common;
 };
+using SimplifyCommand = FileCommand<proto::SimplifyJob>;
+using UpsampleCommand = FileCommand<proto::UpsampleJob>;
+using AnalyzeCommand = FileCommand<proto::AnalyzeJob>;
 
 struct PyramidCommand {
     std::filesystem::path input, output_folder;
@@ -65,8 +70,8 @@ struct InfoCommand {
     std::string text;
 };
 
-using Command = std::variant<InfoCommand, SimplifyCommand, PyramidCommand, InspectCommand,
-                             ConvertCommand, SynthesizeCommand>;
+using Command = std::variant<InfoCommand, SimplifyCommand, UpsampleCommand, AnalyzeCommand,
+                             PyramidCommand, InspectCommand, ConvertCommand, SynthesizeCommand>;
 
 /// The command line says something that cannot be done: exit code 2.
 class UsageError : public std::runtime_error {

@@ -24,7 +24,7 @@ void move_into_place(const fs::path& from, const fs::path& to) {
 
 proto::OutputFile& only_output(proto::Results& results) {
     if (results.levels.size() != 1 || results.levels.front().files.size() != 1 || !results.source)
-        throw Error(ErrorCode::Internal, "the result of a simplify job is not one file: " +
+        throw Error(ErrorCode::Internal, "the result of the job is not one file: " +
                                              std::to_string(results.levels.size()) +
                                              " clouds came");
     return results.levels.front().files.front();

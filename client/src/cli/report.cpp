@@ -82,6 +82,7 @@ void add_cost(ordered_json& figures, const proto::JobCost& cost) {
     figures["threads"] = cost.threads;
     figures["seconds"] = {{"decode", cost.decode_seconds},
                           {"simplify", cost.simplify_seconds},
+                          {"splats", cost.splats_seconds},
                           {"encode", cost.encode_seconds},
                           {"total", cost.total_seconds}};
     figures["peak_memory_bytes"] = cost.peak_memory_bytes;

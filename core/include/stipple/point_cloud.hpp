@@ -91,4 +91,7 @@ PointCloud subset(const PointCloud& cloud, std::span<const Index> indices);
 /// The attribute of that name, or null.
 const Attribute* find_attribute(const PointCloud& cloud, std::string_view name) noexcept;
 
+/// Adds an attribute, in the place of the one of that name where there is one.
+void set_attribute(PointCloud& cloud, Attribute attribute);
+
 }  // namespace stipple

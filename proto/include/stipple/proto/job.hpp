@@ -1,53 +1,16 @@
 #pragma once
 
 #include "stipple/codec.hpp"
-#include "stipple/lod_pyramid.hpp"
+#include "stipple/proto/job_request.hpp"
 #include "stipple/proto/problem.hpp"
-#include "stipple/simplify.hpp"
 
 #include <cstdint>
 #include <optional>
 #include <string>
 #include <string_view>
-#include <variant>
 #include <vector>
 
 namespace stipple::proto {
-
-/// How results are encoded.
-struct OutputOptions {
-    std::vector<CloudFormat> formats;  ///< simplify: one, `ply` by default; pyramid: `drc` and `ply` by default
-    DracoEncodeOptions draco;
-};
-
-struct SimplifyJob {
-    SimplifyOptions options;
-    OutputOptions output;
-};
-struct PyramidJob {
-    LodPyramidOptions options;
-    OutputOptions output;
-};
-
-/// The body of `POST /v1/jobs`. Unknown fields are refused by name. Core's own option structs: one definition of each default.
-///
-///     {"type": "simplify", "input": "<sha-256>", "method": "hierarchical", "points": 5000 | "ratio": 0.01 |
-///      "max_cluster_size": 50 and/or "max_variation": 0.05,
-///      "representative": "nearest" | "surface" | "centroid", "seed": 0, "reductions": {"intensity": "mean"},
-///      "format": "ply" | "drc", "draco": {"position_bits": 14, "precision": 0.001, "normal_bits": 10, "coding": "auto"}}
-///     {"type": "pyramid", "input": "<sha-256>", "levels": [1000, 10000] | "ratio": 4, "base_points": 10000,
-///      "representative": …, "reductions": …, "formats": ["drc", "ply"], "draco": {…}}
-struct JobRequest {
-    std::string input;  ///< id of the cloud: SHA-256 of its bytes, 64 lower-case hexadecimal digits
-    std::variant<SimplifyJob, PyramidJob> job;
-};
-
-/// `simplify` or `pyramid`.
-std::string_view type_name(const JobRequest& request) noexcept;
-/// One form for equal requests (defaults written out, keys sorted), so that its hash identifies the work.
-std::string to_json(const JobRequest& request);
-/// Strict: @throws Error(InvalidArgument) naming the field, its value and what is expected.
-JobRequest job_request_from_json(std::string_view json);
 
 /// accepted -> running -> successful | failed | dismissed; accepted -> dismissed. As OGC API - Processes names them.
 enum class JobStatus { Accepted, Running, Successful, Failed, Dismissed };
@@ -109,6 +72,7 @@ std::string to_json(const CloudDocument& document);
 CloudDocument cloud_document_from_json(std::string_view json);
 std::string to_json(const CloudStatistics& statistics);
 CloudStatistics cloud_statistics_from_json(std::string_view json);
+std::vector<CloudAttribute> attributes_of(const PointCloud& cloud);
 /// What is told of a cloud that was decoded and cleaned.
 CloudStatistics describe(const PointCloud& cleaned, const DecodeReport& report, std::uint64_t non_finite,
                          std::uint64_t duplicates);

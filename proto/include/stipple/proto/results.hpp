@@ -17,7 +17,7 @@ struct OutputFile {
     std::string href;    ///< where it is served: absolute path on the server, relative file name in an exported folder
 };
 
-/// One simplified cloud: the only one of a simplify job, or a level of a pyramid (0 the coarsest).
+/// One cloud that was made: the only one of a job, or a level of a pyramid (0 the coarsest).
 struct OutputCloud {
     unsigned level = 0;
     std::uint64_t points = 0;
@@ -28,7 +28,11 @@ struct OutputCloud {
 
 /// What a job took.
 struct JobCost {
-    double decode_seconds = 0, simplify_seconds = 0, encode_seconds = 0, total_seconds = 0;
+    double decode_seconds = 0;    ///< with the cleaning
+    double simplify_seconds = 0;  ///< the computation alone, of every type of job
+    double splats_seconds = 0;    ///< measuring the splats of the result
+    double encode_seconds = 0;
+    double total_seconds = 0;
     std::uint64_t peak_memory_bytes = 0;
     unsigned threads = 0;
 };
@@ -36,12 +40,12 @@ struct JobCost {
 /// What a job made. The same struct is `GET /v1/jobs/{id}/results`, and a pyramid's `manifest.json`:
 ///
 ///     {"schema": "stipple-results/1" | "stipple-pyramid/1", "complete": true, "request": {…},
-///      "source": {cloud statistics, "sha256"}, "method": "hierarchical",
+///      "source": {cloud statistics, "sha256"}, "method": "multiphase",
 ///      "levels": [{"level": 0, "points": 8396, "spacing": 0.5, "bounds": {"min": [x, y, z], "max": […]},
 ///                  "files": [{"format": "drc", "bytes": 20000, "sha256": "…", "href": "…"}]}],
-///      "cost": {"seconds": {"decode", "simplify", "encode", "total"}, "peak_memory_bytes", "threads"}}
+///      "cost": {"seconds": {"decode", "simplify", "splats", "encode", "total"}, "peak_memory_bytes", "threads"}}
 ///
-/// `complete` is false while levels are still to come; `cost` stands only in a complete one.
+/// `method` is absent where there is none (analyze). `complete` is false while levels are still to come; `cost` stands only in a complete one.
 struct Results {
     JobRequest request;
     std::optional<CloudStatistics> source;  ///< absent until decoded
@@ -49,6 +53,8 @@ struct Results {
     bool complete = false;
     std::optional<JobCost> cost;
 };
+/// The method by which a job makes points; none when it makes none.
+std::optional<Method> method_of(const JobRequest& request) noexcept;
 std::string to_json(const Results& results);
 Results results_from_json(std::string_view json);
 

@@ -9,23 +9,27 @@
 
 namespace stipple::proto {
 
-/// The stages of a job in their order, and how much of the 100 percent each has. A pyramid goes to and fro between the last
-/// two; the sum never decreases.
+/// The stages of a job in their order, and how much of the 100 percent each has. Of `simplify`,
+/// `upsample` and `analyze` a job has one. A pyramid goes to and fro between the last two that it
+/// has; the sum never decreases.
 struct JobStage {
     std::string_view name;
     double share;  ///< percent
 };
-inline constexpr std::array<JobStage, 4> kJobStages = {{
+inline constexpr std::array<JobStage, 6> kJobStages = {{
     {"decode", 20},
     {"clean", 5},
     {"simplify", 50},
+    {"upsample", 50},
+    {"analyze", 50},
     {"encode", 25},
 }};
 
-/// Does what a job says: decode, clean, simplify, encode level by level into `spec.output_dir`. The one code path of
-/// stipple-job and of the command line. A level is reported once its files are whole, coarsest first; then the cost.
-/// Progress is reported when a stage begins, else at most 20 times a second. The time of `decode` includes the cleaning; that of
-/// `simplify` is the computation alone, on the cloud in memory.
+/// Does what a job says: decode, clean, compute, encode level by level into `spec.output_dir`. The
+/// one code path of stipple-job and of the command line. A level is reported once its files are
+/// whole, coarsest first; then the cost. Progress is reported when a stage begins, else at most 20
+/// times a second. The time of `decode` includes the cleaning; that of `simplify` is the
+/// computation alone, on the cloud in memory; that of `splats` stands beside it.
 ///
 /// Limits of the process (memory, processor time) are the caller's to set. `context.progress` is not called: progress goes to `report`.
 /// @throws Error, Cancelled; Error(MalformedInput) when no point is left after cleaning; bad_alloc becomes Error(TooLarge) naming `spec.max_memory_bytes`.

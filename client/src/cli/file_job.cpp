@@ -23,7 +23,8 @@ void change_encoding(const fs::path& file, const PlyEncodeOptions& options,
     output.sha256 = proto::sha256_of_file(file);
 }
 
-ordered_json figures(const SimplifyCommand& command, const proto::Results& results) {
+template <typename Job>
+ordered_json figures(const FileCommand<Job>& command, const proto::Results& results) {
     const proto::OutputCloud& cloud = results.levels.front();
     const proto::OutputFile& file = cloud.files.front();
     ordered_json json;
@@ -35,12 +36,13 @@ ordered_json figures(const SimplifyCommand& command, const proto::Results& resul
                       {"sha256", file.sha256},
                       {"spacing", cloud.spacing},
                       {"bounds", bounds_json(cloud.bounds)}};
-    json["method"] = to_string(command.job.options.method);
+    if (const auto method = proto::method_of(results.request)) json["method"] = to_string(*method);
     if (results.cost) add_cost(json, *results.cost);
     return json;
 }
 
-void summarise(const SimplifyCommand& command, const proto::Results& results, double seconds,
+template <typename Job>
+void summarise(const FileCommand<Job>& command, const proto::Results& results, double seconds,
                const Terminal& terminal) {
     const proto::OutputCloud& cloud = results.levels.front();
     const TextStyle& style = terminal.style();
@@ -52,9 +54,8 @@ void summarise(const SimplifyCommand& command, const proto::Results& results, do
     if (terminal.interactive() && !losses.empty()) std::cerr << style.dim(losses) << '\n';
 }
 
-}  // namespace
-
-void run(const SimplifyCommand& command, const Session& session) {
+template <typename Job>
+void run_file_job(const FileCommand<Job>& command, const Session& session) {
     const auto start = std::chrono::steady_clock::now();
     require_input(command.input);
     const ScratchFolder scratch(folder_of(command.output));
@@ -75,6 +76,20 @@ void run(const SimplifyCommand& command, const Session& session) {
     const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
     if (!command.common.quiet) summarise(command, results, took.count(), session.terminal);
     write_json(command.common.json, figures(command, results));
+}
+
+}  // namespace
+
+void run(const SimplifyCommand& command, const Session& session) {
+    run_file_job(command, session);
+}
+
+void run(const UpsampleCommand& command, const Session& session) {
+    run_file_job(command, session);
+}
+
+void run(const AnalyzeCommand& command, const Session& session) {
+    run_file_job(command, session);
 }
 
 }  // namespace stipple::cli

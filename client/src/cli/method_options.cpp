@@ -1,0 +1,246 @@
+#include "cli/method_options.hpp"
+
+#include "cli/names.hpp"
+#include "stipple/proto/job_request.hpp"
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+
+namespace stipple::cli {
+namespace {
+
+const Names<Representative> kRepresentatives = {{"surface", Representative::Surface},
+                                                {"nearest", Representative::Nearest},
+                                                {"centroid", Representative::Centroid}};
+const Names<Placement> kPlacements = {{"optimal", Placement::Optimal},
+                                      {"end-point", Placement::EndPoint}};
+
+/// The option that stands for a field of a request.
+std::string option_of(std::string_view field) {
+    if (field == "reductions") return "--reduce";
+    if (field == "attribute_weights") return "--attribute-weight";
+    if (field == "regions") return "--region";
+    std::string name = "--" + std::string(field);
+    std::replace(name.begin(), name.end(), '_', '-');
+    return name;
+}
+
+void add_contraction(CLI::App& command, MethodValues& values) {
+    command
+        .add_option("--oversampling", values.oversampling,
+                    "of multiphase: so many clusters a point, 1..64")
+        ->type_name("M")
+        ->capture_default_str();
+    command.add_option("--k", values.contraction.k, "neighbours to contract with, 3..32")
+        ->type_name("K")
+        ->capture_default_str();
+    command
+        .add_option("--placement", values.placement, "optimal, or end-point: a subset of the input")
+        ->type_name("P")
+        ->capture_default_str();
+    command
+        .add_option("--max-displacement", values.contraction.max_displacement,
+                    "no point farther from the input, input units")
+        ->type_name("D");
+    command
+        .add_option("--color-weight", values.contraction.color_weight,
+                    "what a colour difference costs; 0: shape alone")
+        ->type_name("W")
+        ->capture_default_str();
+    command
+        .add_option("--attribute-weight", values.attribute_weights,
+                    "the same for an attribute; may be repeated")
+        ->type_name("NAME=W")
+        ->allow_extra_args(false);
+}
+
+void add_clustering(CLI::App& command, MethodValues& values) {
+    command
+        .add_option("--max-cluster-size", values.max_cluster_size,
+                    "instead of a target: points in a cluster")
+        ->type_name("N");
+    command
+        .add_option("--max-variation", values.max_variation,
+                    "instead: surface variation, in (0, 1/3]; of incremental also beside a target")
+        ->type_name("S");
+}
+
+std::vector<std::string> split(const std::string& text, char separator) {
+    std::vector<std::string> parts;
+    std::size_t from = 0;
+    while (true) {
+        const std::size_t to = text.find(separator, from);
+        parts.push_back(text.substr(from, to - from));
+        if (to == text.npos) return parts;
+        from = to + 1;
+    }
+}
+
+std::optional<double> number(const std::string& text) {
+    double value = 0;
+    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+    const bool whole = error == std::errc() && end == text.data() + text.size();
+    return whole && std::isfinite(value) ? std::optional(value) : std::nullopt;
+}
+
+/// All of them, or none.
+std::vector<double> numbers(const std::vector<std::string>& texts) {
+    std::vector<double> values;
+    for (const std::string& text : texts) {
+        const std::optional<double> value = number(text);
+        if (!value) return {};
+        values.push_back(*value);
+    }
+    return values;
+}
+
+[[noreturn]] void refuse_region(const std::string& text) {
+    throw UsageError("--region " + text +
+                     ": expected sphere:X,Y,Z,R:DENSITY, box:X0,Y0,Z0,X1,Y1,Z1:DENSITY or "
+                     "attribute:NAME,LOW,HIGH:DENSITY, then :TRANSITION or nothing");
+}
+
+using Place = decltype(DensityRegion::where);
+
+std::optional<Place> read_place(const std::string& kind, const std::vector<std::string>& parts) {
+    if (kind == "attribute") {
+        if (parts.size() != 3) return std::nullopt;
+        const std::vector<double> range = numbers({parts[1], parts[2]});
+        if (range.empty()) return std::nullopt;
+        return DensityRegion::Scalar{parts[0], range[0], range[1]};
+    }
+    const std::vector<double> v = numbers(parts);
+    if (kind == "sphere" && v.size() == 4) return DensityRegion::Sphere{{v[0], v[1], v[2]}, v[3]};
+    if (kind == "box" && v.size() == 6)
+        return DensityRegion::Box{{v[0], v[1], v[2]}, {v[3], v[4], v[5]}};
+    return std::nullopt;
+}
+
+}  // namespace
+
+void add_representative(CLI::App& command, std::string& representative) {
+    command.add_option("--representative", representative, "nearest, surface or centroid")
+        ->type_name("KIND")
+        ->capture_default_str();
+}
+
+void add_method_options(CLI::App& command, MethodValues& values) {
+    const auto group = [&command](const std::string& name) {
+        command.option_defaults()->group(name);
+    };
+    group("Of multiphase and iterative");
+    add_contraction(command, values);
+    group("Of hierarchical, incremental and voxel");
+    add_clustering(command, values);
+    command
+        .add_option("--voxel-size", values.voxel_size,
+                    "of voxel, instead of a target: edge of a cube, input units")
+        ->type_name("L");
+    add_representative(command, values.representative);
+    group("Of particles");
+    add_particle_options(command, values);
+    group("Options");
+}
+
+void add_particle_options(CLI::App& command, MethodValues& values) {
+    command
+        .add_option("--adaptivity", values.particles.adaptivity,
+                    "0: even; 1: closer where the surface bends")
+        ->type_name("A")
+        ->capture_default_str();
+    command
+        .add_option("--max-grading", values.particles.max_grading,
+                    "largest over smallest distance, when adaptive")
+        ->type_name("G")
+        ->capture_default_str();
+    command
+        .add_option("--region", values.regions,
+                    "sphere:X,Y,Z,R:DENSITY[:TRANSITION], box:X0,Y0,Z0,X1,Y1,Z1:… or "
+                    "attribute:NAME,LOW,HIGH:…; may be repeated")
+        ->type_name("WHERE:DENSITY")
+        ->allow_extra_args(false);
+    command.add_option("--max-iterations", values.particles.max_iterations, "of a stage")
+        ->type_name("I")
+        ->capture_default_str();
+    command
+        .add_option("--tolerance", values.particles.tolerance,
+                    "mean step that ends a stage, of the distance")
+        ->type_name("T")
+        ->capture_default_str();
+}
+
+void refuse_options_of_other_methods(const CLI::App& command, Method method) {
+    for (const proto::MethodField& field : proto::method_fields()) {
+        const std::string name = option_of(field.name);
+        if (field.has(method) || command.count(name) == 0) continue;
+        throw UsageError(name + " " + proto::misplaced(field, method));
+    }
+}
+
+ParticleSimulationOptions particle_options(const MethodValues& values) {
+    ParticleSimulationOptions options = values.particles;
+    for (const std::string& region : values.regions) options.regions.push_back(read_region(region));
+    return options;
+}
+
+void set_method_options(const MethodValues& values, SimplifyOptions& options) {
+    const Representative representative = representative_from_name(values.representative);
+    options.hierarchical.max_cluster_size = values.max_cluster_size;
+    options.hierarchical.max_variation = values.max_variation;
+    options.hierarchical.representative = representative;
+    options.incremental.max_cluster_size = values.max_cluster_size;
+    options.incremental.max_variation = values.max_variation;
+    options.incremental.representative = representative;
+    options.voxel.voxel_size = values.voxel_size;
+    options.voxel.representative = representative;
+    options.oversampling = values.oversampling;
+    options.iterative = values.contraction;
+    options.iterative.placement = named(kPlacements, values.placement, "--placement");
+    for (const std::string& text : values.attribute_weights) {
+        const std::size_t equals = text.rfind('=');
+        const auto weight = equals == text.npos ? std::nullopt : number(text.substr(equals + 1));
+        if (equals == 0 || !weight)
+            throw UsageError("--attribute-weight " + text + ": expected NAME=W, as in intensity=1");
+        options.iterative.attribute_weights[text.substr(0, equals)] = *weight;
+    }
+    options.particles = particle_options(values);
+}
+
+Representative representative_from_name(const std::string& name) {
+    return named(kRepresentatives, name, "--representative");
+}
+
+DensityRegion read_region(const std::string& text) {
+    // From both ends, for the name of an attribute may hold colons and commas.
+    const std::size_t colon = text.find(':');
+    const std::size_t comma = text.rfind(',');
+    if (colon == text.npos || comma == text.npos || comma < colon) refuse_region(text);
+    const std::string kind = text.substr(0, colon);
+    const std::string before = text.substr(colon + 1, comma - colon - 1);
+    const std::vector<std::string> last = split(text.substr(comma + 1), ':');
+    if (last.size() < 2 || last.size() > 3) refuse_region(text);
+
+    std::vector<std::string> parts;
+    if (kind == "attribute") {
+        const std::size_t end = before.rfind(',');
+        if (end == before.npos) refuse_region(text);
+        parts = {before.substr(0, end), before.substr(end + 1)};
+    } else {
+        parts = split(before, ',');
+    }
+    parts.push_back(last[0]);
+    const std::optional<Place> place = read_place(kind, parts);
+    const std::vector<double> figures = numbers({last.begin() + 1, last.end()});
+    if (!place || figures.empty()) refuse_region(text);
+    return {*place, figures[0], figures.size() > 1 ? figures[1] : 0.0};
+}
+
+Vec3d read_position(const std::string& text, const std::string& option) {
+    const std::vector<double> v = numbers(split(text, ','));
+    if (v.size() != 3) throw UsageError(option + " " + text + ": expected X,Y,Z");
+    return {v[0], v[1], v[2]};
+}
+
+}  // namespace stipple::cli

@@ -1,0 +1,104 @@
+#pragma once
+
+#include "stipple/codec.hpp"
+#include "stipple/lod_pyramid.hpp"
+#include "stipple/simplify.hpp"
+#include "stipple/surface_attributes.hpp"
+
+#include <span>
+#include <string>
+#include <string_view>
+#include <variant>
+#include <vector>
+
+namespace stipple::proto {
+
+/// How results are encoded.
+struct OutputOptions {
+    std::vector<CloudFormat>
+        formats;  ///< pyramid: `drc` and `ply` by default; else one, `ply` by default
+    DracoEncodeOptions draco;
+};
+
+/// What a job writes for each point beside the attributes of the input. An attribute of the input
+/// that has the name of one of these is replaced.
+struct AddedAttributes {
+    SplatAttributes splats = SplatAttributes::Radius;
+    bool source_index = false;  ///< uint32 `source_index`: which point of the file it was, or was
+                                ///< nearest to it, counted from 0 before cleaning
+};
+
+struct SimplifyJob {
+    SimplifyOptions options;
+    OutputOptions output;
+    AddedAttributes added{};
+};
+struct UpsampleJob {
+    UpsampleOptions options;
+    OutputOptions output;
+    AddedAttributes added{};
+};
+struct AnalyzeJob {
+    SurfaceAttributeOptions options;
+    OutputOptions output;
+};
+struct PyramidJob {
+    LodPyramidOptions options;
+    OutputOptions output;
+};
+
+/// The body of `POST /v1/jobs`: core's own option structs, one definition of each default. Unknown
+/// fields are refused by name, and so are fields of another method (`method_fields`).
+/// Coordinates (regions, a viewpoint) are those of the file: `run_job` subtracts the origin.
+///
+///     {"type": "simplify", "input": "<sha-256>", "method": "multiphase",
+///      "points": 5000 | "ratio": 0.01, "seed": 0, "reductions": {"intensity": "mean"},
+///      "splats": "radius" | "none" | "normal" | "ellipse", "source_index": false,
+///      "format": "ply" | "drc",
+///      "draco": {"position_bits": 14, "precision": 0.001, "normal_bits": 10, "coding": "auto"}}
+///
+/// with the fields of its method:
+///
+///     multiphase    "oversampling": 4, and those of iterative
+///     iterative     "k": 8, "placement": "optimal" | "end-point", "max_displacement": 0.1,
+///                   "color_weight": 0, "attribute_weights": {"intensity": 0.1}
+///     hierarchical  "representative": "nearest" | "surface" | "centroid"; instead of a target
+///                   "max_cluster_size": 50 and/or "max_variation": 0.05
+///     incremental   the same; "max_variation" also beside a target
+///     particles     "adaptivity": 0, "max_grading": 4, "max_iterations": 40, "tolerance": 0.01,
+///                   "regions": [{"sphere": {"center": [0, 0, 0], "radius": 1} |
+///                                "box": {"min": [0, 0, 0], "max": [1, 1, 1]} |
+///                                "attribute": {"name": "intensity", "low": 0, "high": 1},
+///                                "density": 4, "transition": 0.5}]
+///     voxel         "representative"; instead of a target "voxel_size": 0.1
+///
+///     {"type": "upsample", "input": …, "points": 1000000 | "ratio": 4, "seed": 0, "reductions": …,
+///      the fields of particles, "splats": …, "source_index": …, "format": …, "draco": …}
+///     {"type": "analyze", "input": …, "k": 16, "orient": "mst" | "viewpoint" | "none",
+///      "viewpoint": [0, 0, 10], "format": …, "draco": …}
+///     {"type": "pyramid", "input": …, "levels": [1000, 10000] | "ratio": 4, "base_points": 10000,
+///      "representative": …, "reductions": …, "formats": ["drc", "ply"], "draco": …}
+struct JobRequest {
+    std::string input;  ///< id of the cloud: SHA-256 of its bytes, 64 lower-case hexadecimal digits
+    std::variant<SimplifyJob, PyramidJob, UpsampleJob, AnalyzeJob> job;
+};
+
+/// `simplify`, `pyramid`, `upsample` or `analyze`.
+std::string_view type_name(const JobRequest& request) noexcept;
+/// One form for equal requests (defaults written out, keys sorted), so that its hash identifies the
+/// work.
+std::string to_json(const JobRequest& request);
+/// Strict: @throws Error(InvalidArgument) naming the field, its value and what is expected.
+JobRequest job_request_from_json(std::string_view json);
+
+/// A field of a simplify request that not every method has.
+struct MethodField {
+    std::string_view name;
+    std::vector<Method> methods;
+    bool has(Method method) const noexcept;
+};
+std::span<const MethodField> method_fields();
+/// `max_variation belongs to hierarchical and incremental, not to voxel`, without the name.
+std::string misplaced(const MethodField& field, Method method);
+
+}  // namespace stipple::proto

@@ -1,0 +1,545 @@
+#include "stipple/proto/job_request.hpp"
+
+#include "json_parts.hpp"
+#include "names.hpp"
+#include "stipple/proto/digest.hpp"
+
+#include <algorithm>
+#include <array>
+
+namespace stipple::proto {
+
+namespace {
+
+constexpr JsonRules kRequestRules{ErrorCode::InvalidArgument, 1 << 20, 8};
+
+// Names on the wire.
+
+constexpr std::array kRepresentatives = {
+    Named<Representative>{Representative::Surface, "surface"},
+    Named<Representative>{Representative::Centroid, "centroid"},
+    Named<Representative>{Representative::Nearest, "nearest"},
+};
+constexpr std::array kPlacements = {
+    Named<Placement>{Placement::Optimal, "optimal"},
+    Named<Placement>{Placement::EndPoint, "end-point"},
+};
+constexpr std::array kReductions = {
+    Named<Reduction>{Reduction::Mean, "mean"}, Named<Reduction>{Reduction::Nearest, "nearest"},
+    Named<Reduction>{Reduction::Min, "min"},   Named<Reduction>{Reduction::Max, "max"},
+    Named<Reduction>{Reduction::Mode, "mode"},
+};
+constexpr std::array kSigns = {
+    Named<NormalSigns>{NormalSigns::SpanningTree, "mst"},
+    Named<NormalSigns>{NormalSigns::Viewpoint, "viewpoint"},
+    Named<NormalSigns>{NormalSigns::Any, "none"},
+};
+constexpr std::array kSplats = {
+    Named<SplatAttributes>{SplatAttributes::None, "none"},
+    Named<SplatAttributes>{SplatAttributes::Radius, "radius"},
+    Named<SplatAttributes>{SplatAttributes::Normal, "normal"},
+    Named<SplatAttributes>{SplatAttributes::Ellipse, "ellipse"},
+};
+constexpr std::array kCodings = {
+    Named<DracoCoding>{DracoCoding::Auto, "auto"},
+    Named<DracoCoding>{DracoCoding::Sequential, "sequential"},
+    Named<DracoCoding>{DracoCoding::KdTree, "kd-tree"},
+};
+
+// A field that may be absent, and then leaves what is there.
+
+void take(JsonObject& object, const char* name, bool& out) {
+    if (const auto value = object.find(name)) out = value->boolean();
+}
+void take(JsonObject& object, const char* name, double& out) {
+    if (const auto value = object.find(name)) out = value->number();
+}
+void take(JsonObject& object, const char* name, std::optional<double>& out) {
+    if (const auto value = object.find(name)) out = value->number();
+}
+void take(JsonObject& object, const char* name, unsigned& out) {
+    if (const auto value = object.find(name)) out = value->small_integer();
+}
+void take(JsonObject& object, const char* name, std::uint64_t& out) {
+    if (const auto value = object.find(name)) out = value->integer();
+}
+/// A count of something, at least 1.
+void take(JsonObject& object, const char* name, std::optional<std::uint64_t>& out) {
+    if (const auto value = object.find(name)) out = value->integer(1);
+}
+template <typename Enum, std::size_t N>
+void take(JsonObject& object, const char* name, const std::array<Named<Enum>, N>& names,
+          Enum& out) {
+    if (const auto value = object.find(name)) out = one_of(names, *value);
+}
+
+template <typename T>
+void add(Json& json, const char* name, const std::optional<T>& value) {
+    if (value) json[name] = *value;
+}
+
+// Parts that several types of job have.
+
+void take_reductions(JsonObject& object, std::map<std::string, Reduction>& reductions) {
+    const auto value = object.find("reductions");
+    if (!value) return;
+    for (const auto& [name, reduction] : value->members()) {
+        reductions[name] = one_of(kReductions, reduction);
+    }
+}
+
+Json reductions_json(const std::map<std::string, Reduction>& reductions) {
+    Json json = Json::object();
+    for (const auto& [name, reduction] : reductions) json[name] = name_of(kReductions, reduction);
+    return json;
+}
+
+DracoEncodeOptions read_draco(const JsonValue& value) {
+    JsonObject object = value.object();
+    DracoEncodeOptions options;
+    const auto position_bits = object.find("position_bits");
+    const auto precision = object.find("precision");
+    if (position_bits && precision) {
+        throw object.error("precision", "stands instead of position_bits: give one of the two");
+    }
+    if (position_bits) options.position_bits = position_bits->small_integer(0, 30);
+    if (precision) {
+        options.precision = precision->number();
+        if (!(*options.precision > 0)) precision->refuse("a length above 0, in input units");
+    }
+    if (const auto bits = object.find("normal_bits")) {
+        options.normal_bits = bits->small_integer(2, 30);
+    }
+    if (const auto bits = object.find("attribute_bits")) {
+        options.attribute_bits = bits->small_integer(0, 30);
+    }
+    if (const auto level = object.find("compression_level")) {
+        options.compression_level = level->small_integer(0, 10);
+    }
+    take(object, "coding", kCodings, options.coding);
+    object.finish();
+    return options;
+}
+
+Json draco_json(const DracoEncodeOptions& options) {
+    Json json = {{"attribute_bits", options.attribute_bits},
+                 {"coding", name_of(kCodings, options.coding)},
+                 {"compression_level", options.compression_level},
+                 {"normal_bits", options.normal_bits}};
+    if (options.precision) {
+        json["precision"] = *options.precision;
+    } else {
+        json["position_bits"] = options.position_bits;
+    }
+    return json;
+}
+
+/// Of a job that makes one file.
+OutputOptions read_output(JsonObject& object) {
+    OutputOptions output{.formats = {CloudFormat::Ply}, .draco = {}};
+    if (const auto format = object.find("format")) {
+        output.formats = {format->named(cloud_format_from_name)};
+    }
+    if (const auto draco = object.find("draco")) output.draco = read_draco(*draco);
+    return output;
+}
+
+void add_output(Json& json, const OutputOptions& output) {
+    json["format"] = to_string(output.formats.empty() ? CloudFormat::Ply : output.formats.front());
+    json["draco"] = draco_json(output.draco);
+}
+
+AddedAttributes read_added(JsonObject& object) {
+    AddedAttributes added;
+    take(object, "splats", kSplats, added.splats);
+    take(object, "source_index", added.source_index);
+    return added;
+}
+
+void add_added(Json& json, const AddedAttributes& added) {
+    json["splats"] = name_of(kSplats, added.splats);
+    json["source_index"] = added.source_index;
+}
+
+// The options of the methods.
+
+void take_bounds(JsonObject& object, auto& options) {
+    take(object, "max_cluster_size", options.max_cluster_size);
+    take(object, "max_variation", options.max_variation);
+    take(object, "representative", kRepresentatives, options.representative);
+}
+
+void add_bounds(Json& json, const auto& options) {
+    add(json, "max_cluster_size", options.max_cluster_size);
+    add(json, "max_variation", options.max_variation);
+    json["representative"] = name_of(kRepresentatives, options.representative);
+}
+
+void take_contraction(JsonObject& object, IterativeSimplificationOptions& options) {
+    take(object, "k", options.k);
+    take(object, "placement", kPlacements, options.placement);
+    take(object, "max_displacement", options.max_displacement);
+    take(object, "color_weight", options.color_weight);
+    if (const auto weights = object.find("attribute_weights")) {
+        for (const auto& [name, weight] : weights->members()) {
+            options.attribute_weights[name] = weight.number();
+        }
+    }
+}
+
+void add_contraction(Json& json, const IterativeSimplificationOptions& options) {
+    json["k"] = options.k;
+    json["placement"] = name_of(kPlacements, options.placement);
+    add(json, "max_displacement", options.max_displacement);
+    json["color_weight"] = options.color_weight;
+    json["attribute_weights"] = Json(options.attribute_weights);
+}
+
+DensityRegion::Sphere read_sphere(const JsonValue& value) {
+    JsonObject object = value.object();
+    const DensityRegion::Sphere sphere{read_vector(object["center"]), object["radius"].number()};
+    object.finish();
+    return sphere;
+}
+
+DensityRegion::Box read_box(const JsonValue& value) {
+    const Aabb box = read_bounds(value);
+    return {box.min, box.max};
+}
+
+DensityRegion::Scalar read_scalar(const JsonValue& value) {
+    JsonObject object = value.object();
+    const DensityRegion::Scalar scalar{object["name"].text(), object["low"].number(),
+                                       object["high"].number()};
+    object.finish();
+    return scalar;
+}
+
+std::variant<DensityRegion::Sphere, DensityRegion::Box, DensityRegion::Scalar> read_place(
+    JsonObject& object) {
+    const auto sphere = object.find("sphere");
+    const auto box = object.find("box");
+    const auto scalar = object.find("attribute");
+    if (int{sphere.has_value()} + int{box.has_value()} + int{scalar.has_value()} != 1) {
+        throw object.error("", "expected exactly one of sphere, box and attribute");
+    }
+    if (sphere) return read_sphere(*sphere);
+    if (box) return read_box(*box);
+    return read_scalar(*scalar);
+}
+
+DensityRegion read_region(const JsonValue& value) {
+    JsonObject object = value.object();
+    DensityRegion region{.where = read_place(object)};
+    region.density = object["density"].number();
+    take(object, "transition", region.transition);
+    object.finish();
+    return region;
+}
+
+void add_place(Json& json, const DensityRegion::Sphere& sphere) {
+    json["sphere"] = {{"center", vector_json(sphere.center)}, {"radius", sphere.radius}};
+}
+void add_place(Json& json, const DensityRegion::Box& box) {
+    json["box"] = bounds_json({box.min, box.max});
+}
+void add_place(Json& json, const DensityRegion::Scalar& scalar) {
+    json["attribute"] = {{"name", scalar.attribute}, {"low", scalar.low}, {"high", scalar.high}};
+}
+
+Json region_json(const DensityRegion& region) {
+    Json json = {{"density", region.density}, {"transition", region.transition}};
+    std::visit([&json](const auto& where) { add_place(json, where); }, region.where);
+    return json;
+}
+
+void take_particles(JsonObject& object, ParticleSimulationOptions& options) {
+    take(object, "adaptivity", options.adaptivity);
+    take(object, "max_grading", options.max_grading);
+    take(object, "max_iterations", options.max_iterations);
+    take(object, "tolerance", options.tolerance);
+    if (const auto regions = object.find("regions")) {
+        options.regions = regions->list_of(read_region);
+    }
+}
+
+void add_particles(Json& json, const ParticleSimulationOptions& options) {
+    json["adaptivity"] = options.adaptivity;
+    json["max_grading"] = options.max_grading;
+    json["max_iterations"] = options.max_iterations;
+    json["tolerance"] = options.tolerance;
+    json["regions"] = Json::array();
+    for (const DensityRegion& region : options.regions) {
+        json["regions"].push_back(region_json(region));
+    }
+}
+
+void take_own_options(JsonObject& object, SimplifyOptions& options) {
+    switch (options.method) {
+        case Method::Multiphase:
+            take(object, "oversampling", options.oversampling);
+            return take_contraction(object, options.iterative);
+        case Method::Hierarchical:
+            return take_bounds(object, options.hierarchical);
+        case Method::Incremental:
+            return take_bounds(object, options.incremental);
+        case Method::Iterative:
+            return take_contraction(object, options.iterative);
+        case Method::Particles:
+            return take_particles(object, options.particles);
+        case Method::Voxel:
+            take(object, "voxel_size", options.voxel.voxel_size);
+            return take(object, "representative", kRepresentatives, options.voxel.representative);
+        case Method::Random:
+            return;
+    }
+}
+
+void add_own_options(Json& json, const SimplifyOptions& options) {
+    switch (options.method) {
+        case Method::Multiphase:
+            json["oversampling"] = options.oversampling;
+            return add_contraction(json, options.iterative);
+        case Method::Hierarchical:
+            return add_bounds(json, options.hierarchical);
+        case Method::Incremental:
+            return add_bounds(json, options.incremental);
+        case Method::Iterative:
+            return add_contraction(json, options.iterative);
+        case Method::Particles:
+            return add_particles(json, options.particles);
+        case Method::Voxel:
+            add(json, "voxel_size", options.voxel.voxel_size);
+            json["representative"] = name_of(kRepresentatives, options.voxel.representative);
+            return;
+        case Method::Random:
+            return;
+    }
+}
+
+/// A better word than that the field is unknown.
+void refuse_fields_of_other_methods(const JsonObject& object, Method method) {
+    for (const MethodField& field : method_fields()) {
+        if (field.has(method) || !object.has(field.name)) continue;
+        throw object.error(field.name, misplaced(field, method));
+    }
+}
+
+// The types of job.
+
+SimplifyJob read_simplify(JsonObject& object) {
+    SimplifyJob job;
+    SimplifyOptions& options = job.options;
+    if (const auto method = object.find("method")) {
+        options.method = method->named(method_from_name);
+    }
+    refuse_fields_of_other_methods(object, options.method);
+    take(object, "points", options.points);
+    take(object, "ratio", options.ratio);
+    take_own_options(object, options);
+    take(object, "seed", options.seed);
+    if (options.method != Method::Random) take_reductions(object, options.reductions);
+    job.added = read_added(object);
+    job.output = read_output(object);
+    return job;
+}
+
+void add_options(Json& json, const SimplifyJob& job) {
+    const SimplifyOptions& options = job.options;
+    json["type"] = "simplify";
+    json["method"] = to_string(options.method);
+    add(json, "points", options.points);
+    add(json, "ratio", options.ratio);
+    add_own_options(json, options);
+    json["seed"] = options.seed;
+    if (options.method != Method::Random) json["reductions"] = reductions_json(options.reductions);
+    add_added(json, job.added);
+    add_output(json, job.output);
+}
+
+UpsampleJob read_upsample(JsonObject& object) {
+    UpsampleJob job;
+    take(object, "points", job.options.points);
+    take(object, "ratio", job.options.ratio);
+    take_particles(object, job.options.particles);
+    take(object, "seed", job.options.particles.seed);
+    take_reductions(object, job.options.particles.reductions);
+    job.added = read_added(object);
+    job.output = read_output(object);
+    return job;
+}
+
+void add_options(Json& json, const UpsampleJob& job) {
+    const UpsampleOptions& options = job.options;
+    json["type"] = "upsample";
+    add(json, "points", options.points);
+    add(json, "ratio", options.ratio);
+    add_particles(json, options.particles);
+    json["seed"] = options.particles.seed;
+    json["reductions"] = reductions_json(options.particles.reductions);
+    add_added(json, job.added);
+    add_output(json, job.output);
+}
+
+AnalyzeJob read_analyze(JsonObject& object) {
+    AnalyzeJob job;
+    take(object, "k", job.options.k);
+    take(object, "orient", kSigns, job.options.signs);
+    if (const auto viewpoint = object.find("viewpoint")) {
+        job.options.viewpoint = read_vector(*viewpoint);
+    }
+    job.output = read_output(object);
+    return job;
+}
+
+void add_options(Json& json, const AnalyzeJob& job) {
+    json["type"] = "analyze";
+    json["k"] = job.options.k;
+    json["orient"] = name_of(kSigns, job.options.signs);
+    if (job.options.viewpoint) json["viewpoint"] = vector_json(*job.options.viewpoint);
+    add_output(json, job.output);
+}
+
+std::vector<CloudFormat> read_formats(const JsonValue& value) {
+    std::vector<CloudFormat> formats;
+    for (const JsonValue& item : value.items()) {
+        const auto format = item.named(cloud_format_from_name);
+        if (std::ranges::find(formats, format) != formats.end()) item.refuse("each format once");
+        formats.push_back(format);
+    }
+    if (formats.empty()) value.refuse("at least one format");
+    return formats;
+}
+
+PyramidJob read_pyramid(JsonObject& object) {
+    PyramidJob job;
+    LodPyramidOptions& options = job.options;
+    const auto levels = object.find("levels");
+    const auto ratio = object.find("ratio");
+    const auto base_points = object.find("base_points");
+    if (levels && (ratio || base_points)) {
+        throw object.error("levels", "stands instead of ratio and base_points: give one form");
+    }
+    if (levels) {
+        options.sizes = levels->list_of([](const JsonValue& size) { return size.integer(1); });
+        if (options.sizes.empty()) levels->refuse("at least one size");
+    }
+    if (ratio) options.ratio = ratio->number();
+    if (base_points) options.base_points = base_points->integer(1);
+    take(object, "representative", kRepresentatives, options.representative);
+    take_reductions(object, options.reductions);
+
+    job.output.formats = {CloudFormat::Draco, CloudFormat::Ply};
+    if (const auto formats = object.find("formats")) job.output.formats = read_formats(*formats);
+    if (const auto draco = object.find("draco")) job.output.draco = read_draco(*draco);
+    return job;
+}
+
+void add_options(Json& json, const PyramidJob& job) {
+    const LodPyramidOptions& options = job.options;
+    json["type"] = "pyramid";
+    if (options.sizes.empty()) {
+        json["ratio"] = options.ratio;
+        json["base_points"] = options.base_points;
+    } else {
+        json["levels"] = options.sizes;
+    }
+    json["representative"] = name_of(kRepresentatives, options.representative);
+    json["reductions"] = reductions_json(options.reductions);
+    json["formats"] = Json::array();
+    for (const CloudFormat format : {CloudFormat::Draco, CloudFormat::Ply}) {
+        const auto& formats = job.output.formats;
+        const bool wanted = formats.empty() || std::ranges::find(formats, format) != formats.end();
+        if (wanted) json["formats"].push_back(to_string(format));
+    }
+    json["draco"] = draco_json(job.output.draco);
+}
+
+}  // namespace
+
+bool MethodField::has(Method method) const noexcept {
+    return std::ranges::find(methods, method) != methods.end();
+}
+
+std::span<const MethodField> method_fields() {
+    using enum Method;
+    static const std::vector<Method> contracting = {Multiphase, Iterative};
+    static const std::vector<Method> bounded = {Hierarchical, Incremental};
+    static const std::vector<MethodField> fields = {
+        {"oversampling", {Multiphase}},
+        {"k", contracting},
+        {"placement", contracting},
+        {"max_displacement", contracting},
+        {"color_weight", contracting},
+        {"attribute_weights", contracting},
+        {"max_cluster_size", bounded},
+        {"max_variation", bounded},
+        {"representative", {Hierarchical, Incremental, Voxel}},
+        {"adaptivity", {Particles}},
+        {"max_grading", {Particles}},
+        {"regions", {Particles}},
+        {"max_iterations", {Particles}},
+        {"tolerance", {Particles}},
+        {"voxel_size", {Voxel}},
+        {"reductions", {Multiphase, Hierarchical, Incremental, Iterative, Particles, Voxel}},
+    };
+    return fields;
+}
+
+std::string misplaced(const MethodField& field, Method method) {
+    std::string owners;
+    for (const Method owner : field.methods) {
+        const bool last = owner == field.methods.back();
+        if (!owners.empty()) owners += last ? " and " : ", ";
+        owners += to_string(owner);
+    }
+    return "belongs to " + owners + ", not to " + std::string(to_string(method));
+}
+
+std::string_view type_name(const JobRequest& request) noexcept {
+    constexpr std::array<std::string_view, 4> kNames = {"simplify", "pyramid", "upsample",
+                                                        "analyze"};  // as in the variant
+    return kNames[request.job.index()];
+}
+
+Json request_json(const JobRequest& request) {
+    Json json = {{"input", request.input}};
+    std::visit([&json](const auto& job) { add_options(json, job); }, request.job);
+    return nlohmann::json(json);  // which sorts the keys
+}
+
+JobRequest read_request(const JsonValue& value) {
+    JsonObject object = value.object();
+    JobRequest request;
+    const JsonValue type = object["type"];
+    const JsonValue input = object["input"];
+    request.input = input.text();
+    if (!is_sha256(request.input)) {
+        input.refuse("the id of a cloud: 64 lower-case hexadecimal digits");
+    }
+    if (type.text() == "simplify") {
+        request.job = read_simplify(object);
+    } else if (type.text() == "pyramid") {
+        request.job = read_pyramid(object);
+    } else if (type.text() == "upsample") {
+        request.job = read_upsample(object);
+    } else if (type.text() == "analyze") {
+        request.job = read_analyze(object);
+    } else {
+        type.refuse("simplify, pyramid, upsample or analyze");
+    }
+    object.finish();
+    return request;
+}
+
+std::string to_json(const JobRequest& request) {
+    return to_text(request_json(request));
+}
+
+JobRequest job_request_from_json(std::string_view json) {
+    JobRequest request = read_request(JsonDocument(json, kRequestRules).root());
+    std::visit([](const auto& job) { validate(job.options); }, request.job);
+    return request;
+}
+
+}  // namespace stipple::proto

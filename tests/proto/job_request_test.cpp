@@ -1,0 +1,328 @@
+#include "stipple/proto/job_request.hpp"
+
+#include "documents.hpp"
+
+#include <gtest/gtest.h>
+
+namespace stipple::proto {
+namespace {
+
+using test::golden;
+using test::kInput;
+
+/// A request with `fields` beside type and input.
+std::string request_with(const std::string& type, const std::string& fields) {
+    return R"({"type": ")" + type + R"(", "input": ")" + kInput + "\"" +
+           (fields.empty() ? "" : ", " + fields) + "}";
+}
+
+std::string simplify_with(const std::string& fields) {
+    return request_with("simplify", fields);
+}
+
+std::string pyramid_with(const std::string& fields) {
+    return request_with("pyramid", fields);
+}
+
+std::string refusal(const std::string& json) {
+    return test::refusal(job_request_from_json, json, ErrorCode::InvalidArgument);
+}
+
+SimplifyJob simplify_job(const std::string& fields) {
+    return std::get<SimplifyJob>(job_request_from_json(simplify_with(fields)).job);
+}
+
+TEST(JobRequest, TakesEveryFieldOfASimplifyJob) {
+    const JobRequest request = job_request_from_json(simplify_with(
+        R"("method": "hierarchical", "max_cluster_size": 50, "max_variation": 0.05,
+           "representative": "surface", "seed": 18446744073709551615,
+           "splats": "ellipse", "source_index": true,
+           "reductions": {"intensity": "max"}, "format": "drc",
+           "draco": {"position_bits": 12, "normal_bits": 8, "attribute_bits": 9,
+                     "compression_level": 10, "coding": "kd-tree"})"));
+    EXPECT_EQ(request.input, kInput);
+    EXPECT_EQ(type_name(request), "simplify");
+    const auto& job = std::get<SimplifyJob>(request.job);
+    EXPECT_EQ(job.options.hierarchical.max_cluster_size, 50U);
+    EXPECT_EQ(job.options.hierarchical.max_variation, 0.05);
+    EXPECT_EQ(job.options.hierarchical.representative, Representative::Surface);
+    EXPECT_EQ(job.added.splats, SplatAttributes::Ellipse);
+    EXPECT_TRUE(job.added.source_index);
+    EXPECT_EQ(job.options.seed, std::numeric_limits<std::uint64_t>::max());
+    EXPECT_EQ(job.options.reductions.at("intensity"), Reduction::Max);
+    EXPECT_EQ(job.output.formats, std::vector{CloudFormat::Draco});
+    EXPECT_EQ(job.output.draco.position_bits, 12U);
+    EXPECT_EQ(job.output.draco.normal_bits, 8U);
+    EXPECT_EQ(job.output.draco.attribute_bits, 9U);
+    EXPECT_EQ(job.output.draco.compression_level, 10U);
+    EXPECT_EQ(job.output.draco.coding, DracoCoding::KdTree);
+}
+
+TEST(JobRequest, TakesTheOptionsOfMultiphaseAndIterative) {
+    const std::string fields =
+        R"("points": 9, "k": 12, "placement": "end-point", "max_displacement": 0.5,
+           "color_weight": 0.25, "attribute_weights": {"intensity": 2})";
+    for (const std::string method : {"multiphase", "iterative"}) {
+        const SimplifyJob job = simplify_job(R"("method": ")" + method + R"(", )" + fields);
+        EXPECT_EQ(to_string(job.options.method), method);
+        const IterativeSimplificationOptions& options = job.options.iterative;
+        EXPECT_EQ(options.k, 12U);
+        EXPECT_EQ(options.placement, Placement::EndPoint);
+        EXPECT_EQ(options.max_displacement, 0.5);
+        EXPECT_EQ(options.color_weight, 0.25);
+        EXPECT_EQ(options.attribute_weights.at("intensity"), 2);
+    }
+    EXPECT_EQ(simplify_job(R"("points": 9, "oversampling": 8)").options.oversampling, 8);
+}
+
+TEST(JobRequest, TakesTheOptionsOfIncremental) {
+    const SimplifyJob job = simplify_job(
+        R"("method": "incremental", "points": 9, "max_variation": 0.1,
+           "representative": "centroid")");
+    EXPECT_EQ(job.options.incremental.max_variation, 0.1);
+    EXPECT_EQ(job.options.incremental.representative, Representative::Centroid);
+    EXPECT_EQ(simplify_job(R"("method": "incremental", "max_cluster_size": 7)")
+                  .options.incremental.max_cluster_size,
+              7U);
+}
+
+TEST(JobRequest, TakesTheOptionsAndRegionsOfParticles) {
+    const SimplifyJob job = simplify_job(
+        R"("method": "particles", "points": 9, "adaptivity": 0.5, "max_grading": 3,
+           "max_iterations": 7, "tolerance": 0.1,
+           "regions": [{"sphere": {"center": [1, 2, 3], "radius": 4}, "density": 5},
+                       {"box": {"min": [0, 0, 0], "max": [1, 2, 3]}, "density": 0.5},
+                       {"attribute": {"name": "w", "low": -1, "high": 1}, "density": 2,
+                        "transition": 0.25}])");
+    const ParticleSimulationOptions& options = job.options.particles;
+    EXPECT_EQ(options.adaptivity, 0.5);
+    EXPECT_EQ(options.max_grading, 3);
+    EXPECT_EQ(options.max_iterations, 7U);
+    EXPECT_EQ(options.tolerance, 0.1);
+    ASSERT_EQ(options.regions.size(), 3U);
+    const auto& sphere = std::get<DensityRegion::Sphere>(options.regions[0].where);
+    EXPECT_EQ(sphere.center, Vec3d(1, 2, 3));
+    EXPECT_EQ(sphere.radius, 4);
+    EXPECT_EQ(options.regions[0].density, 5);
+    EXPECT_EQ(std::get<DensityRegion::Box>(options.regions[1].where).max, Vec3d(1, 2, 3));
+    EXPECT_EQ(std::get<DensityRegion::Scalar>(options.regions[2].where).attribute, "w");
+    EXPECT_EQ(options.regions[2].transition, 0.25);
+}
+
+TEST(JobRequest, TakesTheOptionsOfVoxel) {
+    const SimplifyJob job = simplify_job(R"("method": "voxel", "voxel_size": 0.5)");
+    EXPECT_EQ(job.options.voxel.voxel_size, 0.5);
+}
+
+TEST(JobRequest, TakesEveryFieldOfAnUpsampleJob) {
+    const JobRequest request = job_request_from_json(request_with(
+        "upsample", R"("ratio": 4, "adaptivity": 1, "seed": 3, "reductions": {"w": "max"},
+                       "splats": "none", "format": "drc")"));
+    EXPECT_EQ(type_name(request), "upsample");
+    const auto& job = std::get<UpsampleJob>(request.job);
+    EXPECT_EQ(job.options.ratio, 4);
+    EXPECT_EQ(job.options.particles.adaptivity, 1);
+    EXPECT_EQ(job.options.particles.seed, 3U);
+    EXPECT_EQ(job.options.particles.reductions.at("w"), Reduction::Max);
+    EXPECT_EQ(job.added.splats, SplatAttributes::None);
+    EXPECT_EQ(job.output.formats, std::vector{CloudFormat::Draco});
+}
+
+TEST(JobRequest, TakesEveryFieldOfAnAnalyzeJob) {
+    const JobRequest request = job_request_from_json(request_with(
+        "analyze", R"("k": 24, "orient": "viewpoint", "viewpoint": [1, 2, 3], "format": "drc")"));
+    EXPECT_EQ(type_name(request), "analyze");
+    const auto& job = std::get<AnalyzeJob>(request.job);
+    EXPECT_EQ(job.options.k, 24U);
+    EXPECT_EQ(job.options.signs, NormalSigns::Viewpoint);
+    EXPECT_EQ(job.options.viewpoint, Vec3d(1, 2, 3));
+}
+
+TEST(JobRequest, TakesEveryFieldOfAPyramidJob) {
+    const JobRequest request = job_request_from_json(pyramid_with(
+        R"("levels": [1000, 1e4], "representative": "centroid", "formats": ["ply"],
+           "draco": {"precision": 0.5})"));
+    EXPECT_EQ(type_name(request), "pyramid");
+    const auto& job = std::get<PyramidJob>(request.job);
+    EXPECT_EQ(job.options.sizes, (std::vector<std::uint64_t>{1000, 10000}));
+    EXPECT_EQ(job.options.representative, Representative::Centroid);
+    EXPECT_EQ(job.output.formats, std::vector{CloudFormat::Ply});
+    EXPECT_EQ(job.output.draco.precision, 0.5);
+}
+
+TEST(JobRequest, HasTheDefaultsOfCore) {
+    const auto simplify =
+        std::get<SimplifyJob>(job_request_from_json(simplify_with(R"("ratio": 0.01)")).job);
+    EXPECT_EQ(simplify.options.method, SimplifyOptions{}.method);
+    EXPECT_EQ(simplify.output.formats, std::vector{CloudFormat::Ply});
+    EXPECT_EQ(simplify.output.draco.position_bits, DracoEncodeOptions{}.position_bits);
+
+    const auto pyramid = std::get<PyramidJob>(job_request_from_json(pyramid_with("")).job);
+    EXPECT_EQ(pyramid.options.ratio, LodPyramidOptions{}.ratio);
+    EXPECT_EQ(pyramid.output.formats, (std::vector{CloudFormat::Draco, CloudFormat::Ply}));
+}
+
+TEST(JobRequest, ThatIsRefusedNamesFieldAndValueAndWhatIsExpected) {
+    const std::pair<std::string, std::string> cases[] = {
+        {simplify_with(R"("points": -3)"), "points: -3: expected an integer of at least 1"},
+        {simplify_with(R"("points": 0)"), "points: 0: expected an integer of at least 1"},
+        {simplify_with(R"("points": 2.5)"), "points: 2.5: expected an integer of at least 1"},
+        {simplify_with(R"("points": "5")"), "points: \"5\": expected an integer of at least 1"},
+        {simplify_with(R"("points": null)"), "points: null: expected an integer of at least 1"},
+        {simplify_with(R"("ratio": [1])"), "ratio: a list of 1: expected a number"},
+        {simplify_with(R"("points": 5, "method": "voxel", "representative": "mean")"),
+         "representative: \"mean\": expected one of surface, centroid, nearest"},
+        {simplify_with(R"("points": 5, "reductions": {"w": "sum"})"),
+         "reductions.w: \"sum\": expected one of mean, nearest, min, max, mode"},
+        {simplify_with(R"("points": 5, "draco": {"position_bits": 31})"),
+         "draco.position_bits: 31: expected an integer of 0 to 30"},
+        {simplify_with(R"("points": 5, "draco": {"precision": 0})"),
+         "draco.precision: 0: expected a length above 0, in input units"},
+        {simplify_with(R"("points": 5, "draco": {"precision": 1, "position_bits": 8})"),
+         "draco.precision: stands instead of position_bits: give one of the two"},
+        {simplify_with(R"("points": 5, "draco": {"bits": 8})"),
+         "draco.bits: unknown field: expected one of attribute_bits, coding, compression_level, "
+         "normal_bits, position_bits, precision"},
+        {pyramid_with(R"("levels": [10, "x"])"),
+         "levels[1]: \"x\": expected an integer of at least 1"},
+        {pyramid_with(R"("levels": [])"), "levels: a list of 0: expected at least one size"},
+        {pyramid_with(R"("levels": [10], "ratio": 4)"),
+         "levels: stands instead of ratio and base_points: give one form"},
+        {pyramid_with(R"("formats": [])"), "formats: a list of 0: expected at least one format"},
+        {pyramid_with(R"("formats": ["ply", "ply"])"),
+         "formats[1]: \"ply\": expected each format once"},
+        {R"({"input": ")" + kInput + "\"}", "type: missing: this field is required"},
+        {R"({"type": "simplify", "input": "abc", "points": 1})",
+         "input: \"abc\": expected the id of a cloud: 64 lower-case hexadecimal digits"},
+        {request_with("magic", ""),
+         "type: \"magic\": expected simplify, pyramid, upsample or analyze"},
+        {simplify_with(R"("points": 5, "k": 40)"), "k 40: expected 3..32"},
+        {simplify_with(R"("points": 5, "oversampling": 0.5)"),
+         "oversampling 0.5: expected 1 to 64"},
+        {simplify_with(R"("points": 5, "placement": "middle")"),
+         "placement: \"middle\": expected one of optimal, end-point"},
+        {simplify_with(R"("points": 5, "splats": "disc")"),
+         "splats: \"disc\": expected one of none, radius, normal, ellipse"},
+        {simplify_with(R"("method": "particles", "points": 5, "regions": [{"density": 2}])"),
+         "regions[0]: expected exactly one of sphere, box and attribute"},
+        {simplify_with(R"("method": "particles", "points": 5, "regions": [
+             {"sphere": {"center": [0, 0], "radius": 1}, "density": 2}])"),
+         "regions[0].sphere.center: a list of 2: expected three numbers"},
+        {simplify_with(R"("method": "particles", "points": 5, "regions": [
+             {"sphere": {"center": [0, 0, 0], "radius": 1}, "density": 0}])"),
+         "regions: density 0: expected a finite number above 0"},
+        {request_with("upsample", R"("ratio": 0.5)"),
+         "ratio 0.5: expected a finite number above 1"},
+        {request_with("upsample", ""), "target: expected exactly one of points and ratio"},
+        {request_with("analyze", R"("k": 2)"), "k 2: expected 3..64, or 0 to choose"},
+        {request_with("analyze", R"("viewpoint": [0, 0, 0])"),
+         "viewpoint: expected where normals turn towards one, and only there"},
+        {"[]", "JSON: a list of 0: expected an object"},
+        {"", "JSON: not well-formed at byte 1"},
+        {R"({"type": "simplify")", "JSON: not well-formed at byte 20"},
+        {simplify_with(R"("points": 1, "points": 2)"), "JSON: the field \"points\" stands twice"},
+        {simplify_with(R"("ratio": 1e999)"), "JSON: a number is out of range"},
+        {std::string(100'000, '['), "JSON: nested more than 8 deep"},
+        {std::string((1 << 20) + 1, ' '), "JSON: 1048577 bytes: expected at most 1048576"},
+    };
+    for (const auto& [json, expected] : cases) EXPECT_EQ(refusal(json), expected);
+}
+
+TEST(JobRequest, ThatAsksForAnUnknownFieldIsRefusedByItsName) {
+    EXPECT_EQ(refusal(simplify_with(R"("point": 5)")).substr(0, 41),
+              "point: unknown field: expected one of att");
+    // A field of the other type is as unknown.
+    EXPECT_EQ(refusal(pyramid_with(R"("seed": 1)")).substr(0, 20), "seed: unknown field:");
+}
+
+TEST(JobRequest, ThatHasAFieldOfAnotherMethodIsToldWhose) {
+    EXPECT_EQ(refusal(simplify_with(R"("points": 5, "method": "voxel", "k": 8)")),
+              "k: belongs to multiphase and iterative, not to voxel");
+    EXPECT_EQ(refusal(simplify_with(R"("max_cluster_size": 50)")),
+              "max_cluster_size: belongs to hierarchical and incremental, not to multiphase");
+    EXPECT_EQ(refusal(simplify_with(R"("points": 5, "method": "random", "reductions": {})")),
+              "reductions: belongs to multiphase, hierarchical, incremental, iterative, particles "
+              "and voxel, not to random");
+    EXPECT_EQ(refusal(request_with("upsample", R"("ratio": 2, "k": 8)")).substr(0, 17),
+              "k: unknown field:");
+}
+
+TEST(JobRequest, OfEveryMethodHasItsFieldsAndNoOthers) {
+    for (const Method method : kMethods) {
+        const std::string name =
+            std::string(R"("points": 5, "method": ")") + std::string(to_string(method)) + '"';
+        const auto canonical =
+            nlohmann::json::parse(to_json(JobRequest{kInput, simplify_job(name)}));
+        for (const MethodField& field : method_fields()) {
+            const bool optional = field.name == "max_displacement" || field.name == "voxel_size" ||
+                                  field.name.starts_with("max_cluster") ||
+                                  field.name == "max_variation";
+            if (optional && field.has(method)) continue;
+            EXPECT_EQ(canonical.contains(field.name), field.has(method))
+                << to_string(method) << ' ' << field.name;
+        }
+    }
+}
+
+TEST(JobRequest, IsCheckedByCoreToo) {
+    EXPECT_NE(refusal(simplify_with("")), "");                              // no target
+    EXPECT_NE(refusal(simplify_with(R"("points": 5, "ratio": 0.5)")), "");  // two targets
+    EXPECT_NE(refusal(simplify_with(R"("ratio": 1.5)")), "");
+    EXPECT_NE(refusal(pyramid_with(R"("levels": [20, 10])")), "");
+    EXPECT_NE(refusal(pyramid_with(R"("ratio": 1)")), "");
+}
+
+TEST(JobRequest, WithAnUnknownMethodNamesTheFieldOnce) {
+    const std::string message = refusal(simplify_with(R"("points": 5, "method": "magic")"));
+    EXPECT_EQ(message.find("method"), 0U) << message;
+    EXPECT_EQ(message.find("method", 1), std::string::npos) << message;
+    EXPECT_NE(message.find("magic"), std::string::npos) << message;
+}
+
+TEST(JobRequest, QuotesALongValueOnlyInPart) {
+    const std::string message =
+        refusal(simplify_with(R"("points": ")" + std::string(5000, 'x') + '"'));
+    EXPECT_LT(message.size(), 200U);
+    EXPECT_NE(message.find("xxx..."), std::string::npos);
+}
+
+TEST(JobRequest, HasOneFormForEqualRequests) {
+    const std::string canonical = to_json(test::simplify_request());
+    EXPECT_EQ(canonical, golden("simplify_request.json"));
+    const std::string otherwise = simplify_with(
+        R"("draco": {"precision": 1e-3}, "points": 5e3, "format": "drc", "seed": 0,
+           "reductions": {"label": "mode", "intensity": "mean"})");
+    EXPECT_EQ(to_json(job_request_from_json(otherwise)), canonical);
+    EXPECT_EQ(to_json(job_request_from_json(canonical)), canonical);
+}
+
+TEST(JobRequest, OfParticlesTravelsAsTheGoldenFileSays) {
+    const std::string canonical = to_json(test::particles_request());
+    EXPECT_EQ(canonical, golden("particles_request.json"));
+    EXPECT_EQ(to_json(job_request_from_json(canonical)), canonical);
+}
+
+TEST(JobRequest, ToUpsampleTravelsAsTheGoldenFileSays) {
+    const std::string canonical = to_json(test::upsample_request());
+    EXPECT_EQ(canonical, golden("upsample_request.json"));
+    EXPECT_EQ(to_json(job_request_from_json(canonical)), canonical);
+}
+
+TEST(JobRequest, ToAnalyzeTravelsAsTheGoldenFileSays) {
+    const std::string canonical = to_json(test::analyze_request());
+    EXPECT_EQ(canonical, golden("analyze_request.json"));
+    EXPECT_EQ(to_json(job_request_from_json(canonical)), canonical);
+}
+
+TEST(JobRequest, OfAPyramidHasOneFormForEqualRequests) {
+    const std::string canonical = to_json(test::pyramid_request());
+    EXPECT_EQ(canonical, golden("pyramid_request.json"));
+    EXPECT_EQ(to_json(job_request_from_json(pyramid_with(""))), canonical);
+    EXPECT_EQ(to_json(job_request_from_json(pyramid_with(R"("formats": ["ply", "drc"])"))),
+              canonical);
+    EXPECT_NE(to_json(job_request_from_json(pyramid_with(R"("formats": ["ply"])"))), canonical);
+    EXPECT_NE(to_json(job_request_from_json(pyramid_with(R"("levels": [5])"))), canonical);
+}
+
+}  // namespace
+}  // namespace stipple::proto
