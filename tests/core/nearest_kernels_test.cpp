@@ -1,0 +1,152 @@
+#include "nearest_kernels.hpp"
+
+#include "covariance_kernels.hpp"
+#include "support/support.hpp"
+
+#include <gtest/gtest.h>
+#include <Eigen/Eigenvalues>
+#include <cstring>
+#include <random>
+
+namespace stipple {
+namespace {
+
+/// Arrays for candidates and answers.
+struct Room {
+    static constexpr std::uint32_t kLeaves = 64;
+    static constexpr std::size_t kSize = 8 * kLeaves + 24;
+    std::vector<float> x = std::vector<float>(kSize), y = x, z = x, all = x, distances_sq = x;
+    std::vector<std::uint32_t> index = std::vector<std::uint32_t>(kSize), slot = index,
+                               rank = index;
+    Candidates candidates = {x.data(), y.data(), z.data(), index.data(), all.data(), kLeaves};
+    Chosen chosen = {distances_sq.data(), slot.data(), rank.data()};
+};
+
+template <typename T>
+std::vector<T> first(const T* from, std::size_t n) {
+    return {from, from + n};
+}
+
+class Kernels : public testing::TestWithParam<std::size_t> {};
+
+TEST_P(Kernels, ChooseTheSameAsThePlainOnes) {
+    const auto all = available_nearest_kernels();
+    if (GetParam() >= all.size()) GTEST_SKIP() << "this machine has no more instruction sets";
+    const NearestKernels &plain = all.front(), &other = all[GetParam()];
+    std::vector<Vec3f> points = test::sphere(3001, 0.02).positions;
+    for (Vec3f& p : points) p = (p * 64.0F).array().round() / 64.0F;  // so that many are equal
+    const PointTree tree(points, {});
+    for (std::uint32_t leaf = 0; leaf < tree.leaf_count(); leaf += 3) {
+        Room a, b;
+        for (const float limit_sq : {0.01F, 0.05F, 1.0F}) {
+            const bool gathered = plain.gather(tree.view(), leaf, limit_sq, a.candidates);
+            ASSERT_EQ(other.gather(tree.view(), leaf, limit_sq, b.candidates), gathered);
+            if (!gathered) continue;
+            ASSERT_EQ(b.candidates.leaves, a.candidates.leaves);
+            ASSERT_EQ(b.candidates.home, a.candidates.home);
+            ASSERT_EQ(b.index, a.index);
+            for (const float guess_sq : {0.0F, 0.004F, 1.0F}) {
+                for (std::uint32_t lane = 0; lane < tree.points_in(leaf); ++lane) {
+                    plain.choose(a.candidates, lane, 9, 7, guess_sq, a.chosen);
+                    other.choose(b.candidates, lane, 9, 7, guess_sq, b.chosen);
+                    ASSERT_EQ(b.chosen.count, a.chosen.count);
+                    ASSERT_EQ(b.chosen.radius_sq, a.chosen.radius_sq);
+                    const std::size_t n = a.chosen.count;
+                    ASSERT_EQ(first(b.chosen.slot, n), first(a.chosen.slot, n));
+                    if (n == 0) continue;
+                    plain.rank(a.candidates, a.chosen);
+                    other.rank(b.candidates, b.chosen);
+                    ASSERT_EQ(first(b.chosen.rank, n), first(a.chosen.rank, n));
+                }
+            }
+        }
+    }
+}
+
+/// Matrices with eigenvalues far apart, close, equal and zero.
+EigenProblems some_problems(std::uint64_t seed) {
+    std::mt19937_64 random(seed);
+    std::uniform_real_distribution<double> entry(-1, 1);
+    EigenProblems problems{};
+    for (std::size_t lane = 0; lane < 8; ++lane) {
+        Eigen::Matrix3d m = Eigen::Matrix3d::NullaryExpr([&] { return entry(random); });
+        const Eigen::Matrix3d q = m.householderQr().householderQ();
+        Vec3d lambda = {std::abs(entry(random)), std::abs(entry(random)), std::abs(entry(random))};
+        if (lane == 1) lambda = {1, 1 + 1e-9, 1};
+        if (lane == 2) lambda = {0, 1e-12, 1};
+        if (lane == 3) lambda = {0, 0, 1};
+        if (lane == 4) lambda = {0, 0, 0};
+        if (lane == 5) lambda *= 1e-40;
+        if (lane == 6) lambda *= 1e40;
+        if (lane == 7) lambda = {0.5, 0.5, 0.5 + 1e-14};
+        m = q * lambda.asDiagonal() * q.transpose();
+        problems.xx[lane] = m(0, 0);
+        problems.yy[lane] = m(1, 1);
+        problems.zz[lane] = m(2, 2);
+        problems.xy[lane] = m(0, 1);
+        problems.yz[lane] = m(1, 2);
+        problems.zx[lane] = m(2, 0);
+    }
+    return problems;
+}
+
+TEST_P(Kernels, SolveEigenproblems) {
+    const auto all = available_covariance_kernels();
+    if (GetParam() >= all.size()) GTEST_SKIP() << "this machine has no more instruction sets";
+    for (std::uint64_t seed = 0; seed < 200; ++seed) {
+        const EigenProblems given = some_problems(seed);
+        EigenProblems solved = given, plain = given;
+        all[GetParam()].solve(solved);
+        all.front().solve(plain);
+        ASSERT_EQ(std::memcmp(&solved, &plain, sizeof plain), 0);
+        for (std::size_t lane = 0; lane < 8; ++lane) {
+            Eigen::Matrix3d m;
+            m << given.xx[lane], given.xy[lane], given.zx[lane], given.xy[lane], given.yy[lane],
+                given.yz[lane], given.zx[lane], given.yz[lane], given.zz[lane];
+            const Vec3d expected = Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(m).eigenvalues();
+            const double scale = m.norm();
+            ASSERT_NEAR(solved.low[lane], expected[0], 1e-14 * scale);
+            ASSERT_NEAR(solved.middle[lane], expected[1], 1e-14 * scale);
+            ASSERT_NEAR(solved.high[lane], expected[2], 1e-14 * scale);
+            const Vec3d v = {solved.x[lane], solved.y[lane], solved.z[lane]};
+            ASSERT_NEAR(v.norm(), 1.0, 1e-14);
+            ASSERT_LE((m * v - solved.low[lane] * v).norm(), 1e-14 * scale);
+        }
+    }
+}
+
+TEST_P(Kernels, AddMomentsToTheSameBits) {
+    const auto all = available_covariance_kernels();
+    if (GetParam() >= all.size()) GTEST_SKIP() << "this machine has no more instruction sets";
+    Room room;
+    const std::vector<Vec3f> points = test::cube(100).positions;
+    for (std::uint32_t i = 0; i < points.size(); ++i) {
+        room.x[i] = points[i].x();
+        room.y[i] = points[i].y();
+        room.z[i] = points[i].z();
+        room.slot[i] = 99 - i;
+    }
+    const float reference[3] = {0.25F, 0.5F, 0.75F};
+    Moments plain, other;
+    all.front().add_moments(room.candidates, room.slot.data(), 100, reference, plain);
+    all[GetParam()].add_moments(room.candidates, room.slot.data(), 100, reference, other);
+    EXPECT_EQ(std::memcmp(&plain, &other, sizeof plain), 0);
+
+    Vec3d sum = Vec3d::Zero(), squares = Vec3d::Zero(), products = Vec3d::Zero();
+    for (const Vec3f& p : points) {
+        const Vec3d d = p.cast<double>() - Vec3d(0.25, 0.5, 0.75);
+        sum += d;
+        squares += d.cwiseProduct(d);
+        products += Vec3d(d.x() * d.y(), d.y() * d.z(), d.z() * d.x());
+    }
+    for (int axis = 0; axis < 3; ++axis) {
+        EXPECT_NEAR(plain.sum[axis], sum[axis], 1e-12);
+        EXPECT_NEAR(plain.squares[axis], squares[axis], 1e-12);
+        EXPECT_NEAR(plain.products[axis], products[axis], 1e-12);
+    }
+}
+
+INSTANTIATE_TEST_SUITE_P(InstructionSets, Kernels, testing::Values(0U, 1U));
+
+}  // namespace
+}  // namespace stipple
