@@ -68,7 +68,9 @@ void check(const DensityRegion& region) {
             refuse("regions: a box whose min is above its max, or is not finite");
         }
     } else if (const auto* scalar = std::get_if<DensityRegion::Scalar>(&region.where)) {
-        require(scalar->low <= scalar->high, "regions: low", scalar->low, "at most high");
+        const bool finite_range = std::isfinite(scalar->low) && std::isfinite(scalar->high);
+        require(finite_range && scalar->low <= scalar->high, "regions: low", scalar->low,
+                "finite, at most high");
     }
     require_positive("regions: density", region.density);
     require_not_negative("regions: transition", region.transition);
@@ -81,7 +83,8 @@ void check(const ParticleSimulationOptions& options) {
             options.max_grading, "a finite number, at least 1");
     for (const DensityRegion& region : options.regions) check(region);
     require(options.max_iterations >= 1, "max_iterations", options.max_iterations, "at least 1");
-    require_positive("tolerance", options.tolerance);
+    require(options.tolerance > 0 && options.tolerance < 1, "tolerance", options.tolerance,
+            "above 0, below 1");
 }
 
 /// Whether bounds of the method's own say how many points there will be.

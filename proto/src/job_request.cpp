@@ -497,9 +497,7 @@ std::string misplaced(const MethodField& field, Method method) {
 }
 
 std::string_view type_name(const JobRequest& request) noexcept {
-    constexpr std::array<std::string_view, 4> kNames = {"simplify", "pyramid", "upsample",
-                                                        "analyze"};  // as in the variant
-    return kNames[request.job.index()];
+    return kJobTypes[request.job.index()];
 }
 
 Json request_json(const JobRequest& request) {

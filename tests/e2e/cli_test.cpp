@@ -1,5 +1,6 @@
 #include "stipple/codec.hpp"
 #include "stipple/proto/digest.hpp"
+#include "stipple/simplify.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
@@ -73,7 +74,7 @@ TEST_F(StippleCli, SimplifyGivesExactlyThePointsAndTheFiguresAskedFor) {
     EXPECT_EQ(figures["output"]["sha256"], proto::sha256_of_file(folder_ / "out.ply"));
     EXPECT_EQ(figures["method"], "hierarchical");
     EXPECT_GE(figures["threads"].get<int>(), 1);
-    for (const char* part : {"decode", "simplify", "encode", "total"})
+    for (const char* part : {"decode", "simplify", "splats", "encode", "total"})
         EXPECT_GT(figures["seconds"][part].get<double>(), 0.0) << part;
     EXPECT_GT(figures["peak_memory_bytes"].get<double>(), 1e6);
     EXPECT_NE(outcome.err.find("777 points"), std::string::npos);
@@ -87,6 +88,42 @@ TEST_F(StippleCli, SimplifyKeepsColoursNormalsAndAttributes) {
     EXPECT_EQ(cloud.colors.size(), 500U);
     EXPECT_EQ(cloud.normals.size(), 500U);
     EXPECT_NE(find_attribute(cloud, "intensity"), nullptr);
+}
+
+TEST_F(StippleCli, EveryMethodGivesExactlyThePointsAskedFor) {
+    synthesize("in.ply", 5000);
+    for (const Method method : kMethods) {
+        const std::string name(to_string(method));
+        const Outcome outcome =
+            stipple("simplify in.ply out.ply --points 333 --source-index --json - -q -m " + name);
+        ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+        EXPECT_EQ(json::parse(outcome.out)["method"], name);
+        const PointCloud cloud = read_cloud(folder_ / "out.ply");
+        EXPECT_EQ(cloud.size(), 333U) << name;
+        EXPECT_EQ(cloud.colors.size(), 333U) << name;
+        for (const char* attribute : {"intensity", "radius", "source_index"})
+            EXPECT_NE(find_attribute(cloud, attribute), nullptr) << name << ' ' << attribute;
+    }
+}
+
+TEST_F(StippleCli, UpsampleGivesExactlyTheMorePointsAskedFor) {
+    synthesize("in.ply", 2000);
+    const Outcome outcome = stipple("upsample in.ply out.ply --points 5001 --json -");
+    ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+    EXPECT_EQ(read_cloud(folder_ / "out.ply").size(), 5001U);
+    EXPECT_EQ(json::parse(outcome.out)["method"], "particles");
+    EXPECT_EQ(stipple("upsample in.ply fewer.ply --points 1000").exit_code, 1);
+}
+
+TEST_F(StippleCli, AnalyzeAddsThePropertiesOfTheSurface) {
+    synthesize("in.ply", 2000);
+    const Outcome outcome = stipple("analyze in.ply out.ply --k 12 --json -");
+    ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+    EXPECT_EQ(json::parse(outcome.out)["output"]["points"], 2000);
+    const PointCloud cloud = read_cloud(folder_ / "out.ply");
+    EXPECT_EQ(cloud.normals.size(), 2000U);
+    for (const char* attribute : {"intensity", "variation", "density", "anisotropy"})
+        EXPECT_NE(find_attribute(cloud, attribute), nullptr) << attribute;
 }
 
 TEST_F(StippleCli, SimplifyGivesTheSameBytesOnOneAndTwoThreads) {

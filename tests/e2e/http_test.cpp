@@ -3,6 +3,7 @@
 
 #include "stipple/codec.hpp"
 #include "stipple/proto/digest.hpp"
+#include "stipple/simplify.hpp"
 
 #include <gtest/gtest.h>
 #include <fstream>
@@ -156,7 +157,25 @@ TEST(Stippled, SimplifiesInOneCall) {
     ASSERT_EQ(ply.status, 200) << ply.body;
     EXPECT_EQ(ply.field("Content-Type"), "model/ply");
     EXPECT_EQ(ply.field("Stipple-Points"), "300");
-    EXPECT_EQ(decode_cloud(std::as_bytes(std::span(ply.body))).size(), 300U);
+    const PointCloud cloud = decode_cloud(std::as_bytes(std::span(ply.body)));
+    EXPECT_EQ(cloud.size(), 300U);
+    EXPECT_NE(find_attribute(cloud, "radius"), nullptr);
+
+    for (const Method method : kMethods) {
+        const std::string target =
+            "/v1/simplify?points=300&wait=60&splats=none&source_index=true&"
+            "method=" +
+            std::string(to_string(method));
+        const HttpReply reply = request(server.port(), "POST", target, bytes);
+        ASSERT_EQ(reply.status, 200) << target << reply.body;
+        const PointCloud result = decode_cloud(std::as_bytes(std::span(reply.body)));
+        EXPECT_EQ(result.size(), 300U) << target;
+        EXPECT_NE(find_attribute(result, "source_index"), nullptr) << target;
+        EXPECT_EQ(find_attribute(result, "radius"), nullptr) << target;
+    }
+    const HttpReply voxels =
+        request(server.port(), "POST", "/v1/simplify?method=voxel&voxel_size=0.25&wait=60", bytes);
+    EXPECT_EQ(voxels.status, 200) << voxels.body;
 
     const HttpReply draco = request(server.port(), "POST", "/v1/simplify?ratio=0.1&wait=60", bytes,
                                     {"Accept: model/vnd.google.draco"});
@@ -171,12 +190,52 @@ TEST(Stippled, SimplifiesInOneCall) {
               "invalid-argument");
     EXPECT_EQ(problem_of(request(server.port(), "POST", "/v1/simplify?pionts=9", bytes)),
               "invalid-argument");
+    EXPECT_EQ(problem_of(request(server.port(), "POST",
+                                 "/v1/simplify?points=9&source_index=perhaps", bytes)),
+              "invalid-argument");
+    const HttpReply misplaced =
+        request(server.port(), "POST", "/v1/simplify?points=9&voxel_size=1", bytes);
+    EXPECT_EQ(problem_of(misplaced), "invalid-argument");
+    EXPECT_NE(misplaced.body.find("voxel_size: belongs to voxel, not to multiphase"),
+              std::string::npos)
+        << misplaced.body;
     EXPECT_EQ(problem_of(request(server.port(), "POST", "/v1/simplify?points=9", bytes,
                                  {"Accept: image/png"})),
               "not-acceptable");
     EXPECT_EQ(problem_of(request(server.port(), "POST", "/v1/simplify?points=9&wait=60",
                                  "ply\nnonsense\n")),
               "malformed-input");
+}
+
+TEST(Stippled, UpsamplesAndAnalyzesByJobs) {
+    const StippledProcess server;
+    const std::string input = upload(server, as_ply(sphere(1000)));
+    const auto made_by = [&](const Json& wanted) {
+        const std::string id = submit(server, wanted);
+        const Json job = finished(server, id);
+        EXPECT_EQ(job.at("status"), "successful") << job.dump();
+        const Json results =
+            Json::parse(request(server.port(), "GET", "/v1/jobs/" + id + "/results").body);
+        EXPECT_EQ(results.at("schema"), "stipple-results/1");
+        EXPECT_EQ(results.contains("method"), wanted.at("type") != "analyze");
+        const HttpReply file =
+            request(server.port(), "GET", results.at("levels").at(0).at("files").at(0).at("href"));
+        return decode_cloud(std::as_bytes(std::span(file.body)));
+    };
+    EXPECT_EQ(made_by({{"type", "upsample"}, {"input", input}, {"ratio", 3}}).size(), 3000U);
+    const PointCloud analyzed = made_by({{"type", "analyze"}, {"input", input}});
+    EXPECT_EQ(analyzed.size(), 1000U);
+    EXPECT_EQ(analyzed.normals.size(), 1000U);
+    EXPECT_NE(find_attribute(analyzed, "variation"), nullptr);
+
+    const auto listed = [&](const std::string& type) {
+        const HttpReply reply = request(server.port(), "GET", "/v1/jobs?type=" + type);
+        return reply.status == 200 ? Json::parse(reply.body).at("items").size() : 99U;
+    };
+    EXPECT_EQ(listed("upsample"), 1U);
+    EXPECT_EQ(listed("analyze"), 1U);
+    EXPECT_EQ(listed("simplify"), 0U);
+    EXPECT_EQ(listed("magic"), 99U);
 }
 
 TEST(Stippled, ReturnsTheSameJobForTheSameIdempotencyKey) {

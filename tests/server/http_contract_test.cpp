@@ -1,5 +1,6 @@
 // Holds the program and openapi.yaml together.
 #include "http/routes.hpp"
+#include "stipple/proto/job_request.hpp"
 
 #include <gtest/gtest.h>
 #include <yaml-cpp/yaml.h>
@@ -73,6 +74,47 @@ TEST(OpenApi, ListsExactlyTheProblemTypesThatCanBeSent) {
         listed.insert(type.as<std::string>());
     }
     EXPECT_EQ(sent, listed);
+}
+
+/// The fields of a request with everything in it that has a default, and what has none.
+std::set<std::string> fields_of(const std::string& type, const std::string& target,
+                                std::set<std::string> optional) {
+    const auto request = proto::job_request_from_json(R"({"type": ")" + type + R"(", "input": ")" +
+                                                      std::string(64, 'a') + '"' + target + "}");
+    const YAML::Node canonical = YAML::Load(proto::to_json(request));  // JSON is YAML
+    for (const auto& field : canonical) optional.insert(field.first.as<std::string>());
+    return optional;
+}
+
+std::set<std::string> documented_fields(const std::string& schema) {
+    std::set<std::string> names;
+    for (const auto& field : document()["components"]["schemas"][schema]["properties"])
+        names.insert(field.first.as<std::string>());
+    return names;
+}
+
+TEST(OpenApi, ListsExactlyTheFieldsOfEveryRequest) {
+    std::set<std::string> simplify;
+    for (const Method method : kMethods) {
+        simplify.merge(fields_of("simplify",
+                                 R"(,"points":9,"method":")" + std::string(to_string(method)) + '"',
+                                 {"ratio"}));
+    }
+    for (const proto::MethodField& field : proto::method_fields())
+        simplify.insert(std::string(field.name));
+    EXPECT_EQ(documented_fields("SimplifyRequest"), simplify);
+    EXPECT_EQ(documented_fields("UpsampleRequest"),
+              fields_of("upsample", R"(,"points":9)", {"ratio"}));
+    EXPECT_EQ(documented_fields("AnalyzeRequest"), fields_of("analyze", "", {"viewpoint"}));
+    EXPECT_EQ(documented_fields("PyramidRequest"), fields_of("pyramid", "", {"levels"}));
+}
+
+TEST(OpenApi, ListsTheMethodsInTheirOrder) {
+    std::vector<std::string> listed, methods;
+    for (const auto& method : document()["components"]["schemas"]["Method"]["enum"])
+        listed.push_back(method.as<std::string>());
+    for (const Method method : kMethods) methods.emplace_back(to_string(method));
+    EXPECT_EQ(listed, methods);
 }
 
 TEST(OpenApi, HasEverythingThatItRefersTo) {

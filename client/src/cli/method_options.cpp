@@ -161,12 +161,13 @@ void add_particle_options(CLI::App& command, MethodValues& values) {
                     "attribute:NAME,LOW,HIGH:…; may be repeated")
         ->type_name("WHERE:DENSITY")
         ->allow_extra_args(false);
-    command.add_option("--max-iterations", values.particles.max_iterations, "of a stage")
+    command
+        .add_option("--max-iterations", values.particles.max_iterations, "of each of three stages")
         ->type_name("I")
         ->capture_default_str();
     command
         .add_option("--tolerance", values.particles.tolerance,
-                    "mean step that ends a stage, of the distance")
+                    "at rest when the mean step is shorter, of the distance")
         ->type_name("T")
         ->capture_default_str();
 }

@@ -101,8 +101,9 @@ Reply list_jobs(Resources& resources, Request& request) {
     const JobStore::JobFilter filter{.type = request.query_value("type"),
                                      .status = request.query_value("status"),
                                      .input = request.query_value("input")};
-    if (filter.type && *filter.type != "simplify" && *filter.type != "pyramid") {
-        throw HttpError(400, "type: expected simplify or pyramid");
+    if (filter.type &&
+        std::ranges::find(proto::kJobTypes, *filter.type) == proto::kJobTypes.end()) {
+        throw HttpError(400, "type: expected simplify, pyramid, upsample or analyze");
     }
     if (filter.status) (void)proto::job_status_from_name(*filter.status);
     std::optional<std::string> next;

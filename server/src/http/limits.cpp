@@ -6,6 +6,8 @@ namespace stipple::server::http {
 
 Reply get_limits(Resources& resources, Request&) {
     const Limits& limits = resources.service.limits();
+    auto methods = nlohmann::json::array();
+    for (const Method method : kMethods) methods.push_back(to_string(method));
     const nlohmann::json json = {
         {"max_upload_bytes", limits.max_upload_bytes},
         {"max_points", limits.decode.max_points},
@@ -18,7 +20,7 @@ Reply get_limits(Resources& resources, Request&) {
         {"retention_seconds", limits.retention.count()},
         {"max_wait_seconds", limits.max_wait.count()},
         {"formats", {to_string(CloudFormat::Ply), to_string(CloudFormat::Draco)}},
-        {"methods", {to_string(Method::Hierarchical)}},
+        {"methods", methods},
     };
     return json_reply(200, json.dump());
 }

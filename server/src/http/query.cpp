@@ -37,7 +37,7 @@ std::string percent_encoded(std::string_view text) {
 
 }  // namespace
 
-void allow_query(const Request& request, std::initializer_list<std::string_view> names) {
+void allow_query(const Request& request, std::span<const std::string_view> names) {
     for (const auto& [name, value] : request.query) {
         if (std::ranges::find(names, name) != names.end()) continue;
         std::string offered;
@@ -70,6 +70,13 @@ std::optional<double> query_number(const Request& request, std::string_view name
         refuse(name, *text, "a number");
     }
     return value;
+}
+
+std::optional<bool> query_truth(const Request& request, std::string_view name) {
+    const auto text = request.query_value(name);
+    if (!text) return std::nullopt;
+    if (*text != "true" && *text != "false") refuse(name, *text, "true or false");
+    return *text == "true";
 }
 
 std::chrono::milliseconds query_wait(const Request& request, const Limits& limits,

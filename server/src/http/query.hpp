@@ -6,6 +6,7 @@
 #include <chrono>
 #include <initializer_list>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 
@@ -13,13 +14,19 @@ namespace stipple::server::http {
 
 /// @throws HttpError(400) naming a query parameter that is none of these, so that a slip of the pen
 /// is noticed.
-void allow_query(const Request& request, std::initializer_list<std::string_view> names);
+void allow_query(const Request& request, std::span<const std::string_view> names);
+inline void allow_query(const Request& request, std::initializer_list<std::string_view> names) {
+    allow_query(request, std::span(names.begin(), names.size()));
+}
 
 /// A whole number. @throws HttpError(400) naming the parameter, its value and the range.
 std::optional<std::uint64_t> query_count(const Request& request, std::string_view name,
                                          std::uint64_t least, std::uint64_t most);
 /// A finite number.
 std::optional<double> query_number(const Request& request, std::string_view name);
+
+/// `true` or `false`.
+std::optional<bool> query_truth(const Request& request, std::string_view name);
 
 /// `wait` in seconds, capped by the limits.
 std::chrono::milliseconds query_wait(const Request& request, const Limits& limits,

@@ -5,6 +5,7 @@
 #include "stipple/simplify.hpp"
 #include "stipple/surface_attributes.hpp"
 
+#include <array>
 #include <span>
 #include <string>
 #include <string_view>
@@ -83,7 +84,9 @@ struct JobRequest {
     std::variant<SimplifyJob, PyramidJob, UpsampleJob, AnalyzeJob> job;
 };
 
-/// `simplify`, `pyramid`, `upsample` or `analyze`.
+/// The names of the types, in the order of the variant.
+inline constexpr std::array<std::string_view, 4> kJobTypes = {"simplify", "pyramid", "upsample",
+                                                              "analyze"};
 std::string_view type_name(const JobRequest& request) noexcept;
 /// One form for equal requests (defaults written out, keys sorted), so that its hash identifies the
 /// work.

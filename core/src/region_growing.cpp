@@ -1,0 +1,360 @@
+#include "region_growing.hpp"
+
+#include "point_blocks.hpp"
+#include "random.hpp"
+#include "symmetric_eigen.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+// Follows: Pauly, Gross, Kobbelt 2002, §3.1. The paper leaves open how far a region may reach
+// around those that were there before and which of its neighbours is the next seed. Both decide how
+// even the regions are: measured were reaches of 1.1 to 1.6 R and seeds from the nearest free point
+// to 2.1 R away.
+
+namespace stipple {
+
+namespace {
+
+constexpr float kReach = 1.3F;           // R: how far a region extends
+constexpr float kNextSeed = 1.8F;        // R: how far away the next seed should be
+constexpr float kLook = 2.0F;            // R: how far away it may be
+constexpr float kFirstLook = 2.3F;       // typical R: what is looked through first
+constexpr float kMostGrowth = 2.0F;      // of R from one region to the next
+constexpr float kPatience = 1.25F;       // growth of the typical R where too few points are found
+constexpr std::size_t kMostLooked = 32;  // n_max: beyond, one looks nearer
+constexpr std::uint64_t kFirstSize = 8;  // tried under a bound on the variation
+
+/// How many of the distances are at most `limit`. Whole groups of four are read: what stands behind
+/// the end is infinite.
+std::size_t count_within(const float* distances_sq, std::size_t size, float limit) noexcept {
+    Int4 counts{};
+    for (std::size_t i = 0; i < size; i += 4) counts -= load(distances_sq + i) <= limit;
+    return static_cast<std::size_t>(counts[0] + counts[1] + counts[2] + counts[3]);
+}
+
+/// The m-th smallest of the distances, which are as `count_within` wants them; 1 <= m <= `up_to`,
+/// how many of them are at most `high`.
+///
+/// On a surface the count grows with the squared distance: a few steps between counts leave a
+/// handful to choose from.
+float mth_smallest(const std::vector<float>& distances_sq, std::size_t size, float high,
+                   std::size_t up_to, std::size_t m, std::vector<float>& buffer) {
+    float low = -1;  // in (low, high]
+    std::size_t below = 0;
+    for (int step = 0; step < 4 && up_to - below > 8; ++step) {
+        const float part = (static_cast<float>(m - below) - 0.5F) / static_cast<float>(up_to - below);
+        const float from = std::max(low, 0.0F), guess = from + part * (high - from);
+        if (!(guess > low && guess < high)) break;
+        const std::size_t count = count_within(distances_sq.data(), size, guess);
+        (count >= m ? high : low) = guess;
+        (count >= m ? up_to : below) = count;
+    }
+    buffer.resize(up_to - below + 4);
+    std::size_t left = 0;
+    for (std::size_t i = 0; i < size; i += 4) {
+        const Float4 d = load(&distances_sq[i]);
+        const unsigned within = lane_bits((d > low) & (d <= high));
+        store_packed(&buffer[left], &distances_sq[i], within);
+        left += static_cast<std::size_t>(std::popcount(within));
+    }
+    const auto wanted = buffer.begin() + static_cast<std::ptrdiff_t>(m - below - 1);
+    std::nth_element(buffer.begin(), wanted, buffer.begin() + static_cast<std::ptrdiff_t>(left));
+    return *wanted;
+}
+
+/// What lies within some distance of a seed.
+struct Surroundings {
+    std::vector<float> all_sq;   ///< squared distances of all points, the seed included
+    std::vector<float> free_sq;  ///< and of those that are not taken,
+    std::vector<Index> free;     ///< which are here
+    std::size_t all_count = 0, free_count = 0;
+
+    /// @return whether no more than `limit` points, and perhaps a block, are within the root of
+    /// `radius_sq`; if there are more, not all of them are here.
+    bool look(const PointBlocks& blocks, const Vec3f& q, float radius_sq, std::size_t limit) {
+        all_count = free_count = 0;
+        const SampleSpan samples = blocks.samples();
+        const float* const taken = blocks.taken();
+        blocks.find(q, radius_sq, [&](Index begin, Index end) {
+            make_room(end - begin);
+            // Copies that no store can reach, so that they stay in registers.
+            float *all_to = &all_sq[all_count], *free_to = &free_sq[free_count];
+            Index* place_to = &free[free_count];
+            const SampleSpan s = samples;
+            const float x = q.x(), y = q.y(), z = q.z(), limit_sq = radius_sq;
+            for (Index place = begin; place < end; place += 4) {
+                const Float4 dx = load(s.x + place) - x, dy = load(s.y + place) - y,
+                             dz = load(s.z + place) - z;
+                const Float4 d = dx * dx + dy * dy + dz * dz;
+                const unsigned here = end - place < 4 ? (1U << (end - place)) - 1U : 15U;
+                const unsigned near = lane_bits(d <= limit_sq) & here;
+                const unsigned near_free = near & lane_bits(load(taken + place) <= 0.0F);
+                const auto* const lanes = reinterpret_cast<const float*>(&d);
+                const Int4 places = Int4{0, 1, 2, 3} + static_cast<std::int32_t>(place);
+                store_packed(all_to, lanes, near);
+                store_packed(free_to, lanes, near_free);
+                store_packed(place_to, reinterpret_cast<const Index*>(&places), near_free);
+                all_to += std::popcount(near);
+                free_to += std::popcount(near_free);
+                place_to += std::popcount(near_free);
+            }
+            all_count = static_cast<std::size_t>(all_to - all_sq.data());
+            free_count = static_cast<std::size_t>(free_to - free_sq.data());
+            return all_count <= limit;
+        });
+        make_room(0);
+        constexpr float kFar = std::numeric_limits<float>::infinity();
+        std::fill_n(&all_sq[all_count], 4, kFar);
+        std::fill_n(&free_sq[free_count], 4, kFar);
+        return all_count <= limit;
+    }
+
+private:
+    /// For `more` points, and four behind them.
+    void make_room(std::size_t more) {
+        if (all_count + more + 4 <= all_sq.size()) return;
+        const std::size_t size = 2 * (all_count + more) + 64;
+        all_sq.resize(size);
+        free_sq.resize(size);
+        free.resize(size);
+    }
+};
+
+/// The scatter of points as they come one by one, relative to the first.
+class RunningScatter {
+public:
+    explicit RunningScatter(const Vec3f& reference) : reference_(reference) {}
+
+    void add(const Vec3f& p) noexcept {
+        const Vec3d d = (p - reference_).cast<double>();
+        ++count_;
+        sum_ += d;
+        squares_.xx += d.x() * d.x();
+        squares_.xy += d.x() * d.y();
+        squares_.xz += d.x() * d.z();
+        squares_.yy += d.y() * d.y();
+        squares_.yz += d.y() * d.z();
+        squares_.zz += d.z() * d.z();
+    }
+    Vec3d centroid() const noexcept { return reference_.cast<double>() + sum_ / count_; }
+    double variation() const noexcept {  // Eq. 5
+        const Symmetric3 a = scatter();
+        const double total = a.trace();
+        return total > 0 ? std::max(0.0, eigenvalues(a)[0]) / total : 0.0;
+    }
+    /// Whether the variation is above `bound`: whether the scatter less `bound` of its trace is
+    /// positive definite.
+    bool varies_more_than(double bound) const noexcept {
+        const Symmetric3 a = scatter();
+        const double shift = bound * a.trace();
+        const double xx = a.xx - shift, yy = a.yy - shift, zz = a.zz - shift;
+        const double minor = xx * yy - a.xy * a.xy;
+        return xx > 0 && minor > 0 &&
+               minor * zz + 2 * a.xy * a.xz * a.yz > xx * a.yz * a.yz + yy * a.xz * a.xz;
+    }
+
+private:
+    Symmetric3 scatter() const noexcept {
+        const Vec3d m = sum_ / count_;
+        return {squares_.xx - m.x() * sum_.x(), squares_.xy - m.x() * sum_.y(),
+                squares_.xz - m.x() * sum_.z(), squares_.yy - m.y() * sum_.y(),
+                squares_.yz - m.y() * sum_.z(), squares_.zz - m.z() * sum_.z()};
+    }
+
+    Vec3f reference_;
+    double count_ = 0;
+    Vec3d sum_ = Vec3d::Zero();
+    Symmetric3 squares_;
+};
+
+class Growth {
+public:
+    Growth(std::span<const Vec3f> points, const RegionBounds& bounds, const RunContext& context)
+        : points_(points),
+          bounds_{std::min<std::uint64_t>(bounds.max_size, points.size()), bounds.max_variation},
+          scale_(scale_near_one(points)),
+          blocks_(points, scale_, context),
+          taken_(points.size()) {
+        result_.members.reserve(points.size());
+        size_ = bounded() ? std::min(kFirstSize, bounds_.max_size) : bounds_.max_size;
+    }
+
+    Regions run(Index first_seed, const RunContext& context) {
+        Vec3f seed = scaled(first_seed);
+        spacing_ = first_spacing(seed);
+        while (true) {
+            context.checkpoint(static_cast<double>(result_.members.size()) /
+                               static_cast<double>(points_.size()));
+            const Extent extent = grow(seed);
+            if (result_.members.size() == points_.size()) break;
+            seed = next_seed(extent);
+        }
+        for (Region& region : result_.regions) region.centroid /= static_cast<double>(scale_);
+        return std::move(result_);
+    }
+
+private:
+    static constexpr std::size_t kNoLimit = std::numeric_limits<std::size_t>::max();
+    struct Chosen {
+        float distance_sq;
+        Index index, place;
+        auto operator<=>(const Chosen&) const = default;
+    };
+
+    bool bounded() const noexcept { return std::isfinite(bounds_.max_variation); }
+    Vec3f scaled(Index point) const noexcept { return points_[point] * scale_; }
+
+    /// R over the root of the size, for the first seed.
+    float first_spacing(const Vec3f& seed) {
+        float radius =
+            0.25F * std::sqrt(static_cast<float>(size_) / static_cast<float>(points_.size()));
+        while (near_.look(blocks_, seed, radius * radius, kNoLimit), near_.all_count < size_)
+            radius *= 2;
+        return radius_of_size(radius) / std::sqrt(static_cast<float>(size_));
+    }
+
+    /// R, where `looked` is no less.
+    float radius_of_size(float looked) {
+        return std::sqrt(mth_smallest(near_.all_sq, near_.all_count, looked * looked,
+                                      near_.all_count, size_, buffer_));
+    }
+
+    /// Finds R of a region of `size_` points, and what lies within 2 R.
+    float survey(const Vec3f& seed) {
+        const float root = std::sqrt(static_cast<float>(size_));
+        const float most = kMostGrowth * spacing_ * root;
+        float looked = kFirstLook * spacing_ * root;
+        const std::size_t limit = kMostLooked * size_;
+        while (!near_.look(blocks_, seed, looked * looked, limit) && looked > 0) {
+            constexpr float kNearer = 0.6F;
+            looked *= kNearer;
+        }
+        if (near_.all_count < size_ && looked < most) {  // a crowd stands just beyond
+            looked = most;
+            near_.look(blocks_, seed, looked * looked, kNoLimit);
+        }
+        float radius = most;
+        if (near_.all_count >= size_) radius = std::min(most, radius_of_size(looked));
+        if (looked < kLook * radius) {
+            looked = kLook * radius;
+            near_.look(blocks_, seed, looked * looked, kNoLimit);
+        }
+        return radius;
+    }
+
+    /// How far a region extends: R, and what is left of it where the variation ended the region.
+    struct Extent {
+        float radius, own_radius;
+    };
+
+    Extent grow(const Vec3f& seed) {
+        while (true) {
+            const float radius = survey(seed);
+            const float root = std::sqrt(static_cast<float>(size_));
+            spacing_ = radius < kMostGrowth * spacing_ * root
+                           ? radius / root
+                           : std::min(kPatience * spacing_, 4.0F / root);
+            collect(kReach * radius);
+            if (!bounded()) {
+                take(seed, chosen_.size());
+                return {radius, radius};
+            }
+            const std::size_t kept = longest_within_variation(seed);
+            if (kept == size_ && size_ < bounds_.max_size) {
+                size_ = std::min(2 * size_, bounds_.max_size);
+                continue;
+            }
+            const float last = std::sqrt(chosen_[kept - 1].distance_sq);
+            const bool cut_short = kept < chosen_.size();
+            take(seed, kept);
+            size_ = std::clamp<std::uint64_t>(2 * kept, std::min(kFirstSize, bounds_.max_size),
+                                              bounds_.max_size);
+            return {radius, cut_short ? last : radius};
+        }
+    }
+
+    /// Chooses the nearest free points within `reach`, `size_` at most; those under a bound on the
+    /// variation nearest first.
+    void collect(float reach) {
+        float limit = reach * reach;
+        const std::size_t free = count_within(near_.free_sq.data(), near_.free_count, limit);
+        if (free > size_)
+            limit = mth_smallest(near_.free_sq, near_.free_count, limit, free, size_, buffer_);
+        chosen_.clear();
+        for (std::size_t i = 0; i < near_.free_count; ++i) {
+            if (near_.free_sq[i] <= limit)
+                chosen_.push_back(
+                    {near_.free_sq[i], blocks_.samples().index[near_.free[i]], near_.free[i]});
+        }
+        if (bounded() || chosen_.size() > size_) std::ranges::sort(chosen_);
+        chosen_.resize(std::min<std::size_t>(chosen_.size(), size_));
+    }
+
+    std::size_t longest_within_variation(const Vec3f& seed) const {
+        RunningScatter scatter(seed);
+        std::size_t longest = 1;
+        for (std::size_t i = 0; i < chosen_.size(); ++i) {
+            scatter.add(blocks_.samples().position(chosen_[i].place));
+            if (!scatter.varies_more_than(bounds_.max_variation)) longest = i + 1;
+        }
+        return longest;
+    }
+
+    /// Makes a region of the first `count` chosen points.
+    void take(const Vec3f& seed, std::size_t count) {
+        Region region;
+        region.begin = static_cast<Index>(result_.members.size());
+        RunningScatter scatter(seed);
+        for (std::size_t i = 0; i < count; ++i) {
+            blocks_.take(chosen_[i].place);
+            taken_[chosen_[i].index] = 1;
+            result_.members.push_back(chosen_[i].index);
+            scatter.add(blocks_.samples().position(chosen_[i].place));
+        }
+        region.end = static_cast<Index>(result_.members.size());
+        region.centroid = scatter.centroid();
+        if (bounded()) region.variation = scatter.variation();
+        result_.regions.push_back(region);
+    }
+
+    Vec3f next_seed(const Extent& extent) {
+        const float limit = std::pow(kLook * extent.radius, 2.0F);
+        const float wanted = std::pow(kNextSeed * extent.own_radius, 2.0F);
+        std::pair<float, Index> best = {std::numeric_limits<float>::infinity(), 0};
+        for (std::size_t i = 0; i < near_.free_count; ++i) {
+            const float miss = std::abs(near_.free_sq[i] - wanted);
+            if (miss > best.first || near_.free_sq[i] > limit || blocks_.is_taken(near_.free[i]))
+                continue;
+            best = std::min(best, {miss, blocks_.samples().index[near_.free[i]]});
+        }
+        if (std::isfinite(best.first)) return scaled(best.second);
+        while (taken_[first_free_] != 0) ++first_free_;
+        return scaled(first_free_);
+    }
+
+    std::span<const Vec3f> points_;
+    RegionBounds bounds_;
+    float scale_;
+    PointBlocks blocks_;
+    std::vector<char> taken_;  ///< by number in the cloud
+    Index first_free_ = 0;
+    std::uint64_t size_;  ///< n_max, or what is tried under a bound on the variation
+    float spacing_ = 0;   ///< typical R over the root of the size
+    Surroundings near_;
+    std::vector<Chosen> chosen_;
+    std::vector<float> buffer_;
+    Regions result_;
+};
+
+}  // namespace
+
+Regions grow_regions(std::span<const Vec3f> points, const RegionBounds& bounds, std::uint64_t seed,
+                     const RunContext& context) {
+    Growth growth(points, bounds, context);
+    const auto first = static_cast<Index>(below(random_bits(seed, 0), points.size()));
+    return growth.run(first, context);
+}
+
+}  // namespace stipple

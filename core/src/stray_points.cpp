@@ -1,0 +1,133 @@
+#include "stray_points.hpp"
+
+#include "parallel_for.hpp"
+#include "point_blocks.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+namespace stipple {
+
+namespace {
+
+/// The centroids of the chosen regions.
+class Centroids {
+public:
+    Centroids(const Regions& regions, std::span<const Index> chosen, float scale,
+              const RunContext& context)
+        : scale_(scale),
+          first_look_(0.5F / std::sqrt(static_cast<float>(chosen.size()))),
+          blocks_(positions_of(regions, chosen), scale, context) {}
+
+    /// Numbers among the chosen regions and scaled positions.
+    struct Near {
+        std::vector<Index> number;
+        std::vector<Vec3f> position;
+    };
+
+    /// Finds every centroid that may be the closest to a point within `reach` of q.
+    void find_candidates(const Vec3f& q, float reach, Near& near) const {
+        float radius = std::max(2 * reach, first_look_);
+        float closest_sq = find(q, radius, near);
+        while (near.number.empty()) closest_sq = find(q, radius *= 2, near);
+        constexpr float kRounding = 1.0001F;
+        const float needed = kRounding * (std::sqrt(closest_sq) + 2 * reach);
+        if (needed > radius) find(q, needed, near);
+    }
+
+    float scale() const noexcept { return scale_; }
+
+private:
+    static std::vector<Vec3f> positions_of(const Regions& regions, std::span<const Index> chosen) {
+        std::vector<Vec3f> positions;
+        for (const Index i : chosen) positions.push_back(regions.regions[i].centroid.cast<float>());
+        return positions;
+    }
+
+    /// @return the least squared distance.
+    float find(const Vec3f& q, float radius, Near& near) const {
+        near.number.clear();
+        near.position.clear();
+        float closest_sq = std::numeric_limits<float>::infinity();
+        const float radius_sq = radius * radius;
+        blocks_.find(q, radius_sq, [&](Index begin, Index end) {
+            for (Index place = begin; place < end; ++place) {
+                const Vec3f position = blocks_.samples().position(place);
+                const float distance_sq = (position - q).squaredNorm();
+                if (distance_sq > radius_sq) continue;
+                near.number.push_back(blocks_.samples().index[place]);
+                near.position.push_back(position);
+                closest_sq = std::min(closest_sq, distance_sq);
+            }
+            return true;
+        });
+        return closest_sq;
+    }
+
+    float scale_, first_look_;
+    PointBlocks blocks_;
+};
+
+Index closest(const Vec3f& p, const Centroids::Near& near) {
+    std::pair<float, Index> best = {std::numeric_limits<float>::infinity(), near.number.front()};
+    for (std::size_t i = 0; i < near.number.size(); ++i)
+        best = std::min(best, {(near.position[i] - p).squaredNorm(), near.number[i]});
+    return best.second;
+}
+
+/// Writes the number of the closest centroid for each point of a region, beside its members.
+void join(std::span<const Vec3f> points, const Regions& regions, const Region& stray,
+          const Centroids& centroids, Centroids::Near& near, std::vector<Index>& cluster) {
+    const auto position = [&](Index at) {
+        return Vec3f(points[regions.members[at]] * centroids.scale());
+    };
+    const Vec3f middle = position(stray.begin);
+    float reach = 0;
+    for (Index at = stray.begin; at < stray.end; ++at)
+        reach = std::max(reach, (position(at) - middle).norm());
+    centroids.find_candidates(middle, reach, near);
+    for (Index at = stray.begin; at < stray.end; ++at) cluster[at] = closest(position(at), near);
+}
+
+}  // namespace
+
+Clusters with_strays_joined(std::span<const Vec3f> points, const Regions& regions,
+                            std::span<const Index> chosen, const RunContext& context) {
+    std::vector<Index> all(regions.regions.size()), strays;
+    for (Index i = 0; i < all.size(); ++i) all[i] = i;
+    std::ranges::set_difference(all, chosen, std::back_inserter(strays));
+    std::vector<Index> cluster(regions.members.size());  // of the members of strays
+    if (!strays.empty()) {
+        const Centroids centroids(regions, chosen, scale_near_one(points), context);
+        parallel_for_blocks(strays.size(), 64, context, [&](std::size_t begin, std::size_t end) {
+            Centroids::Near near;
+            for (std::size_t i = begin; i < end; ++i)
+                join(points, regions, regions.regions[strays[i]], centroids, near, cluster);
+        });
+    }
+
+    Clusters clusters;
+    clusters.offsets.assign(chosen.size() + 1, 0);
+    for (std::size_t c = 0; c < chosen.size(); ++c)
+        clusters.offsets[c + 1] = regions.regions[chosen[c]].size();
+    const auto for_strays = [&](auto&& visit) {
+        for (const Index stray : strays) {
+            const Region& region = regions.regions[stray];
+            for (Index at = region.begin; at < region.end; ++at) visit(at);
+        }
+    };
+    for_strays([&](Index at) { ++clusters.offsets[cluster[at] + 1]; });
+    for (std::size_t c = 0; c < chosen.size(); ++c) clusters.offsets[c + 1] += clusters.offsets[c];
+    clusters.members.resize(regions.members.size());
+    std::vector<Index> next(clusters.offsets.begin(), clusters.offsets.end() - 1);
+    for (std::size_t c = 0; c < chosen.size(); ++c) {
+        const Region& region = regions.regions[chosen[c]];
+        std::copy_n(&regions.members[region.begin], region.size(), &clusters.members[next[c]]);
+        next[c] += region.size();
+    }
+    for_strays([&](Index at) { clusters.members[next[cluster[at]]++] = regions.members[at]; });
+    return clusters;
+}
+
+}  // namespace stipple
