@@ -1,17 +1,29 @@
 #include "contraction.hpp"
 
-#include "hilbert_order.hpp"
+#include "contraction_quadrics.hpp"
+#include "contraction_relaxation.hpp"
+#include "large_memory.hpp"
+#include "leaf_query.hpp"
 #include "parallel_for.hpp"
+#include "point_tree.hpp"
 #include "stipple/neighbors.hpp"
-#include "symmetric_eigen.hpp"
 
 #include <algorithm>
 #include <array>
 #include <atomic>
 #include <cmath>
-#include <cstdio>
-#include <cstdlib>
+#include <functional>
 #include <limits>
+#include <new>
+#include <numeric>
+#include <tuple>
+
+// Follows: Pauly, Gross, Kobbelt 2002, §3.2; Garland and Heckbert 1997.
+//
+// The paper contracts one pair after the other from a queue. Here every sample keeps its cheapest
+// partner, and in a round all pairs below a quantile of the costs contract that are cheapest at
+// both of their ends, in parallel. Which pairs these are does not depend on the number of threads,
+// nor on how far the contraction goes: a round that would go too far contracts its cheapest first.
 
 namespace stipple {
 
@@ -20,18 +32,21 @@ namespace {
 constexpr Index kNone = std::numeric_limits<Index>::max();
 constexpr std::size_t kBlock = 1024;
 constexpr unsigned kMaxNeighbors = 32;
-constexpr float kUnknown = -1;
+constexpr float kUnknown = -1;  // a cost that has to be computed
 constexpr float kIsolated = std::numeric_limits<float>::infinity();
 
 /// All that a contraction reads of a sample, in one line of the cache.
 struct alignas(64) Record {
     Vec3f position;
     StoredQuadric quadric;
-    Index link;    ///< itself; of one that was contracted away, the sample that it became
-    Index merged;  ///< the sample contracted into this one in the last round, or kNone
-    float cost;    ///< of the contraction with `neighbors[0]`
+    Index link;   ///< see `Engine::root`
+    Index claim;  ///< the sample that asks to contract with this one for the least, or kNone
+    float cost;   ///< of the contraction with the first of the neighbours
 };
 static_assert(sizeof(Record) == 64);
+
+/// A link of a sample into which another was just contracted: that other's number lies below.
+constexpr Index kMerged = Index{1} << 31U;
 
 /// A number for a pair that looks like chance, to choose among pairs of the same cost.
 std::uint32_t shuffled(Index a, Index b) noexcept {
@@ -42,370 +57,547 @@ std::uint32_t shuffled(Index a, Index b) noexcept {
     return static_cast<std::uint32_t>(h >> 32U);
 }
 
-struct Contracted {
-    Vec3d offset;  ///< of the new position, from the first sample's
-    double cost;
+/// Two samples as one, relative to the first.
+struct Joined {
+    Quadric quadric;
+    Vec3d offset;  ///< of the new position
+    double error;  ///< there
+};
+
+Joined join(const Record& a, const Record& b, Placement placement) {
+    const Vec3d d = (b.position - a.position).cast<double>();
+    Joined joined{Quadric(a.quadric) + referred_to(Quadric(b.quadric), -d), Vec3d::Zero(), 0};
+    if (placement == Placement::EndPoint) {
+        const double at_b = value(joined.quadric, d);
+        joined.error = joined.quadric.c;
+        if (at_b < joined.error) {
+            joined.error = at_b;
+            joined.offset = d;
+        }
+        return joined;
+    }
+    const Vec3d middle = 0.5 * d;
+    Vec3d y = middle;
+    if (minimiser(joined.quadric, y)) {
+        // Not farther from the middle than the two are from each other, whatever the planes say.
+        const double away_sq = (y - middle).squaredNorm(), limit_sq = d.squaredNorm();
+        if (away_sq > limit_sq) y = middle + (y - middle) * std::sqrt(limit_sq / away_sq);
+    }
+    joined.offset = y;
+    joined.error = std::max(0.0, value(joined.quadric, y));
+    return joined;
+}
+
+/// Where to stop: to keep the samples that a snapshot will share out, or to take it.
+struct Stop {
+    std::uint64_t count;
+    std::size_t snapshot;
+    bool keep;
+};
+
+/// The samples that a snapshot shares out among its survivors.
+struct Kept {
+    SharedSamples samples;        ///< `survivor_of`: slots until the snapshot is taken
+    std::vector<Index> of_input;  ///< for each sample of the input the kept one it is part of
 };
 
 class Engine {
 public:
     Engine(std::span<const Vec3f> positions, std::span<const StoredQuadric> quadrics,
-           const ContractionOptions& options, const RunContext& context)
-        : options_(options), context_(context), k_(options.k) {
-        order_ = hilbert_order(positions, context);
-        const std::size_t n = positions.size();
-        std::vector<Vec3f> sorted(n);
-        for (std::size_t i = 0; i < n; ++i) sorted[i] = positions[order_[i]];
-        NeighborLists lists =
-            k_nearest_neighbors(sorted, unsigned(std::max(k_, std::size_t(16))), context);
-        neighbors_.assign(n * k_, kNone);
-        for (std::size_t i = 0; i < n; ++i) {
-            const auto of = lists.of(i);
-            std::copy_n(of.begin(), std::min<std::size_t>(of.size(), k_), &neighbors_[i * k_]);
-        }
-        records_.resize(n);
-        for (std::size_t i = 0; i < n; ++i) {
-            records_[i].position = sorted[i];
-            records_[i].link = static_cast<Index>(i);
-            records_[i].merged = kNone;
-            records_[i].cost = kUnknown;
-        }
-        if (quadrics.empty())
-            make_quadrics(lists);
-        else
-            for (std::size_t i = 0; i < n; ++i) records_[i].quadric = quadrics[order_[i]];
-        claims_.resize(n);
-        live_.resize(n);
-        for (std::size_t i = 0; i < n; ++i) live_[i] = static_cast<Index>(i);
-    }
+           const ContractionOptions& options, const RunContext& context);
 
-    std::size_t size() const { return live_.size(); }
-    std::size_t rounds = 0, evals = 0;
-
-    /// One round; contracts down to each of the counts on the way.
-    template <typename At>
-    void round(std::span<const std::uint64_t>& counts, At&& at_count) {
-        ++rounds;
-        refresh();
-        propose(threshold());
-        std::vector<Winner> winners = match();
-        if (winners.empty()) {
-            reconnect();
-            return;
-        }
-        std::ranges::sort(winners);
-        std::size_t done = 0;
-        while (true) {
-            std::size_t end = winners.size();
-            const bool stop = !counts.empty() && size() - end <= counts.front();
-            if (stop) end = size() - counts.front();
-            for (; done < end; ++done) contract(winners[done]);
-            if (!stop) break;
-            at_count();
-            counts = counts.subspan(1);
-            if (counts.empty()) break;
-        }
-        std::erase_if(live_, [&](Index i) { return records_[i].link != i; });
-    }
-
-    ContractionSnapshot snapshot() {
-        ContractionSnapshot s;
-        s.survivor_of.resize(records_.size());
-        for (const Index i : live_) {
-            if (records_[i].link != i) continue;
-            claims_[i] = static_cast<Index>(s.positions.size());
-            s.positions.push_back(records_[i].position);
-            s.samples.push_back(order_[i]);
-        }
-        for (std::size_t i = 0; i < records_.size(); ++i)
-            s.survivor_of[order_[i]] = claims_[root(static_cast<Index>(i))];
-        return s;
-    }
+    void run(std::span<const std::uint64_t> counts,
+             const std::function<void(ContractionSnapshot&&)>& on_snapshot);
 
 private:
     struct Winner {
-        float cost;
         Index kept, gone;
-        auto operator<=>(const Winner&) const = default;
     };
 
+    Record* records() const { return static_cast<Record*>(memory_.data()); }
+    Index* list_of(Index i) { return &neighbors_[static_cast<std::size_t>(i) * k_]; }
+    const Index* list_of(Index i) const { return &neighbors_[static_cast<std::size_t>(i) * k_]; }
+
+    bool is_live(Index i) const {
+        return records()[i].link == i || (records()[i].link & kMerged) != 0;
+    }
+    /// The live sample that i has become.
     Index root(Index i) const {
-        while (records_[i].link != i) i = records_[i].link;
+        while (!is_live(i)) i = records()[i].link;
         return i;
     }
 
-    void make_quadrics(const NeighborLists& lists) {
-        const std::size_t n = records_.size();
-        const double lambda = kPointTerm;
-        const double area_power = 1.0;
-        const double bound = 0;
-        std::vector<Vec3f> normals(n);
-        std::vector<float> areas(n);
-        double sum = 0;
-        const unsigned kn = unsigned(16);
-        for (std::size_t i = 0; i < n; ++i) {
-            Symmetric3 m;
-            Vec3d mean = Vec3d::Zero();
-            std::array<Vec3d, 64> e;
-            std::size_t count = 0;
-            const Vec3f p = records_[i].position;
-            for (const Index j : lists.of(i)) {
-                if (count == kn) break;
-                e[count] = (records_[j].position - p).cast<double>();
-                mean += e[count++];
-            }
-            areas[i] = float(e[count - 1].squaredNorm() / double(count));
-            sum += double(areas[i]);
-            mean /= double(count + 1);
-            e[count++] = Vec3d::Zero();
-            for (std::size_t a = 0; a < count; ++a) {
-                const Vec3d d = e[a] - mean;
-                m.xx += d.x() * d.x();
-                m.xy += d.x() * d.y();
-                m.xz += d.x() * d.z();
-                m.yy += d.y() * d.y();
-                m.yz += d.y() * d.z();
-                m.zz += d.z() * d.z();
-            }
-            normals[i] = eigenvector(m, eigenvalues(m)[0]).cast<float>();
-        }
-        sum /= double(n);
-        const int planes = int(0);
-        for (std::size_t i = 0; i < n; ++i) {
-            Quadric q;
-            const double w = std::pow(double(areas[i]) / sum, area_power);
-            const Vec3f p = records_[i].position;
-            const Vec3d normal = normals[i].cast<double>();
-            const std::size_t k = std::min<std::size_t>(lists.of(i).size(), k_);
-            if (planes == 0) {
-                for (const Index j : lists.of(i).first(k)) {
-                    const Vec3d e = (records_[j].position - p).cast<double>();
-                    const Vec3d m = e.cross(e.cross(normal));
-                    const double length = m.norm();
-                    if (length > 0) add_plane(q, m / length, Vec3d::Zero(), w / double(k));
-                }
-            } else {
-                add_plane(q, normal, Vec3d::Zero(), w);
-            }
-            if (bound > 0) {
-                Vec3d o = Vec3d::Zero();
-                for (const Index j : lists.of(i)) o += (records_[j].position - p).cast<double>();
-                o /= double(lists.of(i).size());
-                o -= normal * normal.dot(o);
-                const double r = std::sqrt(double(lists.distances_sq[lists.offsets[i + 1] - 1]));
-                const double one_sided = std::clamp((o.norm() / r - 0.28) / 0.12, 0.0, 1.0);
-                if (one_sided > 0)
-                    add_plane(q, o.normalized(), Vec3d::Zero(), bound * w * one_sided);
-            }
-            add_point(q, Vec3d::Zero(), w * lambda);
-            records_[i].quadric = StoredQuadric(q);
-        }
+    void order_along_curve(std::span<const Vec3f> positions);
+    template <typename Visit>
+    void for_neighbors(Index of, Visit&& visit) const;
+    Vec3d offset(Index from, Index to) const {
+        return (records()[to].position - records()[from].position).cast<double>();
     }
-
-    Contracted evaluate(Index first, Index second) const {
-        const Record &a = records_[first], &b = records_[second];
-        const Vec3d d = (b.position - a.position).cast<double>();
-        const Quadric sum = Quadric(a.quadric) + referred_to(Quadric(b.quadric), -d);
-        Vec3d y;
-        if (options_.placement == Placement::EndPoint) {
-            const double at_a = sum.c, at_b = value(sum, d);
-            return at_b < at_a ? Contracted{d, at_b} : Contracted{Vec3d::Zero(), at_a};
-        }
-        if (!minimiser(sum, y)) y = 0.5 * d;
-        const double limit = d.squaredNorm();
-        const Vec3d from_mid = y - 0.5 * d;
-        const double away = from_mid.squaredNorm();
-        if (away > limit) y = 0.5 * d + from_mid * std::sqrt(limit / away);
-        return {y, std::max(0.0, value(sum, y))};
+    void make_quadrics();
+    std::vector<Vec3d> wide_surroundings(Index i) const;
+    std::vector<float> feature_steps(Index i) const;
+    Index place(Index slot) const { return place_of_.empty() ? slot : place_of_[slot]; }
+    Index slot_at(std::size_t place) const {
+        return slot_of_.empty() ? static_cast<Index>(place) : slot_of_[place];
     }
-
-    float cost_of(Index i, Index j) const {
-        static const double guard = 0;
-        const auto [a, b] = std::minmax(i, j);
-        double cost = evaluate(a, b).cost;
-        static const int mode = int(2);
-        static const double power = 1;
-        const auto weight = [](const StoredQuadric& q) { return double(q.xx + q.yy + q.zz); };
-        if (mode == 1)
-            cost =
-                std::max(0.0, cost - double(records_[i].quadric.c) - double(records_[j].quadric.c));
-        else if (mode == 2)
-            cost *= std::pow(weight(records_[i].quadric) + weight(records_[j].quadric), power);
-        else if (mode == 3) {
-            const double wi = weight(records_[i].quadric), wj = weight(records_[j].quadric);
-            cost = std::max(0.0, std::sqrt(cost * (wi + wj)) -
-                                     std::sqrt(std::max(0.f, records_[i].quadric.c) * wi) -
-                                     std::sqrt(std::max(0.f, records_[j].quadric.c) * wj));
-        }
-        if (guard > 0) {
-            const double d = double((records_[i].position - records_[j].position).squaredNorm());
-            cost += guard * d * d;
-        }
-        return static_cast<float>(cost);
-    }
-
-    bool better(float cost, Index i, Index j, float than, Index a, Index b) const {
+    float cost_of(Index i, Index j) const;
+    bool is_better(float cost, Index i, Index j, float than, Index a, Index b) const {
         return cost < than || (cost == than && shuffled(i, j) < shuffled(a, b));
     }
 
-    void refresh() {
+    void round(std::span<const Stop>& stops, const std::function<void(const Stop&)>& at_stop);
+    void refresh(Index i);
+    void compact();
+    float quantile_of_costs() const;
+    void propose(float limit);
+    bool wins(Index i, float limit) const;
+    std::vector<Winner> match(float limit);
+    void contract(const Winner& winner);
+    void reconnect();
+
+    void keep(Kept& kept);
+    ContractionSnapshot snapshot(Kept& kept);
+
+    template <typename Body>
+    void for_live(Body&& body) {
         parallel_for_blocks(live_.size(), kBlock, context_,
                             [&](std::size_t begin, std::size_t end) {
-                                for (std::size_t l = begin; l < end; ++l) refresh(live_[l]);
+                                for (std::size_t l = begin; l < end; ++l) body(live_[l]);
                             });
     }
 
-    void refresh(Index i) {
-        Record& self = records_[i];
-        claims_[i] = kNone;
-        std::array<std::pair<float, Index>, 2 * kMaxNeighbors> found;
-        std::size_t count = 0;
-        bool changed = self.merged != kNone || self.cost == kUnknown;
-        const Index old_partner = neighbors_[std::size_t(i) * k_];
-        const auto take = [&](Index of) {
-            for (unsigned s = 0; s < k_; ++s) {
-                Index j = neighbors_[std::size_t(of) * k_ + s];
-                if (j == kNone) break;
-                const Index r = root(j);
-                if (r != j || records_[r].merged != kNone) changed = true;
-                if (r == i) continue;
-                bool known = false;
-                for (std::size_t f = 0; f < count; ++f) known |= found[f].second == r;
-                if (known) continue;
-                found[count++] = {(records_[r].position - self.position).squaredNorm(), r};
-            }
-        };
-        take(i);
-        if (self.merged != kNone) take(self.merged);
-        if (!changed) return;
-        (void)old_partner;
-        if (count > k_) {
-            std::nth_element(found.begin(), found.begin() + k_,
-                             found.begin() + std::ptrdiff_t(count));
-            count = k_;
-        }
-        Index* const list = &neighbors_[std::size_t(i) * k_];
-        self.cost = kIsolated;
-        std::size_t best = 0;
-        for (std::size_t f = 0; f < count; ++f) {
-            const Index j = found[f].second;
-            list[f] = j;
-            const float cost = cost_of(i, j);
-            if (f == 0 || better(cost, i, j, self.cost, i, list[best])) {
-                best = f;
-                self.cost = cost;
-            }
-        }
-        std::fill(list + count, list + k_, kNone);
-        if (count > 0) std::swap(list[0], list[best]);
-    }
-
-    float threshold() const {
-        static const double quantile = 0.3;
-        constexpr std::size_t kSample = 1 << 16;
-        const std::size_t step = std::max<std::size_t>(1, live_.size() / kSample);
-        std::vector<float> costs;
-        for (std::size_t l = 0; l < live_.size(); l += step)
-            costs.push_back(records_[live_[l]].cost);
-        const auto at = costs.begin() + std::ptrdiff_t(quantile * double(costs.size()));
-        std::nth_element(costs.begin(), at, costs.end());
-        return *at;
-    }
-
-    void propose(float limit) {
-        parallel_for_blocks(
-            live_.size(), kBlock, context_, [&](std::size_t begin, std::size_t end) {
-                for (std::size_t l = begin; l < end; ++l) {
-                    const Index i = live_[l];
-                    records_[i].merged = kNone;
-                    const float cost = records_[i].cost;
-                    if (!(cost <= limit) || cost == kIsolated) continue;
-                    const Index j = neighbors_[std::size_t(i) * k_];
-                    std::atomic_ref<Index> claim(claims_[j]);
-                    Index held = claim.load(std::memory_order_relaxed);
-                    while (held == kNone || better(cost, i, j, records_[held].cost, held, j))
-                        if (claim.compare_exchange_weak(held, i, std::memory_order_relaxed)) break;
-                }
-            });
-        limit_ = limit;
-    }
-
-    std::vector<Winner> match() {
-        std::vector<Winner> winners;
-        for (const Index i : live_) {
-            const float cost = records_[i].cost;
-            if (!(cost <= limit_) || cost == kIsolated) continue;
-            const Index j = neighbors_[std::size_t(i) * k_];
-            if (claims_[j] != i) continue;
-            const Index back = neighbors_[std::size_t(j) * k_];
-            if (back == i) {
-                // Both chose each other; costs are the same bits.
-                if (i > j) continue;
-            } else if (back != kNone && better(records_[j].cost, j, back, cost, i, j)) {
-                continue;
-            }
-            const Index other = claims_[i];
-            if (other != kNone && other != j && better(records_[other].cost, other, i, cost, i, j))
-                continue;
-            winners.push_back({cost, std::min(i, j), std::max(i, j)});
-        }
-        return winners;
-    }
-
-    void contract(const Winner& w) {
-        Record &a = records_[w.kept], &b = records_[w.gone];
-        const Vec3d d = (b.position - a.position).cast<double>();
-        const Contracted to = evaluate(w.kept, w.gone);
-        const Quadric sum = Quadric(a.quadric) + referred_to(Quadric(b.quadric), -d);
-        const bool at_b = options_.placement == Placement::EndPoint && to.offset == d;
-        Record &kept = at_b ? b : a, &gone = at_b ? a : b;
-        const Vec3f position =
-            at_b ? b.position : Vec3f((a.position.cast<double>() + to.offset).cast<float>());
-        kept.quadric =
-            StoredQuadric(referred_to(sum, (position.cast<double>() - a.position.cast<double>())));
-        kept.position = position;
-        const Index k = at_b ? w.gone : w.kept, g = at_b ? w.kept : w.gone;
-        gone.link = k;
-        kept.merged = g;
-        kept.cost = kUnknown;
-    }
-
-    void reconnect() {
-        std::vector<Vec3f> positions;
-        for (const Index i : live_) positions.push_back(records_[i].position);
-        const NeighborLists lists = k_nearest_neighbors(positions, k_, context_);
-        for (std::size_t l = 0; l < live_.size(); ++l) {
-            Index* const list = &neighbors_[std::size_t(live_[l]) * k_];
-            std::fill_n(list, k_, kNone);
-            std::size_t f = 0;
-            for (const Index j : lists.of(l)) list[f++] = live_[j];
-            records_[live_[l]].cost = kUnknown;
-        }
-    }
-
-    ContractionOptions options_;
+    const ContractionOptions& options_;
     const RunContext& context_;
     std::size_t k_;
-    std::vector<Index> order_;
-    std::vector<Record> records_;
-    std::vector<Index> neighbors_;
-    std::vector<Index> claims_;
-    std::vector<Index> live_;
-    float limit_ = 0;
+    double scale_;
+    std::vector<Index> order_;      ///< the samples along a curve; slots are places on it at first
+    std::vector<Index> slot_of_;    ///< by place on the curve, since slots were last renumbered
+    std::vector<Index> place_of_;   ///< by slot, since then; before, slots are places
+    LargeMemory memory_;            ///< the records, by slot
+    std::size_t slots_;             ///< in use
+    std::vector<Index> neighbors_;  ///< k for each slot, the partner first; kNone ends a list
+    std::vector<Index> live_;       ///< slots, ascending
+    std::vector<Kept> kept_;        ///< by snapshot
 };
 
+Engine::Engine(std::span<const Vec3f> positions, std::span<const StoredQuadric> quadrics,
+               const ContractionOptions& options, const RunContext& context)
+    : options_(options),
+      context_(context),
+      k_(options.k),
+      scale_(contraction_scale(positions)),
+      memory_(positions.size() * sizeof(Record)),
+      slots_(positions.size()) {
+    order_along_curve(positions);
+    parallel_for_blocks(slots_, kBlock, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+            const Index sample = order_[i];
+            new (&records()[i])
+                Record{.position = positions[sample] * static_cast<float>(scale_),
+                       .quadric = quadrics.empty() ? StoredQuadric{} : quadrics[sample],
+                       .link = static_cast<Index>(i),
+                       .claim = kNone,
+                       .cost = kUnknown};
+        }
+    });
+    if (quadrics.empty()) make_quadrics();
+}
+
+/// Numbers the slots along the curve of a tree, and fills their lists of neighbours.
+void Engine::order_along_curve(std::span<const Vec3f> positions) {
+    const PointTree tree(positions, context_);
+    order_.resize(slots_);
+    std::vector<Index> slot_of(slots_);
+    for (std::size_t i = 0; i < slots_; ++i) {
+        order_[i] = tree.leaf(i / PointTree::kWidth).index[i % PointTree::kWidth];
+        slot_of[order_[i]] = static_cast<Index>(i);
+    }
+    neighbors_.assign(slots_ * k_, kNone);
+    if (slots_ < 2) return;
+    const auto k = static_cast<unsigned>(std::min(k_, slots_ - 1));
+    constexpr std::size_t kLeaves = 128;
+    parallel_for_blocks(
+        tree.leaf_count(), kLeaves, context_, [&](std::size_t begin, std::size_t end) {
+            LeafQuery query(tree, positions, k);
+            for (std::size_t leaf = begin; leaf < end; ++leaf) {
+                query.run(leaf,
+                          [&](std::size_t lane, const Candidates& near, const Chosen& chosen) {
+                              Index* const list =
+                                  list_of(static_cast<Index>(leaf * PointTree::kWidth + lane));
+                              for (std::uint32_t c = 0; c < chosen.count; ++c) {
+                                  if (chosen.rank[c] < k)
+                                      list[chosen.rank[c]] = slot_of[near.index[chosen.slot[c]]];
+                              }
+                          });
+            }
+        });
+}
+
+/// Calls visit(neighbour) for the list of a slot.
+template <typename Visit>
+void Engine::for_neighbors(Index of, Visit&& visit) const {
+    const Index* const list = list_of(of);
+    for (std::size_t s = 0; s < k_ && list[s] != kNone; ++s) visit(list[s]);
+}
+
+/// The quadrics of §3.2. Normals are those of a sample's neighbours and their neighbours.
+void Engine::make_quadrics() {
+    parallel_for_blocks(slots_, kBlock, context_, [&](std::size_t begin, std::size_t end) {
+        std::vector<Vec3d> nearest, around;
+        for (std::size_t slot = begin; slot < end; ++slot) {
+            const auto i = static_cast<Index>(slot);
+            nearest.clear();
+            around.clear();
+            double area = 0;  // within a factor, that of the surface for which the sample stands
+            for_neighbors(i, [&](Index j) {
+                nearest.push_back(offset(i, j));
+                area += nearest.back().squaredNorm();
+                for_neighbors(j, [&](Index other) {
+                    if (other != i) around.push_back(offset(i, other));
+                });
+            });
+            around.insert(around.end(), nearest.begin(), nearest.end());
+            // The mean over all samples is about 1, whatever the unit.
+            area *= static_cast<double>(slots_) /
+                    static_cast<double>(std::max<std::size_t>(1, nearest.size()));
+            const Vec3d normal = normal_from(around);
+            Quadric q;
+            add_edges(q, nearest, normal, area);
+            if (has_empty_quarter(around, normal))
+                add_border(q, wide_surroundings(i), normal, area);
+            if (options_.channels > 0) {
+                add_gradients(q, nearest, feature_steps(i), options_.channels, normal, area);
+            }
+            records()[i].quadric = StoredQuadric(q);
+        }
+    });
+}
+
+/// Offsets to samples around one, neighbour by neighbour's neighbour, each once.
+std::vector<Vec3d> Engine::wide_surroundings(Index i) const {
+    constexpr std::size_t kEnough = 40;
+    std::vector<Index> reached = {i};
+    for (std::size_t at = 0; at < reached.size() && reached.size() <= kEnough; ++at) {
+        for_neighbors(reached[at], [&](Index j) {
+            if (std::ranges::find(reached, j) == reached.end() && reached.size() <= kEnough)
+                reached.push_back(j);
+        });
+    }
+    std::vector<Vec3d> offsets;
+    for (std::size_t at = 1; at < reached.size(); ++at) offsets.push_back(offset(i, reached[at]));
+    return offsets;
+}
+
+/// The features of each neighbour less the sample's own.
+std::vector<float> Engine::feature_steps(Index i) const {
+    const auto features = [&](Index slot) {
+        return options_.features.subspan(static_cast<std::size_t>(order_[slot]) * options_.channels,
+                                         options_.channels);
+    };
+    std::vector<float> steps;
+    for_neighbors(i, [&](Index j) {
+        for (unsigned c = 0; c < options_.channels; ++c)
+            steps.push_back((features(j)[c] - features(i)[c]) * static_cast<float>(scale_));
+    });
+    return steps;
+}
+
+/// What the contraction adds to the error, times the distance of the two.
+float Engine::cost_of(Index i, Index j) const {
+    const Record &a = records()[std::min(i, j)], &b = records()[std::max(i, j)];
+    const double added = join(a, b, options_.placement).error - static_cast<double>(a.quadric.c) -
+                         static_cast<double>(b.quadric.c);
+    return static_cast<float>(std::max(0.0, added)) * (a.position - b.position).norm();
+}
+
+/// Brings the list of neighbours up to date, and chooses the partner.
+void Engine::refresh(Index i) {
+    Record& self = records()[i];
+    self.claim = kNone;
+    struct Found {
+        float distance_sq;
+        Index slot;
+        bool changed;
+    };
+    std::array<Found, kMaxNeighbors + 1> found;
+    std::size_t count = 0;
+    const bool merged = (self.link & kMerged) != 0;
+    bool all_new = merged || self.cost == kUnknown, any_new = all_new;
+    const auto take = [&](const Index* list) {
+        for (std::size_t s = 0; s < k_ && list[s] != kNone; ++s) {
+            const Index j = root(list[s]);
+            const bool changed = j != list[s] || (records()[j].link & kMerged) != 0;
+            any_new |= changed;
+            all_new |= changed && s == 0;
+            if (j == i) continue;
+            if (std::any_of(found.begin(), found.begin() + static_cast<std::ptrdiff_t>(count),
+                            [j](const Found& f) { return f.slot == j; })) {
+                continue;
+            }
+            // The first stays first, in case that it is the partner still; the others by distance.
+            const float d = (records()[j].position - self.position).squaredNorm();
+            if (count == k_ && !(d < found[count - 1].distance_sq)) continue;
+            std::size_t at = count == k_ ? count - 1 : count;
+            for (; at > 0 && d < found[at - 1].distance_sq; --at) found[at] = found[at - 1];
+            found[at] = {d, j, changed};
+            count = std::min(count + 1, k_);
+        }
+    };
+    const Index partner = list_of(i)[0];
+    take(list_of(i));
+    if (merged) take(list_of(self.link & ~kMerged));
+    if (!any_new) return;
+
+    Index* const list = list_of(i);
+    Index best = all_new ? kNone : partner;
+    float least = all_new ? kIsolated : self.cost;
+    for (std::size_t f = 0; f < count; ++f) {
+        list[f] = found[f].slot;
+        if (!all_new && !found[f].changed) continue;
+        const float cost = cost_of(i, list[f]);
+        if (best == kNone || is_better(cost, i, list[f], least, i, best)) {
+            best = list[f];
+            least = cost;
+        }
+    }
+    std::fill(list + count, list + k_, kNone);
+    self.cost = least;
+    if (count > 0) std::swap(list[0], *std::find(list, list + count, best));
+}
+
+float Engine::quantile_of_costs() const {
+    constexpr double kQuantile = 0.3;
+    constexpr std::size_t kAsked = 1 << 15;
+    const std::size_t step = std::max<std::size_t>(1, live_.size() / kAsked);
+    std::vector<float> costs;
+    for (std::size_t l = 0; l < live_.size(); l += step) costs.push_back(records()[live_[l]].cost);
+    const auto at =
+        costs.begin() + static_cast<std::ptrdiff_t>(kQuantile * static_cast<double>(costs.size()));
+    std::ranges::nth_element(costs, at);
+    return *at;
+}
+
+/// Every sample whose contraction costs at most `limit` asks its partner for it.
+void Engine::propose(float limit) {
+    for_live([&](Index i) {
+        Record& self = records()[i];
+        self.link = i;
+        if (!(self.cost <= limit) || self.cost == kIsolated) return;
+        const Index partner = list_of(i)[0];
+        std::atomic_ref<Index> claim(records()[partner].claim);
+        Index held = claim.load(std::memory_order_relaxed);
+        while (held == kNone ||
+               is_better(self.cost, i, partner, records()[held].cost, held, partner)) {
+            if (claim.compare_exchange_weak(held, i, std::memory_order_relaxed)) break;
+        }
+    });
+}
+
+/// Whether the contraction of i with its partner is the cheapest that either of them is part of.
+bool Engine::wins(Index i, float limit) const {
+    const float cost = records()[i].cost;
+    if (!(cost <= limit) || cost == kIsolated) return false;
+    const Index partner = list_of(i)[0];
+    const Record& other = records()[partner];
+    if (other.claim != i) return false;
+    const Index asked = list_of(partner)[0];
+    if (asked == i) {
+        if (i > partner) return false;  // both asked: counted once
+    } else if (asked != kNone && is_better(other.cost, partner, asked, cost, i, partner)) {
+        return false;
+    }
+    const Index claim = records()[i].claim;
+    return claim == kNone || claim == partner ||
+           !is_better(records()[claim].cost, claim, i, cost, i, partner);
+}
+
+std::vector<Engine::Winner> Engine::match(float limit) {
+    std::vector<std::vector<Winner>> parts((live_.size() + kBlock - 1) / kBlock);
+    parallel_for_blocks(live_.size(), kBlock, context_, [&](std::size_t begin, std::size_t end) {
+        std::vector<Winner>& part = parts[begin / kBlock];
+        for (std::size_t l = begin; l < end; ++l) {
+            const Index i = live_[l];
+            if (wins(i, limit)) part.push_back({i, list_of(i)[0]});
+        }
+    });
+    std::vector<Winner> winners;
+    for (const auto& part : parts) winners.insert(winners.end(), part.begin(), part.end());
+    return winners;
+}
+
+void Engine::contract(const Winner& winner) {
+    Index kept = std::min(winner.kept, winner.gone), gone = std::max(winner.kept, winner.gone);
+    const Vec3d from = records()[kept].position.cast<double>();
+    const Joined joined = join(records()[kept], records()[gone], options_.placement);
+    Vec3f position = (from + joined.offset).cast<float>();
+    if (options_.placement == Placement::EndPoint) {
+        if (joined.offset != Vec3d::Zero()) std::swap(kept, gone);
+        position = records()[kept].position;
+    }
+    Record& record = records()[kept];
+    record.position = position;
+    record.quadric = StoredQuadric(referred_to(joined.quadric, position.cast<double>() - from));
+    record.cost = kUnknown;
+    record.link = gone | kMerged;
+    records()[gone].link = kept;
+}
+
+/// Contracts what a round may, and stops where a count is reached on the way.
+void Engine::round(std::span<const Stop>& stops, const std::function<void(const Stop&)>& at_stop) {
+    for_live([&](Index i) { refresh(i); });
+    if (2 * live_.size() <= slots_) compact();
+    const float limit = quantile_of_costs();
+    propose(limit);
+    std::vector<Winner> winners = match(limit);
+    if (winners.empty()) return reconnect();
+
+    if (options_.sequence != nullptr || live_.size() - winners.size() <= stops.front().count) {
+        std::ranges::sort(winners, {}, [&](const Winner& w) {
+            return std::tuple(records()[w.kept].cost, place(w.kept), place(w.gone));
+        });
+    }
+    std::size_t done = 0;
+    while (true) {
+        const bool stop = !stops.empty() && live_.size() - winners.size() <= stops.front().count;
+        const std::size_t end = stop ? live_.size() - stops.front().count : winners.size();
+        parallel_for_blocks(end - done, kBlock, context_, [&](std::size_t b, std::size_t e) {
+            for (std::size_t w = b; w < e; ++w) contract(winners[done + w]);
+        });
+        done = end;
+        if (!stop) break;
+        at_stop(stops.front());
+        stops = stops.subspan(1);
+    }
+    std::erase_if(live_, [&](Index i) { return !is_live(i); });
+}
+
+/// Neighbours anew, where none are left to contract with: parts that are apart from each other.
+void Engine::reconnect() {
+    std::vector<Vec3f> positions;
+    for (const Index i : live_) positions.push_back(records()[i].position);
+    compact();
+    const NeighborLists lists = k_nearest_neighbors(positions, static_cast<unsigned>(k_), context_);
+    for (const Index i : live_) {
+        std::ranges::copy(lists.of(i), list_of(i));
+        records()[i].cost = kUnknown;
+    }
+}
+
+/// Renumbers the slots so that the live samples fill them, and gives back the memory of the rest.
+/// After a refresh, when all lists name live samples.
+void Engine::compact() {
+    std::vector<Index> renumbered(slots_, kNone);
+    for (std::size_t l = 0; l < live_.size(); ++l) renumbered[live_[l]] = static_cast<Index>(l);
+    for (std::size_t i = 0; i < slots_; ++i)
+        if (renumbered[i] == kNone) renumbered[i] = renumbered[root(static_cast<Index>(i))];
+
+    if (slot_of_.empty()) {
+        slot_of_ = renumbered;
+        place_of_ = live_;
+    } else {
+        for (Index& slot : slot_of_) slot = renumbered[slot];
+        for (std::size_t l = 0; l < live_.size(); ++l) place_of_[l] = place_of_[live_[l]];
+        place_of_.resize(live_.size());
+    }
+    for (Kept& kept : kept_)
+        for (Index& slot : kept.samples.survivor_of) slot = renumbered[slot];
+    for (std::size_t l = 0; l < live_.size(); ++l) {
+        const Index from = live_[l];
+        records()[l] = records()[from];
+        records()[l].link = static_cast<Index>(l);
+        for (std::size_t s = 0; s < k_; ++s) {
+            const Index j = list_of(from)[s];
+            list_of(static_cast<Index>(l))[s] = j == kNone ? kNone : renumbered[j];
+        }
+        live_[l] = static_cast<Index>(l);
+    }
+    slots_ = live_.size();
+    memory_.shrink(slots_ * sizeof(Record));
+    neighbors_.resize(slots_ * k_);
+    neighbors_.shrink_to_fit();
+}
+
+void Engine::keep(Kept& kept) {
+    std::vector<Index> number(slots_, kNone);
+    for (const Index i : live_) {
+        if (!is_live(i)) continue;
+        number[i] = static_cast<Index>(kept.samples.positions.size());
+        kept.samples.positions.push_back(records()[i].position);
+        kept.samples.quadrics.push_back(records()[i].quadric);
+        kept.samples.survivor_of.push_back(i);
+    }
+    kept.of_input.resize(order_.size());
+    for (std::size_t place = 0; place < order_.size(); ++place)
+        kept.of_input[order_[place]] = number[root(slot_at(place))];
+}
+
+ContractionSnapshot Engine::snapshot(Kept& kept) {
+    ContractionSnapshot s;
+    std::vector<Index> number(slots_, kNone);
+    for (const Index i : live_) {
+        if (!is_live(i)) continue;
+        number[i] = static_cast<Index>(s.positions.size());
+        s.positions.push_back(records()[i].position);
+        s.samples.push_back(order_[place(i)]);
+    }
+    s.survivor_of.resize(order_.size());
+    if (kept.of_input.empty()) {
+        for (std::size_t place = 0; place < order_.size(); ++place)
+            s.survivor_of[order_[place]] = number[root(slot_at(place))];
+    } else {
+        for (Index& slot : kept.samples.survivor_of) slot = number[root(slot)];
+        relax(kept.samples, s.positions, context_);
+        for (std::size_t i = 0; i < order_.size(); ++i)
+            s.survivor_of[i] = kept.samples.survivor_of[kept.of_input[i]];
+        kept = {};
+    }
+    for (Vec3f& p : s.positions) p /= static_cast<float>(scale_);
+    return s;
+}
+
+void Engine::run(std::span<const std::uint64_t> counts,
+                 const std::function<void(ContractionSnapshot&&)>& on_snapshot) {
+    constexpr std::uint64_t kKeptPerSurvivor = 8;
+    const std::uint64_t n = slots_;
+    kept_.resize(counts.size());
+    std::vector<Stop> stops;
+    for (std::size_t s = 0; s < counts.size(); ++s) {
+        if (options_.placement == Placement::Optimal && counts[s] < n && kKeptPerSurvivor > 1)
+            stops.push_back({std::min(n, kKeptPerSurvivor * counts[s]), s, true});
+        stops.push_back({counts[s], s, false});
+    }
+    std::ranges::stable_sort(stops, std::greater{}, &Stop::count);
+    const auto at_stop = [&](const Stop& stop) {
+        if (stop.keep)
+            keep(kept_[stop.snapshot]);
+        else
+            on_snapshot(snapshot(kept_[stop.snapshot]));
+    };
+    live_.resize(n);
+    std::iota(live_.begin(), live_.end(), Index{0});
+    std::span<const Stop> left = stops;
+    for (; !left.empty() && left.front().count >= n; left = left.subspan(1)) at_stop(left.front());
+    while (!left.empty()) {
+        const double to_do = static_cast<double>(n - stops.back().count);
+        context_.checkpoint(static_cast<double>(n - live_.size()) / to_do);
+        round(left, at_stop);
+    }
+}
+
 }  // namespace
+
+double contraction_scale(std::span<const Vec3f> positions) {
+    float largest = 0;
+    for (const Vec3f& p : positions) largest = std::max(largest, p.cwiseAbs().maxCoeff());
+    return largest > 0 ? std::ldexp(1.0, -std::ilogb(largest)) : 1.0;
+}
 
 void contract(std::span<const Vec3f> positions, std::span<const StoredQuadric> quadrics,
               std::span<const std::uint64_t> counts, const ContractionOptions& options,
               const std::function<void(ContractionSnapshot&&)>& on_snapshot,
               const RunContext& context) {
-    Engine engine(positions, quadrics, options, context);
-    while (!counts.empty() && counts.front() >= engine.size()) {
-        on_snapshot(engine.snapshot());
-        counts = counts.subspan(1);
-    }
-    while (!counts.empty()) engine.round(counts, [&] { on_snapshot(engine.snapshot()); });
+    with_threads(context,
+                 [&] { Engine(positions, quadrics, options, context).run(counts, on_snapshot); });
 }
 
 }  // namespace stipple

@@ -17,8 +17,13 @@ public:
 
     void* data() const noexcept { return data_; }
 
+    /// Gives back what lies behind the first `bytes`, as far as whole pages go; the rest stays
+    /// where it is.
+    void shrink(std::size_t bytes) noexcept;
+
 private:
     void* data_ = nullptr;
+    std::size_t bytes_ = 0;
 };
 
 }  // namespace stipple

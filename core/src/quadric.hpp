@@ -29,7 +29,7 @@ struct BasicQuadric {
 using Quadric = BasicQuadric<double>;
 using StoredQuadric = BasicQuadric<float>;
 
-/// Adds weight * (n'(y - p))^2; the plane has the unit normal n and holds p.
+/// Adds weight * (n'(y - p))^2: with a unit normal n, the squared distance to the plane through p.
 inline void add_plane(Quadric& q, const Vec3d& n, const Vec3d& p, double weight) noexcept {
     const Vec3d wn = weight * n;
     const double d = -n.dot(p);

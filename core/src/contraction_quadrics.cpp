@@ -1,0 +1,114 @@
+#include "contraction_quadrics.hpp"
+
+#include "contraction.hpp"
+#include "symmetric_eigen.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <numbers>
+
+// Follows: Pauly, Gross, Kobbelt 2002, §3.2 (planes of edges); Garland and Heckbert 1997 (planes
+// that hold a border); Trettner and Kobbelt 2020 (the isotropic term); Hoppe 1999 (gradients of
+// attributes: ours take a feature as constant over a survivor's samples, as a splat shows it, and
+// so need no room of their own).
+
+namespace stipple {
+Vec3d normal_from(std::span<const Vec3d> around) noexcept {
+    Vec3d sum = Vec3d::Zero();
+    Symmetric3 m;
+    for (const Vec3d& e : around) {
+        sum += e;
+        m.xx += e.x() * e.x();
+        m.xy += e.x() * e.y();
+        m.xz += e.x() * e.z();
+        m.yy += e.y() * e.y();
+        m.yz += e.y() * e.z();
+        m.zz += e.z() * e.z();
+    }
+    const Vec3d mean = sum / (static_cast<double>(around.size()) + 1);  // the sample is among them
+    m.xx -= mean.x() * sum.x();
+    m.xy -= mean.x() * sum.y();
+    m.xz -= mean.x() * sum.z();
+    m.yy -= mean.y() * sum.y();
+    m.yz -= mean.y() * sum.z();
+    m.zz -= mean.z() * sum.z();
+    return eigenvector(m, eigenvalues(m)[0]);
+}
+
+void add_edges(Quadric& q, std::span<const Vec3d> neighbors, const Vec3d& normal, double area) {
+    add_point(q, Vec3d::Zero(), kPointTerm * area);
+    const double each = area / static_cast<double>(neighbors.size());
+    for (const Vec3d& e : neighbors) {
+        const Vec3d across = e.cross(e.cross(normal));  // e x b
+        const double length_sq = across.squaredNorm();
+        if (length_sq > 0) add_plane(q, across, Vec3d::Zero(), each / length_sq);
+    }
+}
+
+bool has_empty_quarter(std::span<const Vec3d> around, const Vec3d& normal) noexcept {
+    const Vec3d u = normal.unitOrthogonal(), v = normal.cross(u);
+    unsigned octants = 0;
+    for (const Vec3d& e : around) {
+        const double x = u.dot(e), y = v.dot(e);
+        // In the order of the angle.
+        const unsigned steep = std::abs(y) > std::abs(x) ? 1 : 0;
+        const unsigned octant =
+            y >= 0 ? (x >= 0 ? steep : 3 - steep) : (x < 0 ? 4 + steep : 7 - steep);
+        octants |= 1U << octant;
+    }
+    const auto empty = static_cast<std::uint8_t>(~octants);
+    return (empty & std::rotl(empty, 1)) != 0;
+}
+
+void add_border(Quadric& q, std::span<const Vec3d> around, const Vec3d& normal, double area) {
+    constexpr double kBorderWeight = 0.1;
+    constexpr double kInside = 0.85 * std::numbers::pi, kBorder = 1.0 * std::numbers::pi;
+    const Vec3d u = normal.unitOrthogonal(), v = normal.cross(u);
+    std::array<double, 65> angles;
+    std::size_t count = 0;
+    for (const Vec3d& e : around) angles[count++] = std::atan2(v.dot(e), u.dot(e));
+    std::sort(angles.begin(), angles.begin() + static_cast<std::ptrdiff_t>(count));
+    angles[count] = angles[0] + 2 * std::numbers::pi;
+    double widest = 0, middle = 0;
+    for (std::size_t i = 0; i < count; ++i) {
+        const double gap = angles[i + 1] - angles[i];
+        if (gap > widest) {
+            widest = gap;
+            middle = angles[i] + gap / 2;
+        }
+    }
+    if (!(widest > kInside)) return;
+    const double share = std::min(1.0, (widest - kInside) / (kBorder - kInside));
+    add_plane(q, std::cos(middle) * u + std::sin(middle) * v, Vec3d::Zero(),
+              kBorderWeight * area * share);
+}
+
+void add_gradients(Quadric& q, std::span<const Vec3d> neighbors, std::span<const float> steps,
+                   unsigned channels, const Vec3d& normal, double area) {
+    const Vec3d u = normal.unitOrthogonal(), v = normal.cross(u);
+    double uu = 0, uv = 0, vv = 0;
+    for (const Vec3d& e : neighbors) {
+        const double x = u.dot(e), y = v.dot(e);
+        uu += x * x;
+        uv += x * y;
+        vv += y * y;
+    }
+    const double determinant = uu * vv - uv * uv;
+    constexpr double kSingular = 1e-6;
+    if (!(determinant > kSingular * uu * vv)) return;
+    for (unsigned channel = 0; channel < channels; ++channel) {
+        double su = 0, sv = 0;
+        for (std::size_t i = 0; i < neighbors.size(); ++i) {
+            const auto step = static_cast<double>(steps[i * channels + channel]);
+            su += step * u.dot(neighbors[i]);
+            sv += step * v.dot(neighbors[i]);
+        }
+        const Vec3d gradient = ((su * vv - sv * uv) * u + (sv * uu - su * uv) * v) / determinant;
+        add_plane(q, gradient, Vec3d::Zero(), area);
+    }
+}
+
+}  // namespace stipple

@@ -1,0 +1,102 @@
+#include "contraction_relaxation.hpp"
+
+#include "parallel_for.hpp"
+#include "stipple/neighbors.hpp"
+
+#include <limits>
+#include <span>
+#include <utility>
+
+// Follows: Lloyd 1982 with quadrics as the distance, as Cohen-Steiner, Alliez and Desbrun 2004 use
+// it to better a greedy partition.
+
+namespace stipple {
+namespace {
+
+constexpr std::size_t kSamplesPerBlock = 1024, kSurvivorsPerBlock = 256;
+constexpr unsigned kNeighbors = 8;
+
+double error_at(const SharedSamples& samples, std::size_t sample, const Vec3f& survivor) {
+    return value(Quadric(samples.quadrics[sample]),
+                 (survivor - samples.positions[sample]).cast<double>());
+}
+
+/// The samples of each survivor, flat, in their order.
+struct Shares {
+    std::vector<Index> members, begin;
+
+    Shares(std::span<const Index> survivor_of, std::size_t survivors)
+        : members(survivor_of.size()), begin(survivors + 1) {
+        for (const Index survivor : survivor_of) ++begin[survivor];
+        Index total = 0;
+        for (Index& count : begin) total += std::exchange(count, total);
+        std::vector<Index> next = begin;
+        for (std::size_t i = 0; i < members.size(); ++i)
+            members[next[survivor_of[i]]++] = static_cast<Index>(i);
+    }
+    std::span<const Index> of(std::size_t survivor) const {
+        return {members.data() + begin[survivor], members.data() + begin[survivor + 1]};
+    }
+};
+
+/// Moves the survivor to the minimiser of its samples. @return the sample that it fits best, which
+/// stays with it.
+Index settle(const SharedSamples& samples, std::span<const Index> members, Vec3f& survivor) {
+    Quadric sum;
+    for (const Index i : members) {
+        sum = sum + referred_to(Quadric(samples.quadrics[i]),
+                                (survivor - samples.positions[i]).cast<double>());
+    }
+    Vec3d y;
+    if (minimiser(sum, y)) survivor = (survivor.cast<double>() + y).cast<float>();
+    Index best = members.front();
+    double least = std::numeric_limits<double>::infinity();
+    for (const Index i : members) {
+        const double error = error_at(samples, i, survivor);
+        if (error < least) {
+            least = error;
+            best = i;
+        }
+    }
+    return best;
+}
+
+}  // namespace
+
+void relax(SharedSamples& samples, std::vector<Vec3f>& survivors, const RunContext& context) {
+    constexpr int kRounds = 2;
+    std::vector<Index> anchors(survivors.size());
+    const auto settle_all = [&] {
+        const Shares shares(samples.survivor_of, survivors.size());
+        parallel_for_blocks(survivors.size(), kSurvivorsPerBlock, context,
+                            [&](std::size_t begin, std::size_t end) {
+                                for (std::size_t s = begin; s < end; ++s)
+                                    anchors[s] = settle(samples, shares.of(s), survivors[s]);
+                            });
+    };
+    const auto share_out = [&] {
+        const NeighborLists lists = k_nearest_neighbors(survivors, kNeighbors, context);
+        parallel_for_blocks(samples.positions.size(), kSamplesPerBlock, context,
+                            [&](std::size_t begin, std::size_t end) {
+                                for (std::size_t i = begin; i < end; ++i) {
+                                    const Index home = samples.survivor_of[i];
+                                    if (anchors[home] == i) continue;
+                                    double least = error_at(samples, i, survivors[home]);
+                                    for (const Index other : lists.of(home)) {
+                                        const double error = error_at(samples, i, survivors[other]);
+                                        if (error < least) {
+                                            least = error;
+                                            samples.survivor_of[i] = other;
+                                        }
+                                    }
+                                }
+                            });
+    };
+    settle_all();
+    for (int round = 0; round < kRounds; ++round) {
+        share_out();
+        settle_all();
+    }
+}
+
+}  // namespace stipple
