@@ -53,16 +53,20 @@ std::string points_of(const PointCloud& cloud) {
 class Studio {
 public:
     Studio(PointCloud cloud, unsigned size) : cloud_(std::move(cloud)), size_(size) {
+        if (cloud_.normals.empty()) {
+            cloud_.normals = analyze_locally(cloud_.positions).normals;
+            orient_normals(cloud_.positions, cloud_.normals);
+        }
         camera_ = fit_camera(cloud_.positions, {.margin = 0.02}, 1.0);
     }
 
     const PointCloud& cloud() const { return cloud_; }
 
-    /// The surface that the points describe.
+    /// The surface that the points describe; without normals both of its sides are shown.
     Image surface(const PointCloud& cloud, std::span<const Rgba8> colors = {}) const {
         return picture(cloud, colors, {.style = SplatStyle::Smooth});
     }
-    /// The points themselves, each a disc as wide as it is far from the next.
+    /// The points themselves, each a disc as wide as it is far from the next. Needs normals.
     Image discs(const PointCloud& cloud, std::span<const Rgba8> colors = {}) const {
         return picture(cloud, colors,
                        {.style = SplatStyle::Discs, .radius_scale = 0.62, .cull_back_faces = true});
@@ -72,7 +76,9 @@ private:
     Image picture(const PointCloud& cloud, std::span<const Rgba8> colors,
                   SplatRenderOptions options) const {
         Splats splats = measure_splats(cloud.positions, {.normals = true});
-        orient_normals(cloud.positions, splats.normals);
+        // Which side is out is better known of the original, whose normals come along.
+        for (std::size_t i = 0; i < cloud.normals.size(); ++i)
+            if (splats.normals[i].dot(cloud.normals[i]) < 0) splats.normals[i] *= -1;
         options.width = options.height = size_;
         return render_splats(cloud.positions, splats, colors, camera_, options);
     }
