@@ -52,12 +52,20 @@ std::string points_of(const PointCloud& cloud) {
 /// A model and the camera that all its pictures are taken with.
 class Studio {
 public:
-    Studio(PointCloud cloud, unsigned size) : cloud_(std::move(cloud)), size_(size) {
+    Studio(PointCloud cloud, unsigned height) : cloud_(std::move(cloud)), height_(height) {
         if (cloud_.normals.empty()) {
             cloud_.normals = analyze_locally(cloud_.positions).normals;
             orient_normals(cloud_.positions, cloud_.normals);
         }
-        camera_ = fit_camera(cloud_.positions, {.margin = 0.02}, 1.0);
+        // As wide as the model is, but wide enough for words below.
+        const ViewOptions view{.margin = 0.01};
+        constexpr double kNarrowest = 0.65, kWidest = 1.4;
+        for (double aspect = kNarrowest; aspect <= kWidest; aspect += 0.05) {
+            const Camera wider = fit_camera(cloud_.positions, view, aspect);
+            if (aspect > kNarrowest && distance(wider) > 0.99 * distance(camera_)) break;
+            camera_ = wider;
+            width_ = static_cast<unsigned>(aspect * height_);
+        }
     }
 
     const PointCloud& cloud() const { return cloud_; }
@@ -65,6 +73,12 @@ public:
     /// The surface that the points describe; without normals both of its sides are shown.
     Image surface(const PointCloud& cloud, std::span<const Rgba8> colors = {}) const {
         return picture(cloud, colors, {.style = SplatStyle::Smooth});
+    }
+    /// Values of a surface in colour, with little shade in them.
+    Image values(const PointCloud& cloud, std::span<const float> values, double high) const {
+        std::vector<Rgba8> colors;
+        for (const float v : values) colors.push_back(viridis(v / high));
+        return picture(cloud, colors, {.style = SplatStyle::Smooth, .relief = 0.5});
     }
     /// The points themselves, each a disc as wide as it is far from the next. Needs normals.
     Image discs(const PointCloud& cloud, std::span<const Rgba8> colors = {}) const {
@@ -79,12 +93,17 @@ private:
         // Which side is out is better known of the original, whose normals come along.
         for (std::size_t i = 0; i < cloud.normals.size(); ++i)
             if (splats.normals[i].dot(cloud.normals[i]) < 0) splats.normals[i] *= -1;
-        options.width = options.height = size_;
+        options.width = width_;
+        options.height = height_;
         return render_splats(cloud.positions, splats, colors, camera_, options);
     }
 
+    double distance(const Camera& camera) const {
+        return (camera.eye - cloud_.positions.front().cast<double>()).norm();
+    }
+
     PointCloud cloud_;
-    unsigned size_;
+    unsigned width_ = 0, height_;
     Camera camera_;
 };
 
@@ -154,21 +173,15 @@ std::unique_ptr<Sheet> clusters(const Studio& studio, const PictureOptions& opti
     return tiled(tiles, 4);
 }
 
-std::vector<Rgba8> mapped(std::span<const float> values, double high) {
-    std::vector<Rgba8> colors;
-    for (const float v : values) colors.push_back(viridis(v / high));
-    return colors;
-}
-
 /// Surface variation at several scales (Fig. 3).
 std::unique_ptr<Sheet> variation(const Studio& studio, const PictureOptions&) {
-    constexpr double kHigh = 0.06;
+    constexpr double kHigh = 0.03;
     const PointCloud& cloud = studio.cloud();
     std::vector<Tile> tiles = {{studio.surface(cloud), "surface", points_of(cloud)}};
     for (const unsigned k : {12U, 24U, 64U}) {
         const auto values = analyze_locally(cloud.positions, {.k = k}).variation;
-        tiles.push_back({studio.surface(cloud, mapped(values, kHigh)),
-                         "n = " + std::to_string(k) + " neighbours"});
+        tiles.push_back(
+            {studio.values(cloud, values, kHigh), "n = " + std::to_string(k) + " neighbours"});
     }
     const Legend legend{.title = "surface variation σₙ", .low = 0, .high = kHigh, .decimals = 2};
     return tiled(tiles, 4, &legend);
@@ -176,7 +189,7 @@ std::unique_ptr<Sheet> variation(const Studio& studio, const PictureOptions&) {
 
 /// Where simplification moved the surface (Fig. 10).
 std::unique_ptr<Sheet> error(const Studio& studio, const PictureOptions& options) {
-    constexpr double kHigh = 40;  // 10^-4 of the diagonal
+    constexpr double kHigh = 25;  // 10^-4 of the diagonal
     const PointCloud& cloud = studio.cloud();
     std::vector<Tile> tiles;
     for (const Method method :
@@ -189,9 +202,9 @@ std::unique_ptr<Sheet> error(const Studio& studio, const PictureOptions& options
         char note[80];
         std::snprintf(note, sizeof note, "mean %.1f, max %.0f", 1e4 * found.mean() / found.diagonal,
                       1e4 * found.max() / found.diagonal);
-        tiles.push_back({studio.surface(samples, mapped(found.forward.distances,
-                                                        kHigh * 1e-4 * found.diagonal)),
-                         std::string(to_string(method)) + ", " + with_commas(small.size()), note});
+        tiles.push_back(
+            {studio.values(samples, found.forward.distances, kHigh * 1e-4 * found.diagonal),
+             std::string(to_string(method)) + ", " + with_commas(small.size()), note});
     }
     const Legend legend{.title = "distance to the simplified surface, 10⁻⁴ of the diagonal",
                         .low = 0,
@@ -212,7 +225,7 @@ std::unique_ptr<Sheet> particles(const Studio& studio, const PictureOptions& opt
     const Vec3d center(middle.x(), middle.y() + 0.1 * box.diagonal(),
                        box.max.z() - cloud.origin.z());
     region.regions = {
-        {.where = DensityRegion::Sphere{center, 0.12 * box.diagonal()}, .density = 12}};
+        {.where = DensityRegion::Sphere{center, 0.12 * box.diagonal()}, .density = 8}};
     std::vector<Tile> tiles;
     const auto add = [&](const ParticleSimulationOptions& how, const std::string& name) {
         const PointCloud small = particle_simulation(cloud, how);
@@ -272,7 +285,7 @@ int run(const std::vector<std::string>& arguments) {
                                ? synthetic_scan({.points = 400'000, .noise = 0.02})
                                : read_cloud(options.model);
         clean(cloud);
-        const Studio studio(std::move(cloud), 300);
+        const Studio studio(std::move(cloud), 330);
         for (const auto& [name, draw] : all_pictures()) {
             if (name.find(options.filter) == std::string::npos) continue;
             const auto file = options.out / (name + '.' + options.format);

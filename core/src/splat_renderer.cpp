@@ -338,7 +338,9 @@ public:
             open * (sky * Vec3f(0.26F, 0.29F, 0.34F) + (1 - sky) * Vec3f(0.12F, 0.11F, 0.10F) +
                     fill * Vec3f(0.10F, 0.12F, 0.15F));
         const Vec3f albedo = samples_.albedo[i].hnormalized();
-        return albedo.cwiseProduct(light) + Vec3f::Constant(0.05F * open * shine);
+        const auto relief = static_cast<float>(options_.relief);
+        return (1 - relief) * albedo +
+               relief * (albedo.cwiseProduct(light) + Vec3f::Constant(0.05F * open * shine));
     }
 
 private:
@@ -449,6 +451,8 @@ void check(std::size_t n, const Splats& splats, std::span<const Rgba8> colors,
             "samples " + std::to_string(options.samples) + ": expected 1..8");
     require(options.radius_scale > 0 && std::isfinite(options.radius_scale),
             "radius_scale " + std::to_string(options.radius_scale) + ": expected more than 0");
+    require(options.relief >= 0 && options.relief <= 1,
+            "relief " + std::to_string(options.relief) + ": expected 0..1");
     require(options.occlusion >= 0 && options.occlusion <= 1,
             "occlusion " + std::to_string(options.occlusion) + ": expected 0..1");
     const auto sized = [&](std::size_t size, const char* name, bool may_be_absent) {

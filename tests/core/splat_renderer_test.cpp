@@ -125,6 +125,16 @@ TEST(RenderSplats, LightsWhatFacesTheLight) {
     EXPECT_EQ(middle({-0.5F, 0.6F, 0.6F}), middle({0.5F, -0.6F, -0.6F}));  // both sides are lit
 }
 
+TEST(RenderSplats, ShowsColorsAsTheyAreWithoutRelief) {
+    const std::vector<Vec3f> point = {Vec3f::Zero()};
+    const std::vector<Rgba8> color = {{12, 200, 99, 255}};
+    SplatRenderOptions options = small();
+    options.relief = 0;
+    const Splats turned = discs(1, 0.5F, Vec3f(1, -1, 1).normalized());
+    const Image image = render_splats(point, turned, color, orthographic(), options);
+    EXPECT_EQ(image.at(50, 50), color.front());
+}
+
 TEST(RenderSplats, LeavesOutBackFacesWhenAsked) {
     const std::vector<Vec3f> point = {Vec3f::Zero()};
     SplatRenderOptions options = small();
@@ -205,6 +215,7 @@ TEST(RenderSplats, SaysWhatIsOutOfRange) {
     EXPECT_THROW(attempt([](auto& o, auto&) { o.samples = 9; }), Error);
     EXPECT_THROW(attempt([](auto& o, auto&) { o.radius_scale = 0; }), Error);
     EXPECT_THROW(attempt([](auto& o, auto&) { o.occlusion = NAN; }), Error);
+    EXPECT_THROW(attempt([](auto& o, auto&) { o.relief = 1.5; }), Error);
     EXPECT_THROW(attempt([](auto&, auto& s) { s.normals.clear(); }), Error);
     EXPECT_THROW(attempt([](auto&, auto& s) { s.radii.clear(); }), Error);
     EXPECT_THROW(attempt([](auto&, auto& s) { s.major = {Vec3f::UnitX()}; }), Error);

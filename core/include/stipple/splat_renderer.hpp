@@ -55,7 +55,8 @@ struct SplatRenderOptions {
                                    ///< of a disc are lit, and the sign of normals is all the same
     Rgba8 color{206, 188, 164, 255};       ///< of all, where no colours are given
     Rgba8 background{255, 255, 255, 255};  ///< alpha 0: none
-    double occlusion = 0.8;                ///< how much creases and hollows are darkened, in [0, 1]
+    double relief = 1;       ///< how much light and shade there is, in [0, 1]; 0: colours alone
+    double occlusion = 0.8;  ///< how much creases and hollows are darkened, in [0, 1]
 };
 
 /// Draws N splats as a lit surface, without a display: a key light over the left shoulder of the
