@@ -82,8 +82,7 @@ public:
     }
     /// The points themselves, each a disc as wide as it is far from the next. Needs normals.
     Image discs(const PointCloud& cloud, std::span<const Rgba8> colors = {}) const {
-        return picture(cloud, colors,
-                       {.style = SplatStyle::Discs, .radius_scale = 0.62, .cull_back_faces = true});
+        return picture(cloud, colors, {.style = SplatStyle::Discs, .radius_scale = 0.62});
     }
 
 private:
@@ -93,6 +92,7 @@ private:
         // Which side is out is better known of the original, whose normals come along.
         for (std::size_t i = 0; i < cloud.normals.size(); ++i)
             if (splats.normals[i].dot(cloud.normals[i]) < 0) splats.normals[i] *= -1;
+        options.cull_back_faces = !cloud.normals.empty();
         options.width = width_;
         options.height = height_;
         return render_splats(cloud.positions, splats, colors, camera_, options);
@@ -128,7 +128,7 @@ std::unique_ptr<Sheet> methods(const Studio& studio, const PictureOptions& optio
 /// One run of contractions, stopped again and again (Fig. 1).
 std::unique_ptr<Sheet> levels(const Studio& studio, const PictureOptions&) {
     std::vector<std::uint64_t> sizes;
-    for (std::uint64_t size = 64'000; size >= 1'000; size /= 4)
+    for (std::uint64_t size = 32'000; size >= 2'000; size /= 4)
         if (size < studio.cloud().size()) sizes.push_back(size);
     std::vector<Tile> tiles = {{studio.surface(studio.cloud()), points_of(studio.cloud())}};
     iterative_snapshots(studio.cloud(), sizes, {}, [&](PointCloud&& level) {

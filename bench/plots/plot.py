@@ -51,6 +51,13 @@ def read(file, kind):
     return {name: sorted(points, key=lambda point: point[0]) for name, points in lines.items()}
 
 
+def left_of(file, kind):
+    """The title of the axis of targets, with what was there before."""
+    work = next(case["work"] for case in json.load(open(file)) if case["case"].startswith(kind))
+    model, points = work.split(" points")[0].split(": ")
+    return f"points left of {points} ({model})"
+
+
 def curves(lines, y):
     """gnuplot's data blocks, and the plot command that shows them."""
     blocks, parts = [], []
@@ -84,10 +91,10 @@ def main():
     milliseconds = lambda seconds, figures: 1e3 * seconds
     by_target, by_size = read(results, "by-target"), read(results, "by-size")
     if by_target:
-        draw(folder / "time-by-target.svg", "points left of 437,645 (dragon)",
+        draw(folder / "time-by-target.svg", left_of(results, "by-target"),
              [("milliseconds, one thread", by_target, milliseconds)])
         if all("Δavg" in point[2] for points in by_target.values() for point in points):
-            draw(folder / "error-by-target.svg", "points left of 437,645 (dragon)",
+            draw(folder / "error-by-target.svg", left_of(results, "by-target"),
                  [("mean error Δ_{avg}, 10^{-4} of the diagonal", by_target, lambda s, f: f["Δavg"]),
                   ("largest error Δ_{max}", by_target, lambda s, f: f["Δmax"])], width=1180)
     if by_size:
