@@ -6,6 +6,7 @@
 #include "leaf_query.hpp"
 #include "parallel_for.hpp"
 #include "point_tree.hpp"
+#include "stipple/error.hpp"
 #include "stipple/neighbors.hpp"
 
 #include <algorithm>
@@ -16,6 +17,7 @@
 #include <limits>
 #include <new>
 #include <numeric>
+#include <string>
 #include <tuple>
 
 // Follows: Pauly, Gross, Kobbelt 2002, §3.2; Garland and Heckbert 1997.
@@ -48,13 +50,13 @@ static_assert(sizeof(Record) == 64);
 /// A link of a sample into which another was just contracted: that other's number lies below.
 constexpr Index kMerged = Index{1} << 31U;
 
-/// A number for a pair that looks like chance, to choose among pairs of the same cost.
-std::uint32_t shuffled(Index a, Index b) noexcept {
-    std::uint64_t h = (static_cast<std::uint64_t>(std::min(a, b)) << 32U | std::max(a, b)) *
-                      0x9E3779B97F4A7C15ULL;
+/// A number for a pair that looks like chance, to choose among pairs of the same cost. No two pairs
+/// have the same.
+std::uint64_t shuffled(Index a, Index b) noexcept {
+    std::uint64_t h = static_cast<std::uint64_t>(std::min(a, b)) << 32U | std::max(a, b);
+    h *= 0x9E3779B97F4A7C15ULL;
     h ^= h >> 29U;
-    h *= 0xBF58476D1CE4E5B9ULL;
-    return static_cast<std::uint32_t>(h >> 32U);
+    return h * 0xBF58476D1CE4E5B9ULL;
 }
 
 /// Two samples as one, relative to the first.
@@ -111,7 +113,7 @@ public:
 
 private:
     struct Winner {
-        Index kept, gone;
+        Index first, second;
     };
 
     Record* records() const { return static_cast<Record*>(memory_.data()); }
@@ -153,6 +155,7 @@ private:
     bool wins(Index i, float limit) const;
     std::vector<Winner> match(float limit);
     void contract(const Winner& winner);
+    void contract(std::span<const Winner> winners);
     void reconnect();
 
     void keep(Kept& kept);
@@ -307,7 +310,8 @@ float Engine::cost_of(Index i, Index j) const {
     const Record &a = records()[std::min(i, j)], &b = records()[std::max(i, j)];
     const double added = join(a, b, options_.placement).error - static_cast<double>(a.quadric.c) -
                          static_cast<double>(b.quadric.c);
-    return static_cast<float>(std::max(0.0, added)) * (a.position - b.position).norm();
+    const float cost = static_cast<float>(std::max(0.0, added)) * (a.position - b.position).norm();
+    return std::min(cost, std::numeric_limits<float>::max());
 }
 
 /// Brings the list of neighbours up to date, and chooses the partner.
@@ -426,7 +430,8 @@ std::vector<Engine::Winner> Engine::match(float limit) {
 }
 
 void Engine::contract(const Winner& winner) {
-    Index kept = std::min(winner.kept, winner.gone), gone = std::max(winner.kept, winner.gone);
+    Index kept = std::min(winner.first, winner.second),
+          gone = std::max(winner.first, winner.second);
     const Vec3d from = records()[kept].position.cast<double>();
     const Joined joined = join(records()[kept], records()[gone], options_.placement);
     Vec3f position = (from + joined.offset).cast<float>();
@@ -442,6 +447,17 @@ void Engine::contract(const Winner& winner) {
     records()[gone].link = kept;
 }
 
+void Engine::contract(std::span<const Winner> winners) {
+    parallel_for_blocks(winners.size(), kBlock, context_, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t w = begin; w < end; ++w) contract(winners[w]);
+    });
+    if (options_.sequence == nullptr) return;
+    for (const auto& [first, second] : winners) {
+        const Index kept = is_live(first) ? first : second, gone = is_live(first) ? second : first;
+        options_.sequence->emplace_back(order_[place(kept)], order_[place(gone)]);
+    }
+}
+
 /// Contracts what a round may, and stops where a count is reached on the way.
 void Engine::round(std::span<const Stop>& stops, const std::function<void(const Stop&)>& at_stop) {
     for_live([&](Index i) { refresh(i); });
@@ -453,16 +469,14 @@ void Engine::round(std::span<const Stop>& stops, const std::function<void(const 
 
     if (options_.sequence != nullptr || live_.size() - winners.size() <= stops.front().count) {
         std::ranges::sort(winners, {}, [&](const Winner& w) {
-            return std::tuple(records()[w.kept].cost, place(w.kept), place(w.gone));
+            return std::tuple(records()[w.first].cost, place(w.first), place(w.second));
         });
     }
     std::size_t done = 0;
     while (true) {
         const bool stop = !stops.empty() && live_.size() - winners.size() <= stops.front().count;
         const std::size_t end = stop ? live_.size() - stops.front().count : winners.size();
-        parallel_for_blocks(end - done, kBlock, context_, [&](std::size_t b, std::size_t e) {
-            for (std::size_t w = b; w < e; ++w) contract(winners[done + w]);
-        });
+        contract(std::span(winners).subspan(done, end - done));
         done = end;
         if (!stop) break;
         at_stop(stops.front());
@@ -596,6 +610,10 @@ void contract(std::span<const Vec3f> positions, std::span<const StoredQuadric> q
               std::span<const std::uint64_t> counts, const ContractionOptions& options,
               const std::function<void(ContractionSnapshot&&)>& on_snapshot,
               const RunContext& context) {
+    if (positions.size() >= kMerged) {
+        throw Error(ErrorCode::TooLarge, std::to_string(positions.size()) +
+                                             " points to contract: expected fewer than 2^31");
+    }
     with_threads(context,
                  [&] { Engine(positions, quadrics, options, context).run(counts, on_snapshot); });
 }
