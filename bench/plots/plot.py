@@ -15,7 +15,7 @@ from pathlib import Path
 
 # Contestant, name in the key, colour (Okabe and Ito's, told apart by the colour-blind too), point type.
 LINES = [
-    ("stipple multiphase", "multiphase", "#0072b2", 7),
+    ("stipple multiphase", "multiphase", "#2a86c8", 7),
     ("stipple hierarchical", "hierarchical", "#56b4e9", 5),
     ("stipple incremental", "incremental", "#009e73", 9),
     ("stipple iterative", "iterative", "#d55e00", 11),
@@ -25,7 +25,7 @@ LINES = [
 ]
 
 STYLE = """
-set terminal svg size {width},440 dynamic font 'DejaVu Sans,13' background 'none' linewidth 1.6
+set terminal svg size {width},440 fixed font 'DejaVu Sans,13' linewidth 1.6
 set output '{output}'
 set border 3 lc rgb '#808080' lw 0.8
 set tics nomirror textcolor rgb '#808080' scale 0.6
@@ -38,7 +38,7 @@ set xlabel '{xlabel}' textcolor rgb '#808080'
 
 
 def read(file, kind):
-    """{contestant: [(x, seconds, figures)]} of the cases of a kind; x from the last part of the name or the input."""
+    """{contestant: [(x, processor seconds, figures)]} of the one-thread cases of a kind, by points left or before."""
     lines = {}
     for case in json.load(open(file)):
         parts = case["case"].split("/")
@@ -46,7 +46,7 @@ def read(file, kind):
             continue
         x = case["units"] if kind == "by-size" else int(parts[-1])
         for standing in case["standings"]:
-            seconds = statistics.median(run["wall_s"] for run in standing["runs"])
+            seconds = statistics.median(run["cpu_s"] for run in standing["runs"])
             lines.setdefault(standing["contestant"], []).append((x, seconds, standing["figures"]))
     return {name: sorted(points, key=lambda point: point[0]) for name, points in lines.items()}
 
@@ -71,6 +71,10 @@ def curves(lines, y):
     return "\n".join(blocks), "plot " + ", \\\n     ".join(parts)
 
 
+def around(axis, values):
+    return f"set {axis}range [{min(values) / 1.25}:{max(values) * 1.25}]\n"
+
+
 def draw(output, xlabel, panels, width=760):
     """One SVG with a panel for each (title of the y axis, lines, y)."""
     script = STYLE.format(width=width, output=output, xlabel=xlabel)
@@ -80,7 +84,10 @@ def draw(output, xlabel, panels, width=760):
         blocks, plot = curves(lines, y)
         if i + 1 < len(panels):
             plot = "unset key\n" + plot + "\nset key outside right center"
-        script += f"set ylabel '{ylabel}' textcolor rgb '#808080'\n{blocks}\n{plot}\n"
+        script += f"set ylabel '{ylabel}' textcolor rgb '#808080'\n"
+        script += around("x", [x for points in lines.values() for x, _, _ in points])
+        script += around("y", [y(s, f) for points in lines.values() for _, s, f in points])
+        script += f"{blocks}\n{plot}\n"
     subprocess.run(["gnuplot"], input=script, text=True, check=True)
 
 
@@ -92,14 +99,14 @@ def main():
     by_target, by_size = read(results, "by-target"), read(results, "by-size")
     if by_target:
         draw(folder / "time-by-target.svg", left_of(results, "by-target"),
-             [("milliseconds, one thread", by_target, milliseconds)])
+             [("milliseconds of one processor", by_target, milliseconds)])
         if all("Δavg" in point[2] for points in by_target.values() for point in points):
             draw(folder / "error-by-target.svg", left_of(results, "by-target"),
                  [("mean error Δ_{avg}, 10^{-4} of the diagonal", by_target, lambda s, f: f["Δavg"]),
                   ("largest error Δ_{max}", by_target, lambda s, f: f["Δmax"])], width=1180)
     if by_size:
         draw(folder / "time-by-size.svg", "points before, simplified to 1 % (synthetic)",
-             [("milliseconds, one thread", by_size, milliseconds)])
+             [("milliseconds of one processor", by_size, milliseconds)])
 
 
 if __name__ == "__main__":
