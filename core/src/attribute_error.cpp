@@ -5,6 +5,7 @@
 #include "gaussian.hpp"
 #include "parallel_for.hpp"
 #include "srgb.hpp"
+#include "tree_search.hpp"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -95,7 +96,7 @@ struct Blend {
     void set(const AttributedSurface& surface, const Vec3f& place, unsigned k) {
         room.resize(k);
         weights.resize(k);
-        points = surface.search.nearest(place, room);
+        points = find_nearest(surface.tree, place, room);
         const double r_sq = points.back().distance_sq;
         const double by = r_sq > 0 ? 9.0 / r_sq : 0.0;  // 1 / h^2
         double total = 0;
@@ -136,8 +137,7 @@ std::vector<AttributeError> attribute_errors(const AttributedSurface& from,
                 for (auto& v : values) v.resize(list[a].components);
                 here.value(from.cloud, list[a], values[0], values[2]);
                 there.value(to.cloud, list[a], values[1], values[2]);
-                differences[a][i] =
-                    static_cast<float>(list[a].difference(values[0], values[1]));
+                differences[a][i] = static_cast<float>(list[a].difference(values[0], values[1]));
             }
         }
     });

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "stipple/neighbors.hpp"
+#include "point_tree.hpp"
 #include "stipple/surface_error.hpp"
 
 #include <span>
@@ -8,11 +8,10 @@
 
 namespace stipple {
 
-/// A cloud whose attributes are compared; `points` are its positions as `search` has them.
+/// A cloud whose attributes are compared, and the tree of its points.
 struct AttributedSurface {
     const PointCloud& cloud;
-    std::span<const Vec3f> points;
-    const NeighborSearch& search;
+    const PointTree& tree;
 };
 
 /// How much every attribute that both have differs between places on one surface and their feet on

@@ -52,9 +52,12 @@ namespace avx2 {
 }  // namespace
 
 std::vector<ClusterKernels> available_cluster_kernels() {
-    std::vector<ClusterKernels> kernels = {{"plain", plain::partition, plain::sums}};
+    std::vector<ClusterKernels> kernels = {
+        {"plain", plain::partition, plain::sums, plain::nearby, plain::box, plain::count}};
 #if defined(STIPPLE_HAS_AVX2_KERNELS)
-    if (__builtin_cpu_supports("avx2")) kernels.push_back({"avx2", avx2::partition, avx2::sums});
+    if (__builtin_cpu_supports("avx2"))
+        kernels.push_back(
+            {"avx2", avx2::partition, avx2::sums, avx2::nearby, avx2::box, avx2::count});
 #endif
     return kernels;
 }

@@ -20,8 +20,20 @@ struct SplitPlane {
 /// reference: x y z xx xy xz yy yz zz.
 using SampleSums = std::array<double, 9>;
 
-/// The two inner loops of the clustering, for one instruction set. Every set gives the same bits:
-/// the lanes of a sum are eight, whatever the width of the machine's.
+/// Where `nearby` writes, packed: squared distances of all samples it finds; and of the free ones,
+/// beside their places. Eight more than are found are written.
+struct NearbyOutput {
+    float *all_sq, *free_sq;
+    Index* free;
+};
+
+/// The least box around some samples.
+struct SampleBox {
+    std::array<float, 3> low, high;
+};
+
+/// The inner loops of the clustering methods, for one instruction set. Every set gives the same
+/// bits: the lanes of a sum are eight, whatever the width of the machine's.
 struct ClusterKernels {
     const char* name;
     /// Moves the samples left of the plane to the front and the others behind them, both in their
@@ -29,6 +41,15 @@ struct ClusterKernels {
     std::size_t (*partition)(const MutableSampleSpan& samples, const SplitPlane& plane,
                              const MutableSampleSpan& scratch) noexcept;
     SampleSums (*sums)(const SampleSpan& samples, const std::array<float, 3>& reference) noexcept;
+    /// Finds the samples `begin..end` within the root of `limit_sq` of `center`, and of them the
+    /// free ones, where `taken` is 0. Reads eight more samples. @return behind what was written.
+    NearbyOutput (*nearby)(const SampleSpan& samples, const float* taken, Index begin, Index end,
+                           const std::array<float, 3>& center, float limit_sq,
+                           const NearbyOutput& out) noexcept;
+    /// Of at least one sample.
+    SampleBox (*box)(const SampleSpan& samples) noexcept;
+    /// How many of the values are at most `limit`. Reads up to seven more, which count as well.
+    std::size_t (*count)(const float* values, std::size_t size, float limit) noexcept;
 };
 
 /// What this machine can run, the plainest first.

@@ -45,6 +45,13 @@ inline unsigned lane_bits(Int8 mask) noexcept {
     return static_cast<unsigned>(_mm256_movemask_ps(reinterpret_cast<__m256>(mask)));
 }
 
+inline Float8 smaller(Float8 a, Float8 b) noexcept {
+    return _mm256_min_ps(a, b);
+}
+inline Float8 larger(Float8 a, Float8 b) noexcept {
+    return _mm256_max_ps(a, b);
+}
+
 /// The lanes to the left and the others, each packed to the front.
 struct Packing {
     __m256i left_order, right_order;
@@ -63,10 +70,21 @@ struct Packing {
                             _mm256_permutevar8x32_epi32(v, left_order));
     }
 
-private:
     static __m256i order_of(unsigned mask) noexcept {
         return _mm256_cvtepu8_epi32(
             _mm_loadl_epi64(reinterpret_cast<const __m128i*>(&kPackedLanes[mask])));
+    }
+};
+
+/// Some of eight values, packed; behind them up to seven become anything.
+struct Selection {
+    __m256i order;
+
+    explicit Selection(unsigned mask) noexcept : order(Packing::order_of(mask)) {}
+    template <typename V, typename T>
+    void store(const V& v, T* to) const noexcept {
+        _mm256_storeu_si256(reinterpret_cast<__m256i*>(to),
+                            _mm256_permutevar8x32_epi32(reinterpret_cast<__m256i>(v), order));
     }
 };
 
@@ -84,6 +102,13 @@ inline unsigned lane_bits(Int8 mask) noexcept {
     return bits;
 }
 
+inline Float8 smaller(Float8 a, Float8 b) noexcept {
+    return a < b ? a : b;
+}
+inline Float8 larger(Float8 a, Float8 b) noexcept {
+    return a > b ? a : b;
+}
+
 struct Packing {
     unsigned left;
 
@@ -98,6 +123,18 @@ struct Packing {
         };
         pack(to_right, ~left & 255U);
         pack(to_left, left);
+    }
+};
+
+struct Selection {
+    unsigned mask;
+
+    template <typename V, typename T>
+    void store(const V& v, T* to) const noexcept {
+        std::array<T, kLanes> lanes;
+        __builtin_memcpy(lanes.data(), &v, sizeof v);
+        store_packed(to, lanes.data(), mask & 15U);
+        store_packed(to + std::popcount(mask & 15U), lanes.data() + 4, mask >> 4U);
     }
 };
 
@@ -185,5 +222,65 @@ SampleSums sums(const SampleSpan& s, const std::array<float, 3>& reference) noex
         const std::array<Float8, 9> part = {x, y, z, xx, xy, xz, yy, yz, zz};
         for (std::size_t k = 0; k < total.size(); ++k) total[k] += sum_of(part[k]);
     }
+    return total;
+}
+
+NearbyOutput nearby(const SampleSpan& samples, const float* taken, Index begin, Index end,
+                    const std::array<float, 3>& center, float limit_sq,
+                    const NearbyOutput& output) noexcept {
+    const SampleSpan s = samples;
+    const std::array<float, 3> c = center;
+    NearbyOutput out = output;
+    for (Index place = begin; place < end; place += kLanes) {
+        const Group g = whole_group(s, place, c);
+        const Float8 d = g.x * g.x + g.y * g.y + g.z * g.z;
+        const unsigned here = end - place < kLanes ? (1U << (end - place)) - 1U : 255U;
+        const unsigned near = lane_bits(d <= limit_sq) & here;
+        const unsigned free = lane_bits(load(taken + place) <= 0.0F) & near;
+        const Int8 places = Int8{0, 1, 2, 3, 4, 5, 6, 7} + static_cast<std::int32_t>(place);
+        Selection{near}.store(d, out.all_sq);
+        const Selection selection{free};
+        selection.store(d, out.free_sq);
+        selection.store(places, out.free);
+        out.all_sq += std::popcount(near);
+        out.free_sq += std::popcount(free);
+        out.free += std::popcount(free);
+    }
+    return out;
+}
+
+SampleBox box(const SampleSpan& samples) noexcept {
+    const SampleSpan s = samples;
+    const std::array<const float*, 3> axes = {s.x, s.y, s.z};
+    SampleBox result;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        const float* const v = axes[axis];
+        Float8 low = Float8{} + v[0], high = low;
+        std::size_t i = 0;
+        for (; i + kLanes <= s.size; i += kLanes) {
+            const Float8 group = load(v + i);
+            low = smaller(group, low);
+            high = larger(group, high);
+        }
+        std::array<float, kLanes> lows, highs;
+        __builtin_memcpy(lows.data(), &low, sizeof low);
+        __builtin_memcpy(highs.data(), &high, sizeof high);
+        for (std::size_t lane = 0; i < s.size; ++i, ++lane) {
+            lows[lane] = std::min(lows[lane], v[i]);
+            highs[lane] = std::max(highs[lane], v[i]);
+        }
+        result.low[axis] = *std::min_element(lows.begin(), lows.end());
+        result.high[axis] = *std::max_element(highs.begin(), highs.end());
+    }
+    return result;
+}
+
+std::size_t count(const float* values, std::size_t size, float limit) noexcept {
+    Int8 counts{};
+    for (std::size_t i = 0; i < size; i += kLanes) counts -= load(values + i) <= limit;
+    std::array<std::int32_t, kLanes> lanes;
+    __builtin_memcpy(lanes.data(), &counts, sizeof counts);
+    std::size_t total = 0;
+    for (const std::int32_t lane : lanes) total += static_cast<std::size_t>(lane);
     return total;
 }

@@ -60,10 +60,9 @@ double ciede2000(const Vec3d& lab_a, const Vec3d& lab_b) noexcept {
         if (std::abs(h1 - h2) > 180.0) h += h < 360.0 ? 360.0 : -360.0;
         h /= 2.0;
     }
-    const double T = 1.0 - 0.17 * std::cos((h - 30.0) * kDegree) +
-                     0.24 * std::cos(2.0 * h * kDegree) +
-                     0.32 * std::cos((3.0 * h + 6.0) * kDegree) -
-                     0.20 * std::cos((4.0 * h - 63.0) * kDegree);
+    const double T =
+        1.0 - 0.17 * std::cos((h - 30.0) * kDegree) + 0.24 * std::cos(2.0 * h * kDegree) +
+        0.32 * std::cos((3.0 * h + 6.0) * kDegree) - 0.20 * std::cos((4.0 * h - 63.0) * kDegree);
     const double turn = 30.0 * std::exp(-((h - 275.0) / 25.0) * ((h - 275.0) / 25.0));
     const double R_C = 2.0 * std::sqrt(pow7(C) / (pow7(C) + k25_7));
     const double from_50 = (L - 50.0) * (L - 50.0);

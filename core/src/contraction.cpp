@@ -191,12 +191,18 @@ Engine::Engine(std::span<const Vec3f> positions, std::span<const StoredQuadric> 
       scale_(contraction_scale(positions)),
       memory_(positions.size() * sizeof(Record)),
       slots_(positions.size()) {
-    order_along_curve(positions);
+    const auto scale = static_cast<float>(scale_);
+    {
+        std::vector<Vec3f> scaled(slots_);
+        std::ranges::transform(positions, scaled.begin(),
+                               [&](const Vec3f& p) { return Vec3f(p * scale); });
+        order_along_curve(scaled);
+    }
     parallel_for_blocks(slots_, kBlock, context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {
             const Index sample = order_[i];
             new (&records()[i])
-                Record{.position = positions[sample] * static_cast<float>(scale_),
+                Record{.position = positions[sample] * scale,
                        .quadric = quadrics.empty() ? StoredQuadric{} : quadrics[sample],
                        .link = static_cast<Index>(i),
                        .claim = kNone,
@@ -560,7 +566,7 @@ ContractionSnapshot Engine::snapshot(Kept& kept) {
             s.survivor_of[order_[place]] = number[root(slot_at(place))];
     } else {
         for (Index& slot : kept.samples.survivor_of) slot = number[root(slot)];
-        relax(kept.samples, s.positions, context_);
+        relax(kept.samples, s.positions, options_.relaxations, context_);
         for (std::size_t i = 0; i < order_.size(); ++i)
             s.survivor_of[i] = kept.samples.survivor_of[kept.of_input[i]];
         kept = {};
@@ -576,7 +582,7 @@ void Engine::run(std::span<const std::uint64_t> counts,
     kept_.resize(counts.size());
     std::vector<Stop> stops;
     for (std::size_t s = 0; s < counts.size(); ++s) {
-        if (options_.placement == Placement::Optimal && counts[s] < n && kKeptPerSurvivor > 1)
+        if (options_.placement == Placement::Optimal && options_.relaxations > 0 && counts[s] < n)
             stops.push_back({std::min(n, kKeptPerSurvivor * counts[s]), s, true});
         stops.push_back({counts[s], s, false});
     }

@@ -37,6 +37,7 @@ struct ContractionOptions {
     /// sample; empty when `channels` is 0.
     std::span<const float> features{};
     unsigned channels = 0;
+    unsigned relaxations = 2;  ///< of a snapshot's survivors, unless they are end points
     /// Where set, every contraction of the run in order is written here; a snapshot of n of N
     /// samples is what the first N - n of them make, before it is relaxed.
     std::vector<ContractionPair>* sequence = nullptr;

@@ -63,8 +63,8 @@ Index settle(const SharedSamples& samples, std::span<const Index> members, Vec3f
 
 }  // namespace
 
-void relax(SharedSamples& samples, std::vector<Vec3f>& survivors, const RunContext& context) {
-    constexpr int kRounds = 2;
+void relax(SharedSamples& samples, std::vector<Vec3f>& survivors, unsigned rounds,
+           const RunContext& context) {
     std::vector<Index> anchors(survivors.size());
     const auto settle_all = [&] {
         const Shares shares(samples.survivor_of, survivors.size());
@@ -92,8 +92,8 @@ void relax(SharedSamples& samples, std::vector<Vec3f>& survivors, const RunConte
                                 }
                             });
     };
-    settle_all();
-    for (int round = 0; round < kRounds; ++round) {
+    if (rounds > 0) settle_all();
+    for (unsigned round = 0; round < rounds; ++round) {
         share_out();
         settle_all();
     }

@@ -20,6 +20,8 @@ struct SharedSamples {
 /// is greedy: what it once joined stays together.
 ///
 /// @param survivors  positions, each with at least one sample; it keeps at least one.
-void relax(SharedSamples& samples, std::vector<Vec3f>& survivors, const RunContext& context);
+/// @param rounds  how often; 0 leaves all as it is.
+void relax(SharedSamples& samples, std::vector<Vec3f>& survivors, unsigned rounds,
+           const RunContext& context);
 
 }  // namespace stipple

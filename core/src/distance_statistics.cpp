@@ -26,26 +26,36 @@ AttributeError summarize(std::string name, std::span<const float> differences,
     return error;
 }
 
-double weighted_quantile(std::span<const float> values, std::span<const float> weights, double q) {
+std::vector<double> weighted_quantiles(std::span<const float> values,
+                                       std::span<const float> weights,
+                                       std::span<const double> parts) {
     // Floats that are not negative sort as their bits: the weight of each stretch of them first,
-    // then the values of one stretch.
+    // then the values of the one stretch that matters.
     constexpr unsigned kShift = 16;
     const auto stretch = [](float v) { return std::bit_cast<std::uint32_t>(v) >> kShift; };
     std::vector<double> weight_of(std::size_t{1} << (32 - kShift));
     for (std::size_t i = 0; i < values.size(); ++i) weight_of[stretch(values[i])] += weights[i];
-    double left = q * std::accumulate(weight_of.begin(), weight_of.end(), 0.0);
-    std::size_t chosen = 0;
-    std::size_t last = 0;
-    for (std::size_t s = 0; s < weight_of.size(); ++s)
-        if (weight_of[s] > 0) last = s;
-    while (chosen < last && weight_of[chosen] < left) left -= weight_of[chosen++];
-    std::vector<std::pair<float, float>> inside;
-    for (std::size_t i = 0; i < values.size(); ++i)
-        if (stretch(values[i]) == chosen) inside.emplace_back(values[i], weights[i]);
-    std::ranges::sort(inside);
-    for (const auto& [value, weight] : inside)
-        if ((left -= weight) <= 0) return value;
-    return inside.empty() ? 0.0 : inside.back().first;
+    const double total = std::accumulate(weight_of.begin(), weight_of.end(), 0.0);
+
+    std::vector<double> quantiles;
+    for (const double part : parts) {
+        double left = part * total;
+        std::size_t chosen = 0;
+        for (std::size_t s = 0; s < weight_of.size(); ++s) {
+            if (weight_of[s] == 0) continue;
+            chosen = s;
+            if (weight_of[s] >= left) break;
+            left -= weight_of[s];
+        }
+        std::vector<std::pair<float, float>> inside;
+        for (std::size_t i = 0; i < values.size(); ++i)
+            if (stretch(values[i]) == chosen) inside.emplace_back(values[i], weights[i]);
+        std::ranges::sort(inside);
+        std::size_t at = 0;
+        while (at + 1 < inside.size() && inside[at].second < left) left -= inside[at++].second;
+        quantiles.push_back(inside.empty() ? 0.0 : inside[at].first);
+    }
+    return quantiles;
 }
 
 DirectedError summarize_distances(std::span<const float> distances, std::span<const float> areas,
@@ -56,9 +66,11 @@ DirectedError summarize_distances(std::span<const float> distances, std::span<co
     error.max = all.max;
     error.mean = all.mean;
     error.rms = all.rms;
-    error.p50 = weighted_quantile(distances, areas, 0.50);
-    error.p95 = weighted_quantile(distances, areas, 0.95);
-    error.p99 = weighted_quantile(distances, areas, 0.99);
+    const auto quantiles =
+        weighted_quantiles(distances, areas, std::array<double, 3>{0.50, 0.95, 0.99});
+    error.p50 = quantiles[0];
+    error.p95 = quantiles[1];
+    error.p99 = quantiles[2];
 
     error.histogram.resize(histogram_bins);
     const double bins = histogram_bins, by = all.max > 0 ? bins / all.max : 0.0;

@@ -16,7 +16,10 @@ AttributeError summarize(std::string name, std::span<const float> differences,
 DirectedError summarize_distances(std::span<const float> distances, std::span<const float> areas,
                                   unsigned histogram_bins);
 
-/// The least of the values that the part `q` of the weight does not exceed. O(N).
-double weighted_quantile(std::span<const float> values, std::span<const float> weights, double q);
+/// For each of `parts`, the least of the values that so much of the weight does not exceed. Values
+/// are not negative. O(N).
+std::vector<double> weighted_quantiles(std::span<const float> values,
+                                       std::span<const float> weights,
+                                       std::span<const double> parts);
 
 }  // namespace stipple

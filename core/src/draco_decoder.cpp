@@ -35,7 +35,8 @@ void check_points(std::uint64_t points, const DecodeLimits& limits) {
 }
 
 /// The geometry: a draco::Mesh when the file holds one.
-std::unique_ptr<draco::PointCloud> decode_geometry(std::span<const std::byte> file) {
+std::unique_ptr<draco::PointCloud> decode_geometry(std::span<const std::byte> file,
+                                                   std::uint64_t max_memory_bytes) {
     draco::DecoderBuffer buffer;
     buffer.Init(reinterpret_cast<const char*>(file.data()), file.size());
     draco::Decoder decoder;
@@ -47,9 +48,12 @@ std::unique_ptr<draco::PointCloud> decode_geometry(std::span<const std::byte> fi
                     "Draco: the decoder refuses the " + std::to_string(file.size()) +
                         " bytes: " + (why.empty() ? "they are cut short or damaged" : why));
     } catch (const std::bad_alloc&) {
+        const std::string limit =
+            max_memory_bytes == 0 ? "there is"
+                                  : "the limit of " + std::to_string(max_memory_bytes) + " bytes";
         throw Error(ErrorCode::TooLarge, "Draco: decoding these " + std::to_string(file.size()) +
-                                             " bytes takes more memory than there is; the file is "
-                                             "damaged, or the cloud too large");
+                                             " bytes takes more memory than " + limit +
+                                             "; the file is damaged, or the cloud too large");
     } catch (const std::length_error&) {
         throw Error(ErrorCode::MalformedInput,
                     "Draco: the file asks for arrays of impossible length");
@@ -292,7 +296,8 @@ PointCloud decode_draco(std::span<const std::byte> file, const DecodeLimits& lim
                         const RunContext& context, DecodeReport& report) {
     const DracoHeader header = parse_draco_header(file);
     if (header.declared_points) check_points(*header.declared_points, limits);
-    const std::unique_ptr<draco::PointCloud> geometry = decode_geometry(file);
+    const std::unique_ptr<draco::PointCloud> geometry =
+        decode_geometry(file, limits.max_memory_bytes);
     context.checkpoint(0.7);
     check_points(geometry->num_points(), limits);
 

@@ -23,6 +23,15 @@ inline Float4 load(const float* from) noexcept {
     return v;
 }
 
+/// The larger of two in each lane; the second where they are equal.
+inline Float4 larger(Float4 a, Float4 b) noexcept {
+#if defined(__SSE2__)
+    return _mm_max_ps(a, b);  // which the compiler does not make of the choice
+#else
+    return a > b ? a : b;
+#endif
+}
+
 /// The four lanes of a comparison as bits, the first lowest.
 inline unsigned lane_bits(Int4 mask) noexcept {
 #if defined(__SSE2__)

@@ -1,8 +1,10 @@
 #include "foot_finder.hpp"
 
+#include "nearby_search.hpp"
 #include "parallel_for.hpp"
 #include "plane_kernels.hpp"
 #include "quadratic_foot.hpp"
+#include "tree_search.hpp"
 
 #include <algorithm>
 #include <array>
@@ -20,77 +22,62 @@ namespace stipple {
 namespace {
 
 constexpr std::size_t kLanes = PlaneLanes::kLanes;
+constexpr double kReaching = 20;  // the surface reaches as far as so many points around a sample
 
 /// All points within a radius of some place.
 struct Patch {
     Vec3d center = Vec3d::Zero();
     double radius = -1;            ///< infinite where these are all points there are
-    double neighborhood = 0;       ///< radius of the k nearest to the center
+    double neighborhood = 0;       ///< about the radius of the k nearest to the center
     Vec3d origin = Vec3d::Zero();  ///< a point of it: what coordinates are relative to
     std::vector<Vec3f> points;     ///< relative to it
     std::size_t number = 0;        ///< tells it from those before it
 
-    bool holds(const Vec3d& place, double reach) const noexcept {
-        return (place - center).norm() + reach <= radius;
+    /// Whether the neighbourhood of a place is probably within it: its radius is at most that
+    /// around the center and all of the way, and mostly much less.
+    bool holds(const Vec3d& place) const noexcept {
+        constexpr double kLonger = 1.3;
+        return neighborhood + kLonger * (place - center).norm() <= radius;
     }
 };
 
+/// Makes the patches of one thread.
 class PatchMaker {
 public:
-    PatchMaker(std::span<const Vec3f> points, const NeighborSearch& search, unsigned k,
-               std::size_t capacity)
-        : points_(points), search_(search), k_(k), capacity_(capacity), room_(capacity) {}
+    PatchMaker(std::span<const Vec3f> points, const PointTree& tree, unsigned k, std::size_t room)
+        : points_(points), k_(k), search_(tree, k, room) {}
 
-    /// About `capacity` points around a place, at least k.
     void make(const Vec3d& place, Patch& patch) {
         const Vec3f at = place.cast<float>();
-        std::span<Neighbor> found = near(at);
-        const bool all = found.size() == points_.size();
-        const auto kth = found.begin() + (k_ - 1);
-        std::nth_element(found.begin(), kth, found.end());
-        const auto nearest = std::min_element(found.begin(), kth + 1);
+        set(at, search_.find(at), patch);
+    }
+    /// Where points are about as near and dense as around the last place; else false.
+    bool make_near(const Vec3d& place, Patch& patch) {
+        const Vec3f at = place.cast<float>();
+        const std::span<const Neighbor> found = search_.find_near(at);
+        if (!found.empty()) set(at, found, patch);
+        return !found.empty();
+    }
+
+private:
+    void set(const Vec3f& at, std::span<const Neighbor> found, Patch& patch) {
+        const auto by_distance = &Neighbor::distance_sq;
+        const Vec3f origin = points_[std::ranges::min_element(found)->index];
         patch.number = ++number_;
         patch.center = at.cast<double>();
-        patch.neighborhood = std::sqrt(static_cast<double>(kth->distance_sq));
-        patch.radius = all ? std::numeric_limits<double>::infinity() : reach_;
-        const Vec3f origin = points_[nearest->index];
+        patch.radius = search_.reach();
+        const double size = static_cast<double>(found.size());
+        const double farthest_sq = std::ranges::max_element(found, {}, by_distance)->distance_sq;
+        patch.neighborhood = std::sqrt(farthest_sq * k_ / size);
         patch.origin = origin.cast<double>();
         patch.points.clear();
         for (const Neighbor& neighbor : found)
             patch.points.push_back(points_[neighbor.index] - origin);
     }
 
-private:
-    /// Complete within `reach_`.
-    std::span<Neighbor> near(const Vec3f& at) {
-        constexpr double kExact = 0.99999;  // for the rounding of distances
-        if (guess_ > 0) {
-            search_.within(at, static_cast<float>(guess_), within_);
-            if (within_.size() >= k_) {
-                std::span<Neighbor> found = within_;
-                reach_ = guess_ * kExact;
-                if (found.size() > capacity_) {
-                    const auto last = found.begin() + static_cast<std::ptrdiff_t>(capacity_ - 1);
-                    std::nth_element(found.begin(), last, found.end());
-                    reach_ = std::sqrt(static_cast<double>(last->distance_sq)) * kExact;
-                }
-                // So that the next search finds a little less than there is room for.
-                guess_ *= std::sqrt(0.9 * static_cast<double>(capacity_) /
-                                    static_cast<double>(found.size()));
-                return found.first(std::min(found.size(), capacity_));
-            }
-        }
-        const std::span<Neighbor> found = search_.nearest(at, room_);
-        reach_ = std::sqrt(static_cast<double>(found.back().distance_sq)) * kExact;
-        guess_ = reach_;
-        return found;
-    }
-
     std::span<const Vec3f> points_;
-    const NeighborSearch& search_;
-    std::size_t k_, capacity_;
-    std::vector<Neighbor> room_, within_;
-    double guess_ = 0, reach_ = 0;
+    unsigned k_;
+    NearbySearch search_;
     std::size_t number_ = 0;
 };
 
@@ -100,7 +87,7 @@ struct Walker {
 
     std::size_t query = kNone;
     Vec3d q, x;
-    std::size_t patch = 0;  ///< number of that in the lane
+    std::size_t patch = 0, patch_size = 0;  ///< number and size of that in the lane
     Vec3d center, origin;
     double radius = 0;
     bool own_patch = false;  ///< made for x just now, so that it holds what it must
@@ -111,17 +98,17 @@ struct Walker {
     Foot best;    ///< of this start
     Foot direct;  ///< of the start from q, while the other goes on
     bool from_sample = false;
-    Vec3d sample;              ///< nearest to q
-    double sample_radius = 0;  ///< of its neighbourhood
+    Vec3d sample;             ///< nearest to q
+    double sample_reach = 0;  ///< how far from it the surface may be
 };
 
 class Walk {
 public:
-    Walk(std::span<const Vec3f> points, const NeighborSearch& search,
-         const FootFinder::Options& options, std::span<const Vec3f> queries, std::size_t begin,
-         std::size_t end, const std::function<void(std::size_t, const Foot&)>& found)
+    Walk(std::span<const Vec3f> points, const PointTree& tree, const FootFinder::Options& options,
+         std::span<const Vec3f> queries, std::size_t begin, std::size_t end,
+         const std::function<void(std::size_t, const Foot&)>& found)
         : points_(points),
-          search_(search),
+          tree_(tree),
           options_(options),
           queries_(queries),
           next_(begin),
@@ -129,13 +116,17 @@ public:
           found_(found),
           k_(static_cast<unsigned>(std::min<std::size_t>(options.k, points.size()))),
           lanes_(k_, std::min<std::size_t>(points.size(), 2 * k_ + 8)),
-          maker_(points, search, k_, lanes_.candidates.size()),
-          quadratic_(points, search, options),
+          reach_(std::sqrt(std::max(1.0, kReaching / k_))),
+          maker_(points, tree, k_, lanes_.candidates.size()),
+          quadratic_(points, tree, options),
           kernel_(plane_kernel()) {}
 
-    void run() {
+    void run(const RunContext& context) {
         for (std::size_t lane = 0; lane < kLanes; ++lane) begin_query(lane);
+        unsigned rounds = 0;
         while (busy_ > 0) {
+            constexpr unsigned kRoundsBetween = 256;
+            if (++rounds % kRoundsBetween == 0) context.throw_if_stopped();
             kernel_.run(lanes_);
             for (std::size_t lane = 0; lane < kLanes; ++lane) {
                 if (walkers_[lane].query != Walker::kNone) advance(lane);
@@ -152,17 +143,27 @@ private:
         ++busy_;
         w.query = next_++;
         w.q = queries_[w.query].cast<double>();
-        w.from_sample = false;
-        constexpr double kSlack = 1.3;  // a neighbourhood grows by 1 to 2 times the way
-        if (!shared_.holds(w.q, shared_.neighborhood + (kSlack - 1.0) * (w.q - shared_.center).norm()))
-            maker_.make(w.q, shared_);
+        w.direct = {};
+        w.from_sample = !shared_.holds(w.q) && !maker_.make_near(w.q, shared_);
+        if (w.from_sample) {
+            w.sample = nearest_sample(w.q);
+            maker_.make(w.sample, shared_);
+            w.from_sample = (w.q - w.sample).norm() > reach_ * shared_.neighborhood;
+        }
         if (w.patch != shared_.number) fill(lane, shared_);
-        start(lane, w.q);
+        start(lane, w.from_sample ? w.sample : w.q);
+    }
+
+    Vec3d nearest_sample(const Vec3d& q) const {
+        Neighbor nearest;
+        find_nearest(tree_, q.cast<float>(), {&nearest, 1});
+        return points_[nearest.index].cast<double>();
     }
 
     void start(std::size_t lane, const Vec3d& x) {
         Walker& w = walkers_[lane];
         w.iteration = 0;
+        w.sample_reach = 0;
         w.last_step = w.least_step = std::numeric_limits<double>::infinity();
         w.best = {};
         set(lanes_.query, lane, w.q - w.origin);
@@ -182,16 +183,18 @@ private:
         w.center = patch.center;
         w.origin = patch.origin;
         w.radius = patch.radius;
+        w.patch_size = patch.points.size();
+        lanes_.rows = 0;
+        for (const Walker& other : walkers_) lanes_.rows = std::max(lanes_.rows, other.patch_size);
         for (std::size_t j = 0; j < lanes_.candidates.size(); ++j) {
             PlaneLanes::Row& row = lanes_.candidates[j];
-            const Vec3f p = j < patch.points.size() ? patch.points[j]
-                                                    : Vec3f::Constant(PlaneLanes::kNowhere);
+            const Vec3f p =
+                j < patch.points.size() ? patch.points[j] : Vec3f::Constant(PlaneLanes::kNowhere);
             row.x[lane] = p.x();
             row.y[lane] = p.y();
             row.z[lane] = p.z();
         }
-        lanes_.radius_guess_sq[lane] =
-            static_cast<float>(patch.neighborhood * patch.neighborhood);
+        lanes_.radius_guess_sq[lane] = static_cast<float>(patch.neighborhood * patch.neighborhood);
         set(lanes_.query, lane, w.q - w.origin);
     }
 
@@ -206,8 +209,11 @@ private:
         }
         w.own_patch = false;
         lanes_.radius_guess_sq[lane] = lanes_.radius_sq[lane];
-        if (w.from_sample && w.iteration == 0) w.sample_radius = r;
-        if (!lanes_.flat[lane]) return finish_start(lane);
+        if (w.from_sample && w.iteration == 0) w.sample_reach = r * reach_;
+        // There is no surface where there are no samples.
+        const double nearness = lanes_.nearest_sq[lane] / lanes_.radius_sq[lane];
+        constexpr double kLost = 0.5;
+        if (!lanes_.flat[lane] || (w.iteration > 0 && nearness > kLost)) return finish_start(lane);
 
         const Vec3d foot = w.origin + get(lanes_.foot, lane);
         const double step = std::sqrt(static_cast<double>(lanes_.step_sq[lane]));
@@ -218,7 +224,7 @@ private:
             w.best.normal = get(lanes_.normal, lane);
             w.best.distance = std::abs(static_cast<double>(lanes_.height[lane]));
             w.best.h = h;
-            w.near_samples = lanes_.nearest_sq[lane] <= 0.25F * lanes_.radius_sq[lane];
+            w.near_samples = nearness <= 0.25;
         }
         // Steps along the surface shrink by about the same factor each time, which the first step,
         // across it, does not tell; but normals turn by no more than about 2 / h. What the steps
@@ -238,11 +244,9 @@ private:
             constexpr double kNear = 0.25;  // of h: the start from the sample would end here too
             if (w.best.converged && w.best.distance <= kNear * w.best.h && w.near_samples)
                 return emit(lane, w.best);
-            std::array<Neighbor, 1> room;
-            w.sample = points_[search_.nearest(w.q.cast<float>(), room).front().index].cast<double>();
+            w.sample = nearest_sample(w.q);
             w.direct = w.best;
             w.from_sample = true;
-            w.sample_radius = 0;
             return start(lane, w.sample);
         }
         emit(lane, better(w));
@@ -251,16 +255,17 @@ private:
     /// The nearer of two feet, and no nearer than samples allow.
     static Foot better(const Walker& w) {
         const double to_sample = (w.q - w.sample).norm();
-        const bool either = w.direct.converged == w.best.converged
-                                ? w.direct.distance <= w.best.distance
-                                : w.direct.converged;
-        Foot foot = either ? w.direct : w.best;
+        const bool direct =
+            w.direct.h > 0 && to_sample <= w.sample_reach &&
+            (w.direct.converged == w.best.converged ? w.direct.distance <= w.best.distance
+                                                    : w.direct.converged);
+        Foot foot = direct ? w.direct : w.best;
         if (foot.h == 0 || (!foot.converged && foot.distance > to_sample)) {
             foot.point = w.sample;
             foot.distance = to_sample;
         }
-        foot.beyond = foot.distance < to_sample - w.sample_radius;
-        if (foot.beyond) foot.distance = to_sample - w.sample_radius;
+        foot.beyond = foot.distance < to_sample - w.sample_reach;
+        if (foot.beyond) foot.distance = to_sample - w.sample_reach;
         return foot;
     }
 
@@ -280,13 +285,14 @@ private:
     }
 
     std::span<const Vec3f> points_;
-    const NeighborSearch& search_;
+    const PointTree& tree_;
     const FootFinder::Options& options_;
     std::span<const Vec3f> queries_;
     std::size_t next_, end_;
     const std::function<void(std::size_t, const Foot&)>& found_;
     unsigned k_;
     PlaneLanes lanes_;
+    double reach_;  ///< of the surface around a sample, over the radius of its neighbourhood
     PatchMaker maker_;
     QuadraticFoot quadratic_;
     PlaneKernel kernel_;
@@ -297,16 +303,15 @@ private:
 
 }  // namespace
 
-FootFinder::FootFinder(std::span<const Vec3f> points, const NeighborSearch& search,
-                       const Options& options)
-    : points_(points), search_(search), options_(options) {}
+FootFinder::FootFinder(std::span<const Vec3f> points, const PointTree& tree, const Options& options)
+    : points_(points), tree_(tree), options_(options) {}
 
 void FootFinder::find(std::span<const Vec3f> queries,
                       const std::function<void(std::size_t, const Foot&)>& found,
                       const RunContext& context) const {
     constexpr std::size_t kBlock = 2048;
     parallel_for_blocks(queries.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
-        Walk(points_, search_, options_, queries, begin, end, found).run();
+        Walk(points_, tree_, options_, queries, begin, end, found).run(context);
     });
 }
 

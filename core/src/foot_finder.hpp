@@ -1,6 +1,6 @@
 #pragma once
 
-#include "stipple/neighbors.hpp"
+#include "point_tree.hpp"
 #include "stipple/point_cloud.hpp"
 #include "stipple/run_context.hpp"
 
@@ -17,18 +17,19 @@ struct Foot {
     double distance = 0;            ///< d(q, S')
     double h = 0;                   ///< scale of the weights at the foot
     bool converged = false;
-    bool beyond = false;  ///< where the surface has no samples: `distance` is a lower bound
+    bool beyond = false;  ///< where the surface has no samples: `distance` is how far they are
 };
 
-/// Finds the feet of many queries on the MLS surface of some points, with k nearest neighbours and h =
-/// r / 3.
+/// Finds the feet of many queries on the MLS surface of some points, with k nearest neighbours and
+/// h = r / 3.
 ///
-/// With a linear basis the surface is { x | n(x) . (x - a(x)) = 0 }, with a the weighted mean and n the normal of the
-/// weighted least squares plane of the neighbours of x. A foot is a fixed point of
-/// x <- q - (n . (q - a)) n. Each query starts at q; where that foot is farther than h / 4 or does
-/// not converge, at the sample nearest to q as well, and the nearer foot counts. The surface ends
-/// where its samples end: no foot is nearer than the nearest sample less the radius of that
-/// sample's neighbourhood.
+/// With a linear basis the surface is { x | n(x) . (x - a(x)) = 0 }, with a the weighted mean and n
+/// the normal of the weighted least squares plane of the neighbours of x. A foot is a fixed point
+/// of x <- q - (n . (q - a)) n. Each query starts at q; where that foot is farther than h / 4 or
+/// none is found, at the sample nearest to q as well, and the nearer foot counts. The surface ends
+/// where its samples end: a query farther from all samples than a neighbourhood reaches starts from
+/// the nearest one only, and no foot is nearer than that sample less the radius of its
+/// neighbourhood (of about 20 points when k is less).
 class FootFinder {
 public:
     struct Options {
@@ -38,8 +39,8 @@ public:
         double tolerance = 1e-3;  ///< a foot moves by less than this part of h
     };
 
-    /// @param points  at least one; must outlive the finder, like `search` over them.
-    FootFinder(std::span<const Vec3f> points, const NeighborSearch& search, const Options& options);
+    /// @param points  at least one; must outlive the finder, like their tree.
+    FootFinder(std::span<const Vec3f> points, const PointTree& tree, const Options& options);
 
     /// Calls found(i, foot) once for each query, from several threads. Quicker when queries that
     /// follow each other lie near each other.
@@ -49,7 +50,7 @@ public:
 
 private:
     std::span<const Vec3f> points_;
-    const NeighborSearch& search_;
+    const PointTree& tree_;
     Options options_;
 };
 

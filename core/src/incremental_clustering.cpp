@@ -1,7 +1,7 @@
 #include "stipple/incremental_clustering.hpp"
 
 #include "cluster_tree.hpp"
-#include "parallel_for.hpp"
+#include "random.hpp"
 #include "region_growing.hpp"
 #include "representatives.hpp"
 #include "stipple/error.hpp"
@@ -9,7 +9,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
+#include <functional>
 #include <sstream>
 #include <vector>
 
@@ -48,10 +48,10 @@ void check(const IncrementalClusteringOptions& options, std::size_t points) {
     }
 }
 
-/// How far a region came: 1 where it reached a bound.
+/// How far a region came: at least 1 where it reached a bound.
 double reached(const Region& region, const RegionBounds& bounds) {
-    return std::max(static_cast<double>(region.size()) / static_cast<double>(bounds.max_size),
-                    region.variation / bounds.max_variation);
+    const double size = static_cast<double>(region.size()) / static_cast<double>(bounds.max_size);
+    return region.is_bent ? 1 + size : std::max(size, region.variation / bounds.max_variation);
 }
 
 /// Regions and which of them are clusters; the points of the others are strays.
@@ -76,7 +76,7 @@ Grown search(std::span<const Vec3f> points, std::uint64_t target, RegionBounds b
              std::uint64_t seed, const RunContext& context) {
     constexpr int kMostRuns = 6;
     constexpr double kFewest = 0.8, kMost = 1.25;  // regions far enough, of the target
-    constexpr double kLargest = 16;                // n_max over the mean size
+    constexpr double kLargest = 4;                 // n_max over the mean size
     const double mean_size = static_cast<double>(points.size()) / static_cast<double>(target);
     const auto rounded = [](double s) { return std::max<std::uint64_t>(2, std::llround(s)); };
     double size = mean_size, from = 0;
@@ -89,7 +89,7 @@ Grown search(std::span<const Vec3f> points, std::uint64_t target, RegionBounds b
         const bool enough = grown.regions.regions.size() >= target;
         if (run == kMostRuns || (enough && share >= kFewest && share <= kMost)) return grown;
         if (size >= kLargest * mean_size && share > 1) {
-            bounds.max_variation *= share;
+            bounds.max_variation *= share * share;
             continue;
         }
         size = std::clamp(size * share, 1.0, kLargest * mean_size);
@@ -97,18 +97,24 @@ Grown search(std::span<const Vec3f> points, std::uint64_t target, RegionBounds b
     }
 }
 
-/// The numbers of the regions that are clusters, ascending: the `count` that came farthest.
+/// The numbers of the regions that are clusters, ascending: the `count` that came farthest; among
+/// equals anywhere, not those that were grown first, which lie together.
 std::vector<Index> chosen_regions(const Grown& grown, std::size_t count) {
+    struct Ranked {
+        double reached;
+        std::uint64_t lot;
+        Index region;
+    };
     const std::vector<Region>& regions = grown.regions.regions;
-    std::vector<std::pair<double, Index>> ranked;
+    std::vector<Ranked> ranked;
     for (Index i = 0; i < regions.size(); ++i)
-        ranked.emplace_back(-reached(regions[i], grown.bounds), i);
+        ranked.push_back({reached(regions[i], grown.bounds), random_bits(0, i), i});
     count = std::clamp<std::size_t>(count, 1, ranked.size());
-    std::nth_element(ranked.begin(), ranked.begin() + static_cast<std::ptrdiff_t>(count) - 1,
-                     ranked.end());
+    std::ranges::nth_element(ranked, ranked.begin() + static_cast<std::ptrdiff_t>(count) - 1,
+                             std::greater<>(),
+                             [](const Ranked& r) { return std::pair(r.reached, r.lot); });
     std::vector<Index> chosen(count);
-    std::ranges::transform(std::span(ranked).first(count), chosen.begin(),
-                           &std::pair<double, Index>::second);
+    std::ranges::transform(std::span(ranked).first(count), chosen.begin(), &Ranked::region);
     std::ranges::sort(chosen);
     return chosen;
 }

@@ -26,6 +26,7 @@ constexpr std::size_t kLeavesPerBlock = 128;
 
 /// The neighbourhood with the least error of the normal, the larger one in a tie.
 Shape most_trusted(const LeafShapes& shapes, std::size_t lane) noexcept {
+    if (shapes.scale_count() == 1) return shapes.shape(0, lane);
     // No larger than the least residual, allowing for its being small by chance.
     double noise_sq = std::numeric_limits<double>::max();
     for (std::size_t scale = 0; scale < shapes.scale_count(); ++scale) {

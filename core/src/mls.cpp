@@ -1,11 +1,13 @@
 #include "stipple/mls.hpp"
 
 #include "mls_fit.hpp"
+#include "nearby_search.hpp"
 #include "parallel_for.hpp"
+#include "point_tree.hpp"
 #include "stipple/error.hpp"
-#include "stipple/neighbors.hpp"
+#include "tree_search.hpp"
 
-#include <array>
+#include <algorithm>
 #include <cmath>
 #include <string>
 
@@ -50,6 +52,7 @@ MlsStatus status_of(MlsPlane::Kind kind) noexcept {
 /// What one thread needs for its projections.
 struct Scratch {
     MlsNeighborhood around;
+    NearbySearch search;
     std::vector<Neighbor> within;
 };
 
@@ -58,19 +61,22 @@ struct Scratch {
 struct MlsSurface::Implementation {
     MlsOptions options;
     std::vector<Vec3f> points;
-    NeighborSearch search;
+    PointTree tree;
 
     /// Gathers the neighbours of r, relative to it. @return h; 0 where no weight reaches r.
     double gather(const Vec3d& r, Scratch& scratch) const {
         const Vec3f at = r.cast<float>();
-        std::array<Neighbor, kMaxNeighbors> room;
-        std::span<const Neighbor> found;
+        std::span<Neighbor> found;
         if (options.h) {
-            search.within(at, static_cast<float>(kReach * *options.h), scratch.within);
+            scratch.within.clear();
+            find_within(tree, at, static_cast<float>(kReach * kReach * *options.h * *options.h),
+                        scratch.within);
             found = scratch.within;
         } else {
-            found = search.nearest(at, std::span(room).first(options.k));
+            found = scratch.search.find_nearest_few(at);
         }
+        // In one order, whatever search found them: sums depend on it.
+        std::ranges::sort(found, {}, &Neighbor::index);
         MlsNeighborhood& around = scratch.around;
         around.resize(found.size());
         double farthest_sq = 0;
@@ -84,6 +90,11 @@ struct MlsSurface::Implementation {
         if (options.h) return found.empty() ? 0 : *options.h;
         // Where all neighbours lie at r, any scale gives them the same weight.
         return farthest_sq > 0 ? std::sqrt(farthest_sq) / kReach : 1.0;
+    }
+
+    /// @param many  whether places will follow each other.
+    Scratch scratch(bool many) const {
+        return {{}, {tree, options.k, (many ? std::size_t{2} : 1) * options.k}, {}};
     }
 
     /// Psi(P, r), and the h that it used.
@@ -116,14 +127,14 @@ MlsSurface::MlsSurface(std::span<const Vec3f> points, const MlsOptions& options,
                        const RunContext& context) {
     check(points, options);
     implementation_ = std::make_unique<const Implementation>(
-        Implementation{options, {points.begin(), points.end()}, NeighborSearch(points, context)});
+        Implementation{options, {points.begin(), points.end()}, PointTree(points, context)});
 }
 MlsSurface::~MlsSurface() = default;
 MlsSurface::MlsSurface(MlsSurface&&) noexcept = default;
 MlsSurface& MlsSurface::operator=(MlsSurface&&) noexcept = default;
 
 MlsProjection MlsSurface::project(const Vec3d& r) const {
-    Scratch scratch;
+    Scratch scratch = implementation_->scratch(false);
     return implementation_->project(r, scratch);
 }
 
@@ -132,7 +143,7 @@ std::vector<MlsProjection> MlsSurface::project(std::span<const Vec3f> points,
     constexpr std::size_t kBlock = 1024;
     std::vector<MlsProjection> projections(points.size());
     parallel_for_blocks(points.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
-        Scratch scratch;
+        Scratch scratch = implementation_->scratch(true);
         for (std::size_t i = begin; i < end; ++i)
             projections[i] = implementation_->project(points[i].cast<double>(), scratch);
     });

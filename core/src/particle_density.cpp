@@ -2,7 +2,6 @@
 
 #include "parallel_for.hpp"
 #include "stipple/error.hpp"
-#include "stipple/neighbors.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -112,13 +111,12 @@ float region_spacing(const std::vector<DensityRegion>& regions, const PointCloud
     return static_cast<float>(std::exp(log_spacing));
 }
 
-std::vector<float> adaptive_spacing(std::span<const Vec3f> samples,
-                                    std::span<const float> variation, std::span<const float> areas,
+std::vector<float> adaptive_spacing(const SurfaceSamples& samples, std::span<const float> areas,
                                     double adaptivity, double max_grading,
                                     const RunContext& context) {
     double sum = 0, area = 0;
     for (std::size_t i = 0; i < samples.size(); ++i) {
-        sum += static_cast<double>(variation[i]) * static_cast<double>(areas[i]);
+        sum += static_cast<double>(samples.variation[i]) * static_cast<double>(areas[i]);
         area += static_cast<double>(areas[i]);
     }
     constexpr double kFlat = 1e-9;  // what rounding makes of a plane
@@ -128,21 +126,21 @@ std::vector<float> adaptive_spacing(std::span<const Vec3f> samples,
     const double bound = 0.5 * std::log(max_grading);
     std::vector<float> logs(samples.size()), smooth(samples.size());
     for (std::size_t i = 0; i < samples.size(); ++i) {
-        const double sigma = std::max(static_cast<double>(variation[i]), kFlat);
+        const double sigma = std::max(static_cast<double>(samples.variation[i]), kFlat);
         logs[i] =
             static_cast<float>(std::clamp(adaptivity * std::log(mean / sigma), -bound, bound));
     }
     // sigma_n of neighbours differs by noise, and particles lie evenly only where their radius
     // changes slowly.
-    constexpr unsigned kNeighbors = 8, kPasses = 4;
-    const NeighborLists lists = k_nearest_neighbors(samples, kNeighbors, context);
+    constexpr unsigned kPasses = 3;
     for (unsigned pass = 0; pass < kPasses; ++pass) {
         parallel_for_blocks(samples.size(), kBlock, context,
                             [&](std::size_t begin, std::size_t end) {
                                 for (std::size_t i = begin; i < end; ++i) {
+                                    const std::span<const Index> near = samples.neighbors.of(i);
                                     float total = logs[i];
-                                    for (const Index j : lists.of(i)) total += logs[j];
-                                    smooth[i] = total / static_cast<float>(1 + lists.of(i).size());
+                                    for (const Index j : near) total += logs[j];
+                                    smooth[i] = total / static_cast<float>(1 + near.size());
                                 }
                             });
         std::swap(logs, smooth);

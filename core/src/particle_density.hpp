@@ -1,6 +1,7 @@
 #pragma once
 
 #include "stipple/particle_simulation.hpp"
+#include "surface_samples.hpp"
 
 #include <span>
 #include <vector>
@@ -19,8 +20,7 @@ float region_spacing(const std::vector<DensityRegion>& regions, const PointCloud
 /// (§3.3, Adaptive Simulation): (mean / sigma_n)^adaptivity, between 1 / sqrt(max_grading) and its
 /// inverse, smoothed over neighbours.
 /// @param areas  of the surface that each sample stands for, any unit.
-std::vector<float> adaptive_spacing(std::span<const Vec3f> samples,
-                                    std::span<const float> variation, std::span<const float> areas,
+std::vector<float> adaptive_spacing(const SurfaceSamples& samples, std::span<const float> areas,
                                     double adaptivity, double max_grading,
                                     const RunContext& context);
 

@@ -24,21 +24,19 @@ constexpr std::size_t kRing = 6;  // neighbours of a particle on a surface
 }  // namespace
 
 ParticleRelaxation::ParticleRelaxation(const ParticleSurface& surface, std::vector<float> spacing,
-                                       std::vector<Vec3f> positions, const RunContext& context)
+                                       SpreadParticles start, const RunContext& context)
     : surface_(surface),
       context_{context.stop, {}, context.threads},
       spacing_(std::move(spacing)),
-      positions_(std::move(positions)),
+      positions_(std::move(start.positions)),
       next_(positions_.size()),
       steps_(positions_.size(), Vec3f::Zero()),
-      feet_(positions_.size()),
+      relative_(positions_.size()),
       neighborhoods_((positions_.size() + kBlock - 1) / kBlock),
       progress_(neighborhoods_.size()) {
-    parallel_for_blocks(
-        positions_.size(), kBlock, context_, [&](std::size_t begin, std::size_t end) {
-            for (std::size_t i = begin; i < end; ++i)
-                positions_[i] = surface_.project(positions_[i], positions_[i], feet_[i]);
-        });
+    feet_.reserve(positions_.size());
+    for (const Index sample : start.samples) feet_.push_back({sample, 0});
+    look_up_spacing();
 }
 
 ParticleRelaxation::Progress ParticleRelaxation::step(float radius, bool find_spacing) {
@@ -57,6 +55,7 @@ ParticleRelaxation::Progress ParticleRelaxation::step(float radius, bool find_sp
                             progress_[begin / kBlock] = move(begin, end, radius);
                         });
     std::swap(positions_, next_);
+    look_up_spacing();
     Progress result;
     strangers_ = 0;
     for (const BlockProgress& block : progress_) {
@@ -66,6 +65,10 @@ ParticleRelaxation::Progress ParticleRelaxation::step(float radius, bool find_sp
         strangers_ += block.strangers;
     }
     return result;
+}
+
+void ParticleRelaxation::look_up_spacing() {
+    for (std::size_t i = 0; i < relative_.size(); ++i) relative_[i] = spacing_[feet_[i].sample];
 }
 
 void ParticleRelaxation::settle() {

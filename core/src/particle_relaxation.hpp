@@ -1,5 +1,6 @@
 #pragma once
 
+#include "particle_spread.hpp"
 #include "particle_surface.hpp"
 #include "stipple/point_cloud.hpp"
 #include "stipple/run_context.hpp"
@@ -23,9 +24,9 @@ class ParticleRelaxation {
 public:
     /// @param spacing  wanted distance of neighbours at each sample of the surface, up to a factor
     /// that all have in common, which is found; finite, positive.
-    /// @param positions  where the particles start: near the surface.
+    /// @param start  at least one particle.
     ParticleRelaxation(const ParticleSurface& surface, std::vector<float> spacing,
-                       std::vector<Vec3f> positions, const RunContext& context);
+                       SpreadParticles start, const RunContext& context);
 
     /// How far an iteration moved the particles and how close they are.
     struct Progress {
@@ -42,7 +43,7 @@ public:
 
     std::span<const Vec3f> positions() const noexcept { return positions_; }
     /// The spacing at particle i.
-    float spacing(std::size_t i) const noexcept { return factor_ * spacing_[feet_[i].sample]; }
+    float spacing(std::size_t i) const noexcept { return factor_ * relative_[i]; }
 
     static constexpr float kReach = 1.6F;  ///< neighbours are known so far, over the spacing
 
@@ -63,15 +64,17 @@ private:
             0;  ///< so far from where their neighbours were found that they may have others
     };
 
+    void look_up_spacing();
     void find_neighbors();
     double mean_of_six(std::size_t block) const;
     BlockProgress move(std::size_t begin, std::size_t end, float radius);
 
     const ParticleSurface& surface_;
     RunContext context_;
-    std::vector<float> spacing_;
+    std::vector<float> spacing_;  ///< at the samples, up to `factor_`
     float factor_ = 1;
     std::vector<Vec3f> positions_, next_, steps_;
+    std::vector<float> relative_;  ///< `spacing_` at each particle
     std::vector<ParticleSurface::Foot> feet_;
     std::vector<Neighborhood> neighborhoods_;  ///< of each block
     std::vector<Vec3f> found_at_;              ///< the positions when they were found

@@ -10,7 +10,7 @@
 #include "stipple/error.hpp"
 #include "stipple/mls.hpp"
 #include "stipple/neighbors.hpp"
-#include "symmetric_eigen.hpp"
+#include "surface_samples.hpp"
 
 #include <algorithm>
 #include <array>
@@ -23,16 +23,17 @@ namespace stipple {
 namespace {
 
 constexpr std::size_t kSamplesPerParticle = 16;
-constexpr unsigned kNeighbors = 16;
 constexpr std::size_t kBlock = 1'024;
 
 // Radii over the spacing. With the first, each particle feels the ring around it and the whole
 // comes to rest; it is evenly spread then, but for pairs that the others press together. With the
-// second, only pairs that are too close feel each other, and part.
+// second, only pairs that are too close feel each other, and part; with the third, only those that
+// the projection brought together.
 constexpr float kSpreadRadius = 1.25F;
 constexpr float kPartRadius = 0.88F;
-constexpr double kNearly = 0.2;
-constexpr double kLargestOverlap = 0.1;
+constexpr float kSettledRadius = 0.83F;
+constexpr double kLargestOverlap = 0.05;  // over the radius
+constexpr double kNearly = 0.2;           // of the tolerance, where pairs are pressed by others
 
 template <typename... Parts>
 [[noreturn]] void refuse(const Parts&... parts) {
@@ -71,53 +72,15 @@ std::vector<Index> choose_samples(const PointCloud& cloud, const ParticleSimulat
     return order;
 }
 
-SurfaceSamples analyze(const PointCloud& cloud, std::vector<Index> points,
-                       const ParticleFrame& frame, const RunContext& context) {
-    const std::size_t n = points.size();
-    SurfaceSamples s{std::move(points),     std::vector<Vec3f>(n), std::vector<Vec3f>(n),
-                     std::vector<float>(n), std::vector<float>(n), std::vector<float>(n)};
-    parallel_for_blocks(n, kBlock, context, [&](std::size_t begin, std::size_t end) {
-        for (std::size_t i = begin; i < end; ++i)
-            s.positions[i] = frame.inside(cloud.positions[s.points[i]]);
-    });
-    const NeighborLists lists = k_nearest_neighbors(s.positions, kNeighbors, context);
-    parallel_for_blocks(n, kBlock, context, [&](std::size_t begin, std::size_t end) {
-        for (std::size_t i = begin; i < end; ++i) {
-            const auto near = lists.of(i);
-            Vec3d mean = Vec3d::Zero();
-            for (const Index j : near) mean += (s.positions[j] - s.positions[i]).cast<double>();
-            mean /= static_cast<double>(std::max<std::size_t>(1, near.size()));
-            Symmetric3 c;
-            for (const Index j : near) {
-                const Vec3d d = (s.positions[j] - s.positions[i]).cast<double>() - mean;
-                c.xx += d.x() * d.x();
-                c.xy += d.x() * d.y();
-                c.xz += d.x() * d.z();
-                c.yy += d.y() * d.y();
-                c.yz += d.y() * d.z();
-                c.zz += d.z() * d.z();
-            }
-            const auto l = eigenvalues(c);
-            s.normals[i] = eigenvector(c, l[0]).cast<float>();
-            s.variation[i] =
-                c.trace() > 0 ? static_cast<float>(std::max(0.0, l[0]) / c.trace()) : 0;
-            s.radii[i] = near.empty() ? 0 : std::sqrt(lists.distances_sq[lists.offsets[i + 1] - 1]);
-            constexpr float kSmallest = 1e-30F;  // where points coincide
-            s.areas[i] = std::max(kSmallest, std::numbers::pi_v<float> * s.radii[i] * s.radii[i] /
-                                                 static_cast<float>(kNeighbors));
-        }
-    });
-    return s;
-}
-
 /// The spacing of particles at each sample, up to a common factor.
 std::vector<float> relative_spacing(const PointCloud& cloud, const SurfaceSamples& samples,
+                                    std::span<const float> areas,
                                     const ParticleSimulationOptions& options,
                                     const RunContext& context) {
     std::vector<float> spacing(samples.points.size(), 1.0F);
     if (options.adaptivity > 0) {
-        spacing = adaptive_spacing(samples.positions, samples.variation, samples.areas,
-                                   options.adaptivity, options.max_grading, context);
+        spacing =
+            adaptive_spacing(samples, areas, options.adaptivity, options.max_grading, context);
     }
     if (options.regions.empty()) return spacing;
     parallel_for_blocks(spacing.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
@@ -159,7 +122,7 @@ void relax(ParticleRelaxation& particles, const ParticleSimulationOptions& optio
     run(kSpreadRadius, true, at_rest, context.part(0.0, 0.6));
     run(kPartRadius, false, nearly_apart, context.part(0.6, 0.8));
     particles.settle();
-    run(kPartRadius, false, apart, context.part(0.8, 1.0));
+    run(kSettledRadius, false, apart, context.part(0.8, 1.0));
 }
 
 /// The cloud's points at and around each particle, whose attributes it gets.
@@ -234,19 +197,21 @@ PointCloud particle_simulation(const PointCloud& cloud, const ParticleSimulation
     if (frame.scale == 0) return subset(cloud, std::vector<Index>(count, 0));
 
     const SurfaceSamples samples =
-        analyze(cloud, choose_samples(cloud, options, context), frame, context);
+        sample_surface(cloud, choose_samples(cloud, options, context), frame, context);
     context.checkpoint(0.2);
-    std::vector<float> spacing = relative_spacing(cloud, samples, options, context);
-    std::vector<Vec3f> positions = spread_particles(
-        samples, particle_shares(samples.areas, spacing, count), count, options.seed);
-    scale_spacing(spacing, samples.areas, count);
+    std::vector<float> areas(samples.size());
+    for (std::size_t i = 0; i < areas.size(); ++i) areas[i] = samples.area(i);
+    std::vector<float> spacing = relative_spacing(cloud, samples, areas, options, context);
+    SpreadParticles start =
+        spread_particles(samples, particle_shares(areas, spacing, count), count, options.seed);
+    scale_spacing(spacing, areas, count);
     context.checkpoint(0.25);
     const MlsSurface mls(cloud.positions, {}, context);
     const ParticleSurface surface(samples, mls, frame, context);
-    ParticleRelaxation particles(surface, std::move(spacing), std::move(positions), context);
+    ParticleRelaxation particles(surface, std::move(spacing), std::move(start), context);
     context.checkpoint(0.35);
     relax(particles, options, context.part(0.35, 0.95));
-    positions.resize(count);
+    std::vector<Vec3f> positions(count);
     std::ranges::transform(particles.positions(), positions.begin(),
                            [&](const Vec3f& p) { return Vec3f(frame.outside(p).cast<float>()); });
     PointCloud result = with_attributes(cloud, std::move(positions), reductions, context);

@@ -36,7 +36,7 @@ Vec3f place_around(const SurfaceSamples& samples, Index sample, std::size_t rank
     const Vec3d u = normal.unitOrthogonal(), v = normal.cross(u);
     constexpr double kGoldenAngle = 2.39996322972865332;
     const double angle = kGoldenAngle * static_cast<double>(rank) + 2 * std::numbers::pi * turn;
-    const double radius = std::sqrt(static_cast<double>(samples.areas[sample]) / std::numbers::pi *
+    const double radius = std::sqrt(static_cast<double>(samples.area(sample)) / std::numbers::pi *
                                     static_cast<double>(rank) / static_cast<double>(of));
     return samples.positions[sample] +
            (radius * (std::cos(angle) * u + std::sin(angle) * v)).cast<float>();
@@ -61,11 +61,12 @@ std::vector<float> particle_shares(std::span<const float> areas, std::span<const
     return shares;
 }
 
-std::vector<Vec3f> spread_particles(const SurfaceSamples& samples, std::span<const float> shares,
-                                    std::size_t count, std::uint64_t seed) {
+SpreadParticles spread_particles(const SurfaceSamples& samples, std::span<const float> shares,
+                                 std::size_t count, std::uint64_t seed) {
     const double pace = sum_of(shares) / static_cast<double>(count), start = random_unit(seed, 0);
-    std::vector<Vec3f> positions;
-    positions.reserve(count);
+    SpreadParticles particles;
+    particles.positions.reserve(count);
+    particles.samples.reserve(count);
     double passed = 0;
     for (Index sample = 0; sample < shares.size(); ++sample) {
         passed += static_cast<double>(shares[sample]);
@@ -73,13 +74,14 @@ std::vector<Vec3f> spread_particles(const SurfaceSamples& samples, std::span<con
         const double due =
             is_last ? static_cast<double>(count)
                     : std::clamp(std::ceil(passed / pace - start), 0.0, static_cast<double>(count));
-        const auto here = static_cast<std::size_t>(due) - positions.size();
+        const auto here = static_cast<std::size_t>(due) - particles.positions.size();
         for (std::size_t rank = 0; rank < here; ++rank) {
-            positions.push_back(
+            particles.samples.push_back(sample);
+            particles.positions.push_back(
                 place_around(samples, sample, rank, here, random_unit(seed, sample + 1)));
         }
     }
-    return positions;
+    return particles;
 }
 
 }  // namespace stipple

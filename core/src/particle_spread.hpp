@@ -1,6 +1,6 @@
 #pragma once
 
-#include "particle_surface.hpp"
+#include "surface_samples.hpp"
 
 #include <cstdint>
 #include <span>
@@ -16,8 +16,14 @@ namespace stipple {
 std::vector<float> particle_shares(std::span<const float> areas, std::span<const float> spacing,
                                    std::size_t count);
 
+/// Particles near a surface, and the sample nearest to each.
+struct SpreadParticles {
+    std::vector<Vec3f> positions;
+    std::vector<Index> samples;
+};
+
 /// `count` particles, so many at each sample as its share says.
-std::vector<Vec3f> spread_particles(const SurfaceSamples& samples, std::span<const float> shares,
-                                    std::size_t count, std::uint64_t seed);
+SpreadParticles spread_particles(const SurfaceSamples& samples, std::span<const float> shares,
+                                 std::size_t count, std::uint64_t seed);
 
 }  // namespace stipple

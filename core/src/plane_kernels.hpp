@@ -29,18 +29,19 @@ struct PlaneLanes {
     }
 
     unsigned k;
+    std::size_t rows = 0;  ///< how many candidates there are to look at; the others are missing
     std::vector<Row> candidates;
     std::vector<Distances> scratch;
     Row place{}, query{};
     Floats radius_guess_sq{};  ///< of the neighbourhood: anything, but a good one saves time
 
     // What comes out.
-    Floats radius_sq{};             ///< squared distance from the place to its k-th candidate
-    Floats nearest_sq{};            ///< and to the nearest
-    Row foot{};                     ///< the query projected onto the plane
-    Row normal{};                   ///< of the plane, unit
-    Floats height{};                ///< of the query over it
-    Floats step_sq{};               ///< from the place to the foot
+    Floats radius_sq{};               ///< squared distance from the place to its k-th candidate
+    Floats nearest_sq{};              ///< and to the nearest
+    Row foot{};                       ///< the query projected onto the plane
+    Row normal{};                     ///< of the plane, unit
+    Floats height{};                  ///< of the query over it
+    Floats step_sq{};                 ///< from the place to the foot
     std::array<bool, kLanes> flat{};  ///< false where the candidates carry no plane
 };
 

@@ -73,8 +73,8 @@ inline Float8 gaussian(Float8 u) noexcept {
 /// The k-th smallest of the distances in each lane, and the smallest.
 ///
 /// Counts how many are at most t, and moves t: the number within a radius grows about as its square
-/// on a surface, so that a straight line through the last counts soon meets it. `low` and `high` are
-/// distances that occur and that the answer lies between, and one of them moves every time.
+/// on a surface, so that a straight line through the last counts soon meets it. `low` and `high`
+/// are distances that occur and that the answer lies between, and one of them moves every time.
 inline Float8 kth_smallest(const PlaneLanes& lanes, Float8 t) noexcept {
     const Float8 infinity = Float8{} + __builtin_inff();
     const Int8 k = Int8{} + static_cast<std::int32_t>(lanes.k);
@@ -83,8 +83,8 @@ inline Float8 kth_smallest(const PlaneLanes& lanes, Float8 t) noexcept {
     for (;;) {
         Int8 count{};
         Float8 below{}, above = infinity;
-        for (const PlaneLanes::Distances& row : lanes.scratch) {
-            const Float8 d = load(row.sq);
+        for (std::size_t j = 0; j < lanes.rows; ++j) {
+            const Float8 d = load(lanes.scratch[j].sq);
             const Int8 inside = d <= t;
             count -= inside;
             below = max(below, inside ? d : Float8{});
@@ -116,7 +116,7 @@ inline Moments weighted_moments(const PlaneLanes& lanes, Float8 radius_sq) noexc
     Moments m;
     const Float8 tiny = Float8{} + 1e-30F;
     const Float8 scale = 9.0F / max(radius_sq, tiny);  // 1 / h^2
-    for (std::size_t j = 0; j < lanes.candidates.size(); ++j) {
+    for (std::size_t j = 0; j < lanes.rows; ++j) {
         const Float8 d = load(lanes.scratch[j].sq);
         const Int8 inside = d <= radius_sq;
         const Float8 w = inside ? gaussian(d * scale) : Float8{};
@@ -196,7 +196,7 @@ inline Vector cross(const Vector& a, const Vector& b) noexcept {
 void run(PlaneLanes& lanes) noexcept {
     const Float8 px = load(lanes.place.x), py = load(lanes.place.y), pz = load(lanes.place.z);
     Float8 nearest = Float8{} + __builtin_inff();
-    for (std::size_t j = 0; j < lanes.candidates.size(); ++j) {
+    for (std::size_t j = 0; j < lanes.rows; ++j) {
         const PlaneLanes::Row& row = lanes.candidates[j];
         const Float8 dx = load(row.x) - px, dy = load(row.y) - py, dz = load(row.z) - pz;
         const Float8 d = dx * dx + dy * dy + dz * dz;
@@ -209,8 +209,8 @@ void run(PlaneLanes& lanes) noexcept {
     const Double8 minor_x = s.yy * s.zz - s.yz * s.yz, minor_y = s.xx * s.zz - s.xz * s.xz,
                   minor_z = s.xx * s.yy - s.xy * s.xy;
     const Double8 c1 = minor_x + minor_y + minor_z;
-    const Double8 c0 = s.xx * minor_x - s.xy * (s.xy * s.zz - s.yz * s.xz) +
-                       s.xz * (s.xy * s.yz - s.yy * s.xz);
+    const Double8 c0 =
+        s.xx * minor_x - s.xy * (s.xy * s.zz - s.yz * s.xz) + s.xz * (s.xy * s.yz - s.yy * s.xz);
     const Double8 least = smallest_eigenvalue(c1, c0 > 0.0 ? c0 : Double8{});
 
     // The rows of the matrix less its eigenvalue span what is orthogonal to the eigenvector.

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "cluster_kernels.hpp"
 #include "float4.hpp"
 #include "samples.hpp"
 #include "stipple/point_cloud.hpp"
@@ -9,14 +10,11 @@
 #include <bit>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <span>
 #include <vector>
 
 namespace stipple {
-
-/// A power of two that brings coordinates of the extent of these points near 1, so that no square
-/// of a difference over- or underflows.
-float scale_near_one(std::span<const Vec3f> points);
 
 /// Points in blocks of a few neighbours that lie together in memory, under a tree of boxes, eight
 /// to a node: for queries in which a point may no longer take part.
@@ -25,13 +23,17 @@ float scale_near_one(std::span<const Vec3f> points);
 /// follow any density and an outlier costs nothing.
 class PointBlocks {
 public:
-    static constexpr std::size_t kMostInBlock = 16;
+    static constexpr std::size_t kSlack = 8;
 
-    /// Finite points, at least one. Their coordinates are multiplied by `scale`.
-    /// O(N log N), parallel; 36 bytes a point.
-    PointBlocks(std::span<const Vec3f> points, float scale, const RunContext& context);
+    /// Finite points, at least one, in blocks of at most `most_in_block`. Coordinates are
+    /// multiplied by `scale`, or where there is none by a power of two such that no square of a
+    /// difference over- or underflows. O(N log N), parallel; 36 bytes a point.
+    PointBlocks(std::span<const Vec3f> points, std::size_t most_in_block,
+                std::optional<float> scale, const RunContext& context);
 
-    std::size_t size() const noexcept { return size_; }
+    float scale() const noexcept { return scale_; }
+    /// The longest side of the box of all, scaled.
+    float extent() const noexcept { return extent_; }
     /// The points, block by block.
     SampleSpan samples() const noexcept { return storage_.all().part(0, size_); }
 
@@ -46,14 +48,11 @@ public:
         visit_node(levels_.size() - 1, 0, q, radius_sq, visit);
     }
 
-    /// Of each sample 0, or infinity when it is taken; as the coordinates, four can be read from any
-    /// place, also from the last.
+    /// Of each sample 0, or infinity when it is taken; as of the coordinates, `kSlack` can be read
+    /// from any place.
     const float* taken() const noexcept { return taken_.data(); }
 
 private:
-    struct Box {
-        Vec3f low, high;
-    };
     /// The boxes of eight children; one that is missing is infinitely far from everything.
     struct alignas(32) Node {
         std::array<std::array<float, 8>, 3> low, high;
@@ -66,8 +65,7 @@ private:
                     const float at = q[static_cast<Eigen::Index>(axis)];
                     const Float4 below = load(&low[axis][4 * half]) - at,
                                  above = at - load(&high[axis][4 * half]);
-                    const Float4 outside = below > above ? below : above;
-                    const Float4 gap = outside > 0.0F ? outside : Float4{};
+                    const Float4 gap = larger(larger(below, above), Float4{});
                     distance_sq += gap * gap;
                 }
                 bits |= lane_bits(distance_sq <= radius_sq) << (4 * half);
@@ -77,12 +75,12 @@ private:
     };
     struct Leaves {
         std::vector<Index> begins;
-        std::vector<Box> boxes;
+        std::vector<SampleBox> boxes;
     };
 
-    static Box box_of(const SampleSpan& samples) noexcept;
+    void choose_scale();
     void partition(std::size_t begin, std::size_t end, Leaves& leaves, const RunContext& context);
-    void stack_levels(std::vector<Box> boxes);
+    void stack_levels(std::vector<SampleBox> boxes);
 
     template <typename Visit>
     bool visit_node(std::size_t level, std::size_t n, const Vec3f& q, float radius_sq,
@@ -97,9 +95,10 @@ private:
         return true;
     }
 
-    std::size_t size_;
+    std::size_t size_, most_in_block_;
+    float scale_, extent_;
     Samples storage_;            ///< the samples, and as many places again for their partition
-    std::vector<float> taken_;   ///< 0 or infinity; four more than there are samples
+    std::vector<float> taken_;   ///< 0 or infinity; `kSlack` more than there are samples
     std::vector<Index> begins_;  ///< of each block; one more for the end
     std::vector<std::vector<Node>> levels_;  ///< the boxes of the blocks, of eight of them, ...
 };

@@ -1,12 +1,13 @@
 #include "quadratic_foot.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 namespace stipple {
 
-QuadraticFoot::QuadraticFoot(std::span<const Vec3f> points, const NeighborSearch& search,
+QuadraticFoot::QuadraticFoot(std::span<const Vec3f> points, const PointTree& tree,
                              const FootFinder::Options& options)
-    : points_(points), search_(search), options_(options), room_(options.k) {}
+    : points_(points), options_(options), search_(tree, options.k, 2 * std::size_t{options.k}) {}
 
 Foot QuadraticFoot::find(const Vec3d& q, const Foot& linear) {
     if (!linear.converged || linear.beyond) return linear;
@@ -14,7 +15,7 @@ Foot QuadraticFoot::find(const Vec3d& q, const Foot& linear) {
     foot.converged = false;
     for (unsigned i = 0; i < options_.max_iterations && !foot.converged; ++i) {
         const Vec3d x = foot.point;
-        const std::span<Neighbor> found = search_.nearest(x.cast<float>(), room_);
+        const std::span<Neighbor> found = search_.find_nearest_few(x.cast<float>());
         around_.resize(found.size());
         double radius_sq = 0;
         for (std::size_t j = 0; j < found.size(); ++j) {

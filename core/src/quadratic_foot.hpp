@@ -2,9 +2,9 @@
 
 #include "foot_finder.hpp"
 #include "mls_fit.hpp"
+#include "nearby_search.hpp"
 
 #include <span>
-#include <vector>
 
 namespace stipple {
 
@@ -12,7 +12,7 @@ namespace stipple {
 /// polynomial, whose tangent plane takes the plane's place in the iteration.
 class QuadraticFoot {
 public:
-    QuadraticFoot(std::span<const Vec3f> points, const NeighborSearch& search,
+    QuadraticFoot(std::span<const Vec3f> points, const PointTree& tree,
                   const FootFinder::Options& options);
 
     /// The foot of q near its foot on the linear surface. That itself where it is none of that
@@ -21,10 +21,9 @@ public:
 
 private:
     std::span<const Vec3f> points_;
-    const NeighborSearch& search_;
     const FootFinder::Options& options_;
     MlsNeighborhood around_;
-    std::vector<Neighbor> room_;
+    NearbySearch search_;
 };
 
 }  // namespace stipple

@@ -1,5 +1,6 @@
 #include "region_growing.hpp"
 
+#include "cluster_kernels.hpp"
 #include "point_blocks.hpp"
 #include "random.hpp"
 #include "symmetric_eigen.hpp"
@@ -18,24 +19,16 @@ namespace stipple {
 namespace {
 
 constexpr float kReach = 1.3F;           // R: how far a region extends
-constexpr float kNextSeed = 1.8F;        // R: how far away the next seed should be
-constexpr float kLook = 2.0F;            // R: how far away it may be
-constexpr float kFirstLook = 2.3F;       // typical R: what is looked through first
+constexpr float kNextSeed = 1.75F;       // R: how far away the next seed should be
+constexpr float kLook = 1.85F;           // R: how far away it may be
+constexpr float kFirstLook = 2.1F;       // typical R: what is looked through first
 constexpr float kMostGrowth = 2.0F;      // of R from one region to the next
 constexpr float kPatience = 1.25F;       // growth of the typical R where too few points are found
 constexpr std::size_t kMostLooked = 32;  // n_max: beyond, one looks nearer
 constexpr std::uint64_t kFirstSize = 8;  // tried under a bound on the variation
 
-/// How many of the distances are at most `limit`. Whole groups of four are read: what stands behind
-/// the end is infinite.
-std::size_t count_within(const float* distances_sq, std::size_t size, float limit) noexcept {
-    Int4 counts{};
-    for (std::size_t i = 0; i < size; i += 4) counts -= load(distances_sq + i) <= limit;
-    return static_cast<std::size_t>(counts[0] + counts[1] + counts[2] + counts[3]);
-}
-
-/// The m-th smallest of the distances, which are as `count_within` wants them; 1 <= m <= `up_to`,
-/// how many of them are at most `high`.
+/// The m-th smallest of the distances, behind which eight stand that are infinite; 1 <= m <=
+/// `up_to`, how many of them are at most `high`.
 ///
 /// On a surface the count grows with the squared distance: a few steps between counts leave a
 /// handful to choose from.
@@ -44,10 +37,11 @@ float mth_smallest(const std::vector<float>& distances_sq, std::size_t size, flo
     float low = -1;  // in (low, high]
     std::size_t below = 0;
     for (int step = 0; step < 4 && up_to - below > 8; ++step) {
-        const float part = (static_cast<float>(m - below) - 0.5F) / static_cast<float>(up_to - below);
+        const float part =
+            (static_cast<float>(m - below) - 0.5F) / static_cast<float>(up_to - below);
         const float from = std::max(low, 0.0F), guess = from + part * (high - from);
         if (!(guess > low && guess < high)) break;
-        const std::size_t count = count_within(distances_sq.data(), size, guess);
+        const std::size_t count = cluster_kernels().count(distances_sq.data(), size, guess);
         (count >= m ? high : low) = guess;
         (count >= m ? up_to : below) = count;
     }
@@ -56,6 +50,7 @@ float mth_smallest(const std::vector<float>& distances_sq, std::size_t size, flo
     for (std::size_t i = 0; i < size; i += 4) {
         const Float4 d = load(&distances_sq[i]);
         const unsigned within = lane_bits((d > low) & (d <= high));
+        if (within == 0) continue;
         store_packed(&buffer[left], &distances_sq[i], within);
         left += static_cast<std::size_t>(std::popcount(within));
     }
@@ -75,46 +70,27 @@ struct Surroundings {
     /// `radius_sq`; if there are more, not all of them are here.
     bool look(const PointBlocks& blocks, const Vec3f& q, float radius_sq, std::size_t limit) {
         all_count = free_count = 0;
-        const SampleSpan samples = blocks.samples();
-        const float* const taken = blocks.taken();
+        const std::array<float, 3> center = {q.x(), q.y(), q.z()};
         blocks.find(q, radius_sq, [&](Index begin, Index end) {
             make_room(end - begin);
-            // Copies that no store can reach, so that they stay in registers.
-            float *all_to = &all_sq[all_count], *free_to = &free_sq[free_count];
-            Index* place_to = &free[free_count];
-            const SampleSpan s = samples;
-            const float x = q.x(), y = q.y(), z = q.z(), limit_sq = radius_sq;
-            for (Index place = begin; place < end; place += 4) {
-                const Float4 dx = load(s.x + place) - x, dy = load(s.y + place) - y,
-                             dz = load(s.z + place) - z;
-                const Float4 d = dx * dx + dy * dy + dz * dz;
-                const unsigned here = end - place < 4 ? (1U << (end - place)) - 1U : 15U;
-                const unsigned near = lane_bits(d <= limit_sq) & here;
-                const unsigned near_free = near & lane_bits(load(taken + place) <= 0.0F);
-                const auto* const lanes = reinterpret_cast<const float*>(&d);
-                const Int4 places = Int4{0, 1, 2, 3} + static_cast<std::int32_t>(place);
-                store_packed(all_to, lanes, near);
-                store_packed(free_to, lanes, near_free);
-                store_packed(place_to, reinterpret_cast<const Index*>(&places), near_free);
-                all_to += std::popcount(near);
-                free_to += std::popcount(near_free);
-                place_to += std::popcount(near_free);
-            }
-            all_count = static_cast<std::size_t>(all_to - all_sq.data());
-            free_count = static_cast<std::size_t>(free_to - free_sq.data());
+            const NearbyOutput out = cluster_kernels().nearby(
+                blocks.samples(), blocks.taken(), begin, end, center, radius_sq,
+                {&all_sq[all_count], &free_sq[free_count], &free[free_count]});
+            all_count = static_cast<std::size_t>(out.all_sq - all_sq.data());
+            free_count = static_cast<std::size_t>(out.free_sq - free_sq.data());
             return all_count <= limit;
         });
         make_room(0);
         constexpr float kFar = std::numeric_limits<float>::infinity();
-        std::fill_n(&all_sq[all_count], 4, kFar);
-        std::fill_n(&free_sq[free_count], 4, kFar);
+        std::fill_n(&all_sq[all_count], PointBlocks::kSlack, kFar);
+        std::fill_n(&free_sq[free_count], PointBlocks::kSlack, kFar);
         return all_count <= limit;
     }
 
 private:
-    /// For `more` points, and four behind them.
+    /// For `more` points, and some behind them.
     void make_room(std::size_t more) {
-        if (all_count + more + 4 <= all_sq.size()) return;
+        if (all_count + more + PointBlocks::kSlack <= all_sq.size()) return;
         const std::size_t size = 2 * (all_count + more) + 64;
         all_sq.resize(size);
         free_sq.resize(size);
@@ -138,7 +114,6 @@ public:
         squares_.yz += d.y() * d.z();
         squares_.zz += d.z() * d.z();
     }
-    Vec3d centroid() const noexcept { return reference_.cast<double>() + sum_ / count_; }
     double variation() const noexcept {  // Eq. 5
         const Symmetric3 a = scatter();
         const double total = a.trace();
@@ -174,8 +149,7 @@ public:
     Growth(std::span<const Vec3f> points, const RegionBounds& bounds, const RunContext& context)
         : points_(points),
           bounds_{std::min<std::uint64_t>(bounds.max_size, points.size()), bounds.max_variation},
-          scale_(scale_near_one(points)),
-          blocks_(points, scale_, context),
+          blocks_(points, block_size(bounds_), {}, context),
           taken_(points.size()) {
         result_.members.reserve(points.size());
         size_ = bounded() ? std::min(kFirstSize, bounds_.max_size) : bounds_.max_size;
@@ -185,13 +159,17 @@ public:
         Vec3f seed = scaled(first_seed);
         spacing_ = first_spacing(seed);
         while (true) {
-            context.checkpoint(static_cast<double>(result_.members.size()) /
-                               static_cast<double>(points_.size()));
+            context.throw_if_stopped();
+            constexpr std::size_t kBetweenReports = 64;  // regions
+            if (result_.regions.size() % kBetweenReports == 0) {
+                context.checkpoint(static_cast<double>(result_.members.size()) /
+                                   static_cast<double>(points_.size()));
+            }
             const Extent extent = grow(seed);
             if (result_.members.size() == points_.size()) break;
             seed = next_seed(extent);
         }
-        for (Region& region : result_.regions) region.centroid /= static_cast<double>(scale_);
+        result_.scale = blocks_.scale();
         return std::move(result_);
     }
 
@@ -203,13 +181,17 @@ private:
         auto operator<=>(const Chosen&) const = default;
     };
 
+    /// What takes the fewest instructions over the scans tried.
+    static std::size_t block_size(const RegionBounds& bounds) {
+        return std::clamp<std::size_t>(bounds.max_size, 40, 512);
+    }
     bool bounded() const noexcept { return std::isfinite(bounds_.max_variation); }
-    Vec3f scaled(Index point) const noexcept { return points_[point] * scale_; }
+    Vec3f scaled(Index point) const noexcept { return points_[point] * blocks_.scale(); }
 
     /// R over the root of the size, for the first seed.
     float first_spacing(const Vec3f& seed) {
-        float radius =
-            0.25F * std::sqrt(static_cast<float>(size_) / static_cast<float>(points_.size()));
+        float radius = 0.25F * blocks_.extent() *
+                       std::sqrt(static_cast<float>(size_) / static_cast<float>(points_.size()));
         while (near_.look(blocks_, seed, radius * radius, kNoLimit), near_.all_count < size_)
             radius *= 2;
         return radius_of_size(radius) / std::sqrt(static_cast<float>(size_));
@@ -221,7 +203,7 @@ private:
                                       near_.all_count, size_, buffer_));
     }
 
-    /// Finds R of a region of `size_` points, and what lies within 2 R.
+    /// Finds R of a region of `size_` points, and what lies within `kLook` R.
     float survey(const Vec3f& seed) {
         const float root = std::sqrt(static_cast<float>(size_));
         const float most = kMostGrowth * spacing_ * root;
@@ -244,6 +226,15 @@ private:
         return radius;
     }
 
+    /// Learns from R how far apart points are here.
+    void follow_density(float radius) {
+        constexpr float kLeast = 1e-6F;  // of the extent: what comes after coincident points
+        const float root = std::sqrt(static_cast<float>(size_));
+        const bool is_full = radius < kMostGrowth * spacing_ * root;
+        const float spacing = is_full ? radius / root : kPatience * spacing_;
+        spacing_ = std::clamp(spacing, kLeast * blocks_.extent(), 2 * blocks_.extent());
+    }
+
     /// How far a region extends: R, and what is left of it where the variation ended the region.
     struct Extent {
         float radius, own_radius;
@@ -252,10 +243,7 @@ private:
     Extent grow(const Vec3f& seed) {
         while (true) {
             const float radius = survey(seed);
-            const float root = std::sqrt(static_cast<float>(size_));
-            spacing_ = radius < kMostGrowth * spacing_ * root
-                           ? radius / root
-                           : std::min(kPatience * spacing_, 4.0F / root);
+            follow_density(radius);
             collect(kReach * radius);
             if (!bounded()) {
                 take(seed, chosen_.size());
@@ -269,6 +257,7 @@ private:
             const float last = std::sqrt(chosen_[kept - 1].distance_sq);
             const bool cut_short = kept < chosen_.size();
             take(seed, kept);
+            result_.regions.back().is_bent = cut_short;
             size_ = std::clamp<std::uint64_t>(2 * kept, std::min(kFirstSize, bounds_.max_size),
                                               bounds_.max_size);
             return {radius, cut_short ? last : radius};
@@ -279,14 +268,18 @@ private:
     /// variation nearest first.
     void collect(float reach) {
         float limit = reach * reach;
-        const std::size_t free = count_within(near_.free_sq.data(), near_.free_count, limit);
+        const std::size_t free =
+            cluster_kernels().count(near_.free_sq.data(), near_.free_count, limit);
         if (free > size_)
             limit = mth_smallest(near_.free_sq, near_.free_count, limit, free, size_, buffer_);
         chosen_.clear();
-        for (std::size_t i = 0; i < near_.free_count; ++i) {
-            if (near_.free_sq[i] <= limit)
-                chosen_.push_back(
-                    {near_.free_sq[i], blocks_.samples().index[near_.free[i]], near_.free[i]});
+        for (std::size_t i = 0; i < near_.free_count; i += 4) {
+            unsigned lanes = lane_bits(load(&near_.free_sq[i]) <= limit);
+            for (; lanes != 0; lanes &= lanes - 1) {
+                const std::size_t at = i + static_cast<std::size_t>(std::countr_zero(lanes));
+                const Index place = near_.free[at];
+                chosen_.push_back({near_.free_sq[at], blocks_.samples().index[place], place});
+            }
         }
         if (bounded() || chosen_.size() > size_) std::ranges::sort(chosen_);
         chosen_.resize(std::min<std::size_t>(chosen_.size(), size_));
@@ -302,32 +295,43 @@ private:
         return longest;
     }
 
+    double variation_of_chosen(const Vec3f& seed, std::size_t count) const {
+        RunningScatter scatter(seed);
+        for (const Chosen& chosen : std::span(chosen_).first(count))
+            scatter.add(blocks_.samples().position(chosen.place));
+        return scatter.variation();
+    }
+
     /// Makes a region of the first `count` chosen points.
     void take(const Vec3f& seed, std::size_t count) {
         Region region;
         region.begin = static_cast<Index>(result_.members.size());
-        RunningScatter scatter(seed);
-        for (std::size_t i = 0; i < count; ++i) {
-            blocks_.take(chosen_[i].place);
-            taken_[chosen_[i].index] = 1;
-            result_.members.push_back(chosen_[i].index);
-            scatter.add(blocks_.samples().position(chosen_[i].place));
+        Vec3f offsets = Vec3f::Zero();
+        for (const Chosen& chosen : std::span(chosen_).first(count)) {
+            blocks_.take(chosen.place);
+            taken_[chosen.index] = 1;
+            result_.members.push_back(chosen.index);
+            offsets += blocks_.samples().position(chosen.place) - seed;
         }
         region.end = static_cast<Index>(result_.members.size());
-        region.centroid = scatter.centroid();
-        if (bounded()) region.variation = scatter.variation();
+        region.centroid = seed + offsets / static_cast<float>(count);
+        if (bounded()) region.variation = variation_of_chosen(seed, count);
         result_.regions.push_back(region);
     }
 
     Vec3f next_seed(const Extent& extent) {
-        const float limit = std::pow(kLook * extent.radius, 2.0F);
-        const float wanted = std::pow(kNextSeed * extent.own_radius, 2.0F);
+        const float limit = (kLook * extent.radius) * (kLook * extent.radius);
+        const float wanted = (kNextSeed * extent.own_radius) * (kNextSeed * extent.own_radius);
         std::pair<float, Index> best = {std::numeric_limits<float>::infinity(), 0};
-        for (std::size_t i = 0; i < near_.free_count; ++i) {
-            const float miss = std::abs(near_.free_sq[i] - wanted);
-            if (miss > best.first || near_.free_sq[i] > limit || blocks_.is_taken(near_.free[i]))
-                continue;
-            best = std::min(best, {miss, blocks_.samples().index[near_.free[i]]});
+        for (std::size_t i = 0; i < near_.free_count; i += 4) {
+            const Float4 d = load(&near_.free_sq[i]), miss = d < wanted ? wanted - d : d - wanted;
+            unsigned lanes = lane_bits((d <= limit) & (miss <= best.first));
+            for (; lanes != 0; lanes &= lanes - 1) {
+                const auto lane = static_cast<std::size_t>(std::countr_zero(lanes));
+                const Index place = near_.free[i + lane];
+                if (!blocks_.is_taken(place))
+                    best = std::min(best, {miss[lane], blocks_.samples().index[place]});
+            }
         }
         if (std::isfinite(best.first)) return scaled(best.second);
         while (taken_[first_free_] != 0) ++first_free_;
@@ -336,7 +340,6 @@ private:
 
     std::span<const Vec3f> points_;
     RegionBounds bounds_;
-    float scale_;
     PointBlocks blocks_;
     std::vector<char> taken_;  ///< by number in the cloud
     Index first_free_ = 0;

@@ -14,11 +14,10 @@ namespace {
 /// The centroids of the chosen regions.
 class Centroids {
 public:
-    Centroids(const Regions& regions, std::span<const Index> chosen, float scale,
-              const RunContext& context)
-        : scale_(scale),
-          first_look_(0.5F / std::sqrt(static_cast<float>(chosen.size()))),
-          blocks_(positions_of(regions, chosen), scale, context) {}
+    Centroids(const Regions& regions, std::span<const Index> chosen, const RunContext& context)
+        : scale_(regions.scale), blocks_(positions_of(regions, chosen), 8, 1.0F, context) {
+        first_look_ = 0.5F * blocks_.extent() / std::sqrt(static_cast<float>(chosen.size()));
+    }
 
     /// Numbers among the chosen regions and scaled positions.
     struct Near {
@@ -30,7 +29,11 @@ public:
     void find_candidates(const Vec3f& q, float reach, Near& near) const {
         float radius = std::max(2 * reach, first_look_);
         float closest_sq = find(q, radius, near);
-        while (near.number.empty()) closest_sq = find(q, radius *= 2, near);
+        while (near.number.empty()) {
+            constexpr float kNotZero = std::numeric_limits<float>::min();
+            radius = 2 * std::max(radius, kNotZero);
+            closest_sq = find(q, radius, near);
+        }
         constexpr float kRounding = 1.0001F;
         const float needed = kRounding * (std::sqrt(closest_sq) + 2 * reach);
         if (needed > radius) find(q, needed, near);
@@ -82,11 +85,10 @@ void join(std::span<const Vec3f> points, const Regions& regions, const Region& s
     const auto position = [&](Index at) {
         return Vec3f(points[regions.members[at]] * centroids.scale());
     };
-    const Vec3f middle = position(stray.begin);
-    float reach = 0;
+    float reach_sq = 0;
     for (Index at = stray.begin; at < stray.end; ++at)
-        reach = std::max(reach, (position(at) - middle).norm());
-    centroids.find_candidates(middle, reach, near);
+        reach_sq = std::max(reach_sq, (position(at) - stray.centroid).squaredNorm());
+    centroids.find_candidates(stray.centroid, std::sqrt(reach_sq), near);
     for (Index at = stray.begin; at < stray.end; ++at) cluster[at] = closest(position(at), near);
 }
 
@@ -99,7 +101,7 @@ Clusters with_strays_joined(std::span<const Vec3f> points, const Regions& region
     std::ranges::set_difference(all, chosen, std::back_inserter(strays));
     std::vector<Index> cluster(regions.members.size());  // of the members of strays
     if (!strays.empty()) {
-        const Centroids centroids(regions, chosen, scale_near_one(points), context);
+        const Centroids centroids(regions, chosen, context);
         parallel_for_blocks(strays.size(), 64, context, [&](std::size_t begin, std::size_t end) {
             Centroids::Near near;
             for (std::size_t i = begin; i < end; ++i)

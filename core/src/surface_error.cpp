@@ -6,7 +6,8 @@
 #include "parallel_for.hpp"
 #include "point_tree.hpp"
 #include "stipple/error.hpp"
-#include "surface_samples.hpp"
+#include "error_samples.hpp"
+#include "tree_search.hpp"
 
 #include <algorithm>
 #include <atomic>
@@ -78,7 +79,6 @@ struct Frame {
 struct Surface {
     const PointCloud& cloud;
     std::vector<Vec3f> points;
-    NeighborSearch search;
     PointTree tree;
     FootFinder finder;
 
@@ -86,22 +86,21 @@ struct Surface {
             const RunContext& context)
         : cloud(cloud_),
           points(frame.into(cloud_)),
-          search(points, context),
           tree(points, context),
-          finder(points, search, options) {}
+          finder(points, tree, options) {}
     Surface(const Surface&) = delete;
     Surface& operator=(const Surface&) = delete;
 
-    AttributedSurface attributed() const { return {cloud, points, search}; }
+    AttributedSurface attributed() const { return {cloud, tree}; }
 };
 
-SurfaceSamples take_samples(const Surface& surface, const SurfaceErrorOptions& options,
+ErrorSamples take_samples(const Surface& surface, const SurfaceErrorOptions& options,
                             const RunContext& context) {
     const std::uint64_t n = surface.points.size();
     const std::uint64_t count = options.samples > 0 ? options.samples : std::max(n, kLeastSamples);
     if (options.sampling == ErrorSampling::Points && count <= n)
-        return sample_points(surface.tree, count, options.seed, context);
-    return sample_surface(surface.tree, surface.finder, count, options.seed, context);
+        return take_points(surface.tree, count, options.seed, context);
+    return take_surface(surface.tree, surface.finder, count, options.seed, context);
 }
 
 /// Distances to the nearest of the points.
@@ -111,7 +110,7 @@ void find_nearest_points(const Surface& surface, std::span<const Vec3f> queries,
     parallel_for_blocks(queries.size(), 2048, context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {
             Neighbor nearest;
-            surface.search.nearest(queries[i], {&nearest, 1});
+            find_nearest(surface.tree, queries[i], {&nearest, 1});
             const Vec3d point = surface.points[nearest.index].cast<double>();
             found(i, {.point = point,
                       .distance = (queries[i].cast<double>() - point).norm(),
@@ -122,7 +121,7 @@ void find_nearest_points(const Surface& surface, std::span<const Vec3f> queries,
 
 DirectedError measure_direction(const Surface& from, const Surface& to, const Frame& frame,
                                 const SurfaceErrorOptions& options, const RunContext& context) {
-    const SurfaceSamples samples = take_samples(from, options, context);
+    const ErrorSamples samples = take_samples(from, options, context);
     context.checkpoint(0.3);
     std::vector<float> distances(samples.size());
     std::vector<Vec3f> feet(options.attributes ? samples.size() : 0);
@@ -130,7 +129,7 @@ DirectedError measure_direction(const Surface& from, const Surface& to, const Fr
     const auto found = [&](std::size_t i, const Foot& foot) {
         distances[i] = static_cast<float>(foot.distance / frame.scale);
         if (options.attributes) feet[i] = foot.point.cast<float>();
-        if (!foot.converged) ++failed;
+        if (!foot.converged && !foot.beyond) ++failed;
     };
     if (options.surface == ErrorSurface::Samples) {
         find_nearest_points(to, samples.positions, found, context);
@@ -146,8 +145,7 @@ DirectedError measure_direction(const Surface& from, const Surface& to, const Fr
                                             feet, samples.areas, options.k, context);
     if (options.keep_samples) {
         error.distances = std::move(distances);
-        for (const Vec3f& p : samples.positions)
-            error.positions.push_back(p);
+        for (const Vec3f& p : samples.positions) error.positions.push_back(p);
     }
     return error;
 }
@@ -168,11 +166,11 @@ SurfaceError measure_error(const PointCloud& reference, const PointCloud& candid
                            const SurfaceErrorOptions& options, const RunContext& context) {
     check(reference, candidate, options);
     const Frame frame(reference);
-    const FootFinder::Options finding = {.k = options.k,
-                                         .degree = options.surface == ErrorSurface::Quadratic ? 2U
-                                                                                              : 1U,
-                                         .max_iterations = options.max_iterations,
-                                         .tolerance = options.tolerance};
+    const FootFinder::Options finding = {
+        .k = options.k,
+        .degree = options.surface == ErrorSurface::Quadratic ? 2U : 1U,
+        .max_iterations = options.max_iterations,
+        .tolerance = options.tolerance};
     const Surface S(reference, frame, finding, context);
     const Surface S_prime(candidate, frame, finding, context);
     context.checkpoint(0.2);

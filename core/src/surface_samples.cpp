@@ -1,167 +1,97 @@
 #include "surface_samples.hpp"
 
 #include "parallel_for.hpp"
+#include "symmetric_eigen.hpp"
 
-#include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <limits>
 #include <numbers>
-#include <numeric>
 
 namespace stipple {
 
 namespace {
 
-constexpr std::size_t kBlock = 4096;
+constexpr unsigned kNeighbors = 16;
+constexpr std::size_t kBlock = 1'024;
 
-/// A number in [0, 1) that depends on the two alone (splitmix64, Steele et al. 2014).
-double random_unit(std::uint64_t seed, std::uint64_t i) noexcept {
-    std::uint64_t z = seed * 0xD1342543DE82EF95U + (i + 1) * 0x9E3779B97F4A7C15U;
-    z = (z ^ (z >> 30U)) * 0xBF58476D1CE4E5B9U;
-    z = (z ^ (z >> 27U)) * 0x94D049BB133111EBU;
-    return static_cast<double>((z ^ (z >> 31U)) >> 11U) * 0x1p-53;
-}
+// No place inside of evenly spread samples is further than about 0.3 radii from all of them. The
+// mean of the neighbours of a sample on a straight border is 4 / (3 pi) = 0.42 radii away.
+constexpr float kInside = 0.4F;
+constexpr float kTwoSided = 0.2F, kOneSided = 0.35F;
 
-Vec3f position(const PointTree& tree, std::size_t at) noexcept {
-    return tree.leaf(at / PointTree::kWidth).position(at % PointTree::kWidth);
-}
-Index index(const PointTree& tree, std::size_t at) noexcept {
-    return tree.leaf(at / PointTree::kWidth).index[at % PointTree::kWidth];
-}
-
-constexpr std::size_t kGroup = 16;
-using GroupFloats = std::array<float, 2 * kGroup>;
-
-/// Median, over n points, of the squared distance to the third neighbour among them, or to the
-/// farthest when there are fewer.
-float third_distance_sq(const GroupFloats& x, const GroupFloats& y, const GroupFloats& z,
-                        std::size_t n) {
-    constexpr std::size_t kNearest = 4;  // the point itself is the first
-    std::array<GroupFloats, kNearest> nearest;
-    for (GroupFloats& values : nearest) values.fill(std::numeric_limits<float>::infinity());
-    for (std::size_t j = 0; j < n; ++j) {
-        for (std::size_t i = 0; i < n; ++i) {
-            const float dx = x[i] - x[j], dy = y[i] - y[j], dz = z[i] - z[j];
-            float d = dx * dx + dy * dy + dz * dz;
-            for (GroupFloats& values : nearest) {
-                const float lower = values[i] < d ? values[i] : d;
-                d = values[i] < d ? d : values[i];
-                values[i] = lower;
-            }
-        }
+void analyze(SurfaceSamples& s, std::size_t i, float radius) {
+    const std::span<const Index> near = s.neighbors.of(i);
+    const Vec3f p = s.positions[i];
+    Vec3f sum = Vec3f::Zero(), squares = Vec3f::Zero(), products = Vec3f::Zero();
+    for (const Index j : near) {
+        const Vec3f d = s.positions[j] - p;
+        sum += d;
+        squares += d.cwiseProduct(d);
+        products += Vec3f(d.x() * d.y(), d.y() * d.z(), d.z() * d.x());
     }
-    GroupFloats& third = nearest[std::min(kNearest, n) - 1];
-    const auto median = third.begin() + static_cast<std::ptrdiff_t>(n / 2);
-    std::nth_element(third.begin(), median, third.begin() + static_cast<std::ptrdiff_t>(n));
-    return *median;
-}
-
-/// The point of the tree that each of `count` draws falls on, in the order of the tree: draw i is
-/// somewhere in the i-th of `count` equal parts of all areas.
-std::vector<std::size_t> draw_by_area(std::span<const float> areas, std::uint64_t count,
-                                      std::uint64_t seed) {
-    const double total = std::accumulate(areas.begin(), areas.end(), 0.0);
-    std::vector<std::size_t> drawn(count);
-    std::size_t at = 0;
-    double up_to = areas[0];
-    for (std::uint64_t i = 0; i < count; ++i) {
-        const double where =
-            total * (static_cast<double>(i) + random_unit(seed, i)) / static_cast<double>(count);
-        while (up_to < where && at + 1 < areas.size()) up_to += areas[++at];
-        drawn[i] = at;
-    }
-    return drawn;
+    // Around the centroid of the neighbours and the point itself, Eq. 1.
+    const Vec3d total = sum.cast<double>(), q = squares.cast<double>(), m = products.cast<double>();
+    const double by = 1.0 / static_cast<double>(near.size() + 1);
+    const Symmetric3 scatter = {
+        q.x() - by * total.x() * total.x(), m.x() - by * total.x() * total.y(),
+        m.z() - by * total.z() * total.x(), q.y() - by * total.y() * total.y(),
+        m.y() - by * total.y() * total.z(), q.z() - by * total.z() * total.z()};
+    const std::array<double, 3> lambda = eigenvalues(scatter);
+    s.normals[i] = eigenvector(scatter, lambda[0]).cast<float>();
+    s.variation[i] =
+        scatter.trace() > 0 ? static_cast<float>(std::max(0.0, lambda[0]) / scatter.trace()) : 0.0F;
+    s.radii[i] = radius;
+    const Vec3f mean = sum / static_cast<float>(std::max<std::size_t>(1, near.size()));
+    const float offset = mean.norm();
+    s.outward[i] = offset > 0 ? Vec3f(-mean / offset) : Vec3f::Zero();
+    const float sided = radius > 0 ? offset / radius : 0.0F;
+    s.outer[i] =
+        kInside * radius * std::clamp((kOneSided - sided) / (kOneSided - kTwoSided), 0.0F, 1.0F);
 }
 
 }  // namespace
 
-void SurfaceSamples::resize(std::size_t n) {
-    positions.resize(n);
-    areas.resize(n);
-    sources.resize(n);
+ParticleFrame::ParticleFrame(std::span<const Vec3f> points) {
+    Vec3f low = points.front(), high = low;
+    for (const Vec3f& p : points) {
+        low = low.cwiseMin(p);
+        high = high.cwiseMax(p);
+    }
+    center = 0.5 * (low.cast<double>() + high.cast<double>());
+    const double extent = (high.cast<double>() - low.cast<double>()).maxCoeff();
+    scale = extent > 0 ? std::ldexp(1.0, std::ilogb(extent)) : 0;
 }
 
-std::vector<float> point_areas(const PointTree& tree, const RunContext& context) {
-    const std::size_t n = tree.size();
-    std::vector<float> areas(n);
-    const std::size_t groups = std::max<std::size_t>(1, n / kGroup);  // the last takes the rest
-    parallel_for_blocks(groups, kBlock / kGroup, context, [&](std::size_t begin, std::size_t end) {
-        GroupFloats x, y, z;
-        for (std::size_t g = begin; g < end; ++g) {
-            const std::size_t first = g * kGroup, last = g + 1 == groups ? n : first + kGroup;
-            for (std::size_t at = first; at < last; ++at) {
-                const Vec3f p = position(tree, at);
-                x[at - first] = p.x();
-                y[at - first] = p.y();
-                z[at - first] = p.z();
-            }
-            std::fill(areas.begin() + static_cast<std::ptrdiff_t>(first),
-                      areas.begin() + static_cast<std::ptrdiff_t>(last),
-                      third_distance_sq(x, y, z, last - first));
+float SurfaceSamples::area(std::size_t i) const noexcept {
+    constexpr float kSmallest = 1e-30F;  // where samples coincide
+    return std::max(kSmallest, std::numbers::pi_v<float> / kNeighbors * radii[i] * radii[i]);
+}
+
+float SurfaceSamples::border(std::size_t i) const noexcept {
+    return kInside * radii[i];
+}
+
+SurfaceSamples sample_surface(const PointCloud& cloud, std::vector<Index> points,
+                              const ParticleFrame& frame, const RunContext& context) {
+    const std::size_t n = points.size();
+    SurfaceSamples s;
+    s.points = std::move(points);
+    for (auto* vectors : {&s.positions, &s.normals, &s.outward}) vectors->resize(n);
+    for (auto* values : {&s.radii, &s.variation, &s.outer}) values->resize(n);
+    parallel_for_blocks(n, kBlock, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i)
+            s.positions[i] = frame.inside(cloud.positions[s.points[i]].cast<double>());
+    });
+    s.neighbors = k_nearest_neighbors(s.positions, kNeighbors, context);
+    parallel_for_blocks(n, kBlock, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+            const bool alone = s.neighbors.of(i).empty();
+            const std::uint64_t farthest = s.neighbors.offsets[i + 1] - 1;
+            analyze(s, i, alone ? 0.0F : std::sqrt(s.neighbors.distances_sq[farthest]));
         }
     });
-    if (std::ranges::none_of(areas, [](float a) { return a > 0; })) std::ranges::fill(areas, 1.0F);
-    return areas;
-}
-
-SurfaceSamples sample_points(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
-                             const RunContext& context) {
-    const std::vector<float> areas = point_areas(tree, context);
-    const std::size_t n = tree.size(), m = std::min<std::uint64_t>(count, n);
-    SurfaceSamples samples;
-    samples.resize(m);
-    const double step = static_cast<double>(n) / static_cast<double>(m);
-    for (std::size_t i = 0; i < m; ++i) {
-        const double where = (static_cast<double>(i) + random_unit(seed, i)) * step;
-        const std::size_t at = m == n ? i : std::min(n - 1, static_cast<std::size_t>(where));
-        samples.positions[i] = position(tree, at);
-        samples.areas[i] = areas[at];
-        samples.sources[i] = index(tree, at);
-    }
-    if (std::ranges::none_of(samples.areas, [](float a) { return a > 0; }))
-        std::ranges::fill(samples.areas, 1.0F);
-    return samples;
-}
-
-SurfaceSamples sample_surface(const PointTree& tree, const FootFinder& surface,
-                              std::uint64_t count, std::uint64_t seed, const RunContext& context) {
-    const std::vector<float> areas = point_areas(tree, context);
-    const std::vector<std::size_t> drawn = draw_by_area(areas, count, seed);
-    std::vector<std::size_t> used = drawn;
-    used.erase(std::unique(used.begin(), used.end()), used.end());
-    std::vector<Vec3f> bases(used.size()), normals(used.size());
-    for (std::size_t i = 0; i < used.size(); ++i) bases[i] = position(tree, used[i]);
-    surface.find(
-        bases,
-        [&](std::size_t i, const Foot& foot) { normals[i] = foot.normal.cast<float>(); }, context);
-
-    SurfaceSamples samples;
-    samples.resize(count);
-    std::size_t base = 0;
-    for (std::uint64_t i = 0; i < count; ++i) {
-        if (used[base] != drawn[i]) ++base;
-        const Vec3f n = normals[base], u = n.unitOrthogonal(), v = n.cross(u);
-        constexpr double kReach = 0.75;  // of the distance to the third neighbour
-        const double r = kReach * std::sqrt(areas[drawn[i]] * random_unit(~seed, 2 * i));
-        const double angle = 2.0 * std::numbers::pi * random_unit(~seed, 2 * i + 1);
-        samples.positions[i] = bases[base] + static_cast<float>(r * std::cos(angle)) * u +
-                               static_cast<float>(r * std::sin(angle)) * v;
-        samples.areas[i] = 1.0F;
-        samples.sources[i] = index(tree, drawn[i]);
-    }
-    std::vector<Vec3f> feet(count);
-    surface.find(
-        samples.positions,
-        [&](std::size_t i, const Foot& foot) {
-            // Where the surface is not to be found there is at least the point.
-            const Vec3f source = position(tree, drawn[i]);
-            feet[i] = foot.converged ? Vec3f(foot.point.cast<float>()) : source;
-        },
-        context);
-    samples.positions = std::move(feet);
-    return samples;
+    s.neighbors.distances_sq = {};
+    return s;
 }
 
 }  // namespace stipple

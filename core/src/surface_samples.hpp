@@ -1,38 +1,47 @@
 #pragma once
 
-#include "foot_finder.hpp"
-#include "point_tree.hpp"
+#include "stipple/neighbors.hpp"
 #include "stipple/point_cloud.hpp"
 #include "stipple/run_context.hpp"
 
-#include <cstdint>
+#include <span>
 #include <vector>
 
 namespace stipple {
 
-/// The cloud Q of §4: places on a surface, each standing for a part of it. In an order in which
-/// neighbours follow each other.
-struct SurfaceSamples {
-    std::vector<Vec3f> positions;
-    std::vector<float> areas;    ///< of the part, in any unit; none negative, not all zero
-    std::vector<Index> sources;  ///< the point that each is, or was moved from; none for particles
+/// A cloud moved and scaled to about -1..1, where floats resolve small moves and hold squares.
+struct ParticleFrame {
+    Vec3d center;
+    double scale;  ///< input units, a power of two; 0 when all points coincide
 
-    std::size_t size() const noexcept { return positions.size(); }
-    void resize(std::size_t n);
+    explicit ParticleFrame(std::span<const Vec3f> points);
+    Vec3f inside(const Vec3d& p) const { return ((p - center) / scale).cast<float>(); }
+    Vec3d outside(const Vec3f& p) const { return p.cast<double>() * scale + center; }
 };
 
-/// The area around each point, up to a common factor: the squared distance to the third neighbour,
-/// as the median of the sixteen points of two leaves (1 / rho of §2, k = 3). Numbers follow the
-/// tree: 8 l + j for point j of leaf l. O(N), parallel.
-std::vector<float> point_areas(const PointTree& tree, const RunContext& context);
+/// Points that stand for a surface, and what is known of it there; one entry each, lengths in the
+/// units of the frame.
+struct SurfaceSamples {
+    std::vector<Index> points;  ///< their numbers in the cloud
+    std::vector<Vec3f> positions;
+    NeighborLists neighbors;       ///< the k nearest, without their distances
+    std::vector<Vec3f> normals;    ///< unit, sign any
+    std::vector<float> radii;      ///< of the enclosing sphere of the k nearest neighbours (§2)
+    std::vector<float> variation;  ///< sigma_n
+    std::vector<Vec3f> outward;    ///< away from the mean of the neighbours, unit or 0
+    std::vector<float> outer;      ///< how far the surface goes on in that direction, at least; 0
+                                   ///< where the neighbours lie on one side, as at a border
 
-/// `count` of the points, evenly drawn, each with its area; all of them when there are no more.
-SurfaceSamples sample_points(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
-                             const RunContext& context);
+    std::size_t size() const noexcept { return points.size(); }
+    /// Of the surface that sample i stands for: 1 / rho, to scale; positive.
+    float area(std::size_t i) const noexcept;
+    /// How far from it along its plane its surface reaches, in directions that go on.
+    float border(std::size_t i) const noexcept;
+};
 
-/// `count` random places of the surface, evenly over its area: points drawn by their area, moved in
-/// their tangent planes by up to about half a spacing, and projected.
-SurfaceSamples sample_surface(const PointTree& tree, const FootFinder& surface,
-                              std::uint64_t count, std::uint64_t seed, const RunContext& context);
+/// Analyses the `points` of a cloud, among themselves: neighbourhoods of 16, normals by Eq. 4,
+/// variation by Eq. 5.
+SurfaceSamples sample_surface(const PointCloud& cloud, std::vector<Index> points,
+                              const ParticleFrame& frame, const RunContext& context);
 
 }  // namespace stipple

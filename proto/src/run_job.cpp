@@ -191,7 +191,9 @@ private:
     PointCloud read() {
         const Stopwatch watch(cost_.decode_seconds);
         DecodeReport decoded;
-        PointCloud cloud = read_cloud(spec_.input_file, spec_.limits, in_stage(kDecode), &decoded);
+        DecodeLimits limits = spec_.limits;
+        limits.max_memory_bytes = spec_.max_memory_bytes;
+        PointCloud cloud = read_cloud(spec_.input_file, limits, in_stage(kDecode), &decoded);
         meter_.advance(kDecode, 1);
         const std::vector<CloudAttribute> attributes = attributes_of(cloud);
         if (wants_source_index(spec_.request)) add_source_index(cloud);

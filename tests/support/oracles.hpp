@@ -1,5 +1,6 @@
 #pragma once
 
+#include "contraction.hpp"
 #include "stipple/hierarchical_clustering.hpp"
 #include "stipple/point_cloud.hpp"
 
@@ -18,5 +19,11 @@ std::vector<std::pair<float, Index>> sorted_distances(const std::vector<Vec3f>& 
 /// shared state.
 std::set<std::set<Index>> recursive_clusters(const std::vector<Vec3f>& points, std::size_t max_size,
                                              double max_variation);
+
+/// Point-pair contraction one pair at a time (§3.2), the cheapest of all first, without relaxation;
+/// quadrics in units of `scale`.
+ContractionSnapshot contract_by_queue(const std::vector<Vec3f>& points,
+                                      const std::vector<StoredQuadric>& quadrics, double scale,
+                                      std::size_t count, std::size_t k);
 
 }  // namespace stipple::test

@@ -1,4 +1,7 @@
 // What the page asks of the server: openapi.yaml has the contract.
+import { askForKey, authorization } from './api_key.js';
+
+export const kKeyNeeded = 401;
 
 /** A refusal: an RFC 9457 problem document, or its stand-in where there was no reply at all. */
 export class Problem extends Error {
@@ -36,6 +39,9 @@ export async function dismissJob(id) {
     await send(`/v1/jobs/${id}`, { method: 'DELETE' });
 }
 
+/** The reply whose body tells of a job's events as they come. Not an EventSource: that shows no key. */
+export const openEvents = (id, signal) => send(`/v1/jobs/${id}/events`, { signal });
+
 export const isFinal = (job) => ['successful', 'failed', 'dismissed'].includes(job.status);
 
 /** The problem in a reply's text: the server's own words where it sent some. */
@@ -56,17 +62,22 @@ export const unreachable = () => new Problem({
     detail: 'Check that stippled is running and that this machine is online, then try again.',
 });
 
-async function send(url, init) {
+async function send(url, init = {}) {
     let response;
     try {
-        response = await fetch(url, init);
+        response = await fetch(url, { ...init, headers: { ...init.headers, ...authorization() } });
     } catch (error) {
         throw error.name === 'AbortError' ? error : unreachable();
     }
-    if (!response.ok) {
-        throw problemFrom(response.status, response.statusText, await response.text());
+    if (response.ok) {
+        return response;
     }
-    return response;
+    const problem = problemFrom(response.status, response.statusText, await response.text());
+    if (problem.status !== kKeyNeeded) {
+        throw problem;
+    }
+    await askForKey(problem.message);
+    return send(url, init);
 }
 
 const readJson = (response) => response.json();

@@ -1,15 +1,14 @@
-import { getJob, isFinal } from './api.js';
+import { getJob, isFinal, openEvents } from './api.js';
 
 const kPollMs = 700;
-const kEventTypes = ['status', 'progress', 'source', 'level'];
 
 /**
  * Tells `onJob` the document of a job now, whenever it changes, and a last time when it is final. Server-sent events are only
  * the nudge to ask again, so a lost event or a proxy that swallows streams costs a moment, never the result.
  */
 export function followJob(id, onJob, onError, signal) {
-    let events = null;
     let timer = null;
+    const listening = new AbortController();
     let asking = false;
     let askAgain = false;
 
@@ -38,21 +37,27 @@ export function followJob(id, onJob, onError, signal) {
     }
 
     function stop() {
-        events?.close();
+        listening.abort();
         clearInterval(timer);
         askAgain = false;
     }
 
-    function poll() {
-        events.close();
-        timer ??= setInterval(ask, kPollMs);
+    /** Asks whenever the server says anything; without its events, now and then. */
+    async function listen() {
+        try {
+            const events = (await openEvents(id, listening.signal)).body.getReader();
+            while (!(await events.read()).done) {
+                ask();
+            }
+        } catch {
+            // As when the stream ends early.
+        }
+        if (!listening.signal.aborted) {
+            timer ??= setInterval(ask, kPollMs);
+        }
     }
 
     signal.addEventListener('abort', stop);
-    events = new EventSource(`/v1/jobs/${id}/events`);
-    for (const type of kEventTypes) {
-        events.addEventListener(type, ask);
-    }
-    events.addEventListener('error', poll);
+    listen();
     ask();
 }

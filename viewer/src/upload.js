@@ -1,11 +1,26 @@
-import { problemFrom, unreachable } from './api.js';
+import { kKeyNeeded, problemFrom, unreachable } from './api.js';
+import { askForKey, authorization } from './api_key.js';
 
-/** Sends a file; resolves to the document of its cloud. XMLHttpRequest, since fetch tells no upload progress. */
-export function uploadCloud(file, onProgress) {
+/** Sends a file; resolves to the document of its cloud. */
+export async function uploadCloud(file, onProgress) {
+    try {
+        return await send(file, onProgress);
+    } catch (error) {
+        if (error.status !== kKeyNeeded) {
+            throw error;
+        }
+        await askForKey(error.message);
+        return uploadCloud(file, onProgress);
+    }
+}
+
+/** By XMLHttpRequest, since fetch tells no upload progress. */
+function send(file, onProgress) {
     return new Promise((resolve, reject) => {
         const request = new XMLHttpRequest();
         request.open('POST', '/v1/clouds');
         request.setRequestHeader('Content-Type', 'application/octet-stream');
+        Object.entries(authorization()).forEach(([name, value]) => request.setRequestHeader(name, value));
         request.upload.onprogress = ({ loaded, total }) => onProgress(total > 0 ? loaded / total : 1);
         request.onload = () => {
             if (request.status >= 200 && request.status < 300) {

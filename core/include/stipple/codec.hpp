@@ -29,6 +29,8 @@ std::optional<CloudFormat> detect_format(std::span<const std::byte> head) noexce
 struct DecodeLimits {
     std::uint64_t max_points = 200'000'000;
     unsigned max_attributes = 64;  ///< scalar properties beyond positions, normals and colours
+    std::uint64_t max_memory_bytes = 0;  ///< of this process, when the caller has set such a limit:
+                                         ///< told by the error of a file that needs more
 };
 
 /// What the file was and what was left out of the cloud.

@@ -29,13 +29,13 @@ struct SurfaceErrorOptions {
     ErrorSampling sampling = ErrorSampling::Points;
     std::uint64_t samples = 0;  ///< on each surface; 0: as many as it has points, at least 100,000
     ErrorSurface surface = ErrorSurface::Linear;
-    unsigned k = 20;  ///< neighbours of the MLS surfaces, 6..64; h = r / 3
-    unsigned max_iterations = 30;   ///< until a foot stays where it is; >= 1
-    double tolerance = 1e-3;        ///< a foot moves by less than this part of h; > 0, < 1
-    unsigned histogram_bins = 64;   ///< of equal width, 1..65,536
-    bool attributes = false;        ///< colour, normals and scalars too
-    bool keep_samples = false;      ///< every sample and its distance, for a coloured map
-    std::uint64_t seed = 0;         ///< of the random samples
+    unsigned k = 20;               ///< neighbours of the MLS surfaces, 6..64; h = r / 3
+    unsigned max_iterations = 30;  ///< until a foot stays where it is; >= 1
+    double tolerance = 1e-3;       ///< a foot moves by less than this part of h; > 0, < 1
+    unsigned histogram_bins = 64;  ///< of equal width, 1..65,536
+    bool attributes = false;       ///< colour, normals and scalars too
+    bool keep_samples = false;     ///< every sample and its distance, for a coloured map
+    std::uint64_t seed = 0;        ///< of the random samples
 };
 
 /// How much an attribute differs, over the samples: by area, as the distances.
@@ -50,9 +50,9 @@ struct AttributeError {
 /// Distances from one surface to another, in input units.
 struct DirectedError {
     double max = 0;
-    double mean = 0;       ///< by area
-    double mean_confidence = 0;  ///< the mean is within so much of that for infinitely many samples,
-                                 ///< in 95 of 100 cases
+    double mean = 0;             ///< by area
+    double mean_confidence = 0;  ///< the mean is within so much of that for infinitely many
+                                 ///< samples, in 95 of 100 cases
     double rms = 0;
     double p50 = 0, p95 = 0, p99 = 0;  ///< distances that so much of the area does not exceed
     std::vector<double> histogram;     ///< shares of the area, in bins from 0 to `max`
@@ -96,7 +96,6 @@ struct SurfaceError {
 /// O(N log N), parallel, the same for any number of threads: about 0.5 us for each sample of the
 /// finer cloud and 3 us for each of the coarser; 60 bytes a point and 24 a sample.
 SurfaceError measure_error(const PointCloud& reference, const PointCloud& candidate,
-                           const SurfaceErrorOptions& options = {},
-                           const RunContext& context = {});
+                           const SurfaceErrorOptions& options = {}, const RunContext& context = {});
 
 }  // namespace stipple

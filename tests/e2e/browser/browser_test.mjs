@@ -168,6 +168,31 @@ const tests = {
         await page.context().close();
     },
 
+    async 'A server with keys asks for one, again after a wrong one, and then shows all'() {
+        const key = 'correct horse battery staple';
+        const keyed = await startServer(options.bin, { key });
+        const visitor = new Browser(browser.chromium, keyed.url);
+        visitor.refusalsExpected = true;
+        try {
+            const page = await visitor.open();
+            for (const [entry, reason] of [['wrong', 'an API key is needed'], [key, 'this API key is not known']]) {
+                await page.getByText(reason).waitFor();
+                await page.screenshot({ path: join(options.artifacts, 'viewer-key.png') });
+                await page.locator('#key').fill(entry);
+                await page.getByRole('button', { name: 'Continue' }).click();
+            }
+            await page.getByText('Drop a point cloud here').waitFor();
+            await page.locator('#file').setInputFiles({ ...torus, mimeType: 'application/octet-stream' });
+            await settledPyramid(page);
+            await page.reload();
+            await settledPyramid(page);
+            await page.context().close();
+            assert.deepEqual(visitor.faults, []);
+        } finally {
+            await keyed.stop();
+        }
+    },
+
     async 'No error, no breach of the content policy, no request to anywhere else'() {
         assert.deepEqual(browser.faults, []);
         const policy = (await fetch(`${server.url}/`)).headers.get('content-security-policy');

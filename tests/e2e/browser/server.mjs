@@ -1,16 +1,19 @@
 // A real stippled with a data folder of its own, on free ports.
 import { spawn } from 'node:child_process';
-import { mkdtempSync, rmSync } from 'node:fs';
+import { createHash } from 'node:crypto';
+import { mkdtempSync, rmSync, writeFileSync } from 'node:fs';
 import { createServer } from 'node:net';
 import { tmpdir } from 'node:os';
 import { join } from 'node:path';
 import { setTimeout as sleep } from 'node:timers/promises';
 
-export async function startServer(binaries) {
+/** With `key`, a server that answers its bearer alone. */
+export async function startServer(binaries, { key } = {}) {
     const data = mkdtempSync(join(tmpdir(), 'stipple-browser-'));
     const [port, adminPort] = await freePorts(2);
     const child = spawn(join(binaries, 'stippled'),
-        ['serve', '--listen', `127.0.0.1:${port}`, '--admin', `127.0.0.1:${adminPort}`, '--data', data],
+        ['serve', '--listen', `127.0.0.1:${port}`, '--admin', `127.0.0.1:${adminPort}`, '--data', data,
+            ...(key ? ['--api-keys', keyFile(data, key)] : [])],
         { stdio: ['ignore', 'pipe', 'pipe'] });
     let log = '';
     child.stdout.on('data', (text) => { log += text; });
@@ -32,6 +35,13 @@ export async function startServer(binaries) {
         throw new Error(`${error.message}\n${log}`);
     }
     return server;
+}
+
+function keyFile(folder, key) {
+    const file = join(folder, 'keys.json');
+    const grant = { tenant: 'ada', key_sha256: createHash('sha256').update(key).digest('hex'), scopes: ['read', 'submit'] };
+    writeFileSync(file, JSON.stringify([grant]));
+    return file;
 }
 
 async function ready(url, child) {

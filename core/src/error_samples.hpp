@@ -1,0 +1,38 @@
+#pragma once
+
+#include "foot_finder.hpp"
+#include "point_tree.hpp"
+#include "stipple/point_cloud.hpp"
+#include "stipple/run_context.hpp"
+
+#include <cstdint>
+#include <vector>
+
+namespace stipple {
+
+/// The cloud Q of §4: places on a surface, each standing for a part of it. In an order in which
+/// neighbours follow each other.
+struct ErrorSamples {
+    std::vector<Vec3f> positions;
+    std::vector<float> areas;    ///< of the part, in any unit; none negative, not all zero
+    std::vector<Index> sources;  ///< the point that each is, or was moved from; none for particles
+
+    std::size_t size() const noexcept { return positions.size(); }
+    void resize(std::size_t n);
+};
+
+/// The area around each point, up to a common factor: the squared distance to the third neighbour,
+/// as the median of the sixteen points of two leaves (1 / rho of §2, k = 3). Numbers follow the
+/// tree: 8 l + j for point j of leaf l. O(N), parallel.
+std::vector<float> point_areas(const PointTree& tree, const RunContext& context);
+
+/// `count` of the points, evenly drawn, each with its area; all of them when there are no more.
+ErrorSamples take_points(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
+                             const RunContext& context);
+
+/// `count` random places of the surface, evenly over its area: points drawn by their area, moved in
+/// their tangent planes by up to about half a spacing, and projected.
+ErrorSamples take_surface(const PointTree& tree, const FootFinder& surface, std::uint64_t count,
+                              std::uint64_t seed, const RunContext& context);
+
+}  // namespace stipple

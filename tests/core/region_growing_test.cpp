@@ -1,0 +1,162 @@
+#include "region_growing.hpp"
+
+#include "random.hpp"
+#include "stray_points.hpp"
+#include "support/support.hpp"
+
+#include <gtest/gtest.h>
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <set>
+
+namespace stipple {
+namespace {
+
+using Region2 = std::set<Index>;
+
+/// The rule of the header by sorting all points for every region; no bound on the variation.
+std::vector<Region2> regions_by_sorting(const std::vector<Vec3f>& points, std::size_t max_size,
+                                        std::uint64_t seed_number) {
+    std::vector<Region2> regions;
+    std::vector<char> taken(points.size());
+    std::size_t left = points.size();
+    Index seed = static_cast<Index>(below(random_bits(seed_number, 0), points.size()));
+    double expected = -1;
+    while (true) {
+        std::vector<std::pair<float, Index>> nearest;
+        for (Index i = 0; i < points.size(); ++i)
+            nearest.emplace_back((points[i] - points[seed]).squaredNorm(), i);
+        std::ranges::sort(nearest);
+        const double full = std::sqrt(nearest[max_size - 1].first);
+        const bool is_full = expected < 0 || full < 2 * expected;
+        const double radius = is_full ? full : 2 * expected;
+        expected = is_full ? full : 1.25 * expected;
+
+        Region2 region;
+        for (const auto& [distance_sq, i] : nearest) {
+            if (region.size() == max_size || std::sqrt(distance_sq) > 1.3 * radius) break;
+            if (std::exchange(taken[i], 1) == 0) region.insert(i);
+        }
+        left -= region.size();
+        regions.push_back(std::move(region));
+        if (left == 0) return regions;
+        const auto first_free = std::ranges::find(taken, 0) - taken.begin();
+        seed = static_cast<Index>(first_free);
+        double least_miss = std::numeric_limits<double>::infinity();
+        for (const auto& [distance_sq, i] : nearest) {
+            if (taken[i] != 0 || std::sqrt(distance_sq) > 1.85 * radius) continue;
+            const double miss = std::abs(distance_sq - 1.75 * 1.75 * radius * radius);
+            if (miss < least_miss) seed = i;
+            least_miss = std::min(miss, least_miss);
+        }
+    }
+}
+
+std::vector<Region2> as_sets(const Regions& regions) {
+    std::vector<Region2> sets;
+    for (const Region& region : regions.regions) {
+        sets.emplace_back(regions.members.begin() + region.begin,
+                          regions.members.begin() + region.end);
+    }
+    return sets;
+}
+
+std::vector<Vec3f> scaled(std::vector<Vec3f> points, float by) {
+    for (Vec3f& p : points) p *= by;
+    return points;
+}
+
+/// A dense and a sparse sphere, and points far from both.
+std::vector<Vec3f> uneven() {
+    std::vector<Vec3f> points = test::sphere(1500, 0.02).positions;
+    for (const Vec3f& p : test::sphere(100, 0.02, 2).positions)
+        points.push_back(p * 2.0F + Vec3f(5, 0, 0));
+    for (const Vec3f& p : test::cube(12).positions) points.push_back(p * 300.0F);
+    return points;
+}
+
+TEST(RegionGrowing, IsTheRuleThatSortingAllPointsGives) {
+    for (const auto& points : {test::sphere(1500, 0.01).positions, test::cube(1000).positions,
+                               test::plane(1200).positions, uneven()}) {
+        for (const std::size_t max_size : {1U, 2U, 7U, 40U, 300U}) {
+            EXPECT_EQ(as_sets(grow_regions(points, {.max_size = max_size}, 3, {})),
+                      regions_by_sorting(points, max_size, 3))
+                << points.size() << " points, at most " << max_size;
+        }
+    }
+}
+
+TEST(RegionGrowing, DoesNotDependOnTheUnit) {
+    const auto points = uneven();
+    const auto regions = as_sets(grow_regions(points, {.max_size = 20}, 1, {}));
+    for (const float unit : {0x1p-110F, 0x1p-20F, 0x1p+115F})
+        EXPECT_EQ(as_sets(grow_regions(scaled(points, unit), {.max_size = 20}, 1, {})), regions)
+            << unit;
+}
+
+TEST(RegionGrowing, ABoundOnTheVariationHoldsForEveryRegion) {
+    const auto points = test::sphere(4000, 0.03).positions;
+    for (const double bound : {0.001, 0.01, 0.1}) {
+        const Regions regions =
+            grow_regions(points, {.max_size = points.size(), .max_variation = bound}, 1, {});
+        std::size_t members = 0;
+        for (const Region& region : regions.regions) {
+            EXPECT_LE(region.variation, bound * (1 + 1e-9));
+            members += region.size();
+        }
+        EXPECT_EQ(members, points.size());
+    }
+}
+
+TEST(RegionGrowing, APlaneDoesNotVarySoNothingEndsARegion) {
+    const auto points = test::plane(2000).positions;
+    const Regions regions =
+        grow_regions(points, {.max_size = points.size(), .max_variation = 0.01}, 1, {});
+    std::size_t largest = 0;
+    for (const Region& region : regions.regions)
+        largest = std::max<std::size_t>(largest, region.size());
+    EXPECT_GT(largest, points.size() / 2);
+}
+
+TEST(StrayPoints, GoToTheClosestCentroid) {
+    for (const auto& points : {test::sphere(3000, 0.02).positions, uneven()}) {
+        const Regions regions = grow_regions(points, {.max_size = 25}, 1, {});
+        std::vector<Index> chosen;
+        for (Index i = 0; i < regions.regions.size(); ++i) {
+            if (regions.regions[i].size() >= 20) chosen.push_back(i);
+        }
+        std::vector<Index> expected(points.size());
+        for (Index r = 0; r < regions.regions.size(); ++r) {
+            const Region& region = regions.regions[r];
+            const auto own = std::ranges::find(chosen, r);
+            for (Index at = region.begin; at < region.end; ++at) {
+                const Vec3f p = points[regions.members[at]] * regions.scale;
+                const auto distance_sq = [&](Index c) {
+                    return (regions.regions[c].centroid - p).squaredNorm();
+                };
+                const auto to =
+                    own != chosen.end() ? own : std::ranges::min_element(chosen, {}, distance_sq);
+                expected[regions.members[at]] = static_cast<Index>(to - chosen.begin());
+            }
+        }
+        const Clusters clusters = with_strays_joined(points, regions, chosen, {});
+        ASSERT_EQ(clusters.size(), chosen.size());
+        ASSERT_EQ(clusters.members.size(), points.size());
+        for (std::size_t c = 0; c < clusters.size(); ++c) {
+            for (const Index i : clusters.of(c)) EXPECT_EQ(expected[i], c);
+        }
+    }
+}
+
+TEST(StrayPoints, AllGoToTheOnlyCluster) {
+    const auto points = test::cube(500).positions;
+    const Regions regions = grow_regions(points, {.max_size = 9}, 1, {});
+    const std::vector<Index> chosen = {3};
+    const Clusters clusters = with_strays_joined(points, regions, chosen, {});
+    EXPECT_EQ(clusters.size(), 1U);
+    EXPECT_EQ(std::set<Index>(clusters.members.begin(), clusters.members.end()).size(), 500U);
+}
+
+}  // namespace
+}  // namespace stipple
