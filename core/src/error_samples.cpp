@@ -1,6 +1,8 @@
 #include "error_samples.hpp"
 
 #include "parallel_for.hpp"
+#include "random.hpp"
+#include "stipple/particle_simulation.hpp"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -16,19 +18,13 @@ namespace {
 
 constexpr std::size_t kBlock = 4096;
 
-/// A number in [0, 1) that depends on the two alone (splitmix64, Steele et al. 2014).
+/// The i-th random number of a seed, in [0, 1).
 double random_unit(std::uint64_t seed, std::uint64_t i) noexcept {
-    std::uint64_t z = seed * 0xD1342543DE82EF95U + (i + 1) * 0x9E3779B97F4A7C15U;
-    z = (z ^ (z >> 30U)) * 0xBF58476D1CE4E5B9U;
-    z = (z ^ (z >> 27U)) * 0x94D049BB133111EBU;
-    return static_cast<double>((z ^ (z >> 31U)) >> 11U) * 0x1p-53;
+    return static_cast<double>(random_bits(seed, i) >> 11U) * 0x1p-53;
 }
 
 Vec3f position(const PointTree& tree, std::size_t at) noexcept {
     return tree.leaf(at / PointTree::kWidth).position(at % PointTree::kWidth);
-}
-Index index(const PointTree& tree, std::size_t at) noexcept {
-    return tree.leaf(at / PointTree::kWidth).index[at % PointTree::kWidth];
 }
 
 constexpr std::size_t kGroup = 16;
@@ -75,12 +71,24 @@ std::vector<std::size_t> draw_by_area(std::span<const float> areas, std::uint64_
     return drawn;
 }
 
+/// The feet of places near a surface; not a number where there is none.
+std::vector<Vec3f> feet_on(const FootFinder& surface, std::span<const Vec3f> places,
+                           const RunContext& context) {
+    std::vector<Vec3f> feet(places.size());
+    const auto found = [&](std::size_t i, const Foot& foot) {
+        feet[i] = foot.converged && !foot.beyond
+                      ? Vec3f(foot.point.cast<float>())
+                      : Vec3f::Constant(std::numeric_limits<float>::quiet_NaN());
+    };
+    surface.find(places, found, context);
+    return feet;
+}
+
 }  // namespace
 
 void ErrorSamples::resize(std::size_t n) {
     positions.resize(n);
     areas.resize(n);
-    sources.resize(n);
 }
 
 std::vector<float> point_areas(const PointTree& tree, const RunContext& context) {
@@ -107,7 +115,7 @@ std::vector<float> point_areas(const PointTree& tree, const RunContext& context)
 }
 
 ErrorSamples take_points(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
-                             const RunContext& context) {
+                         const RunContext& context) {
     const std::vector<float> areas = point_areas(tree, context);
     const std::size_t n = tree.size(), m = std::min<std::uint64_t>(count, n);
     ErrorSamples samples;
@@ -120,7 +128,6 @@ ErrorSamples take_points(const PointTree& tree, std::uint64_t count, std::uint64
                                          step * (static_cast<double>(i) + random_unit(seed, i))));
         samples.positions[i] = position(tree, at);
         samples.areas[i] = areas[at];
-        samples.sources[i] = index(tree, at);
     }
     if (std::ranges::none_of(samples.areas, [](float a) { return a > 0; }))
         std::ranges::fill(samples.areas, 1.0F);
@@ -128,7 +135,7 @@ ErrorSamples take_points(const PointTree& tree, std::uint64_t count, std::uint64
 }
 
 ErrorSamples take_surface(const PointTree& tree, const FootFinder& surface, std::uint64_t count,
-                              std::uint64_t seed, const RunContext& context) {
+                          std::uint64_t seed, const RunContext& context) {
     const std::vector<float> areas = point_areas(tree, context);
     const std::vector<std::size_t> drawn = draw_by_area(areas, count, seed);
     std::vector<std::size_t> used = drawn;
@@ -145,24 +152,35 @@ ErrorSamples take_surface(const PointTree& tree, const FootFinder& surface, std:
     for (std::uint64_t i = 0; i < count; ++i) {
         if (used[base] != drawn[i]) ++base;
         const Vec3f n = normals[base], u = n.unitOrthogonal(), v = n.cross(u);
-        constexpr double kReach = 0.6;  // of the distance to the third neighbour
+        constexpr double kReach =
+            0.6;  // of the distance to the third neighbour; more leads beyond borders
         const double r = kReach * std::sqrt(areas[drawn[i]] * random_unit(~seed, 2 * i));
         const double angle = 2.0 * std::numbers::pi * random_unit(~seed, 2 * i + 1);
         samples.positions[i] = bases[base] + static_cast<float>(r * std::cos(angle)) * u +
                                static_cast<float>(r * std::sin(angle)) * v;
         samples.areas[i] = 1.0F;
-        samples.sources[i] = index(tree, drawn[i]);
     }
-    std::vector<Vec3f> feet(count);
-    surface.find(
-        samples.positions,
-        [&](std::size_t i, const Foot& foot) {
-            // Where the surface is not to be found there is at least the point.
-            const Vec3f source = position(tree, drawn[i]);
-            feet[i] = foot.converged && !foot.beyond ? Vec3f(foot.point.cast<float>()) : source;
-        },
-        context);
-    samples.positions = std::move(feet);
+    const std::vector<Vec3f> feet = feet_on(surface, samples.positions, context);
+    for (std::uint64_t i = 0; i < count; ++i) {
+        // Where the surface is not to be found there is at least the point.
+        samples.positions[i] = feet[i].allFinite() ? feet[i] : position(tree, drawn[i]);
+    }
+    return samples;
+}
+
+ErrorSamples take_particles(std::span<const Vec3f> points, const FootFinder& surface,
+                            std::uint64_t count, std::uint64_t seed, const RunContext& context) {
+    PointCloud cloud;
+    cloud.positions.assign(points.begin(), points.end());
+    const ParticleSimulationOptions options = {.target_size = count, .seed = seed};
+    const std::vector<Vec3f> particles = particle_simulation(cloud, options, context).positions;
+    // They lie on a smoother surface than the one that is measured.
+    const std::vector<Vec3f> feet = feet_on(surface, particles, context);
+    ErrorSamples samples;
+    samples.resize(count);
+    for (std::uint64_t i = 0; i < count; ++i)
+        samples.positions[i] = feet[i].allFinite() ? feet[i] : particles[i];
+    std::ranges::fill(samples.areas, 1.0F);
     return samples;
 }
 

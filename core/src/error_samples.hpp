@@ -6,6 +6,7 @@
 #include "stipple/run_context.hpp"
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
 namespace stipple {
@@ -14,8 +15,7 @@ namespace stipple {
 /// neighbours follow each other.
 struct ErrorSamples {
     std::vector<Vec3f> positions;
-    std::vector<float> areas;    ///< of the part, in any unit; none negative, not all zero
-    std::vector<Index> sources;  ///< the point that each is, or was moved from; none for particles
+    std::vector<float> areas;  ///< of the part, in any unit; none negative, not all zero
 
     std::size_t size() const noexcept { return positions.size(); }
     void resize(std::size_t n);
@@ -28,11 +28,15 @@ std::vector<float> point_areas(const PointTree& tree, const RunContext& context)
 
 /// `count` of the points, evenly drawn, each with its area; all of them when there are no more.
 ErrorSamples take_points(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
-                             const RunContext& context);
+                         const RunContext& context);
 
 /// `count` random places of the surface, evenly over its area: points drawn by their area, moved in
 /// their tangent planes by up to about half a spacing, and projected.
 ErrorSamples take_surface(const PointTree& tree, const FootFinder& surface, std::uint64_t count,
-                              std::uint64_t seed, const RunContext& context);
+                          std::uint64_t seed, const RunContext& context);
+
+/// `count` particles at rest on the surface of the points (§3.3), each for the same area.
+ErrorSamples take_particles(std::span<const Vec3f> points, const FootFinder& surface,
+                            std::uint64_t count, std::uint64_t seed, const RunContext& context);
 
 }  // namespace stipple

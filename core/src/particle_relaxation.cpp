@@ -17,9 +17,9 @@ constexpr float kForce = 0.35F;       // k of Eq. 7: a step over the sum of over
 constexpr float kMomentum = 0.6F;     // part of a step that the next one keeps
 constexpr float kLongestStep = 0.5F;  // over the spacing
 constexpr float kResting = 1e-4F;     // shorter steps, over the spacing, are not taken
-constexpr double kStrangers =
-    0.02;  // part of the particles that need new neighbours before all get them
-constexpr std::size_t kRing = 6;  // neighbours of a particle on a surface
+constexpr double kStrangers = 0.02;   // part of the particles that may lack new neighbours,
+constexpr unsigned kOldest = 6;       // and for so many steps
+constexpr std::size_t kRing = 6;      // neighbours of a particle on a surface
 
 }  // namespace
 
@@ -40,8 +40,10 @@ ParticleRelaxation::ParticleRelaxation(const ParticleSurface& surface, std::vect
 }
 
 ParticleRelaxation::Progress ParticleRelaxation::step(float radius, bool find_spacing) {
-    if (found_at_.empty() ||
-        static_cast<double>(strangers_) > kStrangers * static_cast<double>(positions_.size())) {
+    const bool many =
+        static_cast<double>(strangers_) > kStrangers * static_cast<double>(positions_.size());
+    if (found_at_.empty() || many || (strangers_ > 0 && age_ >= kOldest)) {
+        age_ = 0;
         find_neighbors();
         if (find_spacing) {
             double sum = 0;
@@ -50,6 +52,7 @@ ParticleRelaxation::Progress ParticleRelaxation::step(float radius, bool find_sp
             factor_ *= static_cast<float>(sum / static_cast<double>(positions_.size()));
         }
     }
+    ++age_;
     parallel_for_blocks(positions_.size(), kBlock, context_,
                         [&](std::size_t begin, std::size_t end) {
                             progress_[begin / kBlock] = move(begin, end, radius);
@@ -64,6 +67,7 @@ ParticleRelaxation::Progress ParticleRelaxation::step(float radius, bool find_sp
             std::max(result.largest_overlap, static_cast<double>(block.overlap));
         strangers_ += block.strangers;
     }
+    result.knows_all = strangers_ == 0;
     return result;
 }
 
@@ -125,12 +129,18 @@ ParticleRelaxation::BlockProgress ParticleRelaxation::move(std::size_t begin, st
     for (std::size_t i = begin; i < end; ++i) {
         const Vec3f p = positions_[i];
         const float own = spacing(i);
+        const Vec3f normal = surface_.normal(feet_[i].sample);
         Vec3f force = Vec3f::Zero();  // Eq. 8
         for (const Index j : near.of(i - begin)) {
             const float r = radius * 0.5F * (own + spacing(j));
             const Vec3f f = repulsion(p, positions_[j], r);
-            progress.overlap = std::max(progress.overlap, f.squaredNorm() / (r * r));
-            force += f;
+            const float length_sq = f.squaredNorm();
+            if (length_sq == 0) continue;
+            progress.overlap = std::max(progress.overlap, length_sq / (r * r));
+            const Vec3f along = f - normal * normal.dot(f);
+            const float along_sq = along.squaredNorm();
+            force +=
+                along_sq > 1e-6F * length_sq ? Vec3f(along * std::sqrt(length_sq / along_sq)) : f;
         }
         Vec3f step = kMomentum * steps_[i] + kForce * force;
         const float length = step.norm();

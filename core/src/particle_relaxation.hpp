@@ -31,6 +31,7 @@ public:
     /// How far an iteration moved the particles and how close they are.
     struct Progress {
         double mean_step = 0;        ///< over the spacing
+        bool knows_all = true;       ///< whether no particle may have neighbours not known yet
         double largest_overlap = 0;  ///< of (r - |p - p_i|) / r
     };
 
@@ -80,6 +81,7 @@ private:
     std::vector<Vec3f> found_at_;              ///< the positions when they were found
     std::vector<BlockProgress> progress_;
     std::size_t strangers_ = 0;
+    unsigned age_ = 0;  ///< steps since the neighbours were found
     bool settled_ = false;
 };
 

@@ -15,8 +15,10 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <sstream>
+#include <utility>
 
 namespace stipple {
 
@@ -34,6 +36,8 @@ constexpr float kPartRadius = 0.88F;
 constexpr float kSettledRadius = 0.83F;
 constexpr double kLargestOverlap = 0.05;  // over the radius
 constexpr double kNearly = 0.2;           // of the tolerance, where pairs are pressed by others
+constexpr double kSlowing = 0.97;         // of the step before, while they come to rest
+constexpr double kSlow = 4;               // of the tolerance; longer steps never count as rest
 
 template <typename... Parts>
 [[noreturn]] void refuse(const Parts&... parts) {
@@ -102,27 +106,40 @@ void scale_spacing(std::vector<float>& spacing, const std::vector<float>& areas,
     for (float& value : spacing) value *= factor;
 }
 
-/// Repulsion (§3.3) until the particles are at rest, then until no two of them are too close, which
-/// may have to be done again where the projection onto the surface moved some.
+/// Repulsion (§3.3) until the particles are at rest, or come no nearer to it; then until no two of
+/// them are too close, which may have to be done again where the projection onto the surface moved
+/// some.
 void relax(ParticleRelaxation& particles, const ParticleSimulationOptions& options,
            const RunContext& context) {
-    const auto run = [&](float radius, bool find_spacing, auto&& is_done, const RunContext& part) {
-        for (unsigned i = 0; i < options.max_iterations; ++i) {
-            if (is_done(particles.step(radius, find_spacing))) break;
-            part.checkpoint(static_cast<double>(i + 1) / options.max_iterations);
+    using Progress = ParticleRelaxation::Progress;
+    const auto run = [&](unsigned most, auto&& step, auto&& is_done, const RunContext& part) {
+        for (unsigned i = 0; i < most; ++i) {
+            if (is_done(step())) break;
+            part.checkpoint(static_cast<double>(i + 1) / most);
         }
         part.checkpoint(1.0);
     };
-    using Progress = ParticleRelaxation::Progress;
-    const auto at_rest = [&](const Progress& p) { return p.mean_step < options.tolerance; };
-    const auto apart = [&](const Progress& p) { return p.largest_overlap < kLargestOverlap; };
+    double last_step = std::numeric_limits<double>::infinity();
+    const auto at_rest = [&](const Progress& p) {
+        const bool slows_down = p.mean_step < kSlowing * std::exchange(last_step, p.mean_step);
+        return p.mean_step < options.tolerance ||
+               (p.mean_step < kSlow * options.tolerance && !slows_down);
+    };
+    const auto apart = [&](const Progress& p) {
+        return p.knows_all && p.largest_overlap < kLargestOverlap;
+    };
     const auto nearly_apart = [&](const Progress& p) {
         return apart(p) || p.mean_step < kNearly * options.tolerance;
     };
-    run(kSpreadRadius, true, at_rest, context.part(0.0, 0.6));
-    run(kPartRadius, false, nearly_apart, context.part(0.6, 0.8));
+    run(
+        options.max_iterations, [&] { return particles.step(kSpreadRadius, true); }, at_rest,
+        context.part(0.0, 0.6));
+    run(
+        options.max_iterations, [&] { return particles.step(kPartRadius, false); }, nearly_apart,
+        context.part(0.6, 0.8));
     particles.settle();
-    run(kSettledRadius, false, apart, context.part(0.8, 1.0));
+    run((options.max_iterations + 1) / 2, [&] { return particles.step(kSettledRadius, false); },
+        apart, context.part(0.8, 1.0));
 }
 
 /// The cloud's points at and around each particle, whose attributes it gets.

@@ -23,6 +23,8 @@ public:
                     const ParticleFrame& frame, const RunContext& context)
         : samples_(samples), mls_(mls), frame_(frame), search_(samples.positions, context) {}
 
+    const Vec3f& normal(Index sample) const noexcept { return samples_.normals[sample]; }
+
     /// The sample nearest to p.
     Index nearest(const Vec3f& p) const noexcept;
 

@@ -2,11 +2,11 @@
 
 #include "attribute_error.hpp"
 #include "distance_statistics.hpp"
+#include "error_samples.hpp"
 #include "foot_finder.hpp"
 #include "parallel_for.hpp"
 #include "point_tree.hpp"
 #include "stipple/error.hpp"
-#include "error_samples.hpp"
 #include "tree_search.hpp"
 
 #include <algorithm>
@@ -95,11 +95,13 @@ struct Surface {
 };
 
 ErrorSamples take_samples(const Surface& surface, const SurfaceErrorOptions& options,
-                            const RunContext& context) {
+                          const RunContext& context) {
     const std::uint64_t n = surface.points.size();
     const std::uint64_t count = options.samples > 0 ? options.samples : std::max(n, kLeastSamples);
     if (options.sampling == ErrorSampling::Points && count <= n)
         return take_points(surface.tree, count, options.seed, context);
+    if (options.sampling == ErrorSampling::Particles)
+        return take_particles(surface.points, surface.finder, count, options.seed, context);
     return take_surface(surface.tree, surface.finder, count, options.seed, context);
 }
 
@@ -121,8 +123,8 @@ void find_nearest_points(const Surface& surface, std::span<const Vec3f> queries,
 
 DirectedError measure_direction(const Surface& from, const Surface& to, const Frame& frame,
                                 const SurfaceErrorOptions& options, const RunContext& context) {
-    const ErrorSamples samples = take_samples(from, options, context);
-    context.checkpoint(0.3);
+    const ErrorSamples samples = take_samples(from, options, context.part(0.0, 0.5));
+    context.checkpoint(0.5);
     std::vector<float> distances(samples.size());
     std::vector<Vec3f> feet(options.attributes ? samples.size() : 0);
     std::atomic<std::uint64_t> failed = 0;

@@ -41,7 +41,9 @@ void analyze(SurfaceSamples& s, std::size_t i, float radius) {
     s.variation[i] =
         scatter.trace() > 0 ? static_cast<float>(std::max(0.0, lambda[0]) / scatter.trace()) : 0.0F;
     s.radii[i] = radius;
-    const Vec3f mean = sum / static_cast<float>(std::max<std::size_t>(1, near.size()));
+    // Along the plane: across an edge of a closed surface it goes on.
+    Vec3f mean = sum / static_cast<float>(std::max<std::size_t>(1, near.size()));
+    mean -= s.normals[i] * s.normals[i].dot(mean);
     const float offset = mean.norm();
     s.outward[i] = offset > 0 ? Vec3f(-mean / offset) : Vec3f::Zero();
     const float sided = radius > 0 ? offset / radius : 0.0F;

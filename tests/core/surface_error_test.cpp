@@ -99,6 +99,19 @@ TEST(SurfaceError, OfACoarseSphereIsTheBiasOfTheLinearBasis) {
     EXPECT_LT(quadratic.backward.mean, 0.05 * bias);
 }
 
+TEST(SurfaceError, IsTheSameFromParticlesAndFromRandomPlaces) {
+    const PointCloud fine = sphere(20'000), coarse = scaled(sphere(1000), 1.01F);
+    SurfaceErrorOptions options = {
+        .sampling = ErrorSampling::Surface, .samples = 10'000, .keep_samples = true};
+    const SurfaceError random = measure_error(fine, coarse, options);
+    options.sampling = ErrorSampling::Particles;
+    const SurfaceError particles = measure_error(fine, coarse, options);
+    EXPECT_EQ(particles.forward.samples, 10'000U);
+    EXPECT_EQ(particles.forward.positions.size(), 10'000U);
+    EXPECT_NEAR(particles.forward.mean, random.forward.mean, 0.03 * random.forward.mean);
+    EXPECT_NEAR(particles.backward.mean, random.backward.mean, 0.05 * random.backward.mean);
+}
+
 TEST(SurfaceError, OfToriOfDifferentTubesIsTheDifference) {
     const PointCloud a = torus(60'000, 0.4, 1), b = torus(60'000, 0.42, 2);
     const SurfaceError error = measure_error(a, b, {.samples = 20'000});

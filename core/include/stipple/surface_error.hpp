@@ -14,7 +14,8 @@ namespace stipple {
 enum class ErrorSampling : std::uint8_t {
     Points,     ///< at the points themselves, each for the area around it; where there are fewer
                 ///< points than samples asked for, as `Surface`
-    Surface,    ///< at random places of the surface, evenly over its area
+    Surface,    ///< at random places of the surface: evenly over its area, but hardly in gaps
+                ///< between points that are wider than usual there
     Particles,  ///< at particles that repel each other on the surface (§3.3), as the paper has it
 };
 
