@@ -72,17 +72,18 @@ public:
 
     /// The surface that the points describe; without normals both of its sides are shown.
     Image surface(const PointCloud& cloud, std::span<const Rgba8> colors = {}) const {
-        return picture(cloud, colors, {.style = SplatStyle::Smooth});
+        return picture(cloud, colors, {.style = SplatStyle::Smooth, .radius_scale = 1.5});
     }
     /// Values of a surface in colour, with little shade in them.
     Image values(const PointCloud& cloud, std::span<const float> values, double high) const {
         std::vector<Rgba8> colors;
         for (const float v : values) colors.push_back(viridis(v / high));
-        return picture(cloud, colors, {.style = SplatStyle::Smooth, .relief = 0.5});
+        return picture(cloud, colors,
+                       {.style = SplatStyle::Smooth, .radius_scale = 1.5, .relief = 0.5});
     }
-    /// The points themselves, each a disc as wide as it is far from the next. Needs normals.
+    /// The points themselves, each a disc that meets the next. Needs normals.
     Image discs(const PointCloud& cloud, std::span<const Rgba8> colors = {}) const {
-        return picture(cloud, colors, {.style = SplatStyle::Discs, .radius_scale = 0.62});
+        return picture(cloud, colors, {.style = SplatStyle::Discs, .radius_scale = 1.05});
     }
 
 private:
