@@ -17,7 +17,7 @@ constexpr float kForce = 0.35F;       // k of Eq. 7: a step over the sum of over
 constexpr float kMomentum = 0.6F;     // part of a step that the next one keeps
 constexpr float kLongestStep = 0.5F;  // over the spacing
 constexpr float kResting = 1e-4F;     // shorter steps, over the spacing, are not taken
-constexpr double kStrangers = 0.02;   // part of the particles that may lack new neighbours,
+constexpr double kStrangers = 0.1;    // part of the particles that may lack new neighbours,
 constexpr unsigned kOldest = 6;       // and for so many steps
 constexpr std::size_t kRing = 6;      // neighbours of a particle on a surface
 

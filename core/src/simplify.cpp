@@ -120,8 +120,8 @@ std::string expected_targets(Method method) {
 void check_own_options(const SimplifyOptions& options) {
     switch (options.method) {
         case Method::Multiphase:
-            require(options.oversampling >= 1 && options.oversampling <= 64, "oversampling",
-                    options.oversampling, "1 to 64");
+            require(options.oversampling >= 1 && options.oversampling <= 1000, "oversampling",
+                    options.oversampling, "1 to 1000");
             return check(options.iterative);
         case Method::Hierarchical:
             return check_bounds(options.hierarchical);

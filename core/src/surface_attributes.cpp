@@ -23,41 +23,65 @@ void add_vectors(PointCloud& cloud, const char* name, const std::vector<Vec3f>& 
     set_attribute(cloud, {name, std::move(values), 3, Reduction::Nearest});
 }
 
+/// Writes the weights into the cloud, and gives the points of the lines.
+PointCloud add_feature_lines(PointCloud& cloud, const FeatureLineOptions& options,
+                             const RunContext& context) {
+    FeatureLines features = find_feature_lines(cloud.positions, options, context);
+    add_scalars(cloud, "feature_weight", std::move(features.weights));
+    PointCloud lines = subset(cloud, features.points);
+    std::vector<std::uint32_t> numbers;
+    for (std::size_t l = 0; l < features.size(); ++l) {
+        numbers.insert(numbers.end(), features.line(l).size(), static_cast<std::uint32_t>(l));
+    }
+    set_attribute(lines, {"line", std::move(numbers), 1, Reduction::Nearest});
+    return lines;
+}
+
 }  // namespace
 
 void validate(const SurfaceAttributeOptions& options) {
-    const auto refuse = [](const std::string& message) {
-        throw Error(ErrorCode::InvalidArgument, message);
+    const auto require = [](bool fits, const std::string& message) {
+        if (!fits) throw Error(ErrorCode::InvalidArgument, message);
     };
-    if (options.k != 0 && (options.k < 3 || options.k > 64)) {
-        refuse("k " + std::to_string(options.k) + ": expected 3..64, or 0 to choose");
-    }
-    if ((options.signs == NormalSigns::Viewpoint) != options.viewpoint.has_value()) {
-        refuse("viewpoint: expected where normals turn towards one, and only there");
-    }
-    if (options.viewpoint && !options.viewpoint->array().isFinite().all()) {
-        refuse("viewpoint: expected finite coordinates");
-    }
+    require(options.k == 0 || (options.k >= 3 && options.k <= 64),
+            "k " + std::to_string(options.k) + ": expected 3..64, or 0 to choose");
+    require((options.signs == NormalSigns::Viewpoint) == options.viewpoint.has_value(),
+            "viewpoint: expected where normals turn towards one, and only there");
+    require(!options.viewpoint || options.viewpoint->array().isFinite().all(),
+            "viewpoint: expected finite coordinates");
+    if (!options.feature_lines) return;
+    const FeatureLineOptions& lines = *options.feature_lines;
+    require(lines.variation > 0 && lines.variation < 1.0 / 3.0,
+            "feature_lines.variation: expected above 0, below 1/3");
+    require(lines.low > 0 && lines.low <= lines.high && lines.high <= 1,
+            "feature_lines: expected 0 < low <= high <= 1");
+    require(lines.min_links >= 2 && lines.min_links <= 1000,
+            "feature_lines.min_links: expected 2..1000");
 }
 
-void add_surface_attributes(PointCloud& cloud, const SurfaceAttributeOptions& options,
-                            const RunContext& context) {
+PointCloud add_surface_attributes(PointCloud& cloud, const SurfaceAttributeOptions& options,
+                                  const RunContext& context) {
     validate(options);
     if (cloud.empty()) {
         throw Error(ErrorCode::InvalidArgument, "the cloud has no points: expected at least 1");
     }
     LocalAnalysis analysis =
         analyze_locally(cloud.positions, {.k = options.k, .density = true, .anisotropy = true},
-                        context.part(0, 0.6));
+                        context.part(0, 0.3));
     if (options.signs != NormalSigns::Any) {
         orient_normals(cloud.positions, analysis.normals, {.viewpoint = options.viewpoint},
-                       context.part(0.6, 1));
+                       context.part(0.3, 0.6));
     }
     cloud.normals = std::move(analysis.normals);
     add_scalars(cloud, "variation", std::move(analysis.variation));
     add_scalars(cloud, "density", std::move(analysis.density));
     add_scalars(cloud, "anisotropy", std::move(analysis.anisotropy));
+    PointCloud lines;
+    if (options.feature_lines) {
+        lines = add_feature_lines(cloud, *options.feature_lines, context.part(0.6, 1));
+    }
     context.checkpoint(1);
+    return lines;
 }
 
 void add_splats(PointCloud& cloud, SplatAttributes attributes, const RunContext& context) {

@@ -381,12 +381,33 @@ void add_options(Json& json, const UpsampleJob& job) {
     add_output(json, job.output);
 }
 
+FeatureLineOptions read_feature_lines(const JsonValue& value) {
+    JsonObject object = value.object();
+    FeatureLineOptions options;
+    take(object, "variation", options.variation);
+    take(object, "high", options.high);
+    take(object, "low", options.low);
+    take(object, "min_links", options.min_links);
+    object.finish();
+    return options;
+}
+
+Json feature_lines_json(const FeatureLineOptions& options) {
+    return {{"variation", options.variation},
+            {"high", options.high},
+            {"low", options.low},
+            {"min_links", options.min_links}};
+}
+
 AnalyzeJob read_analyze(JsonObject& object) {
     AnalyzeJob job;
     take(object, "k", job.options.k);
     take(object, "orient", kSigns, job.options.signs);
     if (const auto viewpoint = object.find("viewpoint")) {
         job.options.viewpoint = read_vector(*viewpoint);
+    }
+    if (const auto lines = object.find("feature_lines")) {
+        job.options.feature_lines = read_feature_lines(*lines);
     }
     job.output = read_output(object);
     return job;
@@ -397,6 +418,9 @@ void add_options(Json& json, const AnalyzeJob& job) {
     json["k"] = job.options.k;
     json["orient"] = name_of(kSigns, job.options.signs);
     if (job.options.viewpoint) json["viewpoint"] = vector_json(*job.options.viewpoint);
+    if (job.options.feature_lines) {
+        json["feature_lines"] = feature_lines_json(*job.options.feature_lines);
+    }
     add_output(json, job.output);
 }
 

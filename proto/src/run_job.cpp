@@ -211,51 +211,53 @@ private:
     void make(PointCloud&& cloud, const SimplifyJob& job) {
         SimplifyOptions options = job.options;
         to_frame_of(cloud, options.particles);
-        finish(kSimplify, job,
-               [&](const RunContext& context) { return simplify(cloud, options, context); });
+        make_points(kSimplify, job,
+                    [&](const RunContext& context) { return simplify(cloud, options, context); });
     }
 
     void make(PointCloud&& cloud, const UpsampleJob& job) {
         UpsampleOptions options = job.options;
         to_frame_of(cloud, options.particles);
-        finish(kUpsample, job,
-               [&](const RunContext& context) { return upsample(cloud, options, context); });
+        make_points(kUpsample, job,
+                    [&](const RunContext& context) { return upsample(cloud, options, context); });
     }
 
-    /// What follows a computation of points, and the computation itself.
     template <typename Job, typename Compute>
-    void finish(Stage stage, const Job& job, Compute&& compute) {
+    void make_points(Stage stage, const Job& job, Compute&& compute) {
         constexpr double kComputed = 0.95;  // of the stage; the splats are the rest
-        LodLevel result;
         const RunContext context = in_stage(stage);
+        PointCloud result;
         {
             const Stopwatch watch(cost_.simplify_seconds);
-            result.cloud = compute(context.part(0, kComputed));
+            result = compute(context.part(0, kComputed));
         }
         {
             const Stopwatch watch(cost_.splats_seconds);
-            add_splats(result.cloud, job.added.splats, context.part(kComputed, 1));
+            add_splats(result, job.added.splats, context.part(kComputed, 1));
         }
         meter_.advance(stage, 1);
-        encode_only(std::move(result), job.output);
+        points_to_encode_ = result.size();
+        encode(level(0, std::move(result)), job.output);
     }
 
     void make(PointCloud&& cloud, const AnalyzeJob& job) {
         SurfaceAttributeOptions options = job.options;
         if (options.viewpoint) *options.viewpoint -= cloud.origin;
+        PointCloud lines;
         {
             const Stopwatch watch(cost_.simplify_seconds);
-            add_surface_attributes(cloud, options, in_stage(kAnalyze));
+            lines = add_surface_attributes(cloud, options, in_stage(kAnalyze));
         }
         meter_.advance(kAnalyze, 1);
-        encode_only({.cloud = std::move(cloud)}, job.output);
+        points_to_encode_ = cloud.size() + lines.size();
+        encode(level(0, std::move(cloud)), job.output);
+        if (!lines.empty()) encode(level(1, std::move(lines)), job.output);
     }
 
-    void encode_only(LodLevel&& result, const OutputOptions& output) {
-        result.spacing =
-            mean_spacing(result.cloud.positions, {context_.stop, {}, context_.threads});
-        points_to_encode_ = result.cloud.size();
-        encode(result, output);
+    LodLevel level(unsigned number, PointCloud&& cloud) const {
+        const RunContext quietly{context_.stop, {}, context_.threads};
+        const double spacing = mean_spacing(cloud.positions, quietly);
+        return {number, std::move(cloud), spacing};
     }
 
     void make(PointCloud&& cloud, const PyramidJob& job) {
@@ -265,7 +267,7 @@ private:
         const double encoded_before = cost_.encode_seconds;
         const auto start = Clock::now();
         build_lod_pyramid(
-            cloud, job.options, [&](LodLevel&& level) { encode(level, job.output); },
+            cloud, job.options, [&](LodLevel&& made) { encode(made, job.output); },
             in_stage(kSimplify));
         meter_.advance(kSimplify, 1);
         // Levels are encoded as they come: what that took is not the computation's.
@@ -273,34 +275,34 @@ private:
         meter_.advance(kEncode, 1);
     }
 
-    void encode(const LodLevel& level, const OutputOptions& options) {
+    void encode(const LodLevel& made, const OutputOptions& options) {
         const Stopwatch watch(cost_.encode_seconds);
-        const double points = static_cast<double>(level.cloud.size());
+        const double points = static_cast<double>(made.cloud.size());
         const double all = static_cast<double>(points_to_encode_);
         const double files = static_cast<double>(options.formats.size());
         const double before = static_cast<double>(points_encoded_) / all;
 
         JobReport line;
-        line.level = {level.level, level.cloud.size(), level.spacing, bounds(level.cloud), {}};
+        line.level = {made.level, made.cloud.size(), made.spacing, bounds(made.cloud), {}};
         for (const CloudFormat format : options.formats) {
             const double from =
                 before + points / all * static_cast<double>(line.level->files.size()) / files;
             RunContext context = in_stage(kEncode);
-            line.level->files.push_back(write(level, format, options.draco,
+            line.level->files.push_back(write(made, format, options.draco,
                                               context.part(from, from + points / all / files)));
         }
-        points_encoded_ += level.cloud.size();
+        points_encoded_ += made.cloud.size();
         meter_.advance(kEncode, static_cast<double>(points_encoded_) / all);
         report_(line);
     }
 
-    OutputFile write(const LodLevel& level, CloudFormat format, const DracoEncodeOptions& draco,
+    OutputFile write(const LodLevel& made, CloudFormat format, const DracoEncodeOptions& draco,
                      const RunContext& context) {
         const std::vector<std::byte> bytes = format == CloudFormat::Draco
-                                                 ? encode_draco(level.cloud, draco, context)
-                                                 : encode_ply(level.cloud, {}, context);
+                                                 ? encode_draco(made.cloud, draco, context)
+                                                 : encode_ply(made.cloud, {}, context);
         const std::string name =
-            "level-" + std::to_string(level.level) + "." + std::string(to_string(format));
+            "level-" + std::to_string(made.level) + "." + std::string(to_string(format));
         write_whole_file(fs::path(spec_.output_dir) / name, bytes, spec_);
         return {format, bytes.size(), sha256_hex(bytes), name};
     }

@@ -159,6 +159,12 @@ TEST(CommandLine, AnalyzeTakesNeighboursAndTheSignsOfNormals) {
         parsed<AnalyzeCommand>({"analyze", "i.ply", "o.ply", "--k", "0", "--viewpoint", "-1,2,3"});
     EXPECT_EQ(viewed.job.options.k, 0U);
     EXPECT_EQ(viewed.job.options.viewpoint, Vec3d(-1, 2, 3));
+    EXPECT_FALSE(plain.job.options.feature_lines);
+    const auto lines = parsed<AnalyzeCommand>(
+        {"analyze", "i.ply", "o.ply", "--feature-lines", "l.ply", "--feature-variation", "0.1"});
+    EXPECT_EQ(lines.feature_lines, "l.ply");
+    EXPECT_EQ(lines.job.options.feature_lines->variation, 0.1);
+    EXPECT_NE(refusal({"analyze", "i.ply", "o.ply", "--feature-variation", "0.1"}), "accepted");
     EXPECT_NE(refusal({"analyze", "i.ply", "o.ply", "--k", "2"}).find("k 2"), std::string::npos);
     EXPECT_NE(refusal({"analyze", "i.ply", "o.ply", "--viewpoint", "1,2"}).find("X,Y,Z"),
               std::string::npos);

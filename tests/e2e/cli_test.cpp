@@ -117,12 +117,16 @@ TEST_F(StippleCli, UpsampleGivesExactlyTheMorePointsAskedFor) {
 
 TEST_F(StippleCli, AnalyzeAddsThePropertiesOfTheSurface) {
     synthesize("in.ply", 2000);
-    const Outcome outcome = stipple("analyze in.ply out.ply --k 12 --json -");
+    const Outcome outcome =
+        stipple("analyze in.ply out.ply --k 12 --feature-lines lines.ply --json -");
     ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-    EXPECT_EQ(json::parse(outcome.out)["output"]["points"], 2000);
+    const json figures = json::parse(outcome.out);
+    EXPECT_EQ(figures["output"]["points"], 2000);
+    EXPECT_EQ(figures["feature_lines"]["points"], read_cloud(folder_ / "lines.ply").size());
     const PointCloud cloud = read_cloud(folder_ / "out.ply");
     EXPECT_EQ(cloud.normals.size(), 2000U);
-    for (const char* attribute : {"intensity", "variation", "density", "anisotropy"})
+    for (const char* attribute :
+         {"intensity", "variation", "density", "anisotropy", "feature_weight"})
         EXPECT_NE(find_attribute(cloud, attribute), nullptr) << attribute;
 }
 

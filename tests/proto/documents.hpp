@@ -52,6 +52,7 @@ inline proto::JobRequest analyze_request() {
     proto::AnalyzeJob job;
     job.options.signs = NormalSigns::Viewpoint;
     job.options.viewpoint = Vec3d(0, 0, 10);
+    job.options.feature_lines = FeatureLineOptions{};
     return {kInput, job};
 }
 

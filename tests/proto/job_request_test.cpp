@@ -130,12 +130,19 @@ TEST(JobRequest, TakesEveryFieldOfAnUpsampleJob) {
 
 TEST(JobRequest, TakesEveryFieldOfAnAnalyzeJob) {
     const JobRequest request = job_request_from_json(request_with(
-        "analyze", R"("k": 24, "orient": "viewpoint", "viewpoint": [1, 2, 3], "format": "drc")"));
+        "analyze", R"("k": 24, "orient": "viewpoint", "viewpoint": [1, 2, 3], "format": "drc",
+                      "feature_lines": {"variation": 0.1, "high": 0.9, "low": 0.5,
+                                        "min_links": 7})"));
     EXPECT_EQ(type_name(request), "analyze");
     const auto& job = std::get<AnalyzeJob>(request.job);
     EXPECT_EQ(job.options.k, 24U);
     EXPECT_EQ(job.options.signs, NormalSigns::Viewpoint);
     EXPECT_EQ(job.options.viewpoint, Vec3d(1, 2, 3));
+    ASSERT_TRUE(job.options.feature_lines);
+    EXPECT_EQ(job.options.feature_lines->variation, 0.1);
+    EXPECT_EQ(job.options.feature_lines->high, 0.9);
+    EXPECT_EQ(job.options.feature_lines->low, 0.5);
+    EXPECT_EQ(job.options.feature_lines->min_links, 7U);
 }
 
 TEST(JobRequest, TakesEveryFieldOfAPyramidJob) {
@@ -198,7 +205,7 @@ TEST(JobRequest, ThatIsRefusedNamesFieldAndValueAndWhatIsExpected) {
          "type: \"magic\": expected simplify, pyramid, upsample or analyze"},
         {simplify_with(R"("points": 5, "k": 40)"), "k 40: expected 3..32"},
         {simplify_with(R"("points": 5, "oversampling": 0.5)"),
-         "oversampling 0.5: expected 1 to 64"},
+         "oversampling 0.5: expected 1 to 1000"},
         {simplify_with(R"("points": 5, "placement": "middle")"),
          "placement: \"middle\": expected one of optimal, end-point"},
         {simplify_with(R"("points": 5, "splats": "disc")"),
@@ -215,6 +222,10 @@ TEST(JobRequest, ThatIsRefusedNamesFieldAndValueAndWhatIsExpected) {
          "ratio 0.5: expected a finite number above 1"},
         {request_with("upsample", ""), "target: expected exactly one of points and ratio"},
         {request_with("analyze", R"("k": 2)"), "k 2: expected 3..64, or 0 to choose"},
+        {request_with("analyze", R"("feature_lines": {"low": 0.9})"),
+         "feature_lines: expected 0 < low <= high <= 1"},
+        {request_with("analyze", R"("feature_lines": true)"),
+         "feature_lines: true: expected an object"},
         {request_with("analyze", R"("viewpoint": [0, 0, 0])"),
          "viewpoint: expected where normals turn towards one, and only there"},
         {"[]", "JSON: a list of 0: expected an object"},

@@ -5,6 +5,7 @@
 
 #include <gtest/gtest.h>
 #include <algorithm>
+#include <cmath>
 #include <fstream>
 #include <map>
 #include <string>
@@ -318,6 +319,33 @@ TEST_F(RunJob, AnalyzeTurnsNormalsTowardsAViewpointInTheFile) {
     job.options.viewpoint = center - Vec3d(0, 0, 5);
     run(spec_for(cloud, job));
     for (const Vec3f& normal : read_cloud(output()).normals) EXPECT_LT(normal.z(), -0.9F);
+}
+
+TEST_F(RunJob, AnalyzeFindsTheLinesWhereTwoPlanesMeet) {
+    PointCloud roof;
+    for (int i = 0; i < 60; ++i) {
+        for (int j = 0; j < 60; ++j) {
+            const float x = static_cast<float>(i) / 59.0F;
+            roof.positions.emplace_back(x, static_cast<float>(j) / 59.0F, std::abs(x - 0.5F));
+        }
+    }
+    AnalyzeJob job;
+    job.output = kPly;
+    job.options.feature_lines = FeatureLineOptions{};
+    run(spec_for(roof, job));
+    EXPECT_NE(find_attribute(read_cloud(output()), "feature_weight"), nullptr);
+    ASSERT_EQ(levels().size(), 2U);
+    const PointCloud lines = read_cloud(folder_ / "out" / "level-1.ply");
+    EXPECT_EQ(levels()[1].points, lines.size());
+    EXPECT_GT(lines.size(), 20U);
+    const Attribute* line = find_attribute(lines, "line");
+    ASSERT_NE(line, nullptr);
+    EXPECT_EQ(std::get<std::vector<std::uint32_t>>(line->values).front(), 0U);
+    for (const Vec3f& p : lines.positions) EXPECT_NEAR(p.x(), 0.5F, 0.05F);
+
+    reports_.clear();
+    run(spec_for(test::plane(1000), job));  // without any
+    EXPECT_EQ(levels().size(), 1U);
 }
 
 TEST_F(RunJob, RefusesAFileOverALimitByItsHeader) {

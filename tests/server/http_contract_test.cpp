@@ -105,7 +105,8 @@ TEST(OpenApi, ListsExactlyTheFieldsOfEveryRequest) {
     EXPECT_EQ(documented_fields("SimplifyRequest"), simplify);
     EXPECT_EQ(documented_fields("UpsampleRequest"),
               fields_of("upsample", R"(,"points":9)", {"ratio"}));
-    EXPECT_EQ(documented_fields("AnalyzeRequest"), fields_of("analyze", "", {"viewpoint"}));
+    EXPECT_EQ(documented_fields("AnalyzeRequest"),
+              fields_of("analyze", "", {"viewpoint", "feature_lines"}));
     EXPECT_EQ(documented_fields("PyramidRequest"), fields_of("pyramid", "", {"levels"}));
 }
 

@@ -39,7 +39,8 @@ struct Values {
     std::optional<double> ratio, max_error, precision;
     std::uint64_t seed = 0;
     MethodValues of_methods;
-    std::string splats = "radius", orient = "mst", viewpoint;
+    std::string splats = "radius", orient = "mst", viewpoint, feature_lines;
+    FeatureLineOptions features;
     bool source_index = false;
     SurfaceAttributeOptions surface;
     std::vector<std::string> reductions, formats = {"drc", "ply"};
@@ -204,11 +205,23 @@ CLI::App& add_analyze(CLI::App& app, Values& values) {
         .add_option("--viewpoint", values.viewpoint, "turn the normals towards this point instead")
         ->type_name("X,Y,Z")
         ->excludes(orient);
+    auto* const lines =
+        command
+            .add_option("--feature-lines", values.feature_lines,
+                        "write the points of creases there, and their weight in OUT")
+            ->type_name("FILE");
+    command
+        .add_option("--feature-variation", values.features.variation,
+                    "surface variation of a crease, in (0, 1/3)")
+        ->type_name("S")
+        ->capture_default_str()
+        ->needs(lines);
     add_encoding(command, values);
     command.footer(
         "Examples:\n"
         "  stipple analyze scan.ply analyzed.ply\n"
-        "  stipple analyze scan.ply analyzed.ply --k 24 --viewpoint 0,0,10");
+        "  stipple analyze scan.ply analyzed.ply --k 24 --viewpoint 0,0,10\n"
+        "  stipple analyze scan.ply analyzed.ply --feature-lines creases.ply");
     return command;
 }
 
@@ -296,7 +309,7 @@ CloudFormat format_of(const fs::path& file) {
                    [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
     if (extension == ".ply") return CloudFormat::Ply;
     if (extension == ".drc") return CloudFormat::Draco;
-    throw UsageError("OUT " + file.string() + ": the name must end with .ply or .drc");
+    throw UsageError(file.string() + ": the name must end with .ply or .drc");
 }
 
 ServerOptions server(const Values& values) {
@@ -386,13 +399,17 @@ UpsampleCommand upsample_command(const Values& values) {
 }
 
 AnalyzeCommand analyze_command(const Values& values) {
-    auto command = file_command<proto::AnalyzeJob>(values);
+    AnalyzeCommand command{file_command<proto::AnalyzeJob>(values), values.feature_lines};
     SurfaceAttributeOptions& options = command.job.options;
     options = values.surface;
     options.signs = named(kSigns, values.orient, "--orient");
     if (!values.viewpoint.empty()) {
         options.signs = NormalSigns::Viewpoint;
         options.viewpoint = read_position(values.viewpoint, "--viewpoint");
+    }
+    if (!values.feature_lines.empty()) {
+        format_of(values.feature_lines);
+        options.feature_lines = values.features;
     }
     validate(options);
     return command;

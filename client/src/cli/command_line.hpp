@@ -36,7 +36,9 @@ struct FileCommand {
 };
 using SimplifyCommand = FileCommand<proto::SimplifyJob>;
 using UpsampleCommand = FileCommand<proto::UpsampleJob>;
-using AnalyzeCommand = FileCommand<proto::AnalyzeJob>;
+struct AnalyzeCommand : FileCommand<proto::AnalyzeJob> {
+    std::filesystem::path feature_lines;  ///< empty: none are sought
+};
 
 struct PyramidCommand {
     std::filesystem::path input, output_folder;

@@ -54,8 +54,13 @@ void summarise(const FileCommand<Job>& command, const proto::Results& results, d
     if (terminal.interactive() && !losses.empty()) std::cerr << style.dim(losses) << '\n';
 }
 
-template <typename Job>
-void run_file_job(const FileCommand<Job>& command, const Session& session) {
+/// Does nothing with what a job made beside its first cloud.
+void ignore(const proto::Results&, const fs::path&, ordered_json&) {}
+
+/// @param also  is called with the results, the folder of their files and the figures, before the
+/// output stands in its place.
+template <typename Job, typename Also>
+void run_file_job(const FileCommand<Job>& command, const Session& session, Also&& also) {
     const auto start = std::chrono::steady_clock::now();
     require_input(command.input);
     const ScratchFolder scratch(folder_of(command.output));
@@ -65,31 +70,46 @@ void run_file_job(const FileCommand<Job>& command, const Session& session) {
         return execute({{}, command.job}, command.input, scratch.path(), execution, display);
     });
 
-    proto::OutputFile& output = only_output(results);
+    proto::OutputFile& output = first_output(results);
     const fs::path file = scratch.path() / output.href;
     if (output.format == CloudFormat::Ply &&
         command.ply.encoding != PlyEncoding::BinaryLittleEndian)
         change_encoding(file, command.ply, output);
+    ordered_json json = figures(command, results);
+    also(results, scratch.path(), json);
     move_into_place(file, command.output);
     display.finish();
 
     const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
     if (!command.common.quiet) summarise(command, results, took.count(), session.terminal);
-    write_json(command.common.json, figures(command, results));
+    write_json(command.common.json, json);
+}
+
+/// The feature lines are the second cloud of an analysis, when there are any.
+void write_feature_lines(const AnalyzeCommand& command, const proto::Results& results,
+                         const fs::path& folder, ordered_json& json) {
+    PointCloud lines;
+    if (results.levels.size() > 1)
+        lines = read_cloud(folder / results.levels[1].files.front().href);
+    write_cloud(lines, command.feature_lines, command.ply, command.job.output.draco);
+    json["feature_lines"] = {{"points", lines.size()}, {"file", command.feature_lines.string()}};
 }
 
 }  // namespace
 
 void run(const SimplifyCommand& command, const Session& session) {
-    run_file_job(command, session);
+    run_file_job(command, session, ignore);
 }
 
 void run(const UpsampleCommand& command, const Session& session) {
-    run_file_job(command, session);
+    run_file_job(command, session, ignore);
 }
 
 void run(const AnalyzeCommand& command, const Session& session) {
-    run_file_job(command, session);
+    const bool lines = !command.feature_lines.empty();
+    run_file_job(command, session, [&](const auto& results, const fs::path& folder, auto& json) {
+        if (lines) write_feature_lines(command, results, folder, json);
+    });
 }
 
 }  // namespace stipple::cli

@@ -1,5 +1,6 @@
 #include "cli/files.hpp"
 
+#include <algorithm>
 #include <system_error>
 
 namespace stipple::cli {
@@ -22,9 +23,11 @@ void move_into_place(const fs::path& from, const fs::path& to) {
                     to.string() + ": cannot be written: " + error.message());
 }
 
-proto::OutputFile& only_output(proto::Results& results) {
-    if (results.levels.size() != 1 || results.levels.front().files.size() != 1 || !results.source)
-        throw Error(ErrorCode::Internal, "the result of the job is not one file: " +
+proto::OutputFile& first_output(proto::Results& results) {
+    const bool one_each = std::ranges::all_of(
+        results.levels, [](const proto::OutputCloud& cloud) { return cloud.files.size() == 1; });
+    if (results.levels.empty() || !one_each || !results.source)
+        throw Error(ErrorCode::Internal, "the job did not make one file of each cloud: " +
                                              std::to_string(results.levels.size()) +
                                              " clouds came");
     return results.levels.front().files.front();

@@ -12,9 +12,9 @@ namespace stipple::cli {
 void require_input(const std::filesystem::path& file);
 /// Renames within a file system: whoever opens `to` sees the old file or the new one.
 void move_into_place(const std::filesystem::path& from, const std::filesystem::path& to);
-/// The one file of a job that makes one cloud. @throws Error(Internal) when a server sent another
-/// number of them.
-proto::OutputFile& only_output(proto::Results& results);
+/// The one file of the first cloud that a job made. @throws Error(Internal) when a server sent
+/// another number of them.
+proto::OutputFile& first_output(proto::Results& results);
 
 /// `error` with the file in front, unless it stands there already.
 Error named_after(const std::filesystem::path& file, const Error& error);

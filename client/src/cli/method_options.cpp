@@ -30,7 +30,7 @@ std::string option_of(std::string_view field) {
 void add_contraction(CLI::App& command, MethodValues& values) {
     command
         .add_option("--oversampling", values.oversampling,
-                    "of multiphase: so many clusters a point, 1..64")
+                    "of multiphase: so many clusters a point, 1..1000")
         ->type_name("M")
         ->capture_default_str();
     command.add_option("--k", values.contraction.k, "neighbours to contract with, 3..32")

@@ -47,7 +47,7 @@ struct SimplifyOptions {
     IncrementalClusteringOptions incremental{};    ///< its bounds stand instead of a target; its
                                                    ///< `max_variation` also beside one
     IterativeSimplificationOptions iterative{};    ///< of `multiphase`, too
-    double oversampling = MultiphaseOptions{}.oversampling;  ///< m of `multiphase`, 1..64
+    double oversampling = MultiphaseOptions{}.oversampling;  ///< m of `multiphase`, 1..1000
     ParticleSimulationOptions particles{};
     VoxelClusteringOptions voxel{};  ///< its `voxel_size` stands instead of a target
     std::map<std::string, Reduction>

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "stipple/feature_lines.hpp"
 #include "stipple/point_cloud.hpp"
 #include "stipple/run_context.hpp"
 
@@ -19,17 +20,24 @@ struct SurfaceAttributeOptions {
     NormalSigns signs = NormalSigns::SpanningTree;
     std::optional<Vec3d>
         viewpoint{};  ///< with `NormalSigns::Viewpoint`, relative to the origin of the cloud
+    std::optional<FeatureLineOptions> feature_lines{};  ///< absent: none are sought
 };
 
 /// Checks what can be checked without a cloud. @throws Error(InvalidArgument).
 void validate(const SurfaceAttributeOptions& options);
 
 /// Writes the local surface properties of §2 and §2.1 (`analyze_locally`) into a cleaned cloud: its
-/// normals, and the attributes `variation`, `density` and `anisotropy` (float, mean). Normals and
-/// attributes of these names that it had are replaced.
+/// normals, and the attributes `variation`, `density` and `anisotropy` (float, mean); with
+/// `feature_lines` also `feature_weight` (`FeatureLines::weights`). Normals and attributes of these
+/// names that it had are replaced.
+///
+/// @return with `feature_lines`, the points of all lines, one line after the other, with all their
+/// attributes and the number of the line as `line` (uint32); a closed one ends with the point that
+/// it starts with. Else no points.
 /// @throws Error(InvalidArgument) for options out of range or a cloud without points.
-void add_surface_attributes(PointCloud& cloud, const SurfaceAttributeOptions& options = {},
-                            const RunContext& context = {});
+/// Time and memory are those of `analyze_locally`, `orient_normals` and `find_feature_lines`.
+PointCloud add_surface_attributes(PointCloud& cloud, const SurfaceAttributeOptions& options = {},
+                                  const RunContext& context = {});
 
 /// How much is told of the splat (Fig. 5) of each point.
 enum class SplatAttributes {

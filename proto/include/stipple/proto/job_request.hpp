@@ -76,7 +76,11 @@ struct PyramidJob {
 ///     {"type": "upsample", "input": …, "points": 1000000 | "ratio": 4, "seed": 0, "reductions": …,
 ///      the fields of particles, "splats": …, "source_index": …, "format": …, "draco": …}
 ///     {"type": "analyze", "input": …, "k": 16, "orient": "mst" | "viewpoint" | "none",
-///      "viewpoint": [0, 0, 10], "format": …, "draco": …}
+///      "viewpoint": [0, 0, 10], "format": …, "draco": …,
+///      "feature_lines": {"variation": 0.03, "high": 0.7, "low": 0.4, "min_links": 4}}
+///
+/// Feature lines are sought when they are named, and are a second output cloud when there are any.
+///
 ///     {"type": "pyramid", "input": …, "levels": [1000, 10000] | "ratio": 4, "base_points": 10000,
 ///      "representative": …, "reductions": …, "formats": ["drc", "ply"], "draco": …}
 struct JobRequest {

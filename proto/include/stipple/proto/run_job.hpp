@@ -27,7 +27,7 @@ inline constexpr std::array<JobStage, 6> kJobStages = {{
 
 /// Does what a job says: decode, clean, compute, encode level by level into `spec.output_dir`. The
 /// one code path of stipple-job and of the command line. A level is reported once its files are
-/// whole, coarsest first; then the cost. Progress is reported when a stage begins, else at most 20
+/// whole, coarsest first (the feature lines of an analysis are its level 1); then the cost. Progress is reported when a stage begins, else at most 20
 /// times a second. The time of `decode` includes the cleaning; that of `simplify` is the
 /// computation alone, on the cloud in memory; that of `splats` stands beside it.
 ///
