@@ -125,11 +125,13 @@ std::vector<float> adaptive_spacing(const SurfaceSamples& samples, std::span<con
 
     const double bound = 0.5 * std::log(max_grading);
     std::vector<float> logs(samples.size()), smooth(samples.size());
-    for (std::size_t i = 0; i < samples.size(); ++i) {
-        const double sigma = std::max(static_cast<double>(samples.variation[i]), kFlat);
-        logs[i] =
-            static_cast<float>(std::clamp(adaptivity * std::log(mean / sigma), -bound, bound));
-    }
+    parallel_for_blocks(samples.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+            const double sigma = std::max(static_cast<double>(samples.variation[i]), kFlat);
+            logs[i] =
+                static_cast<float>(std::clamp(adaptivity * std::log(mean / sigma), -bound, bound));
+        }
+    });
     // sigma_n of neighbours differs by noise, and particles lie evenly only where their radius
     // changes slowly.
     constexpr unsigned kPasses = 3;

@@ -68,8 +68,10 @@ ParticleGrid::ParticleGrid(std::span<const Vec3f> positions, std::span<const flo
     for (std::size_t b = 0; b < cells; ++b) begin_[b + 1] += begin_[b];
     context.throw_if_stopped();
     std::vector<Index> next(begin_.begin(), begin_.end() - 1);
-    for (std::size_t i = 0; i < positions.size(); ++i)
+    for (std::size_t i = 0; i < positions.size(); ++i) {
+        if (i % kBlock == 0) context.throw_if_stopped();
         entries_[next[bucket[i]]++] = {positions[i], reach[i], static_cast<Index>(i)};
+    }
 }
 
 unsigned ParticleGrid::level_of(float reach) const noexcept {

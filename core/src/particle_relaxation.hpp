@@ -67,7 +67,9 @@ private:
 
     void look_up_spacing();
     void find_neighbors();
-    double mean_of_six(std::size_t block) const;
+    double sum_of_rings() const;
+    float mean_of_ring(std::size_t i) const;
+    Vec3f force_on(std::size_t i, float radius, float& largest_overlap) const;
     BlockProgress move(std::size_t begin, std::size_t end, float radius);
 
     const ParticleSurface& surface_;

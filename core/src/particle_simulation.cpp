@@ -20,6 +20,15 @@
 #include <sstream>
 #include <utility>
 
+// Follows: Pauly, Gross, Kobbelt 2002, §3.3. Departures:
+// - Coarse to fine (§5.1) is left out: particles start so evenly (`spread_particles`) that about 20
+//   steps bring them to rest whatever their number.
+// - Repulsion ends with steps of a radius below the spacing. Equilibrium at a larger one leaves
+//   pairs that their surroundings press together, at 0.7 of the mean distance and less.
+// - Such steps follow the projection too, on the moving least squares surface itself.
+// - Denser where sigma_n is high: the paper's text replaces rho by rho sigma_n in the spreading,
+//   which would be thinner there; shares of particles are 1 / (rho r^2), with r the radius.
+
 namespace stipple {
 
 namespace {
@@ -219,8 +228,8 @@ PointCloud particle_simulation(const PointCloud& cloud, const ParticleSimulation
     std::vector<float> areas(samples.size());
     for (std::size_t i = 0; i < areas.size(); ++i) areas[i] = samples.area(i);
     std::vector<float> spacing = relative_spacing(cloud, samples, areas, options, context);
-    SpreadParticles start =
-        spread_particles(samples, particle_shares(areas, spacing, count), count, options.seed);
+    SpreadParticles start = spread_particles(
+        samples, particle_shares(areas, spacing, count, context), count, options.seed);
     scale_spacing(spacing, areas, count);
     context.checkpoint(0.25);
     const MlsSurface mls(cloud.positions, {}, context);

@@ -45,7 +45,7 @@ Vec3f place_around(const SurfaceSamples& samples, Index sample, std::size_t rank
 }  // namespace
 
 std::vector<float> particle_shares(std::span<const float> areas, std::span<const float> spacing,
-                                   std::size_t count) {
+                                   std::size_t count, const RunContext& context) {
     std::vector<float> shares(areas.size());
     for (std::size_t i = 0; i < shares.size(); ++i)
         shares[i] = areas[i] / (spacing[i] * spacing[i]);
@@ -54,6 +54,7 @@ std::vector<float> particle_shares(std::span<const float> areas, std::span<const
     const double bound = std::max(1.0, kMost * particles / static_cast<double>(shares.size()));
     constexpr int kRounds = 4;  // what is cut off one falls to the others
     for (int round = 0; round < kRounds; ++round) {
+        context.throw_if_stopped();
         const double scale = particles / sum_of(shares);
         for (float& share : shares)
             share = static_cast<float>(std::min(bound, static_cast<double>(share) * scale));

@@ -14,7 +14,7 @@ namespace stipple {
 /// A point far from all others stands for no large surface: none is worth more than one particle,
 /// or more than eight times the mean.
 std::vector<float> particle_shares(std::span<const float> areas, std::span<const float> spacing,
-                                   std::size_t count);
+                                   std::size_t count, const RunContext& context = {});
 
 /// Particles near a surface, and the sample nearest to each.
 struct SpreadParticles {

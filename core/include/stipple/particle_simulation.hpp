@@ -44,7 +44,8 @@ struct ParticleSimulationOptions {
     double max_grading = 4;  ///< the largest repulsion radius over the smallest that `adaptivity`
                              ///< may lead to, >= 1
     std::vector<DensityRegion> regions{};  ///< where several overlap, their densities multiply
-    unsigned max_iterations = 40;          ///< of each of three stages, >= 1
+    unsigned max_iterations = 40;  ///< >= 1, of each stage: to rest, until none are too close, and
+                                   ///< (half as many) that again on the final surface
     double tolerance = 0.01;  ///< particles are at rest when their mean step, over their spacing,
                               ///< is shorter; above 0, below 1
     std::map<std::string, Reduction>
@@ -58,10 +59,11 @@ struct ParticleSimulationOptions {
 ///
 /// The result has exactly N points for every N, on the surface between and beside the input points:
 /// nearest neighbours are about equally far apart (deviation over mean about 0.03, smallest over
-/// mean about 0.9 for a uniform simulation), however unevenly the input lies. Upsampling (N above
-/// the input's size) does the same. Attributes are taken from the nearest input points by their
-/// policy (`Reduction`): averaged over as many as there are to a particle, up to 16, or, for more
-/// than a quarter of the input's size, interpolated between the four nearest. The order of the
+/// mean about 0.9 for a uniform simulation of a scanned surface), however unevenly the input lies;
+/// pairs stay closer where particles have no way to go: on stray points and in foliage. Upsampling
+/// (N above the input's size) does the same. Attributes are taken from the nearest input points by
+/// their policy (`Reduction`): averaged over as many as there are to a particle, up to 16, or, for
+/// more than a quarter of the input's size, interpolated between the four nearest. The order of the
 /// points follows a space-filling curve.
 ///
 /// Upsampling a cloud of a few points is defined but says little: all particles of coincident
@@ -70,8 +72,9 @@ struct ParticleSimulationOptions {
 ///
 /// The cloud must hold finite positions, no two alike (`clean`).
 /// @throws Error(InvalidArgument) for an empty cloud, an option out of range, or an attribute that
-/// the cloud has not. O(n log n + N iterations), parallel; about 60 bytes an input point and 250 a
-/// particle beyond the clouds.
+/// the cloud has not. O(n log n + N iterations), parallel, the same bytes for any number of
+/// threads; beyond the clouds about 60 bytes an input point, 160 for each that stands for the
+/// surface (at most 16 a particle for a uniform simulation, else all) and 250 a particle.
 PointCloud particle_simulation(const PointCloud& cloud, const ParticleSimulationOptions& options,
                                const RunContext& context = {});
 
