@@ -8,6 +8,7 @@
 #include "point_tree.hpp"
 #include "stipple/error.hpp"
 #include "stipple/neighbors.hpp"
+#include "tree_search.hpp"
 
 #include <algorithm>
 #include <array>
@@ -16,7 +17,6 @@
 #include <functional>
 #include <limits>
 #include <new>
-#include <numeric>
 #include <string>
 #include <tuple>
 
@@ -78,15 +78,21 @@ Joined join(const Record& a, const Record& b, Placement placement) {
         }
         return joined;
     }
+    const Quadric& q = joined.quadric;
     const Vec3d middle = 0.5 * d;
     Vec3d y = middle;
-    if (minimiser(joined.quadric, y)) {
+    bool least = minimiser(q, y);
+    if (least) {
         // Not farther from the middle than the two are from each other, whatever the planes say.
         const double away_sq = (y - middle).squaredNorm(), limit_sq = d.squaredNorm();
-        if (away_sq > limit_sq) y = middle + (y - middle) * std::sqrt(limit_sq / away_sq);
+        if (away_sq > limit_sq) {
+            y = middle + (y - middle) * std::sqrt(limit_sq / away_sq);
+            least = false;
+        }
     }
     joined.offset = y;
-    joined.error = std::max(0.0, value(joined.quadric, y));
+    joined.error =
+        std::max(0.0, least ? q.c + q.x * y.x() + q.y * y.y() + q.z * y.z() : value(q, y));
     return joined;
 }
 
@@ -129,14 +135,12 @@ private:
         return i;
     }
 
-    void order_along_curve(std::span<const Vec3f> positions);
+    void place_along_curve(std::span<const Vec3f> positions, std::span<std::uint32_t> tangents);
+    static Tangent tangent_at(const Vec3f& p, std::span<const Vec3d> neighbors,
+                              const PointTree& tree, std::span<const Vec3f> positions);
     template <typename Visit>
     void for_neighbors(Index of, Visit&& visit) const;
-    Vec3d offset(Index from, Index to) const {
-        return (records()[to].position - records()[from].position).cast<double>();
-    }
-    void make_quadrics();
-    std::vector<Vec3d> wide_surroundings(Index i) const;
+    void make_quadrics(std::span<const std::uint32_t> tangents);
     std::vector<float> feature_steps(Index i) const;
     Index place(Index slot) const { return place_of_.empty() ? slot : place_of_[slot]; }
     Index slot_at(std::size_t place) const {
@@ -163,10 +167,10 @@ private:
 
     template <typename Body>
     void for_live(Body&& body) {
-        parallel_for_blocks(live_.size(), kBlock, context_,
-                            [&](std::size_t begin, std::size_t end) {
-                                for (std::size_t l = begin; l < end; ++l) body(live_[l]);
-                            });
+        parallel_for_blocks(slots_, kBlock, context_, [&](std::size_t begin, std::size_t end) {
+            for (auto i = static_cast<Index>(begin); i < end; ++i)
+                if (is_live(i)) body(i);
+        });
     }
 
     const ContractionOptions& options_;
@@ -179,7 +183,7 @@ private:
     LargeMemory memory_;            ///< the records, by slot
     std::size_t slots_;             ///< in use
     std::vector<Index> neighbors_;  ///< k for each slot, the partner first; kNone ends a list
-    std::vector<Index> live_;       ///< slots, ascending
+    std::size_t live_;              ///< slots with a live sample
     std::vector<Kept> kept_;        ///< by snapshot
 };
 
@@ -190,13 +194,15 @@ Engine::Engine(std::span<const Vec3f> positions, std::span<const StoredQuadric> 
       k_(options.k),
       scale_(contraction_scale(positions)),
       memory_(positions.size() * sizeof(Record)),
-      slots_(positions.size()) {
+      slots_(positions.size()),
+      live_(positions.size()) {
     const auto scale = static_cast<float>(scale_);
+    std::vector<std::uint32_t> tangents(quadrics.empty() ? slots_ : 0);
     {
         std::vector<Vec3f> scaled(slots_);
         std::ranges::transform(positions, scaled.begin(),
                                [&](const Vec3f& p) { return Vec3f(p * scale); });
-        order_along_curve(scaled);
+        place_along_curve(scaled, tangents);
     }
     parallel_for_blocks(slots_, kBlock, context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {
@@ -209,11 +215,14 @@ Engine::Engine(std::span<const Vec3f> positions, std::span<const StoredQuadric> 
                        .cost = kUnknown};
         }
     });
-    if (quadrics.empty()) make_quadrics();
+    if (quadrics.empty()) make_quadrics(tangents);
 }
 
-/// Numbers the slots along the curve of a tree, and fills their lists of neighbours.
-void Engine::order_along_curve(std::span<const Vec3f> positions) {
+/// Numbers the slots along the curve of a tree, fills their lists of neighbours and, unless empty,
+/// `tangents`, packed.
+void Engine::place_along_curve(std::span<const Vec3f> positions,
+                               std::span<std::uint32_t> tangents) {
+    constexpr unsigned kForTangent = 16;
     const PointTree tree(positions, context_);
     order_.resize(slots_);
     std::vector<Index> slot_of(slots_);
@@ -223,23 +232,49 @@ void Engine::order_along_curve(std::span<const Vec3f> positions) {
     }
     neighbors_.assign(slots_ * k_, kNone);
     if (slots_ < 2) return;
-    const auto k = static_cast<unsigned>(std::min(k_, slots_ - 1));
+    const std::size_t asked = tangents.empty() ? k_ : std::max<std::size_t>(k_, kForTangent);
+    const auto k = static_cast<unsigned>(std::min(asked, slots_ - 1));
     constexpr std::size_t kLeaves = 128;
     parallel_for_blocks(
         tree.leaf_count(), kLeaves, context_, [&](std::size_t begin, std::size_t end) {
             LeafQuery query(tree, positions, k);
+            std::array<Vec3d, kMaxNeighbors> offsets;
             for (std::size_t leaf = begin; leaf < end; ++leaf) {
-                query.run(leaf,
-                          [&](std::size_t lane, const Candidates& near, const Chosen& chosen) {
-                              Index* const list =
-                                  list_of(static_cast<Index>(leaf * PointTree::kWidth + lane));
-                              for (std::uint32_t c = 0; c < chosen.count; ++c) {
-                                  if (chosen.rank[c] < k)
-                                      list[chosen.rank[c]] = slot_of[near.index[chosen.slot[c]]];
-                              }
-                          });
+                query.run(leaf, [&](std::size_t lane, const Candidates& near,
+                                    const Chosen& chosen) {
+                    const std::size_t slot = leaf * PointTree::kWidth + lane;
+                    Index* const list = list_of(static_cast<Index>(slot));
+                    const Vec3f p = tree.leaf(leaf).position(lane);
+                    for (std::uint32_t c = 0; c < chosen.count; ++c) {
+                        const std::uint32_t from = chosen.slot[c], rank = chosen.rank[c];
+                        if (rank < k_) list[rank] = slot_of[near.index[from]];
+                        if (rank < k)
+                            offsets[rank] = (Vec3f(near.x[from], near.y[from], near.z[from]) - p)
+                                                .cast<double>();
+                    }
+                    if (!tangents.empty())
+                        tangents[slot] =
+                            packed(tangent_at(p, std::span(offsets).first(k), tree, positions));
+                });
             }
         });
+}
+
+/// The tangent at p by the offsets of its neighbours; where these leave room for a border, that is
+/// looked for among more of them.
+Tangent Engine::tangent_at(const Vec3f& p, std::span<const Vec3d> neighbors, const PointTree& tree,
+                           std::span<const Vec3f> positions) {
+    const Vec3d normal = normal_from(neighbors);
+    if (!has_empty_quarter(neighbors, normal)) return {normal};
+    constexpr std::size_t kForBorder = 32;
+    std::array<Neighbor, kForBorder> room;
+    std::array<Vec3d, kForBorder> offsets;
+    std::size_t count = 0;
+    for (const Neighbor& neighbor : find_nearest(tree, p, room)) {
+        const Vec3f offset = positions[neighbor.index] - p;
+        if (offset != Vec3f::Zero()) offsets[count++] = offset.cast<double>();
+    }
+    return with_border(normal, std::span(offsets).first(count));
 }
 
 /// Calls visit(neighbour) for the list of a slot.
@@ -249,52 +284,29 @@ void Engine::for_neighbors(Index of, Visit&& visit) const {
     for (std::size_t s = 0; s < k_ && list[s] != kNone; ++s) visit(list[s]);
 }
 
-/// The quadrics of §3.2. Normals are those of a sample's neighbours and their neighbours.
-void Engine::make_quadrics() {
+/// The quadrics of §3.2.
+void Engine::make_quadrics(std::span<const std::uint32_t> tangents) {
     parallel_for_blocks(slots_, kBlock, context_, [&](std::size_t begin, std::size_t end) {
-        std::vector<Vec3d> nearest, around;
-        for (std::size_t slot = begin; slot < end; ++slot) {
-            const auto i = static_cast<Index>(slot);
-            nearest.clear();
-            around.clear();
+        std::vector<Vec3d> neighbors;
+        for (auto i = static_cast<Index>(begin); i < end; ++i) {
+            neighbors.clear();
             double area = 0;  // within a factor, that of the surface for which the sample stands
             for_neighbors(i, [&](Index j) {
-                nearest.push_back(offset(i, j));
-                area += nearest.back().squaredNorm();
-                for_neighbors(j, [&](Index other) {
-                    if (other != i) around.push_back(offset(i, other));
-                });
+                neighbors.push_back((records()[j].position - records()[i].position).cast<double>());
+                area += neighbors.back().squaredNorm();
             });
-            around.insert(around.end(), nearest.begin(), nearest.end());
-            // The mean over all samples is about 1, whatever the unit.
-            area *= static_cast<double>(slots_) /
-                    static_cast<double>(std::max<std::size_t>(1, nearest.size()));
-            const Vec3d normal = normal_from(around);
+            if (neighbors.empty()) continue;
+            area *= static_cast<double>(slots_) / static_cast<double>(neighbors.size());
+            const Tangent tangent = unpacked(tangents[i]);
             Quadric q;
-            add_edges(q, nearest, normal, area);
-            if (has_empty_quarter(around, normal))
-                add_border(q, wide_surroundings(i), normal, area);
+            add_edges(q, neighbors, tangent, area);
             if (options_.channels > 0) {
-                add_gradients(q, nearest, feature_steps(i), options_.channels, normal, area);
+                add_gradients(q, neighbors, feature_steps(i), options_.channels, tangent.normal,
+                              area);
             }
             records()[i].quadric = StoredQuadric(q);
         }
     });
-}
-
-/// Offsets to samples around one, neighbour by neighbour's neighbour, each once.
-std::vector<Vec3d> Engine::wide_surroundings(Index i) const {
-    constexpr std::size_t kEnough = 40;
-    std::vector<Index> reached = {i};
-    for (std::size_t at = 0; at < reached.size() && reached.size() <= kEnough; ++at) {
-        for_neighbors(reached[at], [&](Index j) {
-            if (std::ranges::find(reached, j) == reached.end() && reached.size() <= kEnough)
-                reached.push_back(j);
-        });
-    }
-    std::vector<Vec3d> offsets;
-    for (std::size_t at = 1; at < reached.size(); ++at) offsets.push_back(offset(i, reached[at]));
-    return offsets;
 }
 
 /// The features of each neighbour less the sample's own.
@@ -344,7 +356,7 @@ void Engine::refresh(Index i) {
                             [j](const Found& f) { return f.slot == j; })) {
                 continue;
             }
-            // The first stays first, in case that it is the partner still; the others by distance.
+            // By distance; the farthest falls out.
             const float d = (records()[j].position - self.position).squaredNorm();
             if (count == k_ && !(d < found[count - 1].distance_sq)) continue;
             std::size_t at = count == k_ ? count - 1 : count;
@@ -378,9 +390,11 @@ void Engine::refresh(Index i) {
 float Engine::quantile_of_costs() const {
     constexpr double kQuantile = 0.3;
     constexpr std::size_t kAsked = 1 << 15;
-    const std::size_t step = std::max<std::size_t>(1, live_.size() / kAsked);
+    const std::size_t step = std::max<std::size_t>(1, live_ / kAsked);
     std::vector<float> costs;
-    for (std::size_t l = 0; l < live_.size(); l += step) costs.push_back(records()[live_[l]].cost);
+    for (std::size_t i = 0; i < slots_; i += step)
+        if (is_live(static_cast<Index>(i))) costs.push_back(records()[i].cost);
+    if (costs.empty()) return kIsolated;
     const auto at =
         costs.begin() + static_cast<std::ptrdiff_t>(kQuantile * static_cast<double>(costs.size()));
     std::ranges::nth_element(costs, at);
@@ -422,16 +436,17 @@ bool Engine::wins(Index i, float limit) const {
 }
 
 std::vector<Engine::Winner> Engine::match(float limit) {
-    std::vector<std::vector<Winner>> parts((live_.size() + kBlock - 1) / kBlock);
-    parallel_for_blocks(live_.size(), kBlock, context_, [&](std::size_t begin, std::size_t end) {
+    std::vector<std::vector<Winner>> parts((slots_ + kBlock - 1) / kBlock);
+    parallel_for_blocks(slots_, kBlock, context_, [&](std::size_t begin, std::size_t end) {
         std::vector<Winner>& part = parts[begin / kBlock];
-        for (std::size_t l = begin; l < end; ++l) {
-            const Index i = live_[l];
-            if (wins(i, limit)) part.push_back({i, list_of(i)[0]});
-        }
+        for (auto i = static_cast<Index>(begin); i < end; ++i)
+            if (is_live(i) && wins(i, limit)) part.push_back({i, list_of(i)[0]});
     });
     std::vector<Winner> winners;
-    for (const auto& part : parts) winners.insert(winners.end(), part.begin(), part.end());
+    for (auto& part : parts) {
+        winners.insert(winners.end(), part.begin(), part.end());
+        part = {};
+    }
     return winners;
 }
 
@@ -467,37 +482,37 @@ void Engine::contract(std::span<const Winner> winners) {
 /// Contracts what a round may, and stops where a count is reached on the way.
 void Engine::round(std::span<const Stop>& stops, const std::function<void(const Stop&)>& at_stop) {
     for_live([&](Index i) { refresh(i); });
-    if (2 * live_.size() <= slots_) compact();
+    if (2 * live_ <= slots_) compact();
     const float limit = quantile_of_costs();
     propose(limit);
     std::vector<Winner> winners = match(limit);
     if (winners.empty()) return reconnect();
 
-    if (options_.sequence != nullptr || live_.size() - winners.size() <= stops.front().count) {
+    if (options_.sequence != nullptr || live_ - winners.size() <= stops.front().count) {
         std::ranges::sort(winners, {}, [&](const Winner& w) {
             return std::tuple(records()[w.first].cost, place(w.first), place(w.second));
         });
     }
     std::size_t done = 0;
     while (true) {
-        const bool stop = !stops.empty() && live_.size() - winners.size() <= stops.front().count;
-        const std::size_t end = stop ? live_.size() - stops.front().count : winners.size();
+        const bool stop = !stops.empty() && live_ - winners.size() <= stops.front().count;
+        const std::size_t end = stop ? live_ - stops.front().count : winners.size();
         contract(std::span(winners).subspan(done, end - done));
         done = end;
         if (!stop) break;
         at_stop(stops.front());
         stops = stops.subspan(1);
     }
-    std::erase_if(live_, [&](Index i) { return !is_live(i); });
+    live_ -= winners.size();
 }
 
 /// Neighbours anew, where none are left to contract with: parts that are apart from each other.
 void Engine::reconnect() {
     std::vector<Vec3f> positions;
-    for (const Index i : live_) positions.push_back(records()[i].position);
     compact();
+    for (std::size_t i = 0; i < slots_; ++i) positions.push_back(records()[i].position);
     const NeighborLists lists = k_nearest_neighbors(positions, static_cast<unsigned>(k_), context_);
-    for (const Index i : live_) {
+    for (Index i = 0; i < slots_; ++i) {
         std::ranges::copy(lists.of(i), list_of(i));
         records()[i].cost = kUnknown;
     }
@@ -506,40 +521,45 @@ void Engine::reconnect() {
 /// Renumbers the slots so that the live samples fill them, and gives back the memory of the rest.
 /// After a refresh, when all lists name live samples.
 void Engine::compact() {
-    std::vector<Index> renumbered(slots_, kNone);
-    for (std::size_t l = 0; l < live_.size(); ++l) renumbered[live_[l]] = static_cast<Index>(l);
-    for (std::size_t i = 0; i < slots_; ++i)
-        if (renumbered[i] == kNone) renumbered[i] = renumbered[root(static_cast<Index>(i))];
+    std::vector<Index> renumbered(slots_);
+    Index next = 0;
+    for (Index i = 0; i < slots_; ++i)
+        if (is_live(i)) renumbered[i] = next++;
+    for (Index i = 0; i < slots_; ++i)
+        if (!is_live(i)) renumbered[i] = renumbered[root(i)];
 
-    if (slot_of_.empty()) {
-        slot_of_ = renumbered;
-        place_of_ = live_;
-    } else {
-        for (Index& slot : slot_of_) slot = renumbered[slot];
-        for (std::size_t l = 0; l < live_.size(); ++l) place_of_[l] = place_of_[live_[l]];
-        place_of_.resize(live_.size());
-    }
+    if (!place_of_.empty())
+        for (Index i = 0; i < slots_; ++i)
+            if (is_live(i)) place_of_[renumbered[i]] = place_of_[i];
     for (Kept& kept : kept_)
         for (Index& slot : kept.samples.survivor_of) slot = renumbered[slot];
-    for (std::size_t l = 0; l < live_.size(); ++l) {
-        const Index from = live_[l];
-        records()[l] = records()[from];
-        records()[l].link = static_cast<Index>(l);
-        for (std::size_t s = 0; s < k_; ++s) {
-            const Index j = list_of(from)[s];
-            list_of(static_cast<Index>(l))[s] = j == kNone ? kNone : renumbered[j];
-        }
-        live_[l] = static_cast<Index>(l);
+    std::vector<Index> places;
+    if (place_of_.empty()) places.reserve(live_);
+    for (Index i = 0; i < slots_; ++i) {
+        if (!is_live(i)) continue;
+        const Index to = renumbered[i];
+        std::ranges::transform(std::span(list_of(i), k_), list_of(to),
+                               [&](Index j) { return j == kNone ? kNone : renumbered[j]; });
+        records()[to] = records()[i];
+        records()[to].link = to;
+        if (place_of_.empty()) places.push_back(i);
     }
-    slots_ = live_.size();
+    slots_ = live_;
     memory_.shrink(slots_ * sizeof(Record));
     neighbors_.resize(slots_ * k_);
     neighbors_.shrink_to_fit();
+    if (place_of_.empty()) {
+        place_of_ = std::move(places);
+        slot_of_ = std::move(renumbered);
+    } else {
+        place_of_.resize(slots_);
+        for (Index& slot : slot_of_) slot = renumbered[slot];
+    }
 }
 
 void Engine::keep(Kept& kept) {
     std::vector<Index> number(slots_, kNone);
-    for (const Index i : live_) {
+    for (Index i = 0; i < slots_; ++i) {
         if (!is_live(i)) continue;
         number[i] = static_cast<Index>(kept.samples.positions.size());
         kept.samples.positions.push_back(records()[i].position);
@@ -554,7 +574,7 @@ void Engine::keep(Kept& kept) {
 ContractionSnapshot Engine::snapshot(Kept& kept) {
     ContractionSnapshot s;
     std::vector<Index> number(slots_, kNone);
-    for (const Index i : live_) {
+    for (Index i = 0; i < slots_; ++i) {
         if (!is_live(i)) continue;
         number[i] = static_cast<Index>(s.positions.size());
         s.positions.push_back(records()[i].position);
@@ -593,13 +613,11 @@ void Engine::run(std::span<const std::uint64_t> counts,
         else
             on_snapshot(snapshot(kept_[stop.snapshot]));
     };
-    live_.resize(n);
-    std::iota(live_.begin(), live_.end(), Index{0});
     std::span<const Stop> left = stops;
     for (; !left.empty() && left.front().count >= n; left = left.subspan(1)) at_stop(left.front());
     while (!left.empty()) {
         const double to_do = static_cast<double>(n - stops.back().count);
-        context_.checkpoint(static_cast<double>(n - live_.size()) / to_do);
+        context_.checkpoint(static_cast<double>(n - live_) / to_do);
         round(left, at_stop);
     }
 }

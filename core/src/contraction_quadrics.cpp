@@ -16,10 +16,10 @@
 // so need no room of their own).
 
 namespace stipple {
-Vec3d normal_from(std::span<const Vec3d> around) noexcept {
+Vec3d normal_from(std::span<const Vec3d> neighbors) noexcept {
     Vec3d sum = Vec3d::Zero();
     Symmetric3 m;
-    for (const Vec3d& e : around) {
+    for (const Vec3d& e : neighbors) {
         sum += e;
         m.xx += e.x() * e.x();
         m.xy += e.x() * e.y();
@@ -28,7 +28,8 @@ Vec3d normal_from(std::span<const Vec3d> around) noexcept {
         m.yz += e.y() * e.z();
         m.zz += e.z() * e.z();
     }
-    const Vec3d mean = sum / (static_cast<double>(around.size()) + 1);  // the sample is among them
+    const Vec3d mean =
+        sum / (static_cast<double>(neighbors.size()) + 1);  // the sample is among them
     m.xx -= mean.x() * sum.x();
     m.xy -= mean.x() * sum.y();
     m.xz -= mean.x() * sum.z();
@@ -38,20 +39,10 @@ Vec3d normal_from(std::span<const Vec3d> around) noexcept {
     return eigenvector(m, eigenvalues(m)[0]);
 }
 
-void add_edges(Quadric& q, std::span<const Vec3d> neighbors, const Vec3d& normal, double area) {
-    add_point(q, Vec3d::Zero(), kPointTerm * area);
-    const double each = area / static_cast<double>(neighbors.size());
-    for (const Vec3d& e : neighbors) {
-        const Vec3d across = e.cross(e.cross(normal));  // e x b
-        const double length_sq = across.squaredNorm();
-        if (length_sq > 0) add_plane(q, across, Vec3d::Zero(), each / length_sq);
-    }
-}
-
-bool has_empty_quarter(std::span<const Vec3d> around, const Vec3d& normal) noexcept {
+bool has_empty_quarter(std::span<const Vec3d> neighbors, const Vec3d& normal) noexcept {
     const Vec3d u = normal.unitOrthogonal(), v = normal.cross(u);
     unsigned octants = 0;
-    for (const Vec3d& e : around) {
+    for (const Vec3d& e : neighbors) {
         const double x = u.dot(e), y = v.dot(e);
         // In the order of the angle.
         const unsigned steep = std::abs(y) > std::abs(x) ? 1 : 0;
@@ -63,27 +54,82 @@ bool has_empty_quarter(std::span<const Vec3d> around, const Vec3d& normal) noexc
     return (empty & std::rotl(empty, 1)) != 0;
 }
 
-void add_border(Quadric& q, std::span<const Vec3d> around, const Vec3d& normal, double area) {
-    constexpr double kBorderWeight = 0.1;
-    constexpr double kInside = 0.85 * std::numbers::pi, kBorder = 1.0 * std::numbers::pi;
+Tangent with_border(const Vec3d& normal, std::span<const Vec3d> neighbors) {
+    constexpr double kBorder = 0.92 * std::numbers::pi, kFilled = std::numbers::pi / 2;
     const Vec3d u = normal.unitOrthogonal(), v = normal.cross(u);
     std::array<double, 65> angles;
     std::size_t count = 0;
-    for (const Vec3d& e : around) angles[count++] = std::atan2(v.dot(e), u.dot(e));
+    for (const Vec3d& e : neighbors) angles[count++] = std::atan2(v.dot(e), u.dot(e));
     std::sort(angles.begin(), angles.begin() + static_cast<std::ptrdiff_t>(count));
     angles[count] = angles[0] + 2 * std::numbers::pi;
-    double widest = 0, middle = 0;
+    double widest = 0, second = 0;
+    Tangent tangent{normal};
     for (std::size_t i = 0; i < count; ++i) {
         const double gap = angles[i + 1] - angles[i];
+        second = std::max(second, std::min(gap, widest));
         if (gap > widest) {
             widest = gap;
-            middle = angles[i] + gap / 2;
+            tangent.border_angle = angles[i] + gap / 2;
         }
     }
-    if (!(widest > kInside)) return;
-    const double share = std::min(1.0, (widest - kInside) / (kBorder - kInside));
-    add_plane(q, std::cos(middle) * u + std::sin(middle) * v, Vec3d::Zero(),
-              kBorderWeight * area * share);
+    tangent.border = widest > kBorder && second < kFilled;
+    return tangent;
+}
+
+namespace {
+
+constexpr std::uint32_t kSideBits = (1U << 13U) - 1U;
+constexpr double kSteps = kSideBits - 1.0;  // even: an axis is itself again
+
+}  // namespace
+
+// The normal lies on an octahedron, unfolded into a square (Meyer et al. 2010), 13 bits a side; the
+// angle has 5 bits, and there is one for whether there is a border.
+std::uint32_t packed(const Tangent& tangent) noexcept {
+    Vec3d n = tangent.normal / tangent.normal.cwiseAbs().sum();
+    double x = n.x(), y = n.y();
+    if (n.z() < 0) {
+        x = std::copysign(1 - std::abs(n.y()), n.x());
+        y = std::copysign(1 - std::abs(n.x()), n.y());
+    }
+    const auto side = [](double value) {
+        return static_cast<std::uint32_t>(std::lround((value + 1) / 2 * kSteps));
+    };
+    const double turns = tangent.border_angle / (2 * std::numbers::pi);
+    const auto angle =
+        static_cast<std::uint32_t>(std::lround((turns - std::floor(turns)) * 32)) % 32;
+    return side(x) | side(y) << 13U | angle << 26U | (tangent.border ? 1U << 31U : 0U);
+}
+
+Tangent unpacked(std::uint32_t bits) noexcept {
+    const auto side = [](std::uint32_t value) { return value / kSteps * 2 - 1; };
+    double x = side(bits & kSideBits), y = side(bits >> 13U & kSideBits);
+    const double z = 1 - std::abs(x) - std::abs(y);
+    if (z < 0) {
+        const double folded = x;
+        x = std::copysign(1 - std::abs(y), x);
+        y = std::copysign(1 - std::abs(folded), y);
+    }
+    return {.normal = Vec3d(x, y, z).normalized(),
+            .border_angle = (bits >> 26U & 31U) * std::numbers::pi / 16,
+            .border = (bits >> 31U) != 0};
+}
+
+void add_edges(Quadric& q, std::span<const Vec3d> neighbors, const Tangent& tangent, double area) {
+    add_point(q, Vec3d::Zero(), kPointTerm * area);
+    const double each = area / static_cast<double>(neighbors.size());
+    const Vec3d& n = tangent.normal;
+    for (const Vec3d& e : neighbors) {
+        const Vec3d across = n * e.squaredNorm() - e * n.dot(e);  // b x e
+        const double length_sq = across.squaredNorm();
+        if (length_sq > 0) add_plane(q, across, Vec3d::Zero(), each / length_sq);
+    }
+    if (tangent.border) {
+        constexpr double kBorderWeight = 0.1;
+        const Vec3d u = n.unitOrthogonal(), v = n.cross(u);
+        const Vec3d out = std::cos(tangent.border_angle) * u + std::sin(tangent.border_angle) * v;
+        add_plane(q, out, Vec3d::Zero(), kBorderWeight * area);
+    }
 }
 
 void add_gradients(Quadric& q, std::span<const Vec3d> neighbors, std::span<const float> steps,

@@ -3,27 +3,39 @@
 #include "quadric.hpp"
 #include "stipple/point_cloud.hpp"
 
-#include <optional>
+#include <cstdint>
 #include <span>
 
 namespace stipple {
 
-/// The normal of a sample (§2.1) from the offsets of those around it; an offset may be there more
-/// than once. Any unit vector where they do not span a plane.
-Vec3d normal_from(std::span<const Vec3d> around) noexcept;
+/// What is known of the surface at a sample before its quadric is made.
+struct Tangent {
+    Vec3d normal;             ///< unit
+    double border_angle = 0;  ///< in the tangent plane, where the surface ends, if it does
+    bool border = false;      ///< whether it does
+};
 
-/// Adds the planes of §3.2, spanned by the edges e_i and b_i = e_i x n to the neighbours at the
-/// offsets -e_i, of the weight `area` all together; and `kPointTerm` of it for the point itself.
-void add_edges(Quadric& q, std::span<const Vec3d> neighbors, const Vec3d& normal, double area);
+/// The tangent plane (§2.1) of a sample by the offsets of its neighbours; any where they do not
+/// span one.
+Vec3d normal_from(std::span<const Vec3d> neighbors) noexcept;
 
 /// Whether two octants side by side of the tangent plane are empty, as beside a border: a quick
 /// test that is true of few others.
-bool has_empty_quarter(std::span<const Vec3d> around, const Vec3d& normal) noexcept;
+bool has_empty_quarter(std::span<const Vec3d> neighbors, const Vec3d& normal) noexcept;
 
-/// Adds a plane through the sample that keeps it from leaving the border of a surface, if it lies
-/// on one: if the samples around it leave half of the tangent plane empty, or nearly so.
-/// @param around  offsets, at most 64; enough of them that no chance leaves such a gap.
-void add_border(Quadric& q, std::span<const Vec3d> around, const Vec3d& normal, double area);
+/// Looks for the border of a surface: neighbours that leave half of the tangent plane empty, or
+/// nearly so, and fill the other half, as those on a line do not.
+/// @param neighbors  at most 64; enough of them that no chance leaves such a gap.
+Tangent with_border(const Vec3d& normal, std::span<const Vec3d> neighbors);
+
+/// A tangent in 32 bits: the normal to 0.0005, and exact along an axis; the angle to 6 degrees.
+std::uint32_t packed(const Tangent& tangent) noexcept;
+Tangent unpacked(std::uint32_t bits) noexcept;
+
+/// Adds the planes of §3.2, spanned by the edges e_i and b_i = e_i x n to the neighbours at the
+/// offsets -e_i, of the weight `area` all together; `kPointTerm` of it for the point itself; and
+/// where there is a border, a plane that keeps the sample from leaving it.
+void add_edges(Quadric& q, std::span<const Vec3d> neighbors, const Tangent& tangent, double area);
 
 /// Adds (g'y)^2 for the gradient g of each of `channels` features, which is what moving the sample
 /// changes it by: least squares over the neighbours in the tangent plane.

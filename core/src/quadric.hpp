@@ -89,16 +89,19 @@ inline bool minimiser(const Quadric& q, Vec3d& y) noexcept {
     constexpr double kSingular = 1e-12;  // of the trace
     const double least = kSingular * (q.xx + q.yy + q.zz);
     if (!(q.xx > least)) return false;
-    const double lyx = q.xy / q.xx, lzx = q.xz / q.xx;
+    const double rx = 1 / q.xx;
+    const double lyx = q.xy * rx, lzx = q.xz * rx;
     const double dy = q.yy - lyx * q.xy;
     if (!(dy > least)) return false;
-    const double lzy = (q.yz - lyx * q.xz) / dy;
-    const double dz = q.zz - lzx * q.xz - lzy * lzy * dy;
+    const double ry = 1 / dy;
+    const double ez = q.yz - lyx * q.xz;
+    const double lzy = ez * ry;
+    const double dz = q.zz - lzx * q.xz - lzy * ez;
     if (!(dz > least)) return false;
     const double u = -q.x, v = -q.y - lyx * u, w = -q.z - lzx * u - lzy * v;
     y.z() = w / dz;
-    y.y() = v / dy - lzy * y.z();
-    y.x() = u / q.xx - lyx * y.y() - lzx * y.z();
+    y.y() = v * ry - lzy * y.z();
+    y.x() = u * rx - lyx * y.y() - lzx * y.z();
     return true;
 }
 

@@ -6,6 +6,7 @@
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -49,7 +50,7 @@ struct Ellipsoid {
 TEST(ContractionQuadrics, OfEdgesInAPlaneAreZeroInIt) {
     const std::vector<Vec3d> neighbors = {{1, 0, 0}, {0, 2, 0}, {-1, 1, 0}};
     Quadric q;
-    add_edges(q, neighbors, Vec3d::UnitZ(), 5);
+    add_edges(q, neighbors, {Vec3d::UnitZ()}, 5);
     const double point_term = 5 * kPointTerm;
     EXPECT_NEAR(value(q, {3, 4, 0}), point_term * 25, 1e-12);
     EXPECT_NEAR(value(q, {0, 0, 2}), (5 + point_term) * 4, 1e-12);
@@ -59,7 +60,7 @@ TEST(ContractionQuadrics, OfAnEdgeThatLeavesTheTangentPlaneTiltWithIt) {
     // e = (1, 0, 1), n = z: the plane is spanned by e and e x n = (0, -1, 0).
     const std::vector<Vec3d> neighbors = {{1, 0, 1}};
     Quadric q;
-    add_edges(q, neighbors, Vec3d::UnitZ(), 1);
+    add_edges(q, neighbors, {Vec3d::UnitZ()}, 1);
     EXPECT_NEAR(value(q, {2, 7, 2}), kPointTerm * 57, 1e-12);
     EXPECT_NEAR(value(q, {1, 0, -1}), 2 + kPointTerm * 2, 1e-12);
 }
@@ -74,12 +75,25 @@ TEST(ContractionQuadrics, KnowABorderFromTheInside) {
     }
     EXPECT_FALSE(has_empty_quarter(all, Vec3d::UnitZ()));
     EXPECT_TRUE(has_empty_quarter(half, Vec3d::UnitZ()));
-    Quadric inside, border;
-    add_border(inside, all, Vec3d::UnitZ(), 1);
-    add_border(border, half, Vec3d::UnitZ(), 1);
-    EXPECT_EQ(inside.xx, 0);
-    EXPECT_GT(border.xx, 0.05);        // not to leave it
-    EXPECT_NEAR(border.yy, 0, 1e-12);  // but free to slide along it
+    EXPECT_FALSE(with_border(Vec3d::UnitZ(), all).border);
+    const Tangent tangent = with_border(Vec3d::UnitZ(), half);
+    EXPECT_TRUE(tangent.border);
+    Quadric q;
+    add_edges(q, half, tangent, 1);
+    const double along = value(q, {0, 1, 0}), across = value(q, {1, 0, 0});
+    EXPECT_NEAR(along, kPointTerm, 1e-9);  // free to slide along the border
+    EXPECT_GT(across, 0.05);               // not to leave it
+}
+
+TEST(ContractionQuadrics, TangentsSurvivePacking) {
+    for (const Vec3f& p : test::sphere(500).positions) {
+        const Tangent tangent = {p.cast<double>(), 4.0 * static_cast<double>(p.x() + 1), p.y() > 0};
+        const Tangent back = unpacked(packed(tangent));
+        EXPECT_LT(back.normal.cross(tangent.normal).norm(), 5e-4);
+        EXPECT_NEAR(std::remainder(back.border_angle - tangent.border_angle, 2 * std::numbers::pi),
+                    0, 0.1);
+        EXPECT_EQ(back.border, tangent.border);
+    }
 }
 
 TEST(ContractionQuadrics, HoldTheGradientOfAFeature) {
