@@ -4,6 +4,7 @@
 #include "parallel_for.hpp"
 
 #include <algorithm>
+#include <bit>
 
 namespace stipple {
 
@@ -57,7 +58,8 @@ void tidy(std::span<const Vec3f> points, std::span<Index> stretch) {
     for (const Index i : stretch) box.add(points[i]);
     int axis = 0;
     (box.high - box.low).maxCoeff(&axis);
-    const std::size_t half = (stretch.size() / 2 + kLeaf - 1) / kLeaf * kLeaf;
+    // Whole leaves and nodes go left: the first part is as large as a power of two can be.
+    const std::size_t half = std::bit_floor(stretch.size() - 1);
     std::nth_element(stretch.begin(), stretch.begin() + static_cast<std::ptrdiff_t>(half),
                      stretch.end(), [&](Index a, Index b) {
                          const float p = points[a][axis], q = points[b][axis];
@@ -73,7 +75,7 @@ PointTree::PointTree(std::span<const Vec3f> points, Leaves leaves, const RunCont
     : size_(points.size()), leaves_((points.size() + kWidth - 1) / kWidth) {
     std::vector<Index> order = hilbert_order(points, context);
     if (leaves == Leaves::Compact) {
-        constexpr std::size_t kTidied = 4096;
+        constexpr std::size_t kTidied = 65'536;
         parallel_for_blocks(size_, kTidied, context, [&](std::size_t begin, std::size_t end) {
             tidy(points, std::span(order).subspan(begin, end - begin));
         });

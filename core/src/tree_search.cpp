@@ -136,7 +136,6 @@ public:
     float limit_sq() const noexcept { return limit_sq_; }
 
     void add(const PointTree::Leaf& leaf) noexcept {
-        if (near_.leaves == kLeaves) return;  // so many are equally far that the answer fails
         if (near_.leaves == 0) guess_sq_ = farthest_sq(leaf);
         const std::size_t at = PointTree::kWidth * near_.leaves++;
         std::ranges::copy(leaf.x, x_.begin() + static_cast<std::ptrdiff_t>(at));
@@ -145,6 +144,7 @@ public:
         std::ranges::copy(leaf.index, index_.begin() + static_cast<std::ptrdiff_t>(at));
         constexpr std::uint32_t kAtOnce = 6;
         if (near_.leaves >= reduced_ + kAtOnce) reduce();
+        if (near_.leaves == kLeaves) limit_sq_ = -1;  // too many are equally far: ends the search
     }
 
     /// False where more are equally far than there is room for, or fewer are at a finite distance.
