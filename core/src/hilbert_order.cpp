@@ -60,7 +60,37 @@ constexpr StepTable make_steps() {
     return table;
 }
 
-constexpr StepTable kSteps = make_steps();
+/// Two steps at once: for each state the two digits and the state after them, by the two subcubes.
+struct TwoSteps {
+    std::uint8_t digits;
+    std::uint8_t state;
+};
+using TwoStepTable = std::array<std::array<TwoSteps, 64>, 24>;
+
+constexpr TwoStepTable make_two_steps() {
+    const StepTable steps = make_steps();
+    TwoStepTable table{};
+    for (std::size_t state = 0; state < 24; ++state) {
+        for (std::size_t cubes = 0; cubes < 64; ++cubes) {
+            const Step first = steps[state][cubes >> 3U];
+            const Step second = steps[first.state][cubes & 7U];
+            table[state][cubes] = {static_cast<std::uint8_t>(first.digit << 3U | second.digit),
+                                   second.state};
+        }
+    }
+    return table;
+}
+
+constexpr TwoStepTable kTwoSteps = make_two_steps();
+
+/// The bits of a cell's coordinate, each followed by two zeros: for the subcubes of all levels.
+constexpr std::uint64_t spread(std::uint64_t cell) noexcept {
+    cell = (cell | cell << 32U) & 0x001F00000000FFFFU;
+    cell = (cell | cell << 16U) & 0x001F0000FF0000FFU;
+    cell = (cell | cell << 8U) & 0x100F00F00F00F00FU;
+    cell = (cell | cell << 4U) & 0x10C30C30C30C30C3U;
+    return (cell | cell << 2U) & 0x1249249249249249U;
+}
 
 struct Keyed {
     std::uint64_t key;
@@ -81,14 +111,14 @@ struct Grid {
             cell[static_cast<std::size_t>(axis)] =
                 static_cast<std::uint32_t>(std::clamp(c, 0.0, last));
         }
+        const std::uint64_t cubes = spread(cell[0]) | spread(cell[1]) << 1U | spread(cell[2]) << 2U;
         std::uint64_t key = 0;
         unsigned state = 0;
-        for (unsigned level = bits; level-- > 0;) {
-            const unsigned cube = (cell[0] >> level & 1U) | (cell[1] >> level & 1U) << 1U |
-                                  (cell[2] >> level & 1U) << 2U;
-            const Step step = kSteps[state][cube];
-            key = key << 3U | step.digit;
-            state = step.state;
+        for (unsigned shift = 3 * bits; shift > 0;) {
+            shift -= 6;
+            const TwoSteps steps = kTwoSteps[state][cubes >> shift & 63U];
+            key = key << 6U | steps.digits;
+            state = steps.state;
         }
         return key;
     }
@@ -105,10 +135,11 @@ struct FloatBox {
 };
 
 /// Cells fine enough that a surface of n points seldom has many in one; as few bits as that takes,
-/// since each costs a step.
+/// since each two cost a step.
 Grid make_grid(const FloatBox& box, std::size_t n) {
     const double extent = (box.high.cast<double>() - box.low.cast<double>()).maxCoeff();
-    const unsigned bits = static_cast<unsigned>(std::clamp<int>(std::bit_width(n) / 2 + 3, 6, 21));
+    const auto wanted = static_cast<unsigned>(std::clamp<int>(std::bit_width(n) / 2 + 3, 6, 20));
+    const unsigned bits = (wanted + 1) / 2 * 2;
     const double cells = static_cast<double>(std::uint64_t{1} << bits);
     return {box.low.cast<double>(), extent > 0 ? cells / extent : 0.0, bits};
 }

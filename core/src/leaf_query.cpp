@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <numbers>
 
 namespace stipple {
 
@@ -29,14 +30,14 @@ LeafQuery::LeafQuery(const PointTree& tree, std::span<const Vec3f> points, unsig
       k_(k),
       slack_(2 * kWidth - 1 - (k + kWidth - 1) % kWidth),  // to the next but one whole group
       kernels_(nearest_kernels()),
-      memory_(8 * floats_for(capacity_for(k)) * sizeof(float)),
+      memory_(9 * floats_for(capacity_for(k)) * sizeof(float)),
       found_(std::size_t{k} + 1) {
     auto* const floats = static_cast<float*>(memory_.data());
     const std::size_t each = floats_for(capacity_for(k));
     const auto array = [&](std::size_t number) { return floats + number * each; };
     const auto index = [&](std::size_t number) { return reinterpret_cast<Index*>(array(number)); };
     candidates_ = {array(0), array(1), array(2), index(3), array(4), capacity_for(k)};
-    chosen_ = {array(5), index(6), index(7)};
+    chosen_ = {array(5), index(6), index(7), index(8)};
 }
 
 void LeafQuery::gather(std::size_t leaf, float limit_sq) {
@@ -45,9 +46,22 @@ void LeafQuery::gather(std::size_t leaf, float limit_sq) {
         kernels_.gather(tree_.view(), static_cast<std::uint32_t>(leaf), limit_sq, candidates_);
 }
 
+/// As if the 64 points of the node above were an even square piece of a surface.
+float LeafQuery::first_guess_sq(std::size_t leaf) const noexcept {
+    const PointTree::Node& node = tree_.node(0, leaf / kWidth);
+    float diagonal_sq = 0;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        const float low = *std::ranges::min_element(node.low[axis]);
+        const float high = *std::ranges::max_element(node.high[axis]);
+        diagonal_sq += (high - low) * (high - low);
+    }
+    constexpr float kPerNeighbor = 1.0F / (2 * 64 * std::numbers::pi_v<float>);
+    return kPerNeighbor * static_cast<float>(k_) * diagonal_sq;
+}
+
 void LeafQuery::start(std::size_t leaf) {
     constexpr float kMargin = 1.25F;  // what a leaf may be sparser than the one before
-    gather(leaf, kMargin * largest_radius_sq_);
+    gather(leaf, kMargin * (largest_radius_sq_ > 0 ? largest_radius_sq_ : first_guess_sq(leaf)));
     largest_radius_sq_ = 0;
     tries_ = 0;
 }
@@ -60,14 +74,14 @@ void LeafQuery::look_farther(std::size_t leaf) {
 
 bool LeafQuery::ask(std::size_t leaf, std::uint32_t lane) {
     if (gathered_) {
-        kernels_.choose(candidates_, lane, k_, slack_, last_radius_sq_, chosen_);
+        kernels_.choose(candidates_, lane, k_, slack_, guess_sq_, chosen_);
         if (chosen_.count == 0) return false;
         kernels_.rank(candidates_, chosen_);
     } else {
         search(leaf, lane);
     }
-    last_radius_sq_ = chosen_.radius_sq;
-    largest_radius_sq_ = std::max(largest_radius_sq_, last_radius_sq_);
+    guess_sq_ = chosen_.radius_sq;
+    largest_radius_sq_ = std::max(largest_radius_sq_, chosen_.radius_sq);
     return true;
 }
 

@@ -26,6 +26,7 @@ struct Chosen {
     float* distance_sq;
     std::uint32_t* slot;      ///< their places among the candidates
     std::uint32_t* rank;      ///< their places by (distance, index), from 0
+    std::uint32_t* flipped;   ///< room for their indices, which `rank` compares
     std::uint32_t count = 0;  ///< 0 where the candidates do not suffice
     float radius_sq = 0;      ///< within which they lie
 };

@@ -48,10 +48,13 @@ struct Packing {
         : order(_mm256_cvtepu8_epi32(
               _mm_loadl_epi64(reinterpret_cast<const __m128i*>(kPackedLanes + mask)))) {}
 
-    template <typename T>
-    void move(const T* from, T* to) const noexcept {
-        const __m256i v = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(from));
-        _mm256_storeu_si256(reinterpret_cast<__m256i*>(to), _mm256_permutevar8x32_epi32(v, order));
+    void store(Int8 v, std::uint32_t* to) const noexcept {
+        const __m256i packed = _mm256_permutevar8x32_epi32(reinterpret_cast<__m256i>(v), order);
+        _mm256_storeu_si256(reinterpret_cast<__m256i*>(to), packed);
+    }
+    void store(Float8 v, float* to) const noexcept {
+        const __m256 packed = _mm256_permutevar8x32_ps(reinterpret_cast<__m256>(v), order);
+        _mm256_storeu_ps(to, packed);
     }
 };
 
@@ -70,10 +73,12 @@ inline std::uint32_t lane_bits(Int8 mask) noexcept {
 struct Packing {
     std::uint32_t mask;
 
-    template <typename T>
-    void move(const T* from, T* to) const noexcept {
-        store_packed(to, from, mask & 15U);
-        store_packed(to + __builtin_popcount(mask & 15U), from + 4, mask >> 4U);
+    template <typename V, typename T>
+    void store(V v, T* to) const noexcept {
+        alignas(32) T lanes[kLanes];
+        __builtin_memcpy(lanes, &v, sizeof lanes);
+        store_packed(to, lanes, mask & 15U);
+        store_packed(to + __builtin_popcount(mask & 15U), lanes + 4, mask >> 4U);
     }
 };
 
@@ -145,35 +150,35 @@ bool gather(const PointTree::View& tree, std::uint32_t home, float limit_sq,
     return true;
 }
 
-/// Puts the candidates at `slot` to `slot` + 7 that are near enough behind those chosen.
-inline void take(Float8 distance_sq, float radius_sq, std::uint32_t slot, Chosen& to) noexcept {
-    const std::uint32_t within = lane_bits(distance_sq <= radius_sq);
-    const Packing packing{within};
-    alignas(32) float distances[kLanes];
-    alignas(32) std::uint32_t slots[kLanes];
-    store(distances, distance_sq);
-    store(slots, Int8{0, 1, 2, 3, 4, 5, 6, 7} + static_cast<std::int32_t>(slot));
-    packing.move(distances, to.distance_sq + to.count);
-    packing.move(slots, to.slot + to.count);
-    to.count += static_cast<std::uint32_t>(__builtin_popcount(within));
-}
+/// Where a stretch of candidates is measured from, and those that were near enough.
+struct Measure {
+    const float *x, *y, *z;
+    float* distance_sq;  ///< of all
+    float qx, qy, qz, radius_sq;
+    float* taken_sq;  ///< of those taken, packed
+    std::uint32_t* taken_slot;
+    std::uint32_t count = 0;
 
-/// Measures all candidates from a point of the home leaf, and takes those within `radius_sq`. The
-/// point itself is put infinitely far away.
-inline void measure(const Candidates& c, std::uint32_t lane, float radius_sq, Chosen& to) noexcept {
-    const std::uint32_t home = c.home * kLanes;
-    const float qx = c.x[home + lane], qy = c.y[home + lane], qz = c.z[home + lane];
-    const Int8 is_lane = Int8{0, 1, 2, 3, 4, 5, 6, 7} == static_cast<std::int32_t>(lane);
-    to.count = 0;
-    for (std::uint32_t i = 0; i < c.leaves * kLanes; i += kLanes) {
-        const Float8 x = load(c.x + i) - qx, y = load(c.y + i) - qy, z = load(c.z + i) - qz;
-        Float8 distance_sq = x * x + y * y + z * z;
-        const Int8 infinite = is_lane & (i == home ? 0x7F800000 : 0);
-        distance_sq = reinterpret_cast<Float8>(reinterpret_cast<Int8>(distance_sq) | infinite);
-        store(c.distance_sq + i, distance_sq);
-        take(distance_sq, radius_sq, i, to);
+    [[gnu::always_inline]] Float8 at(std::uint32_t i) const noexcept {
+        const Float8 dx = load(x + i) - qx, dy = load(y + i) - qy, dz = load(z + i) - qz;
+        return dx * dx + dy * dy + dz * dz;
     }
-}
+    [[gnu::always_inline]] void take(Float8 d, std::uint32_t i) noexcept {
+        const std::uint32_t within = lane_bits(d <= radius_sq);
+        const Packing packing{within};
+        packing.store(d, taken_sq + count);
+        packing.store(Int8{0, 1, 2, 3, 4, 5, 6, 7} + static_cast<std::int32_t>(i),
+                      taken_slot + count);
+        count += static_cast<std::uint32_t>(__builtin_popcount(within));
+    }
+    [[gnu::always_inline]] void measure_and_take(std::uint32_t begin, std::uint32_t end) noexcept {
+        for (std::uint32_t i = begin; i < end; i += kLanes) {
+            const Float8 d = at(i);
+            store(distance_sq + i, d);
+            take(d, i);
+        }
+    }
+};
 
 inline std::uint32_t count_within(const Candidates& c, float radius_sq) noexcept {
     Int8 minus{};
@@ -214,24 +219,38 @@ inline float find_radius_sq(const Candidates& c, std::uint32_t least, std::uint3
 
 void choose(const Candidates& candidates, std::uint32_t lane, std::uint32_t k, std::uint32_t slack,
             float guess_sq, Chosen& chosen) noexcept {
-    // Copies that no store can reach, so that they stay in registers.
-    const Candidates c = candidates;
-    Chosen to = chosen;
-    float radius_sq = guess_sq < c.limit_sq ? guess_sq : c.limit_sq;
-    measure(c, lane, radius_sq, to);
-    if (to.count < k || to.count > k + slack) {
-        radius_sq = find_radius_sq(c, k, k + slack, radius_sq, to.count);
-        to.count = 0;
-        if (radius_sq >= 0) {
-            for (std::uint32_t i = 0; i < c.leaves * kLanes; i += kLanes)
-                take(load(c.distance_sq + i), radius_sq, i, to);
+    const Candidates c = candidates;  // a copy that no store can reach
+    const std::uint32_t home = c.home * kLanes, end = c.leaves * kLanes;
+    Measure m = {c.x,
+                 c.y,
+                 c.z,
+                 c.distance_sq,
+                 c.x[home + lane],
+                 c.y[home + lane],
+                 c.z[home + lane],
+                 guess_sq < c.limit_sq ? guess_sq : c.limit_sq,
+                 chosen.distance_sq,
+                 chosen.slot};
+    m.measure_and_take(0, home);
+    const Int8 is_lane = Int8{0, 1, 2, 3, 4, 5, 6, 7} == static_cast<std::int32_t>(lane);
+    const Float8 at_home = is_lane ? Float8{} + __builtin_inff() : m.at(home);  // without itself
+    store(c.distance_sq + home, at_home);
+    m.take(at_home, home);
+    m.measure_and_take(home + kLanes, end);
+
+    if (m.count < k || m.count > k + slack) {
+        m.radius_sq = find_radius_sq(c, k, k + slack, m.radius_sq, m.count);
+        m.count = 0;
+        if (m.radius_sq >= 0) {
+            for (std::uint32_t i = 0; i < end; i += kLanes) m.take(load(c.distance_sq + i), i);
         }
     }
-    chosen.count = to.count;
-    chosen.radius_sq = radius_sq;
+    chosen.count = m.count;
+    chosen.radius_sq = m.radius_sq;
 }
 
-/// Adds to the ranks how many of the others are nearer.
+/// Ranks those chosen by how many of the others are nearer. Quadratic, but without a branch that
+/// could be mispredicted.
 inline void count_nearer(const Chosen& c) noexcept {
     for (std::uint32_t i = 0; i < c.count; i += 3 * kLanes) {
         Int8 minus[3] = {};
@@ -245,14 +264,22 @@ inline void count_nearer(const Chosen& c) noexcept {
 
 /// Adds to the ranks how many of the others are equally far and stand before it in number.
 inline void count_equals(const Candidates& candidates, const Chosen& c) noexcept {
-    for (std::uint32_t i = 0; i < c.count; ++i) {
-        const float distance_sq = c.distance_sq[i];
-        const Index index = candidates.index[c.slot[i]];
-        std::uint32_t before = 0;
-        for (std::uint32_t j = 0; j < c.count; ++j)
-            before +=
-                c.distance_sq[j] == distance_sq && candidates.index[c.slot[j]] < index ? 1 : 0;
-        c.rank[i] += before;
+    constexpr std::uint32_t kFlip = 0x80000000U;  // compares as without a sign
+    for (std::uint32_t i = 0; i < c.count; ++i) c.flipped[i] = candidates.index[c.slot[i]] ^ kFlip;
+    for (std::uint32_t i = 0; i < c.count; i += 3 * kLanes) {
+        Int8 minus[3] = {};
+        for (std::uint32_t j = 0; j < c.count; ++j) {
+            const auto index = static_cast<std::int32_t>(c.flipped[j]);
+            for (std::uint32_t g = 0; g < 3; ++g) {
+                const std::uint32_t at = i + g * kLanes;
+                minus[g] +=
+                    (c.distance_sq[j] == load(c.distance_sq + at)) & (index < load(c.flipped + at));
+            }
+        }
+        for (std::uint32_t g = 0; g < 3; ++g) {
+            std::uint32_t* const to = c.rank + i + g * kLanes;
+            store(to, load(to) - minus[g]);
+        }
     }
 }
 
@@ -262,7 +289,6 @@ void rank(const Candidates& candidates, const Chosen& chosen) noexcept {
     const Float8 infinite = Float8{} + __builtin_inff();
     for (std::uint32_t g = 0; g < 3; ++g) store(c.distance_sq + c.count + g * kLanes, infinite);
 
-    // Quadratic, but without a branch that could be mispredicted.
     count_nearer(c);
     Int8 sum{};
     for (std::uint32_t g = 0; g < groups; ++g) sum += load(c.rank + g * kLanes);

@@ -17,9 +17,9 @@ struct Room {
     static constexpr std::size_t kSize = 8 * kLeaves + 24;
     std::vector<float> x = std::vector<float>(kSize), y = x, z = x, all = x, distances_sq = x;
     std::vector<std::uint32_t> index = std::vector<std::uint32_t>(kSize), slot = index,
-                               rank = index;
+                               rank = index, flipped = index;
     Candidates candidates = {x.data(), y.data(), z.data(), index.data(), all.data(), kLeaves};
-    Chosen chosen = {distances_sq.data(), slot.data(), rank.data()};
+    Chosen chosen = {distances_sq.data(), slot.data(), rank.data(), flipped.data()};
 };
 
 template <typename T>
