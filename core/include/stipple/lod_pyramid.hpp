@@ -38,13 +38,14 @@ void validate(const LodPyramidOptions& options);
 std::vector<std::uint64_t> lod_sizes(std::uint64_t points, const LodPyramidOptions& options);
 
 /// Levels of detail of a cleaned cloud, all from one run of the hierarchical clustering: every
-/// level is a cut of the same tree. The level of all points is the cloud itself.
+/// level is a cut of the same tree, which is grown for the finest first. The level of all points is
+/// the cloud itself.
 ///
 /// @param on_level  called for each level as soon as it is there, coarsest first, on the calling
 /// thread.
 /// @throws Error(InvalidArgument) for options out of range or a cloud without points.
-/// All levels of the dragon take 2.5 times as long as its finest cut alone
-/// (`pyramid/dragon/ratio-4` of stipple-bench).
+/// All levels of the dragon take about twice as long as its finest cut alone
+/// (`pyramid/dragon/ratio-4` of stipple-bench): the rest is their spacing.
 void build_lod_pyramid(const PointCloud& cloud, const LodPyramidOptions& options,
                        const std::function<void(LodLevel&&)>& on_level,
                        const RunContext& context = {});
