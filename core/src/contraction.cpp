@@ -163,6 +163,7 @@ Engine::Engine(std::span<const Vec3f> positions, std::span<const StoredQuadric> 
                                [&](const Vec3f& p) { return Vec3f(p * scale); });
         place_along_curve(scaled, tangents);
     }
+    return_freed_memory();
     parallel_for_blocks(slots_, kBlock, context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {
             const Index sample = order_[i];
@@ -174,7 +175,11 @@ Engine::Engine(std::span<const Vec3f> positions, std::span<const StoredQuadric> 
                        .cost = kUnknown};
         }
     });
-    if (quadrics.empty()) make_quadrics(tangents);
+    if (quadrics.empty()) {
+        make_quadrics(tangents);
+        std::vector<std::uint32_t>().swap(tangents);
+        return_freed_memory();
+    }
 }
 
 /// Numbers the slots along the curve of a tree, fills their lists of neighbours and, unless empty,
@@ -434,7 +439,7 @@ std::vector<Engine::Winner> Engine::match(float limit) {
     std::vector<Winner> winners;
     for (auto& part : parts) {
         winners.insert(winners.end(), part.begin(), part.end());
-        part = {};
+        std::vector<Winner>().swap(part);
     }
     return winners;
 }
@@ -517,13 +522,8 @@ void Engine::compact() {
     for (Index i = 0; i < slots_; ++i)
         if (!is_live(i)) renumbered[i] = renumbered[root(i)];
 
-    if (!place_of_.empty())
-        for (Index i = 0; i < slots_; ++i)
-            if (is_live(i)) place_of_[renumbered[i]] = place_of_[i];
     for (Kept& kept : kept_)
         for (Index& slot : kept.samples.survivor_of) slot = renumbered[slot];
-    std::vector<Index> places;
-    if (place_of_.empty()) places.reserve(live_);
     for (Index i = 0; i < slots_; ++i) {
         if (!is_live(i)) continue;
         const Index to = renumbered[i];
@@ -531,19 +531,22 @@ void Engine::compact() {
                                [&](Index j) { return j == kNone ? kNone : renumbered[j]; });
         records()[to] = records()[i];
         records()[to].link = to;
-        if (place_of_.empty()) places.push_back(i);
+        records()[to].claim = i;  // until its place is known
     }
     slots_ = live_;
     memory_.shrink(slots_ * sizeof(Record));
     neighbors_.resize(slots_ * k_);
     neighbors_.shrink_to_fit();
-    if (place_of_.empty()) {
-        place_of_ = std::move(places);
+    if (slot_of_.empty()) {
         slot_of_ = std::move(renumbered);
-    } else {
         place_of_.resize(slots_);
+        for (Index i = 0; i < slots_; ++i) place_of_[i] = records()[i].claim;
+    } else {
         for (Index& slot : slot_of_) slot = renumbered[slot];
+        for (Index i = 0; i < slots_; ++i) place_of_[i] = place_of_[records()[i].claim];
+        place_of_.resize(slots_);
     }
+    for (Index i = 0; i < slots_; ++i) records()[i].claim = kNone;
 }
 
 void Engine::keep(Kept& kept) {
