@@ -4,7 +4,9 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
 #include <cstdint>
+#include <type_traits>
 
 // GCC compiles the same lines for another instruction set between these pragmas; where that is not
 // to be had, the plain form serves.
@@ -27,13 +29,16 @@ namespace plain {
 }
 
 #if defined(STIPPLE_HAS_AVX2_KERNELS)
-/// For each mask of eight lanes the numbers of the chosen ones, in order, a byte each.
+/// For each mask of eight lanes the numbers of the chosen ones and then of the others, in order, a
+/// byte each.
 constexpr auto kPackedLanes = [] {
     std::array<std::uint64_t, 256> table{};
     for (unsigned mask = 0; mask < 256; ++mask) {
         unsigned to = 0;
-        for (std::uint64_t lane = 0; lane < 8; ++lane) {
-            if ((mask >> lane & 1U) != 0) table[mask] |= lane << (8 * to++);
+        for (const unsigned part : {mask, ~mask}) {
+            for (std::uint64_t lane = 0; lane < 8; ++lane) {
+                if ((part >> lane & 1U) != 0) table[mask] |= lane << (8 * to++);
+            }
         }
     }
     return table;
@@ -52,12 +57,13 @@ namespace avx2 {
 }  // namespace
 
 std::vector<ClusterKernels> available_cluster_kernels() {
-    std::vector<ClusterKernels> kernels = {
-        {"plain", plain::partition, plain::sums, plain::nearby, plain::box, plain::count}};
+    std::vector<ClusterKernels> kernels = {{"plain", plain::partition, plain::sums, plain::spreads,
+                                            plain::nearby, plain::box, plain::count}};
 #if defined(STIPPLE_HAS_AVX2_KERNELS)
-    if (__builtin_cpu_supports("avx2"))
-        kernels.push_back(
-            {"avx2", avx2::partition, avx2::sums, avx2::nearby, avx2::box, avx2::count});
+    if (__builtin_cpu_supports("avx2")) {
+        kernels.push_back({"avx2", avx2::partition, avx2::sums, avx2::spreads, avx2::nearby,
+                           avx2::box, avx2::count});
+    }
 #endif
     return kernels;
 }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "samples.hpp"
+#include "symmetric_eigen.hpp"
 
 #include <array>
 #include <cstddef>
@@ -20,6 +21,15 @@ struct SplitPlane {
 /// reference: x y z xx xy xz yy yz zz.
 using SampleSums = std::array<double, 9>;
 
+/// The extreme eigenvalues of a scatter matrix and the unit vector of the largest.
+struct Spread {
+    double smallest = 0, largest = 0;
+    Vec3d direction = Vec3d::UnitX();
+};
+
+/// How many spreads are taken at once.
+constexpr std::size_t kSpreads = 4;
+
 /// Where `nearby` writes, packed: squared distances of all samples it finds; and of the free ones,
 /// beside their places. Eight more than are found are written.
 struct NearbyOutput {
@@ -36,11 +46,16 @@ struct SampleBox {
 /// bits: the lanes of a sum are eight, whatever the width of the machine's.
 struct ClusterKernels {
     const char* name;
-    /// Moves the samples left of the plane to the front and the others behind them, both in their
-    /// order; `scratch` is as large. @return how many are left.
-    std::size_t (*partition)(const MutableSampleSpan& samples, const SplitPlane& plane,
-                             const MutableSampleSpan& scratch) noexcept;
+    /// Writes the samples left of the plane to the front of `to` and the others behind them, in an
+    /// order that depends on nothing but the samples; `to` is another place of the same size.
+    /// @return how many are left.
+    std::size_t (*partition)(const SampleSpan& samples, const SplitPlane& plane,
+                             const MutableSampleSpan& to) noexcept;
     SampleSums (*sums)(const SampleSpan& samples, const std::array<float, 3>& reference) noexcept;
+    /// As `eigenvalues` and `eigenvector` of symmetric_eigen.hpp, up to rounding, for four
+    /// matrices.
+    std::array<Spread, kSpreads> (*spreads)(
+        const std::array<Symmetric3, kSpreads>& scatters) noexcept;
     /// Finds the samples `begin..end` within the root of `limit_sq` of `center`, and of them the
     /// free ones, where `taken` is 0. Reads eight more samples. @return behind what was written.
     NearbyOutput (*nearby)(const SampleSpan& samples, const float* taken, Index begin, Index end,

@@ -1,8 +1,9 @@
 // No header of its own: cluster_kernels.cpp includes it once for each instruction set, in a
 // namespace of its own. It uses eight lanes as the compiler makes them of what the set has; only
-// packing is written for each.
+// packing and roots are written for each.
 
 using Float8 = float __attribute__((vector_size(32)));
+using Double4 = double __attribute__((vector_size(32)));
 using Int8 = std::int32_t __attribute__((vector_size(32)));
 
 constexpr std::size_t kLanes = 8;
@@ -45,48 +46,24 @@ inline unsigned lane_bits(Int8 mask) noexcept {
     return static_cast<unsigned>(_mm256_movemask_ps(reinterpret_cast<__m256>(mask)));
 }
 
-inline Float8 smaller(Float8 a, Float8 b) noexcept {
-    return _mm256_min_ps(a, b);
-}
-inline Float8 larger(Float8 a, Float8 b) noexcept {
-    return _mm256_max_ps(a, b);
-}
-
-/// The lanes to the left and the others, each packed to the front.
+/// Eight lanes in the order that a mask says: the chosen ones first, then the others.
 struct Packing {
-    __m256i left_order, right_order;
-
-    explicit Packing(unsigned left) noexcept
-        : left_order(order_of(left)), right_order(order_of(~left & 255U)) {}
-
-    /// Eight values from one place to two; behind those that belong there up to seven become
-    /// anything.
-    template <typename T>
-    void move(const T* from, T* left, T* right) const noexcept {
-        const __m256i v = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(from));
-        _mm256_storeu_si256(reinterpret_cast<__m256i*>(right),
-                            _mm256_permutevar8x32_epi32(v, right_order));
-        _mm256_storeu_si256(reinterpret_cast<__m256i*>(left),
-                            _mm256_permutevar8x32_epi32(v, left_order));
-    }
-
-    static __m256i order_of(unsigned mask) noexcept {
-        return _mm256_cvtepu8_epi32(
-            _mm_loadl_epi64(reinterpret_cast<const __m128i*>(&kPackedLanes[mask])));
-    }
-};
-
-/// Some of eight values, packed; behind them up to seven become anything.
-struct Selection {
     __m256i order;
 
-    explicit Selection(unsigned mask) noexcept : order(Packing::order_of(mask)) {}
-    template <typename V, typename T>
-    void store(const V& v, T* to) const noexcept {
-        _mm256_storeu_si256(reinterpret_cast<__m256i*>(to),
-                            _mm256_permutevar8x32_epi32(reinterpret_cast<__m256i>(v), order));
+    explicit Packing(unsigned chosen) noexcept
+        : order(_mm256_cvtepu8_epi32(
+              _mm_loadl_epi64(reinterpret_cast<const __m128i*>(&kPackedLanes[chosen])))) {}
+
+    template <typename T>
+    __m256i of(const T* from) const noexcept {
+        return _mm256_permutevar8x32_epi32(
+            _mm256_loadu_si256(reinterpret_cast<const __m256i*>(from)), order);
     }
 };
+
+inline Double4 root_of(Double4 v) noexcept {
+    return reinterpret_cast<Double4>(_mm256_sqrt_pd(reinterpret_cast<__m256d>(v)));
+}
 
 #else
 
@@ -102,91 +79,98 @@ inline unsigned lane_bits(Int8 mask) noexcept {
     return bits;
 }
 
-inline Float8 smaller(Float8 a, Float8 b) noexcept {
-    return a < b ? a : b;
-}
-inline Float8 larger(Float8 a, Float8 b) noexcept {
-    return a > b ? a : b;
-}
-
 struct Packing {
-    unsigned left;
+    unsigned chosen;
 
     template <typename T>
-    void move(const T* from, T* to_left, T* to_right) const noexcept {
-        // Read whole before anything is written: `to_left` may be the same place.
-        std::array<T, kLanes> v;
-        __builtin_memcpy(v.data(), from, sizeof v);
-        const auto pack = [&v](T* to, unsigned mask) {
-            store_packed(to, v.data(), mask & 15U);
-            store_packed(to + std::popcount(mask & 15U), v.data() + 4, mask >> 4U);
-        };
-        pack(to_right, ~left & 255U);
-        pack(to_left, left);
+    std::array<T, kLanes> of(const T* from) const noexcept {
+        std::array<T, kLanes + 3> v;  // what is stored beyond a part is overwritten by the next
+        T* to = v.data();
+        for (const unsigned mask : {chosen, ~chosen & 255U}) {
+            store_packed(to, from, mask & 15U);
+            to += std::popcount(mask & 15U);
+            store_packed(to, from + 4, mask >> 4U);
+            to += std::popcount(mask >> 4U);
+        }
+        std::array<T, kLanes> result;
+        std::copy_n(v.data(), kLanes, result.data());
+        return result;
     }
 };
 
-struct Selection {
-    unsigned mask;
-
-    template <typename V, typename T>
-    void store(const V& v, T* to) const noexcept {
-        std::array<T, kLanes> lanes;
-        __builtin_memcpy(lanes.data(), &v, sizeof v);
-        store_packed(to, lanes.data(), mask & 15U);
-        store_packed(to + std::popcount(mask & 15U), lanes.data() + 4, mask >> 4U);
-    }
-};
+inline Double4 root_of(Double4 v) noexcept {
+    for (int lane = 0; lane < 4; ++lane) v[lane] = std::sqrt(v[lane]);
+    return v;
+}
 
 #endif
 
-/// Copies n values, eight at a time: most clusters are so small that a call to memcpy costs more.
-template <typename T>
-inline void copy(const T* from, std::size_t n, T* to) noexcept {
-    std::size_t i = 0;
-    for (; i + kLanes <= n; i += kLanes) __builtin_memcpy(to + i, from + i, kLanes * sizeof(T));
-    for (; i < n; ++i) to[i] = from[i];
+/// Which of eight samples, relative to the plane's reference, lie left of it.
+inline unsigned bits_left_of(const SplitPlane& plane, const Group& g) noexcept {
+    return lane_bits(g.x * plane.normal[0] + g.y * plane.normal[1] + g.z * plane.normal[2] <
+                     plane.offset);
 }
 
-std::size_t partition(const MutableSampleSpan& samples, const SplitPlane& split_plane,
-                      const MutableSampleSpan& scratch_space) noexcept {
-    // Copies that no store can reach, so that they stay in registers.
-    const MutableSampleSpan s = samples, scratch = scratch_space;
-    const SplitPlane plane = split_plane;
-    const auto left_of = [plane](const Group& g) {
-        return lane_bits(g.x * plane.normal[0] + g.y * plane.normal[1] + g.z * plane.normal[2] <
-                         plane.offset);
-    };
-    std::size_t front = 0, back = 0;
-    const std::size_t whole = s.size / kLanes * kLanes;
-    // Neither side is longer than what was read, so a store of eight reaches no further than the
-    // eight just read.
-    for (std::size_t i = 0; i < whole; i += kLanes) {
-        const unsigned left = left_of(whole_group(s, i, plane.reference));
-        const Packing packing{left};
-        packing.move(s.x + i, s.x + front, scratch.x + back);
-        packing.move(s.y + i, s.y + front, scratch.y + back);
-        packing.move(s.z + i, s.z + front, scratch.z + back);
-        packing.move(s.index + i, s.index + front, scratch.index + back);
-        const auto count = static_cast<std::size_t>(std::popcount(left));
-        front += count;
-        back += kLanes - count;
-    }
-    const unsigned left = whole < s.size ? left_of(last_group(s, whole, plane.reference)) : 0;
-    for (std::size_t i = whole; i < s.size; ++i) {
-        const bool is_left = (left >> (i - whole) & 1U) != 0;
-        const MutableSampleSpan& to = is_left ? s : scratch;
-        std::size_t& at = is_left ? front : back;
+/// Fewer samples than lanes, one by one.
+std::size_t partition_few(const SampleSpan& s, const SplitPlane& plane,
+                          const MutableSampleSpan& to) noexcept {
+    const unsigned left = bits_left_of(plane, last_group(s, 0, plane.reference));
+    std::size_t front = 0, back = s.size;
+    for (std::size_t i = 0; i < s.size; ++i) {
+        const std::size_t at = (left >> i & 1U) != 0 ? front++ : --back;
         to.x[at] = s.x[i];
         to.y[at] = s.y[i];
         to.z[at] = s.z[i];
         to.index[at] = s.index[i];
-        ++at;
     }
-    copy(scratch.x, back, s.x + front);
-    copy(scratch.y, back, s.y + front);
-    copy(scratch.z, back, s.z + front);
-    copy(scratch.index, back, s.index + front);
+    return front;
+}
+
+std::size_t partition(const SampleSpan& samples, const SplitPlane& split_plane,
+                      const MutableSampleSpan& target) noexcept {
+    if (samples.size < kLanes) return partition_few(samples, split_plane, target);
+    // Copies that no store can reach, so that they stay in registers.
+    const SampleSpan s = samples;
+    const MutableSampleSpan to = target;
+    const SplitPlane plane = split_plane;
+    const auto each_array = [&](const auto& move) {
+        move(s.x, to.x);
+        move(s.y, to.y);
+        move(s.z, to.z);
+        move(s.index, to.index);
+    };
+    const auto store = [](const auto& lanes, auto* at) {
+        __builtin_memcpy(at, &lanes, kLanes * sizeof *at);
+    };
+    // First the few that fill no group, as part of the last eight. Then as many places are free
+    // before each group as there are samples to come, so the eight lanes written at either end
+    // touch nothing that is to stay.
+    const std::size_t few = s.size % kLanes, whole = s.size - few;
+    std::size_t front = 0, back = s.size;
+    if (few != 0) {
+        const std::size_t i = s.size - kLanes;
+        const unsigned valid = 255U << (kLanes - few) & 255U;
+        const unsigned left = bits_left_of(plane, whole_group(s, i, plane.reference)) & valid;
+        const Packing left_first{left}, right_last{~(valid & ~left) & 255U};
+        each_array([&](const auto* from, auto* at) {
+            store(right_last.of(from + i), at + i);
+            store(left_first.of(from + i), at);
+        });
+        front = static_cast<std::size_t>(std::popcount(left));
+        back -= few - front;
+    }
+    for (std::size_t i = 0; i < whole; i += kLanes) {
+        const unsigned left = bits_left_of(plane, whole_group(s, i, plane.reference));
+        const Packing left_first{left};
+        each_array([&](const auto* from, auto* at) {
+            const auto lanes = left_first.of(from + i);
+            store(lanes, at + front);
+            store(lanes, at + back - kLanes);
+        });
+        const auto count = static_cast<std::size_t>(std::popcount(left));
+        front += count;
+        back -= kLanes - count;
+    }
     return front;
 }
 
@@ -225,6 +209,111 @@ SampleSums sums(const SampleSpan& s, const std::array<float, 3>& reference) noex
     return total;
 }
 
+inline Double4 larger(Double4 a, Double4 b) noexcept {
+    return a > b ? a : b;
+}
+
+inline Double4 size_of(Double4 v) noexcept {
+    return larger(v, -v);
+}
+
+/// 1 / v, or 0 where that is not to be had.
+inline Double4 inverse_of(Double4 v) noexcept {
+    const Double4 inverse = 1.0 / v;
+    return v > 0.0 ? inverse : Double4{};
+}
+
+/// Four symmetric matrices by their upper triangles.
+struct Symmetric4 {
+    Double4 xx, xy, xz, yy, yz, zz;
+
+    Double4 largest_entry() const noexcept {
+        return larger(larger(larger(size_of(xx), size_of(xy)), larger(size_of(xz), size_of(yy))),
+                      larger(size_of(yz), size_of(zz)));
+    }
+    Symmetric4 scaled(Double4 s) const noexcept {
+        return {xx * s, xy * s, xz * s, yy * s, yz * s, zz * s};
+    }
+    Symmetric4 minus_identity(Double4 s) const noexcept {
+        return {xx - s, xy, xz, yy - s, yz, zz - s};
+    }
+};
+
+struct Extremes {
+    Double4 smallest, largest;
+};
+
+/// The extreme eigenvalues: the characteristic polynomial of the matrix without its mean, of size
+/// one, is y^3 - 3 y - 2 r. Of its roots the one farthest from zero is found by Newton's iteration,
+/// which three steps end at full accuracy, and the other two follow from it.
+inline Extremes extreme_eigenvalues(const Symmetric4& a) noexcept {
+    const Double4 mean = (a.xx + a.yy + a.zz) / 3.0;
+    const Symmetric4 d = a.minus_identity(mean);
+    const Double4 off = d.xy * d.xy + d.xz * d.xz + d.yz * d.yz;
+    const Double4 spread = root_of((d.xx * d.xx + d.yy * d.yy + d.zz * d.zz + 2.0 * off) / 6.0);
+    const Double4 determinant = d.xx * (d.yy * d.zz - d.yz * d.yz) -
+                                d.xy * (d.xy * d.zz - d.yz * d.xz) +
+                                d.xz * (d.xy * d.yz - d.yy * d.xz);
+    const Double4 by = inverse_of(spread);
+    const Double4 r = 0.5 * determinant * by * by * by;
+    const Double4 size = size_of(r), q = size < 1.0 ? size : Double4{} + 1.0;
+    Double4 y = 1.7320508075688772 + q * (1.0 / 3.0 - 0.0653841409022105 * q);
+    for (int step = 0; step < 3; ++step) y -= (y * (y * y - 3.0) - 2.0 * q) / (3.0 * y * y - 3.0);
+    const Double4 apart = root_of(larger(12.0 - 3.0 * y * y, Double4{}));
+    const Double4 other = 0.5 * (y + apart);  // of the opposite sign
+    return {mean - spread * (r < 0.0 ? y : other), mean + spread * (r < 0.0 ? other : y)};
+}
+
+struct Vector4 {
+    Double4 x, y, z;
+
+    Double4 length_sq() const noexcept { return x * x + y * y + z * z; }
+};
+
+inline Vector4 cross(const Vector4& a, const Vector4& b) noexcept {
+    return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+}
+
+inline void keep_longer(Vector4& v, Double4& length_sq, const Vector4& other) noexcept {
+    const Double4 other_sq = other.length_sq();
+    const auto is_longer = other_sq > length_sq;
+    v = {is_longer ? other.x : v.x, is_longer ? other.y : v.y, is_longer ? other.z : v.z};
+    length_sq = is_longer ? other_sq : length_sq;
+}
+
+std::array<Spread, kSpreads> spreads(const std::array<Symmetric3, kSpreads>& m) noexcept {
+    const Symmetric4 all = {
+        {m[0].xx, m[1].xx, m[2].xx, m[3].xx}, {m[0].xy, m[1].xy, m[2].xy, m[3].xy},
+        {m[0].xz, m[1].xz, m[2].xz, m[3].xz}, {m[0].yy, m[1].yy, m[2].yy, m[3].yy},
+        {m[0].yz, m[1].yz, m[2].yz, m[3].yz}, {m[0].zz, m[1].zz, m[2].zz, m[3].zz}};
+    const Double4 scale = all.largest_entry();
+    const Symmetric4 a = all.scaled(inverse_of(scale));
+    const Extremes values = extreme_eigenvalues(a);
+    // The rows of A - lambda span what is orthogonal to the eigenvector.
+    Symmetric4 shifted = a.minus_identity(values.largest);
+    shifted = shifted.scaled(inverse_of(shifted.largest_entry()));
+    const Vector4 row0 = {shifted.xx, shifted.xy, shifted.xz},
+                  row1 = {shifted.xy, shifted.yy, shifted.yz},
+                  row2 = {shifted.xz, shifted.yz, shifted.zz};
+    Vector4 v = cross(row0, row1);
+    Double4 length_sq = v.length_sq();
+    keep_longer(v, length_sq, cross(row1, row2));
+    keep_longer(v, length_sq, cross(row2, row0));
+    const Double4 by = inverse_of(root_of(length_sq));
+    const Double4 smallest = values.smallest * scale, largest = values.largest * scale;
+
+    constexpr double kParallel = 1e-20;
+    std::array<Spread, kSpreads> result;
+    for (std::size_t i = 0; i < kSpreads; ++i) {
+        result[i].smallest = smallest[i];
+        result[i].largest = largest[i];
+        result[i].direction = length_sq[i] > kParallel
+                                  ? Vec3d(v.x[i] * by[i], v.y[i] * by[i], v.z[i] * by[i])
+                                  : eigenvector(m[i], largest[i]);
+    }
+    return result;
+}
+
 NearbyOutput nearby(const SampleSpan& samples, const float* taken, Index begin, Index end,
                     const std::array<float, 3>& center, float limit_sq,
                     const NearbyOutput& output) noexcept {
@@ -238,10 +327,15 @@ NearbyOutput nearby(const SampleSpan& samples, const float* taken, Index begin, 
         const unsigned near = lane_bits(d <= limit_sq) & here;
         const unsigned free = lane_bits(load(taken + place) <= 0.0F) & near;
         const Int8 places = Int8{0, 1, 2, 3, 4, 5, 6, 7} + static_cast<std::int32_t>(place);
-        Selection{near}.store(d, out.all_sq);
-        const Selection selection{free};
-        selection.store(d, out.free_sq);
-        selection.store(places, out.free);
+        const auto pack = [](unsigned chosen, const auto& lanes, auto* to) {
+            std::array<std::remove_pointer_t<decltype(to)>, kLanes> values;
+            __builtin_memcpy(values.data(), &lanes, sizeof lanes);
+            const auto packed = Packing{chosen}.of(values.data());
+            __builtin_memcpy(to, &packed, sizeof packed);
+        };
+        pack(near, d, out.all_sq);
+        pack(free, d, out.free_sq);
+        pack(free, places, out.free);
         out.all_sq += std::popcount(near);
         out.free_sq += std::popcount(free);
         out.free += std::popcount(free);
@@ -259,8 +353,8 @@ SampleBox box(const SampleSpan& samples) noexcept {
         std::size_t i = 0;
         for (; i + kLanes <= s.size; i += kLanes) {
             const Float8 group = load(v + i);
-            low = smaller(group, low);
-            high = larger(group, high);
+            low = group < low ? group : low;
+            high = group > high ? group : high;
         }
         std::array<float, kLanes> lows, highs;
         __builtin_memcpy(lows.data(), &low, sizeof low);

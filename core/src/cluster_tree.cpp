@@ -1,24 +1,25 @@
 #include "cluster_tree.hpp"
 
-#include "cluster_kernels.hpp"
+#include "gather.hpp"
+#include "large_split.hpp"
 #include "parallel_for.hpp"
+#include "sample_moments.hpp"
 
 #include <tbb/task_group.h>
 #include <algorithm>
-#include <array>
 #include <cassert>
 #include <cmath>
 #include <numeric>
-#include <tuple>
 
 // Follows: Pauly, Gross, Kobbelt 2002, §3.1; Shaffer and Garland 2001 (the same partition with a
 // queue, for meshes).
 //
-// Coordinates lie in arrays of their own and are taken eight at a time. Splitting a cluster is two
-// passes: one that moves its points to either side, keeping their order, and one that takes the
-// moments of the two halves while they are in the cache. Moments are sums of differences to a point
-// of the cluster, in floats over a few samples and in doubles over all. Nothing is derived from a
-// parent's sums, so rounding does not build up towards the leaves.
+// A node of at most `kResident` points is copied to where eight coordinates lie side by side, and
+// its subtree is grown there: a pass moves the points of a cluster to either side, another takes
+// the moments of each half while they are in the cache. Larger nodes are split by large_split.cpp.
+// Moments are sums of differences to a point near the cluster, in floats over a few samples and in
+// doubles over all. Nothing is derived from a parent's sums, so rounding does not build up towards
+// the leaves.
 //
 // The priority queue is not there: a child's priority is never above its parent's, so the first
 // splits of the queue, one fewer than the clusters wanted, are as many nodes of highest priority.
@@ -28,323 +29,326 @@ namespace stipple {
 
 namespace {
 
-constexpr std::size_t kParallelGrain = 8'192;  // samples below which a subtree is one task
+constexpr Index kResident = 262'144;
+constexpr std::size_t kParallelGrain = 8'192;  // points below which a subtree is one task
 
-/// Moments relative to `reference`, which should be near the samples' centroid.
-SampleMoments moments_about(const SampleSpan& samples, const std::array<float, 3>& reference) {
-    const SampleSums s = cluster_kernels().sums(samples, reference);
-    const double n = static_cast<double>(samples.size);
-    const double x = s[0] / n, y = s[1] / n, z = s[2] / n;
-    SampleMoments moments;
-    moments.centroid =
-        Vec3d(static_cast<double>(reference[0]) + x, static_cast<double>(reference[1]) + y,
-              static_cast<double>(reference[2]) + z);
-    moments.scatter = {s[3] - n * x * x, s[4] - n * x * y, s[5] - n * x * z,
-                       s[6] - n * y * y, s[7] - n * y * z, s[8] - n * z * z};
-    moments.eigenvalues = eigenvalues(moments.scatter);
-    return moments;
+std::array<float, 3> as_array(const Vec3f& v) {
+    return {v.x(), v.y(), v.z()};
 }
 
-/// Through the centroid, across the direction of largest extent.
-SplitPlane split_plane(const SampleMoments& moments) {
-    const Vec3d direction = eigenvector(moments.scatter, moments.eigenvalues[2]);
-    const Vec3f reference = moments.centroid.cast<float>(), normal = direction.cast<float>();
-    return {{reference.x(), reference.y(), reference.z()},
-            {normal.x(), normal.y(), normal.z()},
-            static_cast<float>(direction.dot(moments.centroid - reference.cast<double>()))};
-}
-
-/// What splitting a cluster is worth: its total variation (Eq. 3), which keeps the spacing even,
-/// the more so the less flat it is. Of the forms tried (size, total variation, lambda_0 and
-/// products of them) this had the lowest mean error on smooth and on rough scans; the first term
-/// bounds the spacing of flat parts.
-double priority_of(const ClusterNode& node) {
-    if (!node.can_split()) return -1;
-    constexpr double kFlat = 0.02;
-    return node.moments.scatter.trace() * (kFlat + std::sqrt(node.moments.variation()));
-}
-
-/// A node in the order of splitting: a total order in which a parent stands before its children.
-struct Ranked {
-    double priority;
-    Index begin, size, id;
-
-    bool operator<(const Ranked& other) const noexcept {
-        if (priority != other.priority) return priority > other.priority;
-        return begin != other.begin ? begin < other.begin : size > other.size;
-    }
-};
-
-/// Where rounding leaves all samples on one side of the plane, halves them along the longest axis.
-Index halve(const MutableSampleSpan& s) {
-    Vec3f low = s.position(0), high = low;
-    for (std::size_t i = 0; i < s.size; ++i) {
-        low = low.cwiseMin(s.position(i));
-        high = high.cwiseMax(s.position(i));
+/// Where rounding leaves all points on one side of a plane: puts them in their order along the
+/// longest axis of their box. @return half of them.
+Index halve(std::span<const Vec3f> points, std::span<Index> numbers) {
+    Vec3f low = points[numbers.front()], high = low;
+    for (const Index i : numbers) {
+        low = low.cwiseMin(points[i]);
+        high = high.cwiseMax(points[i]);
     }
     int axis = 0;
     (high - low).maxCoeff(&axis);
-    std::vector<Index> order(s.size);
-    std::iota(order.begin(), order.end(), Index{0});
-    std::ranges::sort(order, [&](Index a, Index b) {
-        const float p = s.position(a)[axis], q = s.position(b)[axis];
-        return p < q || (p == q && a < b);
-    });
-    Samples copy(s.size);
-    const MutableSampleSpan old = copy.all();
-    std::copy_n(s.x, s.size, old.x);
-    std::copy_n(s.y, s.size, old.y);
-    std::copy_n(s.z, s.size, old.z);
-    std::copy_n(s.index, s.size, old.index);
-    for (std::size_t i = 0; i < s.size; ++i) {
-        s.x[i] = old.x[order[i]];
-        s.y[i] = old.y[order[i]];
-        s.z[i] = old.z[order[i]];
-        s.index[i] = old.index[order[i]];
-    }
-    return static_cast<Index>(s.size / 2);
+    std::ranges::sort(numbers, {}, [&](Index i) { return std::pair(points[i][axis], i); });
+    return static_cast<Index>(numbers.size() / 2);
 }
 
-/// The samples of the tree and their scratch space.
-struct Workspace {
-    MutableSampleSpan samples, scratch;
+/// Adds the halves of a node to the others, left first.
+void add_halves(std::vector<ClusterNode>& nodes, Index id, Index left_size,
+                const std::array<float, 3>& reference) {
+    ClusterNode left = nodes[id];
+    nodes[id].left = static_cast<Index>(nodes.size());
+    left.reference = reference;
+    ClusterNode right = left;
+    left.size = left_size;
+    right.begin += left_size;
+    right.size -= left_size;
+    nodes.push_back(left);
+    nodes.push_back(right);
+}
+
+/// Puts subtrees in place of leaves: their roots come first in `grown`.
+void graft(std::vector<ClusterNode>& nodes, std::span<const Index> leaves,
+           std::span<const ClusterNode> grown) {
+    const auto shift = static_cast<Index>(nodes.size() - leaves.size());
+    for (std::size_t i = 0; i < grown.size(); ++i) {
+        ClusterNode node = grown[i];
+        if (node.is_split()) node.left += shift;
+        if (i < leaves.size())
+            nodes[leaves[i]] = node;
+        else
+            nodes.push_back(node);
+    }
+}
+
+/// A node whose points are resident and whose moments are known.
+struct Open {
+    Index id = 0;
+    bool in_second = false;  ///< which half of the storage holds its points
+    SampleMoments moments;
 };
 
-Workspace workspace_in(Samples& storage) {
-    const std::size_t n = storage.size() / 2;
-    return {storage.all().part(0, n), storage.all().part(n, 2 * n)};
-}
+/// Grows subtrees of at most `capacity` points, one at a time.
+class Residence {
+public:
+    Residence(std::span<const Vec3f> points, std::size_t capacity, const SplitRule& rule,
+              const RunContext& context)
+        : points_(points),
+          capacity_(capacity),
+          storage_(2 * capacity),
+          rule_(rule),
+          context_(context) {}
 
-/// Splits `node` in two. @return left and right.
-std::pair<ClusterNode, ClusterNode> split(const ClusterNode& node, const Workspace& space) {
-    const MutableSampleSpan samples = space.samples.part(node.begin, node.end);
-    const SplitPlane plane = split_plane(node.moments);
-    auto front = static_cast<Index>(
-        cluster_kernels().partition(samples, plane, space.scratch.part(node.begin, node.end)));
-    if (front == 0 || front == node.size()) front = halve(samples);
-
-    ClusterNode left, right;
-    left.begin = node.begin;
-    left.end = right.begin = node.begin + front;
-    right.end = node.end;
-    left.moments = moments_about(samples.part(0, front), plane.reference);
-    right.moments = moments_about(samples.part(front, samples.size), plane.reference);
-    left.priority = std::min(node.priority, priority_of(left));
-    right.priority = std::min(node.priority, priority_of(right));
-    return {left, right};
-}
-
-/// Grows the subtree of `nodes[top]`, which is a leaf, on this thread.
-void grow_here(std::vector<ClusterNode>& nodes, Index top, const Workspace& space,
-               const std::function<bool(const ClusterNode&)>& wanted, const RunContext& context) {
-    std::vector<Index> open = {top};
-    while (!open.empty()) {
-        const Index id = open.back();
-        open.pop_back();
-        if (!nodes[id].can_split() || !wanted(nodes[id])) continue;
-        if (nodes[id].size() > kParallelGrain) context.throw_if_stopped();
-        const auto [left, right] = split(nodes[id], space);
-        nodes[id].left = static_cast<Index>(nodes.size());
-        nodes[id].right = nodes[id].left + 1;
-        nodes.push_back(left);
-        nodes.push_back(right);
-        open.push_back(nodes[id].right);
-        open.push_back(nodes[id].left);
+    /// Adds what grows below a node, and puts its members in order.
+    void grow(std::vector<ClusterNode>& nodes, Index id, std::span<Index> members) {
+        base_ = nodes[id].begin;
+        members_ = members;
+        const MutableSampleSpan samples = half(false).part(0, members.size());
+        gather(points_, members, samples);
+        grow_from(nodes, {id, false, moments_about(samples, nodes[id].reference)});
     }
-}
 
-/// Puts the subtree `branch` (its root first) in place of `nodes[leaf]`.
-void graft(std::vector<ClusterNode>& nodes, Index leaf, std::vector<ClusterNode>&& branch) {
-    const Index shift = static_cast<Index>(nodes.size()) - 1;  // the branch's root stays at `leaf`
-    for (ClusterNode& node : branch) {
-        if (!node.is_split()) continue;
-        node.left += shift;
-        node.right += shift;
+private:
+    MutableSampleSpan half(bool second) {
+        return second ? storage_.all().part(capacity_, 2 * capacity_)
+                      : storage_.all().part(0, capacity_);
     }
-    nodes[leaf] = branch.front();
-    nodes.insert(nodes.end(), branch.begin() + 1, branch.end());
-}
 
-/// The subtree of a leaf, grown on as many threads as the arena has. The same nodes in the same
-/// order for any of them.
-std::vector<ClusterNode> grow_branch(const ClusterNode& leaf, const Workspace& space,
-                                     const std::function<bool(const ClusterNode&)>& wanted,
-                                     const RunContext& context) {
-    std::vector<ClusterNode> nodes = {leaf};
-    if (leaf.size() <= kParallelGrain || !wanted(leaf)) {
-        grow_here(nodes, 0, space, wanted, context);
-        return nodes;
+    void grow_from(std::vector<ClusterNode>& nodes, const Open& top) {
+        if (nodes[top.id].size <= kParallelGrain || context_.thread_count() == 1)
+            grow_here(nodes, top);
+        else
+            grow_in_parallel(nodes, top);
     }
-    context.throw_if_stopped();
-    const auto [left, right] = split(leaf, space);
-    std::vector<ClusterNode> right_branch;
-    tbb::task_group group;
-    group.run([&, right = right] { right_branch = grow_branch(right, space, wanted, context); });
-    std::vector<ClusterNode> left_branch;
-    std::exception_ptr failure;
-    try {
-        left_branch = grow_branch(left, space, wanted, context);
-    } catch (...) {
-        failure = std::current_exception();
-    }
-    group.wait();  // always: the task refers to this frame
-    if (failure) std::rethrow_exception(failure);
 
-    nodes.reserve(1 + left_branch.size() + right_branch.size());
-    nodes.resize(3);
-    nodes[0].left = 1;
-    nodes[0].right = 2;
-    graft(nodes, 1, std::move(left_branch));
-    graft(nodes, 2, std::move(right_branch));
-    return nodes;
-}
+    /// Splits the node where it is wanted, and adds its halves to `open`.
+    void visit(std::vector<ClusterNode>& nodes, const Open& top, const Spread& spread,
+               std::vector<Open>& open) {
+        ClusterNode& node = nodes[top.id];
+        node.priority = std::min(node.priority, gain_of_split(top.moments, spread));
+        const std::size_t begin = node.begin - base_, end = begin + node.size;
+        const MutableSampleSpan from = half(top.in_second).part(begin, end),
+                                to = half(!top.in_second).part(begin, end);
+        if (!rule_.wants(node, variation_of(top.moments, spread))) {
+            std::copy_n(from.index, from.size, members_.data() + begin);
+            return;
+        }
+        if (node.size > kParallelGrain) context_.throw_if_stopped();
+        const SplitPlane plane = split_plane(top.moments, spread);
+        auto front = static_cast<Index>(cluster_kernels().partition(from, plane, to));
+        if (front == 0 || front == node.size) {
+            const std::span<Index> members = members_.subspan(begin, from.size);
+            std::copy_n(from.index, from.size, members.data());
+            front = halve(points_, members);
+            gather(points_, members, to);
+        }
+        add_halves(nodes, top.id, front, plane.reference);
+        for (std::size_t id = nodes.size() - 2; id < nodes.size(); ++id) {
+            const std::size_t at = nodes[id].begin - base_;
+            if (nodes[id].can_split())
+                open.push_back({static_cast<Index>(id), !top.in_second,
+                                moments_about(half(!top.in_second).part(at, at + nodes[id].size),
+                                              plane.reference)});
+            else
+                members_[at] = half(!top.in_second).index[at];
+        }
+    }
+
+    void grow_here(std::vector<ClusterNode>& nodes, const Open& top) {
+        std::vector<Open> open = {top};
+        std::array<Open, kSpreads> batch;
+        std::array<Symmetric3, kSpreads> scatters;
+        while (!open.empty()) {
+            const std::size_t count = std::min(open.size(), kSpreads);
+            for (std::size_t i = 0; i < count; ++i) {
+                batch[i] = open.back();
+                scatters[i] = batch[i].moments.scatter;
+                open.pop_back();
+            }
+            const auto spreads = cluster_kernels().spreads(scatters);
+            for (std::size_t i = 0; i < count; ++i) visit(nodes, batch[i], spreads[i], open);
+        }
+    }
+
+    void grow_in_parallel(std::vector<ClusterNode>& nodes, const Open& top) {
+        const auto spreads = cluster_kernels().spreads({top.moments.scatter, {}, {}, {}});
+        std::vector<Open> open;
+        visit(nodes, top, spreads[0], open);
+        if (open.size() < 2) {
+            for (const Open& only : open) grow_from(nodes, only);
+            return;
+        }
+        std::vector<ClusterNode> right_branch = {nodes[open[1].id]};
+        const Open right = {0, open[1].in_second, open[1].moments};
+        tbb::task_group group;
+        group.run([&] { grow_from(right_branch, right); });
+        std::exception_ptr failure;
+        try {
+            grow_from(nodes, open[0]);
+        } catch (...) {
+            failure = std::current_exception();
+        }
+        group.wait();  // always: the task refers to this frame
+        if (failure) std::rethrow_exception(failure);
+        graft(nodes, std::span(&open[1].id, 1), right_branch);
+    }
+
+    std::span<const Vec3f> points_;
+    std::size_t capacity_;
+    Samples storage_;
+    const SplitRule& rule_;
+    const RunContext& context_;
+    std::span<Index> members_;
+    Index base_ = 0;
+};
 
 }  // namespace
 
-SampleMoments moments_of(const SampleSpan& samples) {
-    return moments_about(samples, {samples.x[0], samples.y[0], samples.z[0]});
+ClusterTree::ClusterTree(std::span<const Vec3f> points) : points_(points), members_(points.size()) {
+    assert(!points.empty());
 }
 
-ClusterTree::ClusterTree(std::span<const Vec3f> points, const RunContext& context)
-    : size_(points.size()), storage_(2 * points.size()) {
-    assert(!points.empty());
-    const MutableSampleSpan samples = workspace_in(storage_).samples;
-    parallel_for_blocks(points.size(), 65'536, context, [&](std::size_t begin, std::size_t end) {
-        for (std::size_t i = begin; i < end; ++i) {
-            samples.x[i] = points[i].x();
-            samples.y[i] = points[i].y();
-            samples.z[i] = points[i].z();
-            samples.index[i] = static_cast<Index>(i);
-        }
+void ClusterTree::grow(const SplitRule& rule, const RunContext& context) {
+    assert(nodes_.empty());
+    parallel_for_blocks(members_.size(), 65'536, context, [&](std::size_t begin, std::size_t end) {
+        std::iota(members_.begin() + static_cast<std::ptrdiff_t>(begin),
+                  members_.begin() + static_cast<std::ptrdiff_t>(end), static_cast<Index>(begin));
     });
     ClusterNode root;
-    root.end = static_cast<Index>(points.size());
-    root.moments = moments_of(samples);
-    root.priority = priority_of(root);
+    root.size = static_cast<Index>(points_.size());
+    root.reference = as_array(points_.front());
+    root.priority = std::numeric_limits<double>::max();
     nodes_.push_back(root);
+    if (root.size > kResident) split_large(rule, context);
+    grow_leaves(rule, context);
 }
 
-ClusterTree::ClusterTree(std::span<const Vec3f> points, const Clusters& clusters,
-                         const RunContext& context)
-    : size_(points.size()),
-      roots_(static_cast<Index>(clusters.size())),
-      storage_(2 * points.size()),
-      nodes_(clusters.size()) {
-    assert(!points.empty() && clusters.members.size() == points.size());
-    const MutableSampleSpan samples = workspace_in(storage_).samples;
-    parallel_for_blocks(nodes_.size(), 256, context, [&](std::size_t begin, std::size_t end) {
-        for (std::size_t c = begin; c < end; ++c) {
-            ClusterNode& root = nodes_[c];
-            root.begin = clusters.offsets[c];
-            root.end = clusters.offsets[c + 1];
-            for (Index at = root.begin; at < root.end; ++at) {
-                const Vec3f& p = points[clusters.members[at]];
-                samples.x[at] = p.x();
-                samples.y[at] = p.y();
-                samples.z[at] = p.z();
-                samples.index[at] = clusters.members[at];
-            }
-            root.moments = moments_of(samples.part(root.begin, root.end));
-            root.priority = priority_of(root);
+void ClusterTree::split_large(const SplitRule& rule, const RunContext& context) {
+    std::vector<Index> room(points_.size());
+    struct Large {
+        Index id;
+        SampleMoments moments;
+    };
+    std::vector<Large> open = {
+        {0, moments_of_many(points_, members_, nodes_.front().reference, context)}};
+    while (!open.empty()) {
+        const auto [id, moments] = open.back();
+        open.pop_back();
+        const Spread spread = cluster_kernels().spreads({moments.scatter, {}, {}, {}})[0];
+        ClusterNode& node = nodes_[id];
+        node.priority = std::min(node.priority, gain_of_split(moments, spread));
+        if (node.size <= kResident || !rule.wants(node, variation_of(moments, spread))) continue;
+        const SplitPlane plane = split_plane(moments, spread);
+        const std::span<Index> members = std::span(members_).subspan(node.begin, node.size);
+        Sides sides = partition_many(points_, members, plane,
+                                     std::span(room).subspan(node.begin, node.size), context);
+        if (sides.left.count == 0 || sides.right.count == 0) {
+            const Index front = halve(points_, members);
+            sides.left = moments_of_many(points_, members.first(front), plane.reference, context);
+            sides.right =
+                moments_of_many(points_, members.subspan(front), plane.reference, context);
+        }
+        add_halves(nodes_, id, static_cast<Index>(sides.left.count), plane.reference);
+        open.push_back({nodes_[id].left + 1, sides.right});
+        open.push_back({nodes_[id].left, sides.left});
+    }
+}
+
+void ClusterTree::grow_leaves(const SplitRule& rule, const RunContext& context) {
+    // Leaves are grown in jobs of at least so many points.
+    struct Job {
+        std::size_t begin = 0, end = 0, largest = 0, points = 0;
+    };
+    std::vector<Index> leaves;
+    std::vector<Job> jobs;
+    for (Index id = 0; id < nodes_.size(); ++id) {
+        const ClusterNode& node = nodes_[id];
+        if (node.is_split() || node.size > kResident || !rule.may_want(node)) continue;
+        if (jobs.empty() || jobs.back().points >= kParallelGrain)
+            jobs.push_back({.begin = leaves.size()});
+        leaves.push_back(id);
+        jobs.back().end = leaves.size();
+        jobs.back().largest = std::max<std::size_t>(jobs.back().largest, node.size);
+        jobs.back().points += node.size;
+    }
+    std::vector<std::vector<ClusterNode>> grown(jobs.size());
+    parallel_for_blocks(jobs.size(), 1, context, [&](std::size_t j, std::size_t) {
+        const Job& job = jobs[j];
+        if (rule.max_size < kResident) {  // leaves of 3/4 of the bound, so much for each
+            grown[j].reserve(static_cast<std::size_t>(
+                3.0 * static_cast<double>(job.points) / rule.max_size + 64.0));
+        }
+        Residence residence(points_, job.largest, rule, context);
+        for (std::size_t i = job.begin; i < job.end; ++i) grown[j].push_back(nodes_[leaves[i]]);
+        for (Index root = 0; root < job.end - job.begin; ++root) {
+            const ClusterNode leaf = grown[j][root];
+            residence.grow(grown[j], root, std::span(members_).subspan(leaf.begin, leaf.size));
         }
     });
-}
-
-void ClusterTree::grow(const std::function<bool(const ClusterNode&)>& wanted,
-                       const RunContext& context) {
-    std::vector<Index> open;
-    for (Index id = 0; id < nodes_.size(); ++id) {
-        if (!nodes_[id].is_split() && nodes_[id].can_split() && wanted(nodes_[id]))
-            open.push_back(id);
+    std::size_t total = nodes_.size();
+    for (std::size_t j = 0; j < jobs.size(); ++j)
+        total += grown[j].size() - (jobs[j].end - jobs[j].begin);
+    nodes_.reserve(total);
+    for (std::size_t j = 0; j < jobs.size(); ++j) {
+        graft(nodes_, std::span(leaves).subspan(jobs[j].begin, jobs[j].end - jobs[j].begin),
+              grown[j]);
+        std::vector<ClusterNode>().swap(grown[j]);
     }
-    const Workspace space = workspace_in(storage_);
-    if (context.thread_count() == 1) {
-        for (const Index id : open) grow_here(nodes_, id, space, wanted, context);
-        return;
-    }
-    std::vector<std::vector<ClusterNode>> branches(open.size());
-    with_threads(context, [&] {
-        tbb::parallel_for(std::size_t{0}, open.size(), [&](std::size_t i) {
-            branches[i] = grow_branch(nodes_[open[i]], space, wanted, context);
-        });
-    });
-    for (std::size_t i = 0; i < open.size(); ++i) graft(nodes_, open[i], std::move(branches[i]));
 }
 
 Cut ClusterTree::cut(std::uint64_t size, const RunContext& context) {
-    assert(size >= roots_ && size <= size_);
-    if (roots_ == 1) {
-        // Most clusters larger than the average will be split: grow those at once, depth first,
-        // while they are in the cache.
-        nodes_.reserve(4 * size);
-        const double likely = 1.5 * static_cast<double>(size_) / static_cast<double>(size);
-        grow([likely](const ClusterNode& node) { return node.size() > likely; }, context);
+    assert(size >= 1 && size <= points_.size());
+    // Most clusters larger than the average will be split.
+    if (nodes_.empty()) {
+        const double likely = 1.5 * static_cast<double>(points_.size()) / static_cast<double>(size);
+        grow({.max_size = std::min<double>(likely, kResident)}, context);
     }
-    const std::size_t splits = size - roots_;
-    std::vector<Ranked> chosen;
-    const auto consider = [&](std::size_t first_node) {
-        for (std::size_t id = first_node; id < nodes_.size(); ++id) {
-            const ClusterNode& node = nodes_[id];
-            if (node.can_split()) {
-                chosen.push_back({node.priority, node.begin, node.size(), static_cast<Index>(id)});
-            }
+    if (size == 1) return {{0, static_cast<Index>(points_.size())}, {1}};
+
+    // The nodes that the queue splits, first among those known, until none of them is a leaf.
+    std::vector<SplitRank> chosen;
+    std::size_t known = 0;
+    while (true) {
+        for (; known < nodes_.size(); ++known) {
+            if (nodes_[known].can_split()) chosen.push_back(nodes_[known].rank());
         }
-        if (chosen.size() <= splits) return;
-        std::nth_element(chosen.begin(), chosen.begin() + static_cast<std::ptrdiff_t>(splits),
+        const std::size_t splits = std::min<std::size_t>(size - 1, chosen.size());
+        std::nth_element(chosen.begin(), chosen.begin() + static_cast<std::ptrdiff_t>(splits - 1),
                          chosen.end());
         chosen.resize(splits);
-    };
-    consider(0);
-    while (true) {
-        std::vector<Index> leaves;
-        for (const Ranked& ranked : chosen) {
-            if (!nodes_[ranked.id].is_split()) leaves.push_back(ranked.id);
-        }
-        if (leaves.empty()) break;
-        const std::size_t old_size = nodes_.size();
-        split_leaves(leaves, context);
-        consider(old_size);  // the children may take the place of others, never of their parents
+        const SplitRule rule{.last = chosen.back()};
+        grow_leaves(rule, context);
+        if (nodes_.size() > known) continue;
+        return cut_where([&rule](const ClusterNode& node) {
+            return node.is_split() && !(rule.last < node.rank());
+        });
     }
-    std::vector<char> is_chosen(nodes_.size());
-    for (const Ranked& ranked : chosen) is_chosen[ranked.id] = 1;
-    return cut_where([&](Index id) { return is_chosen[id] != 0; });
-}
-
-void ClusterTree::split_leaves(std::vector<Index> leaves, const RunContext& context) {
-    std::ranges::sort(leaves);
-    const std::size_t old_size = nodes_.size();
-    nodes_.resize(old_size + 2 * leaves.size());
-    parallel_for_blocks(leaves.size(), 64, context, [&](std::size_t begin, std::size_t end) {
-        for (std::size_t i = begin; i < end; ++i) {
-            ClusterNode& node = nodes_[leaves[i]];
-            node.left = static_cast<Index>(old_size + 2 * i);
-            node.right = node.left + 1;
-            std::tie(nodes_[node.left], nodes_[node.right]) = split(node, workspace_in(storage_));
-        }
-    });
 }
 
 Cut ClusterTree::leaves() const {
-    return cut_where([this](Index id) { return nodes_[id].is_split(); });
+    return cut_where([](const ClusterNode& node) { return node.is_split(); });
 }
 
-Cut ClusterTree::cut_where(const std::function<bool(Index)>& descends) const {
+template <typename Descends>
+Cut ClusterTree::cut_where(const Descends& descends) const {
+    constexpr Index kInner = 0;
     Cut cut;
-    std::vector<Index> open(roots_);
-    std::iota(open.rbegin(), open.rend(), Index{0});
+    std::vector<Index> open = {0};
     while (!open.empty()) {
         const ClusterNode& node = nodes_[open.back()];
-        const bool is_inner = descends(open.back());
         open.pop_back();
-        if (is_inner) {
-            open.push_back(node.right);
+        if (descends(node)) {
+            open.push_back(node.left + 1);
             open.push_back(node.left);
+            cut.clusters_of.push_back(kInner);
         } else {
             cut.offsets.push_back(node.begin);
-            cut.moments.push_back(node.moments);
+            cut.clusters_of.push_back(1);
         }
     }
-    cut.offsets.push_back(static_cast<Index>(size_));
+    cut.offsets.push_back(static_cast<Index>(points_.size()));
+    for (std::size_t i = cut.clusters_of.size(); i-- > 0;) {
+        if (cut.clusters_of[i] != kInner) continue;
+        const Index left = cut.clusters_of[i + 1];
+        cut.clusters_of[i] = left + cut.clusters_of[i + 2 * std::size_t{left}];
+    }
     return cut;
 }
 

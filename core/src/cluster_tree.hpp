@@ -1,87 +1,96 @@
 #pragma once
 
-#include "samples.hpp"
-#include "stipple/clusters.hpp"
 #include "stipple/point_cloud.hpp"
 #include "stipple/run_context.hpp"
-#include "symmetric_eigen.hpp"
 
 #include <array>
 #include <cstdint>
-#include <functional>
+#include <limits>
 #include <span>
 #include <vector>
 
 namespace stipple {
 
-/// Where some samples are and how they spread.
-struct SampleMoments {
-    Vec3d centroid = Vec3d::Zero();
-    Symmetric3 scatter;                   ///< sum of (p - centroid)(p - centroid)^T, Eq. 1
-    std::array<double, 3> eigenvalues{};  ///< of the scatter, ascending
+/// A node in the order of splitting, a total order in which a parent stands before its children.
+struct SplitRank {
+    double priority = 0;
+    Index begin = 0, size = 0;
 
-    /// Surface variation (Eq. 5).
-    double variation() const noexcept {
-        const double total = scatter.trace();
-        return total > 0 ? std::max(0.0, eigenvalues[0]) / total : 0.0;
+    bool operator<(const SplitRank& other) const noexcept {
+        if (priority != other.priority) return priority > other.priority;
+        return begin != other.begin ? begin < other.begin : size > other.size;
     }
 };
 
-/// The moments of at least one sample. Differences to the first are taken in float, so large
-/// coordinates cost no accuracy.
-SampleMoments moments_of(const SampleSpan& samples);
-
-/// A node of the binary space partition: samples `begin..end` of the tree.
+/// A node of the binary space partition: the members `begin .. begin + size` of the tree.
 struct ClusterNode {
-    Index begin = 0, end = 0;
-    Index left = 0,
-          right = 0;      ///< children; both 0 when not split yet (a root is nobody's child)
-    double priority = 0;  ///< the larger is split first; never above the parent's
-    SampleMoments moments;
+    Index begin = 0, size = 0;
+    Index left = 0;  ///< its children are this one and the next; 0 when not split yet
+    std::array<float, 3> reference{};  ///< near its points; what its sums are relative to
+    double priority = 0;               ///< the larger is split first; never above the parent's
 
-    Index size() const noexcept { return end - begin; }
-    bool is_split() const noexcept { return right != 0; }
-    bool can_split() const noexcept { return size() > 1; }
+    bool is_split() const noexcept { return left != 0; }
+    bool can_split() const noexcept { return size > 1; }
+    SplitRank rank() const noexcept { return {priority, begin, size}; }
 };
 
-/// A cut through the tree: cluster i is the samples `offsets[i] .. offsets[i + 1]`.
+/// Which clusters are split: those of two points or more for which any of the three says so.
+struct SplitRule {
+    double max_size = std::numeric_limits<double>::infinity();         ///< more points than these
+    double max_variation = std::numeric_limits<double>::infinity();    ///< more surface variation
+    SplitRank last = {std::numeric_limits<double>::infinity(), 0, 0};  ///< up to this rank
+
+    bool wants(const ClusterNode& node, double variation) const noexcept {
+        return node.can_split() &&
+               (node.size > max_size || variation > max_variation || !(last < node.rank()));
+    }
+    /// Whether it could want a node whose variation is not known.
+    bool may_want(const ClusterNode& node) const noexcept {
+        return wants(node, std::numeric_limits<double>::infinity());
+    }
+};
+
+/// A cut through the tree: cluster i is the members `offsets[i] .. offsets[i + 1]`.
 struct Cut {
     std::vector<Index> offsets;
-    std::vector<SampleMoments> moments;
+    /// The nodes at and above the cut, each before those below it, left before right: of how many
+    /// clusters it consists. The first half of a node of more than one is the next node, and the
+    /// other half comes 2 n - 1 places after that one, n being its clusters.
+    std::vector<Index> clusters_of;
 };
 
-/// The binary space partition of a cloud, or of each of its clusters (§3.1), grown as far as asked.
+/// The binary space partition of a cloud (§3.1), grown as far as asked. A node is split in the same
+/// way whatever was asked for before.
 ///
-/// Every node is a range of the samples, and its points stand there in the order of the cloud. 32
-/// bytes a point.
+/// 4 bytes a point and 32 for each node; 4 bytes a point more, and some for the cells of a
+/// grid, while it begins to grow.
 class ClusterTree {
 public:
-    /// One root with all points: finite, no two alike, at least one.
-    ClusterTree(std::span<const Vec3f> points, const RunContext& context);
+    /// One root with all points: finite, no two alike, at least one. They must stay where they are.
+    explicit ClusterTree(std::span<const Vec3f> points);
 
-    /// A root for each cluster, with its points in the order given there.
-    ClusterTree(std::span<const Vec3f> points, const Clusters& clusters, const RunContext& context);
-
-    /// Splits every leaf for which `wanted` says so, and its children, and so on. Parallel.
-    void grow(const std::function<bool(const ClusterNode&)>& wanted, const RunContext& context);
+    /// Splits what the rule wants, and the halves of it, and so on. Once only, and not after `cut`.
+    void grow(const SplitRule& rule, const RunContext& context);
 
     /// The clusters that a priority queue holds when there are `size` of them; grows the tree where
-    /// it must. Number of roots <= size <= number of points.
+    /// it must. 1 <= size <= number of points.
     Cut cut(std::uint64_t size, const RunContext& context);
 
     /// The leaves.
     Cut leaves() const;
 
-    /// The points, cluster by cluster, left before right.
-    SampleSpan samples() const noexcept { return storage_.all().part(0, size_); }
+    /// The numbers of the points, cluster by cluster, left before right.
+    const std::vector<Index>& members() const noexcept { return members_; }
+    std::vector<Index> take_members() noexcept { return std::move(members_); }
 
 private:
-    void split_leaves(std::vector<Index> leaves, const RunContext& context);
-    Cut cut_where(const std::function<bool(Index)>& descends) const;
+    void split_large(const SplitRule& rule, const RunContext& context);
+    void grow_leaves(const SplitRule& rule, const RunContext& context);
+    template <typename Descends>
+    Cut cut_where(const Descends& descends) const;
 
-    std::size_t size_;
-    Index roots_ = 1;  ///< the first of `nodes_`
-    Samples storage_;  ///< the samples, and as many places again for the half that moves
+    std::span<const Vec3f> points_;
+    std::vector<Index> members_;
     std::vector<ClusterNode> nodes_;
 };
 

@@ -1,8 +1,10 @@
 #include "stipple/clusters.hpp"
 
 #include "float4.hpp"
+#include "gather.hpp"
 #include "parallel_for.hpp"
 #include "representatives.hpp"
+#include "sample_moments.hpp"
 #include "srgb.hpp"
 #include "stipple/error.hpp"
 #include "symmetric_eigen.hpp"
@@ -24,39 +26,6 @@ namespace {
 constexpr std::size_t kClustersPerBlock = 256;
 constexpr Index kMinSurfaceFit = 6;  // fewer samples do not carry two curvatures and a height
 
-/// The sample nearest to `target`; the smaller number among equals.
-std::size_t nearest_sample(const SampleSpan& samples, const Vec3d& target) {
-    const Vec3f reference = target.cast<float>();
-    const auto distance_sq = [&](std::size_t i) {
-        const Group g = i + 4 <= samples.size ? Group(samples, i, reference)
-                                              : Group::tail(samples, i, reference);
-        return g.x * g.x + g.y * g.y + g.z * g.z;
-    };
-    constexpr float kFar = std::numeric_limits<float>::infinity();
-    Float4 least = {kFar, kFar, kFar, kFar};
-    const std::size_t whole = samples.size / 4 * 4;
-    for (std::size_t i = 0; i < whole; i += 4) {
-        const Float4 d = distance_sq(i);
-        least = d < least ? d : least;
-    }
-    float least_sq = std::min({least[0], least[1], least[2], least[3]});
-    if (whole < samples.size) {
-        const Float4 d = distance_sq(whole);
-        for (std::size_t lane = 0; whole + lane < samples.size; ++lane)
-            least_sq = std::min(least_sq, d[lane]);
-    }
-    std::size_t best = samples.size;
-    for (std::size_t i = 0; i < samples.size; i += 4) {
-        for (unsigned lanes = lane_bits(distance_sq(i) <= least_sq); lanes != 0;
-             lanes &= lanes - 1) {
-            const std::size_t at = i + static_cast<std::size_t>(std::countr_zero(lanes));
-            if (at >= samples.size) break;
-            if (best == samples.size || samples.index[at] < samples.index[best]) best = at;
-        }
-    }
-    return best == samples.size ? 0 : best;  // the latter where every distance overflows
-}
-
 /// The principal frame of a cluster: u and v span its plane.
 struct Frame {
     Vec3d u, v, normal;
@@ -67,7 +36,8 @@ struct Frame {
 struct HeightSums {
     double uu = 0, vv = 0, uuuu = 0, uuvv = 0, vvvv = 0, wuu = 0, wvv = 0, w_min = 0, w_max = 0;
 
-    HeightSums(const SampleSpan& samples, const Vec3d& centroid, const Frame& frame, double scale) {
+    void add_all(const SampleSpan& samples, const Vec3d& centroid, const Frame& frame,
+                 double scale) {
         const Vec3f reference = centroid.cast<float>();
         const Vec3f u_axis = (frame.u / scale).cast<float>(),
                     v_axis = (frame.v / scale).cast<float>(),
@@ -110,19 +80,23 @@ struct HeightSums {
 };
 
 /// The centroid moved along the normal onto w = a + b u^2 + c v^2, fitted by least squares.
-Vec3d surface_point(const SampleSpan& samples, const SampleMoments& moments) {
-    const auto& lambda = moments.eigenvalues;
-    if (samples.size < kMinSurfaceFit || !(lambda[1] > 0)) return moments.centroid;
+Vec3d surface_point(Gathered& gathered, std::span<const Index> members,
+                    const SampleMoments& moments) {
+    const auto lambda = eigenvalues(moments.scatter);
+    if (members.size() < kMinSurfaceFit || !(lambda[1] > 0)) return moments.centroid;
     const Vec3d longest = eigenvector(moments.scatter, lambda[2]);
     Frame frame;
     frame.normal = eigenvector(moments.scatter, lambda[0]);
     frame.u = (longest - frame.normal * frame.normal.dot(longest)).normalized();
     frame.v = frame.normal.cross(frame.u);
-    const double scale = std::sqrt(lambda[2] / static_cast<double>(samples.size));
-    const HeightSums s(samples, moments.centroid, frame, scale);
+    const double n = static_cast<double>(members.size());
+    const double scale = std::sqrt(lambda[2] / n);
+    HeightSums s;
+    gathered.each_piece(members, [&](const SampleSpan& samples) {
+        s.add_all(samples, moments.centroid, frame, scale);
+    });
     // The mean of w is 0, so with u^2 and v^2 centred the normal equations are 2 x 2, and a = -(b
     // uu + c vv) / n.
-    const double n = static_cast<double>(samples.size);
     const double a11 = s.uuuu - s.uu * s.uu / n, a12 = s.uuvv - s.uu * s.vv / n,
                  a22 = s.vvvv - s.vv * s.vv / n;
     const double determinant = a11 * a22 - a12 * a12;
@@ -310,63 +284,58 @@ PointCloud merged_cloud(const PointCloud& cloud, const Clusters& clusters,
                         std::vector<Vec3f> positions,
                         const std::map<std::string, Reduction>& reductions,
                         const RunContext& context) {
-    const bool needs_nearest = !cloud.normals.empty() || !cloud.attributes.empty();
-    std::vector<Index> nearest(needs_nearest ? positions.size() : 0);
-    parallel_for_blocks(
-        nearest.size(), kClustersPerBlock, context, [&](std::size_t begin, std::size_t end) {
-            for (std::size_t i = begin; i < end; ++i) {
-                nearest[i] = *std::ranges::min_element(clusters.of(i), {}, [&](Index member) {
-                    const Vec3f offset = cloud.positions[member] - positions[i];
-                    return std::pair(offset.squaredNorm(), member);
-                });
-            }
-        });
-    return merged_cloud(cloud, std::move(positions), {clusters.members.data(), clusters.offsets},
-                        nearest, reductions_for(cloud, reductions, Representative::Centroid), false,
+    const MemberLists lists = {clusters.members.data(), clusters.offsets};
+    std::vector<Index> nearest;
+    if (!cloud.normals.empty() || !cloud.attributes.empty())
+        nearest = nearest_members(cloud.positions, lists, positions, context);
+    return merged_cloud(cloud, std::move(positions), lists, nearest,
+                        reductions_for(cloud, reductions, Representative::Centroid), false,
                         context);
 }
 
-PointCloud representatives(const PointCloud& cloud, const SampleSpan& samples, const Cut& cut,
+std::vector<Index> nearest_members(std::span<const Vec3f> points, const MemberLists& lists,
+                                   std::span<const Vec3f> positions, const RunContext& context) {
+    std::vector<Index> nearest(positions.size());
+    parallel_for_blocks(nearest.size(), kClustersPerBlock, context,
+                        [&](std::size_t begin, std::size_t end) {
+                            Gathered gathered(points);
+                            for (std::size_t i = begin; i < end; ++i)
+                                nearest[i] = gathered.nearest_to(positions[i], lists.of(i)).index;
+                        });
+    return nearest;
+}
+
+PointCloud representatives(const PointCloud& cloud, const MemberLists& clusters,
                            Representative kind, std::span<const Reduction> reductions,
                            const RunContext& context) {
-    const std::size_t count = cut.moments.size();
+    const std::size_t count = clusters.size();
     const bool take_nearest = kind == Representative::Nearest;
     const bool needs_nearest = take_nearest || !cloud.normals.empty() || !cloud.attributes.empty();
     std::vector<Vec3f> positions(count);
     std::vector<Index> nearest(needs_nearest ? count : 0);
     parallel_for_blocks(count, kClustersPerBlock, context, [&](std::size_t begin, std::size_t end) {
+        Gathered gathered(cloud.positions);
         for (std::size_t i = begin; i < end; ++i) {
-            const SampleSpan cluster = samples.part(cut.offsets[i], cut.offsets[i + 1]);
-            const Vec3d& centroid = cut.moments[i].centroid;
-            const Vec3d target =
-                kind == Representative::Surface ? surface_point(cluster, cut.moments[i]) : centroid;
+            const std::span<const Index> members = clusters.of(i);
+            const SampleMoments moments = gathered.moments_of(members);
+            const Vec3d target = kind == Representative::Surface
+                                     ? surface_point(gathered, members, moments)
+                                     : moments.centroid;
             positions[i] = target.cast<float>();
             if (!needs_nearest) continue;
-            const std::size_t near = nearest_sample(cluster, target);
-            nearest[i] = cluster.index[near];
-            if (take_nearest) positions[i] = cluster.position(near);
+            const Near near = gathered.nearest_to(positions[i], members);
+            nearest[i] = near.index;
+            if (take_nearest) positions[i] = near.position;
         }
     });
-    return merged_cloud(cloud, std::move(positions), {samples.index, cut.offsets}, nearest,
-                        reductions, take_nearest, context);
+    return merged_cloud(cloud, std::move(positions), clusters, nearest, reductions, take_nearest,
+                        context);
 }
 
 PointCloud representatives(const PointCloud& cloud, const Clusters& clusters, Representative kind,
                            const RunContext& context) {
-    Samples storage(clusters.members.size());
-    const MutableSampleSpan samples = storage.all();
-    for (std::size_t i = 0; i < clusters.members.size(); ++i) {
-        const Vec3f& p = cloud.positions[clusters.members[i]];
-        samples.x[i] = p.x();
-        samples.y[i] = p.y();
-        samples.z[i] = p.z();
-        samples.index[i] = clusters.members[i];
-    }
-    Cut cut{clusters.offsets, {}};
-    for (std::size_t i = 0; i < clusters.size(); ++i) {
-        cut.moments.push_back(moments_of(samples.part(cut.offsets[i], cut.offsets[i + 1])));
-    }
-    return representatives(cloud, samples, cut, kind, reductions_for(cloud, {}, kind), context);
+    return representatives(cloud, MemberLists{clusters.members.data(), clusters.offsets}, kind,
+                           reductions_for(cloud, {}, kind), context);
 }
 
 }  // namespace stipple

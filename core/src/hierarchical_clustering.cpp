@@ -46,12 +46,10 @@ void check(const HierarchicalClusteringOptions& options, std::size_t points) {
 Cut grow_clusters(ClusterTree& tree, const HierarchicalClusteringOptions& options,
                   const RunContext& context) {
     if (options.target_size) return tree.cut(*options.target_size, context);
-    tree.grow(
-        [&options](const ClusterNode& node) {
-            return (options.max_cluster_size && node.size() > *options.max_cluster_size) ||
-                   (options.max_variation && node.moments.variation() > *options.max_variation);
-        },
-        context);
+    SplitRule rule;
+    if (options.max_cluster_size) rule.max_size = static_cast<double>(*options.max_cluster_size);
+    if (options.max_variation) rule.max_variation = *options.max_variation;
+    tree.grow(rule, context);
     return tree.leaves();
 }
 
@@ -70,11 +68,12 @@ PointCloud hierarchical_clustering(const PointCloud& cloud,
     const std::vector<Reduction> reductions =
         reductions_for(cloud, options.reductions, options.representative);
     context.checkpoint(0.0);
-    ClusterTree tree(cloud.positions, context);
-    const Cut cut = grow_clusters(tree, options, context);
+    ClusterTree tree(cloud.positions);
+    const std::vector<Index> offsets = grow_clusters(tree, options, context).offsets;
+    const std::vector<Index> members = tree.take_members();
     context.checkpoint(0.8);
-    PointCloud result =
-        representatives(cloud, tree.samples(), cut, options.representative, reductions, context);
+    PointCloud result = representatives(cloud, MemberLists{members.data(), offsets},
+                                        options.representative, reductions, context);
     context.checkpoint(1.0);
     return result;
 }
@@ -85,10 +84,10 @@ Clusters hierarchical_clusters(std::span<const Vec3f> points,
     check(options, points.size());
     HierarchicalClusteringOptions bounded = options;
     if (keeps_everything(options, points.size())) bounded.target_size = points.size();
-    ClusterTree tree(points, context);
+    ClusterTree tree(points);
     Clusters clusters;
     clusters.offsets = grow_clusters(tree, bounded, context).offsets;
-    clusters.members.assign(tree.samples().index, tree.samples().index + tree.samples().size);
+    clusters.members = tree.take_members();
     return clusters;
 }
 

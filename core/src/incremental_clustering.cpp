@@ -1,6 +1,6 @@
 #include "stipple/incremental_clustering.hpp"
 
-#include "cluster_tree.hpp"
+#include "cluster_splitting.hpp"
 #include "random.hpp"
 #include "region_growing.hpp"
 #include "representatives.hpp"
@@ -146,13 +146,12 @@ PointCloud incremental_clustering(const PointCloud& cloud,
     if (options.target_size && *options.target_size >= cloud.size()) return cloud;
     const std::vector<Reduction> reductions =
         reductions_for(cloud, options.reductions, options.representative);
-    const Clusters clusters =
-        incremental_clusters(cloud.positions, options, context.part(0.0, 0.8));
-    ClusterTree tree(cloud.positions, clusters, context);
-    const Cut cut = options.target_size ? tree.cut(*options.target_size, context) : tree.leaves();
-    context.checkpoint(0.9);
-    PointCloud result =
-        representatives(cloud, tree.samples(), cut, options.representative, reductions, context);
+    Clusters clusters = incremental_clusters(cloud.positions, options, context.part(0.0, 0.8));
+    if (options.target_size)
+        split_clusters(cloud.positions, *options.target_size, clusters, context);
+    context.checkpoint(0.85);
+    PointCloud result = representatives(cloud, {clusters.members.data(), clusters.offsets},
+                                        options.representative, reductions, context);
     context.checkpoint(1.0);
     return result;
 }

@@ -66,16 +66,20 @@ void build_lod_pyramid(const PointCloud& cloud, const LodPyramidOptions& options
     const std::vector<Reduction> reductions =
         reductions_for(cloud, options.reductions, options.representative);
     context.checkpoint(0.0);
-    ClusterTree tree(cloud.positions, context);
+    // The finest cut first: it grows the tree for all others.
+    ClusterTree tree(cloud.positions);
+    std::vector<std::vector<Index>> offsets(sizes.size());
+    for (std::size_t level = sizes.size(); level-- > 0;) {
+        if (sizes[level] < cloud.size()) offsets[level] = tree.cut(sizes[level], context).offsets;
+    }
     for (unsigned level = 0; level < sizes.size(); ++level) {
-        const std::uint64_t size = sizes[level];
         LodLevel result{level, {}, 0.0};
-        if (size == cloud.size()) {
+        if (offsets[level].empty()) {
             result.cloud = cloud;
         } else {
-            const Cut cut = tree.cut(size, context);
-            result.cloud = representatives(cloud, tree.samples(), cut, options.representative,
-                                           reductions, context);
+            result.cloud =
+                representatives(cloud, MemberLists{tree.members().data(), offsets[level]},
+                                options.representative, reductions, context);
         }
         result.spacing = mean_spacing(result.cloud.positions, context);
         on_level(std::move(result));

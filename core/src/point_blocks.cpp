@@ -18,6 +18,13 @@ void append(std::vector<T>& to, const std::vector<T>& more) {
     to.insert(to.end(), more.begin(), more.end());
 }
 
+void copy_samples(const SampleSpan& from, const MutableSampleSpan& to) {
+    std::copy_n(from.x, from.size, to.x);
+    std::copy_n(from.y, from.size, to.y);
+    std::copy_n(from.z, from.size, to.z);
+    std::copy_n(from.index, from.size, to.index);
+}
+
 }  // namespace
 
 PointBlocks::PointBlocks(std::span<const Vec3f> points, std::size_t most_in_block,
@@ -38,7 +45,7 @@ PointBlocks::PointBlocks(std::span<const Vec3f> points, std::size_t most_in_bloc
     });
     if (!scale) choose_scale();
     Leaves leaves;
-    with_threads(context, [&] { partition(0, size_, leaves, context); });
+    with_threads(context, [&] { partition(0, size_, false, leaves, context); });
     begins_ = std::move(leaves.begins);
     begins_.push_back(static_cast<Index>(size_));
     stack_levels(std::move(leaves.boxes));
@@ -58,35 +65,39 @@ void PointBlocks::choose_scale() {
         std::for_each(v, v + size_, [this](float& c) { c *= scale_; });
 }
 
-void PointBlocks::partition(std::size_t begin, std::size_t end, Leaves& leaves,
+/// Splits the samples `begin..end`, which lie in the scratch space where they are aside: each split
+/// moves them to the other place, and those of a block to where they belong.
+void PointBlocks::partition(std::size_t begin, std::size_t end, bool is_aside, Leaves& leaves,
                             const RunContext& context) {
-    const MutableSampleSpan samples = storage_.all().part(begin, end);
-    const SampleBox box = cluster_kernels().box(samples);
+    const MutableSampleSpan here = storage_.all().part(begin, end),
+                            aside = storage_.all().part(size_ + begin, size_ + end);
+    const MutableSampleSpan &from = is_aside ? aside : here, &to = is_aside ? here : aside;
+    const SampleBox box = cluster_kernels().box(from);
     std::size_t front = 0;
-    if (samples.size > most_in_block_) {
+    if (from.size > most_in_block_) {
         std::array<float, 3> sides;
         std::ranges::transform(box.high, box.low, sides.begin(), std::minus<>());
         const auto axis = std::ranges::max_element(sides) - sides.begin();
         SplitPlane plane{box.low, {}, 0.5F * sides[static_cast<std::size_t>(axis)]};
         plane.normal[static_cast<std::size_t>(axis)] = 1;
-        front = cluster_kernels().partition(samples, plane,
-                                            storage_.all().part(size_ + begin, size_ + end));
+        front = cluster_kernels().partition(from, plane, to);
     }
-    if (front == 0 || front == samples.size) {  // few enough, or at one place but for rounding
+    if (front == 0 || front == from.size) {  // few enough, or at one place but for rounding
+        if (is_aside) copy_samples(from, to);
         leaves.begins.push_back(static_cast<Index>(begin));
         leaves.boxes.push_back(box);
         return;
     }
     const std::size_t middle = begin + front;
-    if (samples.size <= kParallelGrain || context.thread_count() == 1) {
-        partition(begin, middle, leaves, context);
-        partition(middle, end, leaves, context);
+    if (from.size <= kParallelGrain || context.thread_count() == 1) {
+        partition(begin, middle, !is_aside, leaves, context);
+        partition(middle, end, !is_aside, leaves, context);
         return;
     }
     context.throw_if_stopped();
     Leaves right;
-    tbb::parallel_invoke([&] { partition(begin, middle, leaves, context); },
-                         [&] { partition(middle, end, right, context); });
+    tbb::parallel_invoke([&] { partition(begin, middle, !is_aside, leaves, context); },
+                         [&] { partition(middle, end, !is_aside, right, context); });
     append(leaves.begins, right.begins);
     append(leaves.boxes, right.boxes);
 }

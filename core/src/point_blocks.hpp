@@ -79,7 +79,8 @@ private:
     };
 
     void choose_scale();
-    void partition(std::size_t begin, std::size_t end, Leaves& leaves, const RunContext& context);
+    void partition(std::size_t begin, std::size_t end, bool is_aside, Leaves& leaves,
+                   const RunContext& context);
     void stack_levels(std::vector<SampleBox> boxes);
 
     template <typename Visit>

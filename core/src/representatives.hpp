@@ -1,7 +1,7 @@
 #pragma once
 
-#include "cluster_tree.hpp"
 #include "stipple/clusters.hpp"
+#include "stipple/run_context.hpp"
 
 #include <map>
 #include <span>
@@ -23,6 +23,7 @@ struct MemberLists {
     const Index* members;
     std::span<const Index> offsets;
 
+    std::size_t size() const noexcept { return offsets.size() - 1; }
     std::span<const Index> of(std::size_t i) const noexcept {
         return {members + offsets[i], members + offsets[i + 1]};
     }
@@ -48,10 +49,13 @@ PointCloud merged_cloud(const PointCloud& cloud, const Clusters& clusters,
                         const std::map<std::string, Reduction>& reductions,
                         const RunContext& context);
 
-/// The cloud of representatives of the clusters of `cut`, whose samples' positions and numbers are
-/// those of `cloud`.
+/// For each position the listed point nearest to it, the smaller number among equals.
+std::vector<Index> nearest_members(std::span<const Vec3f> points, const MemberLists& lists,
+                                   std::span<const Vec3f> positions, const RunContext& context);
+
+/// The cloud of representatives of clusters of its points.
 /// @param reductions  one for each attribute of `cloud`.
-PointCloud representatives(const PointCloud& cloud, const SampleSpan& samples, const Cut& cut,
+PointCloud representatives(const PointCloud& cloud, const MemberLists& clusters,
                            Representative kind, std::span<const Reduction> reductions,
                            const RunContext& context);
 

@@ -1,7 +1,6 @@
 #include "stipple/voxel_clustering.hpp"
 
-#include "cluster_tree.hpp"
-#include "parallel_for.hpp"
+#include "cluster_splitting.hpp"
 #include "random.hpp"
 #include "representatives.hpp"
 #include "stipple/error.hpp"
@@ -232,13 +231,13 @@ PointCloud voxel_clustering(const PointCloud& cloud, const VoxelClusteringOption
     const std::vector<Reduction> reductions =
         reductions_for(cloud, options.reductions, options.representative);
     context.checkpoint(0.0);
-    const Clusters clusters = voxel_clusters(cloud.positions, options, context);
+    Clusters clusters = voxel_clusters(cloud.positions, options, context);
     context.checkpoint(0.6);
-    ClusterTree tree(cloud.positions, clusters, context);
-    const Cut cut = options.target_size ? tree.cut(*options.target_size, context) : tree.leaves();
-    context.checkpoint(0.8);
-    PointCloud result =
-        representatives(cloud, tree.samples(), cut, options.representative, reductions, context);
+    if (options.target_size)
+        split_clusters(cloud.positions, *options.target_size, clusters, context);
+    context.checkpoint(0.85);
+    PointCloud result = representatives(cloud, {clusters.members.data(), clusters.offsets},
+                                        options.representative, reductions, context);
     context.checkpoint(1.0);
     return result;
 }

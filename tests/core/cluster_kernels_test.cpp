@@ -2,8 +2,8 @@
 
 #include "support/support.hpp"
 
-#include <algorithm>
 #include <gtest/gtest.h>
+#include <algorithm>
 #include <numeric>
 
 namespace stipple {
@@ -13,7 +13,8 @@ namespace {
 struct Work {
     Samples samples, scratch;
 
-    explicit Work(const std::vector<Vec3f>& points) : samples(points.size()), scratch(points.size()) {
+    explicit Work(const std::vector<Vec3f>& points)
+        : samples(points.size()), scratch(points.size()) {
         const MutableSampleSpan s = samples.all();
         for (std::size_t i = 0; i < points.size(); ++i) {
             s.x[i] = points[i].x();
@@ -22,34 +23,59 @@ struct Work {
             s.index[i] = static_cast<Index>(i);
         }
     }
-    std::vector<Index> order() const {
-        const SampleSpan s = samples.all();
-        return {s.index, s.index + s.size};
-    }
 };
+
+std::vector<Index> order_of(const SampleSpan& s) {
+    return {s.index, s.index + s.size};
+}
 
 const SplitPlane kPlane = {{0.4F, 0.5F, 0.6F}, {0.6F, -0.64F, 0.48F}, 0.05F};
 
 bool is_left(const Vec3f& p) {
     const auto& [reference, normal, offset] = kPlane;
-    return (p.x() - reference[0]) * normal[0] + (p.y() - reference[1]) * normal[1] + (p.z() - reference[2]) * normal[2] <
+    return (p.x() - reference[0]) * normal[0] + (p.y() - reference[1]) * normal[1] +
+               (p.z() - reference[2]) * normal[2] <
            offset;
 }
 
 class EveryKernel : public testing::TestWithParam<std::size_t> {};
 
-TEST_P(EveryKernel, PartitionsAsStablePartitionDoes) {
+TEST_P(EveryKernel, PartitionsAsPlainCodeDoes) {
     const std::vector<Vec3f> points = test::cube(GetParam()).positions;
-    std::vector<Index> expected(points.size());
-    std::iota(expected.begin(), expected.end(), Index{0});
-    const auto middle = std::ranges::stable_partition(expected, [&](Index i) { return is_left(points[i]); }).begin();
+    Work plain(points);
+    const auto left = available_cluster_kernels().front().partition(plain.samples.all(), kPlane,
+                                                                    plain.scratch.all());
+    EXPECT_EQ(left, static_cast<std::size_t>(std::ranges::count_if(points, is_left)));
     for (const ClusterKernels& kernels : available_cluster_kernels()) {
         Work work(points);
-        const std::size_t left = kernels.partition(work.samples.all(), kPlane, work.scratch.all());
-        EXPECT_EQ(left, static_cast<std::size_t>(middle - expected.begin())) << kernels.name;
-        EXPECT_EQ(work.order(), expected) << kernels.name;
+        EXPECT_EQ(kernels.partition(work.samples.all(), kPlane, work.scratch.all()), left)
+            << kernels.name;
+        const SampleSpan result = work.scratch.all();
+        EXPECT_EQ(order_of(result), order_of(plain.scratch.all())) << kernels.name;
+        std::vector<bool> found(points.size());
         for (std::size_t i = 0; i < points.size(); ++i) {
-            EXPECT_EQ(work.samples.all().position(i), points[expected[i]]) << kernels.name;
+            EXPECT_EQ(result.position(i), points[result.index[i]]) << kernels.name;
+            EXPECT_EQ(is_left(result.position(i)), i < left) << kernels.name;
+            found[result.index[i]] = true;
+        }
+        EXPECT_EQ(std::ranges::count(found, true), std::ranges::ssize(points)) << kernels.name;
+    }
+}
+
+TEST_P(EveryKernel, PartitionsWhatLiesOnOneSideToThatSide) {
+    std::vector<Vec3f> left, right;
+    for (const Vec3f& p : test::cube(4 * GetParam() + 100, 3).positions)
+        (is_left(p) ? left : right).push_back(p);
+    left.resize(std::min(left.size(), GetParam()));
+    right.resize(std::min(right.size(), GetParam()));
+    for (const ClusterKernels& kernels : available_cluster_kernels()) {
+        for (const auto& points : {left, right}) {
+            Work work(points);
+            const std::size_t expected = is_left(points.front()) ? points.size() : 0;
+            EXPECT_EQ(kernels.partition(work.samples.all(), kPlane, work.scratch.all()), expected);
+            std::vector<Index> order = order_of(work.scratch.all());
+            std::ranges::sort(order);
+            for (std::size_t i = 0; i < order.size(); ++i) EXPECT_EQ(order[i], i);
         }
     }
 }
@@ -58,13 +84,16 @@ TEST_P(EveryKernel, GivesTheSameBitsOfSumsNearThoseOfDoubles) {
     const std::vector<Vec3f> points = test::cube(GetParam(), 2).positions;
     SampleSums exact{};
     for (const Vec3f& p : points) {
-        const Vec3d d = (p - Vec3f(kPlane.reference[0], kPlane.reference[1], kPlane.reference[2])).cast<double>();
-        const SampleSums terms = {d.x(), d.y(), d.z(), d.x() * d.x(), d.x() * d.y(),
-                                  d.x() * d.z(), d.y() * d.y(), d.y() * d.z(), d.z() * d.z()};
+        const Vec3d d = (p - Vec3f(kPlane.reference[0], kPlane.reference[1], kPlane.reference[2]))
+                            .cast<double>();
+        const SampleSums terms = {d.x(),         d.y(),         d.z(),
+                                  d.x() * d.x(), d.x() * d.y(), d.x() * d.z(),
+                                  d.y() * d.y(), d.y() * d.z(), d.z() * d.z()};
         for (std::size_t k = 0; k < exact.size(); ++k) exact[k] += terms[k];
     }
     const Work work(points);
-    const SampleSums plain = available_cluster_kernels().front().sums(work.samples.all(), kPlane.reference);
+    const SampleSums plain =
+        available_cluster_kernels().front().sums(work.samples.all(), kPlane.reference);
     for (std::size_t k = 0; k < exact.size(); ++k) {
         EXPECT_NEAR(plain[k], exact[k], 1e-6 * static_cast<double>(points.size()));
     }
@@ -73,7 +102,69 @@ TEST_P(EveryKernel, GivesTheSameBitsOfSumsNearThoseOfDoubles) {
     }
 }
 
-INSTANTIATE_TEST_SUITE_P(Sizes, EveryKernel, testing::Values(1U, 2U, 7U, 8U, 9U, 16U, 31U, 127U, 128U, 129U, 1000U, 5003U));
+std::array<Symmetric3, kSpreads> some_scatters() {
+    // A ball, a disc, a rod and a skew one.
+    return {{{2, 0, 0, 2, 0, 2}, {3, 0, 0, 3, 0, 0}, {0, 0, 0, 5, 0, 0}, {4, 1, -2, 3, 0.5, 2}}};
+}
+
+TEST(Spreads, AreTheExtremeEigenvaluesAndTheVectorOfTheLargest) {
+    for (const double scale : {1.0, 1e-60, 1e60}) {
+        auto scatters = some_scatters();
+        for (Symmetric3& s : scatters)
+            s = {s.xx * scale, s.xy * scale, s.xz * scale,
+                 s.yy * scale, s.yz * scale, s.zz * scale};
+        for (const ClusterKernels& kernels : available_cluster_kernels()) {
+            const auto spreads = kernels.spreads(scatters);
+            for (std::size_t i = 0; i < kSpreads; ++i) {
+                const Symmetric3& s = scatters[i];
+                const auto values = eigenvalues(s);
+                // Of equal eigenvalues half the digits.
+                EXPECT_NEAR(spreads[i].smallest, values[0], 1e-7 * values[2]) << kernels.name << i;
+                EXPECT_NEAR(spreads[i].largest, values[2], 1e-7 * values[2]) << kernels.name << i;
+                const Vec3d& v = spreads[i].direction;
+                const Vec3d product(s.xx * v.x() + s.xy * v.y() + s.xz * v.z(),
+                                    s.xy * v.x() + s.yy * v.y() + s.yz * v.z(),
+                                    s.xz * v.x() + s.yz * v.y() + s.zz * v.z());
+                EXPECT_NEAR(v.norm(), 1.0, 1e-12);
+                EXPECT_LT((product - spreads[i].largest * v).norm(), 1e-7 * values[2]) << i;
+            }
+        }
+    }
+}
+
+TEST(Spreads, OfNothingAreNothing) {
+    for (const ClusterKernels& kernels : available_cluster_kernels()) {
+        const Spread spread = kernels.spreads({})[0];
+        EXPECT_EQ(spread.smallest, 0);
+        EXPECT_EQ(spread.largest, 0);
+        EXPECT_EQ(spread.direction.norm(), 1);
+    }
+}
+
+TEST(Spreads, AreTheSameBitsForEveryInstructionSet) {
+    std::array<Symmetric3, kSpreads> scatters;
+    const auto cloud = test::cube(1'000, 7).positions;
+    for (std::size_t i = 0; i + 8 <= cloud.size(); i += 8) {
+        for (std::size_t k = 0; k < kSpreads; ++k) {
+            const Vec3d a = cloud[i + 2 * k].cast<double>(),
+                        b = cloud[i + 2 * k + 1].cast<double>();
+            scatters[k] = {a.x(), b.x() - 0.5, b.y() - 0.5, a.y(), b.z() - 0.5, a.z()};
+        }
+        const auto plain = available_cluster_kernels().front().spreads(scatters);
+        for (const ClusterKernels& kernels : available_cluster_kernels()) {
+            const auto spreads = kernels.spreads(scatters);
+            for (std::size_t k = 0; k < kSpreads; ++k) {
+                EXPECT_EQ(spreads[k].smallest, plain[k].smallest);
+                EXPECT_EQ(spreads[k].largest, plain[k].largest);
+                EXPECT_EQ(spreads[k].direction, plain[k].direction);
+            }
+        }
+    }
+}
+
+INSTANTIATE_TEST_SUITE_P(Sizes, EveryKernel,
+                         testing::Values(1U, 2U, 7U, 8U, 9U, 16U, 31U, 127U, 128U, 129U, 1000U,
+                                         5003U));
 
 }  // namespace
 }  // namespace stipple

@@ -33,8 +33,8 @@ struct IncrementalClusteringOptions {
 /// many clusters reach half of it as are wanted; that many, those which came nearest to a bound,
 /// are no strays. With `max_variation` beside it, n_max is larger, so that the clusters of flat
 /// parts make up for the small ones of curved parts; where even that gives too many, the bound on
-/// the variation yields. Where there are too few, those that vary most are split as
-/// `hierarchical_clustering` would.
+/// the variation yields. Where there are too few, those that vary most are split across
+/// their longest direction.
 ///
 /// Departures from the paper: neighbours are those in space, not of a graph, but a cluster reaches
 /// no farther than 1.3 times the radius that n_max points have about its seed, so it goes round no
@@ -46,8 +46,8 @@ struct IncrementalClusteringOptions {
 /// returns the cloud as it is. The cloud must hold finite positions, no two alike (`clean`).
 ///
 /// @throws Error(InvalidArgument) for an empty cloud, an option out of range or a combination that
-/// says nothing. Expected O(N log N), growth on one thread, the rest parallel; 60 bytes a point and
-/// about 300 a cluster beyond the cloud.
+/// says nothing. Expected O(N log N), growth on one thread, the rest parallel; 50 bytes a point
+/// beyond the cloud.
 PointCloud incremental_clustering(const PointCloud& cloud,
                                   const IncrementalClusteringOptions& options,
                                   const RunContext& context = {});

@@ -24,14 +24,14 @@ struct VoxelClusteringOptions {
 ///
 /// The grid stands on the least corner of the cloud's box. Given a target, the edge of its voxels
 /// is searched until a few too few hold points; the difference is then made up by splitting the
-/// voxels whose points vary most, as `hierarchical_clustering` would.
+/// voxels whose points vary most across their longest direction.
 ///
 /// Give `target_size` or `voxel_size`. A target above the number of points returns the cloud as it
 /// is. The cloud must hold finite positions, no two alike (`clean`).
 ///
 /// @throws Error(InvalidArgument) for an empty cloud, an option out of range (a voxel must be at
-/// least 2^-21 of the cloud's longest side), or both or none of the two. O(N); 40 bytes a point and
-/// about 150 a voxel beyond the cloud.
+/// least 2^-21 of the cloud's longest side), or both or none of the two. O(N); 8 bytes a point
+/// and about 40 a voxel beyond the cloud.
 PointCloud voxel_clustering(const PointCloud& cloud, const VoxelClusteringOptions& options,
                             const RunContext& context = {});
 

@@ -1,0 +1,30 @@
+#pragma once
+
+#include "stipple/iterative_simplification.hpp"
+#include "stipple/neighbors.hpp"
+
+#include <span>
+#include <vector>
+
+namespace stipple {
+
+/// @throws Error(InvalidArgument) for a cloud without points, and options but for the target that
+/// are out of range or name what the cloud has not.
+void check_contraction(const PointCloud& cloud, const IterativeSimplificationOptions& options);
+
+/// Values that the contraction keeps together, point by point; a difference of 1 counts as a
+/// distance of 1.
+struct Features {
+    std::vector<float> values;
+    unsigned channels = 0;
+
+    /// As the weights of the options say; none where all are 0.
+    Features(const PointCloud& cloud, const IterativeSimplificationOptions& options);
+};
+
+/// Moves points towards the tangent planes of the input points nearest to them until they are at
+/// most `limit` away.
+void bound_displacement(std::span<Vec3f> points, const std::vector<Vec3f>& input,
+                        const NeighborSearch& search, double limit, const RunContext& context);
+
+}  // namespace stipple

@@ -1,0 +1,51 @@
+#include "gather.hpp"
+
+#include "float4.hpp"
+
+#include <bit>
+
+namespace stipple {
+
+namespace {
+
+/// Keeps in `near` the sample nearest to `target`; the smaller number among equals.
+void keep_nearest(Near& near, const SampleSpan& samples, const Vec3f& target) {
+    const auto distance_sq = [&](std::size_t i) {
+        const Group g =
+            i + 4 <= samples.size ? Group(samples, i, target) : Group::tail(samples, i, target);
+        return g.x * g.x + g.y * g.y + g.z * g.z;
+    };
+    constexpr float kFar = std::numeric_limits<float>::infinity();
+    Float4 least = {kFar, kFar, kFar, kFar};
+    const std::size_t whole = samples.size / 4 * 4;
+    for (std::size_t i = 0; i < whole; i += 4) {
+        const Float4 d = distance_sq(i);
+        least = d < least ? d : least;
+    }
+    float least_sq = std::min({least[0], least[1], least[2], least[3]});
+    if (whole < samples.size) {
+        const Float4 d = distance_sq(whole);
+        for (std::size_t lane = 0; whole + lane < samples.size; ++lane)
+            least_sq = std::min(least_sq, d[lane]);
+    }
+    if (least_sq > near.distance_sq) return;
+    for (std::size_t i = 0; i < samples.size; i += 4) {
+        for (unsigned lanes = lane_bits(distance_sq(i) <= least_sq); lanes != 0;
+             lanes &= lanes - 1) {
+            const std::size_t at = i + static_cast<std::size_t>(std::countr_zero(lanes));
+            if (at >= samples.size) break;
+            if (least_sq < near.distance_sq || samples.index[at] < near.index)
+                near = {least_sq, samples.index[at], samples.position(at)};
+        }
+    }
+}
+
+}  // namespace
+
+Near Gathered::nearest_to(const Vec3f& target, std::span<const Index> members) {
+    Near near;
+    each_piece(members, [&](const SampleSpan& samples) { keep_nearest(near, samples, target); });
+    return near;
+}
+
+}  // namespace stipple

@@ -1,0 +1,121 @@
+#include "stipple/multiphase.hpp"
+
+#include "cluster_tree.hpp"
+#include "contraction_options.hpp"
+#include "parallel_for.hpp"
+#include "representatives.hpp"
+#include "sample_quadrics.hpp"
+#include "sibling_contraction.hpp"
+#include "stipple/error.hpp"
+
+#include <algorithm>
+#include <sstream>
+#include <utility>
+
+// Follows: Garland and Shaffer 2002 (cluster, then contract with the quadrics of the clusters);
+// Pauly, Gross, Kobbelt 2002, §3.1 and §3.2 (both phases on points).
+//
+// Pairs are contracted only where they are the halves of a cluster (sibling_contraction.hpp).
+
+namespace stipple {
+
+namespace {
+
+[[noreturn]] void refuse(const std::string& message) {
+    throw Error(ErrorCode::InvalidArgument, message);
+}
+
+void check(const PointCloud& cloud, const MultiphaseOptions& options) {
+    check_contraction(cloud, options.contraction);
+    if (!(options.oversampling >= 1 && options.oversampling <= 1000)) {
+        std::ostringstream text;
+        text << "oversampling " << options.oversampling << ": expected 1..1000";
+        refuse(text.str());
+    }
+}
+
+/// Samples of the first phase: as many as the options say, and as there are points.
+std::uint64_t sample_count(const PointCloud& cloud, std::uint64_t size,
+                           const MultiphaseOptions& options) {
+    return static_cast<std::uint64_t>(std::min(static_cast<double>(cloud.size()),
+                                               options.oversampling * static_cast<double>(size)));
+}
+
+PointCloud cloud_at(const PointCloud& cloud, const Clusters& clusters, std::vector<Vec3f> positions,
+                    const IterativeSimplificationOptions& options, const RunContext& context) {
+    if (options.placement == Placement::Optimal) {
+        if (options.max_displacement) {
+            bound_displacement(positions, cloud.positions, NeighborSearch(cloud.positions, context),
+                               *options.max_displacement, context);
+        }
+        return merged_cloud(cloud, clusters, std::move(positions), options.reductions, context);
+    }
+    const MemberLists lists = {clusters.members.data(), clusters.offsets};
+    const auto nearest = nearest_members(cloud.positions, lists, positions, context);
+    for (std::size_t i = 0; i < nearest.size(); ++i) positions[i] = cloud.positions[nearest[i]];
+    return merged_cloud(cloud, std::move(positions), lists, nearest,
+                        reductions_for(cloud, options.reductions, Representative::Nearest), true,
+                        context);
+}
+
+}  // namespace
+
+PointCloud multiphase(const PointCloud& cloud, const MultiphaseOptions& options,
+                      const RunContext& context) {
+    check(cloud, options);
+    const std::uint64_t size = options.contraction.target_size;
+    if (size == 0) refuse("target_size 0: expected at least 1");
+    PointCloud result;
+    multiphase_snapshots(
+        cloud, std::span(&size, 1), options, [&](PointCloud&& c) { result = std::move(c); },
+        context);
+    return result;
+}
+
+void multiphase_snapshots(const PointCloud& cloud, std::span<const std::uint64_t> sizes,
+                          const MultiphaseOptions& options,
+                          const std::function<void(PointCloud&&)>& on_cloud,
+                          const RunContext& context) {
+    check(cloud, options);
+    std::uint64_t largest = 0;  // of those that need a run at all
+    for (const std::uint64_t size : sizes) {
+        if (size == 0) refuse("size 0: expected at least 1");
+        if (size < cloud.size()) largest = std::max(largest, size);
+    }
+    if (largest == 0) {
+        for (std::size_t i = 0; i < sizes.size(); ++i) on_cloud(PointCloud(cloud));
+        return;
+    }
+    context.checkpoint(0.0);
+    Clusters clusters;
+    const Cut cut = [&] {
+        ClusterTree tree(cloud.positions);
+        Cut samples = tree.cut(sample_count(cloud, largest, options), context);
+        clusters.members = tree.take_members();
+        return samples;
+    }();
+    context.checkpoint(0.4);
+    const QuadricSamples samples(cloud.positions, {clusters.members.data(), cut.offsets},
+                                 options.contraction.k, Features(cloud, options.contraction),
+                                 context);
+    const SiblingContraction contraction(samples, cut.clusters_of, context);
+    context.checkpoint(0.8);
+    for (const std::uint64_t size : sizes) {
+        if (size >= cloud.size()) {
+            on_cloud(PointCloud(cloud));
+            continue;
+        }
+        const std::vector<Index> first = contraction.nodes_left(size);
+        std::vector<Vec3f> positions(size);
+        clusters.offsets.resize(size + 1);
+        for (std::size_t i = 0; i <= size; ++i) clusters.offsets[i] = cut.offsets[first[i]];
+        parallel_for_blocks(size, 256, context, [&](std::size_t begin, std::size_t end) {
+            for (std::size_t i = begin; i < end; ++i)
+                positions[i] = contraction.place_of(first[i], first[i + 1]);
+        });
+        on_cloud(cloud_at(cloud, clusters, std::move(positions), options.contraction, context));
+    }
+    context.checkpoint(1.0);
+}
+
+}  // namespace stipple
