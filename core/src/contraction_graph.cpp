@@ -37,7 +37,7 @@ Tangent tangent_at(const Vec3f& p, std::span<const Vec3d> neighbors, const Point
 ContractionGraph contraction_graph(std::span<const Vec3f> positions, unsigned k, bool with_tangents,
                                    const RunContext& context) {
     const std::size_t n = positions.size();
-    const PointTree tree(positions, context);
+    const PointTree tree(positions, PointTree::Leaves::Quick, context);
     ContractionGraph graph;
     graph.order.resize(n);
     std::vector<Index> place_of(n);
