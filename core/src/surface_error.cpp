@@ -86,7 +86,7 @@ struct Surface {
             const RunContext& context)
         : cloud(cloud_),
           points(frame.into(cloud_)),
-          tree(points, context),
+          tree(points, PointTree::Leaves::Compact, context),
           finder(points, tree, options) {}
     Surface(const Surface&) = delete;
     Surface& operator=(const Surface&) = delete;
