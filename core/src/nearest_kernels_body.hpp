@@ -177,6 +177,21 @@ inline std::uint32_t count_within(const Candidates& c, float radius_sq) noexcept
     return -sum_of(minus);
 }
 
+/// The least squared distance that is not 0.
+inline float least_above_zero(const Candidates& c) noexcept {
+    const Float8 infinite = Float8{} + __builtin_inff();
+    Float8 least = infinite;
+    for (std::uint32_t i = 0; i < c.leaves * kLanes; i += kLanes) {
+        const Float8 d = load(c.distance_sq + i);
+        const Float8 above = d > 0.0F ? d : infinite;
+        least = above < least ? above : least;
+    }
+    float result = least[0];
+    for (std::uint32_t lane = 1; lane < kLanes; ++lane)
+        result = least[lane] < result ? least[lane] : result;
+    return result;
+}
+
 /// A squared distance within which there are `least` to `most` candidates, `n` being within `at`;
 /// more where several are equally far or the tries were used up. Negative where there are fewer
 /// than `least` within the limit.
@@ -198,7 +213,7 @@ inline float find_radius_sq(const Candidates& c, std::uint32_t least, std::uint3
         // On a surface the number grows as the squared distance does. Where it does not, far
         // points keep that from closing in: halved by turns, by order of magnitude.
         if (high_count < 0)
-            at = at * (wanted + 0.5F) / (low_count + 0.5F);
+            at = !(at > 0) ? least_above_zero(c) : at * (wanted + 0.5F) / (low_count + 0.5F);
         else if (i % 2 == 0)
             at = low + (high - low) * (wanted - low_count) / (high_count - low_count);
         else

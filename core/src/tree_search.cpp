@@ -166,11 +166,14 @@ private:
     template <typename T>
     using Array = std::array<T, kSlots>;
 
+    /// Of those at a finite distance.
     float farthest_sq(const PointTree::Leaf& leaf) const noexcept {
         const Eight d = distances_sq(leaf, q_);
         float farthest = 0;
-        for (std::size_t lane = 0; lane < PointTree::kWidth; ++lane)
-            farthest = std::max(farthest, d[lane / 4][lane % 4]);
+        for (std::size_t lane = 0; lane < PointTree::kWidth; ++lane) {
+            const float here = d[lane / 4][lane % 4];
+            if (here <= std::numeric_limits<float>::max()) farthest = std::max(farthest, here);
+        }
         return farthest;
     }
 
