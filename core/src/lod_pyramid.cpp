@@ -6,6 +6,7 @@
 #include "stipple/neighbors.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <sstream>
 
@@ -17,9 +18,49 @@ namespace {
     throw Error(ErrorCode::InvalidArgument, message);
 }
 
+void cut_levels(const PointCloud& cloud, std::span<const std::uint64_t> sizes,
+                const LodPyramidOptions& options, const std::function<void(PointCloud&&)>& emit,
+                const RunContext& context) {
+    const std::vector<Reduction> reductions =
+        reductions_for(cloud, options.reductions, options.representative);
+    // The finest cut first: it grows the tree for all others.
+    ClusterTree tree(cloud.positions);
+    std::vector<std::vector<Index>> offsets(sizes.size());
+    for (std::size_t level = sizes.size(); level-- > 0;) {
+        offsets[level] = tree.cut(sizes[level], context).offsets;
+    }
+    for (const std::vector<Index>& cut : offsets) {
+        emit(representatives(cloud, MemberLists{tree.members().data(), cut}, options.representative,
+                             reductions, context));
+    }
+}
+
+/// Coarsest first.
+std::vector<PointCloud> snapshots(const PointCloud& cloud, std::span<const std::uint64_t> sizes,
+                                  const LodPyramidOptions& options, const RunContext& context) {
+    const std::vector<std::uint64_t> finest_first(sizes.rbegin(), sizes.rend());
+    std::vector<PointCloud> levels;
+    const auto keep = [&levels](PointCloud&& made) { levels.push_back(std::move(made)); };
+    IterativeSimplificationOptions contraction;
+    contraction.reductions = options.reductions;
+    if (options.method == Method::Iterative) {
+        iterative_snapshots(cloud, finest_first, contraction, keep, context);
+    } else {
+        multiphase_snapshots(cloud, finest_first, {.contraction = contraction}, keep, context);
+    }
+    std::ranges::reverse(levels);
+    return levels;
+}
+
 }  // namespace
 
 void validate(const LodPyramidOptions& options) {
+    constexpr std::array kWithLevels = {Method::Hierarchical, Method::Multiphase,
+                                        Method::Iterative};
+    if (std::ranges::find(kWithLevels, options.method) == kWithLevels.end()) {
+        refuse("method " + std::string(to_string(options.method)) +
+               ": expected hierarchical, multiphase or iterative for a pyramid");
+    }
     for (std::size_t i = 0; i < options.sizes.size(); ++i) {
         if (options.sizes[i] == 0) refuse("levels: 0 points: expected at least 1");
         if (i > 0 && options.sizes[i] <= options.sizes[i - 1]) {
@@ -63,28 +104,27 @@ void build_lod_pyramid(const PointCloud& cloud, const LodPyramidOptions& options
                        const std::function<void(LodLevel&&)>& on_level, const RunContext& context) {
     if (cloud.empty()) refuse("the cloud has no points: expected at least 1");
     const std::vector<std::uint64_t> sizes = lod_sizes(cloud.size(), options);
-    const std::vector<Reduction> reductions =
-        reductions_for(cloud, options.reductions, options.representative);
+    std::span<const std::uint64_t> below(sizes);  // the whole cloud
+    if (below.back() == cloud.size()) below = below.first(below.size() - 1);
+    const bool cuts = options.method == Method::Hierarchical;
+    const double begin = cuts ? 0 : 0.8;  // snapshots are there when the first level comes
+
+    unsigned level = 0;
+    const auto emit = [&](PointCloud&& made) {
+        const double spacing = mean_spacing(made.positions, context);
+        on_level({level, std::move(made), spacing});
+        ++level;
+        context.checkpoint(begin + (1 - begin) * static_cast<double>(level) /
+                                       static_cast<double>(sizes.size()));
+    };
     context.checkpoint(0.0);
-    // The finest cut first: it grows the tree for all others.
-    ClusterTree tree(cloud.positions);
-    std::vector<std::vector<Index>> offsets(sizes.size());
-    for (std::size_t level = sizes.size(); level-- > 0;) {
-        if (sizes[level] < cloud.size()) offsets[level] = tree.cut(sizes[level], context).offsets;
+    if (cuts) {
+        cut_levels(cloud, below, options, emit, context);
+    } else if (!below.empty()) {
+        for (PointCloud& made : snapshots(cloud, below, options, context.part(0, begin)))
+            emit(std::move(made));
     }
-    for (unsigned level = 0; level < sizes.size(); ++level) {
-        LodLevel result{level, {}, 0.0};
-        if (offsets[level].empty()) {
-            result.cloud = cloud;
-        } else {
-            result.cloud =
-                representatives(cloud, MemberLists{tree.members().data(), offsets[level]},
-                                options.representative, reductions, context);
-        }
-        result.spacing = mean_spacing(result.cloud.positions, context);
-        on_level(std::move(result));
-        context.checkpoint(static_cast<double>(level + 1) / static_cast<double>(sizes.size()));
-    }
+    if (below.size() < sizes.size()) emit(PointCloud(cloud));
 }
 
 }  // namespace stipple

@@ -50,7 +50,9 @@ void check_bounds(const ClusteringOptions& options) {
 
 void check(const IterativeSimplificationOptions& options) {
     require(options.k >= 3 && options.k <= 32, "k", options.k, "3..32");
-    if (options.max_displacement) require_positive("max_displacement", *options.max_displacement);
+    if (options.max_displacement) {
+        require_not_negative("max_displacement", *options.max_displacement);
+    }
     require_not_negative("color_weight", options.color_weight);
     for (const auto& [name, weight] : options.attribute_weights) {
         require_not_negative("attribute_weights." + name, weight);

@@ -450,7 +450,12 @@ PyramidJob read_pyramid(JsonObject& object) {
     }
     if (ratio) options.ratio = ratio->number();
     if (base_points) options.base_points = base_points->integer(1);
-    take(object, "representative", kRepresentatives, options.representative);
+    if (const auto method = object.find("method")) {
+        options.method = method->named(method_from_name);
+    }
+    if (options.method == Method::Hierarchical) {
+        take(object, "representative", kRepresentatives, options.representative);
+    }
     take_reductions(object, options.reductions);
 
     job.output.formats = {CloudFormat::Draco, CloudFormat::Ply};
@@ -468,7 +473,10 @@ void add_options(Json& json, const PyramidJob& job) {
     } else {
         json["levels"] = options.sizes;
     }
-    json["representative"] = name_of(kRepresentatives, options.representative);
+    json["method"] = to_string(options.method);
+    if (options.method == Method::Hierarchical) {
+        json["representative"] = name_of(kRepresentatives, options.representative);
+    }
     json["reductions"] = reductions_json(options.reductions);
     json["formats"] = Json::array();
     for (const CloudFormat format : {CloudFormat::Draco, CloudFormat::Ply}) {

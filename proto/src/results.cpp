@@ -128,7 +128,7 @@ CloudStatistics read_whole_statistics(const JsonValue& value) {
 
 std::optional<Method> method_of(const JobRequest& request) noexcept {
     if (std::holds_alternative<AnalyzeJob>(request.job)) return std::nullopt;
-    if (std::holds_alternative<PyramidJob>(request.job)) return Method::Hierarchical;
+    if (const auto* pyramid = std::get_if<PyramidJob>(&request.job)) return pyramid->options.method;
     if (std::holds_alternative<UpsampleJob>(request.job)) return Method::Particles;
     return std::get<SimplifyJob>(request.job).options.method;
 }

@@ -183,6 +183,16 @@ TEST(CommandLine, PyramidTakesALadderOrARatio) {
     EXPECT_EQ(ratio.job.options.base_points, 50U);
     EXPECT_EQ(ratio.job.output.formats.size(), 2U);
     EXPECT_NE(refusal({"pyramid", "in.ply", "out", "--levels", "10", "--ratio", "2"}), "accepted");
+    EXPECT_EQ(ratio.job.options.method, Method::Hierarchical);
+    EXPECT_EQ(
+        parsed<PyramidCommand>({"pyramid", "in.ply", "out", "-m", "iterative"}).job.options.method,
+        Method::Iterative);
+    EXPECT_NE(refusal({"pyramid", "in.ply", "out", "-m", "random"}).find("random"),
+              std::string::npos);
+    EXPECT_NE(
+        refusal({"pyramid", "in.ply", "out", "-m", "iterative", "--representative", "nearest"})
+            .find("belongs to hierarchical"),
+        std::string::npos);
 }
 
 TEST(CommandLine, ReductionsAreByName) {

@@ -76,6 +76,49 @@ TEST(LodPyramid, ALevelIsWhatSimplifyGivesForItsCount) {
     }
 }
 
+TEST(LodPyramid, OfEveryMethodWithLevelsHasExactCountsAndProgressThatNeverGoesBack) {
+    const PointCloud cloud = test::with_attributes(test::sphere(4000));
+    for (const Method method : {Method::Hierarchical, Method::Multiphase, Method::Iterative}) {
+        LodPyramidOptions options;
+        options.method = method;
+        options.sizes = {1, 60, 700, 4000};
+        double last = 0;
+        const auto levels = build(cloud, options, {.progress = [&](double fraction) {
+                                      EXPECT_GE(fraction, last);
+                                      last = fraction;
+                                  }});
+        EXPECT_EQ(last, 1.0);
+        ASSERT_EQ(levels.size(), 4U);
+        for (unsigned i = 0; i < 4; ++i) {
+            EXPECT_EQ(levels[i].level, i);
+            EXPECT_EQ(levels[i].cloud.size(), options.sizes[i]);
+            EXPECT_EQ(levels[i].cloud.attributes.size(), cloud.attributes.size());
+        }
+        EXPECT_EQ(levels.back().cloud.positions, cloud.positions);
+    }
+}
+
+TEST(LodPyramid, OfIterativeHasTheLevelsOfSimplify) {
+    const PointCloud cloud = test::sphere(3000, 0.02);
+    LodPyramidOptions options;
+    options.method = Method::Iterative;
+    options.sizes = {40, 500};
+    for (const LodLevel& level : build(cloud, options)) {
+        SimplifyOptions alone;
+        alone.method = Method::Iterative;
+        alone.points = level.cloud.size();
+        EXPECT_EQ(level.cloud.positions, simplify(cloud, alone).positions);
+    }
+}
+
+TEST(LodPyramid, RefusesMethodsWithoutLevels) {
+    for (const Method method : {Method::Incremental, Method::Particles, Method::Voxel}) {
+        LodPyramidOptions options;
+        options.method = method;
+        EXPECT_THROW(validate(options), Error);
+    }
+}
+
 TEST(LodPyramid, IsTheSameForAnyNumberOfThreads) {
     const PointCloud cloud = test::sphere(60'000, 0.02);
     const auto one = build(cloud, {}, {.threads = 1});

@@ -84,8 +84,8 @@ TEST(SimplifyOptions, OutOfRangeAreRefusedWithNameValueAndLimit) {
               "oversampling 0.5: expected 1 to 1000");
     for (const Method method : {Multiphase, Iterative}) {
         EXPECT_EQ(refusal(method, [](auto& o) { o.iterative.k = 2; }), "k 2: expected 3..32");
-        EXPECT_EQ(refusal(method, [](auto& o) { o.iterative.max_displacement = 0; }),
-                  "max_displacement 0: expected a finite number above 0");
+        EXPECT_EQ(refusal(method, [](auto& o) { o.iterative.max_displacement = -1; }),
+                  "max_displacement -1: expected a finite number, at least 0");
         EXPECT_EQ(refusal(method, [](auto& o) { o.iterative.color_weight = -1; }),
                   "color_weight -1: expected a finite number, at least 0");
         EXPECT_EQ(refusal(method, [](auto& o) { o.iterative.attribute_weights["w"] = kNan; }),

@@ -152,9 +152,19 @@ TEST(JobRequest, TakesEveryFieldOfAPyramidJob) {
     EXPECT_EQ(type_name(request), "pyramid");
     const auto& job = std::get<PyramidJob>(request.job);
     EXPECT_EQ(job.options.sizes, (std::vector<std::uint64_t>{1000, 10000}));
+    EXPECT_EQ(job.options.method, Method::Hierarchical);
     EXPECT_EQ(job.options.representative, Representative::Centroid);
     EXPECT_EQ(job.output.formats, std::vector{CloudFormat::Ply});
     EXPECT_EQ(job.output.draco.precision, 0.5);
+}
+
+TEST(JobRequest, OfAPyramidTakesAMethodThatHasLevels) {
+    const JobRequest request = job_request_from_json(pyramid_with(R"("method": "iterative")"));
+    EXPECT_EQ(std::get<PyramidJob>(request.job).options.method, Method::Iterative);
+    EXPECT_NE(refusal(pyramid_with(R"("method": "random")")), "");
+    EXPECT_EQ(refusal(pyramid_with(R"("method": "iterative", "representative": "nearest")"))
+                  .substr(0, 30),
+              "representative: unknown field:");
 }
 
 TEST(JobRequest, HasTheDefaultsOfCore) {

@@ -46,6 +46,7 @@ struct Values {
     std::vector<std::string> reductions, formats = {"drc", "ply"};
     std::vector<std::uint64_t> levels;
     LodPyramidOptions pyramid;
+    std::string pyramid_method{to_string(LodPyramidOptions{}.method)};
     SyntheticScanOptions synthetic;
     DracoEncodeOptions draco;
     std::string coding = "auto", ply_encoding = "le";
@@ -244,6 +245,11 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
                     "most points of the coarsest; 10000")
         ->type_name("N")
         ->excludes(levels);
+    command
+        .add_option("-m,--method", values.pyramid_method,
+                    "hierarchical; multiphase or iterative: less error, more time")
+        ->type_name("M")
+        ->capture_default_str();
     command.add_option("--formats", values.formats, "drc, ply or both (default)")
         ->delimiter(',')
         ->type_name("F,F");
@@ -415,11 +421,15 @@ AnalyzeCommand analyze_command(const Values& values) {
     return command;
 }
 
-PyramidCommand pyramid_command(const Values& values) {
+PyramidCommand pyramid_command(const Values& values, const CLI::App& app) {
     PyramidCommand command{values.input, values.output, {}, server(values), values.common};
     LodPyramidOptions& options = command.job.options;
     options = values.pyramid;
     options.sizes = values.levels;
+    options.method = method_from_name(values.pyramid_method);
+    if (options.method != Method::Hierarchical && app.count("--representative") > 0)
+        throw UsageError("--representative belongs to hierarchical, not to " +
+                         values.pyramid_method);
     options.representative = representative_from_name(values.of_methods.representative);
     options.reductions = reductions(values);
     std::vector<CloudFormat>& formats = command.job.output.formats;
@@ -462,7 +472,7 @@ Command parse(CLI::App& app, Values& values, const std::vector<std::string>& arg
     if (simplify.parsed()) return simplify_command(values, simplify);
     if (upsample.parsed()) return upsample_command(values);
     if (analyze.parsed()) return analyze_command(values);
-    if (pyramid.parsed()) return pyramid_command(values);
+    if (pyramid.parsed()) return pyramid_command(values, pyramid);
     if (inspect.parsed()) return InspectCommand{values.input, values.common};
     if (convert.parsed()) return convert_command(values);
     if (synthesize.parsed()) return synthesize_command(values);

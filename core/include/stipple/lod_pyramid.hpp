@@ -17,7 +17,9 @@ struct LodPyramidOptions {
         sizes{};         ///< points of each level, strictly ascending; empty: by ratio
     double ratio = 4.0;  ///< in (1, 64]: each level has this many times the points of the one above
     std::uint64_t base_points = 10'000;  ///< the coarsest level by ratio has at most so many
-    Representative representative = Representative::Nearest;
+    Method method =
+        Method::Hierarchical;  ///< or `multiphase` or `iterative`: less error, more time
+    Representative representative = Representative::Nearest;  ///< of `hierarchical`
     std::map<std::string, Reduction>
         reductions{};  ///< by attribute name, instead of the attribute's own
 };
@@ -37,15 +39,16 @@ void validate(const LodPyramidOptions& options);
 /// size in the list above the count becomes the count. Ascending, without repeats, never empty.
 std::vector<std::uint64_t> lod_sizes(std::uint64_t points, const LodPyramidOptions& options);
 
-/// Levels of detail of a cleaned cloud, all from one run of the hierarchical clustering: every
-/// level is a cut of the same tree, which is grown for the finest first. The level of all points is
-/// the cloud itself.
+/// Levels of detail of a cleaned cloud, all from one run: cuts of the tree of
+/// `hierarchical_clustering`, or `multiphase_snapshots` or `iterative_snapshots`. The level of all
+/// points is the cloud itself.
 ///
-/// @param on_level  called for each level as soon as it is there, coarsest first, on the calling
-/// thread.
-/// @throws Error(InvalidArgument) for options out of range or a cloud without points.
-/// All levels of the dragon take about twice as long as its finest cut alone
-/// (`pyramid/dragon/ratio-4` of stipple-bench): the rest is their spacing.
+/// @param on_level  called for each level, coarsest first, on the calling thread: as soon as it is
+/// there, for cuts; once the run is over, for snapshots, which are kept until then.
+/// @throws Error(InvalidArgument) for options out of range, a method that has no levels, or a cloud
+/// without points.
+/// All cuts of the dragon take about twice as long as its finest alone (`pyramid/dragon/ratio-4` of
+/// stipple-bench): the rest is their spacing.
 void build_lod_pyramid(const PointCloud& cloud, const LodPyramidOptions& options,
                        const std::function<void(LodLevel&&)>& on_level,
                        const RunContext& context = {});

@@ -82,7 +82,8 @@ struct PyramidJob {
 /// Feature lines are sought when they are named, and are a second output cloud when there are any.
 ///
 ///     {"type": "pyramid", "input": …, "levels": [1000, 10000] | "ratio": 4, "base_points": 10000,
-///      "representative": …, "reductions": …, "formats": ["drc", "ply"], "draco": …}
+///      "method": "hierarchical" | "multiphase" | "iterative", "representative": … (hierarchical),
+///      "reductions": …, "formats": ["drc", "ply"], "draco": …}
 struct JobRequest {
     std::string input;  ///< id of the cloud: SHA-256 of its bytes, 64 lower-case hexadecimal digits
     std::variant<SimplifyJob, PyramidJob, UpsampleJob, AnalyzeJob> job;
