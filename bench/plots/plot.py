@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Draws time and error as SVG from what `stipple-bench --json` wrote, with gnuplot (5.4 or newer).
 
-    plot.py results.json [folder]
+    plot.py FOLDER results.json...
 
 Cases `by-target/...` give time and error against the points that are left, `by-size/...` time against the
 points there were, as Figure 9 of the paper does. Texts and axes are grey, to be read on white and on black.
@@ -37,10 +37,10 @@ set xlabel '{xlabel}' textcolor rgb '#808080'
 """
 
 
-def read(file, kind):
+def read(cases, kind):
     """{contestant: [(x, processor seconds, figures)]} of the one-thread cases of a kind, by points left or before."""
     lines = {}
-    for case in json.load(open(file)):
+    for case in cases:
         parts = case["case"].split("/")
         if parts[0] != kind or case["threads"] != 1:
             continue
@@ -51,9 +51,9 @@ def read(file, kind):
     return {name: sorted(points, key=lambda point: point[0]) for name, points in lines.items()}
 
 
-def left_of(file, kind):
+def left_of(cases, kind):
     """The title of the axis of targets, with what was there before."""
-    work = next(case["work"] for case in json.load(open(file)) if case["case"].startswith(kind))
+    work = next(case["work"] for case in cases if case["case"].startswith(kind))
     model, points = work.split(" points")[0].split(": ")
     return f"points left of {points} ({model})"
 
@@ -92,9 +92,10 @@ def draw(output, xlabel, panels, width=760):
 
 
 def main():
-    if len(sys.argv) not in (2, 3):
+    if len(sys.argv) < 3:
         sys.exit(__doc__)
-    results, folder = sys.argv[1], Path(sys.argv[2] if len(sys.argv) == 3 else ".")
+    folder = Path(sys.argv[1])
+    results = [case for file in sys.argv[2:] for case in json.load(open(file))]
     milliseconds = lambda seconds, figures: 1e3 * seconds
     by_target, by_size = read(results, "by-target"), read(results, "by-size")
     if by_target:
