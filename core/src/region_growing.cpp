@@ -209,7 +209,8 @@ private:
         const float most = kMostGrowth * spacing_ * root;
         float looked = kFirstLook * spacing_ * root;
         const std::size_t limit = kMostLooked * size_;
-        while (!near_.look(blocks_, seed, looked * looked, limit) && looked > 0) {
+        constexpr float kNothing = std::numeric_limits<float>::min();  // nearer is at one place
+        while (!near_.look(blocks_, seed, looked * looked, limit) && looked > kNothing) {
             constexpr float kNearer = 0.6F;
             looked *= kNearer;
         }

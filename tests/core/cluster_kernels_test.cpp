@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 #include <algorithm>
+#include <cmath>
 #include <numeric>
 
 namespace stipple {
@@ -77,6 +78,66 @@ TEST_P(EveryKernel, PartitionsWhatLiesOnOneSideToThatSide) {
             std::ranges::sort(order);
             for (std::size_t i = 0; i < order.size(); ++i) EXPECT_EQ(order[i], i);
         }
+    }
+}
+
+TEST_P(EveryKernel, FindsWhatIsNearbyAsPlainCodeDoes) {
+    const std::vector<Vec3f> points = test::cube(GetParam(), 5).positions;
+    const std::size_t n = points.size(), begin = n / 3;
+    const Vec3f center(0.4F, 0.5F, 0.6F);
+    constexpr float kLimitSq = 0.2F;
+    std::vector<float> taken(n + 8);
+    for (std::size_t i = 0; i < n; i += 3) taken[i] = HUGE_VALF;
+    std::vector<float> all, free;
+    std::vector<Index> places;
+    for (std::size_t i = begin; i < n; ++i) {
+        const Vec3f d = points[i] - center;
+        const float distance_sq = d.x() * d.x() + d.y() * d.y() + d.z() * d.z();
+        if (distance_sq > kLimitSq) continue;
+        all.push_back(distance_sq);
+        if (taken[i] > 0) continue;
+        free.push_back(distance_sq);
+        places.push_back(static_cast<Index>(i));
+    }
+    std::vector<Vec3f> padded = points;
+    padded.resize(n + 8);
+    const Work work(padded);
+    for (const ClusterKernels& kernels : available_cluster_kernels()) {
+        std::vector<float> all_sq(n + 8), free_sq(n + 8);
+        std::vector<Index> free_places(n + 8);
+        const NearbyOutput end =
+            kernels.nearby(work.samples.all(), taken.data(), static_cast<Index>(begin),
+                           static_cast<Index>(n), {center.x(), center.y(), center.z()}, kLimitSq,
+                           {all_sq.data(), free_sq.data(), free_places.data()});
+        all_sq.resize(static_cast<std::size_t>(end.all_sq - all_sq.data()));
+        free_sq.resize(static_cast<std::size_t>(end.free_sq - free_sq.data()));
+        free_places.resize(static_cast<std::size_t>(end.free - free_places.data()));
+        EXPECT_EQ(all_sq, all) << kernels.name;
+        EXPECT_EQ(free_sq, free) << kernels.name;
+        EXPECT_EQ(free_places, places) << kernels.name;
+    }
+}
+
+TEST_P(EveryKernel, GivesTheLeastBoxAndTheCount) {
+    const std::vector<Vec3f> points = test::cube(GetParam(), 6).positions;
+    Vec3f low = points.front(), high = low;
+    std::vector<float> values;
+    for (const Vec3f& p : points) {
+        low = low.cwiseMin(p);
+        high = high.cwiseMax(p);
+        values.push_back(p.x());
+    }
+    const float limit = values.front();
+    const auto count = std::ranges::count_if(values, [&](float v) { return v <= limit; });
+    values.resize(values.size() + 8, HUGE_VALF);
+    const Work work(points);
+    for (const ClusterKernels& kernels : available_cluster_kernels()) {
+        const SampleBox box = kernels.box(work.samples.all());
+        EXPECT_EQ(Vec3f(box.low[0], box.low[1], box.low[2]), low) << kernels.name;
+        EXPECT_EQ(Vec3f(box.high[0], box.high[1], box.high[2]), high) << kernels.name;
+        EXPECT_EQ(kernels.count(values.data(), points.size(), limit),
+                  static_cast<std::size_t>(count))
+            << kernels.name;
     }
 }
 

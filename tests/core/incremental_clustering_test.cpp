@@ -114,6 +114,12 @@ TEST(IncrementalClustering, ABoundOnTheVariationAloneAdaptsToTheShape) {
     EXPECT_GT(incremental_clusters(sphere, bound).size(), 20U);
 }
 
+TEST(IncrementalClustering, GivesTheCountAlsoWherePointsCoincide) {
+    PointCloud cloud = test::cube(500);
+    cloud.positions.insert(cloud.positions.end(), 3000, Vec3f(1, 2, 3));
+    EXPECT_EQ(incremental_clustering(cloud, {.target_size = 100}).size(), 100U);
+}
+
 TEST(IncrementalClustering, DependsOnTheSeed) {
     const PointCloud cloud = test::sphere(3000, 0.01);
     const auto with_seed = [&](std::uint64_t seed) {
