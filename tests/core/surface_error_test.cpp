@@ -364,7 +364,7 @@ SlowFoot slow_foot(const std::vector<Vec3f>& points, unsigned k, const Vec3d& q,
 
 TEST(FootFinder, FindsTheFixedPointsOfTheSlowForm) {
     const PointCloud target = random_subset(sphere(20'000, 0.02), 600);
-    const PointTree tree(target.positions, {});
+    const PointTree tree(target.positions, PointTree::Leaves::Compact, {});
     for (const unsigned k : {6U, 20U, 40U}) {
         const FootFinder finder(target.positions, tree, {.k = k, .tolerance = 1e-5});
         const std::vector<Vec3f> queries = random_subset(sphere(5000, 0.1, 2), 300).positions;
@@ -393,7 +393,7 @@ TEST(FootFinder, TakesTheNearerOfTwoSheets) {
     PointCloud cloud = test::plane(5000);
     const PointCloud above = shifted(test::plane(5000, 2), {0, 0, 0.06F});
     cloud.positions.insert(cloud.positions.end(), above.positions.begin(), above.positions.end());
-    const PointTree tree(cloud.positions, {});
+    const PointTree tree(cloud.positions, PointTree::Leaves::Compact, {});
     std::vector<Vec3f> queries;
     for (const float z : {-0.02F, 0.0F, 0.01F, 0.05F, 0.06F, 0.08F})
         for (float x = 0.2F; x < 0.8F; x += 0.01F) queries.emplace_back(x, 0.5F, z);
