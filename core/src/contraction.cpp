@@ -127,6 +127,15 @@ private:
         });
     }
 
+    /// Calls body(i) for i = 0..N-1, with N the number of samples.
+    template <typename Body>
+    void for_places(Body&& body) {
+        parallel_for_blocks(order_.size(), kBlock, context_,
+                            [&](std::size_t begin, std::size_t end) {
+                                for (std::size_t i = begin; i < end; ++i) body(i);
+                            });
+    }
+
     const ContractionOptions& options_;
     const RunContext& context_;
     std::size_t k_;
@@ -154,8 +163,9 @@ Engine::Engine(std::span<const Vec3f> positions, std::span<const StoredQuadric> 
     std::vector<std::uint32_t> tangents;
     {
         std::vector<Vec3f> scaled(slots_);
-        std::ranges::transform(positions, scaled.begin(),
-                               [&](const Vec3f& p) { return Vec3f(p * scale); });
+        parallel_for_blocks(slots_, kBlock, context, [&](std::size_t begin, std::size_t end) {
+            for (std::size_t i = begin; i < end; ++i) scaled[i] = positions[i] * scale;
+        });
         ContractionGraph graph = contraction_graph(scaled, options.k, quadrics.empty(), context);
         order_ = std::move(graph.order);
         neighbors_ = std::move(graph.neighbors);
@@ -187,7 +197,8 @@ void Engine::for_neighbors(Index of, Visit&& visit) const {
     for (std::size_t s = 0; s < k_ && list[s] != kNone; ++s) visit(list[s]);
 }
 
-/// The quadrics of §3.2.
+/// The quadrics of §3.2. A sample stands for an area that goes as the mean squared distance of its
+/// neighbours; the sum over all samples does not depend on their number.
 void Engine::make_quadrics(std::span<const std::uint32_t> tangents) {
     parallel_for_blocks(slots_, kBlock, context_, [&](std::size_t begin, std::size_t end) {
         std::vector<Vec3d> neighbors;
@@ -428,13 +439,14 @@ void Engine::round(std::span<const Stop>& stops, const std::function<void(const 
     }
     std::size_t done = 0;
     while (true) {
-        const bool stop = !stops.empty() && live_ - winners.size() <= stops.front().count;
+        const bool stop = live_ - winners.size() <= stops.front().count;
         const std::size_t end = stop ? live_ - stops.front().count : winners.size();
         contract(std::span(winners).subspan(done, end - done));
         done = end;
         if (!stop) break;
         at_stop(stops.front());
         stops = stops.subspan(1);
+        if (stops.empty()) return;
     }
     live_ -= winners.size();
 }
@@ -454,24 +466,30 @@ void Engine::reconnect() {
 /// Renumbers the slots so that the live samples fill them, and gives back the memory of the rest.
 /// After a refresh, when all lists name live samples.
 void Engine::compact() {
+    const auto for_slots = [&](auto&& body) {
+        for_blocks_in_order(slots_, context_, [&](std::size_t begin, std::size_t end) {
+            for (auto i = static_cast<Index>(begin); i < end; ++i) body(i);
+        });
+    };
     std::vector<Index> renumbered(slots_);
     Index next = 0;
-    for (Index i = 0; i < slots_; ++i)
+    for_slots([&](Index i) {
         if (is_live(i)) renumbered[i] = next++;
-    for (Index i = 0; i < slots_; ++i)
+    });
+    for_slots([&](Index i) {
         if (!is_live(i)) renumbered[i] = renumbered[root(i)];
-
+    });
     for (Kept& kept : kept_)
         for (Index& slot : kept.samples.survivor_of) slot = renumbered[slot];
-    for (Index i = 0; i < slots_; ++i) {
-        if (!is_live(i)) continue;
+    for_slots([&](Index i) {
+        if (!is_live(i)) return;
         const Index to = renumbered[i];
         std::ranges::transform(std::span(list_of(i), k_), list_of(to),
                                [&](Index j) { return j == kNone ? kNone : renumbered[j]; });
         records()[to] = records()[i];
         records()[to].link = to;
         records()[to].claim = i;  // until its place is known
-    }
+    });
     slots_ = live_;
     memory_.shrink(slots_ * sizeof(Record));
     neighbors_.resize(slots_ * k_);
@@ -479,13 +497,13 @@ void Engine::compact() {
     if (slot_of_.empty()) {
         slot_of_ = std::move(renumbered);
         place_of_.resize(slots_);
-        for (Index i = 0; i < slots_; ++i) place_of_[i] = records()[i].claim;
+        for_slots([&](Index i) { place_of_[i] = records()[i].claim; });
     } else {
-        for (Index& slot : slot_of_) slot = renumbered[slot];
-        for (Index i = 0; i < slots_; ++i) place_of_[i] = place_of_[records()[i].claim];
+        for_places([&](std::size_t place) { slot_of_[place] = renumbered[slot_of_[place]]; });
+        for_slots([&](Index i) { place_of_[i] = place_of_[records()[i].claim]; });
         place_of_.resize(slots_);
     }
-    for (Index i = 0; i < slots_; ++i) records()[i].claim = kNone;
+    for_slots([&](Index i) { records()[i].claim = kNone; });
 }
 
 void Engine::keep(Kept& kept) {
@@ -498,8 +516,8 @@ void Engine::keep(Kept& kept) {
         kept.samples.survivor_of.push_back(i);
     }
     kept.of_input.resize(order_.size());
-    for (std::size_t place = 0; place < order_.size(); ++place)
-        kept.of_input[order_[place]] = number[root(slot_at(place))];
+    for_places(
+        [&](std::size_t place) { kept.of_input[order_[place]] = number[root(slot_at(place))]; });
 }
 
 ContractionSnapshot Engine::snapshot(Kept& kept) {
@@ -509,17 +527,19 @@ ContractionSnapshot Engine::snapshot(Kept& kept) {
         if (!is_live(i)) continue;
         number[i] = static_cast<Index>(s.positions.size());
         s.positions.push_back(records()[i].position);
-        s.samples.push_back(order_[place(i)]);
+        if (options_.placement == Placement::EndPoint) s.samples.push_back(order_[place(i)]);
     }
     s.survivor_of.resize(order_.size());
     if (kept.of_input.empty()) {
-        for (std::size_t place = 0; place < order_.size(); ++place)
+        for_places([&](std::size_t place) {
             s.survivor_of[order_[place]] = number[root(slot_at(place))];
+        });
     } else {
         for (Index& slot : kept.samples.survivor_of) slot = number[root(slot)];
         relax(kept.samples, s.positions, options_.relaxations, context_);
-        for (std::size_t i = 0; i < order_.size(); ++i)
-            s.survivor_of[i] = kept.samples.survivor_of[kept.of_input[i]];
+        for_places([&](std::size_t sample) {
+            s.survivor_of[sample] = kept.samples.survivor_of[kept.of_input[sample]];
+        });
         kept = {};
     }
     for (Vec3f& p : s.positions) p /= static_cast<float>(scale_);

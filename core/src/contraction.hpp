@@ -16,8 +16,8 @@ namespace stipple {
 /// What point-pair contraction has come to at some count.
 struct ContractionSnapshot {
     std::vector<Vec3f> positions;    ///< of the survivors
-    std::vector<Index> samples;      ///< for each survivor, a sample that it stands for; with
-                                     ///< `Placement::EndPoint` the sample that it is
+    std::vector<Index> samples;      ///< for each survivor the sample that it is, with
+                                     ///< `Placement::EndPoint`; else empty
     std::vector<Index> survivor_of;  ///< for each sample, the survivor that stands for it
 };
 
@@ -56,8 +56,9 @@ double contraction_scale(std::span<const Vec3f> positions);
 /// @param counts  descending, each at least 1 and at most the number of samples.
 /// @param on_snapshot  called for each count, on the calling thread. A snapshot does not depend on
 ///        the other counts.
-/// Expected O(N log N); 68 + 4 k + 4 bytes a sample, and 60 for each of 8 n samples for a
-/// snapshot of n.
+/// @throws Error(TooLarge) from 2^31 samples on.
+/// Expected O(N log N), parallel; 72 + 4 k bytes a sample while more than half are left, and for a
+/// snapshot of n samples 56 for each of the 8 n that it shares out.
 void contract(std::span<const Vec3f> positions, std::span<const StoredQuadric> quadrics,
               std::span<const std::uint64_t> counts, const ContractionOptions& options,
               const std::function<void(ContractionSnapshot&&)>& on_snapshot,

@@ -14,7 +14,7 @@ namespace stipple {
 namespace {
 
 constexpr unsigned kForTangent = 16, kForBorder = 32;  // neighbours
-constexpr std::size_t kLeavesPerBlock = 128;
+constexpr std::size_t kLeavesPerBlock = 128, kPlacesPerBlock = 8192;
 
 /// The tangent at p by the offsets of its neighbours; where these leave room for a border, that is
 /// looked for among more of them.
@@ -41,10 +41,12 @@ ContractionGraph contraction_graph(std::span<const Vec3f> positions, unsigned k,
     ContractionGraph graph;
     graph.order.resize(n);
     std::vector<Index> place_of(n);
-    for (std::size_t i = 0; i < n; ++i) {
-        graph.order[i] = tree.leaf(i / PointTree::kWidth).index[i % PointTree::kWidth];
-        place_of[graph.order[i]] = static_cast<Index>(i);
-    }
+    parallel_for_blocks(n, kPlacesPerBlock, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+            graph.order[i] = tree.leaf(i / PointTree::kWidth).index[i % PointTree::kWidth];
+            place_of[graph.order[i]] = static_cast<Index>(i);
+        }
+    });
     graph.neighbors.assign(n * k, ContractionGraph::kNone);
     graph.tangents.resize(with_tangents ? n : 0);
     if (n < 2) return graph;

@@ -83,6 +83,7 @@ Features::Features(const PointCloud& cloud, const IterativeSimplificationOptions
     const auto is_set = [](const auto& entry) { return entry.second > 0; };
     if (options.color_weight == 0 && std::ranges::none_of(options.attribute_weights, is_set))
         return;
+    if (options.color_weight == 0 && options.attribute_weights.empty()) return;
     const double diagonal = bounds(cloud).diagonal();
     std::vector<std::vector<float>> columns;
     if (options.color_weight > 0 && !cloud.colors.empty()) {

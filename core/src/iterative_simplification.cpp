@@ -19,22 +19,28 @@ namespace stipple {
 namespace {
 
 /// The samples of each survivor, in their order.
-Clusters clusters_of(const ContractionSnapshot& snapshot) {
+Clusters clusters_of(const ContractionSnapshot& snapshot, const RunContext& context) {
+    const std::vector<Index>& survivor_of = snapshot.survivor_of;
     Clusters clusters;
     clusters.offsets.assign(snapshot.positions.size() + 1, 0);
-    for (const Index survivor : snapshot.survivor_of) ++clusters.offsets[survivor];
+    const auto for_samples = [&](auto&& body) {
+        for_blocks_in_order(survivor_of.size(), context, [&](std::size_t begin, std::size_t end) {
+            for (std::size_t i = begin; i < end; ++i) body(i);
+        });
+    };
+    for_samples([&](std::size_t i) { ++clusters.offsets[survivor_of[i]]; });
     Index begin = 0;
     for (Index& offset : clusters.offsets) begin += std::exchange(offset, begin);
-    clusters.members.resize(snapshot.survivor_of.size());
+    clusters.members.resize(survivor_of.size());
     std::vector<Index> next = clusters.offsets;
-    for (std::size_t i = 0; i < snapshot.survivor_of.size(); ++i)
-        clusters.members[next[snapshot.survivor_of[i]]++] = static_cast<Index>(i);
+    for_samples(
+        [&](std::size_t i) { clusters.members[next[survivor_of[i]]++] = static_cast<Index>(i); });
     return clusters;
 }
 
 PointCloud cloud_of(const PointCloud& cloud, ContractionSnapshot&& snapshot,
                     const IterativeSimplificationOptions& options, const RunContext& context) {
-    const Clusters clusters = clusters_of(snapshot);
+    const Clusters clusters = clusters_of(snapshot, context);
     if (options.placement == Placement::Optimal) {
         return merged_cloud(cloud, clusters, std::move(snapshot.positions), options.reductions,
                             context);

@@ -45,4 +45,15 @@ void parallel_for_blocks(std::size_t n, std::size_t block, const RunContext& con
     });
 }
 
+/// Calls `body(begin, end)` for blocks of 0..n one after the other, on the calling thread: for what
+/// has to be done in order, and still has to stop when asked to.
+template <typename Body>
+void for_blocks_in_order(std::size_t n, const RunContext& context, Body&& body) {
+    constexpr std::size_t kBlock = std::size_t{1} << 16U;
+    for (std::size_t begin = 0; begin < n; begin += kBlock) {
+        context.throw_if_stopped();
+        body(begin, std::min(n, begin + kBlock));
+    }
+}
+
 }  // namespace stipple
