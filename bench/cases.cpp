@@ -5,14 +5,12 @@
 #include "stipple/codec.hpp"
 #include "stipple/hierarchical_clustering.hpp"
 #include "stipple/lod_pyramid.hpp"
-#include "stipple/multiphase.hpp"
 #include "stipple/neighbors.hpp"
 
 #include <fcntl.h>
 #include <unistd.h>
 #include <cstring>
 #include <memory>
-#include <optional>
 #include <span>
 #include <stdexcept>
 
@@ -21,17 +19,6 @@ namespace stipple::bench {
 namespace fs = std::filesystem;
 
 namespace {
-
-std::string described(const Model& model) {
-    return model.name + (model.synthetic() ? " (synthetic)" : "") + ": " +
-           with_commas(model.cloud.size()) + " points";
-}
-
-RunContext on_threads(unsigned threads) {
-    RunContext context;
-    context.threads = threads;
-    return context;
-}
 
 HierarchicalClusteringOptions exactly(std::uint64_t target, Representative representative) {
     HierarchicalClusteringOptions options;
@@ -82,68 +69,31 @@ double agreement(const NeighborLists& ours, const NeighborLists& theirs) {
     return static_cast<double>(same) / static_cast<double>(ours.distances_sq.size());
 }
 
-struct CgalRun {
-    std::any points;
-    std::size_t kept = 0;
-};
-
-/// A CGAL function that reorders its points in place and says how many it keeps.
-Contestant cgal_contestant(Session& session, const Model& model, const std::string& name,
-                           const std::function<std::size_t(std::any&)>& simplify) {
-    const auto state = std::make_shared<CgalRun>();
-    return {.name = name,
-            .run = [=]() -> std::any {
-                state->kept = simplify(state->points);
-                return {};
-            },
-            .prepare = [=, &model] { state->points = cgal_points(model.cloud); },
-            .figures =
-                [=, &session, &model](const std::any&) {
-                    auto figures =
-                        session.error_figures(model, from_cgal(state->points, state->kept));
-                    state->points.reset();
-                    return figures;
-                }};
-}
-
-Contestant stipple_contestant(Session& session, const Model& model, const std::string& name,
-                              Representative representative, std::uint64_t target,
-                              unsigned threads) {
-    const HierarchicalClusteringOptions options = exactly(target, representative);
-    return {.name = name,
-            .run = [=, &model]() -> std::any {
-                return hierarchical_clustering(model.cloud, options, on_threads(threads));
-            },
-            .figures =
-                [&](const std::any& value) {
-                    return session.error_figures(model, std::any_cast<const PointCloud&>(value));
-                }};
-}
-
 }  // namespace
 
 void read_ply(Session& session, const std::string& name, const std::string& model_name,
               bool ascii) {
     const fs::path file = session.models().ply_file(model_name, ascii);
-    const TriangleMesh& mesh = session.models().get(model_name).mesh;
+    const Model& model = session.models().get(model_name);
+    const std::size_t points = model.synthetic() ? model.cloud.size() : model.mesh.vertices.size();
+    const std::size_t triangles = model.synthetic() ? 0 : model.mesh.triangles.size();
     for (const unsigned threads : session.options().threads) {
         std::vector<Contestant> contestants;
         contestants.push_back({.name = "stipple read_cloud", .run = [=]() -> std::any {
                                    return read_cloud(file, {}, on_threads(threads));
                                }});
-        if (have_cgal())
-            contestants.push_back(
-                {.name = "CGAL read_PLY", .run = [=] { return cgal_read_ply(file); }});
+        for (const Peer& peer : reading_peers(file))
+            contestants.push_back(contestant(peer, threads));
         contestants.push_back(raw_bytes(file, false));
         contestants.push_back(raw_bytes(file, true));
-        session.contest({.name = name,
-                         .threads = threads,
-                         .work = model_name + ": " + with_commas(mesh.vertices.size()) +
-                                 " points, " + with_commas(mesh.triangles.size()) + " triangles, " +
-                                 with_commas(fs::file_size(file)) + " bytes " +
-                                 (ascii ? "of text" : "in little endian"),
-                         .units = mesh.vertices.size()},
-                        std::move(contestants));
+        session.contest(
+            {.name = name,
+             .threads = threads,
+             .work = model_name + ": " + with_commas(points) + " points, " +
+                     with_commas(triangles) + " triangles, " + with_commas(fs::file_size(file)) +
+                     " bytes " + (ascii ? "of text" : "in little endian"),
+             .units = points},
+            std::move(contestants));
     }
 }
 
@@ -178,48 +128,6 @@ void neighbors(Session& session, const std::string& name, const std::string& mod
                          .work = described(model) + ", k = " + std::to_string(k) +
                                  ", index built and all lists written",
                          .units = points.size()},
-                        std::move(contestants));
-    }
-}
-
-void hierarchical(Session& session, const std::string& name, const std::string& model_name,
-                  std::uint64_t target) {
-    const Model& model = session.models().get(model_name);
-    for (const unsigned threads : session.options().threads) {
-        std::vector<Contestant> contestants;
-        const auto add = [&](const std::string& kind, Representative representative) {
-            contestants.push_back(stipple_contestant(session, model, "stipple " + kind,
-                                                     representative, target, threads));
-        };
-        contestants.push_back({.name = "stipple multiphase",
-                               .run = [=, &model]() -> std::any {
-                                   MultiphaseOptions options;
-                                   options.contraction.target_size = target;
-                                   return multiphase(model.cloud, options, on_threads(threads));
-                               },
-                               .figures =
-                                   [&](const std::any& value) {
-                                       return session.error_figures(
-                                           model, std::any_cast<const PointCloud&>(value));
-                                   }});
-        add("surface", Representative::Surface);
-        add("nearest", Representative::Nearest);
-        add("centroid", Representative::Centroid);
-        if (have_cgal() && session.invited("CGAL hierarchy")) {
-            const unsigned size = session.tuned_cgal_size(model, target);
-            contestants.push_back(cgal_contestant(
-                session, model, "CGAL hierarchy (size " + std::to_string(size) + ")",
-                [=](std::any& points) { return cgal_hierarchy(points, size); }));
-        }
-        if (have_cgal())
-            contestants.push_back(
-                cgal_contestant(session, model, "CGAL random",
-                                [=](std::any& points) { return cgal_random(points, target); }));
-        session.contest({.name = name,
-                         .threads = threads,
-                         .work = described(model) + " -> " + with_commas(target) +
-                                 "; CGAL uses one thread; distances are 10^-4 of the diagonal",
-                         .units = model.cloud.size()},
                         std::move(contestants));
     }
 }

@@ -2,12 +2,17 @@
 
 #include "contest.hpp"
 #include "models.hpp"
+#include "peers.hpp"
+#include "stipple/run_context.hpp"
+#include "stipple/simplify.hpp"
 #include "surface_distance.hpp"
 
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace stipple::bench {
@@ -18,6 +23,7 @@ struct BenchOptions {
     std::string contestants;  ///< and of it those contestants whose names hold this
     unsigned repeat = 5;      ///< timed rounds after the warm-up
     std::vector<unsigned> threads = {1, 2};
+    double patience_s = 20;  ///< a contestant that has run for so long sits out the other rounds
     std::size_t samples = 100'000;  ///< of the error measure; 0: no error
     std::filesystem::path models;   ///< folder with the scans
     std::filesystem::path json;     ///< where to write the results, or empty
@@ -52,9 +58,6 @@ public:
     /// clouds.
     std::vector<Figure> error_figures(const Model& model, const PointCloud& simplified);
 
-    /// CGAL's cluster size whose result comes nearest to `target` points, found by bisection.
-    unsigned tuned_cgal_size(const Model& model, std::uint64_t target);
-
 private:
     const SurfaceMeter& meter(const Model& model);
 
@@ -63,15 +66,44 @@ private:
     std::vector<CaseResult> results_;
     std::map<std::string, std::unique_ptr<SurfaceMeter>> meters_;
     std::map<std::string, SurfaceDistance> errors_;  // by model and hash of the simplified cloud
-    std::map<std::string, unsigned> cgal_sizes_;     // by model and target
 };
 
-// The cases: what each compares is said in the list at the top of main.cpp.
+/// A peer as one who can enter a contest. Its figures are left to the case.
+Contestant contestant(const Peer& peer, unsigned threads);
+/// `igea: 134,345 points`.
+std::string described(const Model& model);
+RunContext on_threads(unsigned threads);
+
+// The cases: what each compares is said in the list of all_cases.cpp.
+
 void read_ply(Session& session, const std::string& name, const std::string& model, bool ascii);
 void neighbors(Session& session, const std::string& name, const std::string& model, unsigned k);
-void hierarchical(Session& session, const std::string& name, const std::string& model,
-                  std::uint64_t target);
 void pyramid(Session& session, const std::string& name, const std::string& model);
 void encode(Session& session, const std::string& name, const std::string& model);
+
+void local_analysis(Session& session, const std::string& name, const std::string& model,
+                    unsigned k);
+void orientation(Session& session, const std::string& name, const std::string& model, unsigned k);
+
+/// A way of our own to simplify.
+struct Way {
+    std::string name;
+    SimplifyOptions options;
+};
+/// `stipple multiphase`.
+Way plain(Method method);
+
+/// Our ways against those of `simplifying_peers` whose names hold one of `peers`.
+void simplification(Session& session, const std::string& name, const std::string& model,
+                    std::size_t target, const std::vector<Way>& ways,
+                    const std::vector<std::string>& peers);
+
+/// A case by its name.
+struct Case {
+    std::string name;
+    std::string what;
+    std::function<void(Session&, const std::string& name)> run;
+};
+const std::vector<Case>& all_cases();
 
 }  // namespace stipple::bench

@@ -77,22 +77,31 @@ std::size_t Standing::peak_bytes() const {
     return std::ranges::max_element(runs, {}, &Timing::peak_bytes)->peak_bytes;
 }
 
-std::vector<Standing> hold_contest(const std::vector<Contestant>& contestants, unsigned rounds) {
+std::vector<Standing> hold_contest(const std::vector<Contestant>& contestants, unsigned rounds,
+                                   double patience_s) {
     std::vector<Standing> standings;
+    std::vector<double> spent;
     for (const Contestant& contestant : contestants) {
         Timing warm_up;
         const std::any value = run_once(contestant, warm_up);
         standings.push_back({contestant.name, {}, contestant.figures(value)});
+        contestant.release();
+        spent.push_back(warm_up.wall_s);
+        if (warm_up.wall_s >= patience_s) standings.back().runs.push_back(warm_up);
     }
     for (unsigned round = 0; round < rounds; ++round)
-        for (std::size_t i = 0; i < contestants.size(); ++i)
+        for (std::size_t i = 0; i < contestants.size(); ++i) {
+            if (spent[i] >= patience_s) continue;
             run_once(contestants[i], standings[i].runs.emplace_back());
+            contestants[i].release();
+            spent[i] += standings[i].runs.back().wall_s;
+        }
     return standings;
 }
 
 double median_ratio(const Standing& ours, const Standing& other, double Timing::*time) {
     std::vector<double> ratios;
-    for (std::size_t i = 0; i < ours.runs.size(); ++i)
+    for (std::size_t i = 0; i < std::min(ours.runs.size(), other.runs.size()); ++i)
         ratios.push_back(other.runs[i].*time / ours.runs[i].*time);
     return median(ratios);
 }

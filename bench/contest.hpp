@@ -22,7 +22,8 @@ struct Contestant {
     std::function<void()> prepare = [] {};  ///< before each run, not timed
     std::function<std::vector<Figure>(const std::any&)> figures = [](const std::any&) {
         return std::vector<Figure>{};
-    };  ///< of the warm-up's value
+    };                                      ///< of the warm-up's value
+    std::function<void()> release = [] {};  ///< after each run and its figures, not timed
 };
 
 struct Timing {
@@ -45,10 +46,12 @@ struct Standing {
 
 /// Runs the contestants in turn, A B C A B C, after one round of warm-up. The heap is trimmed
 /// before each run, since nodes left by one would slow down the next (CGAL's lists by 2 to 4
-/// times).
-std::vector<Standing> hold_contest(const std::vector<Contestant>& contestants, unsigned rounds);
+/// times). Who has run for `patience_s` in all sits out the rest; a warm-up that took as long is
+/// that contestant's only run.
+std::vector<Standing> hold_contest(const std::vector<Contestant>& contestants, unsigned rounds,
+                                   double patience_s);
 
-/// How many times as long `other` took as `ours`: the median over the rounds.
+/// How many times as long `other` took as `ours`: the median over the rounds that both ran in.
 double median_ratio(const Standing& ours, const Standing& other, double Timing::*time);
 
 }  // namespace stipple::bench

@@ -1,15 +1,11 @@
 // stipple-bench: every comparison that bench/README.md reports, in the manner of leveldb's
 // db_bench.
-//
-// A case is named method/shape/target. Its contestants run in turn in this process; where a peer
-// was not found when the program was configured, the case runs without it.
 
 #include "cases.hpp"
 #include "peers.hpp"
 #include "report.hpp"
 
 #include <fstream>
-#include <functional>
 #include <iostream>
 #include <sstream>
 #include <stdexcept>
@@ -20,51 +16,16 @@ namespace stipple::bench {
 
 namespace {
 
-struct Case {
-    std::string name;
-    std::string what;
-    std::function<void(Session&, const std::string& name)> run;
-};
-
-const std::vector<Case>& all_cases() {
-    using S = Session;
-    using N = const std::string;
-    static const std::vector<Case> cases = {
-        {"ply/read/igea-binary", "read_cloud against CGAL's read_PLY and the raw bytes",
-         [](S& s, N& name) { read_ply(s, name, "igea", false); }},
-        {"ply/read/dragon-ascii", "the same, 437,645 points and 871,414 triangles of text",
-         [](S& s, N& name) { read_ply(s, name, "dragon", true); }},
-        {"ply/read/dragon-binary", "the same in little endian",
-         [](S& s, N& name) { read_ply(s, name, "dragon", false); }},
-        {"ply/read/2M-binary", "the same, points only",
-         [](S& s, N& name) { read_ply(s, name, "2M", false); }},
-        {"neighbors/k16/igea", "k_nearest_neighbors against nanoflann: build and all queries",
-         [](S& s, N& name) { neighbors(s, name, "igea", 16); }},
-        {"neighbors/k16/dragon", "the same",
-         [](S& s, N& name) { neighbors(s, name, "dragon", 16); }},
-        {"neighbors/k16/2M", "the same", [](S& s, N& name) { neighbors(s, name, "2M", 16); }},
-        {"hierarchical/igea/5000", "hierarchical_clustering against CGAL's hierarchy, with errors",
-         [](S& s, N& name) { hierarchical(s, name, "igea", 5'000); }},
-        {"hierarchical/dragon/4376", "the same, to 1 %",
-         [](S& s, N& name) { hierarchical(s, name, "dragon", 4'376); }},
-        {"hierarchical/2M/5000", "the same",
-         [](S& s, N& name) { hierarchical(s, name, "2M", 5'000); }},
-        {"pyramid/dragon/ratio-4", "all levels against the finest cut alone",
-         [](S& s, N& name) { pyramid(s, name, "dragon"); }},
-        {"encode/dragon", "Draco and PLY encoding",
-         [](S& s, N& name) { encode(s, name, "dragon"); }},
-    };
-    return cases;
-}
-
 constexpr const char* kUsage = R"(stipple-bench [options]
   --list                print the cases and stop
   --filter TEXT         only cases whose name holds TEXT
   --contestants TEXT    and of them only contestants whose name holds TEXT
   --repeat N            timed rounds after a warm-up (5)
+  --patience SECONDS    who has run for so long sits out the other rounds (20)
   --threads A,B,...     numbers of threads to try (1,2)
   --samples N           places where the error is measured (100000; 0: no error)
-  --models DIR          folder with igea.ply and dragon_vrip.ply[.gz]; else bumpy spheres of their sizes
+  --models DIR          folder with igea.ply and dragon_vrip.ply[.gz]; else bumpy spheres of
+                        their sizes
   --json FILE           write every run to FILE
 )";
 
@@ -102,6 +63,8 @@ BenchOptions parse(const std::vector<std::string>& arguments, bool& list) {
             options.contestants = value;
         else if (option == "--repeat")
             options.repeat = static_cast<unsigned>(number(option, value));
+        else if (option == "--patience")
+            options.patience_s = static_cast<double>(number(option, value));
         else if (option == "--threads")
             options.threads = thread_counts(value);
         else if (option == "--samples")
@@ -120,8 +83,7 @@ BenchOptions parse(const std::vector<std::string>& arguments, bool& list) {
 void run_cases(const BenchOptions& options) {
     std::cout << "Medians of " << options.repeat << " rounds after a warm-up, contestants in turn. "
               << "Ratios: times the first row's time.\n"
-              << (have_cgal() ? ""
-                              : "CGAL was not found when this was configured: no such rows.\n");
+              << "Compared with: " << tools_present() << ".\n";
     Session session(options);
     for (const Case& c : all_cases())
         if (c.name.find(options.filter) != std::string::npos) c.run(session, c.name);

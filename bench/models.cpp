@@ -172,6 +172,12 @@ void write_ply(const TriangleMesh& mesh, const fs::path& file, bool ascii) {
     if (!out.flush()) throw std::runtime_error("cannot write " + file.string());
 }
 
+TriangleMesh points_of(const PointCloud& cloud) {
+    TriangleMesh mesh;
+    for (const Vec3f& p : cloud.positions) mesh.vertices.push_back(p.cast<double>());
+    return mesh;
+}
+
 fs::path make_temporary_folder() {
     std::string name = (fs::temp_directory_path() / "stipple-bench-XXXXXX").string();
     if (::mkdtemp(name.data()) == nullptr) throw std::runtime_error("mkdtemp " + name);
@@ -187,6 +193,39 @@ fs::path find_scan(const fs::path& file, const fs::path& temporary) {
     const std::string command = "gzip -dc '" + packed.string() + "' > '" + unpacked.string() + "'";
     if (std::system(command.c_str()) != 0) throw std::runtime_error("failed: " + command);
     return unpacked;
+}
+
+/// The bumpy sphere's distance from the middle in a direction, and how it changes with it.
+struct Radius {
+    double value = 1;
+    Vec3d gradient = Vec3d::Zero();
+};
+
+Radius radius(const Vec3d& direction) {
+    Radius sum;
+    const auto add = [&](double height, const Vec3d& frequency, const Vec3d& phase) {
+        const Vec3d angle = frequency.cwiseProduct(direction) + phase;
+        const Vec3d s = angle.array().sin(), c = angle.array().cos();
+        sum.value += height * s.prod();
+        sum.gradient +=
+            height * frequency.cwiseProduct(Vec3d(c.x() * s.y() * s.z(), s.x() * c.y() * s.z(),
+                                                  s.x() * s.y() * c.z()));
+    };
+    add(0.08, {9, 7, 8}, {0, 1, 2});
+    add(0.01, {31, 37, 29}, {2, 0, 1});
+    return sum;
+}
+
+/// `250k` and `2M` as numbers; 0 for what is not one.
+std::size_t points_named(const std::string& name) {
+    std::size_t used = 0, points = 0;
+    try {
+        points = std::stoul(name, &used);
+    } catch (const std::logic_error&) {
+        return 0;
+    }
+    const std::string unit = name.substr(used);
+    return unit == "k" ? 1000 * points : unit == "M" ? 1'000'000 * points : 0;
 }
 
 }  // namespace
@@ -220,11 +259,53 @@ PointCloud bumpy_sphere(std::size_t n, std::uint64_t seed) {
         Vec3d direction(ring * std::cos(angle), ring * std::sin(angle), z);
         for (double& coordinate : direction) coordinate += jitter(random);
         direction.normalize();
-        const double bumps = std::sin(9 * direction.x()) * std::sin(7 * direction.y() + 1) *
-                             std::sin(8 * direction.z() + 2);
-        cloud.positions.push_back((direction * (1.0 + 0.08 * bumps)).cast<float>());
+        cloud.positions.push_back((radius(direction).value * direction).cast<float>());
     }
     return cloud;
+}
+
+TriangleMesh bumpy_sphere_mesh(unsigned n) {
+    TriangleMesh mesh;
+    for (unsigned side = 0; side < 6; ++side) {  // of a cube
+        const auto first = static_cast<Index>(mesh.vertices.size());
+        for (unsigned i = 0; i <= n; ++i)
+            for (unsigned j = 0; j <= n; ++j) {
+                const double u = std::tan((0.5 * i / n - 0.25) * std::numbers::pi);
+                const double v = std::tan((0.5 * j / n - 0.25) * std::numbers::pi);
+                const double sign = side % 2 == 0 ? 1 : -1;
+                Vec3d direction;
+                direction[side / 2] = sign;
+                direction[(side / 2 + 1) % 3] = u;
+                direction[(side / 2 + 2) % 3] = sign * v;
+                direction.normalize();
+                mesh.vertices.push_back(radius(direction).value * direction);
+            }
+        for (unsigned i = 0; i < n; ++i)
+            for (unsigned j = 0; j < n; ++j) {
+                const Index a = first + i * (n + 1) + j, b = a + n + 1;
+                mesh.triangles.push_back({a, b, a + 1});
+                mesh.triangles.push_back({a + 1, b, b + 1});
+            }
+    }
+    return mesh;
+}
+
+Vec3d bumpy_sphere_foot(const Vec3d& q) {
+    // The surface is |x| = radius(x / |x|). Each step goes to the foot on the tangent plane and
+    // from there along its direction onto the surface.
+    Vec3d x = radius(q.normalized()).value * q.normalized();
+    for (int step = 0; step < 20; ++step) {
+        const Vec3d d = x.normalized();
+        const Radius r = radius(d);
+        const Vec3d tangential = r.gradient - d.dot(r.gradient) * d;
+        const Vec3d n = (d - tangential / x.norm()).normalized();
+        const Vec3d on_plane = q - n.dot(q - x) * n;
+        const Vec3d next = radius(on_plane.normalized()).value * on_plane.normalized();
+        const double moved = (next - x).norm();
+        x = next;
+        if (moved < 1e-10) break;
+    }
+    return x;
 }
 
 Models::Models(fs::path folder) : folder_(std::move(folder)), temporary_(make_temporary_folder()) {}
@@ -240,23 +321,25 @@ const Model& Models::get(const std::string& name) {
 }
 
 Model Models::load(const std::string& name) {
-    Model model{.name = name, .cloud = {}, .mesh = {}, .file = {}};
-    std::size_t points = 2'000'000;
+    Model model{.name = name, .cloud = {}, .mesh = {}, .foot = {}, .file = {}};
+    std::size_t points = points_named(name);
     if (name == "igea") {
         model.file = find_scan(folder_ / "igea.ply", temporary_);
         points = 134'345;
     } else if (name == "dragon") {
         model.file = find_scan(folder_ / "dragon_vrip.ply", temporary_);
         points = 437'645;
-    } else if (name != "2M") {
-        throw std::invalid_argument("model " + name + ": expected igea, dragon or 2M");
+    } else if (points == 0) {
+        throw std::invalid_argument("model " + name + ": expected igea, dragon, 250k, 2M...");
     }
-    if (model.synthetic())
-        for (const Vec3f& p : bumpy_sphere(points).positions)
-            model.mesh.vertices.push_back(p.cast<double>());
-    else
+    if (model.synthetic()) {
+        model.cloud = bumpy_sphere(points);
+        model.mesh = bumpy_sphere_mesh(200);
+        model.foot = bumpy_sphere_foot;
+    } else {
         model.mesh = read_triangles(model.file);
-    for (const Vec3d& v : model.mesh.vertices) model.cloud.positions.push_back(v.cast<float>());
+        for (const Vec3d& v : model.mesh.vertices) model.cloud.positions.push_back(v.cast<float>());
+    }
     clean(model.cloud);
     return model;
 }
@@ -265,7 +348,8 @@ fs::path Models::ply_file(const std::string& name, bool ascii) {
     const Model& model = get(name);
     if (!model.synthetic() && is_ascii(model.file) == ascii) return model.file;
     const fs::path file = temporary_ / (name + (ascii ? "-ascii.ply" : "-binary.ply"));
-    if (!fs::exists(file)) write_ply(model.mesh, file, ascii);
+    if (!fs::exists(file))
+        write_ply(model.synthetic() ? points_of(model.cloud) : model.mesh, file, ascii);
     return file;
 }
 

@@ -4,6 +4,7 @@
 #include "surface_distance.hpp"
 
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <string>
 
@@ -12,8 +13,9 @@ namespace stipple::bench {
 /// A cloud to try things on.
 struct Model {
     std::string name;
-    PointCloud cloud;            ///< positions only, cleaned
-    TriangleMesh mesh;           ///< all points as they came; no triangles when synthetic
+    PointCloud cloud;   ///< positions only, cleaned
+    TriangleMesh mesh;  ///< the true surface: that of the file, or of the formula
+    std::function<Vec3d(const Vec3d&)> foot = {};  ///< the formula's nearest point; null for scans
     std::filesystem::path file;  ///< the PLY file it was read from; empty for synthetic clouds
 
     bool synthetic() const noexcept { return file.empty(); }
@@ -23,7 +25,7 @@ struct Model {
 ///
 ///     igea     `igea.ply` of the models folder                             134,345 points
 ///     dragon   `dragon_vrip.ply` of the models folder, perhaps with `.gz`  437,645 points
-///     2M       a bumpy sphere, always synthetic                          2,000,000 points
+///     2M       a bumpy sphere, always synthetic; also 1M, 10M, 250k...   2,000,000 points
 ///
 /// A scan that is not there is replaced by a bumpy sphere of as many points.
 class Models {
@@ -48,8 +50,16 @@ private:
     std::map<std::string, Model> models_;
 };
 
-/// n points on a sphere with bumps, evenly spread with some jitter, slice by slice.
+// A closed surface given by a formula, with hills and dales of many sizes: the unit sphere with the
+// radius 1 + 0.08 sin(9x) sin(7y + 1) sin(8z + 2) + 0.01 sin(31x + 2) sin(37y) sin(29z + 1) in the
+// direction (x, y, z).
+
+/// n points on it, evenly spread with some jitter, slice by slice.
 PointCloud bumpy_sphere(std::size_t n, std::uint64_t seed = 1);
+/// Triangles between 6 * n * n places of it.
+TriangleMesh bumpy_sphere_mesh(unsigned n);
+/// Its point nearest to q, to 1e-9, for q nearer to it than its least radius of curvature.
+Vec3d bumpy_sphere_foot(const Vec3d& q);
 
 /// Reads positions and triangles (`face` or `tristrips`) of an ascii or little-endian PLY file. Not
 /// for foreign files: it believes what it reads. @throws std::runtime_error for what it does not

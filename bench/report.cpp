@@ -34,7 +34,10 @@ Row heading(const CaseResult& result) {
 
 Row row_of(const CaseResult& result, const Standing& standing) {
     const Standing& first = result.standings.front();
-    Row row = {standing.name,
+    const std::size_t runs = standing.runs.size(), rounds = first.runs.size();
+    const std::string fewer =
+        runs < rounds ? " (" + std::to_string(runs) + (runs == 1 ? " run)" : " runs)") : "";
+    Row row = {standing.name + fewer,
                milliseconds(standing.median_wall()),
                milliseconds(standing.best_wall()),
                milliseconds(standing.worst_wall()),

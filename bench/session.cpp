@@ -1,5 +1,4 @@
 #include "cases.hpp"
-#include "peers.hpp"
 #include "report.hpp"
 
 #include <algorithm>
@@ -24,7 +23,8 @@ std::vector<Figure> figures_of(const SurfaceDistance& error) {
                                    {"Δavg quad", 1e4 * error.mean_quadratic},
                                    {"Δavg points", 1e4 * error.mean_points},
                                    {"P'→S", 1e4 * error.back_mean},
-                                   {"CV", error.spacing_variation, 3}};
+                                   {"CV", error.spacing_variation, 3},
+                                   {"min/mean", error.least_spacing, 2}};
     if (error.surface_to_mesh) figures.push_back({"S'→mesh", 1e4 * *error.surface_to_mesh});
     if (error.points_to_mesh) figures.push_back({"P'→mesh", 1e4 * *error.points_to_mesh});
     return figures;
@@ -39,7 +39,7 @@ bool Session::invited(const std::string& contestant) const {
 void Session::contest(CaseResult head, std::vector<Contestant> contestants) {
     std::erase_if(contestants, [this](const Contestant& c) { return !invited(c.name); });
     if (contestants.empty()) return;
-    head.standings = hold_contest(contestants, options_.repeat);
+    head.standings = hold_contest(contestants, options_.repeat, options_.patience_s);
     print(std::cout, head);
     results_.push_back(std::move(head));
 }
@@ -47,8 +47,9 @@ void Session::contest(CaseResult head, std::vector<Contestant> contestants) {
 const SurfaceMeter& Session::meter(const Model& model) {
     auto& meter = meters_[model.name];
     if (!meter)
-        meter = std::make_unique<SurfaceMeter>(model.cloud, model.mesh,
-                                               SurfaceDistanceOptions{.samples = options_.samples});
+        meter = std::make_unique<SurfaceMeter>(
+            model.cloud, model.mesh,
+            SurfaceDistanceOptions{.samples = options_.samples, .foot = model.foot});
     return *meter;
 }
 
@@ -61,23 +62,23 @@ std::vector<Figure> Session::error_figures(const Model& model, const PointCloud&
     return figures;
 }
 
-unsigned Session::tuned_cgal_size(const Model& model, std::uint64_t target) {
-    unsigned& tuned = cgal_sizes_[model.name + ' ' + std::to_string(target)];
-    if (tuned != 0) return tuned;
-    const auto count = [&](unsigned size) {
-        std::any points = cgal_points(model.cloud);
-        return static_cast<std::int64_t>(cgal_hierarchy(points, size));
-    };
-    const auto wanted = static_cast<std::int64_t>(target);
-    // The count falls as the size grows: `low` gives at least the target, `high` fewer.
-    unsigned low = 1, high = static_cast<unsigned>(2 * model.cloud.size() / target + 2);
-    while (count(high) >= wanted) low = std::exchange(high, 2 * high);
-    while (high - low > 1) {
-        const unsigned middle = low + (high - low) / 2;
-        (count(middle) >= wanted ? low : high) = middle;
-    }
-    tuned = std::abs(count(low) - wanted) <= std::abs(count(high) - wanted) ? low : high;
-    return tuned;
+Contestant contestant(const Peer& peer, unsigned threads) {
+    const auto loaded = std::make_shared<std::any>();
+    return {.name = peer.name,
+            .run = [=, run = peer.run] { return run(*loaded, threads); },
+            .prepare = [=, load = peer.load] { *loaded = load(); },
+            .release = [=] { loaded->reset(); }};
+}
+
+std::string described(const Model& model) {
+    return model.name + (model.synthetic() ? " (synthetic)" : "") + ": " +
+           with_commas(model.cloud.size()) + " points";
+}
+
+RunContext on_threads(unsigned threads) {
+    RunContext context;
+    context.threads = threads;
+    return context;
 }
 
 }  // namespace stipple::bench

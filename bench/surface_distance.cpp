@@ -281,7 +281,13 @@ struct SurfaceMeter::Original {
         });
         if (mesh.empty()) return;
         mesh_points = random_points(mesh, options.samples, random);
-        distance_to_mesh = cgal_distance_to(mesh);
+        if (!options.foot) {
+            distance_to_mesh = distance_to(mesh);
+            return;
+        }
+        for_each_index(mesh_points.size(), options.threads,
+                       [&](std::size_t i) { mesh_points[i] = options.foot(mesh_points[i]); });
+        distance_to_mesh = [this](const Vec3d& q) { return (q - options.foot(q)).norm(); };
     }
 
     std::vector<Foot> feet(const MlsSurface& target, std::span<const Vec3d> queries) const {
@@ -338,13 +344,15 @@ struct SurfaceMeter::Original {
         return around.size > 1 ? sum / (around.size - 1) : 0;
     }
 
-    static double spacing_variation(const PointTree& tree) {
+    static void measure_spacing(const PointTree& tree, SurfaceDistance& result) {
         std::vector<double> spacing;
         for (const Vec3d& p : tree.points()) spacing.push_back(tree.nearest(p, 2).radius());
         const double mean = mean_of(spacing);
+        if (mean <= 0) return;
         double variance = 0;
         for (const double s : spacing) variance += (s - mean) * (s - mean);
-        return mean > 0 ? std::sqrt(variance / static_cast<double>(spacing.size())) / mean : 0;
+        result.spacing_variation = std::sqrt(variance / static_cast<double>(spacing.size())) / mean;
+        result.least_spacing = *std::ranges::min_element(spacing) / mean;
     }
 };
 
@@ -389,7 +397,7 @@ SurfaceDistance SurfaceMeter::measure(const PointCloud& simplified) const {
         result.surface_to_mesh = original.mean_to_mesh(dense);
         result.points_to_mesh = original.mean_to_mesh(surface.points());
     }
-    result.spacing_variation = Original::spacing_variation(surface.tree());
+    Original::measure_spacing(surface.tree(), result);
     const auto failed = [](const Foot& foot) { return !foot.converged; };
     result.not_converged = static_cast<std::size_t>(std::ranges::count_if(from_points, failed) +
                                                     std::ranges::count_if(from_mesh, failed));

@@ -5,6 +5,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -36,6 +37,7 @@ struct SurfaceDistance {
     std::optional<double>
         points_to_mesh;            ///< mean, P' to the triangles: 0 for subsets, else shrinkage
     double spacing_variation = 0;  ///< deviation over mean of the nearest-neighbour distances in P'
+    double least_spacing = 0;      ///< smallest over mean of them
     std::size_t not_converged =
         0;  ///< projections without a fixed point; their least step was used
 };
@@ -44,6 +46,9 @@ struct SurfaceDistanceOptions {
     unsigned neighbors = 20;        ///< k of the MLS surface; h = r / 3
     std::size_t samples = 100'000;  ///< of S and of P at most, and of S' about
     std::uint64_t seed = 1;
+    std::function<Vec3d(const Vec3d&)>
+        foot{};            ///< the true surface's nearest point, where a formula gives it; the
+                           ///< mesh only says where to look
     unsigned threads = 0;  ///< 0: one per hardware thread; the result does not depend on it
 };
 

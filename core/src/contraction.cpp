@@ -1,15 +1,13 @@
 #include "contraction.hpp"
 
+#include "contraction_graph.hpp"
 #include "contraction_quadrics.hpp"
 #include "contraction_record.hpp"
 #include "contraction_relaxation.hpp"
 #include "large_memory.hpp"
-#include "leaf_query.hpp"
 #include "parallel_for.hpp"
-#include "point_tree.hpp"
 #include "stipple/error.hpp"
 #include "stipple/neighbors.hpp"
-#include "tree_search.hpp"
 
 #include <algorithm>
 #include <array>
@@ -32,7 +30,7 @@ namespace stipple {
 
 namespace {
 
-constexpr Index kNone = std::numeric_limits<Index>::max();
+constexpr Index kNone = ContractionGraph::kNone;
 constexpr std::size_t kBlock = 1024;
 constexpr unsigned kMaxNeighbors = 32;
 constexpr float kUnknown = -1;  // a cost that has to be computed
@@ -91,9 +89,6 @@ private:
         return i;
     }
 
-    void place_along_curve(std::span<const Vec3f> positions, std::span<std::uint32_t> tangents);
-    static Tangent tangent_at(const Vec3f& p, std::span<const Vec3d> neighbors,
-                              const PointTree& tree, std::span<const Vec3f> positions);
     template <typename Visit>
     void for_neighbors(Index of, Visit&& visit) const;
     void make_quadrics(std::span<const std::uint32_t> tangents);
@@ -156,13 +151,17 @@ Engine::Engine(std::span<const Vec3f> positions, std::span<const StoredQuadric> 
       slots_(positions.size()),
       live_(positions.size()) {
     const auto scale = static_cast<float>(scale_);
-    std::vector<std::uint32_t> tangents(quadrics.empty() ? slots_ : 0);
+    std::vector<std::uint32_t> tangents;
     {
         std::vector<Vec3f> scaled(slots_);
         std::ranges::transform(positions, scaled.begin(),
                                [&](const Vec3f& p) { return Vec3f(p * scale); });
-        place_along_curve(scaled, tangents);
+        ContractionGraph graph = contraction_graph(scaled, options.k, quadrics.empty(), context);
+        order_ = std::move(graph.order);
+        neighbors_ = std::move(graph.neighbors);
+        tangents = std::move(graph.tangents);
     }
+    return_freed_memory();
     parallel_for_blocks(slots_, kBlock, context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {
             const Index sample = order_[i];
@@ -174,66 +173,11 @@ Engine::Engine(std::span<const Vec3f> positions, std::span<const StoredQuadric> 
                        .cost = kUnknown};
         }
     });
-    if (quadrics.empty()) make_quadrics(tangents);
-}
-
-/// Numbers the slots along the curve of a tree, fills their lists of neighbours and, unless empty,
-/// `tangents`, packed.
-void Engine::place_along_curve(std::span<const Vec3f> positions,
-                               std::span<std::uint32_t> tangents) {
-    constexpr unsigned kForTangent = 16;
-    const PointTree tree(positions, context_);
-    order_.resize(slots_);
-    std::vector<Index> slot_of(slots_);
-    for (std::size_t i = 0; i < slots_; ++i) {
-        order_[i] = tree.leaf(i / PointTree::kWidth).index[i % PointTree::kWidth];
-        slot_of[order_[i]] = static_cast<Index>(i);
+    if (quadrics.empty()) {
+        make_quadrics(tangents);
+        std::vector<std::uint32_t>().swap(tangents);
+        return_freed_memory();
     }
-    neighbors_.assign(slots_ * k_, kNone);
-    if (slots_ < 2) return;
-    const std::size_t asked = tangents.empty() ? k_ : std::max<std::size_t>(k_, kForTangent);
-    const auto k = static_cast<unsigned>(std::min(asked, slots_ - 1));
-    constexpr std::size_t kLeaves = 128;
-    parallel_for_blocks(
-        tree.leaf_count(), kLeaves, context_, [&](std::size_t begin, std::size_t end) {
-            LeafQuery query(tree, positions, k);
-            std::array<Vec3d, kMaxNeighbors> offsets;
-            for (std::size_t leaf = begin; leaf < end; ++leaf) {
-                query.run(leaf, [&](std::size_t lane, const Candidates& near,
-                                    const Chosen& chosen) {
-                    const std::size_t slot = leaf * PointTree::kWidth + lane;
-                    Index* const list = list_of(static_cast<Index>(slot));
-                    const Vec3f p = tree.leaf(leaf).position(lane);
-                    for (std::uint32_t c = 0; c < chosen.count; ++c) {
-                        const std::uint32_t from = chosen.slot[c], rank = chosen.rank[c];
-                        if (rank < k_) list[rank] = slot_of[near.index[from]];
-                        if (rank < k)
-                            offsets[rank] = (Vec3f(near.x[from], near.y[from], near.z[from]) - p)
-                                                .cast<double>();
-                    }
-                    if (!tangents.empty())
-                        tangents[slot] =
-                            packed(tangent_at(p, std::span(offsets).first(k), tree, positions));
-                });
-            }
-        });
-}
-
-/// The tangent at p by the offsets of its neighbours; where these leave room for a border, that is
-/// looked for among more of them.
-Tangent Engine::tangent_at(const Vec3f& p, std::span<const Vec3d> neighbors, const PointTree& tree,
-                           std::span<const Vec3f> positions) {
-    const Vec3d normal = normal_from(neighbors);
-    if (!has_empty_quarter(neighbors, normal)) return {normal};
-    constexpr std::size_t kForBorder = 32;
-    std::array<Neighbor, kForBorder> room;
-    std::array<Vec3d, kForBorder> offsets;
-    std::size_t count = 0;
-    for (const Neighbor& neighbor : find_nearest(tree, p, room)) {
-        const Vec3f offset = positions[neighbor.index] - p;
-        if (offset != Vec3f::Zero()) offsets[count++] = offset.cast<double>();
-    }
-    return with_border(normal, std::span(offsets).first(count));
 }
 
 /// Calls visit(neighbour) for the list of a slot.
@@ -434,7 +378,7 @@ std::vector<Engine::Winner> Engine::match(float limit) {
     std::vector<Winner> winners;
     for (auto& part : parts) {
         winners.insert(winners.end(), part.begin(), part.end());
-        part = {};
+        std::vector<Winner>().swap(part);
     }
     return winners;
 }
@@ -517,13 +461,8 @@ void Engine::compact() {
     for (Index i = 0; i < slots_; ++i)
         if (!is_live(i)) renumbered[i] = renumbered[root(i)];
 
-    if (!place_of_.empty())
-        for (Index i = 0; i < slots_; ++i)
-            if (is_live(i)) place_of_[renumbered[i]] = place_of_[i];
     for (Kept& kept : kept_)
         for (Index& slot : kept.samples.survivor_of) slot = renumbered[slot];
-    std::vector<Index> places;
-    if (place_of_.empty()) places.reserve(live_);
     for (Index i = 0; i < slots_; ++i) {
         if (!is_live(i)) continue;
         const Index to = renumbered[i];
@@ -531,19 +470,22 @@ void Engine::compact() {
                                [&](Index j) { return j == kNone ? kNone : renumbered[j]; });
         records()[to] = records()[i];
         records()[to].link = to;
-        if (place_of_.empty()) places.push_back(i);
+        records()[to].claim = i;  // until its place is known
     }
     slots_ = live_;
     memory_.shrink(slots_ * sizeof(Record));
     neighbors_.resize(slots_ * k_);
     neighbors_.shrink_to_fit();
-    if (place_of_.empty()) {
-        place_of_ = std::move(places);
+    if (slot_of_.empty()) {
         slot_of_ = std::move(renumbered);
-    } else {
         place_of_.resize(slots_);
+        for (Index i = 0; i < slots_; ++i) place_of_[i] = records()[i].claim;
+    } else {
         for (Index& slot : slot_of_) slot = renumbered[slot];
+        for (Index i = 0; i < slots_; ++i) place_of_[i] = place_of_[records()[i].claim];
+        place_of_.resize(slots_);
     }
+    for (Index i = 0; i < slots_; ++i) records()[i].claim = kNone;
 }
 
 void Engine::keep(Kept& kept) {

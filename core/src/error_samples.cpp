@@ -9,7 +9,6 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <numbers>
 #include <numeric>
 
 namespace stipple {
@@ -25,6 +24,19 @@ double random_unit(std::uint64_t seed, std::uint64_t i) noexcept {
 
 Vec3f position(const PointTree& tree, std::size_t at) noexcept {
     return tree.leaf(at / PointTree::kWidth).position(at % PointTree::kWidth);
+}
+
+/// The i-th random place of a seed in the unit disk.
+Eigen::Vector2f in_disk(std::uint64_t seed, std::uint64_t i) noexcept {
+    constexpr std::uint64_t kTries = 32;  // more than a fifth of the square is outside, each time
+    Eigen::Vector2f place;
+    for (std::uint64_t t = 0; t < kTries; ++t) {
+        const std::uint64_t bits = random_bits(seed, kTries * i + t);
+        place = {static_cast<float>(bits >> 40U) * 0x1p-23F - 1.0F,
+                 static_cast<float>(bits & 0xFFFFFFU) * 0x1p-23F - 1.0F};
+        if (place.squaredNorm() <= 1.0F) return place;
+    }
+    return 0.5F * place;
 }
 
 constexpr std::size_t kGroup = 16;
@@ -152,12 +164,10 @@ ErrorSamples take_surface(const PointTree& tree, const FootFinder& surface, std:
     for (std::uint64_t i = 0; i < count; ++i) {
         if (used[base] != drawn[i]) ++base;
         const Vec3f n = normals[base], u = n.unitOrthogonal(), v = n.cross(u);
-        constexpr double kReach =
-            0.6;  // of the distance to the third neighbour; more leads beyond borders
-        const double r = kReach * std::sqrt(areas[drawn[i]] * random_unit(~seed, 2 * i));
-        const double angle = 2.0 * std::numbers::pi * random_unit(~seed, 2 * i + 1);
-        samples.positions[i] = bases[base] + static_cast<float>(r * std::cos(angle)) * u +
-                               static_cast<float>(r * std::sin(angle)) * v;
+        constexpr float kReach =
+            0.6F;  // of the way to the third neighbour; more leads beyond borders
+        const Eigen::Vector2f move = kReach * std::sqrt(areas[drawn[i]]) * in_disk(~seed, i);
+        samples.positions[i] = bases[base] + move.x() * u + move.y() * v;
         samples.areas[i] = 1.0F;
     }
     const std::vector<Vec3f> feet = feet_on(surface, samples.positions, context);

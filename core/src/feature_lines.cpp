@@ -37,7 +37,7 @@ Weighted weigh(std::span<const Vec3f> points, double variation, const RunContext
     const std::size_t n = points.size();
     Weighted result{std::vector<float>(n), std::vector<float>(n), std::vector<float>(n)};
     if (n < 2) return result;
-    const PointTree tree(points, context);
+    const PointTree tree(points, PointTree::Leaves::Quick, context);
     const std::vector<unsigned> sizes = sizes_up_to(n - 1, kScales);
     parallel_for_blocks(
         tree.leaf_count(), kLeavesPerBlock, context, [&](std::size_t begin, std::size_t end) {

@@ -2,6 +2,7 @@
 
 #include "float4.hpp"
 
+#include <array>
 #include <bit>
 
 namespace stipple {
@@ -41,6 +42,34 @@ void keep_nearest(Near& near, const SampleSpan& samples, const Vec3f& target) {
 }
 
 }  // namespace
+
+void gather(std::span<const Vec3f> points, std::span<const Index> numbers,
+            const MutableSampleSpan& to) noexcept {
+    // Few stores, since they are what takes the time: x and y of four points at once.
+    using Float2 = float __attribute__((vector_size(8)));
+    const std::size_t whole = numbers.size() / 4 * 4;
+    for (std::size_t i = 0; i < whole; i += 4) {
+        std::array<Float2, 4> xy;
+        for (std::size_t lane = 0; lane < 4; ++lane) {
+            const Vec3f& p = points[numbers[i + lane]];
+            __builtin_memcpy(&xy[lane], p.data(), sizeof(Float2));
+            to.z[i + lane] = p.z();
+        }
+        const Float4 first = __builtin_shufflevector(xy[0], xy[1], 0, 1, 2, 3),
+                     last = __builtin_shufflevector(xy[2], xy[3], 0, 1, 2, 3);
+        const Float4 x = __builtin_shufflevector(first, last, 0, 2, 4, 6),
+                     y = __builtin_shufflevector(first, last, 1, 3, 5, 7);
+        __builtin_memcpy(to.x + i, &x, sizeof x);
+        __builtin_memcpy(to.y + i, &y, sizeof y);
+    }
+    for (std::size_t i = whole; i < numbers.size(); ++i) {
+        const Vec3f& p = points[numbers[i]];
+        to.x[i] = p.x();
+        to.y[i] = p.y();
+        to.z[i] = p.z();
+    }
+    std::copy_n(numbers.data(), numbers.size(), to.index);
+}
 
 Near Gathered::nearest_to(const Vec3f& target, std::span<const Index> members) {
     Near near;

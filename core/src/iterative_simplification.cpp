@@ -60,6 +60,7 @@ PointCloud iterative_simplification(const PointCloud& cloud,
     iterative_snapshots(
         cloud, std::span(&size, 1), options, [&](PointCloud&& c) { result = std::move(c); },
         context);
+    context.checkpoint(1.0);
     return result;
 }
 

@@ -6,6 +6,9 @@
 #if defined(__linux__)
 #include <sys/mman.h>
 #endif
+#if defined(__GLIBC__)
+#include <malloc.h>
+#endif
 
 namespace stipple {
 
@@ -38,6 +41,12 @@ void LargeMemory::shrink(std::size_t bytes) noexcept {
 
 LargeMemory::~LargeMemory() {
     std::free(data_);
+}
+
+void return_freed_memory() noexcept {
+#if defined(__GLIBC__)
+    ::malloc_trim(0);
+#endif
 }
 
 }  // namespace stipple

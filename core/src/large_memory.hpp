@@ -26,4 +26,8 @@ private:
     std::size_t bytes_ = 0;
 };
 
+/// Gives the system back what was freed but kept for later by the allocator: for between a phase of
+/// an algorithm that needs much memory and the next.
+void return_freed_memory() noexcept;
+
 }  // namespace stipple

@@ -3,8 +3,8 @@
 #include "tree_search.hpp"
 
 #include <algorithm>
+#include <array>
 #include <limits>
-#include <numbers>
 
 namespace stipple {
 
@@ -28,40 +28,40 @@ LeafQuery::LeafQuery(const PointTree& tree, std::span<const Vec3f> points, unsig
     : tree_(tree),
       points_(points),
       k_(k),
-      slack_(2 * kWidth - 1 - (k + kWidth - 1) % kWidth),  // to the next but one whole group
+      slack_(slack_for(k)),
       kernels_(nearest_kernels()),
-      memory_(9 * floats_for(capacity_for(k)) * sizeof(float)),
+      memory_(10 * floats_for(capacity_for(k)) * sizeof(float)),
       found_(std::size_t{k} + 1) {
     auto* const floats = static_cast<float*>(memory_.data());
     const std::size_t each = floats_for(capacity_for(k));
     const auto array = [&](std::size_t number) { return floats + number * each; };
     const auto index = [&](std::size_t number) { return reinterpret_cast<Index*>(array(number)); };
-    candidates_ = {array(0), array(1), array(2), index(3), array(4), capacity_for(k)};
-    chosen_ = {array(5), index(6), index(7), index(8)};
+    candidates_ = {array(0), array(1), array(2), index(3), array(4), index(5), capacity_for(k)};
+    chosen_ = {array(6), index(7), index(8), index(9)};
 }
 
 void LeafQuery::gather(std::size_t leaf, float limit_sq) {
-    gathered_ =
-        limit_sq > 0 && limit_sq <= std::numeric_limits<float>::max() &&
-        kernels_.gather(tree_.view(), static_cast<std::uint32_t>(leaf), limit_sq, candidates_);
-}
-
-/// As if the 64 points of the node above were an even square piece of a surface.
-float LeafQuery::first_guess_sq(std::size_t leaf) const noexcept {
+    gathered_ = false;
+    if (!(limit_sq > 0 && limit_sq <= std::numeric_limits<float>::max())) return;
+    std::array<float, 3> low, high;
     const PointTree::Node& node = tree_.node(0, leaf / kWidth);
-    float diagonal_sq = 0;
     for (std::size_t axis = 0; axis < 3; ++axis) {
-        const float low = *std::ranges::min_element(node.low[axis]);
-        const float high = *std::ranges::max_element(node.high[axis]);
-        diagonal_sq += (high - low) * (high - low);
+        low[axis] = node.low[axis][leaf % kWidth];
+        high[axis] = node.high[axis][leaf % kWidth];
     }
-    constexpr float kPerNeighbor = 1.0F / (2 * 64 * std::numbers::pi_v<float>);
-    return kPerNeighbor * static_cast<float>(k_) * diagonal_sq;
+    gathered_ = kernels_.gather(tree_.view(), low.data(), high.data(), limit_sq, candidates_);
+    if (!gathered_) return;
+    const std::uint32_t* const end = candidates_.leaf + candidates_.leaves;
+    const std::uint32_t* const home =
+        std::find<const std::uint32_t*>(candidates_.leaf, end, static_cast<std::uint32_t>(leaf));
+    home_ = kWidth * static_cast<std::uint32_t>(home - candidates_.leaf);
 }
 
 void LeafQuery::start(std::size_t leaf) {
     constexpr float kMargin = 1.25F;  // what a leaf may be sparser than the one before
-    gather(leaf, kMargin * (largest_radius_sq_ > 0 ? largest_radius_sq_ : first_guess_sq(leaf)));
+    gather(leaf,
+           kMargin * (largest_radius_sq_ > 0 ? largest_radius_sq_
+                                             : guess_radius_sq(tree_.node(0, leaf / kWidth), k_)));
     largest_radius_sq_ = 0;
     tries_ = 0;
 }
@@ -74,7 +74,8 @@ void LeafQuery::look_farther(std::size_t leaf) {
 
 bool LeafQuery::ask(std::size_t leaf, std::uint32_t lane) {
     if (gathered_) {
-        kernels_.choose(candidates_, lane, k_, slack_, guess_sq_, chosen_);
+        const Vec3f q = tree_.leaf(leaf).position(lane);
+        kernels_.choose(candidates_, q.data(), home_ + lane, k_, slack_, guess_sq_, chosen_);
         if (chosen_.count == 0) return false;
         kernels_.rank(candidates_, chosen_);
     } else {

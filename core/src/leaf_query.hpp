@@ -44,7 +44,6 @@ public:
     }
 
 private:
-    float first_guess_sq(std::size_t leaf) const noexcept;
     void start(std::size_t leaf);
     void gather(std::size_t leaf, float limit_sq);
     void look_farther(std::size_t leaf);
@@ -61,6 +60,7 @@ private:
     std::vector<Neighbor> found_;
     bool gathered_ = false;  ///< else each point is searched for by itself
     unsigned tries_ = 0;
+    std::uint32_t home_ = 0;       ///< slot of the first point of this leaf
     float guess_sq_ = 0;           ///< about the radius of the next answer
     float largest_radius_sq_ = 0;  ///< of the answers of this leaf
 };

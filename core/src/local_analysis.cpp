@@ -87,7 +87,7 @@ LocalAnalysis analyze_locally(std::span<const Vec3f> points, const LocalAnalysis
     const std::vector<unsigned> sizes =
         sizes_up_to(points.size() - 1, options.k == 0 ? std::span<const unsigned>(kScales)
                                                       : std::span<const unsigned>(&options.k, 1));
-    const PointTree tree(points, context);
+    const PointTree tree(points, PointTree::Leaves::Quick, context);
     const auto write = [&](Index i, const Shape& shape) {
         if (options.normals) result.normals[i] = shape.normal.cast<float>();
         if (options.variation)

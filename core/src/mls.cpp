@@ -127,7 +127,7 @@ MlsSurface::MlsSurface(std::span<const Vec3f> points, const MlsOptions& options,
                        const RunContext& context) {
     check(points, options);
     implementation_ = std::make_unique<const Implementation>(
-        Implementation{options, {points.begin(), points.end()}, PointTree(points, context)});
+        Implementation{options, {points.begin(), points.end()}, PointTree(points, PointTree::Leaves::Compact, context)});
 }
 MlsSurface::~MlsSurface() = default;
 MlsSurface::MlsSurface(MlsSurface&&) noexcept = default;

@@ -8,20 +8,20 @@
 
 namespace stipple {
 
-/// The leaves near one leaf, "home", copied side by side: what its points choose their neighbours
-/// from.
+/// Leaves near a place, copied side by side: what is chosen from. The slot of a point is its place
+/// among all their points. Arrays have room for 24 points more than `capacity` leaves have.
 struct Candidates {
     float *x, *y, *z;
     Index* index;
     float* distance_sq;        ///< to the point that asks
+    std::uint32_t* leaf;       ///< their numbers, ascending
     std::uint32_t capacity;    ///< leaves there is room for
     std::uint32_t leaves = 0;  ///< that were gathered
-    std::uint32_t home = 0;    ///< the place of the home leaf among them
-    float limit_sq = 0;        ///< every point this far from any of the home leaf is here
+    float limit_sq = 0;        ///< every point this far from any in the box is here
 };
 
-/// The answer to one point: its k nearest or a few more, in order of the candidates. Arrays have
-/// room for all candidates and 24 more.
+/// The k nearest or a few more, in order of the candidates. Arrays have room for all candidates and
+/// 24 more.
 struct Chosen {
     float* distance_sq;
     std::uint32_t* slot;      ///< their places among the candidates
@@ -31,20 +31,26 @@ struct Chosen {
     float radius_sq = 0;      ///< within which they lie
 };
 
+/// How many more than k are as cheap to rank: up to the next but one whole group of eight.
+constexpr std::uint32_t slack_for(std::uint32_t k) noexcept {
+    return 2 * PointTree::kWidth - 1 - (k + PointTree::kWidth - 1) % PointTree::kWidth;
+}
+
 /// The inner loops of the neighbour queries, for one instruction set. Every set gives the same
 /// bits.
 struct NearestKernels {
     const char* name;
 
-    /// Finds the leaves within a distance of leaf `home`. False where they are too many.
-    bool (*gather)(const PointTree::View& tree, std::uint32_t home, float limit_sq,
+    /// Finds the leaves within a distance of a box, low and high corner. False where they are too
+    /// many.
+    bool (*gather)(const PointTree::View& tree, const float* low, const float* high, float limit_sq,
                    Candidates& candidates) noexcept;
 
-    /// Chooses among the candidates for the point in `lane` of the home leaf, without itself: `k`,
-    /// or up to `slack` more, or still more where distances are equal. `guess_sq` is about the
-    /// squared distance of the last.
-    void (*choose)(const Candidates& candidates, std::uint32_t lane, std::uint32_t k,
-                   std::uint32_t slack, float guess_sq, Chosen& chosen) noexcept;
+    /// Chooses the nearest to a place within the box: `k`, or up to `slack` more, or still more
+    /// where distances are equal. The point at slot `own` is left out; there may be none.
+    /// `guess_sq` is about the squared distance of the last.
+    void (*choose)(const Candidates& candidates, const float* from, std::uint32_t own,
+                   std::uint32_t k, std::uint32_t slack, float guess_sq, Chosen& chosen) noexcept;
 
     /// Fills in the ranks.
     void (*rank)(const Candidates& candidates, const Chosen& chosen) noexcept;

@@ -102,17 +102,8 @@ inline std::uint32_t near_children(const PointTree::Node& node, const float* low
     return lane_bits(x * x + y * y + z * z <= limit_sq);
 }
 
-bool gather(const PointTree::View& tree, std::uint32_t home, float limit_sq,
+bool gather(const PointTree::View& tree, const float* low, const float* high, float limit_sq,
             Candidates& candidates) noexcept {
-    float low[3], high[3];
-    const PointTree::Node& own = tree.levels[0][home / kLanes];
-    const float* const lows = reinterpret_cast<const float*>(&own.low) + home % kLanes;
-    const float* const highs = reinterpret_cast<const float*>(&own.high) + home % kLanes;
-    for (unsigned axis = 0; axis < 3; ++axis) {
-        low[axis] = lows[kLanes * axis];
-        high[axis] = highs[kLanes * axis];
-    }
-
     // Depth first in order of the curve: of each level the node that is open, and its children
     // still to be visited.
     constexpr unsigned kDepth = 12;
@@ -142,8 +133,7 @@ bool gather(const PointTree::View& tree, std::uint32_t home, float limit_sq,
         store(candidates.y + at, load(reinterpret_cast<const float*>(&leaf.y)));
         store(candidates.z + at, load(reinterpret_cast<const float*>(&leaf.z)));
         store(candidates.index + at, load(reinterpret_cast<const Index*>(&leaf.index)));
-        if (child == home) candidates.home = count;
-        ++count;
+        candidates.leaf[count++] = child;
     }
     candidates.leaves = count;
     candidates.limit_sq = limit_sq;
@@ -187,12 +177,27 @@ inline std::uint32_t count_within(const Candidates& c, float radius_sq) noexcept
     return -sum_of(minus);
 }
 
+/// The least squared distance that is not 0.
+inline float least_above_zero(const Candidates& c) noexcept {
+    const Float8 infinite = Float8{} + __builtin_inff();
+    Float8 least = infinite;
+    for (std::uint32_t i = 0; i < c.leaves * kLanes; i += kLanes) {
+        const Float8 d = load(c.distance_sq + i);
+        const Float8 above = d > 0.0F ? d : infinite;
+        least = above < least ? above : least;
+    }
+    float result = least[0];
+    for (std::uint32_t lane = 1; lane < kLanes; ++lane)
+        result = least[lane] < result ? least[lane] : result;
+    return result;
+}
+
 /// A squared distance within which there are `least` to `most` candidates, `n` being within `at`;
 /// more where several are equally far or the tries were used up. Negative where there are fewer
 /// than `least` within the limit.
 inline float find_radius_sq(const Candidates& c, std::uint32_t least, std::uint32_t most, float at,
                             std::uint32_t n) noexcept {
-    constexpr unsigned kTries = 8;
+    constexpr unsigned kTries = 16;
     const float wanted = 0.5F * static_cast<float>(least + most);
     float low = 0, high = c.limit_sq;
     float low_count = 0, high_count = -1;  // none is known yet
@@ -205,9 +210,14 @@ inline float find_radius_sq(const Candidates& c, std::uint32_t least, std::uint3
             high = at;
             high_count = static_cast<float>(n);
         }
-        // On a surface the number grows as the squared distance does.
-        at = high_count < 0 ? at * (wanted + 0.5F) / (low_count + 0.5F)
-                            : low + (high - low) * (wanted - low_count) / (high_count - low_count);
+        // On a surface the number grows as the squared distance does. Where it does not, far
+        // points keep that from closing in: halved by turns, by order of magnitude.
+        if (high_count < 0)
+            at = !(at > 0) ? least_above_zero(c) : at * (wanted + 0.5F) / (low_count + 0.5F);
+        else if (i % 2 == 0)
+            at = low + (high - low) * (wanted - low_count) / (high_count - low_count);
+        else
+            at = low > 0 ? __builtin_sqrtf(low) * __builtin_sqrtf(high) : high * 0x1p-6F;
         if (!(at < c.limit_sq)) at = c.limit_sq;
         if (high_count >= 0 && !(at > low && at < high)) break;
         n = count_within(c, at);
@@ -217,26 +227,29 @@ inline float find_radius_sq(const Candidates& c, std::uint32_t least, std::uint3
     return count_within(c, c.limit_sq) >= least ? c.limit_sq : -1.0F;
 }
 
-void choose(const Candidates& candidates, std::uint32_t lane, std::uint32_t k, std::uint32_t slack,
-            float guess_sq, Chosen& chosen) noexcept {
+void choose(const Candidates& candidates, const float* from, std::uint32_t own, std::uint32_t k,
+            std::uint32_t slack, float guess_sq, Chosen& chosen) noexcept {
     const Candidates c = candidates;  // a copy that no store can reach
-    const std::uint32_t home = c.home * kLanes, end = c.leaves * kLanes;
+    const std::uint32_t end = c.leaves * kLanes;
+    const std::uint32_t home = own < end ? own / kLanes * kLanes : end;
     Measure m = {c.x,
                  c.y,
                  c.z,
                  c.distance_sq,
-                 c.x[home + lane],
-                 c.y[home + lane],
-                 c.z[home + lane],
+                 from[0],
+                 from[1],
+                 from[2],
                  guess_sq < c.limit_sq ? guess_sq : c.limit_sq,
                  chosen.distance_sq,
                  chosen.slot};
     m.measure_and_take(0, home);
-    const Int8 is_lane = Int8{0, 1, 2, 3, 4, 5, 6, 7} == static_cast<std::int32_t>(lane);
-    const Float8 at_home = is_lane ? Float8{} + __builtin_inff() : m.at(home);  // without itself
-    store(c.distance_sq + home, at_home);
-    m.take(at_home, home);
-    m.measure_and_take(home + kLanes, end);
+    if (home < end) {
+        const Int8 is_own = Int8{0, 1, 2, 3, 4, 5, 6, 7} == static_cast<std::int32_t>(own % kLanes);
+        const Float8 d = is_own ? Float8{} + __builtin_inff() : m.at(home);
+        store(c.distance_sq + home, d);
+        m.take(d, home);
+        m.measure_and_take(home + kLanes, end);
+    }
 
     if (m.count < k || m.count > k + slack) {
         m.radius_sq = find_radius_sq(c, k, k + slack, m.radius_sq, m.count);

@@ -22,7 +22,7 @@ constexpr std::size_t kLeavesPerBlock = 128;
 }  // namespace
 
 NeighborSearch::NeighborSearch(std::span<const Vec3f> points, const RunContext& context)
-    : tree_(std::make_unique<const PointTree>(points, context)) {}
+    : tree_(std::make_unique<const PointTree>(points, PointTree::Leaves::Compact, context)) {}
 NeighborSearch::~NeighborSearch() = default;
 NeighborSearch::NeighborSearch(NeighborSearch&&) noexcept = default;
 NeighborSearch& NeighborSearch::operator=(NeighborSearch&&) noexcept = default;
@@ -57,7 +57,7 @@ NeighborLists k_nearest_neighbors(std::span<const Vec3f> points, unsigned k,
     lists.distances_sq.resize(n * each);
     if (each == 0) return lists;
 
-    const PointTree tree(points, context);
+    const PointTree tree(points, PointTree::Leaves::Quick, context);
     parallel_for_blocks(
         tree.leaf_count(), kLeavesPerBlock, context, [&](std::size_t begin, std::size_t end) {
             LeafQuery query(tree, points, each);
@@ -82,19 +82,19 @@ NeighborLists k_nearest_neighbors(std::span<const Vec3f> points, unsigned k,
 
 double mean_spacing(std::span<const Vec3f> points, const RunContext& context) {
     if (points.size() < 2) return 0.0;
-    constexpr std::size_t kAsked = 65'536 / kWidth;  // leaves
-    const PointTree tree(points, context);
+    constexpr std::size_t kAsked = 16'384 / kWidth;  // leaves
+    const PointTree tree(points, PointTree::Leaves::Quick, context);
     const std::size_t step = std::max<std::size_t>(1, tree.leaf_count() / kAsked);
     const std::size_t asked = (tree.leaf_count() + step - 1) / step;
     std::vector<double> sums(asked);
     parallel_for_blocks(asked, kLeavesPerBlock, context, [&](std::size_t begin, std::size_t end) {
-        std::array<Neighbor, 2> room;
+        LeafQuery query(tree, points, 1);
         for (std::size_t i = begin; i < end; ++i) {
-            for (std::size_t lane = 0; lane < tree.points_in(i * step); ++lane) {
-                const Vec3f q = tree.leaf(i * step).position(lane);
-                sums[i] +=
-                    std::sqrt(static_cast<double>(find_nearest(tree, q, room)[1].distance_sq));
-            }
+            query.run(i * step, [&](std::size_t, const Candidates&, const Chosen& chosen) {
+                const auto nearest =
+                    std::min_element(chosen.distance_sq, chosen.distance_sq + chosen.count);
+                sums[i] += std::sqrt(static_cast<double>(*nearest));
+            });
         }
     });
     double sum = 0;
@@ -115,7 +115,7 @@ NeighborLists radius_neighbors(std::span<const Vec3f> points, float radius,
     NeighborLists lists;
     lists.offsets.assign(points.size() + 1, 0);
     const float radius_sq = radius * radius;
-    const PointTree tree(points, context);
+    const PointTree tree(points, PointTree::Leaves::Quick, context);
 
     // Calls visit(i, neighbours) for the points of a block, in the order of the tree.
     const auto for_each_list = [&](std::size_t begin, std::size_t end, auto&& visit) {

@@ -50,7 +50,7 @@ struct Graph {
 
 Graph make_graph(std::span<const Vec3f> points, std::span<const Vec3f> normals, unsigned k,
                  const RunContext& context) {
-    const PointTree tree(points, context);
+    const PointTree tree(points, PointTree::Leaves::Quick, context);
     const std::size_t n = points.size();
     Graph graph{n, k, std::vector<Index>(n), {points.begin(), points.end()}, {}, {}, {}, {}};
     graph.normals.resize(n);

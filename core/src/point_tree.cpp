@@ -4,6 +4,7 @@
 #include "parallel_for.hpp"
 
 #include <algorithm>
+#include <bit>
 
 namespace stipple {
 
@@ -47,11 +48,38 @@ PointTree::Node empty_node() noexcept {
     return node;
 }
 
+/// Orders a stretch of the curve so that its leaves are compact: halved across its longest side,
+/// again and again. A surface runs in and out of the cells of the curve, whose own stretches of
+/// eight points are scattered.
+void tidy(std::span<const Vec3f> points, std::span<Index> stretch) {
+    constexpr std::size_t kLeaf = PointTree::kWidth;
+    if (stretch.size() <= kLeaf) return;
+    Box box;
+    for (const Index i : stretch) box.add(points[i]);
+    int axis = 0;
+    (box.high - box.low).maxCoeff(&axis);
+    // Whole leaves and nodes go left: the first part is as large as a power of two can be.
+    const std::size_t half = std::bit_floor(stretch.size() - 1);
+    std::nth_element(stretch.begin(), stretch.begin() + static_cast<std::ptrdiff_t>(half),
+                     stretch.end(), [&](Index a, Index b) {
+                         const float p = points[a][axis], q = points[b][axis];
+                         return p < q || (p == q && a < b);
+                     });
+    tidy(points, stretch.first(half));
+    tidy(points, stretch.subspan(half));
+}
+
 }  // namespace
 
-PointTree::PointTree(std::span<const Vec3f> points, const RunContext& context)
+PointTree::PointTree(std::span<const Vec3f> points, Leaves leaves, const RunContext& context)
     : size_(points.size()), leaves_((points.size() + kWidth - 1) / kWidth) {
-    const std::vector<Index> order = hilbert_order(points, context);
+    std::vector<Index> order = hilbert_order(points, context);
+    if (leaves == Leaves::Compact) {
+        constexpr std::size_t kTidied = 65'536;
+        parallel_for_blocks(size_, kTidied, context, [&](std::size_t begin, std::size_t end) {
+            tidy(points, std::span(order).subspan(begin, end - begin));
+        });
+    }
     if (size_ == 0) return;
 
     std::vector<Node>* level = &levels_.emplace_back((leaves_.size() + kWidth - 1) / kWidth);

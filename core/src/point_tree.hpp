@@ -34,8 +34,13 @@ public:
         std::array<std::array<float, kWidth>, 3> low, high;
     };
 
+    enum class Leaves {
+        Quick,    ///< as the curve has them: for one pass over all points, leaf by leaf
+        Compact,  ///< ordered anew, which costs as much again: for many single queries
+    };
+
     /// Finite points. O(N log N), parallel; 20 bytes a point, and about 30 more while it is built.
-    PointTree(std::span<const Vec3f> points, const RunContext& context);
+    PointTree(std::span<const Vec3f> points, Leaves leaves, const RunContext& context);
 
     std::size_t size() const noexcept { return size_; }
     std::size_t leaf_count() const noexcept { return leaves_.size(); }

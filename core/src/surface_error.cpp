@@ -64,7 +64,7 @@ struct Frame {
     explicit Frame(const PointCloud& reference) {
         const Aabb box = bounds(reference);
         center = 0.5 * (box.min + box.max);
-        if (box.diagonal() > 0) scale = std::exp2(-std::floor(std::log2(box.diagonal())));
+        if (box.diagonal() > 0) scale = std::ldexp(1.0, -std::ilogb(box.diagonal()));
     }
     std::vector<Vec3f> into(const PointCloud& cloud) const {
         const Vec3d shift = cloud.origin - center;
@@ -86,7 +86,7 @@ struct Surface {
             const RunContext& context)
         : cloud(cloud_),
           points(frame.into(cloud_)),
-          tree(points, context),
+          tree(points, PointTree::Leaves::Compact, context),
           finder(points, tree, options) {}
     Surface(const Surface&) = delete;
     Surface& operator=(const Surface&) = delete;
@@ -98,7 +98,8 @@ ErrorSamples take_samples(const Surface& surface, const SurfaceErrorOptions& opt
                           const RunContext& context) {
     const std::uint64_t n = surface.points.size();
     const std::uint64_t count = options.samples > 0 ? options.samples : std::max(n, kLeastSamples);
-    if (options.sampling == ErrorSampling::Points && count <= n)
+    const bool at_points = options.sampling == ErrorSampling::Points && count <= n;
+    if (at_points || options.surface == ErrorSurface::Samples)
         return take_points(surface.tree, count, options.seed, context);
     if (options.sampling == ErrorSampling::Particles)
         return take_particles(surface.points, surface.finder, count, options.seed, context);
@@ -123,7 +124,7 @@ void find_nearest_points(const Surface& surface, std::span<const Vec3f> queries,
 
 DirectedError measure_direction(const Surface& from, const Surface& to, const Frame& frame,
                                 const SurfaceErrorOptions& options, const RunContext& context) {
-    const ErrorSamples samples = take_samples(from, options, context.part(0.0, 0.5));
+    ErrorSamples samples = take_samples(from, options, context.part(0.0, 0.5));
     context.checkpoint(0.5);
     std::vector<float> distances(samples.size());
     std::vector<Vec3f> feet(options.attributes ? samples.size() : 0);
@@ -147,7 +148,7 @@ DirectedError measure_direction(const Surface& from, const Surface& to, const Fr
                                             feet, samples.areas, options.k, context);
     if (options.keep_samples) {
         error.distances = std::move(distances);
-        for (const Vec3f& p : samples.positions) error.positions.push_back(p);
+        error.positions = std::move(samples.positions);
     }
     return error;
 }

@@ -1,13 +1,19 @@
 #include "tree_search.hpp"
 
 #include "float4.hpp"
+#include "nearest_kernels.hpp"
 
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <cmath>
 #include <limits>
+#include <numbers>
+#include <utility>
 
-// Follows: Roussopoulos, Kelley and Vincent 1995 (branch and bound over boxes, the nearest first).
+// Follows: Roussopoulos, Kelley and Vincent 1995 (branch and bound over boxes, the nearest first)
+// where the quicker way fails: to guess a radius, gather what lies within and check that it is
+// enough.
 
 namespace stipple {
 
@@ -56,7 +62,7 @@ struct Branch {
     std::uint32_t level;  ///< 0: a leaf; else of the node, plus one
 };
 
-/// Depth first, the nearest child first. Calls visit(leaf, distances) for every leaf whose box is
+/// Depth first, the nearest child first. Calls visit(leaf) for every leaf whose box is
 /// at most `limit()` away, which may shrink on the way.
 template <typename Limit, typename Visit>
 void search(const PointTree& tree, const Vec3f& q, Limit&& limit, Visit&& visit) {
@@ -69,8 +75,7 @@ void search(const PointTree& tree, const Vec3f& q, Limit&& limit, Visit&& visit)
         const Branch branch = stack[--height];
         if (branch.distance_sq > limit()) continue;
         if (branch.level == 0) {
-            const PointTree::Leaf& leaf = tree.leaf(branch.number);
-            visit(leaf, distances_sq(leaf, q));
+            visit(tree.leaf(branch.number));
             continue;
         }
         const Eight d = distances_sq(tree.node(branch.level - 1, branch.number), q);
@@ -89,18 +94,15 @@ void search(const PointTree& tree, const Vec3f& q, Limit&& limit, Visit&& visit)
     }
 }
 
-}  // namespace
-
-std::span<Neighbor> find_nearest(const PointTree& tree, const Vec3f& q,
-                                 std::span<Neighbor> room) noexcept {
-    const std::span<Neighbor> found = room.first(std::min(room.size(), tree.size()));
-    if (found.empty()) return found;
+/// The search that always succeeds, into room for as many as there are or fewer.
+void search_one_by_one(const PointTree& tree, const Vec3f& q, std::span<Neighbor> found) noexcept {
     std::size_t count = 0;  // then the farthest stands in front: a heap
     const auto limit = [&] {
         return count < found.size() ? std::numeric_limits<float>::infinity()
                                     : found.front().distance_sq;
     };
-    search(tree, q, limit, [&](const PointTree::Leaf& leaf, const Eight& d) {
+    search(tree, q, limit, [&](const PointTree::Leaf& leaf) {
+        const Eight d = distances_sq(leaf, q);
         for (unsigned lanes = lanes_within(d, limit()); lanes != 0; lanes &= lanes - 1) {
             const auto lane = static_cast<std::size_t>(std::countr_zero(lanes));
             const Neighbor neighbor = {d[lane / 4][lane % 4], leaf.index[lane]};
@@ -116,6 +118,127 @@ std::span<Neighbor> find_nearest(const PointTree& tree, const Vec3f& q,
         }
     });
     std::ranges::sort_heap(found);
+}
+
+/// Leaves as they are met, reduced to the nearest points again and again.
+class Shortlist {
+public:
+    static constexpr std::uint32_t kMost = 64;  ///< points that can be asked for
+
+    Shortlist(const Vec3f& q, std::uint32_t k) noexcept : q_(q), k_(k) {
+        near_ = {x_.data(),           y_.data(),    z_.data(), index_.data(),
+                 distance_sq_.data(), leaf_.data(), kLeaves};
+        near_.limit_sq = limit_sq_;
+        chosen_ = {chosen_sq_.data(), slot_.data(), rank_.data(), flipped_.data()};
+    }
+
+    /// No point farther away is needed.
+    float limit_sq() const noexcept { return limit_sq_; }
+
+    void add(const PointTree::Leaf& leaf) noexcept {
+        if (near_.leaves == 0) guess_sq_ = farthest_sq(leaf);
+        const std::size_t at = PointTree::kWidth * near_.leaves++;
+        std::ranges::copy(leaf.x, x_.begin() + static_cast<std::ptrdiff_t>(at));
+        std::ranges::copy(leaf.y, y_.begin() + static_cast<std::ptrdiff_t>(at));
+        std::ranges::copy(leaf.z, z_.begin() + static_cast<std::ptrdiff_t>(at));
+        std::ranges::copy(leaf.index, index_.begin() + static_cast<std::ptrdiff_t>(at));
+        constexpr std::uint32_t kAtOnce = 6;
+        if (near_.leaves >= reduced_ + kAtOnce) reduce();
+        if (near_.leaves == kLeaves) limit_sq_ = -1;  // too many are equally far: ends the search
+    }
+
+    /// False where more are equally far than there is room for, or fewer are at a finite distance.
+    bool answer(std::span<Neighbor> found) noexcept {
+        if (near_.leaves == kLeaves) return false;
+        choose();
+        if (chosen_.count == 0) return false;
+        nearest_kernels().rank(near_, chosen_);
+        for (std::uint32_t i = 0; i < chosen_.count; ++i) {
+            if (chosen_.rank[i] < k_)
+                found[chosen_.rank[i]] = {chosen_.distance_sq[i], index_[slot_[i]]};
+        }
+        return true;
+    }
+
+private:
+    static constexpr std::uint32_t kLeaves = 32;
+    static constexpr std::size_t kSlots = PointTree::kWidth * (kLeaves + 3);
+    template <typename T>
+    using Array = std::array<T, kSlots>;
+
+    /// Of those at a finite distance.
+    float farthest_sq(const PointTree::Leaf& leaf) const noexcept {
+        const Eight d = distances_sq(leaf, q_);
+        float farthest = 0;
+        for (std::size_t lane = 0; lane < PointTree::kWidth; ++lane) {
+            const float here = d[lane / 4][lane % 4];
+            if (here <= std::numeric_limits<float>::max()) farthest = std::max(farthest, here);
+        }
+        return farthest;
+    }
+
+    void choose() noexcept {
+        nearest_kernels().choose(near_, q_.data(), PointTree::kNone, k_, slack_for(k_), guess_sq_,
+                                 chosen_);
+    }
+
+    void reduce() noexcept {
+        choose();
+        reduced_ = near_.leaves;
+        if (chosen_.count == 0) return;
+        limit_sq_ = guess_sq_ = chosen_.radius_sq;
+        std::uint32_t count = chosen_.count;
+        for (std::uint32_t i = 0; i < count; ++i) {
+            const std::uint32_t from = slot_[i];  // i or more
+            x_[i] = x_[from];
+            y_[i] = y_[from];
+            z_[i] = z_[from];
+            index_[i] = index_[from];
+        }
+        for (; count % PointTree::kWidth != 0; ++count)
+            x_[count] = y_[count] = z_[count] = std::numeric_limits<float>::infinity();
+        near_.leaves = reduced_ = count / std::uint32_t{PointTree::kWidth};
+    }
+
+    Vec3f q_;
+    std::uint32_t k_;
+    float limit_sq_ = std::numeric_limits<float>::max();
+    float guess_sq_ = 0;
+    std::uint32_t reduced_ = 0;  ///< leaves that are left since
+    Candidates near_;
+    Chosen chosen_;
+    alignas(32) Array<float> x_, y_, z_, distance_sq_, chosen_sq_;
+    alignas(32) Array<std::uint32_t> index_, slot_, rank_, flipped_;
+    std::array<std::uint32_t, kLeaves> leaf_;
+};
+
+bool search_in_batches(const PointTree& tree, const Vec3f& q, std::span<Neighbor> found) noexcept {
+    if (found.size() > Shortlist::kMost) return false;
+    Shortlist list(q, static_cast<std::uint32_t>(found.size()));
+    search(
+        tree, q, [&] { return list.limit_sq(); },
+        [&](const PointTree::Leaf& leaf) { list.add(leaf); });
+    return list.answer(found);
+}
+
+}  // namespace
+
+float guess_radius_sq(const PointTree::Node& node, unsigned k) noexcept {
+    float diagonal_sq = 0;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        const float low = *std::ranges::min_element(node.low[axis]);
+        const float high = *std::ranges::max_element(node.high[axis]);
+        diagonal_sq += (high - low) * (high - low);
+    }
+    constexpr float kPerNeighbor = 1.0F / (2 * 64 * std::numbers::pi_v<float>);
+    return kPerNeighbor * static_cast<float>(k) * diagonal_sq;
+}
+
+std::span<Neighbor> find_nearest(const PointTree& tree, const Vec3f& q,
+                                 std::span<Neighbor> room) noexcept {
+    const std::span<Neighbor> found = room.first(std::min(room.size(), tree.size()));
+    if (found.empty()) return found;
+    if (!search_in_batches(tree, q, found)) search_one_by_one(tree, q, found);
     return found;
 }
 
@@ -123,7 +246,8 @@ void find_within(const PointTree& tree, const Vec3f& q, float radius_sq,
                  std::vector<Neighbor>& found) {
     search(
         tree, q, [radius_sq] { return radius_sq; },
-        [&](const PointTree::Leaf& leaf, const Eight& d) {
+        [&](const PointTree::Leaf& leaf) {
+            const Eight d = distances_sq(leaf, q);
             for (unsigned lanes = lanes_within(d, radius_sq); lanes != 0; lanes &= lanes - 1) {
                 const auto lane = static_cast<std::size_t>(std::countr_zero(lanes));
                 if (leaf.index[lane] != PointTree::kNone)

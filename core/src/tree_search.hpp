@@ -8,6 +8,10 @@
 
 namespace stipple {
 
+/// About the squared distance of the k-th neighbour of a point in a node of level 0, as if its 64
+/// points were an even square piece of a surface; rather too much.
+float guess_radius_sq(const PointTree::Node& node, unsigned k) noexcept;
+
 /// `NeighborSearch::nearest` and `within`.
 std::span<Neighbor> find_nearest(const PointTree& tree, const Vec3f& q,
                                  std::span<Neighbor> room) noexcept;

@@ -17,8 +17,9 @@ struct Room {
     static constexpr std::size_t kSize = 8 * kLeaves + 24;
     std::vector<float> x = std::vector<float>(kSize), y = x, z = x, all = x, distances_sq = x;
     std::vector<std::uint32_t> index = std::vector<std::uint32_t>(kSize), slot = index,
-                               rank = index, flipped = index;
-    Candidates candidates = {x.data(), y.data(), z.data(), index.data(), all.data(), kLeaves};
+                               rank = index, flipped = index, leaf = index;
+    Candidates candidates = {x.data(),   y.data(),    z.data(), index.data(),
+                             all.data(), leaf.data(), kLeaves};
     Chosen chosen = {distances_sq.data(), slot.data(), rank.data(), flipped.data()};
 };
 
@@ -35,20 +36,22 @@ TEST_P(Kernels, ChooseTheSameAsThePlainOnes) {
     const NearestKernels &plain = all.front(), &other = all[GetParam()];
     std::vector<Vec3f> points = test::sphere(3001, 0.02).positions;
     for (Vec3f& p : points) p = (p * 64.0F).array().round() / 64.0F;  // so that many are equal
-    const PointTree tree(points, {});
+    const PointTree tree(points, PointTree::Leaves::Quick, {});
     for (std::uint32_t leaf = 0; leaf < tree.leaf_count(); leaf += 3) {
         Room a, b;
         for (const float limit_sq : {0.01F, 0.05F, 1.0F}) {
-            const bool gathered = plain.gather(tree.view(), leaf, limit_sq, a.candidates);
-            ASSERT_EQ(other.gather(tree.view(), leaf, limit_sq, b.candidates), gathered);
+            const Vec3f low = tree.leaf(leaf).position(0), high = low + Vec3f::Constant(0.05F);
+            const bool gathered =
+                plain.gather(tree.view(), low.data(), high.data(), limit_sq, a.candidates);
+            ASSERT_EQ(other.gather(tree.view(), low.data(), high.data(), limit_sq, b.candidates),
+                      gathered);
             if (!gathered) continue;
             ASSERT_EQ(b.candidates.leaves, a.candidates.leaves);
-            ASSERT_EQ(b.candidates.home, a.candidates.home);
             ASSERT_EQ(b.index, a.index);
             for (const float guess_sq : {0.0F, 0.004F, 1.0F}) {
-                for (std::uint32_t lane = 0; lane < tree.points_in(leaf); ++lane) {
-                    plain.choose(a.candidates, lane, 9, 7, guess_sq, a.chosen);
-                    other.choose(b.candidates, lane, 9, 7, guess_sq, b.chosen);
+                for (const std::uint32_t own : {0U, 7U, 9U, PointTree::kNone}) {
+                    plain.choose(a.candidates, low.data(), own, 9, 7, guess_sq, a.chosen);
+                    other.choose(b.candidates, low.data(), own, 9, 7, guess_sq, b.chosen);
                     ASSERT_EQ(b.chosen.count, a.chosen.count);
                     ASSERT_EQ(b.chosen.radius_sq, a.chosen.radius_sq);
                     const std::size_t n = a.chosen.count;

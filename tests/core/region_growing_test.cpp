@@ -69,7 +69,7 @@ std::vector<Vec3f> scaled(std::vector<Vec3f> points, float by) {
 
 /// A dense and a sparse sphere, and points far from both.
 std::vector<Vec3f> uneven() {
-    std::vector<Vec3f> points = test::sphere(1500, 0.02).positions;
+    std::vector<Vec3f> points = test::sphere(600, 0.02).positions;
     for (const Vec3f& p : test::sphere(100, 0.02, 2).positions)
         points.push_back(p * 2.0F + Vec3f(5, 0, 0));
     for (const Vec3f& p : test::cube(12).positions) points.push_back(p * 300.0F);
@@ -77,8 +77,8 @@ std::vector<Vec3f> uneven() {
 }
 
 TEST(RegionGrowing, IsTheRuleThatSortingAllPointsGives) {
-    for (const auto& points : {test::sphere(1500, 0.01).positions, test::cube(1000).positions,
-                               test::plane(1200).positions, uneven()}) {
+    for (const auto& points : {test::sphere(700, 0.01).positions, test::cube(500).positions,
+                               test::plane(600).positions, uneven()}) {
         for (const std::size_t max_size : {1U, 2U, 7U, 40U, 300U}) {
             EXPECT_EQ(as_sets(grow_regions(points, {.max_size = max_size}, 3, {})),
                       regions_by_sorting(points, max_size, 3))

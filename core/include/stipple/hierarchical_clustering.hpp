@@ -33,7 +33,8 @@ struct HierarchicalClusteringOptions {
 /// returns the cloud as it is. The cloud must hold finite positions, no two alike (`clean`).
 ///
 /// @throws Error(InvalidArgument) for an empty cloud, an option out of range or a combination that
-/// says nothing. O(N log M), parallel; 32 bytes a point and about 500 a cluster beyond the cloud.
+/// says nothing. O(N log M), parallel; 8 bytes a point, or 4 and about 120 for
+/// each cluster, whichever is more, and 8 MB on each thread beyond the cloud.
 PointCloud hierarchical_clustering(const PointCloud& cloud,
                                    const HierarchicalClusteringOptions& options,
                                    const RunContext& context = {});

@@ -49,8 +49,8 @@ public:
 
     /// The nearest points to `q` (finite), as many as `room` has places or as there are; a point
     /// that lies at `q` is among them, at distance 0. Nearest first, the smaller index first among
-    /// equals.
-    /// @return the beginning of `room` that was filled. Expected O(k log k + log N).
+    /// equals. Quickest for up to 64.
+    /// @return the beginning of `room` that was filled. Expected O(k + log N).
     std::span<Neighbor> nearest(const Vec3f& q, std::span<Neighbor> room) const noexcept;
 
     /// Puts into `found`, which is cleared, all points whose squared distance to `q` (finite) is at
@@ -78,7 +78,7 @@ NeighborLists radius_neighbors(std::span<const Vec3f> points, float radius,
                                const RunContext& context = {});
 
 /// Mean distance to the nearest other point, in input units: of all points, or in a large cloud of
-/// about 65,536 of them spread evenly over it. 0 for fewer than two points.
+/// about 16,384 of them spread evenly over it. 0 for fewer than two points.
 double mean_spacing(std::span<const Vec3f> points, const RunContext& context = {});
 
 }  // namespace stipple

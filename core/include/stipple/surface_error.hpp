@@ -23,7 +23,7 @@ enum class ErrorSampling : std::uint8_t {
 enum class ErrorSurface : std::uint8_t {
     Linear,     ///< MLS with a linear basis, as the paper has it; lies inside curved parts
     Quadratic,  ///< MLS with a quadratic basis, an order closer to the true surface
-    Samples,    ///< the points alone: no surface. Zero for any subset
+    Samples,    ///< the points alone, no surface, from points only: zero for any subset
 };
 
 struct SurfaceErrorOptions {
