@@ -104,27 +104,27 @@ void build_lod_pyramid(const PointCloud& cloud, const LodPyramidOptions& options
                        const std::function<void(LodLevel&&)>& on_level, const RunContext& context) {
     if (cloud.empty()) refuse("the cloud has no points: expected at least 1");
     const std::vector<std::uint64_t> sizes = lod_sizes(cloud.size(), options);
-    std::span<const std::uint64_t> below(sizes);  // the whole cloud
-    if (below.back() == cloud.size()) below = below.first(below.size() - 1);
+    std::span<const std::uint64_t> made(sizes);  // all but the whole cloud, which is there
+    if (made.back() == cloud.size()) made = made.first(made.size() - 1);
     const bool cuts = options.method == Method::Hierarchical;
     const double begin = cuts ? 0 : 0.8;  // snapshots are there when the first level comes
 
     unsigned level = 0;
-    const auto emit = [&](PointCloud&& made) {
-        const double spacing = mean_spacing(made.positions, context);
-        on_level({level, std::move(made), spacing});
+    const auto emit = [&](PointCloud&& next) {
+        const double spacing = mean_spacing(next.positions, context);
+        on_level({level, std::move(next), spacing});
         ++level;
         context.checkpoint(begin + (1 - begin) * static_cast<double>(level) /
                                        static_cast<double>(sizes.size()));
     };
     context.checkpoint(0.0);
     if (cuts) {
-        cut_levels(cloud, below, options, emit, context);
-    } else if (!below.empty()) {
-        for (PointCloud& made : snapshots(cloud, below, options, context.part(0, begin)))
-            emit(std::move(made));
+        cut_levels(cloud, made, options, emit, context);
+    } else if (!made.empty()) {
+        for (PointCloud& next : snapshots(cloud, made, options, context.part(0, begin)))
+            emit(std::move(next));
     }
-    if (below.size() < sizes.size()) emit(PointCloud(cloud));
+    if (made.size() < sizes.size()) emit(PointCloud(cloud));
 }
 
 }  // namespace stipple

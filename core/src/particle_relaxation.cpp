@@ -15,8 +15,9 @@
 // - The force is as long as r - |p - p_i|, Turk's. Eq. 7 as it is printed has the factor p - p_i
 // not
 //   divided by its length, which makes it weaker the closer two particles are: pairs merge.
-// - It acts along the surface with its whole length. Two particles on either side of a thin sheet
-//   would press each other into the sheet and hardly part.
+// - Pairs that are too close (radii below the spacing) push along the surface with the whole force.
+//   Two particles on either side of a thin sheet would press each other into it and hardly part.
+//   Not sooner: it drives particles away from creases, which costs 1.5 % of mean error.
 // - A step keeps a part of the one before. Half as many are needed.
 // - Neighbours are looked up once for several steps.
 
@@ -159,7 +160,7 @@ Vec3f ParticleRelaxation::force_on(std::size_t i, float radius, float& largest_o
         const float length = positions_[j] == p ? r : force.norm();
         if (length == 0) continue;
         largest_overlap = std::max(largest_overlap, length / r);
-        total += along_plane(force, length, normal, i < j);
+        total += radius < 1 || length == r ? along_plane(force, length, normal, i < j) : force;
     }
     return total;
 }

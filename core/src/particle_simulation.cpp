@@ -42,7 +42,7 @@ constexpr std::size_t kBlock = 1'024;
 // the projection brought together.
 constexpr float kSpreadRadius = 1.25F;
 constexpr float kPartRadius = 0.88F;
-constexpr float kSettledRadius = 0.83F;
+constexpr float kSettledRadius = 0.85F;
 constexpr double kLargestOverlap = 0.05;  // over the radius
 constexpr double kNearly = 0.2;           // of the tolerance, where pairs are pressed by others
 constexpr double kSlowing = 0.97;         // of the step before, while they come to rest

@@ -4,6 +4,7 @@
 constexpr std::size_t kLanes = PlaneLanes::kLanes;
 using Float8 = float __attribute__((vector_size(32)));
 using Int8 = std::int32_t __attribute__((vector_size(32)));
+using Unsigned8 = std::uint32_t __attribute__((vector_size(32)));
 using Double8 = double __attribute__((vector_size(64)));
 using Long8 = std::int64_t __attribute__((vector_size(64)));
 
@@ -56,7 +57,7 @@ inline Double8 square_root(Double8 v) noexcept {
     return root;
 }
 
-/// exp(-u) for 0 <= u < 80, to 1e-6 of it.
+/// exp(-u) for 0 <= u < 80, to 1e-6 of it; anything beyond.
 inline Float8 gaussian(Float8 u) noexcept {
     constexpr float kShift = 0x1.8p23F;  // brings the integer part to the end of the mantissa
     const Float8 y = u * -1.44269504F;
@@ -66,8 +67,8 @@ inline Float8 gaussian(Float8 u) noexcept {
         1.0F +
         f * (0.693147181F +
              f * (0.240226507F + f * (0.0555041087F + f * (0.00961812911F + f * 0.00133335581F))));
-    return reinterpret_cast<Float8>(reinterpret_cast<Int8>(series) +
-                                    (reinterpret_cast<Int8>(shifted) << 23));
+    return reinterpret_cast<Float8>(reinterpret_cast<Unsigned8>(series) +
+                                    (reinterpret_cast<Unsigned8>(shifted) << 23U));
 }
 
 /// The k-th smallest of the distances in each lane, and the smallest.

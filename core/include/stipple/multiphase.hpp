@@ -17,8 +17,10 @@ struct MultiphaseOptions {
 
 /// Multiphase simplification: hierarchical clustering (§3.1) to m * N samples that carry the
 /// quadrics of what they stand for (§3.2), then contraction to exactly N (Garland and Shaffer 2002,
-/// on points). The default method: about as quick as clustering, with errors near those of
-/// `iterative_simplification`.
+/// on points). The default method.
+///
+/// Like those of `iterative_simplification`, its points lie slightly outside of curved parts, which
+/// is what lowers the error of the surface through them; `contraction.max_displacement` bounds it.
 ///
 /// Samples are contracted along the tree of the clustering: of two halves of a cluster, each one
 /// point already, the pair with the least quadric error times their distance becomes the point
