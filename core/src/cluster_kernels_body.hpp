@@ -97,7 +97,7 @@ struct Packing {
 
     template <typename T>
     std::array<T, kLanes> of(const T* from) const noexcept {
-        std::array<T, kLanes + 3> v;  // what is stored beyond a part is overwritten by the next
+        std::array<T, kLanes + 4> v;  // each part is stored as four lanes, however few it has
         T* to = v.data();
         for (const unsigned mask : {chosen, ~chosen & 255U}) {
             store_packed(to, from, mask & 15U);

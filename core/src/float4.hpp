@@ -41,8 +41,8 @@ inline unsigned lane_bits(Int4 mask) noexcept {
 #endif
 }
 
-/// Writes the lanes chosen by the four bits of `mask` to `out`, packed, in order; up to three lanes
-/// behind them become anything.
+/// Writes the lanes chosen by the four bits of `mask` to `out`, packed, in order; what is left
+/// of the four places there becomes anything.
 template <typename T>
 inline void store_packed(T* out, const T* lanes, unsigned mask) noexcept {
     static_assert(sizeof(T) == 4);
