@@ -1,0 +1,112 @@
+#include "ply_columns.hpp"
+
+#include "georeference.hpp"
+
+#include <array>
+
+namespace stipple {
+
+namespace {
+
+AttributeValues values_of(PlyType type, std::size_t count) {
+    return with_type(type, [&]<typename T>() { return AttributeValues(std::vector<T>(count)); });
+}
+
+}  // namespace
+
+PlyDestination::PlyDestination(const PlyLayout& layout, std::optional<Vec3d> origin)
+    : layout_(layout), wide_(layout.wide_coordinates()), origin_(origin) {
+    allocate();
+    std::size_t offset = 0;
+    std::size_t attribute = 0;
+    for (std::size_t i = 0; i < layout.roles.size(); ++i) {
+        const PlyProperty& property = layout.vertex->properties[i];
+        columns.push_back({&property, offset, sink_for(layout.roles[i], property, attribute)});
+        offset += size_of(property.type);
+    }
+}
+
+PointCloud PlyDestination::finish(DecodeReport& report) {
+    if (wide_ && !origin_) place_coordinates();
+    if (!wide_colors_.empty()) narrow_colors(wide_colors_, cloud_.colors);
+    cloud_.origin = origin_.value_or(Vec3d::Zero());
+    cloud_.double_precision = wide_;
+    for (auto& [property, sink] : lists_) keep_or_report(*property, sink, report);
+    return std::move(cloud_);
+}
+
+void PlyDestination::allocate() {
+    const auto n = static_cast<std::size_t>(layout_.vertex->count);
+    cloud_.positions.resize(n);
+    if (wide_ && !origin_) coordinates_.resize(n);
+    if (layout_.has(PlyRole::Normal)) cloud_.normals.resize(n);
+    if (layout_.has(PlyRole::Color)) cloud_.colors.resize(n);
+    if (has_wide_colors()) wide_colors_.resize(n, kOpaque);
+    cloud_.has_alpha = layout_.has(PlyRole::Color, 3);
+    for (std::size_t i = 0; i < layout_.roles.size(); ++i) {
+        const PlyProperty& property = layout_.vertex->properties[i];
+        if (layout_.roles[i].kind != PlyRole::Attribute || property.is_list()) continue;
+        AttributeValues values = values_of(property.type, n);
+        const Reduction reduction = default_reduction(values);
+        cloud_.attributes.push_back({property.name, std::move(values), 1, reduction});
+    }
+}
+
+bool PlyDestination::has_wide_colors() const {
+    bool any = false;
+    for (std::size_t i = 0; i < layout_.roles.size(); ++i) {
+        if (layout_.roles[i].kind != PlyRole::Color) continue;
+        if (layout_.vertex->properties[i].type != PlyType::UInt16) return false;
+        any = true;
+    }
+    return any;
+}
+
+PlySink PlyDestination::sink_for(const PlyRole& role, const PlyProperty& property,
+                                 std::size_t& attribute) {
+    constexpr std::array kChannels = {&Rgba8::r, &Rgba8::g, &Rgba8::b, &Rgba8::a};
+    switch (role.kind) {
+        case PlyRole::Position:
+            if (!wide_) return VectorSink{cloud_.positions.data(), role.component};
+            if (!origin_) return CoordinateSink{coordinates_.data(), role.component};
+            return GeoreferencedSink{cloud_.positions.data(), role.component,
+                                     (*origin_)[role.component]};
+        case PlyRole::Normal:
+            return VectorSink{cloud_.normals.data(), role.component};
+        case PlyRole::Color:
+            if (!wide_colors_.empty()) return WideColorSink{wide_colors_.data(), role.component};
+            return ColorSink{cloud_.colors.data(), kChannels[role.component]};
+        case PlyRole::Attribute:
+            break;
+    }
+    if (!property.is_list()) return AttributeSink{&cloud_.attributes[attribute++].values};
+    lists_.emplace_back(&property, ListSink{values_of(property.type, 0), {}, true});
+    return &lists_.back().second;
+}
+
+void PlyDestination::place_coordinates() {
+    Aabb box;
+    for (const Vec3d& p : coordinates_) {
+        if (!p.allFinite()) continue;
+        box.min = box.min.cwiseMin(p);
+        box.max = box.max.cwiseMax(p);
+    }
+    origin_ = choose_origin(box);
+    for (std::size_t i = 0; i < coordinates_.size(); ++i) {
+        cloud_.positions[i] = (coordinates_[i] - *origin_).cast<float>();
+    }
+    coordinates_ = {};
+}
+
+void PlyDestination::keep_or_report(const PlyProperty& property, ListSink& list,
+                                    DecodeReport& report) {
+    if (!list.uniform || list.length.value_or(0) == 0) {
+        report.skipped.push_back("vertex." + property.name);
+        return;
+    }
+    const Reduction reduction = default_reduction(list.values);
+    cloud_.attributes.push_back(
+        {property.name, std::move(list.values), static_cast<unsigned>(*list.length), reduction});
+}
+
+}  // namespace stipple
