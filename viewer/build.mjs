@@ -9,6 +9,8 @@ import { fileURLToPath } from 'node:url';
 import { parseArgs } from 'node:util';
 import { brotliCompressSync, constants } from 'node:zlib';
 
+import { jobForms } from './job_forms.mjs';
+
 const source = dirname(fileURLToPath(import.meta.url));
 const { values: options } = parseArgs({
     options: {
@@ -33,7 +35,10 @@ rmSync(page, { recursive: true, force: true });
 mkdirSync(join(page, 'assets'), { recursive: true });
 const assets = placePlainFiles();
 assets['surface_worker.js'] = place('surface_worker.js', await bundle('src/surface_worker.js'));
-assets['viewer.js'] = place('viewer.js', await bundle('src/main.js', { ASSETS: JSON.stringify(assets) }));
+assets['viewer.js'] = place('viewer.js', await bundle('src/main.js', {
+    ASSETS: JSON.stringify(assets),
+    JOB_FORMS: JSON.stringify(jobForms(join(source, '../openapi.yaml'), modules)),
+}));
 placePage();
 writeFileSync(join(out, 'viewer_files.cpp'), cppSource(filesUnder(page).map(describe)));
 

@@ -22,16 +22,17 @@ export async function getBytes(url, signal) {
 }
 
 export const listClouds = async () => (await getJson('/v1/clouds?limit=100')).items;
-export const listPyramids = async () => (await getJson('/v1/jobs?type=pyramid&limit=100')).items;
+export const listJobs = async () => (await getJson('/v1/jobs?limit=100')).items;
 export const getJob = (id, signal) => getJson(`/v1/jobs/${id}`, signal);
 /** The levels that are there so far; `complete` tells whether more will come. */
 export const getManifest = (id, signal) => getJson(`/v1/jobs/${id}/results`, signal);
 
-export async function startPyramid(cloudId) {
+/** @param fields  of the job beside its type and its input */
+export async function startJob(type, cloudId, fields) {
     return readJson(await send('/v1/jobs', {
         method: 'POST',
         headers: { 'Content-Type': 'application/json' },
-        body: JSON.stringify({ type: 'pyramid', input: cloudId, formats: ['drc'] }),
+        body: JSON.stringify({ type, input: cloudId, ...fields }),
     }));
 }
 

@@ -14,11 +14,21 @@ export const preloadDecoder = () => loader.preload();
  */
 export async function decodeLevel(bytes) {
     const types = { position: 'Float32Array', normal: 'Float32Array', color: 'Uint8Array', uv: 'Float32Array' };
-    const geometry = await new Promise((resolve, reject) => {
-        const fail = (reason) => reject(new Error(reason.message ?? reason.error ?? 'the Draco decoder did not start'));
-        loader.decodeDracoFile(bytes, resolve, null, types, undefined, fail);
-    });
+    const geometry = await decode(bytes, null, types);
     geometry.deleteAttribute('uv');
     geometry.setIndex(null);
     return geometry;
+}
+
+/** The values of the attribute with a unique id, point by point; takes `bytes` over. */
+export async function decodeAttribute(bytes, id) {
+    const geometry = await decode(bytes, { position: 0, value: id }, { position: 'Float32Array', value: 'Float32Array' });
+    return geometry.getAttribute('value').array;
+}
+
+function decode(bytes, ids, types) {
+    return new Promise((resolve, reject) => {
+        const fail = (reason) => reject(new Error(reason.message ?? reason.error ?? 'the Draco decoder did not start'));
+        loader.decodeDracoFile(bytes, resolve, ids, types, undefined, fail);
+    });
 }

@@ -19,6 +19,11 @@ export function bytes(n) {
     return `${unit === 0 || n >= 99.95 ? Math.round(n) : n.toFixed(1)} ${units[unit]}`;
 }
 
+/** With three significant digits. */
+export const quantity = (x) => (x === 0 || (Math.abs(x) >= 0.01 && Math.abs(x) < 1e6)
+    ? x.toLocaleString('en', { maximumSignificantDigits: 3 }) : x.toExponential(1));
+export const percent = (share) => `${quantity(100 * share)} %`;
+
 export const milliseconds = (ms) => (ms < 9_950 ? `${Math.round(ms)} ms` : `${(ms / 1000).toFixed(1)} s`);
 
 export function ago(time, now = Date.now()) {

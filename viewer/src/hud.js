@@ -1,13 +1,16 @@
 import { byId, element } from './element.js';
 import * as format from './format.js';
+import { meanErrorOf } from './result_session.js';
 
-const kStages = { queued: 'Waiting', decode: 'Reading', clean: 'Cleaning', simplify: 'Simplifying', encode: 'Encoding' };
+const kStages = { queued: 'Waiting', decode: 'Reading', clean: 'Cleaning', simplify: 'Simplifying', upsample: 'Adding points', analyze: 'Analysing', error: 'Measuring', encode: 'Encoding' };
 
 /** The card with the level slider and the figures. */
 export class Hud {
-    constructor({ onLevel, onDismiss }) {
+    constructor({ onLevel, onError, onDismiss, onDownload }) {
+        this.onDownload = onDownload;
         byId.level.oninput = () => onLevel(Number(byId.level.value) - 1);
         byId.dismiss.onclick = onDismiss;
+        byId['error-bound'].oninput = () => onError(2 ** Number(byId['error-bound'].value));
     }
 
     open(title) {
@@ -16,6 +19,9 @@ export class Hud {
         byId.segments.replaceChildren();
         byId.dismiss.hidden = true;
         byId.hud.classList.remove('busy');
+        byId.files.replaceChildren();
+        byId['error-figure'].hidden = true;
+        byId['error-slider'].hidden = true;
         for (const id of ['activity', 'points', 'level-name', 'bytes', 'first-picture']) {
             byId[id].textContent = id === 'activity' ? 'Opening' : '–';
         }
@@ -42,12 +48,44 @@ export class Hud {
             className: shown && level.level <= shown.level ? 'shown' : level.state,
         })));
         byId.bytes.textContent = format.bytes(loadedBytes);
+        this.showErrors(levels, shown);
         if (shown) {
+            this.showFiles(shown);
             byId.level.value = shown.level + 1;
             byId.level.ariaValueText = `Level ${shown.level + 1}, ${format.points(shown.points)}`;
             byId.points.textContent = format.count(shown.points);
             byId['level-name'].textContent = `${shown.level + 1} of ${levels.length}${isComplete ? '' : '+'}`;
         }
+    }
+
+    /** The measured error of what is shown, and the bounds to choose from. */
+    showErrors(levels, shown) {
+        const errors = levels.map(meanErrorOf).filter((error) => error > 0);
+        byId['error-figure'].hidden = !(shown && meanErrorOf(shown) >= 0);
+        byId['error-slider'].hidden = errors.length < 2;
+        if (!byId['error-figure'].hidden) {
+            const { mean, max } = shown.error.relative;
+            byId.error.textContent = format.percent(mean);
+            byId['error-figure'].title = `Mean distance to the surface of the input ${format.percent(mean)} of its diagonal, largest ${format.percent(max)}`;
+        }
+        if (errors.length >= 2) {
+            byId['error-bound'].min = Math.floor(Math.log2(Math.min(...errors)) - 1);
+            byId['error-bound'].max = Math.ceil(Math.log2(Math.max(...errors)));
+            if (shown && document.activeElement !== byId['error-bound']) {
+                byId['error-bound'].value = Math.log2(Math.max(meanErrorOf(shown), 1e-12));
+            }
+        }
+    }
+
+    showFiles({ files }) {
+        byId.files.replaceChildren(...files.map((file) => {
+            const button = element('button', {
+                className: 'quiet', textContent: { drc: 'Draco', ply: 'PLY' }[file.format] ?? file.format,
+                title: `Download, ${format.bytes(file.bytes)}`,
+            });
+            button.onclick = () => this.onDownload(file);
+            return button;
+        }));
     }
 
     showActivity(text) {

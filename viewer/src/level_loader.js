@@ -4,6 +4,9 @@ import { getBytes } from './api.js';
 import { decodeLevel, preloadDecoder } from './draco_levels.js';
 import { estimateSurfaceInWorker } from './surface.js';
 
+/** Unique ids of attributes in our Draco files: position, normal and colour come first. */
+const kFirstAttributeId = 3;
+
 /** Finer levels than this wait until they are asked for: a browser's memory is not a server's. */
 const kMostPoints = 8_000_000;
 
@@ -11,8 +14,8 @@ const kMostPoints = 8_000_000;
  * Brings the levels of one pyramid in, coarsest first. While one is decoded the next one is under way. `update` may be called
  * again whenever the manifest has grown.
  *
- * A level in `levels` is its entry of the manifest with `state` (`listed`, `loading`, `ready`, `large`, `failed`) and, once
- * ready, `geometry`: position, surface (see surface_estimate.js) and perhaps color.
+ * A level in `levels` is its entry of the manifest with `file` (Draco), `attributes` (with their ids in it), `state` (`listed`,
+ * `loading`, `ready`, `large`, `failed`) and, once ready, `geometry`: position, surface (see surface_estimate.js) and perhaps color.
  */
 export class LevelLoader {
     constructor({ onReady, onChange, onError, signal }) {
@@ -30,7 +33,12 @@ export class LevelLoader {
     update(manifest) {
         const known = this.levels.length;
         for (const entry of manifest.levels.slice(known)) {
-            const level = { ...entry, file: entry.files.find((file) => file.format === 'drc'), state: 'listed' };
+            const level = {
+                ...entry,
+                file: entry.files.find((file) => file.format === 'drc'),
+                attributes: attributesOf(entry, manifest),
+                state: 'listed',
+            };
             this.levels.push(level);
             if (!level.file) {
                 this.fail(level, new Error(`level ${entry.level} has no Draco file: the pyramid was made without the format "drc"`));
@@ -55,6 +63,7 @@ export class LevelLoader {
                 await before;
                 this.loadedBytes += buffer.byteLength;
                 level.geometry = await prepare(await decodeLevel(buffer), level.spacing);
+                level.isColored = level.geometry.hasAttribute('color');
                 level.state = 'ready';
                 if (this.signal.aborted) {
                     level.geometry.dispose();
@@ -88,4 +97,10 @@ async function prepare(geometry, spacing) {
     geometry.computeBoundingBox();
     geometry.computeBoundingSphere();
     return geometry;
+}
+
+function attributesOf(entry, manifest) {
+    return (entry.attributes ?? manifest.source?.attributes ?? [])
+        .filter(({ name }) => name !== 'normal' && name !== 'color')
+        .map((attribute, i) => ({ ...attribute, id: kFirstAttributeId + i }));
 }

@@ -1,52 +1,57 @@
-import { isFinal, listClouds, listPyramids } from './api.js';
+import { isFinal, listClouds, listJobs } from './api.js';
 import { nameOf } from './cloud_names.js';
 import { byId, element } from './element.js';
 import * as format from './format.js';
 
-/** The lists of clouds and pyramids. */
+/** The lists of clouds and of what was made of them. */
 export class Library {
-    constructor({ onPyramid, onCloud }) {
-        this.onPyramid = onPyramid;
-        this.onCloud = onCloud;
+    constructor({ onResult, onCloud, onParameters }) {
+        Object.assign(this, { onResult, onCloud, onParameters });
         this.clouds = [];
-        this.pyramids = [];
+        this.jobs = [];
         this.current = null;
     }
 
     async refresh() {
-        [this.clouds, this.pyramids] = await Promise.all([listClouds(), listPyramids()]);
+        [this.clouds, this.jobs] = await Promise.all([listClouds(), listJobs()]);
         this.show();
     }
 
-    setCurrent(pyramidId) {
-        this.current = pyramidId;
+    setCurrent(jobId) {
+        this.current = jobId;
         this.show();
+    }
+
+    /** The newest pyramid of a cloud that is there or on its way. */
+    pyramidOf(cloudId) {
+        return this.jobs.find((job) => job.type === 'pyramid' && job.request.input === cloudId &&
+            !['failed', 'dismissed'].includes(job.status));
     }
 
     show() {
-        byId.pyramids.replaceChildren(...this.pyramids.map((job) => this.pyramidRow(job)));
-        byId['pyramids-section'].hidden = this.pyramids.length === 0;
-        const built = new Set(this.pyramids.filter((job) => !isFinal(job) || job.status === 'successful')
-            .map((job) => job.request.input));
-        byId.clouds.replaceChildren(...this.clouds.map((cloud) => this.cloudRow(cloud, built.has(cloud.id))));
+        byId.results.replaceChildren(...this.jobs.map((job) => this.resultRow(job)));
+        byId['results-section'].hidden = this.jobs.length === 0;
+        byId.clouds.replaceChildren(...this.clouds.map((cloud) => this.cloudRow(cloud)));
         byId['clouds-section'].hidden = this.clouds.length === 0;
     }
 
-    pyramidRow(job) {
+    resultRow(job) {
         const cloud = this.clouds.find(({ id }) => id === job.request.input);
-        const row = this.row(nameOf(job.request.input), pyramidNote(job, cloud), job.status === 'failed');
+        const row = this.row(nameOf(job.request.input), resultNote(job, cloud), job.status === 'failed');
         row.ariaCurrent = String(job.id === this.current);
-        row.dataset.pyramid = job.id;
-        row.onclick = () => this.onPyramid(job.id);
+        row.dataset.result = job.id;
+        row.onclick = () => this.onResult(job);
         return element('li', {}, row);
     }
 
-    cloudRow(cloud, isBuilt) {
+    cloudRow(cloud) {
+        const isBuilt = this.pyramidOf(cloud.id) !== undefined;
         const row = this.row(nameOf(cloud.id), cloudNote(cloud), false);
-        row.append(element('span', { className: 'row-action', textContent: isBuilt ? '' : 'Build' }));
         row.title = isBuilt ? 'Show its pyramid' : 'Build its pyramid';
         row.onclick = () => this.onCloud(cloud.id);
-        return element('li', {}, row);
+        const more = element('button', { className: 'more', textContent: 'Process', title: 'Simplify, add points, analyse, or build another pyramid' });
+        more.onclick = () => this.onParameters(cloud);
+        return element('li', { className: 'with-more' }, row, more);
     }
 
     row(name, note, isAlarm) {
@@ -56,17 +61,27 @@ export class Library {
     }
 }
 
-function pyramidNote(job, cloud) {
+function resultNote(job, cloud) {
     switch (job.status) {
         case 'accepted': return 'Waiting';
         case 'running': return `${Math.round(job.progress)} % · ${job.levels_ready} ready`;
         case 'failed': return job.problem?.title ?? 'Failed';
         case 'dismissed': return 'Cancelled';
-        default: {
-            const levels = `${job.levels_ready} ${job.levels_ready === 1 ? 'level' : 'levels'}`;
-            const size = cloud?.points === undefined ? levels : `${format.compactPoints(cloud.points)}, ${levels}`;
-            return `${size} · ${format.ago(job.finished)}`;
+        default: return `${summaryOf(job, cloud)} · ${format.ago(job.finished)}`;
+    }
+}
+
+/** What kind of result it is, in a few words. */
+export function summaryOf({ type, request, levels_ready: levels }, cloud) {
+    switch (type) {
+        case 'simplify': return `${request.points ? format.compactPoints(request.points) : 'Simplified'}, ${request.method}`;
+        case 'upsample': return request.points ? format.compactPoints(request.points) : 'More points';
+        case 'analyze': return 'Analysis';
+        case 'pyramid': {
+            const count = `${levels} ${levels === 1 ? 'level' : 'levels'}`;
+            return cloud?.points === undefined ? count : `${format.compactPoints(cloud.points)}, ${count}`;
         }
+        default: return type;
     }
 }
 

@@ -1,11 +1,15 @@
-import { dismissJob, isFinal, startPyramid } from './api.js';
+import { dismissJob, getBytes, isFinal, startJob } from './api.js';
 import { nameOf, remember } from './cloud_names.js';
-import { byId } from './element.js';
+import { colorize } from './coloring.js';
+import { Comparison } from './comparison.js';
+import { byId, element } from './element.js';
 import * as format from './format.js';
 import { Hud } from './hud.js';
-import { Library } from './library.js';
+import { JobForm } from './job_form.js';
+import { Library, summaryOf } from './library.js';
+import { LookCard } from './look_card.js';
 import { showProblem } from './notices.js';
-import { PyramidSession } from './pyramid_session.js';
+import { ResultSession } from './result_session.js';
 import { Stage } from './stage.js';
 import { acceptDrops, uploadCloud } from './upload.js';
 
@@ -13,26 +17,44 @@ const kUploadHint = matchMedia('(pointer: coarse)').matches
     ? 'Choose a .ply or .drc file' : 'Drop a .ply or .drc anywhere, or choose a file';
 
 const stage = new Stage(byId.stage, { onPicture: (level) => session?.pictured(level) });
-const library = new Library({ onPyramid: open, onCloud: openCloud });
+const library = new Library({
+    onResult: open,
+    onCloud: openCloud,
+    onParameters: (cloud) => form.open({ cloud: cloud.id, name: nameOf(cloud.id) }),
+});
 const hud = new Hud({
     onLevel: (index) => session?.choose(index),
+    onError: (bound) => session?.chooseByError(bound),
     onDismiss: () => dismissJob(session.id).catch(showProblem),
+    onDownload: (file) => download(file).catch(showProblem),
 });
+const look = new LookCard({
+    onColor: () => [session, other].forEach((shown) => shown?.shown && shown.redress()),
+    onLook: (settings) => stage.setLook(settings),
+});
+const form = new JobForm({
+    onStart: ({ cloud, type, fields }) => start(type, cloud, fields),
+});
+const comparison = new Comparison(stage, { onStart: startComparing, onEnd: endComparing, onChoice: compareWith });
 let session = null;
+let other = null;     // another result beside it, or null
+let beside = null;    // the index of a level of the same result beside it, or null: the finest
 let uploading = false;
 
-function open(id, { remembered = false } = {}) {
+function open({ id, type }, { remembered = false } = {}) {
     session?.close();
+    comparison.end();
     if (!remembered) {
-        history.pushState(null, '', `/?pyramid=${id}`);
+        history.pushState(null, '', `/?${type === 'pyramid' ? 'pyramid' : 'job'}=${id}`);
     }
     byId.welcome.hidden = true;
     byId.dock.classList.remove('open');
     document.documentElement.dataset.state = 'loading';
     performance.clearMarks();
     let wasFinal = null;
-    hud.open('Pyramid');
-    session = new PyramidSession(id, stage, {
+    hud.open('Opening');
+    session = new ResultSession(id, stage.panes[0], {
+        dress,
         onJob: (job) => {
             byId.title.textContent = nameOf(job.request.input);
             document.title = `${nameOf(job.request.input)} – stipple`;
@@ -53,33 +75,112 @@ function open(id, { remembered = false } = {}) {
     placeCloud();
 }
 
+/** The colours that are wanted now, for a level that is about to be shown. */
+async function dress(level, signal) {
+    const range = await colorize(level, look.colorOf(level), signal);
+    if (level === session?.shown) {
+        look.show(level, range);
+    }
+}
+
 function showLevels({ loader, shown, isComplete, isSettled, job }) {
     hud.showLevels(loader.levels, shown, loader.loadedBytes, isComplete);
+    byId.compare.disabled = !shown;
+    if (comparison.isOn) {
+        showComparison();
+    }
     const next = loader.levels.find(({ state }) => state === 'loading');
     if (isFinal(job)) {
         const large = loader.levels.find(({ state }) => state === 'large');
         if (next) {
             hud.showActivity(`Loading ${format.compactCount(next.points)} points`);
         } else if (job.status === 'successful') {
-            hud.showActivity(large ? `${format.compactCount(large.points)} more on request` : 'Complete');
+            hud.showActivity(large ? `${format.compactCount(large.points)} more on request` : summaryOf(job));
         }
     }
     document.documentElement.dataset.state = isSettled ? 'settled' : 'loading';
 }
 
-/** The newest pyramid of a cloud, or a new one. */
-async function openCloud(cloudId) {
-    const known = library.pyramids.find((job) =>
-        job.request.input === cloudId && !['failed', 'dismissed'].includes(job.status));
-    if (known) {
-        open(known.id);
+// ---- Two at once
+
+/** On the right the finest level, on the left one that is coarser: what does it lose? */
+function startComparing() {
+    beside = null;
+    const { levels } = session.loader;
+    if (session.chosen === null && levels.length > 1) {
+        session.choose(levels.length - 2);
+    }
+    showComparison();
+}
+
+function endComparing() {
+    other?.close();
+    other = null;
+    stage.panes[1].clear();
+}
+
+function compareWith(choice) {
+    const [kind, value] = choice.split(':');
+    other?.close();
+    other = null;
+    beside = kind === 'level' ? Number(value) : null;
+    if (kind === 'result') {
+        other = new ResultSession(value, stage.panes[1], {
+            dress,
+            onJob: () => {},
+            onLevels: showComparison,
+            onFirstPicture: () => {},
+            onError: showProblem,
+        });
+    }
+    showComparison();
+}
+
+function showComparison() {
+    if (!comparison.isOn) {
         return;
     }
-    try {
-        open((await startPyramid(cloudId)).id);
-    } catch (error) {
-        showProblem(error, 'The pyramid could not be started');
+    const { levels } = session.loader;
+    const ready = levels.filter(({ state }) => state === 'ready');
+    const right = other ? other.shown : levels[beside]?.state === 'ready' ? levels[beside] : ready.at(-1);
+    if (!other && right && stage.panes[1].level !== right) {
+        dress(right, session.abort.signal).then(() => stage.panes[1].show(right)).catch(showProblem);
     }
+    comparison.label(session.shown, right);
+    const others = library.jobs.filter(({ id, status }) => status === 'successful' && id !== session.id);
+    comparison.showChoices([
+        { label: 'The same result', choices: levels.map(({ level, points }) => ({ value: `level:${level}`, text: `Level ${level + 1}, ${format.compactPoints(points)}` })) },
+        { label: 'Another result', choices: others.map((job) => ({ value: `result:${job.id}`, text: `${nameOf(job.request.input)}: ${summaryOf(job)}` })) },
+    ], other ? `result:${other.id}` : `level:${right?.level}`);
+}
+
+// ---- Jobs and files
+
+/** The newest pyramid of a cloud, or a new one. */
+async function openCloud(cloudId) {
+    const known = library.pyramidOf(cloudId);
+    if (known) {
+        open(known);
+    } else {
+        await start('pyramid', cloudId, { formats: ['drc'] });
+    }
+}
+
+async function start(type, cloudId, fields) {
+    try {
+        // What is shown must be Draco; of a pyramid the server makes both.
+        open(await startJob(type, cloudId, type === 'pyramid' ? fields : { format: 'drc', ...fields }));
+    } catch (error) {
+        showProblem(error, 'The job could not be started');
+    }
+}
+
+/** By the page, since a link shows the server no key. */
+async function download({ href, format: extension }) {
+    const url = URL.createObjectURL(new Blob([await getBytes(href)]));
+    const stem = byId.title.textContent.replace(/\.(ply|drc)$/i, '');
+    element('a', { href: url, download: `${stem}-${session.shown?.points ?? 'points'}.${extension}` }).click();
+    setTimeout(() => URL.revokeObjectURL(url), 60_000);
 }
 
 async function upload(file) {
@@ -140,7 +241,8 @@ function listen() {
         byId.grip.ariaExpanded = String(byId.dock.classList.toggle('open'));
     };
     addEventListener('keydown', (event) => {
-        if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest('button, input') && event.key === ' ') {
+        if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest('dialog, select, input[type=number], input[type=text]') ||
+            event.target.closest('button, input') && event.key === ' ') {
             return;
         }
         if (event.key === 'f' || event.key === 'F') {
@@ -148,6 +250,10 @@ function listen() {
         } else if (event.key === ' ') {
             event.preventDefault();
             toggleRotation();
+        } else if (event.key === 'c' || event.key === 'C') {
+            byId.compare.click();
+        } else if (event.key === 'l' || event.key === 'L') {
+            look.toggle();
         } else if (event.key >= '1' && event.key <= '9') {
             session?.choose(Number(event.key) - 1);
         }
@@ -159,17 +265,19 @@ function listen() {
     dressForTheme(light.matches);
 }
 
-/** The pyramid of the address, else the newest one, else the invitation to add a cloud. */
+/** The result of the address, else the newest one, else the invitation to add a cloud. */
 async function openLinked() {
-    const linked = new URLSearchParams(location.search).get('pyramid');
-    if (linked) {
-        open(linked, { remembered: true });
-        return;
+    const query = new URLSearchParams(location.search);
+    for (const [name, type] of [['pyramid', 'pyramid'], ['job', 'job']]) {
+        if (query.has(name)) {
+            open({ id: query.get(name), type }, { remembered: true });
+            return;
+        }
     }
     await library.refresh();
-    const newest = library.pyramids.find((job) => job.status === 'successful');
+    const newest = library.jobs.find((job) => job.status === 'successful');
     if (newest) {
-        open(newest.id, { remembered: true });
+        open(newest, { remembered: true });
     } else {
         byId.welcome.hidden = false;
         placeCloud();

@@ -9,6 +9,7 @@ const kFragmentShader = /* glsl */ `
     uniform sampler2D depths;
     uniform vec2 texel;            // of the sums
     uniform int samples;           // per pixel and axis
+    uniform vec2 corner;           // of the picture, in pixels of the canvas
     uniform float reach;           // of the shading, in texels
     uniform float near, far;
     uniform float strength;
@@ -38,10 +39,10 @@ const kFragmentShader = /* glsl */ `
 
     void main() {
         vec4 sum = vec4(0.0);
-        vec2 corner = (floor(gl_FragCoord.xy) * float(samples) + 0.5) * texel;
+        vec2 first = (floor(gl_FragCoord.xy - corner) * float(samples) + 0.5) * texel;
         for (int y = 0; y < samples; y++) {
             for (int x = 0; x < samples; x++) {
-                vec2 at = corner + vec2(x, y) * texel;
+                vec2 at = first + vec2(x, y) * texel;
                 vec4 splats = texture(sums, at);
                 if (splats.a > 0.0) {
                     sum += vec4(splats.rgb / splats.a * shade(at), 1.0);
@@ -53,6 +54,8 @@ const kFragmentShader = /* glsl */ `
         result = vec4(sum.a > 0.0 ? toSrgb(min(sum.rgb / sum.a, 1.0)) * sum.a : vec3(0.0), sum.a);
     }
 `;
+
+const kShading = 12;
 
 /** Turns the sums of the splats into the picture: normalised colours, eye-dome lighting, smooth edges. */
 export class ResolvePass {
@@ -70,10 +73,11 @@ export class ResolvePass {
             depths: { value: this.target.depthTexture },
             texel: { value: new Vector2() },
             samples: { value: 1 },
+            corner: { value: new Vector2() },
             reach: { value: 1 },
             near: { value: 1 },
             far: { value: 2 },
-            strength: { value: 12 },
+            strength: { value: kShading },
         };
         this.scene = new Scene();
         this.camera = new OrthographicCamera(-1, 1, 1, -1, 0, 1);
@@ -97,11 +101,18 @@ export class ResolvePass {
         this.uniforms.samples.value = samples;
     }
 
-    render(renderer, camera, reach) {
+    /** @param reach  of the shading, in samples; @param shading  how strong, 1: as designed */
+    render(renderer, camera, { view, ratio, reach, shading }) {
+        const { left, width, height, clip } = view;
         this.uniforms.near.value = camera.near;
         this.uniforms.far.value = camera.far;
         this.uniforms.reach.value = reach;
+        this.uniforms.strength.value = kShading * shading;
+        this.uniforms.corner.value.set(Math.round(left * ratio), 0);
         renderer.setRenderTarget(null);
+        renderer.setViewport(left, 0, width, height);
+        renderer.setScissor(clip.left, 0, clip.right - clip.left, height);
+        renderer.setScissorTest(true);
         renderer.render(this.scene, this.camera);
     }
 }

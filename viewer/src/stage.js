@@ -1,10 +1,8 @@
-import {
-    MathUtils, PerspectiveCamera, Points, Scene, Sphere, Vector2, Vector3, WebGLRenderer,
-} from 'three';
+import { MathUtils, PerspectiveCamera, Vector2, Vector3, WebGLRenderer } from 'three';
 import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
 
-import { ResolvePass } from './resolve_pass.js';
-import { largestRadiusOf, splatMaterials } from './splat_materials.js';
+import { Pane } from './pane.js';
+import { splatMaterials } from './splat_materials.js';
 
 const kFieldOfView = 32;
 const kMargin = 1.17;          // around a fitted cloud
@@ -15,21 +13,22 @@ const kRestMs = 140;           // without a change: draw once more, finer
 const kPickPixels = 14;
 const kTurnsPerSecond = 1 / 40;
 
-/** The canvas: one level at a time, the camera around it, pictures only when something has changed. */
+/**
+ * The canvas: one cloud, or two with one camera, either side of a line; pictures only when something has changed.
+ * `panes` show the clouds; the first one places the camera.
+ */
 export class Stage {
     constructor(canvas, { onPicture }) {
         this.canvas = canvas;
-        this.onPicture = onPicture;
         this.renderer = new WebGLRenderer({ canvas, alpha: true, antialias: false, powerPreference: 'high-performance' });
         this.renderer.autoClear = false;
-        this.resolve = new ResolvePass();
-        this.scene = new Scene();
         this.camera = new PerspectiveCamera(kFieldOfView, 1, 0.1, 10);
         this.autoRotate = false;
         this.renewControls();
         this.materials = { true: splatMaterials({ colored: true }), false: splatMaterials({ colored: false }) };
-        this.level = null;
-        this.bounds = new Sphere(new Vector3(), 1);
+        this.panes = [new Pane(this, onPicture), new Pane(this, () => {})];
+        this.split = { mode: 'one', at: 0.5 };
+        this.look = { splatSize: 1, shading: 1 };
         this.insets = { left: 0, right: 0, top: 0, bottom: 0 };
         this.largestPointSize = this.renderer.getContext().getParameter(
             this.renderer.getContext().ALIASED_POINT_SIZE_RANGE)[1];
@@ -41,36 +40,27 @@ export class Stage {
         this.renderer.setAnimationLoop((now) => this.frame(now));
     }
 
-    /** Empties the stage for another cloud. */
-    clear() {
-        this.scene.clear();
-        this.level = null;
-        this.home = null;
-        this.changed();
-    }
-
-    /** Shows a level in place of the one before; the first one of a cloud also places the camera. */
-    show(level) {
-        const { geometry } = level;
-        const colored = geometry.hasAttribute('color');
-        const materials = this.materials[colored];
-        this.home ??= homeView(geometry);
-        this.scene.clear();
-        this.points = new Points(geometry, materials.depth);
-        this.points.position.copy(this.home.center).negate();
-        this.points.frustumCulled = false;
-        this.scene.add(this.points);
-        const isFirst = this.level === null;
-        this.level = level;
-        this.uniforms = materials.uniforms;
-        this.uniforms.largestRadius.value = largestRadiusOf(level.spacing, this.home.radius);
-        if (isFirst) {
+    /** Where the camera is at home changes with the cloud of the first pane. */
+    placeFor(geometry) {
+        this.home = geometry && homeView(geometry);
+        if (this.home) {
             this.camera.up.copy(this.home.up);
             this.renewControls();
             this.fit({ glide: false });
             this.controls.update();
-            this.draw(1);  // not a frame later: the next level may be decoded by then
         }
+    }
+
+    /** @param mode  `one`: the first pane alone; `swipe`: the same view of both, with a line at `at`; `beside`: one beside the other */
+    setSplit(split) {
+        Object.assign(this.split, split);
+        this.controls.zoomToCursor = this.split.mode !== 'beside';
+        this.changed();
+    }
+
+    /** @param splatSize  1: as measured; @param shading  of edges and hollows, 1: as designed */
+    setLook(look) {
+        Object.assign(this.look, look);
         this.changed();
     }
 
@@ -82,7 +72,7 @@ export class Stage {
             enableDamping: true,
             dampingFactor: 0.09,
             rotateSpeed: 0.75,
-            zoomToCursor: true,
+            zoomToCursor: this.split?.mode !== 'beside',
             autoRotate: this.autoRotate,
             autoRotateSpeed: 60 * kTurnsPerSecond,
         });
@@ -117,13 +107,13 @@ export class Stage {
 
     /** From how far the points (but for strays) are seen between the cards, looking at the centre along `direction`. */
     fittingDistance(direction) {
-        const { height, free } = this.layout();
+        const [{ height, free }] = this.views();
         const perPixel = 2 * Math.tan(MathUtils.degToRad(kFieldOfView / 2)) / Math.max(1, height);
         const slopeX = 0.5 * free.width * perPixel / kMargin;
         const slopeY = 0.5 * free.height * perPixel / kMargin;
         const right = new Vector3().crossVectors(this.camera.up, direction).normalize();
         const up = new Vector3().crossVectors(direction, right);
-        const position = this.points.geometry.getAttribute('position');
+        const position = this.panes[0].level.geometry.getAttribute('position');
         const step = Math.ceil(position.count / kFittedPoints);
         const point = new Vector3();
         const needed = [];
@@ -138,27 +128,30 @@ export class Stage {
 
     /** Turns around the point under the pointer and comes closer to it. */
     focusAt(clientX, clientY) {
-        const hit = this.level && this.pick(clientX, clientY);
+        const box = this.canvas.getBoundingClientRect();
+        const x = clientX - box.left;
+        const view = this.views().find(({ clip }) => x >= clip.left && x < clip.right);
+        const hit = view?.pane.level && this.pick(view, x - view.left, clientY - box.top);
         if (hit) {
             const direction = this.camera.position.clone().sub(this.controls.target).normalize();
             this.moveTo(hit, direction, 0.45 * this.camera.position.distanceTo(hit), true);
         }
     }
 
-    /** The nearest point drawn within a few pixels of a place, relative to the centre. */
-    pick(clientX, clientY) {
-        const box = this.canvas.getBoundingClientRect();
-        const pointer = new Vector2(clientX - box.left, clientY - box.top);
-        const position = this.points.geometry.getAttribute('position');
+    /** The nearest point drawn within a few pixels of a place in a view, relative to the centre. */
+    pick(view, x, y) {
+        this.aim(view);
+        const { points, level } = view.pane;
+        const position = level.geometry.getAttribute('position');
         const toClip = this.camera.projectionMatrix.clone()
-            .multiply(this.camera.matrixWorldInverse).multiply(this.points.matrixWorld);
+            .multiply(this.camera.matrixWorldInverse).multiply(points.matrixWorld);
         const point = new Vector3();
         let best = null;
         let bestDepth = Infinity;
         for (let i = 0; i < position.count; i += 1) {
             point.fromBufferAttribute(position, i).applyMatrix4(toClip);
-            const dx = (0.5 + 0.5 * point.x) * box.width - pointer.x;
-            const dy = (0.5 - 0.5 * point.y) * box.height - pointer.y;
+            const dx = (0.5 + 0.5 * point.x) * view.width - x;
+            const dy = (0.5 - 0.5 * point.y) * view.height - y;
             if (dx * dx + dy * dy < kPickPixels ** 2 && Math.abs(point.z) <= 1 && point.z < bestDepth) {
                 bestDepth = point.z;
                 best = i;
@@ -216,63 +209,68 @@ export class Stage {
         this.changed();
     }
 
-    layout() {
+    /**
+     * Where the panes are drawn, in pixels of the page: the whole picture of each (`left`, `width`, `height`), what of it is seen
+     * (`clip`), the part that no card covers (`free`) and how far the middle of that is from the middle of the picture.
+     */
+    views() {
         const width = this.canvas.clientWidth;
         const height = this.canvas.clientHeight;
         const { left, right, top, bottom } = this.insets;
-        const free = { width: Math.max(80, width - left - right), height: Math.max(80, height - top - bottom) };
-        return { width, height, free, shiftX: (right - left) / 2, shiftY: (bottom - top) / 2 };
+        const view = (pane, from, to, clip, coveredLeft, coveredRight) => ({
+            pane, left: from, width: to - from, height, clip,
+            free: { width: Math.max(80, to - from - coveredLeft - coveredRight), height: Math.max(80, height - top - bottom) },
+            shiftX: (coveredRight - coveredLeft) / 2, shiftY: (bottom - top) / 2,
+        });
+        const [first, second] = this.panes;
+        if (this.split.mode === 'swipe') {
+            const line = this.line();
+            return [view(first, 0, width, { left: 0, right: line }, left, right),
+                view(second, 0, width, { left: line, right: width }, left, right)];
+        }
+        if (this.split.mode === 'beside') {
+            const line = this.line();
+            return [view(first, 0, line, { left: 0, right: line }, left, 0),
+                view(second, line, width, { left: line, right: width }, 0, right)];
+        }
+        return [view(first, 0, width, { left: 0, right: width }, left, right)];
+    }
+
+    /** Where the line between two panes is: beside each other both have the same room. */
+    line() {
+        const { left, right } = this.insets;
+        const at = this.split.mode === 'beside' ? 0.5 : this.split.at;
+        return Math.round(left + at * (this.canvas.clientWidth - left - right));
     }
 
     /** @param samples  per pixel and axis: 1 while something moves, 2 at rest */
     draw(samples) {
-        const { width, height, shiftX, shiftY } = this.layout();
-        if (width === 0 || height === 0) {
+        const views = this.views();
+        if (views.some(({ width, height }) => width <= 0 || height <= 0)) {
             return;
         }
         const ratio = Math.min(devicePixelRatio, 2);
         this.renderer.setPixelRatio(ratio);
-        this.renderer.setSize(width, height, false);
-        const buffer = this.renderer.getDrawingBufferSize(new Vector2());
-        this.resolve.setSize(buffer.x, buffer.y, samples);
-
-        this.camera.aspect = width / height;
-        this.camera.setViewOffset(width, height, shiftX, shiftY, width, height);
-        this.clipTightly();
-        this.drawSplats(height * ratio * samples);
-        this.resolve.render(this.renderer, this.camera, 1.2 * ratio * samples);
-        if (this.level) {
-            this.onPicture(this.level);
-        }
-    }
-
-    /** Depth is spent on the cloud alone. */
-    clipTightly() {
-        const radius = 1.05 * (this.home?.radius ?? 1);
-        const distance = this.camera.position.length();
-        this.camera.near = Math.max(distance - radius, 2e-3 * radius);
-        this.camera.far = Math.max(distance + radius, 2 * this.camera.near);
-        this.camera.updateProjectionMatrix();
-        this.camera.updateMatrixWorld();
-    }
-
-    drawSplats(targetHeight) {
-        this.renderer.setRenderTarget(this.resolve.target);
+        this.renderer.setSize(this.canvas.clientWidth, this.canvas.clientHeight, false);
+        this.renderer.setRenderTarget(null);
+        this.renderer.setScissorTest(false);
         this.renderer.setClearColor(0x000000, 0);
         this.renderer.clear();
-        if (!this.level) {
-            return;
+        for (const view of views) {
+            this.aim(view);
+            view.pane.draw(view, ratio, samples);
         }
-        const materials = this.materials[this.points.geometry.hasAttribute('color')];
-        const pixel = targetHeight / this.canvas.clientHeight;
-        this.uniforms.pixelsPerUnit.value = 0.5 * targetHeight / Math.tan(MathUtils.degToRad(kFieldOfView / 2));
-        this.uniforms.smallestPixels.value = (this.level.points < 100 ? 9 : 1.6) * pixel;
-        this.uniforms.largestPixels.value = this.largestPointSize;
-        this.uniforms.up.value.copy(this.camera.up).transformDirection(this.camera.matrixWorldInverse);
-        for (const material of [materials.depth, materials.blend]) {
-            this.points.material = material;
-            this.renderer.render(this.scene, this.camera);
-        }
+    }
+
+    /** Turns the camera's picture into that of a view. Depth is spent on the cloud alone. */
+    aim({ width, height, shiftX, shiftY }) {
+        const radius = 1.05 * (this.home?.radius ?? 1);
+        const distance = this.camera.position.length();
+        this.camera.aspect = width / height;
+        this.camera.near = Math.max(distance - radius, 2e-3 * radius);
+        this.camera.far = Math.max(distance + radius, 2 * this.camera.near);
+        this.camera.setViewOffset(width, height, shiftX, shiftY, width, height);
+        this.camera.updateMatrixWorld();
     }
 }
 

@@ -128,6 +128,53 @@ const tests = {
         await page.context().close();
     },
 
+    async 'Colours can stand for normals or for a coordinate, with a legend'() {
+        const page = await browser.open(`/?pyramid=${torusPyramid}`);
+        await settledPyramid(page);
+        const own = await restingPicture(page);
+        await page.keyboard.press('l');
+        await page.locator('#color').selectOption('x');
+        assert.match(await page.locator('#legend-high').innerText(), /^[\d.]+$/);
+        await page.screenshot({ path: join(options.artifacts, 'viewer-look.png') });
+        await page.keyboard.press('l');
+        assert.ok(differenceOf(own, await restingPicture(page)) > 0.1);
+        await page.context().close();
+    },
+
+    async 'Two levels are compared by a line that is moved, and side by side'() {
+        const page = await browser.open();
+        await settledPyramid(page);
+        await page.keyboard.press('c');
+        await page.locator('#right-label').getByText('B').waitFor();
+        await page.locator('#compare-with').selectOption('level:0');
+        await rest(page);
+        await page.screenshot({ path: join(options.artifacts, 'viewer-compare.png') });
+        const half = await restingPicture(page);
+        await page.locator('#divider').press('ArrowLeft');
+        assert.ok(differenceOf(half, await restingPicture(page)) > 1e-4);
+        await page.getByRole('button', { name: 'Side by side' }).click();
+        assert.ok(differenceOf(half, await restingPicture(page)) > 0.05);
+        await page.keyboard.press('c');
+        assert.equal(await page.locator('#divider').isVisible(), false);
+        await page.context().close();
+    },
+
+    async 'A form made from the contract starts a job, whose result is shown and can be saved'() {
+        const page = await browser.open(`/?pyramid=${torusPyramid}`);
+        await settledPyramid(page);
+        await page.getByRole('button', { name: 'Process' }).last().click();
+        await page.locator('#job-types').getByText('Simplify').click();
+        await page.locator('[name=method]').selectOption('voxel');
+        assert.equal(await page.locator('[name=oversampling]').isVisible(), false);
+        await page.locator('[name=points]').fill('1234');
+        await page.screenshot({ path: join(options.artifacts, 'viewer-form.png') });
+        await page.locator('#job-start').click();
+        await shows(page, 1234);
+        const [download] = await Promise.all([page.waitForEvent('download'), page.locator('#files').getByText('Draco').click()]);
+        assert.match(download.suggestedFilename(), /-1234\.drc$/);
+        await page.context().close();
+    },
+
     async 'A phone shows the cloud above the sheet'() {
         const page = await browser.open('/', { width: 390, height: 844, scale: 2 });
         await settledPyramid(page);
@@ -203,8 +250,8 @@ const tests = {
 /** Waits until all levels are on the screen; the pyramid's id. `other` names one that it must not be. */
 async function settledPyramid(page, other = null) {
     await page.waitForFunction((id) => document.documentElement.dataset.state === 'settled' &&
-        document.querySelector('[aria-current=true]') && document.querySelector('[aria-current=true]').dataset.pyramid !== id, other);
-    return page.locator('[aria-current=true]').getAttribute('data-pyramid');
+        document.querySelector('[aria-current=true]') && document.querySelector('[aria-current=true]').dataset.result !== id, other);
+    return page.locator('[aria-current=true]').getAttribute('data-result');
 }
 
 const shows = (page, points) => page.waitForFunction(
@@ -214,6 +261,19 @@ const shows = (page, points) => page.waitForFunction(
 const rest = (page) => page.waitForFunction(() => document.documentElement.dataset.picture === 'rest');
 
 const manifestOf = async (id) => (await fetch(`${server.url}/v1/jobs/${id}/results`)).json();
+
+/** The stage once nothing moves any more. */
+async function restingPicture(page) {
+    await page.waitForTimeout(100);
+    await rest(page);
+    return browser.pixels(page, stageOf(page));
+}
+
+/** The share of the pixels that differ. */
+function differenceOf(a, b) {
+    return shareOf(a, (red, green, blue, at) =>
+        Math.abs(red - b.data[at]) + Math.abs(green - b.data[at + 1]) + Math.abs(blue - b.data[at + 2]) > 24);
+}
 
 /** The canvas without the cards on it. */
 const stageOf = (page) => ({ x: 320, y: 70, width: page.viewportSize().width - 330, height: page.viewportSize().height - 170 });

@@ -3,14 +3,17 @@ import { followJob } from './job_follower.js';
 import { LevelLoader } from './level_loader.js';
 
 /**
- * One pyramid from its first level to its last: follows the job while it runs, loads what is ready, and shows the finest level
- * there is, or the one that was chosen.
+ * The result of one job from its first level to its last: follows the job while it runs, loads what is ready, and shows the
+ * finest level there is, or the one that was chosen, on a pane of the stage.
  */
-export class PyramidSession {
-    constructor(id, stage, { onJob, onLevels, onFirstPicture, onError }) {
+export class ResultSession {
+    /** @param dress  gives a level its colours before it is shown */
+    constructor(id, pane, { dress, onJob, onLevels, onFirstPicture, onError }) {
         this.id = id;
-        this.stage = stage;
+        this.pane = pane;
+        this.dress = dress;
         this.onLevels = onLevels;
+        this.onError = onError;
         this.onFirstPicture = onFirstPicture;
         this.job = null;
         this.chosen = null;       // a level, or null for the finest
@@ -37,7 +40,7 @@ export class PyramidSession {
 
     close() {
         this.abort.abort();
-        this.stage.clear();
+        this.pane.clear();
         this.loader.dispose();
     }
 
@@ -67,9 +70,30 @@ export class PyramidSession {
         const best = ready.findLast((level) => this.chosen === null || level.level <= this.chosen) ?? ready[0];
         if (best && best !== this.shown) {
             this.shown = best;
-            this.stage.show(best);
+            this.redress();
         }
         this.tell();
+    }
+
+    /** Shows the level anew, in the colours of now. */
+    async redress() {
+        const level = this.shown;
+        try {
+            await this.dress(level, this.abort.signal);
+        } catch (error) {
+            if (!this.abort.signal.aborted) {
+                this.onError(error, 'The colours could not be shown');
+            }
+        }
+        if (level === this.shown && !this.abort.signal.aborted) {
+            this.pane.show(level);
+        }
+    }
+
+    /** Shows the coarsest level whose measured mean error is within a bound, and the finest where there is none. */
+    chooseByError(bound) {
+        const index = this.loader.levels.findIndex((level) => meanErrorOf(level) <= bound);
+        this.choose(index < 0 ? this.loader.levels.length - 1 : index);
     }
 
     /** The stage has drawn a level. */
@@ -80,7 +104,7 @@ export class PyramidSession {
         }
         const mark = `stipple.level.${level.level}`;
         if (performance.getEntriesByName(mark).length === 0) {
-            performance.mark(mark, { detail: { pyramid: this.id, points: level.points } });
+            performance.mark(mark, { detail: { result: this.id, points: level.points } });
         }
     }
 
@@ -95,3 +119,6 @@ export class PyramidSession {
         }
     }
 }
+
+/** Relative to the size of the cloud; not a number where it was not measured. */
+export const meanErrorOf = (level) => level.error?.relative?.mean ?? NaN;

@@ -1,0 +1,52 @@
+import { byId, element } from './element.js';
+import * as format from './format.js';
+import { kGradient } from './coloring.js';
+
+const kAlways = [['clay', 'Clay'], ['normal', 'Normals'], ['x', 'Position, x'], ['y', 'Position, y'], ['z', 'Position, z']];
+
+/** The card that says how the cloud is drawn: what its colours stand for, how large splats are, how dark its hollows. */
+export class LookCard {
+    constructor({ onColor, onLook }) {
+        this.by = null;  // what was chosen, or null: the cloud's own colours where it has some
+        byId['legend-bar'].style.background = kGradient;
+        byId.color.onchange = () => {
+            this.by = byId.color.value;
+            onColor();
+        };
+        const tell = () => onLook({ splatSize: 2 ** Number(byId['splat-size'].value), shading: Number(byId.shading.value) });
+        byId['splat-size'].oninput = tell;
+        byId.shading.oninput = tell;
+        byId.look.onclick = () => this.toggle();
+        byId['look-reset'].onclick = () => {
+            byId['splat-size'].value = 0;
+            byId.shading.value = 1;
+            tell();
+        };
+    }
+
+    toggle() {
+        byId['look-card'].hidden = !byId['look-card'].hidden;
+        byId.look.ariaExpanded = String(!byId['look-card'].hidden);
+    }
+
+    /** What the colours of a level stand for now. */
+    colorOf(level) {
+        return this.choices(level).some(([value]) => value === this.by) ? this.by : this.choices(level)[0][0];
+    }
+
+    choices(level) {
+        return [...(level.isColored ? [['own', 'Its own']] : []), ...kAlways.slice(0, 2),
+            ...level.attributes.map(({ name }) => [name, name]), ...kAlways.slice(2)];
+    }
+
+    /** @param range  of the values, or null */
+    show(level, range) {
+        byId.color.replaceChildren(...this.choices(level).map(([value, textContent]) => element('option', { value, textContent })));
+        byId.color.value = this.colorOf(level);
+        byId.legend.hidden = !range;
+        if (range) {
+            byId['legend-low'].textContent = format.quantity(range.low);
+            byId['legend-high'].textContent = format.quantity(range.high);
+        }
+    }
+}
