@@ -20,6 +20,14 @@ add_library(stipple_warnings INTERFACE)
 target_compile_options(stipple_warnings INTERFACE -Wall -Wextra -Wpedantic -Wshadow -Wnon-virtual-dtor
                        -Woverloaded-virtual $<$<BOOL:${STIPPLE_WERROR}>:-Werror>)
 
+# stipple_precompile(TARGET headers...): where it is asked for, these and the standard headers that nearly every source has.
+function(stipple_precompile target)
+    if(STIPPLE_PRECOMPILE)
+        target_precompile_headers(${target} PRIVATE ${ARGN} <algorithm> <array> <cmath> <cstdint> <functional> <memory>
+                                  <numeric> <optional> <span> <string> <string_view> <utility> <variant> <vector>)
+    endif()
+endfunction()
+
 function(stipple_add_module name)
     cmake_parse_arguments(arg "" "" "PUBLIC;PRIVATE" ${ARGN})
     file(GLOB_RECURSE headers CONFIGURE_DEPENDS ${CMAKE_CURRENT_SOURCE_DIR}/include/*.hpp)
@@ -35,6 +43,7 @@ function(stipple_add_module name)
         PUBLIC ${arg_PUBLIC} Threads::Threads
         PRIVATE ${arg_PRIVATE} $<BUILD_INTERFACE:stipple_build_flags> $<BUILD_INTERFACE:stipple_warnings>)
     target_compile_features(stipple_${name} PUBLIC cxx_std_20)
+    stipple_precompile(stipple_${name} <Eigen/Core>)
 
     # Every public header compiles alone.
     set(checks)
