@@ -46,7 +46,7 @@ struct Packing {
 
     explicit Packing(std::uint32_t mask) noexcept
         : order(_mm256_cvtepu8_epi32(
-              _mm_loadl_epi64(reinterpret_cast<const __m128i*>(kPackedLanes + mask)))) {}
+              _mm_loadl_epi64(reinterpret_cast<const __m128i*>(&kPackedLanes.of[mask])))) {}
 
     void store(Int8 v, std::uint32_t* to) const noexcept {
         const __m256i packed = _mm256_permutevar8x32_epi32(reinterpret_cast<__m256i>(v), order);
