@@ -19,6 +19,10 @@
 #if defined(__SSE2__)
 #include <immintrin.h>
 #endif
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC diagnostic ignored \
+    "-Wpsabi"  // wide vectors are passed between functions of one file only
+#endif
 
 namespace stipple {
 

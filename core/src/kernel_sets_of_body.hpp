@@ -1,10 +1,5 @@
 // Included by the sources of kernels; see kernel_sets.hpp.
 
-#if defined(__GNUC__) && !defined(__clang__)
-#pragma GCC diagnostic ignored \
-    "-Wpsabi"  // wide vectors are passed between functions of one file only
-#endif
-
 namespace plain {
 #include STIPPLE_KERNELS_BODY
 }

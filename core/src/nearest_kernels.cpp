@@ -5,6 +5,7 @@
 
 #include <climits>
 #include <cstdint>
+#include <limits>
 
 namespace stipple {
 
@@ -14,8 +15,9 @@ namespace {
 }  // namespace
 
 std::vector<NearestKernels> available_nearest_kernels() {
-    return with_avx2<NearestKernels>({"plain", plain::gather, plain::choose, plain::rank},
-                                     {"avx2", avx2::gather, avx2::choose, avx2::rank});
+    return with_avx2<NearestKernels>(
+        {"plain", plain::gather, plain::choose, plain::rank, plain::nearest},
+        {"avx2", avx2::gather, avx2::choose, avx2::rank, avx2::nearest});
 }
 
 const NearestKernels& nearest_kernels() {
