@@ -1,7 +1,6 @@
 #include "particle_relaxation.hpp"
 
 #include "parallel_for.hpp"
-#include "particle_grid.hpp"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -113,16 +112,10 @@ void ParticleRelaxation::find_neighbors() {
     found_at_ = positions_;
     std::vector<float> reach(positions_.size());
     for (std::size_t i = 0; i < reach.size(); ++i) reach[i] = kReach * spacing(i);
-    const ParticleGrid grid(positions_, reach, context_);
+    const ParticleTree tree(positions_, reach, context_);
     parallel_for_blocks(positions_.size(), kBlock, context_,
                         [&](std::size_t begin, std::size_t end) {
-                            Neighborhood& near = neighborhoods_[begin / kBlock];
-                            near.members.clear();
-                            near.ends.clear();
-                            for (std::size_t i = begin; i < end; ++i) {
-                                grid.append_neighbors(static_cast<Index>(i), near.members);
-                                near.ends.push_back(static_cast<Index>(near.members.size()));
-                            }
+                            tree.find_neighbors(begin, end, neighborhoods_[begin / kBlock]);
                         });
 }
 

@@ -2,6 +2,7 @@
 
 #include "particle_spread.hpp"
 #include "particle_surface.hpp"
+#include "particle_tree.hpp"
 #include "stipple/point_cloud.hpp"
 #include "stipple/run_context.hpp"
 
@@ -49,15 +50,6 @@ public:
     static constexpr float kReach = 1.6F;  ///< neighbours are known so far, over the spacing
 
 private:
-    /// The particles near those of a block.
-    struct Neighborhood {
-        std::vector<Index> members;
-        std::vector<Index> ends;  ///< of each particle's in `members`
-
-        std::span<const Index> of(std::size_t i) const noexcept {
-            return {members.data() + (i == 0 ? 0 : ends[i - 1]), members.data() + ends[i]};
-        }
-    };
     struct BlockProgress {
         double step_sum = 0;
         float overlap = 0;
@@ -79,8 +71,8 @@ private:
     std::vector<Vec3f> positions_, next_, steps_;
     std::vector<float> relative_;  ///< `spacing_` at each particle
     std::vector<ParticleSurface::Foot> feet_;
-    std::vector<Neighborhood> neighborhoods_;  ///< of each block
-    std::vector<Vec3f> found_at_;              ///< the positions when they were found
+    std::vector<ParticleNeighborhoods> neighborhoods_;  ///< of each block
+    std::vector<Vec3f> found_at_;                       ///< the positions when they were found
     std::vector<BlockProgress> progress_;
     std::size_t strangers_ = 0;
     unsigned age_ = 0;  ///< steps since the neighbours were found
