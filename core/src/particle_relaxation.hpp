@@ -6,6 +6,7 @@
 #include "stipple/point_cloud.hpp"
 #include "stipple/run_context.hpp"
 
+#include <cstdint>
 #include <span>
 #include <vector>
 
@@ -59,7 +60,8 @@ private:
 
     void look_up_spacing();
     void find_neighbors();
-    double sum_of_rings() const;
+    double mean_ring() const;
+    bool is_awake(std::size_t i) const noexcept;
     float mean_of_ring(std::size_t i) const;
     Vec3f force_on(std::size_t i, float radius, float& largest_overlap) const;
     BlockProgress move(std::size_t begin, std::size_t end, float radius);
@@ -69,12 +71,14 @@ private:
     std::vector<float> spacing_;  ///< at the samples, up to `factor_`
     float factor_ = 1;
     std::vector<Vec3f> positions_, next_, steps_;
-    std::vector<float> relative_;  ///< `spacing_` at each particle
+    std::vector<float> relative_;              ///< `spacing_` at each particle
+    std::vector<std::uint8_t> moved_, moves_;  ///< by the last step, and by this one
     std::vector<ParticleSurface::Foot> feet_;
     std::vector<ParticleNeighborhoods> neighborhoods_;  ///< of each block
     std::vector<Vec3f> found_at_;                       ///< the positions when they were found
     std::vector<BlockProgress> progress_;
     std::size_t strangers_ = 0;
+    float radius_ = 0;  ///< of the last step
     unsigned age_ = 0;  ///< steps since the neighbours were found
     bool settled_ = false;
 };
