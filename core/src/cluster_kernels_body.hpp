@@ -51,7 +51,7 @@ struct Packing {
 
     explicit Packing(unsigned chosen) noexcept
         : order(_mm256_cvtepu8_epi32(
-              _mm_loadl_epi64(reinterpret_cast<const __m128i*>(&kPackedLanes[chosen])))) {}
+              _mm_loadl_epi64(reinterpret_cast<const __m128i*>(&kPackedLanes.of[chosen])))) {}
 
     template <typename T>
     __m256i of(const T* from) const noexcept {

@@ -54,6 +54,13 @@ struct NearestKernels {
 
     /// Fills in the ranks.
     void (*rank)(const Candidates& candidates, const Chosen& chosen) noexcept;
+
+    /// The `k` points nearest to any place, nearest first, the smaller index first among equals: of
+    /// each the bits of its squared distance, above its index. One place before `keys` and three
+    /// behind the last are written as well. Quickest for few. False where fewer than `k` are at a
+    /// finite distance.
+    bool (*nearest)(const PointTree::View& tree, const float* from, std::uint32_t k,
+                    std::int64_t* keys) noexcept;
 };
 
 /// What this machine can run, the plainest first.

@@ -1,7 +1,6 @@
 #include "particle_relaxation.hpp"
 
 #include "parallel_for.hpp"
-#include "particle_grid.hpp"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -55,6 +54,8 @@ ParticleRelaxation::ParticleRelaxation(const ParticleSurface& surface, std::vect
       next_(positions_.size()),
       steps_(positions_.size(), Vec3f::Zero()),
       relative_(positions_.size()),
+      moved_(positions_.size(), 1),
+      moves_(positions_.size()),
       neighborhoods_((positions_.size() + kBlock - 1) / kBlock),
       progress_(neighborhoods_.size()) {
     feet_.reserve(positions_.size());
@@ -63,11 +64,12 @@ ParticleRelaxation::ParticleRelaxation(const ParticleSurface& surface, std::vect
 }
 
 ParticleRelaxation::Progress ParticleRelaxation::step(float radius, bool find_spacing) {
+    if (radius != std::exchange(radius_, radius)) std::ranges::fill(moved_, std::uint8_t{1});
     const auto count = static_cast<double>(positions_.size());
     const bool many = static_cast<double>(strangers_) > kStrangers * count;
     if (found_at_.empty() || many || (strangers_ > 0 && age_ >= kOldest)) {
         find_neighbors();
-        if (find_spacing) factor_ *= static_cast<float>(sum_of_rings() / count);
+        if (find_spacing) factor_ *= static_cast<float>(mean_ring());
     }
     ++age_;
     parallel_for_blocks(positions_.size(), kBlock, context_,
@@ -75,6 +77,7 @@ ParticleRelaxation::Progress ParticleRelaxation::step(float radius, bool find_sp
                             progress_[begin / kBlock] = move(begin, end, radius);
                         });
     std::swap(positions_, next_);
+    std::swap(moved_, moves_);
     look_up_spacing();
     Progress result;
     strangers_ = 0;
@@ -111,31 +114,31 @@ void ParticleRelaxation::settle() {
 void ParticleRelaxation::find_neighbors() {
     age_ = 0;
     found_at_ = positions_;
+    std::ranges::fill(moved_, std::uint8_t{1});
     std::vector<float> reach(positions_.size());
     for (std::size_t i = 0; i < reach.size(); ++i) reach[i] = kReach * spacing(i);
-    const ParticleGrid grid(positions_, reach, context_);
+    const ParticleTree tree(positions_, reach, context_);
     parallel_for_blocks(positions_.size(), kBlock, context_,
                         [&](std::size_t begin, std::size_t end) {
-                            Neighborhood& near = neighborhoods_[begin / kBlock];
-                            near.members.clear();
-                            near.ends.clear();
-                            for (std::size_t i = begin; i < end; ++i) {
-                                grid.append_neighbors(static_cast<Index>(i), near.members);
-                                near.ends.push_back(static_cast<Index>(near.members.size()));
-                            }
+                            tree.find_neighbors(begin, end, neighborhoods_[begin / kBlock]);
                         });
 }
 
-/// The sum over all particles of the mean distance, over the spacing, to the six nearest; those
-/// that are out of reach count as if they were just there.
-double ParticleRelaxation::sum_of_rings() const {
-    std::vector<double> sums(neighborhoods_.size());
-    parallel_for_blocks(positions_.size(), kBlock, context_,
-                        [&](std::size_t begin, std::size_t end) {
-                            for (std::size_t i = begin; i < end; ++i)
-                                sums[begin / kBlock] += static_cast<double>(mean_of_ring(i));
-                        });
-    return std::accumulate(sums.begin(), sums.end(), 0.0);
+/// The mean distance of particles, over the spacing, to the six nearest; those that are out of
+/// reach count as if they were just there. Of all particles or some hundred blocks of them.
+double ParticleRelaxation::mean_ring() const {
+    constexpr std::size_t kAsked = 128;
+    const std::size_t stride = (neighborhoods_.size() + kAsked - 1) / kAsked;
+    std::vector<double> sums((neighborhoods_.size() + stride - 1) / stride);
+    std::vector<std::size_t> counts(sums.size());
+    parallel_for_blocks(sums.size(), 1, context_, [&](std::size_t b, std::size_t) {
+        const std::size_t begin = b * stride * kBlock;
+        const std::size_t end = std::min(positions_.size(), begin + kBlock);
+        for (std::size_t i = begin; i < end; ++i) sums[b] += static_cast<double>(mean_of_ring(i));
+        counts[b] = end - begin;
+    });
+    return std::accumulate(sums.begin(), sums.end(), 0.0) /
+           static_cast<double>(std::accumulate(counts.begin(), counts.end(), std::size_t{0}));
 }
 
 float ParticleRelaxation::mean_of_ring(std::size_t i) const {
@@ -165,21 +168,30 @@ Vec3f ParticleRelaxation::force_on(std::size_t i, float radius, float& largest_o
     return total;
 }
 
+/// Whether particle i may move: else nothing has changed around it since it came to rest.
+bool ParticleRelaxation::is_awake(std::size_t i) const noexcept {
+    return moved_[i] != 0 || std::ranges::any_of(neighborhoods_[i / kBlock].of(i % kBlock),
+                                                 [&](Index j) { return moved_[j] != 0; });
+}
+
 ParticleRelaxation::BlockProgress ParticleRelaxation::move(std::size_t begin, std::size_t end,
                                                            float radius) {
     BlockProgress progress;
     for (std::size_t i = begin; i < end; ++i) {
         const Vec3f p = positions_[i];
+        next_[i] = p;
+        moves_[i] = 0;
+        if (!is_awake(i)) continue;
         const float own = spacing(i), longest = kLongestStep * own;
         Vec3f step = kMomentum * steps_[i] + kForce * force_on(i, radius, progress.overlap);
         const float length = step.norm();
-        next_[i] = p;
         if (length > kResting * own) {
             if (length > longest) step *= longest / length;
             next_[i] = surface_.project(p, p + step, feet_[i]);
             if (settled_) next_[i] = surface_.settle(next_[i], feet_[i], own);
         }
         steps_[i] = next_[i] - p;
+        moves_[i] = steps_[i] != Vec3f::Zero();
         progress.step_sum += static_cast<double>(steps_[i].norm() / own);
         // Two particles may have come nearer by twice this since their neighbours were found.
         const float drift = 0.5F * (kReach - radius) * own;

@@ -2,9 +2,11 @@
 
 #include "particle_spread.hpp"
 #include "particle_surface.hpp"
+#include "particle_tree.hpp"
 #include "stipple/point_cloud.hpp"
 #include "stipple/run_context.hpp"
 
+#include <cstdint>
 #include <span>
 #include <vector>
 
@@ -49,15 +51,6 @@ public:
     static constexpr float kReach = 1.6F;  ///< neighbours are known so far, over the spacing
 
 private:
-    /// The particles near those of a block.
-    struct Neighborhood {
-        std::vector<Index> members;
-        std::vector<Index> ends;  ///< of each particle's in `members`
-
-        std::span<const Index> of(std::size_t i) const noexcept {
-            return {members.data() + (i == 0 ? 0 : ends[i - 1]), members.data() + ends[i]};
-        }
-    };
     struct BlockProgress {
         double step_sum = 0;
         float overlap = 0;
@@ -67,7 +60,8 @@ private:
 
     void look_up_spacing();
     void find_neighbors();
-    double sum_of_rings() const;
+    double mean_ring() const;
+    bool is_awake(std::size_t i) const noexcept;
     float mean_of_ring(std::size_t i) const;
     Vec3f force_on(std::size_t i, float radius, float& largest_overlap) const;
     BlockProgress move(std::size_t begin, std::size_t end, float radius);
@@ -77,12 +71,14 @@ private:
     std::vector<float> spacing_;  ///< at the samples, up to `factor_`
     float factor_ = 1;
     std::vector<Vec3f> positions_, next_, steps_;
-    std::vector<float> relative_;  ///< `spacing_` at each particle
+    std::vector<float> relative_;              ///< `spacing_` at each particle
+    std::vector<std::uint8_t> moved_, moves_;  ///< by the last step, and by this one
     std::vector<ParticleSurface::Foot> feet_;
-    std::vector<Neighborhood> neighborhoods_;  ///< of each block
-    std::vector<Vec3f> found_at_;              ///< the positions when they were found
+    std::vector<ParticleNeighborhoods> neighborhoods_;  ///< of each block
+    std::vector<Vec3f> found_at_;                       ///< the positions when they were found
     std::vector<BlockProgress> progress_;
     std::size_t strangers_ = 0;
+    float radius_ = 0;  ///< of the last step
     unsigned age_ = 0;  ///< steps since the neighbours were found
     bool settled_ = false;
 };

@@ -120,105 +120,21 @@ void search_one_by_one(const PointTree& tree, const Vec3f& q, std::span<Neighbor
     std::ranges::sort_heap(found);
 }
 
-/// Leaves as they are met, reduced to the nearest points again and again.
-class Shortlist {
-public:
-    static constexpr std::uint32_t kMost = 64;  ///< points that can be asked for
-
-    Shortlist(const Vec3f& q, std::uint32_t k) noexcept : q_(q), k_(k) {
-        near_ = {x_.data(),           y_.data(),    z_.data(), index_.data(),
-                 distance_sq_.data(), leaf_.data(), kLeaves};
-        near_.limit_sq = limit_sq_;
-        chosen_ = {chosen_sq_.data(), slot_.data(), rank_.data(), flipped_.data()};
+/// False where that is not the quickest way, or there are points infinitely far away.
+bool search_few(const PointTree& tree, const Vec3f& q, std::span<Neighbor> found) noexcept {
+    constexpr std::size_t kFew = 64, kBefore = 1, kBehind = 3;
+    if (found.size() > kFew) return false;
+    std::array<std::int64_t, kBefore + kFew + kBehind> room;
+    std::int64_t* const keys = room.data() + kBefore;
+    if (!nearest_kernels().nearest(tree.view(), q.data(), static_cast<std::uint32_t>(found.size()),
+                                   keys))
+        return false;
+    for (std::size_t i = 0; i < found.size(); ++i) {
+        const auto key = static_cast<std::uint64_t>(keys[i]);
+        found[i] = {std::bit_cast<float>(static_cast<std::uint32_t>(key >> 32U)),
+                    static_cast<Index>(key)};
     }
-
-    /// No point farther away is needed.
-    float limit_sq() const noexcept { return limit_sq_; }
-
-    void add(const PointTree::Leaf& leaf) noexcept {
-        if (near_.leaves == 0) guess_sq_ = farthest_sq(leaf);
-        const std::size_t at = PointTree::kWidth * near_.leaves++;
-        std::ranges::copy(leaf.x, x_.begin() + static_cast<std::ptrdiff_t>(at));
-        std::ranges::copy(leaf.y, y_.begin() + static_cast<std::ptrdiff_t>(at));
-        std::ranges::copy(leaf.z, z_.begin() + static_cast<std::ptrdiff_t>(at));
-        std::ranges::copy(leaf.index, index_.begin() + static_cast<std::ptrdiff_t>(at));
-        constexpr std::uint32_t kAtOnce = 6;
-        if (near_.leaves >= reduced_ + kAtOnce) reduce();
-        if (near_.leaves == kLeaves) limit_sq_ = -1;  // too many are equally far: ends the search
-    }
-
-    /// False where more are equally far than there is room for, or fewer are at a finite distance.
-    bool answer(std::span<Neighbor> found) noexcept {
-        if (near_.leaves == kLeaves) return false;
-        choose();
-        if (chosen_.count == 0) return false;
-        nearest_kernels().rank(near_, chosen_);
-        for (std::uint32_t i = 0; i < chosen_.count; ++i) {
-            if (chosen_.rank[i] < k_)
-                found[chosen_.rank[i]] = {chosen_.distance_sq[i], index_[slot_[i]]};
-        }
-        return true;
-    }
-
-private:
-    static constexpr std::uint32_t kLeaves = 32;
-    static constexpr std::size_t kSlots = PointTree::kWidth * (kLeaves + 3);
-    template <typename T>
-    using Array = std::array<T, kSlots>;
-
-    /// Of those at a finite distance.
-    float farthest_sq(const PointTree::Leaf& leaf) const noexcept {
-        const Eight d = distances_sq(leaf, q_);
-        float farthest = 0;
-        for (std::size_t lane = 0; lane < PointTree::kWidth; ++lane) {
-            const float here = d[lane / 4][lane % 4];
-            if (here <= std::numeric_limits<float>::max()) farthest = std::max(farthest, here);
-        }
-        return farthest;
-    }
-
-    void choose() noexcept {
-        nearest_kernels().choose(near_, q_.data(), PointTree::kNone, k_, slack_for(k_), guess_sq_,
-                                 chosen_);
-    }
-
-    void reduce() noexcept {
-        choose();
-        reduced_ = near_.leaves;
-        if (chosen_.count == 0) return;
-        limit_sq_ = guess_sq_ = chosen_.radius_sq;
-        std::uint32_t count = chosen_.count;
-        for (std::uint32_t i = 0; i < count; ++i) {
-            const std::uint32_t from = slot_[i];  // i or more
-            x_[i] = x_[from];
-            y_[i] = y_[from];
-            z_[i] = z_[from];
-            index_[i] = index_[from];
-        }
-        for (; count % PointTree::kWidth != 0; ++count)
-            x_[count] = y_[count] = z_[count] = std::numeric_limits<float>::infinity();
-        near_.leaves = reduced_ = count / std::uint32_t{PointTree::kWidth};
-    }
-
-    Vec3f q_;
-    std::uint32_t k_;
-    float limit_sq_ = std::numeric_limits<float>::max();
-    float guess_sq_ = 0;
-    std::uint32_t reduced_ = 0;  ///< leaves that are left since
-    Candidates near_;
-    Chosen chosen_;
-    alignas(32) Array<float> x_, y_, z_, distance_sq_, chosen_sq_;
-    alignas(32) Array<std::uint32_t> index_, slot_, rank_, flipped_;
-    std::array<std::uint32_t, kLeaves> leaf_;
-};
-
-bool search_in_batches(const PointTree& tree, const Vec3f& q, std::span<Neighbor> found) noexcept {
-    if (found.size() > Shortlist::kMost) return false;
-    Shortlist list(q, static_cast<std::uint32_t>(found.size()));
-    search(
-        tree, q, [&] { return list.limit_sq(); },
-        [&](const PointTree::Leaf& leaf) { list.add(leaf); });
-    return list.answer(found);
+    return true;
 }
 
 }  // namespace
@@ -238,7 +154,7 @@ std::span<Neighbor> find_nearest(const PointTree& tree, const Vec3f& q,
                                  std::span<Neighbor> room) noexcept {
     const std::span<Neighbor> found = room.first(std::min(room.size(), tree.size()));
     if (found.empty()) return found;
-    if (!search_in_batches(tree, q, found)) search_one_by_one(tree, q, found);
+    if (!search_few(tree, q, found)) search_one_by_one(tree, q, found);
     return found;
 }
 

@@ -1,4 +1,4 @@
-#include "particle_grid.hpp"
+#include "particle_tree.hpp"
 
 #include "support/support.hpp"
 
@@ -23,23 +23,25 @@ std::vector<Index> all_nearer(const std::vector<Vec3f>& positions, const std::ve
 
 void expect_the_same_as_all_pairs(const std::vector<Vec3f>& positions,
                                   const std::vector<float>& reach) {
-    const ParticleGrid grid(positions, reach, {});
-    std::vector<Index> found;
+    const ParticleTree tree(positions, reach, {});
+    ParticleNeighborhoods all, last;
+    tree.find_neighbors(0, positions.size(), all);
     for (Index i = 0; i < positions.size(); ++i) {
-        found.clear();
-        grid.append_neighbors(i, found);
+        std::vector<Index> found(all.of(i).begin(), all.of(i).end());
+        tree.find_neighbors(i, i + 1, last);
+        ASSERT_TRUE(std::ranges::equal(found, last.of(0)));
         std::ranges::sort(found);
         ASSERT_EQ(found, all_nearer(positions, reach, i)) << "particle " << i;
     }
 }
 
-TEST(ParticleGrid, FindsWhatComparingAllPairsFinds) {
+TEST(ParticleTree, FindsWhatComparingAllPairsFinds) {
     const auto positions = test::sphere(1500, 0.1).positions;
     for (const float reach : {0.01F, 0.1F, 0.5F, 5.0F})
         expect_the_same_as_all_pairs(positions, std::vector<float>(positions.size(), reach));
 }
 
-TEST(ParticleGrid, FindsPairsOfVeryDifferentReach) {
+TEST(ParticleTree, FindsPairsOfVeryDifferentReach) {
     const auto positions = test::cube(1500).positions;
     std::mt19937_64 random(7);
     std::uniform_real_distribution<float> exponent(-14.0F, -0.5F);
@@ -48,14 +50,14 @@ TEST(ParticleGrid, FindsPairsOfVeryDifferentReach) {
     expect_the_same_as_all_pairs(positions, reach);
 }
 
-TEST(ParticleGrid, FindsParticlesThatCoincideAndOutliers) {
+TEST(ParticleTree, FindsParticlesThatCoincideAndOutliers) {
     auto positions = test::plane(300).positions;
     positions.insert(positions.end(), 20, Vec3f(0.5F, 0.5F, 0.0F));
     positions.emplace_back(1e6F, -1e6F, 3e5F);
     expect_the_same_as_all_pairs(positions, std::vector<float>(positions.size(), 0.2F));
 }
 
-TEST(ParticleGrid, ASingleParticleHasNoNeighbors) {
+TEST(ParticleTree, ASingleParticleHasNoNeighbors) {
     expect_the_same_as_all_pairs({Vec3f(1, 2, 3)}, {1.0F});
 }
 
