@@ -39,19 +39,24 @@ Vec3d normal_from(std::span<const Vec3d> neighbors) noexcept {
     return eigenvector(m, eigenvalues(m)[0]);
 }
 
-bool has_empty_quarter(std::span<const Vec3d> neighbors, const Vec3d& normal) noexcept {
+bool may_be_on_border(std::span<const Vec3d> neighbors, const Vec3d& normal) noexcept {
+    constexpr double kTangent = 0.41421356237309503;  // of a sixteenth of a turn
     const Vec3d u = normal.unitOrthogonal(), v = normal.cross(u);
-    unsigned octants = 0;
+    std::uint16_t empty = 0xFFFFU;  // sixteenths of the turn, in the order of the angle
     for (const Vec3d& e : neighbors) {
-        const double x = u.dot(e), y = v.dot(e);
-        // In the order of the angle.
-        const unsigned steep = std::abs(y) > std::abs(x) ? 1 : 0;
-        const unsigned octant =
-            y >= 0 ? (x >= 0 ? steep : 3 - steep) : (x < 0 ? 4 + steep : 7 - steep);
-        octants |= 1U << octant;
+        const double x = u.dot(e), y = v.dot(e), ax = std::abs(x), ay = std::abs(y);
+        const unsigned in_quarter = ay <= kTangent * ax  ? 0
+                                    : ay <= ax           ? 1
+                                    : kTangent * ay < ax ? 2
+                                                         : 3;
+        const unsigned sixteenth = y >= 0 ? (x >= 0 ? in_quarter : 7 - in_quarter)
+                                          : (x < 0 ? 8 + in_quarter : 15 - in_quarter);
+        empty &= static_cast<std::uint16_t>(~(1U << sixteenth));
     }
-    const auto empty = static_cast<std::uint8_t>(~octants);
-    return (empty & std::rotl(empty, 1)) != 0;
+    // The gap of a border covers six of them wholly, wherever it begins.
+    const auto two = static_cast<std::uint16_t>(empty & std::rotl(empty, 1));
+    const auto four = static_cast<std::uint16_t>(two & std::rotl(two, 2));
+    return (four & std::rotl(two, 4)) != 0;
 }
 
 Tangent with_border(const Vec3d& normal, std::span<const Vec3d> neighbors) {

@@ -19,9 +19,9 @@ struct Tangent {
 /// span one.
 Vec3d normal_from(std::span<const Vec3d> neighbors) noexcept;
 
-/// Whether two octants side by side of the tangent plane are empty, as beside a border: a quick
-/// test that is true of few others.
-bool has_empty_quarter(std::span<const Vec3d> neighbors, const Vec3d& normal) noexcept;
+/// Whether the neighbours leave so wide an angle of the tangent plane empty that it has to be
+/// looked at closely: a quick test that is true of every sample on a border, and of few others.
+bool may_be_on_border(std::span<const Vec3d> neighbors, const Vec3d& normal) noexcept;
 
 /// Looks for the border of a surface: neighbours that leave half of the tangent plane empty, or
 /// nearly so, and fill the other half, as those on a line do not.
