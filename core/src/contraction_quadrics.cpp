@@ -11,9 +11,9 @@
 #include <numbers>
 
 // Follows: Pauly, Gross, Kobbelt 2002, §3.2 (planes of edges); Garland and Heckbert 1997 (planes
-// that hold a border); Trettner and Kobbelt 2020 (the isotropic term); Hoppe 1999 (gradients of
-// attributes: ours take a feature as constant over a survivor's samples, as a splat shows it, and
-// so need no room of their own).
+// that hold a border); Trettner and Kobbelt 2020 (the isotropic term, which grows with how little
+// is known of the planes); Hoppe 1999 (gradients of attributes: ours take a feature as constant
+// over a survivor's samples, as a splat shows it, and so need no room of their own).
 
 namespace stipple {
 Vec3d normal_from(std::span<const Vec3d> neighbors) noexcept {
@@ -121,14 +121,17 @@ Tangent unpacked(std::uint32_t bits) noexcept {
 }
 
 void add_edges(Quadric& q, std::span<const Vec3d> neighbors, const Tangent& tangent, double area) {
-    add_point(q, Vec3d::Zero(), kPointTerm * area);
     const double each = area / static_cast<double>(neighbors.size());
     const Vec3d& n = tangent.normal;
+    double roughness = 0;
     for (const Vec3d& e : neighbors) {
-        const Vec3d across = n * e.squaredNorm() - e * n.dot(e);  // b x e
-        const double length_sq = across.squaredNorm();
-        if (length_sq > 0) add_plane(q, across, Vec3d::Zero(), each / length_sq);
+        const double height = n.dot(e), length_sq = e.squaredNorm();
+        const Vec3d across = n * length_sq - e * height;  // b x e
+        const double across_sq = across.squaredNorm();
+        if (across_sq > 0) add_plane(q, across, Vec3d::Zero(), each / across_sq);
+        if (length_sq > 0) roughness += each * height * height / length_sq;
     }
+    add_point(q, Vec3d::Zero(), kPointTerm * area + kRoughnessTerm * roughness);
     if (tangent.border) {
         constexpr double kBorderWeight = 0.1;
         const Vec3d u = n.unitOrthogonal(), v = n.cross(u);

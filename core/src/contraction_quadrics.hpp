@@ -33,7 +33,8 @@ std::uint32_t packed(const Tangent& tangent) noexcept;
 Tangent unpacked(std::uint32_t bits) noexcept;
 
 /// Adds the planes of §3.2, spanned by the edges e_i and b_i = e_i x n to the neighbours at the
-/// offsets -e_i, of the weight `area` all together; `kPointTerm` of it for the point itself; and
+/// offsets -e_i, of the weight `area` all together; `kPointTerm` of it, and `kRoughnessTerm` of it
+/// times the mean squared sine of the edges' slopes to the tangent plane, for the point itself; and
 /// where there is a border, a plane that keeps the sample from leaving it.
 void add_edges(Quadric& q, std::span<const Vec3d> neighbors, const Tangent& tangent, double area);
 
