@@ -89,6 +89,12 @@ private:
         return i;
     }
 
+    bool is_changed(Index i) const { return (changed_[i / 64] >> (i % 64) & 1U) != 0; }
+    void set_changed(Index i) {
+        std::atomic_ref<std::uint64_t>(changed_[i / 64])
+            .fetch_or(std::uint64_t{1} << (i % 64), std::memory_order_relaxed);
+    }
+
     template <typename Visit>
     void for_neighbors(Index of, Visit&& visit) const;
     void make_quadrics(std::span<const std::uint32_t> tangents);
@@ -147,7 +153,9 @@ private:
     std::size_t slots_;             ///< in use
     std::vector<Index> neighbors_;  ///< k for each slot, the partner first; kNone ends a list
     std::size_t live_;              ///< slots with a live sample
-    std::vector<Kept> kept_;        ///< by snapshot
+    std::vector<std::uint64_t> changed_;  ///< a bit for each slot: part of a contraction since the
+                                          ///< lists were brought up to date
+    std::vector<Kept> kept_;              ///< by snapshot
 };
 
 Engine::Engine(std::span<const Vec3f> positions, std::span<const StoredQuadric> quadrics,
@@ -158,7 +166,8 @@ Engine::Engine(std::span<const Vec3f> positions, std::span<const StoredQuadric> 
       scale_(contraction_scale(positions)),
       memory_(positions.size() * sizeof(Record)),
       slots_(positions.size()),
-      live_(positions.size()) {
+      live_(positions.size()),
+      changed_(positions.size() / 64 + 1) {
     const auto scale = static_cast<float>(scale_);
     std::vector<std::uint32_t> tangents;
     {
@@ -242,7 +251,6 @@ struct Engine::Gathered {
     std::array<Index, 2 * kMaxNeighbors> slots;
     std::array<bool, 2 * kMaxNeighbors> changed;  ///< whether it was part of a contraction
     std::size_t count = 0;
-    bool any_changed = false;
 
     void add(Index slot, bool is_changed) {
         for (std::size_t f = 0; f < count; ++f)
@@ -254,9 +262,8 @@ struct Engine::Gathered {
 
 void Engine::gather(Index of, Index self, Gathered& gathered) const {
     for_neighbors(of, [&](Index named) {
-        const Index j = root(named);
-        const bool changed = j != named || (records()[j].link & kMerged) != 0;
-        gathered.any_changed |= changed;
+        const bool changed = is_changed(named);
+        const Index j = changed ? root(named) : named;
         if (j != self) gathered.add(j, changed);
     });
 }
@@ -265,12 +272,16 @@ void Engine::gather(Index of, Index self, Gathered& gathered) const {
 void Engine::refresh(Index i) {
     Record& self = records()[i];
     self.claim = kNone;
+    if (self.cost != kUnknown) {
+        bool any_changed = false;
+        for_neighbors(i, [&](Index j) { any_changed |= is_changed(j); });
+        if (!any_changed) return;
+    }
     Gathered found;
     const Index partner = list_of(i)[0];
     gather(i, i, found);
     const bool merged = (self.link & kMerged) != 0;
     if (merged) gather(self.link & ~kMerged, i, found);
-    if (!found.any_changed && !merged && self.cost != kUnknown) return;
     if (found.count > k_) keep_nearest(i, found);
 
     Index* const list = list_of(i);
@@ -410,6 +421,8 @@ void Engine::contract(const Winner& winner) {
     record.cost = kUnknown;
     record.link = gone | kMerged;
     records()[gone].link = kept;
+    set_changed(kept);
+    set_changed(gone);
 }
 
 void Engine::contract(std::span<const Winner> winners) {
@@ -426,6 +439,7 @@ void Engine::contract(std::span<const Winner> winners) {
 /// Contracts what a round may, and stops where a count is reached on the way.
 void Engine::round(std::span<const Stop>& stops, const std::function<void(const Stop&)>& at_stop) {
     for_live([&](Index i) { refresh(i); });
+    std::ranges::fill(changed_, 0);
     if (2 * live_ <= slots_) compact();
     const float limit = quantile_of_costs();
     propose(limit);

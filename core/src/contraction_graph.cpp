@@ -21,7 +21,7 @@ constexpr std::size_t kLeavesPerBlock = 128, kPlacesPerBlock = 8192;
 Tangent tangent_at(const Vec3f& p, std::span<const Vec3d> neighbors, const PointTree& tree,
                    std::span<const Vec3f> positions) {
     const Vec3d normal = normal_from(neighbors);
-    if (!has_empty_quarter(neighbors, normal)) return {normal};
+    if (!may_be_on_border(neighbors, normal)) return {normal};
     std::array<Neighbor, kForBorder> room;
     std::array<Vec3d, kForBorder> offsets;
     std::size_t count = 0;

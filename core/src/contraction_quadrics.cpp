@@ -11,9 +11,9 @@
 #include <numbers>
 
 // Follows: Pauly, Gross, Kobbelt 2002, §3.2 (planes of edges); Garland and Heckbert 1997 (planes
-// that hold a border); Trettner and Kobbelt 2020 (the isotropic term); Hoppe 1999 (gradients of
-// attributes: ours take a feature as constant over a survivor's samples, as a splat shows it, and
-// so need no room of their own).
+// that hold a border); Trettner and Kobbelt 2020 (the isotropic term, which grows with how little
+// is known of the planes); Hoppe 1999 (gradients of attributes: ours take a feature as constant
+// over a survivor's samples, as a splat shows it, and so need no room of their own).
 
 namespace stipple {
 Vec3d normal_from(std::span<const Vec3d> neighbors) noexcept {
@@ -39,19 +39,24 @@ Vec3d normal_from(std::span<const Vec3d> neighbors) noexcept {
     return eigenvector(m, eigenvalues(m)[0]);
 }
 
-bool has_empty_quarter(std::span<const Vec3d> neighbors, const Vec3d& normal) noexcept {
+bool may_be_on_border(std::span<const Vec3d> neighbors, const Vec3d& normal) noexcept {
+    constexpr double kTangent = 0.41421356237309503;  // of a sixteenth of a turn
     const Vec3d u = normal.unitOrthogonal(), v = normal.cross(u);
-    unsigned octants = 0;
+    std::uint16_t empty = 0xFFFFU;  // sixteenths of the turn, in the order of the angle
     for (const Vec3d& e : neighbors) {
-        const double x = u.dot(e), y = v.dot(e);
-        // In the order of the angle.
-        const unsigned steep = std::abs(y) > std::abs(x) ? 1 : 0;
-        const unsigned octant =
-            y >= 0 ? (x >= 0 ? steep : 3 - steep) : (x < 0 ? 4 + steep : 7 - steep);
-        octants |= 1U << octant;
+        const double x = u.dot(e), y = v.dot(e), ax = std::abs(x), ay = std::abs(y);
+        const unsigned in_quarter = ay <= kTangent * ax  ? 0
+                                    : ay <= ax           ? 1
+                                    : kTangent * ay < ax ? 2
+                                                         : 3;
+        const unsigned sixteenth = y >= 0 ? (x >= 0 ? in_quarter : 7 - in_quarter)
+                                          : (x < 0 ? 8 + in_quarter : 15 - in_quarter);
+        empty &= static_cast<std::uint16_t>(~(1U << sixteenth));
     }
-    const auto empty = static_cast<std::uint8_t>(~octants);
-    return (empty & std::rotl(empty, 1)) != 0;
+    // The gap of a border covers six of them wholly, wherever it begins.
+    const auto two = static_cast<std::uint16_t>(empty & std::rotl(empty, 1));
+    const auto four = static_cast<std::uint16_t>(two & std::rotl(two, 2));
+    return (four & std::rotl(two, 4)) != 0;
 }
 
 Tangent with_border(const Vec3d& normal, std::span<const Vec3d> neighbors) {
@@ -116,14 +121,17 @@ Tangent unpacked(std::uint32_t bits) noexcept {
 }
 
 void add_edges(Quadric& q, std::span<const Vec3d> neighbors, const Tangent& tangent, double area) {
-    add_point(q, Vec3d::Zero(), kPointTerm * area);
     const double each = area / static_cast<double>(neighbors.size());
     const Vec3d& n = tangent.normal;
+    double roughness = 0;
     for (const Vec3d& e : neighbors) {
-        const Vec3d across = n * e.squaredNorm() - e * n.dot(e);  // b x e
-        const double length_sq = across.squaredNorm();
-        if (length_sq > 0) add_plane(q, across, Vec3d::Zero(), each / length_sq);
+        const double height = n.dot(e), length_sq = e.squaredNorm();
+        const Vec3d across = n * length_sq - e * height;  // b x e
+        const double across_sq = across.squaredNorm();
+        if (across_sq > 0) add_plane(q, across, Vec3d::Zero(), each / across_sq);
+        if (length_sq > 0) roughness += each * height * height / length_sq;
     }
+    add_point(q, Vec3d::Zero(), kPointTerm * area + kRoughnessTerm * roughness);
     if (tangent.border) {
         constexpr double kBorderWeight = 0.1;
         const Vec3d u = n.unitOrthogonal(), v = n.cross(u);

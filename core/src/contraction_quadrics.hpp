@@ -19,9 +19,9 @@ struct Tangent {
 /// span one.
 Vec3d normal_from(std::span<const Vec3d> neighbors) noexcept;
 
-/// Whether two octants side by side of the tangent plane are empty, as beside a border: a quick
-/// test that is true of few others.
-bool has_empty_quarter(std::span<const Vec3d> neighbors, const Vec3d& normal) noexcept;
+/// Whether the neighbours leave so wide an angle of the tangent plane empty that it has to be
+/// looked at closely: a quick test that is true of every sample on a border, and of few others.
+bool may_be_on_border(std::span<const Vec3d> neighbors, const Vec3d& normal) noexcept;
 
 /// Looks for the border of a surface: neighbours that leave half of the tangent plane empty, or
 /// nearly so, and fill the other half, as those on a line do not.
@@ -33,7 +33,8 @@ std::uint32_t packed(const Tangent& tangent) noexcept;
 Tangent unpacked(std::uint32_t bits) noexcept;
 
 /// Adds the planes of §3.2, spanned by the edges e_i and b_i = e_i x n to the neighbours at the
-/// offsets -e_i, of the weight `area` all together; `kPointTerm` of it for the point itself; and
+/// offsets -e_i, of the weight `area` all together; `kPointTerm` of it, and `kRoughnessTerm` of it
+/// times the mean squared sine of the edges' slopes to the tangent plane, for the point itself; and
 /// where there is a border, a plane that keeps the sample from leaving it.
 void add_edges(Quadric& q, std::span<const Vec3d> neighbors, const Tangent& tangent, double area);
 

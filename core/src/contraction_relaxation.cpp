@@ -15,6 +15,9 @@ namespace {
 
 constexpr std::size_t kSamplesPerBlock = 1024, kSurvivorsPerBlock = 256;
 constexpr unsigned kNeighbors = 8;
+/// What samples add to their quadrics as points, of the weight of their planes: it keeps the
+/// survivors of rough surfaces from going wherever noise tilts the planes.
+constexpr double kCentroidTerm = 5e-3;
 
 double error_at(const SharedSamples& samples, std::size_t sample, const Vec3f& survivor) {
     return value(Quadric(samples.quadrics[sample]),
@@ -39,13 +42,14 @@ struct Shares {
     }
 };
 
-/// Moves the survivor to the minimiser of its samples. @return the sample that it fits best, which
-/// stays with it.
+/// Moves the survivor to the minimiser of its samples, which draws it a little to their centroid.
+/// @return the sample that it fits best, which stays with it.
 Index settle(const SharedSamples& samples, std::span<const Index> members, Vec3f& survivor) {
     Quadric sum;
     for (const Index i : members) {
-        sum = sum + referred_to(Quadric(samples.quadrics[i]),
-                                (survivor - samples.positions[i]).cast<double>());
+        Quadric q(samples.quadrics[i]);
+        add_point(q, Vec3d::Zero(), kCentroidTerm * (q.xx + q.yy + q.zz));
+        sum = sum + referred_to(q, (survivor - samples.positions[i]).cast<double>());
     }
     Vec3d y;
     if (minimiser(sum, y)) survivor = (survivor.cast<double>() + y).cast<float>();

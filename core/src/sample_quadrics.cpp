@@ -14,7 +14,8 @@ namespace stipple {
 namespace {
 
 constexpr std::size_t kBlock = 512;
-constexpr double kPointTerm = 1e-3;  // of the weight of the planes
+// Weights of the sample itself, of that of its planes: anyway, and for each unit of roughness.
+constexpr double kPointTerm = 1e-3, kRoughnessTerm = 1;
 
 /// What is kept of a cluster's points beside their centroid.
 struct Summary {
@@ -75,17 +76,22 @@ Symmetric3 reversed(const Symmetric3& m) noexcept {
     return {t - m.xx, -m.xy, -m.xz, t - m.yy, -m.yz, t - m.zz};
 }
 
-/// The planes of the edges to the neighbours at these offsets, of a weight of `area` together.
-void add_edge_planes(Quadric& q, std::span<const Vec3d> edges, const Vec3d& normal, double area) {
+/// The planes of the edges to the neighbours at these offsets, of a weight of `area` together, and
+/// the sample itself: the more, the steeper the edges are, since the planes of a rough surface tell
+/// little of it (Trettner and Kobbelt 2020) and there have to be more points.
+void add_edges(Quadric& q, std::span<const Vec3d> edges, const Vec3d& normal, double area) {
     const double each = area / static_cast<double>(edges.size());
     constexpr double kUpright = 1e-6;
+    double roughness = 0;  // the mean squared slope, times the area
     for (const Vec3d& e : edges) {
-        const double length_sq = e.squaredNorm();
-        const Vec3d across = length_sq * normal - normal.dot(e) * e;  // (e x n) x e
+        const double height = normal.dot(e), length_sq = e.squaredNorm();
+        const Vec3d across = length_sq * normal - height * e;  // (e x n) x e
         const double across_sq = across.squaredNorm();
         if (across_sq > kUpright * length_sq * length_sq)
             add_plane(q, across, Vec3d::Zero(), each / across_sq);
+        if (length_sq > 0) roughness += each * height * height / length_sq;
     }
+    add_point(q, Vec3d::Zero(), kPointTerm * area + kRoughnessTerm * roughness);
 }
 
 /// The points around a sample on a straight border lie in a half disc, whose centroid is 0.6 of the
@@ -140,9 +146,8 @@ std::vector<float> features_of(const MemberLists& clusters, const Features& feat
 Quadric quadric_of(std::span<const Vec3d> edges, const SummarySums& around, const Vec3d& normal,
                    double area) {
     Quadric q;
-    add_edge_planes(q, edges, normal, area);
+    add_edges(q, edges, normal, area);
     add_border_plane(q, around, normal, area);
-    add_point(q, Vec3d::Zero(), kPointTerm * area);
     return q;
 }
 

@@ -18,8 +18,8 @@ public:
     /// The quadrics of §3.2: planes through each edge e_i to the k nearest samples and b_i = e_i x
     /// n, n being the normal of all points in the clusters of those samples; where they lie on one
     /// side, a plane that holds the border; and a little of the squared distance to the sample,
-    /// which makes every minimum one point. Weighted by area, in units of the bounding box, so that
-    /// clouds of any size do.
+    /// more where the surface is rough, which makes every minimum one point. Weighted by area, in
+    /// units of the bounding box, so that clouds of any size do.
     ///
     /// Where points have features, those of a sample are the means of its cluster, and their
     /// gradients join its quadric.
