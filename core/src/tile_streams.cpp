@@ -1,8 +1,10 @@
 #include "tile_streams.hpp"
 
+#include "srgb.hpp"
 #include "stipple/error.hpp"
 
 #include <meshoptimizer.h>
+#include <cmath>
 #include <cstring>
 #include <string>
 #include <type_traits>
@@ -74,6 +76,40 @@ TileStream normal_stream(std::span<const Vec3f> normals, std::span<const Index> 
     return stream;
 }
 
+/// Linear light in 16 bits, as glTF has colours, for each code of sRGB: of the numbers that stand
+/// for the code, one with as many low bits zero as there can be, which compresses best.
+const std::array<std::uint16_t, 256>& linear_codes() {
+    static const std::array<std::uint16_t, 256> codes = [] {
+        std::array<std::uint16_t, 256> table{};
+        constexpr double kMost = 65'535;
+        for (std::size_t code = 0; code < table.size(); ++code) {
+            const auto exact = static_cast<int>(
+                std::lround(kMost * static_cast<double>(linear_from_srgb()[code])));
+            table[code] = static_cast<std::uint16_t>(exact);
+            for (int unit = 2; unit <= 256; unit *= 2) {
+                const int round = (exact + unit / 2) / unit * unit;
+                if (round > kMost || srgb_from_linear(round / kMost) != code) continue;
+                table[code] = static_cast<std::uint16_t>(round);
+            }
+        }
+        return table;
+    }();
+    return codes;
+}
+
+TileStream color_stream(const PointCloud& cloud, std::span<const Index> members) {
+    constexpr unsigned kWider = 257;  // 16 bits from 8
+    TileStream stream = make_stream<std::uint16_t>(
+        "COLOR_0", Type::Uint16, cloud.has_alpha ? 4 : 3, members.size(),
+        [&](std::size_t i, unsigned c) {
+            const Rgba8& color = cloud.colors[members[i]];
+            if (c == 3) return static_cast<std::uint16_t>(kWider * color.a);
+            return linear_codes()[std::array{color.r, color.g, color.b}[c]];
+        });
+    stream.normalized = true;
+    return stream;
+}
+
 /// What glTF has for a type of values.
 template <typename T>
 constexpr Type type_for() {
@@ -92,13 +128,14 @@ void add_attribute(const Attribute& attribute, std::span<const Index> members,
             constexpr Type type = type_for<T>();
             using Stored = std::conditional_t<type == Type::Float, float, T>;
             for (unsigned first = 0; first < all; first += each) {
-                const std::string part = all <= 4 ? "" : "_" + std::to_string(first);
-                streams.push_back(
-                    make_stream<Stored>("_" + attribute.name + part, type, each, members.size(),
-                                        [&](std::size_t i, unsigned c) {
-                                            return static_cast<Stored>(
-                                                values[std::size_t{members[i]} * all + first + c]);
-                                        }));
+                std::string name(1, '_');
+                name += attribute.name;
+                if (all > 4) name += '_' + std::to_string(first);
+                streams.push_back(make_stream<Stored>(
+                    std::move(name), type, each, members.size(), [&](std::size_t i, unsigned c) {
+                        return static_cast<Stored>(
+                            values[std::size_t{members[i]} * all + first + c]);
+                    }));
             }
         },
         attribute.values);
@@ -175,8 +212,15 @@ void read_stream(const TileStream& stream, const LodTile& tile, PointCloud& clou
             Vec3f n;
             for (unsigned c = 0; c < 3; ++c) n[c] = value_at<std::int8_t>(raw, stream, i, c);
             cloud.normals.push_back(n.normalized());
-        } else if (is("COLOR_0", Type::Uint8, 4)) {
-            cloud.colors.push_back(value_at<Rgba8>(raw, stream, i, 0));
+        } else if (is("COLOR_0", Type::Uint16, 3) || is("COLOR_0", Type::Uint16, 4)) {
+            const auto code = [&](unsigned c) {
+                return srgb_from_linear(value_at<std::uint16_t>(raw, stream, i, c) / 65'535.0);
+            };
+            cloud.colors.push_back({code(0), code(1), code(2)});
+            cloud.has_alpha = stream.components == 4;
+            if (cloud.has_alpha)
+                cloud.colors.back().a =
+                    static_cast<std::uint8_t>(value_at<std::uint16_t>(raw, stream, i, 3) / 257);
         }
     }
     if (stream.name.starts_with('_'))
@@ -192,14 +236,7 @@ std::vector<TileStream> encode_streams(const PointCloud& cloud, std::span<const 
         make_stream<std::uint16_t>("POSITION", Type::Uint16, 3, points.size(),
                                    [&](std::size_t i, unsigned c) { return points[i][c]; }));
     if (!cloud.normals.empty()) streams.push_back(normal_stream(cloud.normals, members));
-    if (!cloud.colors.empty()) {
-        streams.push_back(make_stream<std::uint8_t>(
-            "COLOR_0", Type::Uint8, 4, members.size(), [&](std::size_t i, unsigned c) {
-                const Rgba8& color = cloud.colors[members[i]];
-                return std::array{color.r, color.g, color.b, color.a}[c];
-            }));
-        streams.back().normalized = true;
-    }
+    if (!cloud.colors.empty()) streams.push_back(color_stream(cloud, members));
     if (attributes) {
         for (const Attribute& attribute : cloud.attributes)
             add_attribute(attribute, members, streams);

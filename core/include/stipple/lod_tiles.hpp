@@ -43,13 +43,14 @@ struct TileStream {
         Uint16 = 5123,
         Float = 5126,
     };
-    std::string name;  ///< `POSITION`, `NORMAL`, `COLOR_0`, or `_` and the name of an attribute
+    std::string name;  ///< `POSITION`, `NORMAL`, `COLOR_0` (linear light), or `_` and the name of
+                       ///< an attribute
     Type type = Type::Uint16;
     unsigned components = 3;
     bool normalized = false;
-    unsigned stride = 8;           ///< bytes of a decoded point, with padding
-    bool octahedral = false;       ///< unit vectors, packed once more before compression
-    std::vector<std::byte> bytes{}; ///< vertex codec version 0 of meshoptimizer
+    unsigned stride = 8;             ///< bytes of a decoded point, with padding
+    bool octahedral = false;         ///< unit vectors, packed once more before compression
+    std::vector<std::byte> bytes{};  ///< vertex codec version 0 of meshoptimizer
 };
 
 /// A piece of a level: points on the grid of the level, sorted and compressed.
