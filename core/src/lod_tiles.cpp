@@ -55,6 +55,29 @@ std::vector<Vec3f> rounded(std::span<const Vec3f> points, const Grid& grid,
     return decoded;
 }
 
+/// Places on the surface of the source, as `measure_error` takes them: at points, where there are
+/// many.
+ErrorSamples take_samples(std::span<const Vec3f> points, const RunContext& context) {
+    constexpr std::uint64_t kMany = 100'000, kShare = 8, kLeast = 32'768, kMost = 131'072;
+    if (points.size() < kMany) {
+        const PointTree tree(points, PointTree::Leaves::Compact, context);
+        return take_surface(tree, FootFinder(points, tree, {}), kLeast, 0, context);
+    }
+    const PointTree tree(points, PointTree::Leaves::Quick, context);
+    const std::uint64_t count = std::clamp<std::uint64_t>(points.size() / kShare, kLeast, kMost);
+    return take_points(tree, count, 0, context);
+}
+
+/// Enough to compare two roundings of the same points.
+ErrorSamples every_fourth(const ErrorSamples& samples) {
+    ErrorSamples few;
+    for (std::size_t i = 0; i < samples.size(); i += 4) {
+        few.positions.push_back(samples.positions[i]);
+        few.areas.push_back(samples.areas[i]);
+    }
+    return few;
+}
+
 /// Points that stand for a surface, and how far the source is from it.
 struct Measured {
     std::vector<Vec3f> points;
@@ -82,7 +105,7 @@ struct LodTiler::State {
     Vec3d center = Vec3d::Zero();
     double scale = 1;
     double side = 0;  ///< of the source's box, the longest
-    ErrorSamples samples;
+    ErrorSamples samples, few;
     TileTree tree;
     unsigned levels = 0;
 
@@ -109,18 +132,21 @@ struct LodTiler::State {
         return {step, static_cast<unsigned>(std::max<double>(bits, kLeastBits))};
     }
 
-    Measured measure(std::vector<Vec3f>&& points, const RunContext& context) const {
-        Measured made{std::move(points), {}, std::vector<float>(samples.size())};
-        made.tree = std::make_unique<PointTree>(made.points, PointTree::Leaves::Compact, context);
+    static Measured with_tree(std::vector<Vec3f>&& points, const RunContext& context) {
+        Measured made{std::move(points), {}, {}};
+        made.tree = std::make_unique<PointTree>(made.points, PointTree::Leaves::Quick, context);
+        return made;
+    }
+    static void measure(Measured& made, const ErrorSamples& at, const RunContext& context) {
+        made.distances.resize(at.size());
         FootFinder(made.points, *made.tree, {})
             .find(
-                samples.positions,
+                at.positions,
                 [&](std::size_t i, const Foot& foot) {
                     made.distances[i] = static_cast<float>(foot.distance);
                 },
                 context);
-        made.mean = summarize("", made.distances, samples.areas).mean;
-        return made;
+        made.mean = summarize("", made.distances, at.areas).mean;
     }
 
     /// The fewest bits by which the mean error grows by no more than the tolerance.
@@ -128,10 +154,15 @@ struct LodTiler::State {
                          const RunContext& context) const {
         const double tolerance = levels == 0 ? options.base_tolerance : options.tolerance;
         const Grid finest = finest_grid();
-        const double exact = measure(std::vector<Vec3f>(points), context).mean;
-        const auto try_bits = [&](unsigned bits) {
-            return measure(rounded(points, grid(bits), context), context);
+        const auto measured = [&](std::vector<Vec3f>&& level) {
+            Measured made = with_tree(std::move(level), context);
+            measure(made, few, context);
+            return made;
         };
+        const auto try_bits = [&](unsigned bits) {
+            return measured(rounded(points, grid(bits), context));
+        };
+        const double exact = measured(std::vector<Vec3f>(points)).mean;
         // Rounding adds about the variance of one axis, smoothed by the surface's fit.
         constexpr double kSmoothed = 0.05;
         const double step = exact * std::sqrt(2 * tolerance / kSmoothed);
@@ -147,7 +178,7 @@ struct LodTiler::State {
         }
         if (bits >= finest.bits) {
             grid_taken = finest;
-            return measure(rounded(points, finest, context), context);
+            return with_tree(rounded(points, finest, context), context);
         }
         grid_taken = grid(bits);
         // One bit less makes four times the variance: tried while that may do.
@@ -266,11 +297,9 @@ LodTiler::LodTiler(const PointCloud& source, const LodTileOptions& options,
     if (side > 0) state.scale = std::ldexp(1.0, -std::ilogb(side));
     state.side = side * state.scale;
 
-    constexpr std::uint64_t kLeast = 16'384, kMost = 131'072, kShare = 16;
-    const std::uint64_t count = std::clamp<std::uint64_t>(source.size() / kShare, kLeast, kMost);
     const std::vector<Vec3f> points = state.into_frame(source, context);
-    const PointTree tree(points, PointTree::Leaves::Quick, context);
-    state.samples = take_points(tree, count, 0, context);
+    state.samples = take_samples(points, context);
+    state.few = every_fourth(state.samples);
 }
 
 LodTiler::~LodTiler() = default;
@@ -286,8 +315,9 @@ std::vector<LodTile> LodTiler::add_level(const PointCloud& cloud, bool whole,
     State& state = *state_;
     const std::vector<Vec3f> points = state.into_frame(cloud, context);
     Grid grid = state.finest_grid();
-    const Measured level = whole ? state.measure(rounded(points, grid, context), context)
-                                 : state.round_level(points, grid, context);
+    Measured level = whole ? State::with_tree(rounded(points, grid, context), context)
+                           : state.round_level(points, grid, context);
+    State::measure(level, state.samples, context);
     context.checkpoint(0.4);
 
     constexpr double kMostSteps = 65'534;

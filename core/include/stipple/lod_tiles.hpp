@@ -81,7 +81,7 @@ struct LodTile {
 /// of that and all of it where levels grow evenly. Tiles that coincide in one place are not cut;
 /// tiles wider than 65,535 steps are.
 ///
-/// Errors are measured on the decoded points at 16,384 to 131,072 points of the source. O(N log N),
+/// Errors are measured on the decoded points at 32,768 to 131,072 places of the source. O(N log N),
 /// parallel, the same bytes for any number of threads; about 60 bytes a point of the source.
 class LodTiler {
 public:

@@ -37,10 +37,14 @@ Reply get_manifest(Resources& resources, Request& request) {
     return json_that_may_change(request, proto::to_json(pyramid(resources, request)));
 }
 
+Reply get_tileset(Resources& resources, Request& request) {
+    return tileset_reply(resources, request, "tileset.json");
+}
+
 Reply get_pyramid_file(Resources& resources, Request& request) {
     const std::string file = request.path_value("file");
-    if (file.starts_with("tileset")) return tileset_reply(resources, request, file);
-    return output_reply(resources, request, request.path_value("id"), request.path_value("file"));
+    if (file.starts_with("tileset-")) return tileset_reply(resources, request, file);
+    return output_reply(resources, request, request.path_value("id"), file);
 }
 
 }  // namespace stipple::server::http
