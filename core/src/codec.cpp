@@ -157,18 +157,35 @@ CloudFormat format_by_extension(const fs::path& file) {
 }  // namespace
 
 std::string_view to_string(CloudFormat format) noexcept {
-    return format == CloudFormat::Ply ? "ply" : "drc";
+    switch (format) {
+        case CloudFormat::Ply:
+            return "ply";
+        case CloudFormat::Draco:
+            return "drc";
+        case CloudFormat::Glb:
+            break;
+    }
+    return "glb";
 }
 
 std::string_view media_type(CloudFormat format) noexcept {
-    return format == CloudFormat::Ply ? "model/ply" : "model/vnd.google.draco";
+    switch (format) {
+        case CloudFormat::Ply:
+            return "model/ply";
+        case CloudFormat::Draco:
+            return "model/vnd.google.draco";
+        case CloudFormat::Glb:
+            break;
+    }
+    return "model/gltf-binary";
 }
 
 CloudFormat cloud_format_from_name(std::string_view name) {
     if (name == "ply") return CloudFormat::Ply;
     if (name == "drc" || name == "draco") return CloudFormat::Draco;
+    if (name == "glb") return CloudFormat::Glb;
     throw Error(ErrorCode::UnsupportedFormat,
-                "format " + in_quotes(name) + ": expected ply or drc");
+                "format " + in_quotes(name) + ": expected ply, drc or, of a pyramid, glb");
 }
 
 std::optional<CloudFormat> detect_format(std::span<const std::byte> head) noexcept {

@@ -139,6 +139,7 @@ OutputOptions read_output(JsonObject& object) {
     OutputOptions output{.formats = {CloudFormat::Ply}, .draco = {}};
     if (const auto format = object.find("format")) {
         output.formats = {format->named(cloud_format_from_name)};
+        if (output.formats.front() == CloudFormat::Glb) format->refuse("ply or drc");
     }
     if (const auto draco = object.find("draco")) output.draco = read_draco(*draco);
     return output;
@@ -424,6 +425,54 @@ void add_options(Json& json, const AnalyzeJob& job) {
     add_output(json, job.output);
 }
 
+constexpr std::array kPyramidFormats = {CloudFormat::Draco, CloudFormat::Ply, CloudFormat::Glb};
+
+bool wants(const PyramidJob& job, CloudFormat format) {
+    const auto& formats = job.output.formats;
+    return formats.empty() || std::ranges::find(formats, format) != formats.end();
+}
+
+std::array<double, 16> read_transform(const JsonValue& value) {
+    const std::vector<JsonValue> numbers = value.items();
+    std::array<double, 16> transform{};
+    if (numbers.size() != transform.size()) value.refuse("16 numbers, column by column");
+    for (std::size_t i = 0; i < numbers.size(); ++i) transform[i] = numbers[i].number();
+    return transform;
+}
+
+void read_tiles(const JsonValue& value, PyramidJob& job) {
+    if (!wants(job, CloudFormat::Glb)) value.refuse("none unless glb is among the formats");
+    JsonObject object = value.object();
+    LodTileOptions& tiles = job.tiles;
+    const auto position_bits = object.find("position_bits");
+    const auto precision = object.find("precision");
+    if (position_bits && precision) {
+        throw object.error("precision", "stands instead of position_bits: give one of the two");
+    }
+    if (position_bits) tiles.position_bits = position_bits->small_integer(2, 24);
+    if (precision) {
+        tiles.precision = precision->number();
+        if (!(*tiles.precision > 0)) precision->refuse("a length above 0, in input units");
+    }
+    if (const auto most = object.find("max_points")) tiles.max_points = most->small_integer(1);
+    if (const auto all = object.find("attributes")) tiles.attributes = all->boolean();
+    if (const auto transform = object.find("transform")) job.transform = read_transform(*transform);
+    object.finish();
+}
+
+Json tiles_json(const PyramidJob& job) {
+    Json json;
+    if (job.tiles.precision) {
+        json["precision"] = *job.tiles.precision;
+    } else {
+        json["position_bits"] = job.tiles.position_bits;
+    }
+    json["max_points"] = job.tiles.max_points;
+    json["attributes"] = job.tiles.attributes;
+    if (job.transform) json["transform"] = *job.transform;
+    return json;
+}
+
 std::vector<CloudFormat> read_formats(const JsonValue& value) {
     std::vector<CloudFormat> formats;
     for (const JsonValue& item : value.items()) {
@@ -458,9 +507,10 @@ PyramidJob read_pyramid(JsonObject& object) {
     }
     take_reductions(object, options.reductions);
 
-    job.output.formats = {CloudFormat::Draco, CloudFormat::Ply};
+    job.output.formats.assign(kPyramidFormats.begin(), kPyramidFormats.end());
     if (const auto formats = object.find("formats")) job.output.formats = read_formats(*formats);
     if (const auto draco = object.find("draco")) job.output.draco = read_draco(*draco);
+    if (const auto tiles = object.find("tiles")) read_tiles(*tiles, job);
     return job;
 }
 
@@ -479,12 +529,10 @@ void add_options(Json& json, const PyramidJob& job) {
     }
     json["reductions"] = reductions_json(options.reductions);
     json["formats"] = Json::array();
-    for (const CloudFormat format : {CloudFormat::Draco, CloudFormat::Ply}) {
-        const auto& formats = job.output.formats;
-        const bool wanted = formats.empty() || std::ranges::find(formats, format) != formats.end();
-        if (wanted) json["formats"].push_back(to_string(format));
-    }
+    for (const CloudFormat format : kPyramidFormats)
+        if (wants(job, format)) json["formats"].push_back(to_string(format));
     json["draco"] = draco_json(job.output.draco);
+    if (wants(job, CloudFormat::Glb)) json["tiles"] = tiles_json(job);
 }
 
 }  // namespace

@@ -6,13 +6,51 @@ namespace stipple::proto {
 
 namespace {
 
-constexpr JsonRules kReportRules{ErrorCode::MalformedInput, 1 << 20, 12};
+constexpr JsonRules kReportRules{ErrorCode::MalformedInput, 16 << 20, 12};
+
+Json tile_json(const LodTile& tile) {
+    Json json;
+    if (tile.parent) json["parent"] = *tile.parent;
+    json["points"] = tile.points;
+    json["bits"] = tile.bits;
+    json["step"] = tile.step;
+    json["offset"] = vector_json(tile.offset);
+    json["last"] = tile.last;
+    json["error"] = {{"mean", tile.error.mean}, {"max", tile.error.max}, {"p99", tile.error.p99}};
+    json["spacing"] = tile.spacing;
+    json["cover_radius"] = tile.cover_radius;
+    return json;
+}
+
+LodTile read_tile(const JsonValue& value) {
+    JsonObject object = value.object();
+    LodTile tile;
+    if (const auto parent = object.find("parent")) tile.parent = parent->small_integer();
+    tile.points = object["points"].integer(1);
+    tile.bits = object["bits"].small_integer();
+    tile.step = object["step"].number();
+    tile.offset = read_vector(object["offset"]);
+    const JsonValue last = object["last"];
+    const std::vector<JsonValue> numbers = last.items();
+    if (numbers.size() != tile.last.size()) last.refuse("3 numbers");
+    for (std::size_t axis = 0; axis < numbers.size(); ++axis)
+        tile.last[axis] = static_cast<std::uint16_t>(numbers[axis].integer(0, 65'535));
+    JsonObject error = object["error"].object();
+    tile.error = {error["mean"].number(), error["max"].number(), error["p99"].number()};
+    error.finish();
+    tile.spacing = object["spacing"].number();
+    tile.cover_radius = object["cover_radius"].number();
+    object.finish();
+    return tile;
+}
 
 Json file_json(const OutputFile& file) {
-    return {{"format", to_string(file.format)},
-            {"bytes", file.bytes},
-            {"sha256", file.sha256},
-            {"href", file.href}};
+    Json json = {{"format", to_string(file.format)},
+                 {"bytes", file.bytes},
+                 {"sha256", file.sha256},
+                 {"href", file.href}};
+    if (file.tile) json["tile"] = tile_json(*file.tile);
+    return json;
 }
 
 OutputFile read_file(const JsonValue& value) {
@@ -22,6 +60,7 @@ OutputFile read_file(const JsonValue& value) {
     file.bytes = object["bytes"].integer();
     file.sha256 = object["sha256"].text();
     file.href = object["href"].text();
+    if (const auto tile = object.find("tile")) file.tile = read_tile(*tile);
     object.finish();
     return file;
 }
@@ -44,6 +83,8 @@ OutputCloud read_level(const JsonValue& value) {
     cloud.spacing = object["spacing"].number();
     cloud.bounds = read_bounds(object["bounds"]);
     cloud.files = object["files"].list_of(read_file);
+    for (OutputFile& file : cloud.files)
+        if (file.tile) file.tile->level = cloud.level;
     object.finish();
     return cloud;
 }

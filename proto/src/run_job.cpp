@@ -3,6 +3,7 @@
 #include "stipple/cleaning.hpp"
 #include "stipple/neighbors.hpp"
 #include "stipple/proto/digest.hpp"
+#include "stipple/proto/tiles.hpp"
 #include "stipple/surface_attributes.hpp"
 
 #include <fcntl.h>
@@ -254,9 +255,10 @@ private:
         if (!lines.empty()) encode(level(1, std::move(lines)), job.output);
     }
 
+    RunContext quietly() const { return {context_.stop, {}, context_.threads}; }
+
     LodLevel level(unsigned number, PointCloud&& cloud) const {
-        const RunContext quietly{context_.stop, {}, context_.threads};
-        const double spacing = mean_spacing(cloud.positions, quietly);
+        const double spacing = mean_spacing(cloud.positions, quietly());
         return {number, std::move(cloud), spacing};
     }
 
@@ -266,6 +268,11 @@ private:
 
         const double encoded_before = cost_.encode_seconds;
         const auto start = Clock::now();
+        if (std::ranges::find(job.output.formats, CloudFormat::Glb) != job.output.formats.end()) {
+            const Stopwatch watch(cost_.encode_seconds);
+            tiler_ = std::make_unique<LodTiler>(cloud, job.tiles, quietly());
+            points_of_source_ = cloud.size();
+        }
         build_lod_pyramid(
             cloud, job.options, [&](LodLevel&& made) { encode(made, job.output); },
             in_stage(kSimplify));
@@ -279,17 +286,20 @@ private:
         const Stopwatch watch(cost_.encode_seconds);
         const double points = static_cast<double>(made.cloud.size());
         const double all = static_cast<double>(points_to_encode_);
-        const double files = static_cast<double>(options.formats.size());
-        const double before = static_cast<double>(points_encoded_) / all;
+        const double share = points / all / static_cast<double>(options.formats.size());
+        double from = static_cast<double>(points_encoded_) / all;
 
         JobReport line;
         line.level = {made.level, made.cloud.size(), made.spacing, bounds(made.cloud), {}};
+        std::vector<OutputFile>& files = line.level->files;
         for (const CloudFormat format : options.formats) {
-            const double from =
-                before + points / all * static_cast<double>(line.level->files.size()) / files;
-            RunContext context = in_stage(kEncode);
-            line.level->files.push_back(write(made, format, options.draco,
-                                              context.part(from, from + points / all / files)));
+            const RunContext context = in_stage(kEncode).part(from, from + share);
+            from += share;
+            if (format == CloudFormat::Glb) {
+                write_tiles(made, context, files);
+            } else {
+                files.push_back(write(made, format, options.draco, context));
+            }
         }
         points_encoded_ += made.cloud.size();
         meter_.advance(kEncode, static_cast<double>(points_encoded_) / all);
@@ -307,6 +317,19 @@ private:
         return {format, bytes.size(), sha256_hex(bytes), name};
     }
 
+    /// A file for each tile, named by its hash: so the tileset names it, wherever it is served.
+    void write_tiles(const LodLevel& made, const RunContext& context,
+                     std::vector<OutputFile>& files) {
+        const bool whole = made.cloud.size() == points_of_source_;
+        for (LodTile& tile : tiler_->add_level(made.cloud, whole, context)) {
+            const std::vector<std::byte> bytes = encode_glb(tile);
+            tile.streams.clear();
+            const std::string hash = sha256_hex(bytes), name = hash + ".glb";
+            write_whole_file(fs::path(spec_.output_dir) / name, bytes, spec_);
+            files.push_back({CloudFormat::Glb, bytes.size(), hash, name, std::move(tile)});
+        }
+    }
+
     void report_cost() {
         rusage usage{};
         ::getrusage(RUSAGE_SELF, &usage);
@@ -322,6 +345,8 @@ private:
     ProgressMeter meter_;
     RunContext context_;
     JobCost cost_;
+    std::unique_ptr<LodTiler> tiler_;  ///< of a pyramid, when it is to have tiles
+    std::uint64_t points_of_source_ = 0;
     std::uint64_t points_to_encode_ = 0;
     std::uint64_t points_encoded_ = 0;
 };

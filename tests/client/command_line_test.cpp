@@ -181,7 +181,7 @@ TEST(CommandLine, PyramidTakesALadderOrARatio) {
         parsed<PyramidCommand>({"pyramid", "in.ply", "out", "--ratio", "2", "--base-points", "50"});
     EXPECT_EQ(ratio.job.options.ratio, 2.0);
     EXPECT_EQ(ratio.job.options.base_points, 50U);
-    EXPECT_EQ(ratio.job.output.formats.size(), 2U);
+    EXPECT_EQ(ratio.job.output.formats.size(), 3U);
     EXPECT_NE(refusal({"pyramid", "in.ply", "out", "--levels", "10", "--ratio", "2"}), "accepted");
     EXPECT_EQ(ratio.job.options.method, Method::Hierarchical);
     EXPECT_EQ(

@@ -103,6 +103,42 @@ TEST(Stippled, TurnsAnUploadIntoAPyramidWhoseBytesAreWhatTheManifestSays) {
               bytes);
 }
 
+TEST(Stippled, ServesATilesetWhoseTilesAreThere) {
+    const StippledProcess server;
+    const std::string cloud = upload(server, as_ply(sphere(3000)));
+    const std::string id = submit(server, {{"type", "pyramid"},
+                                           {"input", cloud},
+                                           {"levels", {100, 3000}},
+                                           {"formats", {"glb"}},
+                                           {"tiles", {{"max_points", 1000}}}});
+    ASSERT_EQ(finished(server, id).at("status"), "successful");
+    const std::string folder = "/v1/pyramids/" + id + "/";
+    const HttpReply tileset = request(server.port(), "GET", folder + "tileset.json");
+    ASSERT_EQ(tileset.status, 200) << tileset.body;
+    EXPECT_EQ(tileset.field("Content-Type"), "application/json");
+    EXPECT_EQ(tileset.field("Cache-Control"), "no-cache");
+    EXPECT_EQ(request(server.port(), "GET", folder + "tileset.json", {},
+                      {"If-None-Match: " + tileset.field("ETag")})
+                  .status,
+              304);
+    const Json root = Json::parse(tileset.body).at("root");
+    EXPECT_EQ(root.at("children").size(), 4U);
+    Json tiles = root.at("children");
+    tiles.push_back(root);
+    std::size_t points = 0;
+    for (const Json& tile : tiles) {
+        const std::string uri = tile.at("content").at("uri");
+        const HttpReply glb = request(server.port(), "GET", folder + uri);
+        ASSERT_EQ(glb.status, 200) << glb.body;
+        EXPECT_EQ(glb.field("Content-Type"), "model/gltf-binary");
+        EXPECT_EQ(hash_of(glb.body) + ".glb", uri);
+        EXPECT_TRUE(glb.body.starts_with("glTF"));
+        points += tile.at("extras").at("points").get<std::size_t>();
+    }
+    EXPECT_EQ(points, 3100U);
+    EXPECT_EQ(request(server.port(), "GET", folder + "tileset-1.json").status, 404);
+}
+
 TEST(Stippled, AnswersConditionsAndRangesOnImmutableBytes) {
     const StippledProcess server;
     const std::string bytes = as_ply(sphere(1000));

@@ -58,7 +58,7 @@ inline proto::JobRequest analyze_request() {
 
 inline proto::JobRequest pyramid_request() {
     proto::PyramidJob job;
-    job.output.formats = {CloudFormat::Draco, CloudFormat::Ply};
+    job.output.formats = {CloudFormat::Draco, CloudFormat::Ply, CloudFormat::Glb};
     return {kInput, job};
 }
 
@@ -100,13 +100,30 @@ inline proto::CloudDocument cloud_document() {
             .links = {{"content", "/v1/clouds/" + kInput + "/content", "model/ply"}}};
 }
 
+inline LodTile tile() {
+    LodTile tile;
+    tile.level = 1;
+    tile.parent = 0;
+    tile.points = 400;
+    tile.offset = Vec3d(-1, -2.5, 0.25);
+    tile.step = 0.125;
+    tile.bits = 6;
+    tile.last = {16, 40, 22};
+    tile.error = {0.25, 1, 0.5};
+    tile.spacing = 0.5;
+    tile.cover_radius = 0.75;
+    return tile;
+}
+
 inline proto::OutputCloud output_cloud() {
     return {.level = 1,
             .points = 400,
             .spacing = 0.25,
             .bounds = {Vec3d(-1, -2.5, 0.1), Vec3d(1, 2.5, 3)},
             .files = {{CloudFormat::Draco, 900, std::string(64, 'c'), "level-1.drc"},
-                      {CloudFormat::Ply, 4900, std::string(64, 'd'), "level-1.ply"}}};
+                      {CloudFormat::Ply, 4900, std::string(64, 'd'), "level-1.ply"},
+                      {CloudFormat::Glb, 1200, std::string(64, 'e'), std::string(64, 'e') + ".glb",
+                       tile()}}};
 }
 
 inline proto::JobCost job_cost() {

@@ -176,7 +176,10 @@ TEST(JobRequest, HasTheDefaultsOfCore) {
 
     const auto pyramid = std::get<PyramidJob>(job_request_from_json(pyramid_with("")).job);
     EXPECT_EQ(pyramid.options.ratio, LodPyramidOptions{}.ratio);
-    EXPECT_EQ(pyramid.output.formats, (std::vector{CloudFormat::Draco, CloudFormat::Ply}));
+    EXPECT_EQ(pyramid.output.formats,
+              (std::vector{CloudFormat::Draco, CloudFormat::Ply, CloudFormat::Glb}));
+    EXPECT_EQ(pyramid.tiles.max_points, LodTileOptions{}.max_points);
+    EXPECT_FALSE(pyramid.transform);
 }
 
 TEST(JobRequest, ThatIsRefusedNamesFieldAndValueAndWhatIsExpected) {
@@ -206,6 +209,13 @@ TEST(JobRequest, ThatIsRefusedNamesFieldAndValueAndWhatIsExpected) {
         {pyramid_with(R"("levels": [10], "ratio": 4)"),
          "levels: stands instead of ratio and base_points: give one form"},
         {pyramid_with(R"("formats": [])"), "formats: a list of 0: expected at least one format"},
+        {pyramid_with(R"("tiles": {"position_bits": 1})"),
+         "tiles.position_bits: 1: expected an integer of 2 to 24"},
+        {pyramid_with(R"("tiles": {"transform": [1, 0]})"),
+         "tiles.transform: a list of 2: expected 16 numbers, column by column"},
+        {pyramid_with(R"("formats": ["ply"], "tiles": {})"),
+         "tiles: an object: expected none unless glb is among the formats"},
+        {simplify_with(R"("ratio": 0.5, "format": "glb")"), "format: \"glb\": expected ply or drc"},
         {pyramid_with(R"("formats": ["ply", "ply"])"),
          "formats[1]: \"ply\": expected each format once"},
         {R"({"input": ")" + kInput + "\"}", "type: missing: this field is required"},
@@ -339,7 +349,7 @@ TEST(JobRequest, OfAPyramidHasOneFormForEqualRequests) {
     const std::string canonical = to_json(test::pyramid_request());
     EXPECT_EQ(canonical, golden("pyramid_request.json"));
     EXPECT_EQ(to_json(job_request_from_json(pyramid_with(""))), canonical);
-    EXPECT_EQ(to_json(job_request_from_json(pyramid_with(R"("formats": ["ply", "drc"])"))),
+    EXPECT_EQ(to_json(job_request_from_json(pyramid_with(R"("formats": ["glb", "ply", "drc"])"))),
               canonical);
     EXPECT_NE(to_json(job_request_from_json(pyramid_with(R"("formats": ["ply"])"))), canonical);
     EXPECT_NE(to_json(job_request_from_json(pyramid_with(R"("levels": [5])"))), canonical);

@@ -124,6 +124,26 @@ TEST_F(RunJob, WritesEveryLevelOfAPyramidInEveryFormatCoarsestFirst) {
     EXPECT_EQ(files_written(), 6U);  // nothing half-written is left
 }
 
+TEST_F(RunJob, WritesTilesNamedByTheirHashes) {
+    PyramidJob job = levels_of({50, 3000});
+    job.output.formats = {CloudFormat::Glb};
+    job.tiles.max_points = 1000;
+    run(spec_for(test::sphere(3000), job));
+    ASSERT_EQ(levels().size(), 2U);
+    for (const OutputCloud& level : levels()) {
+        std::uint64_t points = 0;
+        EXPECT_EQ(level.files.size(), level.level == 0 ? 1U : 4U);
+        for (const OutputFile& file : level.files) {
+            EXPECT_EQ(file.href, sha256_of_file(folder_ / "out" / file.href) + ".glb");
+            ASSERT_TRUE(file.tile);
+            EXPECT_EQ(file.tile->parent.has_value(), level.level > 0);
+            points += file.tile->points;
+        }
+        EXPECT_EQ(points, level.points);
+    }
+    EXPECT_EQ(files_written(), 5U);
+}
+
 TEST_F(RunJob, ReportsProgressThatNeverDecreasesAndEndsAtAHundred) {
     run(spec_for(test::sphere(20000), levels_of({100, 1000, 10000})));
     double last = 0;

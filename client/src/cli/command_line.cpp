@@ -43,9 +43,11 @@ struct Values {
     FeatureLineOptions features;
     bool source_index = false;
     SurfaceAttributeOptions surface;
-    std::vector<std::string> reductions, formats = {"drc", "ply"};
+    std::vector<std::string> reductions, formats = {"drc", "ply", "glb"};
     std::vector<std::uint64_t> levels;
     LodPyramidOptions pyramid;
+    LodTileOptions tiles;
+    std::vector<double> transform;
     std::string pyramid_method{to_string(LodPyramidOptions{}.method)};
     SyntheticScanOptions synthetic;
     DracoEncodeOptions draco;
@@ -250,9 +252,23 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
                     "hierarchical; multiphase or iterative: less error, more time")
         ->type_name("M")
         ->capture_default_str();
-    command.add_option("--formats", values.formats, "drc, ply or both (default)")
+    command.add_option("--formats", values.formats, "of drc, ply and glb (tiles); all")
         ->delimiter(',')
         ->type_name("F,F");
+    command
+        .add_option("--tile-bits", values.tiles.position_bits,
+                    "of the finest tiles' grid, 2..24 for the longest side; 14")
+        ->type_name("B");
+    command.add_option("--tile-points", values.tiles.max_points, "most points of a tile; 65536")
+        ->type_name("N");
+    command.add_flag("--tile-attributes", values.tiles.attributes,
+                     "scalar attributes in the tiles, too");
+    command
+        .add_option("--transform", values.transform,
+                    "of the tileset, 16 numbers column by column: to the globe (ECEF)")
+        ->delimiter(',')
+        ->expected(16)
+        ->type_name("M");
     add_representative(command, values.of_methods.representative);
     add_reductions(command, values);
     add_draco(command, values);
@@ -439,7 +455,11 @@ PyramidCommand pyramid_command(const Values& values, const CLI::App& app) {
             formats.push_back(format);
     }
     command.job.output.draco = draco(values);
+    command.job.tiles = values.tiles;
+    if (!values.transform.empty())
+        std::ranges::copy(values.transform, command.job.transform.emplace().begin());
     validate(options);
+    validate(command.job.tiles);
     return command;
 }
 

@@ -64,8 +64,9 @@ void fetch_levels(Client& client, proto::Results& results, const fs::path& folde
         for (const proto::OutputFile& file : level.files) all += file.bytes;
     for (proto::OutputCloud& level : results.levels) {
         for (proto::OutputFile& file : level.files) {
-            const std::string name =
-                "level-" + std::to_string(level.level) + "." + std::string(to_string(file.format));
+            const std::string stem =
+                file.tile ? file.sha256 : "level-" + std::to_string(level.level);
+            const std::string name = stem + "." + std::string(to_string(file.format));
             client.download(file, folder / name, [&](std::uint64_t done, std::uint64_t) {
                 const double share = static_cast<double>(fetched + done) / static_cast<double>(all);
                 display.update("download", from + (1 - from) * share);

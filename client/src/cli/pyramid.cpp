@@ -4,11 +4,14 @@
 #include "cli/report.hpp"
 #include "cli/units.hpp"
 #include "stipple/proto/digest.hpp"
+#include "stipple/proto/tiles.hpp"
 
 #include <algorithm>
 #include <chrono>
 #include <fstream>
 #include <iostream>
+#include <map>
+#include <set>
 
 namespace stipple::cli {
 namespace {
@@ -24,18 +27,25 @@ void make_folder(const fs::path& folder) {
                                                     (error ? ": " + error.message() : ""));
 }
 
+void publish_text(const std::string& text, const std::string& name, const fs::path& scratch,
+                  const fs::path& folder) {
+    std::ofstream file(scratch / name, std::ios::binary);
+    file << text << '\n';
+    file.close();
+    if (!file) throw Error(ErrorCode::Internal, (folder / name).string() + ": cannot be written");
+    move_into_place(scratch / name, folder / name);
+}
+
 /// The manifest comes last: while it is missing or old, nobody takes the new files for a whole.
 void publish(const proto::Results& results, const fs::path& scratch, const fs::path& folder) {
+    std::set<std::string> names;  // tiles of the same bytes are one file
     for (const proto::OutputCloud& level : results.levels)
         for (const proto::OutputFile& file : level.files)
-            move_into_place(scratch / file.href, folder / file.href);
-    std::ofstream manifest(scratch / "manifest.json", std::ios::binary);
-    manifest << proto::to_json(results) << '\n';
-    manifest.close();
-    if (!manifest)
-        throw Error(ErrorCode::Internal,
-                    (folder / "manifest.json").string() + ": cannot be written");
-    move_into_place(scratch / "manifest.json", folder / "manifest.json");
+            if (names.insert(file.href).second)
+                move_into_place(scratch / file.href, folder / file.href);
+    for (const proto::TilesetFile& file : proto::tileset_files(results))
+        publish_text(file.json, file.name, scratch, folder);
+    publish_text(proto::to_json(results), "manifest.json", scratch, folder);
 }
 
 std::uint64_t bytes_of(const proto::Results& results) {
@@ -54,8 +64,10 @@ void list_levels(const proto::Results& results) {
     for (const proto::OutputCloud& level : results.levels) {
         std::cerr << right(std::to_string(level.level), 4)
                   << right(with_separators(level.points), 14);
-        for (const proto::OutputFile& file : level.files)
-            std::cerr << right(readable_bytes(file.bytes), 11) << ' ' << to_string(file.format);
+        std::map<CloudFormat, std::uint64_t> bytes;
+        for (const proto::OutputFile& file : level.files) bytes[file.format] += file.bytes;
+        for (const auto& [format, sum] : bytes)
+            std::cerr << right(readable_bytes(sum), 11) << ' ' << to_string(format);
         std::cerr << '\n';
     }
 }

@@ -13,9 +13,13 @@
 
 namespace stipple {
 
-enum class CloudFormat { Ply, Draco };
+enum class CloudFormat {
+    Ply,
+    Draco,
+    Glb,  ///< tiles of a pyramid (`LodTiler`) as binary glTF: written, never read
+};
 
-/// `ply`, `drc`: the name on the wire and the extension of a file.
+/// `ply`, `drc`, `glb`: the name on the wire and the extension of a file.
 std::string_view to_string(CloudFormat format) noexcept;
 /// `model/ply`, `model/vnd.google.draco`... as sent in `Content-Type`.
 std::string_view media_type(CloudFormat format) noexcept;

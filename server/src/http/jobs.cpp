@@ -7,6 +7,7 @@
 #include "stipple/proto/digest.hpp"
 
 #include <algorithm>
+#include <array>
 #include <charconv>
 
 namespace stipple::server::http {
@@ -73,7 +74,9 @@ Reply output_reply(Resources& resources, const Request& request, const std::stri
     const std::string sha256 = file_name.substr(0, dot);
     const std::string_view extension =
         std::string_view(file_name).substr(std::min(dot, file_name.size()));
-    if (!proto::is_sha256(sha256) || (extension != ".ply" && extension != ".drc")) {
+    constexpr std::array kExtensions = {".ply", ".drc", ".glb"};
+    if (!proto::is_sha256(sha256) ||
+        std::ranges::find(kExtensions, extension) == kExtensions.end()) {
         throw HttpError(404, "no such file: the manifest names those there are");
     }
     auto permit = resources.downloads.take();

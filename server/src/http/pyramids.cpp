@@ -3,6 +3,7 @@
 #include "http/waiting.hpp"
 
 #include "stipple/proto/digest.hpp"
+#include "stipple/proto/tiles.hpp"
 
 #include <variant>
 
@@ -18,16 +19,32 @@ proto::Results pyramid(Resources& resources, const Request& request) {
     return results;
 }
 
+Reply json_that_may_change(const Request& request, const std::string& json) {
+    const std::string etag = proto::sha256_hex(std::as_bytes(std::span(json)));
+    return tagged_reply(request, etag, "no-cache", json_reply(200, json));
+}
+
+/// `tileset.json`, or one of the files that it names: of the levels that are there.
+Reply tileset_reply(Resources& resources, const Request& request, const std::string& name) {
+    for (const proto::TilesetFile& file : proto::tileset_files(pyramid(resources, request)))
+        if (file.name == name) return json_that_may_change(request, file.json);
+    throw HttpError(404, "no such tileset: this pyramid has no tiles, or none yet");
+}
+
 }  // namespace
 
 Reply get_manifest(Resources& resources, Request& request) {
-    const std::string manifest = proto::to_json(pyramid(resources, request));
-    const std::string etag = proto::sha256_hex(std::as_bytes(std::span(manifest)));
-    return tagged_reply(request, etag, "no-cache", json_reply(200, manifest));
+    return json_that_may_change(request, proto::to_json(pyramid(resources, request)));
+}
+
+Reply get_tileset(Resources& resources, Request& request) {
+    return tileset_reply(resources, request, "tileset.json");
 }
 
 Reply get_pyramid_file(Resources& resources, Request& request) {
-    return output_reply(resources, request, request.path_value("id"), request.path_value("file"));
+    const std::string file = request.path_value("file");
+    if (file.starts_with("tileset-")) return tileset_reply(resources, request, file);
+    return output_reply(resources, request, request.path_value("id"), file);
 }
 
 }  // namespace stipple::server::http

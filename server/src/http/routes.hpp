@@ -64,6 +64,7 @@ Reply get_results(Resources&, Request&);
 Reply get_result_file(Resources&, Request&);
 Reply simplify(Resources&, Request&);
 Reply get_manifest(Resources&, Request&);
+Reply get_tileset(Resources&, Request&);
 Reply get_pyramid_file(Resources&, Request&);
 Reply get_limits(Resources&, Request&);
 Reply get_openapi(Resources&, Request&);

@@ -44,6 +44,7 @@ std::vector<proto::Link> links_of(const proto::JobDocument& job) {
                                       {"results", self + "/results", kJson}};
     if (is_pyramid(job.request)) {
         links.push_back({"pyramid", "/v1/pyramids/" + job.id + "/manifest.json", kJson});
+        links.push_back({"tileset", "/v1/pyramids/" + job.id + "/tileset.json", kJson});
         links.push_back({"viewer", "/?pyramid=" + job.id, "text/html"});
     }
     return links;

@@ -2,10 +2,12 @@
 
 #include "stipple/codec.hpp"
 #include "stipple/lod_pyramid.hpp"
+#include "stipple/lod_tiles.hpp"
 #include "stipple/simplify.hpp"
 #include "stipple/surface_attributes.hpp"
 
 #include <array>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -17,7 +19,7 @@ namespace stipple::proto {
 /// How results are encoded.
 struct OutputOptions {
     std::vector<CloudFormat>
-        formats;  ///< pyramid: `drc` and `ply` by default; else one, `ply` by default
+        formats;  ///< pyramid: any, all of them by default; else `ply` or `drc`, `ply` by default
     DracoEncodeOptions draco;
 };
 
@@ -46,6 +48,10 @@ struct AnalyzeJob {
 struct PyramidJob {
     LodPyramidOptions options;
     OutputOptions output;
+    LodTileOptions tiles{};  ///< of the format `glb`
+    std::optional<std::array<double, 16>>
+        transform{};  ///< of the tileset, column by column: from the coordinates of the file to
+                      ///< those of the scene, as to the globe's (ECEF)
 };
 
 /// The body of `POST /v1/jobs`: core's own option structs, one definition of each default. Unknown
@@ -83,7 +89,9 @@ struct PyramidJob {
 ///
 ///     {"type": "pyramid", "input": …, "levels": [1000, 10000] | "ratio": 4, "base_points": 10000,
 ///      "method": "hierarchical" | "multiphase" | "iterative", "representative": … (hierarchical),
-///      "reductions": …, "formats": ["drc", "ply"], "draco": …}
+///      "reductions": …, "formats": ["drc", "ply", "glb"], "draco": …,
+///      "tiles": {"position_bits": 14, "precision": 0.001, "max_points": 65536,
+///                "attributes": false, "transform": [16 numbers]} (glb)}
 struct JobRequest {
     std::string input;  ///< id of the cloud: SHA-256 of its bytes, 64 lower-case hexadecimal digits
     std::variant<SimplifyJob, PyramidJob, UpsampleJob, AnalyzeJob> job;

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "stipple/lod_tiles.hpp"
 #include "stipple/proto/job.hpp"
 
 #include <cstdint>
@@ -15,6 +16,7 @@ struct OutputFile {
     std::uint64_t bytes = 0;
     std::string sha256;  ///< of the bytes; also the strong ETag
     std::string href;    ///< where it is served: absolute path on the server, relative file name in an exported folder
+    std::optional<LodTile> tile{};  ///< of a `glb`: what it holds, without the streams
 };
 
 /// One cloud that was made: the only one of a job, or a level of a pyramid (0 the coarsest).
@@ -23,7 +25,7 @@ struct OutputCloud {
     std::uint64_t points = 0;
     double spacing = 0;  ///< mean distance to the nearest other point, input units
     Aabb bounds;
-    std::vector<OutputFile> files;  ///< one per format
+    std::vector<OutputFile> files;  ///< one per format; of `glb` one per tile
 };
 
 /// What a job took.
@@ -42,9 +44,14 @@ struct JobCost {
 ///     {"schema": "stipple-results/1" | "stipple-pyramid/1", "complete": true, "request": {…},
 ///      "source": {cloud statistics, "sha256"}, "method": "multiphase",
 ///      "levels": [{"level": 0, "points": 8396, "spacing": 0.5, "bounds": {"min": [x, y, z], "max": […]},
-///                  "files": [{"format": "drc", "bytes": 20000, "sha256": "…", "href": "…"}]}],
+///                  "files": [{"format": "drc", "bytes": 20000, "sha256": "…", "href": "…"},
+///                            {"format": "glb", …, "tile": {"parent": 0, "points": 8396, "bits": 9, "step": 0.01,
+///                             "offset": [x, y, z], "last": [511, 400, 300], "error": {"mean", "max", "p99"},
+///                             "spacing": 0.5, "cover_radius": 0.9}}]}],
 ///      "cost": {"seconds": {"decode", "simplify", "splats", "encode", "total"}, "peak_memory_bytes", "threads"}}
 ///
+/// Tiles are numbered from 0 as they stand, over all levels; `parent` is such a number, absent for the first. A tile's points lie on
+/// a grid: offset + step * (0 .. last), relative to the middle of the source's bounds. Its errors are those of `LodTile`.
 /// `method` is absent where there is none (analyze). `complete` is false while levels are still to come; `cost` stands only in a complete one.
 struct Results {
     JobRequest request;

@@ -1,0 +1,112 @@
+#pragma once
+
+#include "stipple/point_cloud.hpp"
+#include "stipple/run_context.hpp"
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace stipple {
+
+struct LodTileOptions {
+    unsigned position_bits = 14;  ///< 1..24 for each axis of the longest side: of the finest level,
+                                  ///< and the most that any level takes
+    std::optional<double>
+        precision{};  ///< instead of position_bits: the largest error per axis, in input units
+    double tolerance = 0.03;       ///< a level takes the fewest bits by which its mean error grows
+                                   ///< by no more than this part; >= 0
+    double base_tolerance = 0.16;  ///< the same for the coarsest level: the first that is fetched
+    std::uint32_t max_points = 65'536;  ///< of a tile, >= 1; a level with more is cut
+    bool attributes = false;            ///< scalar attributes too, beside normals and colours
+};
+
+/// @throws Error(InvalidArgument) for an option out of range.
+void validate(const LodTileOptions& options);
+
+/// Distances from the surface of the source to that of decoded points (§4, linear basis), input
+/// units.
+struct TileError {
+    double mean = 0, max = 0, p99 = 0;
+};
+
+/// One array of a tile, compressed.
+struct TileStream {
+    enum class Type : std::uint16_t {  ///< as glTF numbers them
+        Int8 = 5120,
+        Uint8 = 5121,
+        Int16 = 5122,
+        Uint16 = 5123,
+        Float = 5126,
+    };
+    std::string name;  ///< `POSITION`, `NORMAL`, `COLOR_0` (linear light), or `_` and the name of
+                       ///< an attribute
+    Type type = Type::Uint16;
+    unsigned components = 3;
+    bool normalized = false;
+    unsigned stride = 8;             ///< bytes of a decoded point, with padding
+    bool octahedral = false;         ///< unit vectors, packed once more before compression
+    std::vector<std::byte> bytes{};  ///< vertex codec version 0 of meshoptimizer
+};
+
+/// A piece of a level: points on the grid of the level, sorted and compressed.
+///
+/// A point q of the stream `POSITION` (three unsigned 16-bit numbers) lies at offset + step * q,
+/// relative to `LodTiler::center`. The offset is a whole multiple of the step, and the step that of
+/// the level: the same place has the same coordinates in all its tiles.
+struct LodTile {
+    unsigned level = 0;
+    std::optional<std::uint32_t> parent{};  ///< number of a tile of a coarser level, counted over
+                                            ///< all levels in the order they were made
+    std::uint64_t points = 0;               ///< at least 1
+    Vec3d offset = Vec3d::Zero();
+    double step = 1;                      ///< input units, > 0
+    unsigned bits = 0;                    ///< for each axis of the longest side of the source
+    std::array<std::uint16_t, 3> last{};  ///< largest number for each axis; the least is 0
+    TileError error;          ///< of the decoded points, over the part of the source in its cell
+    double spacing = 0;       ///< mean distance to the nearest other decoded point of the level
+    double cover_radius = 0;  ///< from a point of the source in its cell to the nearest decoded
+                              ///< point of the level: at most, over the samples
+    std::vector<TileStream> streams;
+};
+
+/// Cuts the levels of a pyramid into tiles and encodes them, level by level, coarsest first.
+///
+/// Space is cut once for all levels: a tile's points lie in the cell of its parent. A cell of a
+/// level is cut at the median while it has more than `max_points`, so that tiles have between half
+/// of that and all of it where levels grow evenly. Tiles that coincide in one place are not cut;
+/// tiles wider than 65,535 steps are.
+///
+/// Errors are measured on the decoded points at 32,768 to 131,072 places of the source. O(N log N),
+/// parallel, the same bytes for any number of threads; about 60 bytes a point of the source.
+class LodTiler {
+public:
+    /// @param source  a cleaned cloud of at least one point; not needed afterwards.
+    LodTiler(const PointCloud& source, const LodTileOptions& options,
+             const RunContext& context = {});
+    ~LodTiler();
+    LodTiler(const LodTiler&) = delete;
+    LodTiler& operator=(const LodTiler&) = delete;
+
+    /// The place to which tiles are relative, in the coordinates of the source's file.
+    const Vec3d& center() const noexcept;
+
+    /// @param cloud  the next finer level, of at least one point.
+    /// @param whole  it is the source itself: it takes all bits.
+    std::vector<LodTile> add_level(const PointCloud& cloud, bool whole,
+                                   const RunContext& context = {});
+
+private:
+    struct State;
+    std::unique_ptr<State> state_;
+};
+
+/// The decoded points of a tile, relative to `center`: positions, normals, colours, attributes.
+/// @throws Error(MalformedInput) for streams that do not decode.
+PointCloud decode_tile(const LodTile& tile, const Vec3d& center = Vec3d::Zero());
+
+}  // namespace stipple

@@ -1,0 +1,341 @@
+#include "stipple/lod_tiles.hpp"
+
+#include "chain_order.hpp"
+#include "distance_statistics.hpp"
+#include "error_samples.hpp"
+#include "foot_finder.hpp"
+#include "parallel_for.hpp"
+#include "point_tree.hpp"
+#include "stipple/error.hpp"
+#include "tile_streams.hpp"
+#include "tile_tree.hpp"
+#include "tree_search.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <sstream>
+#include <string>
+
+namespace stipple {
+
+namespace {
+
+constexpr unsigned kLeastBits = 2, kMostBits = 24;
+constexpr std::size_t kBlock = 8'192;
+
+template <typename T>
+[[noreturn]] void refuse(const char* name, T value, const char* expected) {
+    std::ostringstream text;
+    text << name << ' ' << value << ": expected " << expected;
+    throw Error(ErrorCode::InvalidArgument, text.str());
+}
+
+/// A grid through the middle of the source's box.
+struct Grid {
+    double step;
+    unsigned bits;
+
+    std::int64_t at(float coordinate) const noexcept {
+        return std::llround(static_cast<double>(coordinate) / step);
+    }
+    Vec3f rounded(const Vec3f& p) const noexcept {
+        Vec3f q;
+        for (int axis = 0; axis < 3; ++axis)
+            q[axis] = static_cast<float>(static_cast<double>(at(p[axis])) * step);
+        return q;
+    }
+};
+
+std::vector<Vec3f> rounded(std::span<const Vec3f> points, const Grid& grid,
+                           const RunContext& context) {
+    std::vector<Vec3f> decoded(points.size());
+    parallel_for_blocks(points.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) decoded[i] = grid.rounded(points[i]);
+    });
+    return decoded;
+}
+
+/// Places on the surface of the source, as `measure_error` takes them: at points, where there are
+/// many.
+ErrorSamples take_samples(std::span<const Vec3f> points, const RunContext& context) {
+    constexpr std::uint64_t kMany = 100'000, kShare = 8, kLeast = 32'768, kMost = 131'072;
+    if (points.size() < kMany) {
+        const PointTree tree(points, PointTree::Leaves::Compact, context);
+        return take_surface(tree, FootFinder(points, tree, {}), kLeast, 0, context);
+    }
+    const PointTree tree(points, PointTree::Leaves::Quick, context);
+    const std::uint64_t count = std::clamp<std::uint64_t>(points.size() / kShare, kLeast, kMost);
+    return take_points(tree, count, 0, context);
+}
+
+/// Enough to compare two roundings of the same points.
+ErrorSamples every_fourth(const ErrorSamples& samples) {
+    ErrorSamples few;
+    for (std::size_t i = 0; i < samples.size(); i += 4) {
+        few.positions.push_back(samples.positions[i]);
+        few.areas.push_back(samples.areas[i]);
+    }
+    return few;
+}
+
+/// Points that stand for a surface, and how far the source is from it.
+struct Measured {
+    std::vector<Vec3f> points;
+    std::unique_ptr<PointTree> tree;
+    std::vector<float> distances;  ///< of the samples
+    double mean = 0;
+};
+
+}  // namespace
+
+void validate(const LodTileOptions& options) {
+    if (options.position_bits < kLeastBits || options.position_bits > kMostBits)
+        refuse("tiles: position_bits", options.position_bits, "2..24");
+    if (options.precision && !(*options.precision > 0 && std::isfinite(*options.precision)))
+        refuse("tiles: precision", *options.precision, "a finite length above 0");
+    for (const double tolerance : {options.tolerance, options.base_tolerance})
+        if (!(tolerance >= 0)) refuse("tiles: tolerance", tolerance, "at least 0");
+    if (options.max_points == 0) refuse("tiles: max_points", 0, "at least 1");
+}
+
+/// All in a frame where the middle of the source's box lies at 0 and its longest side is between 1
+/// and 2: scaled by a power of two, so that nothing is lost on the way there and back.
+struct LodTiler::State {
+    LodTileOptions options;
+    Vec3d center = Vec3d::Zero();
+    double scale = 1;
+    double side = 0;  ///< of the source's box, the longest
+    ErrorSamples samples, few;
+    TileTree tree;
+    unsigned levels = 0;
+
+    std::vector<Vec3f> into_frame(const PointCloud& cloud, const RunContext& context) const {
+        const Vec3d shift = cloud.origin - center;
+        std::vector<Vec3f> points(cloud.size());
+        parallel_for_blocks(
+            points.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+                for (std::size_t i = begin; i < end; ++i)
+                    points[i] = (scale * (cloud.positions[i].cast<double>() + shift)).cast<float>();
+            });
+        return points;
+    }
+
+    Grid grid(unsigned bits) const {
+        if (side == 0) return {1, bits};
+        return {side / static_cast<double>((std::uint64_t{1} << bits) - 2), bits};
+    }
+    Grid finest_grid() const {
+        if (!options.precision || side == 0) return grid(options.position_bits);
+        const double step = 2 * *options.precision * scale;
+        const double bits = std::ceil(std::log2(side / step + 2));
+        if (bits > kMostBits) return grid(kMostBits);
+        return {step, static_cast<unsigned>(std::max<double>(bits, kLeastBits))};
+    }
+
+    static Measured with_tree(std::vector<Vec3f>&& points, const RunContext& context) {
+        Measured made{std::move(points), {}, {}};
+        made.tree = std::make_unique<PointTree>(made.points, PointTree::Leaves::Quick, context);
+        return made;
+    }
+    static void measure(Measured& made, const ErrorSamples& at, const RunContext& context) {
+        made.distances.resize(at.size());
+        FootFinder(made.points, *made.tree, {})
+            .find(
+                at.positions,
+                [&](std::size_t i, const Foot& foot) {
+                    made.distances[i] = static_cast<float>(foot.distance);
+                },
+                context);
+        made.mean = summarize("", made.distances, at.areas).mean;
+    }
+
+    /// The fewest bits by which the mean error grows by no more than the tolerance.
+    Measured round_level(const std::vector<Vec3f>& points, Grid& grid_taken,
+                         const RunContext& context) const {
+        const double tolerance = levels == 0 ? options.base_tolerance : options.tolerance;
+        const Grid finest = finest_grid();
+        const auto measured = [&](std::vector<Vec3f>&& level) {
+            Measured made = with_tree(std::move(level), context);
+            measure(made, few, context);
+            return made;
+        };
+        const auto try_bits = [&](unsigned bits) {
+            return measured(rounded(points, grid(bits), context));
+        };
+        const double exact = measured(std::vector<Vec3f>(points)).mean;
+        // Rounding adds about the variance of one axis, smoothed by the surface's fit.
+        constexpr double kSmoothed = 0.05;
+        const double step = exact * std::sqrt(2 * tolerance / kSmoothed);
+        const double guess = step > 0 ? std::ceil(std::log2(side / step + 2)) : kMostBits;
+        unsigned bits = static_cast<unsigned>(
+            std::clamp<double>(guess, kLeastBits, std::max(kLeastBits, finest.bits)));
+        const double limit = (1 + tolerance) * exact;
+
+        Measured taken;
+        for (; bits < finest.bits; ++bits) {
+            taken = try_bits(bits);
+            if (taken.mean <= limit) break;
+        }
+        if (bits >= finest.bits) {
+            grid_taken = finest;
+            return with_tree(rounded(points, finest, context), context);
+        }
+        grid_taken = grid(bits);
+        // One bit less makes four times the variance: tried while that may do.
+        while (bits > kLeastBits) {
+            const double added = std::max(0.0, taken.mean * taken.mean - exact * exact);
+            constexpr double kMargin = 0.9;
+            if (kMargin * std::sqrt(exact * exact + 4 * added) > limit) break;
+            Measured fewer = try_bits(--bits);
+            if (fewer.mean > limit) break;
+            taken = std::move(fewer);
+            grid_taken = grid(bits);
+        }
+        return taken;
+    }
+
+    double spacing(std::span<const Index> members, const Measured& level) const {
+        constexpr std::size_t kAsked = 256;
+        const std::size_t step = std::max<std::size_t>(1, members.size() / kAsked);
+        double sum = 0;
+        std::size_t count = 0;
+        for (std::size_t i = 0; i < members.size(); i += step, ++count) {
+            std::array<Neighbor, 2> room;
+            const auto found = find_nearest(*level.tree, level.points[members[i]], room);
+            sum += std::sqrt(static_cast<double>(found.back().distance_sq));
+        }
+        return sum / static_cast<double>(count) / scale;
+    }
+
+    /// Of each part of the level, by the samples in its cell; of the whole level where it has none.
+    void add_errors(std::span<LodTile> tiles, const Measured& level,
+                    const RunContext& context) const {
+        std::vector<std::uint32_t> part_of(samples.size());
+        std::vector<float> cover(samples.size());
+        parallel_for_blocks(samples.size(), 1'024, context,
+                            [&](std::size_t begin, std::size_t end) {
+                                for (std::size_t i = begin; i < end; ++i) {
+                                    Neighbor nearest;
+                                    find_nearest(*level.tree, samples.positions[i], {&nearest, 1});
+                                    cover[i] = std::sqrt(nearest.distance_sq);
+                                    part_of[i] = tree.part_at(samples.positions[i]);
+                                }
+                            });
+        struct Inside {
+            std::vector<float> distances, areas;
+            float cover = 0;
+            double area = 0;
+
+            void add(float distance, float area_, float cover_) {
+                distances.push_back(distance);
+                areas.push_back(area_);
+                area += area_;
+                cover = std::max(cover, cover_);
+            }
+        };
+        std::vector<Inside> inside(tiles.size());
+        Inside all;
+        for (std::size_t i = 0; i < samples.size(); ++i) {
+            all.add(level.distances[i], samples.areas[i], cover[i]);
+            if (part_of[i] != TileTree::kNone)
+                inside[part_of[i]].add(level.distances[i], samples.areas[i], cover[i]);
+        }
+        parallel_for_blocks(tiles.size(), 1, context, [&](std::size_t t, std::size_t) {
+            const Inside& of = inside[t].area > 0 ? inside[t] : all;
+            const AttributeError error = summarize("", of.distances, of.areas);
+            constexpr std::array kPart = {0.99};
+            const double p99 = weighted_quantiles(of.distances, of.areas, kPart).front();
+            tiles[t].error = {error.mean / scale, error.max / scale, p99 / scale};
+            tiles[t].cover_radius = of.cover / scale;
+        });
+    }
+
+    /// Sorts and compresses the points of a part.
+    void encode(LodTile& tile, const PointCloud& cloud, std::vector<Index>& members,
+                const Measured& level, const Grid& grid_taken) const {
+        std::array<std::int64_t, 3> least{};
+        least.fill(std::numeric_limits<std::int64_t>::max());
+        for (const Index i : members)
+            for (int axis = 0; axis < 3; ++axis)
+                least[axis] = std::min(least[axis], grid_taken.at(level.points[i][axis]));
+        std::vector<GridPoint> points(members.size());
+        for (std::size_t i = 0; i < members.size(); ++i) {
+            for (int axis = 0; axis < 3; ++axis) {
+                points[i][axis] = static_cast<std::uint16_t>(
+                    grid_taken.at(level.points[members[i]][axis]) - least[axis]);
+                tile.last[axis] = std::max(tile.last[axis], points[i][axis]);
+            }
+        }
+        const std::vector<Index> order = chain_order(points);
+        std::vector<GridPoint> sorted(points.size());
+        std::vector<Index> numbers(points.size());
+        for (std::size_t i = 0; i < order.size(); ++i) {
+            sorted[i] = points[order[i]];
+            numbers[i] = members[order[i]];
+        }
+        tile.points = members.size();
+        tile.bits = grid_taken.bits;
+        tile.step = grid_taken.step / scale;
+        for (int axis = 0; axis < 3; ++axis)
+            tile.offset[axis] = static_cast<double>(least[axis]) * tile.step;
+        tile.spacing = spacing(members, level);
+        tile.streams = encode_streams(cloud, numbers, sorted, options.attributes);
+    }
+};
+
+LodTiler::LodTiler(const PointCloud& source, const LodTileOptions& options,
+                   const RunContext& context)
+    : state_(std::make_unique<State>()) {
+    validate(options);
+    if (source.empty())
+        throw Error(ErrorCode::InvalidArgument, "the cloud has no points: expected at least 1");
+    State& state = *state_;
+    state.options = options;
+    const Aabb box = bounds(source);
+    state.center = 0.5 * (box.min + box.max);
+    const double side = (box.max - box.min).maxCoeff();
+    if (side > 0) state.scale = std::ldexp(1.0, -std::ilogb(side));
+    state.side = side * state.scale;
+
+    const std::vector<Vec3f> points = state.into_frame(source, context);
+    state.samples = take_samples(points, context);
+    state.few = every_fourth(state.samples);
+}
+
+LodTiler::~LodTiler() = default;
+
+const Vec3d& LodTiler::center() const noexcept {
+    return state_->center;
+}
+
+std::vector<LodTile> LodTiler::add_level(const PointCloud& cloud, bool whole,
+                                         const RunContext& context) {
+    if (cloud.empty())
+        throw Error(ErrorCode::InvalidArgument, "the level has no points: expected at least 1");
+    State& state = *state_;
+    const std::vector<Vec3f> points = state.into_frame(cloud, context);
+    Grid grid = state.finest_grid();
+    Measured level = whole ? State::with_tree(rounded(points, grid, context), context)
+                           : state.round_level(points, grid, context);
+    State::measure(level, state.samples, context);
+    context.checkpoint(0.4);
+
+    constexpr double kMostSteps = 65'534;
+    std::vector<TileTree::Part> parts = state.tree.add_level(
+        level.points, {state.options.max_points, static_cast<float>(kMostSteps * grid.step)},
+        context);
+    context.checkpoint(0.5);
+    std::vector<LodTile> tiles(parts.size());
+    parallel_for_blocks(parts.size(), 1, context, [&](std::size_t t, std::size_t) {
+        tiles[t].level = state.levels;
+        if (parts[t].parent != TileTree::kNone) tiles[t].parent = parts[t].parent;
+        state.encode(tiles[t], cloud, parts[t].points, level, grid);
+    });
+    context.checkpoint(0.9);
+    state.add_errors(tiles, level, context);
+    ++state.levels;
+    context.checkpoint(1);
+    return tiles;
+}
+
+}  // namespace stipple

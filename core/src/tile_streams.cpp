@@ -1,0 +1,257 @@
+#include "tile_streams.hpp"
+
+#include "srgb.hpp"
+#include "stipple/error.hpp"
+
+#include <meshoptimizer.h>
+#include <cmath>
+#include <cstring>
+#include <string>
+#include <type_traits>
+#include <variant>
+
+namespace stipple {
+
+namespace {
+
+using Type = TileStream::Type;
+
+std::vector<std::byte> compress(const std::vector<std::byte>& raw, std::size_t count,
+                                std::size_t stride) {
+    std::vector<std::byte> bytes(meshopt_encodeVertexBufferBound(count, stride));
+    bytes.resize(meshopt_encodeVertexBuffer(reinterpret_cast<unsigned char*>(bytes.data()),
+                                            bytes.size(), raw.data(), count, stride));
+    bytes.shrink_to_fit();
+    return bytes;
+}
+
+unsigned size_of(Type type) noexcept {
+    switch (type) {
+        case Type::Int8:
+        case Type::Uint8:
+            return 1;
+        case Type::Int16:
+        case Type::Uint16:
+            return 2;
+        case Type::Float:
+            break;
+    }
+    return 4;
+}
+
+/// @param value  value(i, component), in the type of the stream.
+template <typename T, typename Value>
+TileStream make_stream(std::string name, Type type, unsigned components, std::size_t count,
+                       Value&& value) {
+    TileStream stream{.name = std::move(name), .type = type, .components = components};
+    stream.stride = (components * static_cast<unsigned>(sizeof(T)) + 3) / 4 * 4;
+    std::vector<std::byte> raw(count * stream.stride);
+    for (std::size_t i = 0; i < count; ++i) {
+        for (unsigned c = 0; c < components; ++c) {
+            const T v = value(i, c);
+            std::memcpy(raw.data() + i * stream.stride + c * sizeof(T), &v, sizeof(T));
+        }
+    }
+    stream.bytes = compress(raw, count, stream.stride);
+    return stream;
+}
+
+TileStream normal_stream(std::span<const Vec3f> normals, std::span<const Index> members) {
+    TileStream stream{.name = "NORMAL",
+                      .type = Type::Int8,
+                      .components = 3,
+                      .normalized = true,
+                      .stride = 4,
+                      .octahedral = true};
+    std::vector<std::array<float, 4>> vectors;
+    vectors.reserve(members.size());
+    for (const Index i : members) {
+        const bool some = normals[i].allFinite() && normals[i].squaredNorm() > 0;
+        const Vec3f n = some ? normals[i].normalized() : Vec3f::UnitZ();
+        vectors.push_back({n.x(), n.y(), n.z(), 0});
+    }
+    std::vector<std::byte> raw(members.size() * stream.stride);
+    meshopt_encodeFilterOct(raw.data(), members.size(), stream.stride, 8, vectors.front().data());
+    stream.bytes = compress(raw, members.size(), stream.stride);
+    return stream;
+}
+
+/// Linear light in 16 bits, as glTF has colours, for each code of sRGB: of the numbers that stand
+/// for the code, one with as many low bits zero as there can be, which compresses best.
+const std::array<std::uint16_t, 256>& linear_codes() {
+    static const std::array<std::uint16_t, 256> codes = [] {
+        std::array<std::uint16_t, 256> table{};
+        constexpr double kMost = 65'535;
+        for (std::size_t code = 0; code < table.size(); ++code) {
+            const auto exact = static_cast<int>(
+                std::lround(kMost * static_cast<double>(linear_from_srgb()[code])));
+            table[code] = static_cast<std::uint16_t>(exact);
+            for (int unit = 2; unit <= 256; unit *= 2) {
+                const int round = (exact + unit / 2) / unit * unit;
+                if (round > kMost || srgb_from_linear(round / kMost) != code) continue;
+                table[code] = static_cast<std::uint16_t>(round);
+            }
+        }
+        return table;
+    }();
+    return codes;
+}
+
+TileStream color_stream(const PointCloud& cloud, std::span<const Index> members) {
+    constexpr unsigned kWider = 257;  // 16 bits from 8
+    TileStream stream = make_stream<std::uint16_t>(
+        "COLOR_0", Type::Uint16, cloud.has_alpha ? 4 : 3, members.size(),
+        [&](std::size_t i, unsigned c) {
+            const Rgba8& color = cloud.colors[members[i]];
+            if (c == 3) return static_cast<std::uint16_t>(kWider * color.a);
+            return linear_codes()[std::array{color.r, color.g, color.b}[c]];
+        });
+    stream.normalized = true;
+    return stream;
+}
+
+/// What glTF has for a type of values.
+template <typename T>
+constexpr Type type_for() {
+    if constexpr (std::is_same_v<T, std::int8_t>) return Type::Int8;
+    if constexpr (std::is_same_v<T, std::uint8_t>) return Type::Uint8;
+    if constexpr (std::is_same_v<T, std::int16_t>) return Type::Int16;
+    if constexpr (std::is_same_v<T, std::uint16_t>) return Type::Uint16;
+    return Type::Float;
+}
+
+void add_attribute(const Attribute& attribute, std::span<const Index> members,
+                   std::vector<TileStream>& streams) {
+    const unsigned all = attribute.components, each = all <= 4 ? all : 1;
+    std::visit(
+        [&]<typename T>(const std::vector<T>& values) {
+            constexpr Type type = type_for<T>();
+            using Stored = std::conditional_t<type == Type::Float, float, T>;
+            for (unsigned first = 0; first < all; first += each) {
+                std::string name(1, '_');
+                name += attribute.name;
+                if (all > 4) name += '_' + std::to_string(first);
+                streams.push_back(make_stream<Stored>(
+                    std::move(name), type, each, members.size(), [&](std::size_t i, unsigned c) {
+                        return static_cast<Stored>(
+                            values[std::size_t{members[i]} * all + first + c]);
+                    }));
+            }
+        },
+        attribute.values);
+}
+
+std::vector<std::byte> decompress(const TileStream& stream, std::size_t count) {
+    const unsigned least = stream.components * size_of(stream.type);
+    if (stream.components < 1 || stream.components > 4 || stream.stride < least ||
+        stream.stride % 4 != 0 || stream.stride > 256)
+        throw Error(ErrorCode::MalformedInput,
+                    stream.name + ": " + std::to_string(stream.components) + " components in " +
+                        std::to_string(stream.stride) + " bytes: expected 1..4 in at most 256");
+    if (count > stream.bytes.size() * 512)
+        throw Error(ErrorCode::MalformedInput, stream.name + ": " + std::to_string(count) +
+                                                   " points in " +
+                                                   std::to_string(stream.bytes.size()) + " bytes");
+    std::vector<std::byte> raw(count * stream.stride);
+    const auto* const bytes = reinterpret_cast<const unsigned char*>(stream.bytes.data());
+    if (meshopt_decodeVertexBuffer(raw.data(), count, stream.stride, bytes, stream.bytes.size()))
+        throw Error(ErrorCode::MalformedInput, stream.name + ": its bytes do not decode");
+    if (stream.octahedral) meshopt_decodeFilterOct(raw.data(), count, stream.stride);
+    return raw;
+}
+
+template <typename T>
+T value_at(const std::vector<std::byte>& raw, const TileStream& stream, std::size_t i, unsigned c) {
+    T value;
+    std::memcpy(&value, raw.data() + i * stream.stride + c * sizeof(T), sizeof(T));
+    return value;
+}
+
+template <typename T>
+Attribute read_attribute(const TileStream& stream, const std::vector<std::byte>& raw,
+                         std::size_t count) {
+    std::vector<T> values;
+    values.reserve(count * stream.components);
+    for (std::size_t i = 0; i < count; ++i)
+        for (unsigned c = 0; c < stream.components; ++c)
+            values.push_back(value_at<T>(raw, stream, i, c));
+    Attribute attribute{stream.name.substr(1), std::move(values), stream.components};
+    attribute.reduction = default_reduction(attribute.values);
+    return attribute;
+}
+
+Attribute read_attribute(const TileStream& stream, const std::vector<std::byte>& raw,
+                         std::size_t count) {
+    switch (stream.type) {
+        case Type::Int8:
+            return read_attribute<std::int8_t>(stream, raw, count);
+        case Type::Uint8:
+            return read_attribute<std::uint8_t>(stream, raw, count);
+        case Type::Int16:
+            return read_attribute<std::int16_t>(stream, raw, count);
+        case Type::Uint16:
+            return read_attribute<std::uint16_t>(stream, raw, count);
+        case Type::Float:
+            break;
+    }
+    return read_attribute<float>(stream, raw, count);
+}
+
+/// Takes what a stream says into the cloud.
+void read_stream(const TileStream& stream, const LodTile& tile, PointCloud& cloud) {
+    const std::vector<std::byte> raw = decompress(stream, tile.points);
+    const auto is = [&](const char* name, Type type, unsigned components) {
+        return stream.name == name && stream.type == type && stream.components == components;
+    };
+    for (std::size_t i = 0; i < tile.points; ++i) {
+        if (is("POSITION", Type::Uint16, 3)) {
+            Vec3d q;
+            for (unsigned c = 0; c < 3; ++c) q[c] = value_at<std::uint16_t>(raw, stream, i, c);
+            cloud.positions.push_back((tile.offset + tile.step * q).cast<float>());
+        } else if (is("NORMAL", Type::Int8, 3)) {
+            Vec3f n;
+            for (unsigned c = 0; c < 3; ++c) n[c] = value_at<std::int8_t>(raw, stream, i, c);
+            cloud.normals.push_back(n.normalized());
+        } else if (is("COLOR_0", Type::Uint16, 3) || is("COLOR_0", Type::Uint16, 4)) {
+            const auto code = [&](unsigned c) {
+                return srgb_from_linear(value_at<std::uint16_t>(raw, stream, i, c) / 65'535.0);
+            };
+            cloud.colors.push_back({code(0), code(1), code(2)});
+            cloud.has_alpha = stream.components == 4;
+            if (cloud.has_alpha)
+                cloud.colors.back().a =
+                    static_cast<std::uint8_t>(value_at<std::uint16_t>(raw, stream, i, 3) / 257);
+        }
+    }
+    if (stream.name.starts_with('_'))
+        cloud.attributes.push_back(read_attribute(stream, raw, tile.points));
+}
+
+}  // namespace
+
+std::vector<TileStream> encode_streams(const PointCloud& cloud, std::span<const Index> members,
+                                       std::span<const GridPoint> points, bool attributes) {
+    std::vector<TileStream> streams;
+    streams.push_back(
+        make_stream<std::uint16_t>("POSITION", Type::Uint16, 3, points.size(),
+                                   [&](std::size_t i, unsigned c) { return points[i][c]; }));
+    if (!cloud.normals.empty()) streams.push_back(normal_stream(cloud.normals, members));
+    if (!cloud.colors.empty()) streams.push_back(color_stream(cloud, members));
+    if (attributes) {
+        for (const Attribute& attribute : cloud.attributes)
+            add_attribute(attribute, members, streams);
+    }
+    return streams;
+}
+
+PointCloud decode_tile(const LodTile& tile, const Vec3d& center) {
+    PointCloud cloud;
+    cloud.origin = center;
+    for (const TileStream& stream : tile.streams) read_stream(stream, tile, cloud);
+    if (cloud.size() != tile.points)
+        throw Error(ErrorCode::MalformedInput,
+                    "a tile of " + std::to_string(tile.points) + " points without positions");
+    return cloud;
+}
+
+}  // namespace stipple

@@ -1,0 +1,185 @@
+#include "stipple/proto/tiles.hpp"
+
+#include "json_reader.hpp"
+
+#include <algorithm>
+
+// Follows: OGC 22-025r4, 3D Tiles 1.1.
+
+namespace stipple::proto {
+
+namespace {
+
+/// A tile and what lies below it.
+struct Node {
+    const OutputFile* file;
+    const LodTile* tile;
+    std::vector<std::size_t> children;
+    std::size_t below = 0;  ///< tiles of the subtree, with this one
+    Vec3d low, high;        ///< of all of them
+    double error = 0;
+};
+
+std::vector<Node> nodes_of(const Results& results) {
+    std::vector<Node> nodes;
+    for (const OutputCloud& level : results.levels) {
+        for (const OutputFile& file : level.files) {
+            if (!file.tile) continue;
+            const LodTile& tile = *file.tile;
+            // Half a step around: nothing that a viewer rounds lies outside, and no side is zero.
+            const Vec3d last(tile.last[0], tile.last[1], tile.last[2]);
+            const Vec3d half = Vec3d::Constant(0.5 * tile.step);
+            nodes.push_back({&file,
+                             &tile,
+                             {},
+                             1,
+                             tile.offset - half,
+                             tile.offset + tile.step * last + half,
+                             std::max(tile.spacing, tile.step)});
+        }
+    }
+    // Parents stand before their children.
+    for (std::size_t i = nodes.size(); i-- > 0;) {
+        Node& node = nodes[i];
+        if (!node.children.empty()) node.error = std::max(node.error, node.tile->error.max);
+        std::ranges::reverse(node.children);
+        for (const std::size_t c : node.children) node.error = std::max(node.error, nodes[c].error);
+        if (!node.tile->parent) continue;
+        Node& parent = nodes.at(*node.tile->parent);
+        parent.children.push_back(i);
+        parent.below += node.below;
+        parent.low = parent.low.cwiseMin(node.low);
+        parent.high = parent.high.cwiseMax(node.high);
+    }
+    return nodes;
+}
+
+Json box_json(const Vec3d& low, const Vec3d& high) {
+    const Vec3d center = 0.5 * (low + high), half = 0.5 * (high - low);
+    return {{"box",
+             {center.x(), center.y(), center.z(), half.x(), 0., 0., 0., half.y(), 0., 0., 0.,
+              half.z()}}};
+}
+
+Json extras_json(const Node& node) {
+    const LodTile& tile = *node.tile;
+    return {
+        {"level", tile.level},
+        {"points", tile.points},
+        {"bits", tile.bits},
+        {"bytes", node.file->bytes},
+        {"error", {{"mean", tile.error.mean}, {"max", tile.error.max}, {"p99", tile.error.p99}}},
+        {"spacing", tile.spacing},
+        {"coverRadius", tile.cover_radius}};
+}
+
+/// Writes trees of tiles, each file with no more than so many.
+class Writer {
+public:
+    Writer(const std::vector<Node>& nodes, std::size_t max_tiles)
+        : nodes_(nodes), max_tiles_(max_tiles) {}
+
+    /// A file whose root is `root`, and those that it names.
+    void write(const std::string& name, double geometric_error, Json&& root) {
+        const Json json = {{"asset", {{"version", "1.1"}, {"generator", "stipple"}}},
+                           {"geometricError", geometric_error},
+                           {"root", std::move(root)}};
+        files_.push_back({name, to_text(json)});
+        while (!open_.empty()) {
+            const std::size_t top = open_.back();
+            open_.pop_back();
+            write(name_of(top), nodes_[top].error, subtree(top));
+        }
+    }
+
+    /// The tiles from `top` on, as deep as whole levels fit.
+    Json subtree(std::size_t top) {
+        std::vector<std::size_t> levels{1};
+        for (std::vector<std::size_t> at{top}; !at.empty();) {
+            std::vector<std::size_t> next;
+            for (const std::size_t i : at)
+                next.insert(next.end(), nodes_[i].children.begin(), nodes_[i].children.end());
+            levels.push_back(levels.back() + next.size());
+            at = std::move(next);
+        }
+        const auto fits = std::ranges::upper_bound(levels, max_tiles_);
+        const auto depth = static_cast<std::size_t>(fits - levels.begin());
+        return tile_json(top, nodes_[top].below <= max_tiles_ ? nodes_.size() : depth);
+    }
+
+    std::vector<TilesetFile> take() { return std::move(files_); }
+
+private:
+    static std::string name_of(std::size_t top) {
+        return "tileset-" + std::to_string(top) + ".json";
+    }
+
+    /// @param depth  levels that stand in this file, this one counted.
+    Json tile_json(std::size_t i, std::size_t depth) {
+        const Node& node = nodes_[i];
+        Json json = {{"boundingVolume", box_json(node.low, node.high)},
+                     {"geometricError", node.error},
+                     {"refine", "REPLACE"}};
+        if (depth == 0) {
+            json["content"] = {{"uri", name_of(i)}};
+            open_.push_back(i);
+            return json;
+        }
+        json["content"] = {{"uri", node.file->sha256 + ".glb"}};
+        json["extras"] = extras_json(node);
+        for (const std::size_t c : node.children)
+            json["children"].push_back(tile_json(c, depth - 1));
+        return json;
+    }
+
+    const std::vector<Node>& nodes_;
+    std::size_t max_tiles_;
+    std::vector<TilesetFile> files_;
+    std::vector<std::size_t> open_;  ///< roots of files still to be written
+};
+
+/// From the tiles' coordinates, relative to the middle of the source's box.
+Json transform_json(const Results& results) {
+    Eigen::Matrix4d m = Eigen::Matrix4d::Identity();
+    const Aabb& box = results.source.value().bounds;
+    m.topRightCorner<3, 1>() = 0.5 * (box.min + box.max);
+    if (const auto& given = std::get<PyramidJob>(results.request.job).transform)
+        m = Eigen::Map<const Eigen::Matrix4d>(given->data()) * m;
+    return std::vector<double>(m.data(), m.data() + m.size());
+}
+
+}  // namespace
+
+std::vector<TilesetFile> tileset_files(const Results& results, std::size_t max_tiles) {
+    const std::vector<Node> nodes = nodes_of(results);
+    if (nodes.empty()) return {};
+    std::vector<std::size_t> tops;
+    for (std::size_t i = 0; i < nodes.size(); ++i)
+        if (!nodes[i].tile->parent) tops.push_back(i);
+
+    Vec3d low = nodes[tops[0]].low, high = nodes[tops[0]].high;
+    double error = 0;
+    for (const std::size_t top : tops) {
+        low = low.cwiseMin(nodes[top].low);
+        high = high.cwiseMax(nodes[top].high);
+        error = std::max(error, nodes[top].error);
+    }
+    // Viewers ask for the root only where this is large on their screen.
+    const double diagonal = std::max((high - low).norm(), error);
+
+    Writer writer(nodes, std::max<std::size_t>(max_tiles, 1));
+    Json root;
+    if (tops.size() == 1) {
+        root = writer.subtree(tops[0]);
+    } else {
+        root = {{"boundingVolume", box_json(low, high)},
+                {"geometricError", diagonal},
+                {"refine", "REPLACE"}};
+        for (const std::size_t top : tops) root["children"].push_back(writer.subtree(top));
+    }
+    root["transform"] = transform_json(results);
+    writer.write("tileset.json", diagonal, std::move(root));
+    return writer.take();
+}
+
+}  // namespace stipple::proto

@@ -1,0 +1,415 @@
+#include "stipple/lod_tiles.hpp"
+
+#include "chain_order.hpp"
+#include "stipple/error.hpp"
+#include "stipple/lod_pyramid.hpp"
+#include "stipple/neighbors.hpp"
+#include "stipple/surface_error.hpp"
+#include "support/support.hpp"
+#include "tile_tree.hpp"
+
+#include <gtest/gtest.h>
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <numeric>
+#include <set>
+
+namespace stipple {
+namespace {
+
+/// A cloud whose points know their numbers.
+PointCloud numbered(PointCloud cloud) {
+    std::vector<float> numbers(cloud.size());
+    std::iota(numbers.begin(), numbers.end(), 0.0F);
+    set_attribute(cloud, {"number", std::move(numbers), 1, Reduction::Nearest});
+    return cloud;
+}
+
+std::vector<std::size_t> numbers_of(const PointCloud& tile) {
+    const auto& values = std::get<std::vector<float>>(find_attribute(tile, "number")->values);
+    return {values.begin(), values.end()};
+}
+
+PointCloud repeated(const Vec3f& p, std::size_t n) {
+    PointCloud cloud;
+    cloud.positions.assign(n, p);
+    return cloud;
+}
+
+PointCloud two_clusters(std::size_t n, float apart) {
+    PointCloud cloud = test::cube(n);
+    for (std::size_t i = 0; i < n; i += 2) cloud.positions[i].x() += apart;
+    return cloud;
+}
+
+/// Every point of the level in one tile, within half a step of where it was; no tile empty or
+/// larger than allowed.
+void expect_to_hold(const std::vector<LodTile>& tiles, const PointCloud& level, const Vec3d& center,
+                    std::size_t most) {
+    std::set<std::size_t> seen;
+    for (const LodTile& tile : tiles) {
+        ASSERT_GT(tile.step, 0);
+        ASSERT_GE(tile.points, 1U);
+        EXPECT_LE(tile.points, most);
+        const PointCloud decoded = decode_tile(tile, center);
+        ASSERT_EQ(decoded.size(), tile.points);
+        const std::vector<std::size_t> numbers = numbers_of(decoded);
+        for (std::size_t i = 0; i < numbers.size(); ++i) {
+            EXPECT_TRUE(seen.insert(numbers[i]).second) << "point " << numbers[i] << " twice";
+            const Vec3d was = level.positions[numbers[i]].cast<double>() + level.origin;
+            const Vec3d is = decoded.positions[i].cast<double>() + center;
+            const double rounding = 1e-6 * (was - center).norm();
+            ASSERT_LE((was - is).cwiseAbs().maxCoeff(), 0.5001 * tile.step + rounding);
+        }
+    }
+    EXPECT_EQ(seen.size(), level.size());
+}
+
+std::vector<LodTile> tiles_of(const PointCloud& cloud, const LodTileOptions& options,
+                              const RunContext& context = {}) {
+    return LodTiler(cloud, options, context).add_level(cloud, true, context);
+}
+
+struct Shape {
+    const char* name;
+    std::function<PointCloud()> make;
+    std::size_t least_tiles;  ///< of at most 1,000 points
+};
+
+class LodTilesOfShapes : public testing::TestWithParam<Shape> {};
+
+TEST_P(LodTilesOfShapes, HoldEveryPointOnceWithinHalfAStep) {
+    const PointCloud cloud = numbered(GetParam().make());
+    LodTileOptions options{.max_points = 1'000, .attributes = true};
+    LodTiler tiler(cloud, options);
+    const std::vector<LodTile> tiles = tiler.add_level(cloud, true);
+    const bool coincide = bounds(cloud).diagonal() == 0;
+    expect_to_hold(tiles, cloud, tiler.center(), coincide ? cloud.size() : options.max_points);
+    EXPECT_GE(tiles.size(), GetParam().least_tiles);
+    for (const LodTile& tile : tiles) {
+        EXPECT_TRUE(std::isfinite(tile.error.mean) && std::isfinite(tile.error.max));
+        EXPECT_TRUE(std::isfinite(tile.spacing) && std::isfinite(tile.cover_radius));
+    }
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    , LodTilesOfShapes,
+    testing::Values(Shape{"OnePoint",
+                          [] {
+                              return repeated({5, 6, 7}, 1);
+                          },
+                          1},
+                    Shape{"ManyPointsInOnePlace",
+                          [] {
+                              return repeated({5, 6, 7}, 5'000);
+                          },
+                          1},
+                    Shape{"AHundredPoints", [] { return test::sphere(100); }, 1},
+                    Shape{"ALine", [] { return test::line(5'000); }, 5},
+                    Shape{"APlane", [] { return test::plane(5'000); }, 5},
+                    Shape{"ASphere", [] { return test::sphere(20'000); }, 20},
+                    Shape{"TwoClusters", [] { return two_clusters(1'000, 100); }, 1},
+                    Shape{"TwoClustersFarApart", [] { return two_clusters(1'000, 1e6F); }, 1}),
+    [](const auto& shape) { return shape.param.name; });
+
+TEST(LodTiles, AreAtLeastHalfFullWhereALevelIsCutOnItsOwn) {
+    for (const LodTile& tile : tiles_of(test::sphere(20'000), {.max_points = 1'000}))
+        EXPECT_GE(tile.points, 500U);
+}
+
+TEST(LodTiles, OfClustersFarApartKeepTheStepThatWasAskedFor) {
+    // 2^17 steps apart: more than 16 bits can tell apart in one tile.
+    const auto tiles = tiles_of(two_clusters(1'000, 131'072), {.precision = 0.5});
+    ASSERT_EQ(tiles.size(), 2U);
+    for (const LodTile& tile : tiles) EXPECT_EQ(tile.step, 1.0);
+}
+
+TEST(LodTiles, OfALevelShareOneGrid) {
+    const auto tiles = tiles_of(test::sphere(5'000), {.max_points = 1'000});
+    for (const LodTile& tile : tiles) {
+        EXPECT_EQ(tile.step, tiles.front().step);
+        for (const double offset : tile.offset) {
+            const double steps = offset / tile.step;
+            EXPECT_NEAR(steps, std::round(steps), 1e-6);
+        }
+    }
+}
+
+TEST(LodTiles, KeepNormalsColoursAndAttributes) {
+    PointCloud cloud = numbered(test::with_attributes(test::sphere(3'000)));
+    std::vector<double> wide(6 * cloud.size());
+    for (std::size_t i = 0; i < wide.size(); ++i) wide[i] = static_cast<double>(i % 1000);
+    set_attribute(cloud, {"wide", wide, 6, Reduction::Mean});
+    const auto tiles = tiles_of(cloud, {.max_points = 1'000, .attributes = true});
+    for (const LodTile& tile : tiles) {
+        const PointCloud decoded = decode_tile(tile);
+        ASSERT_EQ(decoded.colors.size(), decoded.size());
+        ASSERT_EQ(decoded.normals.size(), decoded.size());
+        const std::vector<std::size_t> numbers = numbers_of(decoded);
+        const Attribute* const fourth = find_attribute(decoded, "wide_3");
+        ASSERT_NE(fourth, nullptr);
+        for (std::size_t i = 0; i < numbers.size(); ++i) {
+            EXPECT_EQ(decoded.colors[i], cloud.colors[numbers[i]]);
+            EXPECT_GT(decoded.normals[i].dot(cloud.normals[numbers[i]]), std::cos(0.03F));
+            EXPECT_EQ(std::get<std::vector<float>>(fourth->values)[i],
+                      static_cast<float>((6 * numbers[i] + 3) % 1000));
+        }
+    }
+    for (const LodTile& tile : tiles_of(cloud, {.max_points = 1'000}))
+        EXPECT_TRUE(decode_tile(tile).attributes.empty()) << "not asked for";
+}
+
+TEST(LodTiles, KeepAllColoursThoughGltfHasThemLinear) {
+    PointCloud cloud = test::plane(256);
+    for (std::size_t i = 0; i < 256; ++i) {
+        const auto code = static_cast<std::uint8_t>(i);
+        cloud.colors.push_back({code, static_cast<std::uint8_t>(255 - code), 0, code});
+    }
+    cloud.has_alpha = true;
+    const PointCloud decoded = decode_tile(tiles_of(cloud, {}).front());
+    ASSERT_TRUE(decoded.has_alpha);
+    std::set<int> reds;
+    for (const Rgba8& color : decoded.colors) {
+        EXPECT_EQ(color.r + color.g, 255);
+        EXPECT_EQ(color.r, color.a);
+        reds.insert(color.r);
+    }
+    EXPECT_EQ(reds.size(), 256U);
+}
+
+TEST(LodTiles, AreTheSameForAnyNumberOfThreads) {
+    const PointCloud cloud = test::sphere(20'000, 0.01);
+    const LodTileOptions options{.max_points = 1'000};
+    const auto one = tiles_of(cloud, options, {.threads = 1});
+    const auto eight = tiles_of(cloud, options, {.threads = 8});
+    ASSERT_EQ(one.size(), eight.size());
+    for (std::size_t t = 0; t < one.size(); ++t) {
+        EXPECT_EQ(one[t].streams.front().bytes, eight[t].streams.front().bytes);
+        EXPECT_EQ(one[t].error.mean, eight[t].error.mean);
+        EXPECT_EQ(one[t].spacing, eight[t].spacing);
+    }
+}
+
+class LodTilesOfLevels : public testing::Test {
+protected:
+    void SetUp() override {
+        cloud_ = test::sphere(40'000, 0.002);
+        build_lod_pyramid(cloud_, {.base_points = 2'000},
+                          [&](LodLevel&& level) { levels_.push_back(std::move(level)); });
+        tiler_ = std::make_unique<LodTiler>(cloud_, LodTileOptions{.max_points = 4'000});
+        for (const LodLevel& level : levels_)
+            tiles_.push_back(tiler_->add_level(level.cloud, level.cloud.size() == cloud_.size()));
+    }
+
+    PointCloud decoded(std::size_t level) const {
+        PointCloud all;
+        all.origin = tiler_->center();
+        for (const LodTile& tile : tiles_[level]) {
+            const PointCloud part = decode_tile(tile, tiler_->center());
+            all.positions.insert(all.positions.end(), part.positions.begin(), part.positions.end());
+        }
+        return all;
+    }
+
+    PointCloud cloud_;
+    std::vector<LodLevel> levels_;
+    std::vector<std::vector<LodTile>> tiles_;
+    std::unique_ptr<LodTiler> tiler_;
+};
+
+TEST_F(LodTilesOfLevels, HaveAParentInTheLevelAboveThemThatAllChildrenShareOut) {
+    ASSERT_EQ(tiles_.size(), 4U);
+    std::uint32_t first_above = 0, first = 0;
+    for (std::size_t level = 0; level < tiles_.size(); ++level) {
+        std::set<std::uint32_t> parents;
+        for (const LodTile& tile : tiles_[level]) {
+            EXPECT_EQ(tile.level, level);
+            EXPECT_EQ(tile.parent.has_value(), level > 0);
+            if (tile.parent) parents.insert(*tile.parent);
+        }
+        if (level > 0) {
+            EXPECT_EQ(parents.size(), tiles_[level - 1].size());
+            EXPECT_GE(*parents.begin(), first_above);
+            EXPECT_LT(*parents.rbegin(), first);
+        }
+        first_above = first;
+        first += static_cast<std::uint32_t>(tiles_[level].size());
+    }
+    EXPECT_EQ(tiles_[0].size(), 1U);
+    EXPECT_GE(tiles_[3].size(), 10U);
+}
+
+TEST_F(LodTilesOfLevels, TellTheErrorOfWhatTheyDecodeTo) {
+    for (std::size_t level = 0; level < tiles_.size(); ++level) {
+        const SurfaceError measured = measure_error(cloud_, decoded(level));
+        double mean = 0, max = 0;
+        for (const LodTile& tile : tiles_[level]) {
+            mean += tile.error.mean / static_cast<double>(tiles_[level].size());
+            max = std::max(max, tile.error.max);
+            EXPECT_LE(tile.error.p99, tile.error.max);
+            EXPECT_LE(tile.error.mean, tile.error.p99);
+        }
+        EXPECT_NEAR(mean / measured.mean(), 1, 0.06) << level;
+        EXPECT_LE(max, 1.3 * measured.forward.max) << level;
+    }
+}
+
+TEST_F(LodTilesOfLevels, TakeTheFewestBitsThatKeepTheError) {
+    for (std::size_t level = 0; level + 1 < tiles_.size(); ++level) {
+        const double exact = measure_error(cloud_, levels_[level].cloud).mean();
+        const double rounded = measure_error(cloud_, decoded(level)).mean();
+        const double tolerance =
+            level == 0 ? LodTileOptions{}.base_tolerance : LodTileOptions{}.tolerance;
+        EXPECT_LT(rounded / exact, 1.02 + tolerance) << level;
+        EXPECT_LT(tiles_[level].front().bits, tiles_.back().front().bits) << level;
+    }
+}
+
+TEST_F(LodTilesOfLevels, TellSpacingAndCoverRadius) {
+    const double spacing = tiles_[0].front().spacing;
+    EXPECT_NEAR(spacing / levels_[0].spacing, 1, 0.1);
+    double cover = 0;
+    const NeighborSearch search(decoded(0).positions);
+    for (const Vec3f& p : cloud_.positions) {
+        Neighbor nearest;
+        const Vec3d place = p.cast<double>() - tiler_->center();
+        search.nearest(place.cast<float>(), {&nearest, 1});
+        cover = std::max(cover, std::sqrt(static_cast<double>(nearest.distance_sq)));
+    }
+    EXPECT_LE(tiles_[0].front().cover_radius, cover * 1.000001);
+    EXPECT_GE(tiles_[0].front().cover_radius, 0.8 * cover);
+}
+
+TEST(LodTiles, StopWhenAskedTo) {
+    const PointCloud cloud = test::sphere(20'000);
+    LodTiler tiler(cloud, {});
+    std::stop_source stop;
+    stop.request_stop();
+    EXPECT_THROW(tiler.add_level(cloud, true, {.stop = stop.get_token()}), Cancelled);
+}
+
+TEST(LodTiles, RefuseOptionsOutOfRange) {
+    for (const LodTileOptions& options :
+         {LodTileOptions{.position_bits = 1}, LodTileOptions{.position_bits = 25},
+          LodTileOptions{.precision = 0.0}, LodTileOptions{.tolerance = -1},
+          LodTileOptions{.max_points = 0}})
+        EXPECT_THROW(validate(options), Error);
+    EXPECT_THROW(LodTiler(PointCloud{}, {}), Error);
+}
+
+TEST(DecodeTile, RejectsEveryTruncation) {
+    LodTile tile = tiles_of(test::with_attributes(test::sphere(300)), {.attributes = true}).front();
+    for (TileStream& stream : tile.streams) {
+        const std::vector<std::byte> whole = stream.bytes;
+        for (std::size_t length = 0; length < whole.size(); ++length) {
+            stream.bytes.assign(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(length));
+            EXPECT_THROW(decode_tile(tile), Error) << stream.name << " cut to " << length;
+        }
+        stream.bytes = whole;
+    }
+    EXPECT_EQ(decode_tile(tile).size(), 300U);
+}
+
+TEST(TileTree, CutsWhereManyPointsShareACoordinate) {
+    std::vector<Vec3f> points(5'000, Vec3f::Zero());
+    for (std::size_t i = 4'000; i < points.size(); ++i)
+        points[i].x() = static_cast<float>(i - 3'999);
+    TileTree tree;
+    std::size_t all = 0;
+    for (const TileTree::Part& part : tree.add_level(points, {.points = 1'000}, {})) {
+        const bool coincide = part.points.front() < 4'000;
+        EXPECT_LE(part.points.size(), coincide ? 4'000U : 1'000U);
+        all += part.points.size();
+    }
+    EXPECT_EQ(all, points.size());
+}
+
+TEST(TileTree, FindsThePartInWhoseCellAPlaceLies) {
+    const PointCloud cloud = test::cube(5'000);
+    TileTree tree;
+    const auto parts = tree.add_level(cloud.positions, {.points = 500}, {});
+    for (std::uint32_t part = 0; part < parts.size(); ++part)
+        for (const Index i : parts[part].points) EXPECT_EQ(tree.part_at(cloud.positions[i]), part);
+}
+
+TEST(TileTree, TellsThatALevelHasNothingWhereTheOneBeforeHad) {
+    const std::vector<Vec3f> both = {{0, 0, 0}, {1, 0, 0}}, one = {{1, 0, 0}};
+    TileTree tree;
+    ASSERT_EQ(tree.add_level(both, {.points = 1}, {}).size(), 2U);
+    const auto parts = tree.add_level(one, {.points = 1}, {});
+    ASSERT_EQ(parts.size(), 1U);
+    EXPECT_EQ(parts[0].parent, 1U);
+    EXPECT_EQ(tree.part_at(both[0]), TileTree::kNone);
+    EXPECT_EQ(tree.part_at(both[1]), 0U);
+}
+
+double length_of(std::span<const GridPoint> points, std::span<const Index> order) {
+    double length = 0;
+    for (std::size_t i = 1; i < order.size(); ++i) {
+        double squared = 0;
+        for (std::size_t axis = 0; axis < 3; ++axis)
+            squared += std::pow(points[order[i]][axis] - points[order[i - 1]][axis], 2);
+        length += std::sqrt(squared);
+    }
+    return length;
+}
+
+std::vector<GridPoint> on_grid(const PointCloud& cloud, float steps) {
+    std::vector<GridPoint> points;
+    for (const Vec3f& p : cloud.positions) {
+        const Vec3f q = steps * (0.5F * p + Vec3f::Constant(0.5F));
+        points.push_back({static_cast<std::uint16_t>(q.x()), static_cast<std::uint16_t>(q.y()),
+                          static_cast<std::uint16_t>(q.z())});
+    }
+    return points;
+}
+
+TEST(ChainOrder, VisitsEveryPointOnce) {
+    for (const float steps : {0.0F, 3.0F, 255.0F, 65'535.0F}) {
+        const auto points = on_grid(test::sphere(3'000), steps);
+        std::vector<Index> order = chain_order(points);
+        std::ranges::sort(order);
+        for (Index i = 0; i < points.size(); ++i) ASSERT_EQ(order[i], i);
+    }
+    EXPECT_TRUE(chain_order({}).empty());
+}
+
+TEST(ChainOrder, FollowsACurveFromItsEnd) {
+    std::vector<GridPoint> points;
+    for (unsigned i = 0; i < 5'000; ++i)
+        points.push_back({static_cast<std::uint16_t>(13 * i), 7, 7});
+    std::vector<GridPoint> shuffled;
+    for (std::size_t i = 0; i < points.size(); ++i)
+        shuffled.push_back(points[i * 1'777 % points.size()]);
+    EXPECT_EQ(length_of(shuffled, chain_order(shuffled)), 13.0 * 4'999);
+}
+
+TEST(ChainOrder, GoesToTheNearestPointThatIsLeft) {
+    const auto points = on_grid(test::sphere(2'000), 65'535);
+    const std::vector<Index> order = chain_order(points);
+    // A greedy chain by exhaustive search, from the same point.
+    std::vector<bool> visited(points.size());
+    std::vector<Index> exhaustive{order.front()};
+    visited[order.front()] = true;
+    while (exhaustive.size() < points.size()) {
+        double best = 1e30;
+        Index next = 0;
+        for (Index i = 0; i < points.size(); ++i) {
+            if (visited[i]) continue;
+            double squared = 0;
+            for (std::size_t axis = 0; axis < 3; ++axis)
+                squared += std::pow(points[i][axis] - points[exhaustive.back()][axis], 2);
+            if (squared < best) {
+                best = squared;
+                next = i;
+            }
+        }
+        visited[next] = true;
+        exhaustive.push_back(next);
+    }
+    EXPECT_LE(length_of(points, order), 1.2 * length_of(points, exhaustive));
+}
+
+}  // namespace
+}  // namespace stipple

@@ -1,0 +1,183 @@
+#include "stipple/proto/tiles.hpp"
+
+#include "documents.hpp"
+#include "stipple/lod_pyramid.hpp"
+#include "support/support.hpp"
+
+#include <gtest/gtest.h>
+#include <set>
+
+namespace stipple::proto {
+namespace {
+
+using nlohmann::json;
+
+/// A pyramid as a job reports it, with tiles of at most `max_points`.
+Results results_of(const PointCloud& cloud, std::vector<std::uint64_t> sizes,
+                   std::uint32_t max_points) {
+    PyramidJob job;
+    job.options.sizes = std::move(sizes);
+    job.tiles.max_points = max_points;
+    Results results{.request = {std::string(64, 'a'), job},
+                    .source = CloudStatistics{},
+                    .levels = {},
+                    .complete = true,
+                    .cost = {}};
+    results.source->bounds = bounds(cloud);
+    LodTiler tiler(cloud, job.tiles);
+    std::size_t number = 0;
+    build_lod_pyramid(cloud, job.options, [&](LodLevel&& level) {
+        OutputCloud& made = results.levels.emplace_back();
+        made.level = level.level;
+        for (LodTile& tile : tiler.add_level(level.cloud, level.cloud.size() == cloud.size())) {
+            const std::string name = "tile" + std::to_string(number++);
+            made.files.push_back(
+                {CloudFormat::Glb, encode_glb(tile).size(), name, name + ".glb", std::move(tile)});
+        }
+    });
+    return results;
+}
+
+std::map<std::string, json> parsed(const std::vector<TilesetFile>& files) {
+    std::map<std::string, json> documents;
+    for (const TilesetFile& file : files) documents[file.name] = json::parse(file.json);
+    return documents;
+}
+
+/// Calls `visit(tile, parent or null)` for every tile of a tileset, in all its files.
+void walk(const std::map<std::string, json>& files, const json& tile, const json* parent,
+          const std::function<void(const json&, const json*)>& visit) {
+    visit(tile, parent);
+    if (tile.contains("content")) {
+        const std::string uri = tile["content"]["uri"];
+        if (files.contains(uri)) walk(files, files.at(uri)["root"], &tile, visit);
+    }
+    if (tile.contains("children"))
+        for (const json& child : tile["children"]) walk(files, child, &tile, visit);
+}
+
+bool inside(const json& child, const json& parent) {
+    const auto& c = child["boundingVolume"]["box"];
+    const auto& p = parent["boundingVolume"]["box"];
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        const double middle = std::abs(c[axis].get<double>() - p[axis].get<double>());
+        const double half = p[3 + 4 * axis].get<double>() - c[3 + 4 * axis].get<double>();
+        if (middle > half + 1e-12) return false;
+    }
+    return true;
+}
+
+TEST(Glb, ComesBackAsTheTileThatItWas) {
+    const PointCloud cloud = test::with_attributes(test::sphere(500));
+    const LodTile tile = LodTiler(cloud, {.attributes = true}).add_level(cloud, true).front();
+    const std::vector<std::byte> glb = encode_glb(tile);
+    const LodTile back = decode_glb(glb);
+    EXPECT_EQ(back.points, tile.points);
+    EXPECT_EQ(back.step, tile.step);
+    EXPECT_EQ(back.offset, tile.offset);
+    EXPECT_EQ(back.last, tile.last);
+    ASSERT_EQ(back.streams.size(), tile.streams.size());
+    const PointCloud one = decode_tile(tile), other = decode_tile(back);
+    EXPECT_EQ(one.positions, other.positions);
+    EXPECT_EQ(one.normals, other.normals);
+    EXPECT_EQ(one.colors, other.colors);
+    EXPECT_EQ(one.attributes.size(), other.attributes.size());
+}
+
+TEST(Glb, ThatIsCutOffIsRefused) {
+    const PointCloud cloud = test::sphere(50);
+    const std::vector<std::byte> glb =
+        encode_glb(LodTiler(cloud, {}).add_level(cloud, true).front());
+    for (std::size_t length = 0; length < glb.size(); ++length)
+        EXPECT_THROW(decode_glb(std::span(glb).first(length)), Error) << length;
+}
+
+TEST(Tileset, NamesEveryTileOnceWithItsChildrenInsideAndNoLargerErrors) {
+    const Results results = results_of(test::sphere(20'000), {500, 5'000, 20'000}, 1'000);
+    const auto files = parsed(tileset_files(results));
+    ASSERT_EQ(files.size(), 1U);
+    const json& root = files.at("tileset.json")["root"];
+    std::set<std::string> uris;
+    walk(files, root, nullptr, [&](const json& tile, const json* parent) {
+        EXPECT_TRUE(uris.insert(tile["content"]["uri"]).second);
+        EXPECT_EQ(tile["refine"], "REPLACE");
+        const json& extras = tile["extras"];
+        const double error = tile["geometricError"];
+        if (tile.contains("children")) {
+            EXPECT_GE(error, extras["error"]["max"].get<double>());
+            EXPECT_GE(error, extras["spacing"].get<double>());
+        } else {
+            EXPECT_EQ(error, extras["spacing"]);
+        }
+        if (parent == nullptr) return;
+        EXPECT_TRUE(inside(tile, *parent)) << tile["content"];
+        EXPECT_LE(error, (*parent)["geometricError"].get<double>());
+    });
+    std::size_t all = 0;
+    for (const OutputCloud& level : results.levels) all += level.files.size();
+    EXPECT_EQ(uris.size(), all);
+    EXPECT_NEAR(files.at("tileset.json")["geometricError"], std::sqrt(12.0), 0.2);
+}
+
+TEST(Tileset, OfManyTilesGoesOnInFilesOfItsOwn) {
+    const Results results = results_of(test::sphere(20'000), {500, 5'000, 20'000}, 1'000);
+    const auto whole = parsed(tileset_files(results)), parts = parsed(tileset_files(results, 10));
+    EXPECT_GT(parts.size(), 5U);
+    const auto tiles = [](const std::map<std::string, json>& files) {
+        std::map<std::string, double> errors;
+        walk(files, files.at("tileset.json")["root"], nullptr,
+             [&](const json& tile, const json* parent) {
+                 const std::string uri = tile["content"]["uri"];
+                 if (!files.contains(uri)) errors[uri] = tile["geometricError"];
+                 EXPECT_TRUE(parent == nullptr || inside(tile, *parent));
+             });
+        return errors;
+    };
+    EXPECT_EQ(tiles(parts), tiles(whole));
+}
+
+TEST(Tileset, OfOnePointHasABoxAndErrorsAboveZero) {
+    PointCloud cloud;
+    cloud.positions = {{1, 2, 3}};
+    const auto files = parsed(tileset_files(results_of(cloud, {1}, 1'000)));
+    const json& tileset = files.at("tileset.json");
+    EXPECT_GT(tileset["geometricError"], 0);
+    EXPECT_GT(tileset["root"]["geometricError"], 0);
+    for (const std::size_t half : {3, 7, 11})
+        EXPECT_GT(tileset["root"]["boundingVolume"]["box"][half], 0);
+}
+
+TEST(Tileset, WhoseCoarsestLevelIsCutHasARootWithoutContent) {
+    const auto files = parsed(tileset_files(results_of(test::sphere(4'000), {4'000}, 1'000)));
+    const json& root = files.at("tileset.json")["root"];
+    EXPECT_FALSE(root.contains("content"));
+    EXPECT_EQ(root["children"].size(), 4U);
+    for (const json& child : root["children"]) EXPECT_TRUE(inside(child, root));
+}
+
+TEST(Tileset, StandsWhereTheFileAndItsTransformSay) {
+    PointCloud cloud = test::sphere(100);
+    cloud.origin = Vec3d(4e5, 5e6, 100);
+    Results results = results_of(cloud, {100}, 1'000);
+    const auto place = [&] {
+        const json root = parsed(tileset_files(results)).at("tileset.json")["root"];
+        return Vec3d(root["transform"][12], root["transform"][13], root["transform"][14]);
+    };
+    EXPECT_LT((place() - cloud.origin).norm(), 0.1);
+    // A quarter turn around z, then 7 up.
+    std::get<PyramidJob>(results.request.job).transform = {0, 1, 0, 0, -1, 0, 0, 0,
+                                                           0, 0, 1, 0, 0,  0, 7, 1};
+    EXPECT_LT((place() - Vec3d(-5e6, 4e5, 107)).norm(), 0.1);
+}
+
+TEST(Tileset, IsNoneWithoutTiles) {
+    EXPECT_TRUE(tileset_files({.request = {std::string(64, 'a'), PyramidJob{}},
+                               .source = {},
+                               .levels = {},
+                               .complete = false,
+                               .cost = {}})
+                    .empty());
+}
+
+}  // namespace
+}  // namespace stipple::proto
