@@ -38,8 +38,9 @@ void check_positions(const PointCloud& cloud, const std::string& which) {
                ": expected finite coordinates");
 }
 
-void check(const PointCloud& reference, const PointCloud& candidate,
-           const SurfaceErrorOptions& options) {
+}  // namespace
+
+void validate(const SurfaceErrorOptions& options) {
     if (options.k < 6 || options.k > 64)
         refuse("k " + std::to_string(options.k) + ": expected 6..64");
     if (options.max_iterations == 0) refuse("max_iterations 0: expected at least 1");
@@ -51,9 +52,9 @@ void check(const PointCloud& reference, const PointCloud& candidate,
     constexpr std::uint64_t kMostSamples = std::uint64_t{1} << 31U;
     if (options.samples > kMostSamples)
         refuse("samples " + std::to_string(options.samples) + ": expected at most 2^31");
-    check_positions(reference, "reference");
-    check_positions(candidate, "candidate");
 }
+
+namespace {
 
 /// Brings both clouds to where floats are at their best, and back: the middle of the reference's
 /// box lies at 0, and its diagonal is between 1 and 2.
@@ -165,27 +166,63 @@ double SurfaceError::rms() const noexcept {
     return forward.rms;
 }
 
-SurfaceError measure_error(const PointCloud& reference, const PointCloud& candidate,
-                           const SurfaceErrorOptions& options, const RunContext& context) {
-    check(reference, candidate, options);
-    const Frame frame(reference);
-    const FootFinder::Options finding = {
-        .k = options.k,
-        .degree = options.surface == ErrorSurface::Quadratic ? 2U : 1U,
-        .max_iterations = options.max_iterations,
-        .tolerance = options.tolerance};
-    const Surface S(reference, frame, finding, context);
+struct SurfaceErrorMeter::State {
+    SurfaceErrorOptions options;
+    FootFinder::Options finding;
+    Frame frame;
+    Surface surface;
+
+    State(const PointCloud& reference, const SurfaceErrorOptions& options_,
+          const RunContext& context)
+        : options(options_),
+          finding{.k = options.k,
+                  .degree = options.surface == ErrorSurface::Quadratic ? 2U : 1U,
+                  .max_iterations = options.max_iterations,
+                  .tolerance = options.tolerance},
+          frame(reference),
+          surface(reference, frame, finding, context) {}
+};
+
+SurfaceErrorMeter::SurfaceErrorMeter(const PointCloud& reference,
+                                     const SurfaceErrorOptions& options,
+                                     const RunContext& context) {
+    validate(options);
+    check_positions(reference, "reference");
+    state_ = std::make_unique<State>(reference, options, context);
+}
+
+SurfaceErrorMeter::~SurfaceErrorMeter() = default;
+
+SurfaceError SurfaceErrorMeter::measure(const PointCloud& candidate,
+                                        const RunContext& context) const {
+    check_positions(candidate, "candidate");
+    const auto& [options, finding, frame, S] = *state_;
+    const PointCloud& reference = S.cloud;
     const Surface S_prime(candidate, frame, finding, context);
-    context.checkpoint(0.2);
+    context.checkpoint(0.1);
     SurfaceError error;
     error.diagonal = bounds(reference).diagonal();
-    error.forward = measure_direction(S, S_prime, frame, options, context.part(0.2, 0.6));
-    error.backward = measure_direction(S_prime, S, frame, options, context.part(0.6, 1.0));
+    error.forward = measure_direction(S, S_prime, frame, options, context.part(0.1, 0.55));
+    error.backward = measure_direction(S_prime, S, frame, options, context.part(0.55, 1.0));
     for (DirectedError* const direction : {&error.forward, &error.backward}) {
         for (Vec3f& p : direction->positions)
             p = (p.cast<double>() / frame.scale + frame.center - reference.origin).cast<float>();
     }
     return error;
+}
+
+SurfaceError measure_error(const PointCloud& reference, const PointCloud& candidate,
+                           const SurfaceErrorOptions& options, const RunContext& context) {
+    validate(options);
+    check_positions(candidate, "candidate");
+    const SurfaceErrorMeter meter(reference, options, context);
+    context.checkpoint(0.1);
+    return meter.measure(candidate, context.part(0.1, 1.0));
+}
+
+std::uint64_t few_samples(std::uint64_t reference_points, std::uint64_t candidate_points) noexcept {
+    constexpr std::uint64_t kLeast = 2'000, kPart = 40;
+    return std::max(kLeast, std::max(reference_points, candidate_points) / kPart);
 }
 
 }  // namespace stipple

@@ -19,6 +19,9 @@ export function bytes(n) {
     return `${unit === 0 || n >= 99.95 ? Math.round(n) : n.toFixed(1)} ${units[unit]}`;
 }
 
+/** A part of the diagonal: `0.012 %`. */
+export const share = (part) => `${Number((100 * part).toPrecision(2))} %`;
+
 export const milliseconds = (ms) => (ms < 9_950 ? `${Math.round(ms)} ms` : `${(ms / 1000).toFixed(1)} s`);
 
 export function ago(time, now = Date.now()) {

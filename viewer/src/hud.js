@@ -16,7 +16,7 @@ export class Hud {
         byId.segments.replaceChildren();
         byId.dismiss.hidden = true;
         byId.hud.classList.remove('busy');
-        for (const id of ['activity', 'points', 'level-name', 'bytes', 'first-picture']) {
+        for (const id of ['activity', 'points', 'level-name', 'error', 'bytes', 'first-picture']) {
             byId[id].textContent = id === 'activity' ? 'Opening' : '–';
         }
     }
@@ -47,6 +47,7 @@ export class Hud {
             byId.level.ariaValueText = `Level ${shown.level + 1}, ${format.points(shown.points)}`;
             byId.points.textContent = format.count(shown.points);
             byId['level-name'].textContent = `${shown.level + 1} of ${levels.length}${isComplete ? '' : '+'}`;
+            byId.error.textContent = shown.error ? format.share(shown.error.relative.mean) : '–';
         }
     }
 

@@ -4,6 +4,7 @@
 #include "stipple/run_context.hpp"
 
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -79,6 +80,10 @@ struct SurfaceError {
     double rms() const noexcept;   ///< from S to S'
 };
 
+/// Checks what can be checked without clouds. @throws Error(InvalidArgument) with the option, its
+/// value and the limit.
+void validate(const SurfaceErrorOptions& options);
+
 /// Measures the distance between the surfaces of two clouds (§4, Eq. 9-10), in both directions.
 ///
 /// For each sample q of one surface the foot q' on the other is found, with q - q' across the
@@ -98,5 +103,27 @@ struct SurfaceError {
 /// finer cloud and 3 us for each of the coarser; 60 bytes a point and 24 a sample.
 SurfaceError measure_error(const PointCloud& reference, const PointCloud& candidate,
                            const SurfaceErrorOptions& options = {}, const RunContext& context = {});
+
+/// The same for several candidates: what is to be known of the reference is found once.
+class SurfaceErrorMeter {
+public:
+    /// @param reference  must outlive the meter. @throws Error(InvalidArgument).
+    explicit SurfaceErrorMeter(const PointCloud& reference, const SurfaceErrorOptions& options = {},
+                               const RunContext& context = {});
+    ~SurfaceErrorMeter();
+    SurfaceErrorMeter(const SurfaceErrorMeter&) = delete;
+    SurfaceErrorMeter& operator=(const SurfaceErrorMeter&) = delete;
+
+    /// @throws Error(InvalidArgument) for a candidate without points, or with one not finite.
+    SurfaceError measure(const PointCloud& candidate, const RunContext& context = {}) const;
+
+private:
+    struct State;
+    std::unique_ptr<State> state_;
+};
+
+/// So many samples that measuring a result takes a small part of the time that it took to make it:
+/// a fortieth of the points of the finer cloud, at least 2,000.
+std::uint64_t few_samples(std::uint64_t reference_points, std::uint64_t candidate_points) noexcept;
 
 }  // namespace stipple
