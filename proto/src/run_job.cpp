@@ -252,33 +252,21 @@ private:
                     [&](const RunContext& context) { return upsample(cloud, options, context); });
     }
 
-    /// Measures results of a cloud, with few samples.
-    class ResultError {
-    public:
-        ResultError(const PointCloud& cloud, JobRun& run) : cloud_(cloud), run_(run) {}
-
-        ErrorFigures operator()(const PointCloud& result, const RunContext& context) {
-            const Stopwatch watch(run_.cost_.error_seconds);
-            SurfaceErrorOptions options;
-            options.samples = few_samples(cloud_.size(), result.size());
-            options.histogram_bins = 1;
-            SurfaceError error;
-            if (result.positions == cloud_.positions) {
-                error.diagonal = bounds(cloud_).diagonal();  // nothing was changed
-            } else {
-                if (!meter_) meter_.emplace(cloud_, options, run_.quietly());
-                error = meter_->measure(result, context);
-            }
-            error.forward.histogram.clear();
-            error.backward.histogram.clear();
-            return error_figures(error, options, cloud_.size(), result.size());
+    /// How far a result is from the cloud it was made of.
+    ErrorFigures result_error(const PointCloud& cloud, const PointCloud& result,
+                              const RunContext& context) {
+        const Stopwatch watch(cost_.error_seconds);
+        SurfaceError error;
+        if (result.positions == cloud.positions) {
+            error.diagonal = bounds(cloud).diagonal();  // nothing was changed
+        } else {
+            error = estimate_error(cloud, result, context);
         }
-
-    private:
-        const PointCloud& cloud_;
-        JobRun& run_;
-        std::optional<SurfaceErrorMeter> meter_;
-    };
+        error.forward.histogram.clear();
+        error.backward.histogram.clear();
+        return error_figures(error, quick_options(cloud.size(), result.size()), cloud.size(),
+                             result.size());
+    }
 
     template <typename Job, typename Compute>
     void make_points(Stage stage, const PointCloud& cloud, const Job& job, Compute&& compute) {
@@ -294,7 +282,7 @@ private:
             add_splats(result, job.added.splats, context.part(kComputed, kSplats));
         }
         std::optional<ErrorFigures> error;
-        if (job.error) error = ResultError(cloud, *this)(result, context.part(kSplats, 1));
+        if (job.error) error = result_error(cloud, result, context.part(kSplats, 1));
         meter_.advance(stage, 1);
         points_to_encode_ = result.size();
         encode(level(0, std::move(result)), job.output, error);
@@ -325,13 +313,12 @@ private:
 
         const double encoded_before = cost_.encode_seconds;
         const auto start = Clock::now();
-        ResultError error(cloud, *this);
         build_lod_pyramid(
             cloud, job.options,
             [&](LodLevel&& made) {
-                std::optional<ErrorFigures> found;
-                if (job.error) found = error(made.cloud, quietly());
-                encode(made, job.output, found);
+                std::optional<ErrorFigures> error;
+                if (job.error) error = result_error(cloud, made.cloud, quietly());
+                encode(made, job.output, error);
             },
             in_stage(kSimplify));
         meter_.advance(kSimplify, 1);
