@@ -1,8 +1,8 @@
 # Reads the include lines and fails on one that points the wrong way:
 #
-#     client --> proto --> core <-- server        tests may include everything; nothing includes tests
-#                  ^                  |
-#                  +------------------+
+#     client --> proto --> picture --> core        tests may include everything; nothing includes tests
+#                  ^                     ^
+#                server ------------------+
 
 set(violations)
 
@@ -23,6 +23,12 @@ endfunction()
 
 forbid(core "nlohmann|httplib|spdlog|stipple/proto/|stipple/client|sqlite3" "core knows no JSON, HTTP, logging or other folder")
 forbid(core/include "nanoflann|draco/|meshoptimizer|tbb/" "libraries of core stay in core/src")
+forbid(core "cairo|stipple/picture/" "core draws no text")
+forbid(picture "nlohmann|httplib|spdlog|stipple/proto/|stipple/client|sqlite3" "pictures know nothing but core")
+forbid(picture/include "cairo" "libraries of picture stay in picture/src")
+foreach(folder proto server client)
+    forbid(${folder} "cairo" "text is drawn in picture")
+endforeach()
 forbid(proto "httplib|spdlog|stipple/client|sqlite3" "proto knows no HTTP, logging, server or client")
 forbid(proto/include "nlohmann|openssl" "libraries of proto stay in proto/src")
 forbid(server "stipple/client" "the server does not know the client")
@@ -35,7 +41,7 @@ endforeach()
 forbid(server/job "httplib|spdlog|sqlite3" "the job process computes and opens nothing")
 forbid(client "sqlite3|\"service/|\"store/|\"worker/|\"http/" "the client does not know the server")
 forbid(client/include "httplib|nlohmann|CLI/" "libraries of the client stay in client/src")
-foreach(folder core proto server client bench)
+foreach(folder core picture proto server client bench)
     forbid(${folder} "tests/|support/support" "nothing includes tests")
 endforeach()
 

@@ -3,6 +3,7 @@
 #include "parallel_for.hpp"
 #include "random.hpp"
 #include "stipple/particle_simulation.hpp"
+#include "tree_search.hpp"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -10,6 +11,7 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <span>
 
 namespace stipple {
 
@@ -128,19 +130,27 @@ std::vector<float> point_areas(const PointTree& tree, const RunContext& context)
 
 ErrorSamples take_points(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
                          const RunContext& context) {
-    const std::vector<float> areas = point_areas(tree, context);
     const std::size_t n = tree.size(), m = std::min<std::uint64_t>(count, n);
     ErrorSamples samples;
     samples.resize(m);
-    const double step = static_cast<double>(n) / static_cast<double>(m);
-    for (std::size_t i = 0; i < m; ++i) {
-        const auto at =
-            m == n ? i
-                   : std::min(n - 1, static_cast<std::size_t>(
-                                         step * (static_cast<double>(i) + random_unit(seed, i))));
-        samples.positions[i] = position(tree, at);
-        samples.areas[i] = areas[at];
+    if (m == n) {
+        for (std::size_t at = 0; at < n; ++at) samples.positions[at] = position(tree, at);
+        samples.areas = point_areas(tree, context);
+        return samples;
     }
+    const double step = static_cast<double>(n) / static_cast<double>(m);
+    parallel_for_blocks(m, kBlock, context, [&](std::size_t begin, std::size_t end) {
+        constexpr std::size_t kNearest = 9;  // the point itself is the first
+        std::array<Neighbor, kNearest> nearest;
+        const std::span<Neighbor> found = std::span(nearest).first(std::min(kNearest, n));
+        for (std::size_t i = begin; i < end; ++i) {
+            const double drawn = step * (static_cast<double>(i) + random_unit(seed, i));
+            const std::size_t at = std::min(n - 1, static_cast<std::size_t>(drawn));
+            samples.positions[i] = position(tree, at);
+            find_nearest(tree, samples.positions[i], found);
+            samples.areas[i] = found.back().distance_sq;
+        }
+    });
     if (std::ranges::none_of(samples.areas, [](float a) { return a > 0; }))
         std::ranges::fill(samples.areas, 1.0F);
     return samples;

@@ -26,7 +26,8 @@ struct ErrorSamples {
 /// tree: 8 l + j for point j of leaf l. O(N), parallel.
 std::vector<float> point_areas(const PointTree& tree, const RunContext& context);
 
-/// `count` of the points, evenly drawn, each with its area; all of them when there are no more.
+/// `count` of the points, evenly drawn, each with its area (by its own eighth neighbour: that of a
+/// few points has to be right for each); all of them, with `point_areas`, when there are no more.
 ErrorSamples take_points(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
                          const RunContext& context);
 

@@ -99,7 +99,7 @@ struct Raster {
 /// What is known of each sample of the picture.
 struct Samples {
     std::vector<float> depth;             // kFar where nothing is
-    std::vector<Vec3f> normal;            // in the camera's axes, toward the eye; of any length
+    std::vector<Vec3f> normal;            // in the camera's axes; of any length and sign
     std::vector<Eigen::Vector4f> albedo;  // linear, times the weight; the weight
 };
 
@@ -270,14 +270,17 @@ void draw_band(const Scene& scene, const SplatRenderOptions& options, const Band
     for_each_disc([&](Index i, const Disc& disc) {
         const auto slack =
             smooth ? static_cast<float>(std::max(disc.major.norm(), disc.minor.norm())) : 0.0F;
-        const Vec3f normal = (scene.faces_away(disc) ? -disc.normal : disc.normal).cast<float>();
+        const Vec3f normal = disc.normal.cast<float>();
         const Eigen::Vector4f albedo = scene.albedo(i).homogeneous();
         scene.scan(disc, bands.extents[i], top, bottom,
                    [&](std::size_t at, float depth, float r_sq) {
                        if (depth > samples.depth[at] + slack) return;
                        if (smooth) {
                            const float weight = (1 - r_sq) * (1 - r_sq) + 1e-4F;
-                           samples.normal[at] += weight * normal;
+                           // Discs at a silhouette face the eye or not by chance: their normals
+                           // agree with each other, not each with the eye.
+                           const bool agrees = samples.normal[at].dot(normal) >= 0;
+                           samples.normal[at] += (agrees ? weight : -weight) * normal;
                            samples.albedo[at] += weight * albedo;
                        } else {
                            samples.normal[at] = normal;
@@ -326,7 +329,7 @@ public:
     /// Linear colour of a sample that shows something.
     Vec3f at(int x, int y) const {
         const std::size_t i = index(x, y);
-        const Vec3f n = samples_.normal[i].normalized();
+        const Vec3f n = outward_normal(x, y);
         const float open = options_.occlusion > 0 ? openness(x, y, n) : 1.0F;
         const Vec3f toward_eye(0, 0, -1);
         const float key = std::max(0.0F, n.dot(kKey));
@@ -356,6 +359,31 @@ private:
     std::size_t index(int x, int y) const {
         return static_cast<std::size_t>(y) * static_cast<std::size_t>(raster_.width) +
                static_cast<std::size_t>(x);
+    }
+
+    /// The normal of what is seen at a sample. That of a surface seen along it may as well be away
+    /// from the eye, since discs reach beyond the silhouette: it agrees with those beside it.
+    Vec3f outward_normal(int x, int y) const {
+        constexpr float kAlong = 0.5F;
+        const Vec3f n = samples_.normal[index(x, y)].normalized();
+        const Vec3f ray = place(x, y, 1).normalized();
+        Vec3f guide = -ray;
+        if (float clearest = std::abs(n.dot(ray)); clearest < kAlong) {
+            const float depth = samples_.depth[index(x, y)];
+            const int step = 2 * static_cast<int>(options_.samples);
+            for (int ty = y - step; ty <= y + step; ty += step)
+                for (int tx = x - step; tx <= x + step; tx += step) {
+                    if (tx < 0 || ty < 0 || tx >= raster_.width || ty >= raster_.height) continue;
+                    const std::size_t t = index(tx, ty);
+                    if (std::abs(samples_.depth[t] - depth) > 0.25F * reach_) continue;
+                    const Vec3f beside = samples_.normal[t].normalized();
+                    const float facing = beside.dot(ray);
+                    if (std::abs(facing) <= clearest) continue;
+                    clearest = std::abs(facing);
+                    guide = facing > 0 ? Vec3f(-beside) : beside;
+                }
+        }
+        return n.dot(guide) < 0 ? Vec3f(-n) : n;
     }
 
     Vec3f place(int x, int y, float depth) const {

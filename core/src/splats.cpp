@@ -82,15 +82,19 @@ public:
     static constexpr int kOpen = -1;
 
     /// A square that no neighbour has cut.
-    explicit Cell(double half_side)
-        : corners_{{Vec2d(-half_side, -half_side), kOpen},
-                   {Vec2d(half_side, -half_side), kOpen},
-                   {Vec2d(half_side, half_side), kOpen},
-                   {Vec2d(-half_side, half_side), kOpen}} {}
+    void reset(double half_side) {
+        corners_.clear();
+        corners_.push_back({Vec2d(-half_side, -half_side), kOpen});
+        corners_.push_back({Vec2d(half_side, -half_side), kOpen});
+        corners_.push_back({Vec2d(half_side, half_side), kOpen});
+        corners_.push_back({Vec2d(-half_side, half_side), kOpen});
+        reach_sq_ = 2 * half_side * half_side;
+    }
 
     /// Keeps what is nearer to the origin than to `q`.
     void cut(const Vec2d& q, int neighbor) {
         const double half_sq = 0.5 * q.squaredNorm();
+        if (0.5 * half_sq > reach_sq_) return;  // half the way is beyond every corner
         rest_.clear();
         for (std::size_t i = 0; i < corners_.size(); ++i) {
             const Corner& a = corners_[i];
@@ -103,6 +107,9 @@ public:
             rest_.push_back({a.place + t * (b.place - a.place), beyond_a <= 0 ? neighbor : a.edge});
         }
         corners_.swap(rest_);
+        reach_sq_ = 0;
+        for (const Corner& corner : corners_)
+            reach_sq_ = std::max(reach_sq_, corner.place.squaredNorm());
     }
 
     struct Corner {
@@ -113,6 +120,7 @@ public:
 
 private:
     std::vector<Corner> corners_, rest_;
+    double reach_sq_ = 0;  ///< of the farthest corner
 };
 
 /// What a splat must reach, in its plane.
@@ -148,8 +156,12 @@ Vec2d unrolled(const Vec3d& offset, const TangentPlane& plane) {
 /// Whether half the way to a neighbour is nearer to this point than to any other neighbour.
 bool is_half_way_mine(const Vec2d& neighbor, std::span<const Vec2d> neighbors) {
     constexpr double kRounding = 1e-9;
+    const double length_sq = neighbor.squaredNorm();
     return std::ranges::all_of(neighbors, [&](const Vec2d& other) {
-        return other == neighbor || neighbor.dot(other) < (1 - kRounding) * other.squaredNorm();
+        const double enough = (1 - kRounding) * other.squaredNorm();
+        // One that is clearly farther cannot be nearer to a place on the way.
+        return enough > (1 + kRounding) * length_sq || other == neighbor ||
+               neighbor.dot(other) < enough;
     });
 }
 
@@ -195,11 +207,11 @@ public:
             tangent_plane(std::span(offsets_).first(neighborhoods_.nearest.of(i).size()));
         places_.clear();
         for (const Vec3d& offset : offsets_) places_.push_back(unrolled(offset, footprint_.plane));
-        Cell cell(farthest_);
+        cell_.reset(farthest_);
         for (std::size_t n = 0; n < places_.size(); ++n) {
-            if (places_[n].squaredNorm() > 0) cell.cut(places_[n], static_cast<int>(n));
+            if (places_[n].squaredNorm() > 0) cell_.cut(places_[n], static_cast<int>(n));
         }
-        set_reach(cell, places_, footprint_);
+        set_reach(cell_, places_, footprint_);
         return footprint_;
     }
 
@@ -232,6 +244,7 @@ private:
     const Neighborhoods& neighborhoods_;
     std::vector<Vec3d> offsets_;
     std::vector<Vec2d> places_;
+    Cell cell_;
     double farthest_ = 0, most_ = 0;
     Footprint footprint_;
 };

@@ -6,6 +6,7 @@
 #include "foot_finder.hpp"
 #include "parallel_for.hpp"
 #include "point_tree.hpp"
+#include "random.hpp"
 #include "stipple/error.hpp"
 #include "tree_search.hpp"
 
@@ -38,8 +39,9 @@ void check_positions(const PointCloud& cloud, const std::string& which) {
                ": expected finite coordinates");
 }
 
-void check(const PointCloud& reference, const PointCloud& candidate,
-           const SurfaceErrorOptions& options) {
+}  // namespace
+
+void validate(const SurfaceErrorOptions& options) {
     if (options.k < 6 || options.k > 64)
         refuse("k " + std::to_string(options.k) + ": expected 6..64");
     if (options.max_iterations == 0) refuse("max_iterations 0: expected at least 1");
@@ -51,9 +53,9 @@ void check(const PointCloud& reference, const PointCloud& candidate,
     constexpr std::uint64_t kMostSamples = std::uint64_t{1} << 31U;
     if (options.samples > kMostSamples)
         refuse("samples " + std::to_string(options.samples) + ": expected at most 2^31");
-    check_positions(reference, "reference");
-    check_positions(candidate, "candidate");
 }
+
+namespace {
 
 /// Brings both clouds to where floats are at their best, and back: the middle of the reference's
 /// box lies at 0, and its diagonal is between 1 and 2.
@@ -82,11 +84,11 @@ struct Surface {
     PointTree tree;
     FootFinder finder;
 
-    Surface(const PointCloud& cloud_, const Frame& frame, const FootFinder::Options& options,
-            const RunContext& context)
+    Surface(const PointCloud& cloud_, const Frame& frame, PointTree::Leaves leaves,
+            const FootFinder::Options& options, const RunContext& context)
         : cloud(cloud_),
           points(frame.into(cloud_)),
-          tree(points, PointTree::Leaves::Compact, context),
+          tree(points, leaves, context),
           finder(points, tree, options) {}
     Surface(const Surface&) = delete;
     Surface& operator=(const Surface&) = delete;
@@ -94,11 +96,18 @@ struct Surface {
     AttributedSurface attributed() const { return {cloud, tree}; }
 };
 
-ErrorSamples take_samples(const Surface& surface, const SurfaceErrorOptions& options,
+/// Better leaves pay off when about as many places are looked for as there are points.
+PointTree::Leaves leaves_for(const PointCloud& cloud, const SurfaceErrorOptions& options) {
+    constexpr std::uint64_t kFew = 8;
+    const bool few = options.samples > 0 && options.samples < cloud.size() / kFew;
+    return few ? PointTree::Leaves::Quick : PointTree::Leaves::Compact;
+}
+
+ErrorSamples take_samples(const Surface& surface, bool is_finer, const SurfaceErrorOptions& options,
                           const RunContext& context) {
     const std::uint64_t n = surface.points.size();
     const std::uint64_t count = options.samples > 0 ? options.samples : std::max(n, kLeastSamples);
-    const bool at_points = options.sampling == ErrorSampling::Points && count <= n;
+    const bool at_points = options.sampling == ErrorSampling::Points && count <= n && is_finer;
     if (at_points || options.surface == ErrorSurface::Samples)
         return take_points(surface.tree, count, options.seed, context);
     if (options.sampling == ErrorSampling::Particles)
@@ -124,7 +133,8 @@ void find_nearest_points(const Surface& surface, std::span<const Vec3f> queries,
 
 DirectedError measure_direction(const Surface& from, const Surface& to, const Frame& frame,
                                 const SurfaceErrorOptions& options, const RunContext& context) {
-    ErrorSamples samples = take_samples(from, options, context.part(0.0, 0.5));
+    const bool is_finer = from.points.size() >= to.points.size();
+    ErrorSamples samples = take_samples(from, is_finer, options, context.part(0.0, 0.5));
     context.checkpoint(0.5);
     std::vector<float> distances(samples.size());
     std::vector<Vec3f> feet(options.attributes ? samples.size() : 0);
@@ -165,26 +175,88 @@ double SurfaceError::rms() const noexcept {
     return forward.rms;
 }
 
-SurfaceError measure_error(const PointCloud& reference, const PointCloud& candidate,
-                           const SurfaceErrorOptions& options, const RunContext& context) {
-    check(reference, candidate, options);
-    const Frame frame(reference);
-    const FootFinder::Options finding = {
-        .k = options.k,
-        .degree = options.surface == ErrorSurface::Quadratic ? 2U : 1U,
-        .max_iterations = options.max_iterations,
-        .tolerance = options.tolerance};
-    const Surface S(reference, frame, finding, context);
-    const Surface S_prime(candidate, frame, finding, context);
-    context.checkpoint(0.2);
+struct SurfaceErrorMeter::State {
+    SurfaceErrorOptions options;
+    FootFinder::Options finding;
+    Frame frame;
+    Surface surface;
+
+    State(const PointCloud& reference, const SurfaceErrorOptions& options_,
+          const RunContext& context)
+        : options(options_),
+          finding{.k = options.k,
+                  .degree = options.surface == ErrorSurface::Quadratic ? 2U : 1U,
+                  .max_iterations = options.max_iterations,
+                  .tolerance = options.tolerance},
+          frame(reference),
+          surface(reference, frame, leaves_for(reference, options), finding, context) {}
+};
+
+SurfaceErrorMeter::SurfaceErrorMeter(const PointCloud& reference,
+                                     const SurfaceErrorOptions& options,
+                                     const RunContext& context) {
+    validate(options);
+    check_positions(reference, "reference");
+    state_ = std::make_unique<State>(reference, options, context);
+}
+
+SurfaceErrorMeter::~SurfaceErrorMeter() = default;
+
+SurfaceError SurfaceErrorMeter::measure(const PointCloud& candidate,
+                                        const RunContext& context) const {
+    check_positions(candidate, "candidate");
+    const auto& [options, finding, frame, S] = *state_;
+    const PointCloud& reference = S.cloud;
+    const Surface S_prime(candidate, frame, leaves_for(candidate, options), finding, context);
+    context.checkpoint(0.1);
     SurfaceError error;
     error.diagonal = bounds(reference).diagonal();
-    error.forward = measure_direction(S, S_prime, frame, options, context.part(0.2, 0.6));
-    error.backward = measure_direction(S_prime, S, frame, options, context.part(0.6, 1.0));
+    error.forward = measure_direction(S, S_prime, frame, options, context.part(0.1, 0.55));
+    error.backward = measure_direction(S_prime, S, frame, options, context.part(0.55, 1.0));
     for (DirectedError* const direction : {&error.forward, &error.backward}) {
         for (Vec3f& p : direction->positions)
             p = (p.cast<double>() / frame.scale + frame.center - reference.origin).cast<float>();
     }
+    return error;
+}
+
+SurfaceError measure_error(const PointCloud& reference, const PointCloud& candidate,
+                           const SurfaceErrorOptions& options, const RunContext& context) {
+    validate(options);
+    check_positions(candidate, "candidate");
+    const SurfaceErrorMeter meter(reference, options, context);
+    context.checkpoint(0.1);
+    return meter.measure(candidate, context.part(0.1, 1.0));
+}
+
+SurfaceErrorOptions quick_options(std::uint64_t reference_points, std::uint64_t candidate_points) {
+    constexpr std::uint64_t kLeast = 500, kMost = 4'000, kPart = 200;
+    SurfaceErrorOptions options;
+    options.samples =
+        std::clamp(std::max(reference_points, candidate_points) / kPart, kLeast, kMost);
+    options.histogram_bins = 1;
+    return options;
+}
+
+SurfaceError estimate_error(const PointCloud& reference, const PointCloud& candidate,
+                            const RunContext& context) {
+    constexpr std::uint64_t kEnough = 16, kPart = 4;
+    const SurfaceErrorOptions options = quick_options(reference.size(), candidate.size());
+    const std::uint64_t n = reference.size();
+    const std::uint64_t wanted = std::max(n / kPart, kEnough * candidate.size());
+    if (wanted >= n) return measure_error(reference, candidate, options, context);
+    PointCloud thinned;
+    thinned.origin = reference.origin;
+    thinned.positions.resize(wanted);
+    const double step = static_cast<double>(n) / static_cast<double>(wanted);
+    for (std::uint64_t i = 0; i < wanted; ++i) {
+        const double drawn =
+            step * (static_cast<double>(i) + unit_from(random_bits(options.seed, i)));
+        thinned.positions[i] =
+            reference.positions[std::min(n - 1, static_cast<std::size_t>(drawn))];
+    }
+    SurfaceError error = measure_error(thinned, candidate, options, context);
+    error.diagonal = bounds(reference).diagonal();
     return error;
 }
 

@@ -94,46 +94,6 @@ Json reductions_json(const std::map<std::string, Reduction>& reductions) {
     return json;
 }
 
-DracoEncodeOptions read_draco(const JsonValue& value) {
-    JsonObject object = value.object();
-    DracoEncodeOptions options;
-    const auto position_bits = object.find("position_bits");
-    const auto precision = object.find("precision");
-    if (position_bits && precision) {
-        throw object.error("precision", "stands instead of position_bits: give one of the two");
-    }
-    if (position_bits) options.position_bits = position_bits->small_integer(0, 30);
-    if (precision) {
-        options.precision = precision->number();
-        if (!(*options.precision > 0)) precision->refuse("a length above 0, in input units");
-    }
-    if (const auto bits = object.find("normal_bits")) {
-        options.normal_bits = bits->small_integer(2, 30);
-    }
-    if (const auto bits = object.find("attribute_bits")) {
-        options.attribute_bits = bits->small_integer(0, 30);
-    }
-    if (const auto level = object.find("compression_level")) {
-        options.compression_level = level->small_integer(0, 10);
-    }
-    take(object, "coding", kCodings, options.coding);
-    object.finish();
-    return options;
-}
-
-Json draco_json(const DracoEncodeOptions& options) {
-    Json json = {{"attribute_bits", options.attribute_bits},
-                 {"coding", name_of(kCodings, options.coding)},
-                 {"compression_level", options.compression_level},
-                 {"normal_bits", options.normal_bits}};
-    if (options.precision) {
-        json["precision"] = *options.precision;
-    } else {
-        json["position_bits"] = options.position_bits;
-    }
-    return json;
-}
-
 /// Of a job that makes one file.
 OutputOptions read_output(JsonObject& object) {
     OutputOptions output{.formats = {CloudFormat::Ply}, .draco = {}};
@@ -341,6 +301,7 @@ SimplifyJob read_simplify(JsonObject& object) {
     take(object, "seed", options.seed);
     if (options.method != Method::Random) take_reductions(object, options.reductions);
     job.added = read_added(object);
+    take(object, "error", job.error);
     job.output = read_output(object);
     return job;
 }
@@ -355,6 +316,7 @@ void add_options(Json& json, const SimplifyJob& job) {
     json["seed"] = options.seed;
     if (options.method != Method::Random) json["reductions"] = reductions_json(options.reductions);
     add_added(json, job.added);
+    json["error"] = job.error;
     add_output(json, job.output);
 }
 
@@ -366,6 +328,7 @@ UpsampleJob read_upsample(JsonObject& object) {
     take(object, "seed", job.options.particles.seed);
     take_reductions(object, job.options.particles.reductions);
     job.added = read_added(object);
+    take(object, "error", job.error);
     job.output = read_output(object);
     return job;
 }
@@ -379,6 +342,7 @@ void add_options(Json& json, const UpsampleJob& job) {
     json["seed"] = options.particles.seed;
     json["reductions"] = reductions_json(options.particles.reductions);
     add_added(json, job.added);
+    json["error"] = job.error;
     add_output(json, job.output);
 }
 
@@ -473,17 +437,6 @@ Json tiles_json(const PyramidJob& job) {
     return json;
 }
 
-std::vector<CloudFormat> read_formats(const JsonValue& value) {
-    std::vector<CloudFormat> formats;
-    for (const JsonValue& item : value.items()) {
-        const auto format = item.named(cloud_format_from_name);
-        if (std::ranges::find(formats, format) != formats.end()) item.refuse("each format once");
-        formats.push_back(format);
-    }
-    if (formats.empty()) value.refuse("at least one format");
-    return formats;
-}
-
 PyramidJob read_pyramid(JsonObject& object) {
     PyramidJob job;
     LodPyramidOptions& options = job.options;
@@ -506,9 +459,13 @@ PyramidJob read_pyramid(JsonObject& object) {
         take(object, "representative", kRepresentatives, options.representative);
     }
     take_reductions(object, options.reductions);
+    take(object, "error", job.error);
 
     job.output.formats.assign(kPyramidFormats.begin(), kPyramidFormats.end());
-    if (const auto formats = object.find("formats")) job.output.formats = read_formats(*formats);
+    if (const auto formats = object.find("formats")) {
+        job.output.formats = read_formats(*formats);
+        if (job.output.formats.empty()) formats->refuse("at least one format");
+    }
     if (const auto draco = object.find("draco")) job.output.draco = read_draco(*draco);
     if (const auto tiles = object.find("tiles")) read_tiles(*tiles, job);
     return job;
@@ -528,6 +485,7 @@ void add_options(Json& json, const PyramidJob& job) {
         json["representative"] = name_of(kRepresentatives, options.representative);
     }
     json["reductions"] = reductions_json(options.reductions);
+    json["error"] = job.error;
     json["formats"] = Json::array();
     for (const CloudFormat format : kPyramidFormats)
         if (wants(job, format)) json["formats"].push_back(to_string(format));
@@ -536,6 +494,56 @@ void add_options(Json& json, const PyramidJob& job) {
 }
 
 }  // namespace
+
+DracoEncodeOptions read_draco(const JsonValue& value) {
+    JsonObject object = value.object();
+    DracoEncodeOptions options;
+    const auto position_bits = object.find("position_bits");
+    const auto precision = object.find("precision");
+    if (position_bits && precision) {
+        throw object.error("precision", "stands instead of position_bits: give one of the two");
+    }
+    if (position_bits) options.position_bits = position_bits->small_integer(0, 30);
+    if (precision) {
+        options.precision = precision->number();
+        if (!(*options.precision > 0)) precision->refuse("a length above 0, in input units");
+    }
+    if (const auto bits = object.find("normal_bits")) {
+        options.normal_bits = bits->small_integer(2, 30);
+    }
+    if (const auto bits = object.find("attribute_bits")) {
+        options.attribute_bits = bits->small_integer(0, 30);
+    }
+    if (const auto level = object.find("compression_level")) {
+        options.compression_level = level->small_integer(0, 10);
+    }
+    if (const auto coding = object.find("coding")) options.coding = one_of(kCodings, *coding);
+    object.finish();
+    return options;
+}
+
+Json draco_json(const DracoEncodeOptions& options) {
+    Json json = {{"attribute_bits", options.attribute_bits},
+                 {"coding", name_of(kCodings, options.coding)},
+                 {"compression_level", options.compression_level},
+                 {"normal_bits", options.normal_bits}};
+    if (options.precision) {
+        json["precision"] = *options.precision;
+    } else {
+        json["position_bits"] = options.position_bits;
+    }
+    return json;
+}
+
+std::vector<CloudFormat> read_formats(const JsonValue& value) {
+    std::vector<CloudFormat> formats;
+    for (const JsonValue& item : value.items()) {
+        const auto format = item.named(cloud_format_from_name);
+        if (std::ranges::find(formats, format) != formats.end()) item.refuse("each format once");
+        formats.push_back(format);
+    }
+    return formats;
+}
 
 bool MethodField::has(Method method) const noexcept {
     return std::ranges::find(methods, method) != methods.end();
@@ -580,21 +588,54 @@ std::string_view type_name(const JobRequest& request) noexcept {
     return kJobTypes[request.job.index()];
 }
 
+std::vector<std::string> inputs_of(const JobRequest& request) {
+    std::vector<std::string> inputs = {request.input};
+    if (const auto* job = std::get_if<EvaluateJob>(&request.job))
+        inputs.insert(inputs.end(), job->candidates.begin(), job->candidates.end());
+    return inputs;
+}
+
 Json request_json(const JobRequest& request) {
-    Json json = {{"input", request.input}};
+    const bool compares = std::holds_alternative<EvaluateJob>(request.job);
+    Json json = {{compares ? "reference" : "input", request.input}};
     std::visit([&json](const auto& job) { add_options(json, job); }, request.job);
     return nlohmann::json(json);  // which sorts the keys
 }
 
+namespace {
+
+std::string read_id(const JsonValue& value) {
+    if (!is_sha256(value.text()))
+        value.refuse("the id of a cloud: 64 lower-case hexadecimal digits");
+    return value.text();
+}
+
+JobRequest read_evaluation(JsonObject& object) {
+    JobRequest request;
+    request.input = read_id(object["reference"]);
+    request.job = read_evaluate(object);
+    for (const std::string& id : std::get<EvaluateJob>(request.job).candidates) {
+        if (!is_sha256(id))
+            throw object.error("candidates",
+                               "expected ids of clouds: 64 lower-case hexadecimal digits");
+    }
+    object.finish();
+    return request;
+}
+
+JobRequest validated(JobRequest request) {
+    std::visit([](const auto& job) { validate(job.options); }, request.job);
+    return request;
+}
+
+}  // namespace
+
 JobRequest read_request(const JsonValue& value) {
     JsonObject object = value.object();
-    JobRequest request;
     const JsonValue type = object["type"];
-    const JsonValue input = object["input"];
-    request.input = input.text();
-    if (!is_sha256(request.input)) {
-        input.refuse("the id of a cloud: 64 lower-case hexadecimal digits");
-    }
+    if (type.text() == "evaluate") return read_evaluation(object);
+    JobRequest request;
+    request.input = read_id(object["input"]);
     if (type.text() == "simplify") {
         request.job = read_simplify(object);
     } else if (type.text() == "pyramid") {
@@ -604,7 +645,7 @@ JobRequest read_request(const JsonValue& value) {
     } else if (type.text() == "analyze") {
         request.job = read_analyze(object);
     } else {
-        type.refuse("simplify, pyramid, upsample or analyze");
+        type.refuse("simplify, pyramid, upsample, analyze or evaluate");
     }
     object.finish();
     return request;
@@ -615,9 +656,15 @@ std::string to_json(const JobRequest& request) {
 }
 
 JobRequest job_request_from_json(std::string_view json) {
-    JobRequest request = read_request(JsonDocument(json, kRequestRules).root());
-    std::visit([](const auto& job) { validate(job.options); }, request.job);
-    return request;
+    return validated(read_request(JsonDocument(json, kRequestRules).root()));
+}
+
+JobRequest evaluation_from_json(std::string_view json) {
+    const JsonDocument document(json, kRequestRules);
+    JsonObject object = document.object();
+    if (const auto type = object.find("type"); type && type->text() != "evaluate")
+        type->refuse("evaluate");
+    return validated(read_evaluation(object));
 }
 
 }  // namespace stipple::proto

@@ -3,6 +3,8 @@
 #include "json_reader.hpp"
 #include "stipple/proto/results.hpp"
 
+#include <vector>
+
 namespace stipple::proto {
 
 // The parts that documents share: each has one writer and one reader.
@@ -13,6 +15,18 @@ Problem read_problem(const JsonValue& value);
 /// Canonical: defaults written out, keys sorted.
 Json request_json(const JobRequest& request);
 JobRequest read_request(const JsonValue& value);
+
+DracoEncodeOptions read_draco(const JsonValue& value);
+Json draco_json(const DracoEncodeOptions& options);
+std::vector<CloudFormat> read_formats(const JsonValue& value);
+
+/// The fields of a request to evaluate, but for `type` and `reference`.
+EvaluateJob read_evaluate(JsonObject& object);
+void add_options(Json& json, const EvaluateJob& job);
+
+Json error_json(const ErrorFigures& figures);
+/// Takes the figures from an object that may hold more.
+ErrorFigures read_error(JsonObject& object);
 
 Json vector_json(const Vec3d& v);
 Vec3d read_vector(const JsonValue& value);

@@ -65,13 +65,53 @@ OutputFile read_file(const JsonValue& value) {
     return file;
 }
 
+Json picture_json(const PictureFile& picture) {
+    return {{"width", picture.width},
+            {"height", picture.height},
+            {"bytes", picture.bytes},
+            {"sha256", picture.sha256},
+            {"href", picture.href}};
+}
+
+PictureFile read_picture(const JsonValue& value) {
+    JsonObject object = value.object();
+    PictureFile picture;
+    picture.width = object["width"].small_integer();
+    picture.height = object["height"].small_integer();
+    picture.bytes = object["bytes"].integer();
+    picture.sha256 = object["sha256"].text();
+    picture.href = object["href"].text();
+    object.finish();
+    return picture;
+}
+
+Json files_json(const OutputCloud& cloud) {
+    Json files = Json::array();
+    for (const OutputFile& file : cloud.files) files.push_back(file_json(file));
+    return files;
+}
+
+Json pictures_json(const OutputCloud& cloud) {
+    Json pictures = Json::array();
+    for (const PictureFile& picture : cloud.pictures) pictures.push_back(picture_json(picture));
+    return pictures;
+}
+
+ErrorFigures read_whole_error(const JsonValue& value) {
+    JsonObject object = value.object();
+    ErrorFigures figures = read_error(object);
+    object.finish();
+    return figures;
+}
+
 Json level_json(const OutputCloud& cloud) {
     Json json = {{"level", cloud.level},
                  {"points", cloud.points},
                  {"spacing", cloud.spacing},
                  {"bounds", bounds_json(cloud.bounds)},
-                 {"files", Json::array()}};
-    for (const OutputFile& file : cloud.files) json["files"].push_back(file_json(file));
+                 {"files", files_json(cloud)}};
+    if (cloud.error) json["error"] = error_json(*cloud.error);
+    if (!cloud.pictures.empty()) json["pictures"] = pictures_json(cloud);
     return json;
 }
 
@@ -85,6 +125,9 @@ OutputCloud read_level(const JsonValue& value) {
     cloud.files = object["files"].list_of(read_file);
     for (OutputFile& file : cloud.files)
         if (file.tile) file.tile->level = cloud.level;
+    if (const auto error = object.find("error")) cloud.error = read_whole_error(*error);
+    if (const auto pictures = object.find("pictures"))
+        cloud.pictures = pictures->list_of(read_picture);
     object.finish();
     return cloud;
 }
@@ -94,6 +137,7 @@ Json cost_json(const JobCost& cost) {
              {{"decode", cost.decode_seconds},
               {"simplify", cost.simplify_seconds},
               {"splats", cost.splats_seconds},
+              {"error", cost.error_seconds},
               {"encode", cost.encode_seconds},
               {"total", cost.total_seconds}}},
             {"peak_memory_bytes", cost.peak_memory_bytes},
@@ -107,6 +151,7 @@ JobCost read_cost(const JsonValue& value) {
     cost.decode_seconds = seconds["decode"].number();
     cost.simplify_seconds = seconds["simplify"].number();
     cost.splats_seconds = seconds["splats"].number();
+    cost.error_seconds = seconds["error"].number();
     cost.encode_seconds = seconds["encode"].number();
     cost.total_seconds = seconds["total"].number();
     seconds.finish();
@@ -123,8 +168,9 @@ Json statistics_json(const CloudStatistics& statistics) {
 }
 
 std::string_view schema_of(const JobRequest& request) noexcept {
-    return std::holds_alternative<PyramidJob>(request.job) ? "stipple-pyramid/1"
-                                                           : "stipple-results/1";
+    if (std::holds_alternative<PyramidJob>(request.job)) return "stipple-pyramid/1";
+    if (std::holds_alternative<EvaluateJob>(request.job)) return "stipple-evaluation/1";
+    return "stipple-results/1";
 }
 
 Json source_json(const Results& results) {
@@ -168,7 +214,9 @@ CloudStatistics read_whole_statistics(const JsonValue& value) {
 }  // namespace
 
 std::optional<Method> method_of(const JobRequest& request) noexcept {
-    if (std::holds_alternative<AnalyzeJob>(request.job)) return std::nullopt;
+    if (std::holds_alternative<AnalyzeJob>(request.job) ||
+        std::holds_alternative<EvaluateJob>(request.job))
+        return std::nullopt;
     if (const auto* pyramid = std::get_if<PyramidJob>(&request.job)) return pyramid->options.method;
     if (std::holds_alternative<UpsampleJob>(request.job)) return Method::Particles;
     return std::get<SimplifyJob>(request.job).options.method;
@@ -183,6 +231,30 @@ std::string to_json(const Results& results) {
     json["levels"] = Json::array();
     for (const OutputCloud& level : results.levels) json["levels"].push_back(level_json(level));
     if (results.cost) json["cost"] = cost_json(*results.cost);
+    return to_text(json);
+}
+
+std::string evaluation_json(const Results& results) {
+    const auto& job = std::get<EvaluateJob>(results.request.job);
+    const auto candidate = [&](std::size_t i) {
+        const OutputCloud& cloud = results.levels.at(i);
+        Json json = error_json(cloud.error.value());
+        json["candidate"] = {{"id", job.candidates.at(i)}, {"points", cloud.points}};
+        if (!cloud.files.empty()) json["files"] = files_json(cloud);
+        return json;
+    };
+    Json json;
+    if (results.levels.size() == 1) {
+        json = candidate(0);
+    } else {
+        json["candidates"] = Json::array();
+        for (std::size_t i = 0; i < results.levels.size(); ++i)
+            json["candidates"].push_back(candidate(i));
+    }
+    json["reference"] = {{"id", results.request.input},
+                         {"points", results.source ? results.source->points : 0}};
+    if (!results.levels.empty() && !results.levels.front().pictures.empty())
+        json["pictures"] = pictures_json(results.levels.front());
     return to_text(json);
 }
 
@@ -206,16 +278,18 @@ Results results_from_json(std::string_view text) {
 }
 
 std::string to_json(const JobSpec& spec) {
-    return to_text(
-        {{"request", request_json(spec.request)},
-         {"input_file", spec.input_file},
-         {"output_dir", spec.output_dir},
-         {"limits",
-          {{"max_points", spec.limits.max_points}, {"max_attributes", spec.limits.max_attributes}}},
-         {"max_memory_bytes", spec.max_memory_bytes},
-         {"max_cpu_seconds", spec.max_cpu_seconds},
-         {"max_file_bytes", spec.max_file_bytes},
-         {"threads", spec.threads}});
+    Json json = {
+        {"request", request_json(spec.request)},
+        {"input_file", spec.input_file},
+        {"output_dir", spec.output_dir},
+        {"limits",
+         {{"max_points", spec.limits.max_points}, {"max_attributes", spec.limits.max_attributes}}},
+        {"max_memory_bytes", spec.max_memory_bytes},
+        {"max_cpu_seconds", spec.max_cpu_seconds},
+        {"max_file_bytes", spec.max_file_bytes},
+        {"threads", spec.threads}};
+    if (!spec.candidate_files.empty()) json["candidate_files"] = spec.candidate_files;
+    return to_text(json);
 }
 
 JobSpec job_spec_from_json(std::string_view text) {
@@ -224,6 +298,9 @@ JobSpec job_spec_from_json(std::string_view text) {
     JobSpec spec;
     spec.request = read_request(object["request"]);
     spec.input_file = object["input_file"].text();
+    if (const auto files = object.find("candidate_files")) {
+        spec.candidate_files = files->list_of([](const JsonValue& file) { return file.text(); });
+    }
     spec.output_dir = object["output_dir"].text();
     JsonObject limits = object["limits"].object();
     spec.limits.max_points = limits["max_points"].integer();

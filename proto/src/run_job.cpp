@@ -2,6 +2,7 @@
 
 #include "stipple/cleaning.hpp"
 #include "stipple/neighbors.hpp"
+#include "stipple/picture/visual_error.hpp"
 #include "stipple/proto/digest.hpp"
 #include "stipple/proto/tiles.hpp"
 #include "stipple/surface_attributes.hpp"
@@ -13,6 +14,7 @@
 #include <cerrno>
 #include <chrono>
 #include <cmath>
+#include <cstdio>
 #include <cstring>
 #include <filesystem>
 #include <new>
@@ -27,7 +29,7 @@ namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 using Report = std::function<void(const JobReport&)>;
 
-enum Stage : std::size_t { kDecode, kClean, kSimplify, kUpsample, kAnalyze, kEncode };
+enum Stage : std::size_t { kDecode, kClean, kSimplify, kUpsample, kAnalyze, kEvaluate, kEncode };
 
 double seconds_since(Clock::time_point start) {
     return std::chrono::duration<double>(Clock::now() - start).count();
@@ -165,6 +167,27 @@ void write_whole_file(const fs::path& file, std::span<const std::byte> bytes, co
     }
 }
 
+std::string short_number(double value) {
+    std::array<char, 64> text{};
+    std::snprintf(text.data(), text.size(), "%.3g", value);
+    return text.data();
+}
+
+/// What is said of a candidate under its name.
+std::vector<std::string> error_notes(std::uint64_t points, const SurfaceError& error) {
+    const auto share = [&error](double distance) {
+        return short_number(100 * relative(distance, error)) + " %";
+    };
+    return {std::to_string(points) + " points",
+            "mean " + short_number(error.mean()) + " (" + share(error.mean()) + ") · max " +
+                short_number(error.max()) + " (" + share(error.max()) + ")"};
+}
+
+std::string distance_legend(double range, const SurfaceError& error) {
+    return "distance from the reference, input units (" + short_number(range) + " is " +
+           short_number(100 * relative(range, error)) + " % of the diagonal)";
+}
+
 /// Runs one job: a member function for each stage.
 class JobRun {
 public:
@@ -192,9 +215,7 @@ private:
     PointCloud read() {
         const Stopwatch watch(cost_.decode_seconds);
         DecodeReport decoded;
-        DecodeLimits limits = spec_.limits;
-        limits.max_memory_bytes = spec_.max_memory_bytes;
-        PointCloud cloud = read_cloud(spec_.input_file, limits, in_stage(kDecode), &decoded);
+        PointCloud cloud = read_cloud(spec_.input_file, limits(), in_stage(kDecode), &decoded);
         meter_.advance(kDecode, 1);
         const std::vector<CloudAttribute> attributes = attributes_of(cloud);
         if (wants_source_index(spec_.request)) add_source_index(cloud);
@@ -209,23 +230,48 @@ private:
         return cloud;
     }
 
+    DecodeLimits limits() const {
+        DecodeLimits limits = spec_.limits;
+        limits.max_memory_bytes = spec_.max_memory_bytes;
+        return limits;
+    }
+
+    /// A context whose progress nobody sees.
+    RunContext quietly() const { return {context_.stop, {}, context_.threads}; }
+
     void make(PointCloud&& cloud, const SimplifyJob& job) {
         SimplifyOptions options = job.options;
         to_frame_of(cloud, options.particles);
-        make_points(kSimplify, job,
+        make_points(kSimplify, cloud, job,
                     [&](const RunContext& context) { return simplify(cloud, options, context); });
     }
 
     void make(PointCloud&& cloud, const UpsampleJob& job) {
         UpsampleOptions options = job.options;
         to_frame_of(cloud, options.particles);
-        make_points(kUpsample, job,
+        make_points(kUpsample, cloud, job,
                     [&](const RunContext& context) { return upsample(cloud, options, context); });
     }
 
+    /// How far a result is from the cloud it was made of.
+    ErrorFigures result_error(const PointCloud& cloud, const PointCloud& result,
+                              const RunContext& context) {
+        const Stopwatch watch(cost_.error_seconds);
+        SurfaceError error;
+        if (result.positions == cloud.positions) {
+            error.diagonal = bounds(cloud).diagonal();  // nothing was changed
+        } else {
+            error = estimate_error(cloud, result, context);
+        }
+        error.forward.histogram.clear();
+        error.backward.histogram.clear();
+        return error_figures(error, quick_options(cloud.size(), result.size()), cloud.size(),
+                             result.size());
+    }
+
     template <typename Job, typename Compute>
-    void make_points(Stage stage, const Job& job, Compute&& compute) {
-        constexpr double kComputed = 0.95;  // of the stage; the splats are the rest
+    void make_points(Stage stage, const PointCloud& cloud, const Job& job, Compute&& compute) {
+        constexpr double kComputed = 0.9, kSplats = 0.95;  // of the stage; the error is the rest
         const RunContext context = in_stage(stage);
         PointCloud result;
         {
@@ -234,11 +280,13 @@ private:
         }
         {
             const Stopwatch watch(cost_.splats_seconds);
-            add_splats(result, job.added.splats, context.part(kComputed, 1));
+            add_splats(result, job.added.splats, context.part(kComputed, kSplats));
         }
+        std::optional<ErrorFigures> error;
+        if (job.error) error = result_error(cloud, result, context.part(kSplats, 1));
         meter_.advance(stage, 1);
         points_to_encode_ = result.size();
-        encode(level(0, std::move(result)), job.output);
+        encode(level(0, std::move(result)), job.output, error);
     }
 
     void make(PointCloud&& cloud, const AnalyzeJob& job) {
@@ -274,15 +322,132 @@ private:
             points_of_source_ = cloud.size();
         }
         build_lod_pyramid(
-            cloud, job.options, [&](LodLevel&& made) { encode(made, job.output); },
+            cloud, job.options,
+            [&](LodLevel&& made) {
+                std::optional<ErrorFigures> error;
+                if (job.error) error = result_error(cloud, made.cloud, quietly());
+                encode(made, job.output, error);
+            },
             in_stage(kSimplify));
         meter_.advance(kSimplify, 1);
-        // Levels are encoded as they come: what that took is not the computation's.
-        cost_.simplify_seconds = seconds_since(start) - (cost_.encode_seconds - encoded_before);
+        // Levels are measured and encoded as they come: that is not the computation's.
+        cost_.simplify_seconds =
+            seconds_since(start) - cost_.error_seconds - (cost_.encode_seconds - encoded_before);
         meter_.advance(kEncode, 1);
     }
 
-    void encode(const LodLevel& made, const OutputOptions& options) {
+    // Evaluation.
+
+    /// A candidate by its number; failures say which it was.
+    PointCloud read_candidate(std::size_t number) {
+        const Stopwatch watch(cost_.decode_seconds);
+        try {
+            DecodeReport decoded;
+            PointCloud cloud =
+                read_cloud(spec_.candidate_files.at(number), limits(), quietly(), &decoded);
+            const CleaningReport removed = clean(cloud, quietly());
+            require_points(cloud, decoded.points, removed);
+            return cloud;
+        } catch (const Error& error) {
+            throw Error(error.code(),
+                        "candidate " + std::to_string(number + 1) + ": " + error.what());
+        }
+    }
+
+    struct Candidate {
+        OutputCloud level;
+        DirectedError samples;  ///< kept for its map
+    };
+
+    void make(PointCloud&& reference, const EvaluateJob& job) {
+        const bool shown = job.options.pictures || !job.output.formats.empty();
+        SurfaceErrorOptions options = job.options.measure;
+        options.keep_samples = shown;
+        const SurfaceErrorMeter meter = [&] {
+            const Stopwatch watch(cost_.error_seconds);
+            return SurfaceErrorMeter(reference, options, quietly());
+        }();
+        std::vector<Candidate> candidates;
+        for (std::size_t i = 0; i < spec_.candidate_files.size(); ++i)
+            candidates.push_back(evaluate(meter, i, reference.size(), options));
+        meter_.advance(kEvaluate, 1);
+        if (shown) show(candidates, reference.origin, job);
+        for (const Candidate& candidate : candidates) {
+            JobReport line;
+            line.level = candidate.level;
+            report_(line);
+        }
+    }
+
+    Candidate evaluate(const SurfaceErrorMeter& meter, std::size_t number,
+                       std::uint64_t reference_points, const SurfaceErrorOptions& options) {
+        const double all = static_cast<double>(spec_.candidate_files.size());
+        const double before = static_cast<double>(number);
+        const PointCloud cloud = read_candidate(number);
+        SurfaceError error;
+        {
+            const Stopwatch watch(cost_.error_seconds);
+            error =
+                meter.measure(cloud, in_stage(kEvaluate).part(before / all, (before + 1) / all));
+        }
+        Candidate candidate;
+        candidate.level = {static_cast<unsigned>(number),
+                           cloud.size(),
+                           mean_spacing(cloud.positions, quietly()),
+                           bounds(cloud),
+                           {}};
+        candidate.samples.p99 = error.forward.p99;
+        candidate.samples.positions = std::move(error.forward.positions);
+        candidate.samples.distances = std::move(error.forward.distances);
+        candidate.level.error = error_figures(error, options, reference_points, cloud.size());
+        return candidate;
+    }
+
+    /// Maps and pictures of all candidates, in the same colours.
+    void show(std::vector<Candidate>& candidates, const Vec3d& origin, const EvaluateJob& job) {
+        const Stopwatch watch(cost_.encode_seconds);
+        double p99 = 0;
+        for (const Candidate& candidate : candidates) p99 = std::max(p99, candidate.samples.p99);
+        const double range = job.options.range.value_or(round_up(p99));
+        std::vector<PointCloud> maps;
+        for (Candidate& candidate : candidates) {
+            candidate.level.error->range = range;
+            maps.push_back(colored_by_distance(candidate.samples, origin, range));
+            candidate.samples = {};
+            for (const CloudFormat format : job.output.formats) {
+                const LodLevel map{candidate.level.level, maps.back(), 0};
+                candidate.level.files.push_back(
+                    write(map, format, job.output.draco, in_stage(kEncode)));
+            }
+        }
+        if (job.options.pictures) candidates.front().level.pictures = {draw(candidates, maps, job)};
+        meter_.advance(kEncode, 1);
+    }
+
+    PictureFile draw(const std::vector<Candidate>& candidates, const std::vector<PointCloud>& maps,
+                     const EvaluateJob& job) {
+        const SurfaceError& first = candidates.front().level.error->error;
+        const double range = *candidates.front().level.error->range;
+        VisualErrorOptions options{.range = range,
+                                   .legend = distance_legend(range, first),
+                                   .views = job.options.views,
+                                   .up = job.options.up};
+        std::vector<VisualError> shown;
+        for (std::size_t i = 0; i < maps.size(); ++i) {
+            const OutputCloud& level = candidates[i].level;
+            const std::string label = job.options.labels.empty()
+                                          ? "candidate " + std::to_string(i + 1)
+                                          : job.options.labels[i];
+            shown.push_back({label, error_notes(level.points, level.error->error), &maps[i]});
+        }
+        const Picture picture = draw_visual_error(shown, options, in_stage(kEncode));
+        const std::string name = "picture.png";
+        write_whole_file(fs::path(spec_.output_dir) / name, picture.png, spec_);
+        return {picture.width, picture.height, picture.png.size(), sha256_hex(picture.png), name};
+    }
+
+    void encode(const LodLevel& made, const OutputOptions& options,
+                const std::optional<ErrorFigures>& error = {}) {
         const Stopwatch watch(cost_.encode_seconds);
         const double points = static_cast<double>(made.cloud.size());
         const double all = static_cast<double>(points_to_encode_);
@@ -290,7 +455,7 @@ private:
         double from = static_cast<double>(points_encoded_) / all;
 
         JobReport line;
-        line.level = {made.level, made.cloud.size(), made.spacing, bounds(made.cloud), {}};
+        line.level = {made.level, made.cloud.size(), made.spacing, bounds(made.cloud), {}, error};
         std::vector<OutputFile>& files = line.level->files;
         for (const CloudFormat format : options.formats) {
             const RunContext context = in_stage(kEncode).part(from, from + share);

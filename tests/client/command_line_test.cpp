@@ -170,6 +170,25 @@ TEST(CommandLine, AnalyzeTakesNeighboursAndTheSignsOfNormals) {
               std::string::npos);
 }
 
+TEST(CommandLine, EvaluateTakesAReferenceCandidatesAndWhatToWrite) {
+    const auto command = parsed<EvaluateCommand>(
+        {"evaluate", "a.ply",     "b.ply", "c.drc",       "--map",        "m.png",   "--map",
+         "m.ply",    "--samples", "5000",  "--quadratic", "--attributes", "--range", "0.5",
+         "--views",  "front,top", "--up",  "z",           "--json",       "-"});
+    EXPECT_EQ(command.candidates.size(), 2U);
+    EXPECT_EQ(command.maps.size(), 2U);
+    const proto::EvaluationOptions& options = command.job.options;
+    EXPECT_TRUE(options.pictures);
+    EXPECT_EQ(command.job.output.formats, std::vector{CloudFormat::Ply});
+    EXPECT_EQ(options.measure.samples, 5000U);
+    EXPECT_EQ(options.measure.surface, ErrorSurface::Quadratic);
+    EXPECT_TRUE(options.measure.attributes);
+    EXPECT_EQ(options.range, 0.5);
+    EXPECT_EQ(options.views, (std::vector<std::string>{"front", "top"}));
+    EXPECT_EQ(options.up, 'z');
+    EXPECT_EQ(options.labels, (std::vector<std::string>{"b.ply", "c.drc"}));
+}
+
 TEST(CommandLine, DashIsStandardOutputForTheFigures) {
     EXPECT_EQ(parsed<InspectCommand>({"inspect", "in.ply", "--json", "-"}).common.json, "-");
 }

@@ -6,6 +6,7 @@
 #include <gtest/gtest.h>
 #include <sys/wait.h>
 #include <algorithm>
+#include <cmath>
 #include <cstdlib>
 #include <fstream>
 #include <iterator>
@@ -170,6 +171,49 @@ TEST_F(StippleCli, PyramidLeavesLevelsAndAManifestThatAgree) {
     EXPECT_TRUE(fs::exists(folder_.path() / "levels" / root["content"]["uri"].get<std::string>()));
     EXPECT_EQ(root["extras"]["points"], 100);
     EXPECT_EQ(root["children"][0]["extras"]["points"], 2000);
+}
+
+TEST_F(StippleCli, EvaluateTellsTheErrorWritesMapsAndPictures) {
+    write_cloud(test::sphere(3000), folder_ / "in.ply");
+    PointCloud larger = test::sphere(3000);
+    for (Vec3f& p : larger.positions) p *= 1.1F;
+    write_cloud(larger, folder_ / "larger.ply");
+    const Outcome one = stipple(
+        "evaluate in.ply larger.ply --json one.json --map map.ply --map map.drc --map map.png");
+    ASSERT_EQ(one.exit_code, 0) << one.err;
+    const json figures = json::parse(content(folder_ / "one.json"));
+    EXPECT_NEAR(figures["mean"].get<double>(), 0.1, 0.002);
+    EXPECT_NEAR(figures["relative"]["max"].get<double>(), 0.1 / std::sqrt(12), 0.002);
+    EXPECT_NE(one.err.find("reference to candidate"), std::string::npos);
+    for (const char* map : {"map.ply", "map.drc"})
+        EXPECT_NE(find_attribute(read_cloud(folder_ / map), "distance"), nullptr) << map;
+    EXPECT_EQ(content(folder_ / "map.png").substr(1, 3), "PNG");
+
+    const Outcome two = stipple("evaluate in.ply larger.ply in.ply --json - --map m.ply");
+    ASSERT_EQ(two.exit_code, 0) << two.err;
+    const json both = json::parse(two.out);
+    EXPECT_EQ(both["candidates"][0]["mean"], figures["mean"]);
+    EXPECT_LT(both["candidates"][1]["mean"].get<double>(), 0.001);
+    EXPECT_TRUE(fs::exists(folder_ / "m-1.ply"));
+    EXPECT_TRUE(fs::exists(folder_ / "m-2.ply"));
+
+    EXPECT_EQ(stipple("evaluate in.ply").exit_code, 2);
+    EXPECT_EQ(stipple("evaluate in.ply larger.ply --k 3").exit_code, 2);
+    EXPECT_EQ(stipple("evaluate in.ply nothing.ply").exit_code, 1);
+}
+
+TEST_F(StippleCli, EveryResultTellsItsErrorUnlessToldNotTo) {
+    synthesize("in.ply", 20'000);
+    const Outcome told = stipple("simplify in.ply out.ply --points 500 --json -");
+    const json error = json::parse(told.out)["error"];
+    EXPECT_GT(error["mean"].get<double>(), 0);
+    EXPECT_GE(error["max"], error["mean"]);
+    EXPECT_EQ(error["samples"], 500);
+    EXPECT_NE(told.err.find("error: mean"), std::string::npos);
+    const json without =
+        json::parse(stipple("simplify in.ply out.ply --points 500 --no-error --json -").out);
+    EXPECT_FALSE(without.contains("error"));
+    EXPECT_EQ(without["seconds"]["error"], 0.0);
 }
 
 TEST_F(StippleCli, InspectTellsPointsBoundsAttributesAndHash) {

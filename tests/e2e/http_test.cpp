@@ -274,6 +274,56 @@ TEST(Stippled, UpsamplesAndAnalyzesByJobs) {
     EXPECT_EQ(listed("magic"), 99U);
 }
 
+TEST(Stippled, EvaluatesCloudsAndResultsInOneCall) {
+    const StippledProcess server;
+    const PointCloud reference = sphere(3000);
+    PointCloud larger = reference;
+    for (Vec3f& p : larger.positions) p *= 1.1F;
+    const std::string id = upload(server, as_ply(reference));
+    const std::string candidate = upload(server, as_ply(larger));
+    const auto evaluate = [&](const Json& body) {
+        return request(server.port(), "POST", "/v1/evaluations?wait=60", body.dump(), kJson);
+    };
+    const HttpReply one = evaluate({{"reference", id}, {"candidate", candidate}});
+    ASSERT_EQ(one.status, 200) << one.body;
+    const Json figures = Json::parse(one.body);
+    EXPECT_NEAR(figures.at("mean").get<double>(), 0.1, 0.002);
+    EXPECT_EQ(figures.at("candidate").at("id"), candidate);
+    EXPECT_NE(one.field("Link").find("/v1/jobs/"), std::string::npos);
+
+    // A file that another job made is as good as a cloud; it is drawn in the sandbox.
+    const std::string job = submit(server, pyramid_of(id));
+    ASSERT_EQ(finished(server, job).at("status"), "successful");
+    const Json levels =
+        Json::parse(request(server.port(), "GET", "/v1/jobs/" + job + "/results").body)
+            .at("levels");
+    EXPECT_GT(levels[0].at("error").at("mean").get<double>(), 0);
+    const HttpReply two = evaluate({{"reference", id},
+                                    {"candidates", {levels[0]["files"][0]["sha256"], candidate}},
+                                    {"map", {"drc"}},
+                                    {"pictures", true},
+                                    {"views", {"front", "top"}}});
+    ASSERT_EQ(two.status, 200) << two.body;
+    const Json both = Json::parse(two.body);
+    EXPECT_EQ(both.at("candidates")[1].at("mean"), figures.at("mean"));
+    EXPECT_EQ(both.at("candidates")[0].at("candidate").at("points"), 100);
+    const HttpReply map =
+        request(server.port(), "GET", both.at("candidates")[1].at("files")[0].at("href"));
+    EXPECT_NE(find_attribute(decode_cloud(std::as_bytes(std::span(map.body))), "distance"),
+              nullptr);
+    const HttpReply picture = request(server.port(), "GET", both.at("pictures")[0].at("href"));
+    EXPECT_EQ(picture.field("Content-Type"), "image/png");
+    EXPECT_EQ(hash_of(picture.body), both.at("pictures")[0].at("sha256"));
+
+    EXPECT_EQ(problem_of(evaluate({{"reference", id}, {"candidate", std::string(64, '0')}})),
+              "not-found");
+    EXPECT_EQ(problem_of(evaluate({{"reference", id}})), "invalid-argument");
+    const std::string empty = upload(server, as_ply(PointCloud{}));
+    const HttpReply refused = evaluate({{"reference", id}, {"candidate", empty}});
+    EXPECT_EQ(problem_of(refused), "malformed-input");
+    EXPECT_NE(refused.body.find("candidate 1: "), std::string::npos);
+}
+
 TEST(Stippled, ReturnsTheSameJobForTheSameIdempotencyKey) {
     const StippledProcess server;
     const Json job = pyramid_of(upload(server, as_ply(sphere(500))));

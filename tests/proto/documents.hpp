@@ -56,6 +56,20 @@ inline proto::JobRequest analyze_request() {
     return {kInput, job};
 }
 
+inline proto::JobRequest evaluate_request() {
+    proto::EvaluateJob job;
+    job.candidates = {std::string(64, 'b'), std::string(64, 'c')};
+    job.options.measure.samples = 50'000;
+    job.options.measure.surface = ErrorSurface::Quadratic;
+    job.options.range = 0.5;
+    job.options.pictures = true;
+    job.options.views = {"front", "top"};
+    job.options.up = 'z';
+    job.options.labels = {"one", "two"};
+    job.output.formats = {CloudFormat::Draco};
+    return {kInput, job};
+}
+
 inline proto::JobRequest pyramid_request() {
     proto::PyramidJob job;
     job.output.formats = {CloudFormat::Draco, CloudFormat::Ply, CloudFormat::Glb};
@@ -115,6 +129,26 @@ inline LodTile tile() {
     return tile;
 }
 
+inline DirectedError directed_error() {
+    return {.max = 0.5,
+            .mean = 0.125,
+            .mean_confidence = 0.0625,
+            .rms = 0.25,
+            .p50 = 0.125,
+            .p95 = 0.375,
+            .p99 = 0.4375,
+            .histogram = {0.75, 0.25},
+            .samples = 1000,
+            .not_converged = 0.5,
+            .attributes = {{"color", 8, 2, 4}}};
+}
+
+inline proto::ErrorFigures error_figures() {
+    SurfaceError error{directed_error(), directed_error(), 4};
+    error.backward.max = 1;
+    return {.error = error, .range = 0.5, .warnings = {"a warning"}};
+}
+
 inline proto::OutputCloud output_cloud() {
     return {.level = 1,
             .points = 400,
@@ -123,13 +157,15 @@ inline proto::OutputCloud output_cloud() {
             .files = {{CloudFormat::Draco, 900, std::string(64, 'c'), "level-1.drc"},
                       {CloudFormat::Ply, 4900, std::string(64, 'd'), "level-1.ply"},
                       {CloudFormat::Glb, 1200, std::string(64, 'e'), std::string(64, 'e') + ".glb",
-                       tile()}}};
+                       tile()}},
+             .error = error_figures()};
 }
 
 inline proto::JobCost job_cost() {
     return {.decode_seconds = 0.5,
             .simplify_seconds = 1.25,
             .splats_seconds = 0.0625,
+            .error_seconds = 0.03125,
             .encode_seconds = 0.125,
             .total_seconds = 2,
             .peak_memory_bytes = 50'000'000,

@@ -345,6 +345,46 @@ TEST(JobRequest, ToAnalyzeTravelsAsTheGoldenFileSays) {
     EXPECT_EQ(to_json(job_request_from_json(canonical)), canonical);
 }
 
+TEST(JobRequest, ToEvaluateTravelsAsTheGoldenFileSays) {
+    const std::string canonical = to_json(test::evaluate_request());
+    EXPECT_EQ(canonical, golden("evaluate_request.json"));
+    EXPECT_EQ(to_json(job_request_from_json(canonical)), canonical);
+}
+
+TEST(JobRequest, ToEvaluateTakesOneCandidateOrSeveral) {
+    const std::string reference = R"({"reference": ")" + kInput + '"';
+    const std::string b(64, 'b');
+    const JobRequest one = evaluation_from_json(reference + R"(, "candidate": ")" + b + "\"}");
+    EXPECT_EQ(std::get<EvaluateJob>(one.job).candidates, std::vector{b});
+    EXPECT_EQ(inputs_of(one), (std::vector{kInput, b}));
+    const JobRequest same =
+        evaluation_from_json(reference + R"(, "type": "evaluate", "candidates": [")" + b + "\"]}");
+    EXPECT_EQ(to_json(same), to_json(one));
+}
+
+TEST(JobRequest, ToEvaluateIsRefusedByNameAndValue) {
+    const auto refused = [](const std::string& fields) {
+        return test::refusal(evaluation_from_json,
+                             R"({"reference": ")" + kInput + R"(", )" + fields + "}",
+                             ErrorCode::InvalidArgument);
+    };
+    const std::string candidate = R"("candidate": ")" + kInput + "\"";
+    EXPECT_EQ(refused(R"("seed": 1)"), "candidates: expected this, or candidate for a single one");
+    EXPECT_EQ(refused(R"("candidates": [])"), "candidates: expected 1 to 16");
+    EXPECT_EQ(refused(R"("candidate": "x")"),
+              "candidates: expected ids of clouds: 64 lower-case hexadecimal digits");
+    EXPECT_EQ(refused(candidate + R"(, "k": 5)"), "k 5: expected 6..64");
+    EXPECT_EQ(refused(candidate + R"(, "range": 0)"),
+              "range: expected a distance above 0, in input units");
+    EXPECT_EQ(refused(candidate + R"(, "views": ["inside"])"),
+              "views: \"inside\": expected front, right, back, left, top or bottom");
+    EXPECT_EQ(refused(candidate + R"(, "labels": ["a", "b"])"),
+              "labels: [\"a\",\"b\"]: expected one for each candidate");
+    EXPECT_NE(refused(candidate + R"(, "basis": "cubic")").find("linear, quadratic, samples"),
+              std::string::npos);
+    EXPECT_NE(refused(candidate + R"(, "points": 5)").find("points"), std::string::npos);
+}
+
 TEST(JobRequest, OfAPyramidHasOneFormForEqualRequests) {
     const std::string canonical = to_json(test::pyramid_request());
     EXPECT_EQ(canonical, golden("pyramid_request.json"));

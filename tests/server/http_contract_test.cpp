@@ -76,11 +76,18 @@ TEST(OpenApi, ListsExactlyTheProblemTypesThatCanBeSent) {
     EXPECT_EQ(sent, listed);
 }
 
+const std::string kCandidate = R"(,"candidate":")" + std::string(64, 'b') + '"';
+
+proto::JobRequest request_of(const std::string& type, const std::string& target) {
+    const std::string input = type == "evaluate" ? "reference" : "input";
+    return proto::job_request_from_json(R"({"type": ")" + type + R"(", ")" + input + R"(": ")" +
+                                        std::string(64, 'a') + '"' + target + "}");
+}
+
 /// The fields of a request with everything in it that has a default, and what has none.
 std::set<std::string> fields_of(const std::string& type, const std::string& target,
                                 std::set<std::string> optional) {
-    const auto request = proto::job_request_from_json(R"({"type": ")" + type + R"(", "input": ")" +
-                                                      std::string(64, 'a') + '"' + target + "}");
+    const auto request = request_of(type, target);
     const YAML::Node canonical = YAML::Load(proto::to_json(request));  // JSON is YAML
     for (const auto& field : canonical) optional.insert(field.first.as<std::string>());
     return optional;
@@ -108,14 +115,14 @@ TEST(OpenApi, ListsExactlyTheFieldsOfEveryRequest) {
     EXPECT_EQ(documented_fields("AnalyzeRequest"),
               fields_of("analyze", "", {"viewpoint", "feature_lines"}));
     EXPECT_EQ(documented_fields("PyramidRequest"), fields_of("pyramid", "", {"levels"}));
+    EXPECT_EQ(documented_fields("EvaluateRequest"),
+              fields_of("evaluate", kCandidate, {"candidate", "range"}));
 }
 
 TEST(OpenApi, TellsTheDefaultsOfEveryRequest) {
     const auto compare = [](const char* schema, const std::string& type,
                             const std::string& target) {
-        const auto request =
-            proto::job_request_from_json(R"({"type": ")" + type + R"(", "input": ")" +
-                                         std::string(64, 'a') + '"' + target + "}");
+        const auto request = request_of(type, target);
         const YAML::Node written = YAML::Load(proto::to_json(request));
         for (const auto& field : document()["components"]["schemas"][schema]["properties"]) {
             const YAML::Node expected = field.second["default"];
@@ -138,6 +145,7 @@ TEST(OpenApi, TellsTheDefaultsOfEveryRequest) {
     compare("UpsampleRequest", "upsample", R"(,"points":9)");
     compare("AnalyzeRequest", "analyze", "");
     compare("PyramidRequest", "pyramid", "");
+    compare("EvaluateRequest", "evaluate", kCandidate);
 }
 
 TEST(OpenApi, ListsTheMethodsInTheirOrder) {

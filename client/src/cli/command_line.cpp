@@ -45,6 +45,11 @@ struct Values {
     SurfaceAttributeOptions surface;
     std::vector<std::string> reductions, formats = {"drc", "ply", "glb"};
     std::vector<std::uint64_t> levels;
+    bool no_error = false;
+    std::vector<std::string> candidates, maps;
+    proto::EvaluationOptions evaluation;
+    std::string sampling = "points", basis, up = "y";
+    bool quadratic = false;
     LodPyramidOptions pyramid;
     LodTileOptions tiles;
     std::vector<double> transform;
@@ -84,7 +89,12 @@ void add_reductions(CLI::App& command, Values& values) {
         ->allow_extra_args(false);
 }
 
+void add_no_error(CLI::App& command, Values& values) {
+    command.add_flag("--no-error", values.no_error, "do not measure how far the result is off");
+}
+
 void add_added_attributes(CLI::App& command, Values& values) {
+    add_no_error(command, values);
     command
         .add_option("--splats", values.splats,
                     "what to write of each point's splat: none, radius, normal or ellipse")
@@ -271,6 +281,7 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
         ->type_name("M");
     add_representative(command, values.of_methods.representative);
     add_reductions(command, values);
+    add_no_error(command, values);
     add_draco(command, values);
     add_server(command, values);
     add_common(command, values);
@@ -279,6 +290,69 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
         "  stipple pyramid scan.ply levels/\n"
         "  stipple pyramid scan.ply levels/ --levels 1000,10000,100000 --formats drc\n"
         "  stipple pyramid scan.ply levels/ --server http://127.0.0.1:8080");
+    return command;
+}
+
+CLI::App& add_evaluate(CLI::App& app, Values& values) {
+    proto::EvaluationOptions& options = values.evaluation;
+    CLI::App& command =
+        *app.add_subcommand("evaluate", "how far a cloud's surface is from that of another");
+    command.add_option("REFERENCE", values.input, "the cloud that is right: PLY or Draco")
+        ->required()
+        ->type_name("FILE");
+    command.add_option("CANDIDATE", values.candidates, "clouds to compare with it")
+        ->required()
+        ->type_name("FILE");
+    command
+        .add_option(
+            "--map", values.maps,
+            "write the reference coloured by distance (.ply, .drc) or pictures of it (.png)")
+        ->type_name("OUT")
+        ->allow_extra_args(false);
+    command
+        .add_option("--samples", options.measure.samples,
+                    "distances on each surface; 0: one a point, at least 100000")
+        ->type_name("N")
+        ->capture_default_str();
+    command
+        .add_option("--sampling", values.sampling,
+                    "where: points, surface (random places) or particles (as the paper has it)")
+        ->type_name("S")
+        ->capture_default_str();
+    auto* const basis =
+        command
+            .add_option("--basis", values.basis,
+                        "of the surface: linear (default), quadratic, or samples: the points alone")
+            ->type_name("B");
+    command.add_flag("--quadratic", values.quadratic, "the same as --basis quadratic")
+        ->excludes(basis);
+    command.add_option("--k", options.measure.k, "neighbours that make a surface, 6..64")
+        ->type_name("K")
+        ->capture_default_str();
+    command.add_option("--seed", options.measure.seed, "another seed, other samples")
+        ->type_name("S")
+        ->capture_default_str();
+    command.add_flag("--attributes", options.measure.attributes,
+                     "colours, normals and scalars as well");
+    command.add_option("--range", options.range, "distance of the last colour; found by itself")
+        ->type_name("MAX");
+    command
+        .add_option("--views", options.views,
+                    "of .png: some of front,right,back,left (default), top, bottom")
+        ->delimiter(',')
+        ->allow_extra_args(false)
+        ->type_name("V,V");
+    command.add_option("--up", values.up, "axis that is up in pictures: x, y or z")
+        ->type_name("A")
+        ->capture_default_str();
+    add_draco(command, values);
+    add_server(command, values);
+    add_common(command, values);
+    command.footer(
+        "Examples:\n"
+        "  stipple evaluate scan.ply small.ply\n"
+        "  stipple evaluate scan.ply a.ply b.drc --json errors.json --map errors.png\n"
+        "  stipple evaluate scan.ply small.ply --map errors.ply --range 0.5 --quadratic");
     return command;
 }
 
@@ -384,6 +458,7 @@ FileCommand<Job> file_command(const Values& values) {
                              ply(values),  server(values), values.common};
     command.job.output = {{format_of(values.output)}, draco(values)};
     if constexpr (requires { command.job.added; }) command.job.added = added_attributes(values);
+    if constexpr (requires { command.job.error; }) command.job.error = !values.no_error;
     return command;
 }
 
@@ -448,6 +523,7 @@ PyramidCommand pyramid_command(const Values& values, const CLI::App& app) {
                          values.pyramid_method);
     options.representative = representative_from_name(values.of_methods.representative);
     options.reductions = reductions(values);
+    command.job.error = !values.no_error;
     std::vector<CloudFormat>& formats = command.job.output.formats;
     for (const std::string& name : values.formats) {
         const CloudFormat format = cloud_format_from_name(name);
@@ -460,6 +536,40 @@ PyramidCommand pyramid_command(const Values& values, const CLI::App& app) {
         std::ranges::copy(values.transform, command.job.transform.emplace().begin());
     validate(options);
     validate(command.job.tiles);
+    return command;
+}
+
+EvaluateCommand evaluate_command(const Values& values) {
+    EvaluateCommand command{
+        values.input,   {},           {}, {values.maps.begin(), values.maps.end()},
+        server(values), values.common};
+    proto::EvaluationOptions& options = command.job.options;
+    options = values.evaluation;
+    options.measure.sampling = proto::error_sampling_from_name(values.sampling);
+    if (!values.basis.empty())
+        options.measure.surface = proto::error_surface_from_name(values.basis);
+    if (values.quadratic) options.measure.surface = ErrorSurface::Quadratic;
+    if (values.candidates.size() > proto::kMostCandidates)
+        throw UsageError(std::to_string(values.candidates.size()) + " candidates: at most " +
+                         std::to_string(proto::kMostCandidates));
+    for (const std::string& candidate : values.candidates) {
+        command.candidates.emplace_back(candidate);
+        options.labels.push_back(command.candidates.back().filename().string());
+    }
+    if (values.up.size() != 1) throw UsageError("--up " + values.up + ": expected x, y or z");
+    options.up = values.up.front();
+    for (const fs::path& map : command.maps) {
+        if (map.extension() == ".png") {
+            options.pictures = true;
+            continue;
+        }
+        std::vector<CloudFormat>& formats = command.job.output.formats;
+        const CloudFormat format = format_of(map);
+        if (std::find(formats.begin(), formats.end(), format) == formats.end())
+            formats.push_back(format);
+    }
+    command.job.output.draco = draco(values);
+    validate(options);
     return command;
 }
 
@@ -484,6 +594,7 @@ Command parse(CLI::App& app, Values& values, const std::vector<std::string>& arg
     const CLI::App& upsample = add_upsample(app, values);
     const CLI::App& analyze = add_analyze(app, values);
     const CLI::App& pyramid = add_pyramid(app, values);
+    const CLI::App& evaluate = add_evaluate(app, values);
     const CLI::App& inspect = add_inspect(app, values);
     const CLI::App& convert = add_convert(app, values);
     const CLI::App& synthesize = add_synthesize(app, values);
@@ -494,6 +605,7 @@ Command parse(CLI::App& app, Values& values, const std::vector<std::string>& arg
     if (analyze.parsed()) return analyze_command(values);
     if (pyramid.parsed()) return pyramid_command(values, pyramid);
     if (inspect.parsed()) return InspectCommand{values.input, values.common};
+    if (evaluate.parsed()) return evaluate_command(values);
     if (convert.parsed()) return convert_command(values);
     if (synthesize.parsed()) return synthesize_command(values);
     return InfoCommand{app.help()};

@@ -47,6 +47,16 @@ struct PyramidCommand {
     CommonOptions common;
 };
 
+struct EvaluateCommand {
+    std::filesystem::path reference;
+    std::vector<std::filesystem::path> candidates;
+    proto::EvaluateJob job;
+    std::vector<std::filesystem::path> maps;  ///< each .ply or .drc (with -1, -2, ... before the
+                                              ///< dot when there are several candidates) or .png
+    ServerOptions server;
+    CommonOptions common;
+};
+
 struct InspectCommand {
     std::filesystem::path input;
     CommonOptions common;
@@ -72,8 +82,9 @@ struct InfoCommand {
     std::string text;
 };
 
-using Command = std::variant<InfoCommand, SimplifyCommand, UpsampleCommand, AnalyzeCommand,
-                             PyramidCommand, InspectCommand, ConvertCommand, SynthesizeCommand>;
+using Command =
+    std::variant<InfoCommand, SimplifyCommand, UpsampleCommand, AnalyzeCommand, PyramidCommand,
+                 EvaluateCommand, InspectCommand, ConvertCommand, SynthesizeCommand>;
 
 /// The command line says something that cannot be done: exit code 2.
 class UsageError : public std::runtime_error {

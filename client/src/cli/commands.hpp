@@ -21,6 +21,7 @@ void run(const SimplifyCommand& command, const Session& session);
 void run(const UpsampleCommand& command, const Session& session);
 void run(const AnalyzeCommand& command, const Session& session);
 void run(const PyramidCommand& command, const Session& session);
+void run(const EvaluateCommand& command, const Session& session);
 void run(const InspectCommand& command, const Session& session);
 void run(const ConvertCommand& command, const Session& session);
 void run(const SynthesizeCommand& command, const Session& session);

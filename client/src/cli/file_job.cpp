@@ -37,6 +37,7 @@ ordered_json figures(const FileCommand<Job>& command, const proto::Results& resu
                       {"spacing", cloud.spacing},
                       {"bounds", bounds_json(cloud.bounds)}};
     if (const auto method = proto::method_of(results.request)) json["method"] = to_string(*method);
+    if (cloud.error) json["error"] = ordered_json::parse(proto::to_json(*cloud.error));
     if (results.cost) add_cost(json, *results.cost);
     return json;
 }
@@ -50,6 +51,7 @@ void summarise(const FileCommand<Job>& command, const proto::Results& results, d
                                cloud.files.front().bytes, seconds},
                               style)
               << '\n';
+    if (cloud.error) std::cerr << style.dim(error_line(*cloud.error, style)) << '\n';
     const std::string losses = losses_line(*results.source, style);
     if (terminal.interactive() && !losses.empty()) std::cerr << style.dim(losses) << '\n';
 }

@@ -20,6 +20,8 @@ proto::Results execute_here(const proto::JobRequest& request, const fs::path& in
     proto::JobSpec spec;
     spec.request = request;
     spec.input_file = input.string();
+    for (const fs::path& candidate : execution.candidates)
+        spec.candidate_files.push_back(candidate.string());
     spec.output_dir = folder.string();
     spec.threads = execution.threads;
 
@@ -62,6 +64,14 @@ void fetch_levels(Client& client, proto::Results& results, const fs::path& folde
     std::uint64_t all = 1, fetched = 0;
     for (const proto::OutputCloud& level : results.levels)
         for (const proto::OutputFile& file : level.files) all += file.bytes;
+    // A picture is small beside clouds, and has no other job's name.
+    for (proto::OutputCloud& level : results.levels) {
+        for (proto::PictureFile& picture : level.pictures) {
+            client.download({{}, picture.bytes, picture.sha256, picture.href},
+                            folder / "picture.png");
+            picture.href = "picture.png";
+        }
+    }
     for (proto::OutputCloud& level : results.levels) {
         for (proto::OutputFile& file : level.files) {
             const std::string stem =
@@ -94,6 +104,11 @@ proto::Results execute_there(proto::JobRequest request, const fs::path& input,
             display.update("upload", kUploaded * share);
         });
     request.input = cloud.id;
+    if (auto* const job = std::get_if<proto::EvaluateJob>(&request.job)) {
+        job->candidates.clear();
+        for (const fs::path& candidate : execution.candidates)
+            job->candidates.push_back(client.upload(candidate).id);
+    }
 
     const std::string job = client.submit(request).id;
     try {

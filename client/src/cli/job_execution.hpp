@@ -6,6 +6,7 @@
 
 #include <filesystem>
 #include <stop_token>
+#include <vector>
 
 namespace stipple::cli {
 
@@ -28,10 +29,12 @@ struct JobExecution {
     ServerOptions server;  ///< here, when it names no server
     unsigned threads = 0;
     std::stop_token stop;
+    std::vector<std::filesystem::path> candidates{};  ///< of an evaluation
 };
 
 /// Does a job on the cloud in `input`, here or on a server, and leaves the same files in `folder`
-/// either way: level-<n>.<format>, named so in the results. @throws Error, Cancelled.
+/// either way: level-<n>.<format> and picture.png, named so in the results. @throws Error,
+/// Cancelled.
 proto::Results execute(proto::JobRequest request, const std::filesystem::path& input,
                        const std::filesystem::path& folder, const JobExecution& execution,
                        ProgressDisplay& display);

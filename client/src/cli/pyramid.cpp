@@ -59,7 +59,7 @@ std::string right(std::string text, std::size_t columns) {
     return text.size() < columns ? std::string(columns - text.size(), ' ') + text : text;
 }
 
-/// A row for each level: its points and its files.
+/// A row for each level: its points, its files and its error.
 void list_levels(const proto::Results& results) {
     for (const proto::OutputCloud& level : results.levels) {
         std::cerr << right(std::to_string(level.level), 4)
@@ -68,6 +68,9 @@ void list_levels(const proto::Results& results) {
         for (const proto::OutputFile& file : level.files) bytes[file.format] += file.bytes;
         for (const auto& [format, sum] : bytes)
             std::cerr << right(readable_bytes(sum), 11) << ' ' << to_string(format);
+        if (level.error)
+            std::cerr << "   error " << distance_text(level.error->error.mean(), level.error->error)
+                      << ", at most " << short_number(level.error->error.max());
         std::cerr << '\n';
     }
 }

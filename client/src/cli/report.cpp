@@ -4,6 +4,8 @@
 #include "stipple/error.hpp"
 #include "stipple/proto/digest.hpp"
 
+#include <array>
+#include <cstdio>
 #include <fstream>
 #include <iostream>
 
@@ -80,12 +82,28 @@ ordered_json input_json(const fs::path& file, const proto::CloudStatistics& sour
 
 void add_cost(ordered_json& figures, const proto::JobCost& cost) {
     figures["threads"] = cost.threads;
-    figures["seconds"] = {{"decode", cost.decode_seconds},
-                          {"simplify", cost.simplify_seconds},
-                          {"splats", cost.splats_seconds},
-                          {"encode", cost.encode_seconds},
-                          {"total", cost.total_seconds}};
+    figures["seconds"] = {{"decode", cost.decode_seconds}, {"simplify", cost.simplify_seconds},
+                          {"splats", cost.splats_seconds}, {"error", cost.error_seconds},
+                          {"encode", cost.encode_seconds}, {"total", cost.total_seconds}};
     figures["peak_memory_bytes"] = cost.peak_memory_bytes;
+}
+
+std::string short_number(double value) {
+    std::array<char, 64> text{};
+    std::snprintf(text.data(), text.size(), "%.3g", value);
+    return text.data();
+}
+
+std::string distance_text(double distance, const SurfaceError& error) {
+    return short_number(distance) + " (" + short_number(100 * proto::relative(distance, error)) +
+           " %)";
+}
+
+std::string error_line(const proto::ErrorFigures& figures, const TextStyle& style) {
+    const SurfaceError& error = figures.error;
+    const std::string dot = " " + std::string(style.dot()) + " ";
+    return "error: mean " + distance_text(error.mean(), error) + dot + "max " +
+           distance_text(error.max(), error) + " of the diagonal";
 }
 
 ordered_json bounds_json(const Aabb& box) {

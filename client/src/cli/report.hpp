@@ -24,6 +24,13 @@ std::string summary_line(const Summary& summary, const TextStyle& style);
 /// empty when neither.
 std::string losses_line(const proto::CloudStatistics& source, const TextStyle& style);
 
+/// `0.0123`: three digits.
+std::string short_number(double value);
+/// `0.0123 (0.012 %)`: input units, and percent of the diagonal of the reference.
+std::string distance_text(double distance, const SurfaceError& error);
+/// `error: mean 0.0123 (0.012 %) · max 0.5 (0.4 %) of the diagonal`.
+std::string error_line(const proto::ErrorFigures& figures, const TextStyle& style);
+
 /// To the file of `--json`, whole or not at all; `-` is standard output.
 void write_json(const std::string& destination, const nlohmann::ordered_json& figures);
 /// What came in, for the figures.

@@ -11,7 +11,8 @@ namespace {
 
 constexpr double kQueueFullRetrySeconds = 5;
 constexpr const char* kExposed =
-    "ETag, Location, Link, Retry-After, Content-Range, X-Request-Id, Stipple-Points";
+    "ETag, Location, Link, Retry-After, Content-Range, X-Request-Id, Stipple-Points, "
+    "Stipple-Error-Mean, Stipple-Error-Max";
 
 /// The caller's own id when it can stand in a log, else a new one.
 std::string request_id(const Request& request) {

@@ -18,6 +18,7 @@ using namespace std::chrono_literals;
 
 constexpr std::size_t kMaxRequestBytes = 1 << 20;
 constexpr auto kLookAtClient = 1000ms;
+constexpr auto kDefaultWait = 20s;
 
 /// Only a request that says it is JSON: a form of another site cannot say so.
 std::string read_json(const Request& request) {
@@ -74,15 +75,17 @@ Reply output_reply(Resources& resources, const Request& request, const std::stri
     const std::string sha256 = file_name.substr(0, dot);
     const std::string_view extension =
         std::string_view(file_name).substr(std::min(dot, file_name.size()));
-    constexpr std::array kExtensions = {".ply", ".drc", ".glb"};
+    const bool is_picture = extension == ".png";
+    constexpr std::array<std::string_view, 4> kExtensions = {".ply", ".drc", ".glb", ".png"};
     if (!proto::is_sha256(sha256) ||
         std::ranges::find(kExtensions, extension) == kExtensions.end()) {
         throw HttpError(404, "no such file: the manifest names those there are");
     }
     auto permit = resources.downloads.take();
-    Reply reply =
-        blob_reply(request, resources.service.output(request.tenant, job_id, sha256), sha256,
-                   media_type(cloud_format_from_name(extension.substr(1))), resources.with_keys);
+    Reply reply = blob_reply(
+        request, resources.service.output(request.tenant, job_id, sha256), sha256,
+        is_picture ? "image/png" : media_type(cloud_format_from_name(extension.substr(1))),
+        resources.with_keys);
     reply.permit = std::move(permit);
     return reply;
 }
@@ -98,6 +101,29 @@ Reply submit_job(Resources& resources, Request& request) {
     return reply;
 }
 
+Reply evaluate(Resources& resources, Request& request) {
+    allow_query(request, {"wait"});
+    const auto wait = query_wait(request, resources.service.limits(), kDefaultWait);
+    const proto::JobRequest wanted = proto::evaluation_from_json(read_json(request));
+    std::optional<std::string> key;
+    if (const auto field = request.headers.find("Idempotency-Key")) key = *field;
+    bool existed = false;
+    const proto::JobDocument queued =
+        resources.service.submit(request.tenant, wanted, key, existed);
+    const proto::JobDocument job = wait_for_job(resources, request, queued.id, wait);
+    if (job.status == proto::JobStatus::Failed && job.problem) throw HttpError(*job.problem);
+    if (job.status != proto::JobStatus::Successful) {
+        Reply reply = job_reply(201, job);
+        reply.headers.set("Location", "/v1/jobs/" + job.id);
+        return reply;
+    }
+    Reply reply =
+        json_reply(200, proto::evaluation_json(resources.service.results(request.tenant, job.id)));
+    reply.headers.set("Cache-Control", "no-store");
+    reply.headers.set("Link", "</v1/jobs/" + job.id + ">; rel=\"via\"");
+    return reply;
+}
+
 Reply list_jobs(Resources& resources, Request& request) {
     allow_query(request, {"limit", "cursor", "type", "status", "input"});
     const PageQuery page = query_page(request);
@@ -106,7 +132,7 @@ Reply list_jobs(Resources& resources, Request& request) {
                                      .input = request.query_value("input")};
     if (filter.type &&
         std::ranges::find(proto::kJobTypes, *filter.type) == proto::kJobTypes.end()) {
-        throw HttpError(400, "type: expected simplify, pyramid, upsample or analyze");
+        throw HttpError(400, "type: expected simplify, pyramid, upsample, analyze or evaluate");
     }
     if (filter.status) (void)proto::job_status_from_name(*filter.status);
     std::optional<std::string> next;

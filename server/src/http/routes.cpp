@@ -24,6 +24,7 @@ constexpr std::array kRoutes = {
     Route{"GET", "/v1/jobs/{id}/results", Read, Listed, get_results},
     Route{"GET", "/v1/jobs/{id}/results/{file}", Read, Everyone, get_result_file},
     Route{"POST", "/v1/simplify", Submit, Listed, simplify},
+    Route{"POST", "/v1/evaluations", Submit, Listed, evaluate},
     Route{"GET", "/v1/pyramids/{id}/manifest.json", Read, Everyone, get_manifest},
     Route{"GET", "/v1/pyramids/{id}/tileset.json", Read, Everyone, get_tileset},
     Route{"GET", "/v1/pyramids/{id}/{file}", Read, Everyone, get_pyramid_file},

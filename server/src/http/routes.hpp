@@ -63,6 +63,7 @@ Reply follow_job(Resources&, Request&);
 Reply get_results(Resources&, Request&);
 Reply get_result_file(Resources&, Request&);
 Reply simplify(Resources&, Request&);
+Reply evaluate(Resources&, Request&);
 Reply get_manifest(Resources&, Request&);
 Reply get_tileset(Resources&, Request&);
 Reply get_pyramid_file(Resources&, Request&);

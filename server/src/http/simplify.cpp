@@ -24,15 +24,25 @@ struct Field {
     Kind kind;
 };
 constexpr std::array kJobFields = {
-    Field{"method", Kind::Text},          Field{"points", Kind::Count},
-    Field{"ratio", Kind::Number},         Field{"seed", Kind::Count},
-    Field{"splats", Kind::Text},          Field{"source_index", Kind::Truth},
-    Field{"oversampling", Kind::Number},  Field{"k", Kind::Count},
-    Field{"placement", Kind::Text},       Field{"max_displacement", Kind::Number},
-    Field{"color_weight", Kind::Number},  Field{"max_cluster_size", Kind::Count},
-    Field{"max_variation", Kind::Number}, Field{"representative", Kind::Text},
-    Field{"adaptivity", Kind::Number},    Field{"max_grading", Kind::Number},
-    Field{"max_iterations", Kind::Count}, Field{"tolerance", Kind::Number},
+    Field{"method", Kind::Text},
+    Field{"points", Kind::Count},
+    Field{"ratio", Kind::Number},
+    Field{"seed", Kind::Count},
+    Field{"error", Kind::Truth},
+    Field{"splats", Kind::Text},
+    Field{"source_index", Kind::Truth},
+    Field{"oversampling", Kind::Number},
+    Field{"k", Kind::Count},
+    Field{"placement", Kind::Text},
+    Field{"max_displacement", Kind::Number},
+    Field{"color_weight", Kind::Number},
+    Field{"max_cluster_size", Kind::Count},
+    Field{"max_variation", Kind::Number},
+    Field{"representative", Kind::Text},
+    Field{"adaptivity", Kind::Number},
+    Field{"max_grading", Kind::Number},
+    Field{"max_iterations", Kind::Count},
+    Field{"tolerance", Kind::Number},
     Field{"voxel_size", Kind::Number},
 };
 constexpr std::array kDracoFields = {
@@ -107,6 +117,10 @@ Reply result_reply(Resources& resources, const Request& request, const proto::Jo
     reply.headers.set("Cache-Control", "no-store");
     reply.headers.set("Link", "</v1/jobs/" + job.id + ">; rel=\"via\"");
     reply.headers.set("Stipple-Points", std::to_string(cloud.points));
+    if (cloud.error) {
+        reply.headers.set("Stipple-Error-Mean", Json(cloud.error->error.mean()).dump());
+        reply.headers.set("Stipple-Error-Max", Json(cloud.error->error.max()).dump());
+    }
     return reply;
 }
 

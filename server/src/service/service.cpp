@@ -73,6 +73,8 @@ void fill_links(proto::OutputCloud& level, const std::string& job_id, bool pyram
     for (proto::OutputFile& file : level.files) {
         file.href = folder + file.sha256 + "." + std::string(to_string(file.format));
     }
+    for (proto::PictureFile& picture : level.pictures)
+        picture.href = folder + picture.sha256 + ".png";
 }
 
 /// The same for an event that tells of a level.
@@ -249,7 +251,9 @@ std::shared_ptr<const BlobReader> Service::output(const std::string& tenant,
     const proto::Results all = results(tenant, job_id);
     const bool listed = std::ranges::any_of(all.levels, [&](const proto::OutputCloud& level) {
         return std::ranges::find(level.files, sha256, &proto::OutputFile::sha256) !=
-               level.files.end();
+                   level.files.end() ||
+               std::ranges::find(level.pictures, sha256, &proto::PictureFile::sha256) !=
+                   level.pictures.end();
     });
     if (!listed) throw no_such("result", job_id + "/" + sha256);
     auto blob = blobs_.open(sha256);

@@ -73,8 +73,8 @@ public:
 
     // Jobs.
     /// Adds a job. With an idempotency key seen before: the same request returns that job, another
-    /// throws Error(Conflict). @throws Error(NotFound) without the input cloud, Error(QueueFull)
-    /// over the limit.
+    /// throws Error(Conflict). @throws Error(NotFound) when an input is neither a cloud nor a
+    /// file of a result, Error(QueueFull) over the limit.
     virtual Submitted submit(const std::string& tenant, const proto::JobRequest& request,
                              const std::optional<std::string>& idempotency_key,
                              const QueueLimits& limits, proto::JobDocument& document) = 0;

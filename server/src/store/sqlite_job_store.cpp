@@ -313,8 +313,9 @@ void SqliteJobStore::set_statistics(const std::string& tenant, const std::string
 bool SqliteJobStore::remove_cloud(const std::string& tenant, const std::string& id) {
     return write([&] {
         Rows users = writer_.query(
-            "SELECT id FROM jobs WHERE tenant = ?1 AND input = ?2 AND "
-            "status IN ('accepted', 'running') LIMIT 1",
+            "SELECT id FROM jobs WHERE tenant = ?1 AND status IN ('accepted', 'running') AND "
+            "(input = ?2 OR "
+            " ?2 IN (SELECT value FROM json_each(request, '$.candidates'))) LIMIT 1",
             tenant, id);
         if (users.next()) {
             throw Error(ErrorCode::Conflict, "cloud " + id + " is needed by job " + users.text(0) +
@@ -376,12 +377,19 @@ void SqliteJobStore::check_queue(const std::string& tenant, const QueueLimits& l
 
 std::int64_t SqliteJobStore::insert_job(const std::string& tenant, const proto::JobRequest& request,
                                         const std::string& canonical) {
-    const std::int64_t added = writer_.run(
+    for (const std::string& id : proto::inputs_of(request)) {
+        // A cloud of the tenant's, or a file that a job of the tenant's made.
+        Rows rows = writer_.query(
+            "SELECT 1 FROM clouds WHERE tenant = ?1 AND id = ?2 UNION ALL "
+            "SELECT 1 FROM jobs JOIN outputs ON outputs.job = jobs.row "
+            "WHERE tenant = ?1 AND sha256 = ?2 LIMIT 1",
+            tenant, id);
+        if (!rows.next()) throw Error(ErrorCode::NotFound, "input " + id + ": no such cloud");
+    }
+    writer_.run(
         "INSERT INTO jobs (id, tenant, type, input, request, message, created, updated) "
-        "SELECT ?1, ?2, ?3, ?4, ?5, 'waiting for a worker', ?6, ?6 "
-        "WHERE EXISTS (SELECT 1 FROM clouds WHERE tenant = ?2 AND id = ?4)",
+        "VALUES (?1, ?2, ?3, ?4, ?5, 'waiting for a worker', ?6, ?6)",
         proto::random_hex(16), tenant, type_name(request), request.input, canonical, now_ms());
-    if (added == 0) throw Error(ErrorCode::NotFound, "input " + request.input + ": no such cloud");
     const std::int64_t row = writer_.last_row();
     add_status_event(row, JobStatus::Accepted);
     return row;
@@ -586,6 +594,10 @@ bool SqliteJobStore::publish_level(const Lease& lease, const proto::OutputCloud&
             writer_.run("INSERT INTO outputs (job, sha256) VALUES (?1, ?2) ON CONFLICT DO NOTHING",
                         row, file.sha256);
         }
+        for (const proto::PictureFile& picture : level.pictures) {
+            writer_.run("INSERT INTO outputs (job, sha256) VALUES (?1, ?2) ON CONFLICT DO NOTHING",
+                        row, picture.sha256);
+        }
         add_event(row, "level", body);
     });
 }
@@ -706,7 +718,9 @@ std::vector<std::string> SqliteJobStore::referenced_blobs() {
     const std::lock_guard lock(reader_mutex_);
     Rows rows = reader_.query(
         "SELECT id FROM clouds UNION SELECT sha256 FROM outputs UNION "
-        "SELECT input FROM jobs WHERE status IN ('accepted', 'running')");
+        "SELECT input FROM jobs WHERE status IN ('accepted', 'running') UNION "
+        "SELECT value FROM jobs, json_each(request, '$.candidates') "
+        "WHERE status IN ('accepted', 'running')");
     std::vector<std::string> blobs;
     while (rows.next()) blobs.push_back(rows.text(0));
     return blobs;

@@ -3,6 +3,7 @@
 #include "stipple/error.hpp"
 
 #include <spdlog/spdlog.h>
+#include <algorithm>
 
 namespace stipple::server {
 
@@ -66,23 +67,32 @@ void JobAttempt::run(JobRunner& runner) noexcept try {
 }
 
 void JobAttempt::run_in(const fs::path& folder, JobRunner& runner) {
-    const auto input = blobs_.open(lease_.request.input);
-    if (!input) {
-        throw Error(ErrorCode::Internal,
-                    "input " + lease_.request.input + ": its bytes are missing");
+    std::vector<std::shared_ptr<const BlobReader>> inputs;
+    for (const std::string& id : proto::inputs_of(lease_.request)) {
+        inputs.push_back(blobs_.open(id));
+        if (!inputs.back())
+            throw Error(ErrorCode::Internal, "input " + id + ": its bytes are missing");
     }
     output_ = folder / "output";
     conclude(runner.run(
-        spec_for(*input, output_), [this](const proto::JobReport& report) { on_report(report); },
+        spec_for(inputs, output_), [this](const proto::JobReport& report) { on_report(report); },
         stop_.get_token()));
 }
 
-proto::JobSpec JobAttempt::spec_for(const BlobReader& input, const fs::path& output) const {
+proto::JobSpec JobAttempt::spec_for(const std::vector<std::shared_ptr<const BlobReader>>& inputs,
+                                    const fs::path& output) const {
+    std::uint64_t bytes = 0;
+    std::vector<std::string> files;
+    for (const auto& input : inputs) {
+        bytes += input->size();
+        files.push_back(input->path().string());
+    }
     return {.request = lease_.request,
-            .input_file = input.path().string(),
+            .input_file = files.front(),
+            .candidate_files = {files.begin() + 1, files.end()},
             .output_dir = output.string(),
             .limits = limits_.decode,
-            .max_memory_bytes = limits_.memory_for(input.size()),
+            .max_memory_bytes = limits_.memory_for(bytes),
             .max_cpu_seconds = limits_.max_job_cpu_seconds,
             .max_file_bytes = limits_.max_job_output_bytes,
             .threads = options_.threads_per_job};
@@ -125,7 +135,7 @@ proto::OutputCloud JobAttempt::adopt_files(proto::OutputCloud level) {
         throw Error(ErrorCode::Internal, "the job reported level " + std::to_string(level.level) +
                                              ": expected fewer than " + std::to_string(kMaxLevels));
     }
-    for (proto::OutputFile& file : level.files) {
+    const auto adopt = [this](auto& file) {
         const fs::path name = file.href;
         const fs::path path = output_ / name;
         if (name.empty() || name != name.filename() ||
@@ -145,7 +155,9 @@ proto::OutputCloud JobAttempt::adopt_files(proto::OutputCloud level) {
                                                  file.sha256 + ", its bytes have " + hash);
         }
         file.href.clear();
-    }
+    };
+    std::ranges::for_each(level.files, adopt);
+    std::ranges::for_each(level.pictures, adopt);
     return level;
 }
 

@@ -30,7 +30,8 @@ public:
 
 private:
     void run_in(const std::filesystem::path& folder, JobRunner& runner);
-    proto::JobSpec spec_for(const BlobReader& input, const std::filesystem::path& output) const;
+    proto::JobSpec spec_for(const std::vector<std::shared_ptr<const BlobReader>>& inputs,
+                            const std::filesystem::path& output) const;
     void on_report(const proto::JobReport& report);
     void handle(const proto::JobReport& report);
     proto::OutputCloud adopt_files(proto::OutputCloud level);

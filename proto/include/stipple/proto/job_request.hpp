@@ -3,6 +3,7 @@
 #include "stipple/codec.hpp"
 #include "stipple/lod_pyramid.hpp"
 #include "stipple/lod_tiles.hpp"
+#include "stipple/proto/evaluation.hpp"
 #include "stipple/simplify.hpp"
 #include "stipple/surface_attributes.hpp"
 
@@ -35,11 +36,13 @@ struct SimplifyJob {
     SimplifyOptions options;
     OutputOptions output;
     AddedAttributes added{};
+    bool error = true;  ///< whether the error of the result is measured
 };
 struct UpsampleJob {
     UpsampleOptions options;
     OutputOptions output;
     AddedAttributes added{};
+    bool error = true;
 };
 struct AnalyzeJob {
     SurfaceAttributeOptions options;
@@ -50,9 +53,18 @@ struct PyramidJob {
     OutputOptions output;
     LodTileOptions tiles{};  ///< of the format `glb`
     std::optional<std::array<double, 16>>
-        transform{};  ///< of the tileset, column by column: from the coordinates of the file to
-                      ///< those of the scene, as to the globe's (ECEF)
+        transform{};    ///< of the tileset, column by column: from the coordinates of the file to
+                        ///< those of the scene, as to the globe's (ECEF)
+    bool error = true;  ///< of every level
 };
+/// Compares clouds with the input, the reference.
+struct EvaluateJob {
+    std::vector<std::string> candidates{};  ///< ids, 1..16
+    EvaluationOptions options;
+    OutputOptions output;  ///< of the maps: the samples of the reference, coloured by distance;
+                           ///< without formats there are none
+};
+inline constexpr std::size_t kMostCandidates = 16;
 
 /// The body of `POST /v1/jobs`: core's own option structs, one definition of each default. Unknown
 /// fields are refused by name, and so are fields of another method (`method_fields`).
@@ -61,7 +73,7 @@ struct PyramidJob {
 ///     {"type": "simplify", "input": "<sha-256>", "method": "multiphase",
 ///      "points": 5000 | "ratio": 0.01, "seed": 0, "reductions": {"intensity": "mean"},
 ///      "splats": "radius" | "none" | "normal" | "ellipse", "source_index": false,
-///      "format": "ply" | "drc",
+///      "error": true, "format": "ply" | "drc",
 ///      "draco": {"position_bits": 14, "precision": 0.001, "normal_bits": 10, "coding": "auto"}}
 ///
 /// with the fields of its method:
@@ -89,23 +101,35 @@ struct PyramidJob {
 ///
 ///     {"type": "pyramid", "input": …, "levels": [1000, 10000] | "ratio": 4, "base_points": 10000,
 ///      "method": "hierarchical" | "multiphase" | "iterative", "representative": … (hierarchical),
-///      "reductions": …, "formats": ["drc", "ply", "glb"], "draco": …,
+///      "reductions": …, "error": true, "formats": ["drc", "ply", "glb"], "draco": …,
 ///      "tiles": {"position_bits": 14, "precision": 0.001, "max_points": 65536,
 ///                "attributes": false, "transform": [16 numbers]} (glb)}
+///     {"type": "evaluate", "reference": …, "candidates": […] | "candidate": …, "samples": 0,
+///      "sampling": "points" | "surface" | "particles", "basis": "linear" | "quadratic" |
+///      "samples", "k": 20, "seed": 0, "attributes": false, "map": ["ply", "drc"], "draco": …,
+///      "range": 0.5, "pictures": false, "views": ["front", "right", "back", "left"], "up": "y",
+///      "labels": ["A"]}
+///
+/// Wherever an id of a cloud stands, the hash of a PLY or Draco file of a result will do.
 struct JobRequest {
-    std::string input;  ///< id of the cloud: SHA-256 of its bytes, 64 lower-case hexadecimal digits
-    std::variant<SimplifyJob, PyramidJob, UpsampleJob, AnalyzeJob> job;
+    std::string input;  ///< id of the cloud (of the reference): SHA-256 of its bytes, 64 lower-case
+                        ///< hexadecimal digits
+    std::variant<SimplifyJob, PyramidJob, UpsampleJob, AnalyzeJob, EvaluateJob> job;
 };
+/// Every id that a request names, the input first.
+std::vector<std::string> inputs_of(const JobRequest& request);
 
 /// The names of the types, in the order of the variant.
-inline constexpr std::array<std::string_view, 4> kJobTypes = {"simplify", "pyramid", "upsample",
-                                                              "analyze"};
+inline constexpr std::array<std::string_view, 5> kJobTypes = {"simplify", "pyramid", "upsample",
+                                                              "analyze", "evaluate"};
 std::string_view type_name(const JobRequest& request) noexcept;
 /// One form for equal requests (defaults written out, keys sorted), so that its hash identifies the
 /// work.
 std::string to_json(const JobRequest& request);
 /// Strict: @throws Error(InvalidArgument) naming the field, its value and what is expected.
 JobRequest job_request_from_json(std::string_view json);
+/// The same for the body of `POST /v1/evaluations`, where the type may be left out.
+JobRequest evaluation_from_json(std::string_view json);
 
 /// A field of a simplify request that not every method has.
 struct MethodField {

@@ -19,13 +19,23 @@ struct OutputFile {
     std::optional<LodTile> tile{};  ///< of a `glb`: what it holds, without the streams
 };
 
-/// One cloud that was made: the only one of a job, or a level of a pyramid (0 the coarsest).
+/// A picture: PNG.
+struct PictureFile {
+    unsigned width = 0, height = 0;  ///< pixels
+    std::uint64_t bytes = 0;
+    std::string sha256, href;  ///< as those of an `OutputFile`
+};
+
+/// One cloud that was made: the only one of a job, or a level of a pyramid (0 the coarsest). Of an
+/// evaluation it is a candidate, in the order of the request; `files` are then its map.
 struct OutputCloud {
     unsigned level = 0;
     std::uint64_t points = 0;
     double spacing = 0;  ///< mean distance to the nearest other point, input units
     Aabb bounds;
     std::vector<OutputFile> files;  ///< one per format; of `glb` one per tile
+    std::optional<ErrorFigures> error{};      ///< as an approximation of the input, where measured
+    std::vector<PictureFile> pictures{};      ///< of all candidates, on the first
 };
 
 /// What a job took.
@@ -33,6 +43,7 @@ struct JobCost {
     double decode_seconds = 0;    ///< with the cleaning
     double simplify_seconds = 0;  ///< the computation alone, of every type of job
     double splats_seconds = 0;    ///< measuring the splats of the result
+    double error_seconds = 0;     ///< measuring the error of the result
     double encode_seconds = 0;
     double total_seconds = 0;
     std::uint64_t peak_memory_bytes = 0;
@@ -41,14 +52,16 @@ struct JobCost {
 
 /// What a job made. The same struct is `GET /v1/jobs/{id}/results`, and a pyramid's `manifest.json`:
 ///
-///     {"schema": "stipple-results/1" | "stipple-pyramid/1", "complete": true, "request": {…},
+///     {"schema": "stipple-results/1" | "stipple-pyramid/1" | "stipple-evaluation/1", "complete": true, "request": {…},
 ///      "source": {cloud statistics, "sha256"}, "method": "multiphase",
 ///      "levels": [{"level": 0, "points": 8396, "spacing": 0.5, "bounds": {"min": [x, y, z], "max": […]},
 ///                  "files": [{"format": "drc", "bytes": 20000, "sha256": "…", "href": "…"},
 ///                            {"format": "glb", …, "tile": {"parent": 0, "points": 8396, "bits": 9, "step": 0.01,
 ///                             "offset": [x, y, z], "last": [511, 400, 300], "error": {"mean", "max", "p99"},
-///                             "spacing": 0.5, "cover_radius": 0.9}}]}],
-///      "cost": {"seconds": {"decode", "simplify", "splats", "encode", "total"}, "peak_memory_bytes", "threads"}}
+///                             "spacing": 0.5, "cover_radius": 0.9}}],
+///                  "error": {as in evaluation.hpp},
+///                  "pictures": [{"width", "height", "bytes", "sha256", "href"}]}],
+///      "cost": {"seconds": {"decode", "simplify", "splats", "error", "encode", "total"}, "peak_memory_bytes", "threads"}}
 ///
 /// Tiles are numbered from 0 as they stand, over all levels; `parent` is such a number, absent for the first. A tile's points lie on
 /// a grid: offset + step * (0 .. last), relative to the middle of the source's bounds. Its errors are those of `LodTile`.
@@ -63,12 +76,18 @@ struct Results {
 /// The method by which a job makes points; none when it makes none.
 std::optional<Method> method_of(const JobRequest& request) noexcept;
 std::string to_json(const Results& results);
+/// What an evaluation found, the reply to `POST /v1/evaluations` and the figures of `stipple
+/// evaluate`: of one candidate its error with `candidate` {id, points} and `files`; of several
+/// {"candidates": [each that form]}. `reference` {id, points}, `diagonal`, `range` and `pictures`
+/// stand beside it.
+std::string evaluation_json(const Results& results);
 Results results_from_json(std::string_view json);
 
 /// What stipple-job is told, in a file named on its command line.
 struct JobSpec {
     JobRequest request;
     std::string input_file;  ///< the cloud's bytes
+    std::vector<std::string> candidate_files{};  ///< of an evaluation, in the order of the request
     std::string output_dir;  ///< exists and is empty; files are named level-<n>.<format>
     DecodeLimits limits;
     std::uint64_t max_memory_bytes = 0;  ///< RLIMIT_AS; 0: none

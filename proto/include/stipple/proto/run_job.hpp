@@ -10,18 +10,19 @@
 namespace stipple::proto {
 
 /// The stages of a job in their order, and how much of the 100 percent each has. Of `simplify`,
-/// `upsample` and `analyze` a job has one. A pyramid goes to and fro between the last two that it
+/// `upsample`, `analyze` and `evaluate` a job has one. A pyramid goes to and fro between the last two that it
 /// has; the sum never decreases.
 struct JobStage {
     std::string_view name;
     double share;  ///< percent
 };
-inline constexpr std::array<JobStage, 6> kJobStages = {{
+inline constexpr std::array<JobStage, 7> kJobStages = {{
     {"decode", 20},
     {"clean", 5},
     {"simplify", 50},
     {"upsample", 50},
     {"analyze", 50},
+    {"evaluate", 50},
     {"encode", 25},
 }};
 
@@ -29,7 +30,7 @@ inline constexpr std::array<JobStage, 6> kJobStages = {{
 /// one code path of stipple-job and of the command line. A level is reported once its files are
 /// whole, coarsest first (the feature lines of an analysis are its level 1); then the cost. Progress is reported when a stage begins, else at most 20
 /// times a second. The time of `decode` includes the cleaning; that of `simplify` is the
-/// computation alone, on the cloud in memory; that of `splats` stands beside it.
+/// computation alone, on the cloud in memory; those of `splats` and `error` stand beside it.
 ///
 /// Limits of the process (memory, processor time) are the caller's to set. `context.progress` is not called: progress goes to `report`.
 /// @throws Error, Cancelled; Error(MalformedInput) when no point is left after cleaning; bad_alloc becomes Error(TooLarge) naming `spec.max_memory_bytes`.
