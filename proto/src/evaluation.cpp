@@ -5,6 +5,7 @@
 #include "stipple/error.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 namespace stipple::proto {
@@ -217,7 +218,10 @@ EvaluateJob read_evaluate(JsonObject& object) {
         if (!options.labels.empty() && options.labels.size() != job.candidates.size())
             value->refuse("one for each candidate");
     }
-    if (const auto value = object.find("map")) job.output.formats = read_formats(*value);
+    if (const auto value = object.find("map")) {
+        constexpr std::array kMapFormats = {CloudFormat::Ply, CloudFormat::Draco};
+        job.output.formats = read_formats(*value, kMapFormats);
+    }
     if (const auto value = object.find("draco")) job.output.draco = read_draco(*value);
     return job;
 }

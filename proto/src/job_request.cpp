@@ -463,7 +463,7 @@ PyramidJob read_pyramid(JsonObject& object) {
 
     job.output.formats.assign(kPyramidFormats.begin(), kPyramidFormats.end());
     if (const auto formats = object.find("formats")) {
-        job.output.formats = read_formats(*formats);
+        job.output.formats = read_formats(*formats, kPyramidFormats);
         if (job.output.formats.empty()) formats->refuse("at least one format");
     }
     if (const auto draco = object.find("draco")) job.output.draco = read_draco(*draco);
@@ -535,10 +535,16 @@ Json draco_json(const DracoEncodeOptions& options) {
     return json;
 }
 
-std::vector<CloudFormat> read_formats(const JsonValue& value) {
+std::vector<CloudFormat> read_formats(const JsonValue& value, std::span<const CloudFormat> of) {
     std::vector<CloudFormat> formats;
     for (const JsonValue& item : value.items()) {
         const auto format = item.named(cloud_format_from_name);
+        if (std::ranges::find(of, format) == of.end()) {
+            std::string names;
+            for (const CloudFormat one : of)
+                names += (names.empty() ? "" : " or ") + std::string(to_string(one));
+            item.refuse(names);
+        }
         if (std::ranges::find(formats, format) != formats.end()) item.refuse("each format once");
         formats.push_back(format);
     }

@@ -3,6 +3,7 @@
 #include "json_reader.hpp"
 #include "stipple/proto/results.hpp"
 
+#include <span>
 #include <vector>
 
 namespace stipple::proto {
@@ -18,7 +19,7 @@ JobRequest read_request(const JsonValue& value);
 
 DracoEncodeOptions read_draco(const JsonValue& value);
 Json draco_json(const DracoEncodeOptions& options);
-std::vector<CloudFormat> read_formats(const JsonValue& value);
+std::vector<CloudFormat> read_formats(const JsonValue& value, std::span<const CloudFormat> of);
 
 /// The fields of a request to evaluate, but for `type` and `reference`.
 EvaluateJob read_evaluate(JsonObject& object);
