@@ -181,10 +181,7 @@ void add_statistics(Json& json, const CloudStatistics& statistics) {
     json["removed"] = {{"non_finite", statistics.non_finite},
                        {"duplicates", statistics.duplicates}};
     if (!statistics.bounds.empty()) json["bounds"] = bounds_json(statistics.bounds);
-    json["attributes"] = Json::array();
-    for (const auto& attribute : statistics.attributes) {
-        json["attributes"].push_back(attribute_json(attribute));
-    }
+    json["attributes"] = attributes_json(statistics.attributes);
     json["encoding"] = statistics.encoding;
     json["skipped"] = statistics.skipped;
     json["comments"] = statistics.comments;
@@ -198,7 +195,7 @@ CloudStatistics read_statistics(JsonObject& object) {
     statistics.duplicates = removed["duplicates"].integer();
     removed.finish();
     if (const auto box = object.find("bounds")) statistics.bounds = read_bounds(*box);
-    statistics.attributes = object["attributes"].list_of(read_attribute);
+    statistics.attributes = read_attributes(object["attributes"]);
     statistics.encoding = object["encoding"].text();
     statistics.skipped = object["skipped"].list_of(read_text);
     statistics.comments = object["comments"].list_of(read_text);
@@ -240,6 +237,16 @@ CloudDocument cloud_document_from_json(std::string_view text) {
     document.links = read_links(object["links"]);
     object.finish();
     return document;
+}
+
+Json attributes_json(std::span<const CloudAttribute> attributes) {
+    Json json = Json::array();
+    for (const CloudAttribute& attribute : attributes) json.push_back(attribute_json(attribute));
+    return json;
+}
+
+std::vector<CloudAttribute> read_attributes(const JsonValue& value) {
+    return value.list_of(read_attribute);
 }
 
 std::vector<CloudAttribute> attributes_of(const PointCloud& cloud) {

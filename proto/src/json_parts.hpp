@@ -21,6 +21,9 @@ DracoEncodeOptions read_draco(const JsonValue& value);
 Json draco_json(const DracoEncodeOptions& options);
 std::vector<CloudFormat> read_formats(const JsonValue& value, std::span<const CloudFormat> of);
 
+Json attributes_json(std::span<const CloudAttribute> attributes);
+std::vector<CloudAttribute> read_attributes(const JsonValue& value);
+
 /// The fields of a request to evaluate, but for `type` and `reference`.
 EvaluateJob read_evaluate(JsonObject& object);
 void add_options(Json& json, const EvaluateJob& job);

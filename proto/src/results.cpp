@@ -109,6 +109,7 @@ Json level_json(const OutputCloud& cloud) {
                  {"points", cloud.points},
                  {"spacing", cloud.spacing},
                  {"bounds", bounds_json(cloud.bounds)},
+                 {"attributes", attributes_json(cloud.attributes)},
                  {"files", files_json(cloud)}};
     if (cloud.error) json["error"] = error_json(*cloud.error);
     if (!cloud.pictures.empty()) json["pictures"] = pictures_json(cloud);
@@ -122,6 +123,7 @@ OutputCloud read_level(const JsonValue& value) {
     cloud.points = object["points"].integer();
     cloud.spacing = object["spacing"].number();
     cloud.bounds = read_bounds(object["bounds"]);
+    cloud.attributes = read_attributes(object["attributes"]);
     cloud.files = object["files"].list_of(read_file);
     for (OutputFile& file : cloud.files)
         if (file.tile) file.tile->level = cloud.level;

@@ -391,11 +391,12 @@ private:
                 meter.measure(cloud, in_stage(kEvaluate).part(before / all, (before + 1) / all));
         }
         Candidate candidate;
-        candidate.level = {static_cast<unsigned>(number),
-                           cloud.size(),
-                           mean_spacing(cloud.positions, quietly()),
-                           bounds(cloud),
-                           {}};
+        candidate.level = {.level = static_cast<unsigned>(number),
+                           .points = cloud.size(),
+                           .spacing = mean_spacing(cloud.positions, quietly()),
+                           .bounds = bounds(cloud),
+                           .files = {},
+                           .attributes = attributes_of(cloud)};
         candidate.samples.p99 = error.forward.p99;
         candidate.samples.positions = std::move(error.forward.positions);
         candidate.samples.distances = std::move(error.forward.distances);
@@ -455,7 +456,13 @@ private:
         double from = static_cast<double>(points_encoded_) / all;
 
         JobReport line;
-        line.level = {made.level, made.cloud.size(), made.spacing, bounds(made.cloud), {}, error};
+        line.level = {.level = made.level,
+                      .points = made.cloud.size(),
+                      .spacing = made.spacing,
+                      .bounds = bounds(made.cloud),
+                      .files = {},
+                      .error = error,
+                      .attributes = attributes_of(made.cloud)};
         std::vector<OutputFile>& files = line.level->files;
         for (const CloudFormat format : options.formats) {
             const RunContext context = in_stage(kEncode).part(from, from + share);

@@ -158,7 +158,8 @@ inline proto::OutputCloud output_cloud() {
                       {CloudFormat::Ply, 4900, std::string(64, 'd'), "level-1.ply"},
                       {CloudFormat::Glb, 1200, std::string(64, 'e'), std::string(64, 'e') + ".glb",
                        tile()}},
-             .error = error_figures()};
+             .error = error_figures(),
+             .attributes = {{"color", "uint8", 3}, {"radius", "float32", 1}}};
 }
 
 inline proto::JobCost job_cost() {

@@ -36,7 +36,7 @@ export class LevelLoader {
             const level = {
                 ...entry,
                 file: entry.files.find((file) => file.format === 'drc'),
-                attributes: attributesOf(entry, manifest),
+                attributes: attributesOf(entry),
                 state: 'listed',
             };
             this.levels.push(level);
@@ -99,8 +99,8 @@ async function prepare(geometry, spacing) {
     return geometry;
 }
 
-function attributesOf(entry, manifest) {
-    return (entry.attributes ?? manifest.source?.attributes ?? [])
+function attributesOf({ attributes }) {
+    return attributes
         .filter(({ name }) => name !== 'normal' && name !== 'color')
         .map((attribute, i) => ({ ...attribute, id: kFirstAttributeId + i }));
 }

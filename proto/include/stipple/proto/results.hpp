@@ -35,6 +35,7 @@ struct OutputCloud {
     Aabb bounds;
     std::vector<OutputFile> files;  ///< one per format; of `glb` one per tile
     std::optional<ErrorFigures> error{};      ///< as an approximation of the input, where measured
+    std::vector<CloudAttribute> attributes{};  ///< as `CloudStatistics`: the order of generic attributes in the files
     std::vector<PictureFile> pictures{};      ///< of all candidates, on the first
 };
 
@@ -55,6 +56,7 @@ struct JobCost {
 ///     {"schema": "stipple-results/1" | "stipple-pyramid/1" | "stipple-evaluation/1", "complete": true, "request": {…},
 ///      "source": {cloud statistics, "sha256"}, "method": "multiphase",
 ///      "levels": [{"level": 0, "points": 8396, "spacing": 0.5, "bounds": {"min": [x, y, z], "max": […]},
+///                  "attributes": [{"name", "type", "components"}],
 ///                  "files": [{"format": "drc", "bytes": 20000, "sha256": "…", "href": "…"},
 ///                            {"format": "glb", …, "tile": {"parent": 0, "points": 8396, "bits": 9, "step": 0.01,
 ///                             "offset": [x, y, z], "last": [511, 400, 300], "error": {"mean", "max", "p99"},
