@@ -303,8 +303,6 @@ private:
         if (!lines.empty()) encode(level(1, std::move(lines)), job.output);
     }
 
-    RunContext quietly() const { return {context_.stop, {}, context_.threads}; }
-
     LodLevel level(unsigned number, PointCloud&& cloud) const {
         const double spacing = mean_spacing(cloud.positions, quietly());
         return {number, std::move(cloud), spacing};
