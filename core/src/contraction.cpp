@@ -344,7 +344,7 @@ void Engine::choose_partner(Index i, std::span<const Index> asked) {
 
 float Engine::quantile_of_costs() const {
     constexpr double kQuantile = 0.5;
-    constexpr std::size_t kAsked = 1 << 15;
+    constexpr std::size_t kAsked = 1 << 13;
     const std::size_t step = std::max<std::size_t>(1, live_ / kAsked);
     std::vector<float> costs;
     for (std::size_t i = 0; i < slots_; i += step)

@@ -45,12 +45,11 @@ bool may_be_on_border(std::span<const Vec3d> neighbors, const Vec3d& normal) noe
     std::uint16_t empty = 0xFFFFU;  // sixteenths of the turn, in the order of the angle
     for (const Vec3d& e : neighbors) {
         const double x = u.dot(e), y = v.dot(e), ax = std::abs(x), ay = std::abs(y);
-        const unsigned in_quarter = ay <= kTangent * ax  ? 0
-                                    : ay <= ax           ? 1
-                                    : kTangent * ay < ax ? 2
-                                                         : 3;
-        const unsigned sixteenth = y >= 0 ? (x >= 0 ? in_quarter : 7 - in_quarter)
-                                          : (x < 0 ? 8 + in_quarter : 15 - in_quarter);
+        // Without branches: there is no telling where the next neighbour is.
+        const unsigned in_quarter =
+            unsigned{ay > kTangent * ax} + unsigned{ay > ax} + unsigned{kTangent * ay >= ax};
+        const unsigned mirrored = unsigned{(x < 0) != (y < 0)};
+        const unsigned sixteenth = 8 * unsigned{y < 0} + (in_quarter ^ (7 * mirrored));
         empty &= static_cast<std::uint16_t>(~(1U << sixteenth));
     }
     // The gap of a border covers six of them wholly, wherever it begins.
