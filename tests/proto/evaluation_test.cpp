@@ -2,6 +2,7 @@
 
 #include "documents.hpp"
 #include "stipple/proto/run_job.hpp"
+#include "stipple/splat_renderer.hpp"
 
 #include <gtest/gtest.h>
 #include <cmath>
@@ -30,7 +31,7 @@ protected:
     /// The results of comparing `candidates` with `reference`.
     Results evaluate(const PointCloud& reference, const std::vector<PointCloud>& candidates,
                      EvaluateJob job = {}) {
-        JobSpec spec{.input_file = folder_ / "reference.ply", .output_dir = folder_ / "out"};
+        JobSpec spec = spec_for("reference.ply");
         write_cloud(reference, spec.input_file);
         for (std::size_t i = 0; i < candidates.size(); ++i) {
             spec.candidate_files.push_back(folder_ / (std::to_string(i) + ".ply"));
@@ -41,8 +42,16 @@ protected:
         return run(spec);
     }
 
+    JobSpec spec_for(const char* input) const {
+        JobSpec spec;
+        spec.input_file = folder_ / input;
+        spec.output_dir = folder_ / "out";
+        return spec;
+    }
+
     Results run(const JobSpec& spec) {
-        Results results{.request = spec.request};
+        Results results;
+        results.request = spec.request;
         run_job(spec, [&](const JobReport& report) {
             if (report.source) results.source = report.source;
             if (report.level) results.levels.push_back(*report.level);
@@ -190,7 +199,7 @@ TEST_F(Evaluation, WarnsOfOtherUnitsAndOfTooFewPoints) {
 }
 
 TEST_F(Evaluation, ACandidateThatCannotBeReadIsNamed) {
-    JobSpec spec{.input_file = folder_ / "reference.ply", .output_dir = folder_ / "out"};
+    JobSpec spec = spec_for("reference.ply");
     write_cloud(test::sphere(100), spec.input_file);
     spec.candidate_files = {spec.input_file, folder_ / "empty.ply"};
     write_cloud(PointCloud{}, folder_ / "empty.ply");
@@ -206,7 +215,7 @@ TEST_F(Evaluation, ACandidateThatCannotBeReadIsNamed) {
 
 TEST_F(Evaluation, StandsOnEveryResultUnlessItIsRefused) {
     const PointCloud cloud = test::sphere(20'000);
-    JobSpec spec{.input_file = folder_ / "in.ply", .output_dir = folder_ / "out"};
+    JobSpec spec = spec_for("in.ply");
     write_cloud(cloud, spec.input_file);
     SimplifyJob job;
     job.options.points = 500;
@@ -230,7 +239,7 @@ TEST_F(Evaluation, StandsOnEveryResultUnlessItIsRefused) {
 }
 
 TEST_F(Evaluation, OfALevelThatIsTheWholeCloudIsZero) {
-    JobSpec spec{.input_file = folder_ / "in.ply", .output_dir = folder_ / "out"};
+    JobSpec spec = spec_for("in.ply");
     write_cloud(test::sphere(2000, 0.01), spec.input_file);
     PyramidJob job;
     job.options.sizes = {200, 2000};
