@@ -233,10 +233,10 @@ TEST_F(Evaluation, StandsOnEveryResultUnlessItIsRefused) {
 
     // The same as a whole measurement finds, but for its few samples.
     const SurfaceError whole = measure_error(cloud, read_cloud(folder_ / "out" / "level-0.ply"));
-    EXPECT_NEAR(error->error.mean(), whole.mean(), 0.1 * whole.mean());
-    EXPECT_NEAR(error->error.backward.mean, whole.backward.mean, 0.1 * whole.backward.mean);
+    EXPECT_NEAR(error->error.mean(), whole.mean(), 0.15 * whole.mean());
+    EXPECT_NEAR(error->error.backward.mean, whole.backward.mean, 0.15 * whole.backward.mean);
     EXPECT_LE(error->error.max(), 1.0001 * whole.max());
-    EXPECT_GT(error->error.max(), 0.7 * whole.max());
+    EXPECT_GT(error->error.max(), 0.6 * whole.max());
 
     std::get<SimplifyJob>(spec.request.job).error = false;
     EXPECT_FALSE(run(spec).levels.at(0).error);
