@@ -132,7 +132,7 @@ SurfaceErrorOptions quick_options(std::uint64_t reference_points, std::uint64_t 
 /// `measure_error` with `quick_options`, and no more points of the reference than say where its
 /// surface is: an eighth, but 12 for each of the candidate, evenly drawn. With the linear basis the
 /// surface lies inside curved parts the more the fewer points it has: that takes at most a
-/// sixteenth off.
+/// twelfth off.
 ///
 /// @throws Error(InvalidArgument) as `measure_error`. 10 ns for each point of the reference and 10
 /// us for each sample on one core.
