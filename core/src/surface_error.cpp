@@ -230,7 +230,7 @@ SurfaceError measure_error(const PointCloud& reference, const PointCloud& candid
 }
 
 SurfaceErrorOptions quick_options(std::uint64_t reference_points, std::uint64_t candidate_points) {
-    constexpr std::uint64_t kLeast = 500, kMost = 4'000, kPart = 200;
+    constexpr std::uint64_t kLeast = 400, kMost = 2'000, kPart = 400;
     SurfaceErrorOptions options;
     options.samples =
         std::clamp(std::max(reference_points, candidate_points) / kPart, kLeast, kMost);
@@ -240,7 +240,7 @@ SurfaceErrorOptions quick_options(std::uint64_t reference_points, std::uint64_t 
 
 SurfaceError estimate_error(const PointCloud& reference, const PointCloud& candidate,
                             const RunContext& context) {
-    constexpr std::uint64_t kEnough = 16, kPart = 4;
+    constexpr std::uint64_t kEnough = 12, kPart = 8;
     const SurfaceErrorOptions options = quick_options(reference.size(), candidate.size());
     const std::uint64_t n = reference.size();
     const std::uint64_t wanted = std::max(n / kPart, kEnough * candidate.size());

@@ -178,7 +178,9 @@ std::vector<std::string> error_notes(std::uint64_t points, const SurfaceError& e
     const auto share = [&error](double distance) {
         return short_number(100 * relative(distance, error)) + " %";
     };
-    return {std::to_string(points) + " points",
+    std::string count = std::to_string(points);
+    for (std::size_t i = count.size(); i > 3; i -= 3) count.insert(i - 3, 1, ',');
+    return {count + (points == 1 ? " point" : " points"),
             "mean " + short_number(error.mean()) + " (" + share(error.mean()) + ") · max " +
                 short_number(error.max()) + " (" + share(error.max()) + ")"};
 }

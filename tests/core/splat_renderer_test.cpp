@@ -125,6 +125,26 @@ TEST(RenderSplats, LightsWhatFacesTheLight) {
     EXPECT_EQ(middle({-0.5F, 0.6F, 0.6F}), middle({0.5F, -0.6F, -0.6F}));  // both sides are lit
 }
 
+TEST(RenderSplats, LightsASilhouetteAsWhatIsBesideIt) {
+    // The light comes from the left and above: the rim below on the right lies in shadow, though
+    // some of its discs face away and, turned about, would face the light.
+    const PointCloud cloud = test::sphere(3000);
+    Splats splats = discs(cloud.size(), 0.06F);
+    splats.normals = cloud.positions;
+    const SplatRenderOptions options = small(300);
+    const Camera camera = fit_camera(cloud.positions, {.toward_eye = {0, 0, 1}}, 1.0);
+    const Image image = render_splats(cloud.positions, splats, {}, camera, options);
+    const double beside = brightness(image.at(238, 238));
+    int rim = 0;
+    for (unsigned at = 239; at < 300 && image.at(at, at).a == 255; ++at, ++rim)
+        EXPECT_LE(brightness(image.at(at, at)), 1.1 * beside) << at;
+    EXPECT_GT(rim, 2);
+
+    // And all the same whatever signs the normals have.
+    for (std::size_t i = 0; i < splats.normals.size(); i += 2) splats.normals[i] *= -1;
+    EXPECT_EQ(render_splats(cloud.positions, splats, {}, camera, options).pixels, image.pixels);
+}
+
 TEST(RenderSplats, ShowsColorsAsTheyAreWithoutRelief) {
     const std::vector<Vec3f> point = {Vec3f::Zero()};
     const std::vector<Rgba8> color = {{12, 200, 99, 255}};

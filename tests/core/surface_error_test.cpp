@@ -142,6 +142,59 @@ TEST(SurfaceError, OfARandomSubsetIsNotZero) {
     EXPECT_EQ(points.backward.samples, 1000U);
 }
 
+TEST(SurfaceError, OfASubsetIsTheSameFromFewSamples) {
+    // At the points of the subset, which lie on the whole, there would be no distance.
+    const PointCloud all = sphere(50'000), some = random_subset(all, 1000);
+    const SurfaceError many = measure_error(all, some, {.samples = 20'000});
+    const SurfaceError few = measure_error(all, some, {.samples = 900});
+    EXPECT_NEAR(few.backward.mean, many.backward.mean, 0.1 * many.backward.mean);
+}
+
+TEST(SurfaceError, OfAMeterIsThatOfEachCandidate) {
+    const PointCloud reference = sphere(5000);
+    const SurfaceErrorMeter meter(reference, {.samples = 3000});
+    for (const float factor : {1.1F, 0.8F}) {
+        const PointCloud candidate = scaled(sphere(2000), factor);
+        const SurfaceError one = measure_error(reference, candidate, {.samples = 3000});
+        EXPECT_EQ(meter.measure(candidate).mean(), one.mean());
+        EXPECT_EQ(meter.measure(candidate).max(), one.max());
+    }
+}
+
+TEST(EstimatedError, IsNearThatFromManySamples) {
+    const PointCloud reference = sphere(60'000), candidate = scaled(sphere(2000), 1.02F);
+    const SurfaceError many = measure_error(reference, candidate);
+    const SurfaceError few = estimate_error(reference, candidate);
+    EXPECT_EQ(few.forward.samples, 400U);
+    EXPECT_NEAR(few.mean(), many.mean(), 0.03 * many.mean());
+    EXPECT_NEAR(few.backward.mean, many.backward.mean, 0.03 * many.backward.mean);
+    EXPECT_EQ(few.diagonal, many.diagonal);
+}
+
+TEST(EstimatedError, SeesThatAPartIsMissing) {
+    const PointCloud whole = test::plane(20'000);
+    PointCloud half;
+    for (const Vec3f& p : whole.positions)
+        if (p.x() < 0.5F) half.positions.push_back(p);
+    const SurfaceError error = estimate_error(whole, half);
+    EXPECT_GT(error.forward.max, 0.45);
+    EXPECT_LT(error.backward.max, 0.01);
+    // Half of the area is 0 to 0.5 away: 0.125 on the average.
+    EXPECT_NEAR(error.mean(), 0.125, 0.02);
+}
+
+TEST(EstimatedError, GivesTheSameForAnyNumberOfThreads) {
+    const PointCloud reference = sphere(200'000), candidate = scaled(sphere(2000), 1.02F);
+    RunContext one, eight;
+    one.threads = 1;
+    eight.threads = 8;
+    const SurfaceError a = estimate_error(reference, candidate, one);
+    const SurfaceError b = estimate_error(reference, candidate, eight);
+    EXPECT_EQ(a.mean(), b.mean());
+    EXPECT_EQ(a.max(), b.max());
+    EXPECT_EQ(a.backward.rms, b.backward.rms);
+}
+
 TEST(SurfaceError, OfACloudAndItselfIsTheSmoothingAlone) {
     const PointCloud cloud = test::plane(5000);
     EXPECT_LT(measure_error(cloud, cloud, {.samples = 5000}).max(), 1e-5);
@@ -186,8 +239,8 @@ TEST(SurfaceError, WeighsPointsByTheirArea) {
         const SurfaceError error = measure_error(reference, candidate, {.samples = samples});
         EXPECT_NEAR(error.forward.mean, 0.02, 0.001) << samples;
     }
-    const SurfaceError error = measure_error(
-        reference, candidate, {.sampling = ErrorSampling::Surface, .samples = 4000});
+    const SurfaceError error =
+        measure_error(reference, candidate, {.sampling = ErrorSampling::Surface, .samples = 4000});
     EXPECT_NEAR(error.forward.mean, 0.02, 0.001);
 }
 

@@ -179,7 +179,8 @@ TEST_F(StippleCli, EvaluateTellsTheErrorWritesMapsAndPictures) {
     for (Vec3f& p : larger.positions) p *= 1.1F;
     write_cloud(larger, folder_ / "larger.ply");
     const Outcome one = stipple(
-        "evaluate in.ply larger.ply --json one.json --map map.ply --map map.drc --map map.png");
+        "evaluate in.ply larger.ply --samples 3000 --json one.json --map map.ply --map map.drc "
+        "--map map.png");
     ASSERT_EQ(one.exit_code, 0) << one.err;
     const json figures = json::parse(content(folder_ / "one.json"));
     EXPECT_NEAR(figures["mean"].get<double>(), 0.1, 0.002);
@@ -189,7 +190,8 @@ TEST_F(StippleCli, EvaluateTellsTheErrorWritesMapsAndPictures) {
         EXPECT_NE(find_attribute(read_cloud(folder_ / map), "distance"), nullptr) << map;
     EXPECT_EQ(content(folder_ / "map.png").substr(1, 3), "PNG");
 
-    const Outcome two = stipple("evaluate in.ply larger.ply in.ply --json - --map m.ply");
+    const Outcome two =
+        stipple("evaluate in.ply larger.ply in.ply --samples 3000 --json - --map m.ply");
     ASSERT_EQ(two.exit_code, 0) << two.err;
     const json both = json::parse(two.out);
     EXPECT_EQ(both["candidates"][0]["mean"], figures["mean"]);
@@ -208,7 +210,7 @@ TEST_F(StippleCli, EveryResultTellsItsErrorUnlessToldNotTo) {
     const json error = json::parse(told.out)["error"];
     EXPECT_GT(error["mean"].get<double>(), 0);
     EXPECT_GE(error["max"], error["mean"]);
-    EXPECT_EQ(error["samples"], 500);
+    EXPECT_EQ(error["samples"], 400);
     EXPECT_NE(told.err.find("error: mean"), std::string::npos);
     const json without =
         json::parse(stipple("simplify in.ply out.ply --points 500 --no-error --json -").out);

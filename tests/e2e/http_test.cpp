@@ -284,7 +284,8 @@ TEST(Stippled, EvaluatesCloudsAndResultsInOneCall) {
     const auto evaluate = [&](const Json& body) {
         return request(server.port(), "POST", "/v1/evaluations?wait=60", body.dump(), kJson);
     };
-    const HttpReply one = evaluate({{"reference", id}, {"candidate", candidate}});
+    const HttpReply one =
+        evaluate({{"reference", id}, {"candidate", candidate}, {"samples", 3000}});
     ASSERT_EQ(one.status, 200) << one.body;
     const Json figures = Json::parse(one.body);
     EXPECT_NEAR(figures.at("mean").get<double>(), 0.1, 0.002);
@@ -300,6 +301,7 @@ TEST(Stippled, EvaluatesCloudsAndResultsInOneCall) {
     EXPECT_GT(levels[0].at("error").at("mean").get<double>(), 0);
     const HttpReply two = evaluate({{"reference", id},
                                     {"candidates", {levels[0]["files"][0]["sha256"], candidate}},
+                                    {"samples", 3000},
                                     {"map", {"drc"}},
                                     {"pictures", true},
                                     {"views", {"front", "top"}}});

@@ -140,7 +140,9 @@ inline DirectedError directed_error() {
             .histogram = {0.75, 0.25},
             .samples = 1000,
             .not_converged = 0.5,
-            .attributes = {{"color", 8, 2, 4}}};
+            .attributes = {{"color", 8, 2, 4}},
+            .positions = {},
+            .distances = {}};
 }
 
 inline proto::ErrorFigures error_figures() {

@@ -222,7 +222,7 @@ TEST(JobRequest, ThatIsRefusedNamesFieldAndValueAndWhatIsExpected) {
         {R"({"type": "simplify", "input": "abc", "points": 1})",
          "input: \"abc\": expected the id of a cloud: 64 lower-case hexadecimal digits"},
         {request_with("magic", ""),
-         "type: \"magic\": expected simplify, pyramid, upsample or analyze"},
+         "type: \"magic\": expected simplify, pyramid, upsample, analyze or evaluate"},
         {simplify_with(R"("points": 5, "k": 40)"), "k 40: expected 3..32"},
         {simplify_with(R"("points": 5, "oversampling": 0.5)"),
          "oversampling 0.5: expected 1 to 1000"},
@@ -379,7 +379,7 @@ TEST(JobRequest, ToEvaluateIsRefusedByNameAndValue) {
     EXPECT_EQ(refused(candidate + R"(, "views": ["inside"])"),
               "views: \"inside\": expected front, right, back, left, top or bottom");
     EXPECT_EQ(refused(candidate + R"(, "labels": ["a", "b"])"),
-              "labels: [\"a\",\"b\"]: expected one for each candidate");
+              "labels: a list of 2: expected one for each candidate");
     EXPECT_NE(refused(candidate + R"(, "basis": "cubic")").find("linear, quadratic, samples"),
               std::string::npos);
     EXPECT_NE(refused(candidate + R"(, "points": 5)").find("points"), std::string::npos);

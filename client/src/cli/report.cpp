@@ -103,7 +103,8 @@ std::string error_line(const proto::ErrorFigures& figures, const TextStyle& styl
     const SurfaceError& error = figures.error;
     const std::string dot = " " + std::string(style.dot()) + " ";
     return "error: mean " + distance_text(error.mean(), error) + dot + "max " +
-           distance_text(error.max(), error) + " of the diagonal";
+           distance_text(error.max(), error) + " of the diagonal, at " +
+           counted(error.forward.samples, "sample", "samples");
 }
 
 ordered_json bounds_json(const Aabb& box) {

@@ -28,7 +28,7 @@ std::string losses_line(const proto::CloudStatistics& source, const TextStyle& s
 std::string short_number(double value);
 /// `0.0123 (0.012 %)`: input units, and percent of the diagonal of the reference.
 std::string distance_text(double distance, const SurfaceError& error);
-/// `error: mean 0.0123 (0.012 %) · max 0.5 (0.4 %) of the diagonal`.
+/// `error: mean 0.0123 (0.012 %) · max 0.5 (0.4 %) of the diagonal, at 400 samples`.
 std::string error_line(const proto::ErrorFigures& figures, const TextStyle& style);
 
 /// To the file of `--json`, whole or not at all; `-` is standard output.

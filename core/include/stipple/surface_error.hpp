@@ -124,17 +124,17 @@ private:
 };
 
 /// The options of a measurement that takes a small part of the time that it took to make the
-/// candidate: distances at one of 200 points of the larger cloud, 500 to 4,000 of them. The mean is
+/// candidate: distances at one of 400 points of the larger cloud, 400 to 2,000 of them. The mean is
 /// then within about 10 % of that from many samples; the maximum is what was met, which is less
 /// than there is.
 SurfaceErrorOptions quick_options(std::uint64_t reference_points, std::uint64_t candidate_points);
 
 /// `measure_error` with `quick_options`, and no more points of the reference than say where its
-/// surface is: a quarter, but 16 for each of the candidate, evenly drawn. With the linear basis the
+/// surface is: an eighth, but 12 for each of the candidate, evenly drawn. With the linear basis the
 /// surface lies inside curved parts the more the fewer points it has: that takes at most a
-/// sixteenth off.
+/// twelfth off.
 ///
-/// @throws Error(InvalidArgument) as `measure_error`. 20 ns for each point of the reference and 10
+/// @throws Error(InvalidArgument) as `measure_error`. 10 ns for each point of the reference and 10
 /// us for each sample on one core.
 SurfaceError estimate_error(const PointCloud& reference, const PointCloud& candidate,
                             const RunContext& context = {});

@@ -80,8 +80,8 @@ std::optional<Method> method_of(const JobRequest& request) noexcept;
 std::string to_json(const Results& results);
 /// What an evaluation found, the reply to `POST /v1/evaluations` and the figures of `stipple
 /// evaluate`: of one candidate its error with `candidate` {id, points} and `files`; of several
-/// {"candidates": [each that form]}. `reference` {id, points}, `diagonal`, `range` and `pictures`
-/// stand beside it.
+/// {"candidates": [each that form]}. `reference` {id, points} and `pictures` stand
+/// beside it.
 std::string evaluation_json(const Results& results);
 Results results_from_json(std::string_view json);
 
