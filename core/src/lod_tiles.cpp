@@ -13,6 +13,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <numeric>
 #include <sstream>
 #include <string>
 
@@ -78,7 +80,7 @@ std::vector<Vec3f> rounded(std::span<const Vec3f> points, std::span<const Vec3f>
 /// Places on the surface of the source, as `measure_error` takes them: at points, where there are
 /// many.
 ErrorSamples take_samples(std::span<const Vec3f> points, const RunContext& context) {
-    constexpr std::uint64_t kMany = 100'000, kShare = 8, kLeast = 32'768, kMost = 131'072;
+    constexpr std::uint64_t kMany = 100'000, kShare = 32, kLeast = 32'768, kMost = 131'072;
     if (points.size() < kMany) {
         const PointTree tree(points, PointTree::Leaves::Compact, context);
         return take_surface(tree, FootFinder(points, tree, {}), kLeast, 0, context);
@@ -184,7 +186,8 @@ struct LodTiler::State {
         return normals;
     }
 
-    /// The fewest bits by which the mean error grows by no more than the tolerance.
+    /// The fewest bits by which the mean error grows by no more than the tolerance, and by which
+    /// points stay apart: two steps to a spacing.
     Measured round_level(const std::vector<Vec3f>& points, Grid& grid_taken,
                          const RunContext& context) const {
         const double tolerance = levels == 0 ? options.base_tolerance : options.tolerance;
@@ -202,10 +205,9 @@ struct LodTiler::State {
         };
         // Rounding adds about the variance of one axis, smoothed by the surface's fit.
         constexpr double kSmoothed = 0.05;
-        const double step = exact * std::sqrt(2 * tolerance / kSmoothed);
-        const double guess = step > 0 ? std::ceil(std::log2(side / step + 2)) : kMostBits;
-        unsigned bits = static_cast<unsigned>(
-            std::clamp<double>(guess, kLeastBits, std::max(kLeastBits, finest.bits)));
+        const unsigned least = bits_for(0.5 * spacing_of_all(unrounded), finest.bits);
+        unsigned bits =
+            std::max(least, bits_for(exact * std::sqrt(2 * tolerance / kSmoothed), finest.bits));
         const double limit = (1 + tolerance) * exact;
 
         Measured taken;
@@ -219,7 +221,7 @@ struct LodTiler::State {
         }
         grid_taken = grid(bits);
         // One bit less makes four times the variance: tried while that may do.
-        while (bits > kLeastBits) {
+        while (bits > least) {
             const double added = std::max(0.0, taken.mean * taken.mean - exact * exact);
             constexpr double kMargin = 0.9;
             if (kMargin * std::sqrt(exact * exact + 4 * added) > limit) break;
@@ -231,7 +233,21 @@ struct LodTiler::State {
         return taken;
     }
 
-    double spacing(std::span<const Index> members, const Measured& level) const {
+    /// For steps no longer than `step`, from 2 to `most`.
+    unsigned bits_for(double step, unsigned most) const {
+        if (!(step > 0)) return most;
+        const double bits = std::ceil(std::log2(side / step + 2));
+        return static_cast<unsigned>(std::clamp<double>(bits, kLeastBits, most));
+    }
+
+    static double spacing_of_all(const Measured& level) {
+        std::vector<Index> all(level.points.size());
+        std::iota(all.begin(), all.end(), Index{0});
+        return spacing(all, level);
+    }
+
+    /// In the frame.
+    static double spacing(std::span<const Index> members, const Measured& level) {
         constexpr std::size_t kAsked = 256;
         const std::size_t step = std::max<std::size_t>(1, members.size() / kAsked);
         double sum = 0;
@@ -241,7 +257,7 @@ struct LodTiler::State {
             const auto found = find_nearest(*level.tree, level.points[members[i]], room);
             sum += std::sqrt(static_cast<double>(found.back().distance_sq));
         }
-        return sum / static_cast<double>(count) / scale;
+        return sum / static_cast<double>(count);
     }
 
     /// Of each part of the level, by the samples in its cell; of the whole level where it has none.
@@ -315,7 +331,7 @@ struct LodTiler::State {
         tile.step = grid_taken.step / scale;
         for (int axis = 0; axis < 3; ++axis)
             tile.offset[axis] = static_cast<double>(least[axis]) * tile.step;
-        tile.spacing = spacing(members, level);
+        tile.spacing = spacing(members, level) / scale;
         tile.streams = encode_streams(cloud, numbers, sorted, options.attributes);
     }
 };
