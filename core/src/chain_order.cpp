@@ -57,7 +57,8 @@ unsigned cell_level(std::span<const Keyed> sorted) {
     return level;
 }
 
-/// The cells that hold points, found by their coordinates.
+/// The cells that hold points, found by their coordinates: a table of blocks of 4 x 4 x 4 cells, so
+/// that the cells around a point are found near each other in memory.
 class Cells {
 public:
     Cells(std::span<const GridPoint> points, std::span<const Keyed> sorted)
@@ -66,21 +67,27 @@ public:
           place_of_(points.size()),
           members_(points.size()) {
         for (std::size_t i = 0; i < sorted.size(); ++i) {
-            const bool begins =
-                i == 0 || sorted[i].key >> 3 * shift_ != sorted[i - 1].key >> 3 * shift_;
-            if (begins) cells_.push_back({static_cast<Index>(i), 0});
-            members_[i] = {points[sorted[i].index], sorted[i].index};
+            const auto begins_at = [&](unsigned level) {
+                return i == 0 || sorted[i].key >> 3 * level != sorted[i - 1].key >> 3 * level;
+            };
+            const Index point = sorted[i].index;
+            const GridPoint& p = points[point];
+            if (begins_at(shift_ + kBlockBits)) blocks_.push_back({block_key(cell_at(p)), {}});
+            if (begins_at(shift_)) {
+                blocks_.back().cells[place_in_block(cell_at(p))] =
+                    static_cast<Index>(cells_.size() + 1);
+                cells_.push_back({static_cast<Index>(i), 0});
+            }
             ++cells_.back().count;
-            place_of_[sorted[i].index] = static_cast<Index>(i);
-            cell_of_[sorted[i].index] = static_cast<Index>(cells_.size() - 1);
+            members_[i] = {p, point};
+            cell_of_[point] = static_cast<Index>(cells_.size() - 1);
+            place_of_[point] = static_cast<Index>(i);
         }
-        slots_.resize(std::bit_ceil(2 * cells_.size()));
-        for (std::size_t c = 0; c < cells_.size(); ++c) {
-            const GridPoint& p = members_[cells_[c].begin].position;
-            const std::uint64_t key = key_of(p[0] >> shift_, p[1] >> shift_, p[2] >> shift_);
-            std::size_t slot = hash(key);
-            while (slots_[slot].key != 0) slot = (slot + 1) & (slots_.size() - 1);
-            slots_[slot] = {key, static_cast<Index>(c)};
+        table_.resize(std::bit_ceil(2 * blocks_.size() + 1));
+        for (std::size_t b = 0; b < blocks_.size(); ++b) {
+            std::size_t slot = hash(blocks_[b].key);
+            while (table_[slot] != 0) slot = (slot + 1) & (table_.size() - 1);
+            table_[slot] = static_cast<Index>(b + 1);
         }
     }
 
@@ -91,17 +98,34 @@ public:
         members_[place_of_[point]] = last;
     }
 
-    /// The nearest point that is left within `reach` cells of `p`, or nothing.
-    const Index* nearest(const GridPoint& p, int reach) const {
+    /// The nearest point that is left within one cell of `p`, or nothing.
+    const Index* nearest(const GridPoint& p) {
         Search search{p};
-        const std::array<int, 3> at = {p[0] >> shift_, p[1] >> shift_, p[2] >> shift_};
+        const CellPlace at = cell_at(p);
         look(at, search);
-        for (int ring = 1; ring <= reach && !ends_before(ring, at, search); ++ring)
-            look_around(at, ring, search);
+        std::array<std::array<std::uint64_t, 3>, 3> gaps{};  // squared, by axis and step
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            const std::int64_t inside = p[axis] - (std::int64_t{at[axis]} << shift_);
+            const std::int64_t side = std::int64_t{1} << shift_;
+            gaps[axis] = {square(inside + 1), 0, square(side - inside)};
+        }
+        for (int x = 0; x < 3; ++x) {
+            for (int y = 0; y < 3; ++y) {
+                const std::uint64_t gap = gaps[0][x] + gaps[1][y];
+                if (gap >= search.best) continue;
+                for (int z = 0; z < 3; ++z) {
+                    if (gap + gaps[2][z] >= search.best || (x == 1 && y == 1 && z == 1)) continue;
+                    look({at[0] + x - 1, at[1] + y - 1, at[2] + z - 1}, search);
+                }
+            }
+        }
         return search.found;
     }
 
 private:
+    static constexpr unsigned kBlockBits = 2;
+    using CellPlace = std::array<int, 3>;
+
     struct Cell {
         Index begin, count;
     };
@@ -109,9 +133,9 @@ private:
         GridPoint position;
         Index index;
     };
-    struct Slot {
-        std::uint64_t key = 0;  ///< 0: free
-        Index cell = 0;
+    struct Block {
+        std::uint64_t key;
+        std::array<Index, 64> cells;  ///< number + 1; 0: no points
     };
     struct Search {
         GridPoint from;
@@ -122,39 +146,43 @@ private:
     static std::uint64_t square(std::int64_t v) noexcept {
         return static_cast<std::uint64_t>(v * v);
     }
-
-    static std::uint64_t key_of(int x, int y, int z) noexcept {
-        return std::uint64_t{1} << 63U | static_cast<std::uint64_t>(x) << 32U |
-               static_cast<std::uint64_t>(y) << 16U | static_cast<std::uint64_t>(z);
+    CellPlace cell_at(const GridPoint& p) const noexcept {
+        return {p[0] >> shift_, p[1] >> shift_, p[2] >> shift_};
+    }
+    /// Other than those of all other blocks for cells from -1 to 65,536.
+    static std::uint64_t block_key(const CellPlace& cell) noexcept {
+        const auto part = [](int c) { return static_cast<std::uint64_t>((c >> kBlockBits) + 1); };
+        return part(cell[0]) << 40U | part(cell[1]) << 20U | part(cell[2]);
+    }
+    static std::size_t place_in_block(const CellPlace& cell) noexcept {
+        const auto part = [](int c) { return static_cast<std::size_t>(c) & 3U; };
+        return part(cell[0]) << 4U | part(cell[1]) << 2U | part(cell[2]);
     }
     std::size_t hash(std::uint64_t key) const noexcept {
-        return key * 0x9E3779B97F4A7C15U >> 20U & (slots_.size() - 1);
+        return key * 0x9E3779B97F4A7C15U >> 32U & (table_.size() - 1);
     }
 
-    /// From a coordinate to the cell `step` further on.
-    std::int64_t gap(std::int64_t coordinate, std::int64_t cell, int step) const noexcept {
-        if (step == 0) return 0;
-        return step > 0 ? ((cell + step) << shift_) - coordinate
-                        : coordinate - ((cell + step + 1) << shift_) + 1;
-    }
-
-    /// Whether no cell so many cells away is nearer than what was found.
-    bool ends_before(int ring, const std::array<int, 3>& at, const Search& search) const noexcept {
-        std::int64_t least = std::numeric_limits<std::int64_t>::max();
-        for (std::size_t axis = 0; axis < 3; ++axis) {
-            for (const int step : {-ring, ring})
-                least = std::min(least, gap(search.from[axis], at[axis], step));
+    const Block* block_of(const CellPlace& cell) noexcept {
+        const std::uint64_t key = block_key(cell);
+        if (key == last_key_) return last_block_;
+        last_key_ = key;
+        last_block_ = nullptr;
+        for (std::size_t slot = hash(key); table_[slot] != 0;
+             slot = (slot + 1) & (table_.size() - 1)) {
+            const Block& block = blocks_[table_[slot] - 1];
+            if (block.key == key) last_block_ = &block;
+            if (block.key == key) break;
         }
-        return square(least) >= search.best;
+        return last_block_;
     }
 
-    void look(const std::array<int, 3>& cell, Search& search) const {
-        const std::uint64_t key = key_of(cell[0], cell[1], cell[2]);
-        std::size_t slot = hash(key);
-        for (; slots_[slot].key != key; slot = (slot + 1) & (slots_.size() - 1))
-            if (slots_[slot].key == 0) return;
+    void look(const CellPlace& cell, Search& search) {
+        const Block* const block = block_of(cell);
+        if (block == nullptr) return;
+        const Index number = block->cells[place_in_block(cell)];
+        if (number == 0) return;
         constexpr Index kMost = 48;  // of a crowd not all are looked at
-        const Cell& c = cells_[slots_[slot].cell];
+        const Cell& c = cells_[number - 1];
         for (Index i = c.begin; i < c.begin + std::min(c.count, kMost); ++i) {
             const Member& m = members_[i];
             std::uint64_t distance = 0;
@@ -167,31 +195,15 @@ private:
         }
     }
 
-    void look_around(const std::array<int, 3>& at, int ring, Search& search) const {
-        const int last = 0xFFFF >> shift_;
-        const auto& p = search.from;
-        for (int dx = -ring; dx <= ring; ++dx) {
-            const std::uint64_t gap_x = square(gap(p[0], at[0], dx));
-            if (gap_x >= search.best || at[0] + dx < 0 || at[0] + dx > last) continue;
-            for (int dy = -ring; dy <= ring; ++dy) {
-                const std::uint64_t gap_xy = gap_x + square(gap(p[1], at[1], dy));
-                if (gap_xy >= search.best || at[1] + dy < 0 || at[1] + dy > last) continue;
-                const bool side = std::max(std::abs(dx), std::abs(dy)) == ring;
-                for (int dz = -ring; dz <= ring; dz += side ? 1 : 2 * ring) {
-                    if (gap_xy + square(gap(p[2], at[2], dz)) >= search.best) continue;
-                    if (at[2] + dz < 0 || at[2] + dz > last) continue;
-                    look({at[0] + dx, at[1] + dy, at[2] + dz}, search);
-                }
-            }
-        }
-    }
-
     unsigned shift_;
     std::vector<Cell> cells_;
+    std::vector<Block> blocks_;
+    std::vector<Index> table_;     ///< of blocks: number + 1; 0: free
     std::vector<Index> cell_of_;   ///< by point
     std::vector<Index> place_of_;  ///< among the members, by point
     std::vector<Member> members_;  ///< of the cells, those that are left first
-    std::vector<Slot> slots_;
+    std::uint64_t last_key_ = 0;   ///< of no block
+    const Block* last_block_ = nullptr;
 };
 
 }  // namespace
@@ -205,13 +217,12 @@ std::vector<Index> chain_order(std::span<const GridPoint> points) {
     std::vector<bool> visited(points.size());
     std::size_t next = 0;  // along the curve: all before it are visited
     Index at = sorted[0].index;
-    constexpr int kReach = 2;
     while (true) {
         order.push_back(at);
         visited[at] = true;
         cells.remove(at);
         if (order.size() == points.size()) return order;
-        if (const Index* const near = cells.nearest(points[at], kReach)) {
+        if (const Index* const near = cells.nearest(points[at])) {
             at = *near;
         } else {
             while (visited[sorted[next].index]) ++next;

@@ -13,6 +13,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <numeric>
 #include <sstream>
 #include <string>
 
@@ -21,6 +23,7 @@ namespace stipple {
 namespace {
 
 constexpr unsigned kLeastBits = 2, kMostBits = 24;
+constexpr std::uint32_t kMostPoints = 65'536;  // a tile is sorted without a look at the stop token
 constexpr std::size_t kBlock = 8'192;
 
 template <typename T>
@@ -38,6 +41,22 @@ struct Grid {
     std::int64_t at(float coordinate) const noexcept {
         return std::llround(static_cast<double>(coordinate) / step);
     }
+    /// Of the eight corners around `p` the one nearest to the surface there, and near to p.
+    Vec3f rounded(const Vec3f& p, const Vec3f& normal) const noexcept {
+        constexpr double kAside = 0.01;  // what a way along the surface counts
+        const Vec3d at = p.cast<double>() / step, n = normal.cast<double>();
+        const Vec3d low = at.array().floor();
+        Vec3d best = low;
+        double least = std::numeric_limits<double>::infinity();
+        for (int corner = 0; corner < 8; ++corner) {
+            const Vec3d q = low + Vec3d(corner & 1, corner >> 1 & 1, corner >> 2);
+            const double across = n.dot(q - at);
+            const double cost = across * across + kAside * (q - at).squaredNorm();
+            if (cost < least) best = q;
+            least = std::min(least, cost);
+        }
+        return (step * best).cast<float>();
+    }
     Vec3f rounded(const Vec3f& p) const noexcept {
         Vec3f q;
         for (int axis = 0; axis < 3; ++axis)
@@ -46,11 +65,14 @@ struct Grid {
     }
 };
 
-std::vector<Vec3f> rounded(std::span<const Vec3f> points, const Grid& grid,
-                           const RunContext& context) {
+/// @param normals  of the surface, where they are known.
+std::vector<Vec3f> rounded(std::span<const Vec3f> points, std::span<const Vec3f> normals,
+                           const Grid& grid, const RunContext& context) {
     std::vector<Vec3f> decoded(points.size());
     parallel_for_blocks(points.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
-        for (std::size_t i = begin; i < end; ++i) decoded[i] = grid.rounded(points[i]);
+        for (std::size_t i = begin; i < end; ++i)
+            decoded[i] =
+                normals.empty() ? grid.rounded(points[i]) : grid.rounded(points[i], normals[i]);
     });
     return decoded;
 }
@@ -58,7 +80,7 @@ std::vector<Vec3f> rounded(std::span<const Vec3f> points, const Grid& grid,
 /// Places on the surface of the source, as `measure_error` takes them: at points, where there are
 /// many.
 ErrorSamples take_samples(std::span<const Vec3f> points, const RunContext& context) {
-    constexpr std::uint64_t kMany = 100'000, kShare = 8, kLeast = 32'768, kMost = 131'072;
+    constexpr std::uint64_t kMany = 100'000, kShare = 32, kLeast = 32'768, kMost = 131'072;
     if (points.size() < kMany) {
         const PointTree tree(points, PointTree::Leaves::Compact, context);
         return take_surface(tree, FootFinder(points, tree, {}), kLeast, 0, context);
@@ -95,7 +117,8 @@ void validate(const LodTileOptions& options) {
         refuse("tiles: precision", *options.precision, "a finite length above 0");
     for (const double tolerance : {options.tolerance, options.base_tolerance})
         if (!(tolerance >= 0)) refuse("tiles: tolerance", tolerance, "at least 0");
-    if (options.max_points == 0) refuse("tiles: max_points", 0, "at least 1");
+    if (options.max_points == 0 || options.max_points > kMostPoints)
+        refuse("tiles: max_points", options.max_points, "1..65536");
 }
 
 /// All in a frame where the middle of the source's box lies at 0 and its longest side is between 1
@@ -149,7 +172,22 @@ struct LodTiler::State {
         made.mean = summarize("", made.distances, at.areas).mean;
     }
 
-    /// The fewest bits by which the mean error grows by no more than the tolerance.
+    /// Of the surface at the points of a level; none where there are too many to be worth the time:
+    /// those who load them have waited already.
+    static std::vector<Vec3f> normals_of(const Measured& level, const RunContext& context) {
+        constexpr std::size_t kMost = 65'536;
+        if (level.points.size() > kMost) return {};
+        std::vector<Vec3f> normals(level.points.size());
+        FootFinder(level.points, *level.tree, {})
+            .find(
+                level.points,
+                [&](std::size_t i, const Foot& foot) { normals[i] = foot.normal.cast<float>(); },
+                context);
+        return normals;
+    }
+
+    /// The fewest bits by which the mean error grows by no more than the tolerance, and by which
+    /// points stay apart: two steps to a spacing.
     Measured round_level(const std::vector<Vec3f>& points, Grid& grid_taken,
                          const RunContext& context) const {
         const double tolerance = levels == 0 ? options.base_tolerance : options.tolerance;
@@ -159,16 +197,17 @@ struct LodTiler::State {
             measure(made, few, context);
             return made;
         };
+        const Measured unrounded = measured(std::vector<Vec3f>(points));
+        const double exact = unrounded.mean;
+        const std::vector<Vec3f> normals = normals_of(unrounded, context);
         const auto try_bits = [&](unsigned bits) {
-            return measured(rounded(points, grid(bits), context));
+            return measured(rounded(points, normals, grid(bits), context));
         };
-        const double exact = measured(std::vector<Vec3f>(points)).mean;
         // Rounding adds about the variance of one axis, smoothed by the surface's fit.
         constexpr double kSmoothed = 0.05;
-        const double step = exact * std::sqrt(2 * tolerance / kSmoothed);
-        const double guess = step > 0 ? std::ceil(std::log2(side / step + 2)) : kMostBits;
-        unsigned bits = static_cast<unsigned>(
-            std::clamp<double>(guess, kLeastBits, std::max(kLeastBits, finest.bits)));
+        const unsigned least = bits_for(0.5 * spacing_of_all(unrounded), finest.bits);
+        unsigned bits =
+            std::max(least, bits_for(exact * std::sqrt(2 * tolerance / kSmoothed), finest.bits));
         const double limit = (1 + tolerance) * exact;
 
         Measured taken;
@@ -178,11 +217,11 @@ struct LodTiler::State {
         }
         if (bits >= finest.bits) {
             grid_taken = finest;
-            return with_tree(rounded(points, finest, context), context);
+            return with_tree(rounded(points, normals, finest, context), context);
         }
         grid_taken = grid(bits);
         // One bit less makes four times the variance: tried while that may do.
-        while (bits > kLeastBits) {
+        while (bits > least) {
             const double added = std::max(0.0, taken.mean * taken.mean - exact * exact);
             constexpr double kMargin = 0.9;
             if (kMargin * std::sqrt(exact * exact + 4 * added) > limit) break;
@@ -194,7 +233,21 @@ struct LodTiler::State {
         return taken;
     }
 
-    double spacing(std::span<const Index> members, const Measured& level) const {
+    /// For steps no longer than `step`, from 2 to `most`.
+    unsigned bits_for(double step, unsigned most) const {
+        if (!(step > 0)) return most;
+        const double bits = std::ceil(std::log2(side / step + 2));
+        return static_cast<unsigned>(std::clamp<double>(bits, kLeastBits, most));
+    }
+
+    static double spacing_of_all(const Measured& level) {
+        std::vector<Index> all(level.points.size());
+        std::iota(all.begin(), all.end(), Index{0});
+        return spacing(all, level);
+    }
+
+    /// In the frame.
+    static double spacing(std::span<const Index> members, const Measured& level) {
         constexpr std::size_t kAsked = 256;
         const std::size_t step = std::max<std::size_t>(1, members.size() / kAsked);
         double sum = 0;
@@ -204,7 +257,7 @@ struct LodTiler::State {
             const auto found = find_nearest(*level.tree, level.points[members[i]], room);
             sum += std::sqrt(static_cast<double>(found.back().distance_sq));
         }
-        return sum / static_cast<double>(count) / scale;
+        return sum / static_cast<double>(count);
     }
 
     /// Of each part of the level, by the samples in its cell; of the whole level where it has none.
@@ -278,7 +331,7 @@ struct LodTiler::State {
         tile.step = grid_taken.step / scale;
         for (int axis = 0; axis < 3; ++axis)
             tile.offset[axis] = static_cast<double>(least[axis]) * tile.step;
-        tile.spacing = spacing(members, level);
+        tile.spacing = spacing(members, level) / scale;
         tile.streams = encode_streams(cloud, numbers, sorted, options.attributes);
     }
 };
@@ -315,7 +368,7 @@ std::vector<LodTile> LodTiler::add_level(const PointCloud& cloud, bool whole,
     State& state = *state_;
     const std::vector<Vec3f> points = state.into_frame(cloud, context);
     Grid grid = state.finest_grid();
-    Measured level = whole ? State::with_tree(rounded(points, grid, context), context)
+    Measured level = whole ? State::with_tree(rounded(points, {}, grid, context), context)
                            : state.round_level(points, grid, context);
     State::measure(level, state.samples, context);
     context.checkpoint(0.4);

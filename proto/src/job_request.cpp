@@ -418,7 +418,7 @@ void read_tiles(const JsonValue& value, PyramidJob& job) {
         tiles.precision = precision->number();
         if (!(*tiles.precision > 0)) precision->refuse("a length above 0, in input units");
     }
-    if (const auto most = object.find("max_points")) tiles.max_points = most->small_integer(1);
+    if (const auto most = object.find("max_points")) tiles.max_points = most->small_integer(1, 65'536);
     if (const auto all = object.find("attributes")) tiles.attributes = all->boolean();
     if (const auto transform = object.find("transform")) job.transform = read_transform(*transform);
     object.finish();

@@ -19,9 +19,10 @@ struct LodTileOptions {
     std::optional<double>
         precision{};  ///< instead of position_bits: the largest error per axis, in input units
     double tolerance = 0.03;       ///< a level takes the fewest bits by which its mean error grows
-                                   ///< by no more than this part; >= 0
+                                   ///< by no more than this part, with steps of at most half its
+                                   ///< spacing; >= 0
     double base_tolerance = 0.16;  ///< the same for the coarsest level: the first that is fetched
-    std::uint32_t max_points = 65'536;  ///< of a tile, >= 1; a level with more is cut
+    std::uint32_t max_points = 65'536;  ///< of a tile, 1..65,536; a level with more is cut
     bool attributes = false;            ///< scalar attributes too, beside normals and colours
 };
 
@@ -80,6 +81,10 @@ struct LodTile {
 /// level is cut at the median while it has more than `max_points`, so that tiles have between half
 /// of that and all of it where levels grow evenly. Tiles that coincide in one place are not cut;
 /// tiles wider than 65,535 steps are.
+///
+/// A point moves by no more than half a step along each axis; in a level of up to 65,536 points
+/// that is not the whole, by no more than a step: it goes to the corner of its cell that is nearest
+/// to the surface, which takes one bit less for the same error.
 ///
 /// Errors are measured on the decoded points at 32,768 to 131,072 places of the source. O(N log N),
 /// parallel, the same bytes for any number of threads; about 60 bytes a point of the source.
