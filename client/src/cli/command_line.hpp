@@ -47,6 +47,13 @@ struct PyramidCommand {
     CommonOptions common;
 };
 
+struct CurveCommand {
+    std::filesystem::path input, plot;  ///< `plot` is empty when there is none
+    proto::CurveJob job;
+    ServerOptions server;
+    CommonOptions common;
+};
+
 struct InspectCommand {
     std::filesystem::path input;
     CommonOptions common;
@@ -72,8 +79,9 @@ struct InfoCommand {
     std::string text;
 };
 
-using Command = std::variant<InfoCommand, SimplifyCommand, UpsampleCommand, AnalyzeCommand,
-                             PyramidCommand, InspectCommand, ConvertCommand, SynthesizeCommand>;
+using Command =
+    std::variant<InfoCommand, SimplifyCommand, UpsampleCommand, AnalyzeCommand, PyramidCommand,
+                 CurveCommand, InspectCommand, ConvertCommand, SynthesizeCommand>;
 
 /// The command line says something that cannot be done: exit code 2.
 class UsageError : public std::runtime_error {

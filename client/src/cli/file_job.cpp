@@ -36,6 +36,7 @@ ordered_json figures(const FileCommand<Job>& command, const proto::Results& resu
                       {"sha256", file.sha256},
                       {"spacing", cloud.spacing},
                       {"bounds", bounds_json(cloud.bounds)}};
+    if (cloud.bound) json["bound"] = bound_json(*cloud.bound);
     if (const auto method = proto::method_of(results.request)) json["method"] = to_string(*method);
     if (results.cost) add_cost(json, *results.cost);
     return json;
@@ -50,6 +51,7 @@ void summarise(const FileCommand<Job>& command, const proto::Results& results, d
                                cloud.files.front().bytes, seconds},
                               style)
               << '\n';
+    if (cloud.bound) std::cerr << bound_line(*cloud.bound, style) << '\n';
     const std::string losses = losses_line(*results.source, style);
     if (terminal.interactive() && !losses.empty()) std::cerr << style.dim(losses) << '\n';
 }

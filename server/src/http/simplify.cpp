@@ -18,21 +18,31 @@ constexpr auto kDefaultWait = 20s;
 
 /// A field of the job request by its query parameter; the request's own reader checks ranges and
 /// names.
-enum class Kind { Text, Count, Number, Truth };
+enum class Kind { Text, Count, Number, Truth, Distance };
 struct Field {
     const char* name;
     Kind kind;
 };
 constexpr std::array kJobFields = {
-    Field{"method", Kind::Text},          Field{"points", Kind::Count},
-    Field{"ratio", Kind::Number},         Field{"seed", Kind::Count},
-    Field{"splats", Kind::Text},          Field{"source_index", Kind::Truth},
-    Field{"oversampling", Kind::Number},  Field{"k", Kind::Count},
-    Field{"placement", Kind::Text},       Field{"max_displacement", Kind::Number},
-    Field{"color_weight", Kind::Number},  Field{"max_cluster_size", Kind::Count},
-    Field{"max_variation", Kind::Number}, Field{"representative", Kind::Text},
-    Field{"adaptivity", Kind::Number},    Field{"max_grading", Kind::Number},
-    Field{"max_iterations", Kind::Count}, Field{"tolerance", Kind::Number},
+    Field{"method", Kind::Text},
+    Field{"points", Kind::Count},
+    Field{"ratio", Kind::Number},
+    Field{"seed", Kind::Count},
+    Field{"max_error", Kind::Distance},
+    Field{"splats", Kind::Text},
+    Field{"source_index", Kind::Truth},
+    Field{"oversampling", Kind::Number},
+    Field{"k", Kind::Count},
+    Field{"placement", Kind::Text},
+    Field{"max_displacement", Kind::Number},
+    Field{"color_weight", Kind::Number},
+    Field{"max_cluster_size", Kind::Count},
+    Field{"max_variation", Kind::Number},
+    Field{"representative", Kind::Text},
+    Field{"adaptivity", Kind::Number},
+    Field{"max_grading", Kind::Number},
+    Field{"max_iterations", Kind::Count},
+    Field{"tolerance", Kind::Number},
     Field{"voxel_size", Kind::Number},
 };
 constexpr std::array kDracoFields = {
@@ -48,6 +58,9 @@ void copy_fields(const Request& request, std::span<const Field> fields, Json& ou
         if (kind == Kind::Text) out[name] = *text;
         if (kind == Kind::Count) out[name] = *query_count(request, name, 0, INT64_MAX);
         if (kind == Kind::Number) out[name] = *query_number(request, name);
+        if (kind == Kind::Distance && text->ends_with('%')) out[name] = *text;
+        if (kind == Kind::Distance && !text->ends_with('%'))
+            out[name] = *query_number(request, name);
         if (kind == Kind::Truth) out[name] = *query_truth(request, name);
     }
 }

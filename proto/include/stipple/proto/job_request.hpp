@@ -1,6 +1,7 @@
 #pragma once
 
 #include "stipple/codec.hpp"
+#include "stipple/error_bounded.hpp"
 #include "stipple/lod_pyramid.hpp"
 #include "stipple/simplify.hpp"
 #include "stipple/surface_attributes.hpp"
@@ -48,12 +49,17 @@ struct PyramidJob {
     OutputOptions output;
 };
 
+/// The count-error curve of a method: figures, no clouds.
+struct CurveJob {
+    ErrorCurveOptions options;
+};
+
 /// The body of `POST /v1/jobs`: core's own option structs, one definition of each default. Unknown
 /// fields are refused by name, and so are fields of another method (`method_fields`).
 /// Coordinates (regions, a viewpoint) are those of the file: `run_job` subtracts the origin.
 ///
 ///     {"type": "simplify", "input": "<sha-256>", "method": "multiphase",
-///      "points": 5000 | "ratio": 0.01, "seed": 0, "reductions": {"intensity": "mean"},
+///      "points": 5000 | "ratio": 0.01 | "max_error": 0.05 | "max_error": "0.1%", "seed": 0, "reductions": {"intensity": "mean"},
 ///      "splats": "radius" | "none" | "normal" | "ellipse", "source_index": false,
 ///      "format": "ply" | "drc",
 ///      "draco": {"position_bits": 14, "precision": 0.001, "normal_bits": 10, "coding": "auto"}}
@@ -79,6 +85,9 @@ struct PyramidJob {
 ///      "viewpoint": [0, 0, 10], "format": …, "draco": …,
 ///      "feature_lines": {"variation": 0.03, "high": 0.7, "low": 0.4, "min_links": 4}}
 ///
+///     {"type": "curve", "input": …, "method": …, "points": [1000, 10000] | "count": 24, "seed": 0,
+///      the fields of the method}
+///
 /// Feature lines are sought when they are named, and are a second output cloud when there are any.
 ///
 ///     {"type": "pyramid", "input": …, "levels": [1000, 10000] | "ratio": 4, "base_points": 10000,
@@ -86,18 +95,21 @@ struct PyramidJob {
 ///      "reductions": …, "formats": ["drc", "ply"], "draco": …}
 struct JobRequest {
     std::string input;  ///< id of the cloud: SHA-256 of its bytes, 64 lower-case hexadecimal digits
-    std::variant<SimplifyJob, PyramidJob, UpsampleJob, AnalyzeJob> job;
+    std::variant<SimplifyJob, PyramidJob, UpsampleJob, AnalyzeJob, CurveJob> job;
 };
 
 /// The names of the types, in the order of the variant.
-inline constexpr std::array<std::string_view, 4> kJobTypes = {"simplify", "pyramid", "upsample",
-                                                              "analyze"};
+inline constexpr std::array<std::string_view, 5> kJobTypes = {"simplify", "pyramid", "upsample",
+                                                              "analyze", "curve"};
 std::string_view type_name(const JobRequest& request) noexcept;
 /// One form for equal requests (defaults written out, keys sorted), so that its hash identifies the
 /// work.
 std::string to_json(const JobRequest& request);
 /// Strict: @throws Error(InvalidArgument) naming the field, its value and what is expected.
 JobRequest job_request_from_json(std::string_view json);
+
+/// `0.1%` as a part of the diagonal: 0.001. @throws Error(InvalidArgument) for other text.
+double part_of_diagonal(std::string_view text);
 
 /// A field of a simplify request that not every method has.
 struct MethodField {

@@ -17,6 +17,26 @@ struct OutputFile {
     std::string href;    ///< where it is served: absolute path on the server, relative file name in an exported folder
 };
 
+/// What was measured of a cloud that was to be within an error (`simplify_within_error`), in input units.
+struct MeasuredBound {
+    double max_error = 0;  ///< the bound
+    double forward = 0, backward = 0;  ///< largest distances, from the input's surface and from the result's
+    std::uint64_t samples = 0;         ///< on the surface of the input
+    std::string sampling;              ///< `points`, `surface` or `particles`
+    unsigned tries = 0;                ///< clouds that were measured
+    bool whole = false;                ///< no smaller cloud was found within the bound: it is the input itself
+};
+
+/// Distances of one direction, in input units.
+struct CurveDistances {
+    double max = 0, mean = 0, rms = 0;
+};
+/// The error of a cloud of a curve.
+struct CurveError {
+    CurveDistances forward, backward;  ///< from the input's surface, and from the cloud's
+    double diagonal = 0;               ///< of the input's box
+};
+
 /// One cloud that was made: the only one of a job, or a level of a pyramid (0 the coarsest).
 struct OutputCloud {
     unsigned level = 0;
@@ -24,6 +44,8 @@ struct OutputCloud {
     double spacing = 0;  ///< mean distance to the nearest other point, input units
     Aabb bounds;
     std::vector<OutputFile> files;  ///< one per format
+    std::optional<MeasuredBound> bound{};  ///< of a job with `max_error`
+    std::optional<CurveError> curve{};     ///< of a job that makes a curve; it has no files then
 };
 
 /// What a job took.
@@ -42,10 +64,12 @@ struct JobCost {
 ///     {"schema": "stipple-results/1" | "stipple-pyramid/1", "complete": true, "request": {…},
 ///      "source": {cloud statistics, "sha256"}, "method": "multiphase",
 ///      "levels": [{"level": 0, "points": 8396, "spacing": 0.5, "bounds": {"min": [x, y, z], "max": […]},
-///                  "files": [{"format": "drc", "bytes": 20000, "sha256": "…", "href": "…"}]}],
+///                  "files": [{"format": "drc", "bytes": 20000, "sha256": "…", "href": "…"}],
+///                  "bound": {"max_error": 0.1, "forward": 0.08, "backward": 0.09, "samples": 400000, "sampling": "particles",
+///                            "tries": 30, "whole": false}}],
 ///      "cost": {"seconds": {"decode", "simplify", "splats", "encode", "total"}, "peak_memory_bytes", "threads"}}
 ///
-/// `method` is absent where there is none (analyze). `complete` is false while levels are still to come; `cost` stands only in a complete one.
+/// The levels of a curve have no files, but "curve": {"forward": {"max", "mean", "rms"}, "backward": {…}, "diagonal"}. `bound` stands only where there was one to keep (`max_error`). `method` is absent where there is none (analyze). `complete` is false while levels are still to come; `cost` stands only in a complete one.
 struct Results {
     JobRequest request;
     std::optional<CloudStatistics> source;  ///< absent until decoded
