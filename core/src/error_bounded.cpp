@@ -20,7 +20,7 @@ namespace stipple {
 
 namespace {
 
-constexpr double kMargin = 0.9;  // of the bound: what places are made finer for
+constexpr double kMargin = 0.95; // of the bound: what places are made finer for
 constexpr double kStep = 1.26;   // from a snapshot to the next: three of them double a count
 constexpr std::size_t kMostCounts = 64;
 constexpr unsigned kMostRounds = 40;
@@ -166,7 +166,7 @@ public:
     /// The cloud within the bound, and its measurement; none when it would be the whole input.
     std::optional<ErrorBoundedCloud> run() {
         learn();
-        std::size_t base = best_base();
+        const std::size_t base = best_base();
         for (unsigned round = 0; round < kMostRounds; ++round) {
             context_.checkpoint(0.6 + 0.4 * round / kMostRounds);
             std::vector<Index> cut = forest_.cut(base);
@@ -174,20 +174,13 @@ public:
             if (cut.empty() || 10 * cut.size() >= 9 * points()) return std::nullopt;
             ErrorBoundedCloud result{.cloud = forest_.cloud_of(cut)};
             Judge::Finding finding = judge_.search(result.cloud);
-            if (getenv("DBG"))
-                fprintf(stderr, "round %u base %zu cut %zu max %.3f places %zu\n", round, base,
-                        cut.size(), finding.max, finding.places.size());
             if (finding.places.empty()) {
                 finding = judge_.measure(result);
-                if (getenv("DBG"))
-                    fprintf(stderr, "   final max %.3f places %zu sampling %d\n", finding.max,
-                            finding.places.size(), int(result.sampling));
                 if (finding.max <= 1) return result;
             }
-            constexpr unsigned steps = 2;
-            if (!forest_.mark(cut, finding.places, steps, context_) &&
-                base + 1 < forest_.level_count())
-                ++base;
+            // Where all is as in the input, what is too far is the input from its own surface.
+            constexpr unsigned kSteps = 2;
+            if (!forest_.mark(cut, finding.places, kSteps, context_)) return std::nullopt;
         }
         return std::nullopt;
     }

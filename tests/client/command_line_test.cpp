@@ -214,6 +214,18 @@ TEST(CommandLine, MaxErrorIsALengthOrAPartOfTheDiagonal) {
     EXPECT_FALSE(part.job.options.max_error);
 }
 
+TEST(CommandLine, ACurveIsAtCountsOrAtSoMany) {
+    const auto at = parsed<CurveCommand>(
+        {"curve", "i.ply", "-m", "iterative", "--points", "500,100", "--plot", "c.svg"});
+    EXPECT_EQ(at.job.options.points, (std::vector<std::uint64_t>{100, 500}));
+    EXPECT_EQ(at.job.options.simplification.method, Method::Iterative);
+    EXPECT_EQ(at.plot, "c.svg");
+    EXPECT_EQ(parsed<CurveCommand>({"curve", "i.ply", "--count", "9"}).job.options.count, 9U);
+    EXPECT_NE(refusal({"curve", "i.ply", "--plot", "c.png"}).find(".svg"), std::string::npos);
+    EXPECT_NE(refusal({"curve", "i.ply", "-m", "voxel"}).find("voxel"), std::string::npos);
+    EXPECT_NE(refusal({"curve", "i.ply", "--count", "1"}).find("2..64"), std::string::npos);
+}
+
 TEST(CommandLine, RefusesAMaxErrorThatNoCloudCanKeep) {
     for (const char* const value : {"0", "-1", "0%", "nan", "inf", "1km", "%"})
         EXPECT_NE(refusal({"simplify", "i.ply", "o.ply", "--max-error", value}).find("max_error"),

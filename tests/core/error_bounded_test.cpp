@@ -36,22 +36,22 @@ std::vector<CurvePoint> curve_of(const PointCloud& cloud, const SimplifyOptions&
                                  const std::vector<std::uint64_t>& counts) {
     std::vector<CurvePoint> curve;
     error_curve(cloud, options, counts, [&](const CurvePoint& point) { curve.push_back(point); },
-                {.samples = 20'000});
+                {.samples = 4'000});
     return curve;
 }
 
 /// By other samples than any that the search took.
 double measured_again(const PointCloud& cloud, const PointCloud& candidate,
                       ErrorSampling sampling) {
-    return measure_error(cloud, candidate, {.sampling = sampling, .samples = 400'000, .seed = 77})
-        .max();
+    const SurfaceErrorOptions options{.sampling = sampling, .samples = 48'000, .seed = 77};
+    return measure_error(cloud, candidate, options).max();
 }
 
 /// The smallest count of one run whose snapshot is within the bound, every count of which is a
 /// twentieth apart.
 std::size_t fewest_of_all(const PointCloud& cloud, const SimplifyOptions& options) {
     std::vector<std::uint64_t> counts;
-    for (double n = 0.8 * static_cast<double>(cloud.size()); n > 20; n /= 1.05)
+    for (double n = 0.8 * static_cast<double>(cloud.size()); n > 40; n /= 1.1)
         counts.push_back(static_cast<std::uint64_t>(n));
     std::size_t fewest = cloud.size();
     for (const CurvePoint& point : curve_of(cloud, options, counts))
@@ -62,15 +62,15 @@ std::size_t fewest_of_all(const PointCloud& cloud, const SimplifyOptions& option
 class ErrorBounded : public testing::TestWithParam<Method> {};
 
 TEST_P(ErrorBounded, HoldsWhenMeasuredAgainWithFewPoints) {
-    const PointCloud cloud = bumpy_sphere(6'000);
-    const SimplifyOptions options = within(0.02, GetParam());
+    const PointCloud cloud = bumpy_sphere(1'200);
+    const SimplifyOptions options = within(0.05, GetParam());
     const ErrorBoundedCloud found = simplify_within_error(cloud, options);
     EXPECT_FALSE(found.whole);
-    EXPECT_EQ(found.bound, 0.02);
-    EXPECT_LE(found.error.max(), 0.02);
-    EXPECT_GT(found.error.max(), 0.002);
+    EXPECT_EQ(found.bound, 0.05);
+    EXPECT_LE(found.error.max(), 0.05);
+    EXPECT_GT(found.error.max(), 0.005);
     EXPECT_GT(found.tries, 2U);
-    EXPECT_LE(measured_again(cloud, found.cloud, ErrorSampling::Points), 0.02 * 1.02);
+    EXPECT_LE(measured_again(cloud, found.cloud, ErrorSampling::Points), 0.05 * 1.02);
     EXPECT_LE(static_cast<double>(found.cloud.size()),
               1.3 * static_cast<double>(fewest_of_all(cloud, options)));
 }
@@ -81,14 +81,14 @@ INSTANTIATE_TEST_SUITE_P(Methods, ErrorBounded,
                          [](const auto& p) { return std::string(to_string(p.param)); });
 
 TEST(ErrorBounded, TakesPlacesOfDifferentDensityFromOneRun) {
-    const PointCloud cloud = bumpy_sphere(6'000);
-    const SimplifyOptions options = within(0.01);
+    const PointCloud cloud = bumpy_sphere(4'000);
+    const SimplifyOptions options = within(0.015);
     const PointCloud found = simplify(cloud, options);
     EXPECT_LT(found.size(), 0.8 * static_cast<double>(fewest_of_all(cloud, options)));
 }
 
 TEST(ErrorBounded, GivesTheInputBackWhereNothingSmallerHolds) {
-    const PointCloud cloud = sphere(500);
+    const PointCloud cloud = sphere(200);
     const ErrorBoundedCloud found = simplify_within_error(cloud, within(1e-9));
     EXPECT_TRUE(found.whole);
     EXPECT_EQ(found.cloud.positions, cloud.positions);
@@ -96,20 +96,20 @@ TEST(ErrorBounded, GivesTheInputBackWhereNothingSmallerHolds) {
 }
 
 TEST(ErrorBounded, APartOfTheDiagonalIsThatManyInputUnits) {
-    const PointCloud cloud = sphere(2'000);
+    const PointCloud cloud = sphere(500);
     SimplifyOptions options;
-    options.max_error_rel = 0.01;
+    options.max_error_rel = 0.03;
     const ErrorBoundedCloud found = simplify_within_error(cloud, options);
-    EXPECT_DOUBLE_EQ(found.bound, 0.01 * bounds(cloud).diagonal());
+    EXPECT_DOUBLE_EQ(found.bound, 0.03 * bounds(cloud).diagonal());
     EXPECT_LE(found.error.max(), found.bound);
 }
 
 TEST(ErrorBounded, IsTheSameForAnyNumberOfThreadsWithAllAttributes) {
-    const PointCloud cloud = test::with_attributes(bumpy_sphere(2'000));
+    const PointCloud cloud = test::with_attributes(bumpy_sphere(500));
     const ErrorBoundedCloud one =
-        simplify_within_error(cloud, within(0.03), {.stop = {}, .progress = {}, .threads = 1});
+        simplify_within_error(cloud, within(0.1), {.stop = {}, .progress = {}, .threads = 1});
     const ErrorBoundedCloud four =
-        simplify_within_error(cloud, within(0.03), {.stop = {}, .progress = {}, .threads = 4});
+        simplify_within_error(cloud, within(0.1), {.stop = {}, .progress = {}, .threads = 4});
     EXPECT_EQ(one.cloud.positions, four.cloud.positions);
     EXPECT_EQ(one.error.max(), four.error.max());
     EXPECT_EQ(one.cloud.attributes.size(), cloud.attributes.size());

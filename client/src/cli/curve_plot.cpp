@@ -75,12 +75,12 @@ struct Line {
 
 // Dark to light, and dashes: told apart without colours, too.
 constexpr std::array kLines = {
-    Line{"maximum, from input", "#b2182b", "", [](const CurveError& e) { return e.forward.max; }},
+    Line{"maximum, from input", "#b2182b", "none", [](const CurveError& e) { return e.forward.max; }},
     Line{"maximum, from result", "#b2182b", "6 4",
          [](const CurveError& e) { return e.backward.max; }},
-    Line{"rms, from input", "#d98c21", "", [](const CurveError& e) { return e.forward.rms; }},
+    Line{"rms, from input", "#d98c21", "none", [](const CurveError& e) { return e.forward.rms; }},
     Line{"rms, from result", "#d98c21", "6 4", [](const CurveError& e) { return e.backward.rms; }},
-    Line{"mean, from input", "#2166ac", "", [](const CurveError& e) { return e.forward.mean; }},
+    Line{"mean, from input", "#2166ac", "none", [](const CurveError& e) { return e.forward.mean; }},
     Line{"mean, from result", "#2166ac", "6 4",
          [](const CurveError& e) { return e.backward.mean; }},
 };

@@ -44,11 +44,13 @@ struct ErrorBoundedCloud {
 ///
 /// The search looks at all points, at as many random places (ten for each of few points) and
 /// closely around the worst of them, on both surfaces. Then the result is measured anew: at random
-/// places, four times as many, and at particles at rest (`ErrorSampling`); both must hold. A maximum
-/// over samples is below that over all of a surface: another measurement may find a little more,
-/// which the tenth is for.
+/// places, four times as many, and at particles at rest (`ErrorSampling`); both must hold. A
+/// maximum over samples is below that over all of a surface: another measurement may find a little
+/// more, which the tenth is for.
 ///
-/// Where no smaller cloud is within the bound the input itself comes back, with an error of 0.
+/// Where no smaller cloud is within the bound the input itself comes back, with an error of 0. So
+/// it does where a point of the input is farther than the bound from the input's own surface: a
+/// bound below the noise of the strayest point cannot be confirmed.
 ///
 /// @throws Error(InvalidArgument) for a bound that is not finite and positive, a method that is not
 /// one of `kErrorBoundedMethods`, other options out of range, or a cloud without points.
