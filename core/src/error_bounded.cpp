@@ -20,8 +20,8 @@ namespace stipple {
 
 namespace {
 
-constexpr double kMargin = 0.95; // of the bound: what places are made finer for
-constexpr double kStep = 1.26;   // from a snapshot to the next: three of them double a count
+constexpr double kMargin = 0.95;  // of the bound: what places are made finer for
+constexpr double kStep = 1.26;    // from a snapshot to the next: three of them double a count
 constexpr std::size_t kMostCounts = 64;
 constexpr unsigned kMostRounds = 40;
 constexpr std::size_t kManySamples = 100'000;  // unless there are even more points

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cassert>
 #include <numeric>
 #include <utility>
@@ -43,10 +44,11 @@ std::vector<Index> around(std::span<const Vec3f> points, std::span<const Vec3f> 
                           const RunContext& context) {
     const NeighborSearch search(points, context);
     std::vector<std::uint8_t> found(points.size(), 0);
-    for (const Vec3f& place : places) {
+    for_blocks_in_order(places.size(), context, [&](std::size_t begin, std::size_t end) {
         std::array<Neighbor, kAround> room;
-        for (const Neighbor& neighbor : search.nearest(place, room)) found[neighbor.index] = 1;
-    }
+        for (std::size_t i = begin; i < end; ++i)
+            for (const Neighbor& near : search.nearest(places[i], room)) found[near.index] = 1;
+    });
     std::vector<Index> which;
     for (std::size_t i = 0; i < found.size(); ++i)
         if (found[i] != 0) which.push_back(static_cast<Index>(i));
@@ -127,14 +129,17 @@ bool SnapshotForest::grade(std::span<const Index> cut, const RunContext& context
     std::vector<Vec3f> points(cut.size());
     for (std::size_t i = 0; i < cut.size(); ++i) points[i] = nodes_.positions[cut[i]];
     const NeighborLists near = k_nearest_neighbors(points, kAround, context);
-    bool changed = false;
-    for (std::size_t i = 0; i < cut.size(); ++i) {
-        const std::size_t level = level_of(cut[i]);
-        const bool too_coarse = std::ranges::any_of(
-            near.of(i), [&](Index j) { return level_of(cut[j]) > level + kMostJump; });
-        if (too_coarse) too_coarse_[cut[i]] = 1;
-        changed = changed || too_coarse;
-    }
+    std::atomic<bool> changed = false;
+    parallel_for_blocks(cut.size(), 2048, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+            const std::size_t level = level_of(cut[i]);
+            const bool too_coarse = std::ranges::any_of(
+                near.of(i), [&](Index j) { return level_of(cut[j]) > level + kMostJump; });
+            if (!too_coarse) continue;
+            too_coarse_[cut[i]] = 1;
+            changed = true;
+        }
+    });
     return changed;
 }
 

@@ -250,7 +250,7 @@ TEST(JobRequest, ThatIsRefusedNamesFieldAndValueAndWhatIsExpected) {
         {R"({"type": "simplify", "input": "abc", "points": 1})",
          "input: \"abc\": expected the id of a cloud: 64 lower-case hexadecimal digits"},
         {request_with("magic", ""),
-         "type: \"magic\": expected simplify, pyramid, upsample or analyze"},
+         "type: \"magic\": expected simplify, pyramid, upsample, analyze or curve"},
         {simplify_with(R"("points": 5, "k": 40)"), "k 40: expected 3..32"},
         {simplify_with(R"("points": 5, "oversampling": 0.5)"),
          "oversampling 0.5: expected 1 to 1000"},

@@ -34,19 +34,18 @@ struct ErrorBoundedCloud {
 /// measured distances (Δ_max of Eq. 9, `measure_error` with the linear basis) is at most
 /// `options.max_error`, in input units, or `options.max_error_rel` times the diagonal of the box.
 ///
-/// One run of the method gives snapshots of many counts, each measured once. Where the finest of
-/// them is needed differs from place to place: so places are taken from the coarsest snapshot that
-/// is within nine tenths of the bound there, with its k-neighbourhood, and what the measurement of
-/// that composite still finds too far is made finer, until nothing is. Such a cloud mostly has far
-/// fewer points than the smallest snapshot that is within the bound everywhere. Particles are kept
-/// even: the count is found for all of the cloud at once, between one that is too coarse and one
-/// that is not.
+/// One run of the method gives snapshots of many counts. How fine they must be differs from place
+/// to place: so places are taken from the coarsest snapshot that is within 95 % of the bound there,
+/// with their neighbours, and from no snapshots far apart beside each other; what is still too far
+/// is made finer, until nothing is. Such a cloud mostly has far fewer points than the smallest
+/// snapshot that is within the bound everywhere. Particles are kept even: the count is found for
+/// all of the cloud at once, between one that is too coarse and one that is not.
 ///
 /// The search looks at all points, at as many random places (ten for each of few points) and
 /// closely around the worst of them, on both surfaces. Then the result is measured anew: at random
 /// places, four times as many, and at particles at rest (`ErrorSampling`); both must hold. A
 /// maximum over samples is below that over all of a surface: another measurement may find a little
-/// more, which the tenth is for.
+/// more, which the last 5 % are for.
 ///
 /// Where no smaller cloud is within the bound the input itself comes back, with an error of 0. So
 /// it does where a point of the input is farther than the bound from the input's own surface: a
