@@ -188,8 +188,9 @@ ErrorSamples take_surface(const PointTree& tree, const FootFinder& surface, std:
     return samples;
 }
 
-ErrorSamples take_particles(std::span<const Vec3f> points, const FootFinder& surface,
-                            std::uint64_t count, std::uint64_t seed, const RunContext& context) {
+ErrorSamples take_particles(std::span<const Vec3f> points, const PointTree& tree,
+                            const FootFinder& surface, std::uint64_t count, std::uint64_t seed,
+                            const RunContext& context) {
     PointCloud cloud;
     cloud.positions.assign(points.begin(), points.end());
     const ParticleSimulationOptions options = {.target_size = count, .seed = seed};
@@ -198,8 +199,13 @@ ErrorSamples take_particles(std::span<const Vec3f> points, const FootFinder& sur
     const std::vector<Vec3f> feet = feet_on(surface, particles, context);
     ErrorSamples samples;
     samples.resize(count);
-    for (std::uint64_t i = 0; i < count; ++i)
-        samples.positions[i] = feet[i].allFinite() ? feet[i] : particles[i];
+    for (std::uint64_t i = 0; i < count; ++i) {
+        samples.positions[i] = feet[i];
+        if (feet[i].allFinite()) continue;
+        Neighbor nearest;
+        find_nearest(tree, particles[i], {&nearest, 1});
+        samples.positions[i] = points[nearest.index];
+    }
     std::ranges::fill(samples.areas, 1.0F);
     return samples;
 }

@@ -36,8 +36,10 @@ ErrorSamples take_points(const PointTree& tree, std::uint64_t count, std::uint64
 ErrorSamples take_surface(const PointTree& tree, const FootFinder& surface, std::uint64_t count,
                           std::uint64_t seed, const RunContext& context);
 
-/// `count` particles at rest on the surface of the points (§3.3), each for the same area.
-ErrorSamples take_particles(std::span<const Vec3f> points, const FootFinder& surface,
-                            std::uint64_t count, std::uint64_t seed, const RunContext& context);
+/// `count` particles at rest on the surface of the points (§3.3), each for the same area. One that
+/// has come to where the surface is not to be found is at the nearest point instead.
+ErrorSamples take_particles(std::span<const Vec3f> points, const PointTree& tree,
+                            const FootFinder& surface, std::uint64_t count, std::uint64_t seed,
+                            const RunContext& context);
 
 }  // namespace stipple

@@ -1,6 +1,7 @@
 #include "stipple/simplify.hpp"
 
 #include "stipple/error.hpp"
+#include "stipple/error_bounded.hpp"
 #include "stipple/iterative_simplification.hpp"
 #include "stipple/random_sampling.hpp"
 
@@ -110,12 +111,15 @@ bool has_bounds(const SimplifyOptions& options) {
 std::string expected_targets(Method method) {
     switch (method) {
         case Method::Hierarchical:
+            return "exactly one of points, ratio, max_error, or max_cluster_size and max_variation";
         case Method::Incremental:
             return "exactly one of points, ratio, or max_cluster_size and max_variation";
         case Method::Voxel:
             return "exactly one of points, ratio and voxel_size";
-        default:
+        case Method::Random:
             return "exactly one of points and ratio";
+        default:
+            return "exactly one of points, ratio and max_error";
     }
 }
 
@@ -191,8 +195,14 @@ Method method_from_name(std::string_view name) {
 }
 
 void validate(const SimplifyOptions& options) {
-    const int targets =
-        int{options.points.has_value()} + int{options.ratio.has_value()} + int{has_bounds(options)};
+    if (options.max_error) require_positive("max_error", *options.max_error);
+    if (options.max_error_rel)
+        require_positive("max_error as a part of the diagonal", *options.max_error_rel);
+    const bool bounds_error = options.max_error || options.max_error_rel;
+    if (bounds_error) require_error_bounded(options.method);
+    const int targets = int{options.points.has_value()} + int{options.ratio.has_value()} +
+                        int{options.max_error.has_value()} +
+                        int{options.max_error_rel.has_value()} + int{has_bounds(options)};
     if (targets != 1) refuse("target: expected " + expected_targets(options.method));
     if (options.points) require(*options.points >= 1, "points", *options.points, "at least 1");
     if (options.ratio) {
@@ -206,6 +216,8 @@ PointCloud simplify(const PointCloud& cloud, const SimplifyOptions& options,
                     const RunContext& context) {
     validate(options);
     if (cloud.empty()) refuse("the cloud has no points: expected at least 1");
+    if (options.max_error || options.max_error_rel)
+        return simplify_within_error(cloud, options, context).cloud;
     std::optional<std::uint64_t> target = options.points;
     if (options.ratio) target = scaled(cloud.size(), *options.ratio);
     if (target && *target >= cloud.size()) return cloud;

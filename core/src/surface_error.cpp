@@ -111,7 +111,8 @@ ErrorSamples take_samples(const Surface& surface, bool is_finer, const SurfaceEr
     if (at_points || options.surface == ErrorSurface::Samples)
         return take_points(surface.tree, count, options.seed, context);
     if (options.sampling == ErrorSampling::Particles)
-        return take_particles(surface.points, surface.finder, count, options.seed, context);
+        return take_particles(surface.points, surface.tree, surface.finder, count, options.seed,
+                              context);
     return take_surface(surface.tree, surface.finder, count, options.seed, context);
 }
 

@@ -6,6 +6,9 @@
 
 #include <algorithm>
 #include <array>
+#include <charconv>
+#include <iomanip>
+#include <sstream>
 
 namespace stipple::proto {
 
@@ -79,6 +82,29 @@ void add(Json& json, const char* name, const std::optional<T>& value) {
 }
 
 // Parts that several types of job have.
+
+/// A distance: a number of input units, or text such as `0.1%` of the diagonal.
+void take_max_error(JsonObject& object, SimplifyOptions& options) {
+    const auto value = object.find("max_error");
+    if (!value) return;
+    if (value->is_text()) {
+        options.max_error_rel = value->named(part_of_diagonal);
+    } else {
+        options.max_error = value->number();
+    }
+}
+
+/// Written so that it reads back as the same number.
+std::string percent_text(double part) {
+    for (int digits = 1; digits < 20; ++digits) {
+        std::ostringstream text;
+        text << std::setprecision(digits) << 100 * part << '%';
+        if (part_of_diagonal(text.str()) == part) return text.str();
+    }
+    std::ostringstream text;
+    text << std::setprecision(20) << 100 * part << '%';
+    return text.str();
+}
 
 void take_reductions(JsonObject& object, std::map<std::string, Reduction>& reductions) {
     const auto value = object.find("reductions");
@@ -297,6 +323,7 @@ SimplifyJob read_simplify(JsonObject& object) {
     refuse_fields_of_other_methods(object, options.method);
     take(object, "points", options.points);
     take(object, "ratio", options.ratio);
+    take_max_error(object, options);
     take_own_options(object, options);
     take(object, "seed", options.seed);
     if (options.method != Method::Random) take_reductions(object, options.reductions);
@@ -312,6 +339,8 @@ void add_options(Json& json, const SimplifyJob& job) {
     json["method"] = to_string(options.method);
     add(json, "points", options.points);
     add(json, "ratio", options.ratio);
+    add(json, "max_error", options.max_error);
+    if (options.max_error_rel) json["max_error"] = percent_text(*options.max_error_rel);
     add_own_options(json, options);
     json["seed"] = options.seed;
     if (options.method != Method::Random) json["reductions"] = reductions_json(options.reductions);
@@ -387,6 +416,35 @@ void add_options(Json& json, const AnalyzeJob& job) {
         json["feature_lines"] = feature_lines_json(*job.options.feature_lines);
     }
     add_output(json, job.output);
+}
+
+CurveJob read_curve(JsonObject& object) {
+    CurveJob job;
+    SimplifyOptions& method = job.options.simplification;
+    if (const auto name = object.find("method")) method.method = name->named(method_from_name);
+    refuse_fields_of_other_methods(object, method.method);
+    if (object.has("points") && object.has("count"))
+        throw object.error("count", "stands instead of points: give one of the two");
+    if (const auto points = object.find("points")) {
+        job.options.points = points->list_of([](const JsonValue& n) { return n.integer(1); });
+        if (job.options.points.empty()) points->refuse("at least one count");
+    }
+    take(object, "count", job.options.count);
+    take_own_options(object, method);
+    take(object, "seed", method.seed);
+    return job;
+}
+
+void add_options(Json& json, const CurveJob& job) {
+    const SimplifyOptions& method = job.options.simplification;
+    json["type"] = "curve";
+    json["method"] = to_string(method.method);
+    if (job.options.points.empty())
+        json["count"] = job.options.count;
+    else
+        json["points"] = job.options.points;
+    add_own_options(json, method);
+    json["seed"] = method.seed;
 }
 
 constexpr std::array kPyramidFormats = {CloudFormat::Draco, CloudFormat::Ply, CloudFormat::Glb};
@@ -551,6 +609,17 @@ std::vector<CloudFormat> read_formats(const JsonValue& value, std::span<const Cl
     return formats;
 }
 
+double part_of_diagonal(std::string_view text) {
+    double percent = 0;
+    const char* const end = text.data() + text.size();
+    const auto [stop, error] = std::from_chars(text.data(), end, percent);
+    if (error != std::errc() || std::string_view(stop, end) != "%")
+        throw Error(ErrorCode::InvalidArgument,
+                    "max_error " + std::string(text.substr(0, 60)) +
+                        ": expected a distance in input units, or as in 0.1% of the diagonal");
+    return percent / 100;
+}
+
 bool MethodField::has(Method method) const noexcept {
     return std::ranges::find(methods, method) != methods.end();
 }
@@ -650,8 +719,10 @@ JobRequest read_request(const JsonValue& value) {
         request.job = read_upsample(object);
     } else if (type.text() == "analyze") {
         request.job = read_analyze(object);
+    } else if (type.text() == "curve") {
+        request.job = read_curve(object);
     } else {
-        type.refuse("simplify, pyramid, upsample, analyze or evaluate");
+        type.refuse("simplify, pyramid, upsample, analyze, curve or evaluate");
     }
     object.finish();
     return request;

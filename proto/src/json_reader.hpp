@@ -36,6 +36,7 @@ public:
     JsonValue(const nlohmann::json& value, std::string path, ErrorCode code)
         : value_(&value), path_(std::move(path)), code_(code) {}
 
+    bool is_text() const { return value_->is_string(); }
     std::string text() const;
     bool boolean() const;
     double number() const;

@@ -104,6 +104,53 @@ ErrorFigures read_whole_error(const JsonValue& value) {
     return figures;
 }
 
+Json bound_json(const MeasuredBound& bound) {
+    return {{"max_error", bound.max_error}, {"forward", bound.forward},
+            {"backward", bound.backward},   {"samples", bound.samples},
+            {"sampling", bound.sampling},   {"tries", bound.tries},
+            {"whole", bound.whole}};
+}
+
+MeasuredBound read_bound(const JsonValue& value) {
+    JsonObject object = value.object();
+    MeasuredBound bound;
+    bound.max_error = object["max_error"].number();
+    bound.forward = object["forward"].number();
+    bound.backward = object["backward"].number();
+    bound.samples = object["samples"].integer();
+    bound.sampling = object["sampling"].text();
+    bound.tries = object["tries"].small_integer();
+    bound.whole = object["whole"].boolean();
+    object.finish();
+    return bound;
+}
+
+Json distances_json(const CurveDistances& distances) {
+    return {{"max", distances.max}, {"mean", distances.mean}, {"rms", distances.rms}};
+}
+
+CurveDistances read_distances(const JsonValue& value) {
+    JsonObject object = value.object();
+    const CurveDistances distances{object["max"].number(), object["mean"].number(),
+                                   object["rms"].number()};
+    object.finish();
+    return distances;
+}
+
+Json curve_json(const CurveError& error) {
+    return {{"forward", distances_json(error.forward)},
+            {"backward", distances_json(error.backward)},
+            {"diagonal", error.diagonal}};
+}
+
+CurveError read_curve(const JsonValue& value) {
+    JsonObject object = value.object();
+    const CurveError error{read_distances(object["forward"]), read_distances(object["backward"]),
+                           object["diagonal"].number()};
+    object.finish();
+    return error;
+}
+
 Json level_json(const OutputCloud& cloud) {
     Json json = {{"level", cloud.level},
                  {"points", cloud.points},
@@ -113,6 +160,8 @@ Json level_json(const OutputCloud& cloud) {
                  {"files", files_json(cloud)}};
     if (cloud.error) json["error"] = error_json(*cloud.error);
     if (!cloud.pictures.empty()) json["pictures"] = pictures_json(cloud);
+    if (cloud.bound) json["bound"] = bound_json(*cloud.bound);
+    if (cloud.curve) json["curve"] = curve_json(*cloud.curve);
     return json;
 }
 
@@ -130,6 +179,8 @@ OutputCloud read_level(const JsonValue& value) {
     if (const auto error = object.find("error")) cloud.error = read_whole_error(*error);
     if (const auto pictures = object.find("pictures"))
         cloud.pictures = pictures->list_of(read_picture);
+    if (const auto bound = object.find("bound")) cloud.bound = read_bound(*bound);
+    if (const auto curve = object.find("curve")) cloud.curve = read_curve(*curve);
     object.finish();
     return cloud;
 }
@@ -221,6 +272,8 @@ std::optional<Method> method_of(const JobRequest& request) noexcept {
         return std::nullopt;
     if (const auto* pyramid = std::get_if<PyramidJob>(&request.job)) return pyramid->options.method;
     if (std::holds_alternative<UpsampleJob>(request.job)) return Method::Particles;
+    if (const auto* curve = std::get_if<CurveJob>(&request.job))
+        return curve->options.simplification.method;
     return std::get<SimplifyJob>(request.job).options.method;
 }
 

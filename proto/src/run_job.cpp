@@ -1,6 +1,7 @@
 #include "stipple/proto/run_job.hpp"
 
 #include "stipple/cleaning.hpp"
+#include "stipple/error_bounded.hpp"
 #include "stipple/neighbors.hpp"
 #include "stipple/picture/visual_error.hpp"
 #include "stipple/proto/digest.hpp"
@@ -118,6 +119,18 @@ void to_frame_of(const PointCloud& cloud, ParticleSimulationOptions& options) {
             box->max -= cloud.origin;
         }
     }
+}
+
+constexpr std::array kSamplings = {"points", "surface", "particles"};  // as `ErrorSampling`
+
+MeasuredBound measured(const ErrorBoundedCloud& found) {
+    return {.max_error = found.bound,
+            .forward = found.error.forward.max,
+            .backward = found.error.backward.max,
+            .samples = found.error.forward.samples,
+            .sampling = kSamplings.at(static_cast<std::size_t>(found.sampling)),
+            .tries = found.tries,
+            .whole = found.whole};
 }
 
 /// The failure of a system call on an output file.
@@ -244,8 +257,13 @@ private:
     void make(PointCloud&& cloud, const SimplifyJob& job) {
         SimplifyOptions options = job.options;
         to_frame_of(cloud, options.particles);
-        make_points(kSimplify, cloud, job,
-                    [&](const RunContext& context) { return simplify(cloud, options, context); });
+        make_points(kSimplify, cloud, job, [&](const RunContext& context) {
+            if (!options.max_error && !options.max_error_rel)
+                return simplify(cloud, options, context);
+            ErrorBoundedCloud found = simplify_within_error(cloud, options, context);
+            bound_ = measured(found);
+            return std::move(found.cloud);
+        });
     }
 
     void make(PointCloud&& cloud, const UpsampleJob& job) {
@@ -303,6 +321,37 @@ private:
         points_to_encode_ = cloud.size() + lines.size();
         encode(level(0, std::move(cloud)), job.output);
         if (!lines.empty()) encode(level(1, std::move(lines)), job.output);
+    }
+
+    /// Figures alone, in the order in which they come, the finest first; numbered from the
+    /// coarsest.
+    void make(PointCloud&& cloud, const CurveJob& job) {
+        SimplifyOptions options = job.options.simplification;
+        to_frame_of(cloud, options.particles);
+        const std::vector<std::uint64_t> counts = curve_counts(cloud.size(), job.options);
+        auto number = static_cast<unsigned>(counts.size());
+        const auto distances = [](const DirectedError& error) {
+            return CurveDistances{error.max, error.mean, error.rms};
+        };
+        const Stopwatch watch(cost_.simplify_seconds);
+        error_curve(
+            cloud, options, counts,
+            [&](const CurvePoint& point) {
+                JobReport line;
+                line.level = {
+                    .level = --number,
+                    .points = point.points,
+                    .spacing = 0,
+                    .bounds = bounds(cloud),
+                    .files = {},
+                    .bound = {},
+                    .curve = CurveError{distances(point.error.forward),
+                                        distances(point.error.backward), point.error.diagonal}};
+                report_(line);
+            },
+            {}, in_stage(kSimplify));
+        meter_.advance(kSimplify, 1);
+        meter_.advance(kEncode, 1);
     }
 
     LodLevel level(unsigned number, PointCloud&& cloud) const {
@@ -462,7 +511,8 @@ private:
                       .bounds = bounds(made.cloud),
                       .files = {},
                       .error = error,
-                      .attributes = attributes_of(made.cloud)};
+                      .attributes = attributes_of(made.cloud),
+                      .bound = bound_};
         std::vector<OutputFile>& files = line.level->files;
         for (const CloudFormat format : options.formats) {
             const RunContext context = in_stage(kEncode).part(from, from + share);
@@ -519,6 +569,7 @@ private:
     JobCost cost_;
     std::unique_ptr<LodTiler> tiler_;  ///< of a pyramid, when it is to have tiles
     std::uint64_t points_of_source_ = 0;
+    std::optional<MeasuredBound> bound_;  ///< of the result, where there was one to keep
     std::uint64_t points_to_encode_ = 0;
     std::uint64_t points_encoded_ = 0;
 };

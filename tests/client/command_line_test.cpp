@@ -222,10 +222,44 @@ TEST(CommandLine, ReductionsAreByName) {
     EXPECT_EQ(command.job.options.reductions.at("label"), Reduction::Mode);
 }
 
-TEST(CommandLine, MaxErrorIsAnsweredWithTheRemedy) {
-    const std::string message = refusal({"simplify", "i.ply", "o.ply", "--max-error", "0.1"});
-    EXPECT_NE(message.find("--points"), std::string::npos);
-    EXPECT_NE(message.find("--ratio"), std::string::npos);
+TEST(CommandLine, MaxErrorIsALengthOrAPartOfTheDiagonal) {
+    const auto length =
+        parsed<SimplifyCommand>({"simplify", "i.ply", "o.ply", "--max-error", "0.1"});
+    EXPECT_EQ(length.job.options.max_error, 0.1);
+    EXPECT_FALSE(length.job.options.max_error_rel);
+    const auto part =
+        parsed<SimplifyCommand>({"simplify", "i.ply", "o.ply", "--max-error", "0.5%"});
+    EXPECT_EQ(part.job.options.max_error_rel, 0.005);
+    EXPECT_FALSE(part.job.options.max_error);
+}
+
+TEST(CommandLine, ACurveIsAtCountsOrAtSoMany) {
+    const auto at = parsed<CurveCommand>(
+        {"curve", "i.ply", "-m", "iterative", "--points", "500,100", "--plot", "c.svg"});
+    EXPECT_EQ(at.job.options.points, (std::vector<std::uint64_t>{100, 500}));
+    EXPECT_EQ(at.job.options.simplification.method, Method::Iterative);
+    EXPECT_EQ(at.plot, "c.svg");
+    EXPECT_EQ(parsed<CurveCommand>({"curve", "i.ply", "--count", "9"}).job.options.count, 9U);
+    EXPECT_NE(refusal({"curve", "i.ply", "--plot", "c.png"}).find(".svg"), std::string::npos);
+    EXPECT_NE(refusal({"curve", "i.ply", "-m", "voxel"}).find("voxel"), std::string::npos);
+    EXPECT_NE(refusal({"curve", "i.ply", "--count", "1"}).find("2..64"), std::string::npos);
+}
+
+TEST(CommandLine, RefusesAMaxErrorThatNoCloudCanKeep) {
+    for (const char* const value : {"0", "-1", "0%", "nan", "inf", "1km", "%"})
+        EXPECT_NE(refusal({"simplify", "i.ply", "o.ply", "--max-error", value}).find("max_error"),
+                  std::string::npos)
+            << value;
+}
+
+TEST(CommandLine, MaxErrorNamesTheMethodsThatHaveIt) {
+    for (const char* const method : {"voxel", "random", "incremental"}) {
+        const std::string message =
+            refusal({"simplify", "i.ply", "o.ply", "--max-error", "1", "-m", method});
+        EXPECT_NE(message.find(method), std::string::npos);
+        EXPECT_NE(message.find("multiphase, hierarchical, iterative or particles"),
+                  std::string::npos);
+    }
 }
 
 TEST(CommandLine, RefusesWhatCannotBeDoneByNameAndValue) {

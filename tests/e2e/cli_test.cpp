@@ -219,6 +219,31 @@ TEST_F(StippleCli, EveryResultTellsItsErrorUnlessToldNotTo) {
     EXPECT_EQ(without["seconds"]["error"], 0.0);
 }
 
+TEST_F(StippleCli, SimplifyWithinAnErrorSaysWhatWasMeasured) {
+    synthesize("in.ply", 2000);
+    const Outcome outcome =
+        stipple("simplify in.ply out.ply --max-error 3% -m hierarchical --json -");
+    ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+    const json bound = json::parse(outcome.out)["bound"];
+    EXPECT_LE(bound["forward"].get<double>(), bound["max_error"].get<double>());
+    EXPECT_LE(bound["backward"].get<double>(), bound["max_error"].get<double>());
+    EXPECT_NE(outcome.err.find("largest distance"), std::string::npos);
+    EXPECT_LT(read_cloud(folder_ / "out.ply").size(), 2000U);
+}
+
+TEST_F(StippleCli, CurveDrawsAndTellsTheErrorAtEachCount) {
+    synthesize("in.ply", 2000);
+    const Outcome outcome = stipple("curve in.ply --points 100,400 --plot c.svg --json -");
+    ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+    const json curve = json::parse(outcome.out)["curve"];
+    ASSERT_EQ(curve.size(), 2U);
+    EXPECT_EQ(curve[0]["points"], 100);
+    EXPECT_GT(curve[0]["forward"]["mean"].get<double>(), curve[1]["forward"]["mean"].get<double>());
+    const std::string picture = content(folder_ / "c.svg");
+    EXPECT_TRUE(picture.starts_with("<svg"));
+    EXPECT_TRUE(picture.ends_with("</svg>\n"));
+}
+
 TEST_F(StippleCli, InspectTellsPointsBoundsAttributesAndHash) {
     synthesize("in.ply", 3000);
     const Outcome outcome = stipple("inspect in.ply --json figures.json");
@@ -267,7 +292,7 @@ TEST_F(StippleCli, AFailureLeavesTheOldOutputAsItWas) {
 }
 
 TEST_F(StippleCli, UsageErrorsExitWithTwoAndNameTheRemedy) {
-    const Outcome outcome = stipple("simplify in.ply out.ply --max-error 0.1");
+    const Outcome outcome = stipple("simplify in.ply out.ply");
     EXPECT_EQ(outcome.exit_code, 2);
     EXPECT_NE(outcome.err.find("--points"), std::string::npos);
     EXPECT_EQ(stipple("simplify in.ply").exit_code, 2);

@@ -213,6 +213,12 @@ TEST(Stippled, SimplifiesInOneCall) {
         request(server.port(), "POST", "/v1/simplify?method=voxel&voxel_size=0.25&wait=60", bytes);
     EXPECT_EQ(voxels.status, 200) << voxels.body;
 
+    const HttpReply bounded = request(
+        server.port(), "POST", "/v1/simplify?method=hierarchical&max_error=5%25&wait=60", bytes);
+    EXPECT_EQ(bounded.status, 200) << bounded.body;
+    EXPECT_EQ(problem_of(request(server.port(), "POST", "/v1/simplify?max_error=0", bytes)),
+              "invalid-argument");
+
     const HttpReply draco = request(server.port(), "POST", "/v1/simplify?ratio=0.1&wait=60", bytes,
                                     {"Accept: model/vnd.google.draco"});
     ASSERT_EQ(draco.status, 200) << draco.body;

@@ -58,6 +58,44 @@ TEST(JobRequest, TakesEveryFieldOfASimplifyJob) {
     EXPECT_EQ(job.output.draco.coding, DracoCoding::KdTree);
 }
 
+TEST(JobRequest, AMaxErrorIsALengthOrAPartOfTheDiagonal) {
+    EXPECT_EQ(simplify_job(R"("max_error": 0.25)").options.max_error, 0.25);
+    EXPECT_EQ(simplify_job(R"("max_error": "0.25%")").options.max_error_rel, 0.0025);
+    for (const std::string value : {"0.1", "\"0.1%\"", "\"12.345678901%\"", "\"1e-3%\""}) {
+        const JobRequest request = job_request_from_json(simplify_with("\"max_error\": " + value));
+        const std::string canonical = to_json(request);
+        const JobRequest again = job_request_from_json(canonical);
+        EXPECT_EQ(to_json(again), canonical);
+        EXPECT_EQ(std::get<SimplifyJob>(again.job).options.max_error_rel,
+                  std::get<SimplifyJob>(request.job).options.max_error_rel);
+    }
+}
+
+TEST(JobRequest, RefusesAMaxErrorThatNoCloudCanKeep) {
+    for (const std::string value : {"0", "-1", "\"0%\"", "\"0.1\"", "\"%\"", "\"-1%\"", "true"})
+        EXPECT_NE(refusal(simplify_with("\"max_error\": " + value)).find("max_error"),
+                  std::string::npos)
+            << value;
+    EXPECT_NE(refusal(simplify_with(R"("max_error": 1, "points": 5)")).find("exactly one"),
+              std::string::npos);
+    EXPECT_NE(refusal(simplify_with(R"("max_error": 1, "method": "voxel")")).find("voxel"),
+              std::string::npos);
+}
+
+TEST(JobRequest, TakesACurveAtCountsOrSoMany) {
+    const JobRequest at = job_request_from_json(
+        request_with("curve", R"("method": "hierarchical", "points": [10, 100])"));
+    EXPECT_EQ(std::get<CurveJob>(at.job).options.points, (std::vector<std::uint64_t>{10, 100}));
+    EXPECT_EQ(to_json(job_request_from_json(to_json(at))), to_json(at));
+    const JobRequest many = job_request_from_json(request_with("curve", R"("count": 5)"));
+    EXPECT_EQ(std::get<CurveJob>(many.job).options.count, 5U);
+    EXPECT_EQ(to_json(job_request_from_json(to_json(many))), to_json(many));
+    for (const char* const fields :
+         {R"("count": 1)", R"("points": [])", R"("points": [5, 5])", R"("points": [5], "count": 2)",
+          R"("method": "voxel")", R"("ratio": 0.5)", R"("method": "particles", "k": 6)"})
+        EXPECT_NE(refusal(request_with("curve", fields)), "") << fields;
+}
+
 TEST(JobRequest, TakesTheOptionsOfMultiphaseAndIterative) {
     const std::string fields =
         R"("points": 9, "k": 12, "placement": "end-point", "max_displacement": 0.5,
@@ -222,7 +260,7 @@ TEST(JobRequest, ThatIsRefusedNamesFieldAndValueAndWhatIsExpected) {
         {R"({"type": "simplify", "input": "abc", "points": 1})",
          "input: \"abc\": expected the id of a cloud: 64 lower-case hexadecimal digits"},
         {request_with("magic", ""),
-         "type: \"magic\": expected simplify, pyramid, upsample, analyze or evaluate"},
+         "type: \"magic\": expected simplify, pyramid, upsample, analyze, curve or evaluate"},
         {simplify_with(R"("points": 5, "k": 40)"), "k 40: expected 3..32"},
         {simplify_with(R"("points": 5, "oversampling": 0.5)"),
          "oversampling 0.5: expected 1 to 1000"},

@@ -108,6 +108,42 @@ TEST_F(RunJob, WritesTheSimplifiedCloudAndTellsWhatItIs) {
     EXPECT_LT(level.spacing, 0.3);
 }
 
+TEST_F(RunJob, SaysWhatWasMeasuredOfABoundedError) {
+    SimplifyJob job;
+    job.options.method = Method::Hierarchical;
+    job.options.max_error_rel = 0.02;
+    job.output = kPly;
+    const PointCloud cloud = test::sphere(1000);
+    run(spec_for(cloud, job));
+    ASSERT_EQ(levels().size(), 1U);
+    ASSERT_TRUE(levels().front().bound);
+    const MeasuredBound bound = *levels().front().bound;
+    EXPECT_NEAR(bound.max_error, 0.02 * bounds(cloud).diagonal(), 1e-6);
+    EXPECT_LE(std::max(bound.forward, bound.backward), bound.max_error);
+    EXPECT_GT(bound.samples, 1000U);
+    EXPECT_FALSE(bound.whole);
+    JobReport report;
+    report.level = levels().front();
+    EXPECT_EQ(to_json(job_report_from_json(to_json(report))), to_json(report));
+}
+
+TEST_F(RunJob, ACurveHasAnErrorForEachCountAndNoFiles) {
+    CurveJob job;
+    job.options.points = {50, 200, 500};
+    run(spec_for(test::sphere(1000), job));
+    ASSERT_EQ(levels().size(), 3U);
+    for (const OutputCloud& level : levels()) {
+        EXPECT_EQ(level.points, job.options.points.at(level.level));
+        EXPECT_TRUE(level.files.empty());
+        ASSERT_TRUE(level.curve);
+        EXPECT_GT(level.curve->forward.max, level.curve->forward.mean);
+        JobReport report;
+        report.level = level;
+        EXPECT_EQ(to_json(job_report_from_json(to_json(report))), to_json(report));
+    }
+    EXPECT_EQ(files_written(), 0U);
+}
+
 TEST_F(RunJob, WritesEveryLevelOfAPyramidInEveryFormatCoarsestFirst) {
     run(spec_for(test::sphere(3000), levels_of({50, 500, 3000})));
     const auto written = levels();

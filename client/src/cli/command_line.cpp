@@ -6,6 +6,7 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <charconv>
 #include <cstdlib>
 #include <map>
 #include <memory>
@@ -36,7 +37,10 @@ const Names<PlyEncoding> kPlyEncodings = {{"le", PlyEncoding::BinaryLittleEndian
 struct Values {
     std::string input, output, method{to_string(SimplifyOptions{}.method)};
     std::optional<std::uint64_t> points;
-    std::optional<double> ratio, max_error, precision;
+    std::optional<double> ratio, precision;
+    std::string max_error, plot;
+    std::vector<std::uint64_t> curve_points;
+    unsigned curve_count = ErrorCurveOptions{}.count;
     std::uint64_t seed = 0;
     MethodValues of_methods;
     std::string splats = "radius", orient = "mst", viewpoint, feature_lines;
@@ -159,7 +163,9 @@ CLI::App& add_simplify(CLI::App& app, Values& values) {
     command.add_option("-r,--ratio", values.ratio, "this share of the points, in (0, 1]")
         ->type_name("R");
     command
-        .add_option("--max-error", values.max_error, "within this distance (not in this version)")
+        .add_option("--max-error", values.max_error,
+                    "as few points as are found within this distance: input units, or as in 0.1% "
+                    "of the diagonal")
         ->type_name("E");
     command.add_option("--seed", values.seed, "of methods that draw at random")
         ->type_name("S")
@@ -172,6 +178,7 @@ CLI::App& add_simplify(CLI::App& app, Values& values) {
         "Examples:\n"
         "  stipple simplify scan.ply small.ply --points 5000\n"
         "  stipple simplify scan.ply small.drc --ratio 0.01 --precision 0.001\n"
+        "  stipple simplify scan.ply small.ply --max-error 0.1%\n"
         "  stipple simplify scan.ply small.ply --method iterative -n 5000 --color-weight 0.1\n"
         "  stipple simplify scan.ply small.ply --method hierarchical --max-variation 0.02\n"
         "  stipple simplify scan.ply even.ply --method particles -n 5000 --region "
@@ -356,6 +363,39 @@ CLI::App& add_evaluate(CLI::App& app, Values& values) {
     return command;
 }
 
+CLI::App& add_curve(CLI::App& app, Values& values) {
+    CLI::App& command = *app.add_subcommand("curve", "how the error grows as points go");
+    add_input(command, values);
+    command
+        .add_option("-m,--method", values.method,
+                    "multiphase, hierarchical, iterative or particles")
+        ->type_name("M")
+        ->capture_default_str();
+    auto* const points = command
+                             .add_option("-n,--points", values.curve_points,
+                                         "at these counts, as in 1000,5000,20000")
+                             ->delimiter(',')
+                             ->type_name("A,B,C");
+    command
+        .add_option("--count", values.curve_count,
+                    "at so many, from half of the points to a thousandth, 2..64")
+        ->type_name("K")
+        ->capture_default_str()
+        ->excludes(points);
+    command.add_option("--plot", values.plot, "draw it, as a .svg file")->type_name("FILE");
+    command.add_option("--seed", values.seed, "of methods that draw at random")
+        ->type_name("S")
+        ->capture_default_str();
+    add_server(command, values);
+    add_common(command, values);
+    add_method_options(command, values.of_methods);
+    command.footer(
+        "Examples:\n"
+        "  stipple curve scan.ply --plot curve.svg\n"
+        "  stipple curve scan.ply --method iterative --points 1000,5000,20000 --json curve.json");
+    return command;
+}
+
 CLI::App& add_inspect(CLI::App& app, Values& values) {
     CLI::App& command = *app.add_subcommand("inspect", "what is in a file");
     add_input(command, values);
@@ -440,11 +480,16 @@ std::map<std::string, Reduction> reductions(const Values& values) {
     return reductions;
 }
 
-void refuse_max_error(const Values& values) {
-    if (values.max_error)
-        throw UsageError(
-            "--max-error: this version has no error-bounded method yet: give --points N or --ratio "
-            "R");
+/// A number of input units, or a percentage of the diagonal.
+void set_max_error(const std::string& text, SimplifyOptions& options) {
+    if (text.empty()) return;
+    double value = 0;
+    const char* const end = text.data() + text.size();
+    const auto [stop, error] = std::from_chars(text.data(), end, value);
+    if (error == std::errc() && stop == end)
+        options.max_error = value;
+    else
+        options.max_error_rel = proto::part_of_diagonal(text);
 }
 
 proto::AddedAttributes added_attributes(const Values& values) {
@@ -463,20 +508,20 @@ FileCommand<Job> file_command(const Values& values) {
 }
 
 SimplifyCommand simplify_command(const Values& values, const CLI::App& app) {
-    refuse_max_error(values);
     auto command = file_command<proto::SimplifyJob>(values);
     SimplifyOptions& options = command.job.options;
     options.method = method_from_name(values.method);
     refuse_options_of_other_methods(app, options.method);
     options.points = values.points;
     options.ratio = values.ratio;
+    set_max_error(values.max_error, options);
     set_method_options(values.of_methods, options);
     options.reductions = reductions(values);
     options.seed = values.seed;
     const MethodValues& own = values.of_methods;
-    if (!values.points && !values.ratio && !own.max_cluster_size && !own.max_variation &&
-        !own.voxel_size)
-        throw UsageError("how many points? give --points N or --ratio R");
+    if (!values.points && !values.ratio && values.max_error.empty() && !own.max_cluster_size &&
+        !own.max_variation && !own.voxel_size)
+        throw UsageError("how many points? give --points N, --ratio R or --max-error E");
     validate(options);
     return command;
 }
@@ -573,6 +618,22 @@ EvaluateCommand evaluate_command(const Values& values) {
     return command;
 }
 
+CurveCommand curve_command(const Values& values, const CLI::App& app) {
+    CurveCommand command{values.input, values.plot, {}, server(values), values.common};
+    if (!values.plot.empty() && command.plot.extension() != ".svg")
+        throw UsageError(values.plot + ": the name must end with .svg");
+    ErrorCurveOptions& options = command.job.options;
+    options.simplification.method = method_from_name(values.method);
+    refuse_options_of_other_methods(app, options.simplification.method);
+    set_method_options(values.of_methods, options.simplification);
+    options.simplification.seed = values.seed;
+    options.points = values.curve_points;
+    std::ranges::sort(options.points);
+    options.count = values.curve_count;
+    validate(options);
+    return command;
+}
+
 ConvertCommand convert_command(const Values& values) {
     format_of(values.output);
     return {values.input, values.output, draco(values), ply(values), values.common};
@@ -595,6 +656,7 @@ Command parse(CLI::App& app, Values& values, const std::vector<std::string>& arg
     const CLI::App& analyze = add_analyze(app, values);
     const CLI::App& pyramid = add_pyramid(app, values);
     const CLI::App& evaluate = add_evaluate(app, values);
+    const CLI::App& curve = add_curve(app, values);
     const CLI::App& inspect = add_inspect(app, values);
     const CLI::App& convert = add_convert(app, values);
     const CLI::App& synthesize = add_synthesize(app, values);
@@ -604,6 +666,7 @@ Command parse(CLI::App& app, Values& values, const std::vector<std::string>& arg
     if (upsample.parsed()) return upsample_command(values);
     if (analyze.parsed()) return analyze_command(values);
     if (pyramid.parsed()) return pyramid_command(values, pyramid);
+    if (curve.parsed()) return curve_command(values, curve);
     if (inspect.parsed()) return InspectCommand{values.input, values.common};
     if (evaluate.parsed()) return evaluate_command(values);
     if (convert.parsed()) return convert_command(values);

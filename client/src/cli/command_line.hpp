@@ -57,6 +57,13 @@ struct EvaluateCommand {
     CommonOptions common;
 };
 
+struct CurveCommand {
+    std::filesystem::path input, plot;  ///< `plot` is empty when there is none
+    proto::CurveJob job;
+    ServerOptions server;
+    CommonOptions common;
+};
+
 struct InspectCommand {
     std::filesystem::path input;
     CommonOptions common;
@@ -84,7 +91,7 @@ struct InfoCommand {
 
 using Command =
     std::variant<InfoCommand, SimplifyCommand, UpsampleCommand, AnalyzeCommand, PyramidCommand,
-                 EvaluateCommand, InspectCommand, ConvertCommand, SynthesizeCommand>;
+                 CurveCommand, EvaluateCommand, InspectCommand, ConvertCommand, SynthesizeCommand>;
 
 /// The command line says something that cannot be done: exit code 2.
 class UsageError : public std::runtime_error {

@@ -19,6 +19,7 @@ struct Session {
 void run(const InfoCommand& command, const Session& session);
 void run(const SimplifyCommand& command, const Session& session);
 void run(const UpsampleCommand& command, const Session& session);
+void run(const CurveCommand& command, const Session& session);
 void run(const AnalyzeCommand& command, const Session& session);
 void run(const PyramidCommand& command, const Session& session);
 void run(const EvaluateCommand& command, const Session& session);

@@ -36,6 +36,7 @@ ordered_json figures(const FileCommand<Job>& command, const proto::Results& resu
                       {"sha256", file.sha256},
                       {"spacing", cloud.spacing},
                       {"bounds", bounds_json(cloud.bounds)}};
+    if (cloud.bound) json["bound"] = bound_json(*cloud.bound);
     if (const auto method = proto::method_of(results.request)) json["method"] = to_string(*method);
     if (cloud.error) json["error"] = ordered_json::parse(proto::to_json(*cloud.error));
     if (results.cost) add_cost(json, *results.cost);
@@ -52,6 +53,7 @@ void summarise(const FileCommand<Job>& command, const proto::Results& results, d
                               style)
               << '\n';
     if (cloud.error) std::cerr << style.dim(error_line(*cloud.error, style)) << '\n';
+    if (cloud.bound) std::cerr << bound_line(*cloud.bound, style) << '\n';
     const std::string losses = losses_line(*results.source, style);
     if (terminal.interactive() && !losses.empty()) std::cerr << style.dim(losses) << '\n';
 }

@@ -4,6 +4,7 @@
 #include "stipple/error.hpp"
 #include "stipple/proto/digest.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cstdio>
 #include <fstream>
@@ -51,16 +52,25 @@ std::string losses_line(const proto::CloudStatistics& source, const TextStyle& s
     return joined(losses, " " + std::string(style.dot()) + " ");
 }
 
-void write_json(const std::string& destination, const ordered_json& figures) {
-    if (destination.empty()) return;
-    const std::string text =
-        figures.dump(2, ' ', false, ordered_json::error_handler_t::replace) + "\n";
-    if (destination == "-") {
-        std::cout << text << std::flush;
-        if (!std::cout) throw Error(ErrorCode::Internal, "standard output: cannot be written");
-        return;
-    }
-    const fs::path partial = destination + ".partial-" + proto::random_hex(4);
+std::string bound_line(const proto::MeasuredBound& bound, const TextStyle& style) {
+    const auto length = [](double value) {
+        std::array<char, 32> text{};
+        std::snprintf(text.data(), text.size(), "%.3g", value);
+        return std::string(text.data());
+    };
+    if (bound.whole)
+        return "no smaller cloud was found within " + length(bound.max_error) +
+               ": the result is the input, its error 0";
+    const std::string dot = " " + std::string(style.dot()) + " ";
+    return "largest distance " + length(std::max(bound.forward, bound.backward)) + " of " +
+           length(bound.max_error) + " allowed" + dot + "forward " + length(bound.forward) +
+           ", backward " + length(bound.backward) + ", " +
+           counted(bound.samples, "sample", "samples") + " (" + bound.sampling + ")" + dot +
+           counted(bound.tries, "try", "tries");
+}
+
+void write_text(const fs::path& destination, const std::string& text) {
+    const fs::path partial = destination.string() + ".partial-" + proto::random_hex(4);
     std::ofstream stream(partial, std::ios::binary);
     stream << text;
     stream.close();
@@ -69,8 +79,17 @@ void write_json(const std::string& destination, const ordered_json& figures) {
     if (!stream || error) {
         std::error_code ignored;
         fs::remove(partial, ignored);
-        throw Error(ErrorCode::Internal, destination + ": the figures cannot be written there");
+        throw Error(ErrorCode::Internal, destination.string() + ": nothing can be written there");
     }
+}
+
+void write_json(const std::string& destination, const ordered_json& figures) {
+    if (destination.empty()) return;
+    const std::string text =
+        figures.dump(2, ' ', false, ordered_json::error_handler_t::replace) + "\n";
+    if (destination != "-") return write_text(destination, text);
+    std::cout << text << std::flush;
+    if (!std::cout) throw Error(ErrorCode::Internal, "standard output: cannot be written");
 }
 
 ordered_json input_json(const fs::path& file, const proto::CloudStatistics& source) {
@@ -105,6 +124,13 @@ std::string error_line(const proto::ErrorFigures& figures, const TextStyle& styl
     return "error: mean " + distance_text(error.mean(), error) + dot + "max " +
            distance_text(error.max(), error) + " of the diagonal, at " +
            counted(error.forward.samples, "sample", "samples");
+}
+
+ordered_json bound_json(const proto::MeasuredBound& bound) {
+    return {{"max_error", bound.max_error}, {"forward", bound.forward},
+            {"backward", bound.backward},   {"samples", bound.samples},
+            {"sampling", bound.sampling},   {"tries", bound.tries},
+            {"whole", bound.whole}};
 }
 
 ordered_json bounds_json(const Aabb& box) {

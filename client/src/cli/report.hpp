@@ -31,6 +31,12 @@ std::string distance_text(double distance, const SurfaceError& error);
 /// `error: mean 0.0123 (0.012 %) · max 0.5 (0.4 %) of the diagonal, at 400 samples`.
 std::string error_line(const proto::ErrorFigures& figures, const TextStyle& style);
 
+/// `largest distance 0.0412 of 0.05 allowed · forward 0.0398, backward 0.0412, 537,380 samples
+/// (particles) · 31 tries`; that no smaller cloud was found, where none was.
+std::string bound_line(const proto::MeasuredBound& bound, const TextStyle& style);
+
+/// Whole or not at all. @throws Error naming the file.
+void write_text(const std::filesystem::path& destination, const std::string& text);
 /// To the file of `--json`, whole or not at all; `-` is standard output.
 void write_json(const std::string& destination, const nlohmann::ordered_json& figures);
 /// What came in, for the figures.
@@ -39,5 +45,6 @@ nlohmann::ordered_json input_json(const std::filesystem::path& file,
 /// `seconds` and what else a job took, for the figures.
 void add_cost(nlohmann::ordered_json& figures, const proto::JobCost& cost);
 nlohmann::ordered_json bounds_json(const Aabb& box);
+nlohmann::ordered_json bound_json(const proto::MeasuredBound& bound);
 
 }  // namespace stipple::cli

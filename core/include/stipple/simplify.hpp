@@ -42,6 +42,9 @@ struct SimplifyOptions {
         points{};  ///< N' >= 1: exactly so many; all of them when there are fewer
     std::optional<double>
         ratio{};  ///< in (0, 1]: exactly max(1, round(ratio * N)), N counted after cleaning
+    std::optional<double> max_error{};  ///< > 0, input units: as few as are found within this error
+                                        ///< (`simplify_within_error`)
+    std::optional<double> max_error_rel{};  ///< > 0: the same, as a part of the box's diagonal
     // Of the methods' own, `target_size`, `seed` and `reductions` are set from what stands here.
     HierarchicalClusteringOptions hierarchical{};  ///< its bounds stand instead of a target
     IncrementalClusteringOptions incremental{};    ///< its bounds stand instead of a target; its

@@ -132,7 +132,7 @@ Reply list_jobs(Resources& resources, Request& request) {
                                      .input = request.query_value("input")};
     if (filter.type &&
         std::ranges::find(proto::kJobTypes, *filter.type) == proto::kJobTypes.end()) {
-        throw HttpError(400, "type: expected simplify, pyramid, upsample, analyze or evaluate");
+        throw HttpError(400, "type: expected simplify, pyramid, upsample, analyze, curve or evaluate");
     }
     if (filter.status) (void)proto::job_status_from_name(*filter.status);
     std::optional<std::string> next;

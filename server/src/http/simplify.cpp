@@ -18,7 +18,7 @@ constexpr auto kDefaultWait = 20s;
 
 /// A field of the job request by its query parameter; the request's own reader checks ranges and
 /// names.
-enum class Kind { Text, Count, Number, Truth };
+enum class Kind { Text, Count, Number, Truth, Distance };
 struct Field {
     const char* name;
     Kind kind;
@@ -28,6 +28,7 @@ constexpr std::array kJobFields = {
     Field{"points", Kind::Count},
     Field{"ratio", Kind::Number},
     Field{"seed", Kind::Count},
+    Field{"max_error", Kind::Distance},
     Field{"error", Kind::Truth},
     Field{"splats", Kind::Text},
     Field{"source_index", Kind::Truth},
@@ -58,6 +59,9 @@ void copy_fields(const Request& request, std::span<const Field> fields, Json& ou
         if (kind == Kind::Text) out[name] = *text;
         if (kind == Kind::Count) out[name] = *query_count(request, name, 0, INT64_MAX);
         if (kind == Kind::Number) out[name] = *query_number(request, name);
+        if (kind == Kind::Distance && text->ends_with('%')) out[name] = *text;
+        if (kind == Kind::Distance && !text->ends_with('%'))
+            out[name] = *query_number(request, name);
         if (kind == Kind::Truth) out[name] = *query_truth(request, name);
     }
 }

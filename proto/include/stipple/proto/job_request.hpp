@@ -1,6 +1,7 @@
 #pragma once
 
 #include "stipple/codec.hpp"
+#include "stipple/error_bounded.hpp"
 #include "stipple/lod_pyramid.hpp"
 #include "stipple/lod_tiles.hpp"
 #include "stipple/proto/evaluation.hpp"
@@ -66,12 +67,17 @@ struct EvaluateJob {
 };
 inline constexpr std::size_t kMostCandidates = 16;
 
+/// The count-error curve of a method: figures, no clouds.
+struct CurveJob {
+    ErrorCurveOptions options;
+};
+
 /// The body of `POST /v1/jobs`: core's own option structs, one definition of each default. Unknown
 /// fields are refused by name, and so are fields of another method (`method_fields`).
 /// Coordinates (regions, a viewpoint) are those of the file: `run_job` subtracts the origin.
 ///
 ///     {"type": "simplify", "input": "<sha-256>", "method": "multiphase",
-///      "points": 5000 | "ratio": 0.01, "seed": 0, "reductions": {"intensity": "mean"},
+///      "points": 5000 | "ratio": 0.01 | "max_error": 0.05 | "max_error": "0.1%", "seed": 0, "reductions": {"intensity": "mean"},
 ///      "splats": "radius" | "none" | "normal" | "ellipse", "source_index": false,
 ///      "error": true, "format": "ply" | "drc",
 ///      "draco": {"position_bits": 14, "precision": 0.001, "normal_bits": 10, "coding": "auto"}}
@@ -97,6 +103,9 @@ inline constexpr std::size_t kMostCandidates = 16;
 ///      "viewpoint": [0, 0, 10], "format": …, "draco": …,
 ///      "feature_lines": {"variation": 0.03, "high": 0.7, "low": 0.4, "min_links": 4}}
 ///
+///     {"type": "curve", "input": …, "method": …, "points": [1000, 10000] | "count": 24, "seed": 0,
+///      the fields of the method}
+///
 /// Feature lines are sought when they are named, and are a second output cloud when there are any.
 ///
 ///     {"type": "pyramid", "input": …, "levels": [1000, 10000] | "ratio": 4, "base_points": 10000,
@@ -114,14 +123,14 @@ inline constexpr std::size_t kMostCandidates = 16;
 struct JobRequest {
     std::string input;  ///< id of the cloud (of the reference): SHA-256 of its bytes, 64 lower-case
                         ///< hexadecimal digits
-    std::variant<SimplifyJob, PyramidJob, UpsampleJob, AnalyzeJob, EvaluateJob> job;
+    std::variant<SimplifyJob, PyramidJob, UpsampleJob, AnalyzeJob, CurveJob, EvaluateJob> job;
 };
 /// Every id that a request names, the input first.
 std::vector<std::string> inputs_of(const JobRequest& request);
 
 /// The names of the types, in the order of the variant.
-inline constexpr std::array<std::string_view, 5> kJobTypes = {"simplify", "pyramid", "upsample",
-                                                              "analyze", "evaluate"};
+inline constexpr std::array<std::string_view, 6> kJobTypes = {"simplify", "pyramid", "upsample",
+                                                              "analyze", "curve", "evaluate"};
 std::string_view type_name(const JobRequest& request) noexcept;
 /// One form for equal requests (defaults written out, keys sorted), so that its hash identifies the
 /// work.
@@ -130,6 +139,9 @@ std::string to_json(const JobRequest& request);
 JobRequest job_request_from_json(std::string_view json);
 /// The same for the body of `POST /v1/evaluations`, where the type may be left out.
 JobRequest evaluation_from_json(std::string_view json);
+
+/// `0.1%` as a part of the diagonal: 0.001. @throws Error(InvalidArgument) for other text.
+double part_of_diagonal(std::string_view text);
 
 /// A field of a simplify request that not every method has.
 struct MethodField {

@@ -26,6 +26,26 @@ struct PictureFile {
     std::string sha256, href;  ///< as those of an `OutputFile`
 };
 
+/// What was measured of a cloud that was to be within an error (`simplify_within_error`), in input units.
+struct MeasuredBound {
+    double max_error = 0;  ///< the bound
+    double forward = 0, backward = 0;  ///< largest distances, from the input's surface and from the result's
+    std::uint64_t samples = 0;         ///< on the surface of the input
+    std::string sampling;              ///< `points`, `surface` or `particles`
+    unsigned tries = 0;                ///< clouds that were measured
+    bool whole = false;                ///< no smaller cloud was found within the bound: it is the input itself
+};
+
+/// Distances of one direction, in input units.
+struct CurveDistances {
+    double max = 0, mean = 0, rms = 0;
+};
+/// The error of a cloud of a curve.
+struct CurveError {
+    CurveDistances forward, backward;  ///< from the input's surface, and from the cloud's
+    double diagonal = 0;               ///< of the input's box
+};
+
 /// One cloud that was made: the only one of a job, or a level of a pyramid (0 the coarsest). Of an
 /// evaluation it is a candidate, in the order of the request; `files` are then its map.
 struct OutputCloud {
@@ -36,6 +56,8 @@ struct OutputCloud {
     std::vector<OutputFile> files;  ///< one per format; of `glb` one per tile
     std::optional<ErrorFigures> error{};      ///< as an approximation of the input, where measured
     std::vector<CloudAttribute> attributes{};  ///< as `CloudStatistics`: the order of generic attributes in the files
+    std::optional<MeasuredBound> bound{};      ///< of a job with `max_error`
+    std::optional<CurveError> curve{};         ///< of a job that makes a curve; it has no files then
     std::vector<PictureFile> pictures{};      ///< of all candidates, on the first
 };
 
@@ -62,12 +84,15 @@ struct JobCost {
 ///                             "offset": [x, y, z], "last": [511, 400, 300], "error": {"mean", "max", "p99"},
 ///                             "spacing": 0.5, "cover_radius": 0.9}}],
 ///                  "error": {as in evaluation.hpp},
+///                  "bound": {"max_error": 0.1, "forward": 0.08, "backward": 0.09, "samples": 400000, "sampling": "particles",
+///                            "tries": 30, "whole": false},
 ///                  "pictures": [{"width", "height", "bytes", "sha256", "href"}]}],
 ///      "cost": {"seconds": {"decode", "simplify", "splats", "error", "encode", "total"}, "peak_memory_bytes", "threads"}}
 ///
 /// Tiles are numbered from 0 as they stand, over all levels; `parent` is such a number, absent for the first. A tile's points lie on
 /// a grid: offset + step * (0 .. last), relative to the middle of the source's bounds. Its errors are those of `LodTile`.
-/// `method` is absent where there is none (analyze). `complete` is false while levels are still to come; `cost` stands only in a complete one.
+/// The levels of a curve have no files, but "curve": {"forward": {"max", "mean", "rms"}, "backward": {…}, "diagonal"}.
+/// `bound` stands only where there was one to keep (`max_error`). `method` is absent where there is none (analyze). `complete` is false while levels are still to come; `cost` stands only in a complete one.
 struct Results {
     JobRequest request;
     std::optional<CloudStatistics> source;  ///< absent until decoded

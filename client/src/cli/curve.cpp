@@ -1,0 +1,76 @@
+#include "cli/commands.hpp"
+#include "cli/curve_plot.hpp"
+#include "cli/files.hpp"
+#include "cli/job_execution.hpp"
+#include "cli/report.hpp"
+#include "cli/units.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cstdio>
+#include <iostream>
+
+namespace stipple::cli {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::ordered_json;
+
+ordered_json distances_json(const proto::CurveDistances& distances) {
+    return {{"max", distances.max}, {"mean", distances.mean}, {"rms", distances.rms}};
+}
+
+ordered_json figures(const CurveCommand& command, const proto::Results& results) {
+    ordered_json json;
+    json["input"] = input_json(command.input, *results.source);
+    json["method"] = to_string(*proto::method_of(results.request));
+    json["diagonal"] = results.levels.front().curve->diagonal;
+    json["curve"] = ordered_json::array();
+    for (const proto::OutputCloud& level : results.levels)
+        json["curve"].push_back({{"points", level.points},
+                                 {"forward", distances_json(level.curve->forward)},
+                                 {"backward", distances_json(level.curve->backward)}});
+    if (results.cost) add_cost(json, *results.cost);
+    return json;
+}
+
+/// In 10^-4 of the diagonal, as the paper has it.
+void print_table(const proto::Results& results) {
+    std::cout << "    points      max      rms     mean   of both directions, from the input: 1e-4 "
+                 "of the diagonal\n";
+    for (const proto::OutputCloud& level : results.levels) {
+        const proto::CurveError& error = *level.curve;
+        const double unit = error.diagonal > 0 ? 1e4 / error.diagonal : 0;
+        std::array<char, 96> line{};
+        std::snprintf(line.data(), line.size(), "%10s %8.2f %8.2f %8.2f\n",
+                      with_separators(level.points).c_str(),
+                      unit * std::max(error.forward.max, error.backward.max),
+                      unit * error.forward.rms, unit * error.forward.mean);
+        std::cout << line.data();
+    }
+}
+
+}  // namespace
+
+void run(const CurveCommand& command, const Session& session) {
+    require_input(command.input);
+    const ScratchFolder scratch(command.plot.empty() ? fs::temp_directory_path()
+                                                     : folder_of(command.plot));
+    ProgressDisplay display(session.terminal, !command.common.quiet);
+    const JobExecution execution{command.server, command.common.threads, session.stop};
+    proto::Results results = naming(command.input, [&] {
+        return execute({{}, command.job}, command.input, scratch.path(), execution, display);
+    });
+    std::ranges::sort(results.levels, {}, &proto::OutputCloud::points);
+    if (!command.plot.empty()) {
+        const std::string title =
+            command.input.filename().string() + ", " + with_separators(results.source->points) +
+            " points: " + std::string(to_string(*proto::method_of(results.request)));
+        write_text(command.plot, curve_plot(results.levels, title));
+    }
+    display.finish();
+    if (!command.common.quiet && command.common.json != "-") print_table(results);
+    write_json(command.common.json, figures(command, results));
+}
+
+}  // namespace stipple::cli

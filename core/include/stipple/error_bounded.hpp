@@ -1,0 +1,96 @@
+#pragma once
+
+#include "stipple/point_cloud.hpp"
+#include "stipple/run_context.hpp"
+#include "stipple/simplify.hpp"
+#include "stipple/surface_error.hpp"
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <span>
+#include <vector>
+
+namespace stipple {
+
+/// The methods of which every count is a result that measures like the next: those that can be
+/// asked for an error instead of a count.
+inline constexpr std::array kErrorBoundedMethods = {Method::Multiphase, Method::Hierarchical,
+                                                    Method::Iterative, Method::Particles};
+/// @throws Error(InvalidArgument) for another method, naming those that can.
+void require_error_bounded(Method method);
+
+/// A cloud whose measured error is within a bound.
+struct ErrorBoundedCloud {
+    PointCloud cloud{};
+    double bound = 0;      ///< what was asked for, in input units
+    SurfaceError error{};  ///< as measured last, with the samples that found most
+    ErrorSampling sampling = ErrorSampling::Surface;  ///< of that measurement
+    unsigned tries = 0;                               ///< clouds that were measured
+    bool whole = false;  ///< it is the input itself: no smaller cloud was found within the bound
+};
+
+/// Few points within an error: the second problem of the paper (§1). The larger of both directions'
+/// measured distances (Δ_max of Eq. 9, `measure_error` with the linear basis) is at most
+/// `options.max_error`, in input units, or `options.max_error_rel` times the diagonal of the box.
+///
+/// One run of the method gives snapshots of many counts. How fine they must be differs from place
+/// to place: so places are taken from the coarsest snapshot that is within 95 % of the bound there,
+/// with their neighbours, and from no snapshots far apart beside each other; what is still too far
+/// is made finer, until nothing is. Such a cloud mostly has far fewer points than the smallest
+/// snapshot that is within the bound everywhere. Particles are kept even: the count is found for
+/// all of the cloud at once, between one that is too coarse and one that is not.
+///
+/// The search looks at all points, at as many random places (ten for each of few points) and
+/// closely around the worst of them, on both surfaces. Then the result is measured anew: at random
+/// places, four times as many, and at particles at rest (`ErrorSampling`); both must hold. A
+/// maximum over samples is below that over all of a surface: another measurement may find a little
+/// more, which the last 5 % are for.
+///
+/// Where no smaller cloud is within the bound the input itself comes back, with an error of 0. So
+/// it does where a point of the input is farther than the bound from the input's own surface: a
+/// bound below the noise of the strayest point cannot be confirmed.
+///
+/// @throws Error(InvalidArgument) for a bound that is not finite and positive, a method that is not
+/// one of `kErrorBoundedMethods`, other options out of range, or a cloud without points.
+/// Time: one run of the method at half the points and 20 to 40 measurements. Memory: that of the
+/// method, and about three clouds.
+ErrorBoundedCloud simplify_within_error(const PointCloud& cloud, const SimplifyOptions& options,
+                                        const RunContext& context = {});
+
+/// Of which method the curve is, and at which counts.
+struct ErrorCurveOptions {
+    SimplifyOptions simplification{};     ///< method and its options; without a target
+    std::vector<std::uint64_t> points{};  ///< counts, ascending, each at least 1; those that the
+                                          ///< cloud has not are left out. Empty: chosen
+    unsigned count = 24;                  ///< how many are chosen (`curve_counts`), 2..64
+};
+/// Checks what can be checked without a cloud. @throws Error(InvalidArgument).
+void validate(const ErrorCurveOptions& options);
+/// The counts for a cloud, descending. @throws Error(InvalidArgument) where it has none of them.
+std::vector<std::uint64_t> curve_counts(std::uint64_t points, const ErrorCurveOptions& options);
+
+/// A point of the count-error curve.
+struct CurvePoint {
+    std::uint64_t points = 0;
+    SurfaceError error;
+};
+
+/// `count` counts for a curve, evenly spaced on a logarithmic axis, descending: from half of the
+/// `points` to a thousandth of them, but not below 20. Fewer where there are not so many.
+std::vector<std::uint64_t> curve_counts(std::uint64_t points, unsigned count = 24);
+
+/// How the error grows as points go: snapshots of one run (particles: of a run for each), each
+/// measured as `measure_error` does with `measure`.
+///
+/// @param counts  descending, each in 1..N - 1; see `curve_counts`.
+/// @param on_point  called for each count, in their order, on the calling thread.
+/// @throws Error(InvalidArgument) for a method that is not one of `kErrorBoundedMethods`, counts
+/// out of range or order, or a cloud without points. Time: one run of the method and a measurement
+/// for each count.
+void error_curve(const PointCloud& cloud, const SimplifyOptions& options,
+                 std::span<const std::uint64_t> counts,
+                 const std::function<void(const CurvePoint&)>& on_point,
+                 const SurfaceErrorOptions& measure = {}, const RunContext& context = {});
+
+}  // namespace stipple

@@ -1,0 +1,418 @@
+#include "stipple/error_bounded.hpp"
+
+#include "snapshot_forest.hpp"
+#include "snapshots.hpp"
+#include "stipple/error.hpp"
+#include "surface_probe.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <string>
+#include <tuple>
+#include <utility>
+
+// Follows: Pauly, Gross, Kobbelt 2002, §1 (the problem) and §4 (the measure); Hoppe 1997
+// (view-dependent refinement: a front through a forest of contractions). The forest here joins
+// snapshots, whatever made them, so that one search serves every method.
+
+namespace stipple {
+
+namespace {
+
+constexpr double kMargin = 0.95;  // of the bound: what places are made finer for
+constexpr double kStep = 1.26;    // from a snapshot to the next: three of them double a count
+constexpr std::size_t kMostCounts = 64;
+constexpr unsigned kMostRounds = 40;
+constexpr std::size_t kManySamples = 100'000;  // unless there are even more points
+
+[[noreturn]] void refuse(const std::string& message) {
+    throw Error(ErrorCode::InvalidArgument, message);
+}
+
+/// Descending: half of the points, and on in even steps to one.
+std::vector<std::uint64_t> snapshot_sizes(std::uint64_t points) {
+    std::vector<std::uint64_t> sizes;
+    for (double size = 0.5 * static_cast<double>(points); size >= 1; size /= kStep) {
+        const auto rounded = static_cast<std::uint64_t>(std::llround(size));
+        if (rounded < points && (sizes.empty() || rounded < sizes.back())) sizes.push_back(rounded);
+    }
+    return sizes;
+}
+
+/// Judges candidates for one cloud.
+class Judge {
+public:
+    Judge(const PointCloud& cloud, double bound, const RunContext& context)
+        : cloud_(cloud),
+          bound_(bound),
+          quietly_{.stop = context.stop, .progress = {}, .threads = context.threads},
+          center_(0.5 * (bounds(cloud).min + bounds(cloud).max) - cloud.origin),
+          scale_(std::ldexp(1.0, -std::ilogb(bounds(cloud).diagonal()))),
+          surface_(into_frame(cloud.positions), quietly_),
+          glance_(surface_.some_points(kGlance, quietly_)),
+          everywhere_(surface_.some_points(cloud.size(), quietly_)) {
+        const auto between = surface_.random_places(dense_samples(), quietly_);
+        everywhere_.insert(everywhere_.end(), between.begin(), between.end());
+    }
+
+    /// What a look at a candidate finds.
+    struct Finding {
+        std::vector<Vec3f> places;  ///< that are not safely within the bound
+        double share = 0;           ///< of the places looked at
+        double max = 0;             ///< over the bound
+    };
+
+    /// From few samples, to learn where snapshots are too coarse.
+    Finding look(const PointCloud& candidate) {
+        const ProbedSurface other(into_frame(candidate.positions), quietly_);
+        const Probes forward = surface_.measure(glance_, other, quietly_);
+        const Probes backward =
+            other.measure(other.random_places(kGlance, quietly_), surface_, quietly_);
+        return found(forward, backward);
+    }
+
+    /// From all points, random places, and what lies around the worst of them.
+    Finding search(const PointCloud& candidate) {
+        const ProbedSurface other(into_frame(candidate.positions), quietly_);
+        Probes forward = surface_.measure(everywhere_, other, quietly_);
+        surface_.search_around(forward, other, kSuspicious * bound_ * scale_, quietly_);
+        Probes backward =
+            other.measure(other.random_places(dense_samples(), quietly_), surface_, quietly_);
+        other.search_around(backward, surface_, kSuspicious * bound_ * scale_, quietly_);
+        return found(forward, backward);
+    }
+
+    /// As anyone would measure it, in the ways there are, until one says that the candidate is not
+    /// within the bound.
+    Finding measure(ErrorBoundedCloud& candidate) {
+        const std::uint64_t dense = dense_samples();
+        Finding worst;
+        for (const auto& [how, samples] : {std::pair(ErrorSampling::Surface, 4 * dense),
+                                           std::pair(ErrorSampling::Particles, dense)}) {
+            ++tries_;
+            const SurfaceErrorOptions options{
+                .sampling = how, .samples = samples, .keep_samples = true};
+            SurfaceError error = measure_error(cloud_, candidate.cloud, options, quietly_);
+            Finding finding;
+            finding.max = error.max() / bound_;
+            for (const DirectedError* const direction : {&error.forward, &error.backward})
+                for (std::size_t i = 0; i < direction->distances.size(); ++i)
+                    if (direction->distances[i] > kMargin * bound_)
+                        finding.places.push_back(direction->positions[i]);
+            if (finding.max >= worst.max) {
+                worst = std::move(finding);
+                candidate.error = std::move(error);
+                candidate.sampling = how;
+            }
+            if (worst.max > 1) break;
+        }
+        return worst;
+    }
+
+    unsigned tries() const { return tries_; }
+
+private:
+    static constexpr std::uint64_t kGlance = 20'000;
+    static constexpr double kSuspicious = 0.5;  // of the bound: worth a closer look
+
+    std::uint64_t dense_samples() const {
+        return std::max(cloud_.size(), std::min(10 * cloud_.size(), kManySamples));
+    }
+
+    std::vector<Vec3f> into_frame(std::span<const Vec3f> positions) const {
+        std::vector<Vec3f> points(positions.size());
+        for (std::size_t i = 0; i < points.size(); ++i)
+            points[i] = (scale_ * (positions[i].cast<double>() - center_)).cast<float>();
+        return points;
+    }
+
+    Finding found(const Probes& forward, const Probes& backward) {
+        ++tries_;
+        Finding finding;
+        finding.max = std::max(forward.max(), backward.max()) / (bound_ * scale_);
+        for (const Probes* const probes : {&forward, &backward}) {
+            for (const Vec3f& place : probes->places_above(kMargin * bound_ * scale_))
+                finding.places.push_back(
+                    (place.cast<double>() / scale_ + center_).template cast<float>());
+        }
+        finding.share = static_cast<double>(finding.places.size()) /
+                        static_cast<double>(forward.places.size() + backward.places.size());
+        return finding;
+    }
+
+    const PointCloud& cloud_;
+    double bound_;
+    RunContext quietly_;
+    Vec3d center_;
+    double scale_;
+    ProbedSurface surface_;
+    std::vector<Vec3f> glance_, everywhere_;  ///< on the surface
+    unsigned tries_ = 0;
+};
+
+ErrorBoundedCloud whole(const PointCloud& cloud, double bound, unsigned tries) {
+    ErrorBoundedCloud result{.cloud = cloud, .bound = bound, .tries = tries, .whole = true};
+    result.error.diagonal = bounds(cloud).diagonal();
+    return result;
+}
+
+/// The search through the snapshots of one run.
+class ForestSearch {
+public:
+    ForestSearch(SnapshotForest forest, Judge& judge, const RunContext& context)
+        : forest_(std::move(forest)), judge_(judge), context_(context) {}
+
+    /// The cloud within the bound, and its measurement; none when it would be the whole input.
+    std::optional<ErrorBoundedCloud> run() {
+        learn();
+        const std::size_t base = best_base();
+        for (unsigned round = 0; round < kMostRounds; ++round) {
+            context_.checkpoint(0.6 + 0.4 * round / kMostRounds);
+            std::vector<Index> cut = forest_.cut(base);
+            while (forest_.grade(cut, context_)) cut = forest_.cut(base);
+            if (cut.empty() || 10 * cut.size() >= 9 * points()) return std::nullopt;
+            ErrorBoundedCloud result{.cloud = forest_.cloud_of(cut)};
+            Judge::Finding finding = judge_.search(result.cloud);
+            if (finding.places.empty()) {
+                finding = judge_.measure(result);
+                if (finding.max <= 1) return result;
+            }
+            // Where all is as in the input, what is too far is the input from its own surface.
+            constexpr unsigned kSteps = 2;
+            if (!forest_.mark(cut, finding.places, kSteps, context_)) return std::nullopt;
+        }
+        return std::nullopt;
+    }
+
+private:
+    std::size_t points() const { return forest_.size_of(forest_.level_count() - 1); }
+
+    /// Whether a level holds everywhere. Says where it is too coarse.
+    bool learn(std::size_t level) {
+        const Judge::Finding finding = judge_.look(forest_.level(level));
+        too_far_[level] = finding.share;
+        forest_.mark(level, finding.places, context_);
+        return finding.places.empty();
+    }
+
+    /// Looks at the levels from the coarsest that holds down to where most places are too coarse.
+    void learn() {
+        too_far_.assign(forest_.level_count(), 0.0);
+        std::size_t coarse = 0, fine = forest_.level_count() - 1;  // the input holds
+        std::vector<bool> seen(forest_.level_count(), false);
+        while (fine - coarse > 0) {
+            const std::size_t middle = coarse + (fine - coarse) / 2;
+            seen[middle] = true;
+            if (learn(middle))
+                fine = middle;
+            else
+                coarse = middle + 1;
+        }
+        context_.checkpoint(0.4);
+        coarsest_ = fine;
+        while (coarsest_ > 0) {
+            const std::size_t next = coarsest_ - 1;
+            if (!seen[next]) learn(next);
+            if (too_far_[next] > kHopeless) break;
+            coarsest_ = next;
+        }
+        finest_ = fine;
+        context_.checkpoint(0.6);
+    }
+
+    /// Where the cut that follows from what was seen has fewest points.
+    std::size_t best_base() const {
+        std::size_t best = finest_, fewest = forest_.cut(finest_).size();
+        for (std::size_t base = coarsest_; base < finest_; ++base) {
+            const std::size_t size = forest_.cut(base).size();
+            if (size > 0 && size < fewest) std::tie(best, fewest) = std::pair(base, size);
+        }
+        return best;
+    }
+
+    static constexpr double kHopeless = 0.5;  // share of places too coarse
+
+    SnapshotForest forest_;
+    Judge& judge_;
+    const RunContext& context_;
+    std::vector<double> too_far_;
+    std::size_t coarsest_ = 0, finest_ = 0;
+};
+
+ErrorBoundedCloud search_forest(const PointCloud& cloud, const SimplifyOptions& options,
+                                double bound, Judge& judge, const RunContext& context) {
+    std::vector<PointCloud> levels;
+    make_snapshots(
+        cloud, options, snapshot_sizes(cloud.size()),
+        [&](PointCloud&& level) { levels.push_back(std::move(level)); }, context.part(0, 0.3));
+    std::ranges::reverse(levels);
+    levels.push_back(cloud);
+    ForestSearch search(SnapshotForest(std::move(levels), context), judge, context);
+    auto found = search.run();
+    if (!found) return whole(cloud, bound, judge.tries());
+    return std::move(*found);
+}
+
+/// One count for all of the cloud: the error falls about as 1 / N, which says where to look.
+class CountSearch {
+public:
+    CountSearch(const PointCloud& cloud, const SimplifyOptions& options, Judge& judge,
+                const RunContext& context)
+        : cloud_(cloud), options_(options), judge_(judge), context_(context) {}
+
+    std::optional<ErrorBoundedCloud> run() {
+        double low = 1, high = static_cast<double>(cloud_.size());  // too coarse, and fine enough
+        double next = std::clamp(std::sqrt(high) * 10, low, high / 2);
+        std::optional<ErrorBoundedCloud> best;
+        constexpr double kClose = 1.08;
+        for (unsigned round = 0; round < 14 && high > kClose * low; ++round) {
+            context_.checkpoint(round / 14.0);
+            const auto count = static_cast<std::uint64_t>(std::llround(next));
+            if (count <= 1 || count >= cloud_.size()) break;
+            ErrorBoundedCloud made = make(count);
+            double error = judge_.search(made.cloud).max;  // over the bound
+            bool holds = error <= kMargin;
+            if (holds) {
+                error = judge_.measure(made).max;
+                holds = error <= 1;
+            }
+            if (holds) {
+                high = static_cast<double>(count);
+                best = std::move(made);
+            } else {
+                low = static_cast<double>(count);
+            }
+            // Where the law points to, but well within the bracket.
+            const double inset = std::pow(high / low, 0.2);
+            next =
+                std::clamp(static_cast<double>(count) * error / kMargin, low * inset, high / inset);
+        }
+        return best;
+    }
+
+private:
+    ErrorBoundedCloud make(std::uint64_t count) const {
+        ErrorBoundedCloud made;
+        make_snapshots(cloud_, options_, std::span(&count, 1),
+                       [&](PointCloud&& cloud) { made.cloud = std::move(cloud); },
+                       {.stop = context_.stop, .progress = {}, .threads = context_.threads});
+        return made;
+    }
+
+    const PointCloud& cloud_;
+    const SimplifyOptions& options_;
+    Judge& judge_;
+    const RunContext& context_;
+};
+
+void forget_samples(SurfaceError& error) {
+    for (DirectedError* const direction : {&error.forward, &error.backward}) {
+        direction->positions = {};
+        direction->distances = {};
+    }
+}
+
+}  // namespace
+
+void require_error_bounded(Method method) {
+    if (std::ranges::find(kErrorBoundedMethods, method) != kErrorBoundedMethods.end()) return;
+    refuse("max_error: method " + std::string(to_string(method)) +
+           ": expected multiphase, hierarchical, iterative or particles for a bounded error");
+}
+
+ErrorBoundedCloud simplify_within_error(const PointCloud& cloud, const SimplifyOptions& options,
+                                        const RunContext& context) {
+    validate(options);
+    if (!options.max_error && !options.max_error_rel) refuse("max_error: expected one");
+    if (cloud.empty()) refuse("the cloud has no points: expected at least 1");
+    const double bound =
+        options.max_error ? *options.max_error : *options.max_error_rel * bounds(cloud).diagonal();
+    if (bounds(cloud).diagonal() == 0) return whole(cloud, bound, 0);
+    context.checkpoint(0.0);
+    Judge judge(cloud, bound, context);
+    ErrorBoundedCloud result;
+    if (options.method == Method::Particles) {
+        auto found = CountSearch(cloud, options, judge, context).run();
+        result = found ? std::move(*found) : whole(cloud, bound, 0);
+    } else {
+        result = search_forest(cloud, options, bound, judge, context);
+    }
+    result.bound = bound;
+    result.tries = judge.tries();
+    forget_samples(result.error);
+    context.checkpoint(1.0);
+    return result;
+}
+
+std::vector<std::uint64_t> curve_counts(std::uint64_t points, unsigned count) {
+    const double most = 0.5 * static_cast<double>(points);
+    const double least = std::max(20.0, 1e-3 * static_cast<double>(points));
+    std::vector<std::uint64_t> counts;
+    for (unsigned i = 0; i < count && most >= least; ++i) {
+        const double part = count == 1 ? 0.0 : i / (count - 1.0);
+        const auto next =
+            static_cast<std::uint64_t>(std::llround(most * std::pow(least / most, part)));
+        if (next < points && (counts.empty() || next < counts.back())) counts.push_back(next);
+    }
+    return counts;
+}
+
+void validate(const ErrorCurveOptions& options) {
+    require_error_bounded(options.simplification.method);
+    SimplifyOptions method = options.simplification;
+    const bool targeted = method.points || method.ratio || method.max_error || method.max_error_rel;
+    if (targeted) refuse("target: a curve has none: give points or count");
+    method.points = 1;
+    validate(method);
+    if (options.count < 2 || options.count > kMostCounts)
+        refuse("count " + std::to_string(options.count) + ": expected 2..64");
+    if (options.points.size() > kMostCounts)
+        refuse("points: " + std::to_string(options.points.size()) +
+               " of them: expected at most 64");
+    for (std::size_t i = 0; i < options.points.size(); ++i) {
+        const std::uint64_t least = i == 0 ? 1 : options.points[i - 1] + 1;
+        if (options.points[i] < least)
+            refuse("points " + std::to_string(options.points[i]) +
+                   ": expected ascending counts, each at least 1");
+    }
+}
+
+std::vector<std::uint64_t> curve_counts(std::uint64_t points, const ErrorCurveOptions& options) {
+    validate(options);
+    std::vector<std::uint64_t> counts;
+    if (options.points.empty()) counts = curve_counts(points, options.count);
+    for (const std::uint64_t count : options.points)
+        if (count < points) counts.insert(counts.begin(), count);
+    if (counts.empty())
+        refuse("points: the cloud has " + std::to_string(points) +
+               ": expected at least one count below that");
+    return counts;
+}
+
+void error_curve(const PointCloud& cloud, const SimplifyOptions& options,
+                 std::span<const std::uint64_t> counts,
+                 const std::function<void(const CurvePoint&)>& on_point,
+                 const SurfaceErrorOptions& measure, const RunContext& context) {
+    require_error_bounded(options.method);
+    if (cloud.empty()) refuse("the cloud has no points: expected at least 1");
+    for (std::size_t i = 0; i < counts.size(); ++i) {
+        const std::uint64_t most = i == 0 ? cloud.size() - 1 : counts[i - 1] - 1;
+        if (counts[i] < 1 || counts[i] > most)
+            refuse("points " + std::to_string(counts[i]) + ": expected 1.." + std::to_string(most) +
+                   ", descending");
+    }
+    const RunContext quietly{.stop = context.stop, .progress = {}, .threads = context.threads};
+    std::size_t done = 0;
+    context.checkpoint(0.0);
+    make_snapshots(
+        cloud, options, counts,
+        [&](PointCloud&& snapshot) {
+            on_point({snapshot.size(), measure_error(cloud, snapshot, measure, quietly)});
+            context.checkpoint(static_cast<double>(++done) / static_cast<double>(counts.size()));
+        },
+        quietly);
+    context.checkpoint(1.0);
+}
+
+}  // namespace stipple

@@ -1,0 +1,192 @@
+#include "stipple/error_bounded.hpp"
+
+#include "stipple/error.hpp"
+#include "support/support.hpp"
+
+#include <gtest/gtest.h>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <stop_token>
+#include <string>
+
+namespace stipple {
+namespace {
+
+using test::sphere;
+
+SimplifyOptions within(double error, Method method = Method::Hierarchical) {
+    SimplifyOptions options;
+    options.method = method;
+    options.max_error = error;
+    return options;
+}
+
+/// A sphere with a small bump: coarse points do for most of it.
+PointCloud bumpy_sphere(std::size_t n) {
+    PointCloud cloud = sphere(n);
+    for (Vec3f& p : cloud.positions) {
+        const float from_pole_sq = (p - Vec3f::UnitZ()).squaredNorm();
+        p *= 1 + 0.1F * std::exp(-from_pole_sq / 0.02F);
+    }
+    return cloud;
+}
+
+std::vector<CurvePoint> curve_of(const PointCloud& cloud, const SimplifyOptions& options,
+                                 const std::vector<std::uint64_t>& counts) {
+    std::vector<CurvePoint> curve;
+    error_curve(cloud, options, counts, [&](const CurvePoint& point) { curve.push_back(point); },
+                {.samples = 4'000});
+    return curve;
+}
+
+/// By other samples than any that the search took.
+double measured_again(const PointCloud& cloud, const PointCloud& candidate,
+                      ErrorSampling sampling) {
+    const SurfaceErrorOptions options{.sampling = sampling, .samples = 48'000, .seed = 77};
+    return measure_error(cloud, candidate, options).max();
+}
+
+/// The smallest count of one run whose snapshot is within the bound, every count of which is a
+/// twentieth apart.
+std::size_t fewest_of_all(const PointCloud& cloud, const SimplifyOptions& options) {
+    std::vector<std::uint64_t> counts;
+    for (double n = 0.8 * static_cast<double>(cloud.size()); n > 40; n /= 1.1)
+        counts.push_back(static_cast<std::uint64_t>(n));
+    std::size_t fewest = cloud.size();
+    for (const CurvePoint& point : curve_of(cloud, options, counts))
+        if (point.error.max() <= *options.max_error) fewest = std::min(fewest, point.points);
+    return fewest;
+}
+
+class ErrorBounded : public testing::TestWithParam<Method> {};
+
+TEST_P(ErrorBounded, HoldsWhenMeasuredAgainWithFewPoints) {
+    const PointCloud cloud = bumpy_sphere(1'200);
+    const SimplifyOptions options = within(0.05, GetParam());
+    const ErrorBoundedCloud found = simplify_within_error(cloud, options);
+    EXPECT_FALSE(found.whole);
+    EXPECT_EQ(found.bound, 0.05);
+    EXPECT_LE(found.error.max(), 0.05);
+    EXPECT_GT(found.error.max(), 0.005);
+    EXPECT_GT(found.tries, 2U);
+    EXPECT_LE(measured_again(cloud, found.cloud, ErrorSampling::Points), 0.05 * 1.02);
+    EXPECT_LE(static_cast<double>(found.cloud.size()),
+              1.3 * static_cast<double>(fewest_of_all(cloud, options)));
+}
+
+INSTANTIATE_TEST_SUITE_P(Methods, ErrorBounded,
+                         testing::Values(Method::Multiphase, Method::Hierarchical,
+                                         Method::Iterative),
+                         [](const auto& p) { return std::string(to_string(p.param)); });
+
+TEST(ErrorBounded, HasFewerPointsThanASnapshotThatHoldsEverywhere) {
+    const PointCloud cloud = bumpy_sphere(4'000);
+    const SimplifyOptions options = within(0.015);
+    const PointCloud found = simplify(cloud, options);
+    const std::uint64_t more = found.size() * 6 / 5;
+    EXPECT_GT(curve_of(cloud, options, {more}).front().error.max(), *options.max_error);
+}
+
+TEST(ErrorBounded, GivesTheInputBackWhereNothingSmallerHolds) {
+    const PointCloud cloud = sphere(200);
+    const ErrorBoundedCloud found = simplify_within_error(cloud, within(1e-9));
+    EXPECT_TRUE(found.whole);
+    EXPECT_EQ(found.cloud.positions, cloud.positions);
+    EXPECT_EQ(found.error.max(), 0);
+}
+
+TEST(ErrorBounded, APartOfTheDiagonalIsThatManyInputUnits) {
+    const PointCloud cloud = sphere(500);
+    SimplifyOptions options;
+    options.max_error_rel = 0.03;
+    const ErrorBoundedCloud found = simplify_within_error(cloud, options);
+    EXPECT_DOUBLE_EQ(found.bound, 0.03 * bounds(cloud).diagonal());
+    EXPECT_LE(found.error.max(), found.bound);
+}
+
+TEST(ErrorBounded, IsTheSameForAnyNumberOfThreadsWithAllAttributes) {
+    const PointCloud cloud = test::with_attributes(bumpy_sphere(500));
+    const ErrorBoundedCloud one =
+        simplify_within_error(cloud, within(0.1), {.stop = {}, .progress = {}, .threads = 1});
+    const ErrorBoundedCloud four =
+        simplify_within_error(cloud, within(0.1), {.stop = {}, .progress = {}, .threads = 4});
+    EXPECT_EQ(one.cloud.positions, four.cloud.positions);
+    EXPECT_EQ(one.error.max(), four.error.max());
+    EXPECT_EQ(one.cloud.attributes.size(), cloud.attributes.size());
+    EXPECT_EQ(one.cloud.colors.size(), one.cloud.size());
+    validate(one.cloud);
+}
+
+TEST(ErrorBounded, RefusesBoundsThatNoCloudCanKeep) {
+    const PointCloud cloud = sphere(100);
+    constexpr double kInfinity = std::numeric_limits<double>::infinity();
+    for (const double bound : {0.0, -1.0, kInfinity, std::nan("")})
+        EXPECT_THROW(simplify_within_error(cloud, within(bound)), Error) << bound;
+    EXPECT_THROW(simplify_within_error({}, within(1)), Error);
+    EXPECT_THROW(simplify_within_error(cloud, {.points = 10}), Error);
+}
+
+TEST(ErrorBounded, NamesTheMethodsThatHaveIt) {
+    for (const Method method : {Method::Voxel, Method::Random, Method::Incremental}) {
+        try {
+            validate(within(1, method));
+            ADD_FAILURE() << to_string(method);
+        } catch (const Error& error) {
+            EXPECT_NE(std::string(error.what()).find("multiphase, hierarchical, iterative"),
+                      std::string::npos);
+        }
+    }
+}
+
+TEST(ErrorBounded, StopsWhenAsked) {
+    std::stop_source source;
+    source.request_stop();
+    RunContext context;
+    context.stop = source.get_token();
+    EXPECT_THROW(simplify_within_error(sphere(1'000), within(0.1), context), Cancelled);
+}
+
+TEST(ErrorBounded, HasAResultForFewPoints) {
+    PointCloud one, two;
+    one.positions = {Vec3f(1, 2, 3)};
+    two.positions = {Vec3f(0, 0, 0), Vec3f(1, 0, 0)};
+    EXPECT_EQ(simplify_within_error(one, within(0.1)).cloud.size(), 1U);
+    EXPECT_GE(simplify_within_error(two, within(0.1)).cloud.size(), 1U);
+    EXPECT_GE(simplify_within_error(test::line(200), within(0.1)).cloud.size(), 2U);
+}
+
+TEST(ErrorCurve, FallsAsPointsGrow) {
+    const PointCloud cloud = sphere(4'000);
+    const auto counts = curve_counts(cloud.size(), 6);
+    ASSERT_EQ(counts.size(), 6U);
+    EXPECT_EQ(counts.front(), 2'000U);
+    for (const Method method : kErrorBoundedMethods) {
+        SimplifyOptions options;
+        options.method = method;
+        const auto curve = curve_of(cloud, options, counts);
+        ASSERT_EQ(curve.size(), 6U);
+        for (std::size_t i = 0; i < curve.size(); ++i) EXPECT_EQ(curve[i].points, counts[i]);
+        EXPECT_LT(5 * curve.front().error.mean(), curve.back().error.mean()) << to_string(method);
+    }
+}
+
+TEST(ErrorCurve, TakesTheCountsThatACloudHas) {
+    EXPECT_EQ(curve_counts(100, {.points = {10, 50, 100, 1000}}),
+              (std::vector<std::uint64_t>{50, 10}));
+    EXPECT_THROW(curve_counts(10, {.points = {10}}), Error);
+    EXPECT_THROW(validate(ErrorCurveOptions{.points = {10, 10}}), Error);
+    EXPECT_THROW(validate(ErrorCurveOptions{.count = 1}), Error);
+    EXPECT_THROW(validate(ErrorCurveOptions{.simplification = {.ratio = 0.5}}), Error);
+}
+
+TEST(ErrorCurve, RefusesCountsOutOfOrder) {
+    const PointCloud cloud = sphere(100);
+    const std::vector<std::uint64_t> rising = {10, 20}, all = {100}, none = {0};
+    EXPECT_THROW(curve_of(cloud, {}, rising), Error);
+    EXPECT_THROW(curve_of(cloud, {}, all), Error);
+    EXPECT_THROW(curve_of(cloud, {}, none), Error);
+}
+
+}  // namespace
+}  // namespace stipple
