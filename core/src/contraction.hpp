@@ -31,7 +31,7 @@ inline constexpr double kPointTerm = 2e-3;
 
 /// The same for each unit of roughness, which is the mean squared slope of the edges: where the
 /// surface is rough, its planes tell little, and there have to be more points.
-inline constexpr double kRoughnessTerm = 4;
+inline constexpr double kRoughnessTerm = 2;
 
 struct ContractionOptions {
     unsigned k = 6;  ///< neighbours of a sample at the start and capacity of its list after, 3..32

@@ -39,7 +39,8 @@ struct IterativeSimplificationOptions {
 /// first, until exactly `target_size` points are left.
 ///
 /// A pair of neighbours becomes the point where the sum of their quadrics is least: of the squared
-/// distances to the planes of edges of all input points that the pair stands for. Such points lie
+/// distances to the planes of edges of all input points that the pair stands for and, as far as
+/// these are rough, to the points themselves, which averages noise. Such points lie
 /// slightly outside of curved parts, so that the surface through them does not shrink;
 /// `max_displacement` bounds it. Then input points are shared out anew among the new ones, so that
 /// each goes with the new point that fits it best. With `Placement::EndPoint` the result is a
