@@ -133,7 +133,8 @@ TEST_F(Evaluation, OfSeveralCandidatesHasEachInItsOrder) {
     const json found = json::parse(evaluation_json(results));
     ASSERT_EQ(found.at("candidates").size(), 2U);
     EXPECT_NEAR(found["candidates"][0]["mean"].get<double>(), 0.2, 0.004);
-    EXPECT_NEAR(found["candidates"][1]["mean"].get<double>(), 0, 0.001);
+    // Points of a sphere lie outside the linear surface, by h^2 / 2.
+    EXPECT_NEAR(found["candidates"][1]["mean"].get<double>(), 0, 0.002);
     EXPECT_EQ(to_json(results_from_json(to_json(results))), to_json(results));
 }
 
@@ -154,7 +155,7 @@ TEST_F(Evaluation, MapsHaveTheDistanceAsColourAndAsAttribute) {
         const auto& values = std::get<std::vector<float>>(distance->values);
         double sum = 0;
         for (const float d : values) sum += d;
-        EXPECT_NEAR(sum / static_cast<double>(values.size()), 0.1, 0.002);
+        EXPECT_NEAR(sum / static_cast<double>(values.size()), 0.1, 0.003);
         const Rgba8 middle = viridis(0.5);  // 0.1 of 0.2
         EXPECT_NEAR(map.colors.front().r, middle.r, 8);
         EXPECT_NEAR(map.colors.front().g, middle.g, 8);

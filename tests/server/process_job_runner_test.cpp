@@ -139,13 +139,13 @@ INSTANTIATE_TEST_SUITE_P(Bad, DracoBomb,
 TEST_F(ProcessJobRunner, NamesTheMemoryLimitThatWasTooSmall) {
     if (test::kSanitized) GTEST_SKIP() << "a sanitizer's build runs without limits";
     proto::JobSpec spec = spec_for(sphere_file(2'000'000));
-    spec.max_memory_bytes = 48 << 20;
+    spec.max_memory_bytes = 32 << 20;
     spec.threads = 1;
     const auto outcome = run(spec);
     EXPECT_EQ(outcome.kind, Kind::Finished) << outcome.how;
     ASSERT_TRUE(problem());
     EXPECT_EQ(problem()->status, 413);
-    EXPECT_NE(problem()->detail.find("memory limit of 50331648 bytes"), std::string::npos)
+    EXPECT_NE(problem()->detail.find("memory limit of 33554432 bytes"), std::string::npos)
         << problem()->detail;
 }
 
