@@ -31,7 +31,7 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using Outcome = JobRunner::Outcome;
 
-constexpr std::size_t kMaxLineBytes = 1 << 20;
+constexpr std::size_t kMaxLineBytes = 16 << 20;
 constexpr std::size_t kMaxOutputBytes = 64 << 20;
 constexpr std::chrono::milliseconds kGrace{50};  // between SIGTERM and SIGKILL
 constexpr int kSpecDescriptor = 3;
