@@ -1,13 +1,13 @@
 #include "stipple/mls.hpp"
 
 #include "mls_fit.hpp"
-#include "nearby_search.hpp"
 #include "parallel_for.hpp"
 #include "point_tree.hpp"
 #include "stipple/error.hpp"
 #include "tree_search.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <string>
 
@@ -52,7 +52,7 @@ MlsStatus status_of(MlsPlane::Kind kind) noexcept {
 /// What one thread needs for its projections.
 struct Scratch {
     MlsNeighborhood around;
-    NearbySearch search;
+    std::array<Neighbor, kMaxNeighbors> nearest{};
     std::vector<Neighbor> within;
 };
 
@@ -66,17 +66,15 @@ struct MlsSurface::Implementation {
     /// Gathers the neighbours of r, relative to it. @return h; 0 where no weight reaches r.
     double gather(const Vec3d& r, Scratch& scratch) const {
         const Vec3f at = r.cast<float>();
-        std::span<Neighbor> found;
+        std::span<const Neighbor> found;
         if (options.h) {
             scratch.within.clear();
             find_within(tree, at, static_cast<float>(kReach * kReach * *options.h * *options.h),
                         scratch.within);
             found = scratch.within;
         } else {
-            found = scratch.search.find_nearest_few(at);
+            found = find_nearest(tree, at, std::span(scratch.nearest).first(options.k));
         }
-        // In one order, whatever search found them: sums depend on it.
-        std::ranges::sort(found, {}, &Neighbor::index);
         MlsNeighborhood& around = scratch.around;
         around.resize(found.size());
         double farthest_sq = 0;
@@ -90,11 +88,6 @@ struct MlsSurface::Implementation {
         if (options.h) return found.empty() ? 0 : *options.h;
         // Where all neighbours lie at r, any scale gives them the same weight.
         return farthest_sq > 0 ? std::sqrt(farthest_sq) / kReach : 1.0;
-    }
-
-    /// @param many  whether places will follow each other.
-    Scratch scratch(bool many) const {
-        return {{}, {tree, options.k, (many ? std::size_t{2} : 1) * options.k}, {}};
     }
 
     /// Psi(P, r), and the h that it used.
@@ -127,14 +120,16 @@ MlsSurface::MlsSurface(std::span<const Vec3f> points, const MlsOptions& options,
                        const RunContext& context) {
     check(points, options);
     implementation_ = std::make_unique<const Implementation>(
-        Implementation{options, {points.begin(), points.end()}, PointTree(points, PointTree::Leaves::Compact, context)});
+        Implementation{options,
+                       {points.begin(), points.end()},
+                       PointTree(points, PointTree::Leaves::Compact, context)});
 }
 MlsSurface::~MlsSurface() = default;
 MlsSurface::MlsSurface(MlsSurface&&) noexcept = default;
 MlsSurface& MlsSurface::operator=(MlsSurface&&) noexcept = default;
 
 MlsProjection MlsSurface::project(const Vec3d& r) const {
-    Scratch scratch = implementation_->scratch(false);
+    Scratch scratch;
     return implementation_->project(r, scratch);
 }
 
@@ -143,7 +138,7 @@ std::vector<MlsProjection> MlsSurface::project(std::span<const Vec3f> points,
     constexpr std::size_t kBlock = 1024;
     std::vector<MlsProjection> projections(points.size());
     parallel_for_blocks(points.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
-        Scratch scratch = implementation_->scratch(true);
+        Scratch scratch;
         for (std::size_t i = begin; i < end; ++i)
             projections[i] = implementation_->project(points[i].cast<double>(), scratch);
     });

@@ -1,6 +1,5 @@
 #include "mls_fit.hpp"
 
-#include "gaussian.hpp"
 #include "symmetric_eigen.hpp"
 
 #include <Eigen/Geometry>
@@ -27,45 +26,20 @@ namespace {
 /// carry no plane.
 constexpr double kLineRatio = 1e-9;
 
-/// Centres the weights at c. They are those of Eq. 6 up to a factor, which keeps the largest at 1.
-void weigh(MlsNeighborhood& around, const Vec3d& c, double h) {
-    const std::size_t n = around.size();
-    const double* const x = around.x.data();
-    const double* const y = around.y.data();
-    const double* const z = around.z.data();
-    double* const weight = around.weight.data();
-    const double by = 1.0 / (h * h);
-    double least = std::numeric_limits<double>::infinity();
-    for (std::size_t i = 0; i < n; ++i) {
-        const double dx = x[i] - c.x(), dy = y[i] - c.y(), dz = z[i] - c.z();
-        weight[i] = (dx * dx + dy * dy + dz * dz) * by;
-        least = std::min(least, weight[i]);
-    }
-    for (std::size_t i = 0; i < n; ++i) weight[i] = gaussian(weight[i] - least);
+/// The sum of the products of two eigenvalues each; exact where two of them are near 0, which
+/// `eigenvalues` are not.
+double second_invariant(const Symmetric3& a) noexcept {
+    return (a.xx * a.yy - a.xy * a.xy) + (a.yy * a.zz - a.yz * a.yz) + (a.xx * a.zz - a.xz * a.xz);
 }
 
 /// The plane of weighted least squares, or what there is of one.
-MlsPlane weighted_plane(const MlsNeighborhood& around) {
-    double total = 0;
-    Vec3d mean = Vec3d::Zero();
-    for (std::size_t i = 0; i < around.size(); ++i) {
-        const double w = around.weight[i];
-        total += w;
-        mean += w * Vec3d(around.x[i], around.y[i], around.z[i]);
-    }
-    mean /= total;
-    Symmetric3 covariance;
-    for (std::size_t i = 0; i < around.size(); ++i) {
-        const double w = around.weight[i];
-        const double x = around.x[i] - mean.x(), y = around.y[i] - mean.y(),
-                     z = around.z[i] - mean.z();
-        covariance.xx += w * x * x;
-        covariance.xy += w * x * y;
-        covariance.xz += w * x * z;
-        covariance.yy += w * y * y;
-        covariance.yz += w * y * z;
-        covariance.zz += w * z * z;
-    }
+MlsPlane weighted_plane(const MlsNeighborhood& around, const MlsKernels& kernels) {
+    const MlsColumns columns = around.columns();
+    const Vec3d r = Vec3d::Zero();
+    const MlsMoments first = kernels.moments(columns, r.data());
+    const Vec3d mean = Vec3d(first.x, first.y, first.z) / first.w;
+    const MlsMoments m = kernels.moments(columns, mean.data());
+    const Symmetric3 covariance = {m.xx, m.xy, m.xz, m.yy, m.yz, m.zz};
     const std::array<double, 3> lambda = eigenvalues(covariance);
     MlsPlane plane;
     if (!(lambda[2] > 0)) {
@@ -73,7 +47,7 @@ MlsPlane weighted_plane(const MlsNeighborhood& around) {
         plane.q = mean;
         if (mean.squaredNorm() > 0) plane.n = mean.normalized();
         plane.t = plane.n.dot(mean);
-    } else if (lambda[1] <= kLineRatio * lambda[2]) {
+    } else if (second_invariant(covariance) <= kLineRatio * lambda[2] * lambda[2]) {
         plane.kind = MlsPlane::Kind::Line;
         const Vec3d along = eigenvector(covariance, lambda[2]);
         plane.q = mean - along.dot(mean) * along;
@@ -88,55 +62,25 @@ MlsPlane weighted_plane(const MlsNeighborhood& around) {
     return plane;
 }
 
-/// First and second derivatives of Eq. 6 by (n . e1, n . e2, t), without a common factor of 2.
-struct Derivatives {
-    Vec3d gradient = Vec3d::Zero();
-    Eigen::Matrix3d hessian = Eigen::Matrix3d::Zero();
-};
-
-Derivatives derivatives(const MlsNeighborhood& around, const MlsPlane& plane, const Vec3d& e1,
-                        const Vec3d& e2, double h) {
-    const double g = 1.0 / (h * h), t = plane.t;
-    const Vec3d n = plane.n;
-    double f_a = 0, f_b = 0, f_t = 0, f_aa = 0, f_ab = 0, f_bb = 0, f_at = 0, f_bt = 0, f_tt = 0,
-           along_n = 0;
-    for (std::size_t i = 0; i < around.size(); ++i) {
-        const double x = around.x[i], y = around.y[i], z = around.z[i], w = around.weight[i];
-        const double a = e1.x() * x + e1.y() * y + e1.z() * z;
-        const double b = e2.x() * x + e2.y() * y + e2.z() * z;
-        const double m = n.x() * x + n.y() * y + n.z() * z;
-        const double s = m - t, ss = s * s * g, st = s * t * g;
-        const double by_m = w * s * (1.0 + st);
-        const double by_t = w * s * (ss - 1.0);
-        const double by_mm = w * (1.0 + 4.0 * st + 2.0 * st * st);
-        const double by_mt = w * (3.0 * ss - 1.0 + 2.0 * st * (ss - 1.0));
-        const double by_tt = w * (1.0 - 5.0 * ss + 2.0 * ss * ss);
-        f_a += by_m * a;
-        f_b += by_m * b;
-        f_t += by_t;
-        f_aa += by_mm * a * a;
-        f_ab += by_mm * a * b;
-        f_bb += by_mm * b * b;
-        f_at += by_mt * a;
-        f_bt += by_mt * b;
-        f_tt += by_tt;
-        along_n += by_m * m;
-    }
-    Derivatives d;
-    d.gradient = {f_a, f_b, f_t};
-    d.hessian << f_aa - along_n, f_ab, f_at, f_ab, f_bb - along_n, f_bt, f_at, f_bt, f_tt;
-    return d;
+MlsTrial trial_of(const MlsPlane& plane, const Vec3d& e1, const Vec3d& e2, double h) {
+    return {{plane.n.x(), plane.n.y(), plane.n.z()},
+            {e1.x(), e1.y(), e1.z()},
+            {e2.x(), e2.y(), e2.z()},
+            plane.t,
+            h};
 }
 
 /// Moves the plane by Newton's step. False, and nothing done, where that leads to no minimum.
 /// @param step  its length, in input units.
-bool newton_step(const MlsNeighborhood& around, double h, MlsPlane& plane, double& step) {
+bool newton_step(const MlsNeighborhood& around, double h, const MlsKernels& kernels,
+                 MlsPlane& plane, double& step) {
     const Vec3d e1 = plane.n.unitOrthogonal(), e2 = plane.n.cross(e1);
-    const Derivatives d = derivatives(around, plane, e1, e2, h);
-    const Eigen::Matrix3d& H = d.hessian;
+    const MlsDerivatives d = kernels.derivatives(around.columns(), trial_of(plane, e1, e2, h));
+    Eigen::Matrix3d H;
+    H << d.aa - d.along_n, d.ab, d.at, d.ab, d.bb - d.along_n, d.bt, d.at, d.bt, d.tt;
     const double minor = H(0, 0) * H(1, 1) - H(0, 1) * H(0, 1), determinant = H.determinant();
     if (!(H(0, 0) > 0 && minor > 0 && determinant > 0)) return false;
-    const Vec3d delta = -(H.inverse() * d.gradient);
+    const Vec3d delta = -(H.inverse() * Vec3d(d.a, d.b, d.t));
     constexpr double kTrusted = 0.5;
     const double turn = std::hypot(delta.x(), delta.y());
     if (!(turn <= kTrusted && std::abs(delta.z()) <= kTrusted * h)) return false;
@@ -148,23 +92,10 @@ bool newton_step(const MlsNeighborhood& around, double h, MlsPlane& plane, doubl
     return true;
 }
 
-constexpr unsigned kMaxDegree = 4;
-constexpr std::size_t kMaxTerms = (kMaxDegree + 1) * (kMaxDegree + 2) / 2;
+constexpr std::size_t kMaxTerms = MlsKernels::kMaxTerms;
 
 std::size_t term_count(unsigned degree) noexcept {
     return (degree + std::size_t{1}) * (degree + 2) / 2;
-}
-
-/// 1 u v u^2 uv v^2 u^3 ...
-void fill_terms(double u, double v, unsigned degree, std::array<double, kMaxTerms>& terms) {
-    terms[0] = 1.0;
-    std::size_t at = 1;
-    for (unsigned d = 1; d <= degree; ++d) {
-        const std::size_t before = at - d;
-        for (unsigned j = 0; j < d; ++j, ++at) terms[at] = u * terms[before + j];
-        terms[at] = v * terms[before + d - 1];
-        ++at;
-    }
 }
 
 /// Solves A c = b for a matrix of a least squares problem, by the lower triangle of A, which is
@@ -192,27 +123,33 @@ void solve(std::array<std::array<double, kMaxTerms>, kMaxTerms>& A, std::span<do
 }  // namespace
 
 void MlsNeighborhood::resize(std::size_t n) {
-    x.resize(n);
-    y.resize(n);
-    z.resize(n);
-    weight.resize(n);
+    constexpr std::size_t kLanes = MlsColumns::kLanes;
+    size_ = n;
+    const std::size_t filled = (n + kLanes - 1) / kLanes * kLanes;
+    for (std::vector<double>* column : {&x, &y, &z, &weight}) {
+        column->resize(filled);
+        std::fill(column->begin() + static_cast<std::ptrdiff_t>(n), column->end(), 0.0);
+    }
 }
 
 MlsPlane fit_weighted_plane(MlsNeighborhood& around, double h) {
-    weigh(around, Vec3d::Zero(), h);
-    return weighted_plane(around);
+    const MlsKernels& kernels = mls_kernels();
+    const Vec3d r = Vec3d::Zero();
+    kernels.weigh(around.columns(), r.data(), h, around.weight.data());
+    return weighted_plane(around, kernels);
 }
 
 MlsPlane fit_plane(MlsNeighborhood& around, double h, unsigned max_iterations, double tolerance) {
+    const MlsKernels& kernels = mls_kernels();
     MlsPlane plane = fit_weighted_plane(around, h);
     for (unsigned i = 0; i < max_iterations; ++i) {
         if (plane.kind == MlsPlane::Kind::Line || plane.kind == MlsPlane::Kind::Point) return plane;
-        weigh(around, plane.q, h);
+        kernels.weigh(around.columns(), plane.q.data(), h, around.weight.data());
         double step = 0;
-        if (newton_step(around, h, plane, step)) {
+        if (newton_step(around, h, kernels, plane, step)) {
             if (step <= tolerance * h) return plane;
         } else {
-            plane = weighted_plane(around);
+            plane = weighted_plane(around, kernels);
         }
     }
     plane.kind = MlsPlane::Kind::Weighted;
@@ -223,25 +160,17 @@ MlsHeight fit_polynomial(const MlsNeighborhood& around, const Vec3d& n, const Ve
                          unsigned degree) {
     while (degree > 0 && term_count(degree) > around.size()) --degree;
     if (degree == 0) return {0.0, n};
-    const Vec3d e1 = n.unitOrthogonal() / h, e2 = n.cross(e1);
-    const std::size_t count = term_count(degree);
-    std::array<std::array<double, kMaxTerms>, kMaxTerms> A{};
-    std::array<double, kMaxTerms> b{}, terms;
-    double highest = 0;
-    for (std::size_t i = 0; i < around.size(); ++i) {
-        const Vec3d d = Vec3d(around.x[i], around.y[i], around.z[i]) - q;
-        fill_terms(e1.dot(d), e2.dot(d), degree, terms);
-        const double height = n.dot(d);
-        highest = std::max(highest, std::abs(height));
-        for (std::size_t j = 0; j < count; ++j) {
-            const double weighted = around.weight[i] * terms[j];
-            for (std::size_t k = 0; k <= j; ++k) A[j][k] += weighted * terms[k];
-            b[j] += weighted * height;
-        }
-    }
-    solve(A, std::span(b).first(count));
+    MlsPlane plane;
+    plane.n = n;
+    plane.t = n.dot(q);
+    const Vec3d e1 = n.unitOrthogonal(), e2 = n.cross(e1);
+    std::array<std::array<double, kMaxTerms>, kMaxTerms> A;
+    std::array<double, kMaxTerms> b;
+    const double highest = mls_kernels().normal_equations(
+        around.columns(), trial_of(plane, e1, e2, h), degree, A.front().data(), b.data());
+    solve(A, std::span(b).first(term_count(degree)));
     if (!(std::abs(b[0]) <= highest)) return fit_polynomial(around, n, q, h, degree - 1);
-    return {b[0], (n - b[1] * e1 - b[2] * e2).normalized()};
+    return {b[0], (n - (b[1] * e1 + b[2] * e2) / h).normalized()};
 }
 
 }  // namespace stipple

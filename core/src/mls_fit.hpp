@@ -1,5 +1,6 @@
 #pragma once
 
+#include "mls_kernels.hpp"
 #include "stipple/point_cloud.hpp"
 
 #include <cstddef>
@@ -12,11 +13,17 @@ namespace stipple {
 /// Points around a position r, and their weights, for the fits of §2.2. Kept between fits, so that
 /// it allocates only while it grows.
 struct MlsNeighborhood {
-    std::vector<double> x, y, z;  ///< relative to r
+    std::vector<double> x, y, z;  ///< relative to r; filled up with zeros for vector code
     std::vector<double> weight;   ///< of the last fit, up to a common factor
 
-    std::size_t size() const noexcept { return x.size(); }
+    std::size_t size() const noexcept { return size_; }
     void resize(std::size_t n);
+    MlsColumns columns() const noexcept {
+        return {x.data(), y.data(), z.data(), weight.data(), size_};
+    }
+
+private:
+    std::size_t size_ = 0;
 };
 
 /// H = { x | n . x = t }, x relative to r. `q = t n` is the projection of r.

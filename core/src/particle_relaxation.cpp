@@ -29,6 +29,7 @@ constexpr float kForce = 0.35F;       // k of Eq. 7: a step over the sum of over
 constexpr float kMomentum = 0.6F;     // part of a step that the next one keeps
 constexpr float kLongestStep = 0.5F;  // over the spacing
 constexpr float kResting = 1e-4F;     // shorter steps, over the spacing, are not taken
+constexpr float kCrowded = 0.05F;     // overlap over the radius
 constexpr double kStrangers = 0.1;    // part of the particles that may lack new neighbours,
 constexpr unsigned kOldest = 6;       // and for so many steps
 constexpr std::size_t kRing = 6;      // neighbours of a particle on a surface
@@ -50,17 +51,124 @@ ParticleRelaxation::ParticleRelaxation(const ParticleSurface& surface, std::vect
     : surface_(surface),
       context_{context.stop, {}, context.threads},
       spacing_(std::move(spacing)),
-      positions_(std::move(start.positions)),
-      next_(positions_.size()),
-      steps_(positions_.size(), Vec3f::Zero()),
-      relative_(positions_.size()),
-      moved_(positions_.size(), 1),
-      moves_(positions_.size()),
-      neighborhoods_((positions_.size() + kBlock - 1) / kBlock),
-      progress_(neighborhoods_.size()) {
+      positions_(std::move(start.positions)) {
     feet_.reserve(positions_.size());
     for (const Index sample : start.samples) feet_.push_back({sample, 0});
+    resize(positions_.size());
     look_up_spacing();
+}
+
+void ParticleRelaxation::resize(std::size_t count) {
+    next_.resize(count);
+    steps_.assign(count, Vec3f::Zero());
+    relative_.resize(count);
+    moved_.assign(count, 1);
+    moves_.resize(count);
+    neighborhoods_.resize((count + kBlock - 1) / kBlock);
+    progress_.resize(neighborhoods_.size());
+    found_at_.clear();
+}
+
+std::vector<ParticleRelaxation::Place> ParticleRelaxation::places_between() const {
+    std::vector<std::vector<Place>> blocks(neighborhoods_.size());
+    const auto add = [&](Index i, Index j, std::vector<Place>& places) {
+        const std::span<const Index> near = neighborhoods_[i / kBlock].of(i % kBlock);
+        const Vec3f middle = 0.5F * (positions_[i] + positions_[j]);
+        const float radius_sq = (positions_[i] - middle).squaredNorm();
+        if (std::ranges::any_of(near, [&](Index other) {
+                return other != j && (positions_[other] - middle).squaredNorm() < radius_sq;
+            }))
+            return;
+        Place place = {4 * std::sqrt(radius_sq) / (spacing(i) + spacing(j)), i, j, {}, feet_[i]};
+        place.position = surface_.project(positions_[i], middle, place.foot);
+        constexpr float kAstraySq = 0.25F;  // across a hole, or a thin sheet
+        if ((place.position - middle).squaredNorm() < kAstraySq * radius_sq)
+            places.push_back(place);
+    };
+    parallel_for_blocks(positions_.size(), kBlock, context_,
+                        [&](std::size_t begin, std::size_t end) {
+                            for (std::size_t i = begin; i < end; ++i) {
+                                for (const Index j : neighborhoods_[i / kBlock].of(i % kBlock))
+                                    if (j > i) add(static_cast<Index>(i), j, blocks[i / kBlock]);
+                            }
+                        });
+    std::vector<Place> places;
+    for (const std::vector<Place>& block : blocks)
+        places.insert(places.end(), block.begin(), block.end());
+    return places;
+}
+
+/// Keeps those with the most room, in order.
+template <typename Place>
+void keep_widest(std::vector<Place>& places, std::size_t count) {
+    const auto order = [](const Place& p) { return std::pair(p.i, p.j); };
+    if (count < places.size()) {
+        std::nth_element(places.begin(), places.begin() + static_cast<std::ptrdiff_t>(count),
+                         places.end(), [&](const Place& a, const Place& b) {
+                             return a.room > b.room || (a.room == b.room && order(a) < order(b));
+                         });
+        places.resize(count);
+    }
+    std::ranges::sort(places, {}, order);
+}
+
+/// Particles at the places, each behind the first of its neighbours, without those that leave.
+void ParticleRelaxation::insert(std::vector<Place> places,
+                                const std::vector<std::uint8_t>& leaving) {
+    std::vector<Vec3f> positions;
+    std::vector<ParticleSurface::Foot> feet;
+    positions.reserve(positions_.size() + places.size());
+    feet.reserve(positions_.size() + places.size());
+    auto place = places.begin();
+    for (std::size_t i = 0; i < positions_.size(); ++i) {
+        if (i % kBlock == 0) context_.throw_if_stopped();
+        if (leaving.empty() || leaving[i] == 0) {
+            positions.push_back(positions_[i]);
+            feet.push_back(feet_[i]);
+        }
+        for (; place != places.end() && place->i == i; ++place) {
+            positions.push_back(settled_ ? surface_.settle(place->position, place->foot, spacing(i))
+                                         : place->position);
+            feet.push_back(place->foot);
+        }
+    }
+    positions_ = std::move(positions);
+    feet_ = std::move(feet);
+    resize(positions_.size());
+    look_up_spacing();
+}
+
+bool ParticleRelaxation::split(std::size_t most) {
+    find_neighbors();
+    std::vector<Place> places = places_between();
+    const std::size_t before = positions_.size(), wanted = most - before;
+    if (2 * places.size() < std::min(before, wanted)) return false;
+    keep_widest(places, wanted);
+    insert(std::move(places), {});
+    factor_ *= std::sqrt(static_cast<float>(before) / static_cast<float>(positions_.size()));
+    return true;
+}
+
+bool ParticleRelaxation::relocate(float radius) {
+    constexpr float kRoomy = 1.3F;  // twice the distance to others at a place, over their spacing
+    find_neighbors();
+    std::vector<std::uint8_t> leaving(positions_.size());
+    std::vector<Place> places = places_between();
+    std::erase_if(places, [](const Place& p) { return p.room < kRoomy; });
+    std::size_t count = 0;
+    for (std::size_t i = 0; i < positions_.size() && count < places.size(); ++i) {
+        if (i % kBlock == 0) context_.throw_if_stopped();
+        for (const Index j : neighborhoods_[i / kBlock].of(i % kBlock)) {
+            const float limit = (1 - kCrowded) * radius * 0.5F * (spacing(i) + spacing(j));
+            if (leaving[i] != 0 || leaving[j] != 0) continue;
+            leaving[i] = (positions_[i] - positions_[j]).squaredNorm() < limit * limit;
+            count += leaving[i];
+        }
+    }
+    if (count == 0) return false;
+    keep_widest(places, count);
+    insert(std::move(places), leaving);
+    return true;
 }
 
 ParticleRelaxation::Progress ParticleRelaxation::step(float radius, bool find_spacing) {
@@ -83,8 +191,7 @@ ParticleRelaxation::Progress ParticleRelaxation::step(float radius, bool find_sp
     strangers_ = 0;
     for (const BlockProgress& block : progress_) {
         result.mean_step += block.step_sum / count;
-        result.largest_overlap =
-            std::max(result.largest_overlap, static_cast<double>(block.overlap));
+        result.crowded += block.crowded;
         strangers_ += block.strangers;
     }
     result.knows_all = strangers_ == 0;
@@ -183,7 +290,9 @@ ParticleRelaxation::BlockProgress ParticleRelaxation::move(std::size_t begin, st
         moves_[i] = 0;
         if (!is_awake(i)) continue;
         const float own = spacing(i), longest = kLongestStep * own;
-        Vec3f step = kMomentum * steps_[i] + kForce * force_on(i, radius, progress.overlap);
+        float overlap = 0;
+        Vec3f step = kMomentum * steps_[i] + kForce * force_on(i, radius, overlap);
+        progress.crowded += overlap > kCrowded ? 1U : 0U;
         const float length = step.norm();
         if (length > kResting * own) {
             if (length > longest) step *= longest / length;

@@ -32,14 +32,23 @@ public:
 
     /// How far an iteration moved the particles and how close they are.
     struct Progress {
-        double mean_step = 0;        ///< over the spacing
-        bool knows_all = true;       ///< whether no particle may have neighbours not known yet
-        double largest_overlap = 0;  ///< of (r - |p - p_i|) / r
+        double mean_step = 0;     ///< over the spacing
+        bool knows_all = true;    ///< whether no particle may have neighbours not known yet
+        std::size_t crowded = 0;  ///< particles that overlap another by 5 % of r or more
     };
 
     /// One step of all particles at once, with r = `radius` times their spacing, below `kReach`.
     /// @param find_spacing  whether the common factor may still change.
     Progress step(float radius, bool find_spacing);
+
+    /// Puts particles halfway between neighbours, where those are farthest apart, until there are
+    /// `most` or every such place is taken; the spacing shrinks accordingly. There are about three
+    /// places for each particle on a surface. False, and nothing done, where they are few.
+    bool split(std::size_t most);
+
+    /// Takes particles that overlap another with this radius away and puts them where others are
+    /// farthest apart, as far as there is room. False where none were moved.
+    bool relocate(float radius);
 
     /// Puts all particles on the moving least squares surface; further steps keep them there.
     void settle();
@@ -53,11 +62,23 @@ public:
 private:
     struct BlockProgress {
         double step_sum = 0;
-        float overlap = 0;
+        std::size_t crowded = 0;
         std::size_t strangers =
             0;  ///< so far from where their neighbours were found that they may have others
     };
 
+    /// A place on the surface halfway between neighbours i < j, with no other particle in the
+    /// sphere that has them as poles.
+    struct Place {
+        float room;  ///< the distance of i and j over their spacing
+        Index i, j;
+        Vec3f position;
+        ParticleSurface::Foot foot;
+    };
+
+    std::vector<Place> places_between() const;
+    void insert(std::vector<Place> places, const std::vector<std::uint8_t>& leaving);
+    void resize(std::size_t count);
     void look_up_spacing();
     void find_neighbors();
     double mean_ring() const;

@@ -21,8 +21,7 @@
 #include <utility>
 
 // Follows: Pauly, Gross, Kobbelt 2002, §3.3. Departures:
-// - Coarse to fine (§5.1) is left out: particles start so evenly (`spread_particles`) that about 20
-//   steps bring them to rest whatever their number.
+// - Coarse to fine (§5.1) serves upsampling only; core/README.md says why.
 // - Repulsion ends with steps of a radius below the spacing. Equilibrium at a larger one leaves
 //   pairs that their surroundings press together, at 0.7 of the mean distance and less.
 // - Such steps follow the projection too, on the moving least squares surface itself.
@@ -43,10 +42,10 @@ constexpr std::size_t kBlock = 1'024;
 constexpr float kSpreadRadius = 1.25F;
 constexpr float kPartRadius = 0.88F;
 constexpr float kSettledRadius = 0.85F;
-constexpr double kLargestOverlap = 0.05;  // over the radius
-constexpr double kNearly = 0.2;           // of the tolerance, where pairs are pressed by others
-constexpr double kSlowing = 0.97;         // of the step before, while they come to rest
-constexpr double kSlow = 4;               // of the tolerance; longer steps never count as rest
+constexpr unsigned kRounds = 4;    // after the first, some start anew
+constexpr double kNearly = 0.2;    // of the tolerance, where pairs are pressed by others
+constexpr double kSlowing = 0.97;  // of the step before, while they come to rest
+constexpr double kSlow = 4;        // of the tolerance; longer steps never count as rest
 
 template <typename... Parts>
 [[noreturn]] void refuse(const Parts&... parts) {
@@ -105,8 +104,7 @@ std::vector<float> relative_spacing(const PointCloud& cloud, const SurfaceSample
 
 /// Spacing that `count` particles can have: in a hexagonal lattice, each has sqrt(3) / 2 of its
 /// square. The factor is found anew while they relax.
-void scale_spacing(std::vector<float>& spacing, const std::vector<float>& areas,
-                   std::size_t count) {
+void scale_spacing(std::vector<float>& spacing, std::span<const float> areas, std::size_t count) {
     double places = 0;
     for (std::size_t i = 0; i < spacing.size(); ++i)
         places += static_cast<double>(areas[i] / (spacing[i] * spacing[i]));
@@ -115,40 +113,104 @@ void scale_spacing(std::vector<float>& spacing, const std::vector<float>& areas,
     for (float& value : spacing) value *= factor;
 }
 
-/// Repulsion (§3.3) until the particles are at rest, or come no nearer to it; then until no two of
-/// them are too close, which may have to be done again where the projection onto the surface moved
-/// some.
-void relax(ParticleRelaxation& particles, const ParticleSimulationOptions& options,
-           const RunContext& context) {
-    using Progress = ParticleRelaxation::Progress;
-    const auto run = [&](unsigned most, auto&& step, auto&& is_done, const RunContext& part) {
-        for (unsigned i = 0; i < most; ++i) {
-            if (is_done(step())) break;
-            part.checkpoint(static_cast<double>(i + 1) / most);
-        }
-        part.checkpoint(1.0);
-    };
+/// Steps until `is_done` with one, at most so many.
+template <typename Step, typename IsDone>
+void repeat(unsigned most, Step&& step, IsDone&& is_done, const RunContext& context) {
+    for (unsigned i = 0; i < most; ++i) {
+        if (is_done(step())) break;
+        context.checkpoint(static_cast<double>(i + 1) / most);
+    }
+    context.checkpoint(1.0);
+}
+
+/// Repulsion (§3.3) until the particles are at rest, or come no nearer to it.
+void come_to_rest(ParticleRelaxation& particles, const ParticleSimulationOptions& options,
+                  const RunContext& context) {
     double last_step = std::numeric_limits<double>::infinity();
-    const auto at_rest = [&](const Progress& p) {
+    const auto at_rest = [&](const ParticleRelaxation::Progress& p) {
         const bool slows_down = p.mean_step < kSlowing * std::exchange(last_step, p.mean_step);
         return p.mean_step < options.tolerance ||
                (p.mean_step < kSlow * options.tolerance && !slows_down);
     };
-    const auto apart = [&](const Progress& p) {
-        return p.knows_all && p.largest_overlap < kLargestOverlap;
-    };
+    repeat(
+        options.max_iterations, [&] { return particles.step(kSpreadRadius, true); }, at_rest,
+        context);
+}
+
+/// Repulsion of those that are too close, until none are or only those that others press together;
+/// which has to be done again where the projection onto the surface moved some. What is crowded
+/// still has no way to go, and starts anew elsewhere.
+void part(ParticleRelaxation& particles, const ParticleSimulationOptions& options,
+          const RunContext& context) {
+    using Progress = ParticleRelaxation::Progress;
+    const auto apart = [](const Progress& p) { return p.knows_all && p.crowded == 0; };
     const auto nearly_apart = [&](const Progress& p) {
         return apart(p) || p.mean_step < kNearly * options.tolerance;
     };
-    run(
-        options.max_iterations, [&] { return particles.step(kSpreadRadius, true); }, at_rest,
-        context.part(0.0, 0.6));
-    run(
+    repeat(
         options.max_iterations, [&] { return particles.step(kPartRadius, false); }, nearly_apart,
-        context.part(0.6, 0.8));
+        context.part(0.0, 0.5));
     particles.settle();
-    run((options.max_iterations + 1) / 2, [&] { return particles.step(kSettledRadius, false); },
-        apart, context.part(0.8, 1.0));
+    const auto settled_step = [&] { return particles.step(kSettledRadius, false); };
+    for (unsigned round = 0; round < kRounds; ++round) {
+        const RunContext rest =
+            context.part(0.5 + 0.5 * round / kRounds, 0.5 + 0.5 * (round + 1) / kRounds);
+        repeat((options.max_iterations + 3) / 4, settled_step, apart, rest);
+        if (round + 1 == kRounds || !particles.relocate(kSettledRadius)) break;
+    }
+    context.checkpoint(1.0);
+}
+
+/// How many particles there are in each stage, the last first. Where there are more of them than
+/// samples, they come to rest soonest as a quarter of them, which is split (§5.1): the lattice of
+/// those at rest has room for three times as many. Any fewer would miss small parts of the surface,
+/// that none can cross over to.
+std::vector<std::size_t> stages(std::size_t count, std::size_t samples) {
+    constexpr std::size_t kFewest = 4'096;
+    constexpr double kSplit = 3.9;
+    std::vector<std::size_t> counts = {count};
+    while (counts.back() > std::max(samples, kFewest))
+        counts.push_back(static_cast<std::size_t>(static_cast<double>(counts.back()) / kSplit));
+    return counts;
+}
+
+/// What particles are spread over.
+struct Ground {
+    const SurfaceSamples& samples;
+    const ParticleSurface& surface;
+    std::span<const float> areas, spacing;
+
+    ParticleRelaxation spread(std::size_t count, std::uint64_t seed,
+                              const RunContext& context) const {
+        std::vector<float> scaled(spacing.begin(), spacing.end());
+        scale_spacing(scaled, areas, count);
+        const std::vector<float> shares = particle_shares(areas, spacing, count, context);
+        return {surface, std::move(scaled), spread_particles(samples, shares, count, seed),
+                context};
+    }
+};
+
+/// As many particles as are wanted, at rest on tangent planes.
+ParticleRelaxation spread_evenly(const Ground& ground, const ParticleSimulationOptions& options,
+                                 const RunContext& context) {
+    const auto count = static_cast<std::size_t>(options.target_size);
+    std::vector<std::size_t> counts = stages(count, ground.samples.size());
+    double done = counts.size() == 1 ? 1.0 : 0.5;
+    ParticleRelaxation particles = ground.spread(counts.back(), options.seed, context);
+    come_to_rest(particles, options, context.part(0.0, done));
+    for (counts.pop_back(); !counts.empty(); counts.pop_back()) {
+        while (particles.positions().size() < counts.back()) {
+            const RunContext next = context.part(done, 0.5 * (done + 1.0));
+            done = 0.5 * (done + 1.0);
+            if (!particles.split(counts.back())) {  // the points lie on no surface
+                ParticleRelaxation all = ground.spread(count, options.seed, context);
+                come_to_rest(all, options, next);
+                return all;
+            }
+            come_to_rest(particles, options, next);
+        }
+    }
+    return particles;
 }
 
 /// The cloud's points at and around each particle, whose attributes it gets.
@@ -227,16 +289,14 @@ PointCloud particle_simulation(const PointCloud& cloud, const ParticleSimulation
     context.checkpoint(0.2);
     std::vector<float> areas(samples.size());
     for (std::size_t i = 0; i < areas.size(); ++i) areas[i] = samples.area(i);
-    std::vector<float> spacing = relative_spacing(cloud, samples, areas, options, context);
-    SpreadParticles start = spread_particles(
-        samples, particle_shares(areas, spacing, count, context), count, options.seed);
-    scale_spacing(spacing, areas, count);
+    const std::vector<float> spacing = relative_spacing(cloud, samples, areas, options, context);
     context.checkpoint(0.25);
     const MlsSurface mls(cloud.positions, {}, context);
     const ParticleSurface surface(samples, mls, frame, context);
-    ParticleRelaxation particles(surface, std::move(spacing), std::move(start), context);
-    context.checkpoint(0.35);
-    relax(particles, options, context.part(0.35, 0.95));
+    context.checkpoint(0.3);
+    ParticleRelaxation particles =
+        spread_evenly({samples, surface, areas, spacing}, options, context.part(0.3, 0.7));
+    part(particles, options, context.part(0.7, 0.95));
     std::vector<Vec3f> positions(count);
     std::ranges::transform(particles.positions(), positions.begin(),
                            [&](const Vec3f& p) { return Vec3f(frame.outside(p).cast<float>()); });

@@ -64,10 +64,12 @@ Vec3f ParticleSurface::project(const Vec3f& from, const Vec3f& to, Foot& foot) c
 }
 
 Vec3f ParticleSurface::settle(const Vec3f& p, const Foot& foot, float spacing) const {
-    constexpr float kFar = 0.5F;
+    constexpr float kFar = 0.5F, kBeyond = 0.05F;  // what is curved bulges beyond its points
+    const float radius = samples_.radii[foot.sample];
     const Vec3f settled = frame_.inside(mls_.project(frame_.outside(p)).point);
-    return (settled - p).norm() <= kFar * std::max(spacing, samples_.radii[foot.sample]) ? settled
-                                                                                         : p;
+    const bool near = (settled - p).norm() <= kFar * std::max(spacing, radius);
+    const Vec3f beyond = Vec3f::Constant(kBeyond * radius);
+    return (near ? settled : p).cwiseMax(frame_.low - beyond).cwiseMin(frame_.high + beyond);
 }
 
 }  // namespace stipple

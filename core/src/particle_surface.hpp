@@ -34,7 +34,8 @@ public:
     Vec3f project(const Vec3f& from, const Vec3f& to, Foot& foot) const noexcept;
 
     /// Psi(P, p) for a particle that `project` gave. Where that is far, since the points carry no
-    /// surface there, it stays.
+    /// surface there, it stays. Hardly outside the box of the cloud: where points fill a volume,
+    /// the planes and surfaces through them lead out of it.
     /// @param spacing  of the particles there.
     Vec3f settle(const Vec3f& p, const Foot& foot, float spacing) const;
 

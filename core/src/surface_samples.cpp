@@ -54,7 +54,7 @@ void analyze(SurfaceSamples& s, std::size_t i, float radius) {
 }  // namespace
 
 ParticleFrame::ParticleFrame(std::span<const Vec3f> points) {
-    Vec3f low = points.front(), high = low;
+    low = high = points.front();
     for (const Vec3f& p : points) {
         low = low.cwiseMin(p);
         high = high.cwiseMax(p);
@@ -62,6 +62,8 @@ ParticleFrame::ParticleFrame(std::span<const Vec3f> points) {
     center = 0.5 * (low.cast<double>() + high.cast<double>());
     const double extent = (high.cast<double>() - low.cast<double>()).maxCoeff();
     scale = extent > 0 ? std::ldexp(1.0, std::ilogb(extent)) : 0;
+    low = inside(low.cast<double>());
+    high = inside(high.cast<double>());
 }
 
 float SurfaceSamples::area(std::size_t i) const noexcept {

@@ -12,7 +12,8 @@ namespace stipple {
 /// A cloud moved and scaled to about -1..1, where floats resolve small moves and hold squares.
 struct ParticleFrame {
     Vec3d center;
-    double scale;  ///< input units, a power of two; 0 when all points coincide
+    double scale;     ///< input units, a power of two; 0 when all points coincide
+    Vec3f low, high;  ///< the box of the points, inside the frame
 
     explicit ParticleFrame(std::span<const Vec3f> points);
     Vec3f inside(const Vec3d& p) const { return ((p - center) / scale).cast<float>(); }

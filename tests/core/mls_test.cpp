@@ -1,5 +1,6 @@
 #include "stipple/mls.hpp"
 
+#include "kernel_sets.hpp"
 #include "mls_fit.hpp"
 #include "stipple/error.hpp"
 #include "support/support.hpp"
@@ -319,6 +320,23 @@ TEST(MlsSurface, RefusesWhatIsOutOfRange) {
     EXPECT_NE(message({.max_iterations = 0}), "");
     EXPECT_NE(message({.tolerance = 0}), "");
     EXPECT_THROW(MlsSurface({}, {}), Error);
+}
+
+TEST(MlsSurface, GivesTheSameBytesWithThePlainKernels) {
+    const PointCloud cloud = sphere(3000, 0.02), places = sphere(200, 0.1);
+    for (unsigned degree = 0; degree <= 4; ++degree) {
+        for (const std::optional<double> h : {std::optional<double>(), std::optional(0.05)}) {
+            const MlsSurface surface(cloud.positions, {.degree = degree, .k = 21, .h = h});
+            const auto quick = surface.project(places.positions);
+            const PlainKernelsOnly plain_only;
+            const auto plain = surface.project(places.positions);
+            for (std::size_t i = 0; i < quick.size(); ++i) {
+                EXPECT_EQ(quick[i].point, plain[i].point);
+                EXPECT_EQ(quick[i].normal, plain[i].normal);
+                EXPECT_EQ(quick[i].status, plain[i].status);
+            }
+        }
+    }
 }
 
 }  // namespace

@@ -1,3 +1,4 @@
+#include "kernel_sets.hpp"
 #include "stipple/error.hpp"
 #include "stipple/neighbors.hpp"
 #include "support/support.hpp"
@@ -109,6 +110,20 @@ TEST(NeighborSearch, AnswersManyThreadsAtOnce) {
         }
     }
     for (const auto& answer : answers) EXPECT_EQ(answer, answers.front());
+}
+
+TEST(NeighborSearch, GivesTheSameAnswersWithThePlainKernels) {
+    const PointCloud cloud = test::sphere(2500, 0.05);
+    const NeighborSearch search(cloud.positions);
+    for (const Vec3f& q : test::cube(50).positions) {
+        for (const std::size_t k : {1U, 2U, 5U, 16U, 64U}) {
+            std::vector<Neighbor> quick(k), plain(k);
+            search.nearest(q, quick);
+            const PlainKernelsOnly plain_only;
+            search.nearest(q, plain);
+            EXPECT_EQ(quick, plain);
+        }
+    }
 }
 
 }  // namespace

@@ -197,6 +197,28 @@ TEST(ParticleSimulation, UpsamplingStaysOnTheSurfaceAndIsEven) {
     EXPECT_GT(spacing.smallest, 0.85);
 }
 
+TEST(ParticleSimulation, UpsamplingInTwoStagesIsEven) {
+    const auto result = particle_simulation(test::sphere(2000), {.target_size = 30'000});
+    ASSERT_EQ(result.size(), 30'000U);
+    const Spacing spacing = spacing_of(result.positions);
+    EXPECT_LT(spacing.variation, 0.06);
+    EXPECT_GT(spacing.smallest, 0.8);
+}
+
+TEST(ParticleSimulation, UpsamplesWhatIsNoSurface) {
+    for (const PointCloud& cloud : {test::cube(1000), test::line(1000)}) {
+        const Aabb box = bounds(cloud);
+        const auto result = particle_simulation(cloud, {.target_size = 9000});
+        ASSERT_EQ(result.size(), 9000U);
+        for (const Vec3f& p : result.positions) {
+            for (int axis = 0; axis < 3; ++axis) {
+                EXPECT_GE(p[axis], box.min[axis] - 0.02);
+                EXPECT_LE(p[axis], box.max[axis] + 0.02);
+            }
+        }
+    }
+}
+
 TEST(ParticleSimulation, UpsamplingInterpolatesAttributes) {
     const PointCloud cloud = test::with_attributes(test::sphere(1500));
     const auto result = particle_simulation(cloud, {.target_size = 5000});

@@ -64,9 +64,8 @@ public:
     /// Psi(P, r) for a finite r. For any thread.
     MlsProjection project(const Vec3d& r) const;
 
-    /// All of them, in parallel; 56 bytes each. About 2.5 us each for k = 20 and a degree up to 2,
-    /// half of it for the search; quicker than one by one where points that follow each other are
-    /// near.
+    /// All of them, in parallel; 56 bytes each. About 1 us each for k = 20 and a degree up to 2, a
+    /// third of it for the search; quickest where points that follow each other are near.
     std::vector<MlsProjection> project(std::span<const Vec3f> points,
                                        const RunContext& context = {}) const;
 

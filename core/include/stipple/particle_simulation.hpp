@@ -45,7 +45,8 @@ struct ParticleSimulationOptions {
                              ///< may lead to, >= 1
     std::vector<DensityRegion> regions{};  ///< where several overlap, their densities multiply
     unsigned max_iterations = 40;  ///< >= 1, of each stage: to rest, until none are too close, and
-                                   ///< (half as many) that again on the final surface
+                                   ///< (a quarter as many, up to four times) that again on the
+                                   ///< final surface
     double tolerance = 0.01;  ///< particles are at rest when their mean step, over their spacing,
                               ///< is shorter; above 0, below 1
     std::map<std::string, Reduction>
@@ -55,16 +56,17 @@ struct ParticleSimulationOptions {
 
 /// Particle simulation (§3.3): particles are spread over the surface by its sampling density, repel
 /// each other (Eq. 7, 8) on its tangent planes until they lie evenly, and are projected onto its
-/// moving least squares surface (`MlsSurface`, degree 2).
+/// moving least squares surface (`MlsSurface`, degree 2), within the box of the cloud but for
+/// a twentieth of the radius of 16 neighbours.
 ///
 /// The result has exactly N points for every N, on the surface between and beside the input points:
 /// nearest neighbours are about equally far apart (deviation over mean about 0.03, smallest over
 /// mean about 0.9 for a uniform simulation of a scanned surface), however unevenly the input lies;
 /// pairs stay closer where particles have no way to go: on stray points and in foliage. Upsampling
-/// (N above the input's size) does the same. Attributes are taken from the nearest input points by
-/// their policy (`Reduction`): averaged over as many as there are to a particle, up to 16, or, for
-/// more than a quarter of the input's size, interpolated between the four nearest. The order of the
-/// points follows a space-filling curve.
+/// (N above the input's size) does the same, coarse to fine (§5.1). Attributes are taken from the
+/// nearest input points by their policy (`Reduction`): averaged over as many as there are to a
+/// particle, up to 16, or, for more than a quarter of the input's size, interpolated between the
+/// four nearest. The order of the points follows a space-filling curve.
 ///
 /// Upsampling a cloud of a few points is defined but says little: all particles of coincident
 /// points coincide; those of two points, or of collinear ones, lie on the line; those of three lie
