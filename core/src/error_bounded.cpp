@@ -77,8 +77,12 @@ public:
         const ProbedSurface other(into_frame(candidate.positions), quietly_);
         Probes forward = surface_.measure(everywhere_, other, quietly_);
         surface_.search_around(forward, other, kSuspicious * bound_ * scale_, quietly_);
-        Probes backward =
-            other.measure(other.random_places(dense_samples(), quietly_), surface_, quietly_);
+        std::vector<Vec3f> places = other.random_places(dense_samples(), quietly_);
+        for (std::uint64_t pass = 0; pass < kPasses; ++pass) {
+            const auto beside = other.places_around(other.points(), 1, 100 + pass, quietly_);
+            places.insert(places.end(), beside.begin(), beside.end());
+        }
+        Probes backward = other.measure(std::move(places), surface_, quietly_);
         other.search_around(backward, surface_, kSuspicious * bound_ * scale_, quietly_);
         return found(forward, backward);
     }
@@ -114,7 +118,8 @@ public:
 
 private:
     static constexpr std::uint64_t kGlance = 20'000;
-    static constexpr double kSuspicious = 0.5;  // of the bound: worth a closer look
+    static constexpr std::uint64_t kPasses = 3;  // around the points of a candidate
+    static constexpr double kSuspicious = 0.5;   // of the bound: worth a closer look
 
     std::uint64_t dense_samples() const {
         return std::max(cloud_.size(), std::min(10 * cloud_.size(), kManySamples));

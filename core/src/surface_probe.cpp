@@ -17,11 +17,14 @@ constexpr std::size_t kTriesAround = 8;    // of each
 constexpr unsigned kRounds = 3;
 
 /// A random place in the ball of radius 1.
-Vec3f in_ball(std::uint64_t i) {
+Vec3f in_ball(std::uint64_t seed, std::uint64_t i) {
     for (std::uint64_t attempt = 0;; ++attempt) {
         Vec3f v;
         for (unsigned axis = 0; axis < 3; ++axis)
-            v[axis] = static_cast<float>(random_bits(16 * attempt + axis, i) >> 40U) * 0x1p-23F - 1;
+            v[axis] =
+                static_cast<float>(random_bits(3 * attempt + axis + (seed << 32U), i) >> 40U) *
+                    0x1p-23F -
+                1;
         if (v.squaredNorm() <= 1) return v;
     }
 }
@@ -80,6 +83,33 @@ Probes ProbedSurface::measure(std::vector<Vec3f> places, const ProbedSurface& ot
     return probes;
 }
 
+std::vector<Vec3f> ProbedSurface::places_around(std::span<const Vec3f> centers, float reach,
+                                                std::uint64_t seed,
+                                                const RunContext& context) const {
+    std::vector<float> scales(centers.size());
+    finder_.find(
+        centers, [&](std::size_t i, const Foot& foot) { scales[i] = static_cast<float>(foot.h); },
+        context);
+    std::vector<Vec3f> around(kTriesAround * centers.size());
+    for (std::size_t i = 0; i < around.size(); ++i) {
+        const std::size_t c = i / kTriesAround;
+        around[i] = centers[c] + reach * scales[c] * in_ball(seed, i);
+    }
+    std::vector<std::uint8_t> on_surface(around.size(), 0);
+    std::vector<Vec3f> feet(around.size());
+    finder_.find(
+        around,
+        [&](std::size_t i, const Foot& foot) {
+            on_surface[i] = foot.converged && !foot.beyond ? 1 : 0;
+            feet[i] = foot.point.cast<float>();
+        },
+        context);
+    std::vector<Vec3f> places;
+    for (std::size_t i = 0; i < feet.size(); ++i)
+        if (on_surface[i] != 0) places.push_back(feet[i]);
+    return places;
+}
+
 void ProbedSurface::search_around(Probes& probes, const ProbedSurface& other, double distance,
                                   const RunContext& context) const {
     float reach = 1;  // of the scale of the weights
@@ -88,29 +118,7 @@ void ProbedSurface::search_around(Probes& probes, const ProbedSurface& other, do
         if (worst.empty()) return;
         std::vector<Vec3f> centers(worst.size());
         for (std::size_t i = 0; i < worst.size(); ++i) centers[i] = probes.places[worst[i]];
-        std::vector<float> scales(worst.size());
-        finder_.find(
-            centers,
-            [&](std::size_t i, const Foot& foot) { scales[i] = static_cast<float>(foot.h); },
-            context);
-        std::vector<Vec3f> around(kTriesAround * worst.size());
-        for (std::size_t i = 0; i < around.size(); ++i) {
-            const std::size_t c = i / kTriesAround;
-            around[i] = centers[c] + reach * scales[c] * in_ball(around.size() * round + i);
-        }
-        std::vector<std::uint8_t> on_surface(around.size(), 0);
-        std::vector<Vec3f> feet(around.size());
-        finder_.find(
-            around,
-            [&](std::size_t i, const Foot& foot) {
-                on_surface[i] = foot.converged && !foot.beyond ? 1 : 0;
-                feet[i] = foot.point.cast<float>();
-            },
-            context);
-        std::vector<Vec3f> places;
-        for (std::size_t i = 0; i < feet.size(); ++i)
-            if (on_surface[i] != 0) places.push_back(feet[i]);
-        const Probes more = measure(std::move(places), other, context);
+        const Probes more = measure(places_around(centers, reach, round, context), other, context);
         probes.places.insert(probes.places.end(), more.places.begin(), more.places.end());
         probes.distances.insert(probes.distances.end(), more.distances.begin(),
                                 more.distances.end());

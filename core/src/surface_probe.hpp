@@ -37,6 +37,11 @@ public:
     /// So many random places.
     std::vector<Vec3f> random_places(std::uint64_t count, const RunContext& context) const;
 
+    /// Eight places of it around each of some: the feet of random ones within `reach` times the
+    /// scale of the weights there, also off the surface, so that a sheet beside it is found.
+    std::vector<Vec3f> places_around(std::span<const Vec3f> centers, float reach,
+                                     std::uint64_t seed, const RunContext& context) const;
+
     Probes measure(std::vector<Vec3f> places, const ProbedSurface& other,
                    const RunContext& context) const;
 
