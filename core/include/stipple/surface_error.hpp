@@ -125,7 +125,7 @@ private:
 
 /// The options of a measurement that takes a small part of the time that it took to make the
 /// candidate: distances at one of 400 points of the larger cloud, 400 to 2,000 of them. The mean is
-/// then within about 10 % of that from many samples; the maximum is what was met, which is less
+/// then within about 15 % of that from many samples; the maximum is what was met, which is less
 /// than there is.
 SurfaceErrorOptions quick_options(std::uint64_t reference_points, std::uint64_t candidate_points);
 
