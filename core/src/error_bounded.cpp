@@ -78,7 +78,9 @@ public:
         Probes forward = surface_.measure(everywhere_, other, quietly_);
         surface_.search_around(forward, other, kSuspicious * bound_ * scale_, quietly_);
         std::vector<Vec3f> places = other.random_places(dense_samples(), quietly_);
-        for (std::uint64_t pass = 0; pass < kPasses; ++pass) {
+        const std::uint64_t passes =
+            std::clamp<std::uint64_t>(kBeside / candidate.size(), kFewestPasses, kMostPasses);
+        for (std::uint64_t pass = 0; pass < passes; ++pass) {
             const auto beside = other.places_around(other.points(), 1, 100 + pass, quietly_);
             places.insert(places.end(), beside.begin(), beside.end());
         }
@@ -92,12 +94,16 @@ public:
     Finding measure(ErrorBoundedCloud& candidate) {
         const std::uint64_t dense = dense_samples();
         Finding worst;
-        for (const auto& [how, samples] : {std::pair(ErrorSampling::Surface, 4 * dense),
-                                           std::pair(ErrorSampling::Particles, dense)}) {
+        const auto surface = ErrorSampling::Surface;
+        for (const SurfaceErrorOptions& options :
+             {SurfaceErrorOptions{.sampling = surface, .samples = 4 * dense, .seed = 0},
+              SurfaceErrorOptions{.sampling = surface, .samples = 4 * dense, .seed = 1},
+              SurfaceErrorOptions{.sampling = surface, .samples = 4 * dense, .seed = 2},
+              SurfaceErrorOptions{.sampling = ErrorSampling::Particles, .samples = dense}}) {
             ++tries_;
-            const SurfaceErrorOptions options{
-                .sampling = how, .samples = samples, .keep_samples = true};
-            SurfaceError error = measure_error(cloud_, candidate.cloud, options, quietly_);
+            SurfaceErrorOptions kept = options;
+            kept.keep_samples = true;
+            SurfaceError error = measure_error(cloud_, candidate.cloud, kept, quietly_);
             Finding finding;
             finding.max = error.max() / bound_;
             for (const DirectedError* const direction : {&error.forward, &error.backward})
@@ -107,7 +113,7 @@ public:
             if (finding.max >= worst.max) {
                 worst = std::move(finding);
                 candidate.error = std::move(error);
-                candidate.sampling = how;
+                candidate.sampling = options.sampling;
             }
             if (worst.max > 1) break;
         }
@@ -118,8 +124,9 @@ public:
 
 private:
     static constexpr std::uint64_t kGlance = 20'000;
-    static constexpr std::uint64_t kPasses = 3;  // around the points of a candidate
-    static constexpr double kSuspicious = 0.5;   // of the bound: worth a closer look
+    // How often the surroundings of all points of a candidate are looked at, and of about how many.
+    static constexpr std::uint64_t kFewestPasses = 2, kMostPasses = 16, kBeside = 65'536;
+    static constexpr double kSuspicious = 0.5;  // of the bound: worth a closer look
 
     std::uint64_t dense_samples() const {
         return std::max(cloud_.size(), std::min(10 * cloud_.size(), kManySamples));

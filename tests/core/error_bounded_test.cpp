@@ -63,14 +63,14 @@ class ErrorBounded : public testing::TestWithParam<Method> {};
 
 TEST_P(ErrorBounded, HoldsWhenMeasuredAgainWithFewPoints) {
     const PointCloud cloud = bumpy_sphere(1'200);
-    const SimplifyOptions options = within(0.05, GetParam());
+    const SimplifyOptions options = within(0.03, GetParam());
     const ErrorBoundedCloud found = simplify_within_error(cloud, options);
     EXPECT_FALSE(found.whole);
-    EXPECT_EQ(found.bound, 0.05);
-    EXPECT_LE(found.error.max(), 0.05);
-    EXPECT_GT(found.error.max(), 0.005);
+    EXPECT_EQ(found.bound, 0.03);
+    EXPECT_LE(found.error.max(), 0.03);
+    EXPECT_GT(found.error.max(), 0.003);
     EXPECT_GT(found.tries, 2U);
-    EXPECT_LE(measured_again(cloud, found.cloud, ErrorSampling::Points), 0.05 * 1.02);
+    EXPECT_LE(measured_again(cloud, found.cloud, ErrorSampling::Points), 0.03 * 1.02);
     EXPECT_LE(static_cast<double>(found.cloud.size()),
               1.3 * static_cast<double>(fewest_of_all(cloud, options)));
 }

@@ -105,11 +105,17 @@ TEST(OpenApi, ListsExactlyTheFieldsOfEveryRequest) {
     for (const Method method : kMethods) {
         simplify.merge(fields_of("simplify",
                                  R"(,"points":9,"method":")" + std::string(to_string(method)) + '"',
-                                 {"ratio"}));
+                                 {"ratio", "max_error"}));
     }
     for (const proto::MethodField& field : proto::method_fields())
         simplify.insert(std::string(field.name));
     EXPECT_EQ(documented_fields("SimplifyRequest"), simplify);
+    std::set<std::string> curve = {"max_displacement"};
+    for (const Method method : kErrorBoundedMethods) {
+        curve.merge(fields_of("curve", R"(,"method":")" + std::string(to_string(method)) + '"',
+                              {"points"}));
+    }
+    EXPECT_EQ(documented_fields("CurveRequest"), curve);
     EXPECT_EQ(documented_fields("UpsampleRequest"),
               fields_of("upsample", R"(,"points":9)", {"ratio"}));
     EXPECT_EQ(documented_fields("AnalyzeRequest"),
