@@ -116,7 +116,11 @@ TEST(Tileset, NamesEveryTileOnceWithItsChildrenInsideAndNoLargerErrors) {
     std::size_t all = 0;
     for (const OutputCloud& level : results.levels) all += level.files.size();
     EXPECT_EQ(uris.size(), all);
-    EXPECT_NEAR(files.at("tileset.json")["geometricError"], std::sqrt(12.0), 0.2);
+    const json& box = root["boundingVolume"]["box"];
+    const Vec3d half(box[3], box[7], box[11]);
+    EXPECT_NEAR(files.at("tileset.json")["geometricError"], 2 * half.norm(), 1e-12);
+    EXPECT_GT(half.minCoeff(), 0.99);  // the unit sphere, and no more than a step around it
+    EXPECT_LT(half.maxCoeff(), 1.2);
 }
 
 TEST(Tileset, OfManyTilesGoesOnInFilesOfItsOwn) {
