@@ -69,17 +69,19 @@ void ParticleRelaxation::resize(std::size_t count) {
     found_at_.clear();
 }
 
-std::vector<ParticleRelaxation::Place> ParticleRelaxation::places_between() const {
+std::vector<ParticleRelaxation::Place> ParticleRelaxation::places_between(float least_room) const {
     std::vector<std::vector<Place>> blocks(neighborhoods_.size());
     const auto add = [&](Index i, Index j, std::vector<Place>& places) {
         const std::span<const Index> near = neighborhoods_[i / kBlock].of(i % kBlock);
         const Vec3f middle = 0.5F * (positions_[i] + positions_[j]);
         const float radius_sq = (positions_[i] - middle).squaredNorm();
+        const float room = 4 * std::sqrt(radius_sq) / (spacing(i) + spacing(j));
+        if (room < least_room) return;
         if (std::ranges::any_of(near, [&](Index other) {
                 return other != j && (positions_[other] - middle).squaredNorm() < radius_sq;
             }))
             return;
-        Place place = {4 * std::sqrt(radius_sq) / (spacing(i) + spacing(j)), i, j, {}, feet_[i]};
+        Place place = {room, i, j, {}, feet_[i]};
         place.position = surface_.project(positions_[i], middle, place.foot);
         constexpr float kAstraySq = 0.25F;  // across a hole, or a thin sheet
         if ((place.position - middle).squaredNorm() < kAstraySq * radius_sq)
@@ -140,7 +142,7 @@ void ParticleRelaxation::insert(std::vector<Place> places,
 
 bool ParticleRelaxation::split(std::size_t most) {
     find_neighbors();
-    std::vector<Place> places = places_between();
+    std::vector<Place> places = places_between(0);
     const std::size_t before = positions_.size(), wanted = most - before;
     if (2 * places.size() < std::min(before, wanted)) return false;
     keep_widest(places, wanted);
@@ -153,8 +155,7 @@ bool ParticleRelaxation::relocate(float radius) {
     constexpr float kRoomy = 1.3F;  // twice the distance to others at a place, over their spacing
     find_neighbors();
     std::vector<std::uint8_t> leaving(positions_.size());
-    std::vector<Place> places = places_between();
-    std::erase_if(places, [](const Place& p) { return p.room < kRoomy; });
+    std::vector<Place> places = places_between(kRoomy);
     std::size_t count = 0;
     for (std::size_t i = 0; i < positions_.size() && count < places.size(); ++i) {
         if (i % kBlock == 0) context_.throw_if_stopped();

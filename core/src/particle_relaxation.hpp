@@ -76,7 +76,7 @@ private:
         ParticleSurface::Foot foot;
     };
 
-    std::vector<Place> places_between() const;
+    std::vector<Place> places_between(float least_room) const;
     void insert(std::vector<Place> places, const std::vector<std::uint8_t>& leaving);
     void resize(std::size_t count);
     void look_up_spacing();

@@ -45,7 +45,7 @@ struct ParticleSimulationOptions {
                              ///< may lead to, >= 1
     std::vector<DensityRegion> regions{};  ///< where several overlap, their densities multiply
     unsigned max_iterations = 40;  ///< >= 1, of each stage: to rest, until none are too close, and
-                                   ///< (a quarter as many, up to four times) that again on the
+                                   ///< (a quarter as many, up to twice) that again on the
                                    ///< final surface
     double tolerance = 0.01;  ///< particles are at rest when their mean step, over their spacing,
                               ///< is shorter; above 0, below 1
