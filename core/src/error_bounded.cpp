@@ -23,6 +23,7 @@ namespace {
 constexpr double kMargin = 0.95;  // of the bound: what places are made finer for
 constexpr double kStep = 1.26;    // from a snapshot to the next: three of them double a count
 constexpr std::size_t kMostCounts = 64;
+constexpr std::uint64_t kFewPasses = 1, kManyPasses = 8;
 constexpr unsigned kMostRounds = 40;
 constexpr std::size_t kManySamples = 100'000;  // unless there are even more points
 
@@ -73,13 +74,12 @@ public:
     }
 
     /// From all points, random places, and what lies around the worst of them.
-    Finding search(const PointCloud& candidate) {
+    /// @param passes  how often also the surroundings of all points of the candidate.
+    Finding search(const PointCloud& candidate, std::uint64_t passes) {
         const ProbedSurface other(into_frame(candidate.positions), quietly_);
         Probes forward = surface_.measure(everywhere_, other, quietly_);
         surface_.search_around(forward, other, kSuspicious * bound_ * scale_, quietly_);
         std::vector<Vec3f> places = other.random_places(dense_samples(), quietly_);
-        const std::uint64_t passes =
-            std::clamp<std::uint64_t>(kBeside / candidate.size(), kFewestPasses, kMostPasses);
         for (std::uint64_t pass = 0; pass < passes; ++pass) {
             const auto beside = other.places_around(other.points(), 1, 100 + pass, quietly_);
             places.insert(places.end(), beside.begin(), beside.end());
@@ -124,8 +124,6 @@ public:
 
 private:
     static constexpr std::uint64_t kGlance = 20'000;
-    // How often the surroundings of all points of a candidate are looked at, and of about how many.
-    static constexpr std::uint64_t kFewestPasses = 2, kMostPasses = 16, kBeside = 65'536;
     static constexpr double kSuspicious = 0.5;  // of the bound: worth a closer look
 
     std::uint64_t dense_samples() const {
@@ -185,7 +183,8 @@ public:
             while (forest_.grade(cut, context_)) cut = forest_.cut(base);
             if (cut.empty() || 10 * cut.size() >= 9 * points()) return std::nullopt;
             ErrorBoundedCloud result{.cloud = forest_.cloud_of(cut)};
-            Judge::Finding finding = judge_.search(result.cloud);
+            Judge::Finding finding = judge_.search(result.cloud, kFewPasses);
+            if (finding.places.empty()) finding = judge_.search(result.cloud, kManyPasses);
             if (finding.places.empty()) {
                 finding = judge_.measure(result);
                 if (finding.max <= 1) return result;
@@ -283,7 +282,7 @@ public:
             const auto count = static_cast<std::uint64_t>(std::llround(next));
             if (count <= 1 || count >= cloud_.size()) break;
             ErrorBoundedCloud made = make(count);
-            double error = judge_.search(made.cloud).max;  // over the bound
+            double error = judge_.search(made.cloud, kFewPasses).max;  // over the bound
             bool holds = error <= kMargin;
             if (holds) {
                 error = judge_.measure(made).max;

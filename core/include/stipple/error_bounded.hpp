@@ -42,10 +42,10 @@ struct ErrorBoundedCloud {
 /// all of the cloud at once, between one that is too coarse and one that is not.
 ///
 /// The search looks at all points, at as many random places (ten for each of few points) and
-/// closely around the worst of them, on both surfaces. Then the result is measured anew: at random
-/// places, four times as many, and at particles at rest (`ErrorSampling`); both must hold. A
-/// maximum over samples is below that over all of a surface: another measurement may find a little
-/// more, which the last 5 % are for.
+/// closely around the worst of them, on both surfaces. Then the result is measured anew: three
+/// times at random places, four times as many, and at particles at rest (`ErrorSampling`); all must
+/// hold. A maximum over samples is below that over all of a surface: another measurement may find a
+/// little more, which the last 5 % are for, and now and then a place that all of these have missed.
 ///
 /// Where no smaller cloud is within the bound the input itself comes back, with an error of 0. So
 /// it does where a point of the input is farther than the bound from the input's own surface: a
