@@ -62,6 +62,7 @@ public:
         std::vector<Vec3f> places;  ///< that are not safely within the bound
         double share = 0;           ///< of the places looked at
         double max = 0;             ///< over the bound
+        bool measured = false;      ///< as anyone would
     };
 
     /// From few samples, to learn where snapshots are too coarse.
@@ -71,6 +72,15 @@ public:
         const Probes backward =
             other.measure(other.random_places(kGlance, quietly_), surface_, quietly_);
         return found(forward, backward);
+    }
+
+    /// Whether a candidate is within the bound by every measure there is; its measurement then.
+    Finding judge(ErrorBoundedCloud& candidate) {
+        for (const std::uint64_t passes : {kFewPasses, kManyPasses}) {
+            Finding finding = search(candidate.cloud, passes);
+            if (!finding.places.empty()) return finding;
+        }
+        return measure(candidate);
     }
 
     /// From all points, random places, and what lies around the worst of them.
@@ -117,6 +127,7 @@ public:
             }
             if (worst.max > 1) break;
         }
+        worst.measured = true;
         return worst;
     }
 
@@ -183,12 +194,8 @@ public:
             while (forest_.grade(cut, context_)) cut = forest_.cut(base);
             if (cut.empty() || 10 * cut.size() >= 9 * points()) return std::nullopt;
             ErrorBoundedCloud result{.cloud = forest_.cloud_of(cut)};
-            Judge::Finding finding = judge_.search(result.cloud, kFewPasses);
-            if (finding.places.empty()) finding = judge_.search(result.cloud, kManyPasses);
-            if (finding.places.empty()) {
-                finding = judge_.measure(result);
-                if (finding.max <= 1) return result;
-            }
+            const Judge::Finding finding = judge_.judge(result);
+            if (finding.max <= 1 && finding.measured) return result;
             // Where all is as in the input, what is too far is the input from its own surface.
             constexpr unsigned kSteps = 2;
             if (!forest_.mark(cut, finding.places, kSteps, context_)) return std::nullopt;
@@ -251,6 +258,38 @@ private:
     std::size_t coarsest_ = 0, finest_ = 0;
 };
 
+/// A snapshot of fewer points than `size` that holds everywhere, if there is one: where the error
+/// is even, one count for all needs fewer points than a front with its grading.
+std::optional<ErrorBoundedCloud> fewer_everywhere(const PointCloud& cloud,
+                                                  const SimplifyOptions& options,
+                                                  std::uint64_t size, Judge& judge,
+                                                  const RunContext& context) {
+    constexpr double kCloser = 1.05;
+    constexpr unsigned kMostMisses = 3;  // the error does not fall evenly with the count
+    std::vector<std::uint64_t> counts;
+    for (double count = static_cast<double>(size) / kCloser;
+         count >= 1 && 2 * count > static_cast<double>(size); count /= kCloser) {
+        const auto rounded = static_cast<std::uint64_t>(count);
+        if (counts.empty() || rounded < counts.back()) counts.push_back(rounded);
+    }
+    std::optional<ErrorBoundedCloud> best;
+    unsigned misses = 0;
+    if (counts.empty()) return best;
+    make_snapshots(cloud, options, counts,
+                   [&](PointCloud&& snapshot) {
+                       if (misses == kMostMisses) return;
+                       ErrorBoundedCloud candidate{.cloud = std::move(snapshot)};
+                       const bool near = judge.look(candidate.cloud).places.empty();
+                       const Judge::Finding finding =
+                           near ? judge.judge(candidate) : Judge::Finding{};
+                       const bool holds = finding.measured && finding.max <= 1;
+                       misses = holds ? 0 : misses + 1;
+                       if (holds) best = std::move(candidate);
+                   },
+                   {.stop = context.stop, .progress = {}, .threads = context.threads});
+    return best;
+}
+
 ErrorBoundedCloud search_forest(const PointCloud& cloud, const SimplifyOptions& options,
                                 double bound, Judge& judge, const RunContext& context) {
     std::vector<PointCloud> levels;
@@ -261,6 +300,9 @@ ErrorBoundedCloud search_forest(const PointCloud& cloud, const SimplifyOptions& 
     levels.push_back(cloud);
     ForestSearch search(SnapshotForest(std::move(levels), context), judge, context);
     auto found = search.run();
+    const std::uint64_t size = found ? found->cloud.size() : cloud.size();
+    if (auto fewer = fewer_everywhere(cloud, options, size, judge, context))
+        return std::move(*fewer);
     if (!found) return whole(cloud, bound, judge.tries());
     return std::move(*found);
 }
