@@ -6,7 +6,7 @@ import { join } from 'node:path';
 const kTypes = { pyramid: 'PyramidRequest', simplify: 'SimplifyRequest', upsample: 'UpsampleRequest', analyze: 'AnalyzeRequest' };
 const kGiven = ['type', 'input', 'format', 'formats'];  // by the page itself
 
-/** @returns {{type, description, fields}[]} a field has `name`, `kind` (choice, integer, number, boolean, integers), `description`, limits and `default` */
+/** @returns {{type, description, fields}[]} a field has `name`, `kind` (choice, integer, number, quantity, boolean, integers), `description`, limits and `default` */
 export function jobForms(contract, modules) {
     const { parse } = createRequire(join(modules, 'package.json'))('yaml');
     const { schemas } = parse(readFileSync(contract, 'utf8')).components;
@@ -31,9 +31,12 @@ function fieldFrom(name, schema) {
     return { name, kind, description: description.replaceAll('`', '').trim(), choices, default: standard, minimum, maximum, exclusiveMinimum, exclusiveMaximum };
 }
 
-function kindOf({ enum: choices, type, items }) {
+function kindOf({ enum: choices, type, items, oneOf }) {
     if (choices) {
         return 'choice';
+    }
+    if (oneOf?.map((option) => option.type).join() === 'number,string') {
+        return 'quantity';
     }
     if (['integer', 'number', 'boolean'].includes(type)) {
         return type;

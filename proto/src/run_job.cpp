@@ -463,6 +463,7 @@ private:
         for (Candidate& candidate : candidates) {
             candidate.level.error->range = range;
             maps.push_back(colored_by_distance(candidate.samples, origin, range));
+            candidate.level.attributes = attributes_of(maps.back());
             candidate.samples = {};
             for (const CloudFormat format : job.output.formats) {
                 const LodLevel map{candidate.level.level, maps.back(), 0};

@@ -28,11 +28,16 @@ export const getJob = (id, signal) => getJson(`/v1/jobs/${id}`, signal);
 export const getManifest = (id, signal) => getJson(`/v1/jobs/${id}/results`, signal);
 
 /** @param fields  of the job beside its type and its input */
-export async function startJob(type, cloudId, fields) {
+export const startJob = (type, cloudId, fields) => postJob({ type, input: cloudId, ...fields });
+
+/** The distances of two clouds, by their hashes, as a coloured cloud. */
+export const startEvaluation = (reference, candidate) => postJob({ type: 'evaluate', reference, candidate, map: ['drc'] });
+
+async function postJob(job) {
     return readJson(await send('/v1/jobs', {
         method: 'POST',
         headers: { 'Content-Type': 'application/json' },
-        body: JSON.stringify({ type, input: cloudId, ...fields }),
+        body: JSON.stringify(job),
     }));
 }
 

@@ -2,12 +2,14 @@ import { byId, element } from './element.js';
 import * as format from './format.js';
 import { meanErrorOf } from './result_session.js';
 
-const kStages = { queued: 'Waiting', decode: 'Reading', clean: 'Cleaning', simplify: 'Simplifying', upsample: 'Adding points', analyze: 'Analysing', error: 'Measuring', encode: 'Encoding' };
+const kFormats = { drc: 'Draco', ply: 'PLY' };  // of whole levels; tiles are for other viewers
+const kStages = { queued: 'Waiting', decode: 'Reading', clean: 'Cleaning', simplify: 'Simplifying', upsample: 'Adding points', analyze: 'Analysing', evaluate: 'Measuring', encode: 'Encoding' };
 
 /** The card with the level slider and the figures. */
 export class Hud {
-    constructor({ onLevel, onError, onDismiss, onDownload }) {
+    constructor({ onLevel, onError, onDismiss, onDownload, onMap }) {
         this.onDownload = onDownload;
+        this.onMap = onMap;
         byId.level.oninput = () => onLevel(Number(byId.level.value) - 1);
         byId.dismiss.onclick = onDismiss;
         byId['error-bound'].oninput = () => onError(2 ** Number(byId['error-bound'].value));
@@ -28,6 +30,7 @@ export class Hud {
     }
 
     showJob(job) {
+        this.isOfInput = job.type !== 'evaluate';
         const isBusy = job.status === 'accepted' || job.status === 'running';
         byId.hud.classList.toggle('busy', isBusy);
         byId.progress.value = job.progress;
@@ -50,7 +53,7 @@ export class Hud {
         byId.bytes.textContent = format.bytes(loadedBytes);
         this.showErrors(levels, shown);
         if (shown) {
-            this.showFiles(shown);
+            this.showFiles(shown, levels);
             byId.level.value = shown.level + 1;
             byId.level.ariaValueText = `Level ${shown.level + 1}, ${format.points(shown.points)}`;
             byId.points.textContent = format.count(shown.points);
@@ -77,15 +80,14 @@ export class Hud {
         }
     }
 
-    showFiles({ files }) {
-        byId.files.replaceChildren(...files.map((file) => {
-            const button = element('button', {
-                className: 'quiet', textContent: { drc: 'Draco', ply: 'PLY' }[file.format] ?? file.format,
-                title: `Download, ${format.bytes(file.bytes)}`,
-            });
-            button.onclick = () => this.onDownload(file);
-            return button;
-        }));
+    /** What can be done with what is shown. */
+    showFiles({ files, error }) {
+        const action = (textContent, title, onclick) => element('button', { className: 'quiet', textContent, title, onclick });
+        const saved = files.filter(({ format: extension }) => extension in kFormats).map((file) =>
+            action(kFormats[file.format], `Save, ${format.bytes(file.bytes)}`, () => this.onDownload(file)));
+        const map = error && error.samples > 0 && this.isOfInput
+            ? [action('Error map', 'Measure and show where it is how far from the input', this.onMap)] : [];
+        byId.files.replaceChildren(...saved, ...map);
     }
 
     showActivity(text) {

@@ -89,6 +89,9 @@ function inputOf({ name, kind, choices, default: standard, minimum, maximum, exc
     if (kind === 'integers') {
         return element('input', { name, type: 'text', placeholder: '1000, 10000, …', pattern: ' *\\d+( *, *\\d+)* *', inputMode: 'numeric' });
     }
+    if (kind === 'quantity') {
+        return element('input', { name, type: 'text', placeholder: '0.05 or 0.1%', pattern: ' *[\\d.eE+\\-]+ *%? *' });
+    }
     return element('input', {
         name, type: 'number', step: kind === 'integer' ? '1' : 'any', placeholder: standard ?? '',
         min: minimum ?? exclusiveMinimum ?? '', max: maximum ?? '',
@@ -102,5 +105,11 @@ function valueOf({ kind, default: standard }, input) {
     if (input.value.trim() === '' || input.value === standard) {
         return undefined;
     }
-    return { choice: (text) => text, integers: (text) => text.split(',').map(Number) }[kind]?.(input.value) ?? Number(input.value);
+    const text = input.value.replaceAll(' ', '');
+    switch (kind) {
+        case 'choice': return text;
+        case 'integers': return text.split(',').map(Number);
+        case 'quantity': return text.endsWith('%') ? text : Number(text);
+        default: return Number(text);
+    }
 }

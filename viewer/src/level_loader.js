@@ -62,7 +62,10 @@ export class LevelLoader {
             .then(async (buffer) => {
                 await before;
                 this.loadedBytes += buffer.byteLength;
-                level.geometry = await prepare(await decodeLevel(buffer), level.spacing);
+                const geometry = await decodeLevel(buffer);
+                // An error map has other points than the candidate that its entry tells of.
+                level.spacing *= Math.sqrt(level.points / geometry.getAttribute('position').count);
+                level.geometry = await prepare(geometry, level.spacing);
                 level.isColored = level.geometry.hasAttribute('color');
                 level.state = 'ready';
                 if (this.signal.aborted) {

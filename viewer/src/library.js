@@ -13,7 +13,9 @@ export class Library {
     }
 
     async refresh() {
-        [this.clouds, this.jobs] = await Promise.all([listClouds(), listJobs()]);
+        const [clouds, jobs] = await Promise.all([listClouds(), listJobs()]);
+        this.clouds = clouds;
+        this.jobs = jobs.filter(hasPicture);
         this.show();
     }
 
@@ -24,7 +26,7 @@ export class Library {
 
     /** The newest pyramid of a cloud that is there or on its way. */
     pyramidOf(cloudId) {
-        return this.jobs.find((job) => job.type === 'pyramid' && job.request.input === cloudId &&
+        return this.jobs.find((job) => job.type === 'pyramid' && inputOf(job) === cloudId &&
             !['failed', 'dismissed'].includes(job.status));
     }
 
@@ -36,8 +38,8 @@ export class Library {
     }
 
     resultRow(job) {
-        const cloud = this.clouds.find(({ id }) => id === job.request.input);
-        const row = this.row(nameOf(job.request.input), resultNote(job, cloud), job.status === 'failed');
+        const cloud = this.clouds.find(({ id }) => id === inputOf(job));
+        const row = this.row(nameOf(inputOf(job)), resultNote(job, cloud), job.status === 'failed');
         row.ariaCurrent = String(job.id === this.current);
         row.dataset.result = job.id;
         row.onclick = () => this.onResult(job);
@@ -71,12 +73,19 @@ function resultNote(job, cloud) {
     }
 }
 
+/** The cloud that a job is about. */
+export const inputOf = ({ request }) => request.input ?? request.reference;
+
+/** Figures alone cannot be shown here. */
+const hasPicture = ({ type, request }) => type !== 'curve' && (type !== 'evaluate' || request.map.includes('drc'));
+
 /** What kind of result it is, in a few words. */
 export function summaryOf({ type, request, levels_ready: levels }, cloud) {
     switch (type) {
-        case 'simplify': return `${request.points ? format.compactPoints(request.points) : 'Simplified'}, ${request.method}`;
+        case 'simplify': return `${request.points ? format.compactPoints(request.points) : request.max_error ? `Within ${request.max_error}` : 'Simplified'}, ${request.method}`;
         case 'upsample': return request.points ? format.compactPoints(request.points) : 'More points';
         case 'analyze': return 'Analysis';
+        case 'evaluate': return 'Error map';
         case 'pyramid': {
             const count = `${levels} ${levels === 1 ? 'level' : 'levels'}`;
             return cloud?.points === undefined ? count : `${format.compactPoints(cloud.points)}, ${count}`;

@@ -2,6 +2,7 @@ import { byId, element } from './element.js';
 import * as format from './format.js';
 import { kGradient } from './coloring.js';
 
+const kDistance = 'distance';  // the attribute of an error map
 const kAlways = [['clay', 'Clay'], ['normal', 'Normals'], ['x', 'Position, x'], ['y', 'Position, y'], ['z', 'Position, z']];
 
 /** The card that says how the cloud is drawn: what its colours stand for, how large splats are, how dark its hollows. */
@@ -31,7 +32,8 @@ export class LookCard {
 
     /** What the colours of a level stand for now. */
     colorOf(level) {
-        return this.choices(level).some(([value]) => value === this.by) ? this.by : this.choices(level)[0][0];
+        const choices = this.choices(level).map(([value]) => value);
+        return [this.by, kDistance].find((by) => choices.includes(by)) ?? choices[0];
     }
 
     choices(level) {

@@ -1,4 +1,4 @@
-import { dismissJob, getBytes, isFinal, startJob } from './api.js';
+import { dismissJob, getBytes, isFinal, startEvaluation, startJob } from './api.js';
 import { nameOf, remember } from './cloud_names.js';
 import { colorize } from './coloring.js';
 import { Comparison } from './comparison.js';
@@ -6,7 +6,7 @@ import { byId, element } from './element.js';
 import * as format from './format.js';
 import { Hud } from './hud.js';
 import { JobForm } from './job_form.js';
-import { Library, summaryOf } from './library.js';
+import { inputOf, Library, summaryOf } from './library.js';
 import { LookCard } from './look_card.js';
 import { showProblem } from './notices.js';
 import { ResultSession } from './result_session.js';
@@ -27,6 +27,7 @@ const hud = new Hud({
     onError: (bound) => session?.chooseByError(bound),
     onDismiss: () => dismissJob(session.id).catch(showProblem),
     onDownload: (file) => download(file).catch(showProblem),
+    onMap: mapErrors,
 });
 const look = new LookCard({
     onColor: () => [session, other].forEach((shown) => shown?.shown && shown.redress()),
@@ -56,8 +57,8 @@ function open({ id, type }, { remembered = false } = {}) {
     session = new ResultSession(id, stage.panes[0], {
         dress,
         onJob: (job) => {
-            byId.title.textContent = nameOf(job.request.input);
-            document.title = `${nameOf(job.request.input)} – stipple`;
+            byId.title.textContent = nameOf(inputOf(job));
+            document.title = `${nameOf(inputOf(job))} – stipple`;
             hud.showJob(job);
             if (job.status === 'failed') {
                 showProblem(new Error(job.problem?.detail ?? 'the server gave no reason'), job.problem?.title);
@@ -150,7 +151,7 @@ function showComparison() {
     const others = library.jobs.filter(({ id, status }) => status === 'successful' && id !== session.id);
     comparison.showChoices([
         { label: 'The same result', choices: levels.map(({ level, points }) => ({ value: `level:${level}`, text: `Level ${level + 1}, ${format.compactPoints(points)}` })) },
-        { label: 'Another result', choices: others.map((job) => ({ value: `result:${job.id}`, text: `${nameOf(job.request.input)}: ${summaryOf(job)}` })) },
+        { label: 'Another result', choices: others.map((job) => ({ value: `result:${job.id}`, text: `${nameOf(inputOf(job))}: ${summaryOf(job)}` })) },
     ], other ? `result:${other.id}` : `level:${right?.level}`);
 }
 
@@ -172,6 +173,15 @@ async function start(type, cloudId, fields) {
         open(await startJob(type, cloudId, type === 'pyramid' ? fields : { format: 'drc', ...fields }));
     } catch (error) {
         showProblem(error, 'The job could not be started');
+    }
+}
+
+/** Where the surface that is shown is how far from that of the input. */
+async function mapErrors() {
+    try {
+        open(await startEvaluation(inputOf(session.job), session.shown.file.sha256));
+    } catch (error) {
+        showProblem(error, 'The error could not be measured');
     }
 }
 
