@@ -24,7 +24,7 @@ target_compile_options(stipple_warnings INTERFACE -Wall -Wextra -Wpedantic -Wsha
 
 # stipple_precompile(TARGET headers...): where it is asked for, these and the standard headers that nearly every source has.
 function(stipple_precompile target)
-    if(STIPPLE_PRECOMPILE STREQUAL all OR (STIPPLE_PRECOMPILE STREQUAL tests AND target MATCHES "_tests$"))
+    if(STIPPLE_PRECOMPILE)
         target_precompile_headers(${target} PRIVATE ${ARGN} <algorithm> <array> <cmath> <cstdint> <functional> <memory>
                                   <numeric> <optional> <span> <string> <string_view> <utility> <variant> <vector>)
     endif()
