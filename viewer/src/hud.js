@@ -22,6 +22,7 @@ export class Hud {
         byId.dismiss.hidden = true;
         byId.hud.classList.remove('busy');
         byId.files.replaceChildren();
+        this.actionsOf = null;
         byId['error-figure'].hidden = true;
         byId['error-slider'].hidden = true;
         for (const id of ['activity', 'points', 'level-name', 'bytes', 'first-picture']) {
@@ -53,7 +54,7 @@ export class Hud {
         byId.bytes.textContent = format.bytes(loadedBytes);
         this.showErrors(levels, shown);
         if (shown) {
-            this.showFiles(shown, levels);
+            this.showFiles(shown);
             byId.level.value = shown.level + 1;
             byId.level.ariaValueText = `Level ${shown.level + 1}, ${format.points(shown.points)}`;
             byId.points.textContent = format.count(shown.points);
@@ -80,8 +81,13 @@ export class Hud {
         }
     }
 
-    /** What can be done with what is shown. */
-    showFiles({ files, error }) {
+    /** What can be done with what is shown. Made anew for another level alone: a button that is replaced loses its click. */
+    showFiles(level) {
+        if (level === this.actionsOf) {
+            return;
+        }
+        this.actionsOf = level;
+        const { files, error } = level;
         const action = (textContent, title, onclick) => element('button', { className: 'quiet', textContent, title, onclick });
         const saved = files.filter(({ format: extension }) => extension in kFormats).map((file) =>
             action(kFormats[file.format], `Save, ${format.bytes(file.bytes)}`, () => this.onDownload(file)));
