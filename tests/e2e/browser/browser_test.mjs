@@ -159,7 +159,7 @@ const tests = {
         await page.context().close();
     },
 
-    async 'A form made from the contract starts a job, whose result is shown and can be saved'() {
+    async 'A form made from the contract starts a job, whose result is shown, saved and measured'() {
         const page = await browser.open(`/?pyramid=${torusPyramid}`);
         await settledPyramid(page);
         await page.getByRole('button', { name: 'Process' }).last().click();
@@ -172,6 +172,10 @@ const tests = {
         await shows(page, 1234);
         const [download] = await Promise.all([page.waitForEvent('download'), page.locator('#files').getByText('Draco').click()]);
         assert.match(download.suggestedFilename(), /-1234\.drc$/);
+        await page.locator('#files').getByText('Error map').click();
+        await page.waitForFunction(() => document.getElementById('color').value === 'distance');
+        await rest(page);
+        await page.screenshot({ path: join(options.artifacts, 'viewer-error-map.png') });
         await page.context().close();
     },
 
