@@ -184,7 +184,7 @@ std::unique_ptr<Sheet> variation(const Studio& studio, const PictureOptions&) {
         tiles.push_back(
             {studio.values(cloud, values, kHigh), "n = " + std::to_string(k) + " neighbours"});
     }
-    const Legend legend{.title = "surface variation σₙ", .low = 0, .high = kHigh, .decimals = 2};
+    const Legend legend{.title = "surface variation σₙ", .low = 0, .high = kHigh};
     return tiled(tiles, 4, &legend);
 }
 
@@ -290,7 +290,7 @@ int run(const std::vector<std::string>& arguments) {
         for (const auto& [name, draw] : all_pictures()) {
             if (name.find(options.filter) == std::string::npos) continue;
             const auto file = options.out / (name + '.' + options.format);
-            draw(studio, options)->save(file);
+            save(*draw(studio, options), file);
             std::cout << file.string() << std::endl;
         }
         return 0;

@@ -141,6 +141,28 @@ void Sheet::legend(const Legend& legend, double x, double y, double width) {
     text(legend.title, x + 0.5 * width, baseline + kSize + 6, kSize, Align::Center);
 }
 
+Image Sheet::image() const {
+    cairo_surface_t* const pixels = surface_->pixels;
+    cairo_surface_flush(pixels);
+    Image image{static_cast<unsigned>(cairo_image_surface_get_width(pixels)),
+                static_cast<unsigned>(cairo_image_surface_get_height(pixels)),
+                {}};
+    image.pixels.reserve(std::size_t{image.width} * image.height);
+    const unsigned char* rows = cairo_image_surface_get_data(pixels);
+    const int stride = cairo_image_surface_get_stride(pixels);
+    for (unsigned row = 0; row < image.height; ++row) {
+        const auto* in =
+            reinterpret_cast<const std::uint32_t*>(rows + static_cast<int>(row) * stride);
+        for (unsigned column = 0; column < image.width; ++column) {
+            const std::uint32_t p = in[column];
+            image.pixels.push_back({static_cast<std::uint8_t>(p >> 16U),
+                                    static_cast<std::uint8_t>(p >> 8U),
+                                    static_cast<std::uint8_t>(p), 255});
+        }
+    }
+    return image;
+}
+
 std::vector<std::byte> Sheet::png() const {
     std::vector<std::byte> bytes;
     cairo_surface_flush(surface_->pixels);

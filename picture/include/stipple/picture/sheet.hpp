@@ -35,6 +35,8 @@ public:
     /// A bar of `width` with its ends and quarters marked, and its title below: 50 pixels in all.
     void legend(const Legend& legend, double x, double y, double width);
 
+    /// What is on it so far.
+    Image image() const;
     /// The sheet as a PNG file.
     std::vector<std::byte> png() const;
 
