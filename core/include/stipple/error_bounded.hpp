@@ -38,8 +38,9 @@ struct ErrorBoundedCloud {
 /// to place: so places are taken from the coarsest snapshot that is within 95 % of the bound there,
 /// with their neighbours, and from no snapshots far apart beside each other; what is still too far
 /// is made finer, until nothing is. Such a cloud mostly has far fewer points than the smallest
-/// snapshot that is within the bound everywhere. Particles are kept even: the count is found for
-/// all of the cloud at once, between one that is too coarse and one that is not.
+/// snapshot that is within the bound everywhere; where it has more, that snapshot is taken.
+/// Particles are kept even: the count is found for all of the cloud at once, between one that is
+/// too coarse and one that is not.
 ///
 /// The search looks at all points, at as many random places (ten for each of few points) and
 /// closely around the worst of them, on both surfaces. Then the result is measured anew: three
@@ -53,7 +54,7 @@ struct ErrorBoundedCloud {
 ///
 /// @throws Error(InvalidArgument) for a bound that is not finite and positive, a method that is not
 /// one of `kErrorBoundedMethods`, other options out of range, or a cloud without points.
-/// Time: one run of the method at half the points and 20 to 40 measurements. Memory: that of the
+/// Time: two runs of the method and some tens of measurements (`tries`). Memory: that of the
 /// method, and about three clouds.
 ErrorBoundedCloud simplify_within_error(const PointCloud& cloud, const SimplifyOptions& options,
                                         const RunContext& context = {});
