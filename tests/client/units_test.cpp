@@ -35,6 +35,12 @@ TEST(Units, ShowTimesAsPeopleSayThem) {
     EXPECT_EQ(readable_seconds(7500), "2 h 5 min");
 }
 
+TEST(Units, ShowMeasuredValuesWithThreeDigits) {
+    EXPECT_EQ(three_digits(0), "0");
+    EXPECT_EQ(three_digits(0.0123456), "0.0123");
+    EXPECT_EQ(three_digits(15'432), "1.54e+04");
+}
+
 TEST(Units, ShowSharesWithoutFalsePrecision) {
     EXPECT_EQ(readable_share(5000, 435'545), "1.1 %");
     EXPECT_EQ(readable_share(1, 4), "25 %");

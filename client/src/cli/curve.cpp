@@ -16,20 +16,18 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::ordered_json;
 
-ordered_json distances_json(const proto::CurveDistances& distances) {
-    return {{"max", distances.max}, {"mean", distances.mean}, {"rms", distances.rms}};
-}
-
 ordered_json figures(const CurveCommand& command, const proto::Results& results) {
     ordered_json json;
     json["input"] = input_json(command.input, *results.source);
     json["method"] = to_string(*proto::method_of(results.request));
     json["diagonal"] = results.levels.front().curve->diagonal;
     json["curve"] = ordered_json::array();
-    for (const proto::OutputCloud& level : results.levels)
-        json["curve"].push_back({{"points", level.points},
-                                 {"forward", distances_json(level.curve->forward)},
-                                 {"backward", distances_json(level.curve->backward)}});
+    for (const proto::OutputCloud& level : results.levels) {
+        ordered_json point = {{"points", level.points}};
+        point.update(ordered_json::parse(proto::to_json(*level.curve)));
+        point.erase("diagonal");  // the same of all: it stands once
+        json["curve"].push_back(std::move(point));
+    }
     if (results.cost) add_cost(json, *results.cost);
     return json;
 }

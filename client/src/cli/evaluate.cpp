@@ -72,13 +72,13 @@ void print(const proto::OutputCloud& cloud, const TextStyle& style) {
               with_separators(backward.samples));
     for (std::size_t i = 0; i < forward.attributes.size() && i < backward.attributes.size(); ++i) {
         const auto mean = [](const AttributeError& a) {
-            return short_number(a.mean) + ", at most " + short_number(a.max);
+            return three_digits(a.mean) + ", at most " + three_digits(a.max);
         };
         print_row(style, forward.attributes[i].name, mean(forward.attributes[i]),
                   mean(backward.attributes[i]));
     }
     std::cerr << style.dim("input units, and percent of the diagonal, " +
-                           short_number(error.diagonal))
+                           three_digits(error.diagonal))
               << '\n';
 }
 
@@ -112,7 +112,7 @@ void print_table(const EvaluateCommand& command, const proto::Results& results,
     std::cerr << style.dim(
                      "mean and rms from the reference to the candidate, max of both ways; "
                      "input units, and percent of the diagonal, " +
-                     short_number(results.levels.front().error->error.diagonal))
+                     three_digits(results.levels.front().error->error.diagonal))
               << '\n';
 }
 

@@ -36,7 +36,7 @@ ordered_json figures(const FileCommand<Job>& command, const proto::Results& resu
                       {"sha256", file.sha256},
                       {"spacing", cloud.spacing},
                       {"bounds", bounds_json(cloud.bounds)}};
-    if (cloud.bound) json["bound"] = bound_json(*cloud.bound);
+    if (cloud.bound) json["bound"] = ordered_json::parse(proto::to_json(*cloud.bound));
     if (const auto method = proto::method_of(results.request)) json["method"] = to_string(*method);
     if (cloud.error) json["error"] = ordered_json::parse(proto::to_json(*cloud.error));
     if (results.cost) add_cost(json, *results.cost);

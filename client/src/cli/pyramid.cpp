@@ -70,7 +70,7 @@ void list_levels(const proto::Results& results) {
             std::cerr << right(readable_bytes(sum), 11) << ' ' << to_string(format);
         if (level.error)
             std::cerr << "   error " << distance_text(level.error->error.mean(), level.error->error)
-                      << ", at most " << short_number(level.error->error.max());
+                      << ", at most " << three_digits(level.error->error.max());
         std::cerr << '\n';
     }
 }

@@ -5,8 +5,6 @@
 #include "stipple/proto/digest.hpp"
 
 #include <algorithm>
-#include <array>
-#include <cstdio>
 #include <fstream>
 #include <iostream>
 
@@ -53,18 +51,13 @@ std::string losses_line(const proto::CloudStatistics& source, const TextStyle& s
 }
 
 std::string bound_line(const proto::MeasuredBound& bound, const TextStyle& style) {
-    const auto length = [](double value) {
-        std::array<char, 32> text{};
-        std::snprintf(text.data(), text.size(), "%.3g", value);
-        return std::string(text.data());
-    };
     if (bound.whole)
-        return "no smaller cloud was found within " + length(bound.max_error) +
+        return "no smaller cloud was found within " + three_digits(bound.max_error) +
                ": the result is the input, its error 0";
     const std::string dot = " " + std::string(style.dot()) + " ";
-    return "largest distance " + length(std::max(bound.forward, bound.backward)) + " of " +
-           length(bound.max_error) + " allowed" + dot + "forward " + length(bound.forward) +
-           ", backward " + length(bound.backward) + ", " +
+    return "largest distance " + three_digits(std::max(bound.forward, bound.backward)) + " of " +
+           three_digits(bound.max_error) + " allowed" + dot + "forward " + three_digits(bound.forward) +
+           ", backward " + three_digits(bound.backward) + ", " +
            counted(bound.samples, "sample", "samples") + " (" + bound.sampling + ")" + dot +
            counted(bound.tries, "try", "tries");
 }
@@ -107,14 +100,8 @@ void add_cost(ordered_json& figures, const proto::JobCost& cost) {
     figures["peak_memory_bytes"] = cost.peak_memory_bytes;
 }
 
-std::string short_number(double value) {
-    std::array<char, 64> text{};
-    std::snprintf(text.data(), text.size(), "%.3g", value);
-    return text.data();
-}
-
 std::string distance_text(double distance, const SurfaceError& error) {
-    return short_number(distance) + " (" + short_number(100 * proto::relative(distance, error)) +
+    return three_digits(distance) + " (" + three_digits(100 * proto::relative(distance, error)) +
            " %)";
 }
 
@@ -124,13 +111,6 @@ std::string error_line(const proto::ErrorFigures& figures, const TextStyle& styl
     return "error: mean " + distance_text(error.mean(), error) + dot + "max " +
            distance_text(error.max(), error) + " of the diagonal, at " +
            counted(error.forward.samples, "sample", "samples");
-}
-
-ordered_json bound_json(const proto::MeasuredBound& bound) {
-    return {{"max_error", bound.max_error}, {"forward", bound.forward},
-            {"backward", bound.backward},   {"samples", bound.samples},
-            {"sampling", bound.sampling},   {"tries", bound.tries},
-            {"whole", bound.whole}};
 }
 
 ordered_json bounds_json(const Aabb& box) {

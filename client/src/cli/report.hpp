@@ -24,8 +24,6 @@ std::string summary_line(const Summary& summary, const TextStyle& style);
 /// empty when neither.
 std::string losses_line(const proto::CloudStatistics& source, const TextStyle& style);
 
-/// `0.0123`: three digits.
-std::string short_number(double value);
 /// `0.0123 (0.012 %)`: input units, and percent of the diagonal of the reference.
 std::string distance_text(double distance, const SurfaceError& error);
 /// `error: mean 0.0123 (0.012 %) · max 0.5 (0.4 %) of the diagonal, at 400 samples`.
@@ -45,6 +43,5 @@ nlohmann::ordered_json input_json(const std::filesystem::path& file,
 /// `seconds` and what else a job took, for the figures.
 void add_cost(nlohmann::ordered_json& figures, const proto::JobCost& cost);
 nlohmann::ordered_json bounds_json(const Aabb& box);
-nlohmann::ordered_json bound_json(const proto::MeasuredBound& bound);
 
 }  // namespace stipple::cli

@@ -21,6 +21,12 @@ std::string short_number(double value) {
 
 }  // namespace
 
+std::string three_digits(double value) {
+    std::array<char, 64> text{};
+    std::snprintf(text.data(), text.size(), "%.3g", value);
+    return text.data();
+}
+
 std::string with_separators(std::uint64_t count) {
     const std::string digits = std::to_string(count);
     std::string text;

@@ -5,6 +5,8 @@
 
 namespace stipple::cli {
 
+/// `0.0123`, `1.5e+04`: three digits.
+std::string three_digits(double value);
 /// 435545 as `435,545`.
 std::string with_separators(std::uint64_t count);
 /// `310 B`, `60 kB`, `10.4 MB`: three digits at most, powers of 1000.

@@ -35,6 +35,7 @@ struct MeasuredBound {
     unsigned tries = 0;                ///< clouds that were measured
     bool whole = false;                ///< no smaller cloud was found within the bound: it is the input itself
 };
+std::string to_json(const MeasuredBound& bound);  ///< `bound` of a result, below
 
 /// Distances of one direction, in input units.
 struct CurveDistances {
@@ -45,6 +46,7 @@ struct CurveError {
     CurveDistances forward, backward;  ///< from the input's surface, and from the cloud's
     double diagonal = 0;               ///< of the input's box
 };
+std::string to_json(const CurveError& error);  ///< `curve` of a result, below
 
 /// One cloud that was made: the only one of a job, or a level of a pyramid (0 the coarsest). Of an
 /// evaluation it is a candidate, in the order of the request; `files` are then its map.
