@@ -75,7 +75,8 @@ struct Line {
 
 // Dark to light, and dashes: told apart without colours, too.
 constexpr std::array kLines = {
-    Line{"maximum, from input", "#b2182b", "none", [](const CurveError& e) { return e.forward.max; }},
+    Line{"maximum, from input", "#b2182b", "none",
+         [](const CurveError& e) { return e.forward.max; }},
     Line{"maximum, from result", "#b2182b", "6 4",
          [](const CurveError& e) { return e.backward.max; }},
     Line{"rms, from input", "#d98c21", "none", [](const CurveError& e) { return e.forward.rms; }},

@@ -56,8 +56,8 @@ std::string bound_line(const proto::MeasuredBound& bound, const TextStyle& style
                ": the result is the input, its error 0";
     const std::string dot = " " + std::string(style.dot()) + " ";
     return "largest distance " + three_digits(std::max(bound.forward, bound.backward)) + " of " +
-           three_digits(bound.max_error) + " allowed" + dot + "forward " + three_digits(bound.forward) +
-           ", backward " + three_digits(bound.backward) + ", " +
+           three_digits(bound.max_error) + " allowed" + dot + "forward " +
+           three_digits(bound.forward) + ", backward " + three_digits(bound.backward) + ", " +
            counted(bound.samples, "sample", "samples") + " (" + bound.sampling + ")" + dot +
            counted(bound.tries, "try", "tries");
 }
