@@ -91,7 +91,7 @@ void multiphase_snapshots(const PointCloud& cloud, std::span<const std::uint64_t
     const Cut cut = [&] {
         ClusterTree tree(cloud.positions);
         Cut samples = tree.cut(sample_count(cloud, largest, options), context);
-        clusters.members = tree.take_members();
+        clusters.members.assign(tree.members().begin(), tree.members().end());
         return samples;
     }();
     context.checkpoint(0.4);
