@@ -5,13 +5,14 @@
 #include "large_split.hpp"
 #include "parallel_for.hpp"
 #include "sample_moments.hpp"
+#include "until_stopped.hpp"
 
 #include <tbb/task_group.h>
 #include <algorithm>
 #include <cassert>
 #include <cmath>
+#include <functional>
 #include <numeric>
-#include <optional>
 
 // Follows: Pauly, Gross, Kobbelt 2002, §3.1; Shaffer and Garland 2001 (the same partition with a
 // queue, for meshes).
@@ -33,7 +34,8 @@ namespace {
 
 using Nodes = std::pmr::vector<ClusterNode>;
 
-constexpr std::size_t kParallelGrain = 8'192;  // points below which a subtree is one task
+constexpr std::size_t kParallelGrain = 8'192;   // points below which a subtree is one task
+constexpr std::size_t kBetweenChecks = 65'536;  // nodes
 
 std::array<float, 3> as_array(const Vec3f& v) {
     return {v.x(), v.y(), v.z()};
@@ -292,6 +294,7 @@ void ClusterTree::grow_leaves(const SplitRule& rule, const RunContext& context) 
     std::vector<Job> jobs;
     std::size_t place = 0;
     for (Index id = 0; id < nodes_.size(); ++id) {
+        if (id % kBetweenChecks == 0) context.throw_if_stopped();
         const ClusterNode& node = nodes_[id];
         if (node.is_split() || node.size > kResident || !rule.may_want(node)) continue;
         if (jobs.empty() || jobs.back().points >= kParallelGrain)
@@ -320,6 +323,7 @@ void ClusterTree::grow_leaves(const SplitRule& rule, const RunContext& context) 
         total += grown[j].size() - (jobs[j].end - jobs[j].begin);
     nodes_.reserve(total);
     for (std::size_t j = 0; j < jobs.size(); ++j) {
+        context.throw_if_stopped();
         graft(nodes_, std::span(leaves).subspan(jobs[j].begin, jobs[j].end - jobs[j].begin),
               grown[j]);
         Nodes().swap(grown[j]);
@@ -340,32 +344,38 @@ Cut ClusterTree::cut(std::uint64_t size, const RunContext& context) {
     std::size_t known = 0;
     chosen.reserve(nodes_.size());
     while (true) {
-        for (; known < nodes_.size(); ++known) {
-            if (nodes_[known].can_split()) chosen.push_back(nodes_[known].rank());
-        }
+        for_blocks_in_order(nodes_.size() - known, context,
+                            [&](std::size_t begin, std::size_t end) {
+                                for (const ClusterNode& node :
+                                     std::span(nodes_).subspan(known + begin, end - begin))
+                                    if (node.can_split()) chosen.push_back(node.rank());
+                            });
+        known = nodes_.size();
         const std::size_t splits = std::min<std::size_t>(size - 1, chosen.size());
         std::nth_element(chosen.begin(), chosen.begin() + static_cast<std::ptrdiff_t>(splits - 1),
-                         chosen.end());
+                         chosen.end(), until_stopped(context, std::less<>()));
         chosen.resize(splits);
         const SplitRule rule{.last = chosen.back()};
         grow_leaves(rule, context);
         if (nodes_.size() > known) continue;
-        return cut_where([&rule](const ClusterNode& node) {
+        const auto is_above = [&rule](const ClusterNode& node) {
             return node.is_split() && !(rule.last < node.rank());
-        });
+        };
+        return cut_where(is_above, context);
     }
 }
 
-Cut ClusterTree::leaves() const {
-    return cut_where([](const ClusterNode& node) { return node.is_split(); });
+Cut ClusterTree::leaves(const RunContext& context) const {
+    return cut_where([](const ClusterNode& node) { return node.is_split(); }, context);
 }
 
 template <typename Descends>
-Cut ClusterTree::cut_where(const Descends& descends) const {
+Cut ClusterTree::cut_where(const Descends& descends, const RunContext& context) const {
     constexpr Index kInner = 0;
     Cut cut;
     std::vector<Index> open = {0};
     while (!open.empty()) {
+        if (cut.clusters_of.size() % kBetweenChecks == 0) context.throw_if_stopped();
         const ClusterNode& node = nodes_[open.back()];
         open.pop_back();
         if (descends(node)) {

@@ -84,7 +84,7 @@ public:
     Cut cut(std::uint64_t size, const RunContext& context);
 
     /// The leaves.
-    Cut leaves() const;
+    Cut leaves(const RunContext& context) const;
 
     /// The numbers of the points, cluster by cluster, left before right.
     std::span<const Index> members() const noexcept { return members_; }
@@ -95,7 +95,7 @@ private:
     void split_large(const SplitRule& rule, const RunContext& context);
     void grow_leaves(const SplitRule& rule, const RunContext& context);
     template <typename Descends>
-    Cut cut_where(const Descends& descends) const;
+    Cut cut_where(const Descends& descends, const RunContext& context) const;
 
     std::span<const Vec3f> points_;
     std::pmr::monotonic_buffer_resource memory_;  ///< one piece, which takes the least time to get

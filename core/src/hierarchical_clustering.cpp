@@ -51,7 +51,7 @@ Cut grow_clusters(ClusterTree& tree, const HierarchicalClusteringOptions& option
     if (options.max_cluster_size) rule.max_size = static_cast<double>(*options.max_cluster_size);
     if (options.max_variation) rule.max_variation = *options.max_variation;
     tree.grow(rule, context);
-    return tree.leaves();
+    return tree.leaves(context);
 }
 
 /// A target of all points, or more of them, leaves the cloud as it is.
