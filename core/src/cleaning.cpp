@@ -1,6 +1,7 @@
 #include "stipple/cleaning.hpp"
 
 #include "counting_sort.hpp"
+#include "first_touch.hpp"
 #include "parallel_for.hpp"
 
 #include <algorithm>
@@ -58,7 +59,7 @@ std::size_t mark_duplicates(const std::vector<Vec3f>& points, std::vector<std::u
         }
     });
     const std::vector<Index> bucket_begin = counts_to_places(starts, buckets);
-    std::vector<Hashed> sorted(bucket_begin.back());
+    auto sorted = made_in_blocks<std::vector<Hashed>>(bucket_begin.back(), context);
     parallel_for_blocks(n, kBlock, context, [&](std::size_t begin, std::size_t end) {
         Index* next = starts.data() + begin / kBlock * buckets;
         for (std::size_t i = begin; i < end; ++i) {

@@ -1,14 +1,17 @@
 #include "cluster_tree.hpp"
 
 #include "gather.hpp"
+#include "large_memory.hpp"
 #include "large_split.hpp"
 #include "parallel_for.hpp"
 #include "sample_moments.hpp"
+#include "until_stopped.hpp"
 
 #include <tbb/task_group.h>
 #include <algorithm>
 #include <cassert>
 #include <cmath>
+#include <functional>
 #include <numeric>
 
 // Follows: Pauly, Gross, Kobbelt 2002, §3.1; Shaffer and Garland 2001 (the same partition with a
@@ -29,8 +32,10 @@ namespace stipple {
 
 namespace {
 
-constexpr Index kResident = 262'144;
-constexpr std::size_t kParallelGrain = 8'192;  // points below which a subtree is one task
+using Nodes = std::pmr::vector<ClusterNode>;
+
+constexpr std::size_t kParallelGrain = 8'192;   // points below which a subtree is one task
+constexpr std::size_t kBetweenChecks = 65'536;  // nodes
 
 std::array<float, 3> as_array(const Vec3f& v) {
     return {v.x(), v.y(), v.z()};
@@ -51,8 +56,7 @@ Index halve(std::span<const Vec3f> points, std::span<Index> numbers) {
 }
 
 /// Adds the halves of a node to the others, left first.
-void add_halves(std::vector<ClusterNode>& nodes, Index id, Index left_size,
-                const std::array<float, 3>& reference) {
+void add_halves(Nodes& nodes, Index id, Index left_size, const std::array<float, 3>& reference) {
     ClusterNode left = nodes[id];
     nodes[id].left = static_cast<Index>(nodes.size());
     left.reference = reference;
@@ -65,8 +69,7 @@ void add_halves(std::vector<ClusterNode>& nodes, Index id, Index left_size,
 }
 
 /// Puts subtrees in place of leaves: their roots come first in `grown`.
-void graft(std::vector<ClusterNode>& nodes, std::span<const Index> leaves,
-           std::span<const ClusterNode> grown) {
+void graft(Nodes& nodes, std::span<const Index> leaves, std::span<const ClusterNode> grown) {
     const auto shift = static_cast<Index>(nodes.size() - leaves.size());
     for (std::size_t i = 0; i < grown.size(); ++i) {
         ClusterNode node = grown[i];
@@ -90,17 +93,13 @@ struct Open {
 class Residence {
 public:
     /// @param members  of the whole tree.
-    Residence(std::span<const Vec3f> points, std::span<Index> members, std::size_t capacity,
-              const SplitRule& rule, const RunContext& context)
-        : points_(points),
-          members_(members),
-          capacity_(capacity),
-          storage_(2 * capacity),
-          rule_(rule),
-          context_(context) {}
+    /// @param room  for the points of the nodes, twice.
+    Residence(std::span<const Vec3f> points, std::span<Index> members,
+              const MutableSampleSpan& room, const SplitRule& rule, const RunContext& context)
+        : points_(points), members_(members), room_(room), rule_(rule), context_(context) {}
 
     /// Adds what grows below the nodes, and puts their members in order.
-    void grow(std::vector<ClusterNode>& nodes) {
+    void grow(Nodes& nodes) {
         std::vector<Open> small, large;
         Index place = 0;
         for (Index id = 0; id < nodes.size(); ++id) {
@@ -117,8 +116,8 @@ public:
 
 private:
     MutableSampleSpan part(bool second, Index place, Index size) {
-        const std::size_t begin = (second ? capacity_ : 0) + place;
-        return storage_.all().part(begin, begin + size);
+        const std::size_t begin = (second ? room_.size / 2 : 0) + place;
+        return room_.part(begin, begin + size);
     }
 
     /// Whether its subtree is grown by one thread.
@@ -127,8 +126,7 @@ private:
     }
 
     /// Splits the node where it is wanted, and adds its halves to `open`.
-    void visit(std::vector<ClusterNode>& nodes, const Open& top, const Spread& spread,
-               std::vector<Open>& open) {
+    void visit(Nodes& nodes, const Open& top, const Spread& spread, std::vector<Open>& open) {
         ClusterNode& node = nodes[top.id];
         node.priority = std::min(node.priority, gain_of_split(top.moments, spread));
         const std::span<Index> members = members_.subspan(node.begin, node.size);
@@ -159,7 +157,7 @@ private:
         }
     }
 
-    void grow_here(std::vector<ClusterNode>& nodes, std::vector<Open> open) {
+    void grow_here(Nodes& nodes, std::vector<Open> open) {
         std::array<Open, kSpreads> batch;
         std::array<Symmetric3, kSpreads> scatters;
         while (!open.empty()) {
@@ -174,14 +172,14 @@ private:
         }
     }
 
-    void grow_in_parallel(std::vector<ClusterNode>& nodes, const Open& top) {
+    void grow_in_parallel(Nodes& nodes, const Open& top) {
         if (is_task(nodes[top.id])) return grow_here(nodes, {top});
         const auto spreads = cluster_kernels().spreads({top.moments.scatter, {}, {}, {}});
         std::vector<Open> open;
         visit(nodes, top, spreads[0], open);
         if (open.size() < 2) return grow_here(nodes, std::move(open));
 
-        std::vector<ClusterNode> right_branch = {nodes[open[1].id]};
+        Nodes right_branch = {nodes[open[1].id]};
         tbb::task_group group;
         group.run([&] {
             Open right = open[1];
@@ -201,16 +199,33 @@ private:
 
     std::span<const Vec3f> points_;
     std::span<Index> members_;
-    std::size_t capacity_;
-    Samples storage_;
+    MutableSampleSpan room_;
     const SplitRule& rule_;
     const RunContext& context_;
 };
 
+bool is_resident(std::size_t points) noexcept {
+    return points <= kResident;
+}
+
+std::size_t bytes_for(std::size_t points) noexcept {
+    const std::size_t members = points * sizeof(Index);
+    if (!is_resident(points)) return members;
+    constexpr std::size_t kPointsPerNode = 4;  // of most cuts; room for more is had where needed
+    return 2 * points * kSampleBytes + members + points / kPointsPerNode * sizeof(ClusterNode);
+}
+
 }  // namespace
 
-ClusterTree::ClusterTree(std::span<const Vec3f> points) : points_(points), members_(points.size()) {
+ClusterTree::ClusterTree(std::span<const Vec3f> points)
+    : points_(points),
+      memory_(bytes_for(points.size()), &large_memory_resource()),
+      nodes_(is_resident(points.size()) ? &memory_ : &large_memory_resource()) {
     assert(!points.empty());
+    const auto room_for = [&](std::size_t bytes) { return memory_.allocate(bytes, sizeof(Index)); };
+    if (is_resident(points.size()))
+        room_ = samples_in(room_for(2 * points.size() * kSampleBytes), 2 * points.size());
+    members_ = {static_cast<Index*>(room_for(points.size() * sizeof(Index))), points.size()};
 }
 
 void ClusterTree::grow(const SplitRule& rule, const RunContext& context) {
@@ -224,7 +239,7 @@ void ClusterTree::grow(const SplitRule& rule, const RunContext& context) {
     root.reference = as_array(points_.front());
     root.priority = std::numeric_limits<double>::max();
     nodes_.push_back(root);
-    if (root.size > kResident) split_large(rule, context);
+    if (!is_resident(root.size)) split_large(rule, context);
     grow_leaves(rule, context);
 }
 
@@ -260,47 +275,58 @@ void ClusterTree::split_large(const SplitRule& rule, const RunContext& context) 
 }
 
 void ClusterTree::grow_leaves(const SplitRule& rule, const RunContext& context) {
+    const auto grow_in = [&](const MutableSampleSpan& room, Nodes& nodes) {
+        Residence(points_, members_, room, rule, context).grow(nodes);
+    };
+    const auto nodes_of = [&](std::size_t points) {  // leaves of 3/4 of the bound, so much for each
+        const double leaves = 4 * static_cast<double>(points) / (3 * rule.max_size);
+        return rule.max_size < kResident ? static_cast<std::size_t>(2 * leaves + 64) : 0;
+    };
+    if (nodes_.size() == 1 && is_resident(points_.size())) {
+        nodes_.reserve(2 * nodes_of(points_.size()));
+        return with_threads(context, [&] { grow_in(room_, nodes_); });
+    }
     // Leaves are grown in jobs of at least so many points.
     struct Job {
-        std::size_t begin = 0, end = 0, points = 0;
+        std::size_t begin = 0, end = 0, place = 0, points = 0;
     };
     std::vector<Index> leaves;
     std::vector<Job> jobs;
+    std::size_t place = 0;
     for (Index id = 0; id < nodes_.size(); ++id) {
+        if (id % kBetweenChecks == 0) context.throw_if_stopped();
         const ClusterNode& node = nodes_[id];
         if (node.is_split() || node.size > kResident || !rule.may_want(node)) continue;
         if (jobs.empty() || jobs.back().points >= kParallelGrain)
-            jobs.push_back({.begin = leaves.size()});
+            jobs.push_back({.begin = leaves.size(), .place = place});
         leaves.push_back(id);
         jobs.back().end = leaves.size();
         jobs.back().points += node.size;
+        place += node.size;
     }
-    std::vector<std::vector<ClusterNode>> grown(jobs.size());
+    std::vector<Nodes> grown(jobs.size());
     const auto grow_job = [&](std::size_t j) {
         const Job& job = jobs[j];
-        if (rule.max_size < kResident) {  // leaves of 3/4 of the bound, so much for each
-            grown[j].reserve(static_cast<std::size_t>(
-                3.0 * static_cast<double>(job.points) / rule.max_size + 64.0));
-        }
+        grown[j].reserve(nodes_of(job.points));
         for (std::size_t i = job.begin; i < job.end; ++i) grown[j].push_back(nodes_[leaves[i]]);
-        Residence(points_, members_, job.points, rule, context).grow(grown[j]);
+        if (room_.size > 0)
+            return grow_in(room_.part(2 * job.place, 2 * (job.place + job.points)), grown[j]);
+        Samples own(2 * job.points);
+        grow_in(own.all(), grown[j]);
     };
     with_threads(context, [&] {
         parallel_for_blocks(jobs.size(), 1, context,
                             [&](std::size_t j, std::size_t) { grow_job(j); });
     });
-    if (nodes_.size() == 1 && jobs.size() == 1) {
-        nodes_ = std::move(grown[0]);
-        return;
-    }
     std::size_t total = nodes_.size();
     for (std::size_t j = 0; j < jobs.size(); ++j)
         total += grown[j].size() - (jobs[j].end - jobs[j].begin);
     nodes_.reserve(total);
     for (std::size_t j = 0; j < jobs.size(); ++j) {
+        context.throw_if_stopped();
         graft(nodes_, std::span(leaves).subspan(jobs[j].begin, jobs[j].end - jobs[j].begin),
               grown[j]);
-        std::vector<ClusterNode>().swap(grown[j]);
+        Nodes().swap(grown[j]);
     }
 }
 
@@ -318,32 +344,38 @@ Cut ClusterTree::cut(std::uint64_t size, const RunContext& context) {
     std::size_t known = 0;
     chosen.reserve(nodes_.size());
     while (true) {
-        for (; known < nodes_.size(); ++known) {
-            if (nodes_[known].can_split()) chosen.push_back(nodes_[known].rank());
-        }
+        for_blocks_in_order(nodes_.size() - known, context,
+                            [&](std::size_t begin, std::size_t end) {
+                                for (const ClusterNode& node :
+                                     std::span(nodes_).subspan(known + begin, end - begin))
+                                    if (node.can_split()) chosen.push_back(node.rank());
+                            });
+        known = nodes_.size();
         const std::size_t splits = std::min<std::size_t>(size - 1, chosen.size());
         std::nth_element(chosen.begin(), chosen.begin() + static_cast<std::ptrdiff_t>(splits - 1),
-                         chosen.end());
+                         chosen.end(), until_stopped(context, std::less<>()));
         chosen.resize(splits);
         const SplitRule rule{.last = chosen.back()};
         grow_leaves(rule, context);
         if (nodes_.size() > known) continue;
-        return cut_where([&rule](const ClusterNode& node) {
+        const auto is_above = [&rule](const ClusterNode& node) {
             return node.is_split() && !(rule.last < node.rank());
-        });
+        };
+        return cut_where(is_above, context);
     }
 }
 
-Cut ClusterTree::leaves() const {
-    return cut_where([](const ClusterNode& node) { return node.is_split(); });
+Cut ClusterTree::leaves(const RunContext& context) const {
+    return cut_where([](const ClusterNode& node) { return node.is_split(); }, context);
 }
 
 template <typename Descends>
-Cut ClusterTree::cut_where(const Descends& descends) const {
+Cut ClusterTree::cut_where(const Descends& descends, const RunContext& context) const {
     constexpr Index kInner = 0;
     Cut cut;
     std::vector<Index> open = {0};
     while (!open.empty()) {
+        if (cut.clusters_of.size() % kBetweenChecks == 0) context.throw_if_stopped();
         const ClusterNode& node = nodes_[open.back()];
         open.pop_back();
         if (descends(node)) {

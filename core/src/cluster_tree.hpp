@@ -1,15 +1,20 @@
 #pragma once
 
+#include "samples.hpp"
 #include "stipple/point_cloud.hpp"
 #include "stipple/run_context.hpp"
 
 #include <array>
 #include <cstdint>
 #include <limits>
+#include <memory_resource>
 #include <span>
 #include <vector>
 
 namespace stipple {
+
+/// The most points whose coordinates lie side by side while a subtree grows.
+constexpr Index kResident = 262'144;
 
 /// A node in the order of splitting, a total order in which a parent stands before its children.
 struct SplitRank {
@@ -62,12 +67,14 @@ struct Cut {
 /// The binary space partition of a cloud (§3.1), grown as far as asked. A node is split in the same
 /// way whatever was asked for before.
 ///
-/// 4 bytes a point and 32 for each node; 4 bytes a point more, and some for the cells of a
-/// grid, while it begins to grow.
+/// 36 bytes a point up to `kResident` of them; of a larger cloud 4, and while it grows as many more
+/// and 32 for each point that a thread works on. 32 bytes for each node.
 class ClusterTree {
 public:
     /// One root with all points: finite, no two alike, at least one. They must stay where they are.
     explicit ClusterTree(std::span<const Vec3f> points);
+    ClusterTree(const ClusterTree&) = delete;
+    ClusterTree& operator=(const ClusterTree&) = delete;
 
     /// Splits what the rule wants, and the halves of it, and so on. Once only, and not after `cut`.
     void grow(const SplitRule& rule, const RunContext& context);
@@ -77,21 +84,24 @@ public:
     Cut cut(std::uint64_t size, const RunContext& context);
 
     /// The leaves.
-    Cut leaves() const;
+    Cut leaves(const RunContext& context) const;
 
     /// The numbers of the points, cluster by cluster, left before right.
-    const std::vector<Index>& members() const noexcept { return members_; }
-    std::vector<Index> take_members() noexcept { return std::move(members_); }
+    std::span<const Index> members() const noexcept { return members_; }
 
 private:
+    using Nodes = std::pmr::vector<ClusterNode>;
+
     void split_large(const SplitRule& rule, const RunContext& context);
     void grow_leaves(const SplitRule& rule, const RunContext& context);
     template <typename Descends>
-    Cut cut_where(const Descends& descends) const;
+    Cut cut_where(const Descends& descends, const RunContext& context) const;
 
     std::span<const Vec3f> points_;
-    std::vector<Index> members_;
-    std::vector<ClusterNode> nodes_;
+    std::pmr::monotonic_buffer_resource memory_;  ///< one piece, which takes the least time to get
+    MutableSampleSpan room_{};  ///< for all points twice where they are few, else empty
+    std::span<Index> members_;
+    Nodes nodes_;
 };
 
 }  // namespace stipple

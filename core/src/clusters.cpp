@@ -1,5 +1,6 @@
 #include "stipple/clusters.hpp"
 
+#include "first_touch.hpp"
 #include "float4.hpp"
 #include "gather.hpp"
 #include "parallel_for.hpp"
@@ -311,7 +312,7 @@ PointCloud representatives(const PointCloud& cloud, const MemberLists& clusters,
     const std::size_t count = clusters.size();
     const bool take_nearest = kind == Representative::Nearest;
     const bool needs_nearest = take_nearest || !cloud.normals.empty() || !cloud.attributes.empty();
-    std::vector<Vec3f> positions(count);
+    auto positions = made_in_blocks<std::vector<Vec3f>>(count, context);
     std::vector<Index> nearest(needs_nearest ? count : 0);
     parallel_for_blocks(count, kClustersPerBlock, context, [&](std::size_t begin, std::size_t end) {
         Gathered gathered(cloud.positions);

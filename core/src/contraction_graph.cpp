@@ -1,6 +1,7 @@
 #include "contraction_graph.hpp"
 
 #include "contraction_quadrics.hpp"
+#include "first_touch.hpp"
 #include "leaf_query.hpp"
 #include "parallel_for.hpp"
 #include "point_tree.hpp"
@@ -39,16 +40,19 @@ ContractionGraph contraction_graph(std::span<const Vec3f> positions, unsigned k,
     const std::size_t n = positions.size();
     const PointTree tree(positions, PointTree::Leaves::Quick, context);
     ContractionGraph graph;
-    graph.order.resize(n);
-    std::vector<Index> place_of(n);
+    resize_in_blocks(graph.order, n, context);
+    auto place_of = made_in_blocks<std::vector<Index>>(n, context);
     parallel_for_blocks(n, kPlacesPerBlock, context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {
             graph.order[i] = tree.leaf(i / PointTree::kWidth).index[i % PointTree::kWidth];
             place_of[graph.order[i]] = static_cast<Index>(i);
         }
     });
-    graph.neighbors.assign(n * k, ContractionGraph::kNone);
-    graph.tangents.resize(with_tangents ? n : 0);
+    graph.neighbors.reserve(n * k);
+    for_blocks_in_order(n * k, context, [&](std::size_t, std::size_t end) {
+        graph.neighbors.resize(end, ContractionGraph::kNone);
+    });
+    resize_in_blocks(graph.tangents, with_tangents ? n : 0, context);
     if (n < 2) return graph;
     const auto asked = static_cast<unsigned>(
         std::min<std::size_t>(with_tangents ? std::max(k, kForTangent) : k, n - 1));

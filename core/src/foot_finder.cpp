@@ -125,7 +125,7 @@ public:
         for (std::size_t lane = 0; lane < kLanes; ++lane) begin_query(lane);
         unsigned rounds = 0;
         while (busy_ > 0) {
-            constexpr unsigned kRoundsBetween = 256;
+            constexpr unsigned kRoundsBetween = 64;
             if (++rounds % kRoundsBetween == 0) context.throw_if_stopped();
             kernel_.run(lanes_);
             for (std::size_t lane = 0; lane < kLanes; ++lane) {

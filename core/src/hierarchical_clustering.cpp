@@ -1,6 +1,7 @@
 #include "stipple/hierarchical_clustering.hpp"
 
 #include "cluster_tree.hpp"
+#include "parallel_for.hpp"
 #include "representatives.hpp"
 #include "stipple/error.hpp"
 
@@ -50,7 +51,7 @@ Cut grow_clusters(ClusterTree& tree, const HierarchicalClusteringOptions& option
     if (options.max_cluster_size) rule.max_size = static_cast<double>(*options.max_cluster_size);
     if (options.max_variation) rule.max_variation = *options.max_variation;
     tree.grow(rule, context);
-    return tree.leaves();
+    return tree.leaves(context);
 }
 
 /// A target of all points, or more of them, leaves the cloud as it is.
@@ -68,12 +69,14 @@ PointCloud hierarchical_clustering(const PointCloud& cloud,
     const std::vector<Reduction> reductions =
         reductions_for(cloud, options.reductions, options.representative);
     context.checkpoint(0.0);
-    ClusterTree tree(cloud.positions);
-    const std::vector<Index> offsets = grow_clusters(tree, options, context).offsets;
-    const std::vector<Index> members = tree.take_members();
-    context.checkpoint(0.8);
-    PointCloud result = representatives(cloud, MemberLists{members.data(), offsets},
-                                        options.representative, reductions, context);
+    PointCloud result;
+    with_threads(context, [&] {
+        ClusterTree tree(cloud.positions);
+        const std::vector<Index> offsets = grow_clusters(tree, options, context).offsets;
+        context.checkpoint(0.8);
+        result = representatives(cloud, MemberLists{tree.members().data(), offsets},
+                                 options.representative, reductions, context);
+    });
     context.checkpoint(1.0);
     return result;
 }
@@ -87,7 +90,7 @@ Clusters hierarchical_clusters(std::span<const Vec3f> points,
     ClusterTree tree(points);
     Clusters clusters;
     clusters.offsets = grow_clusters(tree, bounded, context).offsets;
-    clusters.members = tree.take_members();
+    clusters.members.assign(tree.members().begin(), tree.members().end());
     return clusters;
 }
 

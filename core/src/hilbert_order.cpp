@@ -1,6 +1,7 @@
 #include "hilbert_order.hpp"
 
 #include "counting_sort.hpp"
+#include "first_touch.hpp"
 #include "parallel_for.hpp"
 
 #include <algorithm>
@@ -220,9 +221,9 @@ std::vector<Index> hilbert_order(std::span<const Vec3f> points, const RunContext
     const unsigned shift = 3 * grid.bits - bucket_bits;
     const std::size_t buckets = std::size_t{1} << bucket_bits;
     const std::size_t blocks = (n + kBlock - 1) / kBlock;
-    std::vector<Keyed> keyed(n);
+    auto keyed = made_in_blocks<std::vector<Keyed>>(n, context);
     std::vector<Index> starts(blocks * buckets);
-    std::vector<std::uint64_t> keys(n);
+    auto keys = made_in_blocks<std::vector<std::uint64_t>>(n, context);
     parallel_for_blocks(n, kBlock, context, [&](std::size_t begin, std::size_t end) {
         Index* count = starts.data() + begin / kBlock * buckets;
         for (std::size_t i = begin; i < end; ++i) {
@@ -238,7 +239,7 @@ std::vector<Index> hilbert_order(std::span<const Vec3f> points, const RunContext
     });
     keys = {};
 
-    std::vector<Index> order(n);
+    auto order = made_in_blocks<std::vector<Index>>(n, context);
     parallel_for_blocks(buckets, 16, context, [&](std::size_t begin, std::size_t end) {
         std::vector<Keyed> buffer;
         for (std::size_t bucket = begin; bucket < end; ++bucket) {

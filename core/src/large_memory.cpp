@@ -17,15 +17,43 @@ namespace {
 constexpr std::size_t kHugePage = std::size_t{2} << 20;
 constexpr std::size_t kLine = 64;
 
-}  // namespace
+/// A huge page is had for the price of 64 small ones, so that an end of as many becomes one, too.
+std::size_t rounded(std::size_t bytes) noexcept {
+    constexpr std::size_t kWorthIt = kHugePage / 8;
+    if (bytes < kHugePage / 2 || bytes % kHugePage < kWorthIt) return bytes;
+    return (bytes + kHugePage - 1) / kHugePage * kHugePage;
+}
 
-LargeMemory::LargeMemory(std::size_t bytes) : bytes_(bytes) {
-    if (::posix_memalign(&data_, bytes >= kHugePage ? kHugePage : kLine, bytes) != 0)
+void* huge_pages(std::size_t bytes) {
+    void* data = nullptr;
+    if (::posix_memalign(&data, bytes >= kHugePage ? kHugePage : kLine, bytes) != 0)
         throw std::bad_alloc();
 #if defined(MADV_HUGEPAGE)
-    // Advice: where it is not taken, small pages do, as they do for the end that fills no huge one.
-    if (bytes >= kHugePage) ::madvise(data_, bytes / kHugePage * kHugePage, MADV_HUGEPAGE);
+    // Advice: where it is not taken, small pages do, as they do for an end that fills no huge one.
+    if (bytes >= kHugePage) ::madvise(data, bytes / kHugePage * kHugePage, MADV_HUGEPAGE);
 #endif
+    return data;
+}
+
+class LargeMemoryResource : public std::pmr::memory_resource {
+    void* do_allocate(std::size_t bytes, std::size_t alignment) override {
+        if (alignment > kLine) throw std::bad_alloc();
+        return huge_pages(rounded(bytes));
+    }
+    void do_deallocate(void* data, std::size_t, std::size_t) override { std::free(data); }
+    bool do_is_equal(const memory_resource& other) const noexcept override {
+        return this == &other;
+    }
+};
+
+}  // namespace
+
+LargeMemory::LargeMemory(std::size_t bytes)
+    : data_(huge_pages(rounded(bytes))), bytes_(rounded(bytes)) {}
+
+std::pmr::memory_resource& large_memory_resource() noexcept {
+    static LargeMemoryResource resource;
+    return resource;
 }
 
 void LargeMemory::shrink(std::size_t bytes) noexcept {

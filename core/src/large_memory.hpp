@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <memory_resource>
 
 namespace stipple {
 
@@ -25,6 +26,9 @@ private:
     void* data_ = nullptr;
     std::size_t bytes_ = 0;
 };
+
+/// Memory of that kind for standard containers.
+std::pmr::memory_resource& large_memory_resource() noexcept;
 
 /// Gives the system back what was freed but kept for later by the allocator: for between a phase of
 /// an algorithm that needs much memory and the next.

@@ -1,5 +1,6 @@
 #include "stipple/local_analysis.hpp"
 
+#include "first_touch.hpp"
 #include "leaf_shapes.hpp"
 #include "parallel_for.hpp"
 #include "point_tree.hpp"
@@ -63,12 +64,18 @@ void check(const LocalAnalysisOptions& options) {
                         ": expected 3..64 neighbours, or 0 to choose for each point");
 }
 
-LocalAnalysis room_for(std::size_t n, const LocalAnalysisOptions& options) {
+LocalAnalysis room_for(std::size_t n, const LocalAnalysisOptions& options,
+                       const RunContext& context) {
     LocalAnalysis result;  // as of a point that is alone
-    if (options.normals) result.normals.assign(n, Vec3f::UnitZ());
-    if (options.variation) result.variation.resize(n);
-    if (options.density) result.density.resize(n);
-    if (options.anisotropy) result.anisotropy.resize(n);
+    if (options.normals) {
+        result.normals.reserve(n);
+        for_blocks_in_order(n, context, [&](std::size_t, std::size_t end) {
+            result.normals.resize(end, Vec3f::UnitZ());
+        });
+    }
+    if (options.variation) resize_in_blocks(result.variation, n, context);
+    if (options.density) resize_in_blocks(result.density, n, context);
+    if (options.anisotropy) resize_in_blocks(result.anisotropy, n, context);
     return result;
 }
 
@@ -82,7 +89,7 @@ double surface_variation(const Vec3d& eigenvalues) noexcept {
 LocalAnalysis analyze_locally(std::span<const Vec3f> points, const LocalAnalysisOptions& options,
                               const RunContext& context) {
     check(options);
-    LocalAnalysis result = room_for(points.size(), options);
+    LocalAnalysis result = room_for(points.size(), options, context);
     if (points.size() < 2) return result;
     const std::vector<unsigned> sizes =
         sizes_up_to(points.size() - 1, options.k == 0 ? std::span<const unsigned>(kScales)

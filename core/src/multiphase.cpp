@@ -2,6 +2,7 @@
 
 #include "cluster_tree.hpp"
 #include "contraction_options.hpp"
+#include "first_touch.hpp"
 #include "parallel_for.hpp"
 #include "representatives.hpp"
 #include "sample_quadrics.hpp"
@@ -91,7 +92,7 @@ void multiphase_snapshots(const PointCloud& cloud, std::span<const std::uint64_t
     const Cut cut = [&] {
         ClusterTree tree(cloud.positions);
         Cut samples = tree.cut(sample_count(cloud, largest, options), context);
-        clusters.members = tree.take_members();
+        clusters.members.assign(tree.members().begin(), tree.members().end());
         return samples;
     }();
     context.checkpoint(0.4);
@@ -106,9 +107,11 @@ void multiphase_snapshots(const PointCloud& cloud, std::span<const std::uint64_t
             continue;
         }
         const std::vector<Index> first = contraction.nodes_left(size);
-        std::vector<Vec3f> positions(size);
+        auto positions = made_in_blocks<std::vector<Vec3f>>(size, context);
         clusters.offsets.resize(size + 1);
-        for (std::size_t i = 0; i <= size; ++i) clusters.offsets[i] = cut.offsets[first[i]];
+        for_blocks_in_order(size + 1, context, [&](std::size_t begin, std::size_t end) {
+            for (std::size_t i = begin; i < end; ++i) clusters.offsets[i] = cut.offsets[first[i]];
+        });
         parallel_for_blocks(size, 256, context, [&](std::size_t begin, std::size_t end) {
             for (std::size_t i = begin; i < end; ++i)
                 positions[i] = contraction.place_of(first[i], first[i + 1]);

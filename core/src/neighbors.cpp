@@ -1,5 +1,6 @@
 #include "stipple/neighbors.hpp"
 
+#include "first_touch.hpp"
 #include "leaf_query.hpp"
 #include "parallel_for.hpp"
 #include "point_tree.hpp"
@@ -51,10 +52,12 @@ NeighborLists k_nearest_neighbors(std::span<const Vec3f> points, unsigned k,
         return lists;
     }
     const auto each = static_cast<unsigned>(std::min<std::size_t>(k, n - 1));
-    lists.offsets.resize(n + 1);
-    for (std::size_t i = 0; i <= n; ++i) lists.offsets[i] = i * each;
-    lists.indices.resize(n * each);
-    lists.distances_sq.resize(n * each);
+    lists.offsets.reserve(n + 1);
+    for_blocks_in_order(n + 1, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) lists.offsets.push_back(i * each);
+    });
+    resize_in_blocks(lists.indices, n * each, context);
+    resize_in_blocks(lists.distances_sq, n * each, context);
     if (each == 0) return lists;
 
     const PointTree tree(points, PointTree::Leaves::Quick, context);
@@ -145,8 +148,8 @@ NeighborLists radius_neighbors(std::span<const Vec3f> points, float radius,
                                              " pairs within radius " + std::to_string(radius) +
                                              ": expected at most 2^32; choose a smaller radius");
     }
-    lists.indices.resize(lists.offsets.back());
-    lists.distances_sq.resize(lists.offsets.back());
+    resize_in_blocks(lists.indices, lists.offsets.back(), context);
+    resize_in_blocks(lists.distances_sq, lists.offsets.back(), context);
     in_blocks([&](Index i, std::vector<Neighbor>& found) {
         std::ranges::sort(found);
         std::uint64_t to = lists.offsets[i];

@@ -1,6 +1,8 @@
 #include "stipple/normal_orientation.hpp"
 
 #include "counting_sort.hpp"
+#include "first_touch.hpp"
+#include "large_memory.hpp"
 #include "leaf_query.hpp"
 #include "parallel_for.hpp"
 #include "point_tree.hpp"
@@ -11,7 +13,9 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <memory_resource>
 #include <numeric>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -39,24 +43,41 @@ struct Edge {
 /// The graph of nearest neighbours. Points are numbered by their place in the tree, so that
 /// neighbours lie near each other in memory.
 struct Graph {
-    std::size_t size;
-    unsigned k;
-    std::vector<Index> number;  ///< of each point in the cloud
-    std::vector<Vec3f> positions, normals;
-    std::vector<float> radii_sq;         ///< of the k-th neighbours
-    std::vector<Index> neighbors;        ///< size * k
-    std::vector<std::uint16_t> classes;  ///< of cost, beside them
+    template <typename T>
+    using Values = std::pmr::vector<T>;
+
+    std::size_t size = 0;
+    unsigned k = 0;
+    Values<Index> number{&large_memory_resource()};  ///< of each point in the cloud
+    Values<Vec3f> positions{&large_memory_resource()}, normals{&large_memory_resource()};
+    Values<float> radii_sq{&large_memory_resource()};         ///< of the k-th neighbours
+    Values<Index> neighbors{&large_memory_resource()};        ///< size * k
+    Values<std::uint16_t> classes{&large_memory_resource()};  ///< of cost, beside them
 };
+
+Graph graph_of_one(const Vec3f& point, const Vec3f& normal) {
+    Graph graph;
+    graph.size = 1;
+    graph.number = {0};
+    graph.positions = {point};
+    graph.normals = {normal};
+    graph.radii_sq = {0};
+    return graph;
+}
 
 Graph make_graph(std::span<const Vec3f> points, std::span<const Vec3f> normals, unsigned k,
                  const RunContext& context) {
     const PointTree tree(points, PointTree::Leaves::Quick, context);
     const std::size_t n = points.size();
-    Graph graph{n, k, std::vector<Index>(n), {points.begin(), points.end()}, {}, {}, {}, {}};
-    graph.normals.resize(n);
-    graph.radii_sq.resize(n);
-    graph.neighbors.resize(n * k);
-    std::vector<Index> place(n);
+    Graph graph;
+    graph.size = n;
+    graph.k = k;
+    resize_in_blocks(graph.number, n, context);
+    resize_in_blocks(graph.positions, n, context);
+    resize_in_blocks(graph.normals, n, context);
+    resize_in_blocks(graph.radii_sq, n, context);
+    resize_in_blocks(graph.neighbors, n * k, context);
+    auto place = made_in_blocks<std::vector<Index>>(n, context);
     parallel_for_blocks(n, kPointsPerBlock, context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {
             const Index in_cloud = tree.leaf(i / kWidth).index[i % kWidth];
@@ -99,7 +120,7 @@ std::uint16_t class_of(const Vec3f& difference, float distance_sq, const Vec3f& 
 
 /// Fills in the classes. Of an edge that both ends have, only the later one's counts.
 void classify(Graph& graph, const RunContext& context) {
-    graph.classes.resize(graph.neighbors.size());
+    resize_in_blocks(graph.classes, graph.neighbors.size(), context);
     parallel_for_blocks(
         graph.size, kPointsPerBlock / 8, context, [&](std::size_t begin, std::size_t end) {
             for (std::size_t i = begin; i < end; ++i) {
@@ -117,7 +138,7 @@ void classify(Graph& graph, const RunContext& context) {
 }
 
 /// The edges, the cheapest first: a counting sort.
-std::vector<Edge> sorted_edges(const Graph& graph, const RunContext& context) {
+std::pmr::vector<Edge> sorted_edges(const Graph& graph, const RunContext& context) {
     constexpr std::size_t kBuckets = kClasses + 1;  // the last for edges that are known
     const std::size_t blocks = (graph.size + kPointsPerBlock - 1) / kPointsPerBlock;
     std::vector<Index> places(blocks * kBuckets);
@@ -128,7 +149,8 @@ std::vector<Edge> sorted_edges(const Graph& graph, const RunContext& context) {
                                 ++count[graph.classes[e]];
                         });
     const std::vector<Index> starts = counts_to_places(places, kBuckets);
-    std::vector<Edge> edges(starts[kKnown]);
+    std::pmr::vector<Edge> edges(&large_memory_resource());
+    resize_in_blocks(edges, starts[kKnown], context);
     parallel_for_blocks(
         graph.size, kPointsPerBlock, context, [&](std::size_t begin, std::size_t end) {
             Index* next = places.data() + begin / kPointsPerBlock * kBuckets;
@@ -179,8 +201,7 @@ private:
     std::vector<std::uint32_t> links_;  ///< twice the point above, plus 1 where turned against it
 };
 
-TurnedSets join_along(const std::vector<Edge>& edges, const Graph& graph,
-                      const RunContext& context) {
+TurnedSets join_along(std::span<const Edge> edges, const Graph& graph, const RunContext& context) {
     TurnedSets sets(graph.size);
     std::size_t joined = 0;
     for (std::size_t e = 0; e < edges.size() && joined + 1 < graph.size; ++e) {
@@ -235,9 +256,10 @@ void turn(std::span<Vec3f> normals, TurnedSets& sets, const Graph& graph,
         if (turned) normal = -normal;
         parts[part[i]].add(graph.positions[i], normal);
     }
-    for (Index i = 0; i < graph.size; ++i) {
-        if (parts[part[i]].total() < 0) normals[graph.number[i]] *= -1.0F;
-    }
+    for_blocks_in_order(graph.size, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i)
+            if (parts[part[i]].total() < 0) normals[graph.number[i]] *= -1.0F;
+    });
 }
 
 void turn_to(const Vec3d& viewpoint, std::span<const Vec3f> points, std::span<Vec3f> normals,
@@ -275,8 +297,8 @@ void orient_normals(std::span<const Vec3f> points, std::span<Vec3f> normals,
     if (options.viewpoint) return turn_to(*options.viewpoint, points, normals, context);
     if (points.empty()) return;
     const auto k = static_cast<unsigned>(std::min<std::size_t>(options.k, points.size() - 1));
-    Graph graph = k > 0 ? make_graph(points, normals, k, context)
-                        : Graph{1, 0, {0}, {points[0]}, {normals[0]}, {0}, {}, {}};
+    Graph graph =
+        k > 0 ? make_graph(points, normals, k, context) : graph_of_one(points[0], normals[0]);
     classify(graph, context);
     TurnedSets sets = join_along(sorted_edges(graph, context), graph, context);
     turn(normals, sets, graph, context);

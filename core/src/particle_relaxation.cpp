@@ -1,11 +1,14 @@
 #include "particle_relaxation.hpp"
 
+#include "first_touch.hpp"
 #include "parallel_for.hpp"
+#include "until_stopped.hpp"
 
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <numeric>
 #include <utility>
 
@@ -59,9 +62,9 @@ ParticleRelaxation::ParticleRelaxation(const ParticleSurface& surface, std::vect
 }
 
 void ParticleRelaxation::resize(std::size_t count) {
-    next_.resize(count);
+    resize_in_blocks(next_, count, context_);
     steps_.assign(count, Vec3f::Zero());
-    relative_.resize(count);
+    resize_in_blocks(relative_, count, context_);
     moved_.assign(count, 1);
     moves_.resize(count);
     neighborhoods_.resize((count + kBlock - 1) / kBlock);
@@ -95,23 +98,26 @@ std::vector<ParticleRelaxation::Place> ParticleRelaxation::places_between(float 
                             }
                         });
     std::vector<Place> places;
-    for (const std::vector<Place>& block : blocks)
+    for (const std::vector<Place>& block : blocks) {
+        context_.throw_if_stopped();
         places.insert(places.end(), block.begin(), block.end());
+    }
     return places;
 }
 
 /// Keeps those with the most room, in order.
 template <typename Place>
-void keep_widest(std::vector<Place>& places, std::size_t count) {
+void keep_widest(std::vector<Place>& places, std::size_t count, const RunContext& context) {
     const auto order = [](const Place& p) { return std::pair(p.i, p.j); };
+    const auto wider = [&](const Place& a, const Place& b) {
+        return a.room > b.room || (a.room == b.room && order(a) < order(b));
+    };
     if (count < places.size()) {
         std::nth_element(places.begin(), places.begin() + static_cast<std::ptrdiff_t>(count),
-                         places.end(), [&](const Place& a, const Place& b) {
-                             return a.room > b.room || (a.room == b.room && order(a) < order(b));
-                         });
+                         places.end(), until_stopped(context, wider));
         places.resize(count);
     }
-    std::ranges::sort(places, {}, order);
+    std::ranges::sort(places, until_stopped(context, std::less<>()), order);
 }
 
 /// Particles at the places, each behind the first of its neighbours, without those that leave.
@@ -145,7 +151,7 @@ bool ParticleRelaxation::split(std::size_t most) {
     std::vector<Place> places = places_between(0);
     const std::size_t before = positions_.size(), wanted = most - before;
     if (2 * places.size() < std::min(before, wanted)) return false;
-    keep_widest(places, wanted);
+    keep_widest(places, wanted, context_);
     insert(std::move(places), {});
     factor_ *= std::sqrt(static_cast<float>(before) / static_cast<float>(positions_.size()));
     return true;
@@ -167,7 +173,7 @@ bool ParticleRelaxation::relocate(float radius) {
         }
     }
     if (count == 0) return false;
-    keep_widest(places, count);
+    keep_widest(places, count, context_);
     insert(std::move(places), leaving);
     return true;
 }

@@ -1,5 +1,6 @@
 #include "stipple/particle_simulation.hpp"
 
+#include "first_touch.hpp"
 #include "hilbert_order.hpp"
 #include "parallel_for.hpp"
 #include "particle_density.hpp"
@@ -79,7 +80,9 @@ std::vector<Index> choose_samples(const PointCloud& cloud, const ParticleSimulat
     const std::size_t count =
         uniform ? std::min<std::size_t>(n, kSamplesPerParticle * options.target_size) : n;
     if (count == n) return order;
-    for (std::size_t i = 0; i < count; ++i) order[i] = order[(2 * i + 1) * n / (2 * count)];
+    for_blocks_in_order(count, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) order[i] = order[(2 * i + 1) * n / (2 * count)];
+    });
     order.resize(count);
     return order;
 }
@@ -104,13 +107,18 @@ std::vector<float> relative_spacing(const PointCloud& cloud, const SurfaceSample
 
 /// Spacing that `count` particles can have: in a hexagonal lattice, each has sqrt(3) / 2 of its
 /// square. The factor is found anew while they relax.
-void scale_spacing(std::vector<float>& spacing, std::span<const float> areas, std::size_t count) {
+void scale_spacing(std::vector<float>& spacing, std::span<const float> areas, std::size_t count,
+                   const RunContext& context) {
     double places = 0;
-    for (std::size_t i = 0; i < spacing.size(); ++i)
-        places += static_cast<double>(areas[i] / (spacing[i] * spacing[i]));
+    for_blocks_in_order(spacing.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i)
+            places += static_cast<double>(areas[i] / (spacing[i] * spacing[i]));
+    });
     const auto factor = static_cast<float>(
         std::sqrt(2 / std::numbers::sqrt3 * places / static_cast<double>(count)));
-    for (float& value : spacing) value *= factor;
+    for_blocks_in_order(spacing.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) spacing[i] *= factor;
+    });
 }
 
 /// Steps until `is_done` with one, at most so many.
@@ -183,9 +191,9 @@ struct Ground {
     ParticleRelaxation spread(std::size_t count, std::uint64_t seed,
                               const RunContext& context) const {
         std::vector<float> scaled(spacing.begin(), spacing.end());
-        scale_spacing(scaled, areas, count);
+        scale_spacing(scaled, areas, count, context);
         const std::vector<float> shares = particle_shares(areas, spacing, count, context);
-        return {surface, std::move(scaled), spread_particles(samples, shares, count, seed),
+        return {surface, std::move(scaled), spread_particles(samples, shares, count, seed, context),
                 context};
     }
 };
@@ -256,9 +264,14 @@ Sources find_sources(const PointCloud& cloud, const std::vector<Vec3f>& position
             sources.offsets[i + 1] = static_cast<Index>(members.size() - before);
         }
     });
-    for (std::size_t i = 0; i < positions.size(); ++i) sources.offsets[i + 1] += sources.offsets[i];
-    for (const std::vector<Index>& block : blocks)
+    for_blocks_in_order(positions.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) sources.offsets[i + 1] += sources.offsets[i];
+    });
+    sources.members.reserve(sources.offsets.back());
+    for (const std::vector<Index>& block : blocks) {
+        context.throw_if_stopped();
         sources.members.insert(sources.members.end(), block.begin(), block.end());
+    }
     return sources;
 }
 
@@ -287,8 +300,11 @@ PointCloud particle_simulation(const PointCloud& cloud, const ParticleSimulation
     const SurfaceSamples samples =
         sample_surface(cloud, choose_samples(cloud, options, context), frame, context);
     context.checkpoint(0.2);
-    std::vector<float> areas(samples.size());
-    for (std::size_t i = 0; i < areas.size(); ++i) areas[i] = samples.area(i);
+    std::vector<float> areas;
+    areas.reserve(samples.size());
+    for_blocks_in_order(samples.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) areas.push_back(samples.area(i));
+    });
     const std::vector<float> spacing = relative_spacing(cloud, samples, areas, options, context);
     context.checkpoint(0.25);
     const MlsSurface mls(cloud.positions, {}, context);
@@ -297,9 +313,12 @@ PointCloud particle_simulation(const PointCloud& cloud, const ParticleSimulation
     ParticleRelaxation particles =
         spread_evenly({samples, surface, areas, spacing}, options, context.part(0.3, 0.7));
     part(particles, options, context.part(0.7, 0.95));
-    std::vector<Vec3f> positions(count);
-    std::ranges::transform(particles.positions(), positions.begin(),
-                           [&](const Vec3f& p) { return Vec3f(frame.outside(p).cast<float>()); });
+    std::vector<Vec3f> positions;
+    positions.reserve(count);
+    for_blocks_in_order(count, context, [&](std::size_t begin, std::size_t end) {
+        for (const Vec3f& p : particles.positions().subspan(begin, end - begin))
+            positions.push_back(frame.outside(p).cast<float>());
+    });
     PointCloud result = with_attributes(cloud, std::move(positions), reductions, context);
     context.checkpoint(1.0);
     return result;

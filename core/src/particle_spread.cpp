@@ -1,5 +1,6 @@
 #include "particle_spread.hpp"
 
+#include "parallel_for.hpp"
 #include "random.hpp"
 
 #include <Eigen/Geometry>
@@ -16,6 +17,8 @@
 namespace stipple {
 
 namespace {
+
+constexpr Index kBetweenChecks = 65'536;
 
 double sum_of(std::span<const float> values) {
     return std::accumulate(values.begin(), values.end(), 0.0, [](double sum, float value) {
@@ -47,29 +50,32 @@ Vec3f place_around(const SurfaceSamples& samples, Index sample, std::size_t rank
 std::vector<float> particle_shares(std::span<const float> areas, std::span<const float> spacing,
                                    std::size_t count, const RunContext& context) {
     std::vector<float> shares(areas.size());
-    for (std::size_t i = 0; i < shares.size(); ++i)
-        shares[i] = areas[i] / (spacing[i] * spacing[i]);
+    for_blocks_in_order(shares.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) shares[i] = areas[i] / (spacing[i] * spacing[i]);
+    });
     const auto particles = static_cast<double>(count);
     constexpr double kMost = 8;
     const double bound = std::max(1.0, kMost * particles / static_cast<double>(shares.size()));
     constexpr int kRounds = 4;  // what is cut off one falls to the others
     for (int round = 0; round < kRounds; ++round) {
-        context.throw_if_stopped();
         const double scale = particles / sum_of(shares);
-        for (float& share : shares)
-            share = static_cast<float>(std::min(bound, static_cast<double>(share) * scale));
+        for_blocks_in_order(shares.size(), context, [&](std::size_t begin, std::size_t end) {
+            for (float& share : std::span(shares).subspan(begin, end - begin))
+                share = static_cast<float>(std::min(bound, static_cast<double>(share) * scale));
+        });
     }
     return shares;
 }
 
 SpreadParticles spread_particles(const SurfaceSamples& samples, std::span<const float> shares,
-                                 std::size_t count, std::uint64_t seed) {
+                                 std::size_t count, std::uint64_t seed, const RunContext& context) {
     const double pace = sum_of(shares) / static_cast<double>(count), start = random_unit(seed, 0);
     SpreadParticles particles;
     particles.positions.reserve(count);
     particles.samples.reserve(count);
     double passed = 0;
     for (Index sample = 0; sample < shares.size(); ++sample) {
+        if (sample % kBetweenChecks == 0) context.throw_if_stopped();
         passed += static_cast<double>(shares[sample]);
         const bool is_last = sample + 1 == shares.size();
         const double due =

@@ -24,6 +24,6 @@ struct SpreadParticles {
 
 /// `count` particles, so many at each sample as its share says.
 SpreadParticles spread_particles(const SurfaceSamples& samples, std::span<const float> shares,
-                                 std::size_t count, std::uint64_t seed);
+                                 std::size_t count, std::uint64_t seed, const RunContext& context);
 
 }  // namespace stipple

@@ -89,12 +89,12 @@ void PointBlocks::partition(std::size_t begin, std::size_t end, bool is_aside, L
         return;
     }
     const std::size_t middle = begin + front;
+    if (from.size > kParallelGrain) context.throw_if_stopped();
     if (from.size <= kParallelGrain || context.thread_count() == 1) {
         partition(begin, middle, !is_aside, leaves, context);
         partition(middle, end, !is_aside, leaves, context);
         return;
     }
-    context.throw_if_stopped();
     Leaves right;
     tbb::parallel_invoke([&] { partition(begin, middle, !is_aside, leaves, context); },
                          [&] { partition(middle, end, !is_aside, right, context); });

@@ -1,5 +1,6 @@
 #include "point_tree.hpp"
 
+#include "first_touch.hpp"
 #include "hilbert_order.hpp"
 #include "parallel_for.hpp"
 
@@ -51,9 +52,10 @@ PointTree::Node empty_node() noexcept {
 /// Orders a stretch of the curve so that its leaves are compact: halved across its longest side,
 /// again and again. A surface runs in and out of the cells of the curve, whose own stretches of
 /// eight points are scattered.
-void tidy(std::span<const Vec3f> points, std::span<Index> stretch) {
-    constexpr std::size_t kLeaf = PointTree::kWidth;
+void tidy(std::span<const Vec3f> points, std::span<Index> stretch, const RunContext& context) {
+    constexpr std::size_t kLeaf = PointTree::kWidth, kMany = 8'192;
     if (stretch.size() <= kLeaf) return;
+    if (stretch.size() > kMany) context.throw_if_stopped();
     Box box;
     for (const Index i : stretch) box.add(points[i]);
     int axis = 0;
@@ -65,22 +67,23 @@ void tidy(std::span<const Vec3f> points, std::span<Index> stretch) {
                          const float p = points[a][axis], q = points[b][axis];
                          return p < q || (p == q && a < b);
                      });
-    tidy(points, stretch.first(half));
-    tidy(points, stretch.subspan(half));
+    tidy(points, stretch.first(half), context);
+    tidy(points, stretch.subspan(half), context);
 }
 
 }  // namespace
 
 PointTree::PointTree(std::span<const Vec3f> points, Leaves leaves, const RunContext& context)
-    : size_(points.size()), leaves_((points.size() + kWidth - 1) / kWidth) {
+    : size_(points.size()) {
     std::vector<Index> order = hilbert_order(points, context);
     if (leaves == Leaves::Compact) {
         constexpr std::size_t kTidied = 65'536;
         parallel_for_blocks(size_, kTidied, context, [&](std::size_t begin, std::size_t end) {
-            tidy(points, std::span(order).subspan(begin, end - begin));
+            tidy(points, std::span(order).subspan(begin, end - begin), context);
         });
     }
     if (size_ == 0) return;
+    resize_in_blocks(leaves_, (size_ + kWidth - 1) / kWidth, context);
 
     std::vector<Node>* level = &levels_.emplace_back((leaves_.size() + kWidth - 1) / kWidth);
     parallel_for_blocks(level->size(), 256, context, [&](std::size_t begin, std::size_t end) {

@@ -1,6 +1,7 @@
 #include "sample_quadrics.hpp"
 
 #include "contraction_quadrics.hpp"
+#include "first_touch.hpp"
 #include "gather.hpp"
 #include "parallel_for.hpp"
 #include "stipple/neighbors.hpp"
@@ -173,9 +174,10 @@ double squared_diagonal(std::span<const Vec3f> points) {
 
 QuadricSamples::QuadricSamples(std::span<const Vec3f> points, const MemberLists& clusters,
                                unsigned k, const Features& features, const RunContext& context)
-    : positions_(clusters.size()), matrices_(clusters.size()) {
-    std::vector<Summary> summaries(size());
-    std::vector<Vec3f> centroids(size());
+    : positions_(made_in_blocks<decltype(positions_)>(clusters.size(), context)),
+      matrices_(made_in_blocks<decltype(matrices_)>(clusters.size(), context)) {
+    auto summaries = made_in_blocks<std::vector<Summary>>(size(), context);
+    auto centroids = made_in_blocks<std::vector<Vec3f>>(size(), context);
     parallel_for_blocks(size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
         Gathered gathered(points);
         for (std::size_t i = begin; i < end; ++i) {

@@ -27,23 +27,27 @@ struct BasicSampleSpan {
 using SampleSpan = BasicSampleSpan<false>;
 using MutableSampleSpan = BasicSampleSpan<true>;
 
+constexpr std::size_t kSampleBytes = 3 * sizeof(float) + sizeof(Index);
+
+/// Room for n samples in that many times `kSampleBytes`: all x, all y, all z, all indices.
+inline MutableSampleSpan samples_in(void* memory, std::size_t n) noexcept {
+    auto* const x = static_cast<float*>(memory);
+    return {x, x + n, x + 2 * n, static_cast<Index*>(memory) + 3 * n, n};
+}
+
 /// Room for samples, not initialised: the first touch of memory costs as much as a level of the
 /// tree.
 class Samples {
 public:
-    explicit Samples(std::size_t n) : size_(n), memory_(n * (3 * sizeof(float) + sizeof(Index))) {}
+    explicit Samples(std::size_t n) : size_(n), memory_(n * kSampleBytes) {}
 
     std::size_t size() const noexcept { return size_; }
-    MutableSampleSpan all() noexcept {
-        auto* const x = static_cast<float*>(memory_.data());
-        auto* const index = static_cast<Index*>(memory_.data()) + 3 * size_;
-        return {x, x + size_, x + 2 * size_, index, size_};
-    }
+    MutableSampleSpan all() noexcept { return samples_in(memory_.data(), size_); }
     SampleSpan all() const noexcept { return const_cast<Samples*>(this)->all(); }
 
 private:
     std::size_t size_;
-    LargeMemory memory_;  ///< all x, all y, all z, all indices
+    LargeMemory memory_;
 };
 
 }  // namespace stipple

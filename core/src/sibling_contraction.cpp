@@ -2,10 +2,12 @@
 
 #include "parallel_for.hpp"
 #include "quadric.hpp"
+#include "until_stopped.hpp"
 
 #include <tbb/parallel_invoke.h>
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
 
 // A queue of such contractions has nothing to search: what each costs follows from the leaves up,
@@ -26,14 +28,16 @@ struct Rank {
 };
 
 /// The last node that stays split when `size` points are left.
-Rank last_split(std::span<const double> costs, std::span<const Index> samples_of,
-                std::size_t size) {
+Rank last_split(std::span<const double> costs, std::span<const Index> samples_of, std::size_t size,
+                const RunContext& context) {
     if (size == 1) return {std::numeric_limits<double>::infinity(), 0};
     std::vector<Rank> ranks;
-    for (std::size_t node = 0; node < costs.size(); ++node)
-        if (samples_of[node] > 1) ranks.push_back({costs[node], static_cast<Index>(node)});
+    for_blocks_in_order(costs.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t node = begin; node < end; ++node)
+            if (samples_of[node] > 1) ranks.push_back({costs[node], static_cast<Index>(node)});
+    });
     const auto last = ranks.begin() + static_cast<std::ptrdiff_t>(size - 2);
-    std::nth_element(ranks.begin(), last, ranks.end());
+    std::nth_element(ranks.begin(), last, ranks.end(), until_stopped(context, std::less<>()));
     return *last;
 }
 
@@ -53,7 +57,7 @@ SiblingContraction::SiblingContraction(const QuadricSamples& samples,
 }
 
 std::vector<Index> SiblingContraction::nodes_left(std::size_t size) const {
-    const Rank last = last_split(costs_, samples_of_, size);
+    const Rank last = last_split(costs_, samples_of_, size, context_);
     std::vector<Index> first;
     Index sample = 0;
     for (std::size_t node = 0; node < costs_.size();) {

@@ -1,5 +1,6 @@
 #include "surface_samples.hpp"
 
+#include "first_touch.hpp"
 #include "parallel_for.hpp"
 #include "symmetric_eigen.hpp"
 
@@ -80,8 +81,9 @@ SurfaceSamples sample_surface(const PointCloud& cloud, std::vector<Index> points
     const std::size_t n = points.size();
     SurfaceSamples s;
     s.points = std::move(points);
-    for (auto* vectors : {&s.positions, &s.normals, &s.outward}) vectors->resize(n);
-    for (auto* values : {&s.radii, &s.variation, &s.outer}) values->resize(n);
+    for (auto* vectors : {&s.positions, &s.normals, &s.outward})
+        resize_in_blocks(*vectors, n, context);
+    for (auto* values : {&s.radii, &s.variation, &s.outer}) resize_in_blocks(*values, n, context);
     parallel_for_blocks(n, kBlock, context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i)
             s.positions[i] = frame.inside(cloud.positions[s.points[i]].cast<double>());

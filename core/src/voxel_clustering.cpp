@@ -1,6 +1,7 @@
 #include "stipple/voxel_clustering.hpp"
 
 #include "cluster_splitting.hpp"
+#include "first_touch.hpp"
 #include "random.hpp"
 #include "representatives.hpp"
 #include "stipple/error.hpp"
@@ -110,25 +111,25 @@ private:
 Clusters clusters_of(std::span<const Vec3f> points, const VoxelGrid& grid, std::size_t expected,
                      const RunContext& context) {
     KeyNumbers numbers(expected);
-    std::vector<Index> cell(points.size());
+    auto cell = made_in_blocks<std::vector<Index>>(points.size(), context);
     std::vector<Index> sizes;
-    for (std::size_t begin = 0; begin < points.size(); begin += kBlock) {
-        context.throw_if_stopped();
-        const std::size_t end = std::min(points.size(), begin + kBlock);
+    for_blocks_in_order(points.size(), context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {
             cell[i] = numbers.number_of(grid.key(points[i]));
             if (cell[i] == sizes.size()) sizes.push_back(0);
             ++sizes[cell[i]];
         }
-    }
+    });
     Clusters clusters;
     clusters.offsets.resize(sizes.size() + 1);
     for (std::size_t c = 0; c < sizes.size(); ++c)
         clusters.offsets[c + 1] = clusters.offsets[c] + sizes[c];
     std::vector<Index> next(clusters.offsets.begin(), clusters.offsets.end() - 1);
-    clusters.members.resize(points.size());
-    for (std::size_t i = 0; i < points.size(); ++i)
-        clusters.members[next[cell[i]]++] = static_cast<Index>(i);
+    resize_in_blocks(clusters.members, points.size(), context);
+    for_blocks_in_order(points.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i)
+            clusters.members[next[cell[i]]++] = static_cast<Index>(i);
+    });
     return clusters;
 }
 

@@ -23,7 +23,7 @@ struct Grown {
           cut([&] {
               ClusterTree tree(points);
               Cut result = tree.cut(size, {});
-              members = tree.take_members();
+              members.assign(tree.members().begin(), tree.members().end());
               return result;
           }()),
           samples(points, {members.data(), cut.offsets}, 8, Features(cloud, {}), {}) {}
