@@ -7,8 +7,10 @@
 #include "stipple/clusters.hpp"
 #include "stipple/error.hpp"
 #include "stipple/neighbors.hpp"
+#include "surface_fit.hpp"
 
 #include <algorithm>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -17,6 +19,9 @@
 namespace stipple {
 
 namespace {
+
+/// Input points of each new one that the surface is fitted to.
+constexpr unsigned kFitted = 4;
 
 /// The samples of each survivor, in their order.
 Clusters clusters_of(const ContractionSnapshot& snapshot, const RunContext& context) {
@@ -38,10 +43,18 @@ Clusters clusters_of(const ContractionSnapshot& snapshot, const RunContext& cont
     return clusters;
 }
 
+/// @param search  of the cloud's points, where displacements are bounded.
 PointCloud cloud_of(const PointCloud& cloud, ContractionSnapshot&& snapshot,
-                    const IterativeSimplificationOptions& options, const RunContext& context) {
+                    const IterativeSimplificationOptions& options,
+                    const std::optional<NeighborSearch>& search, const RunContext& context) {
     const Clusters clusters = clusters_of(snapshot, context);
     if (options.placement == Placement::Optimal) {
+        fit_surface(snapshot.positions, cloud.positions,
+                    {clusters.members.data(), clusters.offsets}, kFitted, context);
+        if (search) {
+            bound_displacement(snapshot.positions, cloud.positions, *search,
+                               *options.max_displacement, context);
+        }
         return merged_cloud(cloud, clusters, std::move(snapshot.positions), options.reductions,
                             context);
     }
@@ -97,11 +110,7 @@ void iterative_snapshots(const PointCloud& cloud, std::span<const std::uint64_t>
          .features = features.values,
          .channels = features.channels},
         [&](ContractionSnapshot&& snapshot) {
-            if (search) {
-                bound_displacement(snapshot.positions, cloud.positions, *search,
-                                   *options.max_displacement, context);
-            }
-            on_cloud(cloud_of(cloud, std::move(snapshot), options, context));
+            on_cloud(cloud_of(cloud, std::move(snapshot), options, search, context));
         },
         context);
 }

@@ -173,4 +173,30 @@ MlsHeight fit_polynomial(const MlsNeighborhood& around, const Vec3d& n, const Ve
     return {b[0], (n - (b[1] * e1 + b[2] * e2) / h).normalized()};
 }
 
+double polynomial_shares(const MlsNeighborhood& around, const Vec3d& n, const Vec3d& q, double h,
+                         unsigned degree, std::span<double> shares) {
+    while (degree > 1 && term_count(degree) > around.size()) --degree;
+    MlsPlane plane;
+    plane.n = n;
+    plane.t = n.dot(q);
+    const Vec3d e1 = n.unitOrthogonal(), e2 = n.cross(e1);
+    std::array<std::array<double, kMaxTerms>, kMaxTerms> A;
+    std::array<double, kMaxTerms> b;
+    const double highest = mls_kernels().normal_equations(
+        around.columns(), trial_of(plane, e1, e2, h), degree, A.front().data(), b.data());
+    std::array<double, 6> c = {1};  // the height at q, by the right side
+    solve(A, std::span(c).first(term_count(degree)));
+    double height = 0;
+    for (std::size_t i = 0; i < around.size(); ++i) {
+        const Vec3d d = Vec3d(around.x[i], around.y[i], around.z[i]) - q;
+        const double u = e1.dot(d) / h, v = e2.dot(d) / h;
+        shares[i] =
+            around.weight[i] * (c[0] + u * (c[1] + u * c[3] + v * c[4]) + v * (c[2] + v * c[5]));
+        height += shares[i] * n.dot(d);
+    }
+    if (degree > 1 && !(std::abs(height) <= highest))
+        return polynomial_shares(around, n, q, h, degree - 1, shares);
+    return height;
+}
+
 }  // namespace stipple

@@ -59,4 +59,11 @@ struct MlsHeight {
 MlsHeight fit_polynomial(const MlsNeighborhood& around, const Vec3d& n, const Vec3d& q, double h,
                          unsigned degree);
 
+/// The height of that polynomial at q, `degree` 1 or 2, as a sum over the neighbours: each one's
+/// own height times its share. The shares sum up to 1, and depend on what the neighbours' heights
+/// are only in that the degree is lowered as it is there.
+/// @param shares  as many as neighbours. @return the height.
+double polynomial_shares(const MlsNeighborhood& around, const Vec3d& n, const Vec3d& q, double h,
+                         unsigned degree, std::span<double> shares);
+
 }  // namespace stipple

@@ -8,6 +8,7 @@
 #include "sample_quadrics.hpp"
 #include "sibling_contraction.hpp"
 #include "stipple/error.hpp"
+#include "surface_fit.hpp"
 
 #include <algorithm>
 #include <sstream>
@@ -21,6 +22,9 @@
 namespace stipple {
 
 namespace {
+
+/// Input points of each new one that the surface is fitted to.
+constexpr unsigned kFitted = 1;
 
 [[noreturn]] void refuse(const std::string& message) {
     throw Error(ErrorCode::InvalidArgument, message);
@@ -44,14 +48,15 @@ std::uint64_t sample_count(const PointCloud& cloud, std::uint64_t size,
 
 PointCloud cloud_at(const PointCloud& cloud, const Clusters& clusters, std::vector<Vec3f> positions,
                     const IterativeSimplificationOptions& options, const RunContext& context) {
+    const MemberLists lists = {clusters.members.data(), clusters.offsets};
     if (options.placement == Placement::Optimal) {
+        fit_surface(positions, cloud.positions, lists, kFitted, context);
         if (options.max_displacement) {
             bound_displacement(positions, cloud.positions, NeighborSearch(cloud.positions, context),
                                *options.max_displacement, context);
         }
         return merged_cloud(cloud, clusters, std::move(positions), options.reductions, context);
     }
-    const MemberLists lists = {clusters.members.data(), clusters.offsets};
     const auto nearest = nearest_members(cloud.positions, lists, positions, context);
     for (std::size_t i = 0; i < nearest.size(); ++i) positions[i] = cloud.positions[nearest[i]];
     return merged_cloud(cloud, std::move(positions), lists, nearest,
