@@ -7,7 +7,6 @@
 #include <functional>
 #include <map>
 #include <mutex>
-#include <regex>
 #include <set>
 #include <thread>
 
@@ -87,11 +86,15 @@ TEST_P(JobStoreContract, TakesACloudOncePerTenant) {
 }
 
 TEST_P(JobStoreContract, TellsTimesInUtcWithMilliseconds) {
-    const std::regex form(R"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z)");
+    const auto form = [](std::string time) {
+        std::ranges::replace_if(time, [](char c) { return c >= '0' && c <= '9'; }, '0');
+        return time;
+    };
+    const char* const expected = "0000-00-00T00:00:00.000Z";
     const std::string cloud = put_cloud(*store_, "ada", "cloud");
-    EXPECT_TRUE(std::regex_match(store_->find_cloud("ada", cloud)->created, form));
+    EXPECT_EQ(form(store_->find_cloud("ada", cloud)->created), expected);
     const JobDocument job = submit();
-    EXPECT_TRUE(std::regex_match(job.created, form)) << job.created;
+    EXPECT_EQ(form(job.created), expected);
     EXPECT_EQ(job.started, "");
     EXPECT_EQ(job.finished, "");
 }
