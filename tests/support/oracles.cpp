@@ -2,6 +2,7 @@
 
 #include "support/eigen_system.hpp"
 
+#include <Eigen/LU>
 #include <algorithm>
 #include <numeric>
 #include <tuple>
