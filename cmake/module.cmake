@@ -47,10 +47,17 @@ function(stipple_add_module name)
     target_compile_features(stipple_${name} PUBLIC cxx_std_20)
     stipple_precompile(stipple_${name} <Eigen/Core>)
 
-    # Every public header compiles alone.
+    # Every public header compiles alone: the source of its name includes it first, else one made here does.
     set(checks)
     foreach(header IN LISTS headers)
         cmake_path(RELATIVE_PATH header BASE_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR}/include OUTPUT_VARIABLE relative)
+        cmake_path(GET relative STEM stem)
+        if(EXISTS ${CMAKE_CURRENT_SOURCE_DIR}/src/${stem}.cpp)
+            file(STRINGS src/${stem}.cpp first_include REGEX "^#include" LIMIT_COUNT 1)
+            if(first_include STREQUAL "#include \"${relative}\"")
+                continue()
+            endif()
+        endif()
         string(MAKE_C_IDENTIFIER ${relative} id)
         file(CONFIGURE OUTPUT header_check/${id}.cpp CONTENT "#include \"${relative}\" // IWYU pragma: keep\n")
         list(APPEND checks ${CMAKE_CURRENT_BINARY_DIR}/header_check/${id}.cpp)

@@ -58,17 +58,47 @@ private:
     FileDescriptor event_;
 };
 
-/// One service on one folder: the lock lives as long as the process.
-FileDescriptor lock_folder(const fs::path& folder) {
+/// What of the service a process is.
+std::vector<std::string> parts_of(Role role) {
+    switch (role) {
+        case Role::Api:
+            return {"api"};
+        case Role::Worker:
+            return {"worker"};
+        case Role::All:
+            break;
+    }
+    return {"api", "worker"};
+}
+
+/// Each part runs once on a folder: the locks live as long as the process.
+std::vector<FileDescriptor> take_parts(const fs::path& folder, Role role) {
     std::error_code error;
     fs::create_directories(folder, error);
-    FileDescriptor lock = open_file(folder / "lock", O_RDWR | O_CREAT);
-    if (!lock) throw_errno("cannot open", folder / "lock");
-    if (::flock(lock.get(), LOCK_EX | LOCK_NB) != 0) {
-        throw Error(ErrorCode::Conflict,
-                    "--data " + folder.string() + ": another stippled runs on this folder");
+    std::vector<FileDescriptor> locks;
+    for (const std::string& part : parts_of(role)) {
+        const fs::path file = folder / (part + ".lock");
+        locks.push_back(open_file(file, O_RDWR | O_CREAT));
+        if (!locks.back()) throw_errno("cannot open", file);
+        if (::flock(locks.back().get(), LOCK_EX | LOCK_NB) != 0) {
+            throw Error(
+                ErrorCode::Conflict,
+                "--data " + folder.string() + ": another stippled runs on this folder as " + part);
+        }
     }
-    return lock;
+    return locks;
+}
+
+std::unique_ptr<BlobStore> open_blobs(const ServerConfig& config) {
+    std::vector<std::string> unfinished;
+    for (const std::string& part : parts_of(config.role)) unfinished.push_back("tmp-" + part);
+    return open_file_blob_store(config.data / "blobs", unfinished);
+}
+
+std::unique_ptr<JobStore> open_jobs(const ServerConfig& config) {
+    return open_sqlite_job_store(config.data / "stipple.sqlite", config.role == Role::All
+                                                                     ? Sharing::Alone
+                                                                     : Sharing::WithOtherProcesses);
 }
 
 http::GuardedServerOptions guard(const ServerConfig& config, const ListenAddress& address) {
@@ -101,11 +131,11 @@ WorkerPoolOptions worker_options(const ServerConfig& config) {
 int serve(const ServerConfig& config) {
     spdlog::set_level(spdlog::level::from_str(config.log_level));
     StopSignal stop;
-    const FileDescriptor lock = lock_folder(config.data);
+    const auto locks = take_parts(config.data, config.role);
     const auto keys = config.api_keys ? http::ApiKeys::read(*config.api_keys) : http::ApiKeys();
-    const auto blobs = open_file_blob_store(config.data / "blobs");
-    const auto jobs = open_sqlite_job_store(config.data / "stipple.sqlite");
-    jobs->recover();
+    const auto blobs = open_blobs(config);
+    const auto jobs = open_jobs(config);
+    if (config.role != Role::Api) jobs->recover();
     Service service(config.limits, *jobs, *blobs);
 
     http::Metrics metrics;
@@ -121,7 +151,10 @@ int serve(const ServerConfig& config) {
     }
     http::GuardedServer admin_server(admin_guard(config), admin);
 
-    Housekeeper housekeeper({.retention = config.limits.retention}, *jobs, *blobs);
+    std::optional<Housekeeper> housekeeper;
+    if (config.role != Role::Worker)
+        housekeeper.emplace(HousekeeperOptions{.retention = config.limits.retention}, *jobs,
+                            *blobs);
     const auto runner =
         make_process_job_runner(fs::read_symlink("/proc/self/exe").parent_path() / "stipple-job");
     std::optional<WorkerPool> workers;
@@ -145,8 +178,8 @@ int serve(const ServerConfig& config) {
 }
 
 int scrub(const ServerConfig& config) {
-    const FileDescriptor lock = lock_folder(config.data);
-    const auto blobs = open_file_blob_store(config.data / "blobs");
+    const auto locks = take_parts(config.data, Role::All);
+    const auto blobs = open_blobs(config);
     std::uint64_t whole = 0, bytes = 0, broken = 0;
     for (const std::string& id : blobs->older_than(std::chrono::system_clock::now())) {
         try {

@@ -1,11 +1,11 @@
 #include "stipple/local_analysis.hpp"
 
 #include "stipple/error.hpp"
+#include "support/eigen_system.hpp"
 #include "support/oracles.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
-#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <cmath>
 #include <random>
@@ -80,12 +80,11 @@ TEST(LocalAnalysis, IsThatOfTheCovarianceMatrix) {
         for (std::size_t j = 0; j < k; ++j)
             members.col(static_cast<Eigen::Index>(j)) = points[near[j].second].cast<double>();
         members.colwise() -= members.rowwise().mean().eval();
-        const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(members * members.transpose());
-        const Vec3d lambda = solver.eigenvalues();
+        const auto [lambda, vectors] = test::eigen_system(members * members.transpose());
         ASSERT_NEAR(analysis.variation[i], lambda[0] / lambda.sum(), 1e-7);
         ASSERT_NEAR(analysis.anisotropy[i], (lambda[2] - lambda[1]) / lambda[2], 1e-6);
         ASSERT_FLOAT_EQ(analysis.density[i], static_cast<float>(k) / near[k - 1].first);
-        const Vec3d expected = solver.eigenvectors().col(0);
+        const Vec3d expected = vectors.col(0);
         const double gap = (lambda[1] - lambda[0]) / lambda[2];
         ASSERT_LT(expected.cross(analysis.normals[i].cast<double>()).norm(), 1e-6 + 1e-12 / gap);
     }
@@ -93,7 +92,7 @@ TEST(LocalAnalysis, IsThatOfTheCovarianceMatrix) {
 
 TEST(LocalAnalysis, FindsTheNormalOfAPlane) {
     const Vec3f normal = Vec3f(1, 2, 3).normalized();
-    const Eigen::Quaternionf turn = Eigen::Quaternionf::FromTwoVectors(Vec3f::UnitZ(), normal);
+    const Eigen::AngleAxisf turn(std::acos(normal.z()), Vec3f::UnitZ().cross(normal).normalized());
     std::vector<Vec3f> points = test::plane(500).positions;
     for (Vec3f& p : points) p = turn * p;
     const LocalAnalysis analysis = all_of(points, 12);

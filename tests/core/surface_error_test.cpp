@@ -8,10 +8,10 @@
 #include "stipple/error.hpp"
 #include "stipple/hierarchical_clustering.hpp"
 #include "stipple/neighbors.hpp"
+#include "support/eigen_system.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
-#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
@@ -405,8 +405,7 @@ SlowFoot slow_foot(const std::vector<Vec3f>& points, unsigned k, const Vec3d& q,
         a /= total;
         Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
         for (const Vec3d& p : near) covariance += weight(p) * (p - a) * (p - a).transpose();
-        const Vec3d n =
-            Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(covariance).eigenvectors().col(0);
+        const Vec3d n = test::eigen_system(covariance).vectors.col(0);
         const Vec3d next = q - n.dot(q - a) * n;
         foot.converged = (next - x).norm() <= 1e-4 * foot.h;
         foot.distance = (q - next).norm();

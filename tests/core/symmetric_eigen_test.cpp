@@ -1,7 +1,9 @@
 #include "symmetric_eigen.hpp"
 
+#include "support/eigen_system.hpp"
+
 #include <gtest/gtest.h>
-#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
 #include <random>
 
 namespace stipple {
@@ -13,11 +15,11 @@ Symmetric3 symmetric(const Eigen::Matrix3d& m) {
 
 /// Values and the vectors of both ends, against Eigen's iterative solver.
 void expect_solved(const Eigen::Matrix3d& m) {
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> exact(m);
+    const auto exact = test::eigen_system(m);
     const auto found = eigenvalues(symmetric(m));
     const double scale = m.cwiseAbs().maxCoeff();
     for (int i = 0; i < 3; ++i)
-        EXPECT_NEAR(found[static_cast<std::size_t>(i)], exact.eigenvalues()[i], 4e-8 * scale);
+        EXPECT_NEAR(found[static_cast<std::size_t>(i)], exact.values[i], 4e-8 * scale);
     for (const std::size_t end : {std::size_t{0}, std::size_t{2}}) {
         const Vec3d v = eigenvector(symmetric(m), found[end]);
         EXPECT_NEAR(v.norm(), 1.0, 1e-12);

@@ -425,26 +425,6 @@ TEST(Stippled, KeepsTenantsApart) {
     EXPECT_EQ(request(server.port(), "GET", "/v1/limits").status, 200);
 }
 
-TEST(Stippled, LosesNothingThatItAcknowledgedWhenKilled) {
-    StippledProcess server;
-    const std::string cloud = upload(server, as_ply(sphere(200'000, 0.01)));
-    std::vector<std::string> ids;
-    for (int i = 0; i < 3; ++i) {
-        ids.push_back(
-            submit(server, {{"type", "simplify"}, {"input", cloud}, {"points", 1000 + i}}));
-    }
-    std::this_thread::sleep_for(150ms);  // somewhere within the first job
-    server.restart();
-    for (const std::string& id : ids) {
-        const Json job = finished(server, id);
-        EXPECT_EQ(job.at("status"), "successful") << job.dump();
-        const Json results =
-            Json::parse(request(server.port(), "GET", "/v1/jobs/" + id + "/results").body);
-        const Json& file = results.at("levels").at(0).at("files").at(0);
-        EXPECT_EQ(hash_of(request(server.port(), "GET", file.at("href")).body), file.at("sha256"));
-    }
-}
-
 TEST(Stippled, EndsInOrderOnSigterm) {
     StippledProcess server;
     RawConnection idle(server.port());

@@ -1,6 +1,8 @@
 #include "support/oracles.hpp"
 
-#include <Eigen/Eigenvalues>
+#include "support/eigen_system.hpp"
+
+#include <Eigen/LU>
 #include <algorithm>
 #include <numeric>
 #include <tuple>
@@ -31,14 +33,13 @@ void split(const std::vector<Vec3f>& points, const std::vector<Index>& members,
         const Vec3d d = points[i].cast<double>() - centroid;
         covariance += d * d.transpose();
     }
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(covariance);
-    const double variation =
-        covariance.trace() > 0 ? solver.eigenvalues()[0] / covariance.trace() : 0.0;
+    const auto [lambda, vectors] = eigen_system(covariance);
+    const double variation = covariance.trace() > 0 ? lambda[0] / covariance.trace() : 0.0;
     if (members.size() < 2 || (members.size() <= max_size && variation <= max_variation)) {
         clusters.emplace(members.begin(), members.end());
         return;
     }
-    const Vec3d axis = solver.eigenvectors().col(2);
+    const Vec3d axis = vectors.col(2);
     std::vector<Index> left, right;
     for (const Index i : members) {
         ((points[i].cast<double>() - centroid).dot(axis) < 0 ? left : right).push_back(i);

@@ -33,9 +33,18 @@ bool readable(int fd, steady_clock::time_point deadline) {
     return left > 0ms && ::poll(&polled, 1, static_cast<int>(left.count())) > 0;
 }
 
-std::uint16_t port_after(const std::string& line, const std::string& key) {
-    const auto colon = line.find(':', line.find(key) + key.size() + 5);
-    return static_cast<std::uint16_t>(std::stoul(line.substr(colon + 1)));
+/// `127.0.0.1:8080` of `api=http://127.0.0.1:8080`.
+std::string address_after(const std::string& line, const std::string& key) {
+    const auto begin = line.find(key) + key.size();
+    return line.substr(begin, line.find_first_of(" \n", begin) - begin);
+}
+
+/// 0 where nothing listens.
+std::uint16_t port_of(const std::string& address) {
+    const auto colon = address.rfind(':');
+    return colon == address.npos
+               ? std::uint16_t{0}
+               : static_cast<std::uint16_t>(std::stoul(address.substr(colon + 1)));
 }
 
 /// The chunks of a chunked body, joined; nothing when it is not whole yet.
@@ -64,14 +73,14 @@ StippledProcess::~StippledProcess() {
 }
 
 void StippledProcess::start() {
-    std::vector<std::string> words = {program("stippled").string(),
-                                      "serve",
-                                      "--listen",
-                                      "127.0.0.1:0",
-                                      "--admin",
-                                      "127.0.0.1:0",
-                                      "--data",
-                                      data().string()};
+    std::vector<std::string> words = {program("stippled").string(), "serve"};
+    const auto unless_given = [&](const std::string& flag, const std::string& value) {
+        if (std::ranges::find(arguments_, flag) == arguments_.end())
+            words.insert(words.end(), {flag, value});
+    };
+    unless_given("--listen", "127.0.0.1:0");
+    unless_given("--admin", "127.0.0.1:0");
+    unless_given("--data", data().string());
     words.insert(words.end(), arguments_.begin(), arguments_.end());
     std::vector<char*> argv;
     for (std::string& word : words) argv.push_back(word.data());
@@ -101,8 +110,8 @@ void StippledProcess::start() {
         }
         output.append(piece.data(), static_cast<std::size_t>(n));
     }
-    port_ = port_after(output.substr(line), "api=http");
-    admin_port_ = port_after(output.substr(line), "admin=http");
+    address_ = address_after(output.substr(line), "api=http://");
+    admin_port_ = port_of(address_after(output.substr(line), "admin=http://"));
     // Its log goes on into the pipe: drained in the background until it ends.
     drain_ = std::jthread([fd = pipe[0]] {
         std::array<char, 4096> piece;
@@ -110,6 +119,10 @@ void StippledProcess::start() {
         }
         ::close(fd);
     });
+}
+
+std::uint16_t StippledProcess::port() const {
+    return port_of(address_);
 }
 
 void StippledProcess::kill() {

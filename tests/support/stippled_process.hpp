@@ -17,14 +17,15 @@ namespace stipple::test {
 /// A real `stippled` on free ports of 127.0.0.1 and a data folder of its own; killed at the end.
 class StippledProcess {
 public:
-    /// Starts it and waits until it is ready. @param arguments  further ones of `stippled serve`.
+    /// Starts it and waits until it is ready. @param arguments  further ones of `stippled serve`,
+    /// or others for `--listen`, `--admin` and `--data`.
     explicit StippledProcess(std::vector<std::string> arguments = {});
     ~StippledProcess();
     StippledProcess(const StippledProcess&) = delete;
     StippledProcess& operator=(const StippledProcess&) = delete;
 
-    std::string url() const { return "http://127.0.0.1:" + std::to_string(port_); }
-    std::uint16_t port() const noexcept { return port_; }
+    std::string url() const { return "http://" + address_; }
+    std::uint16_t port() const;  ///< of the API; 0 for a worker alone
     std::uint16_t admin_port() const noexcept { return admin_port_; }
     pid_t pid() const noexcept { return pid_; }
     const std::filesystem::path& data() const noexcept { return folder_.path(); }
@@ -47,7 +48,8 @@ private:
     const std::vector<std::string> arguments_;
     TemporaryFolder folder_;
     pid_t pid_ = -1;
-    std::uint16_t port_ = 0, admin_port_ = 0;
+    std::string address_;
+    std::uint16_t admin_port_ = 0;
     std::jthread drain_;  ///< of its log; ends with it
 };
 

@@ -18,6 +18,7 @@ public:
     void begin_drain() noexcept { draining_ = true; }
 
     Reply handle(Request& request) override;
+    void answered(const Request&, int) override {}
     void served(const Request&, const Served&) override {}
     void refused(int, std::string_view) override {}
 

@@ -173,8 +173,12 @@ bool Api::listed(std::string_view origin) const noexcept {
     });
 }
 
+void Api::answered(const Request& request, int status) {
+    metrics_.request_answered(request.method, request.route, status);
+}
+
 void Api::served(const Request& request, const Served& outcome) {
-    metrics_.request_served(request.method, request.route, outcome);
+    metrics_.request_served(request.route, outcome);
     // The template, not the path: what others chose stays out of the log.
     spdlog::info("http.served id={} tenant={} method={} route={} status={} bytes={} ms={:.1f}{}",
                  request.id, request.tenant.empty() ? "-" : request.tenant, request.method,

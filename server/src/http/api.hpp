@@ -22,6 +22,7 @@ public:
     Api(ApiOptions options, Service& service, Metrics& metrics);
 
     Reply handle(Request& request) override;
+    void answered(const Request& request, int status) override;
     void served(const Request& request, const Served& outcome) override;
     void refused(int status, std::string_view detail) override;
 

@@ -240,6 +240,7 @@ private:
             }
         }
         status_ = reply.status;
+        application_.answered(request_, status_);
         permit_ = reply.permit;
         // What is left of a body that nobody read would be taken for the next request.
         if (!body_.finished()) reply.headers.set("Connection", "close");

@@ -23,6 +23,9 @@ public:
     virtual ~Application() = default;
     /// @throws Disconnected; every other failure is made a reply.
     virtual Reply handle(Request& request) = 0;
+    /// The reply is known, and none of it is sent: who has it finds it counted.
+    virtual void answered(const Request& request, int status) = 0;
+    /// The reply was sent, as far as the client took it.
     virtual void served(const Request& request, const Served& outcome) = 0;
     /// A request refused before it was one: too slow, too large, malformed.
     virtual void refused(int status, std::string_view detail) = 0;

@@ -16,6 +16,10 @@ using prometheus::BuildHistogram;
 
 const prometheus::Histogram::BucketBoundaries kSeconds = {0.001, 0.005, 0.02, 0.1, 0.5, 2, 10, 60};
 
+std::string template_path(std::string_view route) {
+    return std::string(route.empty() ? "none" : route);
+}
+
 }  // namespace
 
 struct Metrics::Series {
@@ -64,16 +68,18 @@ struct Metrics::Series {
 Metrics::Metrics() : series_(std::make_unique<Series>()) {}
 Metrics::~Metrics() = default;
 
-void Metrics::request_served(std::string_view method, std::string_view route,
-                             const Served& outcome) {
-    const std::string template_path(route.empty() ? "none" : route);
+void Metrics::request_answered(std::string_view method, std::string_view route, int status) {
     series_->requests
         .Add({{"method", std::string(method)},
-              {"route", template_path},
-              {"status", std::to_string(outcome.status)}})
+              {"route", template_path(route)},
+              {"status", std::to_string(status)}})
         .Increment();
-    series_->durations.Add({{"route", template_path}}, kSeconds).Observe(outcome.seconds.count());
-    series_->bytes.Add({{"route", template_path}}).Increment(static_cast<double>(outcome.bytes));
+}
+
+void Metrics::request_served(std::string_view route, const Served& outcome) {
+    const std::string path = template_path(route);
+    series_->durations.Add({{"route", path}}, kSeconds).Observe(outcome.seconds.count());
+    series_->bytes.Add({{"route", path}}).Increment(static_cast<double>(outcome.bytes));
 }
 
 void Metrics::request_refused(std::string_view reason) {

@@ -16,7 +16,8 @@ public:
     Metrics();
     ~Metrics();
 
-    void request_served(std::string_view method, std::string_view route, const Served& outcome);
+    void request_answered(std::string_view method, std::string_view route, int status);
+    void request_served(std::string_view route, const Served& outcome);
     void request_refused(std::string_view reason);
 
     /// The text exposition; the queue and the connections as they are now.

@@ -57,7 +57,11 @@ public:
     virtual void probe() = 0;
 };
 
-/// Blobs as files `<root>/ab/cd/<sha256>`.
-std::unique_ptr<BlobStore> open_file_blob_store(const std::filesystem::path& root);
+/// Blobs as files `<root>/ab/cd/<sha256>`, for any number of processes.
+/// @param unfinished  folders in `root` that no other process uses: what a killed one left there is
+/// removed, and files are written in the first before they get their names.
+std::unique_ptr<BlobStore> open_file_blob_store(const std::filesystem::path& root,
+                                                const std::vector<std::string>& unfinished = {
+                                                    "tmp"});
 
 }  // namespace stipple::server

@@ -6,6 +6,7 @@
 #include "stipple/proto/digest.hpp"
 
 #include <fcntl.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 #include <cerrno>
@@ -89,9 +90,34 @@ private:
     bool moved_ = false;
 };
 
+/// Held while a blob gets its name or loses it, so that none is removed that was committed again
+/// just now, be it by another process.
+class NamesLock {
+public:
+    explicit NamesLock(const fs::path& root) {
+        std::error_code failure;
+        fs::create_directories(root, failure);
+        file_ = open_file(root / "names.lock", O_RDWR | O_CREAT);
+        if (!file_) throw_errno("cannot use as a store of blobs", root);
+    }
+    void lock() {
+        mutex_.lock();  // threads of this process share the file's lock
+        while (::flock(file_.get(), LOCK_EX) != 0 && errno == EINTR) {
+        }
+    }
+    void unlock() {
+        ::flock(file_.get(), LOCK_UN);
+        mutex_.unlock();
+    }
+
+private:
+    std::mutex mutex_;
+    FileDescriptor file_;
+};
+
 class FileBlobStore final : public BlobStore {
 public:
-    explicit FileBlobStore(const fs::path& root);
+    FileBlobStore(const fs::path& root, const std::vector<std::string>& unfinished);
 
     std::unique_ptr<BlobWriter> create(std::uint64_t max_bytes) override;
     std::string adopt(const fs::path& file) override;
@@ -102,7 +128,7 @@ public:
 
     /// Gives a whole, written file its name for good.
     void publish(const FileDescriptor& fd, TemporaryName& temporary, const std::string& sha256);
-    fs::path temporary_folder() const { return root_ / "tmp"; }
+    const fs::path& temporary_folder() const noexcept { return temporary_folder_; }
 
 private:
     fs::path folder_of(const std::string& sha256) const {
@@ -112,10 +138,8 @@ private:
     void remember(const std::string& sha256, const Identity& identity) const;
     bool remembers(const std::string& sha256, const Identity& identity) const;
 
-    const fs::path root_;
-    /// Held while a blob gets its name or loses it, so that none is removed that was committed
-    /// again just now.
-    std::mutex names_mutex_;
+    const fs::path root_, temporary_folder_;
+    NamesLock names_;
     mutable std::mutex verified_mutex_;
     mutable std::map<std::string, Identity> verified_;  ///< files whose hash was seen to be right
 };
@@ -156,10 +180,13 @@ private:
     std::uint64_t size_ = 0;
 };
 
-FileBlobStore::FileBlobStore(const fs::path& root) : root_(root) {
+FileBlobStore::FileBlobStore(const fs::path& root, const std::vector<std::string>& unfinished)
+    : root_(root), temporary_folder_(root / unfinished.front()), names_(root) {
     std::error_code failure;
     // What lies there was never acknowledged.
-    fs::remove_all(temporary_folder(), failure);
+    for (const std::string& folder : unfinished) {
+        if (!failure) fs::remove_all(root / folder, failure);
+    }
     if (!failure) fs::create_directories(temporary_folder(), failure);
     if (failure) {
         throw Error(ErrorCode::Internal,
@@ -179,7 +206,7 @@ void FileBlobStore::publish(const FileDescriptor& fd, TemporaryName& temporary,
     if (::futimens(fd.get(), now) != 0) throw_errno("cannot touch", temporary.path());
     sync_file(fd, temporary.path());
 
-    const std::lock_guard lock(names_mutex_);
+    const std::lock_guard lock(names_);
     const fs::path folder = folder_of(sha256);
     std::error_code failure;
     fs::create_directories(folder, failure);
@@ -252,7 +279,7 @@ std::vector<std::string> FileBlobStore::older_than(system_clock::time_point time
 bool FileBlobStore::remove_older(const std::string& sha256, system_clock::time_point time) {
     if (!proto::is_sha256(sha256)) return false;
     const fs::path file = file_of(sha256);
-    const std::lock_guard lock(names_mutex_);
+    const std::lock_guard lock(names_);
     struct stat status {};
     if (::stat(file.c_str(), &status) != 0 || committed_at(status) >= time) return false;
     if (::unlink(file.c_str()) != 0) throw_errno("cannot remove", file);
@@ -282,8 +309,9 @@ bool FileBlobStore::remembers(const std::string& sha256, const Identity& identit
 
 }  // namespace
 
-std::unique_ptr<BlobStore> open_file_blob_store(const fs::path& root) {
-    return std::make_unique<FileBlobStore>(root);
+std::unique_ptr<BlobStore> open_file_blob_store(const fs::path& root,
+                                                const std::vector<std::string>& unfinished) {
+    return std::make_unique<FileBlobStore>(root, unfinished);
 }
 
 }  // namespace stipple::server

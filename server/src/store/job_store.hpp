@@ -121,8 +121,8 @@ public:
     virtual bool holds(const Lease& lease) = 0;    ///< whether the lease is good; changes nothing
 
     // Housekeeping.
-    virtual void recover() = 0;  ///< at start of the only process on this store: running rows go
-                                 ///< back to the queue
+    virtual void recover() = 0;  ///< at start of the only process with workers on this store:
+                                 ///< running rows go back to the queue
     struct Counts {
         std::uint64_t queued = 0, running = 0;
         double oldest_queued_seconds = 0;
@@ -137,8 +137,12 @@ public:
     virtual void probe() = 0;
 };
 
-/// SQLite in WAL mode, `synchronous=FULL`, for one process: @throws Error(Conflict) while another
-/// has the file open.
-std::unique_ptr<JobStore> open_sqlite_job_store(const std::filesystem::path& file);
+/// Whether other processes write to a store while this one has it open.
+enum class Sharing { Alone, WithOtherProcesses };
+
+/// SQLite in WAL mode, `synchronous=FULL`. Shared, `version()` tells of what another process wrote
+/// within 20 ms or so.
+std::unique_ptr<JobStore> open_sqlite_job_store(const std::filesystem::path& file,
+                                                Sharing sharing = Sharing::Alone);
 
 }  // namespace stipple::server

@@ -1,21 +1,16 @@
-#include "store/job_store.hpp"
+#include "store/sqlite_job_store.hpp"
 
-#include "store/change_signal.hpp"
 #include "store/cursor.hpp"
 #include "store/posix_file.hpp"
-#include "store/sqlite.hpp"
 #include "store/sqlite_schema.hpp"
 
 #include "stipple/error.hpp"
 #include "stipple/proto/digest.hpp"
 
-#include <fcntl.h>
-#include <sys/file.h>
-#include <algorithm>
+#include <condition_variable>
 #include <cstdio>
 #include <ctime>
 #include <limits>
-#include <mutex>
 #include <span>
 #include <utility>
 
@@ -25,22 +20,11 @@ namespace {
 
 namespace fs = std::filesystem;
 using proto::JobDocument;
-using proto::JobReport;
 using proto::JobStatus;
 using sqlite::Rows;
-using sqlite::Transaction;
 
-constexpr std::int64_t kProgressPeriodMs = 250;
-constexpr double kProgressStep = 1.0;  // percent
-constexpr std::int64_t kCrashesToFail = 2;
-
-std::int64_t milliseconds(std::chrono::system_clock::duration duration) {
-    return std::chrono::duration_cast<std::chrono::milliseconds>(duration).count();
-}
-
-std::int64_t now_ms() {
-    return milliseconds(std::chrono::system_clock::now().time_since_epoch());
-}
+/// Between two looks at what other processes wrote.
+constexpr std::chrono::milliseconds kLookPeriod{20};
 
 /// RFC 3339 in UTC: `2026-11-21T04:00:28.123Z`.
 std::string time_text(std::int64_t ms) {
@@ -56,20 +40,6 @@ std::string time_text(std::int64_t ms) {
 
 std::string time_text(const Rows& rows, int column) {
     return rows.is_null(column) ? std::string() : time_text(rows.integer(column));
-}
-
-/// One process at a time: another would take this one's running jobs for left behind ones.
-FileDescriptor lock_for_this_process(const fs::path& file) {
-    const fs::path lock_file = file.string() + ".lock";
-    FileDescriptor fd = open_file(lock_file, O_RDWR | O_CREAT);
-    if (!fd) throw_errno("cannot open", lock_file);
-    if (::flock(fd.get(), LOCK_EX | LOCK_NB) != 0) {
-        throw Error(ErrorCode::Conflict,
-                    file.string() +
-                        " is in use by another process: stop it, or give this one a "
-                        "data folder of its own");
-    }
-    return fd;
 }
 
 // Columns as `document_of` reads them.
@@ -150,125 +120,40 @@ std::int64_t first_row(std::string_view listing, const std::optional<std::string
     return cursor ? decode_cursor(listing, *cursor) : std::numeric_limits<std::int64_t>::max();
 }
 
-class SqliteJobStore final : public JobStore {
-public:
-    explicit SqliteJobStore(const fs::path& file);
+}  // namespace
 
-    Submitted put_cloud(const CloudRow& row) override;
-    std::optional<CloudRow> find_cloud(const std::string& tenant, const std::string& id) override;
-    std::vector<CloudRow> list_clouds(const std::string& tenant, unsigned limit,
-                                      const std::optional<std::string>& cursor,
-                                      std::optional<std::string>& next) override;
-    void set_statistics(const std::string& tenant, const std::string& id,
-                        const proto::CloudStatistics& statistics) override;
-    bool remove_cloud(const std::string& tenant, const std::string& id) override;
-
-    Submitted submit(const std::string& tenant, const proto::JobRequest& request,
-                     const std::optional<std::string>& idempotency_key, const QueueLimits& limits,
-                     JobDocument& document) override;
-    std::optional<JobDocument> find_job(const std::string& tenant, const std::string& id) override;
-    std::vector<JobDocument> list_jobs(const std::string& tenant, const JobFilter& filter,
-                                       unsigned limit, const std::optional<std::string>& cursor,
-                                       std::optional<std::string>& next) override;
-    std::optional<JobDocument> dismiss(const std::string& tenant, const std::string& id) override;
-    std::vector<JobEvent> events_after(const std::string& tenant, const std::string& id,
-                                       std::uint64_t after) override;
-    std::optional<proto::Results> results(const std::string& tenant,
-                                          const std::string& id) override;
-    std::uint64_t version() const noexcept override { return changes_.version(); }
-    void wait_for_change(std::uint64_t seen, std::chrono::steady_clock::time_point deadline,
-                         std::stop_token stop) const override {
-        changes_.wait(seen, deadline, std::move(stop));
-    }
-
-    std::optional<Lease> claim(const QueueLimits& limits, std::chrono::seconds lease_time) override;
-    bool renew(const Lease& lease, std::chrono::seconds lease_time) override;
-    bool report_progress(const Lease& lease, const std::string& stage, double percent) override;
-    bool report_source(const Lease& lease, const proto::CloudStatistics& source) override;
-    bool publish_level(const Lease& lease, const proto::OutputCloud& level) override;
-    bool succeed(const Lease& lease, const proto::JobCost& cost) override;
-    bool fail(const Lease& lease, const proto::Problem& problem) override;
-    bool crashed(const Lease& lease, const std::string& how) override;
-    bool release(const Lease& lease) override;
-    bool holds(const Lease& lease) override;
-
-    void recover() override;
-    Counts counts() override;
-    void remove_expired(std::chrono::seconds retention) override;
-    std::vector<std::string> referenced_blobs() override;
-    void probe() override;
-
-private:
-    /// Runs `change` in a transaction; once that is durable, wakes who waits, if anything changed.
-    template <typename Change>
-    auto write(Change change);
-    /// The same for a worker: `change` gets the job's row, and is not called when the lease is
-    /// stale.
-    template <typename Change>
-    bool write_leased(const Lease& lease, Change change);
-
-    // Parts of a write: the caller holds the writer and a transaction.
-    std::optional<std::int64_t> find_replayed(const std::string& tenant, const std::string& key,
-                                              const std::string& fingerprint);
-    std::int64_t insert_job(const std::string& tenant, const proto::JobRequest& request,
-                            const std::string& canonical);
-    void check_queue(const std::string& tenant, const QueueLimits& limits);
-    JobDocument document(std::int64_t row);
-    void add_event(std::int64_t row, std::string_view type, const std::string& data);
-    void add_status_event(std::int64_t row, JobStatus status);
-    std::optional<std::int64_t> next_in_queue(const QueueLimits& limits);
-    Lease start(std::int64_t row, std::chrono::seconds lease_time);
-    void requeue(std::int64_t row, const std::string& message);
-    void requeue_expired();
-    void finish(std::int64_t row, JobStatus status, const std::string& message);
-    void finish_failed(std::int64_t row, const proto::Problem& problem);
-
-    const FileDescriptor lock_;
-    ChangeSignal changes_;
-    std::mutex writer_mutex_;
-    sqlite::Connection writer_;
-    std::mutex reader_mutex_;
-    sqlite::Connection reader_;  ///< reads go on while a write waits for the disk
-};
-
-SqliteJobStore::SqliteJobStore(const fs::path& file)
-    : lock_(lock_for_this_process(file)), writer_(file), reader_(file) {
+SqliteJobStore::SqliteJobStore(const fs::path& file, Sharing sharing)
+    : writer_(file), reader_(file) {
     writer_.script(
         "PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL; PRAGMA foreign_keys = ON");
     sqlite::migrate(writer_);
     reader_.script("PRAGMA query_only = ON");
     sync_folder(fs::absolute(file).parent_path());
+    if (sharing == Sharing::WithOtherProcesses) {
+        lookout_ = std::jthread([this](const std::stop_token& stop) { look_out_for_others(stop); });
+    }
 }
 
-template <typename Change>
-auto SqliteJobStore::write(Change change) {
-    bool changed = false;
-    auto result = [&] {
-        const std::lock_guard lock(writer_mutex_);
-        const std::int64_t before = writer_.total_changes();
-        Transaction transaction(writer_);
-        auto value = change();
-        transaction.commit();
-        changed = writer_.total_changes() != before;
-        return value;
-    }();
-    if (changed) changes_.bump();
-    return result;
-}
-
-template <typename Change>
-bool SqliteJobStore::write_leased(const Lease& lease, Change change) {
-    return write([&] {
-        const std::int64_t touched = writer_.run(
-            "UPDATE jobs SET updated = ?1 WHERE id = ?2 AND lease_token = ?3 AND "
-            "status = 'running'",
-            now_ms(), lease.job_id, lease.token);
-        if (touched == 0) return false;
-        Rows rows = writer_.query("SELECT row FROM jobs WHERE id = ?1", lease.job_id);
-        rows.next();
-        change(rows.integer(0));
-        return true;
-    });
+/// SQLite tells whether another connection wrote, and wakes nobody.
+void SqliteJobStore::look_out_for_others(const std::stop_token& stop) {
+    std::mutex mutex;
+    std::unique_lock lock(mutex);
+    std::condition_variable_any stopped;
+    std::optional<std::int64_t> seen;
+    while (!stopped.wait_for(lock, stop, kLookPeriod, [&] { return stop.stop_requested(); })) {
+        const auto version = [this]() -> std::optional<std::int64_t> {
+            const std::lock_guard writing(writer_mutex_);
+            try {
+                Rows rows = writer_.query("PRAGMA data_version");
+                rows.next();
+                return rows.integer(0);
+            } catch (const Error&) {
+                return std::nullopt;  // who needs the database next finds out
+            }
+        }();
+        if (seen && version != seen) changes_.bump();
+        seen = version;
+    }
 }
 
 // Clouds.
@@ -478,262 +363,8 @@ std::optional<proto::Results> SqliteJobStore::results(const std::string& tenant,
     return results;
 }
 
-// The worker's side.
-
-std::optional<Lease> SqliteJobStore::claim(const QueueLimits& limits,
-                                           std::chrono::seconds lease_time) {
-    return write([&]() -> std::optional<Lease> {
-        requeue_expired();
-        while (const auto row = next_in_queue(limits)) {
-            try {
-                return start(*row, lease_time);
-            } catch (const Error& error) {
-                if (error.code() == ErrorCode::Internal) throw;
-                // Its request was written by another version. It must not stand in the way of all
-                // others.
-                finish_failed(*row, proto::problem_from(ErrorCode::Internal, error.what()));
-            }
-        }
-        return std::nullopt;
-    });
-}
-
-std::optional<std::int64_t> SqliteJobStore::next_in_queue(const QueueLimits& limits) {
-    Rows rows = writer_.query(
-        "WITH busy AS (SELECT tenant, count(*) AS jobs FROM jobs "
-        "              WHERE status = 'running' GROUP BY tenant), "
-        "     head AS (SELECT tenant, min(row) AS row FROM jobs "
-        "              WHERE status = 'accepted' GROUP BY tenant) "
-        "SELECT head.row FROM head LEFT JOIN busy USING (tenant) "
-        "WHERE coalesce(busy.jobs, 0) < ?1 ORDER BY coalesce(busy.jobs, 0), head.row LIMIT 1",
-        limits.max_running);
-    if (!rows.next()) return std::nullopt;
-    return rows.integer(0);
-}
-
-Lease SqliteJobStore::start(std::int64_t row, std::chrono::seconds lease_time) {
-    const std::int64_t now = now_ms();
-    Rows rows =
-        writer_.query("SELECT id, tenant, lease_token, request FROM jobs WHERE row = ?1", row);
-    rows.next();
-    Lease lease{rows.text(0), rows.text(1), rows.count(2) + 1,
-                proto::job_request_from_json(rows.text(3))};
-    writer_.run(
-        "UPDATE jobs SET status = 'running', stage = 'decode', message = 'running', progress = 0, "
-        "told = 0, started = ?1, updated = ?1, lease_token = ?2, lease_until = ?3 WHERE row = ?4",
-        now, lease.token, now + milliseconds(lease_time), row);
-    add_status_event(row, JobStatus::Running);
-    return lease;
-}
-
-void SqliteJobStore::requeue_expired() {
-    std::vector<std::int64_t> expired;
-    {
-        Rows rows = writer_.query(
-            "SELECT row FROM jobs WHERE status = 'running' AND lease_until < ?1", now_ms());
-        while (rows.next()) expired.push_back(rows.integer(0));
-    }
-    for (const std::int64_t row : expired) {
-        requeue(row, "its worker went silent: waiting for another");
-    }
-}
-
-bool SqliteJobStore::renew(const Lease& lease, std::chrono::seconds lease_time) {
-    return write_leased(lease, [&](std::int64_t row) {
-        writer_.run("UPDATE jobs SET lease_until = ?1 WHERE row = ?2",
-                    now_ms() + milliseconds(lease_time), row);
-    });
-}
-
-bool SqliteJobStore::report_progress(const Lease& lease, const std::string& stage, double percent) {
-    {
-        const std::lock_guard lock(reader_mutex_);
-        Rows rows = reader_.query(
-            "SELECT stage, progress, told FROM jobs WHERE id = ?1 AND lease_token = ?2 AND "
-            "status = 'running'",
-            lease.job_id, lease.token);
-        if (!rows.next()) return false;
-        percent = std::clamp(percent, rows.real(1), 100.0);
-        const bool moved = rows.text(0) != stage || percent >= rows.real(1) + kProgressStep;
-        const bool due = now_ms() - rows.integer(2) >= kProgressPeriodMs;
-        if (!moved || !due) return true;
-    }
-    return write_leased(lease, [&](std::int64_t row) {
-        writer_.run("UPDATE jobs SET stage = ?1, progress = ?2, told = ?3 WHERE row = ?4", stage,
-                    percent, now_ms(), row);
-        JobReport report;
-        report.progress = {stage, percent};
-        add_event(row, "progress", to_json(report));
-    });
-}
-
-bool SqliteJobStore::report_source(const Lease& lease, const proto::CloudStatistics& source) {
-    return write_leased(lease, [&](std::int64_t row) {
-        const std::string statistics = to_json(source);
-        writer_.run("UPDATE jobs SET source = ?1 WHERE row = ?2", statistics, row);
-        writer_.run("UPDATE clouds SET statistics = ?1 WHERE tenant = ?2 AND id = ?3", statistics,
-                    lease.tenant, lease.request.input);
-        JobReport report;
-        report.source = source;
-        add_event(row, "source", to_json(report));
-    });
-}
-
-bool SqliteJobStore::publish_level(const Lease& lease, const proto::OutputCloud& level) {
-    JobReport report;
-    report.level = level;
-    const std::string body = to_json(report);
-    return write_leased(lease, [&](std::int64_t row) {
-        // A repeated attempt makes the same level again: nothing new to tell.
-        const std::int64_t changed = writer_.run(
-            "INSERT INTO levels (job, level, body) VALUES (?1, ?2, ?3) "
-            "ON CONFLICT DO UPDATE SET body = excluded.body WHERE body <> excluded.body",
-            row, level.level, body);
-        if (changed == 0) return;
-        for (const proto::OutputFile& file : level.files) {
-            writer_.run("INSERT INTO outputs (job, sha256) VALUES (?1, ?2) ON CONFLICT DO NOTHING",
-                        row, file.sha256);
-        }
-        for (const proto::PictureFile& picture : level.pictures) {
-            writer_.run("INSERT INTO outputs (job, sha256) VALUES (?1, ?2) ON CONFLICT DO NOTHING",
-                        row, picture.sha256);
-        }
-        add_event(row, "level", body);
-    });
-}
-
-bool SqliteJobStore::succeed(const Lease& lease, const proto::JobCost& cost) {
-    return write_leased(lease, [&](std::int64_t row) {
-        JobReport report;
-        report.cost = cost;
-        writer_.run("UPDATE jobs SET cost = ?1, stage = 'done', progress = 100 WHERE row = ?2",
-                    to_json(report), row);
-        finish(row, JobStatus::Successful, "done");
-    });
-}
-
-bool SqliteJobStore::fail(const Lease& lease, const proto::Problem& problem) {
-    return write_leased(lease, [&](std::int64_t row) { finish_failed(row, problem); });
-}
-
-bool SqliteJobStore::crashed(const Lease& lease, const std::string& how) {
-    return write_leased(lease, [&](std::int64_t row) {
-        writer_.run("UPDATE jobs SET crashes = crashes + 1 WHERE row = ?1", row);
-        Rows rows = writer_.query("SELECT crashes, stage FROM jobs WHERE row = ?1", row);
-        rows.next();
-        if (rows.integer(0) < kCrashesToFail) {
-            requeue(row, "the job process died (" + how + "): trying once more");
-            return;
-        }
-        proto::Problem problem =
-            proto::problem_from(ErrorCode::Internal, "the job process died twice: " + how);
-        problem.stage = rows.text(1);
-        finish_failed(row, problem);
-    });
-}
-
-bool SqliteJobStore::release(const Lease& lease) {
-    return write_leased(lease, [&](std::int64_t row) { requeue(row, "waiting for a worker"); });
-}
-
-bool SqliteJobStore::holds(const Lease& lease) {
-    const std::lock_guard lock(reader_mutex_);
-    Rows rows = reader_.query(
-        "SELECT 1 FROM jobs WHERE id = ?1 AND lease_token = ?2 AND status = 'running'",
-        lease.job_id, lease.token);
-    return rows.next();
-}
-
-// Parts of writes.
-
-void SqliteJobStore::add_event(std::int64_t row, std::string_view type, const std::string& data) {
-    writer_.run("UPDATE jobs SET last_event = last_event + 1 WHERE row = ?1", row);
-    writer_.run(
-        "INSERT INTO events (job, id, type, data) "
-        "SELECT row, last_event, ?2, ?3 FROM jobs WHERE row = ?1",
-        row, type, data);
-}
-
-void SqliteJobStore::add_status_event(std::int64_t row, JobStatus status) {
-    add_event(row, "status", R"({"status":")" + std::string(to_string(status)) + R"("})");
-}
-
-void SqliteJobStore::requeue(std::int64_t row, const std::string& message) {
-    writer_.run(
-        "UPDATE jobs SET status = 'accepted', stage = 'queued', message = ?1, progress = 0, "
-        "started = NULL, updated = ?2 WHERE row = ?3",
-        message, now_ms(), row);
-    add_status_event(row, JobStatus::Accepted);
-}
-
-void SqliteJobStore::finish(std::int64_t row, JobStatus status, const std::string& message) {
-    writer_.run(
-        "UPDATE jobs SET status = ?1, message = ?2, finished = ?3, updated = ?3 WHERE row = ?4",
-        to_string(status), message, now_ms(), row);
-    add_status_event(row, status);
-}
-
-void SqliteJobStore::finish_failed(std::int64_t row, const proto::Problem& problem) {
-    writer_.run("UPDATE jobs SET problem = ?1 WHERE row = ?2", to_json(problem), row);
-    finish(row, JobStatus::Failed, problem.detail);
-}
-
-// Housekeeping.
-
-void SqliteJobStore::recover() {
-    write([&] {
-        std::vector<std::int64_t> running;
-        {
-            Rows rows = writer_.query("SELECT row FROM jobs WHERE status = 'running'");
-            while (rows.next()) running.push_back(rows.integer(0));
-        }
-        for (const std::int64_t row : running) requeue(row, "the service restarted: waiting again");
-        return running.size();
-    });
-}
-
-JobStore::Counts SqliteJobStore::counts() {
-    const std::lock_guard lock(reader_mutex_);
-    Rows rows = reader_.query(
-        "SELECT (SELECT count(*) FROM jobs WHERE status = 'accepted'), "
-        "       (SELECT count(*) FROM jobs WHERE status = 'running'), "
-        "       (SELECT min(created) FROM jobs WHERE status = 'accepted')");
-    rows.next();
-    Counts counts{.queued = rows.count(0), .running = rows.count(1)};
-    if (!rows.is_null(2)) {
-        const auto age_ms = std::max<std::int64_t>(0, now_ms() - rows.integer(2));
-        counts.oldest_queued_seconds = static_cast<double>(age_ms) / 1000;
-    }
-    return counts;
-}
-
-void SqliteJobStore::remove_expired(std::chrono::seconds retention) {
-    write([&] {
-        return writer_.run("DELETE FROM jobs WHERE finished < ?1",
-                           now_ms() - milliseconds(retention));
-    });
-}
-
-std::vector<std::string> SqliteJobStore::referenced_blobs() {
-    const std::lock_guard lock(reader_mutex_);
-    Rows rows = reader_.query(
-        "SELECT id FROM clouds UNION SELECT sha256 FROM outputs UNION "
-        "SELECT input FROM jobs WHERE status IN ('accepted', 'running') UNION "
-        "SELECT value FROM jobs, json_each(request, '$.candidates') "
-        "WHERE status IN ('accepted', 'running')");
-    std::vector<std::string> blobs;
-    while (rows.next()) blobs.push_back(rows.text(0));
-    return blobs;
-}
-
-void SqliteJobStore::probe() {
-    write([&] { return writer_.query("SELECT count(*) FROM sqlite_schema").next(); });
-}
-
-}  // namespace
-
-std::unique_ptr<JobStore> open_sqlite_job_store(const fs::path& file) {
-    return std::make_unique<SqliteJobStore>(file);
+std::unique_ptr<JobStore> open_sqlite_job_store(const fs::path& file, Sharing sharing) {
+    return std::make_unique<SqliteJobStore>(file, sharing);
 }
 
 }  // namespace stipple::server

@@ -1,0 +1,139 @@
+#pragma once
+
+#include "store/change_signal.hpp"
+#include "store/job_store.hpp"
+#include "store/sqlite.hpp"
+
+#include <mutex>
+#include <thread>
+
+namespace stipple::server {
+
+inline std::int64_t milliseconds(std::chrono::system_clock::duration duration) {
+    return std::chrono::duration_cast<std::chrono::milliseconds>(duration).count();
+}
+
+inline std::int64_t now_ms() {
+    return milliseconds(std::chrono::system_clock::now().time_since_epoch());
+}
+
+/// The job store of `open_sqlite_job_store`: what clients see of it is in sqlite_job_store.cpp,
+/// what workers and housekeeping do in sqlite_job_queue.cpp.
+class SqliteJobStore final : public JobStore {
+public:
+    SqliteJobStore(const std::filesystem::path& file, Sharing sharing);
+
+    Submitted put_cloud(const CloudRow& row) override;
+    std::optional<CloudRow> find_cloud(const std::string& tenant, const std::string& id) override;
+    std::vector<CloudRow> list_clouds(const std::string& tenant, unsigned limit,
+                                      const std::optional<std::string>& cursor,
+                                      std::optional<std::string>& next) override;
+    void set_statistics(const std::string& tenant, const std::string& id,
+                        const proto::CloudStatistics& statistics) override;
+    bool remove_cloud(const std::string& tenant, const std::string& id) override;
+
+    Submitted submit(const std::string& tenant, const proto::JobRequest& request,
+                     const std::optional<std::string>& idempotency_key, const QueueLimits& limits,
+                     proto::JobDocument& document) override;
+    std::optional<proto::JobDocument> find_job(const std::string& tenant,
+                                               const std::string& id) override;
+    std::vector<proto::JobDocument> list_jobs(const std::string& tenant, const JobFilter& filter,
+                                              unsigned limit,
+                                              const std::optional<std::string>& cursor,
+                                              std::optional<std::string>& next) override;
+    std::optional<proto::JobDocument> dismiss(const std::string& tenant,
+                                              const std::string& id) override;
+    std::vector<JobEvent> events_after(const std::string& tenant, const std::string& id,
+                                       std::uint64_t after) override;
+    std::optional<proto::Results> results(const std::string& tenant,
+                                          const std::string& id) override;
+    std::uint64_t version() const noexcept override { return changes_.version(); }
+    void wait_for_change(std::uint64_t seen, std::chrono::steady_clock::time_point deadline,
+                         std::stop_token stop) const override {
+        changes_.wait(seen, deadline, std::move(stop));
+    }
+
+    std::optional<Lease> claim(const QueueLimits& limits, std::chrono::seconds lease_time) override;
+    bool renew(const Lease& lease, std::chrono::seconds lease_time) override;
+    bool report_progress(const Lease& lease, const std::string& stage, double percent) override;
+    bool report_source(const Lease& lease, const proto::CloudStatistics& source) override;
+    bool publish_level(const Lease& lease, const proto::OutputCloud& level) override;
+    bool succeed(const Lease& lease, const proto::JobCost& cost) override;
+    bool fail(const Lease& lease, const proto::Problem& problem) override;
+    bool crashed(const Lease& lease, const std::string& how) override;
+    bool release(const Lease& lease) override;
+    bool holds(const Lease& lease) override;
+
+    void recover() override;
+    Counts counts() override;
+    void remove_expired(std::chrono::seconds retention) override;
+    std::vector<std::string> referenced_blobs() override;
+    void probe() override;
+
+private:
+    /// Runs `change` in a transaction; once that is durable, wakes who waits, if anything changed.
+    template <typename Change>
+    auto write(Change change);
+    /// The same for a worker: `change` gets the job's row, and is not called when the lease is
+    /// stale.
+    template <typename Change>
+    bool write_leased(const Lease& lease, Change change);
+
+    // Parts of a write: the caller holds the writer and a transaction.
+    std::optional<std::int64_t> find_replayed(const std::string& tenant, const std::string& key,
+                                              const std::string& fingerprint);
+    std::int64_t insert_job(const std::string& tenant, const proto::JobRequest& request,
+                            const std::string& canonical);
+    void check_queue(const std::string& tenant, const QueueLimits& limits);
+    proto::JobDocument document(std::int64_t row);
+    void add_event(std::int64_t row, std::string_view type, const std::string& data);
+    void add_status_event(std::int64_t row, proto::JobStatus status);
+    std::optional<std::int64_t> next_in_queue(const QueueLimits& limits);
+    Lease start(std::int64_t row, std::chrono::seconds lease_time);
+    void requeue(std::int64_t row, const std::string& message);
+    void requeue_expired();
+    void finish(std::int64_t row, proto::JobStatus status, const std::string& message);
+    void finish_failed(std::int64_t row, const proto::Problem& problem);
+
+    void look_out_for_others(const std::stop_token& stop);
+
+    ChangeSignal changes_;
+    std::mutex writer_mutex_;
+    sqlite::Connection writer_;
+    std::mutex reader_mutex_;
+    sqlite::Connection reader_;  ///< reads go on while a write waits for the disk
+    std::jthread lookout_;       ///< tells of what other processes write
+};
+
+template <typename Change>
+auto SqliteJobStore::write(Change change) {
+    bool changed = false;
+    auto result = [&] {
+        const std::lock_guard lock(writer_mutex_);
+        const std::int64_t before = writer_.total_changes();
+        sqlite::Transaction transaction(writer_);
+        auto value = change();
+        transaction.commit();
+        changed = writer_.total_changes() != before;
+        return value;
+    }();
+    if (changed) changes_.bump();
+    return result;
+}
+
+template <typename Change>
+bool SqliteJobStore::write_leased(const Lease& lease, Change change) {
+    return write([&] {
+        const std::int64_t touched = writer_.run(
+            "UPDATE jobs SET updated = ?1 WHERE id = ?2 AND lease_token = ?3 AND "
+            "status = 'running'",
+            now_ms(), lease.job_id, lease.token);
+        if (touched == 0) return false;
+        sqlite::Rows rows = writer_.query("SELECT row FROM jobs WHERE id = ?1", lease.job_id);
+        rows.next();
+        change(rows.integer(0));
+        return true;
+    });
+}
+
+}  // namespace stipple::server

@@ -1,0 +1,191 @@
+// The real stippled as those see it who run it: in two processes, on another address, on a full
+// disk, killed at any moment.
+#include "stipple/client.hpp"
+
+#include "stipple/codec.hpp"
+#include "stipple/error.hpp"
+#include "support/stippled_process.hpp"
+
+#include <gtest/gtest.h>
+#include <sys/mount.h>
+#include <sys/socket.h>
+#include <unistd.h>
+#include <fstream>
+#include <random>
+#include <thread>
+
+namespace stipple {
+namespace {
+
+using namespace std::chrono_literals;
+using test::StippledProcess;
+using test::TemporaryFolder;
+namespace fs = std::filesystem;
+
+/// A cloud as a file of its own.
+fs::path write_sphere(const TemporaryFolder& folder, std::size_t points, const std::string& name) {
+    const fs::path file = folder / name;
+    write_cloud(test::sphere(points, 0.01), file);
+    return file;
+}
+
+proto::JobRequest simplify_to(const std::string& cloud, std::uint64_t points) {
+    proto::SimplifyJob job;
+    job.options.points = points;
+    return {cloud, job};
+}
+
+void expect_done(Client& client, const std::string& job) {
+    const auto document = client.wait(job);
+    EXPECT_EQ(document.status, proto::JobStatus::Successful)
+        << (document.problem ? document.problem->detail : "");
+    const TemporaryFolder folder;
+    const proto::Results results = client.results(job);
+    ASSERT_FALSE(results.levels.empty());
+    client.download(results.levels[0].files[0], folder / "result");  // compares the hash
+    EXPECT_EQ(read_cloud(folder / "result").size(), results.levels[0].points);
+}
+
+std::vector<std::string> as(const char* role, const TemporaryFolder& data) {
+    return {"--role", role, "--data", data.path().string()};
+}
+
+TEST(Roles, AnApiAndAWorkerShareTheWorkOnOneFolder) {
+    const TemporaryFolder data, scans;
+    const StippledProcess api(as("api", data));
+    Client client(api.url());
+    const auto cloud = client.upload(write_sphere(scans, 20'000, "scan.ply"));
+    const std::string waiting = client.submit(simplify_to(cloud.id, 500)).id;
+    EXPECT_EQ(client.job(waiting).status, proto::JobStatus::Accepted) << "nobody works yet";
+
+    const StippledProcess worker(as("worker", data));
+    EXPECT_EQ(worker.port(), 0);
+    EXPECT_EQ(test::request(worker.admin_port(), "GET", "/readyz").status, 200);
+    expect_done(client, waiting);
+    expect_done(client, client.submit(simplify_to(cloud.id, 400)).id);
+}
+
+TEST(Roles, AKilledWorkerAndAKilledApiLoseNothing) {
+    const TemporaryFolder data, scans;
+    StippledProcess api(as("api", data));
+    StippledProcess worker(as("worker", data));
+    std::string first, second;
+    {
+        Client client(api.url());
+        const auto cloud = client.upload(write_sphere(scans, 200'000, "scan.ply"));
+        first = client.submit(simplify_to(cloud.id, 500)).id;
+        second = client.submit(simplify_to(cloud.id, 400)).id;
+    }
+    std::this_thread::sleep_for(150ms);  // somewhere within the first job
+    worker.restart();
+    api.restart();
+    Client client(api.url());
+    expect_done(client, first);
+    expect_done(client, second);
+}
+
+TEST(Roles, ADismissalReachesTheOtherProcess) {
+    const TemporaryFolder data, scans;
+    const StippledProcess api(as("api", data));
+    const StippledProcess worker(as("worker", data));
+    Client client(api.url());
+    const auto cloud = client.upload(write_sphere(scans, 400'000, "scan.ply"));
+    const std::string running = client.submit(simplify_to(cloud.id, 100'000)).id;
+    while (client.job(running).status == proto::JobStatus::Accepted)
+        std::this_thread::sleep_for(5ms);
+    client.dismiss(running);
+    for (int i = 0; i < 1000 && !fs::is_empty(data / "scratch"); ++i)
+        std::this_thread::sleep_for(10ms);
+    EXPECT_TRUE(fs::is_empty(data / "scratch")) << "the job goes on";
+}
+
+TEST(Roles, ASecondOfTheSameKindIsRefused) {
+    const TemporaryFolder data;
+    const StippledProcess api(as("api", data));
+    EXPECT_THROW(StippledProcess(as("api", data)), std::runtime_error);
+    EXPECT_THROW(StippledProcess({"--data", data.path().string()}), std::runtime_error);
+    EXPECT_NO_THROW(StippledProcess(as("worker", data)));
+}
+
+TEST(Stippled, ListensOnAnAddressOfVersion6) {
+    const int probe = ::socket(AF_INET6, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    if (probe < 0) GTEST_SKIP() << "this machine has no IPv6";
+    ::close(probe);
+    const TemporaryFolder scans;
+    const StippledProcess server({"--listen", "[::1]:0"});
+    EXPECT_TRUE(server.url().starts_with("http://[::1]:")) << server.url();
+    Client client(server.url());
+    const auto cloud = client.upload(write_sphere(scans, 1000, "scan.ply"));
+    expect_done(client, client.submit(simplify_to(cloud.id, 100)).id);
+}
+
+TEST(Stippled, LosesNothingThatItAcknowledgedWheneverItIsKilled) {
+    const TemporaryFolder scans;
+    StippledProcess server;
+    std::mt19937 random(1);
+    std::string cloud;
+    std::vector<std::string> jobs;
+    for (int round = 0; round < 5; ++round) {
+        Client client(server.url());
+        if (cloud.empty()) cloud = client.upload(write_sphere(scans, 100'000, "scan.ply")).id;
+        for (std::uint64_t i = 0; i < 2; ++i)
+            jobs.push_back(client.submit(simplify_to(cloud, 100 + 2 * jobs.size() + i)).id);
+        std::this_thread::sleep_for(std::chrono::milliseconds(random() % 400));
+        server.restart();
+    }
+    Client client(server.url());
+    for (const std::string& job : jobs) expect_done(client, job);
+}
+
+/// A disk of some megabytes, where the tests may mount one.
+class SmallDisk {
+public:
+    SmallDisk() : mounted_(::mount("tmpfs", path().c_str(), "tmpfs", 0, "size=16m") == 0) {}
+    ~SmallDisk() {
+        if (mounted_) ::umount2(path().c_str(), MNT_DETACH);
+    }
+    SmallDisk(const SmallDisk&) = delete;
+    SmallDisk& operator=(const SmallDisk&) = delete;
+    bool mounted() const { return mounted_; }
+    const fs::path& path() const { return folder_.path(); }
+
+    void fill() const {
+        std::ofstream ballast(path() / "ballast", std::ios::binary);
+        const std::string page(4096, 'x');
+        while (ballast.write(page.data(), 4096).flush()) {
+        }
+    }
+    void make_room() const { fs::remove(path() / "ballast"); }
+
+private:
+    TemporaryFolder folder_;
+    bool mounted_;
+};
+
+TEST(Stippled, SaysThatItsDiskIsFullAndGoesOnWhenThereIsRoomAgain) {
+    const SmallDisk disk;
+    if (!disk.mounted()) GTEST_SKIP() << "mounting a small disk needs root";
+    const TemporaryFolder scans;
+    const StippledProcess server({"--data", (disk.path() / "data").string()});
+    Client client(server.url());
+    const auto cloud = client.upload(write_sphere(scans, 20'000, "kept.ply"));
+    const std::string before = client.submit(simplify_to(cloud.id, 500)).id;
+    expect_done(client, before);
+
+    disk.fill();
+    const fs::path other = write_sphere(scans, 30'000, "other.ply");
+    const std::string body = (std::stringstream() << std::ifstream(other).rdbuf()).str();
+    const auto refused = test::request(server.port(), "POST", "/v1/clouds", body);
+    EXPECT_EQ(refused.status, 507) << refused.body;
+    EXPECT_NE(refused.body.find("storage-full"), std::string::npos) << refused.body;
+    EXPECT_EQ(test::request(server.admin_port(), "GET", "/readyz").status, 503);
+    EXPECT_EQ(test::request(server.admin_port(), "GET", "/livez").status, 200);
+    expect_done(client, before);
+
+    disk.make_room();
+    EXPECT_EQ(test::request(server.admin_port(), "GET", "/readyz").status, 200);
+    expect_done(client, client.submit(simplify_to(client.upload(other).id, 400)).id);
+}
+
+}  // namespace
+}  // namespace stipple

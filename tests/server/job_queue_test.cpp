@@ -1,0 +1,239 @@
+#include "job_store_contract.hpp"
+
+#include <algorithm>
+#include <map>
+#include <mutex>
+
+namespace stipple::server {
+namespace {
+
+using namespace stipple::test;
+using namespace std::chrono_literals;
+using proto::JobDocument;
+using proto::JobStatus;
+
+/// The side of a job store that workers see.
+class JobQueueContract : public JobStoreContract {};
+
+const proto::Problem kProblem = proto::problem_from(ErrorCode::MalformedInput, "line 7: no name");
+
+TEST_P(JobQueueContract, GivesTheOldestJobFirst) {
+    const JobDocument first = submit();
+    const JobDocument second = submit();
+    EXPECT_EQ(claim().job_id, first.id);
+    EXPECT_EQ(claim().job_id, second.id);
+    EXPECT_FALSE(store_->claim(limits_, 60s));
+}
+
+TEST_P(JobQueueContract, GivesTheTenantWithTheFewestRunningJobsItsTurn) {
+    for (int i = 0; i < 10; ++i) submit("ada");
+    EXPECT_EQ(claim().tenant, "ada");
+    submit("bob");
+    EXPECT_EQ(claim().tenant, "bob");
+    EXPECT_EQ(claim().tenant, "ada");
+}
+
+TEST_P(JobQueueContract, RunsNoMoreJobsOfATenantThanItsLimit) {
+    limits_.max_running = 1;
+    submit();
+    submit();
+    const Lease lease = claim();
+    EXPECT_FALSE(store_->claim(limits_, 60s));
+    store_->succeed(lease, {});
+    EXPECT_TRUE(store_->claim(limits_, 60s));
+}
+
+TEST_P(JobQueueContract, GivesEachOfAThousandJobsToOneOfEightThreads) {
+    limits_.max_running = 2000;
+    const auto request = simplify_request(put_cloud(*store_, "ada", "cloud"));
+    JobDocument document;
+    for (int i = 0; i < 1000; ++i) store_->submit("ada", request, {}, limits_, document);
+    std::mutex mutex;
+    std::map<std::string, int> claims;
+    std::vector<std::jthread> threads;
+    for (int i = 0; i < 8; ++i) {
+        threads.emplace_back([&] {
+            while (const auto lease = store_->claim(limits_, 600s)) {
+                const std::lock_guard lock(mutex);
+                ++claims[lease->job_id];
+            }
+        });
+    }
+    threads.clear();
+    EXPECT_EQ(claims.size(), 1000U);
+    EXPECT_TRUE(std::ranges::all_of(claims, [](const auto& claim) { return claim.second == 1; }));
+}
+
+TEST_P(JobQueueContract, TellsTheLifeOfAJobInOrder) {
+    const JobDocument job = submit();
+    const Lease lease = claim();
+    EXPECT_EQ(find(job.id).status, JobStatus::Running);
+    EXPECT_NE(find(job.id).started, "");
+    EXPECT_TRUE(store_->report_progress(lease, "decode", 10));
+    EXPECT_TRUE(store_->report_source(lease, statistics_of(1000)));
+    EXPECT_TRUE(store_->publish_level(lease, level_with(0, kHash)));
+    EXPECT_EQ(find(job.id).levels_ready, 1U);
+    EXPECT_TRUE(store_->succeed(lease, {.total_seconds = 2}));
+
+    const JobDocument done = find(job.id);
+    EXPECT_EQ(done.status, JobStatus::Successful);
+    EXPECT_EQ(done.progress, 100);
+    EXPECT_EQ(done.stage, "done");
+    EXPECT_NE(done.finished, "");
+    EXPECT_EQ(events(job.id), (std::vector<std::string>{
+                                  R"({"status":"accepted"})", R"({"status":"running"})", "progress",
+                                  "source", "level", R"({"status":"successful"})"}));
+    const auto numbered = store_->events_after("ada", job.id, 4);
+    ASSERT_EQ(numbered.size(), 2U);
+    EXPECT_EQ(numbered[0].id, 5U);
+    EXPECT_EQ(proto::job_report_from_json(numbered[0].data).level->files[0].sha256, kHash);
+    EXPECT_EQ(store_->find_cloud("ada", job.request.input)->statistics->points, 1000U);
+}
+
+TEST_P(JobQueueContract, ShowsResultsWhileTheyComeAndWhenTheyAreComplete) {
+    const JobDocument job = submit();
+    const Lease lease = claim();
+    EXPECT_TRUE(store_->results("ada", job.id)->levels.empty());
+    store_->publish_level(lease, level_with(1, std::string(64, 'b'), 20));
+    store_->publish_level(lease, level_with(0, kHash, 10));
+    auto results = store_->results("ada", job.id).value();
+    EXPECT_FALSE(results.complete);
+    EXPECT_FALSE(results.cost);
+    store_->report_source(lease, statistics_of(1000));
+    store_->succeed(lease, {.total_seconds = 2});
+    reopen();
+    results = store_->results("ada", job.id).value();
+    EXPECT_TRUE(results.complete);
+    EXPECT_EQ(results.cost->total_seconds, 2);
+    EXPECT_EQ(results.source->points, 1000U);
+    ASSERT_EQ(results.levels.size(), 2U);
+    EXPECT_EQ(results.levels[0].points, 10U) << "coarsest first";
+    EXPECT_EQ(results.levels[1].points, 20U);
+}
+
+TEST_P(JobQueueContract, NeverLetsProgressDecrease) {
+    const JobDocument job = submit();
+    const Lease lease = claim();
+    store_->report_progress(lease, "decode", 40);
+    std::this_thread::sleep_for(260ms);
+    store_->report_progress(lease, "simplify", 20);
+    EXPECT_EQ(find(job.id).progress, 40);
+    EXPECT_EQ(find(job.id).stage, "simplify");
+    std::this_thread::sleep_for(260ms);
+    store_->report_progress(lease, "simplify", 2000);
+    EXPECT_EQ(find(job.id).progress, 100);
+}
+
+TEST_P(JobQueueContract, ThinsOutProgress) {
+    const JobDocument job = submit();
+    const Lease lease = claim();
+    for (int i = 0; i < 1000; ++i) {
+        ASSERT_TRUE(store_->report_progress(lease, i % 2 ? "decode" : "clean", i * 0.1));
+    }
+    // 250 ms apart, beside the first; a slow machine may take seconds for the loop.
+    EXPECT_LT(events(job.id).size(), 50U);
+    EXPECT_GE(events(job.id).size(), 3U);
+}
+
+TEST_P(JobQueueContract, KeepsTheProblemOfAFailedJob) {
+    const JobDocument job = submit();
+    EXPECT_TRUE(store_->fail(claim(), kProblem));
+    const JobDocument failed = find(job.id);
+    EXPECT_EQ(failed.status, JobStatus::Failed);
+    EXPECT_EQ(failed.problem->detail, "line 7: no name");
+    EXPECT_EQ(failed.problem->status, kProblem.status);
+    EXPECT_FALSE(store_->results("ada", job.id)->complete);
+}
+
+TEST_P(JobQueueContract, TakesNoWriteUnderALeaseThatAnotherHoldsNow) {
+    const JobDocument job = submit();
+    const Lease stale = claim_for_a_moment();
+    const Lease good = claim();
+    EXPECT_EQ(good.job_id, stale.job_id);
+    EXPECT_GT(good.token, stale.token);
+    const std::string before = to_json(find(job.id));
+    const std::size_t told = events(job.id).size();
+
+    EXPECT_FALSE(store_->holds(stale));
+    EXPECT_FALSE(store_->renew(stale, 60s));
+    EXPECT_FALSE(store_->report_progress(stale, "encode", 90));
+    EXPECT_FALSE(store_->report_source(stale, statistics_of(1)));
+    EXPECT_FALSE(store_->publish_level(stale, level_with(0, kHash)));
+    EXPECT_FALSE(store_->succeed(stale, {}));
+    EXPECT_FALSE(store_->fail(stale, kProblem));
+    EXPECT_FALSE(store_->crashed(stale, "signal 9 (Killed)"));
+    EXPECT_FALSE(store_->release(stale));
+
+    EXPECT_EQ(to_json(find(job.id)), before);
+    EXPECT_EQ(events(job.id).size(), told);
+    EXPECT_FALSE(store_->find_cloud("ada", job.request.input)->statistics);
+    EXPECT_TRUE(store_->holds(good));
+    EXPECT_TRUE(store_->succeed(good, {}));
+}
+
+TEST_P(JobQueueContract, TakesNoWriteOfADismissedJob) {
+    const JobDocument job = submit();
+    const Lease lease = claim();
+    EXPECT_EQ(store_->dismiss("ada", job.id)->status, JobStatus::Dismissed);
+    EXPECT_FALSE(store_->holds(lease));
+    EXPECT_FALSE(store_->publish_level(lease, level_with(0, kHash)));
+    EXPECT_FALSE(store_->succeed(lease, {}));
+    EXPECT_FALSE(store_->crashed(lease, "signal 9 (Killed)"));
+    EXPECT_EQ(find(job.id).status, JobStatus::Dismissed);
+    EXPECT_FALSE(store_->claim(limits_, 60s));
+}
+
+TEST_P(JobQueueContract, KeepsALeaseThatIsRenewed) {
+    submit();
+    const Lease lease = claim_for_a_moment();
+    EXPECT_TRUE(store_->renew(lease, 60s));
+    EXPECT_FALSE(store_->claim(limits_, 60s));
+    EXPECT_TRUE(store_->succeed(lease, {}));
+}
+
+TEST_P(JobQueueContract, TriesAJobAgainAfterOneCrashAndFailsItAfterTwo) {
+    const JobDocument job = submit();
+    EXPECT_TRUE(store_->crashed(claim(), "signal 9 (Killed)"));
+    EXPECT_EQ(find(job.id).status, JobStatus::Accepted);
+    EXPECT_TRUE(store_->crashed(claim(), "signal 9 (Killed)"));
+    const JobDocument failed = find(job.id);
+    EXPECT_EQ(failed.status, JobStatus::Failed);
+    EXPECT_EQ(failed.problem->detail, "the job process died twice: signal 9 (Killed)");
+    EXPECT_EQ(failed.problem->stage, "decode");
+}
+
+TEST_P(JobQueueContract, CountsNoCrashWhenAJobIsHandedBack) {
+    const JobDocument job = submit();
+    for (int i = 0; i < 5; ++i) EXPECT_TRUE(store_->release(claim()));
+    EXPECT_EQ(find(job.id).status, JobStatus::Accepted);
+    EXPECT_TRUE(store_->crashed(claim(), "signal 9 (Killed)"));
+    EXPECT_EQ(find(job.id).status, JobStatus::Accepted);
+}
+
+TEST_P(JobQueueContract, TellsOfARepeatedLevelOnce) {
+    const JobDocument job = submit();
+    const Lease first = claim();
+    store_->publish_level(first, level_with(0, kHash));
+    store_->release(first);
+    const Lease second = claim();
+    EXPECT_TRUE(store_->publish_level(second, level_with(0, kHash)));
+    EXPECT_EQ(std::ranges::count(events(job.id), "level"), 1);
+    EXPECT_EQ(find(job.id).levels_ready, 1U);
+}
+
+TEST_P(JobQueueContract, QueuesRunningJobsAgainWhenItRecovers) {
+    const JobDocument job = submit();
+    const Lease lost = claim();
+    reopen();
+    EXPECT_FALSE(store_->claim(limits_, 60s));
+    store_->recover();
+    EXPECT_EQ(find(job.id).status, JobStatus::Accepted);
+    EXPECT_EQ(claim().job_id, job.id);
+    EXPECT_FALSE(store_->holds(lost));
+}
+
+INSTANTIATE_TEST_SUITE_P(Stores, JobQueueContract, backends(),
+                         [](const auto& instance) { return std::string(instance.param.name); });
+
+}  // namespace
+}  // namespace stipple::server
