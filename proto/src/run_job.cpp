@@ -370,8 +370,10 @@ private:
             tiler_ = std::make_unique<LodTiler>(cloud, job.tiles, quietly());
             points_of_source_ = cloud.size();
         }
+        LodPyramidOptions levels = job.options;
+        levels.spacing = tiler_ == nullptr;  // else the tiles say it
         build_lod_pyramid(
-            cloud, job.options,
+            cloud, levels,
             [&](LodLevel&& made) {
                 std::optional<ErrorFigures> error;
                 if (job.error) error = result_error(cloud, made.cloud, quietly());
