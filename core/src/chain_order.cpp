@@ -1,6 +1,8 @@
 #include "chain_order.hpp"
 
+#include "hilbert_order.hpp"
 #include "kernel_sets.hpp"
+#include "parallel_for.hpp"
 
 #include <algorithm>
 
@@ -53,6 +55,33 @@ std::vector<Index> chain_order(std::span<const GridPoint> points) {
         const int from[] = {p[0], p[1], p[2]};
         slot = nearest(window, from);
     }
+    return order;
+}
+
+std::vector<Index> chain_through(std::span<const Vec3f> points, const RunContext& context) {
+    constexpr std::size_t kPiece = 65'536;
+    constexpr double kSteps = 65'535;
+    const std::vector<Index> curve = hilbert_order(points, context);
+    std::vector<Index> order(points.size());
+    parallel_for_blocks(points.size(), kPiece, context, [&](std::size_t begin, std::size_t end) {
+        const std::span<const Index> piece = std::span(curve).subspan(begin, end - begin);
+        Vec3d low = points[piece.front()].cast<double>(), high = low;
+        for (const Index i : piece) {
+            low = low.cwiseMin(points[i].cast<double>());
+            high = high.cwiseMax(points[i].cast<double>());
+        }
+        const double side = (high - low).maxCoeff();
+        const double steps = side > 0 ? kSteps / side : 0.0;
+        std::vector<GridPoint> places(piece.size());
+        for (std::size_t i = 0; i < piece.size(); ++i) {
+            const Vec3d place = steps * (points[piece[i]].cast<double>() - low);
+            for (std::size_t axis = 0; axis < 3; ++axis)
+                places[i][axis] =
+                    static_cast<std::uint16_t>(place[static_cast<Eigen::Index>(axis)]);
+        }
+        std::ranges::transform(chain_order(places), order.begin() + static_cast<long>(begin),
+                               [&](Index i) { return piece[i]; });
+    });
     return order;
 }
 

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "stipple/point_cloud.hpp"
+#include "stipple/run_context.hpp"
 
 #include <array>
 #include <cstdint>
@@ -20,5 +21,9 @@ using GridPoint = std::array<std::uint16_t, 3>;
 /// @param points  in the order of a curve that fills space (`hilbert_order`).
 /// @return  a permutation of their numbers. O(N), on the calling thread.
 std::vector<Index> chain_order(std::span<const GridPoint> points);
+
+/// The same for any finite points, in pieces of 65,536 of them along a curve. O(N), parallel, the
+/// same for any number of threads.
+std::vector<Index> chain_through(std::span<const Vec3f> points, const RunContext& context);
 
 }  // namespace stipple

@@ -43,15 +43,15 @@ struct Grid {
     std::int64_t at(float coordinate) const noexcept {
         return static_cast<std::int64_t>(std::floor(static_cast<double>(coordinate) / step + 0.5));
     }
-    /// Of the eight corners around `p` the one nearest to the surface there, and near to p.
+    /// Of the grid's 27 places around `p` the one nearest to the surface there, and near to p.
     Vec3f rounded(const Vec3f& p, const Vec3f& normal) const noexcept {
-        constexpr double kAside = 0.01;  // what a way along the surface counts
+        constexpr double kAside = 0.02;  // what a way along the surface counts
         const Vec3d at = p.cast<double>() / step, n = normal.cast<double>();
-        const Vec3d low = at.array().floor();
-        Vec3d best = low;
+        const Vec3d nearest = (at.array() + 0.5).floor();
+        Vec3d best = nearest;
         double least = std::numeric_limits<double>::infinity();
-        for (int corner = 0; corner < 8; ++corner) {
-            const Vec3d q = low + Vec3d(corner & 1, corner >> 1 & 1, corner >> 2);
+        for (int place = 0; place < 27; ++place) {
+            const Vec3d q = nearest + Vec3d(place % 3 - 1, place / 3 % 3 - 1, place / 9 - 1);
             const double across = n.dot(q - at);
             const double cost = across * across + kAside * (q - at).squaredNorm();
             if (cost < least) best = q;
@@ -182,7 +182,7 @@ struct LodTiler::State {
     /// Of the surface at the points of a level; none where there are too many to be worth the time:
     /// those who load them have waited already.
     static std::vector<Vec3f> normals_of(const Measured& level, const RunContext& context) {
-        constexpr std::size_t kMost = 65'536;
+        constexpr std::size_t kMost = 131'072;
         if (level.points.size() > kMost) return {};
         return analyze_locally(level.points, {.k = 12, .variation = false}, context).normals;
     }

@@ -442,7 +442,7 @@ TEST(ChainOrder, IsAboutAsShortAsAChainToTheNearestOfAll) {
         visited[next] = true;
         exhaustive.push_back(next);
     }
-    EXPECT_LE(length_of(points, order), 1.1 * length_of(points, exhaustive));
+    EXPECT_LE(length_of(points, order), 1.15 * length_of(points, exhaustive));
 }
 
 }  // namespace

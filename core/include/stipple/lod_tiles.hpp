@@ -89,9 +89,9 @@ struct LodTile : LodFigures {
 /// of that and all of it where levels grow evenly. Tiles that coincide in one place are not cut;
 /// tiles wider than 65,535 steps are.
 ///
-/// A point moves by no more than half a step along each axis; in a level of up to 65,536 points
-/// that is not the whole, by no more than a step: it goes to the corner of its cell that is nearest
-/// to the surface, which takes one bit less for the same error.
+/// A point moves by no more than half a step along each axis; in a level of up to 131,072 points
+/// that is not the whole, by no more than a step and a half: it goes to the place of the grid
+/// nearby that is nearest to the surface, which takes one bit less for the same error.
 ///
 /// Errors are measured on the decoded points, at one place for 128 points of the source, 16,384 to
 /// 131,072 of them, the same for all levels: the mean of a level is mostly within 1.5 % of that
