@@ -3,6 +3,7 @@
 // are widened, and the metadata says what they were.
 
 #include "attribute_name.hpp"
+#include "chain_order.hpp"
 #include "in_quotes.hpp"
 #include "stipple/codec.hpp"
 #include "stipple/error.hpp"
@@ -271,6 +272,13 @@ std::vector<std::byte> encode_draco(const PointCloud& cloud, const DracoEncodeOp
         if (options.precision) position_bits = bits_for(*options.precision, extent);
     }
     context.checkpoint(0);
+    if (options.sorted && options.coding != DracoCoding::KdTree && !cloud.empty()) {
+        DracoEncodeOptions as_they_stand = options;
+        as_they_stand.sorted = false;
+        require_finite(cloud.positions, "the position");
+        return encode_draco(subset(cloud, chain_through(cloud.positions, context)), as_they_stand,
+                            context);
+    }
 
     Encoded encoded;
     fill(cloud, options, cloud.empty() ? 0 : static_cast<int>(position_bits), encoded);

@@ -111,7 +111,7 @@ void build_lod_pyramid(const PointCloud& cloud, const LodPyramidOptions& options
 
     unsigned level = 0;
     const auto emit = [&](PointCloud&& next) {
-        const double spacing = mean_spacing(next.positions, context);
+        const double spacing = options.spacing ? mean_spacing(next.positions, context) : 0.0;
         on_level({level, std::move(next), spacing});
         ++level;
         context.checkpoint(begin + (1 - begin) * static_cast<double>(level) /

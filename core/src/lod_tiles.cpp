@@ -4,9 +4,11 @@
 #include "distance_statistics.hpp"
 #include "error_samples.hpp"
 #include "foot_finder.hpp"
+#include "hilbert_order.hpp"
 #include "parallel_for.hpp"
 #include "point_tree.hpp"
 #include "stipple/error.hpp"
+#include "stipple/local_analysis.hpp"
 #include "tile_streams.hpp"
 #include "tile_tree.hpp"
 #include "tree_search.hpp"
@@ -39,17 +41,17 @@ struct Grid {
     unsigned bits;
 
     std::int64_t at(float coordinate) const noexcept {
-        return std::llround(static_cast<double>(coordinate) / step);
+        return static_cast<std::int64_t>(std::floor(static_cast<double>(coordinate) / step + 0.5));
     }
-    /// Of the eight corners around `p` the one nearest to the surface there, and near to p.
+    /// Of the grid's 27 places around `p` the one nearest to the surface there, and near to p.
     Vec3f rounded(const Vec3f& p, const Vec3f& normal) const noexcept {
-        constexpr double kAside = 0.01;  // what a way along the surface counts
+        constexpr double kAside = 0.02;  // what a way along the surface counts
         const Vec3d at = p.cast<double>() / step, n = normal.cast<double>();
-        const Vec3d low = at.array().floor();
-        Vec3d best = low;
+        const Vec3d nearest = (at.array() + 0.5).floor();
+        Vec3d best = nearest;
         double least = std::numeric_limits<double>::infinity();
-        for (int corner = 0; corner < 8; ++corner) {
-            const Vec3d q = low + Vec3d(corner & 1, corner >> 1 & 1, corner >> 2);
+        for (int place = 0; place < 27; ++place) {
+            const Vec3d q = nearest + Vec3d(place % 3 - 1, place / 3 % 3 - 1, place / 9 - 1);
             const double across = n.dot(q - at);
             const double cost = across * across + kAside * (q - at).squaredNorm();
             if (cost < least) best = q;
@@ -79,28 +81,28 @@ std::vector<Vec3f> rounded(std::span<const Vec3f> points, std::span<const Vec3f>
 
 /// Places on the surface of the source, as `measure_error` takes them: at points, where there are
 /// many.
-ErrorSamples take_samples(std::span<const Vec3f> points, const RunContext& context) {
-    constexpr std::uint64_t kMany = 100'000, kShare = 32, kLeast = 32'768, kMost = 131'072;
-    if (points.size() < kMany) {
-        const PointTree tree(points, PointTree::Leaves::Compact, context);
-        return take_surface(tree, FootFinder(points, tree, {}), kLeast, 0, context);
+ErrorSamples take_samples(std::span<const Vec3f> along_curve, const RunContext& context) {
+    constexpr std::uint64_t kMany = 100'000, kShare = 128, kLeast = 16'384, kMost = 131'072;
+    if (along_curve.size() < kMany) {
+        const PointTree tree(along_curve, PointTree::Leaves::Compact, context);
+        return take_surface(tree, FootFinder(along_curve, tree, {}), kLeast, 0, context);
     }
-    const PointTree tree(points, PointTree::Leaves::Quick, context);
-    const std::uint64_t count = std::clamp<std::uint64_t>(points.size() / kShare, kLeast, kMost);
+    const PointTree tree(along_curve, PointTree::Leaves::Given, context);
+    const std::uint64_t count = std::clamp(along_curve.size() / kShare, kLeast, kMost);
     return take_points(tree, count, 0, context);
 }
 
 /// Enough to compare two roundings of the same points.
-ErrorSamples every_fourth(const ErrorSamples& samples) {
+ErrorSamples every_eighth(const ErrorSamples& samples) {
     ErrorSamples few;
-    for (std::size_t i = 0; i < samples.size(); i += 4) {
+    for (std::size_t i = 0; i < samples.size(); i += 8) {
         few.positions.push_back(samples.positions[i]);
         few.areas.push_back(samples.areas[i]);
     }
     return few;
 }
 
-/// Points that stand for a surface, and how far the source is from it.
+/// Points of a level, in the order of a curve, and how far the source is from their surface.
 struct Measured {
     std::vector<Vec3f> points;
     std::unique_ptr<PointTree> tree;
@@ -127,19 +129,24 @@ struct LodTiler::State {
     LodTileOptions options;
     Vec3d center = Vec3d::Zero();
     double scale = 1;
-    double side = 0;  ///< of the source's box, the longest
+    double side = 0;           ///< of the source's box, the longest
+    std::vector<Index> order;  ///< of the source's points, along a curve
     ErrorSamples samples, few;
     TileTree tree;
     unsigned levels = 0;
+    LodFigures figures;
 
-    std::vector<Vec3f> into_frame(const PointCloud& cloud, const RunContext& context) const {
+    std::vector<Vec3f> into_frame(const PointCloud& cloud, std::span<const Index> numbers,
+                                  const RunContext& context) const {
         const Vec3d shift = cloud.origin - center;
-        std::vector<Vec3f> points(cloud.size());
-        parallel_for_blocks(
-            points.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
-                for (std::size_t i = begin; i < end; ++i)
-                    points[i] = (scale * (cloud.positions[i].cast<double>() + shift)).cast<float>();
-            });
+        std::vector<Vec3f> points(numbers.size());
+        parallel_for_blocks(points.size(), kBlock, context,
+                            [&](std::size_t begin, std::size_t end) {
+                                for (std::size_t i = begin; i < end; ++i) {
+                                    const Vec3d p = cloud.positions[numbers[i]].cast<double>();
+                                    points[i] = (scale * (p + shift)).cast<float>();
+                                }
+                            });
         return points;
     }
 
@@ -157,7 +164,7 @@ struct LodTiler::State {
 
     static Measured with_tree(std::vector<Vec3f>&& points, const RunContext& context) {
         Measured made{std::move(points), {}, {}};
-        made.tree = std::make_unique<PointTree>(made.points, PointTree::Leaves::Quick, context);
+        made.tree = std::make_unique<PointTree>(made.points, PointTree::Leaves::Given, context);
         return made;
     }
     static void measure(Measured& made, const ErrorSamples& at, const RunContext& context) {
@@ -175,15 +182,9 @@ struct LodTiler::State {
     /// Of the surface at the points of a level; none where there are too many to be worth the time:
     /// those who load them have waited already.
     static std::vector<Vec3f> normals_of(const Measured& level, const RunContext& context) {
-        constexpr std::size_t kMost = 65'536;
+        constexpr std::size_t kMost = 131'072;
         if (level.points.size() > kMost) return {};
-        std::vector<Vec3f> normals(level.points.size());
-        FootFinder(level.points, *level.tree, {})
-            .find(
-                level.points,
-                [&](std::size_t i, const Foot& foot) { normals[i] = foot.normal.cast<float>(); },
-                context);
-        return normals;
+        return analyze_locally(level.points, {.k = 12, .variation = false}, context).normals;
     }
 
     /// The fewest bits by which the mean error grows by no more than the tolerance, and by which
@@ -260,9 +261,31 @@ struct LodTiler::State {
         return sum / static_cast<double>(count);
     }
 
+    /// What the samples say of a part of the level, or of all of it.
+    struct Inside {
+        std::vector<float> distances, areas;
+        float cover = 0;
+        double area = 0;
+
+        void add(float distance, float area_, float cover_) {
+            distances.push_back(distance);
+            areas.push_back(area_);
+            area += area_;
+            cover = std::max(cover, cover_);
+        }
+    };
+    void take(const Inside& inside, LodFigures& into) const {
+        const DirectedError error = summarize_distances(inside.distances, inside.areas, 1);
+        into.error = {.mean = error.mean / scale,
+                      .max = error.max / scale,
+                      .p99 = error.p99 / scale,
+                      .mean_confidence = error.mean_confidence / scale,
+                      .samples = error.samples};
+        into.cover_radius = inside.cover / scale;
+    }
+
     /// Of each part of the level, by the samples in its cell; of the whole level where it has none.
-    void add_errors(std::span<LodTile> tiles, const Measured& level,
-                    const RunContext& context) const {
+    void add_errors(std::span<LodTile> tiles, const Measured& level, const RunContext& context) {
         std::vector<std::uint32_t> part_of(samples.size());
         std::vector<float> cover(samples.size());
         parallel_for_blocks(samples.size(), 1'024, context,
@@ -274,18 +297,6 @@ struct LodTiler::State {
                                     part_of[i] = tree.part_at(samples.positions[i]);
                                 }
                             });
-        struct Inside {
-            std::vector<float> distances, areas;
-            float cover = 0;
-            double area = 0;
-
-            void add(float distance, float area_, float cover_) {
-                distances.push_back(distance);
-                areas.push_back(area_);
-                area += area_;
-                cover = std::max(cover, cover_);
-            }
-        };
         std::vector<Inside> inside(tiles.size());
         Inside all;
         for (std::size_t i = 0; i < samples.size(); ++i) {
@@ -294,18 +305,20 @@ struct LodTiler::State {
                 inside[part_of[i]].add(level.distances[i], samples.areas[i], cover[i]);
         }
         parallel_for_blocks(tiles.size(), 1, context, [&](std::size_t t, std::size_t) {
-            const Inside& of = inside[t].area > 0 ? inside[t] : all;
-            const AttributeError error = summarize("", of.distances, of.areas);
-            constexpr std::array kPart = {0.99};
-            const double p99 = weighted_quantiles(of.distances, of.areas, kPart).front();
-            tiles[t].error = {error.mean / scale, error.max / scale, p99 / scale};
-            tiles[t].cover_radius = of.cover / scale;
+            take(inside[t].area > 0 ? inside[t] : all, tiles[t]);
         });
+        take(all, figures);
+        figures.spacing = 0;
+        for (const LodTile& tile : tiles)
+            figures.spacing += tile.spacing * static_cast<double>(tile.points) /
+                               static_cast<double>(level.points.size());
     }
 
     /// Sorts and compresses the points of a part.
-    void encode(LodTile& tile, const PointCloud& cloud, std::vector<Index>& members,
-                const Measured& level, const Grid& grid_taken) const {
+    /// @param numbers  of the level's points, in the cloud.
+    void encode(LodTile& tile, const PointCloud& cloud, std::span<const Index> members,
+                std::span<const Index> numbers, const Measured& level,
+                const Grid& grid_taken) const {
         std::array<std::int64_t, 3> least{};
         least.fill(std::numeric_limits<std::int64_t>::max());
         for (const Index i : members)
@@ -319,12 +332,12 @@ struct LodTiler::State {
                 tile.last[axis] = std::max(tile.last[axis], points[i][axis]);
             }
         }
-        const std::vector<Index> order = chain_order(points);
+        const std::vector<Index> chain = chain_order(points);
         std::vector<GridPoint> sorted(points.size());
-        std::vector<Index> numbers(points.size());
-        for (std::size_t i = 0; i < order.size(); ++i) {
-            sorted[i] = points[order[i]];
-            numbers[i] = members[order[i]];
+        std::vector<Index> sorted_numbers(points.size());
+        for (std::size_t i = 0; i < chain.size(); ++i) {
+            sorted[i] = points[chain[i]];
+            sorted_numbers[i] = numbers[members[chain[i]]];
         }
         tile.points = members.size();
         tile.bits = grid_taken.bits;
@@ -332,7 +345,7 @@ struct LodTiler::State {
         for (int axis = 0; axis < 3; ++axis)
             tile.offset[axis] = static_cast<double>(least[axis]) * tile.step;
         tile.spacing = spacing(members, level) / scale;
-        tile.streams = encode_streams(cloud, numbers, sorted, options.attributes);
+        tile.streams = encode_streams(cloud, sorted_numbers, sorted, options.attributes);
     }
 };
 
@@ -350,9 +363,9 @@ LodTiler::LodTiler(const PointCloud& source, const LodTileOptions& options,
     if (side > 0) state.scale = std::ldexp(1.0, -std::ilogb(side));
     state.side = side * state.scale;
 
-    const std::vector<Vec3f> points = state.into_frame(source, context);
-    state.samples = take_samples(points, context);
-    state.few = every_fourth(state.samples);
+    state.order = hilbert_order(source.positions, context);
+    state.samples = take_samples(state.into_frame(source, state.order, context), context);
+    state.few = every_eighth(state.samples);
 }
 
 LodTiler::~LodTiler() = default;
@@ -361,12 +374,18 @@ const Vec3d& LodTiler::center() const noexcept {
     return state_->center;
 }
 
+const LodFigures& LodTiler::figures() const noexcept {
+    return state_->figures;
+}
+
 std::vector<LodTile> LodTiler::add_level(const PointCloud& cloud, bool whole,
                                          const RunContext& context) {
     if (cloud.empty())
         throw Error(ErrorCode::InvalidArgument, "the level has no points: expected at least 1");
     State& state = *state_;
-    const std::vector<Vec3f> points = state.into_frame(cloud, context);
+    const std::vector<Index> order =
+        whole ? std::move(state.order) : hilbert_order(cloud.positions, context);
+    const std::vector<Vec3f> points = state.into_frame(cloud, order, context);
     Grid grid = state.finest_grid();
     Measured level = whole ? State::with_tree(rounded(points, {}, grid, context), context)
                            : state.round_level(points, grid, context);
@@ -382,7 +401,7 @@ std::vector<LodTile> LodTiler::add_level(const PointCloud& cloud, bool whole,
     parallel_for_blocks(parts.size(), 1, context, [&](std::size_t t, std::size_t) {
         tiles[t].level = state.levels;
         if (parts[t].parent != TileTree::kNone) tiles[t].parent = parts[t].parent;
-        state.encode(tiles[t], cloud, parts[t].points, level, grid);
+        state.encode(tiles[t], cloud, parts[t].points, order, level, grid);
     });
     context.checkpoint(0.9);
     state.add_errors(tiles, level, context);

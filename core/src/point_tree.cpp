@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <numeric>
 
 namespace stipple {
 
@@ -75,7 +76,13 @@ void tidy(std::span<const Vec3f> points, std::span<Index> stretch, const RunCont
 
 PointTree::PointTree(std::span<const Vec3f> points, Leaves leaves, const RunContext& context)
     : size_(points.size()) {
-    std::vector<Index> order = hilbert_order(points, context);
+    std::vector<Index> order;
+    if (leaves == Leaves::Given) {
+        order.resize(size_);
+        std::iota(order.begin(), order.end(), Index{0});
+    } else {
+        order = hilbert_order(points, context);
+    }
     if (leaves == Leaves::Compact) {
         constexpr std::size_t kTidied = 65'536;
         parallel_for_blocks(size_, kTidied, context, [&](std::size_t begin, std::size_t end) {

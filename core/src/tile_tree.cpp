@@ -16,7 +16,7 @@ struct Cut {
 };
 
 /// A plane with points below it and points on or above it.
-Cut cut_of(std::span<const Vec3f> points, std::span<Index> members,
+Cut cut_of(std::span<const Vec3f> points, std::span<const Index> members,
            const TileTree::Limits& limits) {
     Vec3f low = points[members.front()], high = low;
     for (const Index i : members) {
@@ -30,10 +30,11 @@ Cut cut_of(std::span<const Vec3f> points, std::span<Index> members,
 
     float plane = low[axis] + 0.5F * side;
     if (!wide) {
-        const auto along = [&](Index i) { return points[i][axis]; };
-        const auto middle = members.begin() + static_cast<std::ptrdiff_t>(members.size() / 2);
-        std::ranges::nth_element(members, middle, {}, along);
-        plane = along(*middle);
+        std::vector<float> along(members.size());
+        std::ranges::transform(members, along.begin(), [&](Index i) { return points[i][axis]; });
+        const auto middle = along.begin() + static_cast<std::ptrdiff_t>(along.size() / 2);
+        std::ranges::nth_element(along, middle);
+        plane = *middle;
     }
     // Where many share the least coordinate the plane goes to the next: both sides have points.
     if (plane <= low[axis]) {
@@ -44,31 +45,47 @@ Cut cut_of(std::span<const Vec3f> points, std::span<Index> members,
     return {axis, plane};
 }
 
+/// Puts the members below the cut first, both sides in the order they had.
+/// @return  how many those are.
+std::size_t divide(std::span<const Vec3f> points, std::span<const Index> members, const Cut& cut,
+                   std::span<Index> room) {
+    std::size_t below = 0, above = members.size();
+    for (const Index i : members) {
+        const bool is_below = points[i][cut.axis] < cut.plane;
+        room[is_below ? below : above - 1] = i;
+        below += is_below ? 1 : 0;
+        above -= is_below ? 0 : 1;
+    }
+    std::reverse(room.begin() + static_cast<std::ptrdiff_t>(below), room.end());
+    return below;
+}
+
 }  // namespace
 
 std::vector<TileTree::Part> TileTree::add_level(std::span<const Vec3f> points, const Limits& limits,
                                                 const RunContext& context) {
     struct Open {
         std::uint32_t cell;
-        std::span<Index> members;
+        std::size_t begin, size;
+        const Index* members;
         Cut cut{};
         std::size_t below = 0;  ///< members on the first side
     };
-    std::vector<Index> order(points.size());
+    // From the one to the other and back; what is closed stays where it is.
+    std::vector<Index> order(points.size()), other(points.size());
     std::iota(order.begin(), order.end(), Index{0});
     std::vector<Open> open, closed;
-    if (!points.empty()) open.push_back({0, order});
+    if (!points.empty()) open.push_back({0, 0, points.size(), order.data()});
 
     // The cells of one depth at a time, each on its own.
     while (!open.empty()) {
         parallel_for_blocks(open.size(), 1, context, [&](std::size_t i, std::size_t) {
             Open& o = open[i];
             const Cell& cell = cells_[o.cell];
-            o.cut = cell.axis >= 0 ? Cut{cell.axis, cell.plane} : cut_of(points, o.members, limits);
+            const std::span<const Index> members(o.members, o.size);
+            o.cut = cell.axis >= 0 ? Cut{cell.axis, cell.plane} : cut_of(points, members, limits);
             if (o.cut.axis < 0) return;
-            const auto above = std::ranges::partition(
-                o.members, [&](Index p) { return points[p][o.cut.axis] < o.cut.plane; });
-            o.below = static_cast<std::size_t>(above.begin() - o.members.begin());
+            o.below = divide(points, members, o.cut, std::span(other).subspan(o.begin, o.size));
         });
         std::vector<Open> next;
         for (const Open& o : open) {
@@ -83,22 +100,22 @@ std::vector<TileTree::Part> TileTree::add_level(std::span<const Vec3f> points, c
                 cells_.insert(cells_.end(), 2, Cell{.part = part});
             }
             const std::uint32_t child = cells_[o.cell].children;
-            if (o.below > 0) next.push_back({child, o.members.first(o.below)});
-            if (o.below < o.members.size()) next.push_back({child + 1, o.members.subspan(o.below)});
+            const std::size_t middle = o.begin + o.below, above = o.size - o.below;
+            if (o.below > 0) next.push_back({child, o.begin, o.below, &other[o.begin]});
+            if (above > 0) next.push_back({child + 1, middle, above, &other[middle]});
         }
         open = std::move(next);
+        order.swap(other);
     }
 
     // In the order of space, so that tiles that follow each other lie near each other.
-    std::ranges::sort(closed, {}, [](const Open& o) { return o.members.data(); });
+    std::ranges::sort(closed, {}, &Open::begin);
     last_level_ = parts_;
     std::vector<Part> parts(closed.size());
     for (std::size_t i = 0; i < closed.size(); ++i) {
         parts[i].parent = std::exchange(cells_[closed[i].cell].part, parts_++);
-        parts[i].points.assign(closed[i].members.begin(), closed[i].members.end());
+        parts[i].points.assign(closed[i].members, closed[i].members + closed[i].size);
     }
-    parallel_for_blocks(parts.size(), 1, context,
-                        [&](std::size_t i, std::size_t) { std::ranges::sort(parts[i].points); });
     return parts;
 }
 

@@ -26,7 +26,7 @@ public:
     struct Part {
         std::uint32_t parent;  ///< number of the part that the last level with points in this cell
                                ///< had there, counted over all levels; or none
-        std::vector<Index> points;
+        std::vector<Index> points;  ///< ascending
     };
 
     /// Cuts the next level: a cell with more points than the limit at the median of its longest

@@ -2,6 +2,7 @@
 
 #include "json_parts.hpp"
 #include "names.hpp"
+#include "stipple/globe.hpp"
 #include "stipple/proto/digest.hpp"
 
 #include <algorithm>
@@ -478,7 +479,17 @@ void read_tiles(const JsonValue& value, PyramidJob& job) {
     }
     if (const auto most = object.find("max_points")) tiles.max_points = most->small_integer(1, 65'536);
     if (const auto all = object.find("attributes")) tiles.attributes = all->boolean();
-    if (const auto transform = object.find("transform")) job.transform = read_transform(*transform);
+    const auto transform = object.find("transform");
+    const auto epsg = object.find("epsg");
+    if (transform && epsg) {
+        throw object.error("epsg", "stands instead of transform: give one of the two");
+    }
+    if (transform) job.transform = read_transform(*transform);
+    if (epsg) {
+        job.epsg = epsg->small_integer();
+        if (!is_on_globe(*job.epsg))
+            epsg->refuse("4978, 32601..32660, 32701..32760 or 25828..25838");
+    }
     object.finish();
 }
 
@@ -492,6 +503,7 @@ Json tiles_json(const PyramidJob& job) {
     json["max_points"] = job.tiles.max_points;
     json["attributes"] = job.tiles.attributes;
     if (job.transform) json["transform"] = *job.transform;
+    if (job.epsg) json["epsg"] = *job.epsg;
     return json;
 }
 

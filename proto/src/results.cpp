@@ -8,6 +8,42 @@ namespace {
 
 constexpr JsonRules kReportRules{ErrorCode::MalformedInput, 16 << 20, 12};
 
+void put_figures(Json& json, const LodFigures& figures) {
+    json["error"] = {{"mean", figures.error.mean},
+                     {"max", figures.error.max},
+                     {"p99", figures.error.p99},
+                     {"mean_confidence", figures.error.mean_confidence},
+                     {"samples", figures.error.samples}};
+    json["spacing"] = figures.spacing;
+    json["cover_radius"] = figures.cover_radius;
+}
+
+void read_figures(JsonObject& object, LodFigures& figures) {
+    JsonObject error = object["error"].object();
+    figures.error = {.mean = error["mean"].number(),
+                     .max = error["max"].number(),
+                     .p99 = error["p99"].number(),
+                     .mean_confidence = error["mean_confidence"].number(),
+                     .samples = error["samples"].integer()};
+    error.finish();
+    figures.spacing = object["spacing"].number();
+    figures.cover_radius = object["cover_radius"].number();
+}
+
+Json decoded_json(const LodFigures& figures) {
+    Json json;
+    put_figures(json, figures);
+    return json;
+}
+
+LodFigures read_decoded(const JsonValue& value) {
+    JsonObject object = value.object();
+    LodFigures figures;
+    read_figures(object, figures);
+    object.finish();
+    return figures;
+}
+
 Json tile_json(const LodTile& tile) {
     Json json;
     if (tile.parent) json["parent"] = *tile.parent;
@@ -16,9 +52,7 @@ Json tile_json(const LodTile& tile) {
     json["step"] = tile.step;
     json["offset"] = vector_json(tile.offset);
     json["last"] = tile.last;
-    json["error"] = {{"mean", tile.error.mean}, {"max", tile.error.max}, {"p99", tile.error.p99}};
-    json["spacing"] = tile.spacing;
-    json["cover_radius"] = tile.cover_radius;
+    put_figures(json, tile);
     return json;
 }
 
@@ -35,11 +69,7 @@ LodTile read_tile(const JsonValue& value) {
     if (numbers.size() != tile.last.size()) last.refuse("3 numbers");
     for (std::size_t axis = 0; axis < numbers.size(); ++axis)
         tile.last[axis] = static_cast<std::uint16_t>(numbers[axis].integer(0, 65'535));
-    JsonObject error = object["error"].object();
-    tile.error = {error["mean"].number(), error["max"].number(), error["p99"].number()};
-    error.finish();
-    tile.spacing = object["spacing"].number();
-    tile.cover_radius = object["cover_radius"].number();
+    read_figures(object, tile);
     object.finish();
     return tile;
 }
@@ -159,6 +189,7 @@ Json level_json(const OutputCloud& cloud) {
                  {"attributes", attributes_json(cloud.attributes)},
                  {"files", files_json(cloud)}};
     if (cloud.error) json["error"] = error_json(*cloud.error);
+    if (cloud.decoded) json["decoded"] = decoded_json(*cloud.decoded);
     if (!cloud.pictures.empty()) json["pictures"] = pictures_json(cloud);
     if (cloud.bound) json["bound"] = bound_json(*cloud.bound);
     if (cloud.curve) json["curve"] = curve_json(*cloud.curve);
@@ -177,6 +208,7 @@ OutputCloud read_level(const JsonValue& value) {
     for (OutputFile& file : cloud.files)
         if (file.tile) file.tile->level = cloud.level;
     if (const auto error = object.find("error")) cloud.error = read_whole_error(*error);
+    if (const auto decoded = object.find("decoded")) cloud.decoded = read_decoded(*decoded);
     if (const auto pictures = object.find("pictures"))
         cloud.pictures = pictures->list_of(read_picture);
     if (const auto bound = object.find("bound")) cloud.bound = read_bound(*bound);

@@ -2,6 +2,7 @@
 
 #include "stipple/cleaning.hpp"
 #include "stipple/error_bounded.hpp"
+#include "stipple/globe.hpp"
 #include "stipple/neighbors.hpp"
 #include "stipple/picture/visual_error.hpp"
 #include "stipple/proto/digest.hpp"
@@ -360,6 +361,8 @@ private:
     }
 
     void make(PointCloud&& cloud, const PyramidJob& job) {
+        const Aabb box = bounds(cloud);
+        if (job.epsg) globe_frame(*job.epsg, 0.5 * (box.min + box.max));  // refuses others' places
         const std::vector<std::uint64_t> sizes = lod_sizes(cloud.size(), job.options);
         points_to_encode_ = std::accumulate(sizes.begin(), sizes.end(), std::uint64_t{0});
 
@@ -370,8 +373,10 @@ private:
             tiler_ = std::make_unique<LodTiler>(cloud, job.tiles, quietly());
             points_of_source_ = cloud.size();
         }
+        LodPyramidOptions levels = job.options;
+        levels.spacing = tiler_ == nullptr;  // else the tiles say it
         build_lod_pyramid(
-            cloud, job.options,
+            cloud, levels,
             [&](LodLevel&& made) {
                 std::optional<ErrorFigures> error;
                 if (job.error) error = result_error(cloud, made.cloud, quietly());
@@ -520,6 +525,8 @@ private:
             from += share;
             if (format == CloudFormat::Glb) {
                 write_tiles(made, context, files);
+                line.level->decoded = tiler_->figures();
+                line.level->spacing = tiler_->figures().spacing;
             } else {
                 files.push_back(write(made, format, options.draco, context));
             }
@@ -531,8 +538,10 @@ private:
 
     OutputFile write(const LodLevel& made, CloudFormat format, const DracoEncodeOptions& draco,
                      const RunContext& context) {
+        DracoEncodeOptions options = draco;
+        options.sorted = std::holds_alternative<PyramidJob>(spec_.request.job);
         const std::vector<std::byte> bytes = format == CloudFormat::Draco
-                                                 ? encode_draco(made.cloud, draco, context)
+                                                 ? encode_draco(made.cloud, options, context)
                                                  : encode_ply(made.cloud, {}, context);
         const std::string name =
             "level-" + std::to_string(made.level) + "." + std::string(to_string(format));

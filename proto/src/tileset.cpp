@@ -1,6 +1,7 @@
 #include "stipple/proto/tiles.hpp"
 
 #include "json_reader.hpp"
+#include "stipple/globe.hpp"
 
 #include <algorithm>
 
@@ -63,14 +64,18 @@ Json box_json(const Vec3d& low, const Vec3d& high) {
 
 Json extras_json(const Node& node) {
     const LodTile& tile = *node.tile;
-    return {
-        {"level", tile.level},
-        {"points", tile.points},
-        {"bits", tile.bits},
-        {"bytes", node.file->bytes},
-        {"error", {{"mean", tile.error.mean}, {"max", tile.error.max}, {"p99", tile.error.p99}}},
-        {"spacing", tile.spacing},
-        {"coverRadius", tile.cover_radius}};
+    return {{"level", tile.level},
+            {"points", tile.points},
+            {"bits", tile.bits},
+            {"bytes", node.file->bytes},
+            {"error",
+             {{"mean", tile.error.mean},
+              {"max", tile.error.max},
+              {"p99", tile.error.p99},
+              {"meanConfidence", tile.error.mean_confidence},
+              {"samples", tile.error.samples}}},
+            {"spacing", tile.spacing},
+            {"coverRadius", tile.cover_radius}};
 }
 
 /// Writes trees of tiles, each file with no more than so many.
@@ -142,9 +147,11 @@ private:
 Json transform_json(const Results& results) {
     Eigen::Matrix4d m = Eigen::Matrix4d::Identity();
     const Aabb& box = results.source.value().bounds;
-    m.topRightCorner<3, 1>() = 0.5 * (box.min + box.max);
-    if (const auto& given = std::get<PyramidJob>(results.request.job).transform)
-        m = Eigen::Map<const Eigen::Matrix4d>(given->data()) * m;
+    const Vec3d center = 0.5 * (box.min + box.max);
+    m.topRightCorner<3, 1>() = center;
+    const auto& job = std::get<PyramidJob>(results.request.job);
+    if (job.epsg) m = globe_frame(*job.epsg, center) * m;
+    if (job.transform) m = Eigen::Map<const Eigen::Matrix4d>(job.transform->data()) * m;
     return std::vector<double>(m.data(), m.data() + m.size());
 }
 

@@ -123,7 +123,7 @@ inline LodTile tile() {
     tile.step = 0.125;
     tile.bits = 6;
     tile.last = {16, 40, 22};
-    tile.error = {0.25, 1, 0.5};
+    tile.error = {0.25, 1, 0.5, 0.125, 300};
     tile.spacing = 0.5;
     tile.cover_radius = 0.75;
     return tile;
@@ -160,8 +160,9 @@ inline proto::OutputCloud output_cloud() {
                       {CloudFormat::Ply, 4900, std::string(64, 'd'), "level-1.ply"},
                       {CloudFormat::Glb, 1200, std::string(64, 'e'), std::string(64, 'e') + ".glb",
                        tile()}},
-             .error = error_figures(),
-             .attributes = {{"color", "uint8", 3}, {"radius", "float32", 1}}};
+            .error = error_figures(),
+            .decoded = LodFigures{{0.25, 1, 0.5, 0.125, 900}, 0.5, 0.75},
+            .attributes = {{"color", "uint8", 3}, {"radius", "float32", 1}}};
 }
 
 inline proto::JobCost job_cost() {

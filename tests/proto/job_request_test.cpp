@@ -251,6 +251,11 @@ TEST(JobRequest, ThatIsRefusedNamesFieldAndValueAndWhatIsExpected) {
          "tiles.position_bits: 1: expected an integer of 2 to 24"},
         {pyramid_with(R"("tiles": {"transform": [1, 0]})"),
          "tiles.transform: a list of 2: expected 16 numbers, column by column"},
+        {pyramid_with(R"("tiles": {"epsg": 4326})"),
+         "tiles.epsg: 4326: expected 4978, 32601..32660, 32701..32760 or 25828..25838"},
+        {pyramid_with(
+             R"("tiles": {"epsg": 32633, "transform": [1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]})"),
+         "tiles.epsg: stands instead of transform: give one of the two"},
         {pyramid_with(R"("formats": ["ply"], "tiles": {})"),
          "tiles: an object: expected none unless glb is among the formats"},
         {simplify_with(R"("ratio": 0.5, "format": "glb")"), "format: \"glb\": expected ply or drc"},

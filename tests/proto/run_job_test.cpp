@@ -1,13 +1,17 @@
 #include "stipple/proto/run_job.hpp"
 
 #include "stipple/proto/digest.hpp"
+#include "stipple/proto/tiles.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
 #include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <functional>
+#include <limits>
 #include <map>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <thread>
 
@@ -433,6 +437,119 @@ TEST_F(RunJob, GivesTheSameBytesForAnyNumberOfThreads) {
     }
     EXPECT_EQ(hashes[1], hashes[4]);
 }
+
+struct Degenerate {
+    const char* name;
+    std::function<PointCloud()> make;
+};
+
+PointCloud at(std::vector<Vec3f> positions) {
+    PointCloud cloud;
+    cloud.positions = std::move(positions);
+    return cloud;
+}
+
+PointCloud far_apart() {
+    PointCloud cloud = test::cube(400);
+    for (std::size_t i = 0; i < 400; i += 2) cloud.positions[i].x() += 1e5F;
+    return cloud;
+}
+
+PointCloud with_points_nowhere() {
+    PointCloud cloud = test::sphere(300);
+    cloud.positions[7].x() = std::numeric_limits<float>::quiet_NaN();
+    cloud.positions[8].y() = std::numeric_limits<float>::infinity();
+    return cloud;
+}
+
+PointCloud shifted_far() {
+    PointCloud cloud = test::sphere(300);
+    cloud.origin = Vec3d(4.5e6, -5.5e6, 3e5);
+    return cloud;
+}
+
+PointCloud colored_plane() {
+    PointCloud cloud = test::plane(300);
+    for (std::size_t i = 0; i < cloud.size(); ++i)
+        cloud.colors.push_back({static_cast<std::uint8_t>(i % 256), 3, 200});
+    return cloud;
+}
+
+/// Clouds of which most things are not defined, as pyramids of every method in every format.
+class PyramidOfDegenerate : public RunJob,
+                            public testing::WithParamInterface<std::tuple<Method, Degenerate>> {};
+
+TEST_P(PyramidOfDegenerate, HasNoEmptyTileNoBoxOfNoSizeAndFiniteFigures) {
+    const auto& [method, shape] = GetParam();
+    PyramidJob job;
+    job.options.method = method;
+    job.options.base_points = 20;
+    job.tiles.max_points = 64;
+    job.output.formats = {CloudFormat::Glb, CloudFormat::Draco, CloudFormat::Ply};
+    const PointCloud cloud = shape.make();
+    const JobSpec spec = spec_for(cloud, job);
+    run(spec);
+
+    Results results{.request = spec.request, .source = source(), .levels = levels(), .cost = {}};
+    ASSERT_FALSE(results.levels.empty());
+    std::uint64_t finest = 0;
+    for (const OutputCloud& level : results.levels) {
+        ASSERT_TRUE(level.decoded);
+        const LodFigures& figures = *level.decoded;
+        for (const double figure : {figures.error.mean, figures.error.max, figures.error.p99,
+                                    figures.spacing, figures.cover_radius})
+            EXPECT_TRUE(std::isfinite(figure) && figure >= 0) << figure;
+        EXPECT_GE(figures.error.samples, 1U);
+        std::uint64_t in_tiles = 0;
+        for (const OutputFile& file : level.files) {
+            EXPECT_EQ(fs::file_size(folder_ / "out" / file.href), file.bytes);
+            if (file.format != CloudFormat::Glb) {
+                EXPECT_EQ(read_cloud(folder_ / "out" / file.href).size(), level.points);
+                continue;
+            }
+            EXPECT_GE(file.tile->points, 1U);
+            EXPECT_LE(file.tile->points, job.tiles.max_points);
+            in_tiles += file.tile->points;
+        }
+        EXPECT_EQ(in_tiles, level.points);
+        EXPECT_GE(level.points, finest);
+        finest = level.points;
+    }
+    EXPECT_EQ(finest,
+              results.source->points - results.source->non_finite - results.source->duplicates);
+
+    for (const TilesetFile& file : tileset_files(results)) {
+        const auto root = nlohmann::json::parse(file.json)["root"];
+        const auto& box = root["boundingVolume"]["box"];
+        for (const int half : {3, 7, 11}) EXPECT_GT(box[half].get<double>(), 0);
+        EXPECT_GT(root["geometricError"].get<double>(), 0);
+    }
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    , PyramidOfDegenerate,
+    testing::Combine(
+        testing::Values(Method::Hierarchical, Method::Multiphase, Method::Iterative),
+        testing::Values(Degenerate{"OnePoint",
+                                   [] {
+                                       return at({{5, 6, 7}});
+                                   }},
+                        Degenerate{"TwoPoints",
+                                   [] {
+                                       return at({{5, 6, 7}, {5, 6, 8}});
+                                   }},
+                        Degenerate{"AllEqual",
+                                   [] { return at(std::vector<Vec3f>(500, Vec3f(5, 6, 7))); }},
+                        Degenerate{"AHundredPoints", [] { return test::sphere(100); }},
+                        Degenerate{"ALine", [] { return test::line(300); }},
+                        Degenerate{"APlane", [] { return test::plane(300); }},
+                        Degenerate{"TwoClustersFarApart", far_apart},
+                        Degenerate{"FarFromTheOrigin", shifted_far},
+                        Degenerate{"NotANumber", with_points_nowhere},
+                        Degenerate{"OnlyColours", colored_plane})),
+    [](const auto& test) {
+        return std::string(to_string(std::get<0>(test.param))) + std::get<1>(test.param).name;
+    });
 
 }  // namespace
 }  // namespace stipple::proto

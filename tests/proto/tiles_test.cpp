@@ -174,6 +174,18 @@ TEST(Tileset, StandsWhereTheFileAndItsTransformSay) {
     EXPECT_LT((place() - Vec3d(-5e6, 4e5, 107)).norm(), 0.1);
 }
 
+TEST(Tileset, StandsOnTheGlobeWhereItsSystemSays) {
+    PointCloud cloud = test::sphere(100);
+    cloud.origin = Vec3d(300'000, 5'500'000, 50);
+    Results results = results_of(cloud, {100}, 1'000);
+    std::get<PyramidJob>(results.request.job).epsg = 32733;
+    const json root = parsed(tileset_files(results)).at("tileset.json")["root"];
+    const auto& m = root["transform"];
+    const Vec3d place(m[12], m[13], m[14]), up(m[8], m[9], m[10]);
+    EXPECT_LT((place - Vec3d(4730326.4165, 1060415.2879, -4131075.7569)).norm(), 0.1);
+    EXPECT_GT(up.dot(place.normalized()), 0.99);
+}
+
 TEST(Tileset, IsNoneWithoutTiles) {
     EXPECT_TRUE(tileset_files({.request = {std::string(64, 'a'), PyramidJob{}},
                                .source = {},

@@ -3,6 +3,7 @@
 #include "cli/method_options.hpp"
 #include "cli/names.hpp"
 #include "stipple/error.hpp"
+#include "stipple/globe.hpp"
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -57,6 +58,7 @@ struct Values {
     LodPyramidOptions pyramid;
     LodTileOptions tiles;
     std::vector<double> transform;
+    std::optional<unsigned> epsg;
     std::string pyramid_method{to_string(LodPyramidOptions{}.method)};
     SyntheticScanOptions synthetic;
     DracoEncodeOptions draco;
@@ -286,6 +288,12 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
         ->delimiter(',')
         ->expected(16)
         ->type_name("M");
+    command
+        .add_option("--epsg", values.epsg,
+                    "instead: the coordinates are of this system, as 32633 (UTM), to be put on "
+                    "the globe")
+        ->excludes("--transform")
+        ->type_name("CODE");
     add_representative(command, values.of_methods.representative);
     add_reductions(command, values);
     add_no_error(command, values);
@@ -579,6 +587,10 @@ PyramidCommand pyramid_command(const Values& values, const CLI::App& app) {
     command.job.tiles = values.tiles;
     if (!values.transform.empty())
         std::ranges::copy(values.transform, command.job.transform.emplace().begin());
+    if (values.epsg) {
+        command.job.epsg = values.epsg;
+        globe_frame(*values.epsg, Vec3d::Zero());  // refuses systems that it does not know
+    }
     validate(options);
     validate(command.job.tiles);
     return command;

@@ -21,15 +21,16 @@ struct LodPyramidOptions {
         Method::Hierarchical;  ///< or `multiphase` or `iterative`: less error, more time
     Representative representative = Representative::Nearest;  ///< of `hierarchical`
     std::map<std::string, Reduction>
-        reductions{};  ///< by attribute name, instead of the attribute's own
+        reductions{};     ///< by attribute name, instead of the attribute's own
+    bool spacing = true;  ///< of each level is measured; where its tiles say it, that is time lost
 };
 
 /// One level of a pyramid, 0 the coarsest.
 struct LodLevel {
     unsigned level = 0;
     PointCloud cloud;
-    double spacing =
-        0;  ///< mean distance to the nearest other point, input units; 0 for a single point
+    double spacing = 0;  ///< mean distance to the nearest other point, input units; 0 for a single
+                         ///< point, and where it is not to be measured
 };
 
 /// @throws Error(InvalidArgument) for an option out of range.

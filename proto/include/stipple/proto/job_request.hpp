@@ -56,6 +56,9 @@ struct PyramidJob {
     std::optional<std::array<double, 16>>
         transform{};    ///< of the tileset, column by column: from the coordinates of the file to
                         ///< those of the scene, as to the globe's (ECEF)
+    std::optional<unsigned>
+        epsg{};         ///< instead of a transform: the file's coordinates, put on the globe
+                        ///< (`globe_frame`)
     bool error = true;  ///< of every level
 };
 /// Compares clouds with the input, the reference.
@@ -112,7 +115,7 @@ struct CurveJob {
 ///      "method": "hierarchical" | "multiphase" | "iterative", "representative": … (hierarchical),
 ///      "reductions": …, "error": true, "formats": ["drc", "ply", "glb"], "draco": …,
 ///      "tiles": {"position_bits": 14, "precision": 0.001, "max_points": 65536,
-///                "attributes": false, "transform": [16 numbers]} (glb)}
+///                "attributes": false, "transform": [16 numbers] | "epsg": 32633} (glb)}
 ///     {"type": "evaluate", "reference": …, "candidates": […] | "candidate": …, "samples": 0,
 ///      "sampling": "points" | "surface" | "particles", "basis": "linear" | "quadratic" |
 ///      "samples", "k": 20, "seed": 0, "attributes": false, "map": ["ply", "drc"], "draco": …,

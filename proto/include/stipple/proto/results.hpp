@@ -57,6 +57,7 @@ struct OutputCloud {
     Aabb bounds;
     std::vector<OutputFile> files;  ///< one per format; of `glb` one per tile
     std::optional<ErrorFigures> error{};      ///< as an approximation of the input, where measured
+    std::optional<LodFigures> decoded{};      ///< of its tiles as they decode, all together
     std::vector<CloudAttribute> attributes{};  ///< as `CloudStatistics`: the order of generic attributes in the files
     std::optional<MeasuredBound> bound{};      ///< of a job with `max_error`
     std::optional<CurveError> curve{};         ///< of a job that makes a curve; it has no files then
@@ -83,8 +84,9 @@ struct JobCost {
 ///                  "attributes": [{"name", "type", "components"}],
 ///                  "files": [{"format": "drc", "bytes": 20000, "sha256": "…", "href": "…"},
 ///                            {"format": "glb", …, "tile": {"parent": 0, "points": 8396, "bits": 9, "step": 0.01,
-///                             "offset": [x, y, z], "last": [511, 400, 300], "error": {"mean", "max", "p99"},
+///                             "offset": [x, y, z], "last": [511, 400, 300], "error": {"mean", "max", "p99", "mean_confidence", "samples"},
 ///                             "spacing": 0.5, "cover_radius": 0.9}}],
+///                  "decoded": {"error": {as that of a tile}, "spacing", "cover_radius"},
 ///                  "error": {as in evaluation.hpp},
 ///                  "bound": {"max_error": 0.1, "forward": 0.08, "backward": 0.09, "samples": 400000, "sampling": "particles",
 ///                            "tries": 30, "whole": false},
@@ -92,7 +94,8 @@ struct JobCost {
 ///      "cost": {"seconds": {"decode", "simplify", "splats", "error", "encode", "total"}, "peak_memory_bytes", "threads"}}
 ///
 /// Tiles are numbered from 0 as they stand, over all levels; `parent` is such a number, absent for the first. A tile's points lie on
-/// a grid: offset + step * (0 .. last), relative to the middle of the source's bounds. Its errors are those of `LodTile`.
+/// a grid: offset + step * (0 .. last), relative to the middle of the source's bounds. Its figures, and those of all tiles of a
+/// level (`decoded`), are `LodFigures`.
 /// The levels of a curve have no files, but "curve": {"forward": {"max", "mean", "rms"}, "backward": {…}, "diagonal"}.
 /// `bound` stands only where there was one to keep (`max_error`). `method` is absent where there is none (analyze). `complete` is false while levels are still to come; `cost` stands only in a complete one.
 struct Results {

@@ -34,7 +34,7 @@ struct TilesetFile {
 /// of the box. Boxes are those of the tile's points and of the tiles below. Error (mean, max, p99),
 /// spacing, cover radius, points, bits and bytes of a tile stand in its `extras`. The root has the
 /// transform from the tiles' coordinates to those of the file, or to where
-/// `PyramidJob::transform` takes these.
+/// `PyramidJob::transform` or `epsg` takes these.
 /// @return none where no level has tiles.
 std::vector<TilesetFile> tileset_files(const Results& results, std::size_t max_tiles = 5'000);
 

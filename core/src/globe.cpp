@@ -1,0 +1,100 @@
+#include "stipple/globe.hpp"
+
+#include "stipple/error.hpp"
+
+#include <array>
+#include <cmath>
+#include <complex>
+#include <numbers>
+#include <string>
+
+// Follows: L. Krueger 1912 in the form of C. Karney, Transverse Mercator with an accuracy of a few
+// nanometers, 2011: the series to the fourth order, which is right to a tenth of a millimetre.
+
+namespace stipple {
+
+namespace {
+
+constexpr unsigned kEarthCentred = 4978;
+constexpr double kAxis = 6'378'137.0, kFlattening = 1 / 298.257223563;  // WGS 84
+constexpr double kDegree = std::numbers::pi / 180;
+
+struct Zone {
+    unsigned number = 0;  ///< 1..60; 0: none
+    bool south = false;
+};
+
+Zone zone_of(unsigned epsg) noexcept {
+    if (epsg > 32'600 && epsg <= 32'660) return {epsg - 32'600, false};
+    if (epsg > 32'700 && epsg <= 32'760) return {epsg - 32'700, true};
+    if (epsg >= 25'828 && epsg <= 25'838) return {epsg - 25'800, false};
+    return {};
+}
+
+Vec3d earth_centred(double latitude, double longitude, double height) {
+    constexpr double e2 = kFlattening * (2 - kFlattening);
+    const double s = std::sin(latitude), c = std::cos(latitude);
+    const double radius = kAxis / std::sqrt(1 - e2 * s * s);
+    return {(radius + height) * c * std::cos(longitude),
+            (radius + height) * c * std::sin(longitude), (radius * (1 - e2) + height) * s};
+}
+
+/// From easting, northing and height.
+Vec3d earth_centred(const Zone& zone, const Vec3d& place) {
+    constexpr double n = kFlattening / (2 - kFlattening), n2 = n * n, n3 = n * n2, n4 = n2 * n2;
+    constexpr double kScale = 0.9996, kEast = 500'000, kSouth = 10'000'000;
+    constexpr double kMeridian = kScale * kAxis / (1 + n) * (1 + n2 / 4 + n4 / 64);
+    constexpr std::array kBeta = {n / 2 - 2 * n2 / 3 + 37 * n3 / 96 - n4 / 360,
+                                  n2 / 48 + n3 / 15 - 437 * n4 / 1440,
+                                  17 * n3 / 480 - 37 * n4 / 840, 4397 * n4 / 161280};
+    constexpr std::array kDelta = {2 * n - 2 * n2 / 3 - 2 * n3 + 116 * n4 / 45,
+                                   7 * n2 / 3 - 8 * n3 / 5 - 227 * n4 / 45,
+                                   56 * n3 / 15 - 136 * n4 / 35, 4279 * n4 / 630};
+    const double north = place.y() - (zone.south ? kSouth : 0);
+    const std::complex<double> map(north / kMeridian, (place.x() - kEast) / kMeridian);
+    std::complex<double> sphere = map;
+    for (std::size_t j = 0; j < kBeta.size(); ++j)
+        sphere -= kBeta[j] * std::sin(2.0 * static_cast<double>(j + 1) * map);
+    const double conformal = std::asin(std::sin(sphere.real()) / std::cosh(sphere.imag()));
+    double latitude = conformal;
+    for (std::size_t j = 0; j < kDelta.size(); ++j)
+        latitude += kDelta[j] * std::sin(2.0 * static_cast<double>(j + 1) * conformal);
+    const double meridian = (6.0 * zone.number - 183.0) * kDegree;
+    const double longitude =
+        meridian + std::atan2(std::sinh(sphere.imag()), std::cos(sphere.real()));
+    return earth_centred(latitude, longitude, place.z());
+}
+
+}  // namespace
+
+bool is_on_globe(unsigned epsg) noexcept {
+    return epsg == kEarthCentred || zone_of(epsg).number != 0;
+}
+
+Eigen::Matrix4d globe_frame(unsigned epsg, const Vec3d& place) {
+    if (!is_on_globe(epsg)) {
+        throw Error(ErrorCode::InvalidArgument,
+                    "epsg " + std::to_string(epsg) +
+                        ": expected 4978 (earth-centred), 32601..32660, 32701..32760 (UTM on "
+                        "WGS 84) or 25828..25838 (UTM on ETRS89)");
+    }
+    Eigen::Matrix4d frame = Eigen::Matrix4d::Identity();
+    if (epsg == kEarthCentred) return frame;
+    constexpr double kFar = 1e7;
+    if (!(place.cwiseAbs().maxCoeff() <= kFar)) {
+        throw Error(ErrorCode::InvalidArgument,
+                    "epsg " + std::to_string(epsg) +
+                        ": the cloud lies beyond 10,000 km: its coordinates are of another system");
+    }
+    const Zone zone = zone_of(epsg);
+    constexpr double kStep = 10;  // metres: what is not linear cancels, what is rounded is small
+    for (int axis = 0; axis < 3; ++axis) {
+        const Vec3d step = kStep * Vec3d::Unit(axis);
+        frame.col(axis).head<3>() =
+            (earth_centred(zone, place + step) - earth_centred(zone, place - step)) / (2 * kStep);
+    }
+    frame.col(3).head<3>() = earth_centred(zone, place) - frame.topLeftCorner<3, 3>() * place;
+    return frame;
+}
+
+}  // namespace stipple

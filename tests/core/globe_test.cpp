@@ -1,0 +1,71 @@
+#include "stipple/globe.hpp"
+
+#include "stipple/error.hpp"
+
+#include <gtest/gtest.h>
+#include <Eigen/Geometry>
+#include <cmath>
+#include <numbers>
+
+namespace stipple {
+namespace {
+
+Vec3d on_globe(unsigned epsg, const Vec3d& frame_at, const Vec3d& place) {
+    return (globe_frame(epsg, frame_at) * place.homogeneous()).head<3>();
+}
+
+TEST(GlobeFrame, PutsPlacesWherePROJPutsThem) {
+    struct Known {
+        unsigned epsg;
+        Vec3d place, on_globe;
+    };
+    // `cs2cs EPSG:<from> EPSG:4978` of PROJ 9.1.
+    const Known all[] = {
+        {32617, {500'000, 0, 0}, {997760.4495, -6299611.5496, 0}},
+        {32617, {630'084, 4'833'438, 100}, {851435.5069, -4543965.8152, 4379506.5299}},
+        {32617, {300'000, 5'500'000, 50}, {449365.2514, -4115774.4537, 4835510.1269}},
+        {32733, {300'000, 5'500'000, 50}, {4730326.4165, 1060415.2879, -4131075.7569}}};
+    for (const Known& known : all) {
+        const Vec3d is = on_globe(known.epsg, known.place, known.place);
+        EXPECT_LT((is - known.on_globe).norm(), 0.001) << known.epsg << ": " << is.transpose();
+    }
+}
+
+TEST(GlobeFrame, StandsUprightAndKeepsLengthsButForTheScaleOfTheMap) {
+    const Vec3d place(500'000, 5'400'000, 0);
+    const Eigen::Matrix3d axes = globe_frame(32633, place).topLeftCorner<3, 3>();
+    constexpr double kScale = 1 / 0.9996;  // on the meridian of the zone
+    EXPECT_NEAR(axes.col(0).norm(), kScale, 1e-6);
+    EXPECT_NEAR(axes.col(1).norm(), kScale, 1e-6);
+    EXPECT_NEAR(axes.col(2).norm(), 1, 1e-9);
+    EXPECT_NEAR(axes.col(0).dot(axes.col(1)), 0, 1e-6);
+    EXPECT_GT(axes.determinant(), 0) << "not mirrored";
+    // On the meridian of 15 degrees, east is across it and up is away from the axis of the earth.
+    const double lon = 15 * std::numbers::pi / 180;
+    EXPECT_LT((axes.col(0).normalized() - Vec3d(-std::sin(lon), std::cos(lon), 0)).norm(), 1e-6);
+    EXPECT_GT(axes.col(2).dot(on_globe(32633, place, place).normalized()), 0.99);
+}
+
+TEST(GlobeFrame, IsOffByTheCurvatureOfTheEarthFartherAway) {
+    const Vec3d place(450'000, 5'400'000, 200), away = place + Vec3d(600, 800, 0);
+    const double off = (on_globe(25833, place, away) - on_globe(25833, away, away)).norm();
+    EXPECT_LT(off, 0.1);
+    EXPECT_GT(off, 0.06);
+}
+
+TEST(GlobeFrame, OfEarthCentredCoordinatesLeavesThemAlone) {
+    EXPECT_EQ(globe_frame(4978, Vec3d(4e6, 1e6, 5e6)), Eigen::Matrix4d::Identity());
+}
+
+TEST(GlobeFrame, RefusesSystemsAndPlacesItDoesNotKnow) {
+    EXPECT_TRUE(is_on_globe(32601) && is_on_globe(32760) && is_on_globe(25832));
+    for (const unsigned epsg : {0U, 4326U, 32600U, 32661U, 32700U, 32761U, 25827U, 25839U}) {
+        EXPECT_FALSE(is_on_globe(epsg));
+        EXPECT_THROW(globe_frame(epsg, Vec3d::Zero()), Error);
+    }
+    EXPECT_THROW(globe_frame(32633, Vec3d(2e7, 0, 0)), Error);
+    EXPECT_THROW(globe_frame(32633, Vec3d(std::nan(""), 0, 0)), Error);
+}
+
+}  // namespace
+}  // namespace stipple
