@@ -2,7 +2,7 @@
 import { existsSync, readFileSync } from 'node:fs';
 import { createServer } from 'node:http';
 import { createRequire } from 'node:module';
-import { dirname, extname, join, normalize } from 'node:path';
+import { dirname, extname, join, normalize, resolve } from 'node:path';
 import { fileURLToPath } from 'node:url';
 
 const kPages = join(dirname(fileURLToPath(import.meta.url)), 'pages');
@@ -43,11 +43,11 @@ return { ${results} };
     },
 });
 
-/** The bundle of pages/NAME.js. */
+/** The bundle of a script; `name` of one in pages/, or a path. */
 export async function bundled(name, { readme, modules }) {
     const esbuild = createRequire(join(modules, 'package.json'))('esbuild');
     const { outputFiles } = await esbuild.build({
-        entryPoints: [join(kPages, `${name}.js`)],
+        entryPoints: [resolve(kPages, `${name}.js`)],
         nodePaths: [modules],
         plugins: [fromReadme(readme, modules)],
         define: { CESIUM_BASE_URL: '"/cesium/"' },

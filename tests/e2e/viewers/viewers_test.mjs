@@ -3,6 +3,7 @@
 //
 //     node viewers_test.mjs --bin build/dev/bin --modules FOLDER --readme README.md --artifacts FOLDER
 import assert from 'node:assert/strict';
+import { createHash } from 'node:crypto';
 import { mkdirSync } from 'node:fs';
 import { createRequire } from 'node:module';
 import { join, resolve } from 'node:path';
@@ -58,6 +59,13 @@ for (const name of kViewers) {
         console.log(`FAILED  ${name}\n${error.stack}`);
     }
 }
+try {
+    await checkInlined();
+    console.log('ok      inlined');
+} catch (error) {
+    failed += 1;
+    console.log(`FAILED  inlined\n${error.stack}`);
+}
 pages.close();
 await server.stop();
 process.exit(failed > 0 ? 1 : 0);
@@ -75,6 +83,25 @@ async function pyramidOf(file) {
     const { status } = await (await fetch(`${server.url}/v1/jobs/${id}?wait=60`)).json();
     assert.equal(status, 'successful');
     return id;
+}
+
+/** With `inline` the coarsest level stands in what names it. */
+async function checkInlined() {
+    const at = `${server.url}/v1/pyramids/${job}`;
+    const ask = async (path) => (await fetch(`${at}/${path}`)).json();
+    const bytesOf = async (uri) => {
+        assert.match(uri, /^data:/);
+        return Buffer.from(await (await fetch(uri)).arrayBuffer());
+    };
+    const { levels } = await ask('manifest.json?inline=drc');
+    const { href, sha256 } = levels[0].files.find(({ format }) => format === 'drc');
+    assert.equal(createHash('sha256').update(await bytesOf(href)).digest('hex'), sha256);
+    assert.ok(levels[1].files.every((file) => file.href.startsWith('/')));
+
+    const named = (await ask('tileset.json')).root.content.uri;
+    const tile = await bytesOf((await ask('tileset.json?inline=glb')).root.content.uri);
+    assert.deepEqual(tile, Buffer.from(await (await fetch(`${at}/${named}`)).arrayBuffer()));
+    assert.equal((await fetch(`${at}/tileset.json?inline=ply`)).status, 400);
 }
 
 /** What a viewer draws, in a browser of its own: a picture compared with the cloud's, and how many points it says. */
