@@ -61,7 +61,7 @@ export class Hud {
             byId.level.value = shown.level + 1;
             byId.level.ariaValueText = `Level ${shown.level + 1}, ${format.points(shown.points)}`;
             byId.points.textContent = format.count(shown.tiles?.drawnPoints || shown.points);
-            byId['level-name'].textContent = `${shown.level + 1} of ${levels.length}${isComplete ? '' : '+'}${shown.tiles ? ', by view' : ''}`;
+            byId['level-name'].textContent = `${shown.level + 1} of ${levels.length}${isComplete ? '' : '+'}`;
         }
     }
 

@@ -48,7 +48,7 @@ export class LevelLoader {
             this.levels.push(level);
             if (!level.file) {
                 this.fail(level, new Error(`level ${entry.level} has no Draco file: the pyramid was made without the format "drc"`));
-            } else if (level.points > kMostWhole && level.files.some(({ format }) => format === 'glb')) {
+            } else if (this.levels.length > 1 && level.points > kMostWhole && level.files.some(({ format }) => format === 'glb')) {
                 level.isTiled = true;
             } else if (level.points > kMostPoints) {
                 level.state = 'large';
@@ -94,9 +94,7 @@ export class LevelLoader {
         if (tiled.length === 0) {
             return;
         }
-        const { min, max } = source.bounds;
         const tiles = new TileStream(`/v1/pyramids/${this.id}/tileset.json`, {
-            center: new Vector3(...min).add(new Vector3(...max)).multiplyScalar(0.5),
             signal: this.signal,
             onLoaded: (bytes) => {
                 this.loadedBytes += bytes;
@@ -111,7 +109,13 @@ export class LevelLoader {
         }
         this.decoding = this.decoding.then(() => {
             const whole = this.levels.findLast(({ state }) => state === 'ready');
-            for (const level of whole ? tiled : []) {
+            if (!whole) {
+                tiled.forEach((level) => { level.state = 'failed'; });  // as those before them
+                return;
+            }
+            // Draco's coordinates may have an origin of their own, the manifest's are those of the file.
+            tiles.center = whole.geometry.boundingBox.getCenter(new Vector3()).add(middleOf(source)).sub(middleOf(whole));
+            for (const level of tiled) {
                 Object.assign(level, { geometry: whole.geometry, spacing: whole.spacing, isColored: whole.isColored, state: 'ready' });
                 this.onReady(level);
             }
@@ -132,6 +136,8 @@ export class LevelLoader {
         });
     }
 }
+
+const middleOf = ({ bounds: { min, max } }) => new Vector3(...min).add(new Vector3(...max)).multiplyScalar(0.5);
 
 /** Splat sizes and missing normals, in the one attribute that the shader reads. */
 async function prepare(geometry, spacing) {

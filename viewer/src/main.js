@@ -110,7 +110,8 @@ function showLevels({ loader, shown, isComplete, isSettled, job }) {
         if (next) {
             hud.showActivity(`Loading ${format.compactCount(next.points)} points`);
         } else if (job.status === 'successful') {
-            hud.showActivity(large ? `${format.compactCount(large.points)} more on request` : summaryOf(job));
+            hud.showActivity(large ? `${format.compactCount(large.points)} more on request`
+                : summaryOf(job) + (shown?.tiles ? ', by view' : ''));
         }
     }
     document.documentElement.dataset.state = isSettled ? 'settled' : 'loading';
@@ -261,6 +262,7 @@ function listen() {
     };
     acceptDrops(upload, (isHeld) => { byId.drop.hidden = !isHeld; });
     byId.fit.onclick = () => stage.fit();
+    byId.help.onclick = () => byId['help-dialog'].showModal();
     byId.rotate.onclick = toggleRotation;
     byId.grip.onclick = () => {
         byId.grip.ariaExpanded = String(byId.dock.classList.toggle('open'));
@@ -270,7 +272,9 @@ function listen() {
             event.target.closest('button, input') && event.key === ' ') {
             return;
         }
-        if (event.key === 'f' || event.key === 'F') {
+        if (event.key === '?') {
+            byId['help-dialog'].showModal();
+        } else if (event.key === 'f' || event.key === 'F') {
             stage.fit();
         } else if (event.key === ' ') {
             event.preventDefault();

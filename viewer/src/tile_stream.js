@@ -12,11 +12,11 @@ const kMostPoints = 8_000_000;  // kept, drawn or not
 export class TileStream {
     /**
      * @param url  of the tileset
-     * @param center  the middle of the source, which the tiles' coordinates are relative to
      * @param onLoaded  called when there is more to draw, with the bytes that came; @param onDrawn  when something else is drawn
      */
-    constructor(url, { center, signal, onLoaded, onDrawn, onError }) {
-        Object.assign(this, { url, center, signal, onLoaded, onDrawn, onError });
+    constructor(url, { signal, onLoaded, onDrawn, onError }) {
+        Object.assign(this, { url, signal, onLoaded, onDrawn, onError });
+        this.center = null;  // where the middle of the source is, which the tiles' coordinates are relative to
         this.root = null;
         this.ready = new Set();
         this.points = 0;    // of those
