@@ -130,7 +130,8 @@ private:
             open_.push_back(i);
             return json;
         }
-        json["content"] = {{"uri", node.file->sha256 + ".glb"}};
+        const bool is_inlined = node.file->href.starts_with("data:");
+        json["content"] = {{"uri", is_inlined ? node.file->href : node.file->sha256 + ".glb"}};
         json["extras"] = extras_json(node);
         for (const std::size_t c : node.children)
             json["children"].push_back(tile_json(c, depth - 1));

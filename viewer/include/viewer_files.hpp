@@ -24,7 +24,7 @@ std::span<const File> files();
 /// is WebAssembly in a worker that three.js makes from a blob.
 inline constexpr std::string_view kContentSecurityPolicy =
     "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; worker-src 'self' blob:; "
-    "style-src 'self'; img-src 'self' data:; connect-src 'self'; "
+    "style-src 'self'; img-src 'self' data:; connect-src 'self' data:; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
 }  // namespace stipple::viewer

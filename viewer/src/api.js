@@ -24,8 +24,24 @@ export async function getBytes(url, signal) {
 export const listClouds = async () => (await getJson('/v1/clouds?limit=100')).items;
 export const listJobs = async () => (await getJson('/v1/jobs?limit=100')).items;
 export const getJob = (id, signal) => getJson(`/v1/jobs/${id}`, signal);
-/** The levels that are there so far; `complete` tells whether more will come. */
-export const getManifest = (id, signal) => getJson(`/v1/jobs/${id}/results`, signal);
+
+let ahead = null;
+
+/** Asks for a manifest that will soon be wanted: while the page still builds its stage, the reply is on its way. */
+export function askAhead(result) {
+    ahead = { id: result.id, manifest: getManifest(result) };
+    ahead.manifest.catch(() => {});  // told to whoever wants it
+}
+
+/** The levels that are there so far, of a pyramid with the bytes of the first; `complete` tells whether more will come. */
+export function getManifest({ id, type }, signal) {
+    if (ahead?.id === id) {
+        const { manifest } = ahead;
+        ahead = null;
+        return manifest;
+    }
+    return getJson(type === 'pyramid' ? `/v1/pyramids/${id}/manifest.json?inline=drc` : `/v1/jobs/${id}/results`, signal);
+}
 
 /** @param fields  of the job beside its type and its input */
 export const startJob = (type, cloudId, fields) => postJob({ type, input: cloudId, ...fields });

@@ -3,10 +3,16 @@ import { DRACOLoader } from 'three/addons/loaders/DRACOLoader.js';
 /* global ASSETS: the URL of each file, put in by build.mjs */
 const loader = new DRACOLoader()
     .setDecoderPath({ js: ASSETS['draco_wasm_wrapper.js'], wasm: ASSETS['draco_decoder.wasm'] })
-    .setWorkerLimit(2);
+    .setWorkerLimit(1);  // levels are decoded one after another
 
-/** Fetches the decoder before the first level needs it. */
-export const preloadDecoder = () => loader.preload();
+/** One point. */
+const kSmallestFile = 'RFJBQ08CAwAAAAABAAAAAQEACQMAAAAAAAAAAAAAAAAAAAA=';
+
+/** Starts the decoder before the first level needs it: it does so with the first file. */
+export function preloadDecoder() {
+    decodeLevel(Uint8Array.from(atob(kSmallestFile), (character) => character.charCodeAt(0)).buffer)
+        .catch(() => {});  // what there is to tell is told of the first level
+}
 
 /**
  * Decodes a level in a worker; takes `bytes` over.

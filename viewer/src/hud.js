@@ -31,7 +31,10 @@ export class Hud {
     }
 
     showJob(job) {
-        this.isOfInput = job.type !== 'evaluate';
+        if (this.isOfInput !== (job.type !== 'evaluate')) {
+            this.isOfInput = job.type !== 'evaluate';
+            this.actionsOf = null;
+        }
         const isBusy = job.status === 'accepted' || job.status === 'running';
         byId.hud.classList.toggle('busy', isBusy);
         byId.progress.value = job.progress;
@@ -57,7 +60,7 @@ export class Hud {
             this.showFiles(shown);
             byId.level.value = shown.level + 1;
             byId.level.ariaValueText = `Level ${shown.level + 1}, ${format.points(shown.points)}`;
-            byId.points.textContent = format.count(shown.points);
+            byId.points.textContent = format.count(shown.tiles?.drawnPoints || shown.points);
             byId['level-name'].textContent = `${shown.level + 1} of ${levels.length}${isComplete ? '' : '+'}`;
         }
     }

@@ -1,13 +1,17 @@
-import { BufferAttribute } from 'three';
+import { BufferAttribute, Vector3 } from 'three';
 
 import { getBytes } from './api.js';
-import { decodeLevel, preloadDecoder } from './draco_levels.js';
+import { decodeLevel } from './draco_levels.js';
 import { estimateSurfaceInWorker } from './surface.js';
+import { TileStream } from './tile_stream.js';
 
 /** Unique ids of attributes in our Draco files: position, normal and colour come first. */
 const kFirstAttributeId = 3;
 
-/** Finer levels than this wait until they are asked for: a browser's memory is not a server's. */
+/** Of levels with more points than this only the tiles are loaded that the camera asks for; the address can have another number. */
+export const kMostWhole = Number(new URLSearchParams(location.search).get('whole') ?? 1_000_000);
+
+/** Where there are no tiles, finer levels than this wait until they are asked for: a browser's memory is not a server's. */
 const kMostPoints = 8_000_000;
 
 /**
@@ -16,18 +20,20 @@ const kMostPoints = 8_000_000;
  *
  * A level in `levels` is its entry of the manifest with `file` (Draco), `attributes` (with their ids in it), `state` (`listed`,
  * `loading`, `ready`, `large`, `failed`) and, once ready, `geometry`: position, surface (see surface_estimate.js) and perhaps color.
+ * A level with many points has `tiles` (a TileStream) instead, and the geometry of the level before it until these are there.
  */
 export class LevelLoader {
-    constructor({ onReady, onChange, onError, signal }) {
+    constructor({ id, onReady, onChange, onTiles, onError, signal }) {
+        this.id = id;
         this.levels = [];
         this.loadedBytes = 0;
         this.onReady = onReady;
         this.onChange = onChange;
         this.onError = onError;
+        this.onTiles = onTiles;
         this.signal = signal;
         this.fetching = Promise.resolve();
         this.decoding = Promise.resolve();
-        preloadDecoder();
     }
 
     update(manifest) {
@@ -42,11 +48,16 @@ export class LevelLoader {
             this.levels.push(level);
             if (!level.file) {
                 this.fail(level, new Error(`level ${entry.level} has no Draco file: the pyramid was made without the format "drc"`));
+            } else if (this.levels.length > 1 && level.points > kMostWhole && level.files.some(({ format }) => format === 'glb')) {
+                level.isTiled = true;
             } else if (level.points > kMostPoints) {
                 level.state = 'large';
             } else {
                 this.load(level);
             }
+        }
+        if (manifest.complete) {
+            this.streamTiles(manifest);
         }
         if (this.levels.length > known) {
             this.onChange();
@@ -77,6 +88,40 @@ export class LevelLoader {
             .catch((error) => this.fail(level, error));
     }
 
+    /** Once all levels are there, and those that are loaded whole are shown. */
+    streamTiles({ source }) {
+        const tiled = this.levels.filter(({ isTiled, tiles }) => isTiled && !tiles);
+        if (tiled.length === 0) {
+            return;
+        }
+        const tiles = new TileStream(`/v1/pyramids/${this.id}/tileset.json`, {
+            signal: this.signal,
+            onLoaded: (bytes) => {
+                this.loadedBytes += bytes;
+                this.onTiles({ isNew: true });
+            },
+            onDrawn: () => this.onTiles({ isNew: false }),
+            onError: (error) => this.onError(tiled[0], error),
+        });
+        for (const level of tiled) {
+            level.tiles = tiles;
+            level.state = 'loading';
+        }
+        this.decoding = this.decoding.then(() => {
+            const whole = this.levels.findLast(({ state }) => state === 'ready');
+            if (!whole) {
+                tiled.forEach((level) => { level.state = 'failed'; });  // as those before them
+                return;
+            }
+            // Draco's coordinates may have an origin of their own, the manifest's are those of the file.
+            tiles.center = whole.geometry.boundingBox.getCenter(new Vector3()).add(middleOf(source)).sub(middleOf(whole));
+            for (const level of tiled) {
+                Object.assign(level, { geometry: whole.geometry, spacing: whole.spacing, isColored: whole.isColored, state: 'ready' });
+                this.onReady(level);
+            }
+        });
+    }
+
     fail(level, error) {
         level.state = 'failed';
         if (!this.signal.aborted) {
@@ -85,9 +130,14 @@ export class LevelLoader {
     }
 
     dispose() {
-        this.levels.forEach((level) => level.geometry?.dispose());
+        this.levels.forEach((level) => {
+            level.geometry?.dispose();
+            level.tiles?.dispose();
+        });
     }
 }
+
+const middleOf = ({ bounds: { min, max } }) => new Vector3(...min).add(new Vector3(...max)).multiplyScalar(0.5);
 
 /** Splat sizes and missing normals, in the one attribute that the shader reads. */
 async function prepare(geometry, spacing) {

@@ -50,7 +50,7 @@ export class Library {
         const isBuilt = this.pyramidOf(cloud.id) !== undefined;
         const row = this.row(nameOf(cloud.id), cloudNote(cloud), false);
         row.title = isBuilt ? 'Show its pyramid' : 'Build its pyramid';
-        row.onclick = () => this.onCloud(cloud.id);
+        row.onclick = () => this.onCloud(cloud);
         const more = element('button', { className: 'more', textContent: 'Process', title: 'Simplify, add points, analyse, or build another pyramid' });
         more.onclick = () => this.onParameters(cloud);
         return element('li', { className: 'with-more' }, row, more);

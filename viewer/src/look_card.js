@@ -37,7 +37,8 @@ export class LookCard {
     }
 
     choices(level) {
-        return [...(level.isColored ? [['own', 'Its own']] : []), ...kAlways.slice(0, 2),
+        const own = level.isColored ? [['own', 'Its own']] : [];
+        return level.tiles ? [...own, kAlways[0]] : [...own, ...kAlways.slice(0, 2),
             ...level.attributes.map(({ name }) => [name, name]), ...kAlways.slice(2)];
     }
 

@@ -1,20 +1,33 @@
-import { dismissJob, getBytes, isFinal, startEvaluation, startJob } from './api.js';
+import { askAhead, dismissJob, getBytes, isFinal, startEvaluation, startJob } from './api.js';
 import { nameOf, remember } from './cloud_names.js';
 import { colorize } from './coloring.js';
 import { Comparison } from './comparison.js';
+import { preloadDecoder } from './draco_levels.js';
 import { byId, element } from './element.js';
 import * as format from './format.js';
 import { Hud } from './hud.js';
 import { JobForm } from './job_form.js';
 import { inputOf, Library, summaryOf } from './library.js';
+import { kMostWhole } from './level_loader.js';
 import { LookCard } from './look_card.js';
 import { showProblem } from './notices.js';
 import { ResultSession } from './result_session.js';
 import { Stage } from './stage.js';
+import { preloadSurface } from './surface.js';
 import { acceptDrops, uploadCloud } from './upload.js';
 
 const kUploadHint = matchMedia('(pointer: coarse)').matches
     ? 'Choose a .ply or .drc file' : 'Drop a .ply or .drc anywhere, or choose a file';
+
+const linked = linkedResult();
+if (linked) {
+    askAhead(linked);
+}
+preloadDecoder();
+preloadSurface();
+
+/** Bytes of a point in a small file of each kind: a pyramid with large levels needs tiles, which take the server longer to make. */
+const kFewestBytes = { ply: 12, drc: 1.5 };
 
 const stage = new Stage(byId.stage, { onPicture: (level) => session?.pictured(level) });
 const library = new Library({
@@ -54,7 +67,7 @@ function open({ id, type }, { remembered = false } = {}) {
     performance.clearMarks();
     let wasFinal = null;
     hud.open('Opening');
-    session = new ResultSession(id, stage.panes[0], {
+    session = new ResultSession({ id, type }, stage.panes[0], {
         dress,
         onJob: (job) => {
             byId.title.textContent = nameOf(inputOf(job));
@@ -78,7 +91,8 @@ function open({ id, type }, { remembered = false } = {}) {
 
 /** The colours that are wanted now, for a level that is about to be shown. */
 async function dress(level, signal) {
-    const range = await colorize(level, look.colorOf(level), signal);
+    level.isPlain = level.tiles && look.colorOf(level) !== 'own';
+    const range = level.tiles ? null : await colorize(level, look.colorOf(level), signal);
     if (level === session?.shown) {
         look.show(level, range);
     }
@@ -91,12 +105,13 @@ function showLevels({ loader, shown, isComplete, isSettled, job }) {
         showComparison();
     }
     const next = loader.levels.find(({ state }) => state === 'loading');
-    if (isFinal(job)) {
+    if (job && isFinal(job)) {
         const large = loader.levels.find(({ state }) => state === 'large');
         if (next) {
             hud.showActivity(`Loading ${format.compactCount(next.points)} points`);
         } else if (job.status === 'successful') {
-            hud.showActivity(large ? `${format.compactCount(large.points)} more on request` : summaryOf(job));
+            hud.showActivity(large ? `${format.compactCount(large.points)} more on request`
+                : summaryOf(job) + (shown?.tiles ? ', by view' : ''));
         }
     }
     document.documentElement.dataset.state = isSettled ? 'settled' : 'loading';
@@ -126,7 +141,7 @@ function compareWith(choice) {
     other = null;
     beside = kind === 'level' ? Number(value) : null;
     if (kind === 'result') {
-        other = new ResultSession(value, stage.panes[1], {
+        other = new ResultSession(library.jobs.find(({ id }) => id === value), stage.panes[1], {
             dress,
             onJob: () => {},
             onLevels: showComparison,
@@ -158,12 +173,13 @@ function showComparison() {
 // ---- Jobs and files
 
 /** The newest pyramid of a cloud, or a new one. */
-async function openCloud(cloudId) {
-    const known = library.pyramidOf(cloudId);
+async function openCloud({ id, format: kind, bytes }) {
+    const known = library.pyramidOf(id);
     if (known) {
         open(known);
     } else {
-        await start('pyramid', cloudId, { formats: ['drc'] });
+        const isLarge = bytes > kMostWhole * kFewestBytes[kind];
+        await start('pyramid', id, { formats: isLarge ? ['drc', 'glb'] : ['drc'] });
     }
 }
 
@@ -206,7 +222,7 @@ async function upload(file) {
             byId['upload-hint'].textContent = fraction < 1 ? `Sending ${file.name}, ${Math.round(100 * fraction)} %` : 'Storing';
         });
         remember(cloud.id, file.name);
-        await openCloud(cloud.id);
+        await openCloud(cloud);
     } catch (error) {
         showProblem(error, `${file.name} was not accepted`);
     } finally {
@@ -246,6 +262,7 @@ function listen() {
     };
     acceptDrops(upload, (isHeld) => { byId.drop.hidden = !isHeld; });
     byId.fit.onclick = () => stage.fit();
+    byId.help.onclick = () => byId['help-dialog'].showModal();
     byId.rotate.onclick = toggleRotation;
     byId.grip.onclick = () => {
         byId.grip.ariaExpanded = String(byId.dock.classList.toggle('open'));
@@ -255,7 +272,9 @@ function listen() {
             event.target.closest('button, input') && event.key === ' ') {
             return;
         }
-        if (event.key === 'f' || event.key === 'F') {
+        if (event.key === '?') {
+            byId['help-dialog'].showModal();
+        } else if (event.key === 'f' || event.key === 'F') {
             stage.fit();
         } else if (event.key === ' ') {
             event.preventDefault();
@@ -275,14 +294,19 @@ function listen() {
     dressForTheme(light.matches);
 }
 
+/** The result that the address names: `{id, type}`. */
+function linkedResult() {
+    const query = new URLSearchParams(location.search);
+    const type = ['pyramid', 'job'].find((name) => query.has(name));
+    return type && { id: query.get(type), type };
+}
+
 /** The result of the address, else the newest one, else the invitation to add a cloud. */
 async function openLinked() {
-    const query = new URLSearchParams(location.search);
-    for (const [name, type] of [['pyramid', 'pyramid'], ['job', 'job']]) {
-        if (query.has(name)) {
-            open({ id: query.get(name), type }, { remembered: true });
-            return;
-        }
+    const result = linkedResult();
+    if (result) {
+        open(result, { remembered: true });
+        return;
     }
     await library.refresh();
     const newest = library.jobs.find((job) => job.status === 'successful');

@@ -11,6 +11,7 @@ export class Pane {
         this.scene = new Scene();
         this.resolve = new ResolvePass();
         this.level = null;
+        this.splats = new WeakMap();  // by geometry
     }
 
     get isFirst() {
@@ -31,21 +32,45 @@ export class Pane {
     show(level) {
         const isNew = this.level === null;
         this.level = level;
-        this.points = new Points(level.geometry);
-        this.points.frustumCulled = false;
-        this.scene.clear();
-        this.scene.add(this.points);
+        this.showsTiles = false;
         if (this.isFirst && isNew) {
             this.stage.placeFor(level.geometry);
-            this.place();
             this.stage.draw(1);  // not a frame later: the next level may be decoded by then
         }
         this.stage.changed();
     }
 
-    place() {
-        this.points.position.copy(this.stage.home.center).negate();
-        this.points.updateMatrixWorld();
+    /** Puts the level's splats, or those of the tiles that are to be seen, where the camera looks. */
+    arrange(height) {
+        const { camera, home } = this.stage;
+        const { tiles, geometry, spacing, level } = this.level;
+        this.scene.clear();
+        if (tiles) {
+            const offset = tiles.center.clone().sub(home.center);
+            const drawn = tiles.select(camera, { offset, height, finestLevel: level });
+            this.showsTiles ||= tiles.isComplete;
+            if (this.showsTiles) {
+                drawn.forEach((tile) => this.scene.add(this.splatsOf(tile.cloud, tile.spacing, offset)));
+                return;
+            }
+        }
+        this.scene.add(this.splatsOf(geometry, spacing, home.center.clone().negate()));
+    }
+
+    splatsOf(geometry, spacing, position) {
+        const { look, home } = this.stage;
+        if (!this.splats.has(geometry)) {
+            const points = new Points(geometry);
+            points.frustumCulled = false;
+            points.onBeforeRender = (renderer, scene, camera, _, material) => {
+                material.uniforms.largestRadius.value = look.splatSize * largestRadiusOf(spacing, home.radius);
+                material.uniformsNeedUpdate = true;
+            };
+            this.splats.set(geometry, points);
+        }
+        const points = this.splats.get(geometry);
+        points.position.copy(position);
+        return points;
     }
 
     draw(view, ratio, samples) {
@@ -61,7 +86,7 @@ export class Pane {
 
     /** @param scale  samples to a pixel of the page */
     drawSplats({ left, height, clip }, scale) {
-        const { renderer, camera, materials, look, home, largestPointSize } = this.stage;
+        const { renderer, camera, materials, home, largestPointSize } = this.stage;
         const { target } = this.resolve;
         target.scissorTest = true;
         target.scissor.set((clip.left - left) * scale, 0, (clip.right - clip.left) * scale, target.height);
@@ -71,15 +96,14 @@ export class Pane {
         if (!this.level || !home) {
             return;
         }
-        this.place();
-        const { uniforms, depth, blend } = materials[this.level.geometry.hasAttribute('color')];
-        uniforms.largestRadius.value = look.splatSize * largestRadiusOf(this.level.spacing, home.radius);
+        this.arrange(height);
+        const { uniforms, depth, blend } = materials[this.scene.children.every(({ geometry }) => geometry.hasAttribute('color')) && !this.level.isPlain];
         uniforms.pixelsPerUnit.value = 0.5 * height * scale / Math.tan(MathUtils.degToRad(camera.fov / 2));
         uniforms.smallestPixels.value = (this.level.points < 100 ? 9 : 1.6) * scale;
         uniforms.largestPixels.value = largestPointSize;
         uniforms.up.value.copy(camera.up).transformDirection(camera.matrixWorldInverse);
         for (const material of [depth, blend]) {
-            this.points.material = material;
+            this.scene.overrideMaterial = material;
             renderer.render(this.scene, camera);
         }
     }

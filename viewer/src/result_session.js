@@ -1,4 +1,4 @@
-import { getManifest, isFinal } from './api.js';
+import { getManifest } from './api.js';
 import { followJob } from './job_follower.js';
 import { LevelLoader } from './level_loader.js';
 
@@ -8,8 +8,9 @@ import { LevelLoader } from './level_loader.js';
  */
 export class ResultSession {
     /** @param dress  gives a level its colours before it is shown */
-    constructor(id, pane, { dress, onJob, onLevels, onFirstPicture, onError }) {
+    constructor({ id, type }, pane, { dress, onJob, onLevels, onFirstPicture, onError }) {
         this.id = id;
+        this.type = type;
         this.pane = pane;
         this.dress = dress;
         this.onLevels = onLevels;
@@ -22,9 +23,16 @@ export class ResultSession {
         this.hasPicture = false;
         this.abort = new AbortController();
         this.loader = new LevelLoader({
+            id,
             signal: this.abort.signal,
             onReady: () => this.showBest(),
             onChange: () => this.tell(),
+            onTiles: ({ isNew }) => {
+                if (isNew) {
+                    pane.stage.changed();
+                }
+                this.tell();
+            },
             onError: (level, error) => {
                 this.tell();
                 onError(error, `Level ${level.level + 1} could not be shown`);
@@ -33,8 +41,9 @@ export class ResultSession {
         const onChange = async (job) => {
             this.job = job;
             onJob(job);
-            await this.readManifest(job);
+            await this.readManifest();
         };
+        this.readManifest().catch(() => {});  // not only after the job is known: that would be another round trip
         followJob(id, onChange, onError, this.abort.signal);
     }
 
@@ -44,9 +53,16 @@ export class ResultSession {
         this.loader.dispose();
     }
 
-    async readManifest(job) {
-        if (job.levels_ready > this.loader.levels.length || (isFinal(job) && job.status === 'successful')) {
-            const manifest = await getManifest(this.id, this.abort.signal);
+    /** One request at a time; what is asked for meanwhile is asked for after it. */
+    readManifest() {
+        this.reading = (this.reading ?? Promise.resolve()).catch(() => {}).then(() => this.readNews());
+        return this.reading;
+    }
+
+    async readNews() {
+        const isNews = !this.job || this.job.levels_ready > this.loader.levels.length || this.job.status === 'successful';
+        if (isNews && !this.isComplete) {
+            const manifest = await getManifest(this, this.abort.signal);
             this.isComplete = manifest.complete;
             this.loader.update(manifest);
             this.tell();
@@ -110,7 +126,7 @@ export class ResultSession {
 
     /** Whether everything that is listed and not too large is on the screen or was given up. */
     get isSettled() {
-        return this.isComplete && this.loader.levels.every(({ state }) => state !== 'loading');
+        return this.isComplete && this.job !== null && (this.shown?.tiles?.isComplete ?? true) && this.loader.levels.every(({ state }) => state !== 'loading');
     }
 
     tell() {

@@ -1,4 +1,4 @@
-import { MathUtils, PerspectiveCamera, Vector2, Vector3, WebGLRenderer } from 'three';
+import { BufferAttribute, BufferGeometry, MathUtils, PerspectiveCamera, Points, Vector3, WebGLRenderer } from 'three';
 import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
 
 import { Pane } from './pane.js';
@@ -30,6 +30,7 @@ export class Stage {
         this.split = { mode: 'one', at: 0.5 };
         this.look = { splatSize: 1, shading: 1 };
         this.insets = { left: 0, right: 0, top: 0, bottom: 0 };
+        this.warmUp({ colored: false });
         this.largestPointSize = this.renderer.getContext().getParameter(
             this.renderer.getContext().ALIASED_POINT_SIZE_RANGE)[1];
         this.dirty = true;
@@ -38,6 +39,19 @@ export class Stage {
         new ResizeObserver(() => this.changed()).observe(canvas);
         canvas.addEventListener('dblclick', (event) => this.focusAt(event.clientX, event.clientY));
         this.renderer.setAnimationLoop((now) => this.frame(now));
+    }
+
+    /** Has the shaders of clouds with (or without) colours compiled before one is shown: that takes longer than its first level. */
+    warmUp({ colored }) {
+        const geometry = new BufferGeometry().setAttribute('position', new BufferAttribute(new Float32Array(3), 3));
+        const points = new Points(geometry);
+        this.renderer.setRenderTarget(this.panes[0].resolve.target);
+        for (const material of [this.materials[colored].depth, this.materials[colored].blend]) {
+            points.material = material;
+            this.renderer.render(points, this.camera);
+        }
+        this.renderer.setRenderTarget(null);
+        geometry.dispose();
     }
 
     /** Where the camera is at home changes with the cloud of the first pane. */
@@ -141,23 +155,23 @@ export class Stage {
     /** The nearest point drawn within a few pixels of a place in a view, relative to the centre. */
     pick(view, x, y) {
         this.aim(view);
-        const { points, level } = view.pane;
-        const position = level.geometry.getAttribute('position');
-        const toClip = this.camera.projectionMatrix.clone()
-            .multiply(this.camera.matrixWorldInverse).multiply(points.matrixWorld);
         const point = new Vector3();
         let best = null;
         let bestDepth = Infinity;
-        for (let i = 0; i < position.count; i += 1) {
-            point.fromBufferAttribute(position, i).applyMatrix4(toClip);
-            const dx = (0.5 + 0.5 * point.x) * view.width - x;
-            const dy = (0.5 - 0.5 * point.y) * view.height - y;
-            if (dx * dx + dy * dy < kPickPixels ** 2 && Math.abs(point.z) <= 1 && point.z < bestDepth) {
-                bestDepth = point.z;
-                best = i;
+        for (const { geometry, matrixWorld } of view.pane.scene.children) {
+            const position = geometry.getAttribute('position');
+            const toClip = this.camera.projectionMatrix.clone().multiply(this.camera.matrixWorldInverse).multiply(matrixWorld);
+            for (let i = 0; i < position.count; i += 1) {
+                point.fromBufferAttribute(position, i).applyMatrix4(toClip);
+                const dx = (0.5 + 0.5 * point.x) * view.width - x;
+                const dy = (0.5 - 0.5 * point.y) * view.height - y;
+                if (dx * dx + dy * dy < kPickPixels ** 2 && Math.abs(point.z) <= 1 && point.z < bestDepth) {
+                    bestDepth = point.z;
+                    best = new Vector3().fromBufferAttribute(position, i).applyMatrix4(matrixWorld);
+                }
             }
         }
-        return best === null ? null : point.fromBufferAttribute(position, best).sub(this.home.center).clone();
+        return best;
     }
 
     moveTo(target, direction, distance, glide) {
@@ -194,6 +208,10 @@ export class Stage {
             this.resting = true;
             this.draw(2);
             document.documentElement.dataset.picture = 'rest';
+            if (!this.isWarm) {
+                this.isWarm = true;
+                this.warmUp({ colored: true });
+            }
         }
     }
 

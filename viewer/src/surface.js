@@ -1,31 +1,62 @@
 /* global ASSETS: the URL of each file, put in by build.mjs */
-let worker = null;
+
+const kMostWorkers = Math.min(4, Math.max(1, navigator.hardwareConcurrency - 1));
+const workers = [];  // `{worker, waiting}`: by id, who waits for its replies
 let lastId = 0;
-const waiting = new Map();
+
+/** Starts a worker before the first level needs it. */
+export function preloadSurface() {
+    if (workers.length === 0) {
+        workers.push(started());
+    }
+}
 
 /** `estimateSurface` beside the page. Takes `positions` over and gives it back. */
 export function estimateSurfaceInWorker(positions, normals, spacing) {
-    worker ??= start();
+    return ask({ positions, normals, spacing }, positions.buffer);
+}
+
+/** The same of the points in a glb, with their colours or null. Takes `glb` over. */
+export const readTileInWorker = (glb, spacing) => ask({ glb, spacing }, glb);
+
+function ask(message, buffer) {
+    const { worker, waiting } = leastBusy();
     return new Promise((resolve, reject) => {
         lastId += 1;
         waiting.set(lastId, { resolve, reject });
-        worker.postMessage({ id: lastId, positions, normals, spacing }, [positions.buffer]);
+        worker.postMessage({ id: lastId, ...message }, [buffer]);
     });
 }
 
-function start() {
-    const started = new Worker(ASSETS['surface_worker.js'], { type: 'module' });
-    started.onmessage = ({ data }) => settle(data.id, 'resolve', data);
-    started.onerror = () => {
-        const failure = new Error('estimating the surface ran out of memory');
-        [...waiting.keys()].forEach((id) => settle(id, 'reject', failure));
-        started.terminate();
-        worker = null;
-    };
-    return started;
+function leastBusy() {
+    const best = workers.toSorted((a, b) => a.waiting.size - b.waiting.size)[0];
+    if (best && (best.waiting.size === 0 || workers.length === kMostWorkers)) {
+        return best;
+    }
+    workers.push(started());
+    return workers.at(-1);
 }
 
-function settle(id, how, value) {
-    waiting.get(id)[how](value);
-    waiting.delete(id);
+function started() {
+    const worker = new Worker(ASSETS['surface_worker.js'], { type: 'module' });
+    const waiting = new Map();
+    const self = { worker, waiting };
+    const fail = (id, reason) => {
+        waiting.get(id).reject(new Error(reason));
+        waiting.delete(id);
+    };
+    worker.onmessage = ({ data }) => {
+        if (data.failure) {
+            fail(data.id, data.failure);
+        } else {
+            waiting.get(data.id).resolve(data);
+            waiting.delete(data.id);
+        }
+    };
+    worker.onerror = () => {
+        [...waiting.keys()].forEach((id) => fail(id, 'estimating the surface ran out of memory'));
+        worker.terminate();
+        workers.splice(workers.indexOf(self), 1);
+    };
+    return self;
 }

@@ -1,7 +1,22 @@
 // Beside the page: for every point the size of its splat, and its normal where the cloud brings none.
+import { readTile } from './glb_tile.js';
 import { estimateSurface } from './surface_estimate.js';
 
-onmessage = ({ data: { id, positions, normals, spacing } }) => {
-    const surface = estimateSurface(positions, normals, spacing);
-    postMessage({ id, positions, surface }, [positions.buffer, surface.buffer]);
+/** Spacings; see `estimateSurface`. */
+const kLargestInTiles = 2;
+
+/** Of points, or of those in a `glb`. */
+onmessage = async ({ data: { id, glb, spacing, ...given } }) => {
+    try {
+        const { positions, normals, colors = null } = glb ? await readTile(glb) : given;
+        const surface = estimateSurface(positions, normals, spacing, glb ? kLargestInTiles : undefined);
+        const arrays = [positions, surface, ...(colors ? [colors] : [])];
+        postMessage({ id, positions, surface, colors }, arrays.map(({ buffer }) => buffer));
+    } catch (error) {
+        postMessage({ id, failure: error.message });
+    }
 };
+
+// Before there is anything to do: the browser compiles well what has run for a while.
+const kPractice = 2000;
+estimateSurface(Float32Array.from({ length: 3 * kPractice }, (_, i) => (i * 0.618034) % 1), null, 0.05);

@@ -27,15 +27,18 @@ function isExecutable(path) {
 }
 
 export class Browser {
-    static async launch(playwright, executablePath, url) {
+    /** @param urls  of the server with the page, and of others that it may ask */
+    static async launch(playwright, executablePath, ...urls) {
         const chromium = await playwright.chromium.launch({ executablePath, headless: true, args: kFlags });
-        return new Browser(chromium, url);
+        return new Browser(chromium, ...urls);
     }
 
-    constructor(chromium, url) {
+    constructor(chromium, url, ...others) {
         this.chromium = chromium;
         this.url = url;
+        this.urls = [url, ...others];
         this.faults = [];
+        this.faultLevels = ['error', 'warning'];
         this.refusalsExpected = false;
     }
 
@@ -46,7 +49,7 @@ export class Browser {
         });
         context.setDefaultTimeout(kTimeoutMs);
         const page = await context.newPage();
-        this.watch(page);
+        await this.watch(page);
         await page.goto(this.url + path);
         return page;
     }
@@ -56,16 +59,16 @@ export class Browser {
         page.on('console', (message) => {
             // Chromium reports every refused request here, also those that the page shows as it should.
             const isRefusal = message.text().startsWith('Failed to load resource') && this.refusalsExpected;
-            if (['error', 'warning'].includes(message.type()) && !isRefusal) {
+            if (this.faultLevels.includes(message.type()) && !isRefusal) {
                 this.faults.push(`console: ${message.text()}`);
             }
         });
         page.on('request', (request) => {
-            if (!request.url().startsWith(`${this.url}/`) && !/^(blob|data):/.test(request.url())) {
+            if (!this.urls.some((url) => request.url().startsWith(`${url}/`)) && !/^(blob|data):/.test(request.url())) {
                 this.faults.push(`a request left the server: ${request.url()}`);
             }
         });
-        page.addInitScript(() => {
+        return page.addInitScript(() => {
             addEventListener('securitypolicyviolation', (event) => {
                 console.error(`content security policy: ${event.violatedDirective} refused ${event.blockedURI}`);
             });

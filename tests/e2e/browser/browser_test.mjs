@@ -47,6 +47,30 @@ const tests = {
         });
     },
 
+    async 'Of a tree of tiles those are drawn that are fine enough, and coarser ones until all of these are there'() {
+        const { select, treeOf } = await import(pathToFileURL(resolve(options.viewer, 'src/tile_tree.js')));
+        const json = (geometricError, children = []) => ({
+            boundingVolume: { box: [children.length, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1] }, geometricError,
+            content: { uri: `${geometricError}.glb` }, extras: { spacing: 1 }, children,
+        });
+        const root = treeOf(json(8, [json(4), json(3, [json(1), json(1)])]));
+        const [left, right] = root.children;
+        const view = { sees: () => true, errorOf: (tile) => tile.error, pixels: 2, finestLevel: 9, now: 1 };
+        const load = (...tiles) => tiles.forEach((tile) => Object.assign(tile, { state: 'ready', cloud: {} }));
+        const chosen = (changes) => select(root, { ...view, ...changes });
+
+        assert.deepEqual(chosen().wanted, [root, left, right, ...right.children]);
+        load(root, left, right);
+        assert.deepEqual(chosen(), { drawn: [left, right], wanted: right.children });
+        load(right.children[0]);
+        assert.deepEqual(chosen().drawn, [left, right]);
+        load(right.children[1]);
+        assert.deepEqual(chosen(), { drawn: [left, ...right.children], wanted: [] });
+        assert.deepEqual(chosen({ finestLevel: 1 }).drawn, [left, right]);
+        assert.deepEqual(chosen({ pixels: 9 }).drawn, [root]);
+        assert.deepEqual(chosen({ sees: (tile) => tile !== left }).drawn, right.children);
+    },
+
     async 'An empty server invites to add a cloud'() {
         const page = await browser.open();
         await page.getByText('Drop a point cloud here').waitFor();
@@ -141,6 +165,17 @@ const tests = {
         await page.context().close();
     },
 
+    async 'A key shows the keys'() {
+        const page = await browser.open(`/?pyramid=${torusPyramid}`);
+        await settledPyramid(page);
+        await page.keyboard.press('?');
+        await page.getByText('Come closer').waitFor();
+        await page.screenshot({ path: join(options.artifacts, 'viewer-help.png') });
+        await page.getByRole('button', { name: 'Close' }).click();
+        assert.equal(await page.locator('#help-dialog').isVisible(), false);
+        await page.context().close();
+    },
+
     async 'Two levels are compared by a line that is moved, and side by side'() {
         const page = await browser.open();
         await settledPyramid(page);
@@ -156,6 +191,34 @@ const tests = {
         assert.ok(differenceOf(half, await restingPicture(page)) > 0.05);
         await page.keyboard.press('c');
         assert.equal(await page.locator('#divider').isVisible(), false);
+        await page.context().close();
+    },
+
+    async 'Large levels come tile by tile, as far as the view asks for them'() {
+        const job = { type: 'pyramid', input: await cloudOf(torusPyramid), base_points: 3000, formats: ['drc', 'glb'], tiles: { max_points: 4000 } };
+        const { id } = await (await fetch(`${server.url}/v1/jobs`, {
+            method: 'POST', headers: { 'Content-Type': 'application/json' }, body: JSON.stringify(job),
+        })).json();
+        await fetch(`${server.url}/v1/jobs/${id}?wait=60`);
+        const page = await browser.open(`/?pyramid=${id}&whole=10000`);
+        await settledPyramid(page);
+        await page.locator('#activity').getByText('by view').waitFor();
+        await rest(page);
+        const lit = await litShare(page);
+        await page.screenshot({ path: join(options.artifacts, 'viewer-tiles.png') });
+        const whole = await browser.open(`/?pyramid=${id}`);
+        await settledPyramid(whole);
+        await rest(whole);
+        const litByWhole = await litShare(whole);
+        assert.ok(Math.abs(lit - litByWhole) < 0.01, `${(100 * lit).toFixed(1)} % of the pixels, not ${(100 * litByWhole).toFixed(1)} %`);
+        await whole.context().close();
+
+        await page.locator('#stage').dblclick({ position: { x: 640, y: 560 } });
+        const drawn = () => page.locator('#points').innerText().then((text) => Number(text.replaceAll(',', '')));
+        await page.waitForTimeout(1500);
+        await settledPyramid(page);
+        await rest(page);
+        assert.ok(await drawn() < 60_000, `${await drawn()} points where only a part is seen`);
         await page.context().close();
     },
 
@@ -263,6 +326,8 @@ const shows = (page, points) => page.waitForFunction(
 
 /** Until the picture at rest is drawn. */
 const rest = (page) => page.waitForFunction(() => document.documentElement.dataset.picture === 'rest');
+
+const cloudOf = async (id) => (await (await fetch(`${server.url}/v1/jobs/${id}`)).json()).request.input;
 
 const manifestOf = async (id) => (await fetch(`${server.url}/v1/jobs/${id}/results`)).json();
 

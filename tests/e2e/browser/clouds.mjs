@@ -1,7 +1,7 @@
 // Clouds with known looks, as PLY files.
 
 /** A torus in three colours, a third of the way round each: red, green, blue. It lies along z, so that it is seen from above. */
-export function coloredTorus(count) {
+export function coloredTorusPoints(count) {
     const points = [];
     for (let i = 0; i < count; i += 1) {
         const around = 2 * Math.PI * (i + 0.5) / count;
@@ -10,7 +10,7 @@ export function coloredTorus(count) {
         const color = [[220, 40, 40], [40, 190, 60], [50, 80, 230]][Math.floor(3 * i / count)];
         points.push([ring * Math.cos(around), ring * Math.sin(around), 0.4 * Math.sin(across), ...color]);
     }
-    return ply(points, true);
+    return points;
 }
 
 /** Evenly spread over the unit sphere (Fibonacci). */
@@ -23,6 +23,7 @@ export function spherePoints(count) {
     });
 }
 
+export const coloredTorus = (count) => ply(coloredTorusPoints(count), true);
 export const sphere = (count) => ply(spherePoints(count), false);
 export const line = (count) => ply(Array.from({ length: count }, (_, i) => [i / count, 0, 0]), false);
 export const onePoint = () => ply([[1, 2, 3]], false);
@@ -30,7 +31,8 @@ export const onePoint = () => ply([[1, 2, 3]], false);
 /** A header that promises more than follows. */
 export const truncated = () => sphere(1000).subarray(0, 4000);
 
-function ply(points, isColored) {
+/** @param points  `[x, y, z]`, and `red, green, blue` where `isColored` */
+export function ply(points, isColored) {
     const header = ['ply', 'format binary_little_endian 1.0', `element vertex ${points.length}`,
         ...['x', 'y', 'z'].map((name) => `property float ${name}`),
         ...(isColored ? ['red', 'green', 'blue'].map((name) => `property uchar ${name}`) : []), 'end_header', ''];

@@ -1,0 +1,49 @@
+import { load } from '@loaders.gl/core';
+import { Tiles3DLoader } from '@loaders.gl/3d-tiles';
+import { BufferAttribute, BufferGeometry, Group, Points, PointsMaterial } from 'three';
+import { show } from 'readme:loaders.gl, tile by tile?tileset,content';
+
+import { job, server, tell } from './asked.js';
+import { camera, renderer, scene } from './three_scene.js';
+
+const { tileset, content } = await show({ server, job });
+const placed = new Group();
+placed.matrixAutoUpdate = false;
+placed.matrix.fromArray(tileset.root.transform);
+scene.add(placed);
+
+let points = 0;
+for (const tile of leaves(tileset.root)) {
+    const { gltf } = tile === tileset.root ? content : await load(tile.contentUrl, Tiles3DLoader);
+    const upright = new Group();
+    upright.rotation.x = Math.PI / 2;  // y up becomes z up
+    placed.add(upright);
+    gltf.scene.nodes.forEach((node) => upright.add(drawn(node, tile.extras.spacing)));
+}
+renderer.render(scene, camera);
+tell({ points });
+
+function leaves(tile) {
+    return tile.children?.length ? tile.children.flatMap(leaves) : [tile];
+}
+
+function drawn({ matrix, translation, rotation, scale, mesh, children = [] }, spacing) {
+    const group = new Group();
+    if (matrix) group.applyMatrix4(group.matrix.clone().fromArray(matrix));
+    if (translation) group.position.fromArray(translation);
+    if (rotation) group.quaternion.fromArray(rotation);
+    if (scale) group.scale.fromArray(scale);
+    for (const { attributes } of mesh?.primitives ?? []) {
+        const geometry = new BufferGeometry();
+        geometry.setAttribute('position', attributeOf(attributes.POSITION));
+        if (attributes.COLOR_0) geometry.setAttribute('color', attributeOf(attributes.COLOR_0));
+        points += attributes.POSITION.count;
+        group.add(new Points(geometry, new PointsMaterial({ size: 2 * spacing, vertexColors: Boolean(attributes.COLOR_0) })));
+    }
+    children.forEach((child) => group.add(drawn(child, spacing)));
+    return group;
+}
+
+function attributeOf({ value, components, normalized }) {
+    return new BufferAttribute(value, components, normalized);
+}

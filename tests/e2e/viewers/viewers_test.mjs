@@ -1,0 +1,126 @@
+// Pyramids of a real server as other people's viewers draw them, with the lines that the README shows. Exits 0, 1, or 77 (skipped)
+// where a browser is missing.
+//
+//     node viewers_test.mjs --bin build/dev/bin --modules FOLDER --readme README.md --artifacts FOLDER
+import assert from 'node:assert/strict';
+import { createHash } from 'node:crypto';
+import { mkdirSync } from 'node:fs';
+import { createRequire } from 'node:module';
+import { join, resolve } from 'node:path';
+import { parseArgs } from 'node:util';
+
+import { Browser, findChromium } from '../browser/browser.mjs';
+import { coloredTorusPoints, ply } from '../browser/clouds.mjs';
+import { startServer } from '../browser/server.mjs';
+import { bundled, servePages } from './pages.mjs';
+import { compare, pictureOf } from './reference.mjs';
+
+const kSkipped = 77;
+const kSize = 640;
+const kViewers = ['tiles_renderer', 'cesium', 'draco_loader', 'loaders_gl_tiles', 'loaders_gl_draco'];
+const { values: options } = parseArgs({
+    options: { bin: { type: 'string' }, modules: { type: 'string' }, readme: { type: 'string' }, artifacts: { type: 'string' } },
+});
+
+const chromium = findChromium();
+if (!chromium) {
+    console.log('SKIPPED: no Chromium was found. Install it (apt-get install chromium) or name it in CHROMIUM.');
+    process.exit(kSkipped);
+}
+const modules = resolve(options.modules);
+const playwright = createRequire(join(modules, 'package.json'))('playwright-core');
+mkdirSync(options.artifacts, { recursive: true });
+
+// Lying tilted to every axis and far from the origin: nothing looks right that is turned or mirrored.
+const kCentre = [310, -200, 95];
+const cloud = coloredTorusPoints(60_000).map(([x, y, z, ...color]) =>
+    [kCentre[0] + x, kCentre[1] + 0.8 * y - 0.6 * z, kCentre[2] + 0.6 * y + 0.8 * z, ...color]);
+const view = { eye: [311.3, -202.4, 97], target: kCentre, up: [0, 0, 1], fov: 50 };
+const small = pictureOf(cloud, view, kSize, 1);
+const large = pictureOf(cloud, view, kSize, 7);
+
+const server = await startServer(options.bin);
+const job = await pyramidOf(ply(cloud, true));
+const bundles = Object.fromEntries(await Promise.all(kViewers.map(
+    async (name) => [name, await bundled(name, { readme: options.readme, modules })])));
+const pages = await servePages(bundles, modules);
+
+let failed = 0;
+for (const name of kViewers) {
+    try {
+        const { seen, points } = await shown(name);
+        const share = (value) => `${(100 * value).toFixed(1)} %`;
+        const what = `${points} points, covered ${share(seen.covered)}, spilled ${share(seen.spilled)}, alike ${share(seen.alike)}`;
+        assert.equal(points, cloud.length, what);
+        assert.ok(seen.covered > 0.9 && seen.spilled < 0.005 && seen.alike > 0.97, what);
+        console.log(`ok      ${name}: ${what}`);
+    } catch (error) {
+        failed += 1;
+        console.log(`FAILED  ${name}\n${error.stack}`);
+    }
+}
+try {
+    await checkInlined();
+    console.log('ok      inlined');
+} catch (error) {
+    failed += 1;
+    console.log(`FAILED  inlined\n${error.stack}`);
+}
+pages.close();
+await server.stop();
+process.exit(failed > 0 ? 1 : 0);
+
+/** The id of a pyramid of three levels, the finest of several tiles. */
+async function pyramidOf(file) {
+    const send = async (path, body, type) => {
+        const response = await fetch(server.url + path, { method: 'POST', headers: { 'Content-Type': type }, body });
+        assert.ok(response.ok, await response.clone().text());
+        return response.json();
+    };
+    const { id: input } = await send('/v1/clouds', file, 'application/octet-stream');
+    const request = { type: 'pyramid', input, base_points: 3000, formats: ['drc', 'glb'], tiles: { max_points: 16_000 } };
+    const { id } = await send('/v1/jobs', JSON.stringify(request), 'application/json');
+    const { status } = await (await fetch(`${server.url}/v1/jobs/${id}?wait=60`)).json();
+    assert.equal(status, 'successful');
+    return id;
+}
+
+/** With `inline` the coarsest level stands in what names it. */
+async function checkInlined() {
+    const at = `${server.url}/v1/pyramids/${job}`;
+    const ask = async (path) => (await fetch(`${at}/${path}`)).json();
+    const bytesOf = async (uri) => {
+        assert.match(uri, /^data:/);
+        return Buffer.from(await (await fetch(uri)).arrayBuffer());
+    };
+    const { levels } = await ask('manifest.json?inline=drc');
+    const { href, sha256 } = levels[0].files.find(({ format }) => format === 'drc');
+    assert.equal(createHash('sha256').update(await bytesOf(href)).digest('hex'), sha256);
+    assert.ok(levels[1].files.every((file) => file.href.startsWith('/')));
+
+    const named = (await ask('tileset.json')).root.content.uri;
+    const tile = await bytesOf((await ask('tileset.json?inline=glb')).root.content.uri);
+    assert.deepEqual(tile, Buffer.from(await (await fetch(`${at}/${named}`)).arrayBuffer()));
+    assert.equal((await fetch(`${at}/tileset.json?inline=ply`)).status, 400);
+}
+
+/** What a viewer draws, in a browser of its own: a picture compared with the cloud's, and how many points it says. */
+async function shown(name) {
+    const browser = await Browser.launch(playwright, chromium, pages.url, server.url);
+    browser.faultLevels = ['error'];
+    try {
+        const asked = new URLSearchParams({ server: server.url, job, view: JSON.stringify(view) });
+        const page = await browser.open(`/pages/${name}/?${asked}`, { width: kSize, height: kSize });
+        const drawn = await page.waitForFunction(() => window.drawn, undefined, { timeout: 60_000 }).catch((error) => {
+            throw new Error([error.message, ...browser.faults].join('\n'));
+        });
+        const { points } = await drawn.jsonValue();
+        const path = join(options.artifacts, `viewers-${name}.png`);
+        await page.screenshot({ path });
+        const seen = compare(await browser.pixels(page, { x: 0, y: 0, width: kSize, height: kSize }), small, large);
+        assert.deepEqual(browser.faults, []);
+        return { seen, points };
+    } finally {
+        await browser.close();
+    }
+}

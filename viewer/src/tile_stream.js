@@ -1,0 +1,136 @@
+import { Box3, BufferAttribute, BufferGeometry, Frustum, Matrix4 } from 'three';
+
+import { getBytes, getJson } from './api.js';
+import { readTileInWorker } from './surface.js';
+import { select, treeOf } from './tile_tree.js';
+
+const kPixels = 4;              // of error: splats are as large as the gaps between points
+const kAtOnce = 6;              // requests on their way
+const kMostPoints = 8_000_000;  // kept, drawn or not
+
+/** The tiles of a pyramid: those are loaded that the camera asks for. */
+export class TileStream {
+    /**
+     * @param url  of the tileset
+     * @param onLoaded  called when there is more to draw, with the bytes that came; @param onDrawn  when something else is drawn
+     */
+    constructor(url, { signal, onLoaded, onDrawn, onError }) {
+        Object.assign(this, { url, signal, onLoaded, onDrawn, onError });
+        this.center = null;  // where the middle of the source is, which the tiles' coordinates are relative to
+        this.root = null;
+        this.ready = new Set();
+        this.points = 0;    // of those
+        this.loading = 0;
+        this.isComplete = false;  // whether what was drawn last lacks nothing
+        this.drawnPoints = 0;
+        this.now = 0;
+        getJson(url, signal).then(({ root }) => {
+            this.root = treeOf(root);
+            onLoaded(0);
+        }).catch((error) => this.fail(error));
+    }
+
+    /**
+     * What to draw for a camera: tiles with their `cloud` (geometry) and `spacing`.
+     * @param offset  from the tiles' coordinates to those of the camera; @param height  of the picture, pixels
+     */
+    select(camera, { offset, height, finestLevel }) {
+        if (!this.root) {
+            return [];
+        }
+        this.now += 1;
+        const { drawn, wanted } = select(this.root, { ...viewOf(camera, offset, height), pixels: kPixels, finestLevel, now: this.now });
+        wanted.slice(0, kAtOnce - this.loading).forEach((tile) => this.load(tile));
+        this.note(drawn.reduce((sum, { points }) => sum + points, 0), wanted.length === 0 && this.loading === 0);
+        return drawn;
+    }
+
+    note(drawnPoints, isComplete) {
+        if (drawnPoints !== this.drawnPoints || isComplete !== this.isComplete) {
+            Object.assign(this, { drawnPoints, isComplete });
+            queueMicrotask(this.onDrawn);
+        }
+    }
+
+    async load(tile) {
+        tile.state = 'loading';
+        this.loading += 1;
+        let bytes = 0;
+        try {
+            const address = new URL(tile.uri, new URL(this.url, location.href)).href;
+            if (tile.uri.endsWith('.json')) {
+                // A part of the tree that has a file of its own; its root is this tile.
+                Object.assign(tile, treeOf((await getJson(address, this.signal)).root, tile.level));
+            } else {
+                const glb = await getBytes(address, this.signal);
+                bytes = glb.byteLength;
+                tile.cloud = geometryOf(await readTileInWorker(glb, tile.spacing));
+                tile.points = tile.cloud.getAttribute('position').count;
+                tile.state = 'ready';
+                this.keep(tile);
+            }
+        } catch (error) {
+            tile.state = 'failed';
+            this.fail(error);
+        }
+        this.loading -= 1;
+        if (!this.signal.aborted) {
+            this.onLoaded(bytes);
+        }
+    }
+
+    /** Gives up what was not seen for longest, where too much is kept. */
+    keep(tile) {
+        this.ready.add(tile);
+        this.points += tile.points;
+        const unseen = this.points > kMostPoints
+            ? [...this.ready].filter(({ usedAt }) => usedAt < this.now).sort((a, b) => a.usedAt - b.usedAt) : [];
+        for (const old of unseen) {
+            if (this.points > kMostPoints) {
+                this.points -= old.points;
+                this.ready.delete(old);
+                old.cloud.dispose();
+                old.cloud = null;
+                old.state = 'listed';
+            }
+        }
+    }
+
+    fail(error) {
+        if (!this.signal.aborted) {
+            this.onError(error);
+        }
+    }
+
+    dispose() {
+        this.ready.forEach(({ cloud }) => cloud.dispose());
+    }
+}
+
+function viewOf(camera, offset, height) {
+    const move = new Matrix4().makeTranslation(offset);
+    const frustum = new Frustum().setFromProjectionMatrix(
+        camera.projectionMatrix.clone().multiply(camera.matrixWorldInverse).multiply(move));
+    const eye = camera.position.clone().sub(offset);
+    const pixelsPerUnit = 0.5 * height / Math.tan(camera.fov * Math.PI / 360);
+    const box = new Box3();
+    const boxOf = ({ center, half }) => {
+        box.min.set(...center.map((x, k) => x - half[k]));
+        box.max.set(...center.map((x, k) => x + half[k]));
+        return box;
+    };
+    return {
+        sees: (tile) => frustum.intersectsBox(boxOf(tile)),
+        errorOf: (tile) => tile.error * pixelsPerUnit / Math.max(boxOf(tile).distanceToPoint(eye), 1e-9 * tile.error),
+    };
+}
+
+function geometryOf({ positions, surface, colors }) {
+    const geometry = new BufferGeometry();
+    geometry.setAttribute('position', new BufferAttribute(positions, 3));
+    geometry.setAttribute('surface', new BufferAttribute(surface, 4, true));
+    if (colors) {
+        geometry.setAttribute('color', new BufferAttribute(colors, 4, true));
+    }
+    return geometry;
+}

@@ -1,0 +1,60 @@
+// A tileset as our server writes it: an explicit tree whose tiles are replaced by their children.
+
+/**
+ * A tile from its JSON, with all below. `center` and `half` of its box are relative to the middle of the source's bounds.
+ * `state`: `listed`, `loading`, `ready` or `failed`.
+ */
+export function treeOf({ boundingVolume: { box }, geometricError, content, extras, children = [] }, level = 0) {
+    return {
+        level,
+        center: box.slice(0, 3),
+        half: [box[3], box[7], box[11]],
+        error: geometricError,
+        spacing: extras?.spacing,
+        uri: content?.uri ?? null,
+        children: children.map((child) => treeOf(child, level + 1)),
+        state: content ? 'listed' : 'ready',
+        usedAt: 0,
+    };
+}
+
+/**
+ * The tiles that show the whole of what is seen with an error of at most `view.pixels`, as far as they are there: where some of the
+ * finer ones are not, the coarser one stands in for all of them.
+ * @param view  `sees(tile)`, `errorOf(tile)` in pixels, `pixels`, `finestLevel`, `now`: a number that grows
+ * @returns {{drawn: object[], wanted: object[]}} what to draw, and what to load for it, most wanted first
+ */
+export function select(root, view) {
+    const drawn = [];
+    const wanted = [];
+
+    /** Whether what is seen of the tile is drawn. */
+    function visit(tile) {
+        if (!view.sees(tile)) {
+            return true;
+        }
+        tile.usedAt = view.now;
+        const error = view.errorOf(tile);
+        if (tile.children.length > 0 && tile.level < view.finestLevel && error > view.pixels) {
+            const before = drawn.length;
+            if (tile.children.map(visit).every(Boolean)) {
+                return true;
+            }
+            drawn.length = before;
+        }
+        if (tile.state === 'ready') {
+            if (tile.cloud) {
+                drawn.push(tile);
+            }
+            return Boolean(tile.cloud);
+        }
+        if (tile.state === 'listed') {
+            wanted.push({ tile, error });
+        }
+        return tile.state === 'failed';
+    }
+
+    visit(root);
+    wanted.sort((a, b) => a.tile.level - b.tile.level || b.error - a.error);
+    return { drawn, wanted: wanted.map(({ tile }) => tile) };
+}
