@@ -114,6 +114,8 @@ bool ProgressiveDecoder::State::run_batch(const RunContext& context) {
     const std::size_t enough = whole ? SIZE_MAX : bytes.size() - step_bytes;
     if (!started) start_batch(bytes);
     coder.use(bytes);
+    points.reserve(
+        std::min<std::uint64_t>(now.points, before + ProgressiveLayout::most_points(bytes.size())));
     const unsigned bits = split();
     for (std::size_t step = 0; visited < points.size(); ++step) {
         constexpr std::size_t kBetweenLooks = 65'536;

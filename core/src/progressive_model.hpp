@@ -71,12 +71,12 @@ std::int64_t code_signed(Coder& coder, SizeModel& sizes, DetailModel& details, A
 
 /// What is known of a point that is there.
 struct TracedPoint {
-    Cell cell;                    ///< on the grid of the batch
-    Cell toward;                  ///< from it to the point that was last attached to it, or to its
-                                  ///< parent
+    Cell cell;    ///< on the grid of the batch
+    Cell toward;  ///< from it to the point that was last attached to it, or to its
+                  ///< parent
     std::array<float, 3> normal = {0, 0, 1};  ///< of the surface, as far as offsets tell; unit
-    std::uint8_t roughness;       ///< bits of the last miss of the tangent plane
-    std::int8_t bend;             ///< sign of that miss along the normal
+    std::uint8_t roughness;                   ///< bits of the last miss of the tangent plane
+    std::int8_t bend;                         ///< sign of that miss along the normal
     std::uint8_t idle;  ///< 0: new in this batch; 1: something was attached last time; else how
                         ///< many batches ago, plus 1
 };
@@ -105,12 +105,17 @@ public:
     /// Splits the cell of a point: `below` is where it lies within, in 2^bits parts for each axis.
     template <typename Coder>
     void refine(Coder& coder, TracedPoint& point, unsigned bits, const Cell& below) {
-        for (int axis = 0; axis < 3; ++axis) {
-            const std::uint32_t low =
-                code_direct(coder, static_cast<std::uint32_t>(below[axis]), bits);
-            point.cell[axis] = point.cell[axis] << bits | static_cast<std::int32_t>(low);
-            point.toward[axis] *= 1 << bits;
+        for (unsigned plane = bits; plane-- > 0;) {
+            std::uint32_t octant = 0;
+            for (int axis = 0; axis < 3; ++axis)
+                octant = 2 * octant + (static_cast<std::uint32_t>(below[axis]) >> plane & 1U);
+            octant = coder.direct(octant, 3);
+            for (int axis = 0; axis < 3; ++axis) {
+                point.cell[axis] =
+                    2 * point.cell[axis] + static_cast<std::int32_t>(octant >> (2 - axis) & 1U);
+            }
         }
+        for (std::int32_t& t : point.toward) t *= 1 << bits;
         point.roughness = static_cast<std::uint8_t>(std::min(point.roughness + bits, kRoughest));
     }
 

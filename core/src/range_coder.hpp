@@ -19,11 +19,11 @@ class AdaptiveBit {
 public:
     std::uint32_t share_of(std::uint32_t range) const noexcept { return (range >> 16U) * zero_; }
     void update(bool bit) noexcept {
-        const int rate = std::bit_width(seen_ + 1U);
-        const unsigned away = bit ? zero_ : 65'535U - zero_;
-        const auto step = static_cast<std::uint16_t>(away >> rate);
-        zero_ = static_cast<std::uint16_t>(bit ? zero_ - step : zero_ + step);
-        if (seen_ < kMemory) ++seen_;
+        const unsigned flip = bit ? 0 : 65'535;  // no branch: bits are hard to foretell
+        const unsigned against = zero_ ^ flip;
+        zero_ =
+            static_cast<std::uint16_t>((against - (against >> std::bit_width(seen_ + 1U))) ^ flip);
+        seen_ = static_cast<std::uint16_t>(seen_ + (seen_ < kMemory ? 1 : 0));
     }
 
 private:
@@ -113,8 +113,9 @@ public:
     bool bit(AdaptiveBit& model, bool /*value*/ = false) {
         const std::uint32_t zero = model.share_of(range_);
         const bool value = code_ >= zero;
-        code_ -= value ? zero : 0;
-        range_ = value ? range_ - zero : zero;
+        const std::uint32_t mask = 0U - static_cast<std::uint32_t>(value);
+        code_ -= zero & mask;
+        range_ = zero + (mask & (range_ - 2 * zero));
         model.update(value);
         normalize();
         return value;

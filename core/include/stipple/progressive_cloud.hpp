@@ -23,8 +23,8 @@ struct ProgressiveOptions {
     unsigned attribute_bits = 16;  ///< 1..32 for floats, over the range of each attribute; 0:
                                    ///< without loss, as are integers, doubles and values that are
                                    ///< not finite
-    double coarseness = 1.5;  ///< of the steps of the grid on the way, as a part of the mean error
-                              ///< of the points that are there; >= 0, 0: all bits at once
+    double coarseness = 5;  ///< of the steps of the grid on the way, as a part of the mean error
+                            ///< of the points that are there; >= 0, 0: all bits at once
 };
 
 /// A part of a progressive stream, at whose end all points have the same precision.
