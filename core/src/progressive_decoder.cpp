@@ -102,7 +102,7 @@ void ProgressiveDecoder::State::take_attached(std::size_t parent) {
                         std::span(values).last(count));
 }
 
-/// Goes on as far as the bytes carry; whether the batch is over.
+/// Goes on as far as the bytes carry; whether the batch is over and all its bytes are there.
 bool ProgressiveDecoder::State::run_batch(const RunContext& context) {
     const ProgressiveLayout::Batch& now = layout.batches[batch];
     const bool whole = pending.size() >= now.bytes;
@@ -139,7 +139,7 @@ bool ProgressiveDecoder::State::run_batch(const RunContext& context) {
                                                    std::to_string(points.size()) + ": expected " +
                                                    std::to_string(now.points));
     }
-    return true;
+    return whole;
 }
 
 /// Bits of the grid that point i lacks.

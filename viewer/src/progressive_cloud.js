@@ -273,7 +273,7 @@ export class ProgressiveDecoder {
         if (this.size < now.points) {
             throw new Error(`a batch ends at point ${this.size}, before ${now.points}`);
         }
-        return true;
+        return whole;
     }
 
     startBatch(end) {
