@@ -4,6 +4,7 @@
 #include "in_quotes.hpp"
 #include "ply.hpp"
 #include "stipple/error.hpp"
+#include "stipple/progressive_cloud.hpp"
 
 #include <fcntl.h>
 #include <sys/mman.h>
@@ -150,8 +151,29 @@ CloudFormat format_by_extension(const fs::path& file) {
     for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
     if (extension == ".ply") return CloudFormat::Ply;
     if (extension == ".drc") return CloudFormat::Draco;
+    if (extension == ".stpc") return CloudFormat::Progressive;
     throw Error(ErrorCode::UnsupportedFormat, "cannot write " + file.string() + ": extension " +
-                                                  in_quotes(extension) + ", expected .ply or .drc");
+                                                  in_quotes(extension) +
+                                                  ", expected .ply, .drc or .stpc");
+}
+
+PointCloud decode(std::span<const std::byte> bytes, const DecodeLimits& limits,
+                  const RunContext& context, DecodeReport& report) {
+    if (report.format == CloudFormat::Ply) return decode_ply(bytes, limits, context, report);
+    if (report.format == CloudFormat::Draco) return decode_draco(bytes, limits, context, report);
+    PointCloud cloud = decode_progressive(bytes, limits, context);
+    report.encoding = "progressive";
+    report.points = cloud.size();
+    return cloud;
+}
+
+std::vector<std::byte> encode(const PointCloud& cloud, CloudFormat format,
+                              const PlyEncodeOptions& ply, const DracoEncodeOptions& draco,
+                              const RunContext& context) {
+    if (format == CloudFormat::Ply) return encode_ply(cloud, ply, context);
+    if (format == CloudFormat::Draco) return encode_draco(cloud, draco, context);
+    return encode_progressive(
+        cloud, {.position_bits = draco.position_bits, .precision = draco.precision}, context);
 }
 
 }  // namespace
@@ -162,6 +184,8 @@ std::string_view to_string(CloudFormat format) noexcept {
             return "ply";
         case CloudFormat::Draco:
             return "drc";
+        case CloudFormat::Progressive:
+            return "stpc";
         case CloudFormat::Glb:
             break;
     }
@@ -174,6 +198,8 @@ std::string_view media_type(CloudFormat format) noexcept {
             return "model/ply";
         case CloudFormat::Draco:
             return "model/vnd.google.draco";
+        case CloudFormat::Progressive:
+            return "application/vnd.stipple.progressive";
         case CloudFormat::Glb:
             break;
     }
@@ -184,13 +210,15 @@ CloudFormat cloud_format_from_name(std::string_view name) {
     if (name == "ply") return CloudFormat::Ply;
     if (name == "drc" || name == "draco") return CloudFormat::Draco;
     if (name == "glb") return CloudFormat::Glb;
+    if (name == "stpc" || name == "stream") return CloudFormat::Progressive;
     throw Error(ErrorCode::UnsupportedFormat,
-                "format " + in_quotes(name) + ": expected ply, drc or, of a pyramid, glb");
+                "format " + in_quotes(name) + ": expected ply, drc or, of a pyramid, glb or stpc");
 }
 
 std::optional<CloudFormat> detect_format(std::span<const std::byte> head) noexcept {
     const std::string_view text = as_text(head);
     if (text.starts_with("DRACO")) return CloudFormat::Draco;
+    if (text.starts_with("STPC")) return CloudFormat::Progressive;
     const bool ply =
         text.starts_with("ply") && (text.size() == 3 || static_cast<unsigned char>(text[3]) <= ' ');
     return ply ? std::optional(CloudFormat::Ply) : std::nullopt;
@@ -203,8 +231,7 @@ PointCloud decode_cloud(std::span<const std::byte> bytes, const DecodeLimits& li
     DecodeReport local;
     local.format = *format;
     context.checkpoint(0);
-    PointCloud cloud = *format == CloudFormat::Ply ? decode_ply(bytes, limits, context, local)
-                                                   : decode_draco(bytes, limits, context, local);
+    PointCloud cloud = decode(bytes, limits, context, local);
     context.checkpoint(1);
     if (report != nullptr) *report = std::move(local);
     return cloud;
@@ -219,8 +246,7 @@ PointCloud read_cloud(const fs::path& file, const DecodeLimits& limits, const Ru
 void write_cloud(const PointCloud& cloud, const fs::path& file, const PlyEncodeOptions& ply,
                  const DracoEncodeOptions& draco, const RunContext& context) {
     const CloudFormat format = format_by_extension(file);
-    write_whole(file, format == CloudFormat::Ply ? encode_ply(cloud, ply, context)
-                                                 : encode_draco(cloud, draco, context));
+    write_whole(file, encode(cloud, format, ply, draco, context));
 }
 
 }  // namespace stipple

@@ -448,11 +448,20 @@ void add_options(Json& json, const CurveJob& job) {
     json["seed"] = method.seed;
 }
 
-constexpr std::array kPyramidFormats = {CloudFormat::Draco, CloudFormat::Ply, CloudFormat::Glb};
+constexpr std::array kPyramidFormats = {CloudFormat::Draco, CloudFormat::Ply, CloudFormat::Glb,
+                                        CloudFormat::Progressive};
+/// Those of a job that names none: the stream takes a contraction of its own.
+constexpr std::span kUsualFormats = std::span(kPyramidFormats).first(3);
 
 bool wants(const PyramidJob& job, CloudFormat format) {
-    const auto& formats = job.output.formats;
-    return formats.empty() || std::ranges::find(formats, format) != formats.end();
+    const std::span<const CloudFormat> formats =
+        job.output.formats.empty() ? kUsualFormats : std::span(job.output.formats);
+    return std::ranges::find(formats, format) != formats.end();
+}
+
+/// Whether any of its files has points on a grid.
+bool has_grid(const PyramidJob& job) {
+    return wants(job, CloudFormat::Glb) || wants(job, CloudFormat::Progressive);
 }
 
 std::array<double, 16> read_transform(const JsonValue& value) {
@@ -464,7 +473,7 @@ std::array<double, 16> read_transform(const JsonValue& value) {
 }
 
 void read_tiles(const JsonValue& value, PyramidJob& job) {
-    if (!wants(job, CloudFormat::Glb)) value.refuse("none unless glb is among the formats");
+    if (!has_grid(job)) value.refuse("none unless glb or stpc is among the formats");
     JsonObject object = value.object();
     LodTileOptions& tiles = job.tiles;
     const auto position_bits = object.find("position_bits");
@@ -477,7 +486,8 @@ void read_tiles(const JsonValue& value, PyramidJob& job) {
         tiles.precision = precision->number();
         if (!(*tiles.precision > 0)) precision->refuse("a length above 0, in input units");
     }
-    if (const auto most = object.find("max_points")) tiles.max_points = most->small_integer(1, 65'536);
+    if (const auto most = object.find("max_points"))
+        tiles.max_points = most->small_integer(1, 65'536);
     if (const auto all = object.find("attributes")) tiles.attributes = all->boolean();
     const auto transform = object.find("transform");
     const auto epsg = object.find("epsg");
@@ -531,7 +541,7 @@ PyramidJob read_pyramid(JsonObject& object) {
     take_reductions(object, options.reductions);
     take(object, "error", job.error);
 
-    job.output.formats.assign(kPyramidFormats.begin(), kPyramidFormats.end());
+    job.output.formats.assign(kUsualFormats.begin(), kUsualFormats.end());
     if (const auto formats = object.find("formats")) {
         job.output.formats = read_formats(*formats, kPyramidFormats);
         if (job.output.formats.empty()) formats->refuse("at least one format");
@@ -560,7 +570,7 @@ void add_options(Json& json, const PyramidJob& job) {
     for (const CloudFormat format : kPyramidFormats)
         if (wants(job, format)) json["formats"].push_back(to_string(format));
     json["draco"] = draco_json(job.output.draco);
-    if (wants(job, CloudFormat::Glb)) json["tiles"] = tiles_json(job);
+    if (has_grid(job)) json["tiles"] = tiles_json(job);
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 #include "stipple/globe.hpp"
 #include "stipple/neighbors.hpp"
 #include "stipple/picture/visual_error.hpp"
+#include "stipple/progressive_cloud.hpp"
 #include "stipple/proto/digest.hpp"
 #include "stipple/proto/tiles.hpp"
 #include "stipple/surface_attributes.hpp"
@@ -365,6 +366,7 @@ private:
         if (job.epsg) globe_frame(*job.epsg, 0.5 * (box.min + box.max));  // refuses others' places
         const std::vector<std::uint64_t> sizes = lod_sizes(cloud.size(), job.options);
         points_to_encode_ = std::accumulate(sizes.begin(), sizes.end(), std::uint64_t{0});
+        stream_ = {sizes.back(), job.tiles.position_bits, job.tiles.precision};
 
         const double encoded_before = cost_.encode_seconds;
         const auto start = Clock::now();
@@ -527,6 +529,9 @@ private:
                 write_tiles(made, context, files);
                 line.level->decoded = tiler_->figures();
                 line.level->spacing = tiler_->figures().spacing;
+            } else if (format == CloudFormat::Progressive) {
+                if (made.cloud.size() == stream_.points)
+                    files.push_back(write_stream(made, context));
             } else {
                 files.push_back(write(made, format, options.draco, context));
             }
@@ -562,6 +567,16 @@ private:
         }
     }
 
+    /// The finest level as one stream.
+    OutputFile write_stream(const LodLevel& finest, const RunContext& context) {
+        const std::vector<std::byte> bytes = encode_progressive(
+            finest.cloud, {.position_bits = stream_.position_bits, .precision = stream_.precision},
+            context);
+        const std::string name = "cloud.stpc";
+        write_whole_file(fs::path(spec_.output_dir) / name, bytes, spec_);
+        return {CloudFormat::Progressive, bytes.size(), sha256_hex(bytes), name};
+    }
+
     void report_cost() {
         rusage usage{};
         ::getrusage(RUSAGE_SELF, &usage);
@@ -579,6 +594,12 @@ private:
     JobCost cost_;
     std::unique_ptr<LodTiler> tiler_;  ///< of a pyramid, when it is to have tiles
     std::uint64_t points_of_source_ = 0;
+    struct Stream {
+        std::uint64_t points = 0;  ///< of the finest level, which it has
+        unsigned position_bits = 0;
+        std::optional<double> precision;
+    };
+    Stream stream_;                       ///< of a pyramid
     std::optional<MeasuredBound> bound_;  ///< of the result, where there was one to keep
     std::uint64_t points_to_encode_ = 0;
     std::uint64_t points_encoded_ = 0;

@@ -49,6 +49,7 @@ struct Values {
     bool source_index = false;
     SurfaceAttributeOptions surface;
     std::vector<std::string> reductions, formats = {"drc", "ply", "glb"};
+    std::optional<std::uint64_t> first_points, first_bytes;
     std::vector<std::uint64_t> levels;
     bool no_error = false;
     std::vector<std::string> candidates, maps;
@@ -130,7 +131,7 @@ void add_ply(CLI::App& command, Values& values) {
 }
 
 void add_input(CLI::App& command, Values& values) {
-    command.add_option("IN", values.input, "a PLY or Draco file, whatever its name")
+    command.add_option("IN", values.input, "a PLY, Draco or progressive file, whatever its name")
         ->required()
         ->type_name("FILE");
 }
@@ -271,7 +272,9 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
                     "hierarchical; multiphase or iterative: less error, more time")
         ->type_name("M")
         ->capture_default_str();
-    command.add_option("--formats", values.formats, "of drc, ply and glb (tiles); all")
+    command
+        .add_option("--formats", values.formats,
+                    "of drc, ply, glb (tiles) and stpc (one stream); drc,ply,glb")
         ->delimiter(',')
         ->type_name("F,F");
     command
@@ -416,16 +419,24 @@ CLI::App& add_inspect(CLI::App& app, Values& values) {
 }
 
 CLI::App& add_convert(CLI::App& app, Values& values) {
-    CLI::App& command = *app.add_subcommand("convert", "PLY to Draco and back, every point kept");
+    CLI::App& command = *app.add_subcommand("convert", "PLY, Draco, stream: every point kept");
     add_input(command, values);
-    command.add_option("OUT", values.output, "a .ply or .drc file")->required()->type_name("FILE");
+    command.add_option("OUT", values.output, "a .ply, .drc or .stpc file")
+        ->required()
+        ->type_name("FILE");
+    command.add_option("--points", values.first_points, "of a .stpc: the first so many")
+        ->type_name("N");
+    command.add_option("--bytes", values.first_bytes, "of a .stpc: what so many hold")
+        ->type_name("B");
     add_draco(command, values);
     add_ply(command, values);
     add_common(command, values);
     command.footer(
         "Examples:\n"
         "  stipple convert scan.ply scan.drc --position-bits 16\n"
-        "  stipple convert scan.drc scan.ply --ply-encoding ascii");
+        "  stipple convert scan.drc scan.ply --ply-encoding ascii\n"
+        "  stipple convert scan.ply scan.stpc\n"
+        "  stipple convert scan.stpc first.ply --points 10000");
     return command;
 }
 
@@ -647,8 +658,9 @@ CurveCommand curve_command(const Values& values, const CLI::App& app) {
 }
 
 ConvertCommand convert_command(const Values& values) {
-    format_of(values.output);
-    return {values.input, values.output, draco(values), ply(values), values.common};
+    if (values.output.extension() != ".stpc") format_of(values.output);
+    return {values.input,  values.output, values.first_points, values.first_bytes,
+            draco(values), ply(values),   values.common};
 }
 
 SynthesizeCommand synthesize_command(const Values& values) {

@@ -71,6 +71,7 @@ struct InspectCommand {
 
 struct ConvertCommand {
     std::filesystem::path input, output;
+    std::optional<std::uint64_t> points, bytes;  ///< of a progressive input: no more than the first
     DracoEncodeOptions draco;
     PlyEncodeOptions ply;
     CommonOptions common;

@@ -4,10 +4,18 @@
 #include "cli/report.hpp"
 #include "cli/units.hpp"
 #include "stipple/codec.hpp"
+#include "stipple/error.hpp"
+#include "stipple/progressive_cloud.hpp"
 #include "stipple/proto/digest.hpp"
 
+#include <algorithm>
 #include <chrono>
+#include <fstream>
 #include <iostream>
+#include <limits>
+#include <optional>
+#include <span>
+#include <vector>
 
 namespace stipple::cli {
 namespace {
@@ -33,6 +41,33 @@ RunContext shown_as(const char* stage, double from, double to, RunContext contex
     return context.part(from, to);
 }
 
+/// What the first bytes or points of a stream hold, without a look at the rest of the file.
+PointCloud read_first(const ConvertCommand& command, const RunContext& context,
+                      DecodeReport& report) {
+    constexpr std::size_t kPiece = std::size_t{1} << 16U;
+    constexpr auto kAll = std::numeric_limits<std::uint64_t>::max();
+    std::ifstream file(command.input, std::ios::binary);
+    ProgressiveDecoder decoder({}, command.points.value_or(kAll));
+    std::vector<char> piece(kPiece);
+    for (std::uint64_t left = command.bytes.value_or(kAll); left > 0 && !decoder.done();) {
+        file.read(piece.data(),
+                  static_cast<std::streamsize>(std::min<std::uint64_t>(left, kPiece)));
+        const auto got = static_cast<std::size_t>(file.gcount());
+        if (got == 0) break;
+        decoder.feed(std::as_bytes(std::span(piece).first(got)), context);
+        left -= got;
+    }
+    if (decoder.size() == 0)
+        throw Error(ErrorCode::InvalidArgument, "--bytes or --points reach no point of the stream");
+    report = {.format = CloudFormat::Progressive,
+              .encoding = "progressive",
+              .points = decoder.total(),
+              .faces = 0,
+              .skipped = {},
+              .comments = {}};
+    return decoder.cloud();
+}
+
 ordered_json output_json(const fs::path& file, std::uint64_t points) {
     return {{"points", points},
             {"file", file.string()},
@@ -53,7 +88,9 @@ void run(const ConvertCommand& command, const Session& session) {
     DecodeReport report;
     const auto start = Clock::now();
     const PointCloud cloud = naming(command.input, [&] {
-        return read_cloud(command.input, {}, shown_as("decode", 0, 0.5, context, display), &report);
+        const RunContext decoding = shown_as("decode", 0, 0.5, context, display);
+        if (command.points || command.bytes) return read_first(command, decoding, report);
+        return read_cloud(command.input, {}, decoding, &report);
     });
     const auto decoded = Clock::now();
     const std::uint64_t bytes_in = fs::file_size(command.input);

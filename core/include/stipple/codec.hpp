@@ -16,17 +16,18 @@ namespace stipple {
 enum class CloudFormat {
     Ply,
     Draco,
-    Glb,  ///< tiles of a pyramid (`LodTiler`) as binary glTF: written, never read
+    Glb,          ///< tiles of a pyramid (`LodTiler`) as binary glTF: written, never read
+    Progressive,  ///< a stream of which every prefix is a cloud (`encode_progressive`)
 };
 
-/// `ply`, `drc`, `glb`: the name on the wire and the extension of a file.
+/// `ply`, `drc`, `glb`, `stpc`: the name on the wire and the extension of a file.
 std::string_view to_string(CloudFormat format) noexcept;
 /// `model/ply`, `model/vnd.google.draco`... as sent in `Content-Type`.
 std::string_view media_type(CloudFormat format) noexcept;
-/// The inverse of `to_string`; also `draco`. @throws Error(UnsupportedFormat) naming what is
-/// offered.
+/// The inverse of `to_string`; also `draco` and `stream`. @throws Error(UnsupportedFormat) naming
+/// what is offered.
 CloudFormat cloud_format_from_name(std::string_view name);
-/// By the first bytes (`ply` or `DRACO`), never by a file's name; nothing when it is neither.
+/// By the first bytes (`ply`, `DRACO` or `STPC`), never by a file's name; nothing when it is none.
 std::optional<CloudFormat> detect_format(std::span<const std::byte> head) noexcept;
 
 /// What a decoder accepts. Checked against what the header declares, before anything is allocated.
@@ -41,7 +42,7 @@ struct DecodeLimits {
 struct DecodeReport {
     CloudFormat format = CloudFormat::Ply;
     std::string encoding;  ///< `ascii`, `binary_little_endian`, `binary_big_endian`; `sequential`,
-                           ///< `kd-tree`, `edgebreaker`
+                           ///< `kd-tree`, `edgebreaker`; `progressive`
     std::uint64_t points = 0;  ///< points in the cloud, before any cleaning
     std::uint64_t faces = 0;   ///< faces that were ignored
     std::vector<std::string>
@@ -50,7 +51,7 @@ struct DecodeReport {
         comments;  ///< `comment` and `obj_info` lines of a PLY header, without the keyword
 };
 
-/// Decodes a PLY or Draco file that lies in memory (or is mapped there).
+/// Decodes a PLY, Draco or progressive file that lies in memory (or is mapped there).
 ///
 /// PLY: ascii, little and big endian; any property types and names; elements in any order. Double
 /// or 32-bit integer coordinates are kept through `PointCloud::origin` (float relative to the
@@ -61,10 +62,11 @@ struct DecodeReport {
 /// else left out and named in the report. The type `bool` is a byte; numbers beyond a type's range
 /// become infinite or zero; unknown header lines before the first element are passed over and named
 /// in the report. Draco: point clouds and meshes (the faces are ignored); generic attributes with
-/// their names from the metadata.
+/// their names from the metadata. Progressive: all points that the bytes reach, see
+/// `ProgressiveDecoder`.
 ///
 /// @param report  filled when not null.
-/// @throws Error(UnsupportedFormat) for bytes that are neither; Error(MalformedInput) naming what
+/// @throws Error(UnsupportedFormat) for bytes that are none; Error(MalformedInput) naming what
 /// is wrong and where
 ///         (line or byte offset); Error(TooLarge) over a limit. Nothing is allocated beyond what
 ///         the input can hold.
@@ -116,9 +118,9 @@ std::vector<std::byte> encode_ply(const PointCloud& cloud, const PlyEncodeOption
 std::vector<std::byte> encode_draco(const PointCloud& cloud, const DracoEncodeOptions& options = {},
                                     const RunContext& context = {});
 
-/// Writes a cloud, the format by the extension (`.ply`, `.drc`), through a temporary file beside
-/// it, so that a file of that name is whole or not there. @throws Error(UnsupportedFormat) for
-/// another extension, Error(Internal) when it cannot be written.
+/// Writes a cloud, the format by the extension (`.ply`, `.drc`, `.stpc`), through a temporary file
+/// beside it, so that a file of that name is whole or not there. @throws Error(UnsupportedFormat)
+/// for another extension, Error(Internal) when it cannot be written.
 void write_cloud(const PointCloud& cloud, const std::filesystem::path& file,
                  const PlyEncodeOptions& ply = {}, const DracoEncodeOptions& draco = {},
                  const RunContext& context = {});

@@ -76,7 +76,8 @@ Reply output_reply(Resources& resources, const Request& request, const std::stri
     const std::string_view extension =
         std::string_view(file_name).substr(std::min(dot, file_name.size()));
     const bool is_picture = extension == ".png";
-    constexpr std::array<std::string_view, 4> kExtensions = {".ply", ".drc", ".glb", ".png"};
+    constexpr std::array<std::string_view, 5> kExtensions = {".ply", ".drc", ".glb", ".stpc",
+                                                             ".png"};
     if (!proto::is_sha256(sha256) ||
         std::ranges::find(kExtensions, extension) == kExtensions.end()) {
         throw HttpError(404, "no such file: the manifest names those there are");
@@ -132,7 +133,8 @@ Reply list_jobs(Resources& resources, Request& request) {
                                      .input = request.query_value("input")};
     if (filter.type &&
         std::ranges::find(proto::kJobTypes, *filter.type) == proto::kJobTypes.end()) {
-        throw HttpError(400, "type: expected simplify, pyramid, upsample, analyze, curve or evaluate");
+        throw HttpError(400,
+                        "type: expected simplify, pyramid, upsample, analyze, curve or evaluate");
     }
     if (filter.status) (void)proto::job_status_from_name(*filter.status);
     std::optional<std::string> next;

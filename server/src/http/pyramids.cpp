@@ -85,6 +85,17 @@ Reply get_tileset(Resources& resources, Request& request) {
     return tileset_reply(resources, request, "tileset.json");
 }
 
+Reply get_stream(Resources& resources, Request& request) {
+    for (const proto::OutputCloud& level : pyramid(resources, request).levels)
+        for (const proto::OutputFile& file : level.files)
+            if (file.format == CloudFormat::Progressive)
+                return output_reply(resources, request, request.path_value("id"),
+                                    file.sha256 + ".stpc");
+    throw HttpError(
+        404,
+        "no such stream: stpc is not among the formats of this pyramid, or it is not there yet");
+}
+
 Reply get_pyramid_file(Resources& resources, Request& request) {
     const std::string file = request.path_value("file");
     if (file.starts_with("tileset-")) return tileset_reply(resources, request, file);

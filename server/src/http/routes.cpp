@@ -27,6 +27,7 @@ constexpr std::array kRoutes = {
     Route{"POST", "/v1/evaluations", Submit, Listed, evaluate},
     Route{"GET", "/v1/pyramids/{id}/manifest.json", Read, Everyone, get_manifest},
     Route{"GET", "/v1/pyramids/{id}/tileset.json", Read, Everyone, get_tileset},
+    Route{"GET", "/v1/pyramids/{id}/stream", Read, Everyone, get_stream},
     Route{"GET", "/v1/pyramids/{id}/{file}", Read, Everyone, get_pyramid_file},
     Route{"GET", "/v1/limits", Open, Everyone, get_limits},
     Route{"GET", "/openapi.yaml", Open, Everyone, get_openapi},

@@ -66,6 +66,7 @@ Reply simplify(Resources&, Request&);
 Reply evaluate(Resources&, Request&);
 Reply get_manifest(Resources&, Request&);
 Reply get_tileset(Resources&, Request&);
+Reply get_stream(Resources&, Request&);
 Reply get_pyramid_file(Resources&, Request&);
 Reply get_limits(Resources&, Request&);
 Reply get_openapi(Resources&, Request&);

@@ -1,0 +1,31 @@
+#include "nested_order.hpp"
+
+#include "contraction.hpp"
+
+#include <array>
+
+namespace stipple {
+
+NestedOrder nested_order(std::span<const Vec3f> positions, const RunContext& context) {
+    std::vector<ContractionPair> sequence;
+    constexpr std::array<std::uint64_t, 1> kOne = {1};
+    Index left = 0;
+    contract(
+        positions, {}, kOne, {.placement = Placement::EndPoint, .sequence = &sequence},
+        [&](ContractionSnapshot&& snapshot) { left = snapshot.samples.front(); }, context);
+
+    const std::size_t n = positions.size();
+    NestedOrder order{{left}, {0}};
+    order.points.reserve(n);
+    order.parents.reserve(n);
+    std::vector<Index> place(n);  // by point
+    for (std::size_t i = 1; i < n; ++i) {
+        const auto [stayed, went] = sequence[n - 1 - i];
+        order.points.push_back(went);
+        order.parents.push_back(place[stayed]);
+        place[went] = static_cast<Index>(i);
+    }
+    return order;
+}
+
+}  // namespace stipple

@@ -1,0 +1,66 @@
+#pragma once
+
+#include "progressive_model.hpp"
+#include "stipple/point_cloud.hpp"
+#include "stipple/progressive_cloud.hpp"
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace stipple {
+
+inline constexpr unsigned kMostGridBits = 24;
+
+/// An attribute in a progressive stream.
+struct ProgressiveAttribute {
+    std::string name;
+    std::uint8_t type = 0;  ///< index of `AttributeValues`
+    std::uint8_t components = 1;
+    Reduction reduction = Reduction::Nearest;
+    std::uint8_t bits = 0;  ///< of floats on a grid; 0: without loss
+    double low = 0, step = 1;
+
+    /// Channels of a component.
+    unsigned channels() const noexcept { return type == 7 ? 2 : 1; }
+};
+
+/// What the header of a progressive stream says.
+struct ProgressiveLayout {
+    struct Batch {
+        std::uint32_t points = 0;  ///< up to its end, the earlier ones included
+        std::uint32_t bytes = 0;   ///< of itself
+        std::uint8_t shift = 0;    ///< bits of the grid that are not there yet
+        float mean_error = 0;      ///< input units
+    };
+
+    bool normals = false, colors = false, alpha = false, double_precision = false;
+    std::uint8_t grid_bits = 0;
+    std::uint8_t normal_bits = 0;
+    std::uint32_t points = 0;
+    double step = 1;            ///< of the grid
+    Vec3d low = Vec3d::Zero();  ///< point 0 of the grid, relative to the origin
+    Vec3d origin = Vec3d::Zero();
+    std::vector<ProgressiveAttribute> attributes;
+    std::vector<Batch> batches;
+
+    /// Where cell 0 of a grid that lacks `shift` bits has its middle.
+    static double middle(unsigned shift) noexcept { return 0.5 * ((1U << shift) - 1U); }
+    std::vector<Channel> channels() const;
+    /// As many points as a batch of so many bytes may have: a bound for what a decoder allocates.
+    static std::uint64_t most_points(std::uint64_t bytes) noexcept { return 64 + 8 * bytes; }
+};
+
+std::vector<std::byte> write_header(const ProgressiveLayout& layout);
+
+/// The header's length, once its first bytes are there.
+/// @throws Error(MalformedInput) for other bytes, Error(UnsupportedFormat) for another version.
+std::optional<std::size_t> header_length(std::span<const std::byte> bytes);
+
+/// @param bytes  as many as `header_length` says. @throws Error(MalformedInput), Error(TooLarge).
+ProgressiveLayout parse_header(std::span<const std::byte> bytes, const DecodeLimits& limits);
+
+}  // namespace stipple
