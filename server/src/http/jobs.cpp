@@ -82,10 +82,12 @@ Reply output_reply(Resources& resources, const Request& request, const std::stri
         throw HttpError(404, "no such file: the manifest names those there are");
     }
     auto permit = resources.downloads.take();
-    Reply reply = blob_reply(
-        request, resources.service.output(request.tenant, job_id, sha256), sha256,
+    Reply reply = file_reply(
+        request,
+        resources.service.outputs().file(request.tenant, job_id, sha256,
+                                         accepted_file_codings(request)),
         is_picture ? "image/png" : media_type(cloud_format_from_name(extension.substr(1))),
-        resources.with_keys);
+        immutable(resources.with_keys));
     reply.permit = std::move(permit);
     return reply;
 }
@@ -132,7 +134,8 @@ Reply list_jobs(Resources& resources, Request& request) {
                                      .input = request.query_value("input")};
     if (filter.type &&
         std::ranges::find(proto::kJobTypes, *filter.type) == proto::kJobTypes.end()) {
-        throw HttpError(400, "type: expected simplify, pyramid, upsample, analyze, curve or evaluate");
+        throw HttpError(400,
+                        "type: expected simplify, pyramid, upsample, analyze, curve or evaluate");
     }
     if (filter.status) (void)proto::job_status_from_name(*filter.status);
     std::optional<std::string> next;
