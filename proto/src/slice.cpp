@@ -15,7 +15,8 @@ namespace {
 
 constexpr std::uint64_t kMostGlbPoints = 65'536;
 constexpr int kMostTries = 8;
-constexpr double kCloseEnough = 0.98;  // of a budget of bytes
+constexpr double kCloseEnough = 0.98;   // of a budget of bytes
+constexpr std::uint64_t kMostRead = 4;  // points, for each that may be returned
 
 struct Distances {
     double mean = 0, max = 0;
@@ -115,18 +116,19 @@ private:
     Cut read_level(std::size_t number) const {
         const OutputCloud& level = pyramid_.levels[number];
         context_.throw_if_stopped();
-        if (const std::uint64_t points = most_points(level); points > 8 * options_.max_points)
+        if (const std::uint64_t points = most_points(level), most = kMostRead * options_.max_points;
+            points > most) {
             throw Error(ErrorCode::TooLarge,
                         "level " + std::to_string(level.level) + " has " + std::to_string(points) +
-                            " points here: at most " + std::to_string(8 * options_.max_points) +
+                            " points here: at most " + std::to_string(most) +
                             " are read; ask for fewer points, or a smaller box");
-        Cut cut{number, {}, {}};
+        }
+        Cut cut{number, {}, error_of(level)};
         if (tiled(level)) {
-            read_tiles(level, cut);
+            read_tiles(level, cut.cloud);
         } else if (const OutputFile* const ply = find_ply(level)) {
             cut.cloud =
                 decode_cloud(read_(*ply), DecodeLimits{.max_points = level.points}, context_);
-            if (level.error) cut.error = {level.error->error.mean(), level.error->error.max()};
         } else {
             throw Error(ErrorCode::InvalidArgument,
                         "this pyramid has neither PLY levels nor tiles: make it with one of the "
@@ -136,9 +138,7 @@ private:
         return cut;
     }
 
-    void read_tiles(const OutputCloud& level, Cut& cut) const {
-        double points = 0;
-        Distances error;
+    void read_tiles(const OutputCloud& level, PointCloud& cloud) const {
         for (const OutputFile& file : level.files) {
             if (!in_box(file)) continue;
             context_.throw_if_stopped();
@@ -147,14 +147,26 @@ private:
                 throw Error(ErrorCode::MalformedInput, file.sha256 + ": expected " +
                                                            std::to_string(file.tile->points) +
                                                            " points, as the manifest says");
-            append(cut.cloud, decode_tile(tile, center_));
-            const double share = static_cast<double>(tile.points);
+            append(cloud, decode_tile(tile, center_));
+        }
+    }
+
+    /// That of the level, or of its tiles here: where they are read, and where it was not measured.
+    std::optional<Distances> error_of(const OutputCloud& level) const {
+        if (level.error && !tiled(level))
+            return Distances{level.error->error.mean(), level.error->error.max()};
+        Distances error;
+        double points = 0;
+        for (const OutputFile& file : level.files) {
+            if (!in_box(file)) continue;
+            const double share = static_cast<double>(file.tile->points);
             error.mean += share * file.tile->error.mean;
             error.max = std::max(error.max, file.tile->error.max);
             points += share;
         }
-        error.mean /= std::max(points, 1.0);
-        cut.error = error;
+        if (points == 0) return std::nullopt;
+        error.mean /= points;
+        return error;
     }
 
     /// The coarsest level with so many points in the box, or the finest.
@@ -209,31 +221,23 @@ private:
     }
 
     Slice within_error(double bound) {
-        std::optional<double> finest;
+        std::optional<Distances> error;
         for (std::size_t i = 0; i < pyramid_.levels.size(); ++i) {
             const OutputCloud& level = pyramid_.levels[i];
-            finest = max_error(level);
-            if (!finest || *finest > bound) continue;
+            error = error_of(level);
+            if (!error || error->max > bound) continue;
             if (tiled(level)) require_room(most_points(level));
             const Cut cut = read_level(i);
             if (cut.cloud.empty()) throw Error(ErrorCode::NotFound, "no point lies in the box");
             require_room(cut.cloud.size());
             return sliced(cut, cut.cloud, false);
         }
+        if (most_points(pyramid_.levels.back()) == 0)
+            throw Error(ErrorCode::NotFound, "no point lies in the box");
         throw Error(ErrorCode::InvalidArgument,
                     "max_error " + std::to_string(bound) +
-                        (finest ? ": that of the finest level is " + std::to_string(*finest)
-                                : ": the errors of this pyramid were not measured"));
-    }
-
-    /// Of the whole level, as it is read.
-    std::optional<double> max_error(const OutputCloud& level) const {
-        if (!tiled(level))
-            return level.error ? std::optional(level.error->error.max()) : std::nullopt;
-        double max = 0;
-        for (const OutputFile& file : level.files)
-            if (file.tile) max = std::max(max, file.tile->error.max);
-        return max;
+                        (error ? ": that of the finest level is " + std::to_string(error->max)
+                               : ": no error was measured here"));
     }
 
     /// Of the finest level, and that may be returned.

@@ -163,6 +163,15 @@ TEST(Slice, TakesTheCoarsestLevelWithinAnError) {
     EXPECT_EQ(both().slice({.max_error = 1e-9}).points, 8000U);
 }
 
+TEST(Slice, TakesTheErrorOfTilesWhereThatOfLevelsWasNotMeasured) {
+    Pyramid pyramid = both();
+    for (OutputCloud& level : pyramid.results.levels) level.error.reset();
+    const Slice slice = pyramid.slice({.max_error = 0.05});
+    EXPECT_LE(slice.error_max.value(), 0.05);
+    EXPECT_EQ(refusal(pyramid, {.max_error = 0.05, .box = Aabb{Vec3d(5, 5, 5), Vec3d(6, 6, 6)}}),
+              ErrorCode::NotFound);
+}
+
 TEST(Slice, TellsAnErrorThatIsNoLessThanItsOwn) {
     const Slice slice = both().slice({.points = 600});
     const SurfaceError own = measure_error(source(), cloud_of(slice), {});

@@ -126,8 +126,9 @@ Reply get_slice(Resources& resources, Request& request) {
         reply.headers.set("Stipple-Error-Mean", nlohmann::json(*slice.error_mean).dump());
         reply.headers.set("Stipple-Error-Max", nlohmann::json(*slice.error_max).dump());
     }
-    // The same query gives the same bytes.
-    return tagged_reply(request, proto::sha256_hex(slice.bytes), immutable(resources.with_keys),
+    // The same query gives the same bytes until the server is another one.
+    return tagged_reply(request, proto::sha256_hex(slice.bytes),
+                        std::string(resources.with_keys ? "private" : "public") + ", max-age=86400",
                         std::move(reply));
 }
 
