@@ -266,6 +266,35 @@ proto::Results Client::results(const std::string& id) {
         implementation_->get("/v1/jobs/" + checked_id(id) + "/results"));
 }
 
+proto::Slice Client::slice(const std::string& pyramid_id, const proto::SliceOptions& options,
+                           const fs::path& destination) {
+    const HttpConnection& http = implementation_->http();
+    const std::string path =
+        "/v1/pyramids/" + checked_id(pyramid_id) + "/slice?" + proto::slice_query(options);
+    PartialFile partial(destination);
+    const auto fetch = [&] {
+        partial.restart();
+        return http.get(path, {}, [&](std::string_view bytes) {
+            partial.write(bytes);
+            return true;
+        });
+    };
+    const HttpReply reply =
+        expect_ok(with_retries(http.stop_token(), fetch), implementation_->where(path));
+    partial.keep();
+    const auto number = [&](std::string_view name) -> std::optional<double> {
+        const auto text = reply.field(name);
+        const json value = text ? json::parse(*text, nullptr, false) : json();
+        return value.is_number() ? std::optional(value.get<double>()) : std::nullopt;
+    };
+    proto::Slice slice;
+    slice.points = static_cast<std::uint64_t>(number("Stipple-Points").value_or(0));
+    slice.level = static_cast<unsigned>(number("Stipple-Level").value_or(0));
+    slice.error_mean = number("Stipple-Error-Mean");
+    slice.error_max = number("Stipple-Error-Max");
+    return slice;
+}
+
 void Client::download(const proto::OutputFile& file, const fs::path& destination,
                       const ByteProgress& progress) {
     if (!file.href.starts_with('/') || file.href.starts_with("//"))

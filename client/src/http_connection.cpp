@@ -23,8 +23,11 @@ std::optional<double> retry_after(const httplib::Response& response) {
 }
 
 HttpReply reply_of(const httplib::Response& response) {
-    return {response.status, response.get_header_value("Content-Type"), response.body,
-            retry_after(response)};
+    return {response.status,
+            response.get_header_value("Content-Type"),
+            response.body,
+            retry_after(response),
+            {response.headers.begin(), response.headers.end()}};
 }
 
 std::string what_happened(httplib::Error error, std::chrono::seconds waited) {
@@ -48,6 +51,12 @@ std::string what_happened(httplib::Error error, std::chrono::seconds waited) {
 }
 
 }  // namespace
+
+std::optional<std::string> HttpReply::field(std::string_view name) const {
+    for (const auto& [field, value] : headers)
+        if (field == name) return value;
+    return std::nullopt;
+}
 
 HttpConnection::HttpConnection(BaseUrl url, const std::string& api_key,
                                std::chrono::seconds timeout, std::stop_token stop)
@@ -74,7 +83,7 @@ HttpReply HttpConnection::perform(const std::string& path, std::chrono::seconds 
     if (stop_.stop_requested()) throw Cancelled();
     if (!result) {
         if (ended_by_caller_is_fine && result.error() == httplib::Error::Canceled)
-            return HttpReply{200, {}, {}, {}};
+            return HttpReply{200, {}, {}, {}, {}};
         throw ConnectionError(url_.text() + path + ": " +
                               what_happened(result.error(), timeout_ + extra_time) +
                               ": is stippled running there? (stippled serve)");

@@ -21,7 +21,10 @@ struct HttpReply {
     std::string content_type;
     std::string body;                   ///< empty when the content went to a receiver
     std::optional<double> retry_after;  ///< seconds
+    HttpHeaders headers{};
 
+    /// The value of a field, whose name is compared as it is written; nothing when there is none.
+    std::optional<std::string> field(std::string_view name) const;
     bool ok() const noexcept { return status >= 200 && status < 300; }
 };
 

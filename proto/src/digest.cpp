@@ -91,6 +91,15 @@ bool is_sha256(std::string_view text) noexcept {
            });
 }
 
+std::string base64(std::span<const std::byte> bytes) {
+    std::string text((bytes.size() + 2) / 3 * 4 + 1, '\0');  // OpenSSL ends it with a null
+    ::EVP_EncodeBlock(reinterpret_cast<unsigned char*>(text.data()),
+                      reinterpret_cast<const unsigned char*>(bytes.data()),
+                      static_cast<int>(bytes.size()));
+    text.pop_back();
+    return text;
+}
+
 std::string random_hex(std::size_t bytes) {
     std::vector<unsigned char> random(bytes);
     require(RAND_bytes(random.data(), static_cast<int>(random.size())) == 1, "RAND_bytes");

@@ -118,12 +118,15 @@ http::GuardedServerOptions admin_guard(const ServerConfig& config) {
     return options;
 }
 
-WorkerPoolOptions worker_options(const ServerConfig& config) {
+WorkerPoolOptions worker_options(const ServerConfig& config, Service& service) {
     return {.workers = config.workers,
             .threads_per_job = config.threads,
             .scratch = config.data / "scratch",
             .lease = std::chrono::seconds(30),
-            .drain = config.drain_timeout};
+            .drain = config.drain_timeout,
+            .on_level = [&service](const proto::OutputCloud& level) {
+                service.outputs().announce(level);
+            }};
 }
 
 }  // namespace
@@ -159,7 +162,7 @@ int serve(const ServerConfig& config) {
         make_process_job_runner(fs::read_symlink("/proc/self/exe").parent_path() / "stipple-job");
     std::optional<WorkerPool> workers;
     if (config.role != Role::Api)
-        workers.emplace(worker_options(config), config.limits, *jobs, *blobs, *runner);
+        workers.emplace(worker_options(config, service), config.limits, *jobs, *blobs, *runner);
 
     // One line for people and scripts: with port 0 the only way to learn the addresses.
     std::cout << "stippled is ready: api=http://" << (api_server ? api_server->address() : "none")

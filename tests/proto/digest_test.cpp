@@ -60,6 +60,16 @@ TEST(Sha256, TextIsKnownByItsLengthAndLowerCaseDigits) {
     EXPECT_FALSE(is_sha256(""));
 }
 
+TEST(Base64, IsThatOfTheStandardsExamples) {
+    const auto coded = [](std::string_view text) {
+        return base64(std::as_bytes(std::span(text)));
+    };
+    EXPECT_EQ(coded(""), "");
+    EXPECT_EQ(coded("f"), "Zg==");
+    EXPECT_EQ(coded("fo"), "Zm8=");
+    EXPECT_EQ(coded("foobar"), "Zm9vYmFy");
+}
+
 TEST(RandomHex, HasTwoDigitsAByteAndDiffersEveryTime) {
     EXPECT_EQ(random_hex(16).size(), 32U);
     EXPECT_NE(random_hex(16), random_hex(16));

@@ -81,7 +81,7 @@ TEST_F(ServiceTest, KnowsNothingOfWhatIsMissingOrAnothers) {
     expect_missing([&] { service_.wait_for_job("bob", job, 1s, {}); });
     expect_missing([&] { service_.events("bob", job, 0, 1s, {}); });
     expect_missing([&] { service_.results("bob", job); });
-    expect_missing([&] { service_.output("bob", job, cloud); });
+    expect_missing([&] { service_.outputs().file("bob", job, cloud, {}); });
     expect_missing([&] { service_.dismiss("bob", job); });
     expect_missing([&] { service_.cloud("ada", kMissing); });
     expect_missing([&] { service_.job("ada", "../jobs"); });
@@ -135,7 +135,7 @@ TEST_F(ServiceTest, ServesResultsWhileTheJobRuns) {
     EXPECT_FALSE(results.complete);
     EXPECT_EQ(results.levels.at(0).files.at(0).href,
               "/v1/pyramids/" + job.id + "/" + file + ".ply");
-    EXPECT_EQ(text_of(*service_.output("ada", job.id, file)), "level");
+    EXPECT_EQ(service_.outputs().file("ada", job.id, file, {}).size(), 5U);
     jobs_->succeed(lease, {});
     EXPECT_TRUE(service_.results("ada", job.id).complete);
 }
@@ -144,7 +144,7 @@ TEST_F(ServiceTest, ServesNoBlobThatTheJobDoesNotList) {
     const JobDocument job = submit_simplify();
     jobs_->publish_level(claim(), level_with(0, put_blob(*blobs_, "level")));
     expect_error(ErrorCode::NotFound, "no such result",
-                 [&] { service_.output("ada", job.id, put_blob(*blobs_, "of another")); });
+                 [&] { service_.outputs().file("ada", job.id, put_blob(*blobs_, "of another"), {}); });
 }
 
 TEST_F(ServiceTest, AnswersALongPollAsSoonAsTheJobEnds) {

@@ -2,6 +2,7 @@
 
 #include "stipple/proto/job.hpp"
 #include "stipple/proto/results.hpp"
+#include "stipple/proto/slice.hpp"
 
 #include <chrono>
 #include <cstdint>
@@ -82,6 +83,10 @@ public:
     /// Fetches a file of a result into `destination`, whole and with the right hash, or not at all.
     void download(const proto::OutputFile& file, const std::filesystem::path& destination,
                   const ByteProgress& progress = {});
+    /// A cloud cut from a finished pyramid, on the server, into `destination`, whole or not at all.
+    /// What was cut is told, without its bytes. @throws Error also for options out of range.
+    proto::Slice slice(const std::string& pyramid_id, const proto::SliceOptions& options,
+                       const std::filesystem::path& destination);
     /// Stops a job that runs; removes one that is final.
     void dismiss(const std::string& id);
     /// `GET /v1/limits`: JSON as openapi.yaml describes it.

@@ -38,7 +38,9 @@ const Names<PlyEncoding> kPlyEncodings = {{"le", PlyEncoding::BinaryLittleEndian
 struct Values {
     std::string input, output, method{to_string(SimplifyOptions{}.method)};
     std::optional<std::uint64_t> points;
-    std::optional<double> ratio, precision;
+    std::optional<std::uint64_t> bytes;
+    std::optional<double> ratio, precision, slice_error;
+    std::vector<double> box;
     std::string max_error, plot;
     std::vector<std::uint64_t> curve_points;
     unsigned curve_count = ErrorCurveOptions{}.count;
@@ -60,6 +62,7 @@ struct Values {
     LodTileOptions tiles;
     std::vector<double> transform;
     std::optional<unsigned> epsg;
+    std::string layout = "levels";
     std::string pyramid_method{to_string(LodPyramidOptions{}.method)};
     SyntheticScanOptions synthetic;
     DracoEncodeOptions draco;
@@ -278,6 +281,11 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
         ->delimiter(',')
         ->type_name("F,F");
     command
+        .add_option("--layout", values.layout,
+                    "levels; or potree: the cloud as a folder of Potree 2, and nothing else")
+        ->type_name("L")
+        ->capture_default_str();
+    command
         .add_option("--tile-bits", values.tiles.position_bits,
                     "of the finest tiles' grid, 2..24 for the longest side; 14")
         ->type_name("B");
@@ -308,6 +316,41 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
         "  stipple pyramid scan.ply levels/\n"
         "  stipple pyramid scan.ply levels/ --levels 1000,10000,100000 --formats drc\n"
         "  stipple pyramid scan.ply levels/ --server http://127.0.0.1:8080");
+    return command;
+}
+
+CLI::App& add_slice(CLI::App& app, Values& values) {
+    CLI::App& command =
+        *app.add_subcommand("slice", "a cloud cut from a pyramid, by budget and place");
+    command
+        .add_option("PYRAMID", values.input,
+                    "folder that `stipple pyramid` wrote; with --server the id of its job")
+        ->required();
+    command.add_option("OUT", values.output, "a .ply, .drc or .glb file")
+        ->required()
+        ->type_name("FILE");
+    auto* const budget = command.add_option_group("budget", "what is wanted: one of these");
+    budget->add_option("-n,--points", values.points, "exactly so many points")->type_name("N");
+    budget->add_option("--bytes", values.bytes, "as many points as OUT has room for in B bytes")
+        ->type_name("B");
+    budget
+        ->add_option("--max-error", values.slice_error,
+                     "the coarsest level within this, input units")
+        ->type_name("E");
+    budget->require_option(1);
+    command.add_option("--box", values.box, "only what lies in it: x0,y0,z0,x1,y1,z1")
+        ->delimiter(',')
+        ->expected(6)
+        ->type_name("BOX");
+    add_draco(command, values);
+    add_server(command, values);
+    add_common(command, values);
+    command.footer(
+        "Examples:\n"
+        "  stipple slice levels/ preview.ply --points 20000\n"
+        "  stipple slice levels/ door.glb --bytes 500000 --box 0,0,0,2,1,2.5\n"
+        "  stipple slice 0123456789abcdef0123456789abcdef small.drc --max-error 0.05 "
+        "--server http://127.0.0.1:8080");
     return command;
 }
 
@@ -576,8 +619,27 @@ AnalyzeCommand analyze_command(const Values& values) {
     return command;
 }
 
+/// Potree's octree is made of the cloud itself: a pyramid of one level.
+PyramidCommand potree_command(PyramidCommand command, const CLI::App& app) {
+    for (const CLI::Option* const option : app.get_options()) {
+        const std::string name = option->get_name();
+        const bool taken = name == "--layout" || name == "--server" || name == "--api-key" ||
+                           name == "--threads" || name == "--json" || name == "--quiet";
+        if (name.starts_with("--") && option->count() > 0 && !taken)
+            throw UsageError(name + " does not go with --layout potree");
+    }
+    command.job.options.sizes = {UINT32_MAX};
+    command.job.output.formats = {CloudFormat::Ply};
+    command.job.error = false;
+    return command;
+}
+
 PyramidCommand pyramid_command(const Values& values, const CLI::App& app) {
-    PyramidCommand command{values.input, values.output, {}, server(values), values.common};
+    PyramidCommand command{values.input,   values.output, {}, values.layout == "potree",
+                           server(values), values.common};
+    if (values.layout != "levels" && !command.potree)
+        throw UsageError("--layout " + values.layout + ": expected levels or potree");
+    if (command.potree) return potree_command(std::move(command), app);
     LodPyramidOptions& options = command.job.options;
     options = values.pyramid;
     options.sizes = values.levels;
@@ -604,6 +666,23 @@ PyramidCommand pyramid_command(const Values& values, const CLI::App& app) {
     }
     validate(options);
     validate(command.job.tiles);
+    return command;
+}
+
+SliceCommand slice_command(const Values& values) {
+    SliceCommand command{values.input, values.output, {}, server(values), values.common};
+    proto::SliceOptions& options = command.options;
+    options.points = values.points;
+    options.bytes = values.bytes;
+    options.max_error = values.slice_error;
+    if (!values.box.empty()) {
+        const std::vector<double>& b = values.box;
+        options.box = Aabb{Vec3d(b[0], b[1], b[2]), Vec3d(b[3], b[4], b[5])};
+    }
+    const std::string extension = command.output.extension().string();
+    options.format = extension == ".glb" ? CloudFormat::Glb : format_of(values.output);
+    options.draco = draco(values);
+    validate(options);
     return command;
 }
 
@@ -679,6 +758,7 @@ Command parse(CLI::App& app, Values& values, const std::vector<std::string>& arg
     const CLI::App& upsample = add_upsample(app, values);
     const CLI::App& analyze = add_analyze(app, values);
     const CLI::App& pyramid = add_pyramid(app, values);
+    const CLI::App& slice = add_slice(app, values);
     const CLI::App& evaluate = add_evaluate(app, values);
     const CLI::App& curve = add_curve(app, values);
     const CLI::App& inspect = add_inspect(app, values);
@@ -690,6 +770,7 @@ Command parse(CLI::App& app, Values& values, const std::vector<std::string>& arg
     if (upsample.parsed()) return upsample_command(values);
     if (analyze.parsed()) return analyze_command(values);
     if (pyramid.parsed()) return pyramid_command(values, pyramid);
+    if (slice.parsed()) return slice_command(values);
     if (curve.parsed()) return curve_command(values, curve);
     if (inspect.parsed()) return InspectCommand{values.input, values.common};
     if (evaluate.parsed()) return evaluate_command(values);

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "stipple/proto/job.hpp"
+#include "stipple/proto/slice.hpp"
 #include "stipple/synthetic_scan.hpp"
 
 #include <filesystem>
@@ -43,6 +44,15 @@ struct AnalyzeCommand : FileCommand<proto::AnalyzeJob> {
 struct PyramidCommand {
     std::filesystem::path input, output_folder;
     proto::PyramidJob job;
+    bool potree = false;  ///< the folder is one of Potree 2, and holds nothing else
+    ServerOptions server;
+    CommonOptions common;
+};
+
+struct SliceCommand {
+    std::string pyramid;  ///< a folder; of a server the id of its job
+    std::filesystem::path output;
+    proto::SliceOptions options;
     ServerOptions server;
     CommonOptions common;
 };
@@ -90,9 +100,9 @@ struct InfoCommand {
     std::string text;
 };
 
-using Command =
-    std::variant<InfoCommand, SimplifyCommand, UpsampleCommand, AnalyzeCommand, PyramidCommand,
-                 CurveCommand, EvaluateCommand, InspectCommand, ConvertCommand, SynthesizeCommand>;
+using Command = std::variant<InfoCommand, SimplifyCommand, UpsampleCommand, AnalyzeCommand,
+                             PyramidCommand, SliceCommand, CurveCommand, EvaluateCommand,
+                             InspectCommand, ConvertCommand, SynthesizeCommand>;
 
 /// The command line says something that cannot be done: exit code 2.
 class UsageError : public std::runtime_error {

@@ -22,6 +22,7 @@ void run(const UpsampleCommand& command, const Session& session);
 void run(const CurveCommand& command, const Session& session);
 void run(const AnalyzeCommand& command, const Session& session);
 void run(const PyramidCommand& command, const Session& session);
+void run(const SliceCommand& command, const Session& session);
 void run(const EvaluateCommand& command, const Session& session);
 void run(const InspectCommand& command, const Session& session);
 void run(const ConvertCommand& command, const Session& session);

@@ -3,6 +3,7 @@
 #include "stipple/client.hpp"
 #include "stipple/error.hpp"
 #include "stipple/proto/digest.hpp"
+#include "stipple/proto/pyramid_export.hpp"
 #include "stipple/proto/run_job.hpp"
 
 #include <unistd.h>
@@ -74,9 +75,7 @@ void fetch_levels(Client& client, proto::Results& results, const fs::path& folde
     }
     for (proto::OutputCloud& level : results.levels) {
         for (proto::OutputFile& file : level.files) {
-            const std::string stem =
-                file.tile ? file.sha256 : "level-" + std::to_string(level.level);
-            const std::string name = stem + "." + std::string(to_string(file.format));
+            const std::string name = proto::file_name(level, file);
             client.download(file, folder / name, [&](std::uint64_t done, std::uint64_t) {
                 const double share = static_cast<double>(fetched + done) / static_cast<double>(all);
                 display.update("download", from + (1 - from) * share);

@@ -4,14 +4,14 @@
 #include "cli/report.hpp"
 #include "cli/units.hpp"
 #include "stipple/proto/digest.hpp"
-#include "stipple/proto/tiles.hpp"
+#include "stipple/proto/potree.hpp"
+#include "stipple/proto/pyramid_export.hpp"
 
 #include <algorithm>
 #include <chrono>
 #include <fstream>
 #include <iostream>
 #include <map>
-#include <set>
 
 namespace stipple::cli {
 namespace {
@@ -30,7 +30,7 @@ void make_folder(const fs::path& folder) {
 void publish_text(const std::string& text, const std::string& name, const fs::path& scratch,
                   const fs::path& folder) {
     std::ofstream file(scratch / name, std::ios::binary);
-    file << text << '\n';
+    file << text;
     file.close();
     if (!file) throw Error(ErrorCode::Internal, (folder / name).string() + ": cannot be written");
     move_into_place(scratch / name, folder / name);
@@ -38,14 +38,27 @@ void publish_text(const std::string& text, const std::string& name, const fs::pa
 
 /// The manifest comes last: while it is missing or old, nobody takes the new files for a whole.
 void publish(const proto::Results& results, const fs::path& scratch, const fs::path& folder) {
-    std::set<std::string> names;  // tiles of the same bytes are one file
-    for (const proto::OutputCloud& level : results.levels)
-        for (const proto::OutputFile& file : level.files)
-            if (names.insert(file.href).second)
-                move_into_place(scratch / file.href, folder / file.href);
-    for (const proto::TilesetFile& file : proto::tileset_files(results))
-        publish_text(file.json, file.name, scratch, folder);
-    publish_text(proto::to_json(results), "manifest.json", scratch, folder);
+    for (const proto::ExportFile& file : proto::export_files(results)) {
+        if (file.stored) {
+            move_into_place(scratch / file.stored->href, folder / file.name);
+        } else {
+            publish_text(file.text, file.name, scratch, folder);
+        }
+    }
+}
+
+/// The metadata last, as the manifest above. @returns the bytes of all.
+std::uint64_t publish_potree(const PyramidCommand& command, const proto::Results& results,
+                             const fs::path& scratch, const RunContext& context) {
+    const PointCloud cloud =
+        read_cloud(scratch / results.levels.at(0).files.at(0).href, {}, context);
+    proto::write_potree(cloud, scratch, {.name = command.input.stem().string()}, context);
+    std::uint64_t bytes = 0;
+    for (const char* const name : {"octree.bin", "hierarchy.bin", "metadata.json"}) {
+        bytes += fs::file_size(scratch / name);
+        move_into_place(scratch / name, command.output_folder / name);
+    }
+    return bytes;
 }
 
 std::uint64_t bytes_of(const proto::Results& results) {
@@ -75,29 +88,30 @@ void list_levels(const proto::Results& results) {
     }
 }
 
-void summarise(const PyramidCommand& command, const proto::Results& results, double seconds,
-               const Terminal& terminal) {
+void summarise(const PyramidCommand& command, const proto::Results& results, std::uint64_t bytes,
+               double seconds, const Terminal& terminal) {
     const TextStyle& style = terminal.style();
     const std::string arrow = " " + std::string(style.arrow()) + " ";
     const std::size_t levels = results.levels.size();
     std::cerr << style.strong(with_separators(results.source->points) + " points" + arrow +
                               std::to_string(levels) + (levels == 1 ? " level" : " levels"))
               << " in " << readable_seconds(seconds) << ' ' << style.dot() << ' '
-              << readable_bytes(fs::file_size(command.input)) << arrow
-              << readable_bytes(bytes_of(results)) << '\n';
-    if (!terminal.interactive()) return;
+              << readable_bytes(fs::file_size(command.input)) << arrow << readable_bytes(bytes)
+              << '\n';
+    if (!terminal.interactive() || command.potree) return;
     list_levels(results);
     const std::string losses = losses_line(*results.source, style);
     if (!losses.empty()) std::cerr << style.dim(losses) << '\n';
 }
 
-ordered_json figures(const PyramidCommand& command, const proto::Results& results) {
+ordered_json figures(const PyramidCommand& command, const proto::Results& results,
+                     std::uint64_t bytes) {
     ordered_json json;
     json["input"] = input_json(command.input, *results.source);
     json["input"]["sha256"] = results.request.input;
     json["output"] = {{"folder", command.output_folder.string()},
                       {"levels", ordered_json::parse(proto::to_json(results)).at("levels")},
-                      {"bytes", bytes_of(results)}};
+                      {"bytes", bytes}};
     json["method"] = to_string(command.job.options.method);
     if (results.cost) add_cost(json, *results.cost);
     return json;
@@ -120,12 +134,21 @@ void run(const PyramidCommand& command, const Session& session) {
         });
         if (!results.source || results.levels.empty())
             throw Error(ErrorCode::Internal, "the result of a pyramid job has no levels");
-        publish(results, scratch.path(), command.output_folder);
+        std::uint64_t bytes = bytes_of(results);
+        if (command.potree) {
+            RunContext context;
+            context.stop = session.stop;
+            context.threads = command.common.threads;
+            bytes = publish_potree(command, results, scratch.path(), context);
+        } else {
+            publish(results, scratch.path(), command.output_folder);
+        }
         display.finish();
 
         const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
-        if (!command.common.quiet) summarise(command, results, took.count(), session.terminal);
-        write_json(command.common.json, figures(command, results));
+        if (!command.common.quiet)
+            summarise(command, results, bytes, took.count(), session.terminal);
+        write_json(command.common.json, figures(command, results, bytes));
     } catch (...) {
         std::error_code not_empty;
         if (made) fs::remove(command.output_folder, not_empty);

@@ -11,8 +11,8 @@ namespace {
 
 constexpr double kQueueFullRetrySeconds = 5;
 constexpr const char* kExposed =
-    "ETag, Location, Link, Retry-After, Content-Range, X-Request-Id, Stipple-Points, "
-    "Stipple-Error-Mean, Stipple-Error-Max";
+    "ETag, Location, Link, Retry-After, Content-Length, Content-Range, Content-Encoding, "
+    "X-Request-Id, Stipple-Points, Stipple-Level, Stipple-Error-Mean, Stipple-Error-Max";
 
 /// The caller's own id when it can stand in a log, else a new one.
 std::string request_id(const Request& request) {
@@ -151,6 +151,8 @@ void Api::share(const Route& route, const Request& request, Reply& reply) const 
         return;
     }
     reply.headers.set("Access-Control-Expose-Headers", kExposed);
+    reply.headers.set("Timing-Allow-Origin",
+                      std::string(*reply.headers.find("Access-Control-Allow-Origin")));
 }
 
 Reply Api::preflight(const RouteMatch& match, const Request& request) const {

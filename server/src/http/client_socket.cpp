@@ -25,12 +25,8 @@ StopEvent::StopEvent() : fd_(::eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {
 }
 
 void StopEvent::raise() noexcept {
+    raised_.store(true, std::memory_order_release);
     ::eventfd_write(fd_.get(), 1);
-}
-
-bool StopEvent::raised() const noexcept {
-    pollfd event{fd_.get(), POLLIN, 0};
-    return ::poll(&event, 1, 0) == 1;
 }
 
 ClientSocket::ClientSocket(FileDescriptor fd, std::string address, const Patience& patience,

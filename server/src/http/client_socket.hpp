@@ -3,6 +3,7 @@
 #include "http/message.hpp"
 #include "store/posix_file.hpp"
 
+#include <atomic>
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
@@ -26,11 +27,12 @@ class StopEvent {
 public:
     StopEvent();
     void raise() noexcept;
-    bool raised() const noexcept;
+    bool raised() const noexcept { return raised_.load(std::memory_order_acquire); }
     int fd() const noexcept { return fd_.get(); }
 
 private:
     FileDescriptor fd_;
+    std::atomic<bool> raised_ = false;
 };
 
 /// A connection to a client that may be slow, silent or hostile.

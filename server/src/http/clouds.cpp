@@ -100,8 +100,9 @@ Reply get_cloud_content(Resources& resources, Request& request) {
     const proto::CloudDocument cloud =
         resources.service.cloud(request.tenant, request.path_value("id"));
     auto permit = resources.downloads.take();
-    Reply reply = blob_reply(request, resources.service.cloud_content(request.tenant, cloud.id),
-                             cloud.id, media_type(cloud.format), resources.with_keys);
+    auto blob = resources.service.cloud_content(request.tenant, cloud.id);
+    Reply reply = file_reply(request, {std::move(blob), cloud.id}, media_type(cloud.format),
+                             immutable(resources.with_keys));
     reply.permit = std::move(permit);
     return reply;
 }

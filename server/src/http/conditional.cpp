@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <functional>
 
 namespace stipple::server::http {
 
@@ -21,6 +22,28 @@ std::optional<std::uint64_t> parse_number(std::string_view text) {
     throw HttpError(proto::problem_from_status(416, "the range begins after the last of " +
                                                         std::to_string(size) + " bytes"),
                     std::move(headers));
+}
+
+/// What identity is worth beside codings that are named.
+constexpr double kLeastQuality = 0.0005;
+
+/// The `q` of an item of a list, 1 where none is given; nothing when the list has no such item.
+std::optional<double> quality_of(std::string_view list, std::string_view name) {
+    while (!list.empty()) {
+        const auto comma = list.find(',');
+        const std::string_view item = list.substr(0, comma);
+        list = comma == list.npos ? std::string_view() : list.substr(comma + 1);
+        const auto semicolon = std::min(item.find(';'), item.size());
+        if (!equal_ignoring_case(trimmed(item.substr(0, semicolon)), name)) continue;
+        std::string_view weight = trimmed(item.substr(std::min(semicolon + 1, item.size())));
+        if (!equal_ignoring_case(weight.substr(0, 2), "q=")) return 1;
+        weight.remove_prefix(2);
+        double quality = 0;
+        const auto [end, error] =
+            std::from_chars(weight.data(), weight.data() + weight.size(), quality);
+        return error == std::errc() && quality >= 0 && quality <= 1 ? quality : 0;
+    }
+    return std::nullopt;
 }
 
 Reply not_modified(Reply reply) {
@@ -73,29 +96,62 @@ Reply tagged_reply(const Request& request, std::string etag, std::string cache, 
                                                              : reply;
 }
 
-Reply blob_reply(const Request& request, std::shared_ptr<const BlobReader> blob,
-                 const std::string& sha256, std::string_view media_type, bool only_for_tenant) {
-    const std::uint64_t size = blob->size();
+std::vector<Coding> accepted_codings(const Request& request) {
+    const std::string_view field = request.headers.find("Accept-Encoding").value_or("");
+    struct Choice {
+        Coding coding;
+        double quality;
+    };
+    std::vector<Choice> choices;
+    for (const Coding coding : {Coding::Brotli, Coding::Gzip, Coding::Identity}) {
+        const auto named = quality_of(field, to_string(coding));
+        const auto any = quality_of(field, "*");
+        const bool plain = coding == Coding::Identity;
+        // Plain bytes are taken unless refused, but not wanted before what is named.
+        const double quality =
+            named.value_or(plain ? (any == 0.0 ? 0 : kLeastQuality) : any.value_or(0));
+        if (quality > 0) choices.push_back({coding, quality});
+    }
+    std::ranges::stable_sort(choices, std::greater(), &Choice::quality);
+    std::vector<Coding> codings;
+    for (const Choice& choice : choices) codings.push_back(choice.coding);
+    return codings;
+}
+
+std::vector<Coding> accepted_file_codings(const Request& request) {
+    if (request.headers.find("Range")) return {Coding::Identity};
+    return accepted_codings(request);
+}
+
+std::string immutable(bool only_for_tenant) {
+    return std::string(only_for_tenant ? "private" : "public") + ", max-age=31536000, immutable";
+}
+
+Reply file_reply(const Request& request, StoredFile file, std::string_view media_type,
+                 std::string cache) {
+    const std::uint64_t size = file.size();
     Reply reply;
     reply.media_type = media_type;
-    reply.headers.set("Accept-Ranges", "bytes");
     reply.headers.set("X-Content-Type-Options", "nosniff");
-    reply.content = BlobRange{blob, 0, size};
-    // One year is what caches take for ever.
-    const std::string cache =
-        std::string(only_for_tenant ? "private" : "public") + ", max-age=31536000, immutable";
-    reply = tagged_reply(request, sha256, cache, std::move(reply));
-    if (reply.status == 304) return reply;
+    if (file.negotiated) reply.headers.add("Vary", "Accept-Encoding");
+    if (file.coding == Coding::Identity) {
+        reply.headers.set("Accept-Ranges", "bytes");
+    } else {
+        reply.headers.set("Content-Encoding", std::string(to_string(file.coding)));
+    }
+    reply.content = StoredRange{file.content, 0, size};
+    reply = tagged_reply(request, file.tag, std::move(cache), std::move(reply));
+    if (reply.status == 304 || file.coding != Coding::Identity) return reply;
 
     const auto field = request.headers.find("Range");
     const auto only_if = request.headers.find("If-Range");
-    if (!field || (only_if && *only_if != '"' + sha256 + '"')) return reply;
+    if (!field || (only_if && *only_if != '"' + file.tag + '"')) return reply;
     if (const auto range = parse_range(*field, size)) {
         reply.status = 206;
         reply.headers.set("Content-Range", "bytes " + std::to_string(range->offset) + "-" +
                                                std::to_string(range->offset + range->length - 1) +
                                                "/" + std::to_string(size));
-        reply.content = BlobRange{std::move(blob), range->offset, range->length};
+        reply.content = StoredRange{std::move(file.content), range->offset, range->length};
     }
     return reply;
 }

@@ -1,11 +1,13 @@
 #pragma once
 
 #include "http/message.hpp"
+#include "service/outputs.hpp"
 
 #include <cstdint>
 #include <optional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace stipple::server::http {
 
@@ -20,9 +22,19 @@ std::optional<ByteRange> parse_range(std::string_view field, std::uint64_t size)
 /// Whether `If-None-Match` names this tag (in quotes).
 bool none_match_names(std::string_view field, std::string_view etag);
 
-/// A blob under a strong tag: 200, 206, 304 or 416.
-Reply blob_reply(const Request& request, std::shared_ptr<const BlobReader> blob,
-                 const std::string& sha256, std::string_view media_type, bool only_for_tenant);
+/// The codings that `Accept-Encoding` takes, best first; identity last where nothing puts it
+/// elsewhere. Among equals Brotli stands before gzip.
+std::vector<Coding> accepted_codings(const Request& request);
+
+/// The same, for a file of which a part may be asked for: ranges are of the plain bytes alone.
+std::vector<Coding> accepted_file_codings(const Request& request);
+
+/// What caches are told of bytes that never change: one year is what they take for ever.
+std::string immutable(bool only_for_tenant);
+
+/// A stored file under its strong tag: 200, 206, 304 or 416. `cache` as in `Cache-Control`.
+Reply file_reply(const Request& request, StoredFile file, std::string_view media_type,
+                 std::string cache);
 
 /// Bytes that may change, under a tag that does with them: 200 or 304. `cache` as in
 /// `Cache-Control`.

@@ -20,6 +20,7 @@ namespace {
 
 constexpr int kMaxRequestsPerConnection = 1000;
 constexpr std::size_t kPieceBytes = 256 * 1024;
+constexpr std::size_t kGatheredBytes = 64 * 1024;
 
 /// What the library is let to see of a connection: a clean head to read, and the client to write
 /// to.
@@ -37,13 +38,13 @@ public:
         return static_cast<ssize_t>(n);
     }
     ssize_t write(const char* bytes, std::size_t size) override {
-        if (broken_) return -1;
-        try {
-            socket_.write_all({bytes, size});
-        } catch (const Disconnected&) {
-            broken_ = true;
-            return -1;
+        if (gathered_.size() + size > kGatheredBytes) flush();
+        if (gathers_ && size <= kGatheredBytes) {
+            gathered_.append(bytes, size);
+        } else {
+            send({bytes, size});
         }
+        if (broken_) return -1;
         written_ += size;
         return static_cast<ssize_t>(size);
     }
@@ -64,6 +65,14 @@ public:
     bool wait_writable() const { return is_writable(); }
     time_t duration() const { return 0; }
 
+    /// A stream is sent piece by piece as it comes.
+    void gather(bool whole_reply) noexcept { gathers_ = whole_reply; }
+    /// Sends what was gathered: of a small reply head and content at once, in one packet.
+    void flush() {
+        send(gathered_);
+        gathered_.clear();
+    }
+
     /// The client has gone: nothing more is written.
     void give_up() noexcept { broken_ = true; }
 
@@ -71,9 +80,20 @@ public:
     bool broken() const noexcept { return broken_; }
 
 private:
+    void send(std::string_view bytes) {
+        if (broken_ || bytes.empty()) return;
+        try {
+            socket_.write_all(bytes);
+        } catch (const Disconnected&) {
+            broken_ = true;
+        }
+    }
+
     const std::string head_;
     std::size_t read_ = 0;
     ClientSocket& socket_;
+    std::string gathered_;
+    bool gathers_ = true;
     std::uint64_t written_ = 0;
     bool broken_ = false;
 };
@@ -92,13 +112,23 @@ struct ContentSetter {
                     return sink.write(reinterpret_cast<const char*>(bytes.data()) + offset, length);
                 });
     }
-    void operator()(const BlobRange& range) const {
+    void operator()(const StoredRange& range) const {
+        if (const auto* const bytes = std::get_if<0>(&range.content)) {
+            provide(static_cast<std::size_t>(range.length),
+                    [bytes = *bytes, from = range.offset](std::size_t offset, std::size_t length,
+                                                          httplib::DataSink& sink) {
+                        return sink.write(
+                            reinterpret_cast<const char*>(bytes->data()) + from + offset, length);
+                    });
+            return;
+        }
         auto buffer = std::make_shared<std::vector<std::byte>>(
             static_cast<std::size_t>(std::min<std::uint64_t>(kPieceBytes, range.length)));
         provide(static_cast<std::size_t>(range.length),
-                [range, buffer](std::size_t offset, std::size_t length, httplib::DataSink& sink) {
+                [blob = std::get<1>(range.content), from = range.offset, buffer](
+                    std::size_t offset, std::size_t length, httplib::DataSink& sink) {
                     const auto out = std::span(*buffer).first(std::min(length, buffer->size()));
-                    const std::size_t n = range.blob->read(range.offset + offset, out);
+                    const std::size_t n = blob->read(from + offset, out);
                     return n > 0 && sink.write(reinterpret_cast<const char*>(out.data()), n);
                 });
     }
@@ -211,7 +241,9 @@ public:
     bool run() {
         const auto begin = std::chrono::steady_clock::now();
         Library library([this](const httplib::Request& parsed) { return answer(parsed); });
-        const bool sent = library.process(stream_, close_) && !stream_.broken();
+        const bool processed = library.process(stream_, close_);
+        stream_.flush();
+        const bool sent = processed && !stream_.broken();
         permit_.reset();
         application_.served(request_, {.status = status_,
                                        .bytes = stream_.written(),
@@ -239,6 +271,7 @@ private:
                 stream_.give_up();  // the library would make a reply of the exception
             }
         }
+        stream_.gather(!std::holds_alternative<Stream>(reply.content));
         status_ = reply.status;
         application_.answered(request_, status_);
         permit_ = reply.permit;

@@ -83,10 +83,12 @@ Reply output_reply(Resources& resources, const Request& request, const std::stri
         throw HttpError(404, "no such file: the manifest names those there are");
     }
     auto permit = resources.downloads.take();
-    Reply reply = blob_reply(
-        request, resources.service.output(request.tenant, job_id, sha256), sha256,
+    Reply reply = file_reply(
+        request,
+        resources.service.outputs().file(request.tenant, job_id, sha256,
+                                         accepted_file_codings(request)),
         is_picture ? "image/png" : media_type(cloud_format_from_name(extension.substr(1))),
-        resources.with_keys);
+        immutable(resources.with_keys));
     reply.permit = std::move(permit);
     return reply;
 }

@@ -100,9 +100,10 @@ struct Request {
     std::optional<std::string> query_value(std::string_view name) const;
 };
 
-/// Bytes of a stored blob, from `offset` on.
-struct BlobRange {
-    std::shared_ptr<const BlobReader> blob;
+/// Bytes of a stored file, in memory or not, from `offset` on.
+struct StoredRange {
+    std::variant<std::shared_ptr<const std::vector<std::byte>>, std::shared_ptr<const BlobReader>>
+        content;
     std::uint64_t offset = 0, length = 0;
 };
 /// Bytes that live as long as the program.
@@ -115,7 +116,7 @@ struct Reply {
     int status = 200;
     Headers headers;
     std::string media_type;
-    std::variant<std::string, FixedBytes, BlobRange, Stream> content;
+    std::variant<std::string, FixedBytes, StoredRange, Stream> content;
     std::shared_ptr<void>
         permit;  ///< given back when the reply was sent: a place among those that may take long
 };

@@ -32,16 +32,8 @@ Reply embedded(const Request& request, const openapi::File& file) {
 }
 
 bool takes_brotli(const Request& request) {
-    std::string_view accept = request.headers.find("Accept-Encoding").value_or("");
-    while (!accept.empty()) {
-        const auto comma = accept.find(',');
-        const std::string_view item = accept.substr(0, comma);
-        const std::string_view quality =
-            trimmed(item.substr(std::min(item.find(';'), item.size())));
-        if (trimmed(item.substr(0, item.find(';'))) == "br" && quality != ";q=0") return true;
-        accept = comma == accept.npos ? std::string_view() : accept.substr(comma + 1);
-    }
-    return false;
+    const auto codings = accepted_codings(request);
+    return !codings.empty() && codings.front() == Coding::Brotli;
 }
 
 const viewer::File* find_file(std::string_view path) {

@@ -1,92 +1,178 @@
 #include "http/conditional.hpp"
+#include "http/query.hpp"
 #include "http/routes.hpp"
+#include "http/tar.hpp"
 #include "http/waiting.hpp"
 
 #include "stipple/proto/digest.hpp"
-#include "stipple/proto/tiles.hpp"
+#include "stipple/proto/pyramid_export.hpp"
+#include "stipple/proto/slice.hpp"
 
-#include <algorithm>
-#include <span>
-#include <variant>
+#include <array>
+#include <charconv>
+#include <ctime>
+#include <nlohmann/json.hpp>
 
 namespace stipple::server::http {
 
 namespace {
 
-constexpr std::uint64_t kMostInlined = 64 * 1024;  // bytes
-
-proto::Results pyramid(Resources& resources, const Request& request) {
-    proto::Results results = resources.service.results(request.tenant, request.path_value("id"));
-    if (!std::holds_alternative<proto::PyramidJob>(results.request.job)) {
-        throw HttpError(404, "no such pyramid: this job simplifies; see its results");
+/// A document of a pyramid: it grows while the job runs.
+/// @param inlined  the format that `inline` may ask for
+Reply document_reply(Resources& resources, const Request& request, const std::string& name,
+                     CloudFormat inlined) {
+    const auto wanted = request.query_value("inline");
+    if (wanted && *wanted != to_string(inlined)) {
+        throw HttpError(400, "inline \"" + wanted->substr(0, 60) + "\": expected " +
+                                 std::string(to_string(inlined)));
     }
+    StoredFile file = resources.service.outputs().document(
+        request.tenant, request.path_value("id"), name, accepted_file_codings(request),
+        wanted ? std::optional(inlined) : std::nullopt);
+    return file_reply(request, std::move(file), "application/json", "no-cache");
+}
+
+/// A pyramid as far as it is made.
+std::shared_ptr<const proto::Results> pyramid_of(Resources& resources, const Request& request) {
+    const std::string& id = request.path_value("id");
+    auto results = resources.service.outputs().results(request.tenant, id);
+    if (!results || !std::holds_alternative<proto::PyramidJob>(results->request.job))
+        throw Error(ErrorCode::NotFound, "no such pyramid: " + id);
     return results;
 }
 
-std::string base64(std::span<const std::byte> bytes) {
-    constexpr std::string_view kDigits =
-        "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    std::string text;
-    text.reserve((bytes.size() + 2) / 3 * 4);
-    for (std::size_t i = 0; i < bytes.size(); i += 3) {
-        unsigned group = 0;
-        for (std::size_t k = 0; k < 3; ++k)
-            group =
-                group << 8 | (i + k < bytes.size() ? std::to_integer<unsigned>(bytes[i + k]) : 0U);
-        for (std::size_t k = 0; k < 4; ++k)
-            text += i + k > bytes.size() ? '=' : kDigits[group >> (18 - 6 * k) & 63];
+/// A finished pyramid.
+std::shared_ptr<const proto::Results> whole_pyramid(Resources& resources, const Request& request) {
+    auto results = pyramid_of(resources, request);
+    if (!results->complete)
+        throw Error(ErrorCode::Conflict, "the job of this pyramid is not successful, or not yet");
+    return results;
+}
+
+/// `x0,y0,z0,x1,y1,z1`.
+std::optional<Aabb> query_box(const Request& request) {
+    const auto text = request.query_value("box");
+    if (!text) return std::nullopt;
+    std::array<double, 6> numbers{};
+    const char* at = text->data();
+    const char* const end = at + text->size();
+    for (std::size_t i = 0; i < numbers.size(); ++i) {
+        const auto [next, error] = std::from_chars(at, end, numbers[i]);
+        const bool last = i + 1 == numbers.size();
+        if (error != std::errc() || (last ? next != end : next == end || *next != ','))
+            throw HttpError(400, "box: expected x0,y0,z0,x1,y1,z1");
+        at = next + 1;
     }
-    return text;
+    return Aabb{Vec3d(numbers[0], numbers[1], numbers[2]),
+                Vec3d(numbers[3], numbers[4], numbers[5])};
 }
 
-/// Where `inline` asks for it: the coarsest level stands in the document that names it, so that the
-/// first picture costs one request.
-void inline_coarsest(Resources& resources, const Request& request, CloudFormat format,
-                     proto::Results& results) {
-    const auto wanted = request.query_value("inline");
-    if (!wanted || results.levels.empty()) return;
-    if (*wanted != to_string(format)) {
-        throw HttpError(400, "inline \"" + wanted->substr(0, 60) + "\": expected " +
-                                 std::string(to_string(format)));
+proto::SliceOptions read_slice_query(const Request& request) {
+    allow_query(request, {"points", "bytes", "max_error", "box", "format"});
+    proto::SliceOptions options{.points = query_count(request, "points", 1, UINT32_MAX),
+                                .bytes = query_count(request, "bytes", 1, INT64_MAX),
+                                .max_error = query_number(request, "max_error"),
+                                .box = query_box(request)};
+    if (const auto format = request.query_value("format"))
+        options.format = cloud_format_from_name(*format);
+    validate(options);
+    return options;
+}
+
+/// Sends the files of a pyramid one after the other.
+struct TarStream {
+    Outputs& outputs;
+    std::shared_ptr<const proto::Results> pyramid;
+    std::chrono::sys_seconds modified;
+
+    void operator()(const StreamWriter& write) const {
+        constexpr std::size_t kPieceBytes = 256 * 1024;
+        std::vector<std::byte> piece(kPieceBytes);
+        for (const proto::ExportFile& file : proto::export_files(*pyramid)) {
+            const auto blob = file.stored ? outputs.open(file.stored->sha256) : nullptr;
+            const std::uint64_t size = blob ? blob->size() : file.text.size();
+            write(tar_header(file.name, size, modified));
+            if (!file.text.empty()) write(file.text);
+            for (std::uint64_t at = 0; blob && at < size;) {
+                const std::size_t n = blob->read(at, piece);
+                if (n == 0) throw Error(ErrorCode::Internal, file.name + ": its bytes end early");
+                write({reinterpret_cast<const char*>(piece.data()), n});
+                at += n;
+            }
+            if (const std::string padding = tar_padding(size); !padding.empty()) write(padding);
+        }
+        write(tar_end());
     }
-    auto& files = results.levels.front().files;
-    const auto file = std::ranges::find(files, format, &proto::OutputFile::format);
-    if (file == files.end() || file->bytes > kMostInlined) return;
-    const auto blob =
-        resources.service.output(request.tenant, request.path_value("id"), file->sha256);
-    std::vector<std::byte> bytes(blob->size());
-    blob->read(0, bytes);
-    file->href = "data:" + std::string(media_type(format)) + ";base64," + base64(bytes);
-}
+};
 
-Reply json_that_may_change(const Request& request, const std::string& json) {
-    const std::string etag = proto::sha256_hex(std::as_bytes(std::span(json)));
-    return tagged_reply(request, etag, "no-cache", json_reply(200, json));
-}
-
-/// `tileset.json`, or one of the files that it names: of the levels that are there.
-Reply tileset_reply(Resources& resources, const Request& request, const std::string& name) {
-    proto::Results results = pyramid(resources, request);
-    inline_coarsest(resources, request, CloudFormat::Glb, results);
-    for (const proto::TilesetFile& file : proto::tileset_files(results))
-        if (file.name == name) return json_that_may_change(request, file.json);
-    throw HttpError(404, "no such tileset: this pyramid has no tiles, or none yet");
+/// Of `2026-11-21T17:00:00.000Z`.
+std::chrono::sys_seconds time_of(const std::string& rfc3339) {
+    std::tm time{};
+    if (::strptime(rfc3339.c_str(), "%Y-%m-%dT%H:%M:%S", &time) == nullptr) return {};
+    return std::chrono::sys_seconds(std::chrono::seconds(::timegm(&time)));
 }
 
 }  // namespace
 
+Reply get_slice(Resources& resources, Request& request) {
+    const proto::SliceOptions options = read_slice_query(request);
+    const auto pyramid = whole_pyramid(resources, request);
+    const auto permit = resources.slices.take();
+    RunContext context;
+    context.stop = request.stop;
+    const proto::Slice slice = proto::slice_pyramid(
+        *pyramid, options,
+        [&](const proto::OutputFile& file) {
+            const auto blob = resources.service.outputs().open(file.sha256);
+            std::vector<std::byte> bytes(static_cast<std::size_t>(blob->size()));
+            blob->read(0, bytes);
+            return bytes;
+        },
+        context);
+    Reply reply;
+    reply.media_type = media_type(options.format);
+    reply.content =
+        std::string(reinterpret_cast<const char*>(slice.bytes.data()), slice.bytes.size());
+    reply.headers.set("X-Content-Type-Options", "nosniff");
+    reply.headers.set("Stipple-Points", std::to_string(slice.points));
+    reply.headers.set("Stipple-Level", std::to_string(slice.level));
+    if (slice.error_mean && slice.error_max) {
+        reply.headers.set("Stipple-Error-Mean", nlohmann::json(*slice.error_mean).dump());
+        reply.headers.set("Stipple-Error-Max", nlohmann::json(*slice.error_max).dump());
+    }
+    // The same query gives the same bytes until the server is another one.
+    return tagged_reply(request, proto::sha256_hex(slice.bytes),
+                        std::string(resources.with_keys ? "private" : "public") + ", max-age=86400",
+                        std::move(reply));
+}
+
+Reply get_pyramid_archive(Resources& resources, Request& request) {
+    if (request.version == "HTTP/1.0") throw HttpError(505, "an archive needs HTTP/1.1");
+    const std::string& id = request.path_value("id");
+    auto pyramid = whole_pyramid(resources, request);
+    const auto finished = time_of(resources.service.job(request.tenant, id).finished);
+    Reply reply{.status = 200,
+                .headers = {},
+                .media_type = "application/x-tar",
+                .content = TarStream{resources.service.outputs(), std::move(pyramid), finished},
+                .permit = resources.downloads.take()};
+    reply.headers.set("Content-Disposition", "attachment; filename=\"pyramid-" + id + ".tar\"");
+    reply.headers.set("Cache-Control", "no-store");
+    reply.headers.set("X-Content-Type-Options", "nosniff");
+    return reply;
+}
+
 Reply get_manifest(Resources& resources, Request& request) {
-    proto::Results results = pyramid(resources, request);
-    inline_coarsest(resources, request, CloudFormat::Draco, results);
-    return json_that_may_change(request, proto::to_json(results));
+    return document_reply(resources, request, "manifest.json", CloudFormat::Draco);
 }
 
 Reply get_tileset(Resources& resources, Request& request) {
-    return tileset_reply(resources, request, "tileset.json");
+    return document_reply(resources, request, "tileset.json", CloudFormat::Glb);
 }
 
 Reply get_stream(Resources& resources, Request& request) {
-    for (const proto::OutputCloud& level : pyramid(resources, request).levels)
+    const auto pyramid = pyramid_of(resources, request);
+    for (const proto::OutputCloud& level : pyramid->levels)
         for (const proto::OutputFile& file : level.files)
             if (file.format == CloudFormat::Progressive)
                 return output_reply(resources, request, request.path_value("id"),
@@ -97,8 +183,9 @@ Reply get_stream(Resources& resources, Request& request) {
 }
 
 Reply get_pyramid_file(Resources& resources, Request& request) {
-    const std::string file = request.path_value("file");
-    if (file.starts_with("tileset-")) return tileset_reply(resources, request, file);
+    const std::string& file = request.path_value("file");
+    if (file.starts_with("tileset-"))
+        return document_reply(resources, request, file, CloudFormat::Glb);
     return output_reply(resources, request, request.path_value("id"), file);
 }
 

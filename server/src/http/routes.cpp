@@ -28,6 +28,8 @@ constexpr std::array kRoutes = {
     Route{"GET", "/v1/pyramids/{id}/manifest.json", Read, Everyone, get_manifest},
     Route{"GET", "/v1/pyramids/{id}/tileset.json", Read, Everyone, get_tileset},
     Route{"GET", "/v1/pyramids/{id}/stream", Read, Everyone, get_stream},
+    Route{"GET", "/v1/pyramids/{id}/slice", Read, Everyone, get_slice},
+    Route{"GET", "/v1/pyramids/{id}.tar", Read, Everyone, get_pyramid_archive},
     Route{"GET", "/v1/pyramids/{id}/{file}", Read, Everyone, get_pyramid_file},
     Route{"GET", "/v1/limits", Open, Everyone, get_limits},
     Route{"GET", "/openapi.yaml", Open, Everyone, get_openapi},
@@ -52,10 +54,15 @@ std::optional<std::map<std::string, std::string, std::less<>>> match(std::string
     while (!pattern.empty() && !path.empty()) {
         const std::string_view wanted = take_segment(pattern);
         const std::string_view segment = take_segment(path);
-        const bool placeholder = wanted.starts_with('{');
-        if (placeholder && segment.empty()) return std::nullopt;
-        if (!placeholder && wanted != segment) return std::nullopt;
-        if (placeholder) values.emplace(wanted.substr(1, wanted.size() - 2), segment);
+        if (!wanted.starts_with('{')) {
+            if (wanted != segment) return std::nullopt;
+            continue;
+        }
+        const auto close = wanted.find('}');
+        const std::string_view ending = wanted.substr(close + 1);
+        if (segment.size() <= ending.size() || !segment.ends_with(ending)) return std::nullopt;
+        values.emplace(wanted.substr(1, close - 1),
+                       segment.substr(0, segment.size() - ending.size()));
     }
     if (!pattern.empty() || !path.empty()) return std::nullopt;
     return values;

@@ -11,11 +11,14 @@
 
 namespace stipple::server::http {
 
+/// Slices that are cut at a time: the only replies for which the service itself computes.
+inline constexpr unsigned kMostSlices = 4;
+
 /// What the handlers work with.
 struct Resources {
     Service& service;
     bool with_keys = false;  ///< replies are for their tenant alone
-    Permits uploads, downloads, waits, streams;
+    Permits uploads, downloads, waits, streams, slices;
 
     Resources(Service& the_service, bool keys, unsigned max_connections)
         : service(the_service),
@@ -23,7 +26,8 @@ struct Resources {
           uploads("uploads", max_connections / 8 + 1),
           downloads("downloads", max_connections / 4 + 1),
           waits("long polls", max_connections / 4 + 1),
-          streams("event streams", max_connections / 4 + 1) {}
+          streams("event streams", max_connections / 4 + 1),
+          slices("slices of pyramids", kMostSlices) {}
 };
 
 /// Whether scripts of other sites may read the reply: those that the server was told of, or all.
@@ -31,7 +35,7 @@ enum class Sharing { Listed, Everyone };
 
 struct Route {
     std::string_view method;
-    std::string_view path;  ///< `{name}` stands for one segment
+    std::string_view path;  ///< `{name}` stands for one segment, or its begin
     Scope scope;
     Sharing sharing;
     Reply (*handle)(Resources&, Request&);
@@ -67,6 +71,8 @@ Reply evaluate(Resources&, Request&);
 Reply get_manifest(Resources&, Request&);
 Reply get_tileset(Resources&, Request&);
 Reply get_stream(Resources&, Request&);
+Reply get_slice(Resources&, Request&);
+Reply get_pyramid_archive(Resources&, Request&);
 Reply get_pyramid_file(Resources&, Request&);
 Reply get_limits(Resources&, Request&);
 Reply get_openapi(Resources&, Request&);

@@ -110,12 +110,12 @@ Reply result_reply(Resources& resources, const Request& request, const proto::Jo
     const proto::OutputCloud& cloud = results.levels.at(0);
     const proto::OutputFile& file = cloud.files.at(0);
     auto permit = resources.downloads.take();
-    auto blob = resources.service.output(request.tenant, job.id, file.sha256);
-    const std::uint64_t size = blob->size();
+    StoredFile stored = resources.service.outputs().file(request.tenant, job.id, file.sha256, {});
+    const std::uint64_t size = stored.size();
     Reply reply{.status = 200,
                 .headers = {},
                 .media_type = std::string(media_type(file.format)),
-                .content = BlobRange{std::move(blob), 0, size},
+                .content = StoredRange{std::move(stored.content), 0, size},
                 .permit = std::move(permit)};
     reply.headers.set("ETag", '"' + file.sha256 + '"');
     reply.headers.set("Cache-Control", "no-store");

@@ -66,22 +66,11 @@ proto::CloudDocument document_of(CloudRow row) {
                       {"content", self + "/content", std::string(media_type(row.format))}}};
 }
 
-/// Where the files of a level are served.
-void fill_links(proto::OutputCloud& level, const std::string& job_id, bool pyramid) {
-    const std::string folder =
-        pyramid ? "/v1/pyramids/" + job_id + "/" : "/v1/jobs/" + job_id + "/results/";
-    for (proto::OutputFile& file : level.files) {
-        file.href = folder + file.sha256 + "." + std::string(to_string(file.format));
-    }
-    for (proto::PictureFile& picture : level.pictures)
-        picture.href = folder + picture.sha256 + ".png";
-}
-
-/// The same for an event that tells of a level.
+/// Fills in the links of an event that tells of a level.
 void fill_links(JobEvent& event, const proto::JobDocument& job) {
     if (event.type != "level") return;
     proto::JobReport report = proto::job_report_from_json(event.data);
-    fill_links(report.level.value(), job.id, is_pyramid(job.request));
+    server::fill_links(report.level.value(), job.id, is_pyramid(job.request));
     event.data = to_json(report);
 }
 
@@ -101,7 +90,7 @@ void check_known_cloud(const proto::CloudStatistics& cloud, const Limits& limits
 }  // namespace
 
 Service::Service(Limits limits, JobStore& jobs, BlobStore& blobs)
-    : limits_(std::move(limits)), jobs_(jobs), blobs_(blobs) {}
+    : limits_(std::move(limits)), jobs_(jobs), blobs_(blobs), outputs_(jobs, blobs) {}
 
 // Clouds.
 
@@ -237,28 +226,9 @@ std::vector<JobEvent> Service::events(const std::string& tenant, const std::stri
 // Results.
 
 proto::Results Service::results(const std::string& tenant, const std::string& id) {
-    auto results = jobs_.results(tenant, id);
+    const auto results = outputs_.results(tenant, id);
     if (!results) throw no_such("job", id);
-    for (proto::OutputCloud& level : results->levels) {
-        fill_links(level, id, is_pyramid(results->request));
-    }
-    return std::move(*results);
-}
-
-std::shared_ptr<const BlobReader> Service::output(const std::string& tenant,
-                                                  const std::string& job_id,
-                                                  const std::string& sha256) {
-    const proto::Results all = results(tenant, job_id);
-    const bool listed = std::ranges::any_of(all.levels, [&](const proto::OutputCloud& level) {
-        return std::ranges::find(level.files, sha256, &proto::OutputFile::sha256) !=
-                   level.files.end() ||
-               std::ranges::find(level.pictures, sha256, &proto::PictureFile::sha256) !=
-                   level.pictures.end();
-    });
-    if (!listed) throw no_such("result", job_id + "/" + sha256);
-    auto blob = blobs_.open(sha256);
-    if (!blob) throw Error(ErrorCode::Internal, "result " + sha256 + ": its bytes are missing");
-    return blob;
+    return *results;
 }
 
 void Service::check_ready() {

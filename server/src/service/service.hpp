@@ -1,5 +1,6 @@
 #pragma once
 
+#include "service/outputs.hpp"
 #include "store/blob_store.hpp"
 #include "store/job_store.hpp"
 
@@ -77,9 +78,8 @@ public:
                                  std::stop_token stop);
     /// Also of a running job: what is there so far, `complete` false. Links filled.
     proto::Results results(const std::string& tenant, const std::string& id);
-    /// A file of a result by its hash; NotFound when the job does not list it.
-    std::shared_ptr<const BlobReader> output(const std::string& tenant, const std::string& job_id,
-                                             const std::string& sha256);
+    /// The files of results, as they are sent.
+    Outputs& outputs() noexcept { return outputs_; }
 
     JobStore::Counts counts() { return jobs_.counts(); }
     /// Database answers, blobs can be written. @throws Error(Internal) saying what cannot.
@@ -89,6 +89,7 @@ private:
     const Limits limits_;
     JobStore& jobs_;
     BlobStore& blobs_;
+    Outputs outputs_;
 };
 
 }  // namespace stipple::server

@@ -5,8 +5,10 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace stipple::server {
@@ -53,11 +55,23 @@ public:
     /// did.
     virtual bool remove_older(const std::string& sha256,
                               std::chrono::system_clock::time_point time) = 0;
+
+    /// Keeps bytes that were made from a blob beside it, under a short name of letters and digits:
+    /// they go when the blob goes. Does nothing when the blob is missing. Not durable: what is lost
+    /// can be made again.
+    virtual void put_copy(const std::string& sha256, std::string_view name,
+                          std::span<const std::byte> bytes) = 0;
+    /// What was kept, or nothing: also when it is damaged.
+    virtual std::optional<std::vector<std::byte>> copy(const std::string& sha256,
+                                                       std::string_view name) const = 0;
+    virtual void remove_copy(const std::string& sha256, std::string_view name) = 0;
+
     /// Writes something small, durably. @throws Error(Internal) saying why it could not.
     virtual void probe() = 0;
 };
 
-/// Blobs as files `<root>/ab/cd/<sha256>`, for any number of processes.
+/// Blobs as files `<root>/ab/cd/<sha256>`, for any number of processes; copies as
+/// `<sha256>.<name>` beside them: their bytes, and the 64 digits of the hash of these.
 /// @param unfinished  folders in `root` that no other process uses: what a killed one left there is
 /// removed, and files are written in the first before they get their names.
 std::unique_ptr<BlobStore> open_file_blob_store(const std::filesystem::path& root,

@@ -9,6 +9,7 @@
 #include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
+#include <algorithm>
 #include <cerrno>
 #include <map>
 #include <mutex>
@@ -22,6 +23,7 @@ namespace fs = std::filesystem;
 using std::chrono::system_clock;
 
 constexpr std::size_t kBlock = 1 << 20;
+constexpr std::size_t kHashDigits = 64;
 
 struct stat status_of(const FileDescriptor& fd, const fs::path& file) {
     struct stat status {};
@@ -124,6 +126,11 @@ public:
     std::shared_ptr<const BlobReader> open(const std::string& sha256) const override;
     std::vector<std::string> older_than(system_clock::time_point time) const override;
     bool remove_older(const std::string& sha256, system_clock::time_point time) override;
+    void put_copy(const std::string& sha256, std::string_view name,
+                  std::span<const std::byte> bytes) override;
+    std::optional<std::vector<std::byte>> copy(const std::string& sha256,
+                                               std::string_view name) const override;
+    void remove_copy(const std::string& sha256, std::string_view name) override;
     void probe() override;
 
     /// Gives a whole, written file its name for good.
@@ -135,6 +142,9 @@ private:
         return root_ / sha256.substr(0, 2) / sha256.substr(2, 2);
     }
     fs::path file_of(const std::string& sha256) const { return folder_of(sha256) / sha256; }
+    fs::path copy_of(const std::string& sha256, std::string_view name) const {
+        return folder_of(sha256) / (sha256 + "." + std::string(name));
+    }
     void remember(const std::string& sha256, const Identity& identity) const;
     bool remembers(const std::string& sha256, const Identity& identity) const;
 
@@ -283,9 +293,49 @@ bool FileBlobStore::remove_older(const std::string& sha256, system_clock::time_p
     struct stat status {};
     if (::stat(file.c_str(), &status) != 0 || committed_at(status) >= time) return false;
     if (::unlink(file.c_str()) != 0) throw_errno("cannot remove", file);
+    for (const fs::directory_entry& entry : fs::directory_iterator(file.parent_path())) {
+        if (entry.path().stem() == sha256) fs::remove(entry.path());
+    }
     const std::lock_guard verified_lock(verified_mutex_);
     verified_.erase(sha256);
     return true;
+}
+
+void FileBlobStore::put_copy(const std::string& sha256, std::string_view name,
+                             std::span<const std::byte> bytes) {
+    const TemporaryName temporary(temporary_folder());
+    const FileDescriptor fd = open_file(temporary.path(), O_WRONLY | O_CREAT | O_EXCL);
+    if (!fd) throw_errno("cannot create", temporary.path());
+    write_all(fd, bytes, temporary.path());
+    const std::string hash = proto::sha256_hex(bytes);
+    write_all(fd, std::as_bytes(std::span(hash)), temporary.path());
+
+    const std::lock_guard lock(names_mutex_);
+    struct stat status {};
+    if (::stat(file_of(sha256).c_str(), &status) != 0) return;
+    const fs::path file = copy_of(sha256, name);
+    if (::rename(temporary.path().c_str(), file.c_str()) != 0) throw_errno("cannot name", file);
+}
+
+std::optional<std::vector<std::byte>> FileBlobStore::copy(const std::string& sha256,
+                                                          std::string_view name) const {
+    const fs::path file = copy_of(sha256, name);
+    const FileDescriptor fd = open_file(file, O_RDONLY | O_NOFOLLOW);
+    if (!fd) return std::nullopt;
+    std::vector<std::byte> bytes(static_cast<std::size_t>(status_of(fd, file).st_size));
+    if (bytes.size() < kHashDigits || read_at(fd, 0, bytes, file) != bytes.size())
+        return std::nullopt;
+    const std::span whole(bytes);
+    const std::string hash = proto::sha256_hex(whole.first(bytes.size() - kHashDigits));
+    if (!std::ranges::equal(whole.last(kHashDigits), std::as_bytes(std::span(hash))))
+        return std::nullopt;
+    bytes.resize(bytes.size() - kHashDigits);
+    return bytes;
+}
+
+void FileBlobStore::remove_copy(const std::string& sha256, std::string_view name) {
+    std::error_code ignored;
+    fs::remove(copy_of(sha256, name), ignored);
 }
 
 void FileBlobStore::probe() {

@@ -121,6 +121,7 @@ void JobAttempt::handle(const proto::JobReport& report) {
         // Durable first, then the row that names it.
         const proto::OutputCloud level = adopt_files(*report.level);
         if (taken(jobs_.publish_level(lease_, level))) {
+            if (options_.on_level) options_.on_level(level);
             spdlog::debug("job.level id={} level={} points={}", lease_.job_id, level.level,
                           level.points);
         }

@@ -40,6 +40,7 @@ struct WorkerPoolOptions {
     std::chrono::seconds lease{30};
     std::chrono::seconds drain{
         30};  ///< how long running jobs may go on when stopping; then they are handed back
+    std::function<void(const proto::OutputCloud&)> on_level{};  ///< told of each published level
 };
 
 /// Claims, spawns, watches, publishes. Starts in the constructor; the destructor drains. Learns

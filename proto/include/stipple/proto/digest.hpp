@@ -30,6 +30,8 @@ std::string sha256_hex(std::span<const std::byte> bytes);
 std::string sha256_of_file(const std::filesystem::path& file);
 /// Whether `text` is 64 lower-case hexadecimal digits.
 bool is_sha256(std::string_view text) noexcept;
+/// RFC 4648, with padding.
+std::string base64(std::span<const std::byte> bytes);
 /// `bytes` random bytes from the system, in lower-case hexadecimal.
 std::string random_hex(std::size_t bytes);
 

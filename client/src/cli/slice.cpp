@@ -1,0 +1,89 @@
+#include "stipple/proto/slice.hpp"
+
+#include "cli/commands.hpp"
+#include "cli/files.hpp"
+#include "cli/report.hpp"
+#include "cli/units.hpp"
+#include "stipple/client.hpp"
+
+#include <chrono>
+#include <fstream>
+#include <iostream>
+
+namespace stipple::cli {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::ordered_json;
+
+std::vector<std::byte> read_file(const fs::path& file) {
+    require_input(file);
+    std::vector<std::byte> bytes(fs::file_size(file));
+    std::ifstream stream(file, std::ios::binary);
+    stream.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
+    if (!stream) throw Error(ErrorCode::Internal, file.string() + ": cannot be read");
+    return bytes;
+}
+
+/// From the folder of a pyramid.
+proto::Slice slice_here(const SliceCommand& command, const Session& session) {
+    const fs::path folder = command.pyramid;
+    const fs::path manifest = folder / "manifest.json";
+    const std::vector<std::byte> text = read_file(manifest);
+    const proto::Results pyramid = naming(manifest, [&] {
+        return proto::results_from_json({reinterpret_cast<const char*>(text.data()), text.size()});
+    });
+    proto::SliceOptions options = command.options;
+    options.max_points = UINT32_MAX;  // of a server
+    RunContext context;
+    context.stop = session.stop;
+    context.threads = command.common.threads;
+    proto::Slice slice = proto::slice_pyramid(
+        pyramid, options,
+        [&](const proto::OutputFile& file) {
+            // A manifest of foreign making names no file elsewhere.
+            return read_file(folder / fs::path(file.href).filename());
+        },
+        context);
+    write_text(command.output,
+               {reinterpret_cast<const char*>(slice.bytes.data()), slice.bytes.size()});
+    return slice;
+}
+
+proto::Slice slice_there(const SliceCommand& command, const Session& session) {
+    Client client(command.server.url, {.api_key = command.server.api_key,
+                                       .stop = session.stop,
+                                       .timeout = std::chrono::seconds(120)});
+    return client.slice(command.pyramid, command.options, command.output);
+}
+
+}  // namespace
+
+void run(const SliceCommand& command, const Session& session) {
+    const auto start = std::chrono::steady_clock::now();
+    const bool here = command.server.url.empty();
+    const proto::Slice slice = here ? slice_here(command, session) : slice_there(command, session);
+    const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
+    const std::uint64_t bytes = fs::file_size(command.output);
+    if (!command.common.quiet) {
+        const TextStyle& style = session.terminal.style();
+        std::cerr << style.strong(with_separators(slice.points) + " points") << " of level "
+                  << slice.level << " in " << readable_seconds(took.count()) << ' ' << style.dot()
+                  << ' ' << readable_bytes(bytes);
+        if (slice.error_mean)
+            std::cerr << ' ' << style.dot() << " error: mean " << short_number(*slice.error_mean)
+                      << ", max " << short_number(*slice.error_max);
+        std::cerr << '\n';
+    }
+    ordered_json figures;
+    figures["output"] = {{"points", slice.points},
+                         {"file", command.output.string()},
+                         {"bytes", bytes},
+                         {"level", slice.level}};
+    if (slice.error_mean)
+        figures["error"] = {{"mean", *slice.error_mean}, {"max", *slice.error_max}};
+    figures["seconds"] = {{"total", took.count()}};
+    write_json(command.common.json, figures);
+}
+
+}  // namespace stipple::cli

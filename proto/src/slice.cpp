@@ -1,0 +1,360 @@
+#include "stipple/proto/slice.hpp"
+
+#include "json_reader.hpp"
+#include "stipple/error.hpp"
+#include "stipple/proto/tiles.hpp"
+#include "stipple/surface_error.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+namespace stipple::proto {
+
+namespace {
+
+constexpr std::uint64_t kMostGlbPoints = 65'536;
+constexpr int kMostTries = 8;
+constexpr double kCloseEnough = 0.98;   // of a budget of bytes
+constexpr std::uint64_t kMostRead = 4;  // points, for each that may be returned
+
+struct Distances {
+    double mean = 0, max = 0;
+};
+
+/// Points of a level that lie in the box, and how far that level is from the source.
+struct Cut {
+    std::size_t level = 0;
+    PointCloud cloud;
+    std::optional<Distances> error;
+};
+
+const OutputFile* find_ply(const OutputCloud& level) {
+    const auto found = std::ranges::find(level.files, CloudFormat::Ply, &OutputFile::format);
+    return found == level.files.end() ? nullptr : &*found;
+}
+
+void append(PointCloud& to, PointCloud&& from) {
+    if (to.empty()) {
+        to = std::move(from);
+        return;
+    }
+    const auto add = [](auto& all, auto& more) { all.insert(all.end(), more.begin(), more.end()); };
+    add(to.positions, from.positions);
+    add(to.normals, from.normals);
+    add(to.colors, from.colors);
+    for (std::size_t i = 0; i < to.attributes.size(); ++i) {
+        std::visit(
+            [&](auto& all) {
+                add(all, std::get<std::decay_t<decltype(all)>>(from.attributes.at(i).values));
+            },
+            to.attributes[i].values);
+    }
+}
+
+bool meet(const Aabb& a, const Aabb& b) {
+    return (a.min.array() <= b.max.array()).all() && (b.min.array() <= a.max.array()).all();
+}
+
+PointCloud points_in(PointCloud&& cloud, const Aabb& box) {
+    std::vector<Index> inside;
+    for (std::size_t i = 0; i < cloud.size(); ++i) {
+        const Vec3d p = cloud.origin + cloud.positions[i].cast<double>();
+        if ((p.array() >= box.min.array()).all() && (p.array() <= box.max.array()).all())
+            inside.push_back(static_cast<Index>(i));
+    }
+    return inside.size() == cloud.size() ? std::move(cloud) : subset(cloud, inside);
+}
+
+class Slicer {
+public:
+    Slicer(const Results& pyramid, const SliceOptions& options, const FileReader& read,
+           const RunContext& context)
+        : pyramid_(pyramid),
+          job_(std::get<PyramidJob>(pyramid.request.job)),
+          options_(options),
+          read_(read),
+          context_(context) {
+        const Aabb& source = pyramid.source.value().bounds;
+        center_ = 0.5 * (source.min + source.max);
+    }
+
+    Slice run() {
+        if (options_.points) return with_points(*options_.points);
+        if (options_.bytes) return within_bytes(static_cast<double>(*options_.bytes));
+        return within_error(*options_.max_error);
+    }
+
+private:
+    // Levels.
+
+    /// Whether to read the level from tiles.
+    bool tiled(const OutputCloud& level) const {
+        const bool tiles = std::ranges::any_of(
+            level.files, [](const OutputFile& f) { return f.tile.has_value(); });
+        return tiles && (options_.box || find_ply(level) == nullptr);
+    }
+
+    bool in_box(const OutputFile& file) const {
+        if (!file.tile) return false;
+        if (!options_.box) return true;
+        const LodTile& tile = *file.tile;
+        const Vec3d last(tile.last[0], tile.last[1], tile.last[2]);
+        const Vec3d low = center_ + tile.offset, step = Vec3d::Constant(tile.step);
+        return meet(*options_.box, {low - step, low + tile.step * last + step});
+    }
+
+    /// The most points that the level can have in the box.
+    std::uint64_t most_points(const OutputCloud& level) const {
+        if (!tiled(level)) return level.points;
+        std::uint64_t points = 0;
+        for (const OutputFile& file : level.files)
+            if (in_box(file)) points += file.tile->points;
+        return points;
+    }
+
+    Cut read_level(std::size_t number) const {
+        const OutputCloud& level = pyramid_.levels[number];
+        context_.throw_if_stopped();
+        if (const std::uint64_t points = most_points(level), most = kMostRead * options_.max_points;
+            points > most) {
+            throw Error(ErrorCode::TooLarge,
+                        "level " + std::to_string(level.level) + " has " + std::to_string(points) +
+                            " points here: at most " + std::to_string(most) +
+                            " are read; ask for fewer points, or a smaller box");
+        }
+        Cut cut{number, {}, error_of(level)};
+        if (tiled(level)) {
+            read_tiles(level, cut.cloud);
+        } else if (const OutputFile* const ply = find_ply(level)) {
+            cut.cloud =
+                decode_cloud(read_(*ply), DecodeLimits{.max_points = level.points}, context_);
+        } else {
+            throw Error(ErrorCode::InvalidArgument,
+                        "this pyramid has neither PLY levels nor tiles: make it with one of the "
+                        "formats ply and glb to cut clouds from it");
+        }
+        if (options_.box) cut.cloud = points_in(std::move(cut.cloud), *options_.box);
+        return cut;
+    }
+
+    void read_tiles(const OutputCloud& level, PointCloud& cloud) const {
+        for (const OutputFile& file : level.files) {
+            if (!in_box(file)) continue;
+            context_.throw_if_stopped();
+            const LodTile tile = decode_glb(read_(file));
+            if (tile.points != file.tile->points)
+                throw Error(ErrorCode::MalformedInput, file.sha256 + ": expected " +
+                                                           std::to_string(file.tile->points) +
+                                                           " points, as the manifest says");
+            append(cloud, decode_tile(tile, center_));
+        }
+    }
+
+    /// That of the level, or of its tiles here: where they are read, and where it was not measured.
+    std::optional<Distances> error_of(const OutputCloud& level) const {
+        if (level.error && !tiled(level))
+            return Distances{level.error->error.mean(), level.error->error.max()};
+        Distances error;
+        double points = 0;
+        for (const OutputFile& file : level.files) {
+            if (!in_box(file)) continue;
+            const double share = static_cast<double>(file.tile->points);
+            error.mean += share * file.tile->error.mean;
+            error.max = std::max(error.max, file.tile->error.max);
+            points += share;
+        }
+        if (points == 0) return std::nullopt;
+        error.mean /= points;
+        return error;
+    }
+
+    /// The coarsest level with so many points in the box, or the finest.
+    const Cut& level_with(std::uint64_t points) {
+        const std::size_t finest = pyramid_.levels.size() - 1;
+        for (std::size_t i = cut_ ? cut_->level : 0;; ++i) {
+            if (cut_ && cut_->level == i && cut_->cloud.size() >= points) return *cut_;
+            if (i < finest && most_points(pyramid_.levels[i]) < points) continue;
+            if (!cut_ || cut_->level != i) cut_ = read_level(i);
+            if (cut_->cloud.size() >= points || i == finest) break;
+        }
+        if (cut_->cloud.empty()) throw Error(ErrorCode::NotFound, "no point lies in the box");
+        return *cut_;
+    }
+
+    // Budgets.
+
+    Slice with_points(std::uint64_t points) {
+        require_room(points);
+        const Cut& cut = level_with(points);
+        if (cut.cloud.size() <= points) return sliced(cut, cut.cloud, false);
+        return sliced(cut, simplified(cut.cloud, points), true);
+    }
+
+    /// Tries counts, each by the bytes a point of the one before, and keeps the largest that fits.
+    Slice within_bytes(double budget) {
+        constexpr double kGuess = 16;  // bytes a point
+        std::optional<Slice> best;
+        double points = budget / kGuess, too_many = INFINITY;
+        Slice tried;
+        for (int i = 0; i < kMostTries; ++i) {
+            const double most = static_cast<double>(most_points());
+            points = std::floor(std::clamp(points, 1.0, most));
+            tried = with_points(static_cast<std::uint64_t>(points));
+            const auto size = static_cast<double>(tried.bytes.size());
+            const double got = static_cast<double>(tried.points);
+            if (size <= budget) {
+                const bool all = got < points || points == most;
+                if (!best || tried.points > best->points) best = std::move(tried);
+                if (all || size >= kCloseEnough * budget) break;
+            } else {
+                too_many = got;
+            }
+            points = std::min(got * (1 + kCloseEnough) / 2 * budget / size, too_many - 1);
+            if (points < 1 || (best && points <= static_cast<double>(best->points))) break;
+        }
+        if (best) return std::move(*best);
+        throw Error(ErrorCode::InvalidArgument, "bytes " + std::to_string(*options_.bytes) + ": " +
+                                                    std::to_string(tried.points) +
+                                                    " points of this pyramid take " +
+                                                    std::to_string(tried.bytes.size()));
+    }
+
+    Slice within_error(double bound) {
+        std::optional<Distances> error;
+        for (std::size_t i = 0; i < pyramid_.levels.size(); ++i) {
+            const OutputCloud& level = pyramid_.levels[i];
+            error = error_of(level);
+            if (!error || error->max > bound) continue;
+            if (tiled(level)) require_room(most_points(level));
+            const Cut cut = read_level(i);
+            if (cut.cloud.empty()) throw Error(ErrorCode::NotFound, "no point lies in the box");
+            require_room(cut.cloud.size());
+            return sliced(cut, cut.cloud, false);
+        }
+        if (most_points(pyramid_.levels.back()) == 0)
+            throw Error(ErrorCode::NotFound, "no point lies in the box");
+        throw Error(ErrorCode::InvalidArgument,
+                    "max_error " + std::to_string(bound) +
+                        (error ? ": that of the finest level is " + std::to_string(error->max)
+                               : ": no error was measured here"));
+    }
+
+    /// Of the finest level, and that may be returned.
+    std::uint64_t most_points() const {
+        return std::min({options_.max_points, most_points(pyramid_.levels.back()),
+                         options_.format == CloudFormat::Glb ? kMostGlbPoints : UINT64_MAX});
+    }
+
+    void require_room(std::uint64_t points) const {
+        if (points > options_.max_points)
+            throw Error(ErrorCode::TooLarge,
+                        std::to_string(points) + " points: a slice has at most " +
+                            std::to_string(options_.max_points) +
+                            "; fetch the level's own files, which the manifest names");
+        if (options_.format == CloudFormat::Glb && points > kMostGlbPoints)
+            throw Error(ErrorCode::InvalidArgument, std::to_string(points) +
+                                                        " points: a glb has at most " +
+                                                        std::to_string(kMostGlbPoints) +
+                                                        "; ask for ply or drc, or use the tileset");
+    }
+
+    // Clouds.
+
+    PointCloud simplified(const PointCloud& cloud, std::uint64_t points) const {
+        SimplifyOptions options{.method = job_.options.method, .points = points};
+        options.hierarchical.representative = job_.options.representative;
+        options.reductions = job_.options.reductions;
+        std::erase_if(options.reductions, [&](const auto& reduction) {
+            return find_attribute(cloud, reduction.first) == nullptr;  // tiles may lack it
+        });
+        return simplify(cloud, options, context_);
+    }
+
+    Slice sliced(const Cut& cut, const PointCloud& cloud, bool trimmed) const {
+        Slice slice{.bytes = encoded(cloud),
+                    .points = cloud.size(),
+                    .level = pyramid_.levels[cut.level].level,
+                    .error_mean = {},
+                    .error_max = {}};
+        if (!cut.error) return slice;
+        slice.error_mean = cut.error->mean;
+        slice.error_max = cut.error->max;
+        if (trimmed) {
+            const SurfaceError added = estimate_error(cut.cloud, cloud, context_);
+            *slice.error_mean += added.mean();
+            *slice.error_max += added.max();
+        }
+        return slice;
+    }
+
+    std::vector<std::byte> encoded(const PointCloud& cloud) const {
+        switch (options_.format) {
+            case CloudFormat::Ply:
+                return encode_ply(cloud, {}, context_);
+            case CloudFormat::Draco:
+                return encode_draco(cloud, options_.draco, context_);
+            case CloudFormat::Glb:
+                break;
+        }
+        LodTiler tiler(cloud, {.attributes = true}, context_);
+        std::vector<LodTile> tiles = tiler.add_level(cloud, true, context_);
+        tiles.at(0).offset += tiler.center();
+        return encode_glb(tiles.at(0));
+    }
+
+    const Results& pyramid_;
+    const PyramidJob& job_;
+    const SliceOptions& options_;
+    const FileReader& read_;
+    const RunContext& context_;
+    Vec3d center_;
+    std::optional<Cut> cut_;  ///< of the last count
+};
+
+}  // namespace
+
+void validate(const SliceOptions& options) {
+    const auto refuse = [](const std::string& what) {
+        throw Error(ErrorCode::InvalidArgument, what);
+    };
+    if (int{options.points.has_value()} + options.bytes.has_value() +
+            options.max_error.has_value() !=
+        1) {
+        refuse("expected exactly one of points, bytes and max_error");
+    }
+    if (options.points == 0) refuse("points 0: expected at least 1");
+    if (options.bytes == 0) refuse("bytes 0: expected at least 1");
+    if (options.max_error && !(*options.max_error > 0 && std::isfinite(*options.max_error)))
+        refuse("max_error " + std::to_string(*options.max_error) + ": expected a length above 0");
+    if (options.box &&
+        (options.box->empty() || !options.box->min.allFinite() || !options.box->max.allFinite())) {
+        refuse("box: expected six finite numbers, x0 <= x1, y0 <= y1 and z0 <= z1");
+    }
+}
+
+std::string slice_query(const SliceOptions& options) {
+    std::string query = "format=" + std::string(to_string(options.format));
+    if (options.points) query += "&points=" + std::to_string(*options.points);
+    if (options.bytes) query += "&bytes=" + std::to_string(*options.bytes);
+    if (options.max_error) query += "&max_error=" + Json(*options.max_error).dump();
+    if (options.box) {
+        const auto& [low, high] = *options.box;
+        const Json numbers = {low.x(), low.y(), low.z(), high.x(), high.y(), high.z()};
+        const std::string list = numbers.dump();
+        query += "&box=" + list.substr(1, list.size() - 2);
+    }
+    return query;
+}
+
+Slice slice_pyramid(const Results& pyramid, const SliceOptions& options, const FileReader& read,
+                    const RunContext& context) {
+    validate(options);
+    if (!pyramid.complete || pyramid.levels.empty() || !pyramid.source ||
+        !std::holds_alternative<PyramidJob>(pyramid.request.job)) {
+        throw Error(ErrorCode::InvalidArgument, "expected a finished pyramid");
+    }
+    return Slicer(pyramid, options, read, context).run();
+}
+
+}  // namespace stipple::proto

@@ -1,0 +1,262 @@
+#include "service/outputs.hpp"
+
+#include "stipple/error.hpp"
+#include "stipple/proto/digest.hpp"
+#include "stipple/proto/tiles.hpp"
+
+#include <algorithm>
+#include <array>
+#include <unordered_map>
+
+namespace stipple::server {
+
+namespace {
+
+constexpr std::size_t kCacheBytes = 64U << 20;
+constexpr std::size_t kMaxCachedFile = 1U << 20;
+constexpr std::size_t kMaxJobs = 64;
+constexpr std::uint64_t kMostInlined = 64 * 1024;  // bytes
+
+bool is_pyramid(const proto::Results& results) {
+    return std::holds_alternative<proto::PyramidJob>(results.request.job);
+}
+
+Error no_such(const std::string& what) {
+    return {ErrorCode::NotFound, "no such " + what};
+}
+
+bool packs(CloudFormat format) noexcept {
+    // The others are packed as well as they can be.
+    return format == CloudFormat::Ply || format == CloudFormat::Glb;
+}
+
+Bytes shared(std::string_view text) {
+    const auto bytes = std::as_bytes(std::span(text));
+    return std::make_shared<const std::vector<std::byte>>(bytes.begin(), bytes.end());
+}
+
+std::string document_key(const std::string& job_id, const std::string& name,
+                         std::optional<CloudFormat> inlined) {
+    const std::string key = job_id + "/" + name;
+    return inlined ? key + "?inline=" + std::string(to_string(*inlined)) : key;
+}
+
+StoredFile stored(OutputCache::File file, Coding coding, bool negotiated) {
+    return {std::move(file.bytes), std::move(file.tag), coding, negotiated};
+}
+
+}  // namespace
+
+void fill_links(proto::OutputCloud& level, const std::string& job_id, bool pyramid) {
+    const std::string folder =
+        pyramid ? "/v1/pyramids/" + job_id + "/" : "/v1/jobs/" + job_id + "/results/";
+    for (proto::OutputFile& file : level.files)
+        file.href = folder + file.sha256 + "." + std::string(to_string(file.format));
+    for (proto::PictureFile& picture : level.pictures)
+        picture.href = folder + picture.sha256 + ".png";
+}
+
+std::uint64_t StoredFile::size() const noexcept {
+    if (const auto* const bytes = std::get_if<Bytes>(&content)) return (*bytes)->size();
+    return std::get<std::shared_ptr<const BlobReader>>(content)->size();
+}
+
+struct Outputs::Job {
+    struct Listed {
+        std::uint64_t bytes = 0;
+        bool packs = false;
+    };
+    std::string id;
+    proto::Results results;
+    std::unordered_map<std::string_view, Listed> files;
+    mutable std::atomic<std::uint64_t> seen = 0;  ///< version of the store at which it was there
+    mutable std::atomic<std::uint64_t> used = 0;
+
+    Job(std::string job_id, proto::Results&& made)
+        : id(std::move(job_id)), results(std::move(made)) {
+        for (proto::OutputCloud& level : results.levels) {
+            fill_links(level, id, is_pyramid(results));
+            for (const proto::OutputFile& file : level.files)
+                files.emplace(file.sha256, Listed{file.bytes, packs(file.format)});
+            for (const proto::PictureFile& picture : level.pictures)
+                files.emplace(picture.sha256, Listed{picture.bytes, false});
+        }
+    }
+};
+
+Outputs::Outputs(JobStore& jobs, BlobStore& blobs)
+    : jobs_(jobs),
+      blobs_(blobs),
+      cache_(kCacheBytes),
+      packer_(blobs, [this](const std::string& sha256, const Packing& packing) {
+          cache_.remove(sha256 + "." + std::string(to_string(packing.coding)));
+      }) {}
+
+std::shared_ptr<const proto::Results> Outputs::results(const std::string& tenant,
+                                                       const std::string& id) {
+    const auto job = find(tenant, id);
+    return job ? std::shared_ptr<const proto::Results>(job, &job->results) : nullptr;
+}
+
+/// A finished job changes no more; it can only be removed, which the version of the store tells.
+std::shared_ptr<const Outputs::Job> Outputs::find(const std::string& tenant,
+                                                  const std::string& id) {
+    const std::string key = tenant + '\0' + id;
+    if (auto job = remembered(key, tenant, id)) return job;
+
+    const std::uint64_t version = jobs_.version();
+    auto results = jobs_.results(tenant, id);
+    if (!results) return nullptr;
+    const bool complete = results->complete;
+    auto job = std::make_shared<const Job>(id, std::move(*results));
+    job->seen = version;
+    if (!complete) return job;
+
+    const std::lock_guard lock(finished_mutex_);
+    job->used = ++uses_;
+    finished_.insert_or_assign(key, job);
+    if (finished_.size() > kMaxJobs) {
+        finished_.erase(std::ranges::min_element(
+            finished_, {}, [](const auto& entry) { return entry.second->used.load(); }));
+    }
+    return job;
+}
+
+std::shared_ptr<const Outputs::Job> Outputs::remembered(const std::string& key,
+                                                        const std::string& tenant,
+                                                        const std::string& id) {
+    std::shared_ptr<const Job> job;
+    {
+        const std::lock_guard lock(finished_mutex_);
+        const auto found = finished_.find(key);
+        if (found == finished_.end()) return nullptr;
+        job = found->second;
+        job->used = ++uses_;
+    }
+    const std::uint64_t version = jobs_.version();
+    if (job->seen == version) return job;
+    if (jobs_.find_job(tenant, id)) {
+        job->seen = version;
+        return job;
+    }
+    const std::lock_guard lock(finished_mutex_);
+    finished_.erase(key);
+    return nullptr;
+}
+
+StoredFile Outputs::file(const std::string& tenant, const std::string& job_id,
+                         const std::string& sha256, std::span<const Coding> accepted) {
+    const auto job = find(tenant, job_id);
+    if (!job) throw no_such("job: " + job_id);
+    const auto listed = job->files.find(sha256);
+    if (listed == job->files.end()) throw no_such("result: " + job_id + "/" + sha256);
+    const bool negotiated = listed->second.packs && listed->second.bytes <= kMaxPackedSource;
+    for (const Coding coding : accepted) {
+        if (!negotiated || coding == Coding::Identity) break;
+        if (auto file = packed(sha256, coding)) return stored(std::move(*file), coding, true);
+    }
+
+    if (auto file = cache_.find(sha256))
+        return stored(std::move(*file), Coding::Identity, negotiated);
+    auto blob = open(sha256);
+    if (blob->size() > kMaxCachedFile)
+        return {std::move(blob), sha256, Coding::Identity, negotiated};
+    std::vector<std::byte> bytes(static_cast<std::size_t>(blob->size()));
+    blob->read(0, bytes);
+    OutputCache::File file{std::make_shared<const std::vector<std::byte>>(std::move(bytes)),
+                           sha256};
+    cache_.put(sha256, file);
+    return stored(std::move(file), Coding::Identity, negotiated);
+}
+
+std::shared_ptr<const BlobReader> Outputs::open(const std::string& sha256) const {
+    auto blob = blobs_.open(sha256);
+    if (!blob) throw Error(ErrorCode::Internal, "result " + sha256 + ": its bytes are missing");
+    return blob;
+}
+
+std::optional<OutputCache::File> Outputs::packed(const std::string& sha256, Coding coding) {
+    static constexpr std::array kBrotlis = {kBestBrotli, kQuickBrotli};
+    static constexpr std::array kGzips = {kGzip};
+    const std::string key = sha256 + "." + std::string(to_string(coding));
+    auto file = cache_.find(key);
+    const auto& packings = coding == Coding::Brotli ? std::span<const Packing>(kBrotlis) : kGzips;
+    for (std::size_t i = 0; !file && i < packings.size(); ++i) {
+        const auto copy = blobs_.copy(sha256, packings[i].name);
+        if (!copy) {
+            packer_.want(sha256);
+            continue;
+        }
+        file.emplace(OutputCache::File{{}, sha256 + "-" + std::string(packings[i].name)});
+        if (!copy->empty()) file->bytes = std::make_shared<const std::vector<std::byte>>(*copy);
+        cache_.put(key, *file);
+    }
+    return file && file->bytes ? file : std::nullopt;
+}
+
+StoredFile Outputs::document(const std::string& tenant, const std::string& job_id,
+                             const std::string& name, std::span<const Coding> accepted,
+                             std::optional<CloudFormat> inlined) {
+    const auto job = find(tenant, job_id);
+    if (!job || !is_pyramid(job->results)) throw no_such("pyramid: " + job_id);
+    if (!job->results.complete)
+        return stored(plain_document(*job, name, inlined), Coding::Identity, true);
+
+    const std::string key = document_key(job_id, name, inlined);
+    for (const Coding coding : accepted) {
+        if (coding == Coding::Identity) break;
+        const std::string packed_key = key + "." + std::string(to_string(coding));
+        auto file = cache_.find(packed_key);
+        if (!file) {
+            const OutputCache::File plain = plain_document(*job, name, inlined);
+            const Packing& packing = coding == Coding::Brotli ? kQuickBrotli : kGzip;
+            file.emplace(OutputCache::File{{}, plain.tag + "-" + std::string(packing.name)});
+            if (auto bytes = pack(*plain.bytes, packing))
+                file->bytes = std::make_shared<const std::vector<std::byte>>(std::move(*bytes));
+            cache_.put(packed_key, *file);
+        }
+        if (file->bytes) return stored(std::move(*file), coding, true);
+    }
+    return stored(plain_document(*job, name, inlined), Coding::Identity, true);
+}
+
+OutputCache::File Outputs::plain_document(const Job& job, const std::string& name,
+                                          std::optional<CloudFormat> inlined) {
+    const std::string key = document_key(job.id, name, inlined);
+    if (job.results.complete) {
+        if (auto file = cache_.find(key)) return *file;
+    }
+    const proto::Results changed =
+        inlined ? with_coarsest_inside(job.results, *inlined) : proto::Results{};
+    const proto::Results& results = inlined ? changed : job.results;
+    std::optional<std::string> text;
+    if (name == "manifest.json") {
+        text = proto::to_json(results);
+    } else {
+        for (proto::TilesetFile& file : proto::tileset_files(results))
+            if (file.name == name) text = std::move(file.json);
+    }
+    if (!text) throw no_such("tileset: this pyramid has no tiles, or none yet");
+    OutputCache::File file{shared(*text), proto::sha256_hex(std::as_bytes(std::span(*text)))};
+    if (job.results.complete) cache_.put(key, file);
+    return file;
+}
+
+proto::Results Outputs::with_coarsest_inside(proto::Results results, CloudFormat format) const {
+    if (results.levels.empty()) return results;
+    auto& files = results.levels.front().files;
+    const auto file = std::ranges::find(files, format, &proto::OutputFile::format);
+    if (file == files.end() || file->bytes > kMostInlined) return results;
+    const auto blob = open(file->sha256);
+    std::vector<std::byte> bytes(static_cast<std::size_t>(blob->size()));
+    blob->read(0, bytes);
+    file->href = "data:" + std::string(media_type(format)) + ";base64," + proto::base64(bytes);
+    return results;
+}
+
+void Outputs::announce(const proto::OutputCloud& level) {
+    for (const proto::OutputFile& file : level.files)
+        if (file.tile) packer_.want(file.sha256);
+}
+
+}  // namespace stipple::server

@@ -1,0 +1,82 @@
+#pragma once
+
+#include "service/output_cache.hpp"
+#include "service/packer.hpp"
+#include "store/job_store.hpp"
+
+#include <atomic>
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <variant>
+
+namespace stipple::server {
+
+/// Fills in where the files of a level are served.
+void fill_links(proto::OutputCloud& level, const std::string& job_id, bool pyramid);
+
+/// A file as it is sent.
+struct StoredFile {
+    std::variant<Bytes, std::shared_ptr<const BlobReader>> content;
+    std::string tag;  ///< strong entity tag of these very bytes, without quotes
+    Coding coding = Coding::Identity;
+    bool negotiated = false;  ///< another client may get it packed otherwise
+
+    std::uint64_t size() const noexcept;
+};
+
+/// What jobs made, as it is sent: finished jobs are read from the store once, small files and
+/// packed copies are kept in memory, and a request for a tile of a finished pyramid asks no
+/// database. Bounded: 64 jobs, 64 MiB of files. Safe to call from any thread.
+class Outputs {
+public:
+    Outputs(JobStore& jobs, BlobStore& blobs);
+
+    /// What a job made so far, with the links of its files; null when there is no such job.
+    std::shared_ptr<const proto::Results> results(const std::string& tenant, const std::string& id);
+
+    /// A file that a job lists, in the first coding of `accepted` that it has. Where it has none of
+    /// them, and while its packed copies are still made, plain. @throws Error(NotFound) when the
+    /// job does not list it.
+    StoredFile file(const std::string& tenant, const std::string& job_id, const std::string& sha256,
+                    std::span<const Coding> accepted);
+
+    /// `manifest.json`, `tileset.json` or another file of the tileset of a pyramid.
+    /// @param inlined  of the coarsest level, the file of this format is a `data:` URI in it, when
+    /// it has at most 64 KiB: the first picture costs one request.
+    /// @throws Error(NotFound).
+    StoredFile document(const std::string& tenant, const std::string& job_id,
+                        const std::string& name, std::span<const Coding> accepted,
+                        std::optional<CloudFormat> inlined = {});
+
+    /// The bytes of a listed file. @throws Error(Internal) when they are missing.
+    std::shared_ptr<const BlobReader> open(const std::string& sha256) const;
+
+    /// A level was published: its tiles are packed before the first client asks for them.
+    void announce(const proto::OutputCloud& level);
+
+private:
+    struct Job;
+    std::shared_ptr<const Job> find(const std::string& tenant, const std::string& id);
+    std::shared_ptr<const Job> remembered(const std::string& key, const std::string& tenant,
+                                          const std::string& id);
+    OutputCache::File plain_document(const Job& job, const std::string& name,
+                                     std::optional<CloudFormat> inlined);
+    proto::Results with_coarsest_inside(proto::Results results, CloudFormat format) const;
+    std::optional<OutputCache::File> packed(const std::string& sha256, Coding coding);
+
+    JobStore& jobs_;
+    BlobStore& blobs_;
+    OutputCache cache_;
+    std::mutex finished_mutex_;  ///< for both below
+    std::map<std::string, std::shared_ptr<const Job>, std::less<>> finished_;
+    std::uint64_t uses_ = 0;
+    Packer packer_;  ///< last: its threads tell the cache
+};
+
+}  // namespace stipple::server

@@ -1,0 +1,186 @@
+// Pyramids as the real stippled serves them: packed, cut, and whole.
+#include "support/stippled_process.hpp"
+
+#include "stipple/codec.hpp"
+#include "stipple/proto/digest.hpp"
+
+#include <gtest/gtest.h>
+#include <cstdlib>
+#include <fstream>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+namespace stipple::test {
+namespace {
+
+namespace fs = std::filesystem;
+using namespace std::chrono_literals;
+using Json = nlohmann::json;
+
+std::string content(const fs::path& file) {
+    std::ifstream stream(file, std::ios::binary);
+    return {std::istreambuf_iterator<char>(stream), {}};
+}
+
+/// A server with a finished pyramid, made by the command line, which wrote it into a folder, too.
+class ServedPyramid : public testing::Test {
+protected:
+    static void SetUpTestSuite() {
+        folder_ = std::make_unique<TemporaryFolder>();
+        server_ = std::make_unique<StippledProcess>();
+        write_cloud(with_attributes(sphere(6000)), *folder_ / "in.ply");
+        stipple("pyramid in.ply levels --levels 500,2000,6000 --tile-points 1000 --server " +
+                server_->url());
+        const HttpReply jobs = request(server_->port(), "GET", "/v1/jobs");
+        id_ = Json::parse(jobs.body).at("items").at(0).at("id");
+    }
+    static void TearDownTestSuite() {
+        server_.reset();
+        folder_.reset();
+    }
+
+    static void stipple(const std::string& arguments) {
+        const std::string command = "cd '" + folder_->path().string() + "' && '" +
+                                    program("stipple").string() + "' " + arguments + " -q";
+        ASSERT_EQ(std::system(command.c_str()), 0) << command;
+    }
+    static HttpReply get(const std::string& name, const std::vector<std::string>& fields = {},
+                         const std::string& method = "GET") {
+        return request(server_->port(), method, "/v1/pyramids/" + id_ + name, {}, fields);
+    }
+    static std::string a_tile() {
+        const Json tileset = Json::parse(get("/tileset.json").body);
+        return "/" + tileset.at("root").at("content").at("uri").get<std::string>();
+    }
+
+    static inline std::unique_ptr<TemporaryFolder> folder_;
+    static inline std::unique_ptr<StippledProcess> server_;
+    static inline std::string id_;
+};
+
+TEST_F(ServedPyramid, SendsTilesPackedUnderATagOfTheirOwn) {
+    const std::string tile = a_tile();
+    const HttpReply plain = get(tile);
+    EXPECT_EQ(plain.field("Content-Encoding"), "");
+    EXPECT_EQ(plain.field("Vary"), "Accept-Encoding");
+    EXPECT_EQ(plain.field("ETag"), '"' + tile.substr(1, 64) + '"');
+    EXPECT_EQ(plain.field("Cache-Control"), "public, max-age=31536000, immutable");
+
+    HttpReply packed;
+    for (int i = 0; i < 1000 && !packed.field("ETag").ends_with("-br11\""); ++i) {
+        packed = get(tile, {"Accept-Encoding: gzip, br"});
+        std::this_thread::sleep_for(10ms);
+    }
+    EXPECT_EQ(packed.field("Content-Encoding"), "br");
+    EXPECT_EQ(packed.field("ETag"), '"' + tile.substr(1, 64) + "-br11\"");
+    EXPECT_EQ(packed.field("Content-Type"), "model/gltf-binary");
+    EXPECT_LT(packed.body.size(), plain.body.size());
+    const HttpReply gzipped = get(tile, {"Accept-Encoding: gzip, br;q=0"});
+    EXPECT_EQ(gzipped.field("Content-Encoding"), "gzip");
+    EXPECT_NE(gzipped.field("ETag"), packed.field("ETag"));
+
+    const auto with = [&](const std::string& etag, const std::string& accept) {
+        return get(tile, {"Accept-Encoding: " + accept, "If-None-Match: " + etag}).status;
+    };
+    EXPECT_EQ(with(packed.field("ETag"), "br"), 304);
+    EXPECT_EQ(with(gzipped.field("ETag"), "gzip"), 304);
+    EXPECT_EQ(with(packed.field("ETag"), "gzip"), 200);
+    EXPECT_EQ(with(plain.field("ETag"), "br"), 200);
+
+    const HttpReply part = get(tile, {"Accept-Encoding: br", "Range: bytes=4-11"});
+    EXPECT_EQ(part.status, 206);
+    EXPECT_EQ(part.field("Content-Encoding"), "");
+    EXPECT_EQ(part.body, plain.body.substr(4, 8));
+}
+
+TEST_F(ServedPyramid, SendsDocumentsPackedAndAsksThemToBeAskedAbout) {
+    for (const std::string name : {"/manifest.json", "/tileset.json"}) {
+        const HttpReply plain = get(name), packed = get(name, {"Accept-Encoding: br"});
+        EXPECT_EQ(packed.field("Content-Encoding"), "br") << name;
+        EXPECT_EQ(packed.field("Vary"), "Accept-Encoding") << name;
+        EXPECT_EQ(packed.field("Cache-Control"), "no-cache") << name;
+        EXPECT_NE(packed.field("ETag"), plain.field("ETag")) << name;
+        EXPECT_LT(packed.body.size(), plain.body.size()) << name;
+        EXPECT_EQ(
+            get(name, {"Accept-Encoding: br", "If-None-Match: " + packed.field("ETag")}).status,
+            304)
+            << name;
+    }
+}
+
+TEST_F(ServedPyramid, IsReadableFromAnySite) {
+    const HttpReply reply = get(a_tile(), {"Origin: https://example.org"});
+    EXPECT_EQ(reply.field("Access-Control-Allow-Origin"), "*");
+    EXPECT_EQ(reply.field("Timing-Allow-Origin"), "*");
+    for (const char* const name : {"ETag", "Content-Length", "Content-Range", "Stipple-Points"}) {
+        EXPECT_NE(reply.field("Access-Control-Expose-Headers").find(name), std::string::npos)
+            << name;
+    }
+    const HttpReply asked = get("/slice", {"Origin: https://example.org"}, "OPTIONS");
+    EXPECT_EQ(asked.field("Access-Control-Allow-Methods"), "GET, HEAD, OPTIONS");
+}
+
+TEST_F(ServedPyramid, CutsACloudByBudgetAndPlace) {
+    const HttpReply reply = get("/slice?points=777&box=0,0,0,1,1,1&format=drc");
+    ASSERT_EQ(reply.status, 200) << reply.body;
+    EXPECT_EQ(reply.field("Content-Type"), "model/vnd.google.draco");
+    EXPECT_EQ(reply.field("Stipple-Points"), "777");
+    EXPECT_EQ(reply.field("Stipple-Level"), "2");
+    EXPECT_GT(std::stod(reply.field("Stipple-Error-Mean")), 0);
+    EXPECT_EQ(decode_cloud(std::as_bytes(std::span(reply.body))).size(), 777U);
+    EXPECT_EQ(get("/slice?points=777&box=0,0,0,1,1,1&format=drc",
+                  {"If-None-Match: " + reply.field("ETag")})
+                  .status,
+              304);
+    EXPECT_LE(get("/slice?bytes=9000").body.size(), 9000U);
+    EXPECT_EQ(get("/slice?max_error=0.5").field("Stipple-Level"), "0");
+
+    for (const std::string wrong :
+         {"", "?points=1&bytes=1", "?points=0", "?points=x", "?max_error=-1", "?points=9&box=1,2",
+          "?points=9&box=0,0,0,1,1,1,1", "?points=9&box=1,0,0,0,1,1", "?points=9&format=las",
+          "?pionts=9"}) {
+        EXPECT_EQ(get("/slice" + wrong).status / 100, 4) << wrong;
+        EXPECT_EQ(get("/slice" + wrong).field("Content-Type"), "application/problem+json") << wrong;
+    }
+    EXPECT_EQ(get("/slice?points=9&box=5,5,5,6,6,6").status, 404);
+}
+
+TEST_F(ServedPyramid, IsCutByTheCommandLineHereAndThere) {
+    stipple("slice levels here.ply --points 1234");
+    stipple("slice " + id_ + " there.ply --points 1234 --server " + server_->url());
+    EXPECT_EQ(read_cloud(*folder_ / "here.ply").size(), 1234U);
+    EXPECT_EQ(content(*folder_ / "here.ply"), content(*folder_ / "there.ply"));
+}
+
+TEST_F(ServedPyramid, IsExportedAsTheCommandLineWritesIt) {
+    const HttpReply reply = get(".tar");
+    ASSERT_EQ(reply.status, 200) << reply.body;
+    EXPECT_EQ(reply.field("Content-Type"), "application/x-tar");
+    const fs::path exported = *folder_ / "exported";
+    fs::create_directory(exported);
+    std::ofstream(exported / "all.tar", std::ios::binary) << reply.body;
+    ASSERT_EQ(std::system(("tar -C '" + exported.string() + "' -xf '" +
+                           (exported / "all.tar").string() + "'")
+                              .c_str()),
+              0);
+    fs::remove(exported / "all.tar");
+    std::map<std::string, std::string> written, unpacked;
+    for (const auto& file : fs::directory_iterator(*folder_ / "levels"))
+        written[file.path().filename().string()] = content(file.path());
+    for (const auto& file : fs::directory_iterator(exported))
+        unpacked[file.path().filename().string()] = content(file.path());
+    EXPECT_GT(written.size(), 10U);
+    EXPECT_TRUE(written == unpacked);
+    EXPECT_EQ(unpacked["manifest.json"].find("/v1/"), std::string::npos);
+}
+
+TEST_F(ServedPyramid, IsNotThereUnderAnotherName) {
+    const HttpReply reply =
+        request(server_->port(), "GET", "/v1/pyramids/" + std::string(32, '0') + ".tar");
+    EXPECT_EQ(reply.status, 404);
+    EXPECT_EQ(request(server_->port(), "GET", "/v1/pyramids/.tar").status, 404);
+}
+
+}  // namespace
+}  // namespace stipple::test

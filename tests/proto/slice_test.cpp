@@ -1,0 +1,257 @@
+#include "stipple/proto/slice.hpp"
+
+#include "stipple/error.hpp"
+#include "stipple/lod_pyramid.hpp"
+#include "stipple/proto/pyramid_export.hpp"
+#include "stipple/proto/tiles.hpp"
+#include "stipple/surface_error.hpp"
+#include "support/oracles.hpp"
+#include "support/support.hpp"
+
+#include <gtest/gtest.h>
+#include <map>
+#include <set>
+
+namespace stipple::proto {
+namespace {
+
+using Formats = std::vector<CloudFormat>;
+
+/// A pyramid in memory, which counts what is read of it.
+struct Pyramid {
+    Results results;
+    std::map<std::string, std::vector<std::byte>> files;
+    mutable std::size_t reads = 0, bytes_read = 0;
+
+    Pyramid(const PointCloud& cloud, std::vector<std::uint64_t> sizes, const Formats& formats,
+            std::uint32_t max_points = 1000) {
+        PyramidJob job;
+        job.options.sizes = std::move(sizes);
+        job.tiles = {.max_points = max_points};
+        results = {.request = {std::string(64, 'a'), job},
+                   .source = CloudStatistics{},
+                   .levels = {},
+                   .complete = true,
+                   .cost = {}};
+        results.source->bounds = bounds(cloud);
+        LodTiler tiler(cloud, job.tiles);
+        build_lod_pyramid(cloud, job.options, [&](LodLevel&& level) {
+            OutputCloud& made = results.levels.emplace_back();
+            made.level = level.level;
+            made.points = level.cloud.size();
+            made.bounds = bounds(level.cloud);
+            const bool whole = level.cloud.size() == cloud.size();
+            const SurfaceErrorOptions options;
+            made.error =
+                error_figures(whole ? SurfaceError{} : measure_error(cloud, level.cloud, options),
+                              options, cloud.size(), level.cloud.size());
+            for (const CloudFormat format : formats) {
+                if (format == CloudFormat::Glb) {
+                    for (LodTile& tile : tiler.add_level(level.cloud, whole)) {
+                        std::vector<std::byte> bytes = encode_glb(tile);
+                        tile.streams.clear();
+                        add(made, format, std::move(bytes), std::move(tile));
+                    }
+                } else {
+                    add(made, format,
+                        format == CloudFormat::Ply ? encode_ply(level.cloud)
+                                                   : encode_draco(level.cloud),
+                        {});
+                }
+            }
+        });
+    }
+
+    void add(OutputCloud& level, CloudFormat format, std::vector<std::byte> bytes,
+             std::optional<LodTile> tile) {
+        const std::string name = std::to_string(files.size());
+        level.files.push_back({format, bytes.size(), name, name, std::move(tile)});
+        files[name] = std::move(bytes);
+    }
+
+    Slice slice(const SliceOptions& options) const {
+        reads = bytes_read = 0;
+        return slice_pyramid(results, options, [this](const OutputFile& file) {
+            ++reads;
+            bytes_read += file.bytes;
+            return files.at(file.sha256);
+        });
+    }
+};
+
+PointCloud cloud_of(const Slice& slice) {
+    return decode_cloud(slice.bytes);
+}
+
+const PointCloud& source() {
+    static const PointCloud cloud = test::with_attributes(test::sphere(8000));
+    return cloud;
+}
+
+const Pyramid& both() {
+    static const Pyramid pyramid(source(), {200, 1000, 4000, 8000},
+                                 {CloudFormat::Ply, CloudFormat::Glb});
+    return pyramid;
+}
+
+const Aabb kEighth{Vec3d(0, 0, 0), Vec3d(2, 2, 2)};
+
+ErrorCode refusal(const Pyramid& pyramid, const SliceOptions& options) {
+    try {
+        pyramid.slice(options);
+    } catch (const Error& error) {
+        return error.code();
+    }
+    ADD_FAILURE() << "nothing was refused";
+    return ErrorCode::Internal;
+}
+
+TEST(Slice, HasExactlyThePointsAskedFor) {
+    for (const std::uint64_t points : {1U, 199U, 200U, 201U, 999U, 3000U, 8000U}) {
+        const Slice slice = both().slice({.points = points});
+        EXPECT_EQ(slice.points, points);
+        EXPECT_EQ(cloud_of(slice).size(), points);
+    }
+    EXPECT_EQ(both().slice({.points = 9000}).points, 8000U);
+}
+
+TEST(Slice, IsTheLevelItselfWhereTheCountsAgree) {
+    const Slice slice = both().slice({.points = 1000});
+    EXPECT_EQ(slice.level, 1U);
+    EXPECT_EQ(slice.bytes, both().files.at(both().results.levels[1].files[0].sha256));
+    EXPECT_EQ(slice.error_mean, both().results.levels[1].error->error.mean());
+}
+
+TEST(Slice, KeepsEveryAttribute) {
+    const PointCloud cloud = cloud_of(both().slice({.points = 700}));
+    EXPECT_EQ(cloud.normals.size(), 700U);
+    EXPECT_EQ(cloud.colors.size(), 700U);
+    ASSERT_EQ(cloud.attributes.size(), source().attributes.size());
+    for (std::size_t i = 0; i < cloud.attributes.size(); ++i)
+        EXPECT_EQ(cloud.attributes[i].name, source().attributes[i].name);
+}
+
+TEST(Slice, ReadsOnlyTilesThatMeetTheBox) {
+    const Slice slice = both().slice({.points = 500, .box = kEighth});
+    EXPECT_EQ(slice.points, 500U);
+    EXPECT_GE(bounds(cloud_of(slice)).min.minCoeff(), -1e-6);
+    std::uint64_t all = 0;
+    for (const OutputFile& file : both().results.levels[3].files)
+        if (file.tile) all += file.bytes;
+    EXPECT_LT(both().bytes_read, all / 2);
+}
+
+TEST(Slice, HasAllPointsOfTheBoxWhenThereAreFewer) {
+    std::size_t inside = 0;
+    for (const Vec3f& p : source().positions) inside += p.minCoeff() >= 0;
+    const Slice slice = both().slice({.points = 5000, .box = kEighth});
+    EXPECT_EQ(slice.level, 3U);
+    // The tiles' grid takes points across the faces of the box, by half a step.
+    EXPECT_NEAR(static_cast<double>(slice.points), static_cast<double>(inside),
+                0.01 * static_cast<double>(inside));
+}
+
+TEST(Slice, TakesTheCoarsestLevelWithinAnError) {
+    const auto& levels = both().results.levels;
+    for (const std::size_t i : {0U, 1U, 2U}) {
+        const double max = levels[i].error->error.max();
+        const Slice slice = both().slice({.max_error = max * 1.0001});
+        EXPECT_EQ(slice.level, i);
+        EXPECT_EQ(slice.points, levels[i].points);
+        EXPECT_EQ(slice.error_max, max);
+    }
+    EXPECT_EQ(both().slice({.max_error = 1e-9}).points, 8000U);
+}
+
+TEST(Slice, TakesTheErrorOfTilesWhereThatOfLevelsWasNotMeasured) {
+    Pyramid pyramid = both();
+    for (OutputCloud& level : pyramid.results.levels) level.error.reset();
+    const Slice slice = pyramid.slice({.max_error = 0.05});
+    EXPECT_LE(slice.error_max.value(), 0.05);
+    EXPECT_EQ(refusal(pyramid, {.max_error = 0.05, .box = Aabb{Vec3d(5, 5, 5), Vec3d(6, 6, 6)}}),
+              ErrorCode::NotFound);
+}
+
+TEST(Slice, TellsAnErrorThatIsNoLessThanItsOwn) {
+    const Slice slice = both().slice({.points = 600});
+    const SurfaceError own = measure_error(source(), cloud_of(slice), {});
+    EXPECT_GE(slice.error_mean.value(), 0.8 * own.mean());
+    EXPECT_LE(slice.error_mean.value(), 3 * own.mean());
+    EXPECT_GE(slice.error_max.value(), 0.7 * own.max());
+}
+
+TEST(Slice, FillsItsBytes) {
+    for (const CloudFormat format : {CloudFormat::Ply, CloudFormat::Draco, CloudFormat::Glb}) {
+        for (const std::uint64_t bytes : {5'000U, 20'000U}) {
+            const Slice slice = both().slice({.bytes = bytes, .format = format});
+            EXPECT_LE(slice.bytes.size(), bytes);
+            EXPECT_GE(static_cast<double>(slice.bytes.size()), 0.95 * static_cast<double>(bytes))
+                << to_string(format);
+        }
+        const Slice all = both().slice({.bytes = 100'000'000, .format = format});
+        EXPECT_EQ(all.points, 8000U);
+    }
+    EXPECT_EQ(refusal(both(), {.bytes = 20}), ErrorCode::InvalidArgument);
+}
+
+TEST(Slice, IsOneTileInTheCoordinatesOfTheFileAsGlb) {
+    PointCloud far = test::sphere(3000);
+    far.origin = Vec3d(500'000, 5'000'000, 100);
+    const Pyramid pyramid(far, {500, 3000}, {CloudFormat::Ply});
+    const LodTile tile =
+        decode_glb(pyramid.slice({.points = 800, .format = CloudFormat::Glb}).bytes);
+    const Aabb box = bounds(decode_tile(tile));
+    EXPECT_LT((box.min - bounds(far).min).norm(), 0.2);
+    EXPECT_LT((box.max - bounds(far).max).norm(), 0.2);
+}
+
+TEST(Slice, IsCutFromTilesWhereThereIsNoPly) {
+    const Pyramid tiles(source(), {200, 8000}, {CloudFormat::Glb});
+    const PointCloud cloud = cloud_of(tiles.slice({.points = 5000}));
+    EXPECT_EQ(cloud.size(), 5000U);
+    EXPECT_EQ(cloud.normals.size(), 5000U);
+    for (const Vec3f& p : cloud.positions) EXPECT_NEAR(p.norm(), 1, 0.05);
+    const Pyramid draco(source(), {200, 8000}, {CloudFormat::Draco});
+    EXPECT_EQ(refusal(draco, {.points = 100}), ErrorCode::InvalidArgument);
+}
+
+TEST(Slice, RefusesWhatCannotBe) {
+    EXPECT_EQ(refusal(both(), {}), ErrorCode::InvalidArgument);
+    EXPECT_EQ(refusal(both(), {.points = 1, .bytes = 1}), ErrorCode::InvalidArgument);
+    EXPECT_EQ(refusal(both(), {.points = 0}), ErrorCode::InvalidArgument);
+    EXPECT_EQ(refusal(both(), {.max_error = -1.0}), ErrorCode::InvalidArgument);
+    EXPECT_EQ(refusal(both(), {.points = 1, .box = Aabb{Vec3d(1, 0, 0), Vec3d(0, 1, 1)}}),
+              ErrorCode::InvalidArgument);
+    EXPECT_EQ(refusal(both(), {.points = 1, .box = Aabb{Vec3d(5, 5, 5), Vec3d(6, 6, 6)}}),
+              ErrorCode::NotFound);
+    EXPECT_EQ(refusal(both(), {.points = 3000, .max_points = 2000}), ErrorCode::TooLarge);
+    EXPECT_EQ(refusal(both(), {.max_error = 1e-9, .max_points = 2000}), ErrorCode::TooLarge);
+    Pyramid unfinished = both();
+    unfinished.results.complete = false;
+    EXPECT_EQ(refusal(unfinished, {.points = 1}), ErrorCode::InvalidArgument);
+}
+
+TEST(Slice, HasAQueryThatSaysAllOfIt) {
+    EXPECT_EQ(slice_query({.points = 5, .format = CloudFormat::Draco}), "format=drc&points=5");
+    EXPECT_EQ(slice_query({.max_error = 0.5, .box = Aabb{Vec3d(0, -1, 2.5), Vec3d(1, 1, 3)}}),
+              "format=ply&max_error=0.5&box=0.0,-1.0,2.5,1.0,1.0,3.0");
+}
+
+TEST(PyramidExport, NamesEachFileOnceRelativeAndTheManifestLast) {
+    Results results = both().results;
+    for (OutputCloud& level : results.levels)
+        for (OutputFile& file : level.files) file.href = "/v1/pyramids/0/" + file.href;
+    const auto files = export_files(results);
+    std::set<std::string> names;
+    for (const ExportFile& file : files) EXPECT_TRUE(names.insert(file.name).second) << file.name;
+    EXPECT_TRUE(names.contains("level-2.ply"));
+    EXPECT_TRUE(names.contains("tileset.json"));
+    EXPECT_EQ(files.back().name, "manifest.json");
+    const Results back = results_from_json(files.back().text);
+    for (const OutputCloud& level : back.levels)
+        for (const OutputFile& file : level.files) EXPECT_TRUE(names.contains(file.href));
+    for (const ExportFile& file : files) EXPECT_EQ(file.text.find("/v1/"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace stipple::proto
