@@ -27,11 +27,11 @@ using ContractionPair = std::pair<Index, Index>;
 /// What a sample adds to its quadric beside its planes: so much of their weight times the squared
 /// distance to itself. It spreads the samples evenly where planes leave them free to slide, and
 /// makes every minimiser one well-defined point.
-inline constexpr double kPointTerm = 2e-3;
+inline constexpr double kPointTerm = 1e-3;
 
 /// The same for each unit of roughness, which is the mean squared slope of the edges: where the
 /// surface is rough, its planes tell little, and there have to be more points.
-inline constexpr double kRoughnessTerm = 2;
+inline constexpr double kRoughnessTerm = 1;
 
 struct ContractionOptions {
     unsigned k = 6;  ///< neighbours of a sample at the start and capacity of its list after, 3..32

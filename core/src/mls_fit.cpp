@@ -98,12 +98,15 @@ std::size_t term_count(unsigned degree) noexcept {
     return (degree + std::size_t{1}) * (degree + 2) / 2;
 }
 
-/// Solves A c = b for a matrix of a least squares problem, by the lower triangle of A, which is
-/// destroyed. A term that those before it make up is left out.
-void solve(std::array<std::array<double, kMaxTerms>, kMaxTerms>& A, std::span<double> b) {
+using TermMatrix = std::array<std::array<double, kMaxTerms>, kMaxTerms>;
+
+/// Factors the matrix of a least squares problem of n terms in place, by its lower triangle. The
+/// first rows are the factors of the first terms' matrix. A term that those before it make up is
+/// left out.
+/// @return the inverses of the pivots; 0 for what is left out.
+std::array<double, kMaxTerms> factorise(TermMatrix& A, std::size_t n) {
     constexpr double kDependent = 1e-11;
-    const std::size_t n = b.size();
-    std::array<double, kMaxTerms> inverse{};  // of the pivots; 0 for what is left out
+    std::array<double, kMaxTerms> inverse{};
     for (std::size_t j = 0; j < n; ++j) {
         double pivot = A[j][j];
         for (std::size_t k = 0; k < j; ++k) pivot -= A[j][k] * A[j][k] * inverse[k];
@@ -112,6 +115,12 @@ void solve(std::array<std::array<double, kMaxTerms>, kMaxTerms>& A, std::span<do
             for (std::size_t k = 0; k < j; ++k) A[i][j] -= A[i][k] * A[j][k] * inverse[k];
         }
     }
+    return inverse;
+}
+
+/// Solves A c = b by the factors of A, or of more terms than b has.
+void substitute(const TermMatrix& A, std::span<const double> inverse, std::span<double> b) {
+    const std::size_t n = b.size();
     for (std::size_t i = 0; i < n; ++i)
         for (std::size_t k = 0; k < i; ++k) b[i] -= A[i][k] * inverse[k] * b[k];
     for (std::size_t i = n; i-- > 0;) {
@@ -164,39 +173,46 @@ MlsHeight fit_polynomial(const MlsNeighborhood& around, const Vec3d& n, const Ve
     plane.n = n;
     plane.t = n.dot(q);
     const Vec3d e1 = n.unitOrthogonal(), e2 = n.cross(e1);
-    std::array<std::array<double, kMaxTerms>, kMaxTerms> A;
+    TermMatrix A;
     std::array<double, kMaxTerms> b;
     const double highest = mls_kernels().normal_equations(
         around.columns(), trial_of(plane, e1, e2, h), degree, A.front().data(), b.data());
-    solve(A, std::span(b).first(term_count(degree)));
+    const std::size_t terms = term_count(degree);
+    substitute(A, factorise(A, terms), std::span(b).first(terms));
     if (!(std::abs(b[0]) <= highest)) return fit_polynomial(around, n, q, h, degree - 1);
     return {b[0], (n - (b[1] * e1 + b[2] * e2) / h).normalized()};
 }
 
-double polynomial_shares(const MlsNeighborhood& around, const Vec3d& n, const Vec3d& q, double h,
-                         unsigned degree, std::span<double> shares) {
-    while (degree > 1 && term_count(degree) > around.size()) --degree;
+void fit_shares(const MlsNeighborhood& around, const Vec3d& n, const Vec3d& q, double h,
+                MlsShares& linear, MlsShares& quadratic) {
     MlsPlane plane;
     plane.n = n;
     plane.t = n.dot(q);
     const Vec3d e1 = n.unitOrthogonal(), e2 = n.cross(e1);
-    std::array<std::array<double, kMaxTerms>, kMaxTerms> A;
-    std::array<double, kMaxTerms> b;
+    TermMatrix A;
+    std::array<double, kMaxTerms> unused;
     const double highest = mls_kernels().normal_equations(
-        around.columns(), trial_of(plane, e1, e2, h), degree, A.front().data(), b.data());
-    std::array<double, 6> c = {1};  // the height at q, by the right side
-    solve(A, std::span(c).first(term_count(degree)));
-    double height = 0;
+        around.columns(), trial_of(plane, e1, e2, h), 2, A.front().data(), unused.data());
+    const std::array<double, kMaxTerms> inverse = factorise(A, 6);
+    // The polynomial's height at q as a function of the right side; of three terms, by the same
+    // factors.
+    std::array<double, 3> a = {1};
+    std::array<double, 6> b = {1};
+    substitute(A, inverse, a);
+    substitute(A, inverse, b);
+    linear.height = quadratic.height = 0;
     for (std::size_t i = 0; i < around.size(); ++i) {
         const Vec3d d = Vec3d(around.x[i], around.y[i], around.z[i]) - q;
-        const double u = e1.dot(d) / h, v = e2.dot(d) / h;
-        shares[i] =
-            around.weight[i] * (c[0] + u * (c[1] + u * c[3] + v * c[4]) + v * (c[2] + v * c[5]));
-        height += shares[i] * n.dot(d);
+        const double u = e1.dot(d) / h, v = e2.dot(d) / h, height = n.dot(d);
+        linear.shares[i] = around.weight[i] * (a[0] + u * a[1] + v * a[2]);
+        quadratic.shares[i] =
+            around.weight[i] * (b[0] + u * (b[1] + u * b[3] + v * b[4]) + v * (b[2] + v * b[5]));
+        linear.height += linear.shares[i] * height;
+        quadratic.height += quadratic.shares[i] * height;
     }
-    if (degree > 1 && !(std::abs(height) <= highest))
-        return polynomial_shares(around, n, q, h, degree - 1, shares);
-    return height;
+    if (std::abs(quadratic.height) <= highest) return;
+    std::ranges::copy(linear.shares, quadratic.shares.begin());
+    quadratic.height = linear.height;
 }
 
 }  // namespace stipple

@@ -59,11 +59,15 @@ struct MlsHeight {
 MlsHeight fit_polynomial(const MlsNeighborhood& around, const Vec3d& n, const Vec3d& q, double h,
                          unsigned degree);
 
-/// The height of that polynomial at q, `degree` 1 or 2, as a sum over the neighbours: each one's
-/// own height times its share. The shares sum up to 1, and depend on what the neighbours' heights
-/// are only in that the degree is lowered as it is there.
-/// @param shares  as many as neighbours. @return the height.
-double polynomial_shares(const MlsNeighborhood& around, const Vec3d& n, const Vec3d& q, double h,
-                         unsigned degree, std::span<double> shares);
+/// What the heights of the neighbours count in that of the polynomial at q.
+struct MlsShares {
+    std::span<double> shares;  ///< one for each neighbour; their sum is 1
+    double height = 0;         ///< the sum of theirs times the shares
+};
+
+/// The same fits of degree 1 and 2 at once, as sums over the neighbours, six or more of them.
+/// @param linear, quadratic  with room for as many shares as neighbours.
+void fit_shares(const MlsNeighborhood& around, const Vec3d& n, const Vec3d& q, double h,
+                MlsShares& linear, MlsShares& quadratic);
 
 }  // namespace stipple

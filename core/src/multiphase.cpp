@@ -23,9 +23,6 @@ namespace stipple {
 
 namespace {
 
-/// Input points of each new one that the surface is fitted to.
-constexpr unsigned kFitted = 1;
-
 [[noreturn]] void refuse(const std::string& message) {
     throw Error(ErrorCode::InvalidArgument, message);
 }
@@ -39,6 +36,12 @@ void check(const PointCloud& cloud, const MultiphaseOptions& options) {
     }
 }
 
+/// How many of the input points of each new one the surface is fitted to: a small part of all, so
+/// that this costs a small part of the time.
+unsigned fitted(const PointCloud& cloud, std::size_t size) {
+    return static_cast<unsigned>(std::clamp<std::size_t>(cloud.size() / (50 * size), 1, 4));
+}
+
 /// Samples of the first phase: as many as the options say, and as there are points.
 std::uint64_t sample_count(const PointCloud& cloud, std::uint64_t size,
                            const MultiphaseOptions& options) {
@@ -50,7 +53,7 @@ PointCloud cloud_at(const PointCloud& cloud, const Clusters& clusters, std::vect
                     const IterativeSimplificationOptions& options, const RunContext& context) {
     const MemberLists lists = {clusters.members.data(), clusters.offsets};
     if (options.placement == Placement::Optimal) {
-        fit_surface(positions, cloud.positions, lists, kFitted, context);
+        fit_surface(positions, cloud.positions, lists, fitted(cloud, positions.size()), context);
         if (options.max_displacement) {
             bound_displacement(positions, cloud.positions, NeighborSearch(cloud.positions, context),
                                *options.max_displacement, context);

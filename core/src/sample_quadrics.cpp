@@ -1,5 +1,6 @@
 #include "sample_quadrics.hpp"
 
+#include "contraction.hpp"
 #include "contraction_quadrics.hpp"
 #include "first_touch.hpp"
 #include "gather.hpp"
@@ -15,8 +16,6 @@ namespace stipple {
 namespace {
 
 constexpr std::size_t kBlock = 512;
-// Weights of the sample itself, of that of its planes: anyway, and for each unit of roughness.
-constexpr double kPointTerm = 1e-3, kRoughnessTerm = 1;
 
 /// What is kept of a cluster's points beside their centroid.
 struct Summary {

@@ -1,5 +1,6 @@
 #include "surface_fit.hpp"
 
+#include "contraction.hpp"
 #include "mls_fit.hpp"
 #include "parallel_for.hpp"
 #include "point_tree.hpp"
@@ -23,6 +24,8 @@ constexpr double kReach = 3.0;  // in h
 /// Weight of the squared distance to the surface of quadratic basis, that of the linear one
 /// being 1.
 constexpr double kQuadraticWeight = 1.0;
+/// Of the step, which for itself is rather short; the sum of squares falls for all below 2.
+constexpr double kStep = 1.25;
 constexpr std::size_t kBlock = 256, kBlocksAtOnce = 32;
 
 /// What one input point asks of the points around it.
@@ -42,8 +45,10 @@ struct Move {
 
 class Fitter {
 public:
+    /// @param points  those of the tree.
     Fitter(const PointTree& tree, std::span<const Vec3f> points) : tree_(tree), points_(points) {}
 
+    /// What the input point at this place asks for.
     void ask(const Vec3f& at, Wish& wish) {
         const auto found = find_nearest(tree_, at, room_);
         wish.size = 0;
@@ -61,31 +66,31 @@ public:
         wish.size = found.size();
         wish.normal = plane.n;
         for (std::size_t i = 0; i < found.size(); ++i) wish.points[i] = found[i].index;
+        MlsShares linear{std::span(linear_).first(wish.size)},
+            quadratic{std::span(quadratic_).first(wish.size)};
+        fit_shares(around_, plane.n, plane.q, h, linear, quadratic);
         wish.pull.fill(0);
         wish.stiffness.fill(0);
-        add(plane, h, 1, 1.0, wish);
-        add(plane, h, 2, kQuadraticWeight, wish);
+        add(linear, plane, 1.0, wish);
+        add(quadratic, plane, kQuadraticWeight, wish);
     }
 
 private:
-    /// The distance to the surface of a basis of `degree`, times `weight`, as each neighbour's
-    /// part.
-    void add(const MlsPlane& plane, double h, unsigned degree, double weight, Wish& wish) {
-        const std::span<double> shares = std::span(shares_).first(wish.size);
-        const double height = polynomial_shares(around_, plane.n, plane.q, h, degree, shares);
-        const double distance = -plane.t - height;
+    /// The distance to a surface, as each neighbour's part.
+    static void add(const MlsShares& surface, const MlsPlane& plane, double weight, Wish& wish) {
+        const double distance = -plane.t - surface.height;
         double total = 0;
-        for (const double share : shares) total += std::abs(share);
+        for (const double share : surface.shares) total += std::abs(share);
         for (std::size_t i = 0; i < wish.size; ++i) {
-            wish.pull[i] += weight * shares[i] * distance;
-            wish.stiffness[i] += weight * std::abs(shares[i]) * total;
+            wish.pull[i] += weight * distance * surface.shares[i];
+            wish.stiffness[i] += weight * total * std::abs(surface.shares[i]);
         }
     }
 
     const PointTree& tree_;
     std::span<const Vec3f> points_;
     std::array<Neighbor, kNeighbors> room_;
-    std::array<double, kNeighbors> shares_;
+    std::array<double, kNeighbors> linear_, quadratic_;
     MlsNeighborhood around_;
 };
 
@@ -106,8 +111,11 @@ std::vector<Index> chosen(const MemberLists& members, unsigned asked) {
 
 void fit_surface(std::vector<Vec3f>& points, std::span<const Vec3f> input,
                  const MemberLists& members, unsigned asked, const RunContext& context) {
-    if (points.size() < 3) return;
+    if (points.size() < kNeighbors) return;
     const std::vector<Index> samples = chosen(members, asked);
+    // Of a size of about 1, so that no square under- or overflows.
+    const auto scale = static_cast<float>(contraction_scale(points));
+    for (Vec3f& p : points) p *= scale;
     const PointTree tree(points, PointTree::Leaves::Compact, context);
     std::vector<Move> moves(points.size());
     // In rounds, since what many wishes say to one point has to be added up in one order.
@@ -118,7 +126,7 @@ void fit_surface(std::vector<Vec3f>& points, std::span<const Vec3f> input,
         parallel_for_blocks(count, kBlock, context, [&](std::size_t begin, std::size_t end) {
             Fitter fitter(tree, points);
             for (std::size_t i = begin; i < end; ++i)
-                fitter.ask(input[samples[first + i]], wishes[i]);
+                fitter.ask(scale * input[samples[first + i]], wishes[i]);
         });
         for (std::size_t w = 0; w < count; ++w) {
             const Wish& wish = wishes[w];
@@ -129,8 +137,11 @@ void fit_surface(std::vector<Vec3f>& points, std::span<const Vec3f> input,
             }
         }
     }
-    for (std::size_t i = 0; i < points.size(); ++i)
-        if (moves[i].stiffness > 0) points[i] += (moves[i].pull / moves[i].stiffness).cast<float>();
+    for (std::size_t i = 0; i < points.size(); ++i) {
+        if (moves[i].stiffness > 0)
+            points[i] += (kStep * moves[i].pull / moves[i].stiffness).cast<float>();
+        points[i] /= scale;
+    }
 }
 
 }  // namespace stipple

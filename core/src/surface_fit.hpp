@@ -14,13 +14,14 @@ namespace stipple {
 /// which does not, in equal parts. A step towards the least sum of squares of both distances from
 /// some members of each list.
 ///
-/// Each step is along normals, and no longer than the largest of the distances around. Points of
-/// which fewer than three are near, or on a line, stay where they are, and so do two or fewer.
+/// Each step is along normals, and little longer than the largest of the distances around, if at
+/// all. Points on a line or in one place stay where they are, and so do fewer than 20, which make
+/// no such surface.
 ///
 /// @param input  what the members are numbers of.
 /// @param members  of each point; a list is never empty.
 /// @param asked  members of each list that are asked for, >= 1; those of shorter lists all count.
-/// About 1 us for each, parallel; 28 bytes a point, and 2 MB.
+/// About 1 us for each, parallel; 60 bytes a point, and 4 MB.
 void fit_surface(std::vector<Vec3f>& points, std::span<const Vec3f> input,
                  const MemberLists& members, unsigned asked, const RunContext& context);
 

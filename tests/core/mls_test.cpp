@@ -150,6 +150,26 @@ TEST(MlsPolynomial, TakesNoMoreTermsThanThereAreNeighbors) {
     EXPECT_EQ(fit_polynomial(disk(2, plane), Vec3d::UnitZ(), Vec3d::Zero(), 0.5, 4).height, 0);
 }
 
+TEST(MlsShares, MakeTheHeightsOfThePolynomials) {
+    const auto around = disk(20, [](double u, double v) { return 0.1 * std::cos(5 * u + 3 * v); });
+    std::array<double, 20> first, second;
+    MlsShares linear{first}, quadratic{second};
+    fit_shares(around, Vec3d::UnitZ(), Vec3d::Zero(), 0.5, linear, quadratic);
+    EXPECT_NEAR(linear.height, fit_polynomial(around, Vec3d::UnitZ(), Vec3d::Zero(), 0.5, 1).height,
+                1e-12);
+    EXPECT_NEAR(quadratic.height,
+                fit_polynomial(around, Vec3d::UnitZ(), Vec3d::Zero(), 0.5, 2).height, 1e-12);
+    for (const MlsShares& fit : {linear, quadratic}) {
+        double sum = 0, height = 0;
+        for (std::size_t i = 0; i < 20; ++i) {
+            sum += fit.shares[i];
+            height += fit.shares[i] * around.z[i];
+        }
+        EXPECT_NEAR(sum, 1, 1e-9);
+        EXPECT_NEAR(height, fit.height, 1e-12);
+    }
+}
+
 TEST(MlsPolynomial, LeavesOutWhatNeighborsOnALineCannotTell) {
     MlsNeighborhood around = disk(30, [](double u, double) { return 0.02 + 0.1 * u * u; });
     std::ranges::fill(around.y, 0.0);

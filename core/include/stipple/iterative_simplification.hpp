@@ -40,11 +40,13 @@ struct IterativeSimplificationOptions {
 ///
 /// A pair of neighbours becomes the point where the sum of their quadrics is least: of the squared
 /// distances to the planes of edges of all input points that the pair stands for and, as far as
-/// these are rough, to the points themselves, which averages noise. Such points lie
-/// slightly outside of curved parts, so that the surface through them does not shrink;
-/// `max_displacement` bounds it. Then input points are shared out anew among the new ones, so that
-/// each goes with the new point that fits it best. With `Placement::EndPoint` the result is a
-/// subset of the input, and that of a smaller target a subset of that of a larger one.
+/// these are rough, to the points themselves, which averages noise. Then input points are shared
+/// out anew among the new ones, so that each goes with the new point that fits it best; and where
+/// the new points are 20 or more, they move along normals until the moving least squares surface
+/// through them (§2.2) fits the input: of linear basis, which lies inside of curved parts, and of
+/// quadratic basis, in equal parts. So they lie slightly outside of curved parts;
+/// `max_displacement` bounds it. With `Placement::EndPoint` the result is a subset of the input,
+/// and that of a smaller target a subset of that of a larger one.
 ///
 /// Weights for colours and other attributes keep points where these change, as well as where the
 /// surface bends. Normals, colours and attributes of a new point are those of the input points that

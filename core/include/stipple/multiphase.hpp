@@ -9,7 +9,7 @@
 namespace stipple {
 
 struct MultiphaseOptions {
-    double oversampling = 4;  ///< m in [1, 1000]: the first phase makes m * N clusters; more of
+    double oversampling = 3;  ///< m in [1, 1000]: the first phase makes m * N clusters; more of
                               ///< them cost time and gain little error
     IterativeSimplificationOptions contraction{};  ///< of the second phase; its `target_size` is
                                                    ///< the N of both
@@ -19,8 +19,9 @@ struct MultiphaseOptions {
 /// quadrics of what they stand for (§3.2), then contraction to exactly N (Garland and Shaffer 2002,
 /// on points). The default method.
 ///
-/// Like those of `iterative_simplification`, its points lie slightly outside of curved parts, which
-/// is what lowers the error of the surface through them; `contraction.max_displacement` bounds it.
+/// Its points move at the end as those of `iterative_simplification` do, and so lie slightly
+/// outside of curved parts, which is what lowers the error of the surface through them;
+/// `contraction.max_displacement` bounds it.
 ///
 /// Samples are contracted along the tree of the clustering: of two halves of a cluster, each one
 /// point already, the pair with the least quadric error times their distance becomes the point
@@ -35,8 +36,7 @@ struct MultiphaseOptions {
 /// @throws Error(InvalidArgument) for an empty cloud or an option out of range, as
 /// `iterative_simplification`.
 /// Expected O(P log N) for P points, parallel; 8 bytes a point, or 4 and about 250 for each of the
-/// m
-/// * N samples, whichever is more, beyond the cloud.
+/// m * N samples, whichever is more, beyond the cloud.
 PointCloud multiphase(const PointCloud& cloud, const MultiphaseOptions& options,
                       const RunContext& context = {});
 

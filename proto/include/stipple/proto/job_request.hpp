@@ -87,7 +87,7 @@ struct CurveJob {
 ///
 /// with the fields of its method:
 ///
-///     multiphase    "oversampling": 4, and those of iterative
+///     multiphase    "oversampling": 3, and those of iterative
 ///     iterative     "k": 6, "placement": "optimal" | "end-point", "max_displacement": 0.1,
 ///                   "color_weight": 0, "attribute_weights": {"intensity": 0.1}
 ///     hierarchical  "representative": "nearest" | "surface" | "centroid"; instead of a target
