@@ -1,4 +1,4 @@
-# stipple_add_module(NAME PUBLIC targets... PRIVATE targets...): a folder's whole list file. It takes the sources from
+# stipple_add_module(NAME PUBLIC targets... PRIVATE targets... PRECOMPILE headers...): a folder's whole list file. It takes the sources from
 # src/, the public headers from include/, and adds the alias stipple::NAME, the warnings, the install rule and a check
 # that each public header compiles alone.
 
@@ -31,7 +31,7 @@ function(stipple_precompile target)
 endfunction()
 
 function(stipple_add_module name)
-    cmake_parse_arguments(arg "" "" "PUBLIC;PRIVATE" ${ARGN})
+    cmake_parse_arguments(arg "" "" "PUBLIC;PRIVATE;PRECOMPILE" ${ARGN})
     file(GLOB_RECURSE headers CONFIGURE_DEPENDS ${CMAKE_CURRENT_SOURCE_DIR}/include/*.hpp)
     file(GLOB sources CONFIGURE_DEPENDS ${CMAKE_CURRENT_SOURCE_DIR}/src/*.cpp)
     list(FILTER sources EXCLUDE REGEX "/main\\.cpp$")
@@ -45,7 +45,7 @@ function(stipple_add_module name)
         PUBLIC ${arg_PUBLIC} Threads::Threads
         PRIVATE ${arg_PRIVATE} $<BUILD_INTERFACE:stipple_build_flags> $<BUILD_INTERFACE:stipple_warnings>)
     target_compile_features(stipple_${name} PUBLIC cxx_std_20)
-    stipple_precompile(stipple_${name} <Eigen/Core>)
+    stipple_precompile(stipple_${name} <Eigen/Core> ${arg_PRECOMPILE})
 
     # Every public header compiles alone: the source of its name includes it first, else one made here does.
     set(checks)

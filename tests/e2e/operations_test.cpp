@@ -181,6 +181,8 @@ TEST(Stippled, SaysThatItsDiskIsFullAndGoesOnWhenThereIsRoomAgain) {
     EXPECT_EQ(test::request(server.admin_port(), "GET", "/readyz").status, 503);
     EXPECT_EQ(test::request(server.admin_port(), "GET", "/livez").status, 200);
     expect_done(client, before);
+    const auto kept = test::request(server.port(), "DELETE", "/v1/jobs/" + before);
+    EXPECT_EQ(kept.status, 507) << kept.body;
 
     disk.make_room();
     EXPECT_EQ(test::request(server.admin_port(), "GET", "/readyz").status, 200);

@@ -3,6 +3,7 @@
 #include "store_fixtures.hpp"
 
 #include "service/housekeeper.hpp"
+#include "store/sqlite.hpp"
 
 #include <algorithm>
 #include <thread>
@@ -249,6 +250,18 @@ TEST_F(HousekeeperTest, LeavesTheInputAndTheResultsOfAJobUntilItIsRemoved) {
     service_.dismiss("ada", job.id);
     EXPECT_TRUE(goes(result, 10s));
     EXPECT_FALSE(goes(job.request.input, 50ms)) << "the cloud is still listed";
+}
+
+TEST_F(HousekeeperTest, MakesRoomAlsoWhereNoRowCanBeRemoved) {
+    const JobDocument job = submit_simplify();
+    service_.dismiss("ada", job.id);
+    sqlite::Connection(folder_ / "jobs.sqlite")
+        .script("CREATE TRIGGER full BEFORE DELETE ON jobs BEGIN SELECT RAISE(ABORT, 'full'); END");
+    const std::string orphan = put_blob(*blobs_, "orphan");
+    std::this_thread::sleep_for(5ms);
+    const Housekeeper housekeeper({.retention = 0s, .period = 10ms, .grace = 0ms}, *jobs_, *blobs_);
+    EXPECT_TRUE(goes(orphan, 10s));
+    EXPECT_TRUE(jobs_->find_job("ada", job.id));
 }
 
 TEST_F(HousekeeperTest, RemovesJobsWhoseTimeIsOver) {

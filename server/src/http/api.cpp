@@ -43,8 +43,9 @@ Reply error_reply(const Error& error, const Request& request) {
         spdlog::error("request.failed id={} route={} reason=\"{}\"", request.id, request.route,
                       detail);
         if (detail.starts_with("storage full")) {
-            return problem_reply(HttpError(
-                507, "the server's disk is full: nothing was stored; remove clouds or jobs"));
+            return problem_reply(HttpError(507,
+                                           "the server's disk is full: nothing was stored, nothing "
+                                           "removed; try again when its operator has made room"));
         }
         return problem_reply(
             HttpError(500, "the server failed; its log tells why, under request " + request.id));

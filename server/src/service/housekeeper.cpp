@@ -27,8 +27,6 @@ void Housekeeper::run(std::stop_token stop) {
 }
 
 void Housekeeper::sweep() {
-    jobs_.remove_expired(options_.retention);
-
     const auto grace =
         std::chrono::duration_cast<std::chrono::system_clock::duration>(options_.grace);
     const auto time = std::chrono::system_clock::now() - grace;
@@ -47,6 +45,9 @@ void Housekeeper::sweep() {
         }
     }
     candidates_ = std::move(unreferenced);
+
+    // Files first: on a full disk no row can be removed before they made room.
+    jobs_.remove_expired(options_.retention);
 }
 
 }  // namespace stipple::server
