@@ -16,7 +16,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numeric>
 #include <sstream>
 #include <string>
 
@@ -81,15 +80,28 @@ std::vector<Vec3f> rounded(std::span<const Vec3f> points, std::span<const Vec3f>
 
 /// Places on the surface of the source, as `measure_error` takes them: at points, where there are
 /// many.
-ErrorSamples take_samples(std::span<const Vec3f> along_curve, const RunContext& context) {
+ErrorSamples take_samples(std::span<const Vec3f> points, const PointTree& tree,
+                          const RunContext& context) {
     constexpr std::uint64_t kMany = 100'000, kShare = 128, kLeast = 16'384, kMost = 131'072;
-    if (along_curve.size() < kMany) {
-        const PointTree tree(along_curve, PointTree::Leaves::Compact, context);
-        return take_surface(tree, FootFinder(along_curve, tree, {}), kLeast, 0, context);
-    }
-    const PointTree tree(along_curve, PointTree::Leaves::Given, context);
-    const std::uint64_t count = std::clamp(along_curve.size() / kShare, kLeast, kMost);
+    if (points.size() < kMany)
+        return take_surface(tree, FootFinder(points, tree, {}), kLeast, 0, context);
+    const std::uint64_t count = std::clamp(points.size() / kShare, kLeast, kMost);
     return take_points(tree, count, 0, context);
+}
+
+/// Mean distance from about 256 of `count` points of a tree, point_at(i), to the nearest other.
+template <typename PointAt>
+double mean_gap(const PointTree& tree, std::size_t count, PointAt&& point_at) {
+    constexpr std::size_t kAsked = 256;
+    const std::size_t step = std::max<std::size_t>(1, count / kAsked);
+    double sum = 0;
+    std::size_t asked = 0;
+    for (std::size_t i = 0; i < count; i += step, ++asked) {
+        std::array<Neighbor, 2> room;
+        const auto found = find_nearest(tree, point_at(i), room);
+        sum += std::sqrt(static_cast<double>(found.back().distance_sq));
+    }
+    return sum / static_cast<double>(asked);
 }
 
 /// Enough to compare two roundings of the same points.
@@ -130,6 +142,7 @@ struct LodTiler::State {
     Vec3d center = Vec3d::Zero();
     double scale = 1;
     double side = 0;           ///< of the source's box, the longest
+    double spacing = 0;        ///< of the source
     std::vector<Index> order;  ///< of the source's points, along a curve
     ErrorSamples samples, few;
     TileTree tree;
@@ -155,7 +168,11 @@ struct LodTiler::State {
         return {side / static_cast<double>((std::uint64_t{1} << bits) - 2), bits};
     }
     Grid finest_grid() const {
-        if (!options.precision || side == 0) return grid(options.position_bits);
+        if (!options.precision || side == 0) {
+            // With longer steps than the spacing the points of one part would fall into one place.
+            const unsigned apart = spacing > 0 ? bits_for(spacing, kMostBits) : 0;
+            return grid(std::max(options.position_bits, apart));
+        }
         const double step = 2 * *options.precision * scale;
         const double bits = std::ceil(std::log2(side / step + 2));
         if (bits > kMostBits) return grid(kMostBits);
@@ -204,33 +221,31 @@ struct LodTiler::State {
         const auto try_bits = [&](unsigned bits) {
             return measured(rounded(points, normals, grid(bits), context));
         };
-        // Rounding adds about the variance of one axis, smoothed by the surface's fit.
-        constexpr double kSmoothed = 0.05;
-        const unsigned least = bits_for(0.5 * spacing_of_all(unrounded), finest.bits);
-        unsigned bits =
-            std::max(least, bits_for(exact * std::sqrt(2 * tolerance / kSmoothed), finest.bits));
+        // The variance of what rounding adds, in squared steps, once the surface's fit has smoothed
+        // it: measured.
+        const double added = normals.empty() ? 0.025 : 0.0025;
         const double limit = (1 + tolerance) * exact;
-
-        Measured taken;
-        for (; bits < finest.bits; ++bits) {
-            taken = try_bits(bits);
-            if (taken.mean <= limit) break;
+        const unsigned least = bits_for(0.5 * mean_gap(*unrounded.tree, points.size(),
+                                                       [&](std::size_t i) { return points[i]; }),
+                                        finest.bits);
+        unsigned bits = bits_for(exact * std::sqrt(2 * tolerance / added), finest.bits);
+        bits = std::max(least, std::min(bits, finest.bits - 1));
+        Measured taken = try_bits(bits);
+        if (taken.mean <= limit) {
+            while (bits > least) {
+                Measured fewer = try_bits(bits - 1);
+                if (fewer.mean > limit) break;
+                taken = std::move(fewer);
+                --bits;
+            }
+        } else {
+            while (taken.mean > limit && ++bits < finest.bits) taken = try_bits(bits);
         }
         if (bits >= finest.bits) {
             grid_taken = finest;
             return with_tree(rounded(points, normals, finest, context), context);
         }
         grid_taken = grid(bits);
-        // One bit less makes four times the variance: tried while that may do.
-        while (bits > least) {
-            const double added = std::max(0.0, taken.mean * taken.mean - exact * exact);
-            constexpr double kMargin = 0.9;
-            if (kMargin * std::sqrt(exact * exact + 4 * added) > limit) break;
-            Measured fewer = try_bits(--bits);
-            if (fewer.mean > limit) break;
-            taken = std::move(fewer);
-            grid_taken = grid(bits);
-        }
         return taken;
     }
 
@@ -239,26 +254,6 @@ struct LodTiler::State {
         if (!(step > 0)) return most;
         const double bits = std::ceil(std::log2(side / step + 2));
         return static_cast<unsigned>(std::clamp<double>(bits, kLeastBits, most));
-    }
-
-    static double spacing_of_all(const Measured& level) {
-        std::vector<Index> all(level.points.size());
-        std::iota(all.begin(), all.end(), Index{0});
-        return spacing(all, level);
-    }
-
-    /// In the frame.
-    static double spacing(std::span<const Index> members, const Measured& level) {
-        constexpr std::size_t kAsked = 256;
-        const std::size_t step = std::max<std::size_t>(1, members.size() / kAsked);
-        double sum = 0;
-        std::size_t count = 0;
-        for (std::size_t i = 0; i < members.size(); i += step, ++count) {
-            std::array<Neighbor, 2> room;
-            const auto found = find_nearest(*level.tree, level.points[members[i]], room);
-            sum += std::sqrt(static_cast<double>(found.back().distance_sq));
-        }
-        return sum / static_cast<double>(count);
     }
 
     /// What the samples say of a part of the level, or of all of it.
@@ -344,7 +339,9 @@ struct LodTiler::State {
         tile.step = grid_taken.step / scale;
         for (int axis = 0; axis < 3; ++axis)
             tile.offset[axis] = static_cast<double>(least[axis]) * tile.step;
-        tile.spacing = spacing(members, level) / scale;
+        tile.spacing = mean_gap(*level.tree, members.size(),
+                                [&](std::size_t i) { return level.points[members[i]]; }) /
+                       scale;
         tile.streams = encode_streams(cloud, sorted_numbers, sorted, options.attributes);
     }
 };
@@ -364,7 +361,10 @@ LodTiler::LodTiler(const PointCloud& source, const LodTileOptions& options,
     state.side = side * state.scale;
 
     state.order = hilbert_order(source.positions, context);
-    state.samples = take_samples(state.into_frame(source, state.order, context), context);
+    const std::vector<Vec3f> points = state.into_frame(source, state.order, context);
+    const PointTree tree(points, PointTree::Leaves::Given, context);
+    state.spacing = mean_gap(tree, points.size(), [&](std::size_t i) { return points[i]; });
+    state.samples = take_samples(points, tree, context);
     state.few = every_eighth(state.samples);
 }
 

@@ -112,7 +112,7 @@ INSTANTIATE_TEST_SUITE_P(
                     Shape{"APlane", [] { return test::plane(5'000); }, 5},
                     Shape{"ASphere", [] { return test::sphere(20'000); }, 20},
                     Shape{"TwoClusters", [] { return two_clusters(1'000, 100); }, 1},
-                    Shape{"TwoClustersFarApart", [] { return two_clusters(1'000, 1e6F); }, 1}),
+                    Shape{"TwoClustersFarApart", [] { return two_clusters(1'000, 1e6F); }, 2}),
     [](const auto& shape) { return shape.param.name; });
 
 TEST(LodTiles, AreAtLeastHalfFullWhereALevelIsCutOnItsOwn) {

@@ -15,7 +15,8 @@ namespace stipple {
 
 struct LodTileOptions {
     unsigned position_bits = 14;  ///< 1..24 for each axis of the longest side: of the finest level,
-                                  ///< and the most that any level takes
+                                  ///< and the most that any level takes; more where steps would
+                                  ///< else be longer than the spacing of the source
     std::optional<double>
         precision{};  ///< instead of position_bits: the largest error per axis, in input units
     double tolerance = 0.03;       ///< a level takes the fewest bits by which its mean error grows
