@@ -4,7 +4,7 @@ import { getBytes, getJson } from './api.js';
 import { readTileInWorker } from './surface.js';
 import { select, treeOf } from './tile_tree.js';
 
-const kPixels = 4;              // of error: splats are as large as the gaps between points
+const kPixels = 2;              // of error
 const kAtOnce = 6;              // requests on their way
 const kMostPoints = 8_000_000;  // kept, drawn or not
 
