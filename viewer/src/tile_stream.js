@@ -79,12 +79,12 @@ export class TileStream {
         }
     }
 
-    /** Gives up what was not seen for longest, where too much is kept. */
+    /** Gives up what was not seen for longest, by either of two panes, where too much is kept. */
     keep(tile) {
         this.ready.add(tile);
         this.points += tile.points;
         const unseen = this.points > kMostPoints
-            ? [...this.ready].filter(({ usedAt }) => usedAt < this.now).sort((a, b) => a.usedAt - b.usedAt) : [];
+            ? [...this.ready].filter(({ usedAt }) => usedAt < this.now - 1).sort((a, b) => a.usedAt - b.usedAt) : [];
         for (const old of unseen) {
             if (this.points > kMostPoints) {
                 this.points -= old.points;
