@@ -80,8 +80,10 @@ async function throttle(page) {
 }
 
 function settled(page) {
-    return page.waitForFunction(() => ['settled', 'rest'].every((value, i) =>
-        document.documentElement.dataset[['state', 'picture'][i]] === value));
+    return page.waitForFunction(() => {
+        const { state, picture } = document.documentElement.dataset;
+        return state === 'settled' && picture === 'rest';
+    });
 }
 
 /** The milliseconds from `started` to the coarsest level's picture. */
@@ -100,11 +102,12 @@ async function inOurViewer({ id }) {
     const page = await browser.open(`/?pyramid=${small.id}`);
     await settled(page);
     await throttle(page);
-    const time = await page.evaluate(async (result) => {
-        const started = performance.now();
+    const started = await page.evaluate((result) => {
+        const now = performance.now();
         document.querySelector(`[data-result="${result}"]`).click();
-        return started;
-    }, id).then((started) => firstPicture(page, started));
+        return now;
+    }, id);
+    const time = await firstPicture(page, started);
     await page.context().close();
     return time;
 }

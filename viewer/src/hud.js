@@ -68,7 +68,7 @@ export class Hud {
     /** The measured error of what is shown, and the bounds to choose from. */
     showErrors(levels, shown) {
         const errors = levels.map(meanErrorOf).filter((error) => error > 0);
-        byId['error-figure'].hidden = !(shown && meanErrorOf(shown) >= 0);
+        byId['error-figure'].hidden = !(shown && !shown.tiles && meanErrorOf(shown) >= 0);
         byId['error-slider'].hidden = errors.length < 2;
         if (!byId['error-figure'].hidden) {
             const { mean, max } = shown.error.relative;

@@ -9,7 +9,7 @@ import { TileStream } from './tile_stream.js';
 const kFirstAttributeId = 3;
 
 /** Of levels with more points than this only the tiles are loaded that the camera asks for; the address can have another number. */
-export const kMostWhole = Number(new URLSearchParams(location.search).get('whole') ?? 1_000_000);
+export const kMostWhole = Number(new URLSearchParams(location.search).get('whole') ?? 500_000);
 
 /** Where there are no tiles, finer levels than this wait until they are asked for: a browser's memory is not a server's. */
 const kMostPoints = 8_000_000;

@@ -96,7 +96,7 @@ export class Pane {
         if (!this.level || !home) {
             return;
         }
-        this.arrange(height);
+        this.arrange(height * renderer.getPixelRatio());
         const { uniforms, depth, blend } = materials[this.scene.children.every(({ geometry }) => geometry.hasAttribute('color')) && !this.level.isPlain];
         uniforms.pixelsPerUnit.value = 0.5 * height * scale / Math.tan(MathUtils.degToRad(camera.fov / 2));
         uniforms.smallestPixels.value = (this.level.points < 100 ? 9 : 1.6) * scale;

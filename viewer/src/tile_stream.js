@@ -4,7 +4,7 @@ import { getBytes, getJson } from './api.js';
 import { readTileInWorker } from './surface.js';
 import { select, treeOf } from './tile_tree.js';
 
-const kPixels = 4;              // of error: splats are as large as the gaps between points
+const kPixels = 2;              // of error
 const kAtOnce = 6;              // requests on their way
 const kMostPoints = 8_000_000;  // kept, drawn or not
 
@@ -79,12 +79,12 @@ export class TileStream {
         }
     }
 
-    /** Gives up what was not seen for longest, where too much is kept. */
+    /** Gives up what was not seen for longest, by either of two panes, where too much is kept. */
     keep(tile) {
         this.ready.add(tile);
         this.points += tile.points;
         const unseen = this.points > kMostPoints
-            ? [...this.ready].filter(({ usedAt }) => usedAt < this.now).sort((a, b) => a.usedAt - b.usedAt) : [];
+            ? [...this.ready].filter(({ usedAt }) => usedAt < this.now - 1).sort((a, b) => a.usedAt - b.usedAt) : [];
         for (const old of unseen) {
             if (this.points > kMostPoints) {
                 this.points -= old.points;

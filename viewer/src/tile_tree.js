@@ -2,14 +2,15 @@
 
 /**
  * A tile from its JSON, with all below. `center` and `half` of its box are relative to the middle of the source's bounds.
- * `state`: `listed`, `loading`, `ready` or `failed`.
+ * Its error is what 99 % of its surface stay below: the geometric error of 3D Tiles is the largest one, that of a few stray
+ * points of a noisy scan. `state`: `listed`, `loading`, `ready` or `failed`.
  */
 export function treeOf({ boundingVolume: { box }, geometricError, content, extras, children = [] }, level = 0) {
     return {
         level,
         center: box.slice(0, 3),
         half: [box[3], box[7], box[11]],
-        error: geometricError,
+        error: extras ? Math.max(extras.error?.p99 ?? 0, extras.spacing) : geometricError,
         spacing: extras?.spacing,
         uri: content?.uri ?? null,
         children: children.map((child) => treeOf(child, level + 1)),

@@ -49,9 +49,9 @@ const tests = {
 
     async 'Of a tree of tiles those are drawn that are fine enough, and coarser ones until all of these are there'() {
         const { select, treeOf } = await import(pathToFileURL(resolve(options.viewer, 'src/tile_tree.js')));
-        const json = (geometricError, children = []) => ({
-            boundingVolume: { box: [children.length, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1] }, geometricError,
-            content: { uri: `${geometricError}.glb` }, extras: { spacing: 1 }, children,
+        const json = (error, children = []) => ({
+            boundingVolume: { box: [children.length, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1] }, geometricError: 100,
+            content: { uri: `${error}.glb` }, extras: { error: { p99: error }, spacing: 1 }, children,
         });
         const root = treeOf(json(8, [json(4), json(3, [json(1), json(1)])]));
         const [left, right] = root.children;
@@ -103,6 +103,18 @@ const tests = {
         const bytes = levels.flatMap(({ files }) => files).filter(({ format }) => format === 'drc')
             .reduce((sum, file) => sum + file.bytes, 0);
         assert.ok(Math.abs(parseFloat(await figure('bytes')) * 1000 - bytes) <= 0.006 * bytes + 500, await figure('bytes'));
+        await page.context().close();
+    },
+
+    async 'The coarsest level needs no request of its own'() {
+        const page = await browser.open(`/?pyramid=${torusPyramid}`);
+        const asked = [];
+        page.on('request', (request) => asked.push(new URL(request.url()).pathname));
+        await page.reload();
+        await settledPyramid(page);
+        const { levels } = await manifestOf(torusPyramid);
+        const isAsked = levels.map(({ files }) => asked.includes(files.find(({ format }) => format === 'drc').href));
+        assert.deepEqual(isAsked, levels.map(({ level }) => level > 0));
         await page.context().close();
     },
 
