@@ -45,7 +45,7 @@ export class ResultSession {
     }
 
     async readManifest(job) {
-        if (job.levels_ready > this.loader.levels.length || (isFinal(job) && job.status === 'successful')) {
+        if (job.levels_ready > this.loader.known || (isFinal(job) && job.status === 'successful')) {
             const manifest = await getManifest(this.id, this.abort.signal);
             this.isComplete = manifest.complete;
             this.loader.update(manifest);
@@ -110,7 +110,7 @@ export class ResultSession {
 
     /** Whether everything that is listed and not too large is on the screen or was given up. */
     get isSettled() {
-        return this.isComplete && this.loader.levels.every(({ state }) => state !== 'loading');
+        return this.isComplete && !this.loader.isFollowing && this.loader.levels.every(({ state }) => state !== 'loading');
     }
 
     tell() {
