@@ -86,7 +86,7 @@ const tests = {
         const reply = await fetch(`${server.url}/v1/jobs`, {
             method: 'POST',
             headers: { 'Content-Type': 'application/json' },
-            body: JSON.stringify({ type: 'pyramid', input: (await manifestOf(torusPyramid)).source.sha256, formats: ['stream'] }),
+            body: JSON.stringify({ type: 'pyramid', input: (await manifestOf(torusPyramid)).source.sha256, formats: ['stpc'] }),
         });
         const { id } = await reply.json();
         const page = await browser.open(`/?pyramid=${id}`);
