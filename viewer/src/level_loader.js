@@ -8,6 +8,8 @@ import { estimateSurfaceInWorker } from './surface.js';
 /** Unique ids of attributes in our Draco files: position, normal and colour come first. */
 const kFirstAttributeId = 3;
 
+const kHeaderPiece = 256;
+
 /** The first batches of a stream are too few points to look at. */
 const kFirstOfStream = 1_000;
 
@@ -75,8 +77,9 @@ export class LevelLoader {
         const take = async (piece) => {
             this.loadedBytes += piece.length;
             for (let rest = piece; rest.length > 0;) {
-                // Not beyond the end of a batch, where all points are equally exact.
-                const end = decoder.batches.find(({ bytes }) => bytes > decoder.taken)?.bytes ?? Infinity;
+                // Not beyond the end of a batch, where all points are equally exact; the header comes first.
+                const next = decoder.batches.find(({ bytes }) => bytes > decoder.taken);
+                const end = next?.bytes ?? decoder.taken + kHeaderPiece;
                 const part = rest.subarray(0, end - decoder.taken);
                 decoder.feed(part);
                 rest = rest.subarray(part.length);

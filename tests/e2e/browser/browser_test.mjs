@@ -93,12 +93,12 @@ const tests = {
         await settledPyramid(page);
         await shows(page, 60_000);
         const shown = await page.evaluate(() => performance.getEntriesByType('mark').map(({ detail }) => detail.points));
-        assert.ok(shown.length >= 4 && shown[0] < 4_000, `shown were ${shown}`);
+        assert.ok(shown.length >= 2 && shown[0] < 4_000, `shown were ${shown}`);
         assert.equal(shown.at(-1), 60_000);
         await rest(page);
         await page.screenshot({ path: join(options.artifacts, 'viewer-stream.png') });
         const whole = await litShare(page);
-        await page.locator('#level').fill('3');
+        await page.locator('#level').fill('2');
         await shows(page, 3_750);
         await rest(page);
         assert.ok(await litShare(page) > 0.9 * whole);
