@@ -1,7 +1,9 @@
 #include "nested_order.hpp"
 
 #include "contraction.hpp"
+#include "parallel_for.hpp"
 
+#include <algorithm>
 #include <array>
 
 namespace stipple {
@@ -19,12 +21,14 @@ NestedOrder nested_order(std::span<const Vec3f> positions, const RunContext& con
     order.points.reserve(n);
     order.parents.reserve(n);
     std::vector<Index> place(n);  // by point
-    for (std::size_t i = 1; i < n; ++i) {
-        const auto [stayed, went] = sequence[n - 1 - i];
-        order.points.push_back(went);
-        order.parents.push_back(place[stayed]);
-        place[went] = static_cast<Index>(i);
-    }
+    for_blocks_in_order(n, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = std::max<std::size_t>(begin, 1); i < end; ++i) {
+            const auto [stayed, went] = sequence[n - 1 - i];
+            order.points.push_back(went);
+            order.parents.push_back(place[stayed]);
+            place[went] = static_cast<Index>(i);
+        }
+    });
     return order;
 }
 

@@ -26,6 +26,8 @@ namespace stipple {
 
 namespace {
 
+constexpr std::size_t kBlock = 8'192;
+
 template <typename T>
 [[noreturn]] void refuse(const char* name, T value, const char* expected) {
     std::ostringstream text;
@@ -74,15 +76,17 @@ void choose_grid(const PointCloud& cloud, const ProgressiveOptions& options,
 
 /// Where the points are on the finest grid, in an order.
 std::vector<Cell> cells_of(const PointCloud& cloud, std::span<const Index> points,
-                           const ProgressiveLayout& layout) {
+                           const ProgressiveLayout& layout, const RunContext& context) {
     const double most = (1U << layout.grid_bits) - 1U;
     std::vector<Cell> cells(points.size());
-    for (std::size_t i = 0; i < points.size(); ++i) {
-        const Vec3d at = (cloud.positions[points[i]].cast<double>() - layout.low) / layout.step;
-        for (int axis = 0; axis < 3; ++axis)
-            cells[i][axis] =
-                static_cast<std::int32_t>(std::clamp(std::floor(at[axis] + 0.5), 0.0, most));
-    }
+    parallel_for_blocks(cells.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+            const Vec3d at = (cloud.positions[points[i]].cast<double>() - layout.low) / layout.step;
+            for (int axis = 0; axis < 3; ++axis)
+                cells[i][axis] =
+                    static_cast<std::int32_t>(std::clamp(std::floor(at[axis] + 0.5), 0.0, most));
+        }
+    });
     return cells;
 }
 
@@ -160,15 +164,18 @@ void plan_batches(const PointCloud& cloud, const NestedOrder& order, std::span<c
     }
 }
 
+constexpr std::size_t kBetweenLooks = 16'384;  // at the stop token
+
 /// Of each point those attached to it, in the order in which they come: a list for each.
 struct Attached {
     static constexpr Index kNone = ~Index{0};
     std::vector<Index> next;   ///< after this one, of the same parent
     std::vector<Index> first;  ///< not yet coded
 
-    explicit Attached(std::span<const Index> parents)
+    Attached(std::span<const Index> parents, const RunContext& context)
         : next(parents.size(), kNone), first(parents.size(), kNone) {
         for (auto i = static_cast<Index>(parents.size()); --i > 0;) {
+            if (i % kBetweenLooks == 0) context.throw_if_stopped();
             next[i] = first[parents[i]];
             first[parents[i]] = i;
         }
@@ -177,9 +184,12 @@ struct Attached {
 
 class Encoder {
 public:
-    Encoder(std::span<const Cell> cells, std::span<const std::uint32_t> values,
-            const NestedOrder& order, const ProgressiveLayout& layout)
-        : cells_(cells), values_(values), attached_(order.parents), model_(layout.channels()) {}
+    Encoder(std::span<const Cell> cells, std::span<std::uint32_t> values, const NestedOrder& order,
+            const ProgressiveLayout& layout, const RunContext& context)
+        : cells_(cells),
+          values_(values),
+          attached_(order.parents, context),
+          model_(layout.channels()) {}
 
     std::vector<std::byte> batch(const ProgressiveLayout& layout, std::size_t number,
                                  const RunContext& context);
@@ -190,28 +200,21 @@ private:
     }
     void start(RangeEncoder& coder, unsigned shift, unsigned bits);
     void attach(RangeEncoder& coder, std::size_t parent, unsigned shift);
-    void code_channels(RangeEncoder& coder, std::span<const std::uint32_t> parent, Index i);
 
     std::span<const Cell> cells_;
-    std::span<const std::uint32_t> values_;
+    std::span<std::uint32_t> values_;
     Attached attached_;
     ProgressiveModel model_;
     std::vector<TracedPoint> points_;  ///< those that were coded, as the decoder has them
     std::vector<Index> numbers_;       ///< which these are
 };
 
-void Encoder::code_channels(RangeEncoder& coder, std::span<const std::uint32_t> parent, Index i) {
-    const std::size_t count = model_.channel_count();
-    std::vector<std::uint32_t> values(values_.begin() + i * count,
-                                      values_.begin() + (i + 1) * count);
-    model_.code_channels(coder, parent, values);
-}
-
 void Encoder::start(RangeEncoder& coder, unsigned shift, unsigned bits) {
     TracedPoint root{};
     root.cell = at(0, shift);
     model_.code_root(coder, root.cell, bits - shift);
-    code_channels(coder, std::vector<std::uint32_t>(model_.channel_count()), 0);
+    const std::size_t count = model_.channel_count();
+    model_.code_channels(coder, std::vector<std::uint32_t>(count), values_.first(count));
     points_.push_back(root);
     numbers_.push_back(0);
 }
@@ -223,7 +226,8 @@ void Encoder::attach(RangeEncoder& coder, std::size_t parent, unsigned shift) {
     const TracedPoint child = model_.attach(
         coder, points_[parent], {cell[0] - from[0], cell[1] - from[1], cell[2] - from[2]});
     const std::size_t count = model_.channel_count();
-    code_channels(coder, values_.subspan(numbers_[parent] * count, count), i);
+    model_.code_channels(coder, values_.subspan(numbers_[parent] * count, count),
+                         values_.subspan(i * count, count));
     points_.push_back(child);
     numbers_.push_back(i);
     i = attached_.next[i];
@@ -238,7 +242,6 @@ std::vector<std::byte> Encoder::batch(const ProgressiveLayout& layout, std::size
     if (number == 0) start(coder, shift, layout.grid_bits);
     const std::size_t before = number == 0 ? 0 : points_.size();
     for (std::size_t i = 0; i < points_.size(); ++i) {
-        constexpr std::size_t kBetweenLooks = 4096;
         if (i % kBetweenLooks == 0) context.throw_if_stopped();
         if (split > 0 && i < before) {
             const Cell fine = at(numbers_[i], shift);
@@ -281,11 +284,11 @@ std::vector<std::byte> encode_progressive(const PointCloud& cloud,
 
     context.checkpoint(0);
     const NestedOrder order = nested_order(cloud.positions, context.part(0, 0.5));
-    const std::vector<Cell> cells = cells_of(cloud, order.points, layout);
+    const std::vector<Cell> cells = cells_of(cloud, order.points, layout, context);
     plan_batches(cloud, order, cells, options.coarseness, layout, context.part(0.5, 0.8));
 
-    const std::vector<std::uint32_t> values = pack_channels(cloud, order.points, layout);
-    Encoder encoder(cells, values, order, layout);
+    std::vector<std::uint32_t> values = pack_channels(cloud, order.points, layout, context);
+    Encoder encoder(cells, values, order, layout, context);
     std::vector<std::byte> body;
     for (std::size_t b = 0; b < layout.batches.size(); ++b) {
         const std::vector<std::byte> batch = encoder.batch(layout, b, context);

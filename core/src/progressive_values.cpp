@@ -1,6 +1,7 @@
 #include "progressive_values.hpp"
 
 #include "attribute_name.hpp"
+#include "parallel_for.hpp"
 #include "stipple/error.hpp"
 
 #include <algorithm>
@@ -137,12 +138,18 @@ std::vector<ProgressiveAttribute> describe_attributes(const PointCloud& cloud, u
 }
 
 std::vector<std::uint32_t> pack_channels(const PointCloud& cloud, std::span<const Index> points,
-                                         const ProgressiveLayout& layout) {
+                                         const ProgressiveLayout& layout,
+                                         const RunContext& context) {
     const std::size_t count = layout.channels().size();
     std::vector<std::uint32_t> values(points.size() * count);
     std::size_t first = 0;
     const auto for_points = [&](unsigned channels, auto&& pack) {
-        for (std::size_t i = 0; i < points.size(); ++i) pack(points[i], &values[i * count + first]);
+        constexpr std::size_t kBlock = 8'192;
+        parallel_for_blocks(points.size(), kBlock, context,
+                            [&](std::size_t begin, std::size_t end) {
+                                for (std::size_t i = begin; i < end; ++i)
+                                    pack(points[i], &values[i * count + first]);
+                            });
         first += channels;
     };
     if (layout.normals) {

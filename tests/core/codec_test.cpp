@@ -258,6 +258,7 @@ TEST(Codec, KnowsFormatsByNameAndByFirstBytes) {
     EXPECT_EQ(detect("ply\n"), CloudFormat::Ply);
     EXPECT_EQ(detect("ply \r\n"), CloudFormat::Ply);
     EXPECT_EQ(detect("DRACO\x02"), CloudFormat::Draco);
+    EXPECT_EQ(detect("STPC\x01"), CloudFormat::Progressive);
     EXPECT_EQ(detect("plywood"), std::nullopt);
     EXPECT_EQ(detect("DRAC"), std::nullopt);
     EXPECT_EQ(detect(""), std::nullopt);

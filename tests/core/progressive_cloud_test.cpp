@@ -218,6 +218,7 @@ TEST(ProgressiveCloud, PrefixesAreGoodCloudsAndTellTheirError) {
     ProgressiveDecoder header;
     header.feed(stream);
     SurfaceErrorOptions options;
+    options.sampling = ErrorSampling::Surface;
     options.samples = 4'000;
     double before = std::numeric_limits<double>::infinity();
     for (const ProgressiveBatch& batch : header.batches()) {

@@ -139,6 +139,40 @@ TEST(Stippled, ServesATilesetWhoseTilesAreThere) {
     EXPECT_EQ(request(server.port(), "GET", folder + "tileset-1.json").status, 404);
 }
 
+TEST(Stippled, ServesAStreamOfWhichEveryRangeFromItsStartIsACloud) {
+    const StippledProcess server;
+    const std::string cloud = upload(server, as_ply(sphere(3000)));
+    const std::string id =
+        submit(server, {{"type", "pyramid"}, {"input", cloud}, {"formats", {"drc", "stpc"}}});
+    ASSERT_EQ(finished(server, id).at("status"), "successful");
+    const std::string target = "/v1/pyramids/" + id + "/stream";
+    const HttpReply whole = request(server.port(), "GET", target);
+    ASSERT_EQ(whole.status, 200) << whole.body;
+    EXPECT_EQ(whole.field("Content-Type"), "application/vnd.stipple.progressive");
+    EXPECT_EQ(whole.field("ETag"), '"' + hash_of(whole.body) + '"');
+    EXPECT_NE(whole.field("Cache-Control").find("immutable"), std::string::npos);
+    EXPECT_EQ(decode_cloud(std::as_bytes(std::span(whole.body))).size(), 3000U);
+    EXPECT_EQ(
+        request(server.port(), "GET", "/v1/pyramids/" + id + "/" + hash_of(whole.body) + ".stpc")
+            .body,
+        whole.body);
+
+    // Who was cut off goes on where it was.
+    const HttpReply first = request(server.port(), "GET", target, {}, {"Range: bytes=0-1999"});
+    ASSERT_EQ(first.status, 206);
+    const PointCloud few = decode_cloud(std::as_bytes(std::span(first.body)));
+    EXPECT_GT(few.size(), 300U);
+    EXPECT_LT(few.size(), 3000U);
+    const HttpReply rest = request(server.port(), "GET", target, {}, {"Range: bytes=2000-"});
+    ASSERT_EQ(rest.status, 206);
+    EXPECT_EQ(first.body + rest.body, whole.body);
+
+    const std::string other =
+        submit(server, {{"type", "pyramid"}, {"input", cloud}, {"formats", {"drc"}}});
+    ASSERT_EQ(finished(server, other).at("status"), "successful");
+    EXPECT_EQ(request(server.port(), "GET", "/v1/pyramids/" + other + "/stream").status, 404);
+}
+
 TEST(Stippled, AnswersConditionsAndRangesOnImmutableBytes) {
     const StippledProcess server;
     const std::string bytes = as_ply(sphere(1000));

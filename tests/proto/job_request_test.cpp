@@ -220,6 +220,21 @@ TEST(JobRequest, HasTheDefaultsOfCore) {
     EXPECT_FALSE(pyramid.transform);
 }
 
+TEST(JobRequest, AStreamIsMadeWhereItIsAskedForByEitherName) {
+    const auto formats = [](const std::string& names) {
+        return std::get<PyramidJob>(
+                   job_request_from_json(pyramid_with(R"("formats": [)" + names + "]")).job)
+            .output.formats;
+    };
+    EXPECT_EQ(formats(R"("stream")"), std::vector{CloudFormat::Progressive});
+    EXPECT_EQ(formats(R"("drc", "stpc")"),
+              (std::vector{CloudFormat::Draco, CloudFormat::Progressive}));
+    const auto precise = std::get<PyramidJob>(
+        job_request_from_json(pyramid_with(R"("formats": ["stpc"], "tiles": {"precision": 0.5})"))
+            .job);
+    EXPECT_EQ(precise.tiles.precision, 0.5);
+}
+
 TEST(JobRequest, ThatIsRefusedNamesFieldAndValueAndWhatIsExpected) {
     const std::pair<std::string, std::string> cases[] = {
         {simplify_with(R"("points": -3)"), "points: -3: expected an integer of at least 1"},
@@ -257,7 +272,7 @@ TEST(JobRequest, ThatIsRefusedNamesFieldAndValueAndWhatIsExpected) {
              R"("tiles": {"epsg": 32633, "transform": [1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]})"),
          "tiles.epsg: stands instead of transform: give one of the two"},
         {pyramid_with(R"("formats": ["ply"], "tiles": {})"),
-         "tiles: an object: expected none unless glb is among the formats"},
+         "tiles: an object: expected none unless glb or stpc is among the formats"},
         {simplify_with(R"("ratio": 0.5, "format": "glb")"), "format: \"glb\": expected ply or drc"},
         {pyramid_with(R"("formats": ["ply", "ply"])"),
          "formats[1]: \"ply\": expected each format once"},

@@ -164,6 +164,20 @@ TEST_F(RunJob, WritesEveryLevelOfAPyramidInEveryFormatCoarsestFirst) {
     EXPECT_EQ(files_written(), 6U);  // nothing half-written is left
 }
 
+TEST_F(RunJob, WritesTheFinestLevelAsAStream) {
+    PyramidJob job = levels_of({50, 2000});
+    job.output.formats = {CloudFormat::Progressive};
+    run(spec_for(test::sphere(3000), job));
+    ASSERT_EQ(levels().size(), 2U);
+    EXPECT_TRUE(levels()[0].files.empty());
+    ASSERT_EQ(levels()[1].files.size(), 1U);
+    const OutputFile& file = levels()[1].files.front();
+    EXPECT_EQ(file.format, CloudFormat::Progressive);
+    EXPECT_EQ(file.href, "cloud.stpc");
+    EXPECT_EQ(file.sha256, sha256_of_file(folder_ / "out" / file.href));
+    EXPECT_EQ(read_cloud(folder_ / "out" / file.href).size(), 2000U);
+}
+
 TEST_F(RunJob, WritesTilesNamedByTheirHashes) {
     PyramidJob job = levels_of({50, 3000});
     job.output.formats = {CloudFormat::Glb};

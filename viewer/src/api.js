@@ -21,6 +21,17 @@ export async function getBytes(url, signal) {
     return response.arrayBuffer();
 }
 
+/** The bytes as they come: `take` is called with each piece, and says whether that was enough. */
+export async function readBytes(url, take, signal) {
+    const reader = (await send(url, { signal })).body.getReader();
+    for (let piece = await reader.read(); !piece.done; piece = await reader.read()) {
+        if (await take(piece.value)) {
+            await reader.cancel();
+            return;
+        }
+    }
+}
+
 export const listClouds = async () => (await getJson('/v1/clouds?limit=100')).items;
 export const listJobs = async () => (await getJson('/v1/jobs?limit=100')).items;
 export const getJob = (id, signal) => getJson(`/v1/jobs/${id}`, signal);

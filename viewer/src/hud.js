@@ -2,7 +2,7 @@ import { byId, element } from './element.js';
 import * as format from './format.js';
 import { meanErrorOf } from './result_session.js';
 
-const kFormats = { drc: 'Draco', ply: 'PLY' };  // of whole levels; tiles are for other viewers
+const kFormats = { drc: 'Draco', ply: 'PLY', stpc: 'Stream' };  // of whole levels; tiles are for other viewers
 const kStages = { queued: 'Waiting', decode: 'Reading', clean: 'Cleaning', simplify: 'Simplifying', upsample: 'Adding points', analyze: 'Analysing', evaluate: 'Measuring', encode: 'Encoding' };
 
 /** The card with the level slider and the figures. */
@@ -73,7 +73,7 @@ export class Hud {
         if (!byId['error-figure'].hidden) {
             const { mean, max } = shown.error.relative;
             byId.error.textContent = format.percent(mean);
-            byId['error-figure'].title = `Mean distance to the surface of the input ${format.percent(mean)} of its diagonal, largest ${format.percent(max)}`;
+            byId['error-figure'].title = `Mean distance to the surface of the input ${format.percent(mean)} of its diagonal${max >= 0 ? `, largest ${format.percent(max)}` : ''}`;
         }
         if (errors.length >= 2) {
             byId['error-bound'].min = Math.floor(Math.log2(Math.min(...errors)) - 1);

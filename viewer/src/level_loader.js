@@ -1,12 +1,18 @@
-import { BufferAttribute, Vector3 } from 'three';
+import { BufferAttribute, BufferGeometry, Vector3 } from 'three';
 
-import { getBytes } from './api.js';
+import { getBytes, readBytes } from './api.js';
 import { decodeLevel } from './draco_levels.js';
+import { ProgressiveDecoder } from './progressive_cloud.js';
 import { estimateSurfaceInWorker } from './surface.js';
 import { TileStream } from './tile_stream.js';
 
 /** Unique ids of attributes in our Draco files: position, normal and colour come first. */
 const kFirstAttributeId = 3;
+
+const kHeaderPiece = 256;
+
+/** The first batches of a stream are too few points to look at. */
+const kFirstOfStream = 1_000;
 
 /** Of levels with more points than this only the tiles are loaded that the camera asks for; the address can have another number. */
 export const kMostWhole = Number(new URLSearchParams(location.search).get('whole') ?? 500_000);
@@ -16,7 +22,8 @@ const kMostPoints = 8_000_000;
 
 /**
  * Brings the levels of one pyramid in, coarsest first. While one is decoded the next one is under way. `update` may be called
- * again whenever the manifest has grown.
+ * again whenever the manifest has grown. Where there is a progressive stream, its batches stand for the levels: they are shown
+ * as the bytes come.
  *
  * A level in `levels` is its entry of the manifest with `file` (Draco), `attributes` (with their ids in it), `state` (`listed`,
  * `loading`, `ready`, `large`, `failed`) and, once ready, `geometry`: position, surface (see surface_estimate.js) and perhaps color.
@@ -32,13 +39,23 @@ export class LevelLoader {
         this.onError = onError;
         this.onTiles = onTiles;
         this.signal = signal;
+        this.known = 0;
         this.fetching = Promise.resolve();
         this.decoding = Promise.resolve();
     }
 
     update(manifest) {
-        const known = this.levels.length;
-        for (const entry of manifest.levels.slice(known)) {
+        const hasStream = manifest.request.formats?.includes('stpc');
+        const entries = manifest.levels.slice(this.known);
+        this.known += entries.length;
+        for (const entry of entries) {
+            const stream = entry.files.find((file) => file.format === 'stpc');
+            if (stream) {
+                this.follow(stream, entry, manifest.source);
+            }
+            if (hasStream) {
+                continue;
+            }
             const level = {
                 ...entry,
                 file: entry.files.find((file) => file.format === 'drc'),
@@ -59,8 +76,53 @@ export class LevelLoader {
         if (manifest.complete) {
             this.streamTiles(manifest);
         }
-        if (this.levels.length > known) {
+        if (entries.length > 0) {
             this.onChange();
+        }
+    }
+
+    /** Shows a stream batch by batch, as far as a browser's memory goes. */
+    async follow(file, entry, { bounds }) {
+        const decoder = new ProgressiveDecoder();
+        const diagonal = Math.hypot(...bounds.max.map((high, axis) => high - bounds.min[axis]));
+        const take = async (piece) => {
+            this.loadedBytes += piece.length;
+            for (let rest = piece; rest.length > 0;) {
+                // Not beyond the end of a batch, where all points are equally exact; the header comes first.
+                const next = decoder.batches.find(({ bytes }) => bytes > decoder.taken);
+                const end = next?.bytes ?? decoder.taken + kHeaderPiece;
+                const part = rest.subarray(0, end - decoder.taken);
+                decoder.feed(part);
+                rest = rest.subarray(part.length);
+                if (this.levels.length === 0 && decoder.total > 0) {
+                    this.levels.push(...levelsOf(decoder, entry, diagonal));
+                }
+                const level = this.levels.find(({ bytes }) => bytes === decoder.taken);
+                if (level) {
+                    await this.show(level, geometryOf(decoder));
+                }
+            }
+            return decoder.taken >= this.levels.at(-1)?.bytes;
+        };
+        this.isFollowing = true;
+        try {
+            await readBytes(file.href, take, this.signal);
+        } catch (error) {
+            const missing = this.levels.filter(({ state }) => state === 'loading');
+            (missing.length > 0 ? missing : [entry]).forEach((level) => this.fail(level, error));
+        }
+        this.isFollowing = false;
+        this.onChange();
+    }
+
+    async show(level, geometry) {
+        level.geometry = await prepare(geometry, level.spacing);
+        level.isColored = level.geometry.hasAttribute('color');
+        level.state = 'ready';
+        if (this.signal.aborted) {
+            level.geometry.dispose();
+        } else {
+            this.onReady(level);
         }
     }
 
@@ -76,14 +138,7 @@ export class LevelLoader {
                 const geometry = await decodeLevel(buffer);
                 // An error map has other points than the candidate that its entry tells of.
                 level.spacing *= Math.sqrt(level.points / geometry.getAttribute('position').count);
-                level.geometry = await prepare(geometry, level.spacing);
-                level.isColored = level.geometry.hasAttribute('color');
-                level.state = 'ready';
-                if (this.signal.aborted) {
-                    level.geometry.dispose();
-                } else {
-                    this.onReady(level);
-                }
+                await this.show(level, geometry);
             })
             .catch((error) => this.fail(level, error));
     }
@@ -138,6 +193,37 @@ export class LevelLoader {
 }
 
 const middleOf = ({ bounds: { min, max } }) => new Vector3(...min).add(new Vector3(...max)).multiplyScalar(0.5);
+
+/** A level for each batch of a stream that is worth a look. */
+function levelsOf(decoder, entry, diagonal) {
+    const least = Math.min(kFirstOfStream, decoder.total);
+    return decoder.batches.filter(({ points }) => points >= least && points <= kMostPoints).map((batch, level) => ({
+        ...entry,
+        level,
+        points: batch.points,
+        bytes: batch.bytes,
+        files: batch.points === entry.points ? entry.files : [],
+        attributes: [],
+        error: { relative: { mean: batch.meanError / diagonal } },
+        spacing: entry.spacing * Math.sqrt(entry.points / batch.points),
+        state: 'loading',
+    }));
+}
+
+/** The points of a stream so far. */
+function geometryOf(decoder) {
+    const geometry = new BufferGeometry();
+    geometry.setAttribute('position', new BufferAttribute(decoder.positions(), 3));
+    const normals = decoder.pointNormals();
+    if (normals) {
+        geometry.setAttribute('normal', new BufferAttribute(normals, 3));
+    }
+    const colors = decoder.colors();
+    if (colors) {
+        geometry.setAttribute('color', new BufferAttribute(colors, decoder.layout.alpha ? 4 : 3, true));
+    }
+    return geometry;
+}
 
 /** Splat sizes and missing normals, in the one attribute that the shader reads. */
 async function prepare(geometry, spacing) {

@@ -142,6 +142,7 @@ export class ProgressiveDecoder {
         this.size = 0; // points that are there
         this.total = 0; // of the whole stream; 0 before its header is there
         this.batches = []; // {points, bytes, step, meanError}: points and bytes from the start of the stream
+        this.taken = 0; // bytes
         this.pending = new Uint8Array(0);
         this.batch = 0;
         this.started = false;
@@ -160,6 +161,7 @@ export class ProgressiveDecoder {
         const joined = new Uint8Array(this.pending.length + bytes.length);
         joined.set(this.pending);
         joined.set(bytes, this.pending.length);
+        this.taken += bytes.length;
         this.pending = joined;
         if (this.total === 0 && !this.takeHeader()) {
             return;

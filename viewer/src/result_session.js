@@ -60,7 +60,7 @@ export class ResultSession {
     }
 
     async readNews() {
-        const isNews = !this.job || this.job.levels_ready > this.loader.levels.length || this.job.status === 'successful';
+        const isNews = !this.job || this.job.levels_ready > this.loader.known || this.job.status === 'successful';
         if (isNews && !this.isComplete) {
             const manifest = await getManifest(this, this.abort.signal);
             this.isComplete = manifest.complete;
@@ -126,7 +126,8 @@ export class ResultSession {
 
     /** Whether everything that is listed and not too large is on the screen or was given up. */
     get isSettled() {
-        return this.isComplete && this.job !== null && (this.shown?.tiles?.isComplete ?? true) && this.loader.levels.every(({ state }) => state !== 'loading');
+        return this.isComplete && this.job !== null && !this.loader.isFollowing && (this.shown?.tiles?.isComplete ?? true) &&
+            this.loader.levels.every(({ state }) => state !== 'loading');
     }
 
     tell() {

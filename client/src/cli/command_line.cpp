@@ -737,7 +737,7 @@ CurveCommand curve_command(const Values& values, const CLI::App& app) {
 }
 
 ConvertCommand convert_command(const Values& values) {
-    if (values.output.extension() != ".stpc") format_of(values.output);
+    if (fs::path(values.output).extension() != ".stpc") format_of(values.output);
     return {values.input,  values.output, values.first_points, values.first_bytes,
             draco(values), ply(values),   values.common};
 }

@@ -5,12 +5,16 @@
 #include "cli/units.hpp"
 #include "stipple/cleaning.hpp"
 #include "stipple/neighbors.hpp"
+#include "stipple/progressive_cloud.hpp"
 #include "stipple/proto/digest.hpp"
 
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <fstream>
 #include <iostream>
+#include <span>
+#include <vector>
 
 namespace stipple::cli {
 namespace {
@@ -24,7 +28,22 @@ struct Findings {
     std::uint64_t bytes = 0;
     std::string sha256;
     double spacing = 0;  ///< mean distance to the nearest other point, 0 for a single one
+    std::vector<ProgressiveBatch> batches;  ///< of a stream
 };
+
+/// What a stream says in its header.
+std::vector<ProgressiveBatch> batches_of(const fs::path& file) {
+    constexpr std::size_t kPiece = 4096;
+    std::ifstream stream(file, std::ios::binary);
+    ProgressiveDecoder decoder({}, 1);
+    std::vector<char> piece(kPiece);
+    while (decoder.batches().empty() && stream) {
+        stream.read(piece.data(), kPiece);
+        const auto got = static_cast<std::size_t>(stream.gcount());
+        decoder.feed(std::as_bytes(std::span(piece).first(got)));
+    }
+    return decoder.batches();
+}
 
 double mean_spacing(const PointCloud& cloud, const RunContext& context) {
     if (cloud.size() < 2) return 0;
@@ -51,6 +70,7 @@ Findings look_at(const fs::path& file, const RunContext& context, ProgressDispla
     const CleaningReport removed = clean(cloud, stage(context, display, "clean", 0.4, 0.6));
     findings.statistics =
         proto::describe(cloud, findings.report, removed.non_finite, removed.duplicates);
+    if (findings.report.format == CloudFormat::Progressive) findings.batches = batches_of(file);
     findings.spacing = mean_spacing(cloud, stage(context, display, "measure", 0.6, 1));
     return findings;
 }
@@ -63,6 +83,11 @@ ordered_json figures(const fs::path& file, const Findings& findings) {
     json["spacing"] = findings.spacing;
     json["bytes"] = findings.bytes;
     json["sha256"] = findings.sha256;
+    for (const ProgressiveBatch& batch : findings.batches)
+        json["batches"].push_back({{"points", batch.points},
+                                   {"bytes", batch.bytes},
+                                   {"step", batch.step},
+                                   {"mean_error", batch.mean_error}});
     return json;
 }
 
@@ -111,6 +136,11 @@ void print(const Findings& findings, const Terminal& terminal) {
     if (findings.report.faces > 0)
         print_row(style, "faces", with_separators(findings.report.faces));
     print_row(style, "not used", losses_line(cloud, style));
+    for (const ProgressiveBatch& batch : findings.batches) {
+        print_row(
+            style, readable_bytes(batch.bytes),
+            with_separators(batch.points) + " points, mean error " + number(batch.mean_error));
+    }
     for (const std::string& comment : cloud.comments) print_row(style, "comment", comment);
     print_row(style, "sha-256", findings.sha256);
 }

@@ -118,6 +118,29 @@ const tests = {
         await page.context().close();
     },
 
+    async 'A stream is shown while its bytes come, and the slider chooses how many of its points'() {
+        const reply = await fetch(`${server.url}/v1/jobs`, {
+            method: 'POST',
+            headers: { 'Content-Type': 'application/json' },
+            body: JSON.stringify({ type: 'pyramid', input: (await manifestOf(torusPyramid)).source.sha256, formats: ['stpc'] }),
+        });
+        const { id } = await reply.json();
+        const page = await browser.open(`/?pyramid=${id}`);
+        await settledPyramid(page);
+        await shows(page, 60_000);
+        const shown = await page.evaluate(() => performance.getEntriesByType('mark').map(({ detail }) => detail.points));
+        assert.ok(shown.length >= 2 && shown[0] < 4_000, `shown were ${shown}`);
+        assert.equal(shown.at(-1), 60_000);
+        await rest(page);
+        await page.screenshot({ path: join(options.artifacts, 'viewer-stream.png') });
+        const whole = await litShare(page);
+        await page.locator('#level').fill('2');
+        await shows(page, 3_750);
+        await rest(page);
+        assert.ok(await litShare(page) > 0.9 * whole);
+        await page.context().close();
+    },
+
     async 'A coloured cloud shows its colours'() {
         const page = await browser.open(`/?pyramid=${torusPyramid}`);
         await settledPyramid(page);
