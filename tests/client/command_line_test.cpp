@@ -214,6 +214,35 @@ TEST(CommandLine, PyramidTakesALadderOrARatio) {
         std::string::npos);
 }
 
+TEST(CommandLine, APotreeFolderTakesNoOptionOfLevels) {
+    const auto command = parsed<PyramidCommand>({"pyramid", "in.ply", "out", "--layout", "potree"});
+    EXPECT_TRUE(command.potree);
+    EXPECT_EQ(command.job.output.formats, std::vector{CloudFormat::Ply});
+    EXPECT_EQ(refusal({"pyramid", "in.ply", "out", "--layout", "potree", "--ratio", "2"}),
+              "--ratio does not go with --layout potree");
+    EXPECT_EQ(refusal({"pyramid", "in.ply", "out", "--layout", "copc"}),
+              "--layout copc: expected levels or potree");
+}
+
+TEST(CommandLine, SliceTakesOneBudgetAndABox) {
+    const auto command = parsed<SliceCommand>(
+        {"slice", "levels", "out.glb", "--points", "100", "--box", "0,-1,0,1,1,2.5"});
+    EXPECT_EQ(command.options.points, 100U);
+    EXPECT_EQ(command.options.format, CloudFormat::Glb);
+    ASSERT_TRUE(command.options.box);
+    EXPECT_EQ(command.options.box->min, Vec3d(0, -1, 0));
+    EXPECT_EQ(command.options.box->max, Vec3d(1, 1, 2.5));
+    EXPECT_EQ(parsed<SliceCommand>({"slice", "levels", "out.drc", "--max-error", "0.5"})
+                  .options.max_error,
+              0.5);
+    EXPECT_NE(refusal({"slice", "levels", "out.ply"}), "accepted");
+    EXPECT_NE(refusal({"slice", "levels", "out.ply", "--points", "1", "--bytes", "1"}), "accepted");
+    EXPECT_NE(refusal({"slice", "levels", "out.ply", "--points", "1", "--box", "1,2"}), "accepted");
+    EXPECT_NE(refusal({"slice", "levels", "out.ply", "--points", "1", "--box", "1,0,0,0,1,1"})
+                  .find("box"),
+              std::string::npos);
+}
+
 TEST(CommandLine, ReductionsAreByName) {
     const auto command =
         parsed<SimplifyCommand>({"simplify", "i.ply", "o.ply", "-n", "5", "--reduce",

@@ -122,14 +122,14 @@ TEST_F(ServedPyramid, IsReadableFromAnySite) {
 }
 
 TEST_F(ServedPyramid, CutsACloudByBudgetAndPlace) {
-    const HttpReply reply = get("/slice?points=777&box=0,0,0,1,1,1&format=drc");
+    const HttpReply reply = get("/slice?points=700&box=0,0,0,1,1,1&format=drc");
     ASSERT_EQ(reply.status, 200) << reply.body;
     EXPECT_EQ(reply.field("Content-Type"), "model/vnd.google.draco");
-    EXPECT_EQ(reply.field("Stipple-Points"), "777");
+    EXPECT_EQ(reply.field("Stipple-Points"), "700");
     EXPECT_EQ(reply.field("Stipple-Level"), "2");
     EXPECT_GT(std::stod(reply.field("Stipple-Error-Mean")), 0);
-    EXPECT_EQ(decode_cloud(std::as_bytes(std::span(reply.body))).size(), 777U);
-    EXPECT_EQ(get("/slice?points=777&box=0,0,0,1,1,1&format=drc",
+    EXPECT_EQ(decode_cloud(std::as_bytes(std::span(reply.body))).size(), 700U);
+    EXPECT_EQ(get("/slice?points=700&box=0,0,0,1,1,1&format=drc",
                   {"If-None-Match: " + reply.field("ETag")})
                   .status,
               304);

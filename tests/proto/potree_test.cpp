@@ -36,7 +36,7 @@ struct Node {
     Aabb box;
     unsigned depth = 0;
     bool leaf = false;
-    std::vector<Vec3d> points;
+    std::vector<Vec3d> points{};
 };
 
 struct Folder {

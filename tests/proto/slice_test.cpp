@@ -5,7 +5,6 @@
 #include "stipple/proto/pyramid_export.hpp"
 #include "stipple/proto/tiles.hpp"
 #include "stipple/surface_error.hpp"
-#include "support/oracles.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
