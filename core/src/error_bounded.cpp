@@ -1,9 +1,9 @@
 #include "stipple/error_bounded.hpp"
 
+#include "error_judge.hpp"
 #include "snapshot_forest.hpp"
 #include "snapshots.hpp"
 #include "stipple/error.hpp"
-#include "surface_probe.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -20,12 +20,9 @@ namespace stipple {
 
 namespace {
 
-constexpr double kMargin = 0.95;  // of the bound: what places are made finer for
-constexpr double kStep = 1.26;    // from a snapshot to the next: three of them double a count
+constexpr double kStep = 1.26;  // from a snapshot to the next: three of them double a count
 constexpr std::size_t kMostCounts = 64;
-constexpr std::uint64_t kFewPasses = 1, kManyPasses = 8;
-constexpr unsigned kMostRounds = 40;
-constexpr std::size_t kManySamples = 100'000;  // unless there are even more points
+constexpr unsigned kMostRounds = 100;
 
 [[noreturn]] void refuse(const std::string& message) {
     throw Error(ErrorCode::InvalidArgument, message);
@@ -41,137 +38,6 @@ std::vector<std::uint64_t> snapshot_sizes(std::uint64_t points) {
     return sizes;
 }
 
-/// Judges candidates for one cloud.
-class Judge {
-public:
-    Judge(const PointCloud& cloud, double bound, const RunContext& context)
-        : cloud_(cloud),
-          bound_(bound),
-          quietly_{.stop = context.stop, .progress = {}, .threads = context.threads},
-          center_(0.5 * (bounds(cloud).min + bounds(cloud).max) - cloud.origin),
-          scale_(std::ldexp(1.0, -std::ilogb(bounds(cloud).diagonal()))),
-          surface_(into_frame(cloud.positions), quietly_),
-          glance_(surface_.some_points(kGlance, quietly_)),
-          everywhere_(surface_.some_points(cloud.size(), quietly_)) {
-        const auto between = surface_.random_places(dense_samples(), quietly_);
-        everywhere_.insert(everywhere_.end(), between.begin(), between.end());
-    }
-
-    /// What a look at a candidate finds.
-    struct Finding {
-        std::vector<Vec3f> places;  ///< that are not safely within the bound
-        double share = 0;           ///< of the places looked at
-        double max = 0;             ///< over the bound
-        bool measured = false;      ///< as anyone would
-    };
-
-    /// From few samples, to learn where snapshots are too coarse.
-    Finding look(const PointCloud& candidate) {
-        const ProbedSurface other(into_frame(candidate.positions), quietly_);
-        const Probes forward = surface_.measure(glance_, other, quietly_);
-        const Probes backward =
-            other.measure(other.random_places(kGlance, quietly_), surface_, quietly_);
-        return found(forward, backward);
-    }
-
-    /// Whether a candidate is within the bound by every measure there is; its measurement then.
-    Finding judge(ErrorBoundedCloud& candidate) {
-        for (const std::uint64_t passes : {kFewPasses, kManyPasses}) {
-            Finding finding = search(candidate.cloud, passes);
-            if (!finding.places.empty()) return finding;
-        }
-        return measure(candidate);
-    }
-
-    /// From all points, random places, and what lies around the worst of them.
-    /// @param passes  how often also the surroundings of all points of the candidate.
-    Finding search(const PointCloud& candidate, std::uint64_t passes) {
-        const ProbedSurface other(into_frame(candidate.positions), quietly_);
-        Probes forward = surface_.measure(everywhere_, other, quietly_);
-        surface_.search_around(forward, other, kSuspicious * bound_ * scale_, quietly_);
-        std::vector<Vec3f> places = other.random_places(dense_samples(), quietly_);
-        for (std::uint64_t pass = 0; pass < passes; ++pass) {
-            const auto beside = other.places_around(other.points(), 1, 100 + pass, quietly_);
-            places.insert(places.end(), beside.begin(), beside.end());
-        }
-        Probes backward = other.measure(std::move(places), surface_, quietly_);
-        other.search_around(backward, surface_, kSuspicious * bound_ * scale_, quietly_);
-        return found(forward, backward);
-    }
-
-    /// As anyone would measure it, in the ways there are, until one says that the candidate is not
-    /// within the bound.
-    Finding measure(ErrorBoundedCloud& candidate) {
-        const std::uint64_t dense = dense_samples();
-        Finding worst;
-        const auto surface = ErrorSampling::Surface;
-        for (const SurfaceErrorOptions& options :
-             {SurfaceErrorOptions{.sampling = surface, .samples = 4 * dense, .seed = 0},
-              SurfaceErrorOptions{.sampling = surface, .samples = 4 * dense, .seed = 1},
-              SurfaceErrorOptions{.sampling = surface, .samples = 4 * dense, .seed = 2},
-              SurfaceErrorOptions{.sampling = ErrorSampling::Particles, .samples = dense}}) {
-            ++tries_;
-            SurfaceErrorOptions kept = options;
-            kept.keep_samples = true;
-            SurfaceError error = measure_error(cloud_, candidate.cloud, kept, quietly_);
-            Finding finding;
-            finding.max = error.max() / bound_;
-            for (const DirectedError* const direction : {&error.forward, &error.backward})
-                for (std::size_t i = 0; i < direction->distances.size(); ++i)
-                    if (direction->distances[i] > kMargin * bound_)
-                        finding.places.push_back(direction->positions[i]);
-            if (finding.max >= worst.max) {
-                worst = std::move(finding);
-                candidate.error = std::move(error);
-                candidate.sampling = options.sampling;
-            }
-            if (worst.max > 1) break;
-        }
-        worst.measured = true;
-        return worst;
-    }
-
-    unsigned tries() const { return tries_; }
-
-private:
-    static constexpr std::uint64_t kGlance = 20'000;
-    static constexpr double kSuspicious = 0.5;  // of the bound: worth a closer look
-
-    std::uint64_t dense_samples() const {
-        return std::max(cloud_.size(), std::min(10 * cloud_.size(), kManySamples));
-    }
-
-    std::vector<Vec3f> into_frame(std::span<const Vec3f> positions) const {
-        std::vector<Vec3f> points(positions.size());
-        for (std::size_t i = 0; i < points.size(); ++i)
-            points[i] = (scale_ * (positions[i].cast<double>() - center_)).cast<float>();
-        return points;
-    }
-
-    Finding found(const Probes& forward, const Probes& backward) {
-        ++tries_;
-        Finding finding;
-        finding.max = std::max(forward.max(), backward.max()) / (bound_ * scale_);
-        for (const Probes* const probes : {&forward, &backward}) {
-            for (const Vec3f& place : probes->places_above(kMargin * bound_ * scale_))
-                finding.places.push_back(
-                    (place.cast<double>() / scale_ + center_).template cast<float>());
-        }
-        finding.share = static_cast<double>(finding.places.size()) /
-                        static_cast<double>(forward.places.size() + backward.places.size());
-        return finding;
-    }
-
-    const PointCloud& cloud_;
-    double bound_;
-    RunContext quietly_;
-    Vec3d center_;
-    double scale_;
-    ProbedSurface surface_;
-    std::vector<Vec3f> glance_, everywhere_;  ///< on the surface
-    unsigned tries_ = 0;
-};
-
 ErrorBoundedCloud whole(const PointCloud& cloud, double bound, unsigned tries) {
     ErrorBoundedCloud result{.cloud = cloud, .bound = bound, .tries = tries, .whole = true};
     result.error.diagonal = bounds(cloud).diagonal();
@@ -181,8 +47,11 @@ ErrorBoundedCloud whole(const PointCloud& cloud, double bound, unsigned tries) {
 /// The search through the snapshots of one run.
 class ForestSearch {
 public:
-    ForestSearch(SnapshotForest forest, Judge& judge, const RunContext& context)
+    ForestSearch(SnapshotForest forest, ErrorJudge& judge, const RunContext& context)
         : forest_(std::move(forest)), judge_(judge), context_(context) {}
+
+    /// No snapshot of so few points holds everywhere. Known after the run.
+    std::uint64_t too_few() const { return finest_ == 0 ? 0 : forest_.size_of(finest_ - 1); }
 
     /// The cloud within the bound, and its measurement; none when it would be the whole input.
     std::optional<ErrorBoundedCloud> run() {
@@ -194,11 +63,15 @@ public:
             while (forest_.grade(cut, context_)) cut = forest_.cut(base);
             if (cut.empty() || 10 * cut.size() >= 9 * points()) return std::nullopt;
             ErrorBoundedCloud result{.cloud = forest_.cloud_of(cut)};
-            const Judge::Finding finding = judge_.judge(result);
-            if (finding.max <= 1 && finding.measured) return result;
-            // Where all is as in the input, what is too far is the input from its own surface.
+            ErrorJudge::Finding finding = judge_.watch(result.cloud);
+            if (finding.places.empty()) {
+                finding = judge_.measure(result);
+                if (finding.max <= 1) return result;
+            }
             constexpr unsigned kSteps = 2;
-            if (!forest_.mark(cut, finding.places, kSteps, context_)) return std::nullopt;
+            if (!forest_.mark(cut, finding.places, kSteps, context_) &&
+                !forest_.mark_all(finding.places, context_))
+                return std::nullopt;  // what is too far is the input from its own surface
         }
         return std::nullopt;
     }
@@ -208,7 +81,7 @@ private:
 
     /// Whether a level holds everywhere. Says where it is too coarse.
     bool learn(std::size_t level) {
-        const Judge::Finding finding = judge_.look(forest_.level(level));
+        const ErrorJudge::Finding finding = judge_.glance(forest_.level(level));
         too_far_[level] = finding.share;
         forest_.mark(level, finding.places, context_);
         return finding.places.empty();
@@ -252,23 +125,23 @@ private:
     static constexpr double kHopeless = 0.5;  // share of places too coarse
 
     SnapshotForest forest_;
-    Judge& judge_;
+    ErrorJudge& judge_;
     const RunContext& context_;
     std::vector<double> too_far_;
     std::size_t coarsest_ = 0, finest_ = 0;
 };
 
-/// A snapshot of fewer points than `size` that holds everywhere, if there is one: where the error
-/// is even, one count for all needs fewer points than a front with its grading.
+/// A snapshot of more points than `too_few` but fewer than `size` that holds everywhere, if there
+/// is one: where the error is even, one count for all needs fewer than a front with its grading.
 std::optional<ErrorBoundedCloud> fewer_everywhere(const PointCloud& cloud,
                                                   const SimplifyOptions& options,
-                                                  std::uint64_t size, Judge& judge,
-                                                  const RunContext& context) {
+                                                  std::uint64_t size, std::uint64_t too_few,
+                                                  ErrorJudge& judge, const RunContext& context) {
     constexpr double kCloser = 1.05;
     constexpr unsigned kMostMisses = 3;  // the error does not fall evenly with the count
     std::vector<std::uint64_t> counts;
-    for (double count = static_cast<double>(size) / kCloser;
-         count >= 1 && 2 * count > static_cast<double>(size); count /= kCloser) {
+    const double least = std::max(static_cast<double>(too_few) + 1, static_cast<double>(size) / 2);
+    for (double count = static_cast<double>(size) / kCloser; count >= least; count /= kCloser) {
         const auto rounded = static_cast<std::uint64_t>(count);
         if (counts.empty() || rounded < counts.back()) counts.push_back(rounded);
     }
@@ -279,10 +152,9 @@ std::optional<ErrorBoundedCloud> fewer_everywhere(const PointCloud& cloud,
                    [&](PointCloud&& snapshot) {
                        if (misses == kMostMisses) return;
                        ErrorBoundedCloud candidate{.cloud = std::move(snapshot)};
-                       const bool near = judge.look(candidate.cloud).places.empty();
-                       const Judge::Finding finding =
-                           near ? judge.judge(candidate) : Judge::Finding{};
-                       const bool holds = finding.measured && finding.max <= 1;
+                       const bool holds = judge.glance(candidate.cloud).places.empty() &&
+                                          judge.watch(candidate.cloud).places.empty() &&
+                                          judge.measure(candidate).max <= 1;
                        misses = holds ? 0 : misses + 1;
                        if (holds) best = std::move(candidate);
                    },
@@ -291,7 +163,7 @@ std::optional<ErrorBoundedCloud> fewer_everywhere(const PointCloud& cloud,
 }
 
 ErrorBoundedCloud search_forest(const PointCloud& cloud, const SimplifyOptions& options,
-                                double bound, Judge& judge, const RunContext& context) {
+                                double bound, ErrorJudge& judge, const RunContext& context) {
     std::vector<PointCloud> levels;
     make_snapshots(
         cloud, options, snapshot_sizes(cloud.size()),
@@ -301,7 +173,7 @@ ErrorBoundedCloud search_forest(const PointCloud& cloud, const SimplifyOptions& 
     ForestSearch search(SnapshotForest(std::move(levels), context), judge, context);
     auto found = search.run();
     const std::uint64_t size = found ? found->cloud.size() : cloud.size();
-    if (auto fewer = fewer_everywhere(cloud, options, size, judge, context))
+    if (auto fewer = fewer_everywhere(cloud, options, size, search.too_few(), judge, context))
         return std::move(*fewer);
     if (!found) return whole(cloud, bound, judge.tries());
     return std::move(*found);
@@ -310,7 +182,7 @@ ErrorBoundedCloud search_forest(const PointCloud& cloud, const SimplifyOptions& 
 /// One count for all of the cloud: the error falls about as 1 / N, which says where to look.
 class CountSearch {
 public:
-    CountSearch(const PointCloud& cloud, const SimplifyOptions& options, Judge& judge,
+    CountSearch(const PointCloud& cloud, const SimplifyOptions& options, ErrorJudge& judge,
                 const RunContext& context)
         : cloud_(cloud), options_(options), judge_(judge), context_(context) {}
 
@@ -324,8 +196,9 @@ public:
             const auto count = static_cast<std::uint64_t>(std::llround(next));
             if (count <= 1 || count >= cloud_.size()) break;
             ErrorBoundedCloud made = make(count);
-            double error = judge_.search(made.cloud, kFewPasses).max;  // over the bound
-            bool holds = error <= kMargin;
+            double error = judge_.glance(made.cloud).max;  // over the bound
+            if (error <= ErrorJudge::kMargin) error = judge_.watch(made.cloud).max;
+            bool holds = error <= ErrorJudge::kMargin;
             if (holds) {
                 error = judge_.measure(made).max;
                 holds = error <= 1;
@@ -338,8 +211,8 @@ public:
             }
             // Where the law points to, but well within the bracket.
             const double inset = std::pow(high / low, 0.2);
-            next =
-                std::clamp(static_cast<double>(count) * error / kMargin, low * inset, high / inset);
+            next = std::clamp(static_cast<double>(count) * error / ErrorJudge::kMargin, low * inset,
+                              high / inset);
         }
         return best;
     }
@@ -355,16 +228,9 @@ private:
 
     const PointCloud& cloud_;
     const SimplifyOptions& options_;
-    Judge& judge_;
+    ErrorJudge& judge_;
     const RunContext& context_;
 };
-
-void forget_samples(SurfaceError& error) {
-    for (DirectedError* const direction : {&error.forward, &error.backward}) {
-        direction->positions = {};
-        direction->distances = {};
-    }
-}
 
 }  // namespace
 
@@ -383,9 +249,11 @@ ErrorBoundedCloud simplify_within_error(const PointCloud& cloud, const SimplifyO
         options.max_error ? *options.max_error : *options.max_error_rel * bounds(cloud).diagonal();
     if (bounds(cloud).diagonal() == 0) return whole(cloud, bound, 0);
     context.checkpoint(0.0);
-    Judge judge(cloud, bound, context);
+    ErrorJudge judge(cloud, bound, context);
     ErrorBoundedCloud result;
-    if (options.method == Method::Particles) {
+    if (!judge.can_be_kept()) {
+        result = whole(cloud, bound, 0);
+    } else if (options.method == Method::Particles) {
         auto found = CountSearch(cloud, options, judge, context).run();
         result = found ? std::move(*found) : whole(cloud, bound, 0);
     } else {
@@ -393,7 +261,6 @@ ErrorBoundedCloud simplify_within_error(const PointCloud& cloud, const SimplifyO
     }
     result.bound = bound;
     result.tries = judge.tries();
-    forget_samples(result.error);
     context.checkpoint(1.0);
     return result;
 }

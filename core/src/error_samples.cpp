@@ -68,6 +68,22 @@ float third_distance_sq(const GroupFloats& x, const GroupFloats& y, const GroupF
     return *median;
 }
 
+/// How far from each of some points of the tree its third neighbour is.
+std::vector<float> third_distances(const PointTree& tree, std::span<const Vec3f> points,
+                                   const RunContext& context) {
+    std::vector<float> distances(points.size());
+    parallel_for_blocks(points.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+        std::array<Neighbor, 4> nearest;  // the point itself is the first
+        const std::span<Neighbor> found =
+            std::span(nearest).first(std::min(nearest.size(), tree.size()));
+        for (std::size_t i = begin; i < end; ++i) {
+            find_nearest(tree, points[i], found);
+            distances[i] = std::sqrt(found.back().distance_sq);
+        }
+    });
+    return distances;
+}
+
 /// The point of the tree that each of `count` draws falls on, in the order of the tree: draw i is
 /// somewhere in the i-th of `count` equal parts of all areas.
 std::vector<std::size_t> draw_by_area(std::span<const float> areas, std::uint64_t count,
@@ -90,9 +106,8 @@ std::vector<Vec3f> feet_on(const FootFinder& surface, std::span<const Vec3f> pla
                            const RunContext& context) {
     std::vector<Vec3f> feet(places.size());
     const auto found = [&](std::size_t i, const Foot& foot) {
-        feet[i] = foot.converged && !foot.beyond
-                      ? Vec3f(foot.point.cast<float>())
-                      : Vec3f::Constant(std::numeric_limits<float>::quiet_NaN());
+        feet[i] = foot.on_surface() ? Vec3f(foot.point.cast<float>())
+                                    : Vec3f::Constant(std::numeric_limits<float>::quiet_NaN());
     };
     surface.find(places, found, context);
     return feet;
@@ -164,6 +179,7 @@ ErrorSamples take_surface(const PointTree& tree, const FootFinder& surface, std:
     used.erase(std::unique(used.begin(), used.end()), used.end());
     std::vector<Vec3f> bases(used.size()), normals(used.size());
     for (std::size_t i = 0; i < used.size(); ++i) bases[i] = position(tree, used[i]);
+    const std::vector<float> spacings = third_distances(tree, bases, context);
     surface.find(
         bases, [&](std::size_t i, const Foot& foot) { normals[i] = foot.normal.cast<float>(); },
         context);
@@ -176,7 +192,7 @@ ErrorSamples take_surface(const PointTree& tree, const FootFinder& surface, std:
         const Vec3f n = normals[base], u = n.unitOrthogonal(), v = n.cross(u);
         constexpr float kReach =
             0.6F;  // of the way to the third neighbour; more leads beyond borders
-        const Eigen::Vector2f move = kReach * std::sqrt(areas[drawn[i]]) * in_disk(~seed, i);
+        const Eigen::Vector2f move = kReach * spacings[base] * in_disk(~seed, i);
         samples.positions[i] = bases[base] + move.x() * u + move.y() * v;
         samples.areas[i] = 1.0F;
     }

@@ -93,7 +93,6 @@ struct Walker {
     bool own_patch = false;  ///< made for x just now, so that it holds what it must
     unsigned iteration = 0;
     double last_step = 0, least_step = 0;
-    bool near_samples = true;  ///< whether the best foot is where samples are
 
     Foot best;    ///< of this start
     Foot direct;  ///< of the start from q, while the other goes on
@@ -224,7 +223,10 @@ private:
             w.best.normal = get(lanes_.normal, lane);
             w.best.distance = std::abs(static_cast<double>(lanes_.height[lane]));
             w.best.h = h;
-            w.near_samples = nearness <= 0.25;
+            w.best.off_center =
+                3 * std::sqrt(static_cast<double>(lanes_.offset_sq[lane] / lanes_.radius_sq[lane]));
+            w.best.emptiness = std::sqrt(nearness);
+            w.best.roundness = static_cast<double>(lanes_.roundness[lane]);
         }
         // Steps along the surface shrink by about the same factor each time, which the first step,
         // across it, does not tell; but normals turn by no more than about 2 / h. What the steps
@@ -242,7 +244,7 @@ private:
         Walker& w = walkers_[lane];
         if (!w.from_sample) {
             constexpr double kNear = 0.25;  // of h: the start from the sample would end here too
-            if (w.best.converged && w.best.distance <= kNear * w.best.h && w.near_samples)
+            if (w.best.distance <= kNear * w.best.h && w.best.on_surface())
                 return emit(lane, w.best);
             w.sample = nearest_sample(w.q);
             w.direct = w.best;

@@ -16,8 +16,18 @@ struct Foot {
     Vec3d normal = Vec3d::UnitZ();  ///< of the surface there; the sign is any
     double distance = 0;            ///< d(q, S')
     double h = 0;                   ///< scale of the weights at the foot
+    double off_center = 0;          ///< from there to the mean of its neighbourhood, over h
+    double emptiness = 0;           ///< from there to the nearest sample, over r = 3 h
+    double roundness = 0;           ///< λ0 / λ1 there, in 0..1
     bool converged = false;
     bool beyond = false;  ///< where the surface has no samples: `distance` is how far they are
+
+    /// Whether the point is one of the surface, from which the way to it is 0: beside many samples,
+    /// where there are none, and within a knot of samples, which has no normal, planes have feet
+    /// too.
+    bool on_surface() const noexcept {
+        return converged && !beyond && emptiness <= 0.5 && roundness <= 0.5;
+    }
 };
 
 /// Finds the feet of many queries on the MLS surface of some points, with k nearest neighbours and

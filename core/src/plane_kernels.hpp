@@ -40,6 +40,9 @@ struct PlaneLanes {
     Floats nearest_sq{};              ///< and to the nearest
     Row foot{};                       ///< the query projected onto the plane
     Row normal{};                     ///< of the plane, unit
+    Floats offset_sq{};               ///< from the place to the weighted mean of its neighbourhood
+    Floats roundness{};               ///< λ0 / λ1 of the neighbourhood: 0 on a plane, 1 where its
+                                      ///< normal is arbitrary
     Floats height{};                  ///< of the query over it
     Floats step_sq{};                 ///< from the place to the foot
     std::array<bool, kLanes> flat{};  ///< false where the candidates carry no plane

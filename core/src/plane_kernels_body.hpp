@@ -214,6 +214,11 @@ void run(PlaneLanes& lanes) noexcept {
         s.xx * minor_x - s.xy * (s.xy * s.zz - s.yz * s.xz) + s.xz * (s.xy * s.yz - s.yy * s.xz);
     const Double8 least = smallest_eigenvalue(c1, c0 > 0.0 ? c0 : Double8{});
 
+    const Double8 others = 1.0 - least, product = c1 - least * others;  // λ1 + λ2, λ1 λ2
+    const Double8 inside = others * others - 4.0 * product;
+    const Double8 middle = 0.5 * (others - square_root(inside > 0.0 ? inside : Double8{}));
+    const Double8 roundness = middle > least ? least / middle : Double8{} + 1.0;
+
     // The rows of the matrix less its eigenvalue span what is orthogonal to the eigenvector.
     const Vector a{s.xx - least, s.xy, s.xz}, b{s.xy, s.yy - least, s.yz},
         c{s.xz, s.yz, s.zz - least};
@@ -236,12 +241,15 @@ void run(PlaneLanes& lanes) noexcept {
     const Double8 sx = fx - wide(px), sy = fy - wide(py), sz = fz - wide(pz);
     store(radius_sq, lanes.radius_sq);
     store(nearest, lanes.nearest_sq);
+    const Double8 ox = s.x - wide(px), oy = s.y - wide(py), oz = s.z - wide(pz);
+    store(narrow(ox * ox + oy * oy + oz * oz), lanes.offset_sq);
     store(narrow(fx), lanes.foot.x);
     store(narrow(fy), lanes.foot.y);
     store(narrow(fz), lanes.foot.z);
     store(narrow(n.x), lanes.normal.x);
     store(narrow(n.y), lanes.normal.y);
     store(narrow(n.z), lanes.normal.z);
+    store(narrow(roundness), lanes.roundness);
     store(narrow(height), lanes.height);
     store(narrow(sx * sx + sy * sy + sz * sz), lanes.step_sq);
     for (std::size_t lane = 0; lane < kLanes; ++lane) lanes.flat[lane] = flat[lane] != 0;

@@ -17,7 +17,7 @@ namespace {
 
 /// A place is described by so many points around it: about two rings of an even piece of surface,
 /// which is where a surface through 20 neighbours still changes much.
-constexpr std::size_t kAround = 16;
+constexpr std::size_t kAround = 16, kFarAround = 64;
 
 /// Levels between neighbours.
 constexpr std::size_t kMostJump = 2;
@@ -39,13 +39,13 @@ void append(PointCloud& to, const PointCloud& from) {
     }
 }
 
-/// For each place, the points around it; each point once, in their order.
-std::vector<Index> around(std::span<const Vec3f> points, std::span<const Vec3f> places,
-                          const RunContext& context) {
+/// For each place, so many points around it; each point once, in their order.
+std::vector<Index> points_around(std::span<const Vec3f> points, std::span<const Vec3f> places,
+                                 std::size_t count, const RunContext& context) {
     const NeighborSearch search(points, context);
     std::vector<std::uint8_t> found(points.size(), 0);
     for_blocks_in_order(places.size(), context, [&](std::size_t begin, std::size_t end) {
-        std::array<Neighbor, kAround> room;
+        std::vector<Neighbor> room(count);
         for (std::size_t i = begin; i < end; ++i)
             for (const Neighbor& near : search.nearest(places[i], room)) found[near.index] = 1;
     });
@@ -59,20 +59,19 @@ std::vector<Index> around(std::span<const Vec3f> points, std::span<const Vec3f> 
 
 SnapshotForest::SnapshotForest(std::vector<PointCloud> levels, const RunContext& context)
     : offsets_{0} {
-    std::vector<Index> parents;  // of all nodes from level 1 on
     for (std::size_t l = 0; l < levels.size(); ++l) {
         PointCloud& level = levels[l];
         if (l > 0) {
             const std::span<const Vec3f> above =
                 std::span(nodes_.positions).subspan(offsets_[l - 1]);
             const NeighborSearch search(above, context);
-            const std::size_t begin = parents.size();
-            parents.resize(begin + level.size());
+            const std::size_t begin = parents_.size();
+            parents_.resize(begin + level.size());
             parallel_for_blocks(level.size(), 2048, context, [&](std::size_t from, std::size_t to) {
                 for (std::size_t i = from; i < to; ++i) {
                     std::array<Neighbor, 1> room;
                     const Neighbor nearest = search.nearest(level.positions[i], room).front();
-                    parents[begin + i] = offsets_[l - 1] + nearest.index;
+                    parents_[begin + i] = offsets_[l - 1] + nearest.index;
                 }
             });
             append(nodes_, level);
@@ -84,12 +83,12 @@ SnapshotForest::SnapshotForest(std::vector<PointCloud> levels, const RunContext&
     }
     const Index roots = offsets_[1];
     first_child_.assign(nodes_.size() + 1, 0);
-    for (const Index parent : parents) ++first_child_[parent + 1];
+    for (const Index parent : parents_) ++first_child_[parent + 1];
     std::partial_sum(first_child_.begin(), first_child_.end(), first_child_.begin());
-    children_.resize(parents.size());
+    children_.resize(parents_.size());
     std::vector<Index> next(first_child_.begin(), first_child_.end() - 1);
-    for (std::size_t i = 0; i < parents.size(); ++i)
-        children_[next[parents[i]]++] = roots + static_cast<Index>(i);
+    for (std::size_t i = 0; i < parents_.size(); ++i)
+        children_[next[parents_[i]]++] = roots + static_cast<Index>(i);
     too_coarse_.assign(nodes_.size(), 0);
 }
 
@@ -109,7 +108,8 @@ void SnapshotForest::mark(std::size_t level, std::span<const Vec3f> places,
     if (level + 1 == level_count()) return;
     const std::span<const Vec3f> points =
         std::span(nodes_.positions).subspan(offsets_[level], size_of(level));
-    for (const Index i : around(points, places, context)) too_coarse_[offsets_[level] + i] = 1;
+    for (const Index i : points_around(points, places, kAround, context))
+        too_coarse_[offsets_[level] + i] = 1;
 }
 
 bool SnapshotForest::mark(std::span<const Index> cut, std::span<const Vec3f> places, unsigned steps,
@@ -117,10 +117,24 @@ bool SnapshotForest::mark(std::span<const Index> cut, std::span<const Vec3f> pla
     std::vector<Vec3f> points(cut.size());
     for (std::size_t i = 0; i < cut.size(); ++i) points[i] = nodes_.positions[cut[i]];
     bool changed = false;
-    for (const Index i : around(points, places, context)) {
+    for (const Index i : points_around(points, places, kAround, context)) {
         if (cut[i] >= offsets_[level_count() - 1]) continue;  // a point of the input
         mark_below(cut[i], steps);
         changed = true;
+    }
+    return changed;
+}
+
+bool SnapshotForest::mark_all(std::span<const Vec3f> places, const RunContext& context) {
+    const Index finest = offsets_[level_count() - 1], roots = offsets_[1];
+    const std::span<const Vec3f> points = std::span(nodes_.positions).subspan(finest);
+    bool changed = false;
+    for (const Index i : points_around(points, places, kFarAround, context)) {
+        for (Index node = finest + i; node >= roots;) {
+            node = parents_[node - roots];
+            changed |= too_coarse_[node] == 0;
+            too_coarse_[node] = 1;
+        }
     }
     return changed;
 }

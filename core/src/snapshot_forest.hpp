@@ -15,7 +15,7 @@ namespace stipple {
 class SnapshotForest {
 public:
     /// @param levels  of the same attributes, the coarsest first; at least one, none empty. Memory:
-    /// that of the levels, and 9 bytes for each of their points.
+    /// that of the levels, and 13 bytes for each of their points.
     SnapshotForest(std::vector<PointCloud> levels, const RunContext& context);
 
     std::size_t level_count() const noexcept { return offsets_.size() - 1; }
@@ -30,6 +30,11 @@ public:
     /// @return whether that changes anything.
     bool mark(std::span<const Index> cut, std::span<const Vec3f> places, unsigned steps,
               const RunContext& context);
+
+    /// Says that everything but the finest level is too coarse around these places: also what
+    /// stands for points there from farther away, such as from another sheet.
+    /// @return whether that changes anything.
+    bool mark_all(std::span<const Vec3f> places, const RunContext& context);
 
     /// Makes a cut finer around places that are much finer, so that a surface through neighbours of
     /// both has no seam. @return whether that changes anything.
@@ -47,6 +52,7 @@ private:
 
     PointCloud nodes_;             ///< all levels, one after the other
     std::vector<Index> offsets_;   ///< of the levels
+    std::vector<Index> parents_;   ///< of all nodes but those of the coarsest level
     std::vector<Index> children_;  ///< of all nodes but those of the finest level, flat
     std::vector<Index> first_child_;
     std::vector<std::uint8_t> too_coarse_;

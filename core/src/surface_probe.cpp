@@ -4,17 +4,14 @@
 #include "random.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
-#include <numeric>
+#include <limits>
 #include <utility>
 
 namespace stipple {
 
 namespace {
-
-constexpr std::size_t kMostWorst = 4'096;  // places that are looked around at in a round
-constexpr std::size_t kTriesAround = 8;    // of each
-constexpr unsigned kRounds = 3;
 
 /// A random place in the ball of radius 1.
 Vec3f in_ball(std::uint64_t seed, std::uint64_t i) {
@@ -29,17 +26,21 @@ Vec3f in_ball(std::uint64_t seed, std::uint64_t i) {
     }
 }
 
-/// The numbers of the probes above a distance, the farthest first where there are too many.
-std::vector<Index> worst_of(const Probes& probes, double distance) {
-    std::vector<Index> worst;
-    for (std::size_t i = 0; i < probes.distances.size(); ++i)
-        if (probes.distances[i] > distance) worst.push_back(static_cast<Index>(i));
-    if (worst.size() > kMostWorst) {
-        std::ranges::stable_sort(worst, std::greater(),
-                                 [&](Index i) { return probes.distances[i]; });
-        worst.resize(kMostWorst);
-    }
-    return worst;
+/// A number that stands for a place.
+std::uint64_t name_of(const Vec3f& place) {
+    std::uint64_t name = 0;
+    for (const float x : {place.x(), place.y(), place.z()})
+        name = random_bits(name, std::bit_cast<std::uint32_t>(x));
+    return name;
+}
+
+/// How far from a query points have a say in its foot: as far as the neighbourhood of the foot
+/// reaches, and a little for those on the way.
+float reach_of(const Vec3f& query, const Foot& foot) {
+    constexpr double kFurther = 1.2, kNeighborhood = 3;  // r = 3 h
+    if (foot.h == 0) return std::numeric_limits<float>::infinity();
+    const double away = (query.cast<double>() - foot.point).norm();
+    return static_cast<float>(kFurther * (away + kNeighborhood * foot.h));
 }
 
 }  // namespace
@@ -72,57 +73,71 @@ std::vector<Vec3f> ProbedSurface::random_places(std::uint64_t count,
 
 Probes ProbedSurface::measure(std::vector<Vec3f> places, const ProbedSurface& other,
                               const RunContext& context) const {
-    Probes probes{std::move(places), {}};
+    Probes probes{std::move(places), {}, {}};
     probes.distances.resize(probes.places.size());
+    probes.reach.resize(probes.places.size());
     other.finder_.find(
         probes.places,
         [&](std::size_t i, const Foot& foot) {
             probes.distances[i] = static_cast<float>(foot.distance);
+            probes.reach[i] = reach_of(probes.places[i], foot);
         },
         context);
     return probes;
 }
 
-std::vector<Vec3f> ProbedSurface::places_around(std::span<const Vec3f> centers, float reach,
-                                                std::uint64_t seed,
-                                                const RunContext& context) const {
-    std::vector<float> scales(centers.size());
+PlacesAround ProbedSurface::places_around(std::span<const Vec3f> centers, float spread,
+                                          unsigned each, std::uint64_t seed,
+                                          const RunContext& context) const {
+    const std::size_t n = centers.size();
+    PlacesAround around;
+    around.reach.resize(n);
+    around.uneven.assign(n, 0);
+    std::vector<float> scales(n);
+    std::vector<Vec3f> normals(n);
     finder_.find(
-        centers, [&](std::size_t i, const Foot& foot) { scales[i] = static_cast<float>(foot.h); },
-        context);
-    std::vector<Vec3f> around(kTriesAround * centers.size());
-    for (std::size_t i = 0; i < around.size(); ++i) {
-        const std::size_t c = i / kTriesAround;
-        around[i] = centers[c] + reach * scales[c] * in_ball(seed, i);
-    }
-    std::vector<std::uint8_t> on_surface(around.size(), 0);
-    std::vector<Vec3f> feet(around.size());
-    finder_.find(
-        around,
-        [&](std::size_t i, const Foot& foot) {
-            on_surface[i] = foot.converged && !foot.beyond ? 1 : 0;
-            feet[i] = foot.point.cast<float>();
+        centers,
+        [&](std::size_t c, const Foot& foot) {
+            scales[c] = static_cast<float>(foot.h);
+            normals[c] = foot.normal.cast<float>();
+            around.reach[c] = reach_of(centers[c], foot);
         },
         context);
-    std::vector<Vec3f> places;
-    for (std::size_t i = 0; i < feet.size(); ++i)
-        if (on_surface[i] != 0) places.push_back(feet[i]);
-    return places;
-}
-
-void ProbedSurface::search_around(Probes& probes, const ProbedSurface& other, double distance,
-                                  const RunContext& context) const {
-    float reach = 1;  // of the scale of the weights
-    for (unsigned round = 0; round < kRounds; ++round, reach /= 2) {
-        const std::vector<Index> worst = worst_of(probes, distance);
-        if (worst.empty()) return;
-        std::vector<Vec3f> centers(worst.size());
-        for (std::size_t i = 0; i < worst.size(); ++i) centers[i] = probes.places[worst[i]];
-        const Probes more = measure(places_around(centers, reach, round, context), other, context);
-        probes.places.insert(probes.places.end(), more.places.begin(), more.places.end());
-        probes.distances.insert(probes.distances.end(), more.distances.begin(),
-                                more.distances.end());
+    std::vector<Vec3f> near(each * n);
+    for (std::size_t c = 0; c < n; ++c) {
+        const std::uint64_t name = name_of(centers[c]);
+        for (unsigned j = 0; j < each; ++j)
+            near[each * c + j] = centers[c] + spread * scales[c] * in_ball(seed, name + j);
     }
+    struct Found {
+        Vec3f place;
+        float reach;
+        bool on_surface, uneven;
+    };
+    std::vector<Found> found(near.size());
+    finder_.find(
+        near,
+        [&](std::size_t i, const Foot& foot) {
+            constexpr float kTurned = 0.77F;   // cos 40 degrees
+            constexpr double kOneSided = 0.4;  // hardly in an even piece of surface
+            const std::size_t c = i / each;
+            const Vec3f place = foot.point.cast<float>();
+            found[i] = {.place = place,
+                        .reach = (near[i] - centers[c]).norm() + reach_of(near[i], foot),
+                        .on_surface = foot.on_surface(),
+                        .uneven = foot.off_center > kOneSided ||
+                                  std::abs(foot.normal.cast<float>().dot(normals[c])) < kTurned};
+        },
+        context);
+    for (std::size_t i = 0; i < found.size(); ++i) {
+        const std::size_t c = i / each;
+        around.reach[c] = std::max(around.reach[c], found[i].reach);
+        if (!found[i].on_surface || found[i].uneven) around.uneven[c] = 1;
+        if (!found[i].on_surface) continue;
+        around.places.push_back(found[i].place);
+        around.centers.push_back(static_cast<Index>(c));
+    }
+    return around;
 }
 
 }  // namespace stipple

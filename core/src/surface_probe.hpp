@@ -15,10 +15,20 @@ namespace stipple {
 struct Probes {
     std::vector<Vec3f> places;
     std::vector<float> distances;
+    std::vector<float> reach;  ///< no point of the other farther from a place changes its distance
 
     float max() const noexcept;
     /// Where the distance is above a bound.
     std::vector<Vec3f> places_above(double bound) const;
+};
+
+/// Places of a surface around some others, the centers.
+struct PlacesAround {
+    std::vector<Vec3f> places;
+    std::vector<Index> centers;  ///< of each place the number of its center; ascending
+    std::vector<float> reach;    ///< of each center: no point farther from it changes its places
+    std::vector<std::uint8_t> uneven;  ///< of each center: whether the surface around it turns by
+                                       ///< more than 40 degrees or is not found everywhere
 };
 
 /// A surface as `measure_error` has it, with a linear basis, to look for where it is farthest from
@@ -37,18 +47,14 @@ public:
     /// So many random places.
     std::vector<Vec3f> random_places(std::uint64_t count, const RunContext& context) const;
 
-    /// Eight places of it around each of some: the feet of random ones within `reach` times the
-    /// scale of the weights there, also off the surface, so that a sheet beside it is found.
-    std::vector<Vec3f> places_around(std::span<const Vec3f> centers, float reach,
-                                     std::uint64_t seed, const RunContext& context) const;
+    /// `each` places around each center: the feet of random ones within `spread` times the scale of
+    /// the weights there, also off the surface, so that a sheet beside it is found. They depend on
+    /// where the center is and on the seed, not on the other centers.
+    PlacesAround places_around(std::span<const Vec3f> centers, float spread, unsigned each,
+                               std::uint64_t seed, const RunContext& context) const;
 
     Probes measure(std::vector<Vec3f> places, const ProbedSurface& other,
                    const RunContext& context) const;
-
-    /// Adds places around those that are farther than `distance`: rounds of random ones, nearer and
-    /// nearer to the worst found, so that a maximum is found that even samples would miss.
-    void search_around(Probes& probes, const ProbedSurface& other, double distance,
-                       const RunContext& context) const;
 
 private:
     std::vector<Vec3f> points_;

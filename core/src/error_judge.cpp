@@ -1,0 +1,112 @@
+#include "error_judge.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace stipple {
+
+namespace {
+
+constexpr std::uint64_t kGlance = 10'000;
+constexpr std::size_t kManySamples = 100'000;  // unless there are even more points
+constexpr unsigned kMeasurements = 2;
+
+void append(std::vector<Vec3f>& to, const std::vector<Vec3f>& more) {
+    to.insert(to.end(), more.begin(), more.end());
+}
+
+}  // namespace
+
+ErrorJudge::ErrorJudge(const PointCloud& cloud, double bound, const RunContext& context)
+    : cloud_(cloud),
+      bound_(bound),
+      quietly_{.stop = context.stop, .progress = {}, .threads = context.threads},
+      center_(0.5 * (bounds(cloud).min + bounds(cloud).max) - cloud.origin),
+      scale_(std::ldexp(1.0, -std::ilogb(bounds(cloud).diagonal()))),
+      surface_(into_frame(cloud.positions), quietly_),
+      some_points_(surface_.some_points(kGlance, quietly_)) {}
+
+std::uint64_t ErrorJudge::dense_samples() const {
+    return std::max(cloud_.size(), std::min(10 * cloud_.size(), kManySamples));
+}
+
+std::vector<Vec3f> ErrorJudge::into_frame(std::span<const Vec3f> positions) const {
+    std::vector<Vec3f> points(positions.size());
+    for (std::size_t i = 0; i < points.size(); ++i)
+        points[i] = (scale_ * (positions[i].cast<double>() - center_)).cast<float>();
+    return points;
+}
+
+std::vector<Vec3f> ErrorJudge::out_of_frame(std::span<const Vec3f> places) const {
+    std::vector<Vec3f> points(places.size());
+    for (std::size_t i = 0; i < points.size(); ++i)
+        points[i] = (places[i].cast<double>() / scale_ + center_).cast<float>();
+    return points;
+}
+
+bool ErrorJudge::can_be_kept() const {
+    const auto points = surface_.some_points(cloud_.size(), quietly_);
+    return surface_.measure(points, surface_, quietly_).max() <= kMargin * bound_ * scale_;
+}
+
+ErrorJudge::Finding ErrorJudge::glance(const PointCloud& candidate) {
+    ++tries_;
+    const ProbedSurface other(into_frame(candidate.positions), quietly_);
+    const std::uint64_t count = std::min<std::uint64_t>(kGlance, candidate.size());
+    std::vector<Vec3f> around =
+        other.places_around(other.some_points(count, quietly_), 1, 1, 0, quietly_).places;
+    const Probes forward = surface_.measure(some_points_, other, quietly_);
+    const Probes backward = other.measure(std::move(around), surface_, quietly_);
+    Finding finding;
+    finding.max = std::max(forward.max(), backward.max()) / (bound_ * scale_);
+    for (const Probes* const probes : {&forward, &backward})
+        append(finding.places, out_of_frame(probes->places_above(kMargin * bound_ * scale_)));
+    finding.share = static_cast<double>(finding.places.size()) /
+                    static_cast<double>(forward.places.size() + backward.places.size());
+    return finding;
+}
+
+ErrorJudge::Finding ErrorJudge::watch(const PointCloud& candidate) {
+    ++tries_;
+    if (!watch_) {
+        // A place around a point also lies in gaps between points.
+        const auto each = static_cast<unsigned>(dense_samples() / cloud_.size());
+        std::vector<Vec3f> places = surface_.some_points(cloud_.size(), quietly_);
+        append(places, surface_.places_around(places, 1, each, 0, quietly_).places);
+        watch_.emplace(surface_, std::move(places), kMargin * bound_ * scale_);
+    }
+    watch_->look_at(into_frame(candidate.positions), quietly_);
+    Finding finding;
+    finding.max = watch_->max() / (bound_ * scale_);
+    finding.places = out_of_frame(watch_->places_too_far());
+    return finding;
+}
+
+ErrorJudge::Finding ErrorJudge::measure(ErrorBoundedCloud& candidate) {
+    Finding worst;
+    for (std::uint64_t seed = 0; seed < kMeasurements && worst.max <= 1; ++seed) {
+        ++tries_;
+        SurfaceErrorOptions options;
+        options.sampling = ErrorSampling::Surface;
+        options.samples = 4 * dense_samples();
+        options.keep_samples = true;
+        options.seed = seed;
+        SurfaceError error = measure_error(cloud_, candidate.cloud, options, quietly_);
+        if (error.max() / bound_ < worst.max) continue;
+        worst.max = error.max() / bound_;
+        worst.places.clear();
+        for (DirectedError* const direction : {&error.forward, &error.backward}) {
+            for (std::size_t i = 0; i < direction->distances.size(); ++i)
+                if (direction->distances[i] > kMargin * bound_)
+                    worst.places.push_back(direction->positions[i]);
+            direction->positions = {};
+            direction->distances = {};
+        }
+        candidate.error = std::move(error);
+        candidate.sampling = options.sampling;
+    }
+    return worst;
+}
+
+}  // namespace stipple

@@ -1,0 +1,63 @@
+#pragma once
+
+#include "error_watch.hpp"
+#include "stipple/error_bounded.hpp"
+#include "stipple/point_cloud.hpp"
+#include "stipple/run_context.hpp"
+#include "surface_probe.hpp"
+
+#include <optional>
+#include <span>
+#include <vector>
+
+namespace stipple {
+
+/// Judges candidates for one cloud and a bound, from a glance to what anyone would measure. Lengths
+/// and places are those of the cloud.
+class ErrorJudge {
+public:
+    /// @param cloud  of a diagonal that is not 0; must outlive the judge.
+    ErrorJudge(const PointCloud& cloud, double bound, const RunContext& context);
+
+    /// What is found of a candidate.
+    struct Finding {
+        std::vector<Vec3f> places;  ///< that are not safely within the bound
+        double share = 0;           ///< of the places looked at
+        double max = 0;             ///< over the bound
+    };
+
+    /// Whether every point of the cloud is safely within the bound of its own surface: else no
+    /// candidate is found to be.
+    bool can_be_kept() const;
+
+    /// From few samples, to learn where snapshots are too coarse.
+    Finding glance(const PointCloud& candidate);
+
+    /// From all points and much between: quick for a candidate that is much like the last.
+    Finding watch(const PointCloud& candidate);
+
+    /// As anyone would measure it, more than once; keeps the measurement that found most.
+    Finding measure(ErrorBoundedCloud& candidate);
+
+    /// The parts of the bound that a glance or a watch calls safe.
+    static constexpr double kMargin = 0.95;
+
+    unsigned tries() const noexcept { return tries_; }
+
+private:
+    std::uint64_t dense_samples() const;
+    std::vector<Vec3f> into_frame(std::span<const Vec3f> positions) const;
+    std::vector<Vec3f> out_of_frame(std::span<const Vec3f> places) const;
+
+    const PointCloud& cloud_;
+    double bound_;
+    RunContext quietly_;
+    Vec3d center_;
+    double scale_;
+    ProbedSurface surface_;
+    std::vector<Vec3f> some_points_;  ///< for glances
+    std::optional<ErrorWatch> watch_;
+    unsigned tries_ = 0;
+};
+
+}  // namespace stipple
