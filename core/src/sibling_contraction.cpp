@@ -1,5 +1,6 @@
 #include "sibling_contraction.hpp"
 
+#include "first_touch.hpp"
 #include "parallel_for.hpp"
 #include "quadric.hpp"
 #include "until_stopped.hpp"
@@ -52,7 +53,10 @@ struct SiblingContraction::Joined {
 
 SiblingContraction::SiblingContraction(const QuadricSamples& samples,
                                        std::span<const Index> samples_of, const RunContext& context)
-    : samples_(samples), samples_of_(samples_of), context_(context), costs_(samples_of.size()) {
+    : samples_(samples),
+      samples_of_(samples_of),
+      context_(context),
+      costs_(made_in_blocks<std::vector<double>>(samples_of.size(), context)) {
     with_threads(context_, [&] { join(0, 0); });
 }
 
@@ -61,6 +65,8 @@ std::vector<Index> SiblingContraction::nodes_left(std::size_t size) const {
     std::vector<Index> first;
     Index sample = 0;
     for (std::size_t node = 0; node < costs_.size();) {
+        constexpr std::size_t kBetweenChecks = 65'536;
+        if (first.size() % kBetweenChecks == 0) context_.throw_if_stopped();
         const Index samples = samples_of_[node];
         if (samples > 1 && !(last < Rank{costs_[node], static_cast<Index>(node)})) {
             ++node;
