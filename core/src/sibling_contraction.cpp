@@ -33,6 +33,7 @@ Rank last_split(std::span<const double> costs, std::span<const Index> samples_of
                 const RunContext& context) {
     if (size == 1) return {std::numeric_limits<double>::infinity(), 0};
     std::vector<Rank> ranks;
+    ranks.reserve(costs.size() / 2);
     for_blocks_in_order(costs.size(), context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t node = begin; node < end; ++node)
             if (samples_of[node] > 1) ranks.push_back({costs[node], static_cast<Index>(node)});

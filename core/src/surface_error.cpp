@@ -204,6 +204,7 @@ SurfaceErrorMeter::SurfaceErrorMeter(const PointCloud& reference,
                                      const RunContext& context) {
     validate(options);
     check_positions(reference, "reference");
+    context.throw_if_stopped();
     state_ = std::make_unique<State>(reference, options, context);
 }
 
