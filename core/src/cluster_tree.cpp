@@ -1,5 +1,6 @@
 #include "cluster_tree.hpp"
 
+#include "first_touch.hpp"
 #include "gather.hpp"
 #include "large_memory.hpp"
 #include "large_split.hpp"
@@ -283,7 +284,8 @@ void ClusterTree::grow_leaves(const SplitRule& rule, const RunContext& context) 
         return rule.max_size < kResident ? static_cast<std::size_t>(2 * leaves + 64) : 0;
     };
     if (nodes_.size() == 1 && is_resident(points_.size())) {
-        nodes_.reserve(2 * nodes_of(points_.size()));
+        const std::size_t most = 2 * points_.size();
+        nodes_.reserve(std::min(most, 2 * nodes_of(points_.size())));  // a cut adds to them
         return with_threads(context, [&] { grow_in(room_, nodes_); });
     }
     // Leaves are grown in jobs of at least so many points.
@@ -321,7 +323,7 @@ void ClusterTree::grow_leaves(const SplitRule& rule, const RunContext& context) 
     std::size_t total = nodes_.size();
     for (std::size_t j = 0; j < jobs.size(); ++j)
         total += grown[j].size() - (jobs[j].end - jobs[j].begin);
-    nodes_.reserve(total);
+    reserve_in_blocks(nodes_, total, context);
     for (std::size_t j = 0; j < jobs.size(); ++j) {
         context.throw_if_stopped();
         graft(nodes_, std::span(leaves).subspan(jobs[j].begin, jobs[j].end - jobs[j].begin),

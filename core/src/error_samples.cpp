@@ -1,5 +1,6 @@
 #include "error_samples.hpp"
 
+#include "first_touch.hpp"
 #include "parallel_for.hpp"
 #include "random.hpp"
 #include "stipple/particle_simulation.hpp"
@@ -17,7 +18,7 @@ namespace stipple {
 
 namespace {
 
-constexpr std::size_t kBlock = 4096;
+constexpr std::size_t kBlock = 4096, kBetweenChecks = 65'536;
 
 /// The i-th random number of a seed, in [0, 1).
 double random_unit(std::uint64_t seed, std::uint64_t i) noexcept {
@@ -87,16 +88,18 @@ std::vector<float> third_distances(const PointTree& tree, std::span<const Vec3f>
 /// The point of the tree that each of `count` draws falls on, in the order of the tree: draw i is
 /// somewhere in the i-th of `count` equal parts of all areas.
 std::vector<std::size_t> draw_by_area(std::span<const float> areas, std::uint64_t count,
-                                      std::uint64_t seed) {
+                                      std::uint64_t seed, const RunContext& context) {
     const double total = std::accumulate(areas.begin(), areas.end(), 0.0);
-    std::vector<std::size_t> drawn(count);
+    std::vector<std::size_t> drawn;
+    drawn.reserve(count);
     std::size_t at = 0;
     double up_to = areas[0];
     for (std::uint64_t i = 0; i < count; ++i) {
+        if (i % kBetweenChecks == 0) context.throw_if_stopped();
         const double where =
             total * (static_cast<double>(i) + random_unit(seed, i)) / static_cast<double>(count);
         while (up_to < where && at + 1 < areas.size()) up_to += areas[++at];
-        drawn[i] = at;
+        drawn.push_back(at);
     }
     return drawn;
 }
@@ -104,7 +107,7 @@ std::vector<std::size_t> draw_by_area(std::span<const float> areas, std::uint64_
 /// The feet of places near a surface; not a number where there is none.
 std::vector<Vec3f> feet_on(const FootFinder& surface, std::span<const Vec3f> places,
                            const RunContext& context) {
-    std::vector<Vec3f> feet(places.size());
+    auto feet = made_in_blocks<std::vector<Vec3f>>(places.size(), context);
     const auto found = [&](std::size_t i, const Foot& foot) {
         feet[i] = foot.on_surface() ? Vec3f(foot.point.cast<float>())
                                     : Vec3f::Constant(std::numeric_limits<float>::quiet_NaN());
@@ -115,14 +118,14 @@ std::vector<Vec3f> feet_on(const FootFinder& surface, std::span<const Vec3f> pla
 
 }  // namespace
 
-void ErrorSamples::resize(std::size_t n) {
-    positions.resize(n);
-    areas.resize(n);
+void ErrorSamples::resize(std::size_t n, const RunContext& context) {
+    resize_in_blocks(positions, n, context);
+    resize_in_blocks(areas, n, context);
 }
 
 std::vector<float> point_areas(const PointTree& tree, const RunContext& context) {
     const std::size_t n = tree.size();
-    std::vector<float> areas(n);
+    auto areas = made_in_blocks<std::vector<float>>(n, context);
     const std::size_t groups = std::max<std::size_t>(1, n / kGroup);  // the last takes the rest
     parallel_for_blocks(groups, kBlock / kGroup, context, [&](std::size_t begin, std::size_t end) {
         GroupFloats x, y, z;
@@ -147,9 +150,11 @@ ErrorSamples take_points(const PointTree& tree, std::uint64_t count, std::uint64
                          const RunContext& context) {
     const std::size_t n = tree.size(), m = std::min<std::uint64_t>(count, n);
     ErrorSamples samples;
-    samples.resize(m);
+    samples.resize(m, context);
     if (m == n) {
-        for (std::size_t at = 0; at < n; ++at) samples.positions[at] = position(tree, at);
+        for_blocks_in_order(n, context, [&](std::size_t begin, std::size_t end) {
+            for (std::size_t at = begin; at < end; ++at) samples.positions[at] = position(tree, at);
+        });
         samples.areas = point_areas(tree, context);
         return samples;
     }
@@ -174,20 +179,27 @@ ErrorSamples take_points(const PointTree& tree, std::uint64_t count, std::uint64
 ErrorSamples take_surface(const PointTree& tree, const FootFinder& surface, std::uint64_t count,
                           std::uint64_t seed, const RunContext& context) {
     const std::vector<float> areas = point_areas(tree, context);
-    const std::vector<std::size_t> drawn = draw_by_area(areas, count, seed);
-    std::vector<std::size_t> used = drawn;
-    used.erase(std::unique(used.begin(), used.end()), used.end());
-    std::vector<Vec3f> bases(used.size()), normals(used.size());
-    for (std::size_t i = 0; i < used.size(); ++i) bases[i] = position(tree, used[i]);
+    const std::vector<std::size_t> drawn = draw_by_area(areas, count, seed, context);
+    std::vector<std::size_t> used;
+    std::vector<Vec3f> bases;
+    for_blocks_in_order(drawn.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+            if (i > 0 && drawn[i] == drawn[i - 1]) continue;
+            used.push_back(drawn[i]);
+            bases.push_back(position(tree, drawn[i]));
+        }
+    });
+    auto normals = made_in_blocks<std::vector<Vec3f>>(used.size(), context);
     const std::vector<float> spacings = third_distances(tree, bases, context);
     surface.find(
         bases, [&](std::size_t i, const Foot& foot) { normals[i] = foot.normal.cast<float>(); },
         context);
 
     ErrorSamples samples;
-    samples.resize(count);
+    samples.resize(count, context);
     std::size_t base = 0;
     for (std::uint64_t i = 0; i < count; ++i) {
+        if (i % kBetweenChecks == 0) context.throw_if_stopped();
         if (used[base] != drawn[i]) ++base;
         const Vec3f n = normals[base], u = n.unitOrthogonal(), v = n.cross(u);
         constexpr float kReach =
@@ -214,7 +226,7 @@ ErrorSamples take_particles(std::span<const Vec3f> points, const PointTree& tree
     // They lie on a smoother surface than the one that is measured.
     const std::vector<Vec3f> feet = feet_on(surface, particles, context);
     ErrorSamples samples;
-    samples.resize(count);
+    samples.resize(count, context);
     for (std::uint64_t i = 0; i < count; ++i) {
         samples.positions[i] = feet[i];
         if (feet[i].allFinite()) continue;

@@ -18,7 +18,7 @@ struct ErrorSamples {
     std::vector<float> areas;  ///< of the part, in any unit; none negative, not all zero
 
     std::size_t size() const noexcept { return positions.size(); }
-    void resize(std::size_t n);
+    void resize(std::size_t n, const RunContext& context);
 };
 
 /// The area around each point, up to a common factor: the squared distance to the third neighbour,

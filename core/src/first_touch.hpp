@@ -6,7 +6,7 @@
 
 namespace stipple {
 
-/// `values.resize(n)` that stops when asked to: the first touch of new memory, which the system has
+/// Grows to n values, and stops when asked to: the first touch of new memory, which the system has
 /// to clear, takes half a second a GiB.
 template <typename Vector>
 void resize_in_blocks(Vector& values, std::size_t n, const RunContext& context) {
@@ -14,7 +14,20 @@ void resize_in_blocks(Vector& values, std::size_t n, const RunContext& context) 
     for_blocks_in_order(n, context, [&](std::size_t, std::size_t end) { values.resize(end); });
 }
 
-/// A vector of n values made that way.
+/// `values.reserve(n)` that stops when asked to.
+template <typename Vector>
+void reserve_in_blocks(Vector& values, std::size_t n, const RunContext& context) {
+    if (n <= values.capacity()) return;
+    Vector larger(values.get_allocator());
+    larger.reserve(n);
+    for_blocks_in_order(values.size(), context, [&](std::size_t begin, std::size_t end) {
+        larger.insert(larger.end(), values.begin() + static_cast<std::ptrdiff_t>(begin),
+                      values.begin() + static_cast<std::ptrdiff_t>(end));
+    });
+    values.swap(larger);
+}
+
+/// A vector of n values, made as by `resize_in_blocks`.
 template <typename Vector>
 Vector made_in_blocks(std::size_t n, const RunContext& context) {
     Vector values;

@@ -244,7 +244,11 @@ void append_text(std::vector<std::byte>& bytes, std::span<const Field> fields, s
     parallel_for_blocks(n, kRowsPerBlock, context, [&](std::size_t begin, std::size_t end) {
         blocks[begin / kRowsPerBlock] = text_rows(fields, begin, end);
     });
+    std::size_t size = bytes.size();
+    for (const std::string& block : blocks) size += block.size();
+    bytes.reserve(size);
     for (std::string& block : blocks) {
+        context.throw_if_stopped();
         append(bytes, block);
         block = {};
     }

@@ -1,5 +1,6 @@
 #include "sibling_contraction.hpp"
 
+#include "first_touch.hpp"
 #include "parallel_for.hpp"
 #include "quadric.hpp"
 #include "until_stopped.hpp"
@@ -32,6 +33,7 @@ Rank last_split(std::span<const double> costs, std::span<const Index> samples_of
                 const RunContext& context) {
     if (size == 1) return {std::numeric_limits<double>::infinity(), 0};
     std::vector<Rank> ranks;
+    ranks.reserve(costs.size() / 2);
     for_blocks_in_order(costs.size(), context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t node = begin; node < end; ++node)
             if (samples_of[node] > 1) ranks.push_back({costs[node], static_cast<Index>(node)});
@@ -52,7 +54,10 @@ struct SiblingContraction::Joined {
 
 SiblingContraction::SiblingContraction(const QuadricSamples& samples,
                                        std::span<const Index> samples_of, const RunContext& context)
-    : samples_(samples), samples_of_(samples_of), context_(context), costs_(samples_of.size()) {
+    : samples_(samples),
+      samples_of_(samples_of),
+      context_(context),
+      costs_(made_in_blocks<std::vector<double>>(samples_of.size(), context)) {
     with_threads(context_, [&] { join(0, 0); });
 }
 
@@ -61,6 +66,8 @@ std::vector<Index> SiblingContraction::nodes_left(std::size_t size) const {
     std::vector<Index> first;
     Index sample = 0;
     for (std::size_t node = 0; node < costs_.size();) {
+        constexpr std::size_t kBetweenChecks = 65'536;
+        if (first.size() % kBetweenChecks == 0) context_.throw_if_stopped();
         const Index samples = samples_of_[node];
         if (samples > 1 && !(last < Rank{costs_[node], static_cast<Index>(node)})) {
             ++node;

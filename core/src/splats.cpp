@@ -1,5 +1,6 @@
 #include "stipple/splats.hpp"
 
+#include "first_touch.hpp"
 #include "parallel_for.hpp"
 #include "stipple/neighbors.hpp"
 #include "symmetric_eigen.hpp"
@@ -31,13 +32,20 @@ struct Neighborhoods {
 
     Neighborhoods(std::span<const Vec3f> points, const RunContext& context)
         : nearest(k_nearest_neighbors(points, kNeighbors, context)), offsets(points.size() + 1) {
-        for (const Index i : nearest.indices) ++offsets[i + std::size_t{1}];
+        const auto each_list = [&](auto&& visit) {
+            for_blocks_in_order(points.size(), context, [&](std::size_t begin, std::size_t end) {
+                for (std::size_t i = begin; i < end; ++i) visit(i, nearest.of(i));
+            });
+        };
+        each_list([&](std::size_t, std::span<const Index> list) {
+            for (const Index j : list) ++offsets[j + std::size_t{1}];
+        });
         for (std::size_t i = 0; i < points.size(); ++i) offsets[i + 1] += offsets[i];
-        near_to.resize(nearest.indices.size());
+        resize_in_blocks(near_to, nearest.indices.size(), context);
         std::vector<std::uint64_t> next(offsets.begin(), offsets.end() - 1);
-        for (Index i = 0; i < points.size(); ++i) {
-            for (const Index j : nearest.of(i)) near_to[next[j]++] = i;
-        }
+        each_list([&](std::size_t i, std::span<const Index> list) {
+            for (const Index j : list) near_to[next[j]++] = static_cast<Index>(i);
+        });
     }
     std::span<const Index> that_have(std::size_t i) const noexcept {
         return {near_to.data() + offsets[i], near_to.data() + offsets[i + 1]};
@@ -290,11 +298,11 @@ Splats measure_splats(std::span<const Vec3f> points, const SplatOptions& options
                       const RunContext& context) {
     const std::size_t n = points.size();
     Splats splats;
-    splats.radii.resize(n);
-    if (options.normals) splats.normals.resize(n);
+    resize_in_blocks(splats.radii, n, context);
+    if (options.normals) resize_in_blocks(splats.normals, n, context);
     if (options.ellipses) {
-        splats.major.resize(n);
-        splats.minor.resize(n);
+        resize_in_blocks(splats.major, n, context);
+        resize_in_blocks(splats.minor, n, context);
     }
     if (n == 0) return splats;
     const Neighborhoods neighborhoods(points, context);

@@ -1,5 +1,6 @@
 #include "stray_points.hpp"
 
+#include "first_touch.hpp"
 #include "parallel_for.hpp"
 #include "point_blocks.hpp"
 
@@ -99,7 +100,8 @@ Clusters with_strays_joined(std::span<const Vec3f> points, const Regions& region
     std::vector<Index> all(regions.regions.size()), strays;
     for (Index i = 0; i < all.size(); ++i) all[i] = i;
     std::ranges::set_difference(all, chosen, std::back_inserter(strays));
-    std::vector<Index> cluster(regions.members.size());  // of the members of strays
+    // Of the members of strays.
+    auto cluster = made_in_blocks<std::vector<Index>>(regions.members.size(), context);
     if (!strays.empty()) {
         const Centroids centroids(regions, chosen, context);
         parallel_for_blocks(strays.size(), 64, context, [&](std::size_t begin, std::size_t end) {
@@ -115,15 +117,17 @@ Clusters with_strays_joined(std::span<const Vec3f> points, const Regions& region
         clusters.offsets[c + 1] = regions.regions[chosen[c]].size();
     const auto for_strays = [&](auto&& visit) {
         for (const Index stray : strays) {
+            context.throw_if_stopped();
             const Region& region = regions.regions[stray];
             for (Index at = region.begin; at < region.end; ++at) visit(at);
         }
     };
     for_strays([&](Index at) { ++clusters.offsets[cluster[at] + 1]; });
     for (std::size_t c = 0; c < chosen.size(); ++c) clusters.offsets[c + 1] += clusters.offsets[c];
-    clusters.members.resize(regions.members.size());
+    resize_in_blocks(clusters.members, regions.members.size(), context);
     std::vector<Index> next(clusters.offsets.begin(), clusters.offsets.end() - 1);
     for (std::size_t c = 0; c < chosen.size(); ++c) {
+        context.throw_if_stopped();
         const Region& region = regions.regions[chosen[c]];
         std::copy_n(&regions.members[region.begin], region.size(), &clusters.members[next[c]]);
         next[c] += region.size();

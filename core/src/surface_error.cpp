@@ -3,6 +3,7 @@
 #include "attribute_error.hpp"
 #include "distance_statistics.hpp"
 #include "error_samples.hpp"
+#include "first_touch.hpp"
 #include "foot_finder.hpp"
 #include "parallel_for.hpp"
 #include "point_tree.hpp"
@@ -68,11 +69,16 @@ struct Frame {
         center = 0.5 * (box.min + box.max);
         if (box.diagonal() > 0) scale = std::ldexp(1.0, -std::ilogb(box.diagonal()));
     }
-    std::vector<Vec3f> into(const PointCloud& cloud) const {
+    std::vector<Vec3f> into(const PointCloud& cloud, const RunContext& context) const {
         const Vec3d shift = cloud.origin - center;
-        std::vector<Vec3f> points(cloud.size());
-        for (std::size_t i = 0; i < points.size(); ++i)
-            points[i] = (scale * (cloud.positions[i].cast<double>() + shift)).cast<float>();
+        std::vector<Vec3f> points;
+        points.reserve(cloud.size());
+        for_blocks_in_order(cloud.size(), context, [&](std::size_t begin, std::size_t end) {
+            for (std::size_t i = begin; i < end; ++i) {
+                const Vec3d p = cloud.positions[i].cast<double>() + shift;
+                points.push_back((scale * p).cast<float>());
+            }
+        });
         return points;
     }
 };
@@ -87,7 +93,7 @@ struct Surface {
     Surface(const PointCloud& cloud_, const Frame& frame, PointTree::Leaves leaves,
             const FootFinder::Options& options, const RunContext& context)
         : cloud(cloud_),
-          points(frame.into(cloud_)),
+          points(frame.into(cloud_, context)),
           tree(points, leaves, context),
           finder(points, tree, options) {}
     Surface(const Surface&) = delete;
@@ -137,7 +143,7 @@ DirectedError measure_direction(const Surface& from, const Surface& to, const Fr
     const bool is_finer = from.points.size() >= to.points.size();
     ErrorSamples samples = take_samples(from, is_finer, options, context.part(0.0, 0.5));
     context.checkpoint(0.5);
-    std::vector<float> distances(samples.size());
+    auto distances = made_in_blocks<std::vector<float>>(samples.size(), context);
     std::vector<Vec3f> feet(options.attributes ? samples.size() : 0);
     std::atomic<std::uint64_t> failed = 0;
     const auto found = [&](std::size_t i, const Foot& foot) {
@@ -198,6 +204,7 @@ SurfaceErrorMeter::SurfaceErrorMeter(const PointCloud& reference,
                                      const RunContext& context) {
     validate(options);
     check_positions(reference, "reference");
+    context.throw_if_stopped();
     state_ = std::make_unique<State>(reference, options, context);
 }
 
@@ -208,6 +215,7 @@ SurfaceError SurfaceErrorMeter::measure(const PointCloud& candidate,
     check_positions(candidate, "candidate");
     const auto& [options, finding, frame, S] = *state_;
     const PointCloud& reference = S.cloud;
+    context.throw_if_stopped();
     const Surface S_prime(candidate, frame, leaves_for(candidate, options), finding, context);
     context.checkpoint(0.1);
     SurfaceError error;

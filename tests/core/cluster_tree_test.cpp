@@ -56,8 +56,8 @@ TEST(ClusterTree, SplitsLargeCloudsAlikeOnAnyNumberOfThreads) {
     const auto points = test::sphere(600'000, 0.01).positions;
     ClusterTree one(points), eight(points);
     EXPECT_EQ(one.cut(200, {.threads = 1}).offsets, eight.cut(200, {.threads = 8}).offsets);
-    EXPECT_EQ(one.members(), eight.members());
-    std::vector<Index> members = one.members();
+    EXPECT_TRUE(std::ranges::equal(one.members(), eight.members()));
+    std::vector<Index> members(one.members().begin(), one.members().end());
     std::ranges::sort(members);
     EXPECT_EQ(members, numbers_to(points.size()));
 }

@@ -64,7 +64,7 @@ public:
     /// Psi(P, r) for a finite r. For any thread.
     MlsProjection project(const Vec3d& r) const;
 
-    /// All of them, in parallel; 56 bytes each. About 1 us each for k = 20 and a degree up to 2, a
+    /// All of them, in parallel; 56 bytes each. 1.5 to 2 us each for k = 20 and a degree up to 2, a
     /// third of it for the search; quickest where points that follow each other are near.
     std::vector<MlsProjection> project(std::span<const Vec3f> points,
                                        const RunContext& context = {}) const;
