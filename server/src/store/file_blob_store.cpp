@@ -99,22 +99,22 @@ public:
     explicit NamesLock(const fs::path& root) {
         std::error_code failure;
         fs::create_directories(root, failure);
-        file_ = open_file(root / "names.lock", O_RDWR | O_CREAT);
-        if (!file_) throw_errno("cannot use as a store of blobs", root);
+        folder_ = open_file(root, O_RDONLY | O_DIRECTORY);
+        if (!folder_) throw_errno("cannot use as a store of blobs", root);
     }
     void lock() {
-        mutex_.lock();  // threads of this process share the file's lock
-        while (::flock(file_.get(), LOCK_EX) != 0 && errno == EINTR) {
+        mutex_.lock();  // threads of this process share the folder's lock
+        while (::flock(folder_.get(), LOCK_EX) != 0 && errno == EINTR) {
         }
     }
     void unlock() {
-        ::flock(file_.get(), LOCK_UN);
+        ::flock(folder_.get(), LOCK_UN);
         mutex_.unlock();
     }
 
 private:
     std::mutex mutex_;
-    FileDescriptor file_;
+    FileDescriptor folder_;
 };
 
 class FileBlobStore final : public BlobStore {
