@@ -38,6 +38,8 @@ void add_io_cases(std::vector<Case>& all) {
                  [](S& s, N& name) { read_ply(s, name, "2M", false); }},
                 {"pyramid/dragon/ratio-4", "all levels against the finest cut alone",
                  [](S& s, N& name) { pyramid(s, name, "dragon"); }},
+                {"pyramid/2M/ratio-4", "the same of a scan of two million points",
+                 [](S& s, N& name) { pyramid(s, name, "2M"); }},
                 {"encode/dragon", "Draco and PLY encoding",
                  [](S& s, N& name) { encode(s, name, "dragon"); }}});
 }

@@ -5,6 +5,7 @@
 #include "stipple/codec.hpp"
 #include "stipple/hierarchical_clustering.hpp"
 #include "stipple/lod_pyramid.hpp"
+#include "stipple/lod_tiles.hpp"
 #include "stipple/neighbors.hpp"
 
 #include <fcntl.h>
@@ -135,7 +136,7 @@ void neighbors(Session& session, const std::string& name, const std::string& mod
 void pyramid(Session& session, const std::string& name, const std::string& model_name) {
     const Model& model = session.models().get(model_name);
     for (const unsigned threads : session.options().threads) {
-        const LodPyramidOptions options;
+        const LodPyramidOptions options{.spacing = false};
         const std::vector<std::uint64_t> sizes = lod_sizes(model.cloud.size(), options);
         std::vector<Contestant> contestants;
         contestants.push_back(
@@ -144,6 +145,18 @@ void pyramid(Session& session, const std::string& name, const std::string& model
                      model.cloud, options, [](LodLevel&&) {}, on_threads(threads));
                  return {};
              }});
+        contestants.push_back({.name = "with all tiles", .run = [=, &model]() -> std::any {
+                                   LodTiler tiler(model.cloud, {}, on_threads(threads));
+                                   build_lod_pyramid(
+                                       model.cloud, options,
+                                       [&](LodLevel&& level) {
+                                           tiler.add_level(level.cloud,
+                                                           level.cloud.size() == sizes.back(),
+                                                           on_threads(threads));
+                                       },
+                                       on_threads(threads));
+                                   return {};
+                               }});
         if (sizes.size() > 1)
             contestants.push_back(
                 {.name = "its finest cut alone", .run = [=, &model]() -> std::any {

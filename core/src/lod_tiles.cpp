@@ -82,7 +82,7 @@ std::vector<Vec3f> rounded(std::span<const Vec3f> points, std::span<const Vec3f>
 /// many.
 ErrorSamples take_samples(std::span<const Vec3f> points, const PointTree& tree,
                           const RunContext& context) {
-    constexpr std::uint64_t kMany = 100'000, kShare = 128, kLeast = 16'384, kMost = 131'072;
+    constexpr std::uint64_t kMany = 100'000, kShare = 128, kLeast = 32'768, kMost = 131'072;
     if (points.size() < kMany)
         return take_surface(tree, FootFinder(points, tree, {}), kLeast, 0, context);
     const std::uint64_t count = std::clamp(points.size() / kShare, kLeast, kMost);

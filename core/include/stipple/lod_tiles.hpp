@@ -94,7 +94,7 @@ struct LodTile : LodFigures {
 /// that is not the whole, by no more than a step and a half: it goes to the place of the grid
 /// nearby that is nearest to the surface, which takes one bit less for the same error.
 ///
-/// Errors are measured on the decoded points, at one place for 128 points of the source, 16,384 to
+/// Errors are measured on the decoded points, at one place for 128 points of the source, 32,768 to
 /// 131,072 of them, the same for all levels: the mean of a level is mostly within 1.5 % of that
 /// from infinitely many. A tile has the places in its cell, a few hundred: each says how many, and
 /// how well its mean is known by them. A tile without any, which is hardly one with many points,
