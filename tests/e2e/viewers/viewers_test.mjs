@@ -70,7 +70,7 @@ pages.close();
 await server.stop();
 process.exit(failed > 0 ? 1 : 0);
 
-/** The id of a pyramid of three levels, the finest of several tiles. */
+/** The id of a pyramid of several levels, the finest in several tiles. */
 async function pyramidOf(file) {
     const send = async (path, body, type) => {
         const response = await fetch(server.url + path, { method: 'POST', headers: { 'Content-Type': type }, body });
