@@ -1,10 +1,9 @@
 // Follows: Pauly, Gross, Kobbelt 2002, §3.2, whose contractions run backwards here; the idea of one
 // order for all resolutions from Hoppe's progressive meshes (1996).
 //
-// A point is coded where it comes from: the points that are there are visited in their order, new
-// ones too, and those attached to each are written with it. What was contracted late is refined
-// first, so that points that came first stand for all of the surface, and any part of a batch is
-// spread over it.
+// A point is coded where it comes from: a batch visits the points that are there in their order,
+// new ones too, and writes those attached to each with it. The first half of the points are the
+// earlier batches', which cover all of the surface: so does what a part of a batch adds.
 
 #include "distance_statistics.hpp"
 #include "error_samples.hpp"

@@ -171,7 +171,7 @@ TEST_F(RunJob, WritesTheFinestLevelAsAStream) {
     ASSERT_EQ(levels().size(), 2U);
     EXPECT_TRUE(levels()[0].files.empty());
     ASSERT_EQ(levels()[1].files.size(), 1U);
-    const OutputFile& file = levels()[1].files.front();
+    const OutputFile file = levels()[1].files.front();
     EXPECT_EQ(file.format, CloudFormat::Progressive);
     EXPECT_EQ(file.href, "cloud.stpc");
     EXPECT_EQ(file.sha256, sha256_of_file(folder_ / "out" / file.href));
