@@ -144,8 +144,9 @@ TEST_F(ServiceTest, ServesResultsWhileTheJobRuns) {
 TEST_F(ServiceTest, ServesNoBlobThatTheJobDoesNotList) {
     const JobDocument job = submit_simplify();
     jobs_->publish_level(claim(), level_with(0, put_blob(*blobs_, "level")));
-    expect_error(ErrorCode::NotFound, "no such result",
-                 [&] { service_.outputs().file("ada", job.id, put_blob(*blobs_, "of another"), {}); });
+    expect_error(ErrorCode::NotFound, "no such result", [&] {
+        service_.outputs().file("ada", job.id, put_blob(*blobs_, "of another"), {});
+    });
 }
 
 TEST_F(ServiceTest, AnswersALongPollAsSoonAsTheJobEnds) {
