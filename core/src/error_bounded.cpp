@@ -197,12 +197,8 @@ public:
             if (count <= 1 || count >= cloud_.size()) break;
             ErrorBoundedCloud made = make(count);
             double error = judge_.glance(made.cloud).max;  // over the bound
-            if (error <= ErrorJudge::kMargin) error = judge_.watch(made.cloud).max;
-            bool holds = error <= ErrorJudge::kMargin;
-            if (holds) {
-                error = judge_.measure(made).max;
-                holds = error <= 1;
-            }
+            if (error <= ErrorJudge::kMargin) error = judge_.measure(made).max;
+            const bool holds = error <= ErrorJudge::kMargin;
             if (holds) {
                 high = static_cast<double>(count);
                 best = std::move(made);

@@ -53,11 +53,9 @@ bool ErrorJudge::can_be_kept() const {
 ErrorJudge::Finding ErrorJudge::glance(const PointCloud& candidate) {
     ++tries_;
     const ProbedSurface other(into_frame(candidate.positions), quietly_);
-    const std::uint64_t count = std::min<std::uint64_t>(kGlance, candidate.size());
-    std::vector<Vec3f> around =
-        other.places_around(other.some_points(count, quietly_), 1, 1, 0, quietly_).places;
     const Probes forward = surface_.measure(some_points_, other, quietly_);
-    const Probes backward = other.measure(std::move(around), surface_, quietly_);
+    const Probes backward =
+        other.measure(other.random_places(kGlance, quietly_), surface_, quietly_);
     Finding finding;
     finding.max = std::max(forward.max(), backward.max()) / (bound_ * scale_);
     for (const Probes* const probes : {&forward, &backward})

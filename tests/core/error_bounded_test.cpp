@@ -84,6 +84,25 @@ INSTANTIATE_TEST_SUITE_P(Methods, ErrorBounded,
                                          Method::Iterative),
                          [](const auto& p) { return std::string(to_string(p.param)); });
 
+TEST(ErrorBounded, ParticlesHoldWhenMeasuredAgain) {
+    const PointCloud cloud = bumpy_sphere(1'200);
+    const ErrorBoundedCloud found = simplify_within_error(cloud, within(0.06, Method::Particles));
+    EXPECT_FALSE(found.whole);
+    EXPECT_LE(found.error.max(), 0.06);
+    EXPECT_LE(measured_again(cloud, found.cloud, ErrorSampling::Points), 0.06 * 1.02);
+}
+
+TEST(ErrorBounded, HoldsAtFourTimesAsManyPlaces) {
+    const PointCloud cloud = bumpy_sphere(1'000);
+    const ErrorBoundedCloud found = simplify_within_error(cloud, within(0.04, Method::Multiphase));
+    const std::uint64_t samples = 4 * found.error.forward.samples;
+    for (std::uint64_t seed = 100; seed < 102; ++seed) {
+        const SurfaceErrorOptions again{
+            .sampling = ErrorSampling::Surface, .samples = samples, .seed = seed};
+        EXPECT_LE(measure_error(cloud, found.cloud, again).max(), 0.04 * 1.02) << seed;
+    }
+}
+
 TEST(ErrorBounded, HasFewerPointsThanASnapshotThatHoldsEverywhere) {
     const PointCloud cloud = bumpy_sphere(4'000);
     const SimplifyOptions options = within(0.015);

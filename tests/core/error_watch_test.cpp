@@ -1,0 +1,47 @@
+#include "error_watch.hpp"
+
+#include "stipple/hierarchical_clustering.hpp"
+#include "support/support.hpp"
+
+#include <gtest/gtest.h>
+#include <vector>
+
+namespace stipple {
+namespace {
+
+using test::sphere;
+
+std::vector<Vec3f> simplified_sphere(std::size_t points) {
+    return hierarchical_clustering(sphere(2'000), {.target_size = points}).positions;
+}
+
+TEST(ErrorWatch, KnowsAfterAChangeWhatItWouldFindAnew) {
+    const ProbedSurface surface(sphere(2'000).positions, {});
+    const std::vector<Vec3f> places(surface.points().begin(), surface.points().end());
+    std::vector<Vec3f> before = simplified_sphere(300), after = before;
+    for (Vec3f& p : after)
+        if (p.z() > 0.8F) p *= 1.05F;
+    ErrorWatch watch(surface, places, 0.02), anew(surface, places, 0.02);
+    watch.look_at(before, {});
+    EXPECT_LT(watch.max(), 0.04);
+    watch.look_at(after, {});
+    anew.look_at(after, {});
+    EXPECT_GT(anew.max(), 0.04);
+    EXPECT_NEAR(watch.max(), anew.max(), 1e-4);
+    const double count = static_cast<double>(anew.places_too_far().size());
+    EXPECT_NEAR(static_cast<double>(watch.places_too_far().size()), count, 0.02 * count);
+    watch.look_at(before, {});
+    EXPECT_LT(watch.max(), 0.04);
+}
+
+TEST(ErrorWatch, FindsNothingBetweenASurfaceAndItself) {
+    const std::vector<Vec3f> points = sphere(500).positions;
+    const ProbedSurface surface(points, {});
+    ErrorWatch watch(surface, {}, 0.01);
+    watch.look_at(points, {});
+    EXPECT_LT(watch.max(), 1e-4);
+    EXPECT_TRUE(watch.places_too_far().empty());
+}
+
+}  // namespace
+}  // namespace stipple
