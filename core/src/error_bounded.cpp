@@ -66,7 +66,7 @@ public:
             ErrorJudge::Finding finding = judge_.watch(result.cloud);
             if (finding.places.empty()) {
                 finding = judge_.measure(result);
-                if (finding.max <= 1) return result;
+                if (finding.max <= ErrorJudge::kWithin) return result;
             }
             constexpr unsigned kSteps = 2;
             if (!forest_.mark(cut, finding.places, kSteps, context_) &&
@@ -154,7 +154,7 @@ std::optional<ErrorBoundedCloud> fewer_everywhere(const PointCloud& cloud,
                        ErrorBoundedCloud candidate{.cloud = std::move(snapshot)};
                        const bool holds = judge.glance(candidate.cloud).places.empty() &&
                                           judge.watch(candidate.cloud).places.empty() &&
-                                          judge.measure(candidate).max <= 1;
+                                          judge.measure(candidate).max <= ErrorJudge::kWithin;
                        misses = holds ? 0 : misses + 1;
                        if (holds) best = std::move(candidate);
                    },

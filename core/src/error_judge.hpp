@@ -41,6 +41,7 @@ public:
 
     /// The parts of the bound that a glance or a watch calls safe.
     static constexpr double kMargin = 0.95;
+    static constexpr double kWithin = 0.97;  ///< of the bound, when measured at the end
 
     unsigned tries() const noexcept { return tries_; }
 

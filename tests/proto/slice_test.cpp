@@ -216,6 +216,8 @@ TEST(Slice, RefusesWhatCannotBe) {
     EXPECT_EQ(refusal(both(), {.points = 1, .bytes = 1}), ErrorCode::InvalidArgument);
     EXPECT_EQ(refusal(both(), {.points = 0}), ErrorCode::InvalidArgument);
     EXPECT_EQ(refusal(both(), {.max_error = -1.0}), ErrorCode::InvalidArgument);
+    EXPECT_EQ(refusal(both(), {.points = 1, .format = CloudFormat::Progressive}),
+              ErrorCode::InvalidArgument);
     EXPECT_EQ(refusal(both(), {.points = 1, .box = Aabb{Vec3d(1, 0, 0), Vec3d(0, 1, 1)}}),
               ErrorCode::InvalidArgument);
     EXPECT_EQ(refusal(both(), {.points = 1, .box = Aabb{Vec3d(5, 5, 5), Vec3d(6, 6, 6)}}),

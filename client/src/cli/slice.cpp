@@ -71,8 +71,8 @@ void run(const SliceCommand& command, const Session& session) {
                   << slice.level << " in " << readable_seconds(took.count()) << ' ' << style.dot()
                   << ' ' << readable_bytes(bytes);
         if (slice.error_mean)
-            std::cerr << ' ' << style.dot() << " error: mean " << short_number(*slice.error_mean)
-                      << ", max " << short_number(*slice.error_max);
+            std::cerr << ' ' << style.dot() << " error: mean " << three_digits(*slice.error_mean)
+                      << ", max " << three_digits(*slice.error_max);
         std::cerr << '\n';
     }
     ordered_json figures;

@@ -310,7 +310,7 @@ void FileBlobStore::put_copy(const std::string& sha256, std::string_view name,
     const std::string hash = proto::sha256_hex(bytes);
     write_all(fd, std::as_bytes(std::span(hash)), temporary.path());
 
-    const std::lock_guard lock(names_mutex_);
+    const std::lock_guard lock(names_);
     struct stat status {};
     if (::stat(file_of(sha256).c_str(), &status) != 0) return;
     const fs::path file = copy_of(sha256, name);

@@ -21,13 +21,13 @@ struct SliceOptions {
     std::optional<double> max_error{};      ///< > 0, input units: the coarsest level whose maximum
                                             ///< error is within it, whole
     std::optional<Aabb> box{};  ///< in the coordinates of the file; its faces belong to it
-    CloudFormat format = CloudFormat::Ply;
+    CloudFormat format = CloudFormat::Ply;  ///< not a progressive stream
     DracoEncodeOptions draco{};
     std::uint64_t max_points = 1'000'000;  ///< that are returned
 };
 
 /// @throws Error(InvalidArgument) for no budget or several, or for one out of range; for a box
-/// whose least corner is not below its largest.
+/// whose least corner is not below its largest; for a format that slices do not have.
 void validate(const SliceOptions& options);
 
 /// The query of `GET /v1/pyramids/{id}/slice`: `points=5000&box=0,0,0,1,1,1&format=drc`.
