@@ -22,8 +22,9 @@ namespace {
 constexpr std::size_t kNeighbors = 20;
 constexpr double kReach = 3.0;  // in h
 /// Weight of the squared distance to the surface of quadratic basis, that of the linear one
-/// being 1.
-constexpr double kQuadraticWeight = 1.0;
+/// being 1. The linear surface lies inside curved parts: with less weight for the quadratic one its
+/// error falls at the price of the other's, as points are pushed outward.
+constexpr double kQuadraticWeight = 2.0;
 /// Of the step, which for itself is rather short; the sum of squares falls for all below 2.
 constexpr double kStep = 1.25;
 constexpr std::size_t kBlock = 256, kBlocksAtOnce = 32;

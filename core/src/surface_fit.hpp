@@ -11,7 +11,7 @@ namespace stipple {
 
 /// Moves points so that the moving least squares surface through them (§2.2) comes nearer to what
 /// they stand for: of linear basis, which lies inside of curved parts, and of quadratic basis,
-/// which does not, in equal parts. A step towards the least sum of squares of both distances from
+/// which does not and counts twice. A step towards the least sum of squares of both distances from
 /// some members of each list.
 ///
 /// Each step is along normals, and little longer than the largest of the distances around, if at

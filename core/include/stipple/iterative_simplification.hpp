@@ -44,7 +44,7 @@ struct IterativeSimplificationOptions {
 /// out anew among the new ones, so that each goes with the new point that fits it best; and where
 /// the new points are 20 or more, they move along normals until the moving least squares surface
 /// through them (§2.2) fits the input: of linear basis, which lies inside of curved parts, and of
-/// quadratic basis, in equal parts. So they lie slightly outside of curved parts;
+/// quadratic basis, which counts twice. So they lie slightly outside of curved parts;
 /// `max_displacement` bounds it. With `Placement::EndPoint` the result is a subset of the input,
 /// and that of a smaller target a subset of that of a larger one.
 ///
