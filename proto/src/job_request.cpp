@@ -1,15 +1,14 @@
 #include "stipple/proto/job_request.hpp"
 
+#include "json_fields.hpp"
 #include "json_parts.hpp"
+#include "method_options.hpp"
 #include "names.hpp"
 #include "stipple/globe.hpp"
 #include "stipple/proto/digest.hpp"
 
 #include <algorithm>
 #include <array>
-#include <charconv>
-#include <iomanip>
-#include <sstream>
 
 namespace stipple::proto {
 
@@ -19,20 +18,6 @@ constexpr JsonRules kRequestRules{ErrorCode::InvalidArgument, 1 << 20, 8};
 
 // Names on the wire.
 
-constexpr std::array kRepresentatives = {
-    Named<Representative>{Representative::Surface, "surface"},
-    Named<Representative>{Representative::Centroid, "centroid"},
-    Named<Representative>{Representative::Nearest, "nearest"},
-};
-constexpr std::array kPlacements = {
-    Named<Placement>{Placement::Optimal, "optimal"},
-    Named<Placement>{Placement::EndPoint, "end-point"},
-};
-constexpr std::array kReductions = {
-    Named<Reduction>{Reduction::Mean, "mean"}, Named<Reduction>{Reduction::Nearest, "nearest"},
-    Named<Reduction>{Reduction::Min, "min"},   Named<Reduction>{Reduction::Max, "max"},
-    Named<Reduction>{Reduction::Mode, "mode"},
-};
 constexpr std::array kSigns = {
     Named<NormalSigns>{NormalSigns::SpanningTree, "mst"},
     Named<NormalSigns>{NormalSigns::Viewpoint, "viewpoint"},
@@ -49,77 +34,6 @@ constexpr std::array kCodings = {
     Named<DracoCoding>{DracoCoding::Sequential, "sequential"},
     Named<DracoCoding>{DracoCoding::KdTree, "kd-tree"},
 };
-
-// A field that may be absent, and then leaves what is there.
-
-void take(JsonObject& object, const char* name, bool& out) {
-    if (const auto value = object.find(name)) out = value->boolean();
-}
-void take(JsonObject& object, const char* name, double& out) {
-    if (const auto value = object.find(name)) out = value->number();
-}
-void take(JsonObject& object, const char* name, std::optional<double>& out) {
-    if (const auto value = object.find(name)) out = value->number();
-}
-void take(JsonObject& object, const char* name, unsigned& out) {
-    if (const auto value = object.find(name)) out = value->small_integer();
-}
-void take(JsonObject& object, const char* name, std::uint64_t& out) {
-    if (const auto value = object.find(name)) out = value->integer();
-}
-/// A count of something, at least 1.
-void take(JsonObject& object, const char* name, std::optional<std::uint64_t>& out) {
-    if (const auto value = object.find(name)) out = value->integer(1);
-}
-template <typename Enum, std::size_t N>
-void take(JsonObject& object, const char* name, const std::array<Named<Enum>, N>& names,
-          Enum& out) {
-    if (const auto value = object.find(name)) out = one_of(names, *value);
-}
-
-template <typename T>
-void add(Json& json, const char* name, const std::optional<T>& value) {
-    if (value) json[name] = *value;
-}
-
-// Parts that several types of job have.
-
-/// A distance: a number of input units, or text such as `0.1%` of the diagonal.
-void take_max_error(JsonObject& object, SimplifyOptions& options) {
-    const auto value = object.find("max_error");
-    if (!value) return;
-    if (value->is_text()) {
-        options.max_error_rel = value->named(part_of_diagonal);
-    } else {
-        options.max_error = value->number();
-    }
-}
-
-/// Written so that it reads back as the same number.
-std::string percent_text(double part) {
-    for (int digits = 1; digits < 20; ++digits) {
-        std::ostringstream text;
-        text << std::setprecision(digits) << 100 * part << '%';
-        if (part_of_diagonal(text.str()) == part) return text.str();
-    }
-    std::ostringstream text;
-    text << std::setprecision(20) << 100 * part << '%';
-    return text.str();
-}
-
-void take_reductions(JsonObject& object, std::map<std::string, Reduction>& reductions) {
-    const auto value = object.find("reductions");
-    if (!value) return;
-    for (const auto& [name, reduction] : value->members()) {
-        reductions[name] = one_of(kReductions, reduction);
-    }
-}
-
-Json reductions_json(const std::map<std::string, Reduction>& reductions) {
-    Json json = Json::object();
-    for (const auto& [name, reduction] : reductions) json[name] = name_of(kReductions, reduction);
-    return json;
-}
 
 /// Of a job that makes one file.
 OutputOptions read_output(JsonObject& object) {
@@ -149,172 +63,6 @@ void add_added(Json& json, const AddedAttributes& added) {
     json["source_index"] = added.source_index;
 }
 
-// The options of the methods.
-
-void take_bounds(JsonObject& object, auto& options) {
-    take(object, "max_cluster_size", options.max_cluster_size);
-    take(object, "max_variation", options.max_variation);
-    take(object, "representative", kRepresentatives, options.representative);
-}
-
-void add_bounds(Json& json, const auto& options) {
-    add(json, "max_cluster_size", options.max_cluster_size);
-    add(json, "max_variation", options.max_variation);
-    json["representative"] = name_of(kRepresentatives, options.representative);
-}
-
-void take_contraction(JsonObject& object, IterativeSimplificationOptions& options) {
-    take(object, "k", options.k);
-    take(object, "placement", kPlacements, options.placement);
-    take(object, "max_displacement", options.max_displacement);
-    take(object, "color_weight", options.color_weight);
-    if (const auto weights = object.find("attribute_weights")) {
-        for (const auto& [name, weight] : weights->members()) {
-            options.attribute_weights[name] = weight.number();
-        }
-    }
-}
-
-void add_contraction(Json& json, const IterativeSimplificationOptions& options) {
-    json["k"] = options.k;
-    json["placement"] = name_of(kPlacements, options.placement);
-    add(json, "max_displacement", options.max_displacement);
-    json["color_weight"] = options.color_weight;
-    json["attribute_weights"] = Json(options.attribute_weights);
-}
-
-DensityRegion::Sphere read_sphere(const JsonValue& value) {
-    JsonObject object = value.object();
-    const DensityRegion::Sphere sphere{read_vector(object["center"]), object["radius"].number()};
-    object.finish();
-    return sphere;
-}
-
-DensityRegion::Box read_box(const JsonValue& value) {
-    const Aabb box = read_bounds(value);
-    return {box.min, box.max};
-}
-
-DensityRegion::Scalar read_scalar(const JsonValue& value) {
-    JsonObject object = value.object();
-    const DensityRegion::Scalar scalar{object["name"].text(), object["low"].number(),
-                                       object["high"].number()};
-    object.finish();
-    return scalar;
-}
-
-std::variant<DensityRegion::Sphere, DensityRegion::Box, DensityRegion::Scalar> read_place(
-    JsonObject& object) {
-    const auto sphere = object.find("sphere");
-    const auto box = object.find("box");
-    const auto scalar = object.find("attribute");
-    if (int{sphere.has_value()} + int{box.has_value()} + int{scalar.has_value()} != 1) {
-        throw object.error("", "expected exactly one of sphere, box and attribute");
-    }
-    if (sphere) return read_sphere(*sphere);
-    if (box) return read_box(*box);
-    return read_scalar(*scalar);
-}
-
-DensityRegion read_region(const JsonValue& value) {
-    JsonObject object = value.object();
-    DensityRegion region{.where = read_place(object)};
-    region.density = object["density"].number();
-    take(object, "transition", region.transition);
-    object.finish();
-    return region;
-}
-
-void add_place(Json& json, const DensityRegion::Sphere& sphere) {
-    json["sphere"] = {{"center", vector_json(sphere.center)}, {"radius", sphere.radius}};
-}
-void add_place(Json& json, const DensityRegion::Box& box) {
-    json["box"] = bounds_json({box.min, box.max});
-}
-void add_place(Json& json, const DensityRegion::Scalar& scalar) {
-    json["attribute"] = {{"name", scalar.attribute}, {"low", scalar.low}, {"high", scalar.high}};
-}
-
-Json region_json(const DensityRegion& region) {
-    Json json = {{"density", region.density}, {"transition", region.transition}};
-    std::visit([&json](const auto& where) { add_place(json, where); }, region.where);
-    return json;
-}
-
-void take_particles(JsonObject& object, ParticleSimulationOptions& options) {
-    take(object, "adaptivity", options.adaptivity);
-    take(object, "max_grading", options.max_grading);
-    take(object, "max_iterations", options.max_iterations);
-    take(object, "tolerance", options.tolerance);
-    if (const auto regions = object.find("regions")) {
-        options.regions = regions->list_of(read_region);
-    }
-}
-
-void add_particles(Json& json, const ParticleSimulationOptions& options) {
-    json["adaptivity"] = options.adaptivity;
-    json["max_grading"] = options.max_grading;
-    json["max_iterations"] = options.max_iterations;
-    json["tolerance"] = options.tolerance;
-    json["regions"] = Json::array();
-    for (const DensityRegion& region : options.regions) {
-        json["regions"].push_back(region_json(region));
-    }
-}
-
-void take_own_options(JsonObject& object, SimplifyOptions& options) {
-    switch (options.method) {
-        case Method::Multiphase:
-            take(object, "oversampling", options.oversampling);
-            return take_contraction(object, options.iterative);
-        case Method::Hierarchical:
-            return take_bounds(object, options.hierarchical);
-        case Method::Incremental:
-            return take_bounds(object, options.incremental);
-        case Method::Iterative:
-            return take_contraction(object, options.iterative);
-        case Method::Particles:
-            return take_particles(object, options.particles);
-        case Method::Voxel:
-            take(object, "voxel_size", options.voxel.voxel_size);
-            return take(object, "representative", kRepresentatives, options.voxel.representative);
-        case Method::Random:
-            return;
-    }
-}
-
-void add_own_options(Json& json, const SimplifyOptions& options) {
-    switch (options.method) {
-        case Method::Multiphase:
-            json["oversampling"] = options.oversampling;
-            return add_contraction(json, options.iterative);
-        case Method::Hierarchical:
-            return add_bounds(json, options.hierarchical);
-        case Method::Incremental:
-            return add_bounds(json, options.incremental);
-        case Method::Iterative:
-            return add_contraction(json, options.iterative);
-        case Method::Particles:
-            return add_particles(json, options.particles);
-        case Method::Voxel:
-            add(json, "voxel_size", options.voxel.voxel_size);
-            json["representative"] = name_of(kRepresentatives, options.voxel.representative);
-            return;
-        case Method::Random:
-            return;
-    }
-}
-
-/// A better word than that the field is unknown.
-void refuse_fields_of_other_methods(const JsonObject& object, Method method) {
-    for (const MethodField& field : method_fields()) {
-        if (field.has(method) || !object.has(field.name)) continue;
-        throw object.error(field.name, misplaced(field, method));
-    }
-}
-
-// The types of job.
-
 SimplifyJob read_simplify(JsonObject& object) {
     SimplifyJob job;
     SimplifyOptions& options = job.options;
@@ -340,8 +88,7 @@ void add_options(Json& json, const SimplifyJob& job) {
     json["method"] = to_string(options.method);
     add(json, "points", options.points);
     add(json, "ratio", options.ratio);
-    add(json, "max_error", options.max_error);
-    if (options.max_error_rel) json["max_error"] = percent_text(*options.max_error_rel);
+    add_max_error(json, options);
     add_own_options(json, options);
     json["seed"] = options.seed;
     if (options.method != Method::Random) json["reductions"] = reductions_json(options.reductions);
@@ -629,56 +376,6 @@ std::vector<CloudFormat> read_formats(const JsonValue& value, std::span<const Cl
         formats.push_back(format);
     }
     return formats;
-}
-
-double part_of_diagonal(std::string_view text) {
-    double percent = 0;
-    const char* const end = text.data() + text.size();
-    const auto [stop, error] = std::from_chars(text.data(), end, percent);
-    if (error != std::errc() || std::string_view(stop, end) != "%")
-        throw Error(ErrorCode::InvalidArgument,
-                    "max_error " + std::string(text.substr(0, 60)) +
-                        ": expected a distance in input units, or as in 0.1% of the diagonal");
-    return percent / 100;
-}
-
-bool MethodField::has(Method method) const noexcept {
-    return std::ranges::find(methods, method) != methods.end();
-}
-
-std::span<const MethodField> method_fields() {
-    using enum Method;
-    static const std::vector<Method> contracting = {Multiphase, Iterative};
-    static const std::vector<Method> bounded = {Hierarchical, Incremental};
-    static const std::vector<MethodField> fields = {
-        {"oversampling", {Multiphase}},
-        {"k", contracting},
-        {"placement", contracting},
-        {"max_displacement", contracting},
-        {"color_weight", contracting},
-        {"attribute_weights", contracting},
-        {"max_cluster_size", bounded},
-        {"max_variation", bounded},
-        {"representative", {Hierarchical, Incremental, Voxel}},
-        {"adaptivity", {Particles}},
-        {"max_grading", {Particles}},
-        {"regions", {Particles}},
-        {"max_iterations", {Particles}},
-        {"tolerance", {Particles}},
-        {"voxel_size", {Voxel}},
-        {"reductions", {Multiphase, Hierarchical, Incremental, Iterative, Particles, Voxel}},
-    };
-    return fields;
-}
-
-std::string misplaced(const MethodField& field, Method method) {
-    std::string owners;
-    for (const Method owner : field.methods) {
-        const bool last = owner == field.methods.back();
-        if (!owners.empty()) owners += last ? " and " : ", ";
-        owners += to_string(owner);
-    }
-    return "belongs to " + owners + ", not to " + std::string(to_string(method));
 }
 
 std::string_view type_name(const JobRequest& request) noexcept {
