@@ -10,6 +10,7 @@
 #include "random.hpp"
 #include "stipple/error.hpp"
 #include "tree_search.hpp"
+#include "worst_samples.hpp"
 
 #include <algorithm>
 #include <atomic>
@@ -109,12 +110,22 @@ PointTree::Leaves leaves_for(const PointCloud& cloud, const SurfaceErrorOptions&
     return few ? PointTree::Leaves::Quick : PointTree::Leaves::Compact;
 }
 
+std::uint64_t sample_count(const Surface& surface, const SurfaceErrorOptions& options) {
+    return options.samples > 0 ? options.samples
+                               : std::max<std::uint64_t>(surface.points.size(), kLeastSamples);
+}
+
+/// Whether the samples are points of the cloud, and not places on its surface.
+bool at_points(const Surface& surface, bool is_finer, const SurfaceErrorOptions& options) {
+    return options.surface == ErrorSurface::Samples ||
+           (options.sampling == ErrorSampling::Points && is_finer &&
+            sample_count(surface, options) <= surface.points.size());
+}
+
 ErrorSamples take_samples(const Surface& surface, bool is_finer, const SurfaceErrorOptions& options,
                           const RunContext& context) {
-    const std::uint64_t n = surface.points.size();
-    const std::uint64_t count = options.samples > 0 ? options.samples : std::max(n, kLeastSamples);
-    const bool at_points = options.sampling == ErrorSampling::Points && count <= n && is_finer;
-    if (at_points || options.surface == ErrorSurface::Samples)
+    const std::uint64_t count = sample_count(surface, options);
+    if (at_points(surface, is_finer, options))
         return take_points(surface.tree, count, options.seed, context);
     if (options.sampling == ErrorSampling::Particles)
         return take_particles(surface.points, surface.tree, surface.finder, count, options.seed,
@@ -143,11 +154,11 @@ DirectedError measure_direction(const Surface& from, const Surface& to, const Fr
     const bool is_finer = from.points.size() >= to.points.size();
     ErrorSamples samples = take_samples(from, is_finer, options, context.part(0.0, 0.5));
     context.checkpoint(0.5);
-    auto distances = made_in_blocks<std::vector<float>>(samples.size(), context);
+    auto distances = made_in_blocks<std::vector<double>>(samples.size(), context);
     std::vector<Vec3f> feet(options.attributes ? samples.size() : 0);
     std::atomic<std::uint64_t> failed = 0;
     const auto found = [&](std::size_t i, const Foot& foot) {
-        distances[i] = static_cast<float>(foot.distance / frame.scale);
+        distances[i] = foot.distance;
         if (options.attributes) feet[i] = foot.point.cast<float>();
         if (!foot.converged && !foot.beyond) ++failed;
     };
@@ -155,16 +166,22 @@ DirectedError measure_direction(const Surface& from, const Surface& to, const Fr
         find_nearest_points(to, samples.positions, found, context);
     } else {
         to.finder.find(samples.positions, found, context);
+        confirm_worst(samples.positions, distances, to.finder,
+                      at_points(from, is_finer, options) ? nullptr : &from.finder, from.points,
+                      from.tree, context);
     }
     context.checkpoint(0.9);
 
-    DirectedError error = summarize_distances(distances, samples.areas, options.histogram_bins);
+    auto lengths = made_in_blocks<std::vector<float>>(samples.size(), context);
+    for (std::size_t i = 0; i < lengths.size(); ++i)
+        lengths[i] = static_cast<float>(distances[i] / frame.scale);
+    DirectedError error = summarize_distances(lengths, samples.areas, options.histogram_bins);
     error.not_converged = static_cast<double>(failed) / static_cast<double>(samples.size());
     if (options.attributes)
         error.attributes = attribute_errors(from.attributed(), to.attributed(), samples.positions,
                                             feet, samples.areas, options.k, context);
     if (options.keep_samples) {
-        error.distances = std::move(distances);
+        error.distances = std::move(lengths);
         error.positions = std::move(samples.positions);
     }
     return error;

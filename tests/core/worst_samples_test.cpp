@@ -1,0 +1,74 @@
+#include "worst_samples.hpp"
+
+#include "support/support.hpp"
+
+#include <gtest/gtest.h>
+#include <algorithm>
+#include <vector>
+
+namespace stipple {
+namespace {
+
+/// Places of a plane, and how far they are from another one above it.
+class WorstSamples : public ::testing::Test {
+protected:
+    static constexpr double kApart = 0.1;
+    static constexpr std::size_t kForged = 777;
+
+    std::vector<Vec3f> plane_ = test::plane(4'000).positions;
+    std::vector<Vec3f> above_ = raised(plane_);
+    PointTree tree_{plane_, PointTree::Leaves::Compact, {}};
+    PointTree tree_above_{above_, PointTree::Leaves::Compact, {}};
+    FootFinder on_plane_{plane_, tree_, {}}, on_above_{above_, tree_above_, {}};
+    std::vector<Vec3f> places_ = plane_;
+    std::vector<double> distances_ = std::vector<double>(plane_.size(), kApart);
+
+    static std::vector<Vec3f> raised(std::vector<Vec3f> points) {
+        for (Vec3f& p : points) p.z() += static_cast<float>(kApart);
+        return points;
+    }
+    void confirm(const FootFinder* drawn_on) {
+        confirm_worst(places_, distances_, on_above_, drawn_on, plane_, tree_, {});
+    }
+    double max() const { return *std::ranges::max_element(distances_); }
+};
+
+TEST_F(WorstSamples, LeaveADistanceThatIsRight) {
+    confirm(&on_plane_);
+    EXPECT_NEAR(max(), kApart, 1e-6);
+    EXPECT_EQ(places_, plane_);
+}
+
+TEST_F(WorstSamples, AreMeasuredAgain) {
+    for (std::size_t i = 0; i < 20; ++i) distances_[kForged + 10 * i] = 5 + i;
+    confirm(nullptr);
+    EXPECT_NEAR(max(), kApart, 1e-6);
+}
+
+TEST_F(WorstSamples, MoveToAPointWhereTheyAreNotOnTheirSurface) {
+    const Vec3f stray = plane_[kForged] - Vec3f(0, 0, 0.02F);  // about two spacings below
+    places_[kForged] = stray;
+    distances_[kForged] = kApart + 0.02;
+    confirm(&on_plane_);
+    EXPECT_EQ(places_[kForged], plane_[kForged]);
+    EXPECT_NEAR(max(), kApart, 1e-6);
+}
+
+TEST_F(WorstSamples, StayWhereTheyArePointsThemselves) {
+    const Vec3f stray = plane_[kForged] - Vec3f(0, 0, 0.02F);
+    places_[kForged] = stray;
+    distances_[kForged] = kApart + 0.02;
+    confirm(nullptr);
+    EXPECT_EQ(places_[kForged], stray);
+    EXPECT_NEAR(max(), kApart + 0.02, 1e-6);
+}
+
+TEST_F(WorstSamples, OfAFewSamplesAreNotLookedAt) {
+    places_.resize(400);
+    distances_.assign(400, 1.0);
+    confirm(nullptr);
+    EXPECT_EQ(max(), 1.0);
+}
+
+}  // namespace
+}  // namespace stipple
