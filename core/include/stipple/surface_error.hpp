@@ -92,7 +92,9 @@ void validate(const SurfaceErrorOptions& options);
 /// stays. The surface is thus the same for every query. The iteration starts from q and, where that
 /// leads far, from the nearest sample; the nearer foot counts. The surface ends where its samples
 /// end: d is at least the distance to the nearest sample less the radius of its k-neighbourhood.
-/// Where neighbours carry no plane (a line, fewer than three points) the nearest sample counts.
+/// Where neighbours carry no plane (a line, fewer than three points) the nearest sample counts. The
+/// largest distances are looked at again, so that the maximum is none of a sample that lies on no
+/// surface or missed a nearer foot: d changes by no more than the way that q goes.
 ///
 /// With the linear basis S and S' both lie inside curved parts by about h^2 kappa / 2, the coarser
 /// one more: compare candidates with `Quadratic` as well before one is called better.
