@@ -114,7 +114,7 @@ void multiphase_snapshots(const PointCloud& cloud, std::span<const std::uint64_t
             on_cloud(PointCloud(cloud));
             continue;
         }
-        const std::vector<Index> first = contraction.nodes_left(size);
+        const std::vector<Index> first = contraction.nodes_left(size, context);
         auto positions = made_in_blocks<std::vector<Vec3f>>(size, context);
         clusters.offsets.resize(size + 1);
         for_blocks_in_order(size + 1, context, [&](std::size_t begin, std::size_t end) {

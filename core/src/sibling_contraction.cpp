@@ -56,18 +56,18 @@ SiblingContraction::SiblingContraction(const QuadricSamples& samples,
                                        std::span<const Index> samples_of, const RunContext& context)
     : samples_(samples),
       samples_of_(samples_of),
-      context_(context),
       costs_(made_in_blocks<std::vector<double>>(samples_of.size(), context)) {
-    with_threads(context_, [&] { join(0, 0); });
+    with_threads(context, [&] { join(0, 0, context); });
 }
 
-std::vector<Index> SiblingContraction::nodes_left(std::size_t size) const {
-    const Rank last = last_split(costs_, samples_of_, size, context_);
+std::vector<Index> SiblingContraction::nodes_left(std::size_t size,
+                                                  const RunContext& context) const {
+    const Rank last = last_split(costs_, samples_of_, size, context);
     std::vector<Index> first;
     Index sample = 0;
     for (std::size_t node = 0; node < costs_.size();) {
         constexpr std::size_t kBetweenChecks = 65'536;
-        if (first.size() % kBetweenChecks == 0) context_.throw_if_stopped();
+        if (first.size() % kBetweenChecks == 0) context.throw_if_stopped();
         const Index samples = samples_of_[node];
         if (samples > 1 && !(last < Rank{costs_[node], static_cast<Index>(node)})) {
             ++node;
@@ -103,16 +103,17 @@ Vec3f SiblingContraction::place_of(Index begin, Index end) const {
     return (first + place).cast<float>();
 }
 
-SiblingContraction::Joined SiblingContraction::join(std::size_t node, Index first) {
+SiblingContraction::Joined SiblingContraction::join(std::size_t node, Index first,
+                                                    const RunContext& context) {
     const Index samples = samples_of_[node];
     if (samples == 1) return {first, samples_.quadric(first)};
     constexpr Index kParallelGrain = 1'024;
     const std::size_t left = node + 1, right = node + 2 * std::size_t{samples_of_[left]};
     Joined a, b;
-    const auto join_left = [&] { a = join(left, first); };
-    const auto join_right = [&] { b = join(right, first + samples_of_[left]); };
-    if (samples > kParallelGrain) context_.throw_if_stopped();
-    if (samples > kParallelGrain && context_.thread_count() > 1) {
+    const auto join_left = [&] { a = join(left, first, context); };
+    const auto join_right = [&] { b = join(right, first + samples_of_[left], context); };
+    if (samples > kParallelGrain) context.throw_if_stopped();
+    if (samples > kParallelGrain && context.thread_count() > 1) {
         tbb::parallel_invoke(join_left, join_right);
     } else {
         join_left();

@@ -21,7 +21,7 @@ public:
 
     /// The first sample of each of the `size` points that are left when the cheapest contractions
     /// are made; and the end of the last. 1 <= size <= number of samples.
-    std::vector<Index> nodes_left(std::size_t size) const;
+    std::vector<Index> nodes_left(std::size_t size, const RunContext& context) const;
 
     /// The point that the samples `begin .. end` become: where their quadrics together are least,
     /// but no farther out than they are.
@@ -32,11 +32,10 @@ public:
 
 private:
     struct Joined;
-    Joined join(std::size_t node, Index first);
+    Joined join(std::size_t node, Index first, const RunContext& context);
 
     const QuadricSamples& samples_;
     std::span<const Index> samples_of_;
-    const RunContext& context_;
     std::vector<double> costs_;
 };
 

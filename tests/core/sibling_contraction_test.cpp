@@ -114,7 +114,7 @@ TEST(SiblingContraction, LeavesWhatContractingTheCheapestPairsLeaves) {
     const Grown grown(test::sphere(2000, 0.05), 150);
     const SiblingContraction contraction(grown.samples, grown.cut.clusters_of, {});
     for (std::size_t size = 1; size <= 150; ++size) {
-        EXPECT_EQ(contraction.nodes_left(size),
+        EXPECT_EQ(contraction.nodes_left(size, {}),
                   greedily_left(contraction, grown.cut.clusters_of, size));
     }
 }
