@@ -45,9 +45,10 @@ struct ErrorBoundedCloud {
 /// The search looks at all points of the cloud, at places around them and around the points of the
 /// candidate, the closer the more doubtful the surface is there; from try to try only where points
 /// have come or gone. Then the result is measured as anyone would: twice at random places, four
-/// times as many as the cloud has points (at least 200,000); both must be within 97 % of the bound,
-/// else the search goes on from what was found. A maximum over samples is below that over all of a
-/// surface: another measurement may find a little more, which the last 3 % are for.
+/// times as many as the cloud has points (forty times, up to 400,000, where it has few; at least
+/// 200,000); both must be within 97 % of the bound, else the search goes on from what was found. A
+/// maximum over samples is below that over all of a surface: another measurement may find a little
+/// more, which the last 3 % are for.
 ///
 /// Where no smaller cloud is within the bound the input itself comes back, with an error of 0. So
 /// it does where a point of the input is farther than the bound from the input's own surface: a
