@@ -1,6 +1,7 @@
 #include "stipple/lod_pyramid.hpp"
 
 #include "cluster_tree.hpp"
+#include "nested_order.hpp"
 #include "representatives.hpp"
 #include "stipple/error.hpp"
 #include "stipple/neighbors.hpp"
@@ -8,6 +9,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <iterator>
+#include <map>
+#include <memory>
 #include <sstream>
 
 namespace stipple {
@@ -16,6 +20,37 @@ namespace {
 
 [[noreturn]] void refuse(const std::string& message) {
     throw Error(ErrorCode::InvalidArgument, message);
+}
+
+using LevelOf = std::function<PointCloud(std::uint64_t points)>;
+
+/// Sizes that the coarsest level may have where it is to fit, smallest first.
+std::vector<std::uint64_t> sizes_to_try(std::uint64_t points, const LodPyramidOptions& options) {
+    constexpr double kSmaller = 0.9;
+    std::vector<std::uint64_t> tries;
+    for (std::uint64_t size = std::min(points, options.base_points); size > 0;
+         size = static_cast<std::uint64_t>(kSmaller * static_cast<double>(size)))
+        tries.push_back(size);
+    std::ranges::reverse(tries);
+    return tries;
+}
+
+/// Begins with the largest that fits, in place of the sizes that are hardly larger, and smaller
+/// ones. Searches as if what is smaller than one that fits did so, too.
+std::vector<std::uint64_t> with_fitting_base(std::span<const std::uint64_t> sizes,
+                                             std::span<const std::uint64_t> tries,
+                                             const LodPyramidOptions& options,
+                                             const LevelOf& level_of) {
+    const auto too_large = std::ranges::partition_point(
+        tries, [&](std::uint64_t size) { return options.base_fits(level_of(size)); });
+    if (too_large == tries.begin()) refuse("base_fits: expected to take a level of one point");
+    std::vector<std::uint64_t> fitting{*std::prev(too_large)};
+    const double least = std::sqrt(options.ratio) * static_cast<double>(fitting[0]);
+    for (const std::uint64_t size : sizes)
+        if (static_cast<double>(size) > least) fitting.push_back(size);
+    // Nothing is to be lost where the base is not much smaller than the whole.
+    if (fitting.size() == 1 && fitting[0] < sizes.back()) fitting.push_back(sizes.back());
+    return fitting;
 }
 
 void cut_levels(const PointCloud& cloud, std::span<const std::uint64_t> sizes,
@@ -35,6 +70,17 @@ void cut_levels(const PointCloud& cloud, std::span<const std::uint64_t> sizes,
     }
 }
 
+LevelOf cuts_of(const PointCloud& cloud, const LodPyramidOptions& options,
+                const RunContext& context) {
+    const auto tree = std::make_shared<ClusterTree>(cloud.positions);
+    return [&, tree](std::uint64_t points) {
+        const std::vector<Index> offsets = tree->cut(points, context).offsets;
+        return representatives(
+            cloud, MemberLists{tree->members().data(), offsets}, options.representative,
+            reductions_for(cloud, options.reductions, options.representative), context);
+    };
+}
+
 /// Coarsest first.
 std::vector<PointCloud> snapshots(const PointCloud& cloud, std::span<const std::uint64_t> sizes,
                                   const LodPyramidOptions& options, const RunContext& context) {
@@ -52,6 +98,29 @@ std::vector<PointCloud> snapshots(const PointCloud& cloud, std::span<const std::
     return levels;
 }
 
+LevelOf prefixes_of(const PointCloud& cloud, const RunContext& context) {
+    return [&cloud, order = nested_order(cloud.positions, context).points](std::uint64_t points) {
+        return subset(cloud, std::span(order).first(points));
+    };
+}
+
+/// Those of `sizes` and, where the base is to fit, of `tries`.
+LevelOf snapshots_of(const PointCloud& cloud, std::span<const std::uint64_t> sizes,
+                     std::span<const std::uint64_t> tries, const LodPyramidOptions& options,
+                     const RunContext& context) {
+    std::vector<std::uint64_t> all;
+    std::ranges::set_union(sizes, tries, std::back_inserter(all));
+    std::map<std::uint64_t, PointCloud> levels;
+    if (all.back() == cloud.size()) all.pop_back();
+    if (!all.empty()) {
+        std::vector<PointCloud> made = snapshots(cloud, all, options, context);
+        for (std::size_t i = 0; i < all.size(); ++i) levels[all[i]] = std::move(made[i]);
+    }
+    return [&cloud, levels = std::move(levels)](std::uint64_t points) {
+        return points == cloud.size() ? cloud : levels.at(points);
+    };
+}
+
 }  // namespace
 
 void validate(const LodPyramidOptions& options) {
@@ -60,6 +129,14 @@ void validate(const LodPyramidOptions& options) {
     if (std::ranges::find(kWithLevels, options.method) == kWithLevels.end()) {
         refuse("method " + std::string(to_string(options.method)) +
                ": expected hierarchical, multiphase or iterative for a pyramid");
+    }
+    if (options.nested && options.method != Method::Iterative) {
+        refuse("method " + std::string(to_string(options.method)) +
+               ": expected iterative for nested levels");
+    }
+    if (options.nested && !options.reductions.empty()) {
+        refuse("reductions: " + options.reductions.begin()->first +
+               ": points of nested levels keep their attributes");
     }
     for (std::size_t i = 0; i < options.sizes.size(); ++i) {
         if (options.sizes[i] == 0) refuse("levels: 0 points: expected at least 1");
@@ -103,11 +180,23 @@ std::vector<std::uint64_t> lod_sizes(std::uint64_t points, const LodPyramidOptio
 void build_lod_pyramid(const PointCloud& cloud, const LodPyramidOptions& options,
                        const std::function<void(LodLevel&&)>& on_level, const RunContext& context) {
     if (cloud.empty()) refuse("the cloud has no points: expected at least 1");
-    const std::vector<std::uint64_t> sizes = lod_sizes(cloud.size(), options);
-    std::span<const std::uint64_t> made(sizes);  // all but the whole cloud, which is there
-    if (made.back() == cloud.size()) made = made.first(made.size() - 1);
+    std::vector<std::uint64_t> sizes = lod_sizes(cloud.size(), options);
+    const bool fits = options.base_fits && options.sizes.empty();
+    const std::vector<std::uint64_t> tries =
+        fits ? sizes_to_try(cloud.size(), options) : std::vector<std::uint64_t>{};
     const bool cuts = options.method == Method::Hierarchical;
-    const double begin = cuts ? 0 : 0.8;  // snapshots are there when the first level comes
+    const double begin = cuts ? 0 : 0.8;  // others are there when the first level comes
+    context.checkpoint(0.0);
+
+    LevelOf level_of;
+    if (options.nested) {
+        level_of = prefixes_of(cloud, context.part(0, begin));
+    } else if (!cuts) {
+        level_of = snapshots_of(cloud, sizes, tries, options, context.part(0, begin));
+    } else if (fits) {
+        level_of = cuts_of(cloud, options, context);
+    }
+    if (fits) sizes = with_fitting_base(sizes, tries, options, level_of);
 
     unsigned level = 0;
     const auto emit = [&](PointCloud&& next) {
@@ -117,13 +206,13 @@ void build_lod_pyramid(const PointCloud& cloud, const LodPyramidOptions& options
         context.checkpoint(begin + (1 - begin) * static_cast<double>(level) /
                                        static_cast<double>(sizes.size()));
     };
-    context.checkpoint(0.0);
-    if (cuts) {
-        cut_levels(cloud, made, options, emit, context);
-    } else if (!made.empty()) {
-        for (PointCloud& next : snapshots(cloud, made, options, context.part(0, begin)))
-            emit(std::move(next));
+    if (!cuts) {
+        for (const std::uint64_t size : sizes) emit(level_of(size));
+        return;
     }
+    std::span<const std::uint64_t> made(sizes);  // all but the whole cloud, which is there
+    if (made.back() == cloud.size()) made = made.first(made.size() - 1);
+    cut_levels(cloud, made, options, emit, context);
     if (made.size() < sizes.size()) emit(PointCloud(cloud));
 }
 

@@ -114,6 +114,26 @@ ErrorSamples every_eighth(const ErrorSamples& samples) {
     return few;
 }
 
+/// Cuts the next level where it is to be cut: of additive tiles only the points that no level had.
+/// @param order  of the level's points in the cloud, which begins with `had` points of the level
+/// before.
+std::vector<TileTree::Part> cut_level(TileTree& tree, std::span<const Vec3f> points,
+                                      std::span<const Index> order, std::uint64_t had,
+                                      const TileTree::Limits& limits, const RunContext& context) {
+    if (had == 0) return tree.add_level(points, limits, context);
+    std::vector<Index> fresh;
+    std::vector<Vec3f> places;
+    for (std::size_t i = 0; i < points.size(); ++i) {
+        if (order[i] < had) continue;
+        fresh.push_back(static_cast<Index>(i));
+        places.push_back(points[i]);
+    }
+    std::vector<TileTree::Part> parts = tree.add_level(places, limits, context);
+    for (TileTree::Part& part : parts)
+        for (Index& i : part.points) i = fresh[i];
+    return parts;
+}
+
 /// Points of a level, in the order of a curve, and how far the source is from their surface.
 struct Measured {
     std::vector<Vec3f> points;
@@ -147,6 +167,7 @@ struct LodTiler::State {
     ErrorSamples samples, few;
     TileTree tree;
     unsigned levels = 0;
+    std::uint64_t had = 0;  ///< points of the level before, where tiles are additive
     LodFigures figures;
 
     std::vector<Vec3f> into_frame(const PointCloud& cloud, std::span<const Index> numbers,
@@ -304,9 +325,12 @@ struct LodTiler::State {
         });
         take(all, figures);
         figures.spacing = 0;
-        for (const LodTile& tile : tiles)
-            figures.spacing += tile.spacing * static_cast<double>(tile.points) /
-                               static_cast<double>(level.points.size());
+        std::uint64_t points = 0;
+        for (const LodTile& tile : tiles) {
+            figures.spacing += tile.spacing * static_cast<double>(tile.points);
+            points += tile.points;
+        }
+        figures.spacing /= static_cast<double>(points);
     }
 
     /// Sorts and compresses the points of a part.
@@ -378,24 +402,35 @@ const LodFigures& LodTiler::figures() const noexcept {
     return state_->figures;
 }
 
+void LodTiler::restart() {
+    state_->tree = {};
+    state_->levels = 0;
+    state_->had = 0;
+}
+
 std::vector<LodTile> LodTiler::add_level(const PointCloud& cloud, bool whole,
                                          const RunContext& context) {
     if (cloud.empty())
         throw Error(ErrorCode::InvalidArgument, "the level has no points: expected at least 1");
     State& state = *state_;
-    const std::vector<Index> order =
-        whole ? std::move(state.order) : hilbert_order(cloud.positions, context);
+    const bool additive = state.options.additive;
+    if (additive && cloud.size() <= state.had)
+        refuse("points of a level", cloud.size(), "more than the level before");
+    const std::vector<Index> order = whole && !additive && !state.order.empty()
+                                         ? std::move(state.order)
+                                         : hilbert_order(cloud.positions, context);
     const std::vector<Vec3f> points = state.into_frame(cloud, order, context);
     Grid grid = state.finest_grid();
-    Measured level = whole ? State::with_tree(rounded(points, {}, grid, context), context)
-                           : state.round_level(points, grid, context);
+    Measured level = whole || additive
+                         ? State::with_tree(rounded(points, {}, grid, context), context)
+                         : state.round_level(points, grid, context);
     State::measure(level, state.samples, context);
     context.checkpoint(0.4);
 
     constexpr double kMostSteps = 65'534;
-    std::vector<TileTree::Part> parts = state.tree.add_level(
-        level.points, {state.options.max_points, static_cast<float>(kMostSteps * grid.step)},
-        context);
+    const std::vector<TileTree::Part> parts =
+        cut_level(state.tree, level.points, order, state.had,
+                  {state.options.max_points, static_cast<float>(kMostSteps * grid.step)}, context);
     context.checkpoint(0.5);
     std::vector<LodTile> tiles(parts.size());
     parallel_for_blocks(parts.size(), 1, context, [&](std::size_t t, std::size_t) {
@@ -406,6 +441,7 @@ std::vector<LodTile> LodTiler::add_level(const PointCloud& cloud, bool whole,
     context.checkpoint(0.9);
     state.add_errors(tiles, level, context);
     ++state.levels;
+    if (additive) state.had = cloud.size();
     context.checkpoint(1);
     return tiles;
 }

@@ -264,14 +264,20 @@ Json tiles_json(const PyramidJob& job) {
     return json;
 }
 
-PyramidJob read_pyramid(JsonObject& object) {
-    PyramidJob job;
+constexpr std::array kRefinements = {Named<bool>{false, "replace"}, Named<bool>{true, "add"}};
+
+/// How many points, in how many levels.
+void read_sizes(JsonObject& object, PyramidJob& job) {
     LodPyramidOptions& options = job.options;
     const auto levels = object.find("levels");
     const auto ratio = object.find("ratio");
     const auto base_points = object.find("base_points");
-    if (levels && (ratio || base_points)) {
+    const auto base_bytes = object.find("base_bytes");
+    if (levels && (ratio || base_points || base_bytes)) {
         throw object.error("levels", "stands instead of ratio and base_points: give one form");
+    }
+    if (base_points && base_bytes) {
+        throw object.error("base_bytes", "stands instead of base_points: give one of the two");
     }
     if (levels) {
         options.sizes = levels->list_of([](const JsonValue& size) { return size.integer(1); });
@@ -279,6 +285,15 @@ PyramidJob read_pyramid(JsonObject& object) {
     }
     if (ratio) options.ratio = ratio->number();
     if (base_points) options.base_points = base_points->integer(1);
+    if (base_bytes) job.base_bytes = base_bytes->integer(1);
+}
+
+PyramidJob read_pyramid(JsonObject& object) {
+    PyramidJob job;
+    LodPyramidOptions& options = job.options;
+    read_sizes(object, job);
+    take(object, "refine", kRefinements, options.nested);
+    if (options.nested) options.method = Method::Iterative;
     if (const auto method = object.find("method")) {
         options.method = method->named(method_from_name);
     }
@@ -293,6 +308,8 @@ PyramidJob read_pyramid(JsonObject& object) {
         job.output.formats = read_formats(*formats, kPyramidFormats);
         if (job.output.formats.empty()) formats->refuse("at least one format");
     }
+    if (job.base_bytes && !wants(job, CloudFormat::Glb))
+        throw object.error("base_bytes", "are those of a glb: expected it among the formats");
     if (const auto draco = object.find("draco")) job.output.draco = read_draco(*draco);
     if (const auto tiles = object.find("tiles")) read_tiles(*tiles, job);
     return job;
@@ -303,10 +320,15 @@ void add_options(Json& json, const PyramidJob& job) {
     json["type"] = "pyramid";
     if (options.sizes.empty()) {
         json["ratio"] = options.ratio;
-        json["base_points"] = options.base_points;
+        if (job.base_bytes) {
+            json["base_bytes"] = *job.base_bytes;
+        } else {
+            json["base_points"] = options.base_points;
+        }
     } else {
         json["levels"] = options.sizes;
     }
+    json["refine"] = name_of(kRefinements, options.nested);
     json["method"] = to_string(options.method);
     if (options.method == Method::Hierarchical) {
         json["representative"] = name_of(kRepresentatives, options.representative);

@@ -372,11 +372,14 @@ private:
         const auto start = Clock::now();
         if (std::ranges::find(job.output.formats, CloudFormat::Glb) != job.output.formats.end()) {
             const Stopwatch watch(cost_.encode_seconds);
-            tiler_ = std::make_unique<LodTiler>(cloud, job.tiles, quietly());
+            LodTileOptions tiles = job.tiles;
+            tiles.additive = job.options.nested;
+            tiler_ = std::make_unique<LodTiler>(cloud, tiles, quietly());
             points_of_source_ = cloud.size();
         }
         LodPyramidOptions levels = job.options;
         levels.spacing = tiler_ == nullptr;  // else the tiles say it
+        if (job.base_bytes) fit_base(levels, *job.base_bytes);
         build_lod_pyramid(
             cloud, levels,
             [&](LodLevel&& made) {
@@ -390,6 +393,30 @@ private:
         cost_.simplify_seconds =
             seconds_since(start) - cost_.error_seconds - (cost_.encode_seconds - encoded_before);
         meter_.advance(kEncode, 1);
+    }
+
+    /// Has the coarsest level chosen by what its tiles take.
+    void fit_base(LodPyramidOptions& levels, std::uint64_t most_bytes) {
+        constexpr std::uint64_t kMostPoints = 65'536;
+        if (tiler_ == nullptr) {
+            throw Error(ErrorCode::InvalidArgument,
+                        "base_bytes are those of a glb: expected it among the formats");
+        }
+        levels.base_points = std::clamp<std::uint64_t>(most_bytes, 1, kMostPoints);
+        levels.base_fits = [this, most_bytes](const PointCloud& level) {
+            const Stopwatch watch(cost_.encode_seconds);
+            const bool whole = level.size() == points_of_source_;
+            std::uint64_t bytes = 0;
+            for (const LodTile& tile : tiler_->add_level(level, whole, quietly()))
+                bytes += encode_glb(tile).size();
+            tiler_->restart();
+            if (level.size() == 1 && bytes > most_bytes) {
+                throw Error(ErrorCode::InvalidArgument, "base_bytes " + std::to_string(most_bytes) +
+                                                            ": one point takes " +
+                                                            std::to_string(bytes));
+            }
+            return bytes <= most_bytes;
+        };
     }
 
     // Evaluation.

@@ -104,12 +104,23 @@ private:
         return meet(*options_.box, {low - step, low + tile.step * last + step});
     }
 
+    /// Calls visit(file) for the tiles in the box that are the level: those of coarser ones, too,
+    /// where tiles are additive.
+    template <typename Visit>
+    void for_tiles(const OutputCloud& level, Visit&& visit) const {
+        for (const OutputCloud& other : pyramid_.levels) {
+            const bool above = job_.options.nested && other.level < level.level;
+            if (!above && other.level != level.level) continue;
+            for (const OutputFile& file : other.files)
+                if (in_box(file)) visit(file);
+        }
+    }
+
     /// The most points that the level can have in the box.
     std::uint64_t most_points(const OutputCloud& level) const {
         if (!tiled(level)) return level.points;
         std::uint64_t points = 0;
-        for (const OutputFile& file : level.files)
-            if (in_box(file)) points += file.tile->points;
+        for_tiles(level, [&](const OutputFile& file) { points += file.tile->points; });
         return points;
     }
 
@@ -139,8 +150,7 @@ private:
     }
 
     void read_tiles(const OutputCloud& level, PointCloud& cloud) const {
-        for (const OutputFile& file : level.files) {
-            if (!in_box(file)) continue;
+        for_tiles(level, [&](const OutputFile& file) {
             context_.throw_if_stopped();
             const LodTile tile = decode_glb(read_(file));
             if (tile.points != file.tile->points)
@@ -148,13 +158,17 @@ private:
                                                            std::to_string(file.tile->points) +
                                                            " points, as the manifest says");
             append(cloud, decode_tile(tile, center_));
-        }
+        });
     }
 
     /// That of the level, or of its tiles here: where they are read, and where it was not measured.
+    /// Where tiles are additive a level has none in places to which it adds nothing: that of all
+    /// its tiles then.
     std::optional<Distances> error_of(const OutputCloud& level) const {
         if (level.error && !tiled(level))
             return Distances{level.error->error.mean(), level.error->error.max()};
+        if (job_.options.nested && level.decoded)
+            return Distances{level.decoded->error.mean, level.decoded->error.max};
         Distances error;
         double points = 0;
         for (const OutputFile& file : level.files) {
@@ -328,8 +342,7 @@ void validate(const SliceOptions& options) {
     if (options.bytes == 0) refuse("bytes 0: expected at least 1");
     if (options.max_error && !(*options.max_error > 0 && std::isfinite(*options.max_error)))
         refuse("max_error " + std::to_string(*options.max_error) + ": expected a length above 0");
-    if (options.format == CloudFormat::Progressive)
-        refuse("format stpc: expected ply, drc or glb");
+    if (options.format == CloudFormat::Progressive) refuse("format stpc: expected ply, drc or glb");
     if (options.box &&
         (options.box->empty() || !options.box->min.allFinite() || !options.box->max.allFinite())) {
         refuse("box: expected six finite numbers, x0 <= x1, y0 <= y1 and z0 <= z1");

@@ -81,8 +81,8 @@ Json extras_json(const Node& node) {
 /// Writes trees of tiles, each file with no more than so many.
 class Writer {
 public:
-    Writer(const std::vector<Node>& nodes, std::size_t max_tiles)
-        : nodes_(nodes), max_tiles_(max_tiles) {}
+    Writer(const std::vector<Node>& nodes, std::size_t max_tiles, const char* refine)
+        : nodes_(nodes), max_tiles_(max_tiles), refine_(refine) {}
 
     /// A file whose root is `root`, and those that it names.
     void write(const std::string& name, double geometric_error, Json&& root) {
@@ -124,7 +124,7 @@ private:
         const Node& node = nodes_[i];
         Json json = {{"boundingVolume", box_json(node.low, node.high)},
                      {"geometricError", node.error},
-                     {"refine", "REPLACE"}};
+                     {"refine", refine_}};
         if (depth == 0) {
             json["content"] = {{"uri", name_of(i)}};
             open_.push_back(i);
@@ -140,6 +140,7 @@ private:
 
     const std::vector<Node>& nodes_;
     std::size_t max_tiles_;
+    const char* refine_;
     std::vector<TilesetFile> files_;
     std::vector<std::size_t> open_;  ///< roots of files still to be written
 };
@@ -175,14 +176,16 @@ std::vector<TilesetFile> tileset_files(const Results& results, std::size_t max_t
     // Viewers ask for the root only where this is large on their screen.
     const double diagonal = std::max((high - low).norm(), error);
 
-    Writer writer(nodes, std::max<std::size_t>(max_tiles, 1));
+    const bool adds = std::get<PyramidJob>(results.request.job).options.nested;
+    const char* const refine = adds ? "ADD" : "REPLACE";
+    Writer writer(nodes, std::max<std::size_t>(max_tiles, 1), refine);
     Json root;
     if (tops.size() == 1) {
         root = writer.subtree(tops[0]);
     } else {
         root = {{"boundingVolume", box_json(low, high)},
                 {"geometricError", diagonal},
-                {"refine", "REPLACE"}};
+                {"refine", refine}};
         for (const std::size_t top : tops) root["children"].push_back(writer.subtree(top));
     }
     root["transform"] = transform_json(results);

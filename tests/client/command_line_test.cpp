@@ -208,6 +208,14 @@ TEST(CommandLine, PyramidTakesALadderOrARatio) {
         Method::Iterative);
     EXPECT_NE(refusal({"pyramid", "in.ply", "out", "-m", "random"}).find("random"),
               std::string::npos);
+    const auto added = parsed<PyramidCommand>(
+        {"pyramid", "in.ply", "out", "--refine", "add", "--base-bytes", "15kB"});
+    EXPECT_TRUE(added.job.options.nested);
+    EXPECT_EQ(added.job.options.method, Method::Iterative);
+    EXPECT_EQ(added.job.base_bytes, 15'000U);
+    EXPECT_NE(refusal({"pyramid", "in.ply", "out", "--refine", "more"}), "accepted");
+    EXPECT_NE(refusal({"pyramid", "in.ply", "out", "--refine", "add", "-m", "multiphase"}),
+              "accepted");
     EXPECT_NE(
         refusal({"pyramid", "in.ply", "out", "-m", "iterative", "--representative", "nearest"})
             .find("belongs to hierarchical"),

@@ -4,6 +4,8 @@
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
+#include <algorithm>
+#include <array>
 
 namespace stipple {
 namespace {
@@ -109,6 +111,81 @@ TEST(LodPyramid, OfIterativeHasTheLevelsOfSimplify) {
         alone.points = level.cloud.size();
         EXPECT_EQ(level.cloud.positions, simplify(cloud, alone).positions);
     }
+}
+
+TEST(LodPyramid, WithNestedLevelsBeginsEachWithThePointsOfTheOneAbove) {
+    const PointCloud cloud = test::with_attributes(test::sphere(3000, 0.02));
+    LodPyramidOptions options;
+    options.nested = true;
+    options.method = Method::Iterative;
+    options.sizes = {40, 500, 3000};
+    const auto levels = build(cloud, options);
+    ASSERT_EQ(levels.size(), 3U);
+    for (std::size_t i = 1; i < levels.size(); ++i) {
+        const PointCloud &above = levels[i - 1].cloud, &level = levels[i].cloud;
+        ASSERT_EQ(level.size(), options.sizes[i]);
+        for (std::size_t p = 0; p < above.size(); ++p) {
+            EXPECT_EQ(above.positions[p], level.positions[p]);
+            EXPECT_EQ(above.colors[p], level.colors[p]);
+        }
+    }
+    auto sorted = levels.back().cloud.positions, all = cloud.positions;
+    for (auto* const positions : {&sorted, &all})
+        std::ranges::sort(*positions, {}, [](const Vec3f& p) {
+            return std::array{p.x(), p.y(), p.z()};
+        });
+    EXPECT_EQ(sorted, all);
+}
+
+TEST(LodPyramid, WithNestedLevelsIsOfIterativeAloneAndReducesNothing) {
+    LodPyramidOptions options;
+    options.nested = true;
+    EXPECT_THROW(validate(options), Error);
+    options.method = Method::Iterative;
+    EXPECT_NO_THROW(validate(options));
+    options.reductions = {{"intensity", Reduction::Mean}};
+    EXPECT_THROW(validate(options), Error);
+}
+
+class LodPyramidWithABase : public testing::TestWithParam<Method> {};
+
+TEST_P(LodPyramidWithABase, BeginsWithTheLargestThatFits) {
+    const PointCloud cloud = test::sphere(4000, 0.02);
+    LodPyramidOptions options;
+    options.method = GetParam();
+    options.base_points = 900;  // below the next level: what is tried changes no other
+    std::size_t asked = 0;
+    options.base_fits = [&](const PointCloud& level) {
+        ++asked;
+        return level.size() <= 200;
+    };
+    const auto levels = build(cloud, options);
+    EXPECT_LE(asked, 8U);
+    ASSERT_EQ(levels.size(), 3U);
+    EXPECT_LE(levels[0].cloud.size(), 200U);
+    EXPECT_GT(levels[0].cloud.size(), 179U);
+    EXPECT_EQ(levels[1].cloud.size(), 1000U);
+    EXPECT_EQ(levels[2].cloud.positions, cloud.positions);
+
+    options.base_fits = {};
+    options.sizes = {levels[0].cloud.size(), 1000, 4000};
+    EXPECT_EQ(levels[0].cloud.positions, build(cloud, options)[0].cloud.positions);
+}
+
+INSTANTIATE_TEST_SUITE_P(, LodPyramidWithABase,
+                         testing::Values(Method::Hierarchical, Method::Multiphase,
+                                         Method::Iterative),
+                         [](const auto& method) { return std::string(to_string(method.param)); });
+
+TEST(LodPyramid, WithABaseThatAllFitsIsTheCloudAlone) {
+    LodPyramidOptions options;
+    options.base_fits = [](const PointCloud&) { return true; };
+    const PointCloud cloud = test::sphere(4000);
+    ASSERT_EQ(build(cloud, options).size(), 1U);
+    options.base_fits = [](const PointCloud&) { return false; };
+    EXPECT_THROW(build(cloud, options), Error);
+    options.base_fits = [&](const PointCloud& level) { return level.size() < cloud.size(); };
+    EXPECT_EQ(build(cloud, options).back().cloud.positions, cloud.positions);
 }
 
 TEST(LodPyramid, RefusesMethodsWithoutLevels) {

@@ -306,6 +306,75 @@ TEST_F(LodTilesOfLevels, TellSpacingAndCoverRadius) {
     EXPECT_GE(tiles_[0].front().cover_radius, 0.8 * cover);
 }
 
+/// A pyramid of nested levels, its tiles, and what is there of each level when its tiles and all
+/// above them are.
+class AdditiveLodTiles : public testing::Test {
+protected:
+    void SetUp() override {
+        cloud_ = numbered(test::sphere(8'000, 0.002));
+        LodTiler tiler(cloud_, {.max_points = 1'000, .attributes = true, .additive = true});
+        center_ = tiler.center();
+        build_lod_pyramid(cloud_,
+                          {.base_points = 500, .method = Method::Iterative, .nested = true},
+                          [&](LodLevel&& level) {
+                              const bool whole = level.cloud.size() == cloud_.size();
+                              tiles_.push_back(tiler.add_level(level.cloud, whole));
+                              figures_.push_back(tiler.figures());
+                              sizes_.push_back(level.cloud.size());
+                          });
+    }
+
+    PointCloud down_to(std::size_t level) const {
+        PointCloud all;
+        all.origin = center_;
+        for (std::size_t above = 0; above <= level; ++above) {
+            for (const LodTile& tile : tiles_[above]) {
+                const PointCloud part = decode_tile(tile, center_);
+                all.positions.insert(all.positions.end(), part.positions.begin(),
+                                     part.positions.end());
+            }
+        }
+        return all;
+    }
+
+    PointCloud cloud_;
+    Vec3d center_;
+    std::vector<std::vector<LodTile>> tiles_;
+    std::vector<LodFigures> figures_;
+    std::vector<std::size_t> sizes_;
+};
+
+TEST_F(AdditiveLodTiles, HoldEveryPointOnceOverAllLevelsOnOneGrid) {
+    ASSERT_EQ(tiles_.size(), 3U);
+    std::vector<LodTile> all;
+    for (std::size_t level = 0; level < tiles_.size(); ++level) {
+        EXPECT_EQ(down_to(level).size(), sizes_[level]);
+        for (const LodTile& tile : tiles_[level]) {
+            EXPECT_EQ(tile.step, tiles_[0][0].step);
+            EXPECT_EQ(tile.parent.has_value(), level > 0);
+            all.push_back(tile);
+        }
+    }
+    expect_to_hold(all, cloud_, center_, 1'000);
+}
+
+TEST_F(AdditiveLodTiles, TellTheErrorAndTheSpacingOfAllThatIsThere) {
+    for (std::size_t level = 0; level < tiles_.size(); ++level) {
+        const PointCloud there = down_to(level);
+        EXPECT_NEAR(figures_[level].error.mean / measure_error(cloud_, there).mean(), 1, 0.03);
+        EXPECT_NEAR(figures_[level].spacing / mean_spacing(there.positions), 1, 0.06);
+        if (level > 0) {
+            EXPECT_LT(figures_[level].error.mean, figures_[level - 1].error.mean);
+        }
+    }
+}
+
+TEST_F(AdditiveLodTiles, NeedLevelsThatGrow) {
+    LodTiler tiler(cloud_, {.additive = true});
+    tiler.add_level(cloud_, false);
+    EXPECT_THROW(tiler.add_level(cloud_, true), Error);
+}
+
 TEST(LodTiles, StopWhenAskedTo) {
     const PointCloud cloud = test::sphere(20'000);
     LodTiler tiler(cloud, {});

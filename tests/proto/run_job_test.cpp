@@ -489,6 +489,45 @@ PointCloud colored_plane() {
     return cloud;
 }
 
+TEST_F(RunJob, BeginsAPyramidWithTheTileThatFits) {
+    for (const Method method : {Method::Hierarchical, Method::Multiphase}) {
+        PyramidJob job;
+        job.options.method = method;
+        job.base_bytes = 6'000;
+        job.output.formats = {CloudFormat::Glb};
+        reports_.clear();
+        run(spec_for(test::sphere(20'000, 0.01), job));
+        const OutputCloud base = levels().front();
+        ASSERT_EQ(base.files.size(), 1U);
+        EXPECT_LE(base.files[0].bytes, 6'000U);
+        EXPECT_GE(base.files[0].bytes, 5'000U);
+        EXPECT_EQ(levels().back().points, 20'000U);
+    }
+}
+
+TEST_F(RunJob, HasNoPyramidWhoseTileCannotFit) {
+    PyramidJob job;
+    job.base_bytes = 100;
+    job.output.formats = {CloudFormat::Glb};
+    EXPECT_THROW(run(spec_for(test::sphere(2'000), job)), Error);
+}
+
+TEST_F(RunJob, AddsPointsFromLevelToLevelWhereAsked) {
+    PyramidJob job;
+    job.options.method = Method::Iterative;
+    job.options.nested = true;
+    job.options.base_points = 500;
+    job.output.formats = {CloudFormat::Glb, CloudFormat::Ply};
+    run(spec_for(test::sphere(8'000, 0.01), job));
+    std::uint64_t in_tiles = 0;
+    for (const OutputCloud& level : levels()) {
+        for (const OutputFile& file : level.files)
+            if (file.tile) in_tiles += file.tile->points;
+        EXPECT_EQ(in_tiles, level.points);
+    }
+    EXPECT_EQ(in_tiles, 8'000U);
+}
+
 /// Clouds of which most things are not defined, as pyramids of every method in every format.
 class PyramidOfDegenerate : public RunJob,
                             public testing::WithParamInterface<std::tuple<Method, Degenerate>> {};

@@ -23,10 +23,12 @@ struct Pyramid {
     mutable std::size_t reads = 0, bytes_read = 0;
 
     Pyramid(const PointCloud& cloud, std::vector<std::uint64_t> sizes, const Formats& formats,
-            std::uint32_t max_points = 1000) {
+            std::uint32_t max_points = 1000, bool adds = false) {
         PyramidJob job;
         job.options.sizes = std::move(sizes);
-        job.tiles = {.max_points = max_points};
+        job.options.nested = adds;
+        if (adds) job.options.method = Method::Iterative;
+        job.tiles = {.max_points = max_points, .additive = adds};
         results = {.request = {std::string(64, 'a'), job},
                    .source = CloudStatistics{},
                    .levels = {},
@@ -51,6 +53,7 @@ struct Pyramid {
                         tile.streams.clear();
                         add(made, format, std::move(bytes), std::move(tile));
                     }
+                    made.decoded = tiler.figures();
                 } else {
                     add(made, format,
                         format == CloudFormat::Ply ? encode_ply(level.cloud)
@@ -209,6 +212,22 @@ TEST(Slice, IsCutFromTilesWhereThereIsNoPly) {
     for (const Vec3f& p : cloud.positions) EXPECT_NEAR(p.norm(), 1, 0.05);
     const Pyramid draco(source(), {200, 8000}, {CloudFormat::Draco});
     EXPECT_EQ(refusal(draco, {.points = 100}), ErrorCode::InvalidArgument);
+}
+
+TEST(Slice, OfAdditiveTilesTakesThoseOfCoarserLevelsToo) {
+    const PointCloud cloud = test::sphere(10'000);
+    const Pyramid pyramid(cloud, {600, 2'500, 10'000}, {CloudFormat::Glb}, 1'000, true);
+    for (const std::size_t level : {0U, 1U, 2U}) {
+        const std::uint64_t points = pyramid.results.levels[level].points;
+        const Slice slice = pyramid.slice({.points = points});
+        EXPECT_EQ(slice.level, level);
+        EXPECT_EQ(decode_cloud(slice.bytes).size(), points);
+        EXPECT_EQ(slice.error_mean, pyramid.results.levels[level].decoded->error.mean);
+    }
+    const Aabb box{{-2, -2, -2}, {2, 2, 0}};
+    const Slice half = pyramid.slice({.points = 10'000, .box = box});
+    EXPECT_NEAR(static_cast<double>(half.points), 5'000, 500);
+    for (const Vec3f& p : decode_cloud(half.bytes).positions) EXPECT_LE(p.z(), 0.0F);
 }
 
 TEST(Slice, RefusesWhatCannotBe) {

@@ -14,10 +14,13 @@ using nlohmann::json;
 
 /// A pyramid as a job reports it, with tiles of at most `max_points`.
 Results results_of(const PointCloud& cloud, std::vector<std::uint64_t> sizes,
-                   std::uint32_t max_points) {
+                   std::uint32_t max_points, bool adds = false) {
     PyramidJob job;
     job.options.sizes = std::move(sizes);
+    job.options.nested = adds;
+    if (adds) job.options.method = Method::Iterative;
     job.tiles.max_points = max_points;
+    job.tiles.additive = adds;
     Results results{.request = {std::string(64, 'a'), job},
                     .source = CloudStatistics{},
                     .levels = {},
@@ -121,6 +124,20 @@ TEST(Tileset, NamesEveryTileOnceWithItsChildrenInsideAndNoLargerErrors) {
     EXPECT_NEAR(files.at("tileset.json")["geometricError"], 2 * half.norm(), 1e-12);
     EXPECT_GT(half.minCoeff(), 0.99);  // the unit sphere, and no more than a step around it
     EXPECT_LT(half.maxCoeff(), 1.2);
+}
+
+TEST(Tileset, OfAdditiveTilesSaysSoInEveryFile) {
+    const Results results = results_of(test::sphere(10'000), {500, 2'500, 10'000}, 1'000, true);
+    std::uint64_t points = 0;
+    const auto files = parsed(tileset_files(results, 5));
+    EXPECT_GT(files.size(), 1U);
+    walk(files, files.at("tileset.json")["root"], nullptr,
+         [&](const json& tile, const json* parent) {
+             EXPECT_EQ(tile["refine"], "ADD");
+             EXPECT_TRUE(parent == nullptr || inside(tile, *parent));
+             if (tile.contains("extras")) points += tile["extras"]["points"].get<std::uint64_t>();
+         });
+    EXPECT_EQ(points, 10'000U);
 }
 
 TEST(Tileset, OfManyTilesGoesOnInFilesOfItsOwn) {

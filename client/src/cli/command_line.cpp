@@ -176,9 +176,14 @@ PyramidCommand pyramid_command(const Values& values, const CLI::App& app) {
     options = values.pyramid;
     options.sizes = values.levels;
     options.method = method_from_name(values.pyramid_method);
+    if (values.refine != "replace" && values.refine != "add")
+        throw UsageError("--refine " + values.refine + ": expected replace or add");
+    options.nested = values.refine == "add";
+    if (options.nested && app.count("--method") == 0) options.method = Method::Iterative;
+    command.job.base_bytes = values.base_bytes;
     if (options.method != Method::Hierarchical && app.count("--representative") > 0)
         throw UsageError("--representative belongs to hierarchical, not to " +
-                         values.pyramid_method);
+                         std::string(to_string(options.method)));
     options.representative = representative_from_name(values.of_methods.representative);
     options.reductions = reductions(values);
     command.job.error = !values.no_error;

@@ -199,11 +199,23 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
     command.add_option("--ratio", values.pyramid.ratio, "from a level to the next, in (1, 64]; 4")
         ->type_name("R")
         ->excludes(levels);
+    auto* const base_points = command
+                                  .add_option("--base-points", values.pyramid.base_points,
+                                              "most points of the coarsest; 10000")
+                                  ->type_name("N")
+                                  ->excludes(levels);
     command
-        .add_option("--base-points", values.pyramid.base_points,
-                    "most points of the coarsest; 10000")
-        ->type_name("N")
-        ->excludes(levels);
+        .add_option("--base-bytes", values.base_bytes,
+                    "instead: most bytes of its glb, as in 14600 or 15kB")
+        ->transform(CLI::AsSizeValue(true))
+        ->type_name("B")
+        ->excludes(levels)
+        ->excludes(base_points);
+    command
+        .add_option("--refine", values.refine,
+                    "replace; or add: a level's tiles add points to those above, iterative alone")
+        ->type_name("R")
+        ->capture_default_str();
     command
         .add_option("-m,--method", values.pyramid_method,
                     "hierarchical; multiphase or iterative: less error, more time")

@@ -40,6 +40,8 @@ struct Values {
     std::vector<double> transform;
     std::optional<unsigned> epsg;
     std::string layout = "levels";
+    std::optional<std::uint64_t> base_bytes;
+    std::string refine = "replace";
     std::string pyramid_method{to_string(LodPyramidOptions{}.method)};
     SyntheticScanOptions synthetic;
     DracoEncodeOptions draco;

@@ -17,11 +17,17 @@ struct LodPyramidOptions {
         sizes{};         ///< points of each level, strictly ascending; empty: by ratio
     double ratio = 4.0;  ///< in (1, 64]: each level has this many times the points of the one above
     std::uint64_t base_points = 10'000;  ///< the coarsest level by ratio has at most so many
+    std::function<bool(const PointCloud&)>
+        base_fits{};  ///< where set, levels by ratio begin with the largest that it takes, of those
+                      ///< tried: `base_points` or the whole cloud, then each 10 % smaller
     Method method =
         Method::Hierarchical;  ///< or `multiphase` or `iterative`: less error, more time
     Representative representative = Representative::Nearest;  ///< of `hierarchical`
     std::map<std::string, Reduction>
         reductions{};     ///< by attribute name, instead of the attribute's own
+    bool nested = false;  ///< each level begins with the points of the one above, as they are:
+                          ///< prefixes of one order, contraction to an end point backwards. Only
+                          ///< `iterative`, and without `reductions`
     bool spacing = true;  ///< of each level is measured; where its tiles say it, that is time lost
 };
 
@@ -36,18 +42,19 @@ struct LodLevel {
 /// @throws Error(InvalidArgument) for an option out of range.
 void validate(const LodPyramidOptions& options);
 
-/// The sizes that `options` give for a cloud of `points`: the finest by ratio is the whole cloud; a
-/// size in the list above the count becomes the count. Ascending, without repeats, never empty.
+/// The sizes that `options`, without `base_fits`, give for a cloud of `points`: the finest by ratio
+/// is the whole cloud; a size in the list above the count becomes the count. Ascending, without
+/// repeats, never empty.
 std::vector<std::uint64_t> lod_sizes(std::uint64_t points, const LodPyramidOptions& options);
 
 /// Levels of detail of a cleaned cloud, all from one run: cuts of the tree of
 /// `hierarchical_clustering`, or `multiphase_snapshots` or `iterative_snapshots`. The level of all
-/// points is the cloud itself.
+/// points is the cloud itself; of nested levels it is so in their order.
 ///
 /// @param on_level  called for each level, coarsest first, on the calling thread: as soon as it is
 /// there, for cuts; once the run is over, for snapshots, which are kept until then.
-/// @throws Error(InvalidArgument) for options out of range, a method that has no levels, or a cloud
-/// without points.
+/// @throws Error(InvalidArgument) for options out of range, a method that has no levels, a cloud
+/// without points, or a single point that `base_fits` does not take.
 /// All cuts of the dragon take 1.3 times as long as its finest alone (`pyramid/dragon/ratio-4` of
 /// stipple-bench), twice as long with their spacing.
 void build_lod_pyramid(const PointCloud& cloud, const LodPyramidOptions& options,

@@ -25,6 +25,8 @@ struct LodTileOptions {
     double base_tolerance = 0.16;  ///< the same for the coarsest level: the first that is fetched
     std::uint32_t max_points = 65'536;  ///< of a tile, 1..65,536; a level with more is cut
     bool attributes = false;            ///< scalar attributes too, beside normals and colours
+    bool additive = false;  ///< a tile has only the points that no coarser level has: a level is
+                            ///< all tiles down to it. Levels are nested, and all take all bits
 };
 
 /// @throws Error(InvalidArgument) for an option out of range.
@@ -94,6 +96,10 @@ struct LodTile : LodFigures {
 /// that is not the whole, by no more than a step and a half: it goes to the place of the grid
 /// nearby that is nearest to the surface, which takes one bit less for the same error.
 ///
+/// Of an additive pyramid a level is drawn by its tiles and all those above them; each level that
+/// is added must begin with the points of the one before (`LodPyramidOptions::nested`). What is
+/// said of a tile is then said of all points that are there down to its level.
+///
 /// Errors are measured on the decoded points, at one place for 128 points of the source, 32,768 to
 /// 131,072 of them, the same for all levels: the mean of a level is mostly within 1.5 % of that
 /// from infinitely many. A tile has the places in its cell, a few hundred: each says how many, and
@@ -115,9 +121,15 @@ public:
     const Vec3d& center() const noexcept;
 
     /// @param cloud  the next finer level, of at least one point.
-    /// @param whole  it is the source itself: it takes all bits.
+    /// @param whole  it is the source itself: it takes all bits. Does not matter where tiles are
+    /// additive.
+    /// @throws Error(InvalidArgument) for a cloud without points, and for one that has no more than
+    /// the level before where tiles are additive.
     std::vector<LodTile> add_level(const PointCloud& cloud, bool whole,
                                    const RunContext& context = {});
+
+    /// Forgets all levels: the next is the coarsest again.
+    void restart();
 
     /// Of the level added last, over all its tiles.
     const LodFigures& figures() const noexcept;

@@ -50,7 +50,7 @@ struct AnalyzeJob {
     OutputOptions output;
 };
 struct PyramidJob {
-    LodPyramidOptions options;
+    LodPyramidOptions options;  ///< nested levels have additive tiles (`refine`)
     OutputOptions output;
     LodTileOptions tiles{};  ///< of the format `glb`
     std::optional<std::array<double, 16>>
@@ -60,6 +60,9 @@ struct PyramidJob {
         epsg{};         ///< instead of a transform: the file's coordinates, put on the globe
                         ///< (`globe_frame`)
     bool error = true;  ///< of every level
+    std::optional<std::uint64_t>
+        base_bytes{};  ///< instead of `base_points`: the glb of the coarsest level is no larger,
+                       ///< and has at most 65,536 points and one for each byte
 };
 /// Compares clouds with the input, the reference.
 struct EvaluateJob {
@@ -111,7 +114,8 @@ struct CurveJob {
 ///
 /// Feature lines are sought when they are named, and are a second output cloud when there are any.
 ///
-///     {"type": "pyramid", "input": …, "levels": [1000, 10000] | "ratio": 4, "base_points": 10000,
+///     {"type": "pyramid", "input": …, "levels": [1000, 10000] | "ratio": 4, "base_points": 10000 |
+///      "base_bytes": 15000 (glb), "refine": "replace" | "add" (iterative alone, its default),
 ///      "method": "hierarchical" | "multiphase" | "iterative", "representative": … (hierarchical),
 ///      "reductions": …, "error": true, "formats": ["drc", "ply", "glb"], "draco": …,
 ///      "tiles": {"position_bits": 14, "precision": 0.001, "max_points": 65536,

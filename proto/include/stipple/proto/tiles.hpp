@@ -26,9 +26,9 @@ struct TilesetFile {
 };
 
 /// The pyramid as a 3D Tiles 1.1 tileset: an explicit tree of the tiles of `results.levels`, with
-/// REPLACE refinement, the same while levels are still to come. Addresses of tiles are relative, by
-/// their hash, or the `data:` URI that is their `href`. A tree of more than `max_tiles` goes on in
-/// files of its own, which the first names.
+/// REPLACE refinement, or ADD where its tiles are additive; the same while levels are still to
+/// come. Addresses of tiles are relative, by their hash, or the `data:` URI that is their `href`. A
+/// tree of more than `max_tiles` goes on in files of its own, which the first names.
 ///
 /// The geometric error of a tile is the larger of its maximum error and its spacing, and no less
 /// than those of the tiles below; that of a leaf is its spacing, and that of the whole the diagonal
