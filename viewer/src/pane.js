@@ -50,7 +50,7 @@ export class Pane {
             const drawn = tiles.select(camera, { offset, height, finestLevel: level });
             this.showsTiles ||= tiles.isComplete;
             if (this.showsTiles) {
-                drawn.forEach((tile) => this.scene.add(this.splatsOf(tile.cloud, tile.spacing, offset)));
+                drawn.forEach((tile) => this.scene.add(this.splatsOf(tile.cloud, tile.shownSpacing, offset)));
                 return;
             }
         }
@@ -63,12 +63,13 @@ export class Pane {
             const points = new Points(geometry);
             points.frustumCulled = false;
             points.onBeforeRender = (renderer, scene, camera, _, material) => {
-                material.uniforms.largestRadius.value = look.splatSize * largestRadiusOf(spacing, home.radius);
+                material.uniforms.largestRadius.value = look.splatSize * largestRadiusOf(points.userData.spacing, home.radius);
                 material.uniformsNeedUpdate = true;
             };
             this.splats.set(geometry, points);
         }
         const points = this.splats.get(geometry);
+        points.userData.spacing = spacing;
         points.position.copy(position);
         return points;
     }

@@ -1,17 +1,19 @@
-// A tileset as our server writes it: an explicit tree whose tiles are replaced by their children.
+// A tileset as our server writes it: an explicit tree whose tiles are replaced by their children, or added to by them.
 
 /**
  * A tile from its JSON, with all below. `center` and `half` of its box are relative to the middle of the source's bounds.
  * Its error is what 99 % of its surface stay below: the geometric error of 3D Tiles is the largest one, that of a few stray
- * points of a noisy scan. `state`: `listed`, `loading`, `ready` or `failed`.
+ * points of a noisy scan. `state`: `listed`, `loading`, `ready` or `failed`. `shownSpacing`: between the points that are drawn there.
  */
-export function treeOf({ boundingVolume: { box }, geometricError, content, extras, children = [] }, level = 0) {
+export function treeOf({ boundingVolume: { box }, geometricError, refine, content, extras, children = [] }, level = 0) {
     return {
         level,
+        adds: refine === 'ADD',
         center: box.slice(0, 3),
         half: [box[3], box[7], box[11]],
         error: extras ? Math.max(extras.error?.p99 ?? 0, extras.spacing) : geometricError,
         spacing: extras?.spacing,
+        shownSpacing: extras?.spacing,
         uri: content?.uri ?? null,
         children: children.map((child) => treeOf(child, level + 1)),
         state: content ? 'listed' : 'ready',
@@ -29,6 +31,18 @@ export function select(root, view) {
     const drawn = [];
     const wanted = [];
 
+    /** What adds to a tile is drawn with it, and makes its splats smaller once all of it is there. */
+    function addTo(tile, isFine) {
+        drawn.push(...(tile.cloud ? [tile] : []));
+        tile.shownSpacing = tile.spacing;
+        if (!isFine) {
+            tile.children.forEach(visit);
+            const added = tile.children.filter(view.sees).map((child) => (child.cloud ? child.shownSpacing : tile.spacing));
+            tile.shownSpacing = Math.min(tile.spacing, Math.max(0, ...added) || tile.spacing);
+        }
+        return true;
+    }
+
     /** Whether what is seen of the tile is drawn. */
     function visit(tile) {
         if (!view.sees(tile)) {
@@ -36,7 +50,11 @@ export function select(root, view) {
         }
         tile.usedAt = view.now;
         const error = view.errorOf(tile);
-        if (tile.children.length > 0 && tile.level < view.finestLevel && error > view.pixels) {
+        const isFine = tile.children.length === 0 || tile.level >= view.finestLevel || error <= view.pixels;
+        if (tile.adds && tile.state === 'ready') {
+            return addTo(tile, isFine);
+        }
+        if (!isFine && !tile.adds) {
             const before = drawn.length;
             if (tile.children.map(visit).every(Boolean)) {
                 return true;

@@ -71,6 +71,28 @@ const tests = {
         assert.deepEqual(chosen({ sees: (tile) => tile !== left }).drawn, right.children);
     },
 
+    async 'Of tiles that add to each other a tile is drawn with those above it, in splats as small as theirs'() {
+        const { select, treeOf } = await import(pathToFileURL(resolve(options.viewer, 'src/tile_tree.js')));
+        const json = (error, children = []) => ({
+            boundingVolume: { box: [0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1] }, geometricError: 100, refine: 'ADD',
+            content: { uri: `${error}.glb` }, extras: { error: { p99: error }, spacing: error / 10 }, children,
+        });
+        const root = treeOf(json(8, [json(4), json(3, [json(1)])]));
+        const [left, right] = root.children, [finest] = right.children;
+        const view = { sees: () => true, errorOf: (tile) => tile.error, pixels: 2, finestLevel: 9, now: 1 };
+        const load = (...tiles) => tiles.forEach((tile) => Object.assign(tile, { state: 'ready', cloud: {} }));
+
+        assert.deepEqual(select(root, view), { drawn: [], wanted: [root] });
+        load(root);
+        assert.deepEqual(select(root, view), { drawn: [root], wanted: [left, right] });
+        assert.equal(root.shownSpacing, 0.8);
+        load(left, right, finest);
+        assert.deepEqual(select(root, view), { drawn: [root, left, right, finest], wanted: [] });
+        assert.deepEqual([root, left, right, finest].map((tile) => tile.shownSpacing), [0.4, 0.4, 0.1, 0.1]);
+        assert.deepEqual(select(root, { ...view, finestLevel: 1 }).drawn, [root, left, right]);
+        assert.deepEqual(select(root, { ...view, pixels: 9 }).drawn, [root]);
+    },
+
     async 'An empty server invites to add a cloud'() {
         const page = await browser.open();
         await page.getByText('Drop a point cloud here').waitFor();

@@ -31,18 +31,21 @@ export const onePoint = () => ply([[1, 2, 3]], false);
 /** A header that promises more than follows. */
 export const truncated = () => sphere(1000).subarray(0, 4000);
 
-/** @param points  `[x, y, z]`, and `red, green, blue` where `isColored` */
-export function ply(points, isColored) {
+/** @param points  `[x, y, z]`, and `red, green, blue` where `isColored`; @param type  of coordinates: `float` or `double` */
+export function ply(points, isColored, type = 'float') {
     const header = ['ply', 'format binary_little_endian 1.0', `element vertex ${points.length}`,
-        ...['x', 'y', 'z'].map((name) => `property float ${name}`),
+        ...['x', 'y', 'z'].map((name) => `property ${type} ${name}`),
         ...(isColored ? ['red', 'green', 'blue'].map((name) => `property uchar ${name}`) : []), 'end_header', ''];
-    const stride = isColored ? 15 : 12;
+    const size = type === 'double' ? 8 : 4;
+    const stride = 3 * size + (isColored ? 3 : 0);
     const body = Buffer.alloc(stride * points.length);
     points.forEach((point, i) => point.forEach((value, k) => {
-        if (k < 3) {
-            body.writeFloatLE(value, stride * i + 4 * k);
+        if (k >= 3) {
+            body.writeUInt8(value, stride * i + 3 * size + k - 3);
+        } else if (type === 'double') {
+            body.writeDoubleLE(value, stride * i + size * k);
         } else {
-            body.writeUInt8(value, stride * i + 9 + k);
+            body.writeFloatLE(value, stride * i + size * k);
         }
     }));
     return Buffer.concat([Buffer.from(header.join('\n')), body]);
