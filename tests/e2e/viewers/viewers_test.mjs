@@ -18,6 +18,7 @@ import { compare, pictureOf } from './reference.mjs';
 const kSkipped = 77;
 const kSize = 640;
 const kViewers = ['tiles_renderer', 'cesium', 'draco_loader', 'loaders_gl_tiles', 'loaders_gl_draco'];
+const kAdding = ['tiles_renderer', 'cesium', 'loaders_gl_tiles'];  // that read tiles
 const { values: options } = parseArgs({
     options: { bin: { type: 'string' }, modules: { type: 'string' }, readme: { type: 'string' }, artifacts: { type: 'string' } },
 });
@@ -41,44 +42,75 @@ const large = pictureOf(cloud, view, kSize, 7);
 
 const server = await startServer(options.bin);
 const job = await pyramidOf(ply(cloud, true));
-const bundles = Object.fromEntries(await Promise.all(kViewers.map(
+const adding = await pyramidOf(ply(cloud, true), { refine: 'add' });
+const bundles = Object.fromEntries(await Promise.all([...kViewers, 'cesium_globe'].map(
     async (name) => [name, await bundled(name, { readme: options.readme, modules })])));
 const pages = await servePages(bundles, modules);
 
 let failed = 0;
-for (const name of kViewers) {
+for (const name of kViewers) await check(name, () => checkPicture(name, job));
+for (const name of kAdding) await check(`${name}, tiles that add`, () => checkPicture(name, adding));
+await check('cesium, on the globe', checkOnGlobe);
+await check('inlined', checkInlined);
+pages.close();
+await server.stop();
+process.exit(failed > 0 ? 1 : 0);
+
+async function check(name, body) {
     try {
-        const { seen, points } = await shown(name);
-        const share = (value) => `${(100 * value).toFixed(1)} %`;
-        const what = `${points} points, covered ${share(seen.covered)}, spilled ${share(seen.spilled)}, alike ${share(seen.alike)}`;
-        assert.equal(points, cloud.length, what);
-        assert.ok(seen.covered > 0.9 && seen.spilled < 0.005 && seen.alike > 0.97, what);
-        console.log(`ok      ${name}: ${what}`);
+        console.log(`ok      ${name}: ${await body() ?? 'as it should be'}`);
     } catch (error) {
         failed += 1;
         console.log(`FAILED  ${name}\n${error.stack}`);
     }
 }
-try {
-    await checkInlined();
-    console.log('ok      inlined');
-} catch (error) {
-    failed += 1;
-    console.log(`FAILED  inlined\n${error.stack}`);
+
+/** Whether a viewer draws all points of the cloud where they are. */
+async function checkPicture(name, pyramid) {
+    const { drawn, pixels } = await shown(name, pyramid);
+    return judge(drawn.points, compare(pixels, small, large));
 }
-pages.close();
-await server.stop();
-process.exit(failed > 0 ? 1 : 0);
+
+function judge(points, seen) {
+    const share = (value) => `${(100 * value).toFixed(1)} %`;
+    const what = `${points} points, covered ${share(seen.covered)}, spilled ${share(seen.spilled)}, alike ${share(seen.alike)}`;
+    assert.equal(points, cloud.length, what);
+    assert.ok(seen.covered > 0.9 && seen.spilled < 0.005 && seen.alike > 0.97, what);
+    return what;
+}
+
+/** A cloud with UTM coordinates stands upright in its place on the earth, where Cesium's camera flies to it. */
+async function checkOnGlobe() {
+    const easting = 300_000, northing = 5_500_000, height = 50;
+    const onEarth = [4730326.4165, 1060415.2879, -4131075.7569];  // of that place of zone 33 south, by PROJ
+    const placed = cloud.map(([x, y, z, ...color]) =>
+        [easting + x - kCentre[0], northing + y - kCentre[1], height + z - kCentre[2], ...color]);
+    const pyramid = await pyramidOf(ply(placed, true, 'double'), { tiles: { max_points: 16_000, epsg: 32733 } });
+    const { drawn, pixels } = await shown('cesium_globe', pyramid);
+    const away = Math.hypot(...drawn.center.map((x, k) => x - onEarth[k]));
+    assert.ok(away < 0.5, `the tileset is ${away} m from its place`);
+
+    const { root: { transform } } = await (await fetch(`${server.url}/v1/pyramids/${pyramid}/tileset.json`)).json();
+    const { bounds: { min, max } } = (await (await fetch(`${server.url}/v1/pyramids/${pyramid}/manifest.json`)).json()).source;
+    const middle = min.map((x, k) => (x + max[k]) / 2);
+    const seenFrom = placed.map(([x, y, z, ...color]) => {
+        const local = [x, y, z].map((value, k) => value - middle[k]);
+        return [...[0, 1, 2].map((row) => transform[12 + row] - drawn.view.eye[row] +
+            local.reduce((sum, value, k) => sum + transform[4 * k + row] * value, 0)), ...color];
+    });
+    const from = { ...drawn.view, eye: [0, 0, 0] };
+    return judge(drawn.points, compare(pixels, pictureOf(seenFrom, from, kSize, 1), pictureOf(seenFrom, from, kSize, 7)));
+}
 
 /** The id of a pyramid of several levels, the finest in several tiles. */
-async function pyramidOf(file) {
+async function pyramidOf(file, changes = {}) {
     const send = async (path, body, type) => {
         const response = await fetch(server.url + path, { method: 'POST', headers: { 'Content-Type': type }, body });
         assert.ok(response.ok, await response.clone().text());
         return response.json();
     };
     const { id: input } = await send('/v1/clouds', file, 'application/octet-stream');
-    const request = { type: 'pyramid', input, base_points: 3000, formats: ['drc', 'glb'], tiles: { max_points: 16_000 } };
+    const request = { type: 'pyramid', input, base_points: 3000, formats: ['drc', 'glb'], tiles: { max_points: 16_000 }, ...changes };
     const { id } = await send('/v1/jobs', JSON.stringify(request), 'application/json');
     const { status } = await (await fetch(`${server.url}/v1/jobs/${id}?wait=60`)).json();
     assert.equal(status, 'successful');
@@ -104,22 +136,20 @@ async function checkInlined() {
     assert.equal((await fetch(`${at}/tileset.json?inline=ply`)).status, 400);
 }
 
-/** What a viewer draws, in a browser of its own: a picture compared with the cloud's, and how many points it says. */
-async function shown(name) {
+/** What a viewer draws, in a browser of its own: its picture, and what its page says. */
+async function shown(name, pyramid) {
     const browser = await Browser.launch(playwright, chromium, pages.url, server.url);
     browser.faultLevels = ['error'];
     try {
-        const asked = new URLSearchParams({ server: server.url, job, view: JSON.stringify(view) });
+        const asked = new URLSearchParams({ server: server.url, job: pyramid, view: JSON.stringify(view) });
         const page = await browser.open(`/pages/${name}/?${asked}`, { width: kSize, height: kSize });
-        const drawn = await page.waitForFunction(() => window.drawn, undefined, { timeout: 60_000 }).catch((error) => {
+        const told = await page.waitForFunction(() => window.drawn, undefined, { timeout: 60_000 }).catch((error) => {
             throw new Error([error.message, ...browser.faults].join('\n'));
         });
-        const { points } = await drawn.jsonValue();
-        const path = join(options.artifacts, `viewers-${name}.png`);
-        await page.screenshot({ path });
-        const seen = compare(await browser.pixels(page, { x: 0, y: 0, width: kSize, height: kSize }), small, large);
+        await page.screenshot({ path: join(options.artifacts, `viewers-${name}${pyramid === adding ? '-adding' : ''}.png`) });
+        const pixels = await browser.pixels(page, { x: 0, y: 0, width: kSize, height: kSize });
         assert.deepEqual(browser.faults, []);
-        return { seen, points };
+        return { drawn: await told.jsonValue(), pixels };
     } finally {
         await browser.close();
     }

@@ -1,5 +1,6 @@
 import { load } from '@loaders.gl/core';
 import { Tiles3DLoader } from '@loaders.gl/3d-tiles';
+import { TILE_REFINEMENT } from '@loaders.gl/tiles';
 import { BufferAttribute, BufferGeometry, Group, Points, PointsMaterial } from 'three';
 import { show } from 'readme:loaders.gl, tile by tile?tileset,content';
 
@@ -13,7 +14,7 @@ placed.matrix.fromArray(tileset.root.transform);
 scene.add(placed);
 
 let points = 0;
-for (const tile of leaves(tileset.root)) {
+for (const tile of finest(tileset.root)) {
     const { gltf } = tile === tileset.root ? content : await load(tile.contentUrl, Tiles3DLoader);
     const upright = new Group();
     upright.rotation.x = Math.PI / 2;  // y up becomes z up
@@ -23,8 +24,10 @@ for (const tile of leaves(tileset.root)) {
 renderer.render(scene, camera);
 tell({ points });
 
-function leaves(tile) {
-    return tile.children?.length ? tile.children.flatMap(leaves) : [tile];
+/** The tiles that show all there is. */
+function finest(tile) {
+    const below = (tile.children ?? []).flatMap(finest);
+    return below.length > 0 && tile.refine === TILE_REFINEMENT.REPLACE ? below : [tile, ...below];
 }
 
 function drawn({ matrix, translation, rotation, scale, mesh, children = [] }, spacing) {
