@@ -61,14 +61,15 @@ public:
 
 private:
     void set(const Vec3f& at, std::span<const Neighbor> found, Patch& patch) {
-        const auto by_distance = &Neighbor::distance_sq;
-        const Vec3f origin = points_[std::ranges::min_element(found)->index];
+        const Vec3f origin = points_[found.front().index];
+        float farthest_sq = 0;
+        for (const Neighbor& neighbor : found)
+            farthest_sq = std::max(farthest_sq, neighbor.distance_sq);
         patch.number = ++number_;
         patch.center = at.cast<double>();
         patch.radius = search_.reach();
         const double size = static_cast<double>(found.size());
-        const double farthest_sq = std::ranges::max_element(found, {}, by_distance)->distance_sq;
-        patch.neighborhood = std::sqrt(farthest_sq * k_ / size);
+        patch.neighborhood = std::sqrt(static_cast<double>(farthest_sq) * k_ / size);
         patch.origin = origin.cast<double>();
         patch.points.clear();
         for (const Neighbor& neighbor : found)
@@ -97,7 +98,8 @@ struct Walker {
     Foot best;    ///< of this start
     Foot direct;  ///< of the start from q, while the other goes on
     bool from_sample = false;
-    Vec3d sample;             ///< nearest to q
+    double to_sample = 0;     ///< from q to the nearest sample
+    Vec3d sample;             ///< that one
     double sample_reach = 0;  ///< how far from it the surface may be
 };
 
@@ -145,18 +147,19 @@ private:
         w.direct = {};
         w.from_sample = !shared_.holds(w.q) && !maker_.make_near(w.q, shared_);
         if (w.from_sample) {
-            w.sample = nearest_sample(w.q);
+            find_sample(w);
             maker_.make(w.sample, shared_);
-            w.from_sample = (w.q - w.sample).norm() > reach_ * shared_.neighborhood;
+            w.from_sample = w.to_sample > reach_ * shared_.neighborhood;
         }
         if (w.patch != shared_.number) fill(lane, shared_);
         start(lane, w.from_sample ? w.sample : w.q);
     }
 
-    Vec3d nearest_sample(const Vec3d& q) const {
+    void find_sample(Walker& w) const {
         Neighbor nearest;
-        find_nearest(tree_, q.cast<float>(), {&nearest, 1});
-        return points_[nearest.index].cast<double>();
+        find_nearest(tree_, w.q.cast<float>(), {&nearest, 1});
+        w.sample = points_[nearest.index].cast<double>();
+        w.to_sample = (w.q - w.sample).norm();
     }
 
     void start(std::size_t lane, const Vec3d& x) {
@@ -208,7 +211,12 @@ private:
         }
         w.own_patch = false;
         lanes_.radius_guess_sq[lane] = lanes_.radius_sq[lane];
-        if (w.from_sample && w.iteration == 0) w.sample_reach = r * reach_;
+        if (w.iteration == 0) {
+            if (w.from_sample)
+                w.sample_reach = r * reach_;
+            else
+                w.to_sample = std::sqrt(static_cast<double>(lanes_.nearest_sq[lane]));
+        }
         // There is no surface where there are no samples.
         const double nearness = lanes_.nearest_sq[lane] / lanes_.radius_sq[lane];
         constexpr double kLost = 0.5;
@@ -246,7 +254,7 @@ private:
             constexpr double kNear = 0.25;  // of h: the start from the sample would end here too
             if (w.best.distance <= kNear * w.best.h && w.best.on_surface())
                 return emit(lane, w.best);
-            w.sample = nearest_sample(w.q);
+            find_sample(w);
             w.direct = w.best;
             w.from_sample = true;
             return start(lane, w.sample);
@@ -256,24 +264,25 @@ private:
 
     /// The nearer of two feet, and no nearer than samples allow.
     static Foot better(const Walker& w) {
-        const double to_sample = (w.q - w.sample).norm();
         const bool direct =
-            w.direct.h > 0 && to_sample <= w.sample_reach &&
+            w.direct.h > 0 && w.to_sample <= w.sample_reach &&
             (w.direct.converged == w.best.converged ? w.direct.distance <= w.best.distance
                                                     : w.direct.converged);
         Foot foot = direct ? w.direct : w.best;
-        if (foot.h == 0 || (!foot.converged && foot.distance > to_sample)) {
+        if (foot.h == 0 || (!foot.converged && foot.distance > w.to_sample)) {
             foot.point = w.sample;
-            foot.distance = to_sample;
+            foot.distance = w.to_sample;
         }
-        foot.beyond = foot.distance < to_sample - w.sample_reach;
-        if (foot.beyond) foot.distance = to_sample - w.sample_reach;
+        foot.beyond = foot.distance < w.to_sample - w.sample_reach;
+        if (foot.beyond) foot.distance = w.to_sample - w.sample_reach;
         return foot;
     }
 
-    void emit(std::size_t lane, const Foot& foot) {
+    void emit(std::size_t lane, Foot foot) {
         const Walker& w = walkers_[lane];
-        found_(w.query, options_.degree == 2 ? quadratic_.find(w.q, foot) : foot);
+        if (options_.degree == 2) foot = quadratic_.find(w.q, foot);
+        foot.to_sample = w.to_sample;
+        found_(w.query, foot);
         begin_query(lane);
     }
 

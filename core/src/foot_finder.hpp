@@ -15,6 +15,7 @@ struct Foot {
     Vec3d point = Vec3d::Zero();
     Vec3d normal = Vec3d::UnitZ();  ///< of the surface there; the sign is any
     double distance = 0;            ///< d(q, S')
+    double to_sample = 0;           ///< from q to the nearest sample
     double h = 0;                   ///< scale of the weights at the foot
     double off_center = 0;          ///< from there to the mean of its neighbourhood, over h
     double emptiness = 0;           ///< from there to the nearest sample, over r = 3 h
