@@ -56,6 +56,7 @@ let beside = null;    // the index of a level of the same result beside it, or n
 let uploading = false;
 
 function open({ id, type }, { remembered = false } = {}) {
+    askAhead({ id, type });
     session?.close();
     comparison.end();
     if (!remembered) {
@@ -91,8 +92,9 @@ function open({ id, type }, { remembered = false } = {}) {
 
 /** The colours that are wanted now, for a level that is about to be shown. */
 async function dress(level, signal) {
-    level.isPlain = level.tiles && look.colorOf(level) !== 'own';
-    const range = level.tiles ? null : await colorize(level, look.colorOf(level), signal);
+    const by = look.colorOf(level);
+    const range = await colorize(level.whole ?? level, by, signal);
+    level.coloring = { by, range };
     if (level === session?.shown) {
         look.show(level, range);
     }
@@ -288,6 +290,7 @@ function listen() {
         }
     });
     addEventListener('resize', placeCloud);
+    new ResizeObserver(placeCloud).observe(byId.hud);
     addEventListener('popstate', openLinked);
     const light = matchMedia('(prefers-color-scheme: light)');
     light.addEventListener('change', () => dressForTheme(light.matches));
