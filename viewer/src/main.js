@@ -181,7 +181,7 @@ async function openCloud({ id, format: kind, bytes }) {
         open(known);
     } else {
         const isLarge = bytes > kMostWhole * kFewestBytes[kind];
-        await start('pyramid', id, { formats: isLarge ? ['drc', 'glb'] : ['drc'] });
+        await start('pyramid', id, isLarge ? { formats: ['drc', 'glb'], tiles: { attributes: true } } : { formats: ['drc'] });
     }
 }
 
@@ -240,9 +240,10 @@ function placeCloud() {
     const library_ = byId.library.getBoundingClientRect();
     const dock = byId.dock.getBoundingClientRect();
     const shown = byId.hud.hidden ? null : byId.hud.getBoundingClientRect();
+    const look_ = byId['look-card'].hidden ? null : byId['look-card'].getBoundingClientRect();
     stage.setInsets(isPhone
         ? { left: 0, right: 0, top: 48, bottom: innerHeight - (shown?.top ?? dock.top) }
-        : { left: library_.right, right: 0, top: 0, bottom: shown ? innerHeight - shown.top : 0 });
+        : { left: library_.right, right: look_ ? innerWidth - look_.left : 0, top: 0, bottom: shown ? innerHeight - shown.top : 0 });
 }
 
 function toggleRotation() {
@@ -290,7 +291,8 @@ function listen() {
         }
     });
     addEventListener('resize', placeCloud);
-    new ResizeObserver(placeCloud).observe(byId.hud);
+    const cards = new ResizeObserver(placeCloud);
+    [byId.hud, byId['look-card']].forEach((card) => cards.observe(card));
     addEventListener('popstate', openLinked);
     const light = matchMedia('(prefers-color-scheme: light)');
     light.addEventListener('change', () => dressForTheme(light.matches));
