@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <string>
 
 namespace stipple::proto {
@@ -27,6 +28,15 @@ struct Cut {
     std::size_t level = 0;
     PointCloud cloud;
     std::optional<Distances> error;
+};
+
+/// A cloud that may be the answer: a cut, or fewer points of it.
+struct Candidate {
+    std::shared_ptr<const Cut> cut;
+    std::optional<PointCloud> trimmed;
+    std::vector<std::byte> bytes;
+
+    const PointCloud& cloud() const { return trimmed ? *trimmed : cut->cloud; }
 };
 
 const OutputFile* find_ply(const OutputCloud& level) {
@@ -80,9 +90,9 @@ public:
     }
 
     Slice run() {
-        if (options_.points) return with_points(*options_.points);
-        if (options_.bytes) return within_bytes(static_cast<double>(*options_.bytes));
-        return within_error(*options_.max_error);
+        if (options_.points) return sliced(with_points(*options_.points));
+        if (options_.bytes) return sliced(within_bytes(static_cast<double>(*options_.bytes)));
+        return sliced(within_error(*options_.max_error));
     }
 
 private:
@@ -124,7 +134,7 @@ private:
         return points;
     }
 
-    Cut read_level(std::size_t number) const {
+    std::shared_ptr<const Cut> read_level(std::size_t number) const {
         const OutputCloud& level = pyramid_.levels[number];
         context_.throw_if_stopped();
         if (const std::uint64_t points = most_points(level), most = kMostRead * options_.max_points;
@@ -146,7 +156,7 @@ private:
                         "formats ply and glb to cut clouds from it");
         }
         if (options_.box) cut.cloud = points_in(std::move(cut.cloud), *options_.box);
-        return cut;
+        return std::make_shared<const Cut>(std::move(cut));
     }
 
     void read_tiles(const OutputCloud& level, PointCloud& cloud) const {
@@ -184,67 +194,85 @@ private:
     }
 
     /// The coarsest level with so many points in the box, or the finest.
-    const Cut& level_with(std::uint64_t points) {
+    std::shared_ptr<const Cut> level_with(std::uint64_t points) {
         const std::size_t finest = pyramid_.levels.size() - 1;
         for (std::size_t i = cut_ ? cut_->level : 0;; ++i) {
-            if (cut_ && cut_->level == i && cut_->cloud.size() >= points) return *cut_;
+            if (cut_ && cut_->level == i && cut_->cloud.size() >= points) return cut_;
             if (i < finest && most_points(pyramid_.levels[i]) < points) continue;
             if (!cut_ || cut_->level != i) cut_ = read_level(i);
             if (cut_->cloud.size() >= points || i == finest) break;
         }
         if (cut_->cloud.empty()) throw Error(ErrorCode::NotFound, "no point lies in the box");
-        return *cut_;
+        return cut_;
     }
 
     // Budgets.
 
-    Slice with_points(std::uint64_t points) {
+    Candidate with_points(std::uint64_t points) {
         require_room(points);
-        const Cut& cut = level_with(points);
-        if (cut.cloud.size() <= points) return sliced(cut, cut.cloud, false);
-        return sliced(cut, simplified(cut.cloud, points), true);
+        Candidate candidate{level_with(points), {}, {}};
+        const PointCloud& all = candidate.cut->cloud;
+        if (all.size() > points) candidate.trimmed = simplified(all, points);
+        candidate.bytes = encoded(candidate.cloud());
+        return candidate;
     }
 
     /// Tries counts, each by the bytes a point of the one before, and keeps the largest that fits.
-    Slice within_bytes(double budget) {
-        constexpr double kGuess = 16;  // bytes a point
-        std::optional<Slice> best;
-        double points = budget / kGuess, too_many = INFINITY;
-        Slice tried;
+    Candidate within_bytes(double budget) {
+        std::optional<Candidate> best;
+        double points = budget / bytes_a_point(budget), too_many = INFINITY;
+        Candidate tried;
         for (int i = 0; i < kMostTries; ++i) {
             const double most = static_cast<double>(most_points());
             points = std::floor(std::clamp(points, 1.0, most));
             tried = with_points(static_cast<std::uint64_t>(points));
             const auto size = static_cast<double>(tried.bytes.size());
-            const double got = static_cast<double>(tried.points);
+            const auto got = static_cast<double>(tried.cloud().size());
             if (size <= budget) {
                 const bool all = got < points || points == most;
-                if (!best || tried.points > best->points) best = std::move(tried);
+                if (!best || got > static_cast<double>(best->cloud().size()))
+                    best = std::move(tried);
                 if (all || size >= kCloseEnough * budget) break;
             } else {
                 too_many = got;
             }
             points = std::min(got * (1 + kCloseEnough) / 2 * budget / size, too_many - 1);
-            if (points < 1 || (best && points <= static_cast<double>(best->points))) break;
+            if (points < 1 || (best && points <= static_cast<double>(best->cloud().size()))) break;
         }
         if (best) return std::move(*best);
         throw Error(ErrorCode::InvalidArgument, "bytes " + std::to_string(*options_.bytes) + ": " +
-                                                    std::to_string(tried.points) +
+                                                    std::to_string(tried.cloud().size()) +
                                                     " points of this pyramid take " +
                                                     std::to_string(tried.bytes.size()));
     }
 
-    Slice within_error(double bound) {
+    /// What the files of the coarsest level with so many bytes take for a point, where there are
+    /// some in the format; else a guess.
+    double bytes_a_point(double budget) const {
+        double taken = 16;
+        for (const OutputCloud& level : pyramid_.levels) {
+            double bytes = 0;
+            for (const OutputFile& file : level.files)
+                if (file.format == options_.format) bytes += static_cast<double>(file.bytes);
+            if (bytes > 0) taken = bytes / static_cast<double>(level.points);
+            if (bytes >= budget) break;
+        }
+        return taken;
+    }
+
+    Candidate within_error(double bound) {
         std::optional<Distances> error;
         for (std::size_t i = 0; i < pyramid_.levels.size(); ++i) {
             const OutputCloud& level = pyramid_.levels[i];
             error = error_of(level);
             if (!error || error->max > bound) continue;
             if (tiled(level)) require_room(most_points(level));
-            const Cut cut = read_level(i);
-            if (cut.cloud.empty()) throw Error(ErrorCode::NotFound, "no point lies in the box");
-            require_room(cut.cloud.size());
-            return sliced(cut, cut.cloud, false);
+            Candidate candidate{read_level(i), {}, {}};
+            if (candidate.cloud().empty())
+                throw Error(ErrorCode::NotFound, "no point lies in the box");
+            require_room(candidate.cloud().size());
+            candidate.bytes = encoded(candidate.cloud());
+            return candidate;
         }
         if (most_points(pyramid_.levels.back()) == 0)
             throw Error(ErrorCode::NotFound, "no point lies in the box");
@@ -285,17 +313,18 @@ private:
         return simplify(cloud, options, context_);
     }
 
-    Slice sliced(const Cut& cut, const PointCloud& cloud, bool trimmed) const {
-        Slice slice{.bytes = encoded(cloud),
-                    .points = cloud.size(),
+    Slice sliced(Candidate&& candidate) const {
+        const Cut& cut = *candidate.cut;
+        Slice slice{.bytes = std::move(candidate.bytes),
+                    .points = candidate.cloud().size(),
                     .level = pyramid_.levels[cut.level].level,
                     .error_mean = {},
                     .error_max = {}};
         if (!cut.error) return slice;
         slice.error_mean = cut.error->mean;
         slice.error_max = cut.error->max;
-        if (trimmed) {
-            const SurfaceError added = estimate_error(cut.cloud, cloud, context_);
+        if (candidate.trimmed) {
+            const SurfaceError added = estimate_error(cut.cloud, *candidate.trimmed, context_);
             *slice.error_mean += added.mean();
             *slice.error_max += added.max();
         }
@@ -324,7 +353,7 @@ private:
     const FileReader& read_;
     const RunContext& context_;
     Vec3d center_;
-    std::optional<Cut> cut_;  ///< of the last count
+    std::shared_ptr<const Cut> cut_;  ///< of the last count
 };
 
 }  // namespace

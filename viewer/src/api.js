@@ -40,6 +40,9 @@ let ahead = null;
 
 /** Asks for a manifest that will soon be wanted: while the page still builds its stage, the reply is on its way. */
 export function askAhead(result) {
+    if (ahead?.id === result.id) {
+        return;
+    }
     ahead = { id: result.id, manifest: getManifest(result) };
     ahead.manifest.catch(() => {});  // told to whoever wants it
 }

@@ -1,13 +1,13 @@
-// What the colours of a picture stand for. Colours are computed for a level when they are first asked for, and kept with it.
+// What the colours of a picture stand for. Colours are computed for a level, or a tile, when they are first asked for, and kept with it.
 import { interpolateViridis } from 'd3-scale-chromatic';
 import { BufferAttribute } from 'three';
-
-import { getBytes } from './api.js';
-import { decodeAttribute } from './draco_levels.js';
 
 const kFull = 32767;
 const kOutliers = 0.01;  // share at either end of the values that the range leaves out
 const kSampled = 20_000;
+const kAxes = ['x', 'y', 'z'];
+const kNoValues = { values: [], components: 1 };
+const kGrey = [128, 128, 128];
 const kViridis = Array.from({ length: 256 }, (_, i) => interpolateViridis(i / 255).match(/[\da-f]{2}/g).map((hex) => parseInt(hex, 16)));
 
 /** `linear-gradient` of the colour map, for a legend. */
@@ -19,38 +19,68 @@ export const kGradient = `linear-gradient(90deg, ${Array.from({ length: 12 }, (_
  */
 export async function colorize(level, by, signal) {
     const { geometry } = level;
-    level.colors ??= new Map([['own', { array: geometry.getAttribute('color')?.array ?? null, range: null }], ['clay', { array: null, range: null }]]);
+    level.colors ??= startingWith(geometry);
     if (!level.colors.has(by)) {
-        level.colors.set(by, await computed(level, by, signal));
+        const attribute = level.attributes.find(({ name }) => name === by);
+        const valueOf = valuesOf(geometry, by, attribute && { ...attribute, values: await attribute.read(signal) });
+        const range = valueOf && rangeOf(geometry.getAttribute('position').count, valueOf);
+        level.colors.set(by, { array: computed(geometry, valueOf, range), range });
     }
     const { array, range } = level.colors.get(by);
-    if (array) {
-        geometry.setAttribute('color', new BufferAttribute(array, array.length / geometry.getAttribute('position').count, true));
-    } else {
-        geometry.deleteAttribute('color');
-    }
+    setColors(geometry, array);
     return range;
 }
 
-async function computed(level, by, signal) {
-    const position = level.geometry.getAttribute('position').array;
-    const axis = ['x', 'y', 'z'].indexOf(by);
+/**
+ * The same for a tile, on the colour map of a whole level, so that all tiles have one.
+ * @param origin  what the tile's coordinates are relative to, in those of that level
+ */
+export function colorizeTile({ cloud, attributes }, by, range, origin) {
+    cloud.userData.colors ??= startingWith(cloud);
+    const { colors } = cloud.userData;
+    if (!colors.has(by)) {
+        const axis = kAxes.indexOf(by);
+        const start = axis < 0 ? 0 : origin.getComponent(axis);
+        const valueOf = valuesOf(cloud, by, attributes[by]);
+        colors.set(by, { array: computed(cloud, valueOf && ((i) => valueOf(i) + start), range) });
+    }
+    setColors(cloud, colors.get(by).array);
+}
+
+const startingWith = (geometry) => new Map([
+    ['own', { array: geometry.getAttribute('color')?.array ?? null, range: null }],
+    ['clay', { array: null, range: null }],
+]);
+
+function setColors(geometry, array) {
+    if (!array) {
+        geometry.deleteAttribute('color');
+    } else if (geometry.getAttribute('color')?.array !== array) {
+        geometry.setAttribute('color', new BufferAttribute(array, array.length / geometry.getAttribute('position').count, true));
+    }
+}
+
+/** What is shown of point i; null for normals, which are colours by themselves. */
+function valuesOf(geometry, by, attribute) {
     if (by === 'normal') {
-        return { array: colorsOfNormals(level.geometry.getAttribute('surface').array), range: null };
+        return null;
     }
-    if (axis >= 0) {
-        return mapped(position.length / 3, (i) => position[3 * i + axis]);
+    const axis = kAxes.indexOf(by);
+    const { values, components } = axis < 0 ? attribute ?? kNoValues : { values: geometry.getAttribute('position').array, components: 3 };
+    if (axis >= 0 || components === 1) {
+        return (i) => values[components * i + Math.max(axis, 0)];
     }
-    const { id, components } = level.attributes.find(({ name }) => name === by);
-    const values = await decodeAttribute(await getBytes(level.file.href, signal), id);
-    return mapped(values.length / components, components === 1 ? (i) => values[i] : (i) => {
+    return (i) => {
         let sum = 0;
         for (let k = 0; k < components; k += 1) {
             sum += values[components * i + k] ** 2;
         }
         return Math.sqrt(sum);
-    });
+    };
 }
+
+const computed = (geometry, valueOf, range) => (valueOf
+    ? mapped(geometry.getAttribute('position').count, valueOf, range) : colorsOfNormals(geometry.getAttribute('surface').array));
 
 function colorsOfNormals(surface) {
     const count = surface.length / 4;
@@ -64,8 +94,8 @@ function colorsOfNormals(surface) {
     return array;
 }
 
-/** Values by the colour map, between what all but a few outliers lie between. */
-function mapped(count, valueOf) {
+/** What all but a few outliers lie between. */
+function rangeOf(count, valueOf) {
     const step = Math.ceil(count / kSampled);
     const sample = [];
     for (let i = 0; i < count; i += step) {
@@ -75,13 +105,17 @@ function mapped(count, valueOf) {
     }
     sample.sort((a, b) => a - b);
     const at = (share) => sample[Math.round(share * (sample.length - 1))] ?? 0;
-    const range = { low: at(kOutliers), high: at(1 - kOutliers) };
+    return { low: at(kOutliers), high: at(1 - kOutliers) };
+}
+
+/** Values by the colour map; grey where there is none. */
+function mapped(count, valueOf, range) {
     const scale = range.high > range.low ? 255 / (range.high - range.low) : 0;
     const array = new Uint8Array(4 * count);
     for (let i = 0; i < count; i += 1) {
-        const color = kViridis[Math.min(255, Math.max(0, Math.round((valueOf(i) - range.low) * scale)))] ?? [128, 128, 128];
+        const color = kViridis[Math.min(255, Math.max(0, Math.round((valueOf(i) - range.low) * scale)))] ?? kGrey;
         array.set(color, 4 * i);
         array[4 * i + 3] = 255;
     }
-    return { array, range };
+    return array;
 }

@@ -1,11 +1,12 @@
 import { MeshoptDecoder } from 'three/addons/libs/meshopt_decoder.module.js';
 
 /** By `componentType`: what holds the values, and what a full one stands for. */
-const kTypes = { 5120: [Int8Array, 127], 5123: [Uint16Array, 65535], 5126: [Float32Array, 1] };
+const kTypes = { 5120: [Int8Array, 127], 5121: [Uint8Array, 255], 5122: [Int16Array, 32767], 5123: [Uint16Array, 65535], 5126: [Float32Array, 1] };
 
 /**
  * The points of a glb as our server writes it, compressed by EXT_meshopt_compression, on a grid.
- * @returns positions as floats, in the coordinates of the tileset; unit normals and sRGB colours (4 bytes each) or null
+ * @returns positions as floats, in the coordinates of the tileset; unit normals and sRGB colours (4 bytes each) or null; `attributes`:
+ * by name, `{values, components}`, as they were in the file
  */
 export async function readTile(glb) {
     await MeshoptDecoder.ready;
@@ -19,6 +20,8 @@ export async function readTile(glb) {
         positions: placed(read('POSITION'), gltf.nodes.find(({ mesh }) => mesh !== undefined).matrix),
         normals: floats(read('NORMAL')),
         colors: inSrgb(read('COLOR_0')),
+        attributes: Object.fromEntries(Object.keys(attributes).filter((name) => name.startsWith('_'))
+            .map((name) => [name.slice(1), plain(read(name), gltf.accessors[attributes[name]])])),
     };
 }
 
@@ -31,6 +34,13 @@ function decoded(gltf, { bufferView, componentType, count }, binary) {
     const values = new Values(bytes.buffer);
     const stride = byteStride / values.BYTES_PER_ELEMENT;
     return { count, largest, at: (i, k) => values[stride * i + k] };
+}
+
+const kComponents = { SCALAR: 1, VEC2: 2, VEC3: 3, VEC4: 4 };
+
+function plain({ count, at }, { type }) {
+    const components = kComponents[type];
+    return { components, values: Float32Array.from({ length: count * components }, (_, j) => at(Math.floor(j / components), j % components)) };
 }
 
 /** By the node's matrix, which also turns z up to y up: turned back here, as 3D Tiles ask. */

@@ -4,7 +4,8 @@ const kPollMs = 700;
 
 /**
  * Tells `onJob` the document of a job now, whenever it changes, and a last time when it is final. Server-sent events are only
- * the nudge to ask again, so a lost event or a proxy that swallows streams costs a moment, never the result.
+ * the nudge to ask again, so a lost event or a proxy that swallows streams costs a moment, never the result. A job that has ended
+ * is asked for once.
  */
 export function followJob(id, onJob, onError, signal) {
     let timer = null;
@@ -58,6 +59,9 @@ export function followJob(id, onJob, onError, signal) {
     }
 
     signal.addEventListener('abort', stop);
-    listen();
-    ask();
+    ask().then(() => {
+        if (!listening.signal.aborted) {
+            listen();
+        }
+    });
 }

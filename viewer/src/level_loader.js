@@ -1,13 +1,16 @@
 import { BufferAttribute, BufferGeometry, Vector3 } from 'three';
 
 import { getBytes, readBytes } from './api.js';
-import { decodeLevel } from './draco_levels.js';
+import { decodeAttribute, decodeLevel } from './draco_levels.js';
 import { ProgressiveDecoder } from './progressive_cloud.js';
 import { estimateSurfaceInWorker } from './surface.js';
 import { TileStream } from './tile_stream.js';
 
-/** Unique ids of attributes in our Draco files: position, normal and colour come first. */
+/** Unique ids of attributes in our Draco files: those of position, normal and colour are less. */
 const kFirstAttributeId = 3;
+
+/** Attributes of results with `splats: ellipse`. */
+const kHalfAxes = ['major', 'minor'];
 
 const kHeaderPiece = 256;
 
@@ -25,9 +28,10 @@ const kMostPoints = 8_000_000;
  * again whenever the manifest has grown. Where there is a progressive stream, its batches stand for the levels: they are shown
  * as the bytes come.
  *
- * A level in `levels` is its entry of the manifest with `file` (Draco), `attributes` (with their ids in it), `state` (`listed`,
+ * A level in `levels` is its entry of the manifest with `file` (Draco), `attributes` (each can `read` its values), `state` (`listed`,
  * `loading`, `ready`, `large`, `failed`) and, once ready, `geometry`: position, surface (see surface_estimate.js) and perhaps color.
- * A level with many points has `tiles` (a TileStream) instead, and the geometry of the level before it until these are there.
+ * A level with many points has `tiles` (a TileStream) instead, and `whole`, the finest level without, whose geometry stands in until
+ * the tiles are there.
  */
 export class LevelLoader {
     constructor({ id, onReady, onChange, onTiles, onError, signal }) {
@@ -56,12 +60,9 @@ export class LevelLoader {
             if (hasStream) {
                 continue;
             }
-            const level = {
-                ...entry,
-                file: entry.files.find((file) => file.format === 'drc'),
-                attributes: attributesOf(entry),
-                state: 'listed',
-            };
+            const file = entry.files.find(({ format }) => format === 'drc');
+            const hasEllipses = manifest.request.splats === 'ellipse';
+            const level = { ...entry, file, attributes: attributesOf(entry, file), hasEllipses, state: 'listed' };
             this.levels.push(level);
             if (!level.file) {
                 this.fail(level, new Error(`level ${entry.level} has no Draco file: the pyramid was made without the format "drc"`));
@@ -117,12 +118,22 @@ export class LevelLoader {
 
     async show(level, geometry) {
         level.geometry = await prepare(geometry, level.spacing);
+        if (level.hasEllipses) {
+            await this.readEllipses(level);
+        }
         level.isColored = level.geometry.hasAttribute('color');
         level.state = 'ready';
         if (this.signal.aborted) {
             level.geometry.dispose();
         } else {
             this.onReady(level);
+        }
+    }
+
+    /** What the splats of a result reach, where it was measured. */
+    async readEllipses({ geometry, attributes }) {
+        for (const { name, read } of attributes.filter(({ name }) => kHalfAxes.includes(name))) {
+            geometry.setAttribute(name, new BufferAttribute(await read(this.signal), 3));
         }
     }
 
@@ -144,12 +155,13 @@ export class LevelLoader {
     }
 
     /** Once all levels are there, and those that are loaded whole are shown. */
-    streamTiles({ source }) {
+    streamTiles({ source, request }) {
         const tiled = this.levels.filter(({ isTiled, tiles }) => isTiled && !tiles);
         if (tiled.length === 0) {
             return;
         }
         const tiles = new TileStream(`/v1/pyramids/${this.id}/tileset.json`, {
+            withAttributes: request.tiles?.attributes === true,
             signal: this.signal,
             onLoaded: (bytes) => {
                 this.loadedBytes += bytes;
@@ -171,7 +183,7 @@ export class LevelLoader {
             // Draco's coordinates may have an origin of their own, the manifest's are those of the file.
             tiles.center = whole.geometry.boundingBox.getCenter(new Vector3()).add(middleOf(source)).sub(middleOf(whole));
             for (const level of tiled) {
-                Object.assign(level, { geometry: whole.geometry, spacing: whole.spacing, isColored: whole.isColored, state: 'ready' });
+                Object.assign(level, { whole, geometry: whole.geometry, spacing: whole.spacing, isColored: whole.isColored, state: 'ready' });
                 this.onReady(level);
             }
         });
@@ -203,7 +215,9 @@ function levelsOf(decoder, entry, diagonal) {
         points: batch.points,
         bytes: batch.bytes,
         files: batch.points === entry.points ? entry.files : [],
-        attributes: [],
+        attributes: decoder.layout.attributes.map(({ name, components }, number) => ({
+            name, components, read: async () => decoder.attribute(number, batch.points),
+        })),
         error: { relative: { mean: batch.meanError / diagonal } },
         spacing: entry.spacing * Math.sqrt(entry.points / batch.points),
         state: 'loading',
@@ -238,8 +252,9 @@ async function prepare(geometry, spacing) {
     return geometry;
 }
 
-function attributesOf({ attributes }) {
+function attributesOf({ attributes }, file) {
+    const read = async (id, signal) => decodeAttribute(await getBytes(file.href, signal), id);
     return attributes
         .filter(({ name }) => name !== 'normal' && name !== 'color')
-        .map((attribute, i) => ({ ...attribute, id: kFirstAttributeId + i }));
+        .map((attribute, i) => ({ ...attribute, read: (signal) => read(kFirstAttributeId + i, signal) }));
 }

@@ -76,8 +76,15 @@ function resultNote(job, cloud) {
 /** The cloud that a job is about. */
 export const inputOf = ({ request }) => request.input ?? request.reference;
 
-/** Figures alone cannot be shown here. */
-const hasPicture = ({ type, request }) => type !== 'curve' && (type !== 'evaluate' || request.map.includes('drc'));
+/** Figures alone cannot be shown here, nor files in other formats, which jobs of other clients may have asked for. */
+function hasPicture({ type, request }) {
+    switch (type) {
+        case 'curve': return false;
+        case 'evaluate': return request.map.includes('drc');
+        case 'pyramid': return request.formats.some((format) => format === 'drc' || format === 'stpc');
+        default: return request.format === 'drc';
+    }
+}
 
 /** What kind of result it is, in a few words. */
 export function summaryOf({ type, request, levels_ready: levels }, cloud) {
@@ -96,5 +103,5 @@ export function summaryOf({ type, request, levels_ready: levels }, cloud) {
 
 function cloudNote(cloud) {
     const kind = `${cloud.format === 'drc' ? 'Draco' : 'PLY'}, ${format.bytes(cloud.bytes)}`;
-    return cloud.points === undefined ? kind : `${format.points(cloud.points)} · ${kind}`;
+    return cloud.points === undefined ? kind : `${format.compactPoints(cloud.points)} · ${kind}`;
 }

@@ -38,8 +38,8 @@ export class LookCard {
 
     choices(level) {
         const own = level.isColored ? [['own', 'Its own']] : [];
-        return level.tiles ? [...own, kAlways[0]] : [...own, ...kAlways.slice(0, 2),
-            ...level.attributes.map(({ name }) => [name, name]), ...kAlways.slice(2)];
+        const attributes = level.tiles && !level.tiles.withAttributes ? [] : level.attributes;
+        return [...own, ...kAlways.slice(0, 2), ...attributes.map(({ name }) => [name, name]), ...kAlways.slice(2)];
     }
 
     /** @param range  of the values, or null */

@@ -56,6 +56,7 @@ let beside = null;    // the index of a level of the same result beside it, or n
 let uploading = false;
 
 function open({ id, type }, { remembered = false } = {}) {
+    askAhead({ id, type });
     session?.close();
     comparison.end();
     if (!remembered) {
@@ -91,8 +92,9 @@ function open({ id, type }, { remembered = false } = {}) {
 
 /** The colours that are wanted now, for a level that is about to be shown. */
 async function dress(level, signal) {
-    level.isPlain = level.tiles && look.colorOf(level) !== 'own';
-    const range = level.tiles ? null : await colorize(level, look.colorOf(level), signal);
+    const by = look.colorOf(level);
+    const range = await colorize(level.whole ?? level, by, signal);
+    level.coloring = { by, range };
     if (level === session?.shown) {
         look.show(level, range);
     }
@@ -179,7 +181,7 @@ async function openCloud({ id, format: kind, bytes }) {
         open(known);
     } else {
         const isLarge = bytes > kMostWhole * kFewestBytes[kind];
-        await start('pyramid', id, { formats: isLarge ? ['drc', 'glb'] : ['drc'] });
+        await start('pyramid', id, isLarge ? { formats: ['drc', 'glb'], tiles: { attributes: true } } : { formats: ['drc'] });
     }
 }
 
@@ -238,9 +240,10 @@ function placeCloud() {
     const library_ = byId.library.getBoundingClientRect();
     const dock = byId.dock.getBoundingClientRect();
     const shown = byId.hud.hidden ? null : byId.hud.getBoundingClientRect();
+    const look_ = byId['look-card'].hidden ? null : byId['look-card'].getBoundingClientRect();
     stage.setInsets(isPhone
         ? { left: 0, right: 0, top: 48, bottom: innerHeight - (shown?.top ?? dock.top) }
-        : { left: library_.right, right: 0, top: 0, bottom: shown ? innerHeight - shown.top : 0 });
+        : { left: library_.right, right: look_ ? innerWidth - look_.left : 0, top: 0, bottom: shown ? innerHeight - shown.top : 0 });
 }
 
 function toggleRotation() {
@@ -288,6 +291,8 @@ function listen() {
         }
     });
     addEventListener('resize', placeCloud);
+    const cards = new ResizeObserver(placeCloud);
+    [byId.hud, byId['look-card']].forEach((card) => cards.observe(card));
     addEventListener('popstate', openLinked);
     const light = matchMedia('(prefers-color-scheme: light)');
     light.addEventListener('change', () => dressForTheme(light.matches));

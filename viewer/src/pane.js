@@ -1,7 +1,8 @@
 import { MathUtils, Points, Scene } from 'three';
 
+import { colorizeTile } from './coloring.js';
 import { ResolvePass } from './resolve_pass.js';
-import { largestRadiusOf } from './splat_materials.js';
+import { kEllipseOverlap, largestRadiusOf } from './splat_materials.js';
 
 /** One level at a time on its part of the stage. */
 export class Pane {
@@ -11,6 +12,7 @@ export class Pane {
         this.scene = new Scene();
         this.resolve = new ResolvePass();
         this.level = null;
+        this.showsTiles = false;      // of the level; until all are there that are seen, what stands in for them
         this.splats = new WeakMap();  // by geometry
     }
 
@@ -31,8 +33,8 @@ export class Pane {
     /** Shows a level in place of the one before; the first one of a cloud also places the camera. */
     show(level) {
         const isNew = this.level === null;
+        this.showsTiles &&= level === this.level;
         this.level = level;
-        this.showsTiles = false;
         if (this.isFirst && isNew) {
             this.stage.placeFor(level.geometry);
             this.stage.draw(1);  // not a frame later: the next level may be decoded by then
@@ -43,14 +45,17 @@ export class Pane {
     /** Puts the level's splats, or those of the tiles that are to be seen, where the camera looks. */
     arrange(height) {
         const { camera, home } = this.stage;
-        const { tiles, geometry, spacing, level } = this.level;
+        const { tiles, geometry, spacing, level, coloring } = this.level;
         this.scene.clear();
         if (tiles) {
             const offset = tiles.center.clone().sub(home.center);
             const drawn = tiles.select(camera, { offset, height, finestLevel: level });
             this.showsTiles ||= tiles.isComplete;
             if (this.showsTiles) {
-                drawn.forEach((tile) => this.scene.add(this.splatsOf(tile.cloud, tile.shownSpacing, offset)));
+                for (const tile of drawn) {
+                    colorizeTile(tile, coloring.by, coloring.range, tiles.center);
+                    this.scene.add(this.splatsOf(tile.cloud, tile.shownSpacing, offset));
+                }
                 return;
             }
         }
@@ -62,8 +67,10 @@ export class Pane {
         if (!this.splats.has(geometry)) {
             const points = new Points(geometry);
             points.frustumCulled = false;
+            const radius = () => geometry.hasAttribute('major') ? kEllipseOverlap
+                : largestRadiusOf(points.userData.spacing, home.radius);
             points.onBeforeRender = (renderer, scene, camera, _, material) => {
-                material.uniforms.largestRadius.value = look.splatSize * largestRadiusOf(points.userData.spacing, home.radius);
+                material.uniforms.largestRadius.value = look.splatSize * radius();
                 material.uniformsNeedUpdate = true;
             };
             this.splats.set(geometry, points);
@@ -98,7 +105,9 @@ export class Pane {
             return;
         }
         this.arrange(height * renderer.getPixelRatio());
-        const { uniforms, depth, blend } = materials[this.scene.children.every(({ geometry }) => geometry.hasAttribute('color')) && !this.level.isPlain];
+        const all = (name) => this.scene.children.every(({ geometry }) => geometry.hasAttribute(name));
+        const { depth, blend } = materials.of({ colored: all('color'), elliptic: all('major') });
+        const { uniforms } = materials;
         uniforms.pixelsPerUnit.value = 0.5 * height * scale / Math.tan(MathUtils.degToRad(camera.fov / 2));
         uniforms.smallestPixels.value = (this.level.points < 100 ? 9 : 1.6) * scale;
         uniforms.largestPixels.value = largestPointSize;

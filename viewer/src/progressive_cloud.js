@@ -441,13 +441,13 @@ export class ProgressiveDecoder {
         return colors;
     }
 
-    /** The values of attribute `number` of `layout.attributes`, in its own type. */
-    attribute(number) {
+    /** The values of attribute `number` of `layout.attributes`, in its own type, for the first `count` points. */
+    attribute(number, count = this.size) {
         const { attributes, channels } = this.layout;
         const { type, components, bits, low, step, first } = attributes[number];
-        const values = new kTypes[type](this.size * components);
+        const values = new kTypes[type](count * components);
         const word = new DataView(new ArrayBuffer(8));
-        for (let i = 0; i < this.size; ++i) {
+        for (let i = 0; i < count; ++i) {
             for (let c = 0; c < components; ++c) {
                 const from = i * channels.length + first + c * (type === kDouble ? 2 : 1);
                 const raw = this.values[from];

@@ -43,8 +43,8 @@ export class ResultSession {
             onJob(job);
             await this.readManifest();
         };
-        this.readManifest().catch(() => {});  // not only after the job is known: that would be another round trip
-        followJob(id, onChange, onError, this.abort.signal);
+        // The manifest first, and alone: it brings the first picture.
+        this.readManifest().catch(() => {}).then(() => followJob(id, onChange, onError, this.abort.signal));
     }
 
     close() {

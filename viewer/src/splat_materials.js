@@ -10,6 +10,12 @@ const kVertexShader = /* glsl */ `
     #ifdef HAS_COLOR
     attribute vec4 color;          // sRGB
     #endif
+    #ifdef ELLIPTIC
+    attribute vec3 major;          // half axes, in units of the cloud: the major one is the radius
+    attribute vec3 minor;
+    varying vec3 splatMajor;       // what a place in the splat's plane, in radii, is multiplied by to tell how far out it is
+    varying vec3 splatMinor;
+    #endif
     uniform float largestRadius;   // of this level, in units of the cloud
     uniform float pixelsPerUnit;   // at distance 1
     uniform float smallestPixels;
@@ -66,7 +72,18 @@ const kVertexShader = /* glsl */ `
         splatDepth = center.z;
 
         float scale = pixelsPerUnit / -center.z;
-        float pixels = clamp(2.0 * surface.w * largestRadius * scale, smallestPixels, largestPixels);
+    #ifdef ELLIPTIC
+        float radius = length(major) * largestRadius;
+    #else
+        float radius = surface.w * largestRadius;
+    #endif
+        float pixels = clamp(2.0 * radius * scale, smallestPixels, largestPixels);
+    #ifdef ELLIPTIC
+        // No thinner than a splat may be small.
+        float thinness = clamp(length(major) / max(length(minor), 1e-30), 1.0, pixels / smallestPixels);
+        splatMajor = normalMatrix * (major / max(length(major), 1e-30));
+        splatMinor = normalMatrix * (minor / max(length(minor), 1e-30)) * thinness;
+    #endif
         splatRadius = 0.5 * pixels / scale;
         gl_PointSize = pixels;
         gl_Position = projectionMatrix * center;
@@ -79,12 +96,22 @@ const kFragmentShader = /* glsl */ `
     varying float splatRadius;
     varying float splatDepth;
     varying vec3 splatColor;
+    #ifdef ELLIPTIC
+    varying vec3 splatMajor;
+    varying vec3 splatMinor;
+    #endif
 
     void main() {
         // Where the ray through this pixel meets the splat's plane, in radii; seen edge-on a splat keeps a quarter of its width.
         vec2 p = vec2(2.0, -2.0) * (gl_PointCoord - 0.5);
         float slope = -dot(splatNormal.xy, p) / max(splatNormal.z, 0.25);
-        float distanceSq = dot(p, p) + (splatNormal.z > 0.0 ? slope * slope : 0.0);
+        vec3 place = vec3(p, splatNormal.z > 0.0 ? slope : 0.0);
+    #ifdef ELLIPTIC
+        vec3 reach = vec3(dot(place, splatMajor), dot(place, splatMinor), dot(place, splatNormal));
+        float distanceSq = dot(reach, reach);
+    #else
+        float distanceSq = dot(place, place);
+    #endif
         if (distanceSq > 1.0) {
             discard;
         }
@@ -102,33 +129,50 @@ const kFragmentShader = /* glsl */ `
     }
 `;
 
-/** The two materials of the clouds with (or without) colours. They share their uniforms. */
-export function splatMaterials({ colored }) {
-    const uniforms = {
-        largestRadius: { value: 1 },
-        pixelsPerUnit: { value: 1 },
-        smallestPixels: { value: 2 },
-        largestPixels: { value: 256 },
-        tint: { value: new Vector3(0.72, 0.68, 0.62) },
-        up: { value: new Vector3(0, 1, 0) },
-    };
-    const common = { uniforms, vertexShader: kVertexShader, fragmentShader: kFragmentShader, depthTest: true };
-    const color = colored ? { HAS_COLOR: 1 } : {};
-    return {
-        uniforms,
-        depth: new ShaderMaterial({ ...common, defines: { ...color, DEPTH_PASS: 1 }, colorWrite: false }),
-        blend: new ShaderMaterial({
-            ...common,
-            defines: color,
-            depthWrite: false,
-            transparent: true,
-            blending: CustomBlending,
-            blendEquation: AddEquation,
-            blendSrc: OneFactor,
-            blendDst: OneFactor,
-        }),
-    };
+/** The materials of all kinds of clouds. They share their uniforms. */
+export class SplatMaterials {
+    constructor() {
+        this.uniforms = {
+            largestRadius: { value: 1 },
+            pixelsPerUnit: { value: 1 },
+            smallestPixels: { value: 2 },
+            largestPixels: { value: 256 },
+            tint: { value: new Vector3(0.72, 0.68, 0.62) },
+            up: { value: new Vector3(0, 1, 0) },
+        };
+        this.made = new Map();
+    }
+
+    /** Those of the two passes, for clouds with or without colours, whose splats are round or elliptic. */
+    of({ colored, elliptic }) {
+        const defines = { ...(colored ? { HAS_COLOR: 1 } : {}), ...(elliptic ? { ELLIPTIC: 1 } : {}) };
+        const key = Object.keys(defines).join();
+        if (!this.made.has(key)) {
+            this.made.set(key, this.make(defines));
+        }
+        return this.made.get(key);
+    }
+
+    make(defines) {
+        const common = { uniforms: this.uniforms, vertexShader: kVertexShader, fragmentShader: kFragmentShader, depthTest: true };
+        return {
+            depth: new ShaderMaterial({ ...common, defines: { ...defines, DEPTH_PASS: 1 }, colorWrite: false }),
+            blend: new ShaderMaterial({
+                ...common,
+                defines,
+                depthWrite: false,
+                transparent: true,
+                blending: CustomBlending,
+                blendEquation: AddEquation,
+                blendSrc: OneFactor,
+                blendDst: OneFactor,
+            }),
+        };
+    }
 }
+
+/** How much larger than measured ellipses are drawn: those just meet, and what overlaps blends. */
+export const kEllipseOverlap = 1.4;
 
 /** The radius that a full `surface.w` stands for; a lone point has no spacing and gets a size one can see. */
 export const largestRadiusOf = (spacing, size) => kLargestRadius * (spacing > 0 ? spacing : 0.02 * size);

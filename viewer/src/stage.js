@@ -2,7 +2,7 @@ import { BufferAttribute, BufferGeometry, MathUtils, PerspectiveCamera, Points, 
 import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
 
 import { Pane } from './pane.js';
-import { splatMaterials } from './splat_materials.js';
+import { SplatMaterials } from './splat_materials.js';
 
 const kFieldOfView = 32;
 const kMargin = 1.17;          // around a fitted cloud
@@ -22,10 +22,13 @@ export class Stage {
         this.canvas = canvas;
         this.renderer = new WebGLRenderer({ canvas, alpha: true, antialias: false, powerPreference: 'high-performance' });
         this.renderer.autoClear = false;
+        this.renderer.debug.checkShaderErrors = false;  // asking for them waits for the compiler
         this.camera = new PerspectiveCamera(kFieldOfView, 1, 0.1, 10);
         this.autoRotate = false;
+        this.glide = null;
+        this.isAtHome = false;  // looks from where a cloud is shown first, and was not moved
         this.renewControls();
-        this.materials = { true: splatMaterials({ colored: true }), false: splatMaterials({ colored: false }) };
+        this.materials = new SplatMaterials();
         this.panes = [new Pane(this, onPicture), new Pane(this, () => {})];
         this.split = { mode: 'one', at: 0.5 };
         this.look = { splatSize: 1, shading: 1 };
@@ -45,8 +48,9 @@ export class Stage {
     warmUp({ colored }) {
         const geometry = new BufferGeometry().setAttribute('position', new BufferAttribute(new Float32Array(3), 3));
         const points = new Points(geometry);
+        points.frustumCulled = false;
         this.renderer.setRenderTarget(this.panes[0].resolve.target);
-        for (const material of [this.materials[colored].depth, this.materials[colored].blend]) {
+        for (const material of Object.values(this.materials.of({ colored, elliptic: false }))) {
             points.material = material;
             this.renderer.render(points, this.camera);
         }
@@ -91,24 +95,31 @@ export class Stage {
             autoRotateSpeed: 60 * kTurnsPerSecond,
         });
         this.controls.addEventListener('change', () => this.changed());
-        this.controls.addEventListener('start', () => { this.glide = null; });
+        this.controls.addEventListener('start', () => {
+            this.glide = null;
+            this.isAtHome = false;
+        });
     }
 
     setAutoRotate(on) {
         this.autoRotate = on;
+        this.isAtHome &&= !on;
         this.controls.autoRotate = on;
         this.changed();
     }
 
     /** Linear colour of clouds that bring none. */
     setTint(red, green, blue) {
-        this.materials.false.uniforms.tint.value.set(red, green, blue);
+        this.materials.uniforms.tint.value.set(red, green, blue);
         this.changed();
     }
 
-    /** The part of the canvas that panels cover: the cloud is centred in the rest. */
+    /** The part of the canvas that panels cover: the cloud is centred in the rest, and fills it unless the camera was moved. */
     setInsets(insets) {
         this.insets = insets;
+        if (this.isAtHome) {
+            this.fit({ glide: this.glide !== null });
+        }
         this.changed();
     }
 
@@ -116,6 +127,7 @@ export class Stage {
     fit({ glide = true } = {}) {
         if (this.home) {
             this.moveTo(new Vector3(), this.home.direction, this.fittingDistance(this.home.direction), glide);
+            this.isAtHome = true;
         }
     }
 
@@ -149,6 +161,7 @@ export class Stage {
         if (hit) {
             const direction = this.camera.position.clone().sub(this.controls.target).normalize();
             this.moveTo(hit, direction, 0.45 * this.camera.position.distanceTo(hit), true);
+            this.isAtHome = false;
         }
     }
 

@@ -16,7 +16,7 @@ export function estimateSurfaceInWorker(positions, normals, spacing) {
     return ask({ positions, normals, spacing }, positions.buffer);
 }
 
-/** The same of the points in a glb, with their colours or null. Takes `glb` over. */
+/** The same of the points in a glb, with their colours or null and their attributes. Takes `glb` over. */
 export const readTileInWorker = (glb, spacing) => ask({ glb, spacing }, glb);
 
 function ask(message, buffer) {

@@ -8,15 +8,17 @@ const kLargestInTiles = 2;
 /** Of points, or of those in a `glb`. */
 onmessage = async ({ data: { id, glb, spacing, ...given } }) => {
     try {
-        const { positions, normals, colors = null } = glb ? await readTile(glb) : given;
+        const { positions, normals, colors = null, attributes = {} } = glb ? await readTile(glb) : given;
         const surface = estimateSurface(positions, normals, spacing, glb ? kLargestInTiles : undefined);
-        const arrays = [positions, surface, ...(colors ? [colors] : [])];
-        postMessage({ id, positions, surface, colors }, arrays.map(({ buffer }) => buffer));
+        const arrays = [positions, surface, ...(colors ? [colors] : []), ...Object.values(attributes).map(({ values }) => values)];
+        postMessage({ id, positions, surface, colors, attributes }, arrays.map(({ buffer }) => buffer));
     } catch (error) {
         postMessage({ id, failure: error.message });
     }
 };
 
-// Before there is anything to do: the browser compiles well what has run for a while.
-const kPractice = 2000;
-estimateSurface(Float32Array.from({ length: 3 * kPractice }, (_, i) => (i * 0.618034) % 1), null, 0.05);
+// Before there is anything to do: the browser compiles well what has run a few times.
+const practice = Float32Array.from({ length: 3 * 2000 }, (_, i) => (i * 0.618034) % 1);
+for (let run = 0; run < 4; run += 1) {
+    estimateSurface(practice, null, 0.05);
+}

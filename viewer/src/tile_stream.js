@@ -11,11 +11,11 @@ const kMostPoints = 8_000_000;  // kept, drawn or not
 /** The tiles of a pyramid: those are loaded that the camera asks for. */
 export class TileStream {
     /**
-     * @param url  of the tileset
+     * @param url  of the tileset; @param withAttributes  whether its tiles have the attributes of the cloud
      * @param onLoaded  called when there is more to draw, with the bytes that came; @param onDrawn  when something else is drawn
      */
-    constructor(url, { signal, onLoaded, onDrawn, onError }) {
-        Object.assign(this, { url, signal, onLoaded, onDrawn, onError });
+    constructor(url, { withAttributes, signal, onLoaded, onDrawn, onError }) {
+        Object.assign(this, { url, withAttributes, signal, onLoaded, onDrawn, onError });
         this.center = null;  // where the middle of the source is, which the tiles' coordinates are relative to
         this.root = null;
         this.ready = new Set();
@@ -64,7 +64,9 @@ export class TileStream {
             } else {
                 const glb = await getBytes(address, this.signal);
                 bytes = glb.byteLength;
-                tile.cloud = geometryOf(await readTileInWorker(glb, tile.spacing));
+                const read = await readTileInWorker(glb, tile.spacing);
+                tile.cloud = geometryOf(read);
+                tile.attributes = read.attributes;
                 tile.points = tile.cloud.getAttribute('position').count;
                 tile.state = 'ready';
                 this.keep(tile);
@@ -90,7 +92,7 @@ export class TileStream {
                 this.points -= old.points;
                 this.ready.delete(old);
                 old.cloud.dispose();
-                old.cloud = null;
+                old.cloud = old.attributes = null;
                 old.state = 'listed';
             }
         }

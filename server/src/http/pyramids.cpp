@@ -1,3 +1,4 @@
+#include "http/client_watch.hpp"
 #include "http/conditional.hpp"
 #include "http/query.hpp"
 #include "http/routes.hpp"
@@ -79,6 +80,25 @@ proto::SliceOptions read_slice_query(const Request& request) {
     return options;
 }
 
+/// On one thread, so that all places together leave processors for jobs.
+/// @throws Disconnected when the client leaves meanwhile.
+proto::Slice cut(Resources& resources, const Request& request, const proto::Results& pyramid,
+                 const proto::SliceOptions& options) {
+    const auto permit = resources.slices.take();
+    const auto read = [&](const proto::OutputFile& file) {
+        const auto blob = resources.service.outputs().open(file.sha256);
+        std::vector<std::byte> bytes(static_cast<std::size_t>(blob->size()));
+        blob->read(0, bytes);
+        return bytes;
+    };
+    const ClientWatch watch(request);
+    try {
+        return proto::slice_pyramid(pyramid, options, read, {.stop = watch.left(), .threads = 1});
+    } catch (const Cancelled&) {
+        throw Disconnected();
+    }
+}
+
 /// Sends the files of a pyramid one after the other.
 struct TarStream {
     Outputs& outputs;
@@ -117,18 +137,7 @@ std::chrono::sys_seconds time_of(const std::string& rfc3339) {
 Reply get_slice(Resources& resources, Request& request) {
     const proto::SliceOptions options = read_slice_query(request);
     const auto pyramid = whole_pyramid(resources, request);
-    const auto permit = resources.slices.take();
-    RunContext context;
-    context.stop = request.stop;
-    const proto::Slice slice = proto::slice_pyramid(
-        *pyramid, options,
-        [&](const proto::OutputFile& file) {
-            const auto blob = resources.service.outputs().open(file.sha256);
-            std::vector<std::byte> bytes(static_cast<std::size_t>(blob->size()));
-            blob->read(0, bytes);
-            return bytes;
-        },
-        context);
+    const proto::Slice slice = cut(resources, request, *pyramid, options);
     Reply reply;
     reply.media_type = media_type(options.format);
     reply.content =

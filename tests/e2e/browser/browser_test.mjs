@@ -1,6 +1,6 @@
 // The viewer of a real server, as a person meets it. Exits 0, 1, or 77 (skipped) where a browser is missing.
 //
-//     node browser_test.mjs --bin build/dev/bin --viewer viewer --modules FOLDER --artifacts FOLDER [--scan igea.ply]
+//     node browser_test.mjs --bin build/dev/bin --viewer viewer --modules FOLDER --artifacts FOLDER [--scan igea.ply] [--only 'A stream']
 import assert from 'node:assert/strict';
 import { existsSync, mkdirSync, readFileSync } from 'node:fs';
 import { createRequire } from 'node:module';
@@ -16,7 +16,7 @@ const kSkipped = 77;
 const { values: options } = parseArgs({
     options: {
         bin: { type: 'string' }, viewer: { type: 'string' }, modules: { type: 'string' }, artifacts: { type: 'string' },
-        scan: { type: 'string' },
+        scan: { type: 'string' }, only: { type: 'string', default: '' },
     },
 });
 
@@ -141,12 +141,7 @@ const tests = {
     },
 
     async 'A stream is shown while its bytes come, and the slider chooses how many of its points'() {
-        const reply = await fetch(`${server.url}/v1/jobs`, {
-            method: 'POST',
-            headers: { 'Content-Type': 'application/json' },
-            body: JSON.stringify({ type: 'pyramid', input: (await manifestOf(torusPyramid)).source.sha256, formats: ['stpc'] }),
-        });
-        const { id } = await reply.json();
+        const id = await startJob({ type: 'pyramid', input: await cloudOf(torusPyramid), formats: ['stpc'] });
         const page = await browser.open(`/?pyramid=${id}`);
         await settledPyramid(page);
         await shows(page, 60_000);
@@ -160,6 +155,7 @@ const tests = {
         await shows(page, 3_750);
         await rest(page);
         assert.ok(await litShare(page) > 0.9 * whole);
+        await colorsStandForHeight(page);
         await page.context().close();
     },
 
@@ -252,11 +248,10 @@ const tests = {
     },
 
     async 'Large levels come tile by tile, as far as the view asks for them'() {
-        const job = { type: 'pyramid', input: await cloudOf(torusPyramid), base_points: 3000, formats: ['drc', 'glb'], tiles: { max_points: 4000 } };
-        const { id } = await (await fetch(`${server.url}/v1/jobs`, {
-            method: 'POST', headers: { 'Content-Type': 'application/json' }, body: JSON.stringify(job),
-        })).json();
-        await fetch(`${server.url}/v1/jobs/${id}?wait=60`);
+        const id = await startJob({
+            type: 'pyramid', input: await cloudOf(torusPyramid), base_points: 3000, formats: ['drc', 'glb'],
+            tiles: { max_points: 4000, attributes: true },
+        });
         const page = await browser.open(`/?pyramid=${id}&whole=10000`);
         await settledPyramid(page);
         await page.locator('#activity').getByText('by view').waitFor();
@@ -269,6 +264,7 @@ const tests = {
         const litByWhole = await litShare(whole);
         assert.ok(Math.abs(lit - litByWhole) < 0.01, `${(100 * lit).toFixed(1)} % of the pixels, not ${(100 * litByWhole).toFixed(1)} %`);
         await whole.context().close();
+        await colorsStandForHeight(page);
 
         await page.locator('#stage').dblclick({ position: { x: 640, y: 560 } });
         const drawn = () => page.locator('#points').innerText().then((text) => Number(text.replaceAll(',', '')));
@@ -277,6 +273,20 @@ const tests = {
         await rest(page);
         assert.ok(await drawn() < 60_000, `${await drawn()} points where only a part is seen`);
         await page.context().close();
+    },
+
+    async 'Splats that were measured as ellipses cover what round ones do'() {
+        const simplified = { type: 'simplify', input: await cloudOf(torusPyramid), points: 3000, format: 'drc' };
+        const lit = [];
+        for (const splats of ['none', 'ellipse']) {
+            const page = await browser.open(`/?job=${await startJob({ ...simplified, splats })}`);
+            await settledPyramid(page);
+            await rest(page);
+            await page.screenshot({ path: join(options.artifacts, `viewer-splats-${splats}.png`) });
+            lit.push(await litShare(page));
+            await page.context().close();
+        }
+        assert.ok(lit[0] > 0.1 && Math.abs(lit[1] - lit[0]) < 0.03, `${lit} of the pixels`);
     },
 
     async 'A form made from the contract starts a job, whose result is shown, saved and measured'() {
@@ -384,6 +394,28 @@ const shows = (page, points) => page.waitForFunction(
 /** Until the picture at rest is drawn. */
 const rest = (page) => page.waitForFunction(() => document.documentElement.dataset.picture === 'rest');
 
+/** The id of a job that has ended. */
+async function startJob(job) {
+    const headers = { 'Content-Type': 'application/json' };
+    const { id } = await (await fetch(`${server.url}/v1/jobs`, { method: 'POST', headers, body: JSON.stringify(job) })).json();
+    const { status } = await (await fetch(`${server.url}/v1/jobs/${id}?wait=60`)).json();
+    assert.equal(status, 'successful');
+    return id;
+}
+
+/** The torus looks the same by its attribute `height` and by z, which that is, and otherwise than by its own colours. */
+async function colorsStandForHeight(page) {
+    const pictures = {};
+    await page.keyboard.press('l');
+    for (const by of ['own', 'height', 'z', 'own']) {
+        await page.locator('#color').selectOption(by);
+        pictures[by] = await restingPicture(page);
+    }
+    await page.keyboard.press('l');
+    assert.ok(differenceOf(pictures.height, pictures.z) < 0.005, `${differenceOf(pictures.height, pictures.z)} of the pixels differ`);
+    assert.ok(differenceOf(pictures.own, pictures.z) > 0.1);
+}
+
 const cloudOf = async (id) => (await (await fetch(`${server.url}/v1/jobs/${id}`)).json()).request.input;
 
 const manifestOf = async (id) => (await fetch(`${server.url}/v1/jobs/${id}/results`)).json();
@@ -438,7 +470,9 @@ async function drop(page, { name, buffer }) {
 }
 
 let failed = 0;
-for (const [name, test] of Object.entries(tests)) {
+const kMakesTorus = 'A chosen file';
+const chosen = Object.entries(tests).filter(([name]) => name.startsWith(options.only) || name.startsWith(kMakesTorus));
+for (const [name, test] of chosen) {
     const started = performance.now();
     try {
         await test();
@@ -453,5 +487,5 @@ await server.stop();
 if (failed > 0) {
     console.log(`The server's log:\n${server.log.slice(-8000)}`);
 }
-console.log(`${Object.keys(tests).length - failed} passed, ${failed} failed`);
+console.log(`${chosen.length - failed} passed, ${failed} failed`);
 process.exit(failed > 0 ? 1 : 0);

@@ -23,7 +23,8 @@ export function spherePoints(count) {
     });
 }
 
-export const coloredTorus = (count) => ply(coloredTorusPoints(count), true);
+/** With a scalar, `height`, that is z. */
+export const coloredTorus = (count) => ply(coloredTorusPoints(count), true, { scalars: { height: ([, , z]) => z } });
 export const sphere = (count) => ply(spherePoints(count), false);
 export const line = (count) => ply(Array.from({ length: count }, (_, i) => [i / count, 0, 0]), false);
 export const onePoint = () => ply([[1, 2, 3]], false);
@@ -31,22 +32,31 @@ export const onePoint = () => ply([[1, 2, 3]], false);
 /** A header that promises more than follows. */
 export const truncated = () => sphere(1000).subarray(0, 4000);
 
-/** @param points  `[x, y, z]`, and `red, green, blue` where `isColored`; @param type  of coordinates: `float` or `double` */
-export function ply(points, isColored, type = 'float') {
+/**
+ * @param points  `[x, y, z]`, and `red, green, blue` where `isColored`
+ * @param scalars  by name, of a point
+ * @param type  of coordinates: `float` or `double`
+ */
+export function ply(points, isColored, { scalars = {}, type = 'float' } = {}) {
     const header = ['ply', 'format binary_little_endian 1.0', `element vertex ${points.length}`,
         ...['x', 'y', 'z'].map((name) => `property ${type} ${name}`),
-        ...(isColored ? ['red', 'green', 'blue'].map((name) => `property uchar ${name}`) : []), 'end_header', ''];
+        ...(isColored ? ['red', 'green', 'blue'].map((name) => `property uchar ${name}`) : []),
+        ...Object.keys(scalars).map((name) => `property float ${name}`), 'end_header', ''];
     const size = type === 'double' ? 8 : 4;
-    const stride = 3 * size + (isColored ? 3 : 0);
+    const fixed = 3 * size + (isColored ? 3 : 0);
+    const stride = fixed + 4 * Object.keys(scalars).length;
     const body = Buffer.alloc(stride * points.length);
-    points.forEach((point, i) => point.forEach((value, k) => {
-        if (k >= 3) {
-            body.writeUInt8(value, stride * i + 3 * size + k - 3);
-        } else if (type === 'double') {
-            body.writeDoubleLE(value, stride * i + size * k);
-        } else {
-            body.writeFloatLE(value, stride * i + size * k);
-        }
-    }));
+    points.forEach((point, i) => {
+        point.forEach((value, k) => {
+            if (k >= 3) {
+                body.writeUInt8(value, stride * i + 3 * size + k - 3);
+            } else if (type === 'double') {
+                body.writeDoubleLE(value, stride * i + size * k);
+            } else {
+                body.writeFloatLE(value, stride * i + size * k);
+            }
+        });
+        Object.values(scalars).forEach((valueOf, k) => body.writeFloatLE(valueOf(point), stride * i + fixed + 4 * k));
+    });
     return Buffer.concat([Buffer.from(header.join('\n')), body]);
 }

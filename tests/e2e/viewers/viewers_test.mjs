@@ -85,7 +85,7 @@ async function checkOnGlobe() {
     const onEarth = [4730326.4165, 1060415.2879, -4131075.7569];  // of that place of zone 33 south, by PROJ
     const placed = cloud.map(([x, y, z, ...color]) =>
         [easting + x - kCentre[0], northing + y - kCentre[1], height + z - kCentre[2], ...color]);
-    const pyramid = await pyramidOf(ply(placed, true, 'double'), { tiles: { max_points: 16_000, epsg: 32733 } });
+    const pyramid = await pyramidOf(ply(placed, true, { type: 'double' }), { tiles: { max_points: 16_000, epsg: 32733 } });
     const { drawn, pixels } = await shown('cesium_globe', pyramid);
     const away = Math.hypot(...drawn.center.map((x, k) => x - onEarth[k]));
     assert.ok(away < 0.5, `the tileset is ${away} m from its place`);

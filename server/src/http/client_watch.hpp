@@ -1,0 +1,41 @@
+#pragma once
+
+#include "http/message.hpp"
+
+#include <chrono>
+#include <condition_variable>
+#include <functional>
+#include <mutex>
+#include <stop_token>
+#include <thread>
+
+namespace stipple::server::http {
+
+/// Stops what is computed for a reply once nobody waits for it any more: when the client closes the
+/// connection, and when the server stops. For as long as the watch lives, which the request
+/// outlives.
+class ClientWatch {
+public:
+    explicit ClientWatch(const Request& request)
+        : server_stops_(request.stop, [this] { left_.request_stop(); }),
+          thread_([this, &request](const std::stop_token& done) {
+              std::mutex mutex;
+              std::condition_variable_any wake;
+              std::unique_lock lock(mutex);
+              while (!wake.wait_for(lock, done, kLook, [&] { return done.stop_requested(); })) {
+                  if (request.client_gone()) left_.request_stop();
+              }
+          }) {}
+
+    /// For the computation.
+    std::stop_token left() const noexcept { return left_.get_token(); }
+
+private:
+    static constexpr std::chrono::milliseconds kLook{25};
+
+    std::stop_source left_;
+    std::stop_callback<std::function<void()>> server_stops_;
+    std::jthread thread_;
+};
+
+}  // namespace stipple::server::http
