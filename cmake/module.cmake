@@ -13,8 +13,9 @@ elseif(CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")
 endif()
 if(STIPPLE_SANITIZE)
     # The checks of single accesses that are left out double the time to compile; the address sanitizer sees what they find.
+    # What is found ends the program: the undefined-behaviour sanitizer alone would only print it, and the test pass.
     target_compile_options(stipple_build_flags INTERFACE -fsanitize=${STIPPLE_SANITIZE} -fno-omit-frame-pointer
-                           -fno-sanitize=null,alignment,object-size,vptr)
+                           -fno-sanitize=null,alignment,object-size,vptr,pointer-overflow -fno-sanitize-recover=all)
     target_link_options(stipple_build_flags INTERFACE -fsanitize=${STIPPLE_SANITIZE})
 endif()
 
@@ -22,11 +23,19 @@ add_library(stipple_warnings INTERFACE)
 target_compile_options(stipple_warnings INTERFACE -Wall -Wextra -Wpedantic -Wshadow -Wnon-virtual-dtor
                        -Woverloaded-virtual $<$<BOOL:${STIPPLE_WERROR}>:-Werror>)
 
-# stipple_precompile(TARGET headers...): where it is asked for, these and the standard headers that nearly every source has.
+# stipple_precompile(TARGET headers... | REUSE_FROM target): where it is asked for, these and the standard headers that
+# nearly every source has: half of a compilation goes into reading them. Only headers of the system, so that no edit here
+# builds all anew. Not with ccache, which finds nothing again that was compiled with a precompiled header.
 function(stipple_precompile target)
-    if(STIPPLE_PRECOMPILE)
-        target_precompile_headers(${target} PRIVATE ${ARGN} <algorithm> <array> <cmath> <cstdint> <functional> <memory>
-                                  <numeric> <optional> <span> <string> <string_view> <utility> <variant> <vector>)
+    if(NOT STIPPLE_PRECOMPILE OR CMAKE_CXX_COMPILER_LAUNCHER MATCHES "ccache")
+        return()
+    endif()
+    if(ARGV1 STREQUAL "REUSE_FROM")
+        target_precompile_headers(${target} ${ARGN})
+    else()
+        target_precompile_headers(${target} PRIVATE ${ARGN}
+            <Eigen/Core> <algorithm> <array> <cmath> <cstdint> <functional> <map> <memory> <numeric> <optional> <span>
+            <sstream> <stop_token> <string> <string_view> <utility> <variant> <vector>)
     endif()
 endfunction()
 
@@ -45,7 +54,9 @@ function(stipple_add_module name)
         PUBLIC ${arg_PUBLIC} Threads::Threads
         PRIVATE ${arg_PRIVATE} $<BUILD_INTERFACE:stipple_build_flags> $<BUILD_INTERFACE:stipple_warnings>)
     target_compile_features(stipple_${name} PUBLIC cxx_std_20)
-    stipple_precompile(stipple_${name} <Eigen/Core> ${arg_PRECOMPILE})
+    if(arg_PRECOMPILE)
+        stipple_precompile(stipple_${name} ${arg_PRECOMPILE})
+    endif()
 
     # Every public header compiles alone: the source of its name includes it first, else one made here does.
     set(checks)

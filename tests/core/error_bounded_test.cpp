@@ -85,6 +85,7 @@ INSTANTIATE_TEST_SUITE_P(Methods, ErrorBounded,
                          [](const auto& p) { return std::string(to_string(p.param)); });
 
 TEST(ErrorBounded, ParticlesHoldWhenMeasuredAgain) {
+    if (test::kSanitized) GTEST_SKIP() << "takes a minute under a sanitizer";
     const PointCloud cloud = bumpy_sphere(1'200);
     const ErrorBoundedCloud found = simplify_within_error(cloud, within(0.06, Method::Particles));
     EXPECT_FALSE(found.whole);
@@ -93,6 +94,7 @@ TEST(ErrorBounded, ParticlesHoldWhenMeasuredAgain) {
 }
 
 TEST(ErrorBounded, HoldsAtFourTimesAsManyPlaces) {
+    if (test::kSanitized) GTEST_SKIP() << "takes a minute under a sanitizer";
     const PointCloud cloud = bumpy_sphere(1'000);
     const ErrorBoundedCloud found = simplify_within_error(cloud, within(0.04, Method::Multiphase));
     const std::uint64_t samples = 4 * found.error.forward.samples;

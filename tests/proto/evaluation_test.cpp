@@ -3,9 +3,13 @@
 #include "documents.hpp"
 #include "stipple/proto/run_job.hpp"
 #include "stipple/splat_renderer.hpp"
+#include "support/support.hpp"
 
 #include <gtest/gtest.h>
 #include <cmath>
+#include <fstream>
+#include <iterator>
+#include <nlohmann/json.hpp>
 
 namespace stipple::proto {
 namespace {
@@ -164,6 +168,7 @@ TEST_F(Evaluation, MapsHaveTheDistanceAsColourAndAsAttribute) {
 }
 
 TEST_F(Evaluation, PicturesArePngOfTheSizeThatIsTold) {
+    if (test::kSanitized) GTEST_SKIP() << "takes a minute under a sanitizer";
     EvaluateJob job;
     job.options.pictures = true;
     job.options.views = {"front", "top"};

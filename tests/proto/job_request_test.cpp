@@ -3,6 +3,7 @@
 #include "documents.hpp"
 
 #include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
 
 namespace stipple::proto {
 namespace {

@@ -1,8 +1,10 @@
 #include "stipple/proto/job.hpp"
 
 #include "documents.hpp"
+#include "support/support.hpp"
 
 #include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
 
 namespace stipple::proto {
 namespace {
