@@ -173,8 +173,10 @@ ErrorBoundedCloud search_forest(const PointCloud& cloud, const SimplifyOptions& 
     ForestSearch search(SnapshotForest(std::move(levels), context), judge, context);
     auto found = search.run();
     const std::uint64_t size = found ? found->cloud.size() : cloud.size();
-    if (auto fewer = fewer_everywhere(cloud, options, size, search.too_few(), judge, context))
-        return std::move(*fewer);
+    if (options.method != Method::Particles) {  // whose counts were searched before
+        auto fewer = fewer_everywhere(cloud, options, size, search.too_few(), judge, context);
+        if (fewer) return std::move(*fewer);
+    }
     if (!found) return whole(cloud, bound, judge.tries());
     return std::move(*found);
 }
@@ -225,7 +227,7 @@ private:
     const PointCloud& cloud_;
     const SimplifyOptions& options_;
     ErrorJudge& judge_;
-    const RunContext& context_;
+    const RunContext context_;
 };
 
 }  // namespace
@@ -250,8 +252,9 @@ ErrorBoundedCloud simplify_within_error(const PointCloud& cloud, const SimplifyO
     if (!judge.can_be_kept()) {
         result = whole(cloud, bound, 0);
     } else if (options.method == Method::Particles) {
-        auto found = CountSearch(cloud, options, judge, context).run();
-        result = found ? std::move(*found) : whole(cloud, bound, 0);
+        auto found = CountSearch(cloud, options, judge, context.part(0.0, 0.5)).run();
+        result = found ? std::move(*found)
+                       : search_forest(cloud, options, bound, judge, context.part(0.5, 1.0));
     } else {
         result = search_forest(cloud, options, bound, judge, context);
     }

@@ -26,7 +26,20 @@ ErrorJudge::ErrorJudge(const PointCloud& cloud, double bound, const RunContext& 
       center_(0.5 * (bounds(cloud).min + bounds(cloud).max) - cloud.origin),
       scale_(std::ldexp(1.0, -std::ilogb(bounds(cloud).diagonal()))),
       surface_(into_frame(cloud.positions), quietly_),
-      some_points_(surface_.some_points(kGlance, quietly_)) {}
+      points_(points_of_surface()) {
+    const std::size_t step = std::max<std::size_t>(1, points_.size() / kGlance);
+    for (std::size_t i = 0; i < points_.size(); i += step) some_points_.push_back(points_[i]);
+}
+
+std::vector<Vec3f> ErrorJudge::points_of_surface() const {
+    const double margin = kMargin * bound_ * scale_;
+    const Probes own =
+        surface_.measure(surface_.some_points(cloud_.size(), quietly_), surface_, margin, quietly_);
+    std::vector<Vec3f> points;
+    for (std::size_t i = 0; i < own.places.size(); ++i)
+        if (own.distances[i] <= margin) points.push_back(own.places[i]);
+    return points;
+}
 
 std::uint64_t ErrorJudge::dense_samples() const {
     return std::max(cloud_.size(), std::min(10 * cloud_.size(), kManySamples));
@@ -46,21 +59,22 @@ std::vector<Vec3f> ErrorJudge::out_of_frame(std::span<const Vec3f> places) const
     return points;
 }
 
-bool ErrorJudge::can_be_kept() const {
-    const auto points = surface_.some_points(cloud_.size(), quietly_);
-    return surface_.measure(points, surface_, quietly_).max() <= kMargin * bound_ * scale_;
+bool ErrorJudge::can_be_kept() const noexcept {
+    constexpr std::size_t kOneOf = 100;
+    return points_.size() + cloud_.size() / kOneOf >= cloud_.size();
 }
 
 ErrorJudge::Finding ErrorJudge::glance(const PointCloud& candidate) {
     ++tries_;
     const ProbedSurface other(into_frame(candidate.positions), quietly_);
-    const Probes forward = surface_.measure(some_points_, other, quietly_);
+    const double margin = kMargin * bound_ * scale_;
+    const Probes forward = surface_.measure(some_points_, other, margin, quietly_);
     const Probes backward =
-        other.measure(other.random_places(kGlance, quietly_), surface_, quietly_);
+        other.measure(other.random_places(kGlance, quietly_), surface_, margin, quietly_);
     Finding finding;
     finding.max = std::max(forward.max(), backward.max()) / (bound_ * scale_);
     for (const Probes* const probes : {&forward, &backward})
-        append(finding.places, out_of_frame(probes->places_above(kMargin * bound_ * scale_)));
+        append(finding.places, out_of_frame(probes->places_above(margin)));
     finding.share = static_cast<double>(finding.places.size()) /
                     static_cast<double>(forward.places.size() + backward.places.size());
     return finding;
@@ -71,7 +85,7 @@ ErrorJudge::Finding ErrorJudge::watch(const PointCloud& candidate) {
     if (!watch_) {
         // A place around a point also lies in gaps between points.
         const auto each = static_cast<unsigned>(dense_samples() / cloud_.size());
-        std::vector<Vec3f> places = surface_.some_points(cloud_.size(), quietly_);
+        std::vector<Vec3f> places = points_;
         append(places, surface_.places_around(places, 1, each, 0, quietly_).places);
         watch_.emplace(surface_, std::move(places), kMargin * bound_ * scale_);
     }

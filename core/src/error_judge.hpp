@@ -26,9 +26,9 @@ public:
         double max = 0;             ///< over the bound
     };
 
-    /// Whether every point of the cloud is safely within the bound of its own surface: else no
-    /// candidate is found to be.
-    bool can_be_kept() const;
+    /// Whether nearly all points of the cloud are safely within the bound of its own surface: else
+    /// that is not known well enough to tell. The few that are not are no places of it.
+    bool can_be_kept() const noexcept;
 
     /// From few samples, to learn where snapshots are too coarse.
     Finding glance(const PointCloud& candidate);
@@ -46,6 +46,7 @@ public:
     unsigned tries() const noexcept { return tries_; }
 
 private:
+    std::vector<Vec3f> points_of_surface() const;
     std::uint64_t dense_samples() const;
     std::vector<Vec3f> into_frame(std::span<const Vec3f> positions) const;
     std::vector<Vec3f> out_of_frame(std::span<const Vec3f> places) const;
@@ -56,7 +57,8 @@ private:
     Vec3d center_;
     double scale_;
     ProbedSurface surface_;
-    std::vector<Vec3f> some_points_;  ///< for glances
+    std::vector<Vec3f> points_;       ///< of the cloud that are of its surface
+    std::vector<Vec3f> some_points_;  ///< of those, for glances
     std::optional<ErrorWatch> watch_;
     unsigned tries_ = 0;
 };

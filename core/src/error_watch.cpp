@@ -110,7 +110,7 @@ std::vector<Index> ErrorWatch::touched(std::span<const Vec3f> centers, std::span
 
 void ErrorWatch::measure_from_surface(const ProbedSurface& candidate, std::span<const Index> which,
                                       const RunContext& context) {
-    const Probes probes = surface_.measure(at(places_, which), candidate, context);
+    const Probes probes = surface_.measure(at(places_, which), candidate, margin_, context);
     for (std::size_t i = 0; i < which.size(); ++i)
         forward_[which[i]] = {probes.places[i], probes.distances[i], probes.reach[i]};
     look_closer(surface_, candidate, which, forward_, kSuspiciousFrom, context);
@@ -126,7 +126,7 @@ void ErrorWatch::measure_from_candidate(const ProbedSurface& candidate,
     for (std::size_t i = 0; i < which.size(); ++i)
         if (around.uneven[i] != 0) uneven.push_back(which[i]);
     const auto keep_farthest = [&](const PlacesAround& found, std::span<const Index> of) {
-        const Probes probes = candidate.measure(found.places, surface_, context);
+        const Probes probes = candidate.measure(found.places, surface_, margin_, context);
         for (std::size_t i = 0; i < probes.places.size(); ++i) {
             Spot& spot = backward_[of[found.centers[i]]];
             if (probes.distances[i] <= spot.distance) continue;
@@ -161,7 +161,7 @@ void ErrorWatch::look_closer(const ProbedSurface& from, const ProbedSurface& to,
         if (chosen.empty()) return;
         const PlacesAround around =
             from.places_around(centers, spread, kCloser, kCloserSeed + round, context);
-        const Probes probes = from.measure(around.places, to, context);
+        const Probes probes = from.measure(around.places, to, margin_, context);
         for (std::size_t i = 0; i < probes.places.size(); ++i) {
             Spot& spot = spots[chosen[around.centers[i]]];
             if (probes.distances[i] <= spot.distance) continue;

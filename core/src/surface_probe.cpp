@@ -2,6 +2,7 @@
 
 #include "error_samples.hpp"
 #include "random.hpp"
+#include "worst_samples.hpp"
 
 #include <algorithm>
 #include <bit>
@@ -72,7 +73,7 @@ std::vector<Vec3f> ProbedSurface::random_places(std::uint64_t count,
 }
 
 Probes ProbedSurface::measure(std::vector<Vec3f> places, const ProbedSurface& other,
-                              const RunContext& context) const {
+                              double doubtful, const RunContext& context) const {
     Probes probes{std::move(places), {}, {}};
     probes.distances.resize(probes.places.size());
     probes.reach.resize(probes.places.size());
@@ -83,6 +84,18 @@ Probes ProbedSurface::measure(std::vector<Vec3f> places, const ProbedSurface& ot
             probes.reach[i] = reach_of(probes.places[i], foot);
         },
         context);
+    std::vector<std::size_t> which;
+    std::vector<Vec3f> again;
+    for (std::size_t i = 0; i < probes.places.size(); ++i) {
+        if (probes.distances[i] <= doubtful) continue;
+        which.push_back(i);
+        again.push_back(probes.places[i]);
+    }
+    constexpr std::size_t kFew = 1'000, kPart = 20;  // more are too far, whatever is between them
+    if (which.size() > std::max(kFew, probes.places.size() / kPart)) return probes;
+    const std::vector<double> confirmed = confirmed_distances(other.finder_, again, context);
+    for (std::size_t i = 0; i < which.size(); ++i)
+        probes.distances[which[i]] = static_cast<float>(confirmed[i]);
     return probes;
 }
 

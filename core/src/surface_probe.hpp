@@ -53,7 +53,8 @@ public:
     PlacesAround places_around(std::span<const Vec3f> centers, float spread, unsigned each,
                                std::uint64_t seed, const RunContext& context) const;
 
-    Probes measure(std::vector<Vec3f> places, const ProbedSurface& other,
+    /// @param doubtful  distances above it are confirmed (worst_samples.hpp) where they are few.
+    Probes measure(std::vector<Vec3f> places, const ProbedSurface& other, double doubtful,
                    const RunContext& context) const;
 
 private:

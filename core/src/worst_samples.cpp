@@ -5,25 +5,27 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numeric>
 #include <vector>
 
 namespace stipple {
 
 namespace {
 
-constexpr std::size_t kAround = 8, kMostAtOnce = 32, kOneOf = 500;
-constexpr unsigned kMostRounds = 8;
-constexpr double kNear = 0.05, kBeside = 0.01;  // in h
-constexpr double kGone = 5;                     // times as far as the neighbour is
+constexpr std::size_t kAround = 14, kMostAtFirst = 32, kFirst = 500, kMost = 20;
+constexpr double kBeside = 0.01;                // in h
+constexpr std::array kNear = {0.05, 0.1, 0.2};  // in h
+constexpr double kAsGood = 1.01;  // a distance by iteration changes by a little more than the way
+constexpr double kGone = 5;       // times as far as the neighbour is
 
-/// Corners of a cube around the place.
-std::array<Vec3f, kAround> around(const Vec3f& place, double radius) {
-    const auto step = static_cast<float>(radius / std::sqrt(3.0));
-    std::array<Vec3f, kAround> places;
-    for (std::size_t c = 0; c < kAround; ++c)
-        places[c] =
-            place + step * Vec3f(c & 1 ? 1.F : -1.F, c & 2 ? 1.F : -1.F, c & 4 ? 1.F : -1.F);
-    return places;
+/// One of 14 places evenly around another: the corners and then the sides of a cube.
+Vec3f beside(const Vec3f& place, double radius, std::size_t c) {
+    const auto r = static_cast<float>(radius), step = static_cast<float>(radius / std::sqrt(3.0));
+    constexpr std::size_t kCorners = 8;
+    if (c < kCorners)
+        return place + step * Vec3f(c & 1 ? 1.F : -1.F, c & 2 ? 1.F : -1.F, c & 4 ? 1.F : -1.F);
+    const auto axis = static_cast<Eigen::Index>((c - kCorners) / 2);
+    return place + (c & 1 ? r : -r) * Vec3f::Unit(axis);
 }
 
 std::vector<Foot> feet_of(const FootFinder& surface, std::span<const Vec3f> places,
@@ -34,37 +36,80 @@ std::vector<Foot> feet_of(const FootFinder& surface, std::span<const Vec3f> plac
     return feet;
 }
 
-/// Whether projection brings the neighbours of a place back beside it.
-bool is_on(const FootFinder& surface, const Vec3f& place, const RunContext& context) {
-    const Foot own = feet_of(surface, {&place, 1}, context).front();
-    const auto places = around(place, kBeside * own.h);
-    return std::ranges::all_of(feet_of(surface, places, context), [&](const Foot& foot) {
-        return foot.distance <= kGone * kBeside * own.h;
-    });
+/// Whether projection brings what lies around a place back beside it.
+std::vector<bool> are_on(const FootFinder& surface, std::span<const Vec3f> places,
+                         const RunContext& context) {
+    const std::vector<Foot> own = feet_of(surface, places, context);
+    std::vector<Vec3f> around;
+    for (std::size_t i = 0; i < places.size(); ++i)
+        for (std::size_t c = 0; c < kAround; ++c)
+            around.push_back(beside(places[i], kBeside * own[i].h, c));
+    const std::vector<Foot> feet = feet_of(surface, around, context);
+    std::vector<bool> on(places.size());
+    for (std::size_t i = 0; i < places.size(); ++i) {
+        const double most = kGone * kBeside * own[i].h;
+        on[i] = std::ranges::all_of(std::span(feet).subspan(kAround * i, kAround),
+                                    [&](const Foot& foot) { return foot.distance <= most; });
+    }
+    return on;
 }
 
-/// No more than the distance of any place close by and the way to it.
-double distance_of(const FootFinder& surface, const Vec3f& place, const RunContext& context) {
-    const Foot foot = feet_of(surface, {&place, 1}, context).front();
-    const auto places = around(place, kNear * foot.h);
-    double least = foot.distance;
-    for (const Foot& other : feet_of(surface, places, context))
-        least = std::min(least, other.distance + kNear * foot.h);
-    return least;
+/// Moves those places that are not on the surface to the foot of the nearest point of the cloud;
+/// where that is not on it either there is at least the point.
+void move_to_surface(std::span<Vec3f> places, const FootFinder& surface,
+                     std::span<const Vec3f> points, const PointTree& tree,
+                     const RunContext& context) {
+    const std::vector<bool> stay = are_on(surface, places, context);
+    std::vector<std::size_t> moved;
+    std::vector<Vec3f> nearest_points, feet;
+    for (std::size_t i = 0; i < places.size(); ++i) {
+        if (stay[i]) continue;
+        Neighbor nearest;
+        find_nearest(tree, places[i], {&nearest, 1});
+        moved.push_back(i);
+        nearest_points.push_back(points[nearest.index]);
+    }
+    for (const Foot& foot : feet_of(surface, nearest_points, context))
+        feet.push_back(foot.point.cast<float>());
+    const std::vector<bool> on = are_on(surface, feet, context);
+    for (std::size_t i = 0; i < moved.size(); ++i)
+        places[moved[i]] = on[i] ? feet[i] : nearest_points[i];
 }
 
 }  // namespace
 
+std::vector<double> confirmed_distances(const FootFinder& surface, std::span<const Vec3f> places,
+                                        const RunContext& context) {
+    const std::vector<Foot> own = feet_of(surface, places, context);
+    std::vector<Vec3f> around;
+    around.reserve(kNear.size() * kAround * places.size());
+    for (std::size_t i = 0; i < places.size(); ++i)
+        for (const double near : kNear)
+            for (std::size_t c = 0; c < kAround; ++c)
+                around.push_back(beside(places[i], near * own[i].h, c));
+    const std::vector<Foot> feet = feet_of(surface, around, context);
+    std::vector<double> distances(places.size());
+    auto foot = feet.begin();
+    for (std::size_t i = 0; i < places.size(); ++i) {
+        distances[i] = own[i].distance;
+        for (const double near : kNear)
+            for (std::size_t c = 0; c < kAround; ++c, ++foot)
+                if (foot->on_surface() || foot->beyond)
+                    distances[i] = std::min(distances[i], foot->distance + near * own[i].h);
+    }
+    return distances;
+}
+
 void confirm_worst(std::span<Vec3f> places, std::span<double> distances, const FootFinder& surface,
                    const FootFinder* drawn_on, std::span<const Vec3f> points, const PointTree& tree,
                    const RunContext& context) {
-    const std::size_t at_once = std::min(kMostAtOnce, places.size() / kOneOf);
+    std::size_t at_once = std::min(kMostAtFirst, places.size() / kFirst);
     if (at_once == 0) return;
     std::vector<std::size_t> order(places.size());
-    for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
+    std::iota(order.begin(), order.end(), std::size_t{0});
+    std::vector<Vec3f> chosen;
     double confirmed = 0;
-    std::size_t first = 0;
-    for (unsigned round = 0; round < kMostRounds; ++round) {
+    for (std::size_t first = 0; first < places.size() / kMost; at_once *= 2) {
         const std::size_t last = std::min(first + at_once, order.size());
         const auto at = [&](std::size_t i) {
             return order.begin() + static_cast<std::ptrdiff_t>(i);
@@ -72,18 +117,17 @@ void confirm_worst(std::span<Vec3f> places, std::span<double> distances, const F
         std::partial_sort(at(first), at(last), order.end(), [&](std::size_t a, std::size_t b) {
             return distances[a] > distances[b] || (distances[a] == distances[b] && a < b);
         });
-        for (; first < last; ++first) {
-            context.throw_if_stopped();
-            const std::size_t i = order[first];
-            if (distances[i] <= confirmed) return;
-            if (drawn_on != nullptr && !is_on(*drawn_on, places[i], context)) {
-                Neighbor nearest;
-                find_nearest(tree, places[i], {&nearest, 1});
-                places[i] = points[nearest.index];
-            }
-            distances[i] = distance_of(surface, places[i], context);
-            confirmed = std::max(confirmed, distances[i]);
+        if (distances[order[first]] <= kAsGood * confirmed) return;
+        chosen.clear();
+        for (std::size_t i = first; i < last; ++i) chosen.push_back(places[order[i]]);
+        if (drawn_on != nullptr) move_to_surface(chosen, *drawn_on, points, tree, context);
+        const std::vector<double> again = confirmed_distances(surface, chosen, context);
+        for (std::size_t i = first; i < last; ++i) {
+            places[order[i]] = chosen[i - first];
+            distances[order[i]] = again[i - first];
+            confirmed = std::max(confirmed, again[i - first]);
         }
+        first = last;
     }
 }
 

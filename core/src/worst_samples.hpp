@@ -6,20 +6,26 @@
 #include "stipple/run_context.hpp"
 
 #include <span>
+#include <vector>
 
 namespace stipple {
 
-/// Looks again at the largest distances, since a maximum is worth as much as its worst sample.
+/// How far places are from a surface, each no farther than another place around it (up to h / 5)
+/// and the way to that: a distance to a surface changes by no more than the way that one goes. So
+/// a foot counts that is not found from the place itself, where two sheets fold into a knot without
+/// a normal or an iteration ends on the wrong one.
+std::vector<double> confirmed_distances(const FootFinder& surface, std::span<const Vec3f> places,
+                                        const RunContext& context);
+
+/// Looks again at the largest distances, since a maximum is worth as much as its worst sample: they
+/// become their `confirmed_distances`. And a place that was found on a surface by projection is one
+/// of it only if others around it (h / 100) are projected to beside it: in front of folds an
+/// iteration comes to rest where there is nothing. Such a place moves to the foot of the nearest
+/// point of the cloud, or to that point where its foot is no better.
 ///
-/// A distance to a surface changes by no more than the way that one goes: from eight places close
-/// by (h / 20) it can be no larger than theirs and the way to them. So a foot counts that was not
-/// found from the sample, where the neighbourhood is a knot without a normal. And a place that was
-/// found on a surface by projection is one of it only if its eight neighbours (h / 100) are
-/// projected to beside it: in front of folds an iteration comes to rest where there is nothing.
-/// Such a place moves to the nearest point of the cloud.
-///
-/// @param places  a 500th of them is looked at, at most 32, and again as many until the largest
-///                distance was: those that are moved are changed, with their distances.
+/// @param places  a 500th of them is looked at, at most 32, then twice as many and so on until the
+///                largest distance was, but no more than a 20th: those that are moved are changed,
+///                with their distances.
 /// @param drawn_on  the points of the surface that the places were projected to; null for places
 ///                  that are points themselves.
 void confirm_worst(std::span<Vec3f> places, std::span<double> distances, const FootFinder& surface,

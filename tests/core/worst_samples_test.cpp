@@ -63,6 +63,25 @@ TEST_F(WorstSamples, StayWhereTheyArePointsThemselves) {
     EXPECT_NEAR(max(), kApart + 0.02, 1e-6);
 }
 
+/// A plane with a ball of points in it: nothing within has a normal.
+TEST_F(WorstSamples, AreNoFartherThanOthersAndTheWayToThem) {
+    std::vector<Vec3f> knot = plane_;
+    for (const Vec3f& p : test::sphere(300).positions)
+        knot.push_back(Vec3f(0.5F, 0.5F, 0) + 0.03F * p);
+    const PointTree tree(knot, PointTree::Leaves::Compact, {});
+    const FootFinder surface(knot, tree, {});
+    std::vector<Vec3f> places;
+    for (float x = 0.4F; x < 0.6F; x += 0.002F) places.emplace_back(x, 0.5F, 0.01F);
+    std::vector<double> found(places.size());
+    surface.find(places, [&](std::size_t i, const Foot& foot) { found[i] = foot.distance; }, {});
+    const std::vector<double> confirmed = confirmed_distances(surface, places, {});
+    for (std::size_t i = 0; i < places.size(); ++i) {
+        EXPECT_LE(confirmed[i], found[i]);
+        EXPECT_GE(confirmed[i], 0);
+    }
+    EXPECT_NEAR(confirmed.front(), 0.01, 1e-3);
+}
+
 TEST_F(WorstSamples, OfAFewSamplesAreNotLookedAt) {
     places_.resize(400);
     distances_.assign(400, 1.0);

@@ -39,8 +39,8 @@ struct ErrorBoundedCloud {
 /// with their neighbours, and from no snapshots far apart beside each other; what is still too far
 /// is made finer, until nothing is. Such a cloud mostly has far fewer points than the smallest
 /// snapshot that is within the bound everywhere; where it has more, that snapshot is taken.
-/// Particles are kept even: the count is found for all of the cloud at once, between one that is
-/// too coarse and one that is not.
+/// Particles are kept even where that does: the count is found for all of the cloud at once,
+/// between one that is too coarse and one that is not.
 ///
 /// The search looks at all points of the cloud, at places around them and around the points of the
 /// candidate, the closer the more doubtful the surface is there; from try to try only where points
@@ -50,9 +50,10 @@ struct ErrorBoundedCloud {
 /// maximum over samples is below that over all of a surface: another measurement may find a little
 /// more, which the last 3 % are for.
 ///
-/// Where no smaller cloud is within the bound the input itself comes back, with an error of 0. So
-/// it does where a point of the input is farther than the bound from the input's own surface: a
-/// bound below the noise of the strayest point cannot be confirmed.
+/// Where no smaller cloud is within the bound the input itself comes back, with an error of 0. A
+/// point of the input that is farther than the bound from the input's own surface is no place of
+/// it, and not looked at; where more than one in a hundred are, the bound is below the noise, and
+/// the input comes back as well.
 ///
 /// @throws Error(InvalidArgument) for a bound that is not finite and positive, a method that is not
 /// one of `kErrorBoundedMethods`, other options out of range, or a cloud without points.
