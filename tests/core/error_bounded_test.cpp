@@ -106,6 +106,7 @@ TEST(ErrorBounded, HoldsAtFourTimesAsManyPlaces) {
 }
 
 TEST(ErrorBounded, HasFewerPointsThanASnapshotThatHoldsEverywhere) {
+    if (test::kSanitized) GTEST_SKIP() << "takes a minute under a sanitizer";
     const PointCloud cloud = bumpy_sphere(4'000);
     const SimplifyOptions options = within(0.015);
     const PointCloud found = simplify(cloud, options);
@@ -122,6 +123,7 @@ TEST(ErrorBounded, GivesTheInputBackWhereNothingSmallerHolds) {
 }
 
 TEST(ErrorBounded, APartOfTheDiagonalIsThatManyInputUnits) {
+    if (test::kSanitized) GTEST_SKIP() << "takes a minute under a sanitizer";
     const PointCloud cloud = sphere(500);
     SimplifyOptions options;
     options.max_error_rel = 0.03;
