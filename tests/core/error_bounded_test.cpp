@@ -66,6 +66,7 @@ std::size_t fewest_of_all(const PointCloud& cloud, const SimplifyOptions& option
 class ErrorBounded : public testing::TestWithParam<Method> {};
 
 TEST_P(ErrorBounded, HoldsWhenMeasuredAgainWithFewPoints) {
+    if (test::kSanitized) GTEST_SKIP() << "takes a minute under a sanitizer";
     const PointCloud cloud = bumpy_sphere(1'200);
     const SimplifyOptions options = within(0.03, GetParam());
     const ErrorBoundedCloud found = simplify_within_error(cloud, options);
