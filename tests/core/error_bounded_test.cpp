@@ -66,7 +66,7 @@ std::size_t fewest_of_all(const PointCloud& cloud, const SimplifyOptions& option
 class ErrorBounded : public testing::TestWithParam<Method> {};
 
 TEST_P(ErrorBounded, HoldsWhenMeasuredAgainWithFewPoints) {
-    if (test::kSanitized) GTEST_SKIP() << "takes a minute under a sanitizer";
+    if (test::kSanitized) GTEST_SKIP() << "too slow under a sanitizer";
     const PointCloud cloud = bumpy_sphere(1'200);
     const SimplifyOptions options = within(0.03, GetParam());
     const ErrorBoundedCloud found = simplify_within_error(cloud, options);
@@ -86,7 +86,7 @@ INSTANTIATE_TEST_SUITE_P(Methods, ErrorBounded,
                          [](const auto& p) { return std::string(to_string(p.param)); });
 
 TEST(ErrorBounded, ParticlesHoldWhenMeasuredAgain) {
-    if (test::kSanitized) GTEST_SKIP() << "takes a minute under a sanitizer";
+    if (test::kSanitized) GTEST_SKIP() << "too slow under a sanitizer";
     const PointCloud cloud = bumpy_sphere(1'200);
     const ErrorBoundedCloud found = simplify_within_error(cloud, within(0.06, Method::Particles));
     EXPECT_FALSE(found.whole);
@@ -95,7 +95,7 @@ TEST(ErrorBounded, ParticlesHoldWhenMeasuredAgain) {
 }
 
 TEST(ErrorBounded, HoldsAtFourTimesAsManyPlaces) {
-    if (test::kSanitized) GTEST_SKIP() << "takes a minute under a sanitizer";
+    if (test::kSanitized) GTEST_SKIP() << "too slow under a sanitizer";
     const PointCloud cloud = bumpy_sphere(1'000);
     const ErrorBoundedCloud found = simplify_within_error(cloud, within(0.04, Method::Multiphase));
     const std::uint64_t samples = 4 * found.error.forward.samples;
@@ -107,7 +107,7 @@ TEST(ErrorBounded, HoldsAtFourTimesAsManyPlaces) {
 }
 
 TEST(ErrorBounded, HasFewerPointsThanASnapshotThatHoldsEverywhere) {
-    if (test::kSanitized) GTEST_SKIP() << "takes a minute under a sanitizer";
+    if (test::kSanitized) GTEST_SKIP() << "too slow under a sanitizer";
     const PointCloud cloud = bumpy_sphere(4'000);
     const SimplifyOptions options = within(0.015);
     const PointCloud found = simplify(cloud, options);
@@ -124,7 +124,7 @@ TEST(ErrorBounded, GivesTheInputBackWhereNothingSmallerHolds) {
 }
 
 TEST(ErrorBounded, APartOfTheDiagonalIsThatManyInputUnits) {
-    if (test::kSanitized) GTEST_SKIP() << "takes a minute under a sanitizer";
+    if (test::kSanitized) GTEST_SKIP() << "too slow under a sanitizer";
     const PointCloud cloud = sphere(500);
     SimplifyOptions options;
     options.max_error_rel = 0.03;
