@@ -66,8 +66,7 @@ std::size_t fewest_of_all(const PointCloud& cloud, const SimplifyOptions& option
 class ErrorBounded : public testing::TestWithParam<Method> {};
 
 TEST_P(ErrorBounded, HoldsWhenMeasuredAgainWithFewPoints) {
-    if (test::kSanitized && GetParam() == Method::Particles)
-        GTEST_SKIP() << "takes a minute under a sanitizer";
+    if (test::kSanitized) GTEST_SKIP() << "too slow under a sanitizer";
     const PointCloud cloud = bumpy_sphere(1'200);
     const double bound = GetParam() == Method::Particles ? 0.06 : 0.03;
     const SimplifyOptions options = within(bound, GetParam());
@@ -96,7 +95,7 @@ PointCloud horned_sphere(std::size_t n) {
 }
 
 TEST(ErrorBounded, TakesPlacesFromSeveralCountsWhereNoOneCountHolds) {
-    if (test::kSanitized) GTEST_SKIP() << "takes a minute under a sanitizer";
+    if (test::kSanitized) GTEST_SKIP() << "too slow under a sanitizer";
     const PointCloud cloud = horned_sphere(3'000);
     const ErrorBoundedCloud found = simplify_within_error(cloud, within(0.03, Method::Particles));
     EXPECT_FALSE(found.whole);
@@ -114,7 +113,7 @@ TEST(ErrorBounded, DoesNotFollowAFewPointsThatAreOffTheSurface) {
 }
 
 TEST(ErrorBounded, HoldsAtFourTimesAsManyPlaces) {
-    if (test::kSanitized) GTEST_SKIP() << "takes a minute under a sanitizer";
+    if (test::kSanitized) GTEST_SKIP() << "too slow under a sanitizer";
     const PointCloud cloud = bumpy_sphere(1'000);
     const ErrorBoundedCloud found = simplify_within_error(cloud, within(0.04, Method::Multiphase));
     const std::uint64_t samples = 4 * found.error.forward.samples;
@@ -126,6 +125,7 @@ TEST(ErrorBounded, HoldsAtFourTimesAsManyPlaces) {
 }
 
 TEST(ErrorBounded, HasFewerPointsThanASnapshotThatHoldsEverywhere) {
+    if (test::kSanitized) GTEST_SKIP() << "too slow under a sanitizer";
     const PointCloud cloud = bumpy_sphere(4'000);
     const SimplifyOptions options = within(0.015);
     const PointCloud found = simplify(cloud, options);
@@ -142,6 +142,7 @@ TEST(ErrorBounded, GivesTheInputBackWhereNothingSmallerHolds) {
 }
 
 TEST(ErrorBounded, APartOfTheDiagonalIsThatManyInputUnits) {
+    if (test::kSanitized) GTEST_SKIP() << "too slow under a sanitizer";
     const PointCloud cloud = sphere(500);
     SimplifyOptions options;
     options.max_error_rel = 0.03;

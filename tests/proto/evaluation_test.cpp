@@ -168,7 +168,7 @@ TEST_F(Evaluation, MapsHaveTheDistanceAsColourAndAsAttribute) {
 }
 
 TEST_F(Evaluation, PicturesArePngOfTheSizeThatIsTold) {
-    if (test::kSanitized) GTEST_SKIP() << "takes a minute under a sanitizer";
+    if (test::kSanitized) GTEST_SKIP() << "too slow under a sanitizer";
     EvaluateJob job;
     job.options.pictures = true;
     job.options.views = {"front", "top"};

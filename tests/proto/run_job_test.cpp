@@ -113,7 +113,7 @@ TEST_F(RunJob, WritesTheSimplifiedCloudAndTellsWhatItIs) {
 }
 
 TEST_F(RunJob, SaysWhatWasMeasuredOfABoundedError) {
-    if (test::kSanitized) GTEST_SKIP() << "takes a minute under a sanitizer";
+    if (test::kSanitized) GTEST_SKIP() << "too slow under a sanitizer";
     SimplifyJob job;
     job.options.method = Method::Hierarchical;
     job.options.max_error_rel = 0.02;

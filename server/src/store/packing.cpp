@@ -5,6 +5,7 @@
 #include <brotli/encode.h>
 #include <zlib.h>
 #include <algorithm>
+#include <cstdint>
 #include <memory>
 
 namespace stipple::server {
