@@ -20,8 +20,9 @@ namespace stipple {
 
 namespace {
 
-/// Input points of each new one that the surface is fitted to.
-constexpr unsigned kFitted = 4;
+/// Steps in which points are fitted to the surface, and input points of each of them that it is
+/// fitted to.
+constexpr unsigned kFits = 2, kFitted = 8;
 
 /// The samples of each survivor, in their order.
 Clusters clusters_of(const ContractionSnapshot& snapshot, const RunContext& context) {
@@ -49,8 +50,10 @@ PointCloud cloud_of(const PointCloud& cloud, ContractionSnapshot&& snapshot,
                     const std::optional<NeighborSearch>& search, const RunContext& context) {
     const Clusters clusters = clusters_of(snapshot, context);
     if (options.placement == Placement::Optimal) {
-        fit_surface(snapshot.positions, cloud.positions,
-                    {clusters.members.data(), clusters.offsets}, kFitted, context);
+        for (unsigned fit = 0; fit < kFits; ++fit) {
+            fit_surface(snapshot.positions, cloud.positions,
+                        {clusters.members.data(), clusters.offsets}, kFitted, context);
+        }
         if (search) {
             bound_displacement(snapshot.positions, cloud.positions, *search,
                                *options.max_displacement, context);

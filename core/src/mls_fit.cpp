@@ -129,6 +129,33 @@ void substitute(const TermMatrix& A, std::span<const double> inverse, std::span<
     }
 }
 
+using Terms = std::array<double, 6>;  // of 1, u, v, uu, uv, vv
+
+/// @param influence  of the right sides on the height at the origin.
+/// @param c  the polynomial's coefficients.
+void differentiate(const MlsNeighborhood& around, const MlsTrial& plane, const Terms& influence,
+                   const Terms& c, MlsGradients& result) {
+    const Eigen::Map<const Vec3d> n(plane.n), e1(plane.e1), e2(plane.e2);
+    const Terms& b = influence;
+    const double per_h = 1 / plane.h;
+    result.height = 0;
+    for (std::size_t i = 0; i < around.size(); ++i) {
+        const Vec3d d(around.x[i], around.y[i], around.z[i]);
+        const double u = e1.dot(d) * per_h, v = e2.dot(d) * per_h, height = n.dot(d) - plane.t;
+        const auto at = [&](const Terms& f) {
+            return f[0] + u * (f[1] + u * f[3] + v * f[4]) + v * (f[2] + v * f[5]);
+        };
+        const auto by_u = [&](const Terms& f) { return f[1] + 2 * u * f[3] + v * f[4]; };
+        const auto by_v = [&](const Terms& f) { return f[2] + u * f[4] + 2 * v * f[5]; };
+        const double share = around.weight[i] * at(b), residual = height - at(c);
+        result.height += share * height;
+        const double moved = around.weight[i] * residual;
+        result.gradients[i] = share * n + per_h * (moved * by_u(b) - share * by_u(c)) * e1 +
+                              per_h * (moved * by_v(b) - share * by_v(c)) * e2 -
+                              2 * per_h * per_h * share * residual * d;
+    }
+}
+
 }  // namespace
 
 void MlsNeighborhood::resize(std::size_t n) {
@@ -183,35 +210,27 @@ MlsHeight fit_polynomial(const MlsNeighborhood& around, const Vec3d& n, const Ve
     return {b[0], (n - (b[1] * e1 + b[2] * e2) / h).normalized()};
 }
 
-void fit_shares(const MlsNeighborhood& around, const Vec3d& n, const Vec3d& q, double h,
-                MlsShares& linear, MlsShares& quadratic) {
+void fit_gradients(const MlsNeighborhood& around, const Vec3d& n, const Vec3d& q, double h,
+                   MlsGradients& linear, MlsGradients& quadratic) {
     MlsPlane plane;
     plane.n = n;
     plane.t = n.dot(q);
     const Vec3d e1 = n.unitOrthogonal(), e2 = n.cross(e1);
+    const MlsTrial trial = trial_of(plane, e1, e2, h);
     TermMatrix A;
-    std::array<double, kMaxTerms> unused;
-    const double highest = mls_kernels().normal_equations(
-        around.columns(), trial_of(plane, e1, e2, h), 2, A.front().data(), unused.data());
+    std::array<double, kMaxTerms> right;
+    const double highest =
+        mls_kernels().normal_equations(around.columns(), trial, 2, A.front().data(), right.data());
     const std::array<double, kMaxTerms> inverse = factorise(A, 6);
-    // The polynomial's height at q as a function of the right side; of three terms, by the same
-    // factors.
-    std::array<double, 3> a = {1};
-    std::array<double, 6> b = {1};
-    substitute(A, inverse, a);
-    substitute(A, inverse, b);
-    linear.height = quadratic.height = 0;
-    for (std::size_t i = 0; i < around.size(); ++i) {
-        const Vec3d d = Vec3d(around.x[i], around.y[i], around.z[i]) - q;
-        const double u = e1.dot(d) / h, v = e2.dot(d) / h, height = n.dot(d);
-        linear.shares[i] = around.weight[i] * (a[0] + u * a[1] + v * a[2]);
-        quadratic.shares[i] =
-            around.weight[i] * (b[0] + u * (b[1] + u * b[3] + v * b[4]) + v * (b[2] + v * b[5]));
-        linear.height += linear.shares[i] * height;
-        quadratic.height += quadratic.shares[i] * height;
+    for (const std::size_t terms : {3, 6}) {  // by the same factors
+        Terms influence = {1}, c = {};
+        std::copy_n(right.begin(), terms, c.begin());
+        substitute(A, inverse, std::span(influence).first(terms));
+        substitute(A, inverse, std::span(c).first(terms));
+        differentiate(around, trial, influence, c, terms == 3 ? linear : quadratic);
     }
     if (std::abs(quadratic.height) <= highest) return;
-    std::ranges::copy(linear.shares, quadratic.shares.begin());
+    std::ranges::copy(linear.gradients, quadratic.gradients.begin());
     quadratic.height = linear.height;
 }
 

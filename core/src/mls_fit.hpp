@@ -59,15 +59,16 @@ struct MlsHeight {
 MlsHeight fit_polynomial(const MlsNeighborhood& around, const Vec3d& n, const Vec3d& q, double h,
                          unsigned degree);
 
-/// What the heights of the neighbours count in that of the polynomial at q.
-struct MlsShares {
-    std::span<double> shares;  ///< one for each neighbour; their sum is 1
-    double height = 0;         ///< the sum of theirs times the shares
+/// The height of a polynomial at q, and how it changes as neighbours move.
+struct MlsGradients {
+    double height = 0;
+    std::span<Vec3d> gradients;  ///< one for each neighbour
 };
 
-/// The same fits of degree 1 and 2 at once, as sums over the neighbours, six or more of them.
-/// @param linear, quadratic  with room for as many shares as neighbours.
-void fit_shares(const MlsNeighborhood& around, const Vec3d& n, const Vec3d& q, double h,
-                MlsShares& linear, MlsShares& quadratic);
+/// The same fits of degree 1 and 2 at once, with six neighbours or more. n, q and h are held fast,
+/// not so the weights: they are those of `fit_weighted_plane`, centred at r.
+/// @param linear, quadratic  with room for as many gradients as neighbours.
+void fit_gradients(const MlsNeighborhood& around, const Vec3d& n, const Vec3d& q, double h,
+                   MlsGradients& linear, MlsGradients& quadratic);
 
 }  // namespace stipple

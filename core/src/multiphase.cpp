@@ -39,7 +39,7 @@ void check(const PointCloud& cloud, const MultiphaseOptions& options) {
 /// How many of the input points of each new one the surface is fitted to: a small part of all, so
 /// that this costs a small part of the time.
 unsigned fitted(const PointCloud& cloud, std::size_t size) {
-    return static_cast<unsigned>(std::clamp<std::size_t>(cloud.size() / (50 * size), 1, 4));
+    return static_cast<unsigned>(std::clamp<std::size_t>(cloud.size() / (50 * size), 2, 4));
 }
 
 /// Samples of the first phase: as many as the options say, and as there are points.

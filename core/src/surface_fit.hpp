@@ -11,17 +11,18 @@ namespace stipple {
 
 /// Moves points so that the moving least squares surface through them (§2.2) comes nearer to what
 /// they stand for: of linear basis, which lies inside of curved parts, and of quadratic basis,
-/// which does not and counts twice. A step towards the least sum of squares of both distances from
-/// some members of each list.
+/// which does not. A damped step, of all points together, towards the least sum of squares of both
+/// distances from some members of each list. Both count the same, but where the quadratic surface
+/// is closer than half way to the linear one: there it counts more, so that it is not spoilt.
 ///
-/// Each step is along normals, and little longer than the largest of the distances around, if at
-/// all. Points on a line or in one place stay where they are, and so do fewer than 20, which make
+/// Points go mostly along normals, to where the surface is missed, and a little across, to where it
+/// bends. Points on a line or in one place stay where they are, and so do fewer than 20, which make
 /// no such surface.
 ///
 /// @param input  what the members are numbers of.
 /// @param members  of each point; a list is never empty.
 /// @param asked  members of each list that are asked for, >= 1; those of shorter lists all count.
-/// About 1 us for each, parallel; 60 bytes a point, and 4 MB.
+/// About 1.5 us for each, parallel; 60 bytes a point, and 10 MB for each member asked.
 void fit_surface(std::vector<Vec3f>& points, std::span<const Vec3f> input,
                  const MemberLists& members, unsigned asked, const RunContext& context);
 

@@ -42,10 +42,10 @@ struct IterativeSimplificationOptions {
 /// distances to the planes of edges of all input points that the pair stands for and, as far as
 /// these are rough, to the points themselves, which averages noise. Then input points are shared
 /// out anew among the new ones, so that each goes with the new point that fits it best; and where
-/// the new points are 20 or more, they move along normals until the moving least squares surface
-/// through them (§2.2) fits the input: of linear basis, which lies inside of curved parts, and of
-/// quadratic basis, which counts twice. So they lie slightly outside of curved parts;
-/// `max_displacement` bounds it. With `Placement::EndPoint` the result is a subset of the input,
+/// the new points are 20 or more, they move until the moving least squares surface through them
+/// (§2.2) fits the input: of linear basis, which lies inside of curved parts, and of quadratic
+/// basis, which does not. So they lie slightly outside of curved parts; `max_displacement` bounds
+/// it. With `Placement::EndPoint` the result is a subset of the input,
 /// and that of a smaller target a subset of that of a larger one.
 ///
 /// Weights for colours and other attributes keep points where these change, as well as where the
