@@ -1,5 +1,8 @@
 #include "stipple/proto/run_job.hpp"
 
+#include "evaluation_notes.hpp"
+#include "job_files.hpp"
+#include "job_meters.hpp"
 #include "stipple/cleaning.hpp"
 #include "stipple/error_bounded.hpp"
 #include "stipple/globe.hpp"
@@ -10,15 +13,9 @@
 #include "stipple/proto/tiles.hpp"
 #include "stipple/surface_attributes.hpp"
 
-#include <fcntl.h>
 #include <sys/resource.h>
-#include <unistd.h>
 #include <algorithm>
-#include <cerrno>
 #include <chrono>
-#include <cmath>
-#include <cstdio>
-#include <cstring>
 #include <filesystem>
 #include <new>
 #include <numeric>
@@ -32,55 +29,9 @@ namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 using Report = std::function<void(const JobReport&)>;
 
-enum Stage : std::size_t { kDecode, kClean, kSimplify, kUpsample, kAnalyze, kEvaluate, kEncode };
-
 double seconds_since(Clock::time_point start) {
     return std::chrono::duration<double>(Clock::now() - start).count();
 }
-
-/// Adds the time until its end to `seconds`.
-class Stopwatch {
-public:
-    explicit Stopwatch(double& seconds) : seconds_(seconds) {}
-    ~Stopwatch() { seconds_ += seconds_since(start_); }
-    Stopwatch(const Stopwatch&) = delete;
-    Stopwatch& operator=(const Stopwatch&) = delete;
-
-private:
-    double& seconds_;
-    Clock::time_point start_ = Clock::now();
-};
-
-/// One percentage for the whole job, which never decreases.
-class ProgressMeter {
-public:
-    explicit ProgressMeter(const Report& report) : report_(report) {}
-
-    void advance(Stage stage, double fraction) {
-        done_[stage] = std::max(done_[stage], std::clamp(fraction, 0.0, 1.0));
-        const auto now = Clock::now();
-        if (stage == reported_stage_ && now < next_report_ && fraction < 1) return;
-        reported_stage_ = stage;
-        next_report_ = now + kInterval;
-        JobReport line;
-        line.progress = {std::string(kJobStages[stage].name), percent()};
-        report_(line);
-    }
-
-private:
-    static constexpr std::chrono::milliseconds kInterval{50};
-
-    double percent() const {
-        double sum = 0;
-        for (std::size_t i = 0; i < done_.size(); ++i) sum += kJobStages[i].share * done_[i];
-        return std::round(sum * 10) / 10;
-    }
-
-    const Report& report_;
-    std::array<double, kJobStages.size()> done_{};
-    std::optional<Stage> reported_stage_;
-    Clock::time_point next_report_;
-};
 
 std::string shown(std::uint64_t count, const char* what) {
     return std::to_string(count) + " " + what;
@@ -133,76 +84,6 @@ MeasuredBound measured(const ErrorBoundedCloud& found) {
             .sampling = kSamplings.at(static_cast<std::size_t>(found.sampling)),
             .tries = found.tries,
             .whole = found.whole};
-}
-
-/// The failure of a system call on an output file.
-Error write_error(const fs::path& file, const JobSpec& spec) {
-    const int code = errno;
-    if (code == EFBIG) {
-        return Error(ErrorCode::TooLarge, file.filename().string() + ": above the limit of " +
-                                              shown(spec.max_file_bytes, "bytes a file") +
-                                              ": ask for fewer points or another format");
-    }
-    const std::string full = code == ENOSPC || code == EDQUOT ? "storage full: " : "";
-    return Error(ErrorCode::Internal, full + file.filename().string() + ": " + std::strerror(code));
-}
-
-class OutputDescriptor {
-public:
-    explicit OutputDescriptor(const fs::path& file)
-        : fd_(::open(file.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644)) {}
-    ~OutputDescriptor() { close(); }
-    OutputDescriptor(const OutputDescriptor&) = delete;
-    OutputDescriptor& operator=(const OutputDescriptor&) = delete;
-
-    bool write(std::span<const std::byte> bytes) {
-        while (!bytes.empty()) {
-            const ssize_t n = ::write(fd_, bytes.data(), bytes.size());
-            if (n < 0 && errno == EINTR) continue;
-            if (n < 0) return false;
-            bytes = bytes.subspan(static_cast<std::size_t>(n));
-        }
-        return true;
-    }
-    bool close() {
-        const int fd = std::exchange(fd_, -1);
-        return fd < 0 || ::close(fd) == 0;
-    }
-
-private:
-    int fd_;
-};
-
-/// Under its name the file is whole or not there. Whoever keeps it makes it durable.
-void write_whole_file(const fs::path& file, std::span<const std::byte> bytes, const JobSpec& spec) {
-    const fs::path partial = file.string() + ".partial";
-    OutputDescriptor out(partial);
-    if (!out.write(bytes) || !out.close() || ::rename(partial.c_str(), file.c_str()) != 0) {
-        throw write_error(file, spec);
-    }
-}
-
-std::string short_number(double value) {
-    std::array<char, 64> text{};
-    std::snprintf(text.data(), text.size(), "%.3g", value);
-    return text.data();
-}
-
-/// What is said of a candidate under its name.
-std::vector<std::string> error_notes(std::uint64_t points, const SurfaceError& error) {
-    const auto share = [&error](double distance) {
-        return short_number(100 * relative(distance, error)) + " %";
-    };
-    std::string count = std::to_string(points);
-    for (std::size_t i = count.size(); i > 3; i -= 3) count.insert(i - 3, 1, ',');
-    return {count + (points == 1 ? " point" : " points"),
-            "mean " + short_number(error.mean()) + " (" + share(error.mean()) + ") · max " +
-                short_number(error.max()) + " (" + share(error.max()) + ")"};
-}
-
-std::string distance_legend(double range, const SurfaceError& error) {
-    return "distance from the reference, input units (" + short_number(range) + " is " +
-           short_number(100 * relative(range, error)) + " % of the diagonal)";
 }
 
 /// Runs one job: a member function for each stage.

@@ -1,0 +1,68 @@
+#include "job_files.hpp"
+
+#include "stipple/error.hpp"
+
+#include <fcntl.h>
+#include <unistd.h>
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+#include <string>
+#include <utility>
+
+namespace stipple::proto {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+/// The failure of a system call on an output file.
+Error write_error(const fs::path& file, const JobSpec& spec) {
+    const int code = errno;
+    if (code == EFBIG) {
+        return Error(ErrorCode::TooLarge,
+                     file.filename().string() + ": above the limit of " +
+                         std::to_string(spec.max_file_bytes) +
+                         " bytes a file: ask for fewer points or another format");
+    }
+    const std::string full = code == ENOSPC || code == EDQUOT ? "storage full: " : "";
+    return Error(ErrorCode::Internal, full + file.filename().string() + ": " + std::strerror(code));
+}
+
+class OutputDescriptor {
+public:
+    explicit OutputDescriptor(const fs::path& file)
+        : fd_(::open(file.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644)) {}
+    ~OutputDescriptor() { close(); }
+    OutputDescriptor(const OutputDescriptor&) = delete;
+    OutputDescriptor& operator=(const OutputDescriptor&) = delete;
+
+    bool write(std::span<const std::byte> bytes) {
+        while (!bytes.empty()) {
+            const ssize_t n = ::write(fd_, bytes.data(), bytes.size());
+            if (n < 0 && errno == EINTR) continue;
+            if (n < 0) return false;
+            bytes = bytes.subspan(static_cast<std::size_t>(n));
+        }
+        return true;
+    }
+    bool close() {
+        const int fd = std::exchange(fd_, -1);
+        return fd < 0 || ::close(fd) == 0;
+    }
+
+private:
+    int fd_;
+};
+
+}  // namespace
+
+void write_whole_file(const fs::path& file, std::span<const std::byte> bytes, const JobSpec& spec) {
+    const fs::path partial = file.string() + ".partial";
+    OutputDescriptor out(partial);
+    if (!out.write(bytes) || !out.close() || ::rename(partial.c_str(), file.c_str()) != 0) {
+        throw write_error(file, spec);
+    }
+}
+
+}  // namespace stipple::proto

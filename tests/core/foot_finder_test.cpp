@@ -1,0 +1,162 @@
+#include "foot_finder.hpp"
+
+#include "plane_kernels.hpp"
+#include "support/eigen_system.hpp"
+#include "support/support.hpp"
+
+#include <gtest/gtest.h>
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <random>
+#include <vector>
+
+namespace stipple {
+namespace {
+
+/// n random points beside the unit sphere.
+std::vector<Vec3f> random_sphere(std::size_t n, double noise, std::uint64_t seed) {
+    std::mt19937_64 random(seed);
+    std::normal_distribution<double> normal;
+    std::uniform_real_distribution<double> height(-noise, noise);
+    std::vector<Vec3f> points;
+    while (points.size() < n) {
+        const Vec3d p(normal(random), normal(random), normal(random));
+        points.push_back((p.normalized() * (1 + height(random))).cast<float>());
+    }
+    return points;
+}
+
+/// The fixed point by the letter: all points sorted by distance, everything in doubles.
+struct SlowFoot {
+    double distance = std::numeric_limits<double>::infinity();
+    double h = 0;
+    bool converged = false;
+};
+
+SlowFoot slow_foot(const std::vector<Vec3f>& points, unsigned k, const Vec3d& q, Vec3d x) {
+    SlowFoot foot;
+    for (int i = 0; i < 200 && !foot.converged; ++i) {
+        std::vector<Vec3d> near;
+        for (const Vec3f& p : points) near.push_back(p.cast<double>());
+        std::ranges::partial_sort(near, near.begin() + k, {},
+                                  [&](const Vec3d& p) { return (p - x).squaredNorm(); });
+        near.resize(k);
+        foot.h = (near.back() - x).norm() / 3;
+        const auto weight = [&](const Vec3d& p) {
+            return std::exp(-(p - x).squaredNorm() / (foot.h * foot.h));
+        };
+        double total = 0;
+        Vec3d a = Vec3d::Zero();
+        for (const Vec3d& p : near) {
+            total += weight(p);
+            a += weight(p) * p;
+        }
+        a /= total;
+        Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
+        for (const Vec3d& p : near) covariance += weight(p) * (p - a) * (p - a).transpose();
+        const Vec3d n = test::eigen_system(covariance).vectors.col(0);
+        const Vec3d next = q - n.dot(q - a) * n;
+        foot.converged = (next - x).norm() <= 1e-4 * foot.h;
+        foot.distance = (q - next).norm();
+        x = next;
+    }
+    return foot;
+}
+
+TEST(FootFinder, FindsTheFixedPointsOfTheSlowForm) {
+    const std::vector<Vec3f> target = random_sphere(600, 0.02, 1);
+    const PointTree tree(target, PointTree::Leaves::Compact, {});
+    for (const unsigned k : {6U, 20U, 40U}) {
+        const FootFinder finder(target, tree, {.k = k, .tolerance = 1e-5});
+        const std::vector<Vec3f> queries = random_sphere(300, 0.1, 2);
+        std::vector<Foot> feet(queries.size());
+        finder.find(queries, [&](std::size_t i, const Foot& foot) { feet[i] = foot; }, {});
+        int compared = 0, differ = 0;
+        for (std::size_t i = 0; i < queries.size(); ++i) {
+            const Vec3d q = queries[i].cast<double>();
+            const auto& nearest = *std::ranges::min_element(
+                target, {}, [&](const Vec3f& p) { return (p - queries[i]).norm(); });
+            const SlowFoot direct = slow_foot(target, k, q, q);
+            const SlowFoot from_sample = slow_foot(target, k, q, nearest.cast<double>());
+            if (!direct.converged || !from_sample.converged || !feet[i].converged) continue;
+            ++compared;
+            const double least = std::min(direct.distance, from_sample.distance);
+            differ += std::abs(feet[i].distance - least) > 1e-3 * direct.h;
+            EXPECT_TRUE(feet[i].beyond ||
+                        std::abs((feet[i].point - q).norm() - feet[i].distance) < 1e-5);
+        }
+        EXPECT_GT(compared, 250) << k;
+        EXPECT_LE(differ, compared / 100) << k;
+    }
+}
+
+TEST(FootFinder, TakesTheNearerOfTwoSheets) {
+    PointCloud cloud = test::plane(5000);
+    for (const Vec3f& p : test::plane(5000, 2).positions)
+        cloud.positions.push_back(p + Vec3f(0, 0, 0.06F));
+    const PointTree tree(cloud.positions, PointTree::Leaves::Compact, {});
+    std::vector<Vec3f> queries;
+    for (const float z : {-0.02F, 0.0F, 0.01F, 0.05F, 0.06F, 0.08F})
+        for (float x = 0.2F; x < 0.8F; x += 0.01F) queries.emplace_back(x, 0.5F, z);
+    FootFinder(cloud.positions, tree, {})
+        .find(queries,
+              [&](std::size_t i, const Foot& foot) {
+                  const double z = queries[i].z();
+                  EXPECT_NEAR(foot.distance, std::min(std::abs(z), std::abs(z - 0.06)), 1e-4) << z;
+              },
+              {.threads = 1});
+}
+
+TEST(PlaneKernels, GiveTheSameBits) {
+    const auto kernels = available_plane_kernels();
+    std::mt19937_64 random(3);
+    std::uniform_real_distribution<float> unit(-1, 1);
+    for (int round = 0; round < 200; ++round) {
+        PlaneLanes lanes(6 + static_cast<unsigned>(round % 30), 64);
+        lanes.rows = 40 + static_cast<std::size_t>(round % 20);
+        for (std::size_t j = 0; j < lanes.rows; ++j) {
+            for (std::size_t lane = 0; lane < PlaneLanes::kLanes; ++lane) {
+                // A grid in some lanes: equal distances.
+                const float step = lane % 2 == 0 ? 0.0F : 0.25F;
+                const auto place = [&] {
+                    const float v = unit(random);
+                    return step > 0 ? step * std::round(v / step) : v;
+                };
+                lanes.candidates[j].x[lane] = place();
+                lanes.candidates[j].y[lane] = place();
+                lanes.candidates[j].z[lane] = 0.1F * place();
+            }
+        }
+        for (std::size_t lane = 0; lane < PlaneLanes::kLanes; ++lane) {
+            lanes.place.x[lane] = lane == 3 ? 0.0F : unit(random);
+            lanes.query.z[lane] = unit(random);
+            lanes.radius_guess_sq[lane] = unit(random) + 1;
+        }
+        PlaneLanes plain = lanes;
+        kernels.front().run(plain);
+        for (const PlaneKernel& kernel : kernels) {
+            PlaneLanes other = lanes;
+            kernel.run(other);
+            EXPECT_EQ(other.radius_sq, plain.radius_sq) << kernel.name;
+            EXPECT_EQ(other.nearest_sq, plain.nearest_sq);
+            EXPECT_EQ(other.height, plain.height);
+            EXPECT_EQ(other.step_sq, plain.step_sq);
+            EXPECT_EQ(other.normal.x, plain.normal.x);
+            EXPECT_EQ(other.foot.z, plain.foot.z);
+            EXPECT_EQ(other.flat, plain.flat);
+        }
+        for (std::size_t lane = 0; lane < PlaneLanes::kLanes; ++lane) {
+            std::vector<float> distances;
+            for (std::size_t j = 0; j < lanes.rows; ++j)
+                distances.push_back(plain.scratch[j].sq[lane]);
+            std::ranges::sort(distances);
+            EXPECT_EQ(plain.radius_sq[lane], distances[lanes.k - 1]);
+            EXPECT_EQ(plain.nearest_sq[lane], distances.front());
+        }
+    }
+}
+
+}  // namespace
+}  // namespace stipple
