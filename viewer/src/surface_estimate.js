@@ -13,9 +13,10 @@ const kFull = 32767;
  * @param {Float32Array} positions  x y z of each point
  * @param {?Float32Array} normals  kept as they are; null: estimated, of either sign
  * @param {number} spacing  mean distance to the nearest other point
+ * @param {number} largest  radius of a splat, spacings: at the border of a tile the neighbours are in another
  * @returns {Int16Array} of each point: normal (0 0 0 where it has none) and radius, as fractions of 32767
  */
-export function estimateSurface(positions, normals, spacing) {
+export function estimateSurface(positions, normals, spacing, largest = kLargestRadius) {
     const count = positions.length / 3;
     const surface = new Int16Array(4 * count);
     if (normals) {
@@ -34,7 +35,7 @@ export function estimateSurface(positions, normals, spacing) {
     for (let at = 0; at < count; at += 1) {
         const i = grid.members[at];
         grid.nearestTo(at, nearest);
-        surface[4 * i + 3] = kFull * splatRadius(nearest, spacing) / (kLargestRadius * spacing);
+        surface[4 * i + 3] = kFull * splatRadius(nearest, spacing, largest) / (kLargestRadius * spacing);
         if (!normals && nearest.count >= 3) {
             storePlaneNormal(surface, i, grid.positions, at, nearest);
         }
@@ -42,12 +43,12 @@ export function estimateSurface(positions, normals, spacing) {
     return surface;
 }
 
-function splatRadius(nearest, spacing) {
+function splatRadius(nearest, spacing, largest) {
     if (nearest.count === 0) {
         return spacing;
     }
     const distance = Math.sqrt(nearest.distanceSq[Math.min(kSpacingNeighbor, nearest.count - 1)]);
-    return Math.min(kLargestRadius * spacing, Math.max(kSmallestRadius * spacing, kRadiusByDistance * distance));
+    return Math.min(largest * spacing, Math.max(kSmallestRadius * spacing, kRadiusByDistance * distance));
 }
 
 /** The k points nearest to another so far, by their place in the grid, in ascending order of distance. */

@@ -2,11 +2,14 @@
 import { readTile } from './glb_tile.js';
 import { estimateSurface } from './surface_estimate.js';
 
+/** Spacings; see `estimateSurface`. */
+const kLargestInTiles = 3;
+
 /** Of points, or of those in a `glb`. */
 onmessage = async ({ data: { id, glb, spacing, ...given } }) => {
     try {
         const { positions, normals, colors = null, attributes = {} } = glb ? await readTile(glb) : given;
-        const surface = estimateSurface(positions, normals, spacing);
+        const surface = estimateSurface(positions, normals, spacing, glb ? kLargestInTiles : undefined);
         const arrays = [positions, surface, ...(colors ? [colors] : []), ...Object.values(attributes).map(({ values }) => values)];
         postMessage({ id, positions, surface, colors, attributes }, arrays.map(({ buffer }) => buffer));
     } catch (error) {
