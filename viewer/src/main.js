@@ -93,6 +93,7 @@ function open({ id, type }, { remembered = false } = {}) {
 /** The colours that are wanted now, for a level that is about to be shown. */
 async function dress(level, signal) {
     const by = look.colorOf(level);
+    level.coloring ??= { by: 'own', range: null };  // as long as others are not there
     const range = await colorize(level.whole ?? level, by, signal);
     level.coloring = { by, range };
     if (level === session?.shown) {

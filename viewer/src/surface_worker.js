@@ -3,7 +3,7 @@ import { readTile } from './glb_tile.js';
 import { estimateSurface } from './surface_estimate.js';
 
 /** Spacings; see `estimateSurface`. */
-const kLargestInTiles = 2;
+const kLargestInTiles = 3;
 
 /** Of points, or of those in a `glb`. */
 onmessage = async ({ data: { id, glb, spacing, ...given } }) => {
