@@ -5,10 +5,10 @@
 #include "error_samples.hpp"
 #include "foot_finder.hpp"
 #include "hilbert_order.hpp"
+#include "leaf_shapes.hpp"
 #include "parallel_for.hpp"
 #include "point_tree.hpp"
 #include "stipple/error.hpp"
-#include "stipple/local_analysis.hpp"
 #include "tile_streams.hpp"
 #include "tile_tree.hpp"
 #include "tree_search.hpp"
@@ -39,30 +39,43 @@ struct Grid {
     double step;
     unsigned bits;
 
-    std::int64_t at(float coordinate) const noexcept {
-        return static_cast<std::int64_t>(std::floor(static_cast<double>(coordinate) / step + 0.5));
-    }
-    /// Of the grid's 27 places around `p` the one nearest to the surface there, and near to p.
-    Vec3f rounded(const Vec3f& p, const Vec3f& normal) const noexcept {
-        constexpr double kAside = 0.02;  // what a way along the surface counts
-        const Vec3d at = p.cast<double>() / step, n = normal.cast<double>();
-        const Vec3d nearest = (at.array() + 0.5).floor();
-        Vec3d best = nearest;
-        double least = std::numeric_limits<double>::infinity();
-        for (int place = 0; place < 27; ++place) {
-            const Vec3d q = nearest + Vec3d(place % 3 - 1, place / 3 % 3 - 1, place / 9 - 1);
-            const double across = n.dot(q - at);
-            const double cost = across * across + kAside * (q - at).squaredNorm();
-            if (cost < least) best = q;
-            least = std::min(least, cost);
-        }
-        return (step * best).cast<float>();
+    std::int32_t at(float coordinate) const noexcept {
+        return static_cast<std::int32_t>(std::floor(static_cast<double>(coordinate) / step + 0.5));
     }
     Vec3f rounded(const Vec3f& p) const noexcept {
         Vec3f q;
-        for (int axis = 0; axis < 3; ++axis)
-            q[axis] = static_cast<float>(static_cast<double>(at(p[axis])) * step);
+        for (int axis = 0; axis < 3; ++axis) q[axis] = static_cast<float>(at(p[axis]) * step);
         return q;
+    }
+    /// Of the grid's 27 places around `p` the one nearest to the surface there, and near to p.
+    Vec3f rounded(const Vec3f& p, const Vec3f& normal) const noexcept {
+        const Vec3d at = p.cast<double>() / step;
+        const Vec3d nearest = (at.array() + 0.5).floor();
+        const Vec3f beside = step_aside((nearest - at).cast<float>(), normal);
+        return (step * (nearest + beside.cast<double>())).cast<float>();
+    }
+
+private:
+    /// The step to one of 27 places, the middle one at `way` from p, that makes the way across the
+    /// surface shortest, and the whole way as well.
+    static Vec3f step_aside(const Vec3f& way, const Vec3f& n) noexcept {
+        constexpr float kAside = 0.02F;  // what a way along the surface counts
+        const float squared = n.z() * n.z() + kAside;
+        Vec3f best = Vec3f::Zero();
+        float least = std::numeric_limits<float>::infinity();
+        for (int place = 0; place < 9; ++place) {
+            Vec3f step(static_cast<float>(place % 3 - 1), static_cast<float>(place / 3 - 1), 0);
+            const float x = way.x() + step.x(), y = way.y() + step.y();
+            const float across = n.x() * x + n.y() * y;
+            // Along the third axis the cost is a parabola: the step nearest to its bottom.
+            const float bottom = -across * n.z() / squared - way.z();
+            step.z() = static_cast<float>(int{bottom > 0.5F} - int{bottom < -0.5F});
+            const float z = way.z() + step.z(), height = across + n.z() * z;
+            const float cost = height * height + kAside * (x * x + y * y + z * z);
+            if (cost < least) best = step;
+            least = std::min(least, cost);
+        }
+        return best;
     }
 };
 
@@ -89,19 +102,20 @@ ErrorSamples take_samples(std::span<const Vec3f> points, const PointTree& tree,
     return take_points(tree, count, 0, context);
 }
 
-/// Mean distance from about 256 of `count` points of a tree, point_at(i), to the nearest other.
+constexpr std::size_t kAsked = 256;
+
+/// Mean distance from about `asked` of `count` points of a tree, point_at(i), to the nearest other.
 template <typename PointAt>
-double mean_gap(const PointTree& tree, std::size_t count, PointAt&& point_at) {
-    constexpr std::size_t kAsked = 256;
-    const std::size_t step = std::max<std::size_t>(1, count / kAsked);
+double mean_gap(const PointTree& tree, std::size_t count, std::size_t asked, PointAt&& point_at) {
+    const std::size_t step = std::max<std::size_t>(1, count / asked);
     double sum = 0;
-    std::size_t asked = 0;
-    for (std::size_t i = 0; i < count; i += step, ++asked) {
+    std::size_t answers = 0;
+    for (std::size_t i = 0; i < count; i += step, ++answers) {
         std::array<Neighbor, 2> room;
         const auto found = find_nearest(tree, point_at(i), room);
         sum += std::sqrt(static_cast<double>(found.back().distance_sq));
     }
-    return sum / static_cast<double>(asked);
+    return sum / static_cast<double>(answers);
 }
 
 /// Enough to compare two roundings of the same points.
@@ -119,6 +133,7 @@ struct Measured {
     std::vector<Vec3f> points;
     std::unique_ptr<PointTree> tree;
     std::vector<float> distances;  ///< of the samples
+    std::vector<float> covers;     ///< from each of the samples to the nearest point
     double mean = 0;
 };
 
@@ -141,9 +156,10 @@ struct LodTiler::State {
     LodTileOptions options;
     Vec3d center = Vec3d::Zero();
     double scale = 1;
-    double side = 0;           ///< of the source's box, the longest
-    double spacing = 0;        ///< of the source
-    std::vector<Index> order;  ///< of the source's points, along a curve
+    double side = 0;            ///< of the source's box, the longest
+    double spacing = 0;         ///< of the source
+    std::vector<Index> order;   ///< of the source's points, along a curve
+    std::vector<Vec3f> source;  ///< those, in that order
     ErrorSamples samples, few;
     TileTree tree;
     unsigned levels = 0;
@@ -180,17 +196,20 @@ struct LodTiler::State {
     }
 
     static Measured with_tree(std::vector<Vec3f>&& points, const RunContext& context) {
-        Measured made{std::move(points), {}, {}};
+        Measured made;
+        made.points = std::move(points);
         made.tree = std::make_unique<PointTree>(made.points, PointTree::Leaves::Given, context);
         return made;
     }
     static void measure(Measured& made, const ErrorSamples& at, const RunContext& context) {
         made.distances.resize(at.size());
+        made.covers.resize(at.size());
         FootFinder(made.points, *made.tree, {})
             .find(
                 at.positions,
                 [&](std::size_t i, const Foot& foot) {
                     made.distances[i] = static_cast<float>(foot.distance);
+                    made.covers[i] = static_cast<float>(foot.to_sample);
                 },
                 context);
         made.mean = summarize("", made.distances, at.areas).mean;
@@ -201,7 +220,24 @@ struct LodTiler::State {
     static std::vector<Vec3f> normals_of(const Measured& level, const RunContext& context) {
         constexpr std::size_t kMost = 131'072;
         if (level.points.size() > kMost) return {};
-        return analyze_locally(level.points, {.k = 12, .variation = false}, context).normals;
+        constexpr unsigned kNeighbors = 12;
+        constexpr std::size_t kLeaves = 128;
+        const std::size_t others = level.points.size() - 1;
+        std::vector<Vec3f> normals(level.points.size(), Vec3f::UnitZ());
+        if (others == 0) return normals;
+        const PointTree& tree = *level.tree;
+        const auto k = static_cast<unsigned>(std::min<std::size_t>(kNeighbors, others));
+        parallel_for_blocks(tree.leaf_count(), kLeaves, context,
+                            [&](std::size_t begin, std::size_t end) {
+                                LeafShapes shapes(tree, level.points, {k});
+                                for (std::size_t l = begin; l < end; ++l) {
+                                    shapes.run(l);
+                                    for (std::size_t lane = 0; lane < tree.points_in(l); ++lane)
+                                        normals[tree.leaf(l).index[lane]] =
+                                            shapes.shape(0, lane).normal.cast<float>();
+                                }
+                            });
+        return normals;
     }
 
     /// The fewest bits by which the mean error grows by no more than the tolerance, and by which
@@ -225,14 +261,17 @@ struct LodTiler::State {
         // it: measured.
         const double added = normals.empty() ? 0.025 : 0.0025;
         const double limit = (1 + tolerance) * exact;
-        const unsigned least = bits_for(0.5 * mean_gap(*unrounded.tree, points.size(),
+        const unsigned least = bits_for(0.5 * mean_gap(*unrounded.tree, points.size(), kAsked,
                                                        [&](std::size_t i) { return points[i]; }),
                                         finest.bits);
         unsigned bits = bits_for(exact * std::sqrt(2 * tolerance / added), finest.bits);
         bits = std::max(least, std::min(bits, finest.bits - 1));
         Measured taken = try_bits(bits);
         if (taken.mean <= limit) {
-            while (bits > least) {
+            // A bit less doubles the steps: four times the variance, and three times what it adds
+            // to the mean at least.
+            constexpr double kAtLeast = 3;
+            while (bits > least && exact + kAtLeast * (taken.mean - exact) <= limit) {
                 Measured fewer = try_bits(bits - 1);
                 if (fewer.mean > limit) break;
                 taken = std::move(fewer);
@@ -282,22 +321,17 @@ struct LodTiler::State {
     /// Of each part of the level, by the samples in its cell; of the whole level where it has none.
     void add_errors(std::span<LodTile> tiles, const Measured& level, const RunContext& context) {
         std::vector<std::uint32_t> part_of(samples.size());
-        std::vector<float> cover(samples.size());
-        parallel_for_blocks(samples.size(), 1'024, context,
+        parallel_for_blocks(samples.size(), kBlock, context,
                             [&](std::size_t begin, std::size_t end) {
-                                for (std::size_t i = begin; i < end; ++i) {
-                                    Neighbor nearest;
-                                    find_nearest(*level.tree, samples.positions[i], {&nearest, 1});
-                                    cover[i] = std::sqrt(nearest.distance_sq);
+                                for (std::size_t i = begin; i < end; ++i)
                                     part_of[i] = tree.part_at(samples.positions[i]);
-                                }
                             });
         std::vector<Inside> inside(tiles.size());
         Inside all;
         for (std::size_t i = 0; i < samples.size(); ++i) {
-            all.add(level.distances[i], samples.areas[i], cover[i]);
+            all.add(level.distances[i], samples.areas[i], level.covers[i]);
             if (part_of[i] != TileTree::kNone)
-                inside[part_of[i]].add(level.distances[i], samples.areas[i], cover[i]);
+                inside[part_of[i]].add(level.distances[i], samples.areas[i], level.covers[i]);
         }
         parallel_for_blocks(tiles.size(), 1, context, [&](std::size_t t, std::size_t) {
             take(inside[t].area > 0 ? inside[t] : all, tiles[t]);
@@ -311,19 +345,24 @@ struct LodTiler::State {
 
     /// Sorts and compresses the points of a part.
     /// @param numbers  of the level's points, in the cloud.
+    /// @param asked  how many points tell the spacing.
     void encode(LodTile& tile, const PointCloud& cloud, std::span<const Index> members,
-                std::span<const Index> numbers, const Measured& level,
-                const Grid& grid_taken) const {
-        std::array<std::int64_t, 3> least{};
-        least.fill(std::numeric_limits<std::int64_t>::max());
-        for (const Index i : members)
-            for (int axis = 0; axis < 3; ++axis)
-                least[axis] = std::min(least[axis], grid_taken.at(level.points[i][axis]));
+                std::span<const Index> numbers, const Measured& level, const Grid& grid_taken,
+                std::size_t asked) const {
+        using Place = std::array<std::int32_t, 3>;
+        std::vector<Place> places(members.size());
+        Place least;
+        least.fill(std::numeric_limits<std::int32_t>::max());
+        for (std::size_t i = 0; i < members.size(); ++i) {
+            for (int axis = 0; axis < 3; ++axis) {
+                places[i][axis] = grid_taken.at(level.points[members[i]][axis]);
+                least[axis] = std::min(least[axis], places[i][axis]);
+            }
+        }
         std::vector<GridPoint> points(members.size());
         for (std::size_t i = 0; i < members.size(); ++i) {
             for (int axis = 0; axis < 3; ++axis) {
-                points[i][axis] = static_cast<std::uint16_t>(
-                    grid_taken.at(level.points[members[i]][axis]) - least[axis]);
+                points[i][axis] = static_cast<std::uint16_t>(places[i][axis] - least[axis]);
                 tile.last[axis] = std::max(tile.last[axis], points[i][axis]);
             }
         }
@@ -339,7 +378,7 @@ struct LodTiler::State {
         tile.step = grid_taken.step / scale;
         for (int axis = 0; axis < 3; ++axis)
             tile.offset[axis] = static_cast<double>(least[axis]) * tile.step;
-        tile.spacing = mean_gap(*level.tree, members.size(),
+        tile.spacing = mean_gap(*level.tree, members.size(), asked,
                                 [&](std::size_t i) { return level.points[members[i]]; }) /
                        scale;
         tile.streams = encode_streams(cloud, sorted_numbers, sorted, options.attributes);
@@ -361,9 +400,10 @@ LodTiler::LodTiler(const PointCloud& source, const LodTileOptions& options,
     state.side = side * state.scale;
 
     state.order = hilbert_order(source.positions, context);
-    const std::vector<Vec3f> points = state.into_frame(source, state.order, context);
+    state.source = state.into_frame(source, state.order, context);
+    const std::vector<Vec3f>& points = state.source;
     const PointTree tree(points, PointTree::Leaves::Given, context);
-    state.spacing = mean_gap(tree, points.size(), [&](std::size_t i) { return points[i]; });
+    state.spacing = mean_gap(tree, points.size(), kAsked, [&](std::size_t i) { return points[i]; });
     state.samples = take_samples(points, tree, context);
     state.few = every_eighth(state.samples);
 }
@@ -385,7 +425,8 @@ std::vector<LodTile> LodTiler::add_level(const PointCloud& cloud, bool whole,
     State& state = *state_;
     const std::vector<Index> order =
         whole ? std::move(state.order) : hilbert_order(cloud.positions, context);
-    const std::vector<Vec3f> points = state.into_frame(cloud, order, context);
+    const std::vector<Vec3f> points =
+        whole ? std::move(state.source) : state.into_frame(cloud, order, context);
     Grid grid = state.finest_grid();
     Measured level = whole ? State::with_tree(rounded(points, {}, grid, context), context)
                            : state.round_level(points, grid, context);
@@ -398,10 +439,11 @@ std::vector<LodTile> LodTiler::add_level(const PointCloud& cloud, bool whole,
         context);
     context.checkpoint(0.5);
     std::vector<LodTile> tiles(parts.size());
+    const std::size_t asked = std::max(kAsked / parts.size(), kAsked / 4);
     parallel_for_blocks(parts.size(), 1, context, [&](std::size_t t, std::size_t) {
         tiles[t].level = state.levels;
         if (parts[t].parent != TileTree::kNone) tiles[t].parent = parts[t].parent;
-        state.encode(tiles[t], cloud, parts[t].points, order, level, grid);
+        state.encode(tiles[t], cloud, parts[t].points, order, level, grid, asked);
     });
     context.checkpoint(0.9);
     state.add_errors(tiles, level, context);
