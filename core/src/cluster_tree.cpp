@@ -205,6 +205,13 @@ private:
     const RunContext& context_;
 };
 
+/// The first `count` of some ranks, at least one, with the last of them at the end.
+void keep_first(std::vector<SplitRank>& ranks, std::size_t count, const RunContext& context) {
+    std::nth_element(ranks.begin(), ranks.begin() + static_cast<std::ptrdiff_t>(count - 1),
+                     ranks.end(), until_stopped(context, std::less<>()));
+    ranks.resize(count);
+}
+
 bool is_resident(std::size_t points) noexcept {
     return points <= kResident;
 }
@@ -333,19 +340,43 @@ void ClusterTree::grow_leaves(const SplitRule& rule, const RunContext& context) 
 }
 
 Cut ClusterTree::cut(std::uint64_t size, const RunContext& context) {
-    assert(size >= 1 && size <= points_.size());
-    // Most clusters larger than the average will be split.
-    if (nodes_.empty()) {
-        const double likely = 1.5 * static_cast<double>(points_.size()) / static_cast<double>(size);
-        grow({.max_size = std::min<double>(likely, kResident)}, context);
-    }
-    if (size == 1) return {{0, static_cast<Index>(points_.size())}, {1}};
+    return std::move(cuts({&size, 1}, context).front());
+}
 
-    // The nodes that the queue splits, first among those known, until none of them is a leaf.
+std::vector<Cut> ClusterTree::cuts(std::span<const std::uint64_t> sizes,
+                                   const RunContext& context) {
+    std::vector<Cut> cuts;
+    std::vector<SplitRank> splits;  // of the cut before: those of the next are among them
+    for (const std::uint64_t size : sizes) {
+        assert(size >= 1 && size <= points_.size());
+        // Most clusters larger than the average will be split.
+        if (nodes_.empty()) {
+            const double likely =
+                1.5 * static_cast<double>(points_.size()) / static_cast<double>(size);
+            grow({.max_size = std::min<double>(likely, kResident)}, context);
+        }
+        if (size == 1) {
+            cuts.push_back({{0, static_cast<Index>(points_.size())}, {1}});
+            continue;
+        }
+        if (splits.empty())
+            splits = first_splits(size - 1, context);
+        else
+            keep_first(splits, size - 1, context);
+        const auto is_above = [last = splits.back()](const ClusterNode& node) {
+            return node.is_split() && !(last < node.rank());
+        };
+        cuts.push_back(cut_where(is_above, context));
+    }
+    return cuts;
+}
+
+/// The nodes that the queue splits, first among those known, until none of them is a leaf; the last
+/// of them at the end.
+std::vector<SplitRank> ClusterTree::first_splits(std::size_t count, const RunContext& context) {
     std::vector<SplitRank> chosen;
-    std::size_t known = 0;
     chosen.reserve(nodes_.size());
-    while (true) {
+    for (std::size_t known = 0; known < nodes_.size();) {
         for_blocks_in_order(nodes_.size() - known, context,
                             [&](std::size_t begin, std::size_t end) {
                                 for (const ClusterNode& node :
@@ -353,18 +384,10 @@ Cut ClusterTree::cut(std::uint64_t size, const RunContext& context) {
                                     if (node.can_split()) chosen.push_back(node.rank());
                             });
         known = nodes_.size();
-        const std::size_t splits = std::min<std::size_t>(size - 1, chosen.size());
-        std::nth_element(chosen.begin(), chosen.begin() + static_cast<std::ptrdiff_t>(splits - 1),
-                         chosen.end(), until_stopped(context, std::less<>()));
-        chosen.resize(splits);
-        const SplitRule rule{.last = chosen.back()};
-        grow_leaves(rule, context);
-        if (nodes_.size() > known) continue;
-        const auto is_above = [&rule](const ClusterNode& node) {
-            return node.is_split() && !(rule.last < node.rank());
-        };
-        return cut_where(is_above, context);
+        keep_first(chosen, std::min(count, chosen.size()), context);
+        grow_leaves({.last = chosen.back()}, context);
     }
+    return chosen;
 }
 
 Cut ClusterTree::leaves(const RunContext& context) const {

@@ -82,6 +82,8 @@ public:
     /// The clusters that a priority queue holds when there are `size` of them; grows the tree where
     /// it must. 1 <= size <= number of points.
     Cut cut(std::uint64_t size, const RunContext& context);
+    /// The same of several sizes, none larger than the one before: all but the first take little.
+    std::vector<Cut> cuts(std::span<const std::uint64_t> sizes, const RunContext& context);
 
     /// The leaves.
     Cut leaves(const RunContext& context) const;
@@ -94,6 +96,7 @@ private:
 
     void split_large(const SplitRule& rule, const RunContext& context);
     void grow_leaves(const SplitRule& rule, const RunContext& context);
+    std::vector<SplitRank> first_splits(std::size_t count, const RunContext& context);
     template <typename Descends>
     Cut cut_where(const Descends& descends, const RunContext& context) const;
 

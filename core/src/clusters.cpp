@@ -315,7 +315,7 @@ PointCloud representatives(const PointCloud& cloud, const MemberLists& clusters,
     auto positions = made_in_blocks<std::vector<Vec3f>>(count, context);
     std::vector<Index> nearest(needs_nearest ? count : 0);
     parallel_for_blocks(count, kClustersPerBlock, context, [&](std::size_t begin, std::size_t end) {
-        Gathered gathered(cloud.positions);
+        Gathered gathered(cloud.positions, clusters.ordered);
         for (std::size_t i = begin; i < end; ++i) {
             const std::span<const Index> members = clusters.of(i);
             const SampleMoments moments = gathered.moments_of(members);

@@ -24,13 +24,21 @@ struct Near {
 /// cluster of one piece is gathered once.
 class Gathered {
 public:
-    explicit Gathered(std::span<const Vec3f> points) : points_(points), storage_(kPiece) {}
+    /// @param ordered  all members of all clusters, as they stand behind each other, where that is
+    /// at hand: then nothing is gathered, and lists of members are parts of `ordered.index`.
+    explicit Gathered(std::span<const Vec3f> points, const SampleSpan& ordered = {})
+        : points_(points), ordered_(ordered), storage_(ordered.size > 0 ? 0 : kPiece) {}
 
     /// Calls `visit` with the samples of each piece.
     template <typename Visit>
     void each_piece(std::span<const Index> members, Visit&& visit) {
         for (std::size_t begin = 0; begin < members.size(); begin += kPiece) {
             const auto piece = members.subspan(begin, std::min(kPiece, members.size() - begin));
+            if (ordered_.size > 0) {
+                const auto at = static_cast<std::size_t>(piece.data() - ordered_.index);
+                visit(ordered_.part(at, at + piece.size()));
+                continue;
+            }
             const MutableSampleSpan samples = storage_.all().part(0, piece.size());
             if (piece.data() != last_) gather(points_, piece, samples);
             last_ = piece.data();
@@ -57,6 +65,7 @@ private:
     static constexpr std::size_t kPiece = 4'096;
 
     std::span<const Vec3f> points_;
+    SampleSpan ordered_;
     Samples storage_;
     const Index* last_ = nullptr;
 };

@@ -1,6 +1,8 @@
 #include "stipple/lod_pyramid.hpp"
 
 #include "cluster_tree.hpp"
+#include "gather.hpp"
+#include "parallel_for.hpp"
 #include "representatives.hpp"
 #include "stipple/error.hpp"
 #include "stipple/neighbors.hpp"
@@ -14,6 +16,8 @@ namespace stipple {
 
 namespace {
 
+constexpr std::size_t kBlock = 65'536;
+
 [[noreturn]] void refuse(const std::string& message) {
     throw Error(ErrorCode::InvalidArgument, message);
 }
@@ -23,16 +27,26 @@ void cut_levels(const PointCloud& cloud, std::span<const std::uint64_t> sizes,
                 const RunContext& context) {
     const std::vector<Reduction> reductions =
         reductions_for(cloud, options.reductions, options.representative);
-    // The finest cut first: it grows the tree for all others.
-    ClusterTree tree(cloud.positions);
-    std::vector<std::vector<Index>> offsets(sizes.size());
-    for (std::size_t level = sizes.size(); level-- > 0;) {
-        offsets[level] = tree.cut(sizes[level], context).offsets;
-    }
-    for (const std::vector<Index>& cut : offsets) {
-        emit(representatives(cloud, MemberLists{tree.members().data(), cut}, options.representative,
-                             reductions, context));
-    }
+    const auto levels_of = [&] {
+        ClusterTree tree(cloud.positions);
+        const std::vector<std::uint64_t> finest_first(sizes.rbegin(), sizes.rend());
+        const std::vector<Cut> cuts = tree.cuts(finest_first, context);
+        // Once for all levels.
+        Samples samples(sizes.empty() ? 0 : cloud.size());
+        parallel_for_blocks(samples.size(), kBlock, context,
+                            [&](std::size_t begin, std::size_t end) {
+                                gather(cloud.positions, tree.members().subspan(begin, end - begin),
+                                       samples.all().part(begin, end));
+                            });
+        const SampleSpan ordered = samples.all();
+        std::vector<PointCloud> levels;
+        for (auto cut = cuts.rbegin(); cut != cuts.rend(); ++cut)
+            levels.push_back(representatives(cloud,
+                                             MemberLists{ordered.index, cut->offsets, ordered},
+                                             options.representative, reductions, context));
+        return levels;
+    };
+    for (PointCloud& level : levels_of()) emit(std::move(level));
 }
 
 /// Coarsest first.

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "samples.hpp"
 #include "stipple/clusters.hpp"
 #include "stipple/run_context.hpp"
 
@@ -22,6 +23,8 @@ std::vector<Reduction> reductions_for(const PointCloud& cloud,
 struct MemberLists {
     const Index* members;
     std::span<const Index> offsets;
+    SampleSpan ordered{};  ///< the points of all lists, one list behind the other, where they are
+                           ///< at hand: then `members` is its `index`
 
     std::size_t size() const noexcept { return offsets.size() - 1; }
     std::span<const Index> of(std::size_t i) const noexcept {
