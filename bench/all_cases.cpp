@@ -40,6 +40,14 @@ void add_io_cases(std::vector<Case>& all) {
                  [](S& s, N& name) { pyramid(s, name, "dragon"); }},
                 {"pyramid/2M/ratio-4", "the same of a scan of two million points",
                  [](S& s, N& name) { pyramid(s, name, "2M"); }},
+                {"pyramid/10M/ratio-4", "the same of ten million",
+                 [](S& s, N& name) { pyramid(s, name, "10M"); }},
+                {"tiles/dragon/ratio-4", "all levels with their tiles, measured and encoded",
+                 [](S& s, N& name) { tiles(s, name, "dragon"); }},
+                {"tiles/2M/ratio-4", "the same of a scan of two million points",
+                 [](S& s, N& name) { tiles(s, name, "2M"); }},
+                {"tiles/10M/ratio-4", "the same of ten million",
+                 [](S& s, N& name) { tiles(s, name, "10M"); }},
                 {"encode/dragon", "Draco and PLY encoding",
                  [](S& s, N& name) { encode(s, name, "dragon"); }}});
 }

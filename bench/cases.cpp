@@ -145,18 +145,6 @@ void pyramid(Session& session, const std::string& name, const std::string& model
                      model.cloud, options, [](LodLevel&&) {}, on_threads(threads));
                  return {};
              }});
-        contestants.push_back({.name = "with all tiles", .run = [=, &model]() -> std::any {
-                                   LodTiler tiler(model.cloud, {}, on_threads(threads));
-                                   build_lod_pyramid(
-                                       model.cloud, options,
-                                       [&](LodLevel&& level) {
-                                           tiler.add_level(level.cloud,
-                                                           level.cloud.size() == sizes.back(),
-                                                           on_threads(threads));
-                                       },
-                                       on_threads(threads));
-                                   return {};
-                               }});
         if (sizes.size() > 1)
             contestants.push_back(
                 {.name = "its finest cut alone", .run = [=, &model]() -> std::any {
@@ -170,6 +158,44 @@ void pyramid(Session& session, const std::string& name, const std::string& model
                                  " levels from " + with_commas(sizes.front()),
                          .units = model.cloud.size()},
                         std::move(contestants));
+    }
+}
+
+void tiles(Session& session, const std::string& name, const std::string& model_name) {
+    const Model& model = session.models().get(model_name);
+    for (const unsigned threads : session.options().threads) {
+        const RunContext context = on_threads(threads);
+        const LodPyramidOptions options{.spacing = false};
+        const std::vector<std::uint64_t> sizes = lod_sizes(model.cloud.size(), options);
+        std::vector<Contestant> contestants;
+        contestants.push_back(
+            {.name = "all levels and their tiles", .run = [=, &model]() -> std::any {
+                 LodTiler tiler(model.cloud, {}, context);
+                 build_lod_pyramid(
+                     model.cloud, options,
+                     [&](LodLevel&& level) {
+                         tiler.add_level(level.cloud, level.cloud.size() == sizes.back(), context);
+                     },
+                     context);
+                 return {};
+             }});
+        contestants.push_back(
+            {.name = "the tiles of the finest level alone", .run = [=, &model]() -> std::any {
+                 LodTiler(model.cloud, {}, context).add_level(model.cloud, true, context);
+                 return {};
+             }});
+        contestants.push_back({.name = "all levels alone", .run = [=, &model]() -> std::any {
+                                   build_lod_pyramid(
+                                       model.cloud, options, [](LodLevel&&) {}, context);
+                                   return {};
+                               }});
+        session.contest(
+            {.name = name,
+             .threads = threads,
+             .work = described(model) + ", " + std::to_string(sizes.size()) + " levels from " +
+                     with_commas(sizes.front()) + ", tiles measured and encoded",
+             .units = model.cloud.size()},
+            std::move(contestants));
     }
 }
 

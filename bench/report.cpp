@@ -24,8 +24,8 @@ std::string milliseconds(double seconds) {
 using Row = std::vector<std::string>;
 
 Row heading(const CaseResult& result) {
-    Row row = {"contestant", "wall ms", "best",       "worst",    "CPU ms",
-               "M/s",        "+MB",     "wall ratio", "CPU ratio"};
+    Row row = {"contestant", "wall ms",  "best", "worst",      "CPU ms",
+               "M/s",        "M/s core", "+MB",  "wall ratio", "CPU ratio"};
     const auto widest = std::ranges::max_element(
         result.standings, {}, [](const Standing& standing) { return standing.figures.size(); });
     for (const Figure& figure : widest->figures) row.push_back(figure.name);
@@ -43,6 +43,7 @@ Row row_of(const CaseResult& result, const Standing& standing) {
                milliseconds(standing.worst_wall()),
                milliseconds(standing.median_cpu()),
                fixed(1e-6 * static_cast<double>(result.units) / standing.median_wall(), 2),
+               fixed(1e-6 * static_cast<double>(result.units) / standing.median_cpu(), 2),
                fixed(1e-6 * static_cast<double>(standing.peak_bytes()), 0),
                fixed(median_ratio(first, standing, &Timing::wall_s), 2),
                fixed(median_ratio(first, standing, &Timing::cpu_s), 2)};
