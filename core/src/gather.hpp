@@ -35,7 +35,7 @@ public:
         for (std::size_t begin = 0; begin < members.size(); begin += kPiece) {
             const auto piece = members.subspan(begin, std::min(kPiece, members.size() - begin));
             if (ordered_.size > 0) {
-                const auto at = static_cast<std::size_t>(piece.data() - ordered_.index);
+                const std::size_t at = place_of(piece);
                 visit(ordered_.part(at, at + piece.size()));
                 continue;
             }
@@ -48,7 +48,8 @@ public:
 
     /// Of a cluster of at least one.
     SampleMoments moments_of(std::span<const Index> members) {
-        const Vec3f& first = points_[members.front()];
+        const Vec3f first =
+            ordered_.size > 0 ? ordered_.position(place_of(members)) : points_[members.front()];
         SampleSums sums{};
         each_piece(members, [&](const SampleSpan& samples) {
             const SampleSums part =
@@ -63,6 +64,10 @@ public:
 
 private:
     static constexpr std::size_t kPiece = 4'096;
+
+    std::size_t place_of(std::span<const Index> members) const noexcept {
+        return static_cast<std::size_t>(members.data() - ordered_.index);
+    }
 
     std::span<const Vec3f> points_;
     SampleSpan ordered_;
