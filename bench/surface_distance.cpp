@@ -404,6 +404,20 @@ SurfaceDistance SurfaceMeter::measure(const PointCloud& simplified) const {
     return result;
 }
 
+PlaceDistances SurfaceMeter::measure_places(const PointCloud& simplified, bool on_surface) const {
+    const Original& original = *original_;
+    const MlsSurface surface(absolute_positions(simplified), original.options.neighbors);
+    PlaceDistances measured{original.points, original.point_weights, {}};
+    if (on_surface) {
+        const auto feet = original.feet(original.surface, original.points);
+        for (std::size_t i = 0; i < feet.size(); ++i)
+            if (feet[i].converged) measured.places[i] = feet[i].point;
+    }
+    for (const Foot& foot : original.feet(surface, measured.places))
+        measured.distances.push_back(foot.distance);
+    return measured;
+}
+
 SurfaceDistance measure(const PointCloud& original, const PointCloud& simplified,
                         unsigned threads) {
     return SurfaceMeter(original, {}, {.threads = threads}).measure(simplified);

@@ -52,6 +52,12 @@ struct SurfaceDistanceOptions {
     unsigned threads = 0;  ///< 0: one per hardware thread; the result does not depend on it
 };
 
+/// Distances of places of the original from S', in input units.
+struct PlaceDistances {
+    std::vector<Vec3d> places;             ///< points of P, drawn at random
+    std::vector<double> areas, distances;  ///< of each: of S around it, and to S'
+};
+
 /// The error measure of the paper's §4 against one original. Shares no code with the library that
 /// it judges.
 class SurfaceMeter {
@@ -64,6 +70,10 @@ public:
 
     /// @param simplified  at least one point.
     SurfaceDistance measure(const PointCloud& simplified) const;
+
+    /// What `mean_points` is the mean of.
+    /// @param on_surface  from where the points meet S: without what they are off it.
+    PlaceDistances measure_places(const PointCloud& simplified, bool on_surface) const;
 
 private:
     struct Original;

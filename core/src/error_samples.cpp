@@ -69,6 +69,29 @@ float third_distance_sq(const GroupFloats& x, const GroupFloats& y, const GroupF
     return *median;
 }
 
+/// The sixteen points of two leaves that follow each other; the last group has what is left, too.
+struct Group {
+    std::size_t first, last;
+
+    static std::size_t count(const PointTree& tree) noexcept {
+        return std::max<std::size_t>(1, tree.size() / kGroup);
+    }
+    static Group at(const PointTree& tree, std::size_t number) noexcept {
+        const std::size_t first = number * kGroup;
+        return {first, number + 1 == count(tree) ? tree.size() : first + kGroup};
+    }
+    float area(const PointTree& tree) const {
+        GroupFloats x, y, z;
+        for (std::size_t at = first; at < last; ++at) {
+            const Vec3f p = position(tree, at);
+            x[at - first] = p.x();
+            y[at - first] = p.y();
+            z[at - first] = p.z();
+        }
+        return third_distance_sq(x, y, z, last - first);
+    }
+};
+
 /// How far from each of some points of the tree its third neighbour is.
 std::vector<float> third_distances(const PointTree& tree, std::span<const Vec3f> points,
                                    const RunContext& context) {
@@ -126,22 +149,15 @@ void ErrorSamples::resize(std::size_t n, const RunContext& context) {
 std::vector<float> point_areas(const PointTree& tree, const RunContext& context) {
     const std::size_t n = tree.size();
     auto areas = made_in_blocks<std::vector<float>>(n, context);
-    const std::size_t groups = std::max<std::size_t>(1, n / kGroup);  // the last takes the rest
-    parallel_for_blocks(groups, kBlock / kGroup, context, [&](std::size_t begin, std::size_t end) {
-        GroupFloats x, y, z;
-        for (std::size_t g = begin; g < end; ++g) {
-            const std::size_t first = g * kGroup, last = g + 1 == groups ? n : first + kGroup;
-            for (std::size_t at = first; at < last; ++at) {
-                const Vec3f p = position(tree, at);
-                x[at - first] = p.x();
-                y[at - first] = p.y();
-                z[at - first] = p.z();
-            }
-            std::fill(areas.begin() + static_cast<std::ptrdiff_t>(first),
-                      areas.begin() + static_cast<std::ptrdiff_t>(last),
-                      third_distance_sq(x, y, z, last - first));
-        }
-    });
+    parallel_for_blocks(Group::count(tree), kBlock / kGroup, context,
+                        [&](std::size_t begin, std::size_t end) {
+                            for (std::size_t g = begin; g < end; ++g) {
+                                const Group group = Group::at(tree, g);
+                                std::fill(areas.begin() + static_cast<std::ptrdiff_t>(group.first),
+                                          areas.begin() + static_cast<std::ptrdiff_t>(group.last),
+                                          group.area(tree));
+                            }
+                        });
     if (std::ranges::none_of(areas, [](float a) { return a > 0; })) std::ranges::fill(areas, 1.0F);
     return areas;
 }
@@ -169,6 +185,46 @@ ErrorSamples take_points(const PointTree& tree, std::uint64_t count, std::uint64
             samples.positions[i] = position(tree, at);
             find_nearest(tree, samples.positions[i], found);
             samples.areas[i] = found.back().distance_sq;
+        }
+    });
+    if (std::ranges::none_of(samples.areas, [](float a) { return a > 0; }))
+        std::ranges::fill(samples.areas, 1.0F);
+    return samples;
+}
+
+ErrorSamples take_points_by_area(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
+                                 const RunContext& context) {
+    constexpr std::uint64_t kCandidates = 8;  // for each that is drawn
+    const std::size_t n = tree.size();
+    if (n <= count) return take_points(tree, count, seed, context);
+    const std::size_t m = std::min<std::uint64_t>(kCandidates * count, n);
+    const double step = static_cast<double>(n) / static_cast<double>(m);
+    std::vector<std::size_t> candidates(m);
+    std::vector<float> areas(m);
+    parallel_for_blocks(m, kBlock, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+            const double drawn = step * (static_cast<double>(i) + random_unit(seed, i));
+            candidates[i] = std::min(n - 1, static_cast<std::size_t>(drawn));
+            const std::size_t group = std::min(candidates[i] / kGroup, Group::count(tree) - 1);
+            areas[i] = Group::at(tree, group).area(tree);
+        }
+    });
+    const double total = std::accumulate(areas.begin(), areas.end(), 0.0);
+    if (!(total > 0)) return take_points(tree, count, seed, context);
+    // Some for each, so that no weight is beyond measure.
+    for (float& area : areas) area += static_cast<float>(0.1 * total / static_cast<double>(m));
+
+    const std::vector<std::size_t> drawn = draw_by_area(areas, count, ~seed, context);
+    ErrorSamples samples;
+    samples.resize(count, context);
+    parallel_for_blocks(count, kBlock, context, [&](std::size_t begin, std::size_t end) {
+        constexpr std::size_t kNearest = 7;  // the point itself is the first
+        std::array<Neighbor, kNearest> nearest;
+        const std::span<Neighbor> found = std::span(nearest).first(std::min(kNearest, n));
+        for (std::size_t i = begin; i < end; ++i) {
+            samples.positions[i] = position(tree, candidates[drawn[i]]);
+            find_nearest(tree, samples.positions[i], found);
+            samples.areas[i] = found.back().distance_sq / areas[drawn[i]];
         }
     });
     if (std::ranges::none_of(samples.areas, [](float a) { return a > 0; }))

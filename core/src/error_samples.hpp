@@ -31,6 +31,13 @@ std::vector<float> point_areas(const PointTree& tree, const RunContext& context)
 ErrorSamples take_points(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
                          const RunContext& context);
 
+/// `count` of the points as well, with less left to chance: large areas, of which a few points
+/// would decide, are drawn more often. The area of a point, by its sixth neighbour, is divided by
+/// that by which it was drawn, the median of sixteen points as in `point_areas`. Some may come
+/// twice; all come once, with `point_areas`, when there are no more. O(count), parallel.
+ErrorSamples take_points_by_area(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
+                                 const RunContext& context);
+
 /// `count` random places of the surface, evenly over its area: points drawn by their area, moved in
 /// their tangent planes by up to about half a spacing, and projected.
 ErrorSamples take_surface(const PointTree& tree, const FootFinder& surface, std::uint64_t count,

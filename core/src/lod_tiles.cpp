@@ -96,10 +96,12 @@ std::vector<Vec3f> rounded(std::span<const Vec3f> points, std::span<const Vec3f>
 ErrorSamples take_samples(std::span<const Vec3f> points, const PointTree& tree,
                           const RunContext& context) {
     constexpr std::uint64_t kMany = 100'000, kShare = 128, kLeast = 32'768, kMost = 131'072;
-    if (points.size() < kMany)
-        return take_surface(tree, FootFinder(points, tree, {}), kLeast, 0, context);
+    if (points.size() < kMany) {
+        const PointTree compact(points, PointTree::Leaves::Compact, context);  // areas are its own
+        return take_surface(compact, FootFinder(points, compact, {}), kLeast, 0, context);
+    }
     const std::uint64_t count = std::clamp(points.size() / kShare, kLeast, kMost);
-    return take_points(tree, count, 0, context);
+    return take_points_by_area(tree, count, 0, context);
 }
 
 constexpr std::size_t kAsked = 256;

@@ -101,8 +101,8 @@ struct LodTile : LodFigures {
 /// said of a tile is then said of all points that are there down to its level.
 ///
 /// Errors are measured on the decoded points, at one place for 128 points of the source, 32,768 to
-/// 131,072 of them, the same for all levels: the mean of a level is mostly within 1.5 % of that
-/// from infinitely many. A tile has the places in its cell, a few hundred: each says how many, and
+/// 131,072 of them, the same for all levels: the mean of a level of a surface is mostly within
+/// 1.5 % of that from infinitely many, which a level says of itself. A tile has the places in its cell, a few hundred: each says how many, and
 /// how well its mean is known by them. A tile without any, which is hardly one with many points,
 /// has the figures of its level.
 ///

@@ -60,9 +60,9 @@ export async function bundled(name, { readme, modules }) {
     return outputFiles[0].contents;
 }
 
-/** Serves each page NAME at /pages/NAME/, and beside the pages what viewers fetch by themselves. */
-export async function servePages(bundles, modules) {
-    const folders = { '/cesium/': join(modules, 'cesium/Build/Cesium'), '/draco/': join(modules, 'three/examples/jsm/libs/draco') };
+/** Serves each page NAME at /pages/NAME/, and beside the pages what viewers fetch by themselves, and other `folders`, by address. */
+export async function servePages(bundles, modules, others) {
+    const folders = { '/cesium/': join(modules, 'cesium/Build/Cesium'), '/draco/': join(modules, 'three/examples/jsm/libs/draco'), ...others };
     const found = (path) => {
         const [, name, file] = /^\/pages\/(\w+)\/(.*)$/.exec(path) ?? [];
         if (name in bundles && file === '') {

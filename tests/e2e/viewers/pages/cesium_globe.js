@@ -25,7 +25,8 @@ tileset.allTilesLoaded.addEventListener(() => {
         tell({
             points,
             center: list(center),
-            view: { eye: list(eye), target: list(eye).map((x, k) => x + list(direction)[k]), up: list(up), fov: view.fov },
+            eye: list(eye),
+            view: { eye: [0, 0, 0], target: list(direction), up: list(up), fov: view.fov },  // from there
         });
     });
 });
