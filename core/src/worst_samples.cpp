@@ -12,17 +12,20 @@ namespace stipple {
 
 namespace {
 
-constexpr std::size_t kAround = 26, kMostAtFirst = 32, kFirst = 500, kMost = 20;
-constexpr double kBeside = 0.01;                     // in h
-constexpr std::array kNear = {0.05, 0.1, 0.2, 0.4};  // in h
+constexpr std::size_t kAround = 14, kMostAtFirst = 32, kFirst = 500, kMost = 20;
+constexpr double kBeside = 0.01;                // in h
+constexpr std::array kNear = {0.05, 0.1, 0.2};  // in h
 constexpr double kAsGood = 1.01;  // a distance by iteration changes by a little more than the way
 constexpr double kGone = 5;       // times as far as the neighbour is
 
-/// One of 26 places around another: where the corners, edges and sides of a cube are.
+/// One of 14 places evenly around another: the corners and then the sides of a cube.
 Vec3f beside(const Vec3f& place, double radius, std::size_t c) {
-    const int cell = static_cast<int>(c < kAround / 2 ? c : c + 1);  // of 27, without the middle
-    const Eigen::Vector3i direction(cell % 3 - 1, cell / 3 % 3 - 1, cell / 9 - 1);
-    return place + static_cast<float>(radius) * direction.cast<float>().normalized();
+    const auto r = static_cast<float>(radius), step = static_cast<float>(radius / std::sqrt(3.0));
+    constexpr std::size_t kCorners = 8;
+    if (c < kCorners)
+        return place + step * Vec3f(c & 1 ? 1.F : -1.F, c & 2 ? 1.F : -1.F, c & 4 ? 1.F : -1.F);
+    const auto axis = static_cast<Eigen::Index>((c - kCorners) / 2);
+    return place + (c & 1 ? r : -r) * Vec3f::Unit(axis);
 }
 
 std::vector<Foot> feet_of(const FootFinder& surface, std::span<const Vec3f> places,
@@ -91,7 +94,8 @@ std::vector<double> confirmed_distances(const FootFinder& surface, std::span<con
         distances[i] = own[i].distance;
         for (const double near : kNear)
             for (std::size_t c = 0; c < kAround; ++c, ++foot)
-                distances[i] = std::min(distances[i], foot->distance + near * own[i].h);
+                if (foot->on_surface() || foot->beyond)
+                    distances[i] = std::min(distances[i], foot->distance + near * own[i].h);
     }
     return distances;
 }

@@ -10,7 +10,7 @@
 
 namespace stipple {
 
-/// How far places are from a surface, each no farther than another place around it (up to 0.4 h)
+/// How far places are from a surface, each no farther than another place around it (up to h / 5)
 /// and the way to that: a distance to a surface changes by no more than the way that one goes. So
 /// a foot counts that is not found from the place itself, where two sheets fold into a knot without
 /// a normal or an iteration ends on the wrong one.
