@@ -61,15 +61,14 @@ public:
 
 private:
     void set(const Vec3f& at, std::span<const Neighbor> found, Patch& patch) {
-        const Vec3f origin = points_[found.front().index];
-        float farthest_sq = 0;
-        for (const Neighbor& neighbor : found)
-            farthest_sq = std::max(farthest_sq, neighbor.distance_sq);
+        const auto by_distance = &Neighbor::distance_sq;
+        const Vec3f origin = points_[std::ranges::min_element(found)->index];
         patch.number = ++number_;
         patch.center = at.cast<double>();
         patch.radius = search_.reach();
         const double size = static_cast<double>(found.size());
-        patch.neighborhood = std::sqrt(static_cast<double>(farthest_sq) * k_ / size);
+        const double farthest_sq = std::ranges::max_element(found, {}, by_distance)->distance_sq;
+        patch.neighborhood = std::sqrt(farthest_sq * k_ / size);
         patch.origin = origin.cast<double>();
         patch.points.clear();
         for (const Neighbor& neighbor : found)

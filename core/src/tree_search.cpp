@@ -21,8 +21,6 @@ namespace {
 
 using Eight = std::array<Float4, 2>;
 
-constexpr std::size_t kDepth = 12;  // 8^12 is above the number of points there can be
-
 /// Squared distances of eight points to q.
 Eight distances_sq(const PointTree::Leaf& leaf, const Vec3f& q) noexcept {
     Eight d;
@@ -69,6 +67,7 @@ struct Branch {
 template <typename Limit, typename Visit>
 void search(const PointTree& tree, const Vec3f& q, Limit&& limit, Visit&& visit) {
     if (tree.size() == 0) return;
+    constexpr std::size_t kDepth = 12;  // 8^12 is above the number of points there can be
     std::array<Branch, PointTree::kWidth * kDepth> stack;
     std::size_t height = 0;
     stack[height++] = {0.0F, 0, static_cast<std::uint32_t>(tree.level_count())};
@@ -138,16 +137,6 @@ bool search_few(const PointTree& tree, const Vec3f& q, std::span<Neighbor> found
     return true;
 }
 
-void add_within(const PointTree::Leaf& leaf, const Vec3f& q, float radius_sq,
-                std::vector<Neighbor>& found) {
-    const Eight d = distances_sq(leaf, q);
-    for (unsigned lanes = lanes_within(d, radius_sq); lanes != 0; lanes &= lanes - 1) {
-        const auto lane = static_cast<std::size_t>(std::countr_zero(lanes));
-        if (leaf.index[lane] != PointTree::kNone)
-            found.push_back({d[lane / 4][lane % 4], leaf.index[lane]});
-    }
-}
-
 }  // namespace
 
 float guess_radius_sq(const PointTree::Node& node, unsigned k) noexcept {
@@ -171,26 +160,16 @@ std::span<Neighbor> find_nearest(const PointTree& tree, const Vec3f& q,
 
 void find_within(const PointTree& tree, const Vec3f& q, float radius_sq,
                  std::vector<Neighbor>& found) {
-    if (tree.size() == 0) return;
-    struct Place {
-        std::uint32_t number, level;
-    };
-    std::array<Place, PointTree::kWidth * kDepth> stack;  // in any order: nothing shrinks
-    std::size_t height = 0;
-    stack[height++] = {0, static_cast<std::uint32_t>(tree.level_count() - 1)};
-    while (height > 0) {
-        const auto [number, level] = stack[--height];
-        unsigned near = lanes_within(distances_sq(tree.node(level, number), q), radius_sq);
-        for (; near != 0; near &= near - 1) {
-            const std::uint32_t child = number * std::uint32_t{PointTree::kWidth} +
-                                        static_cast<std::uint32_t>(std::countr_zero(near));
-            if (child >= tree.child_count(level)) break;
-            if (level > 0)
-                stack[height++] = {child, level - 1};
-            else
-                add_within(tree.leaf(child), q, radius_sq, found);
-        }
-    }
+    search(
+        tree, q, [radius_sq] { return radius_sq; },
+        [&](const PointTree::Leaf& leaf) {
+            const Eight d = distances_sq(leaf, q);
+            for (unsigned lanes = lanes_within(d, radius_sq); lanes != 0; lanes &= lanes - 1) {
+                const auto lane = static_cast<std::size_t>(std::countr_zero(lanes));
+                if (leaf.index[lane] != PointTree::kNone)
+                    found.push_back({d[lane / 4][lane % 4], leaf.index[lane]});
+            }
+        });
 }
 
 }  // namespace stipple

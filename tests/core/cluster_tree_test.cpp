@@ -6,6 +6,7 @@
 
 #include <gtest/gtest.h>
 #include <algorithm>
+#include <array>
 #include <numeric>
 #include <stop_token>
 
@@ -35,6 +36,18 @@ TEST(ClusterTree, ACutDoesNotDependOnTheCutsBefore) {
         std::ranges::sort(a);
         std::ranges::sort(b);
         EXPECT_EQ(a, b);
+    }
+}
+
+TEST(ClusterTree, CutsOfSeveralSizesAreThoseOfEachAlone) {
+    const auto points = test::sphere(20'000, 0.05).positions;
+    constexpr std::array<std::uint64_t, 6> kSizes = {20'000, 9'000, 3'000, 3'000, 2, 1};
+    const std::vector<Cut> cuts = ClusterTree(points).cuts(kSizes, {});
+    ASSERT_EQ(cuts.size(), kSizes.size());
+    for (std::size_t i = 0; i < kSizes.size(); ++i) {
+        const Cut alone = ClusterTree(points).cut(kSizes[i], {});
+        EXPECT_EQ(cuts[i].offsets, alone.offsets) << kSizes[i];
+        EXPECT_EQ(cuts[i].clusters_of, alone.clusters_of) << kSizes[i];
     }
 }
 
