@@ -90,7 +90,7 @@ public:
         for (std::size_t level = 0; level < results_.levels.size(); ++level) {
             std::uint64_t points = 0;
             for (const Tile& tile : tiles_) {
-                if (tile.said.level != level) continue;
+                if (!is_of(tile, level)) continue;
                 points += tile.points.size();
                 findings_.expect(tile.points.size() == tile.said.points && !tile.points.empty(),
                                  "a tile has other points than said", tile.uri);
@@ -104,7 +104,7 @@ public:
     void check_places() {
         const NeighborSearch source(source_.positions);
         for (const Tile& tile : tiles_) {
-            if (tile.said.level + 1 != results_.levels.size()) continue;
+            if (!is_of(tile, results_.levels.size() - 1)) continue;
             for (const Vec3f& p : tile.points.positions) {
                 const Vec3d place = tile.points.origin + p.cast<double>() - source_.origin;
                 Neighbor nearest{};
@@ -137,6 +137,12 @@ public:
     std::size_t print() const { return findings_.print(); }
 
 private:
+    /// Whether the level has the points of a tile: where tiles are additive, those above, too.
+    bool is_of(const Tile& tile, std::size_t level) const {
+        const auto& job = std::get<proto::PyramidJob>(results_.request.job);
+        return tile.said.level == level || (job.options.nested && tile.said.level < level);
+    }
+
     void read(const proto::OutputCloud& level) {
         for (const proto::OutputFile& file : level.files) {
             if (!file.tile) continue;
@@ -199,7 +205,7 @@ private:
         std::vector<std::size_t> tile_of;  // by point
         std::size_t bytes = 0, count = 0;
         for (std::size_t t = 0; t < tiles_.size(); ++t) {
-            if (tiles_[t].said.level != level) continue;
+            if (!is_of(tiles_[t], level)) continue;
             const auto& points = tiles_[t].points.positions;
             all.positions.insert(all.positions.end(), points.begin(), points.end());
             tile_of.resize(all.size(), t);
@@ -218,7 +224,11 @@ private:
         for (std::size_t i = 0; i < measured.places.size(); ++i) {
             Neighbor found{};
             nearest.nearest((measured.places[i] - center_).cast<float>(), {&found, 1});
-            for (Sum* const sum : {&whole, &tiles[tile_of[found.index]]}) {
+            const std::size_t tile = tile_of[found.index];
+            // What tiles of other levels say is of those.
+            Sum others;
+            for (Sum* const sum :
+                 {&whole, tiles_[tile].said.level == level ? &tiles[tile] : &others}) {
                 sum->area += measured.areas[i];
                 sum->distance += measured.areas[i] * measured.distances[i];
             }

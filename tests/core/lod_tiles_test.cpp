@@ -317,8 +317,7 @@ protected:
         cloud_ = numbered(test::sphere(8'000, 0.002));
         LodTiler tiler(cloud_, {.max_points = 1'000, .attributes = true, .additive = true});
         center_ = tiler.center();
-        build_lod_pyramid(cloud_,
-                          {.base_points = 500, .method = Method::Iterative, .nested = true},
+        build_lod_pyramid(cloud_, {.base_points = 500, .method = Method::Iterative, .nested = true},
                           [&](LodLevel&& level) {
                               const bool whole = level.cloud.size() == cloud_.size();
                               tiles_.push_back(tiler.add_level(level.cloud, whole));
