@@ -22,7 +22,7 @@ namespace {
 
 /// Steps in which points are fitted to the surface, and input points of each of them that it is
 /// fitted to.
-constexpr unsigned kFits = 2, kFitted = 8;
+constexpr unsigned kFits = 2, kFitted = 4;
 
 /// The samples of each survivor, in their order.
 Clusters clusters_of(const ContractionSnapshot& snapshot, const RunContext& context) {
