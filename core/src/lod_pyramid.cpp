@@ -1,5 +1,6 @@
 #include "stipple/lod_pyramid.hpp"
 
+#include "cloud_copy.hpp"
 #include "cluster_tree.hpp"
 #include "representatives.hpp"
 #include "stipple/error.hpp"
@@ -124,7 +125,7 @@ void build_lod_pyramid(const PointCloud& cloud, const LodPyramidOptions& options
         for (PointCloud& next : snapshots(cloud, made, options, context.part(0, begin)))
             emit(std::move(next));
     }
-    if (made.size() < sizes.size()) emit(PointCloud(cloud));
+    if (made.size() < sizes.size()) emit(copy_of(cloud, context));
 }
 
 }  // namespace stipple

@@ -1,6 +1,8 @@
 #include "worst_samples.hpp"
 
+#include "first_touch.hpp"
 #include "tree_search.hpp"
+#include "until_stopped.hpp"
 
 #include <algorithm>
 #include <array>
@@ -60,8 +62,10 @@ void confirm_worst(std::span<Vec3f> places, std::span<double> distances, const F
                    const RunContext& context) {
     const std::size_t at_once = std::min(kMostAtOnce, places.size() / kOneOf);
     if (at_once == 0) return;
-    std::vector<std::size_t> order(places.size());
-    for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
+    auto order = made_in_blocks<std::vector<Index>>(places.size(), context);
+    for_blocks_in_order(order.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) order[i] = static_cast<Index>(i);
+    });
     double confirmed = 0;
     std::size_t first = 0;
     for (unsigned round = 0; round < kMostRounds; ++round) {
@@ -69,12 +73,13 @@ void confirm_worst(std::span<Vec3f> places, std::span<double> distances, const F
         const auto at = [&](std::size_t i) {
             return order.begin() + static_cast<std::ptrdiff_t>(i);
         };
-        std::partial_sort(at(first), at(last), order.end(), [&](std::size_t a, std::size_t b) {
+        const auto farther = [&](Index a, Index b) {
             return distances[a] > distances[b] || (distances[a] == distances[b] && a < b);
-        });
+        };
+        std::partial_sort(at(first), at(last), order.end(), until_stopped(context, farther));
         for (; first < last; ++first) {
             context.throw_if_stopped();
-            const std::size_t i = order[first];
+            const Index i = order[first];
             if (distances[i] <= confirmed) return;
             if (drawn_on != nullptr && !is_on(*drawn_on, places[i], context)) {
                 Neighbor nearest;
