@@ -77,6 +77,10 @@ std::size_t Standing::peak_bytes() const {
     return std::ranges::max_element(runs, {}, &Timing::peak_bytes)->peak_bytes;
 }
 
+bool Standing::is_above_stated() const {
+    return stated_bytes > 0 && peak_bytes() > stated_bytes;
+}
+
 std::vector<Standing> hold_contest(const std::vector<Contestant>& contestants, unsigned rounds,
                                    double patience_s) {
     std::vector<Standing> standings;
@@ -84,7 +88,8 @@ std::vector<Standing> hold_contest(const std::vector<Contestant>& contestants, u
     for (const Contestant& contestant : contestants) {
         Timing warm_up;
         const std::any value = run_once(contestant, warm_up);
-        standings.push_back({contestant.name, {}, contestant.figures(value)});
+        standings.push_back(
+            {contestant.name, {}, contestant.figures(value), contestant.stated_bytes});
         contestant.release();
         spent.push_back(warm_up.wall_s);
         if (warm_up.wall_s >= patience_s) standings.back().runs.push_back(warm_up);

@@ -24,6 +24,7 @@ struct Contestant {
         return std::vector<Figure>{};
     };                                      ///< of the warm-up's value
     std::function<void()> release = [] {};  ///< after each run and its figures, not timed
+    std::size_t stated_bytes = 0;  ///< memory that it says it needs at most; 0: it does not say
 };
 
 struct Timing {
@@ -36,12 +37,14 @@ struct Standing {
     std::string name;
     std::vector<Timing> runs;
     std::vector<Figure> figures;
+    std::size_t stated_bytes = 0;
 
     double median_wall() const;
     double median_cpu() const;
     double best_wall() const;  ///< what a busy machine spoils least
     double worst_wall() const;
     std::size_t peak_bytes() const;
+    bool is_above_stated() const;  ///< whether it took more memory than it says
 };
 
 /// Runs the contestants in turn, A B C A B C, after one round of warm-up. The heap is trimmed

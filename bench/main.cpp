@@ -80,17 +80,35 @@ BenchOptions parse(const std::vector<std::string>& arguments, bool& list) {
     return options;
 }
 
-void run_cases(const BenchOptions& options) {
+/// Whether none took more memory than it says; says which did.
+bool all_keep_to_stated_memory(const std::vector<CaseResult>& results) {
+    bool kept = true;
+    for (const CaseResult& result : results) {
+        for (const Standing& standing : result.standings) {
+            if (!standing.is_above_stated()) continue;
+            kept = false;
+            std::cerr << "stipple-bench: " << result.name << ": " << standing.name << " took "
+                      << standing.peak_bytes() / 1'000'000 << " MB, above the "
+                      << standing.stated_bytes / 1'000'000 << " MB that its header states\n";
+        }
+    }
+    return kept;
+}
+
+/// @return whether every contestant kept to the memory that it states.
+bool run_cases(const BenchOptions& options) {
     std::cout << "Medians of " << options.repeat << " rounds after a warm-up, contestants in turn. "
               << "Ratios: times the first row's time.\n"
               << "Compared with: " << tools_present() << ".\n";
     Session session(options);
     for (const Case& c : all_cases())
         if (c.name.find(options.filter) != std::string::npos) c.run(session, c.name);
-    if (options.json.empty()) return;
-    std::ofstream out(options.json);
-    write_json(out, session.results());
-    if (!out.flush()) throw std::runtime_error("cannot write " + options.json.string());
+    if (!options.json.empty()) {
+        std::ofstream out(options.json);
+        write_json(out, session.results());
+        if (!out.flush()) throw std::runtime_error("cannot write " + options.json.string());
+    }
+    return all_keep_to_stated_memory(session.results());
 }
 
 int run(const std::vector<std::string>& arguments) {
@@ -100,7 +118,7 @@ int run(const std::vector<std::string>& arguments) {
         if (list)
             for (const Case& c : all_cases()) std::cout << c.name << "  " << c.what << '\n';
         else
-            run_cases(options);
+            return run_cases(options) ? 0 : 1;
         return 0;
     } catch (const std::invalid_argument& error) {
         std::cerr << "stipple-bench: " << error.what() << '\n' << kUsage;

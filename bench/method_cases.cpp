@@ -13,6 +13,34 @@ namespace stipple::bench {
 
 namespace {
 
+/// What the method's header says it needs beyond the clouds, for bare positions, with 8 MB on each
+/// thread; and the result, and some pages that any program has at hand.
+std::size_t stated_bytes(const SimplifyOptions& options, std::size_t points, std::size_t target,
+                         unsigned threads) {
+    const auto n = static_cast<double>(points), kept = static_cast<double>(target);
+    const auto bytes = [&] {
+        switch (options.method) {
+            case Method::Multiphase:
+                return std::max(8 * n, 4 * n + 250 * options.oversampling * kept);
+            case Method::Hierarchical:
+                return std::max(8 * n, 4 * n + 120 * kept);
+            case Method::Incremental:
+                return 50 * n;
+            case Method::Iterative:
+                return (72 + 4 * options.iterative.k) * n + 60 * 8 * kept;
+            case Method::Particles:
+                return 60 * n + 160 * std::min(n, 16 * kept) + 250 * kept;
+            case Method::Voxel:
+                return 8 * n + 40 * kept;
+            case Method::Random:
+                break;
+        }
+        return 4 * kept;
+    };
+    constexpr double kOfThread = 8 * 1'048'576, kAtHand = 4e6;
+    return static_cast<std::size_t>(bytes() + kOfThread * threads + sizeof(Vec3f) * kept + kAtHand);
+}
+
 Contestant contestant(Session& session, const Model& model, const Way& way, std::size_t target,
                       unsigned threads) {
     SimplifyOptions options = way.options;
@@ -24,7 +52,8 @@ Contestant contestant(Session& session, const Model& model, const Way& way, std:
             .figures =
                 [&](const std::any& value) {
                     return session.error_figures(model, std::any_cast<const PointCloud&>(value));
-                }};
+                },
+            .stated_bytes = stated_bytes(options, model.cloud.size(), target, threads)};
 }
 
 Contestant simplifier(Session& session, const Model& model, const Peer& peer, unsigned threads) {

@@ -23,11 +23,19 @@ std::string milliseconds(double seconds) {
 
 using Row = std::vector<std::string>;
 
+constexpr int kMemoryColumn = 6;
+
+bool states_memory(const CaseResult& result) {
+    return std::ranges::any_of(result.standings,
+                               [](const Standing& s) { return s.stated_bytes > 0; });
+}
+
 Row heading(const CaseResult& result) {
     Row row = {"contestant", "wall ms",  "best", "worst",      "CPU ms",
                "M/s",        "M/s core", "+MB",  "wall ratio", "CPU ratio"};
     const auto widest = std::ranges::max_element(
         result.standings, {}, [](const Standing& standing) { return standing.figures.size(); });
+    if (states_memory(result)) row.insert(row.begin() + kMemoryColumn + 1, "stated MB");
     for (const Figure& figure : widest->figures) row.push_back(figure.name);
     return row;
 }
@@ -47,6 +55,13 @@ Row row_of(const CaseResult& result, const Standing& standing) {
                fixed(1e-6 * static_cast<double>(standing.peak_bytes()), 0),
                fixed(median_ratio(first, standing, &Timing::wall_s), 2),
                fixed(median_ratio(first, standing, &Timing::cpu_s), 2)};
+    if (states_memory(result)) {
+        const std::string stated = fixed(1e-6 * static_cast<double>(standing.stated_bytes), 0);
+        row.insert(row.begin() + kMemoryColumn + 1, standing.stated_bytes == 0 ? ""
+                                                    : standing.is_above_stated()
+                                                        ? stated + " **exceeded**"
+                                                        : stated);
+    }
     for (const Figure& figure : standing.figures)
         row.push_back(fixed(figure.value, figure.decimals));
     return row;
@@ -79,7 +94,7 @@ void write_runs(std::ostream& out, const Standing& standing) {
 void write_standing(std::ostream& out, const Standing& standing) {
     out << "{\"contestant\":" << quoted(standing.name) << ",\"runs\":[";
     write_runs(out, standing);
-    out << "],\"figures\":{";
+    out << "],\"stated_bytes\":" << standing.stated_bytes << ",\"figures\":{";
     const char* separator = "";
     for (const Figure& figure : standing.figures) {
         out << separator << quoted(figure.name) << ':' << figure.value;

@@ -100,17 +100,20 @@ std::size_t mark_duplicates(const std::vector<Vec3f>& points, std::vector<std::u
 }
 
 template <typename T>
-void keep_where(std::vector<T>& values, const std::vector<std::uint8_t>& drop,
-                unsigned components) {
+void keep_where(std::vector<T>& values, const std::vector<std::uint8_t>& drop, unsigned components,
+                const RunContext& context) {
     if (values.empty()) return;
     std::size_t out = 0;
-    for (std::size_t i = 0; i < drop.size(); ++i) {
-        if (drop[i] != 0) continue;
-        if (out != i)
-            std::copy_n(values.begin() + static_cast<std::ptrdiff_t>(i * components), components,
-                        values.begin() + static_cast<std::ptrdiff_t>(out * components));
-        ++out;
-    }
+    for_blocks_in_order(drop.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+            if (drop[i] != 0) continue;
+            if (out != i)
+                std::copy_n(values.begin() + static_cast<std::ptrdiff_t>(i * components),
+                            components,
+                            values.begin() + static_cast<std::ptrdiff_t>(out * components));
+            ++out;
+        }
+    });
     values.resize(out * components);
 }
 
@@ -120,7 +123,7 @@ CleaningReport clean(PointCloud& cloud, const RunContext& context) {
     validate(cloud);
     CleaningReport report;
     const std::size_t n = cloud.size();
-    std::vector<std::uint8_t> drop(n, 0);
+    auto drop = made_in_blocks<std::vector<std::uint8_t>>(n, context);
     std::atomic<std::size_t> non_finite = 0;
     parallel_for_blocks(n, kBlock, context, [&](std::size_t begin, std::size_t end) {
         std::size_t found = 0;
@@ -139,12 +142,13 @@ CleaningReport clean(PointCloud& cloud, const RunContext& context) {
     report.duplicates = mark_duplicates(cloud.positions, drop, context);
     context.checkpoint(0.9);
     if (report.removed() > 0) {
-        keep_where(cloud.positions, drop, 1);
-        keep_where(cloud.normals, drop, 1);
-        keep_where(cloud.colors, drop, 1);
+        keep_where(cloud.positions, drop, 1, context);
+        keep_where(cloud.normals, drop, 1, context);
+        keep_where(cloud.colors, drop, 1, context);
         for (Attribute& attribute : cloud.attributes) {
-            std::visit([&](auto& values) { keep_where(values, drop, attribute.components); },
-                       attribute.values);
+            std::visit(
+                [&](auto& values) { keep_where(values, drop, attribute.components, context); },
+                attribute.values);
         }
     }
     context.checkpoint(1.0);

@@ -2,8 +2,10 @@
 
 #include "sample_moments.hpp"
 #include "symmetric_eigen.hpp"
+#include "until_stopped.hpp"
 
 #include <algorithm>
+#include <functional>
 #include <vector>
 
 namespace stipple {
@@ -68,7 +70,7 @@ void split_clusters(std::span<const Vec3f> points, std::uint64_t target, Cluster
         context.throw_if_stopped();
         add(clusters.offsets[i], clusters.offsets[i + 1]);
     }
-    std::make_heap(heap.begin(), heap.end());
+    std::make_heap(heap.begin(), heap.end(), until_stopped(context, std::less<>()));
     const auto add_to_heap = [&](Index begin, Index end) {
         const std::size_t before = heap.size();
         add(begin, end);
@@ -87,7 +89,7 @@ void split_clusters(std::span<const Vec3f> points, std::uint64_t target, Cluster
     for (const Piece& piece : heap) clusters.offsets.push_back(piece.begin);
     for (const Piece& piece : single) clusters.offsets.push_back(piece.begin);
     clusters.offsets.push_back(static_cast<Index>(clusters.members.size()));
-    std::ranges::sort(clusters.offsets);
+    std::ranges::sort(clusters.offsets, until_stopped(context, std::less<>()));
 }
 
 }  // namespace stipple

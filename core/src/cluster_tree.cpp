@@ -414,6 +414,7 @@ Cut ClusterTree::cut_where(const Descends& descends, const RunContext& context) 
     }
     cut.offsets.push_back(static_cast<Index>(points_.size()));
     for (std::size_t i = cut.clusters_of.size(); i-- > 0;) {
+        if (i % kBetweenChecks == 0) context.throw_if_stopped();
         if (cut.clusters_of[i] != kInner) continue;
         const Index left = cut.clusters_of[i + 1];
         cut.clusters_of[i] = left + cut.clusters_of[i + 2 * std::size_t{left}];

@@ -234,14 +234,14 @@ PointCloud merged_cloud(const PointCloud& cloud, std::vector<Vec3f> positions,
     result.has_alpha = cloud.has_alpha;
     result.double_precision = cloud.double_precision;
     result.positions = std::move(positions);
-    if (!cloud.normals.empty()) result.normals.resize(count);
-    if (!cloud.colors.empty()) result.colors.resize(count);
+    if (!cloud.normals.empty()) resize_in_blocks(result.normals, count, context);
+    if (!cloud.colors.empty()) resize_in_blocks(result.colors, count, context);
     for (const Attribute& a : cloud.attributes) {
         result.attributes.push_back({a.name,
                                      std::visit(
                                          [&](const auto& values) -> AttributeValues {
-                                             return std::decay_t<decltype(values)>(count *
-                                                                                   a.components);
+                                             return made_in_blocks<std::decay_t<decltype(values)>>(
+                                                 count * a.components, context);
                                          },
                                          a.values),
                                      a.components, a.reduction});
@@ -296,7 +296,7 @@ PointCloud merged_cloud(const PointCloud& cloud, const Clusters& clusters,
 
 std::vector<Index> nearest_members(std::span<const Vec3f> points, const MemberLists& lists,
                                    std::span<const Vec3f> positions, const RunContext& context) {
-    std::vector<Index> nearest(positions.size());
+    auto nearest = made_in_blocks<std::vector<Index>>(positions.size(), context);
     parallel_for_blocks(nearest.size(), kClustersPerBlock, context,
                         [&](std::size_t begin, std::size_t end) {
                             Gathered gathered(points);
@@ -313,7 +313,7 @@ PointCloud representatives(const PointCloud& cloud, const MemberLists& clusters,
     const bool take_nearest = kind == Representative::Nearest;
     const bool needs_nearest = take_nearest || !cloud.normals.empty() || !cloud.attributes.empty();
     auto positions = made_in_blocks<std::vector<Vec3f>>(count, context);
-    std::vector<Index> nearest(needs_nearest ? count : 0);
+    auto nearest = made_in_blocks<std::vector<Index>>(needs_nearest ? count : 0, context);
     parallel_for_blocks(count, kClustersPerBlock, context, [&](std::size_t begin, std::size_t end) {
         Gathered gathered(cloud.positions, clusters.ordered);
         for (std::size_t i = begin; i < end; ++i) {

@@ -8,6 +8,7 @@
 #include "parallel_for.hpp"
 #include "stipple/error.hpp"
 #include "stipple/neighbors.hpp"
+#include "until_stopped.hpp"
 
 #include <algorithm>
 #include <array>
@@ -430,10 +431,13 @@ void Engine::contract(std::span<const Winner> winners) {
         for (std::size_t w = begin; w < end; ++w) contract(winners[w]);
     });
     if (options_.sequence == nullptr) return;
-    for (const auto& [first, second] : winners) {
-        const Index kept = is_live(first) ? first : second, gone = is_live(first) ? second : first;
-        options_.sequence->emplace_back(order_[place(kept)], order_[place(gone)]);
-    }
+    for_blocks_in_order(winners.size(), context_, [&](std::size_t begin, std::size_t end) {
+        for (const auto& [first, second] : winners.subspan(begin, end - begin)) {
+            const bool stays = is_live(first);
+            const Index kept = stays ? first : second, gone = stays ? second : first;
+            options_.sequence->emplace_back(order_[place(kept)], order_[place(gone)]);
+        }
+    });
 }
 
 /// Contracts what a round may, and stops where a count is reached on the way.
@@ -447,7 +451,7 @@ void Engine::round(std::span<const Stop>& stops, const std::function<void(const 
     if (winners.empty()) return reconnect();
 
     if (options_.sequence != nullptr || live_ - winners.size() <= stops.front().count) {
-        std::ranges::sort(winners, {}, [&](const Winner& w) {
+        std::ranges::sort(winners, until_stopped(context_, std::less<>()), [&](const Winner& w) {
             return std::tuple(records()[w.first].cost, place(w.first), place(w.second));
         });
     }

@@ -1,9 +1,13 @@
 #include "distance_statistics.hpp"
 
+#include "parallel_for.hpp"
+#include "until_stopped.hpp"
+
 #include <algorithm>
 #include <bit>
 #include <cmath>
 #include <cstdint>
+#include <functional>
 #include <numeric>
 #include <utility>
 #include <vector>
@@ -11,16 +15,18 @@
 namespace stipple {
 
 AttributeError summarize(std::string name, std::span<const float> differences,
-                         std::span<const float> areas) {
+                         std::span<const float> areas, const RunContext& context) {
     AttributeError error{.name = std::move(name)};
     double total = 0, sum = 0, sum_sq = 0;
-    for (std::size_t i = 0; i < differences.size(); ++i) {
-        const double d = differences[i], area = areas[i];
-        error.max = std::max(error.max, d);
-        total += area;
-        sum += area * d;
-        sum_sq += area * d * d;
-    }
+    for_blocks_in_order(differences.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+            const double d = differences[i], area = areas[i];
+            error.max = std::max(error.max, d);
+            total += area;
+            sum += area * d;
+            sum_sq += area * d * d;
+        }
+    });
     error.mean = sum / total;
     error.rms = std::sqrt(sum_sq / total);
     return error;
@@ -28,13 +34,15 @@ AttributeError summarize(std::string name, std::span<const float> differences,
 
 std::vector<double> weighted_quantiles(std::span<const float> values,
                                        std::span<const float> weights,
-                                       std::span<const double> parts) {
+                                       std::span<const double> parts, const RunContext& context) {
     // Floats that are not negative sort as their bits: the weight of each stretch of them first,
     // then the values of the one stretch that matters.
     constexpr unsigned kShift = 16;
     const auto stretch = [](float v) { return std::bit_cast<std::uint32_t>(v) >> kShift; };
     std::vector<double> weight_of(std::size_t{1} << (32 - kShift));
-    for (std::size_t i = 0; i < values.size(); ++i) weight_of[stretch(values[i])] += weights[i];
+    for_blocks_in_order(values.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) weight_of[stretch(values[i])] += weights[i];
+    });
     const double total = std::accumulate(weight_of.begin(), weight_of.end(), 0.0);
 
     std::vector<double> quantiles;
@@ -48,9 +56,11 @@ std::vector<double> weighted_quantiles(std::span<const float> values,
             left -= weight_of[s];
         }
         std::vector<std::pair<float, float>> inside;
-        for (std::size_t i = 0; i < values.size(); ++i)
-            if (stretch(values[i]) == chosen) inside.emplace_back(values[i], weights[i]);
-        std::ranges::sort(inside);
+        for_blocks_in_order(values.size(), context, [&](std::size_t begin, std::size_t end) {
+            for (std::size_t i = begin; i < end; ++i)
+                if (stretch(values[i]) == chosen) inside.emplace_back(values[i], weights[i]);
+        });
+        std::ranges::sort(inside, until_stopped(context, std::less<>()));
         std::size_t at = 0;
         while (at + 1 < inside.size() && inside[at].second < left) left -= inside[at++].second;
         quantiles.push_back(inside.empty() ? 0.0 : inside[at].first);
@@ -59,15 +69,15 @@ std::vector<double> weighted_quantiles(std::span<const float> values,
 }
 
 DirectedError summarize_distances(std::span<const float> distances, std::span<const float> areas,
-                                  unsigned histogram_bins) {
-    const AttributeError all = summarize("", distances, areas);
+                                  unsigned histogram_bins, const RunContext& context) {
+    const AttributeError all = summarize("", distances, areas, context);
     DirectedError error;
     error.samples = distances.size();
     error.max = all.max;
     error.mean = all.mean;
     error.rms = all.rms;
     const auto quantiles =
-        weighted_quantiles(distances, areas, std::array<double, 3>{0.50, 0.95, 0.99});
+        weighted_quantiles(distances, areas, std::array<double, 3>{0.50, 0.95, 0.99}, context);
     error.p50 = quantiles[0];
     error.p95 = quantiles[1];
     error.p99 = quantiles[2];
@@ -75,13 +85,15 @@ DirectedError summarize_distances(std::span<const float> distances, std::span<co
     error.histogram.resize(histogram_bins);
     const double bins = histogram_bins, by = all.max > 0 ? bins / all.max : 0.0;
     double total = 0, spread = 0;
-    for (std::size_t i = 0; i < distances.size(); ++i) {
-        const double area = areas[i], from_mean = area * (distances[i] - all.mean);
-        total += area;
-        spread += from_mean * from_mean;
-        error.histogram[std::min(histogram_bins - 1, static_cast<unsigned>(distances[i] * by))] +=
-            area;
-    }
+    for_blocks_in_order(distances.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+            const double area = areas[i], from_mean = area * (distances[i] - all.mean);
+            const auto bin = static_cast<unsigned>(distances[i] * by);
+            total += area;
+            spread += from_mean * from_mean;
+            error.histogram[std::min(histogram_bins - 1, bin)] += area;
+        }
+    });
     for (double& share : error.histogram) share /= total;
     constexpr double kDeviations = 1.96;  // of a normal distribution hold 95 % of it
     error.mean_confidence = kDeviations * std::sqrt(spread) / total;

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "stipple/run_context.hpp"
 #include "stipple/surface_error.hpp"
 
 #include <array>
@@ -10,16 +11,17 @@ namespace stipple {
 /// Sums a list of differences up, each with the area that it stands for: maximum, mean, root mean
 /// square. Areas are not negative, and not all zero.
 AttributeError summarize(std::string name, std::span<const float> differences,
-                         std::span<const float> areas);
+                         std::span<const float> areas, const RunContext& context = {});
 
 /// All of a `DirectedError` that distances say.
 DirectedError summarize_distances(std::span<const float> distances, std::span<const float> areas,
-                                  unsigned histogram_bins);
+                                  unsigned histogram_bins, const RunContext& context = {});
 
 /// For each of `parts`, the least of the values that so much of the weight does not exceed. Values
 /// are not negative. O(N).
 std::vector<double> weighted_quantiles(std::span<const float> values,
                                        std::span<const float> weights,
-                                       std::span<const double> parts);
+                                       std::span<const double> parts,
+                                       const RunContext& context = {});
 
 }  // namespace stipple

@@ -4,6 +4,7 @@
 
 #include "attribute_name.hpp"
 #include "chain_order.hpp"
+#include "cloud_copy.hpp"
 #include "in_quotes.hpp"
 #include "stipple/codec.hpp"
 #include "stipple/error.hpp"
@@ -276,8 +277,8 @@ std::vector<std::byte> encode_draco(const PointCloud& cloud, const DracoEncodeOp
         DracoEncodeOptions as_they_stand = options;
         as_they_stand.sorted = false;
         require_finite(cloud.positions, "the position");
-        return encode_draco(subset(cloud, chain_through(cloud.positions, context)), as_they_stand,
-                            context);
+        return encode_draco(subset(cloud, chain_through(cloud.positions, context), context),
+                            as_they_stand, context);
     }
 
     Encoded encoded;

@@ -6,9 +6,11 @@
 #include "stipple/error.hpp"
 #include "stipple/local_analysis.hpp"
 #include "stipple/neighbors.hpp"
+#include "until_stopped.hpp"
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <numeric>
 #include <string>
@@ -91,10 +93,10 @@ std::vector<Index> thin_to_ridge(std::span<const Vec3f> points, const Weighted& 
     for (Index i = 0; i < points.size(); ++i) {
         if (static_cast<double>(weighted.weights[i]) >= low) heavy.push_back(i);
     }
-    std::ranges::sort(heavy, [&](Index a, Index b) {
-        const float va = weighted.variations[a], vb = weighted.variations[b];
-        return va != vb ? va > vb : a < b;
-    });
+    std::ranges::sort(heavy, until_stopped(context, [&](Index a, Index b) {
+                          const float va = weighted.variations[a], vb = weighted.variations[b];
+                          return va != vb ? va > vb : a < b;
+                      }));
     const Nodes nodes(points, std::move(heavy), context);
     std::vector<char> taken(nodes.numbers.size());
     std::vector<Neighbor> near;
@@ -137,6 +139,7 @@ Links span(const Nodes& nodes, const Weighted& weighted, unsigned min_links,
     std::vector<std::tuple<float, Index, Index>> pairs;
     std::vector<Neighbor> near;
     for (Index i = 0; i < nodes.numbers.size(); ++i) {
+        if (i % 4096 == 0) context.throw_if_stopped();
         const float reach = weighted.reaches[nodes.numbers[i]];
         nodes.search.within(nodes.positions[i], kFar * reach, near);
         for (const Neighbor& neighbor : near) {
@@ -145,7 +148,7 @@ Links span(const Nodes& nodes, const Weighted& weighted, unsigned min_links,
                                    std::max(i, neighbor.index));
         }
     }
-    std::ranges::sort(pairs);
+    std::ranges::sort(pairs, until_stopped(context, std::less<>()));
     pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
     Links links(nodes.numbers.size());
     for (const auto& [distance_sq, a, b] : pairs) {

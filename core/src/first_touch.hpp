@@ -1,5 +1,6 @@
 #pragma once
 
+#include "large_memory.hpp"
 #include "parallel_for.hpp"
 
 #include <cstddef>
@@ -7,10 +8,11 @@
 namespace stipple {
 
 /// Grows to n values, and stops when asked to: the first touch of new memory, which the system has
-/// to clear, takes half a second a GiB.
+/// to clear, takes half a second a GiB in small pages.
 template <typename Vector>
 void resize_in_blocks(Vector& values, std::size_t n, const RunContext& context) {
     values.reserve(n);
+    prefer_huge_pages(values.data(), n * sizeof(values[0]));
     for_blocks_in_order(n, context, [&](std::size_t, std::size_t end) { values.resize(end); });
 }
 
@@ -20,6 +22,7 @@ void reserve_in_blocks(Vector& values, std::size_t n, const RunContext& context)
     if (n <= values.capacity()) return;
     Vector larger(values.get_allocator());
     larger.reserve(n);
+    prefer_huge_pages(larger.data(), n * sizeof(larger[0]));
     for_blocks_in_order(values.size(), context, [&](std::size_t begin, std::size_t end) {
         larger.insert(larger.end(), values.begin() + static_cast<std::ptrdiff_t>(begin),
                       values.begin() + static_cast<std::ptrdiff_t>(end));

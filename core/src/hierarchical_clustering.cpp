@@ -1,5 +1,6 @@
 #include "stipple/hierarchical_clustering.hpp"
 
+#include "cloud_copy.hpp"
 #include "cluster_tree.hpp"
 #include "parallel_for.hpp"
 #include "representatives.hpp"
@@ -65,7 +66,7 @@ PointCloud hierarchical_clustering(const PointCloud& cloud,
                                    const HierarchicalClusteringOptions& options,
                                    const RunContext& context) {
     check(options, cloud.size());
-    if (keeps_everything(options, cloud.size())) return cloud;
+    if (keeps_everything(options, cloud.size())) return copy_of(cloud, context);
     const std::vector<Reduction> reductions =
         reductions_for(cloud, options.reductions, options.representative);
     context.checkpoint(0.0);

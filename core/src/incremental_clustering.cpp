@@ -1,5 +1,6 @@
 #include "stipple/incremental_clustering.hpp"
 
+#include "cloud_copy.hpp"
 #include "cluster_splitting.hpp"
 #include "random.hpp"
 #include "region_growing.hpp"
@@ -143,7 +144,7 @@ PointCloud incremental_clustering(const PointCloud& cloud,
                                   const IncrementalClusteringOptions& options,
                                   const RunContext& context) {
     check(options, cloud.size());
-    if (options.target_size && *options.target_size >= cloud.size()) return cloud;
+    if (options.target_size && *options.target_size >= cloud.size()) return copy_of(cloud, context);
     const std::vector<Reduction> reductions =
         reductions_for(cloud, options.reductions, options.representative);
     Clusters clusters = incremental_clusters(cloud.positions, options, context.part(0.0, 0.8));

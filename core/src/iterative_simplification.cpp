@@ -1,5 +1,6 @@
 #include "stipple/iterative_simplification.hpp"
 
+#include "cloud_copy.hpp"
 #include "contraction.hpp"
 #include "contraction_options.hpp"
 #include "parallel_for.hpp"
@@ -76,7 +77,7 @@ PointCloud iterative_simplification(const PointCloud& cloud,
         throw Error(ErrorCode::InvalidArgument, "target_size 0: expected at least 1");
     }
     check_contraction(cloud, options);
-    if (options.target_size >= cloud.size()) return cloud;
+    if (options.target_size >= cloud.size()) return copy_of(cloud, context);
     PointCloud result;
     const std::uint64_t size = options.target_size;
     iterative_snapshots(
@@ -100,7 +101,7 @@ void iterative_snapshots(const PointCloud& cloud, std::span<const std::uint64_t>
         }
     }
     for (; !sizes.empty() && sizes.front() == cloud.size(); sizes = sizes.subspan(1))
-        on_cloud(PointCloud(cloud));
+        on_cloud(copy_of(cloud, context));
     if (sizes.empty()) return;
     const Features features(cloud, options);
     std::optional<NeighborSearch> search;

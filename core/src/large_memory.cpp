@@ -1,5 +1,6 @@
 #include "large_memory.hpp"
 
+#include <cstdint>
 #include <cstdlib>
 #include <new>
 
@@ -69,6 +70,19 @@ void LargeMemory::shrink(std::size_t bytes) noexcept {
 
 LargeMemory::~LargeMemory() {
     std::free(data_);
+}
+
+void prefer_huge_pages(void* data, std::size_t bytes) noexcept {
+#if defined(MADV_HUGEPAGE)
+    constexpr std::size_t kWorthIt = 8 * kHugePage;
+    if (bytes < kWorthIt) return;
+    const auto address = reinterpret_cast<std::uintptr_t>(data);
+    const std::size_t skipped = (kHugePage - address % kHugePage) % kHugePage;
+    ::madvise(static_cast<std::byte*>(data) + skipped, (bytes - skipped) / kHugePage * kHugePage,
+              MADV_HUGEPAGE);
+#else
+    static_cast<void>(data), static_cast<void>(bytes);
+#endif
 }
 
 void return_freed_memory() noexcept {

@@ -30,6 +30,10 @@ private:
 /// Memory of that kind for standard containers.
 std::pmr::memory_resource& large_memory_resource() noexcept;
 
+/// Asks for huge pages for the whole ones within new memory, not touched yet: for arrays that are
+/// had from elsewhere.
+void prefer_huge_pages(void* data, std::size_t bytes) noexcept;
+
 /// Gives the system back what was freed but kept for later by the allocator: for between a phase of
 /// an algorithm that needs much memory and the next.
 void return_freed_memory() noexcept;

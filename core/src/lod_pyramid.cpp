@@ -1,5 +1,6 @@
 #include "stipple/lod_pyramid.hpp"
 
+#include "cloud_copy.hpp"
 #include "cluster_tree.hpp"
 #include "gather.hpp"
 #include "nested_order.hpp"
@@ -130,8 +131,8 @@ LevelOf snapshots_of(const PointCloud& cloud, std::span<const std::uint64_t> siz
         std::vector<PointCloud> made = snapshots(cloud, all, options, context);
         for (std::size_t i = 0; i < all.size(); ++i) levels[all[i]] = std::move(made[i]);
     }
-    return [&cloud, levels = std::move(levels)](std::uint64_t points) {
-        return points == cloud.size() ? cloud : levels.at(points);
+    return [&cloud, context, levels = std::move(levels)](std::uint64_t points) {
+        return points == cloud.size() ? copy_of(cloud, context) : copy_of(levels.at(points), context);
     };
 }
 
@@ -227,7 +228,7 @@ void build_lod_pyramid(const PointCloud& cloud, const LodPyramidOptions& options
     std::span<const std::uint64_t> made(sizes);  // all but the whole cloud, which is there
     if (made.back() == cloud.size()) made = made.first(made.size() - 1);
     cut_levels(cloud, made, options, emit, context);
-    if (made.size() < sizes.size()) emit(PointCloud(cloud));
+    if (made.size() < sizes.size()) emit(copy_of(cloud, context));
 }
 
 }  // namespace stipple

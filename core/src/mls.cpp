@@ -1,5 +1,6 @@
 #include "stipple/mls.hpp"
 
+#include "first_touch.hpp"
 #include "mls_fit.hpp"
 #include "parallel_for.hpp"
 #include "point_tree.hpp"
@@ -119,10 +120,14 @@ struct MlsSurface::Implementation {
 MlsSurface::MlsSurface(std::span<const Vec3f> points, const MlsOptions& options,
                        const RunContext& context) {
     check(points, options);
-    implementation_ = std::make_unique<const Implementation>(
-        Implementation{options,
-                       {points.begin(), points.end()},
-                       PointTree(points, PointTree::Leaves::Compact, context)});
+    std::vector<Vec3f> copied;
+    reserve_in_blocks(copied, points.size(), context);
+    for_blocks_in_order(points.size(), context, [&](std::size_t begin, std::size_t end) {
+        const auto block = points.subspan(begin, end - begin);
+        copied.insert(copied.end(), block.begin(), block.end());
+    });
+    implementation_ = std::make_unique<const Implementation>(Implementation{
+        options, std::move(copied), PointTree(points, PointTree::Leaves::Compact, context)});
 }
 MlsSurface::~MlsSurface() = default;
 MlsSurface::MlsSurface(MlsSurface&&) noexcept = default;
@@ -136,7 +141,7 @@ MlsProjection MlsSurface::project(const Vec3d& r) const {
 std::vector<MlsProjection> MlsSurface::project(std::span<const Vec3f> points,
                                                const RunContext& context) const {
     constexpr std::size_t kBlock = 1024;
-    std::vector<MlsProjection> projections(points.size());
+    auto projections = made_in_blocks<std::vector<MlsProjection>>(points.size(), context);
     parallel_for_blocks(points.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
         Scratch scratch;
         for (std::size_t i = begin; i < end; ++i)

@@ -1,5 +1,6 @@
 #include "stipple/multiphase.hpp"
 
+#include "cloud_copy.hpp"
 #include "cluster_tree.hpp"
 #include "contraction_options.hpp"
 #include "first_touch.hpp"
@@ -92,7 +93,7 @@ void multiphase_snapshots(const PointCloud& cloud, std::span<const std::uint64_t
         if (size < cloud.size()) largest = std::max(largest, size);
     }
     if (largest == 0) {
-        for (std::size_t i = 0; i < sizes.size(); ++i) on_cloud(PointCloud(cloud));
+        for (std::size_t i = 0; i < sizes.size(); ++i) on_cloud(copy_of(cloud, context));
         return;
     }
     context.checkpoint(0.0);
@@ -111,7 +112,7 @@ void multiphase_snapshots(const PointCloud& cloud, std::span<const std::uint64_t
     context.checkpoint(0.8);
     for (const std::uint64_t size : sizes) {
         if (size >= cloud.size()) {
-            on_cloud(PointCloud(cloud));
+            on_cloud(copy_of(cloud, context));
             continue;
         }
         const std::vector<Index> first = contraction.nodes_left(size, context);

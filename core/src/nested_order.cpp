@@ -1,6 +1,7 @@
 #include "nested_order.hpp"
 
 #include "contraction.hpp"
+#include "first_touch.hpp"
 #include "parallel_for.hpp"
 
 #include <algorithm>
@@ -20,7 +21,7 @@ NestedOrder nested_order(std::span<const Vec3f> positions, const RunContext& con
     NestedOrder order{{left}, {0}};
     order.points.reserve(n);
     order.parents.reserve(n);
-    std::vector<Index> place(n);  // by point
+    auto place = made_in_blocks<std::vector<Index>>(n, context);  // by point
     for_blocks_in_order(n, context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = std::max<std::size_t>(begin, 1); i < end; ++i) {
             const auto [stayed, went] = sequence[n - 1 - i];

@@ -1,5 +1,6 @@
 #include "stipple/particle_simulation.hpp"
 
+#include "cloud_copy.hpp"
 #include "first_touch.hpp"
 #include "hilbert_order.hpp"
 #include "parallel_for.hpp"
@@ -17,12 +18,15 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <memory>
 #include <numbers>
+#include <optional>
 #include <sstream>
 #include <utility>
 
 // Follows: Pauly, Gross, Kobbelt 2002, §3.3. Departures:
-// - Coarse to fine (§5.1) serves upsampling only; core/README.md says why.
+// - Coarse to fine (§5.1) serves upsampling only; core/README.md says why. Particles at rest, once
+//   they are more than the samples, take their place as the surface of the next stage.
 // - Repulsion ends with steps of a radius below the spacing. Equilibrium at a larger one leaves
 //   pairs that their surroundings press together, at 0.7 of the mean distance and less.
 // - Such steps follow the projection too, on the moving least squares surface itself.
@@ -182,44 +186,125 @@ std::vector<std::size_t> stages(std::size_t count, std::size_t samples) {
     return counts;
 }
 
-/// What particles are spread over.
+/// What particles move on, and how far apart they should be there, up to a common factor.
 struct Ground {
-    const SurfaceSamples& samples;
-    const ParticleSurface& surface;
-    std::span<const float> areas, spacing;
+    SurfaceSamples samples;
+    std::vector<float> areas, spacing;
+    ParticleSurface surface;
 
-    ParticleRelaxation spread(std::size_t count, std::uint64_t seed,
-                              const RunContext& context) const {
-        std::vector<float> scaled(spacing.begin(), spacing.end());
+    Ground(SurfaceSamples samples_, std::vector<float> areas_, std::vector<float> spacing_,
+           const MlsSurface& mls, const ParticleFrame& frame, const RunContext& context)
+        : samples(std::move(samples_)),
+          areas(std::move(areas_)),
+          spacing(std::move(spacing_)),
+          surface(samples, mls, frame, context) {}
+    Ground(const Ground&) = delete;
+    Ground& operator=(const Ground&) = delete;
+
+    /// Of `count` particles.
+    std::vector<float> scaled_spacing(std::size_t count, const RunContext& context) const {
+        std::vector<float> scaled = spacing;
         scale_spacing(scaled, areas, count, context);
-        const std::vector<float> shares = particle_shares(areas, spacing, count, context);
-        return {surface, std::move(scaled), spread_particles(samples, shares, count, seed, context),
-                context};
+        return scaled;
     }
 };
 
-/// As many particles as are wanted, at rest on tangent planes.
-ParticleRelaxation spread_evenly(const Ground& ground, const ParticleSimulationOptions& options,
-                                 const RunContext& context) {
-    const auto count = static_cast<std::size_t>(options.target_size);
-    std::vector<std::size_t> counts = stages(count, ground.samples.size());
-    double done = counts.size() == 1 ? 1.0 : 0.5;
-    ParticleRelaxation particles = ground.spread(counts.back(), options.seed, context);
-    come_to_rest(particles, options, context.part(0.0, done));
-    for (counts.pop_back(); !counts.empty(); counts.pop_back()) {
-        while (particles.positions().size() < counts.back()) {
-            const RunContext next = context.part(done, 0.5 * (done + 1.0));
-            done = 0.5 * (done + 1.0);
-            if (!particles.split(counts.back())) {  // the points lie on no surface
-                ParticleRelaxation all = ground.spread(count, options.seed, context);
-                come_to_rest(all, options, next);
-                return all;
-            }
-            come_to_rest(particles, options, next);
-        }
-    }
-    return particles;
+std::vector<float> areas_of(const SurfaceSamples& samples, const RunContext& context) {
+    std::vector<float> areas;
+    areas.reserve(samples.size());
+    for_blocks_in_order(samples.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) areas.push_back(samples.area(i));
+    });
+    return areas;
 }
+
+/// The ground of the points, and later of particles in their place.
+class Simulation {
+public:
+    Simulation(std::unique_ptr<const Ground> ground, const MlsSurface& mls,
+               const ParticleFrame& frame, const ParticleSimulationOptions& options,
+               const RunContext& context)
+        : mls_(mls),
+          frame_(frame),
+          options_(options),
+          context_{context.stop, {}, context.threads},
+          ground_(std::move(ground)) {}
+
+    /// As many particles as are wanted, at rest on tangent planes.
+    ParticleRelaxation& spread_evenly(const RunContext& context) {
+        const auto count = static_cast<std::size_t>(options_.target_size);
+        std::vector<std::size_t> counts = stages(count, ground_->samples.size());
+        double done = counts.size() == 1 ? 1.0 : 0.5;
+        spread(counts.back());
+        come_to_rest(*particles_, options_, context.part(0.0, done));
+        for (counts.pop_back(); !counts.empty(); counts.pop_back()) {
+            while (particles_->positions().size() < counts.back()) {
+                const RunContext next = context.part(done, 0.5 * (done + 1.0));
+                done = 0.5 * (done + 1.0);
+                if (!split(counts.back())) {  // the points lie on no surface
+                    spread(count);
+                    come_to_rest(*particles_, options_, next);
+                    return *particles_;
+                }
+                come_to_rest(*particles_, options_, next);
+            }
+        }
+        return *particles_;
+    }
+
+private:
+    void spread(std::size_t count) {
+        const std::vector<float> shares =
+            particle_shares(ground_->areas, ground_->spacing, count, context_);
+        particles_.emplace(
+            ground_->surface, ground_->scaled_spacing(count, context_),
+            spread_particles(ground_->samples, shares, count, options_.seed, context_), context_);
+    }
+
+    /// Splits the particles, which stand for the surface from then on where they are more than what
+    /// did before: its tangent planes would be too large for so many.
+    bool split(std::size_t most) {
+        const bool are_finer = particles_->positions().size() > ground_->samples.size();
+        if (!are_finer) return particles_->split(most);
+        particles_->settle();
+        std::unique_ptr<const Ground> finer = ground_of_particles();
+        if (!particles_->split(most)) return false;
+        SpreadParticles start;
+        start.positions.assign(particles_->positions().begin(), particles_->positions().end());
+        start.samples.resize(start.positions.size());
+        parallel_for_blocks(start.samples.size(), kBlock, context_,
+                            [&](std::size_t begin, std::size_t end) {
+                                for (std::size_t i = begin; i < end; ++i)
+                                    start.samples[i] = finer->surface.nearest(start.positions[i]);
+                            });
+        particles_.emplace(finer->surface, finer->scaled_spacing(start.positions.size(), context_),
+                           std::move(start), context_);
+        ground_ = std::move(finer);
+        return true;
+    }
+
+    std::unique_ptr<const Ground> ground_of_particles() const {
+        PointCloud cloud;
+        std::vector<Index> numbers;
+        std::vector<float> spacing;
+        for (const Vec3f& p : particles_->positions()) {
+            cloud.positions.push_back(frame_.outside(p).cast<float>());
+            spacing.push_back(particles_->spacing(numbers.size()));
+            numbers.push_back(static_cast<Index>(numbers.size()));
+        }
+        SurfaceSamples samples = sample_surface(cloud, std::move(numbers), frame_, context_);
+        std::vector<float> areas = areas_of(samples, context_);
+        return std::make_unique<const Ground>(std::move(samples), std::move(areas),
+                                              std::move(spacing), mls_, frame_, context_);
+    }
+
+    const MlsSurface& mls_;
+    ParticleFrame frame_;
+    const ParticleSimulationOptions& options_;
+    RunContext context_;
+    std::unique_ptr<const Ground> ground_;
+    std::optional<ParticleRelaxation> particles_;
+};
 
 /// The cloud's points at and around each particle, whose attributes it gets.
 struct Sources {
@@ -295,23 +380,20 @@ PointCloud particle_simulation(const PointCloud& cloud, const ParticleSimulation
         reductions_for(cloud, options.reductions, Representative::Centroid);
     context.checkpoint(0.0);
     const ParticleFrame frame(cloud.positions);
-    if (frame.scale == 0) return subset(cloud, std::vector<Index>(count, 0));
+    if (frame.scale == 0) return subset(cloud, std::vector<Index>(count, 0), context);
 
-    const SurfaceSamples samples =
+    SurfaceSamples samples =
         sample_surface(cloud, choose_samples(cloud, options, context), frame, context);
     context.checkpoint(0.2);
-    std::vector<float> areas;
-    areas.reserve(samples.size());
-    for_blocks_in_order(samples.size(), context, [&](std::size_t begin, std::size_t end) {
-        for (std::size_t i = begin; i < end; ++i) areas.push_back(samples.area(i));
-    });
-    const std::vector<float> spacing = relative_spacing(cloud, samples, areas, options, context);
+    std::vector<float> areas = areas_of(samples, context);
+    std::vector<float> spacing = relative_spacing(cloud, samples, areas, options, context);
     context.checkpoint(0.25);
     const MlsSurface mls(cloud.positions, {}, context);
-    const ParticleSurface surface(samples, mls, frame, context);
+    Simulation simulation(std::make_unique<const Ground>(std::move(samples), std::move(areas),
+                                                         std::move(spacing), mls, frame, context),
+                          mls, frame, options, context);
     context.checkpoint(0.3);
-    ParticleRelaxation particles =
-        spread_evenly({samples, surface, areas, spacing}, options, context.part(0.3, 0.7));
+    ParticleRelaxation& particles = simulation.spread_evenly(context.part(0.3, 0.7));
     part(particles, options, context.part(0.7, 0.95));
     std::vector<Vec3f> positions;
     positions.reserve(count);

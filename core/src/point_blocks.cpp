@@ -1,5 +1,6 @@
 #include "point_blocks.hpp"
 
+#include "first_touch.hpp"
 #include "parallel_for.hpp"
 
 #include <tbb/parallel_invoke.h>
@@ -12,6 +13,8 @@ namespace stipple {
 namespace {
 
 constexpr std::size_t kParallelGrain = 8'192;  // samples below which a subtree is one task
+constexpr std::size_t kMany = 131'072;         // beyond, samples are split a piece at a time
+constexpr std::size_t kPiece = 8'192;
 
 template <typename T>
 void append(std::vector<T>& to, const std::vector<T>& more) {
@@ -25,6 +28,39 @@ void copy_samples(const SampleSpan& from, const MutableSampleSpan& to) {
     std::copy_n(from.index, from.size, to.index);
 }
 
+SampleBox box_of(const SampleSpan& samples, const RunContext& context) {
+    constexpr float kFar = std::numeric_limits<float>::infinity();
+    SampleBox all = {{kFar, kFar, kFar}, {-kFar, -kFar, -kFar}};
+    for_blocks_in_order(samples.size, context, [&](std::size_t begin, std::size_t end) {
+        const SampleBox part = cluster_kernels().box(samples.part(begin, end));
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            all.low[axis] = std::min(all.low[axis], part.low[axis]);
+            all.high[axis] = std::max(all.high[axis], part.high[axis]);
+        }
+    });
+    return all;
+}
+
+/// As the kernel of that name. Many samples are split a piece at a time, so that it can stop.
+std::size_t split(const SampleSpan& from, const SplitPlane& plane, const MutableSampleSpan& to,
+                  const RunContext& context) {
+    if (from.size <= kMany) return cluster_kernels().partition(from, plane, to);
+    Samples room(kPiece);
+    std::size_t front = 0, back = from.size;
+    for (std::size_t begin = 0; begin < from.size; begin += kPiece) {
+        context.throw_if_stopped();
+        const SampleSpan piece = from.part(begin, std::min(from.size, begin + kPiece));
+        const MutableSampleSpan sides = room.all().part(0, piece.size);
+        const std::size_t left = cluster_kernels().partition(piece, plane, sides);
+        const std::size_t right = piece.size - left;
+        copy_samples(sides.part(0, left), to.part(front, front + left));
+        copy_samples(sides.part(left, piece.size), to.part(back - right, back));
+        front += left;
+        back -= right;
+    }
+    return front;
+}
+
 }  // namespace
 
 PointBlocks::PointBlocks(std::span<const Vec3f> points, std::size_t most_in_block,
@@ -32,8 +68,8 @@ PointBlocks::PointBlocks(std::span<const Vec3f> points, std::size_t most_in_bloc
     : size_(points.size()),
       most_in_block_(most_in_block),
       scale_(scale.value_or(1)),
-      storage_(2 * points.size() + kSlack),
-      taken_(points.size() + kSlack) {
+      storage_(2 * points.size() + kSlack) {
+    resize_in_blocks(taken_, size_ + kSlack, context);
     const MutableSampleSpan s = storage_.all();
     parallel_for_blocks(size_, 65'536, context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {
@@ -43,7 +79,7 @@ PointBlocks::PointBlocks(std::span<const Vec3f> points, std::size_t most_in_bloc
             s.index[i] = static_cast<Index>(i);
         }
     });
-    if (!scale) choose_scale();
+    if (!scale) choose_scale(context);
     Leaves leaves;
     with_threads(context, [&] { partition(0, size_, false, leaves, context); });
     begins_ = std::move(leaves.begins);
@@ -51,9 +87,9 @@ PointBlocks::PointBlocks(std::span<const Vec3f> points, std::size_t most_in_bloc
     stack_levels(std::move(leaves.boxes));
 }
 
-void PointBlocks::choose_scale() {
+void PointBlocks::choose_scale(const RunContext& context) {
     const MutableSampleSpan s = storage_.all().part(0, size_);
-    const SampleBox box = cluster_kernels().box(s);
+    const SampleBox box = box_of(s, context);
     float longest = 0;
     for (std::size_t axis = 0; axis < 3; ++axis)
         longest = std::max(longest, 0.5F * box.high[axis] - 0.5F * box.low[axis]);
@@ -72,7 +108,7 @@ void PointBlocks::partition(std::size_t begin, std::size_t end, bool is_aside, L
     const MutableSampleSpan here = storage_.all().part(begin, end),
                             aside = storage_.all().part(size_ + begin, size_ + end);
     const MutableSampleSpan &from = is_aside ? aside : here, &to = is_aside ? here : aside;
-    const SampleBox box = cluster_kernels().box(from);
+    const SampleBox box = box_of(from, context);
     std::size_t front = 0;
     if (from.size > most_in_block_) {
         std::array<float, 3> sides;
@@ -80,7 +116,7 @@ void PointBlocks::partition(std::size_t begin, std::size_t end, bool is_aside, L
         const auto axis = std::ranges::max_element(sides) - sides.begin();
         SplitPlane plane{box.low, {}, 0.5F * sides[static_cast<std::size_t>(axis)]};
         plane.normal[static_cast<std::size_t>(axis)] = 1;
-        front = cluster_kernels().partition(from, plane, to);
+        front = split(from, plane, to, context);
     }
     if (front == 0 || front == from.size) {  // few enough, or at one place but for rounding
         if (is_aside) copy_samples(from, to);
@@ -89,7 +125,6 @@ void PointBlocks::partition(std::size_t begin, std::size_t end, bool is_aside, L
         return;
     }
     const std::size_t middle = begin + front;
-    if (from.size > kParallelGrain) context.throw_if_stopped();
     if (from.size <= kParallelGrain || context.thread_count() == 1) {
         partition(begin, middle, !is_aside, leaves, context);
         partition(middle, end, !is_aside, leaves, context);

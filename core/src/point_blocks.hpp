@@ -78,7 +78,7 @@ private:
         std::vector<SampleBox> boxes;
     };
 
-    void choose_scale();
+    void choose_scale(const RunContext& context);
     void partition(std::size_t begin, std::size_t end, bool is_aside, Leaves& leaves,
                    const RunContext& context);
     void stack_levels(std::vector<SampleBox> boxes);

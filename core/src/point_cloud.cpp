@@ -1,5 +1,6 @@
 #include "stipple/point_cloud.hpp"
 
+#include "cloud_copy.hpp"
 #include "stipple/error.hpp"
 
 #include <algorithm>
@@ -44,42 +45,8 @@ Aabb bounds(const PointCloud& cloud) {
     return {low.cast<double>() + cloud.origin, high.cast<double>() + cloud.origin};
 }
 
-namespace {
-
-template <typename T>
-std::vector<T> gather(const std::vector<T>& values, std::span<const Index> indices,
-                      unsigned components) {
-    std::vector<T> result;
-    if (values.empty()) return result;
-    result.resize(indices.size() * components);
-    auto out = result.begin();
-    for (const Index i : indices) {
-        out = std::copy_n(values.begin() + static_cast<std::ptrdiff_t>(i) * components, components,
-                          out);
-    }
-    return result;
-}
-
-}  // namespace
-
 PointCloud subset(const PointCloud& cloud, std::span<const Index> indices) {
-    PointCloud result;
-    result.origin = cloud.origin;
-    result.has_alpha = cloud.has_alpha;
-    result.double_precision = cloud.double_precision;
-    result.positions = gather(cloud.positions, indices, 1);
-    result.normals = gather(cloud.normals, indices, 1);
-    result.colors = gather(cloud.colors, indices, 1);
-    for (const Attribute& attribute : cloud.attributes) {
-        result.attributes.push_back({attribute.name,
-                                     std::visit(
-                                         [&](const auto& values) -> AttributeValues {
-                                             return gather(values, indices, attribute.components);
-                                         },
-                                         attribute.values),
-                                     attribute.components, attribute.reduction});
-    }
-    return result;
+    return subset(cloud, indices, {});
 }
 
 const Attribute* find_attribute(const PointCloud& cloud, std::string_view name) noexcept {

@@ -7,6 +7,7 @@
 
 #include "distance_statistics.hpp"
 #include "error_samples.hpp"
+#include "first_touch.hpp"
 #include "foot_finder.hpp"
 #include "nested_order.hpp"
 #include "parallel_for.hpp"
@@ -77,7 +78,7 @@ void choose_grid(const PointCloud& cloud, const ProgressiveOptions& options,
 std::vector<Cell> cells_of(const PointCloud& cloud, std::span<const Index> points,
                            const ProgressiveLayout& layout, const RunContext& context) {
     const double most = (1U << layout.grid_bits) - 1U;
-    std::vector<Cell> cells(points.size());
+    auto cells = made_in_blocks<std::vector<Cell>>(points.size(), context);
     parallel_for_blocks(cells.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {
             const Vec3d at = (cloud.positions[points[i]].cast<double>() - layout.low) / layout.step;
@@ -94,9 +95,11 @@ class PrefixErrors {
 public:
     PrefixErrors(const PointCloud& cloud, double unit, const RunContext& context)
         : unit_(unit), context_(context) {
-        std::vector<Vec3f> points(cloud.size());
+        auto points = made_in_blocks<std::vector<Vec3f>>(cloud.size(), context);
         const auto scale = static_cast<float>(unit);
-        for (std::size_t i = 0; i < points.size(); ++i) points[i] = cloud.positions[i] * scale;
+        for_blocks_in_order(points.size(), context, [&](std::size_t begin, std::size_t end) {
+            for (std::size_t i = begin; i < end; ++i) points[i] = cloud.positions[i] * scale;
+        });
         const PointTree tree(points, PointTree::Leaves::Quick, context);
         constexpr std::uint64_t kSamples = 16'384;
         samples_ = points.size() < 2 * kSamples
@@ -105,9 +108,11 @@ public:
     }
 
     double mean(std::size_t count, const auto& position) const {
-        std::vector<Vec3f> points(count);
-        for (std::size_t i = 0; i < count; ++i)
-            points[i] = (position(i) * unit_).template cast<float>();
+        auto points = made_in_blocks<std::vector<Vec3f>>(count, context_);
+        for_blocks_in_order(count, context_, [&](std::size_t begin, std::size_t end) {
+            for (std::size_t i = begin; i < end; ++i)
+                points[i] = (position(i) * unit_).template cast<float>();
+        });
         const PointTree tree(points, PointTree::Leaves::Quick, context_);
         std::vector<float> distances(samples_.size());
         FootFinder(points, tree, {})
@@ -172,7 +177,11 @@ struct Attached {
     std::vector<Index> first;  ///< not yet coded
 
     Attached(std::span<const Index> parents, const RunContext& context)
-        : next(parents.size(), kNone), first(parents.size(), kNone) {
+        : next(made_in_blocks<std::vector<Index>>(parents.size(), context)),
+          first(made_in_blocks<std::vector<Index>>(parents.size(), context)) {
+        for_blocks_in_order(parents.size(), context, [&](std::size_t begin, std::size_t end) {
+            for (std::size_t i = begin; i < end; ++i) next[i] = first[i] = kNone;
+        });
         for (auto i = static_cast<Index>(parents.size()); --i > 0;) {
             if (i % kBetweenLooks == 0) context.throw_if_stopped();
             next[i] = first[parents[i]];

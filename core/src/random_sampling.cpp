@@ -1,5 +1,6 @@
 #include "stipple/random_sampling.hpp"
 
+#include "cloud_copy.hpp"
 #include "random.hpp"
 #include "stipple/error.hpp"
 
@@ -20,7 +21,7 @@ PointCloud random_sampling(const PointCloud& cloud, const RandomSamplingOptions&
         throw Error(ErrorCode::InvalidArgument,
                     "target_size 0: expected 1.." + std::to_string(cloud.size()));
     }
-    if (options.target_size >= cloud.size()) return cloud;
+    if (options.target_size >= cloud.size()) return copy_of(cloud, context);
     constexpr std::size_t kBetweenCheckpoints = 1 << 20;
     std::vector<Index> kept;
     kept.reserve(options.target_size);
@@ -34,7 +35,7 @@ PointCloud random_sampling(const PointCloud& cloud, const RandomSamplingOptions&
         }
     }
     context.checkpoint(0.5);
-    PointCloud result = subset(cloud, kept);
+    PointCloud result = subset(cloud, kept, context);
     context.checkpoint(1.0);
     return result;
 }

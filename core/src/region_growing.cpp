@@ -183,7 +183,7 @@ private:
 
     /// What takes the fewest instructions over the scans tried.
     static std::size_t block_size(const RegionBounds& bounds) {
-        return std::clamp<std::size_t>(bounds.max_size, 40, 512);
+        return std::clamp<std::size_t>(3 * bounds.max_size / 2, 64, 512);
     }
     bool bounded() const noexcept { return std::isfinite(bounds_.max_variation); }
     Vec3f scaled(Index point) const noexcept { return points_[point] * blocks_.scale(); }
@@ -310,7 +310,7 @@ private:
         Vec3f offsets = Vec3f::Zero();
         for (const Chosen& chosen : std::span(chosen_).first(count)) {
             blocks_.take(chosen.place);
-            taken_[chosen.index] = 1;
+            taken_[chosen.index] = true;
             result_.members.push_back(chosen.index);
             offsets += blocks_.samples().position(chosen.place) - seed;
         }
@@ -324,25 +324,30 @@ private:
         const float limit = (kLook * extent.radius) * (kLook * extent.radius);
         const float wanted = (kNextSeed * extent.own_radius) * (kNextSeed * extent.own_radius);
         std::pair<float, Index> best = {std::numeric_limits<float>::infinity(), 0};
+        Index best_place = 0;
         for (std::size_t i = 0; i < near_.free_count; i += 4) {
             const Float4 d = load(&near_.free_sq[i]), miss = d < wanted ? wanted - d : d - wanted;
             unsigned lanes = lane_bits((d <= limit) & (miss <= best.first));
             for (; lanes != 0; lanes &= lanes - 1) {
                 const auto lane = static_cast<std::size_t>(std::countr_zero(lanes));
                 const Index place = near_.free[i + lane];
-                if (!blocks_.is_taken(place))
-                    best = std::min(best, {miss[lane], blocks_.samples().index[place]});
+                if (blocks_.is_taken(place)) continue;
+                const std::pair candidate = {miss[lane], blocks_.samples().index[place]};
+                if (candidate < best) {
+                    best = candidate;
+                    best_place = place;
+                }
             }
         }
-        if (std::isfinite(best.first)) return scaled(best.second);
-        while (taken_[first_free_] != 0) ++first_free_;
+        if (std::isfinite(best.first)) return blocks_.samples().position(best_place);
+        while (taken_[first_free_]) ++first_free_;
         return scaled(first_free_);
     }
 
     std::span<const Vec3f> points_;
     RegionBounds bounds_;
     PointBlocks blocks_;
-    std::vector<char> taken_;  ///< by number in the cloud
+    std::vector<bool> taken_;  ///< by number in the cloud
     Index first_free_ = 0;
     std::uint64_t size_;  ///< n_max, or what is tried under a bound on the variation
     float spacing_ = 0;   ///< typical R over the root of the size

@@ -1,5 +1,6 @@
 #include "stipple/simplify.hpp"
 
+#include "cloud_copy.hpp"
 #include "stipple/error.hpp"
 #include "stipple/error_bounded.hpp"
 #include "stipple/iterative_simplification.hpp"
@@ -220,7 +221,7 @@ PointCloud simplify(const PointCloud& cloud, const SimplifyOptions& options,
         return simplify_within_error(cloud, options, context).cloud;
     std::optional<std::uint64_t> target = options.points;
     if (options.ratio) target = scaled(cloud.size(), *options.ratio);
-    if (target && *target >= cloud.size()) return cloud;
+    if (target && *target >= cloud.size()) return copy_of(cloud, context);
 
     const auto own = [&](const auto& defaults) { return with_common(defaults, options, target); };
     switch (options.method) {

@@ -16,7 +16,7 @@ namespace {
 class Centroids {
 public:
     Centroids(const Regions& regions, std::span<const Index> chosen, const RunContext& context)
-        : scale_(regions.scale), blocks_(positions_of(regions, chosen), 8, 1.0F, context) {
+        : scale_(regions.scale), blocks_(positions_of(regions, chosen), 16, 1.0F, context) {
         first_look_ = 0.5F * blocks_.extent() / std::sqrt(static_cast<float>(chosen.size()));
     }
 

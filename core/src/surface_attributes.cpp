@@ -1,5 +1,6 @@
 #include "stipple/surface_attributes.hpp"
 
+#include "cloud_copy.hpp"
 #include "stipple/error.hpp"
 #include "stipple/local_analysis.hpp"
 #include "stipple/normal_orientation.hpp"
@@ -28,7 +29,7 @@ PointCloud add_feature_lines(PointCloud& cloud, const FeatureLineOptions& option
                              const RunContext& context) {
     FeatureLines features = find_feature_lines(cloud.positions, options, context);
     add_scalars(cloud, "feature_weight", std::move(features.weights));
-    PointCloud lines = subset(cloud, features.points);
+    PointCloud lines = subset(cloud, features.points, context);
     std::vector<std::uint32_t> numbers;
     for (std::size_t l = 0; l < features.size(); ++l) {
         numbers.insert(numbers.end(), features.line(l).size(), static_cast<std::uint32_t>(l));

@@ -155,7 +155,8 @@ DirectedError measure_direction(const Surface& from, const Surface& to, const Fr
     ErrorSamples samples = take_samples(from, is_finer, options, context.part(0.0, 0.5));
     context.checkpoint(0.5);
     auto distances = made_in_blocks<std::vector<double>>(samples.size(), context);
-    std::vector<Vec3f> feet(options.attributes ? samples.size() : 0);
+    auto feet =
+        made_in_blocks<std::vector<Vec3f>>(options.attributes ? samples.size() : 0, context);
     std::atomic<std::uint64_t> failed = 0;
     const auto found = [&](std::size_t i, const Foot& foot) {
         distances[i] = foot.distance;
@@ -173,9 +174,12 @@ DirectedError measure_direction(const Surface& from, const Surface& to, const Fr
     context.checkpoint(0.9);
 
     auto lengths = made_in_blocks<std::vector<float>>(samples.size(), context);
-    for (std::size_t i = 0; i < lengths.size(); ++i)
-        lengths[i] = static_cast<float>(distances[i] / frame.scale);
-    DirectedError error = summarize_distances(lengths, samples.areas, options.histogram_bins);
+    for_blocks_in_order(lengths.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i)
+            lengths[i] = static_cast<float>(distances[i] / frame.scale);
+    });
+    DirectedError error =
+        summarize_distances(lengths, samples.areas, options.histogram_bins, context);
     error.not_converged = static_cast<double>(failed) / static_cast<double>(samples.size());
     if (options.attributes)
         error.attributes = attribute_errors(from.attributed(), to.attributed(), samples.positions,

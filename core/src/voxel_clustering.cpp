@@ -1,5 +1,6 @@
 #include "stipple/voxel_clustering.hpp"
 
+#include "cloud_copy.hpp"
 #include "cluster_splitting.hpp"
 #include "first_touch.hpp"
 #include "random.hpp"
@@ -72,7 +73,9 @@ double estimated_cells(std::span<const Vec3f> points, std::size_t stride, const 
 /// The number of each key, given out in the order in which they come.
 class KeyNumbers {
 public:
-    explicit KeyNumbers(std::size_t expected) : slots_(std::bit_ceil(2 * expected + 16)) {}
+    KeyNumbers(std::size_t expected, const RunContext& context)
+        : context_(context),
+          slots_(made_in_blocks<std::vector<Slot>>(std::bit_ceil(2 * expected + 16), context)) {}
 
     Index number_of(std::uint64_t key) {
         if (2 * count_ >= slots_.size()) grow();
@@ -96,13 +99,15 @@ private:
         return slots_[at];
     }
     void grow() {
-        std::vector<Slot> old(2 * slots_.size());
+        auto old = made_in_blocks<std::vector<Slot>>(2 * slots_.size(), context_);
         old.swap(slots_);
-        for (const Slot& slot : old) {
-            if (slot.number != kEmpty) find(slot.key) = slot;
-        }
+        for_blocks_in_order(old.size(), context_, [&](std::size_t begin, std::size_t end) {
+            for (const Slot& slot : std::span(old).subspan(begin, end - begin))
+                if (slot.number != kEmpty) find(slot.key) = slot;
+        });
     }
 
+    const RunContext& context_;
     std::vector<Slot> slots_;
     Index count_ = 0;
 };
@@ -110,7 +115,7 @@ private:
 /// The points of each cell of the grid, cells in the order of their first points.
 Clusters clusters_of(std::span<const Vec3f> points, const VoxelGrid& grid, std::size_t expected,
                      const RunContext& context) {
-    KeyNumbers numbers(expected);
+    KeyNumbers numbers(expected, context);
     auto cell = made_in_blocks<std::vector<Index>>(points.size(), context);
     std::vector<Index> sizes;
     for_blocks_in_order(points.size(), context, [&](std::size_t begin, std::size_t end) {
@@ -121,10 +126,14 @@ Clusters clusters_of(std::span<const Vec3f> points, const VoxelGrid& grid, std::
         }
     });
     Clusters clusters;
-    clusters.offsets.resize(sizes.size() + 1);
-    for (std::size_t c = 0; c < sizes.size(); ++c)
-        clusters.offsets[c + 1] = clusters.offsets[c] + sizes[c];
-    std::vector<Index> next(clusters.offsets.begin(), clusters.offsets.end() - 1);
+    resize_in_blocks(clusters.offsets, sizes.size() + 1, context);
+    std::vector<Index>& next = sizes;  // where the next point of a cell goes
+    for_blocks_in_order(sizes.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t c = begin; c < end; ++c) {
+            clusters.offsets[c + 1] = clusters.offsets[c] + sizes[c];
+            next[c] = clusters.offsets[c];
+        }
+    });
     resize_in_blocks(clusters.members, points.size(), context);
     for_blocks_in_order(points.size(), context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i)
@@ -138,12 +147,14 @@ struct Box {
     double longest;  ///< side
 };
 
-Box box_of(std::span<const Vec3f> points) {
+Box box_of(std::span<const Vec3f> points, const RunContext& context) {
     Vec3f low = points.front(), high = low;
-    for (const Vec3f& p : points) {
-        low = low.cwiseMin(p);
-        high = high.cwiseMax(p);
-    }
+    for_blocks_in_order(points.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (const Vec3f& p : points.subspan(begin, end - begin)) {
+            low = low.cwiseMin(p);
+            high = high.cwiseMax(p);
+        }
+    });
     return {low.cast<double>(), (high.cast<double>() - low.cast<double>()).maxCoeff()};
 }
 
@@ -219,7 +230,7 @@ void check_voxel_size(double size, double longest) {
 Clusters voxel_clusters(std::span<const Vec3f> points, const VoxelClusteringOptions& options,
                         const RunContext& context) {
     check(options, points.size());
-    const Box box = box_of(points);
+    const Box box = box_of(points, context);
     if (!options.voxel_size) return searched_clusters(points, box, *options.target_size, context);
     check_voxel_size(*options.voxel_size, box.longest);
     return clusters_of(points, VoxelGrid(box.low, *options.voxel_size), 0, context);
@@ -228,7 +239,7 @@ Clusters voxel_clusters(std::span<const Vec3f> points, const VoxelClusteringOpti
 PointCloud voxel_clustering(const PointCloud& cloud, const VoxelClusteringOptions& options,
                             const RunContext& context) {
     check(options, cloud.size());
-    if (options.target_size && *options.target_size >= cloud.size()) return cloud;
+    if (options.target_size && *options.target_size >= cloud.size()) return copy_of(cloud, context);
     const std::vector<Reduction> reductions =
         reductions_for(cloud, options.reductions, options.representative);
     context.checkpoint(0.0);

@@ -1,11 +1,12 @@
 #include "worst_samples.hpp"
 
+#include "first_touch.hpp"
 #include "tree_search.hpp"
+#include "until_stopped.hpp"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <numeric>
 #include <vector>
 
 namespace stipple {
@@ -105,8 +106,10 @@ void confirm_worst(std::span<Vec3f> places, std::span<double> distances, const F
                    const RunContext& context) {
     std::size_t at_once = std::min(kMostAtFirst, places.size() / kFirst);
     if (at_once == 0) return;
-    std::vector<std::size_t> order(places.size());
-    std::iota(order.begin(), order.end(), std::size_t{0});
+    auto order = made_in_blocks<std::vector<Index>>(places.size(), context);
+    for_blocks_in_order(order.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) order[i] = static_cast<Index>(i);
+    });
     std::vector<Vec3f> chosen;
     double confirmed = 0;
     for (std::size_t first = 0; first < places.size() / kMost; at_once *= 2) {
@@ -114,9 +117,10 @@ void confirm_worst(std::span<Vec3f> places, std::span<double> distances, const F
         const auto at = [&](std::size_t i) {
             return order.begin() + static_cast<std::ptrdiff_t>(i);
         };
-        std::partial_sort(at(first), at(last), order.end(), [&](std::size_t a, std::size_t b) {
+        const auto farther = [&](Index a, Index b) {
             return distances[a] > distances[b] || (distances[a] == distances[b] && a < b);
-        });
+        };
+        std::partial_sort(at(first), at(last), order.end(), until_stopped(context, farther));
         if (distances[order[first]] <= kAsGood * confirmed) return;
         chosen.clear();
         for (std::size_t i = first; i < last; ++i) chosen.push_back(places[order[i]]);

@@ -205,6 +205,15 @@ TEST(ParticleSimulation, UpsamplingInTwoStagesIsEven) {
     EXPECT_GT(spacing.smallest, 0.8);
 }
 
+TEST(ParticleSimulation, UpsamplingFortyfoldIsEvenOnTheSurface) {
+    const auto result = particle_simulation(test::sphere(500), {.target_size = 20'000});
+    ASSERT_EQ(result.size(), 20'000U);
+    for (const Vec3f& p : result.positions) ASSERT_NEAR(p.norm(), 1.0F, 5e-3F);
+    const Spacing spacing = spacing_of(result.positions);
+    EXPECT_LT(spacing.variation, 0.05);
+    EXPECT_GT(spacing.smallest, 0.7);
+}
+
 TEST(ParticleSimulation, UpsamplesWhatIsNoSurface) {
     for (const PointCloud& cloud : {test::cube(1000), test::line(1000)}) {
         const Aabb box = bounds(cloud);

@@ -3,6 +3,7 @@
 #include "kernel_sets.hpp"
 #include "stipple/cleaning.hpp"
 #include "stipple/error.hpp"
+#include "stipple/surface_attributes.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
@@ -111,6 +112,59 @@ TEST_P(EveryMethod, KeepsEveryAttributeAndNoNaN) {
     for (const std::int32_t label :
          std::get<std::vector<std::int32_t>>(find_attribute(result, "label")->values)) {
         EXPECT_TRUE(label == 7 || label == 1'000'003) << "a label was blended: " << label;
+    }
+}
+
+TEST_P(EveryMethod, ReducesEachAttributeByItsPolicy) {
+    if (method() == Method::Random) return;  // which keeps points as they are
+    PointCloud input = cloud();
+    std::vector<float> values;
+    for (std::size_t i = 0; i < input.size(); ++i)
+        values.push_back(static_cast<float>(i * 7919 % 1'009));
+    SimplifyOptions options;
+    options.method = method();
+    options.points = input.size() / 3 + 1;
+    for (const auto& [name, reduction] : {std::pair("least", Reduction::Min),
+                                          {"mean", Reduction::Mean},
+                                          {"most", Reduction::Max}}) {
+        input.attributes.push_back({name, values, 1, Reduction::Nearest});
+        options.reductions[name] = reduction;
+    }
+    const PointCloud result = simplify(input, options);
+    const auto values_of = [&](const char* name) {
+        return std::get<std::vector<float>>(find_attribute(result, name)->values);
+    };
+    const auto least = values_of("least"), mean = values_of("mean"), most = values_of("most");
+    std::size_t merged = 0;
+    for (std::size_t i = 0; i < result.size(); ++i) {
+        EXPECT_LE(least[i], mean[i] * 1.0001F);
+        EXPECT_LE(mean[i], most[i] * 1.0001F);
+        merged += least[i] < mean[i] && mean[i] < most[i];
+    }
+    if (input.size() > 100) {
+        EXPECT_GT(2 * merged, result.size() / 2);
+    }
+}
+
+TEST_P(EveryMethod, LeavesPointsWithASplatEach) {
+    const PointCloud input = cloud();
+    PointCloud result = run(input, input.size() / 3 + 1);
+    add_splats(result, SplatAttributes::Ellipse);
+    const auto values_of = [&](const char* name) {
+        return std::get<std::vector<float>>(find_attribute(result, name)->values);
+    };
+    const auto radius = values_of("radius"), major = values_of("major"), minor = values_of("minor");
+    ASSERT_EQ(radius.size(), result.size());
+    ASSERT_EQ(major.size(), 3 * result.size());
+    ASSERT_EQ(minor.size(), 3 * result.size());
+    const auto largest = static_cast<float>(bounds(input).diagonal());
+    for (std::size_t i = 0; i < result.size(); ++i) {
+        EXPECT_GT(radius[i], 0.0F);
+        EXPECT_LE(radius[i], largest);
+        const Vec3f a(&major[3 * i]), b(&minor[3 * i]);
+        EXPECT_GE(a.stableNorm(), b.stableNorm() * 0.9999F);
+        EXPECT_LE(a.stableNorm(), largest);
+        EXPECT_NEAR(a.stableNormalized().dot(b.stableNormalized()), 0.0F, 1e-3F);
     }
 }
 
