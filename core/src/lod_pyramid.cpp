@@ -132,7 +132,8 @@ LevelOf snapshots_of(const PointCloud& cloud, std::span<const std::uint64_t> siz
         for (std::size_t i = 0; i < all.size(); ++i) levels[all[i]] = std::move(made[i]);
     }
     return [&cloud, context, levels = std::move(levels)](std::uint64_t points) {
-        return points == cloud.size() ? copy_of(cloud, context) : copy_of(levels.at(points), context);
+        return points == cloud.size() ? copy_of(cloud, context)
+                                      : copy_of(levels.at(points), context);
     };
 }
 
