@@ -108,7 +108,8 @@ void weigh_quadratic(std::span<Wish> wishes, std::size_t size) {
             q += static_cast<double>(beside[p]);
         }
         if (!(b > 4 * q && q > 0)) continue;
-        const auto factor = static_cast<float>(std::sqrt(b / q) / 2);
+        constexpr double kMost = 4;  // or damping, which is one for all, would hold the others
+        const auto factor = static_cast<float>(std::min(std::sqrt(b / q) / 2, kMost));
         wish.quadratic_distance *= factor;
         for (Float4& gradient : wish.quadratic) gradient *= factor;
     }
