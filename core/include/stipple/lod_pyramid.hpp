@@ -55,8 +55,9 @@ std::vector<std::uint64_t> lod_sizes(std::uint64_t points, const LodPyramidOptio
 /// there, for cuts; once the run is over, for snapshots, which are kept until then.
 /// @throws Error(InvalidArgument) for options out of range, a method that has no levels, a cloud
 /// without points, or a single point that `base_fits` does not take.
-/// All cuts of the dragon take 1.2 times as long as its finest alone (`pyramid/dragon/ratio-4` of
-/// stipple-bench), without their spacing. 16 bytes a point beside the tree.
+/// All cuts of the dragon take 1.1 to 1.2 times as long as its finest alone
+/// (`pyramid/dragon/ratio-4` of stipple-bench), without their spacing. 16 bytes a point beside the
+/// tree.
 void build_lod_pyramid(const PointCloud& cloud, const LodPyramidOptions& options,
                        const std::function<void(LodLevel&&)>& on_level,
                        const RunContext& context = {});
