@@ -120,7 +120,8 @@ TEST(OpenApi, ListsExactlyTheFieldsOfEveryRequest) {
               fields_of("upsample", R"(,"points":9)", {"ratio"}));
     EXPECT_EQ(documented_fields("AnalyzeRequest"),
               fields_of("analyze", "", {"viewpoint", "feature_lines"}));
-    EXPECT_EQ(documented_fields("PyramidRequest"), fields_of("pyramid", "", {"levels", "base_bytes"}));
+    EXPECT_EQ(documented_fields("PyramidRequest"),
+              fields_of("pyramid", "", {"levels", "base_bytes"}));
     EXPECT_EQ(documented_fields("EvaluateRequest"),
               fields_of("evaluate", kCandidate, {"candidate", "range"}));
 }
