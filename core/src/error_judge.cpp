@@ -13,8 +13,21 @@ constexpr std::size_t kManySamples = 100'000;  // unless there are even more poi
 constexpr unsigned kMeasurements = 2;
 constexpr std::uint64_t kFewestMeasured = 200'000;  // also of small clouds
 
+/// Distances rise to a maximum, if steeply: where they are above these parts of the bound, closer
+/// places are looked at.
+constexpr double kRaised = 0.5, kHigh = 0.8;
+constexpr unsigned kEach = 16, kRounds = 2;
+constexpr float kSpread = 0.5F;
+
 void append(std::vector<Vec3f>& to, const std::vector<Vec3f>& more) {
     to.insert(to.end(), more.begin(), more.end());
+}
+
+std::vector<Vec3f> places_above(double bound, const DirectedError& error) {
+    std::vector<Vec3f> above;
+    for (std::size_t i = 0; i < error.distances.size(); ++i)
+        if (error.distances[i] > bound) above.push_back(error.positions[i]);
+    return above;
 }
 
 }  // namespace
@@ -98,6 +111,7 @@ ErrorJudge::Finding ErrorJudge::watch(const PointCloud& candidate) {
 
 ErrorJudge::Finding ErrorJudge::measure(ErrorBoundedCloud& candidate) {
     Finding worst;
+    std::vector<Vec3f> forward, backward;  // raised places of the two surfaces
     for (std::uint64_t seed = 0; seed < kMeasurements && worst.max <= kWithin; ++seed) {
         ++tries_;
         SurfaceErrorOptions options;
@@ -106,20 +120,42 @@ ErrorJudge::Finding ErrorJudge::measure(ErrorBoundedCloud& candidate) {
         options.keep_samples = true;
         options.seed = seed;
         SurfaceError error = measure_error(cloud_, candidate.cloud, options, quietly_);
-        if (error.max() / bound_ < worst.max) continue;
-        worst.max = error.max() / bound_;
-        worst.places.clear();
-        for (DirectedError* const direction : {&error.forward, &error.backward}) {
-            for (std::size_t i = 0; i < direction->distances.size(); ++i)
-                if (direction->distances[i] > kMargin * bound_)
-                    worst.places.push_back(direction->positions[i]);
-            direction->positions = {};
-            direction->distances = {};
+        append(forward, places_above(kRaised * bound_, error.forward));
+        append(backward, places_above(kRaised * bound_, error.backward));
+        if (error.max() / bound_ >= worst.max) {
+            worst.max = error.max() / bound_;
+            worst.places = places_above(kMargin * bound_, error.forward);
+            append(worst.places, places_above(kMargin * bound_, error.backward));
+            candidate.sampling = options.sampling;
+            for (DirectedError* const direction : {&error.forward, &error.backward}) {
+                direction->positions = {};
+                direction->distances = {};
+            }
+            candidate.error = std::move(error);
         }
-        candidate.error = std::move(error);
-        candidate.sampling = options.sampling;
     }
-    return worst;
+    if (worst.max > kWithin) return worst;
+    const ProbedSurface other(into_frame(candidate.cloud.positions), quietly_);
+    Finding closer = look_closer(surface_, into_frame(forward), other);
+    if (closer.max <= kWithin) closer = look_closer(other, into_frame(backward), surface_);
+    return closer.max > kWithin ? closer : worst;
+}
+
+ErrorJudge::Finding ErrorJudge::look_closer(const ProbedSurface& from, std::vector<Vec3f> raised,
+                                            const ProbedSurface& other) const {
+    const double margin = kMargin * bound_ * scale_;
+    Finding finding;
+    float spread = kSpread;
+    for (std::uint64_t round = 0; round < kRounds && finding.max <= kWithin; ++round) {
+        const Probes probes =
+            from.measure(from.places_around(raised, spread, kEach, round, quietly_).places, other,
+                         margin, quietly_);
+        finding.max = static_cast<double>(probes.max()) / (bound_ * scale_);
+        finding.places = out_of_frame(probes.places_above(margin));
+        raised = probes.places_above(kHigh * bound_ * scale_);
+        spread /= 2;
+    }
+    return finding;
 }
 
 }  // namespace stipple

@@ -36,7 +36,8 @@ public:
     /// From all points and much between: quick for a candidate that is much like the last.
     Finding watch(const PointCloud& candidate);
 
-    /// As anyone would measure it, more than once; keeps the measurement that found most.
+    /// As anyone would measure it, more than once, and then closer where distances are large; keeps
+    /// the measurement that found most.
     Finding measure(ErrorBoundedCloud& candidate);
 
     /// The parts of the bound that a glance or a watch calls safe.
@@ -47,6 +48,9 @@ public:
 
 private:
     std::vector<Vec3f> points_of_surface() const;
+    /// At many places around raised ones, in the frame.
+    Finding look_closer(const ProbedSurface& from, std::vector<Vec3f> raised,
+                        const ProbedSurface& other) const;
     std::uint64_t dense_samples() const;
     std::vector<Vec3f> into_frame(std::span<const Vec3f> positions) const;
     std::vector<Vec3f> out_of_frame(std::span<const Vec3f> places) const;
