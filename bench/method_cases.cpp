@@ -21,7 +21,8 @@ std::size_t stated_bytes(const SimplifyOptions& options, std::size_t points, std
     const auto bytes = [&] {
         switch (options.method) {
             case Method::Multiphase:
-                return std::max(8 * n, 4 * n + 250 * options.oversampling * kept);
+                return std::max(8 * n, 4 * n + 250 * options.oversampling * kept +
+                                           2200 * std::min(kept, 12'000.0));
             case Method::Hierarchical:
                 return std::max(8 * n, 4 * n + 120 * kept);
             case Method::Incremental:

@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <span>
 
 // Follows: Levin 2003, Alexa et al. 2003 (the energy of Eq. 6 as a function of n and t, whose
 // weights move with q = r + t n). With m = n . (p - r) and s = m - t a term is
@@ -100,9 +101,8 @@ std::size_t term_count(unsigned degree) noexcept {
 
 using TermMatrix = std::array<std::array<double, kMaxTerms>, kMaxTerms>;
 
-/// Factors the matrix of a least squares problem of n terms in place, by its lower triangle. The
-/// first rows are the factors of the first terms' matrix. A term that those before it make up is
-/// left out.
+/// Factors the matrix of a least squares problem of n terms in place, by its lower triangle. A
+/// term that those before it make up is left out.
 /// @return the inverses of the pivots; 0 for what is left out.
 std::array<double, kMaxTerms> factorise(TermMatrix& A, std::size_t n) {
     constexpr double kDependent = 1e-11;
@@ -118,7 +118,7 @@ std::array<double, kMaxTerms> factorise(TermMatrix& A, std::size_t n) {
     return inverse;
 }
 
-/// Solves A c = b by the factors of A, or of more terms than b has.
+/// Solves A c = b by the factors of A.
 void substitute(const TermMatrix& A, std::span<const double> inverse, std::span<double> b) {
     const std::size_t n = b.size();
     for (std::size_t i = 0; i < n; ++i)
@@ -126,33 +126,6 @@ void substitute(const TermMatrix& A, std::span<const double> inverse, std::span<
     for (std::size_t i = n; i-- > 0;) {
         b[i] *= inverse[i];
         for (std::size_t k = i + 1; k < n; ++k) b[i] -= A[k][i] * inverse[i] * b[k];
-    }
-}
-
-using Terms = std::array<double, 6>;  // of 1, u, v, uu, uv, vv
-
-/// @param influence  of the right sides on the height at the origin.
-/// @param c  the polynomial's coefficients.
-void differentiate(const MlsNeighborhood& around, const MlsTrial& plane, const Terms& influence,
-                   const Terms& c, MlsGradients& result) {
-    const Eigen::Map<const Vec3d> n(plane.n), e1(plane.e1), e2(plane.e2);
-    const Terms& b = influence;
-    const double per_h = 1 / plane.h;
-    result.height = 0;
-    for (std::size_t i = 0; i < around.size(); ++i) {
-        const Vec3d d(around.x[i], around.y[i], around.z[i]);
-        const double u = e1.dot(d) * per_h, v = e2.dot(d) * per_h, height = n.dot(d) - plane.t;
-        const auto at = [&](const Terms& f) {
-            return f[0] + u * (f[1] + u * f[3] + v * f[4]) + v * (f[2] + v * f[5]);
-        };
-        const auto by_u = [&](const Terms& f) { return f[1] + 2 * u * f[3] + v * f[4]; };
-        const auto by_v = [&](const Terms& f) { return f[2] + u * f[4] + 2 * v * f[5]; };
-        const double share = around.weight[i] * at(b), residual = height - at(c);
-        result.height += share * height;
-        const double moved = around.weight[i] * residual;
-        result.gradients[i] = share * n + per_h * (moved * by_u(b) - share * by_u(c)) * e1 +
-                              per_h * (moved * by_v(b) - share * by_v(c)) * e2 -
-                              2 * per_h * per_h * share * residual * d;
     }
 }
 
@@ -208,30 +181,6 @@ MlsHeight fit_polynomial(const MlsNeighborhood& around, const Vec3d& n, const Ve
     substitute(A, factorise(A, terms), std::span(b).first(terms));
     if (!(std::abs(b[0]) <= highest)) return fit_polynomial(around, n, q, h, degree - 1);
     return {b[0], (n - (b[1] * e1 + b[2] * e2) / h).normalized()};
-}
-
-void fit_gradients(const MlsNeighborhood& around, const Vec3d& n, const Vec3d& q, double h,
-                   MlsGradients& linear, MlsGradients& quadratic) {
-    MlsPlane plane;
-    plane.n = n;
-    plane.t = n.dot(q);
-    const Vec3d e1 = n.unitOrthogonal(), e2 = n.cross(e1);
-    const MlsTrial trial = trial_of(plane, e1, e2, h);
-    TermMatrix A;
-    std::array<double, kMaxTerms> right;
-    const double highest =
-        mls_kernels().normal_equations(around.columns(), trial, 2, A.front().data(), right.data());
-    const std::array<double, kMaxTerms> inverse = factorise(A, 6);
-    for (const std::size_t terms : {3, 6}) {  // by the same factors
-        Terms influence = {1}, c = {};
-        std::copy_n(right.begin(), terms, c.begin());
-        substitute(A, inverse, std::span(influence).first(terms));
-        substitute(A, inverse, std::span(c).first(terms));
-        differentiate(around, trial, influence, c, terms == 3 ? linear : quadratic);
-    }
-    if (std::abs(quadratic.height) <= highest) return;
-    std::ranges::copy(linear.gradients, quadratic.gradients.begin());
-    quadratic.height = linear.height;
 }
 
 }  // namespace stipple

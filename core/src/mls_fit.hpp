@@ -5,7 +5,6 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <span>
 #include <vector>
 
 namespace stipple {
@@ -58,17 +57,5 @@ struct MlsHeight {
 /// `q` across `n`.
 MlsHeight fit_polynomial(const MlsNeighborhood& around, const Vec3d& n, const Vec3d& q, double h,
                          unsigned degree);
-
-/// The height of a polynomial at q, and how it changes as neighbours move.
-struct MlsGradients {
-    double height = 0;
-    std::span<Vec3d> gradients;  ///< one for each neighbour
-};
-
-/// The same fits of degree 1 and 2 at once, with six neighbours or more. n, q and h are held fast,
-/// not so the weights: they are those of `fit_weighted_plane`, centred at r.
-/// @param linear, quadratic  with room for as many gradients as neighbours.
-void fit_gradients(const MlsNeighborhood& around, const Vec3d& n, const Vec3d& q, double h,
-                   MlsGradients& linear, MlsGradients& quadratic);
 
 }  // namespace stipple

@@ -1,15 +1,17 @@
 #include "surface_fit.hpp"
 
 #include "contraction.hpp"
+#include "fit_kernels.hpp"
 #include "float4.hpp"
-#include "mls_fit.hpp"
+#include "large_memory.hpp"
+#include "leaf_query.hpp"
 #include "parallel_for.hpp"
 #include "point_tree.hpp"
-#include "tree_search.hpp"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <deque>
 
 // Follows: Pauly, Gross, Kobbelt 2002, §2.2 (the surface) and §4 (its distance); Levenberg 1944 (a
 // step towards the least sum of squares, damped); Hestenes and Stiefel 1952 (conjugate gradients
@@ -19,9 +21,11 @@
 namespace stipple {
 namespace {
 
-constexpr std::size_t kNeighbors = 20;
-constexpr double kReach = 3.0;  // in h
-constexpr std::size_t kBlock = 64;
+constexpr std::size_t kNeighbors = FitLanes::kRows;  // of a point, itself among them
+constexpr std::size_t kWidth = PointTree::kWidth;
+static_assert(kWidth == FitLanes::kLanes);
+constexpr float kReach = 3.0F;  // in h
+constexpr std::size_t kBlock = 32;
 /// Points of a patch, at least; fewer than twice as many.
 constexpr std::size_t kPatch = 4096;
 
@@ -29,89 +33,110 @@ constexpr std::size_t kPatch = 4096;
 constexpr float kDamping = 0.5F;
 constexpr int kIterations = 3;
 
-/// What one input point asks of the points around it: that moves along the gradients of the
-/// surface's height, linear and quadratic, add up to its distance from it.
-struct Wish {
-    std::size_t size = 0;
-    std::array<Index, kNeighbors> points;
-    std::array<Float4, kNeighbors> linear, quadratic;
-    float linear_distance = 0, quadratic_distance = 0;
+/// One value for each of eight points.
+struct Eight {
+    Float4 low{}, high{};
 
-    std::span<const Index> points_asked() const { return std::span(points).first(size); }
+    Eight() = default;
+    Eight(Float4 l, Float4 h) : low(l), high(h) {}
+    explicit Eight(const FitLanes::Floats& from) : low(load(&from[0])), high(load(&from[4])) {}
+
+    friend Eight operator+(Eight a, Eight b) { return {a.low + b.low, a.high + b.high}; }
+    friend Eight operator-(Eight a, Eight b) { return {a.low - b.low, a.high - b.high}; }
+    friend Eight operator*(Eight a, Eight b) { return {a.low * b.low, a.high * b.high}; }
+    Eight& operator+=(Eight b) { return *this = *this + b; }
 };
 
-Float4 packed(const Vec3d& v) {
-    const Vec3f f = v.cast<float>();
-    return Float4{f.x(), f.y(), f.z(), 0};
+/// One vector for each of eight points.
+struct Vectors {
+    Eight x, y, z;
+
+    Vectors() = default;
+    Vectors(Eight x_, Eight y_, Eight z_) : x(x_), y(y_), z(z_) {}
+    explicit Vectors(const FitLanes::Row& row) : x(row.x), y(row.y), z(row.z) {}
+
+    Eight dot(const Vectors& o) const { return x * o.x + y * o.y + z * o.z; }
+    void add(Eight factor, const Vectors& o) {
+        x += factor * o.x;
+        y += factor * o.y;
+        z += factor * o.z;
+    }
+};
+
+using Square = std::array<Float4, 4>;
+
+Square transposed(const Square& m) {
+    const Float4 a = __builtin_shufflevector(m[0], m[1], 0, 4, 1, 5),
+                 b = __builtin_shufflevector(m[0], m[1], 2, 6, 3, 7),
+                 c = __builtin_shufflevector(m[2], m[3], 0, 4, 1, 5),
+                 d = __builtin_shufflevector(m[2], m[3], 2, 6, 3, 7);
+    return {__builtin_shufflevector(a, c, 0, 1, 4, 5), __builtin_shufflevector(a, c, 2, 3, 6, 7),
+            __builtin_shufflevector(b, d, 0, 1, 4, 5), __builtin_shufflevector(b, d, 2, 3, 6, 7)};
 }
+
+/// Numbers of one point for each of eight.
+using Numbers = std::array<Index, kWidth>;
+
+Vectors gathered(const std::vector<Float4>& from, const Numbers& numbers) {
+    const auto half = [&](const Index* n) {
+        return transposed({from[n[0]], from[n[1]], from[n[2]], from[n[3]]});
+    };
+    const Square low = half(&numbers[0]), high = half(&numbers[4]);
+    return {{low[0], high[0]}, {low[1], high[1]}, {low[2], high[2]}};
+}
+
+void add_scattered(const Vectors& v, Eight fourth, const Numbers& numbers,
+                   std::vector<Float4>& to) {
+    const Square low = transposed({v.x.low, v.y.low, v.z.low, fourth.low}),
+                 high = transposed({v.x.high, v.y.high, v.z.high, fourth.high});
+    for (std::size_t lane = 0; lane < 4; ++lane) to[numbers[lane]] += low[lane];
+    for (std::size_t lane = 0; lane < 4; ++lane) to[numbers[4 + lane]] += high[lane];
+}
+
+/// The eight points of a leaf and what some input points of each ask: that moves of its neighbours
+/// along the gradients of the surface's height, linear and quadratic, add up to their distances
+/// from it.
+struct Group {
+    std::array<Numbers, kNeighbors> neighbors;
+    FitLanes::Floats quadratic_weight;
+    std::span<FitAnswers> wishes;  ///< each of eight input points, one for each point
+};
 
 float sum(Float4 v) {
     return (v[0] + v[1]) + (v[2] + v[3]);
 }
 
-class Asker {
-public:
-    /// @param points  those of the tree.
-    Asker(const PointTree& tree, std::span<const Vec3f> points) : tree_(tree), points_(points) {}
-
-    /// What the input point at this place asks for.
-    void ask(const Vec3f& at, Wish& wish) {
-        const auto found = find_nearest(tree_, at, room_);
-        wish.size = 0;
-        around_.resize(found.size());
-        for (std::size_t i = 0; i < found.size(); ++i) {
-            const Vec3d d = (points_[found[i].index] - at).cast<double>();
-            around_.x[i] = d.x();
-            around_.y[i] = d.y();
-            around_.z[i] = d.z();
-        }
-        const double h = std::sqrt(static_cast<double>(found.back().distance_sq)) / kReach;
-        if (!(h > 0)) return;
-        const MlsPlane plane = fit_weighted_plane(around_, h);
-        if (plane.kind != MlsPlane::Kind::Weighted) return;
-        MlsGradients linear{.gradients = linear_}, quadratic{.gradients = quadratic_};
-        fit_gradients(around_, plane.n, plane.q, h, linear, quadratic);
-        wish.size = found.size();
-        for (std::size_t i = 0; i < wish.size; ++i) {
-            wish.points[i] = found[i].index;
-            wish.linear[i] = packed(linear_[i]);
-            wish.quadratic[i] = packed(quadratic_[i]);
-        }
-        wish.linear_distance = static_cast<float>(-plane.t - linear.height);
-        wish.quadratic_distance = static_cast<float>(-plane.t - quadratic.height);
-    }
-
-private:
-    const PointTree& tree_;
-    std::span<const Vec3f> points_;
-    std::array<Neighbor, kNeighbors> room_;
-    std::array<Vec3d, kNeighbors> linear_, quadratic_;
-    MlsNeighborhood around_;
-};
-
 /// Weighs the quadratic surface as much as the linear one, and more where it is the closer by far:
 /// where points that are pushed out until the linear surface, which lies inside, meets the input
 /// half way would spoil it.
-void weigh_quadratic(std::span<Wish> wishes, std::size_t size) {
+/// @param size  of what neighbours are numbers of.
+void weigh_quadratic(std::span<Group> groups, std::size_t size) {
     std::vector<float> between(size), beside(size);  // squared: the surfaces, the input
-    for (const Wish& wish : wishes) {
-        const float inside = wish.linear_distance - wish.quadratic_distance;
-        for (const Index p : wish.points_asked()) {
-            between[p] += inside * inside;
-            beside[p] += wish.quadratic_distance * wish.quadratic_distance;
+    for (const Group& group : groups) {
+        for (std::size_t lane = 0; lane < kWidth; ++lane) {
+            float inside_sq = 0, distance_sq = 0;
+            for (const FitAnswers& wish : group.wishes) {
+                const float quadratic = wish.quadratic_distance[lane],
+                            inside = wish.linear_distance[lane] - quadratic;
+                inside_sq += inside * inside;
+                distance_sq += quadratic * quadratic;
+            }
+            for (const Numbers& row : group.neighbors) {
+                between[row[lane]] += inside_sq;
+                beside[row[lane]] += distance_sq;
+            }
         }
     }
-    for (Wish& wish : wishes) {
-        double b = 0, q = 0;
-        for (const Index p : wish.points_asked()) {
-            b += static_cast<double>(between[p]);
-            q += static_cast<double>(beside[p]);
+    for (Group& group : groups) {
+        for (std::size_t lane = 0; lane < kWidth; ++lane) {
+            float b = 0, q = 0;
+            for (const Numbers& row : group.neighbors) {
+                b += between[row[lane]];
+                q += beside[row[lane]];
+            }
+            constexpr float kMost = 16;  // or damping, which is one for all, would hold the others
+            group.quadratic_weight[lane] = q > 0 ? std::clamp(b / q / 4, 1.0F, kMost) : 1;
         }
-        if (!(b > 4 * q && q > 0)) continue;
-        constexpr double kMost = 4;  // or damping, which is one for all, would hold the others
-        const auto factor = static_cast<float>(std::min(std::sqrt(b / q) / 2, kMost));
-        wish.quadratic_distance *= factor;
-        for (Float4& gradient : wish.quadratic) gradient *= factor;
     }
 }
 
@@ -119,21 +144,31 @@ void weigh_quadratic(std::span<Wish> wishes, std::size_t size) {
 /// best.
 class Agreement {
 public:
-    /// @param size  of what `Wish::points` number.
-    Agreement(std::span<const Wish> wishes, std::size_t size)
-        : wishes_(wishes), residual_(size), direction_(size), image_(size), stiffness_(size) {
-        double total = 0;
-        for (const Wish& wish : wishes) {
-            for (std::size_t i = 0; i < wish.size; ++i) {
-                const Float4 l = wish.linear[i], q = wish.quadratic[i];
-                const Index p = wish.points[i];
-                residual_[p] += wish.linear_distance * l + wish.quadratic_distance * q;
-                const float square = sum(l * l + q * q);
-                stiffness_[p] += square;
-                total += static_cast<double>(square);
+    /// @param size  of what neighbours are numbers of.
+    Agreement(std::span<const Group> groups, std::size_t size)
+        : groups_(groups), residual_(size), direction_(size), image_(size), stiffness_(size) {
+        for (const Group& group : groups) {
+            const Eight weight(group.quadratic_weight);
+            for (std::size_t i = 0; i < kNeighbors; ++i) {
+                Vectors wanted;
+                Eight square;
+                for (const FitAnswers& wish : group.wishes) {
+                    const Vectors l(wish.gradients[i].linear), q(wish.gradients[i].quadratic);
+                    wanted.add(Eight(wish.linear_distance), l);
+                    wanted.add(weight * Eight(wish.quadratic_distance), q);
+                    square += l.dot(l) + weight * q.dot(q);
+                }
+                add_scattered(wanted, square, group.neighbors[i], residual_);
             }
         }
-        damping_ = kDamping * static_cast<float>(total / static_cast<double>(size));
+        double total = 0;
+        for (std::size_t p = 0; p < size; ++p) {
+            stiffness_[p] = residual_[p][3];
+            residual_[p][3] = 0;
+            total += static_cast<double>(stiffness_[p]);
+        }
+        damping_ =
+            kDamping * static_cast<float>(total / static_cast<double>(kWidth * groups.size()));
     }
 
     std::vector<Float4> moves(const RunContext& context) {
@@ -170,15 +205,24 @@ private:
     /// What all wishes and the damping say of the direction. @return its curvature.
     double look_along() {
         for (std::size_t p = 0; p < image_.size(); ++p) image_[p] = damping_ * direction_[p];
-        for (const Wish& wish : wishes_) {
-            Float4 l{}, q{};
-            for (std::size_t i = 0; i < wish.size; ++i) {
-                l += wish.linear[i] * direction_[wish.points[i]];
-                q += wish.quadratic[i] * direction_[wish.points[i]];
+        for (const Group& group : groups_) {
+            std::array<Vectors, kNeighbors> direction, image;
+            for (std::size_t i = 0; i < kNeighbors; ++i)
+                direction[i] = gathered(direction_, group.neighbors[i]);
+            for (const FitAnswers& wish : group.wishes) {
+                Eight linear, quadratic;
+                for (std::size_t i = 0; i < kNeighbors; ++i) {
+                    linear += direction[i].dot(Vectors(wish.gradients[i].linear));
+                    quadratic += direction[i].dot(Vectors(wish.gradients[i].quadratic));
+                }
+                quadratic = quadratic * Eight(group.quadratic_weight);
+                for (std::size_t i = 0; i < kNeighbors; ++i) {
+                    image[i].add(linear, Vectors(wish.gradients[i].linear));
+                    image[i].add(quadratic, Vectors(wish.gradients[i].quadratic));
+                }
             }
-            const float linear = sum(l), quadratic = sum(q);
-            for (std::size_t i = 0; i < wish.size; ++i)
-                image_[wish.points[i]] += linear * wish.linear[i] + quadratic * wish.quadratic[i];
+            for (std::size_t i = 0; i < kNeighbors; ++i)
+                add_scattered(image[i], {}, group.neighbors[i], image_);
         }
         double curvature = 0;
         for (std::size_t p = 0; p < image_.size(); ++p)
@@ -186,7 +230,7 @@ private:
         return curvature;
     }
 
-    std::span<const Wish> wishes_;
+    std::span<const Group> groups_;
     std::vector<Float4> residual_, direction_, image_;
     std::vector<float> stiffness_;
     float damping_ = 0;
@@ -206,58 +250,116 @@ public:
           asked_(asked),
           context_(context),
           tree_(points, PointTree::Leaves::Compact, context),
-          number_(points.size(), PointTree::kNone) {}
+          slot_(points.size()),
+          place_(tree_.leaf_count(), PointTree::kNone) {
+        parallel_for_blocks(
+            tree_.leaf_count(), 512, context, [&](std::size_t begin, std::size_t end) {
+                for (std::size_t l = begin; l < end; ++l)
+                    for (std::size_t lane = 0; lane < tree_.points_in(l); ++lane)
+                        slot_[tree_.leaf(l).index[lane]] = static_cast<Index>(kWidth * l + lane);
+            });
+    }
 
     std::vector<Vec3f> fitted() {
         std::vector<Vec3f> result(points_.begin(), points_.end());
-        const std::size_t patches = std::max<std::size_t>(1, points_.size() / kPatch);
+        const std::size_t leaves = tree_.leaf_count(),
+                          patches = std::max<std::size_t>(1, kWidth * leaves / kPatch);
         for (std::size_t patch = 0; patch < patches; ++patch) {
-            const std::size_t begin = patch * points_.size() / patches,
-                              end = (patch + 1) * points_.size() / patches;
-            for (std::size_t i = begin; i < end; ++i)
-                number(tree_.leaf(i / PointTree::kWidth).index[i % PointTree::kWidth]);
+            for (std::size_t l = patch * leaves / patches; l < (patch + 1) * leaves / patches; ++l)
+                place(l);
+            const std::size_t own = leaves_.size();
+            ask_for(0, own);
+            ask_for(own, leaves_.size());
+            weigh_quadratic(groups_, kWidth * leaves_.size());
+            const auto moved = Agreement(groups_, kWidth * leaves_.size()).moves(context_);
+            for (std::size_t l = 0; l < own; ++l) {
+                for (std::size_t lane = 0; lane < tree_.points_in(leaves_[l]); ++lane) {
+                    const Float4 move = moved[kWidth * l + lane];
+                    result[tree_.leaf(leaves_[l]).index[lane]] += Vec3f(move[0], move[1], move[2]);
+                }
+            }
+            for (const Index l : leaves_) place_[l] = PointTree::kNone;
+            leaves_.clear();
+            groups_.clear();
             wishes_.clear();
-            ask_for(0, end - begin);
-            ask_for(end - begin, numbered_.size());
-            weigh_quadratic(wishes_, numbered_.size());
-            const auto moved = Agreement(wishes_, numbered_.size()).moves(context_);
-            for (std::size_t i = 0; i < end - begin; ++i)
-                result[numbered_[i]] += Vec3f(moved[i][0], moved[i][1], moved[i][2]);
-            for (const Index p : numbered_) number_[p] = PointTree::kNone;
-            numbered_.clear();
         }
         return result;
     }
 
 private:
-    Index number(Index point) {
-        if (number_[point] == PointTree::kNone) {
-            number_[point] = static_cast<Index>(numbered_.size());
-            numbered_.push_back(point);
+    /// Where the leaf stands among those of the patch, to which it is added.
+    Index place(std::size_t leaf) {
+        if (place_[leaf] == PointTree::kNone) {
+            place_[leaf] = static_cast<Index>(leaves_.size());
+            leaves_.push_back(static_cast<Index>(leaf));
         }
-        return number_[point];
+        return place_[leaf];
     }
 
-    /// Adds the wishes of what the numbered points `begin .. end` stand for, and numbers the points
-    /// that they are about.
+    /// Adds groups for the leaves `begin .. end` of the patch, and the leaves they are about.
     void ask_for(std::size_t begin, std::size_t end) {
-        std::vector<Index> samples;
-        for (std::size_t i = begin; i < end; ++i) {
-            const auto list = members_.of(numbered_[i]);
-            const std::size_t count = std::min<std::size_t>(asked_, list.size());
-            for (std::size_t c = 0; c < count; ++c)  // as evenly through the list as can be
-                samples.push_back(list[(2 * c + 1) * list.size() / (2 * count)]);
-        }
-        const std::size_t first = wishes_.size();
-        wishes_.resize(first + samples.size());
-        parallel_for_blocks(samples.size(), kBlock, context_,
-                            [&](std::size_t block_begin, std::size_t block_end) {
-                                Asker asker(tree_, points_);
-                                for (std::size_t i = block_begin; i < block_end; ++i)
-                                    asker.ask(scale_ * input_[samples[i]], wishes_[first + i]);
+        groups_.resize(end);
+        const std::size_t size = asked_ * (end - begin);
+        wishes_.emplace_back(size * sizeof(FitAnswers));
+        const std::span wishes(static_cast<FitAnswers*>(wishes_.back().data()), size);
+        parallel_for_blocks(end - begin, kBlock, context_,
+                            [&](std::size_t first, std::size_t last) {
+                                LeafQuery query(tree_, points_, kNeighbors - 1);
+                                for (std::size_t i = first; i < last; ++i) {
+                                    Group& group = groups_[begin + i];
+                                    group.wishes = wishes.subspan(asked_ * i, asked_);
+                                    ask(leaves_[begin + i], query, group);
+                                }
                             });
-        for (Wish& wish : std::span(wishes_).subspan(first))
-            for (std::size_t i = 0; i < wish.size; ++i) wish.points[i] = number(wish.points[i]);
+        for (Group& group : std::span(groups_).subspan(begin)) {
+            for (Numbers& row : group.neighbors) {
+                for (Index& number : row) {
+                    const Index slot = slot_[number];
+                    number = static_cast<Index>(kWidth * place(slot / kWidth) + slot % kWidth);
+                }
+            }
+        }
+    }
+
+    /// Fills the group of a leaf; neighbours by their indices.
+    void ask(std::size_t l, LeafQuery& query, Group& group) const {
+        const PointTree::Leaf& leaf = tree_.leaf(l);
+        for (Numbers& row : group.neighbors) row.fill(leaf.index[0]);
+        FitLanes lanes{};
+        FitLanes::Floats reach_sq{};
+        const auto set = [](FitLanes::Row& row, std::size_t lane, const Vec3f& v) {
+            row.x[lane] = v.x();
+            row.y[lane] = v.y();
+            row.z[lane] = v.z();
+        };
+        query.run(l, [&](std::size_t lane, const Candidates& near, const Chosen& chosen) {
+            group.neighbors[0][lane] = leaf.index[lane];
+            for (std::uint32_t i = 0; i < chosen.count; ++i) {
+                const std::size_t row = chosen.rank[i] + std::size_t{1};
+                if (row >= kNeighbors) continue;
+                const std::uint32_t slot = chosen.slot[i];
+                group.neighbors[row][lane] = near.index[slot];
+                set(lanes.around[row], lane,
+                    Vec3f(near.x[slot], near.y[slot], near.z[slot]) - leaf.position(lane));
+                reach_sq[lane] = std::max(reach_sq[lane], chosen.distance_sq[i]);
+            }
+        });
+        const FitKernel& kernel = fit_kernel();
+        for (unsigned a = 0; a < asked_; ++a) {
+            for (std::size_t lane = 0; lane < tree_.points_in(l); ++lane) {
+                const auto list = members_.of(leaf.index[lane]);
+                const std::size_t count = std::min<std::size_t>(asked_, list.size());
+                lanes.per_h[lane] = 0;
+                if (a >= count) continue;
+                // As evenly through the list as can be.
+                const Index member = list[(2 * a + 1) * list.size() / (2 * count)];
+                const Vec3f at = scale_ * input_[member] - leaf.position(lane);
+                if (!(at.squaredNorm() < reach_sq[lane])) continue;
+                set(lanes.place, lane, at);
+                lanes.per_h[lane] = kReach / std::sqrt(reach_sq[lane]);
+            }
+            kernel.run(lanes, group.wishes[a]);
+        }
     }
 
     std::span<const Vec3f> points_, input_;
@@ -266,9 +368,11 @@ private:
     unsigned asked_;
     const RunContext& context_;
     PointTree tree_;
-    std::vector<Index> numbered_;  ///< points of the patch, then those around it
-    std::vector<Index> number_;    ///< in that order, by point; else kNone
-    std::vector<Wish> wishes_;
+    std::vector<Index> slot_;         ///< in the tree, by point
+    std::vector<Index> leaves_;       ///< of the patch, then those around it
+    std::vector<Index> place_;        ///< among those, by leaf; else kNone
+    std::vector<Group> groups_;       ///< of these leaves, but those at the end, which ask nothing
+    std::deque<LargeMemory> wishes_;  ///< of these groups
 };
 
 }  // namespace

@@ -150,48 +150,6 @@ TEST(MlsPolynomial, TakesNoMoreTermsThanThereAreNeighbors) {
     EXPECT_EQ(fit_polynomial(disk(2, plane), Vec3d::UnitZ(), Vec3d::Zero(), 0.5, 4).height, 0);
 }
 
-/// Heights of the fits of degree 1 and 2 over a plane that is held fast, and their gradients.
-struct BothFits {
-    std::array<Vec3d, 20> linear_room, quadratic_room;
-    MlsGradients linear{.gradients = linear_room}, quadratic{.gradients = quadratic_room};
-
-    BothFits(MlsNeighborhood around, double h) {
-        fit_weighted_plane(around, h);  // for the weights
-        fit_gradients(around, Vec3d(0.1, 0, 1).normalized(), Vec3d(0, 0, 0.02), h, linear,
-                      quadratic);
-    }
-};
-
-TEST(MlsGradients, TellHowTheHeightsOfThePolynomialsChange) {
-    constexpr double h = 0.5, step = 1e-6;
-    MlsNeighborhood around =
-        disk(20, [](double u, double v) { return 0.1 * std::cos(5 * u + 3 * v); });
-    const BothFits fits(around, h);
-    fit_weighted_plane(around, h);
-    const auto height = [&](unsigned degree) {
-        return fit_polynomial(around, Vec3d(0.1, 0, 1).normalized(), Vec3d(0, 0, 0.02), h, degree)
-            .height;
-    };
-    EXPECT_NEAR(fits.linear.height, height(1), 1e-12);
-    EXPECT_NEAR(fits.quadratic.height, height(2), 1e-12);
-    for (std::size_t i = 0; i < 20; ++i) {
-        unsigned axis = 0;
-        for (std::vector<double>* column : {&around.x, &around.y, &around.z}) {
-            const double before = (*column)[i];
-            (*column)[i] = before + step;
-            const BothFits after(around, h);
-            (*column)[i] = before - step;
-            const BothFits under(around, h);
-            (*column)[i] = before;
-            EXPECT_NEAR(fits.linear.gradients[i][axis],
-                        (after.linear.height - under.linear.height) / (2 * step), 1e-6);
-            EXPECT_NEAR(fits.quadratic.gradients[i][axis],
-                        (after.quadratic.height - under.quadratic.height) / (2 * step), 1e-6);
-            ++axis;
-        }
-    }
-}
-
 TEST(MlsPolynomial, LeavesOutWhatNeighborsOnALineCannotTell) {
     MlsNeighborhood around = disk(30, [](double u, double) { return 0.02 + 0.1 * u * u; });
     std::ranges::fill(around.y, 0.0);
