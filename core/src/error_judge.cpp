@@ -16,6 +16,7 @@ constexpr std::uint64_t kFewestMeasured = 200'000;  // also of small clouds
 /// Distances rise to a maximum, if steeply: where they are above these parts of the bound, closer
 /// places are looked at.
 constexpr double kRaised = 0.5, kHigh = 0.8;
+constexpr std::ptrdiff_t kMostRaised = 4'000;
 constexpr unsigned kEach = 16, kRounds = 2;
 constexpr float kSpread = 0.5F;
 
@@ -28,6 +29,25 @@ std::vector<Vec3f> places_above(double bound, const DirectedError& error) {
     for (std::size_t i = 0; i < error.distances.size(); ++i)
         if (error.distances[i] > bound) above.push_back(error.positions[i]);
     return above;
+}
+
+/// Those too, but no more than `kMostRaised`, the farthest.
+std::vector<Vec3f> farthest_above(double bound, const DirectedError& error) {
+    std::vector<std::size_t> order;
+    for (std::size_t i = 0; i < error.distances.size(); ++i)
+        if (error.distances[i] > bound) order.push_back(i);
+    if (std::ssize(order) > kMostRaised) {
+        std::ranges::nth_element(order, order.begin() + kMostRaised,
+                                 [&](std::size_t a, std::size_t b) {
+                                     return error.distances[a] > error.distances[b] ||
+                                            (error.distances[a] == error.distances[b] && a < b);
+                                 });
+        order.resize(static_cast<std::size_t>(kMostRaised));
+        std::ranges::sort(order);
+    }
+    std::vector<Vec3f> places;
+    for (const std::size_t i : order) places.push_back(error.positions[i]);
+    return places;
 }
 
 }  // namespace
@@ -110,8 +130,8 @@ ErrorJudge::Finding ErrorJudge::watch(const PointCloud& candidate) {
 }
 
 ErrorJudge::Finding ErrorJudge::measure(ErrorBoundedCloud& candidate) {
+    const ProbedSurface other(into_frame(candidate.cloud.positions), quietly_);
     Finding worst;
-    std::vector<Vec3f> forward, backward;  // raised places of the two surfaces
     for (std::uint64_t seed = 0; seed < kMeasurements && worst.max <= kWithin; ++seed) {
         ++tries_;
         SurfaceErrorOptions options;
@@ -120,42 +140,40 @@ ErrorJudge::Finding ErrorJudge::measure(ErrorBoundedCloud& candidate) {
         options.keep_samples = true;
         options.seed = seed;
         SurfaceError error = measure_error(cloud_, candidate.cloud, options, quietly_);
-        append(forward, places_above(kRaised * bound_, error.forward));
-        append(backward, places_above(kRaised * bound_, error.backward));
-        if (error.max() / bound_ >= worst.max) {
-            worst.max = error.max() / bound_;
-            worst.places = places_above(kMargin * bound_, error.forward);
-            append(worst.places, places_above(kMargin * bound_, error.backward));
-            candidate.sampling = options.sampling;
-            for (DirectedError* const direction : {&error.forward, &error.backward}) {
-                direction->positions = {};
-                direction->distances = {};
-            }
-            candidate.error = std::move(error);
+        Finding finding{.places = places_above(kMargin * bound_, error.forward),
+                        .max = error.max() / bound_};
+        append(finding.places, places_above(kMargin * bound_, error.backward));
+        if (finding.max <= kWithin) {
+            look_closer(surface_, farthest_above(kRaised * bound_, error.forward), other, finding);
+            look_closer(other, farthest_above(kRaised * bound_, error.backward), surface_, finding);
         }
+        for (DirectedError* const direction : {&error.forward, &error.backward}) {
+            direction->positions = {};
+            direction->distances = {};
+        }
+        if (seed == 0 || error.max() > candidate.error.max()) {
+            candidate.error = std::move(error);
+            candidate.sampling = options.sampling;
+        }
+        if (finding.max >= worst.max) worst = std::move(finding);
     }
-    if (worst.max > kWithin) return worst;
-    const ProbedSurface other(into_frame(candidate.cloud.positions), quietly_);
-    Finding closer = look_closer(surface_, into_frame(forward), other);
-    if (closer.max <= kWithin) closer = look_closer(other, into_frame(backward), surface_);
-    return closer.max > kWithin ? closer : worst;
+    return worst;
 }
 
-ErrorJudge::Finding ErrorJudge::look_closer(const ProbedSurface& from, std::vector<Vec3f> raised,
-                                            const ProbedSurface& other) const {
+void ErrorJudge::look_closer(const ProbedSurface& from, std::span<const Vec3f> raised,
+                             const ProbedSurface& other, Finding& finding) const {
     const double margin = kMargin * bound_ * scale_;
-    Finding finding;
+    std::vector<Vec3f> centers = into_frame(raised);
     float spread = kSpread;
-    for (std::uint64_t round = 0; round < kRounds && finding.max <= kWithin; ++round) {
+    for (unsigned round = 0; round < kRounds; ++round, spread /= 2) {
         const Probes probes =
-            from.measure(from.places_around(raised, spread, kEach, round, quietly_).places, other,
+            from.measure(from.places_around(centers, spread, kEach, round, quietly_).places, other,
                          margin, quietly_);
-        finding.max = static_cast<double>(probes.max()) / (bound_ * scale_);
-        finding.places = out_of_frame(probes.places_above(margin));
-        raised = probes.places_above(kHigh * bound_ * scale_);
-        spread /= 2;
+        finding.max = std::max(finding.max, static_cast<double>(probes.max()) / (bound_ * scale_));
+        centers = probes.places_above(kHigh * bound_ * scale_);
+        // What is near the bound around it, too: else the next look finds the next place.
+        if (finding.max > kWithin) append(finding.places, out_of_frame(centers));
     }
-    return finding;
 }
 
 }  // namespace stipple
