@@ -16,7 +16,7 @@ constexpr std::uint64_t kFewestMeasured = 200'000;  // also of small clouds
 /// Distances rise to a maximum, if steeply: where they are above these parts of the bound, closer
 /// places are looked at.
 constexpr double kRaised = 0.5, kHigh = 0.8;
-constexpr std::ptrdiff_t kMostRaised = 4'000;
+constexpr std::size_t kMostRaised = 4'000;
 constexpr unsigned kEach = 16, kRounds = 2;
 constexpr float kSpread = 0.5F;
 
@@ -36,13 +36,13 @@ std::vector<Vec3f> farthest_above(double bound, const DirectedError& error) {
     std::vector<std::size_t> order;
     for (std::size_t i = 0; i < error.distances.size(); ++i)
         if (error.distances[i] > bound) order.push_back(i);
-    if (std::ssize(order) > kMostRaised) {
+    if (order.size() > kMostRaised) {
         std::ranges::nth_element(order, order.begin() + kMostRaised,
                                  [&](std::size_t a, std::size_t b) {
                                      return error.distances[a] > error.distances[b] ||
                                             (error.distances[a] == error.distances[b] && a < b);
                                  });
-        order.resize(static_cast<std::size_t>(kMostRaised));
+        order.resize(kMostRaised);
         std::ranges::sort(order);
     }
     std::vector<Vec3f> places;
@@ -170,9 +170,11 @@ void ErrorJudge::look_closer(const ProbedSurface& from, std::span<const Vec3f> r
             from.measure(from.places_around(centers, spread, kEach, round, quietly_).places, other,
                          margin, quietly_);
         finding.max = std::max(finding.max, static_cast<double>(probes.max()) / (bound_ * scale_));
-        centers = probes.places_above(kHigh * bound_ * scale_);
-        // What is near the bound around it, too: else the next look finds the next place.
-        if (finding.max > kWithin) append(finding.places, out_of_frame(centers));
+        append(finding.places, out_of_frame(probes.places_above(margin)));
+        const std::vector<Vec3f> high = probes.places_above(kHigh * bound_ * scale_);
+        centers.clear();
+        for (std::size_t i = 0; i < high.size(); i += 1 + high.size() / kMostRaised)
+            centers.push_back(high[i]);
     }
 }
 
