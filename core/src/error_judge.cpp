@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 namespace stipple {
@@ -13,8 +14,9 @@ constexpr std::size_t kManySamples = 100'000;  // unless there are even more poi
 constexpr unsigned kMeasurements = 2;
 constexpr std::uint64_t kFewestMeasured = 200'000;  // also of small clouds
 
-/// Distances rise to a maximum, if steeply: where they are above these parts of the bound, closer
-/// places are looked at.
+/// Distances rise to a maximum, if steeply: where they are above these parts of the bound, in the
+/// first round and then, `kEach` places around are looked at, in reach of `kSpread` times h at
+/// first.
 constexpr double kRaised = 0.5, kHigh = 0.8;
 constexpr std::size_t kMostRaised = 4'000;
 constexpr unsigned kEach = 16, kRounds = 2;
@@ -24,29 +26,23 @@ void append(std::vector<Vec3f>& to, const std::vector<Vec3f>& more) {
     to.insert(to.end(), more.begin(), more.end());
 }
 
-std::vector<Vec3f> places_above(double bound, const DirectedError& error) {
-    std::vector<Vec3f> above;
-    for (std::size_t i = 0; i < error.distances.size(); ++i)
-        if (error.distances[i] > bound) above.push_back(error.positions[i]);
-    return above;
-}
-
-/// Those too, but no more than `kMostRaised`, the farthest.
-std::vector<Vec3f> farthest_above(double bound, const DirectedError& error) {
-    std::vector<std::size_t> order;
-    for (std::size_t i = 0; i < error.distances.size(); ++i)
-        if (error.distances[i] > bound) order.push_back(i);
-    if (order.size() > kMostRaised) {
-        std::ranges::nth_element(order, order.begin() + kMostRaised,
-                                 [&](std::size_t a, std::size_t b) {
-                                     return error.distances[a] > error.distances[b] ||
-                                            (error.distances[a] == error.distances[b] && a < b);
-                                 });
-        order.resize(kMostRaised);
-        std::ranges::sort(order);
+/// Where a distance is above the bound: the `most` farthest.
+std::vector<Vec3f> places_above(double bound, const DirectedError& error,
+                                std::size_t most = std::numeric_limits<std::size_t>::max()) {
+    const std::vector<float>& distances = error.distances;
+    std::vector<std::size_t> above;
+    for (std::size_t i = 0; i < distances.size(); ++i)
+        if (distances[i] > bound) above.push_back(i);
+    if (above.size() > most) {
+        const auto farther = [&](std::size_t a, std::size_t b) {
+            return distances[a] > distances[b] || (distances[a] == distances[b] && a < b);
+        };
+        std::ranges::nth_element(above, above.begin() + static_cast<std::ptrdiff_t>(most), farther);
+        above.resize(most);
+        std::ranges::sort(above);
     }
     std::vector<Vec3f> places;
-    for (const std::size_t i : order) places.push_back(error.positions[i]);
+    for (const std::size_t i : above) places.push_back(error.positions[i]);
     return places;
 }
 
@@ -144,8 +140,10 @@ ErrorJudge::Finding ErrorJudge::measure(ErrorBoundedCloud& candidate) {
                         .max = error.max() / bound_};
         append(finding.places, places_above(kMargin * bound_, error.backward));
         if (finding.max <= kWithin) {
-            look_closer(surface_, farthest_above(kRaised * bound_, error.forward), other, finding);
-            look_closer(other, farthest_above(kRaised * bound_, error.backward), surface_, finding);
+            look_closer(surface_, places_above(kRaised * bound_, error.forward, kMostRaised), other,
+                        finding);
+            look_closer(other, places_above(kRaised * bound_, error.backward, kMostRaised),
+                        surface_, finding);
         }
         for (DirectedError* const direction : {&error.forward, &error.backward}) {
             direction->positions = {};

@@ -58,40 +58,34 @@ std::vector<std::uint64_t> with_fitting_base(std::span<const std::uint64_t> size
     return fitting;
 }
 
-void cut_levels(const PointCloud& cloud, std::span<const std::uint64_t> sizes,
-                const LodPyramidOptions& options, const std::function<void(PointCloud&&)>& emit,
-                const RunContext& context) {
+/// Coarsest first.
+std::vector<PointCloud> cut_levels(const PointCloud& cloud, ClusterTree& tree,
+                                   std::span<const std::uint64_t> sizes,
+                                   const LodPyramidOptions& options, const RunContext& context) {
     const std::vector<Reduction> reductions =
         reductions_for(cloud, options.reductions, options.representative);
-    const auto levels_of = [&] {
-        ClusterTree tree(cloud.positions);
-        const std::vector<std::uint64_t> finest_first(sizes.rbegin(), sizes.rend());
-        const std::vector<Cut> cuts = tree.cuts(finest_first, context);
-        // Once for all levels.
-        Samples samples(sizes.empty() ? 0 : cloud.size());
-        parallel_for_blocks(samples.size(), kBlock, context,
-                            [&](std::size_t begin, std::size_t end) {
-                                gather(cloud.positions, tree.members().subspan(begin, end - begin),
-                                       samples.all().part(begin, end));
-                            });
-        const SampleSpan ordered = samples.all();
-        std::vector<PointCloud> levels;
-        for (auto cut = cuts.rbegin(); cut != cuts.rend(); ++cut)
-            levels.push_back(representatives(cloud,
-                                             MemberLists{ordered.index, cut->offsets, ordered},
-                                             options.representative, reductions, context));
-        return levels;
-    };
-    for (PointCloud& level : levels_of()) emit(std::move(level));
+    const std::vector<std::uint64_t> finest_first(sizes.rbegin(), sizes.rend());
+    const std::vector<Cut> cuts = tree.cuts(finest_first, context);
+    // Once for all levels.
+    Samples samples(sizes.empty() ? 0 : cloud.size());
+    parallel_for_blocks(samples.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+        gather(cloud.positions, tree.members().subspan(begin, end - begin),
+               samples.all().part(begin, end));
+    });
+    const SampleSpan ordered = samples.all();
+    std::vector<PointCloud> levels;
+    for (auto cut = cuts.rbegin(); cut != cuts.rend(); ++cut)
+        levels.push_back(representatives(cloud, MemberLists{ordered.index, cut->offsets, ordered},
+                                         options.representative, reductions, context));
+    return levels;
 }
 
-LevelOf cuts_of(const PointCloud& cloud, const LodPyramidOptions& options,
+LevelOf cuts_of(const PointCloud& cloud, ClusterTree& tree, const LodPyramidOptions& options,
                 const RunContext& context) {
-    const auto tree = std::make_shared<ClusterTree>(cloud.positions);
-    return [&, tree](std::uint64_t points) {
-        const std::vector<Index> offsets = tree->cut(points, context).offsets;
+    return [&](std::uint64_t points) {
+        const std::vector<Index> offsets = tree.cut(points, context).offsets;
         return representatives(
-            cloud, MemberLists{tree->members().data(), offsets}, options.representative,
+            cloud, MemberLists{tree.members().data(), offsets}, options.representative,
             reductions_for(cloud, options.reductions, options.representative), context);
     };
 }
@@ -204,13 +198,15 @@ void build_lod_pyramid(const PointCloud& cloud, const LodPyramidOptions& options
     const double begin = cuts ? 0 : 0.8;  // others are there when the first level comes
     context.checkpoint(0.0);
 
+    std::unique_ptr<ClusterTree> tree;
     LevelOf level_of;
     if (options.nested) {
         level_of = prefixes_of(cloud, context.part(0, begin));
     } else if (!cuts) {
         level_of = snapshots_of(cloud, sizes, tries, options, context.part(0, begin));
-    } else if (fits) {
-        level_of = cuts_of(cloud, options, context);
+    } else {
+        tree = std::make_unique<ClusterTree>(cloud.positions);
+        level_of = cuts_of(cloud, *tree, options, context);
     }
     if (fits) sizes = with_fitting_base(sizes, tries, options, level_of);
 
@@ -228,7 +224,9 @@ void build_lod_pyramid(const PointCloud& cloud, const LodPyramidOptions& options
     }
     std::span<const std::uint64_t> made(sizes);  // all but the whole cloud, which is there
     if (made.back() == cloud.size()) made = made.first(made.size() - 1);
-    cut_levels(cloud, made, options, emit, context);
+    std::vector<PointCloud> levels = cut_levels(cloud, *tree, made, options, context);
+    tree.reset();  // not needed while levels are encoded
+    for (PointCloud& next : levels) emit(std::move(next));
     if (made.size() < sizes.size()) emit(copy_of(cloud, context));
 }
 

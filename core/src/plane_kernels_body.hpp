@@ -1,27 +1,8 @@
 // No header of its own: plane_kernels.cpp includes it once for each instruction set, in a namespace
 // of its own. Lanes never mix, so the width of the machine's vectors changes nothing.
 
-constexpr std::size_t kLanes = PlaneLanes::kLanes;
-using Float8 = float __attribute__((vector_size(32)));
-using Int8 = std::int32_t __attribute__((vector_size(32)));
-using Unsigned8 = std::uint32_t __attribute__((vector_size(32)));
-using Double8 = double __attribute__((vector_size(64)));
-using Long8 = std::int64_t __attribute__((vector_size(64)));
+#include "float_lanes_body.hpp"
 
-inline Float8 load(const PlaneLanes::Floats& from) noexcept {
-    Float8 v;
-    __builtin_memcpy(&v, from.data(), sizeof v);
-    return v;
-}
-inline void store(Float8 v, PlaneLanes::Floats& to) noexcept {
-    __builtin_memcpy(to.data(), &v, sizeof v);
-}
-inline Double8 wide(Float8 v) noexcept {
-    return __builtin_convertvector(v, Double8);
-}
-inline Float8 narrow(Double8 v) noexcept {
-    return __builtin_convertvector(v, Float8);
-}
 inline Float8 min(Float8 a, Float8 b) noexcept {
     return a < b ? a : b;
 }
@@ -37,38 +18,6 @@ inline bool all(Int8 mask) noexcept {
     for (std::size_t lane = 0; lane < kLanes; ++lane) both &= mask[lane];
     return both == -1;
 #endif
-}
-
-inline Double8 square_root(Double8 v) noexcept {
-    Double8 root;
-#if defined(STIPPLE_KERNELS_AVX2)
-    __m256d half[2];
-    __builtin_memcpy(half, &v, sizeof v);
-    for (__m256d& h : half) h = _mm256_sqrt_pd(h);
-    __builtin_memcpy(&root, half, sizeof v);
-#elif defined(__SSE2__)
-    __m128d quarter[4];
-    __builtin_memcpy(quarter, &v, sizeof v);
-    for (__m128d& q : quarter) q = _mm_sqrt_pd(q);
-    __builtin_memcpy(&root, quarter, sizeof v);
-#else
-    for (std::size_t lane = 0; lane < kLanes; ++lane) root[lane] = __builtin_sqrt(v[lane]);
-#endif
-    return root;
-}
-
-/// exp(-u) for 0 <= u < 80, to 1e-6 of it; anything beyond.
-inline Float8 gaussian(Float8 u) noexcept {
-    constexpr float kShift = 0x1.8p23F;  // brings the integer part to the end of the mantissa
-    const Float8 y = u * -1.44269504F;
-    const Float8 shifted = y + kShift;
-    const Float8 f = y - (shifted - kShift);  // |f| <= 1/2; 2^f by its series
-    const Float8 series =
-        1.0F +
-        f * (0.693147181F +
-             f * (0.240226507F + f * (0.0555041087F + f * (0.00961812911F + f * 0.00133335581F))));
-    return reinterpret_cast<Float8>(reinterpret_cast<Unsigned8>(series) +
-                                    (reinterpret_cast<Unsigned8>(shifted) << 23U));
 }
 
 /// The k-th smallest of the distances in each lane, and the smallest.

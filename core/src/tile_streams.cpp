@@ -2,10 +2,8 @@
 
 #include "srgb.hpp"
 #include "stipple/error.hpp"
-#include "vertex_codec.hpp"
 
 #include <meshoptimizer.h>
-#include <array>
 #include <cmath>
 #include <cstring>
 #include <string>
@@ -17,6 +15,15 @@ namespace stipple {
 namespace {
 
 using Type = TileStream::Type;
+
+std::vector<std::byte> compress(const std::vector<std::byte>& raw, std::size_t count,
+                                std::size_t stride) {
+    std::vector<std::byte> bytes(meshopt_encodeVertexBufferBound(count, stride));
+    bytes.resize(meshopt_encodeVertexBuffer(reinterpret_cast<unsigned char*>(bytes.data()),
+                                            bytes.size(), raw.data(), count, stride));
+    bytes.shrink_to_fit();
+    return bytes;
+}
 
 unsigned size_of(Type type) noexcept {
     switch (type) {
@@ -45,26 +52,8 @@ TileStream make_stream(std::string name, Type type, unsigned components, std::si
             std::memcpy(raw.data() + i * stream.stride + c * sizeof(T), &v, sizeof(T));
         }
     }
-    stream.bytes = encode_vertices(raw, stream.stride);
+    stream.bytes = compress(raw, count, stream.stride);
     return stream;
-}
-
-/// The place of a vector on the unfolded octahedron, its middle at 0, of 127 steps to each side,
-/// and what `meshopt_decodeFilterOct` needs beside it; +z for what has no direction.
-std::array<std::int8_t, 4> on_octahedron(const Vec3f& n) noexcept {
-    constexpr float kSteps = 127;
-    const float sum = std::abs(n.x()) + std::abs(n.y()) + std::abs(n.z());
-    if (!(sum > 0 && std::isfinite(sum))) return {0, 0, 127, 0};
-    float u = n.x() / sum, v = n.y() / sum;
-    if (n.z() < 0) {
-        const float beside = (1 - std::abs(v)) * (u < 0 ? -1.0F : 1.0F);
-        v = (1 - std::abs(u)) * (v < 0 ? -1.0F : 1.0F);
-        u = beside;
-    }
-    const auto steps = [](float x) {
-        return static_cast<std::int8_t>(kSteps * x + (x < 0 ? -0.5F : 0.5F));
-    };
-    return {steps(u), steps(v), 127, 0};
 }
 
 TileStream normal_stream(std::span<const Vec3f> normals, std::span<const Index> members) {
@@ -74,12 +63,16 @@ TileStream normal_stream(std::span<const Vec3f> normals, std::span<const Index> 
                       .normalized = true,
                       .stride = 4,
                       .octahedral = true};
-    std::vector<std::byte> raw(members.size() * stream.stride);
-    for (std::size_t i = 0; i < members.size(); ++i) {
-        const auto place = on_octahedron(normals[members[i]]);
-        std::memcpy(raw.data() + i * sizeof place, place.data(), sizeof place);
+    std::vector<std::array<float, 4>> vectors;
+    vectors.reserve(members.size());
+    for (const Index i : members) {
+        const bool some = normals[i].allFinite() && normals[i].squaredNorm() > 0;
+        const Vec3f n = some ? normals[i].normalized() : Vec3f::UnitZ();
+        vectors.push_back({n.x(), n.y(), n.z(), 0});
     }
-    stream.bytes = encode_vertices(raw, stream.stride);
+    std::vector<std::byte> raw(members.size() * stream.stride);
+    meshopt_encodeFilterOct(raw.data(), members.size(), stream.stride, 8, vectors.front().data());
+    stream.bytes = compress(raw, members.size(), stream.stride);
     return stream;
 }
 
@@ -106,15 +99,13 @@ const std::array<std::uint16_t, 256>& linear_codes() {
 
 TileStream color_stream(const PointCloud& cloud, std::span<const Index> members) {
     constexpr unsigned kWider = 257;  // 16 bits from 8
-    const std::array<std::uint16_t, 256>& linear = linear_codes();
-    TileStream stream =
-        make_stream<std::uint16_t>("COLOR_0", Type::Uint16, cloud.has_alpha ? 4 : 3, members.size(),
-                                   [&](std::size_t i, unsigned c) {
-                                       const Rgba8& color = cloud.colors[members[i]];
-                                       if (c == 3)
-                                           return static_cast<std::uint16_t>(kWider * color.a);
-                                       return linear[c == 0 ? color.r : c == 1 ? color.g : color.b];
-                                   });
+    TileStream stream = make_stream<std::uint16_t>(
+        "COLOR_0", Type::Uint16, cloud.has_alpha ? 4 : 3, members.size(),
+        [&](std::size_t i, unsigned c) {
+            const Rgba8& color = cloud.colors[members[i]];
+            if (c == 3) return static_cast<std::uint16_t>(kWider * color.a);
+            return linear_codes()[std::array{color.r, color.g, color.b}[c]];
+        });
     stream.normalized = true;
     return stream;
 }

@@ -9,15 +9,12 @@
 #include "stipple/surface_error.hpp"
 #include "support/support.hpp"
 #include "tile_tree.hpp"
-#include "vertex_codec.hpp"
 
 #include <gtest/gtest.h>
-#include <meshoptimizer.h>
 #include <algorithm>
 #include <cmath>
 #include <functional>
 #include <numeric>
-#include <random>
 #include <set>
 
 namespace stipple {
@@ -438,34 +435,6 @@ TEST(TileTree, TellsThatALevelHasNothingWhereTheOneBeforeHad) {
     EXPECT_EQ(parts[0].parent, 1U);
     EXPECT_EQ(tree.part_at(both[0]), TileTree::kNone);
     EXPECT_EQ(tree.part_at(both[1]), 0U);
-}
-
-/// Values whose bytes differ from those before them by a few bits, and now and then by all.
-std::vector<std::byte> drifting(std::size_t count, std::size_t stride, unsigned bits) {
-    std::mt19937 random(bits);
-    std::vector<std::byte> raw(count * stride);
-    for (std::size_t i = 0; i < raw.size(); ++i) {
-        const unsigned most = random() % 7 == 0 ? 256 : 1U << bits;
-        const unsigned before = i < stride ? 0 : std::to_integer<unsigned>(raw[i - stride]);
-        raw[i] = static_cast<std::byte>(before + random() % most);
-    }
-    return raw;
-}
-
-TEST(VertexCodec, GivesTheBytesOfMeshoptimizer) {
-    for (const std::size_t stride : {4, 8, 12, 64, 256}) {
-        for (const std::size_t count : {0, 1, 2, 15, 16, 17, 64, 65, 255, 256, 257, 1'000}) {
-            for (const unsigned bits : {0, 1, 2, 3, 4, 6, 8}) {
-                const std::vector<std::byte> raw = drifting(count, stride, bits);
-                std::vector<std::byte> theirs(meshopt_encodeVertexBufferBound(count, stride));
-                theirs.resize(
-                    meshopt_encodeVertexBuffer(reinterpret_cast<unsigned char*>(theirs.data()),
-                                               theirs.size(), raw.data(), count, stride));
-                ASSERT_EQ(encode_vertices(raw, stride), theirs)
-                    << count << " values of " << stride << " bytes, " << bits << " bits";
-            }
-        }
-    }
 }
 
 double length_of(std::span<const GridPoint> points, std::span<const Index> order) {

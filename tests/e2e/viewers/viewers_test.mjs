@@ -82,14 +82,14 @@ async function checkExported() {
 async function checkPicture(name, pyramid, site = server.url) {
     const { drawn, pixels } = await shown(name, pyramid, site);
     // Points of coarse tiles that stay are as large as the gaps were between them alone.
-    return judge(drawn.points, compare(pixels, small, large), pyramid === adding ? 0.01 : 0.005);
+    return judge(drawn.points, compare(pixels, small, large), pyramid === adding ? { mostSpilled: 0.01 } : {});
 }
 
-function judge(points, seen, mostSpilled = 0.005) {
+function judge(points, seen, { leastCovered = 0.9, mostSpilled = 0.005 } = {}) {
     const share = (value) => `${(100 * value).toFixed(1)} %`;
     const what = `${points} points, covered ${share(seen.covered)}, spilled ${share(seen.spilled)}, alike ${share(seen.alike)}`;
     assert.equal(points, cloud.length, what);
-    assert.ok(seen.covered > 0.88 && seen.spilled < mostSpilled && seen.alike > 0.97, what);
+    assert.ok(seen.covered > leastCovered && seen.spilled < mostSpilled && seen.alike > 0.97, what);
     return what;
 }
 
@@ -113,7 +113,8 @@ async function checkOnGlobe() {
             local.reduce((sum, value, k) => sum + transform[4 * k + row] * value, 0)), ...color];
     });
     const [near, wide] = [1, 7].map((reach) => pictureOf(seenFrom, drawn.view, kSize, reach));
-    return judge(drawn.points, compare(pixels, near, wide));
+    // From where its camera flies to, points as large as Cesium makes them cover a little less: 90.5 %.
+    return judge(drawn.points, compare(pixels, near, wide), { leastCovered: 0.88 });
 }
 
 /** The id of a pyramid of several levels, the finest in several tiles. */
