@@ -58,3 +58,20 @@ inline Double8 square_root(Double8 v) noexcept {
     return reinterpret_cast<Float8>(reinterpret_cast<Unsigned8>(series) +
                                     (reinterpret_cast<Unsigned8>(shifted) << 23U));
 }
+
+/// The smallest root of the characteristic polynomial -t^3 + t^2 - c1 t + c0 (the trace is 1) by
+/// Laguerre's method from 0: all roots are real, so it climbs to the first without passing it.
+inline Double8 smallest_eigenvalue(Double8 c1, Double8 c0) noexcept {
+    const Double8 tiny = Double8{} + 1e-30;
+    Double8 t{};
+    for (int i = 0; i < 4; ++i) {
+        const Double8 p = c0 - t * (c1 - t * (1.0 - t));
+        const Double8 slope = c1 - t * (2.0 - 3.0 * t);  // -p'
+        const Double8 bend = 2.0 - 6.0 * t;              // p''
+        const Double8 inside = 4.0 * slope * slope - 6.0 * p * bend;
+        const Double8 down = slope + square_root(inside > 0.0 ? inside : Double8{});
+        const Double8 step = 3.0 * p / (down > tiny ? down : tiny);
+        t += step > 0.0 ? step : Double8{};
+    }
+    return t;
+}
