@@ -30,8 +30,8 @@ struct Spread {
 /// How many spreads are taken at once.
 constexpr std::size_t kSpreads = 4;
 
-/// Where `nearby` writes, packed: squared distances of all samples it finds; and of the free ones,
-/// beside their places. Eight more than are found are written.
+/// Where `nearby` writes, packed: squared distances of all samples that it counts; and of the free
+/// ones that it finds, beside their places. Eight more than those are written.
 struct NearbyOutput {
     float *all_sq, *free_sq;
     Index* free;
@@ -56,15 +56,23 @@ struct ClusterKernels {
     /// matrices.
     std::array<Spread, kSpreads> (*spreads)(
         const std::array<Symmetric3, kSpreads>& scatters) noexcept;
-    /// Finds the samples `begin..end` within the root of `limit_sq` of `center`, and of them the
-    /// free ones, where `taken` is 0. Reads eight more samples. @return behind what was written.
+    /// Of the samples `begin..end`, counts all within the root of `counted_sq` of `center`, and
+    /// finds the free ones, where `taken` is 0, within that of `limit_sq`. Reads eight more
+    /// samples. @return behind what was written.
     NearbyOutput (*nearby)(const SampleSpan& samples, const float* taken, Index begin, Index end,
-                           const std::array<float, 3>& center, float limit_sq,
+                           const std::array<float, 3>& center, float counted_sq, float limit_sq,
                            const NearbyOutput& out) noexcept;
     /// Of at least one sample.
     SampleBox (*box)(const SampleSpan& samples) noexcept;
     /// How many of the values are at most `limit`. Reads up to seven more, which count as well.
     std::size_t (*count)(const float* values, std::size_t size, float limit) noexcept;
+    /// Writes the values above `low` and at most `high` to `out`, packed, and seven more. Reads as
+    /// `count` does. @return how many there are.
+    std::size_t (*values_between)(const float* values, std::size_t size, float low, float high,
+                                  float* out) noexcept;
+    /// The same of the places beside such values.
+    std::size_t (*places_between)(const float* values, const Index* places, std::size_t size,
+                                  float low, float high, Index* out) noexcept;
 };
 
 /// What this machine can run, the plainest first.

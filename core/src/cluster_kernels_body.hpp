@@ -341,7 +341,7 @@ std::array<Spread, kSpreads> spreads(const std::array<Symmetric3, kSpreads>& m) 
 }
 
 NearbyOutput nearby(const SampleSpan& samples, const float* taken, Index begin, Index end,
-                    const std::array<float, 3>& center, float limit_sq,
+                    const std::array<float, 3>& center, float counted_sq, float limit_sq,
                     const NearbyOutput& output) noexcept {
     const SampleSpan s = samples;
     const std::array<float, 3> c = center;
@@ -350,8 +350,8 @@ NearbyOutput nearby(const SampleSpan& samples, const float* taken, Index begin, 
         const Group g = whole_group(s, place, c);
         const Float8 d = g.x * g.x + g.y * g.y + g.z * g.z;
         const unsigned here = end - place < kLanes ? (1U << (end - place)) - 1U : 255U;
-        const unsigned near = lane_bits(d <= limit_sq) & here;
-        const unsigned free = lane_bits(load(taken + place) <= 0.0F) & near;
+        const unsigned counted = lane_bits(d <= counted_sq) & here;
+        const unsigned free = lane_bits((d <= limit_sq) & (load(taken + place) <= 0.0F)) & here;
         const Int8 places = Int8{0, 1, 2, 3, 4, 5, 6, 7} + static_cast<std::int32_t>(place);
         const auto pack = [](unsigned chosen, const auto& lanes, auto* to) {
             std::array<std::remove_pointer_t<decltype(to)>, kLanes> values;
@@ -359,10 +359,10 @@ NearbyOutput nearby(const SampleSpan& samples, const float* taken, Index begin, 
             const auto packed = Packing{chosen}.of(values.data());
             __builtin_memcpy(to, &packed, sizeof packed);
         };
-        pack(near, d, out.all_sq);
+        pack(counted, d, out.all_sq);
         pack(free, d, out.free_sq);
         pack(free, places, out.free);
-        out.all_sq += std::popcount(near);
+        out.all_sq += std::popcount(counted);
         out.free_sq += std::popcount(free);
         out.free += std::popcount(free);
     }
@@ -403,4 +403,29 @@ std::size_t count(const float* values, std::size_t size, float limit) noexcept {
     std::size_t total = 0;
     for (const std::int32_t lane : lanes) total += static_cast<std::size_t>(lane);
     return total;
+}
+
+/// Writes the items beside the values in (low, high], packed.
+template <typename T>
+std::size_t items_between(const float* values, const T* items, std::size_t size, float low,
+                          float high, T* out) noexcept {
+    std::size_t total = 0;
+    for (std::size_t i = 0; i < size; i += kLanes) {
+        const Float8 v = load(values + i);
+        const unsigned chosen = lane_bits((v > low) & (v <= high));
+        const auto packed = Packing{chosen}.of(items + i);
+        __builtin_memcpy(out + total, &packed, sizeof packed);
+        total += static_cast<std::size_t>(std::popcount(chosen));
+    }
+    return total;
+}
+
+std::size_t values_between(const float* values, std::size_t size, float low, float high,
+                           float* out) noexcept {
+    return items_between(values, values, size, low, high, out);
+}
+
+std::size_t places_between(const float* values, const Index* places, std::size_t size, float low,
+                           float high, Index* out) noexcept {
+    return items_between(values, places, size, low, high, out);
 }

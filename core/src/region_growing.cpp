@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 
 // Follows: Pauly, Gross, Kobbelt 2002, §3.1. The paper leaves open how far a region may reach
@@ -22,6 +23,7 @@ constexpr float kReach = 1.3F;           // R: how far a region extends
 constexpr float kNextSeed = 1.75F;       // R: how far away the next seed should be
 constexpr float kLook = 1.85F;           // R: how far away it may be
 constexpr float kFirstLook = 2.1F;       // typical R: what is looked through first
+constexpr float kFirstCount = 1.25F;     // typical R: and where taken points are looked at, too
 constexpr float kMostGrowth = 2.0F;      // of R from one region to the next
 constexpr float kPatience = 1.25F;       // growth of the typical R where too few points are found
 constexpr std::size_t kMostLooked = 32;  // n_max: beyond, one looks nearer
@@ -45,15 +47,9 @@ float mth_smallest(const std::vector<float>& distances_sq, std::size_t size, flo
         (count >= m ? high : low) = guess;
         (count >= m ? up_to : below) = count;
     }
-    buffer.resize(up_to - below + 4);
-    std::size_t left = 0;
-    for (std::size_t i = 0; i < size; i += 4) {
-        const Float4 d = load(&distances_sq[i]);
-        const unsigned within = lane_bits((d > low) & (d <= high));
-        if (within == 0) continue;
-        store_packed(&buffer[left], &distances_sq[i], within);
-        left += static_cast<std::size_t>(std::popcount(within));
-    }
+    buffer.resize(up_to - below + PointBlocks::kSlack);
+    const std::size_t left =
+        cluster_kernels().values_between(distances_sq.data(), size, low, high, buffer.data());
     const auto wanted = buffer.begin() + static_cast<std::ptrdiff_t>(m - below - 1);
     std::nth_element(buffer.begin(), wanted, buffer.begin() + static_cast<std::ptrdiff_t>(left));
     return *wanted;
@@ -61,37 +57,41 @@ float mth_smallest(const std::vector<float>& distances_sq, std::size_t size, flo
 
 /// What lies within some distance of a seed.
 struct Surroundings {
-    std::vector<float> all_sq;   ///< squared distances of all points, the seed included
-    std::vector<float> free_sq;  ///< and of those that are not taken,
+    std::vector<float> all_sq;   ///< squared distances of all points nearby, the seed included
+    std::vector<float> free_sq;  ///< and of those farther off, too, that are not taken,
     std::vector<Index> free;     ///< which are here
     std::size_t all_count = 0, free_count = 0;
 
-    /// @return whether no more than `limit` points, and perhaps a block, are within the root of
-    /// `radius_sq`; if there are more, not all of them are here.
-    bool look(const PointBlocks& blocks, const Vec3f& q, float radius_sq, std::size_t limit) {
+    /// Finds all points within `counted` of q, and the free ones within `radius`, which is no less.
+    /// @return whether there are no more than `limit` of them, and perhaps a block; if there are
+    /// more, not all of them are here.
+    bool look(const PointBlocks& blocks, const Vec3f& q, float counted, float radius,
+              std::size_t limit) {
+        const float counted_sq = counted * counted, radius_sq = radius * radius;
         all_count = free_count = 0;
         const std::array<float, 3> center = {q.x(), q.y(), q.z()};
         blocks.find(q, radius_sq, [&](Index begin, Index end) {
             make_room(end - begin);
             const NearbyOutput out = cluster_kernels().nearby(
-                blocks.samples(), blocks.taken(), begin, end, center, radius_sq,
+                blocks.samples(), blocks.taken(), begin, end, center, counted_sq, radius_sq,
                 {&all_sq[all_count], &free_sq[free_count], &free[free_count]});
             all_count = static_cast<std::size_t>(out.all_sq - all_sq.data());
             free_count = static_cast<std::size_t>(out.free_sq - free_sq.data());
-            return all_count <= limit;
+            return all_count + free_count <= limit;
         });
         make_room(0);
         constexpr float kFar = std::numeric_limits<float>::infinity();
         std::fill_n(&all_sq[all_count], PointBlocks::kSlack, kFar);
         std::fill_n(&free_sq[free_count], PointBlocks::kSlack, kFar);
-        return all_count <= limit;
+        return all_count + free_count <= limit;
     }
 
 private:
     /// For `more` points, and some behind them.
     void make_room(std::size_t more) {
-        if (all_count + more + PointBlocks::kSlack <= all_sq.size()) return;
-        const std::size_t size = 2 * (all_count + more) + 64;
+        const std::size_t count = std::max(all_count, free_count) + more;
+        if (count + PointBlocks::kSlack <= all_sq.size()) return;
+        const std::size_t size = 2 * count + 64;
         all_sq.resize(size);
         free_sq.resize(size);
         free.resize(size);
@@ -114,6 +114,7 @@ public:
         squares_.yz += d.y() * d.z();
         squares_.zz += d.z() * d.z();
     }
+    std::size_t size() const noexcept { return static_cast<std::size_t>(count_); }
     double variation() const noexcept {  // Eq. 5
         const Symmetric3 a = scatter();
         const double total = a.trace();
@@ -175,10 +176,13 @@ public:
 
 private:
     static constexpr std::size_t kNoLimit = std::numeric_limits<std::size_t>::max();
-    struct Chosen {
-        float distance_sq;
-        Index index, place;
-        auto operator<=>(const Chosen&) const = default;
+    struct Ordered {
+        std::uint64_t key;  ///< squared distance, then number
+        Index place;
+    };
+    struct Prefix {
+        std::size_t size;
+        double variation;
     };
 
     /// What takes the fewest instructions over the scans tried.
@@ -192,37 +196,40 @@ private:
     float first_spacing(const Vec3f& seed) {
         float radius = 0.25F * blocks_.extent() *
                        std::sqrt(static_cast<float>(size_) / static_cast<float>(points_.size()));
-        while (near_.look(blocks_, seed, radius * radius, kNoLimit), near_.all_count < size_)
+        while (near_.look(blocks_, seed, radius, radius, kNoLimit), near_.all_count < size_)
             radius *= 2;
         return radius_of_size(radius) / std::sqrt(static_cast<float>(size_));
     }
 
-    /// R, where `looked` is no less.
-    float radius_of_size(float looked) {
-        return std::sqrt(mth_smallest(near_.all_sq, near_.all_count, looked * looked,
+    /// R, where `counted` is no less.
+    float radius_of_size(float counted) {
+        return std::sqrt(mth_smallest(near_.all_sq, near_.all_count, counted * counted,
                                       near_.all_count, size_, buffer_));
     }
 
-    /// Finds R of a region of `size_` points, and what lies within `kLook` R.
+    /// Finds R of a region of `size_` points, and the free ones within `kLook` R.
     float survey(const Vec3f& seed) {
-        const float root = std::sqrt(static_cast<float>(size_));
-        const float most = kMostGrowth * spacing_ * root;
-        float looked = kFirstLook * spacing_ * root;
+        const float typical = spacing_ * std::sqrt(static_cast<float>(size_));
+        const float most = kMostGrowth * typical;
+        float counted = kFirstCount * typical, looked = kFirstLook * typical;
         const std::size_t limit = kMostLooked * size_;
         constexpr float kNothing = std::numeric_limits<float>::min();  // nearer is at one place
-        while (!near_.look(blocks_, seed, looked * looked, limit) && looked > kNothing) {
+        while (!near_.look(blocks_, seed, counted, looked, limit) && looked > kNothing) {
             constexpr float kNearer = 0.6F;
+            counted *= kNearer;
             looked *= kNearer;
         }
-        if (near_.all_count < size_ && looked < most) {  // a crowd stands just beyond
-            looked = most;
-            near_.look(blocks_, seed, looked * looked, kNoLimit);
+        for (const float farther : {looked, most}) {  // where R is more, or a crowd stands beyond
+            if (near_.all_count >= size_ || counted >= most) break;
+            counted = farther;
+            looked = std::max(looked, farther);
+            near_.look(blocks_, seed, counted, looked, kNoLimit);
         }
         float radius = most;
-        if (near_.all_count >= size_) radius = std::min(most, radius_of_size(looked));
+        if (near_.all_count >= size_) radius = std::min(most, radius_of_size(counted));
         if (looked < kLook * radius) {
             looked = kLook * radius;
-            near_.look(blocks_, seed, looked * looked, kNoLimit);
+            near_.look(blocks_, seed, radius, looked, kNoLimit);
         }
         return radius;
     }
@@ -245,62 +252,74 @@ private:
         while (true) {
             const float radius = survey(seed);
             follow_density(radius);
-            collect(kReach * radius);
+            collect(seed, kReach * radius);
             if (!bounded()) {
                 take(seed, chosen_.size());
                 return {radius, radius};
             }
-            const std::size_t kept = longest_within_variation(seed);
-            if (kept == size_ && size_ < bounds_.max_size) {
+            const Prefix kept = longest_within_variation(seed);
+            if (kept.size == size_ && size_ < bounds_.max_size) {
                 size_ = std::min(2 * size_, bounds_.max_size);
                 continue;
             }
-            const float last = std::sqrt(chosen_[kept - 1].distance_sq);
-            const bool cut_short = kept < chosen_.size();
-            take(seed, kept);
+            const bool cut_short = kept.size < chosen_.size();
+            float own_radius = radius;
+            if (cut_short)
+                own_radius = (blocks_.samples().position(chosen_[kept.size - 1]) - seed).norm();
+            take(seed, kept.size);
+            result_.regions.back().variation = kept.variation;
             result_.regions.back().is_bent = cut_short;
-            size_ = std::clamp<std::uint64_t>(2 * kept, std::min(kFirstSize, bounds_.max_size),
+            size_ = std::clamp<std::uint64_t>(2 * kept.size, std::min(kFirstSize, bounds_.max_size),
                                               bounds_.max_size);
-            return {radius, cut_short ? last : radius};
+            return {radius, own_radius};
         }
     }
 
-    /// Chooses the nearest free points within `reach`, `size_` at most; those under a bound on the
-    /// variation nearest first.
-    void collect(float reach) {
+    /// Chooses the nearest free points within `reach`, `size_` at most, in any order.
+    void collect(const Vec3f& seed, float reach) {
         float limit = reach * reach;
         const std::size_t free =
             cluster_kernels().count(near_.free_sq.data(), near_.free_count, limit);
         if (free > size_)
             limit = mth_smallest(near_.free_sq, near_.free_count, limit, free, size_, buffer_);
-        chosen_.clear();
-        for (std::size_t i = 0; i < near_.free_count; i += 4) {
-            unsigned lanes = lane_bits(load(&near_.free_sq[i]) <= limit);
-            for (; lanes != 0; lanes &= lanes - 1) {
-                const std::size_t at = i + static_cast<std::size_t>(std::countr_zero(lanes));
-                const Index place = near_.free[at];
-                chosen_.push_back({near_.free_sq[at], blocks_.samples().index[place], place});
-            }
+        chosen_.resize(near_.free_count + PointBlocks::kSlack);
+        chosen_.resize(cluster_kernels().places_between(near_.free_sq.data(), near_.free.data(),
+                                                        near_.free_count, -1.0F, limit,
+                                                        chosen_.data()));
+        if (chosen_.size() > size_) {  // among equal distances
+            sort_chosen(seed);
+            chosen_.resize(size_);
         }
-        if (bounded() || chosen_.size() > size_) std::ranges::sort(chosen_);
-        chosen_.resize(std::min<std::size_t>(chosen_.size(), size_));
     }
 
-    std::size_t longest_within_variation(const Vec3f& seed) const {
-        RunningScatter scatter(seed);
-        std::size_t longest = 1;
-        for (std::size_t i = 0; i < chosen_.size(); ++i) {
-            scatter.add(blocks_.samples().position(chosen_[i].place));
-            if (!scatter.varies_more_than(bounds_.max_variation)) longest = i + 1;
+    /// Puts what was chosen in order of distance.
+    void sort_chosen(const Vec3f& seed) {
+        order_.clear();
+        for (const Index place : chosen_) {
+            const Vec3f d = blocks_.samples().position(place) - seed;
+            const float distance_sq = d.x() * d.x() + d.y() * d.y() + d.z() * d.z();
+            const std::uint64_t high = std::bit_cast<std::uint32_t>(distance_sq);
+            order_.push_back({high << 32U | blocks_.samples().index[place], place});
         }
-        return longest;
+        std::ranges::sort(order_, {}, &Ordered::key);
+        std::ranges::transform(order_, chosen_.begin(), &Ordered::place);
     }
 
-    double variation_of_chosen(const Vec3f& seed, std::size_t count) const {
+    /// The most of the nearest chosen points within the bound on the variation; sorts them where
+    /// those are not all.
+    Prefix longest_within_variation(const Vec3f& seed) {
         RunningScatter scatter(seed);
-        for (const Chosen& chosen : std::span(chosen_).first(count))
-            scatter.add(blocks_.samples().position(chosen.place));
-        return scatter.variation();
+        for (const Index place : chosen_) scatter.add(blocks_.samples().position(place));
+        if (!scatter.varies_more_than(bounds_.max_variation))
+            return {chosen_.size(), scatter.variation()};
+        sort_chosen(seed);
+        scatter = RunningScatter(seed);
+        RunningScatter longest = scatter;
+        for (const Index place : chosen_) {
+            scatter.add(blocks_.samples().position(place));
+            if (!scatter.varies_more_than(bounds_.max_variation)) longest = scatter;
+        }
+        return {longest.size(), longest.variation()};
     }
 
     /// Makes a region of the first `count` chosen points.
@@ -308,15 +327,15 @@ private:
         Region region;
         region.begin = static_cast<Index>(result_.members.size());
         Vec3f offsets = Vec3f::Zero();
-        for (const Chosen& chosen : std::span(chosen_).first(count)) {
-            blocks_.take(chosen.place);
-            taken_[chosen.index] = true;
-            result_.members.push_back(chosen.index);
-            offsets += blocks_.samples().position(chosen.place) - seed;
+        const SampleSpan samples = blocks_.samples();
+        for (const Index place : std::span(chosen_).first(count)) {
+            blocks_.take(place);
+            taken_[samples.index[place]] = true;
+            result_.members.push_back(samples.index[place]);
+            offsets += samples.position(place) - seed;
         }
         region.end = static_cast<Index>(result_.members.size());
         region.centroid = seed + offsets / static_cast<float>(count);
-        if (bounded()) region.variation = variation_of_chosen(seed, count);
         result_.regions.push_back(region);
     }
 
@@ -352,7 +371,8 @@ private:
     std::uint64_t size_;  ///< n_max, or what is tried under a bound on the variation
     float spacing_ = 0;   ///< typical R over the root of the size
     Surroundings near_;
-    std::vector<Chosen> chosen_;
+    std::vector<Index> chosen_;  ///< their places
+    std::vector<Ordered> order_;
     std::vector<float> buffer_;
     Regions result_;
 };
