@@ -122,7 +122,7 @@ private:
         return best;
     }
 
-    static constexpr double kHopeless = 0.5;  // share of places too coarse
+    static constexpr double kHopeless = 0.25;  // share of places too coarse
 
     SnapshotForest forest_;
     ErrorJudge& judge_;
@@ -173,62 +173,11 @@ ErrorBoundedCloud search_forest(const PointCloud& cloud, const SimplifyOptions& 
     ForestSearch search(SnapshotForest(std::move(levels), context), judge, context);
     auto found = search.run();
     const std::uint64_t size = found ? found->cloud.size() : cloud.size();
-    if (options.method != Method::Particles) {  // whose counts were searched before
-        auto fewer = fewer_everywhere(cloud, options, size, search.too_few(), judge, context);
-        if (fewer) return std::move(*fewer);
-    }
+    auto fewer = fewer_everywhere(cloud, options, size, search.too_few(), judge, context);
+    if (fewer) return std::move(*fewer);
     if (!found) return whole(cloud, bound, judge.tries());
     return std::move(*found);
 }
-
-/// One count for all of the cloud: the error falls about as 1 / N, which says where to look.
-class CountSearch {
-public:
-    CountSearch(const PointCloud& cloud, const SimplifyOptions& options, ErrorJudge& judge,
-                const RunContext& context)
-        : cloud_(cloud), options_(options), judge_(judge), context_(context) {}
-
-    std::optional<ErrorBoundedCloud> run() {
-        double low = 1, high = static_cast<double>(cloud_.size());  // too coarse, and fine enough
-        double next = std::clamp(std::sqrt(high) * 10, low, high / 2);
-        std::optional<ErrorBoundedCloud> best;
-        constexpr double kClose = 1.08;
-        for (unsigned round = 0; round < 14 && high > kClose * low; ++round) {
-            context_.checkpoint(round / 14.0);
-            const auto count = static_cast<std::uint64_t>(std::llround(next));
-            if (count <= 1 || count >= cloud_.size()) break;
-            ErrorBoundedCloud made = make(count);
-            double error = judge_.glance(made.cloud).max;  // over the bound
-            if (error <= ErrorJudge::kMargin) error = judge_.measure(made).max;
-            const bool holds = error <= ErrorJudge::kMargin;
-            if (holds) {
-                high = static_cast<double>(count);
-                best = std::move(made);
-            } else {
-                low = static_cast<double>(count);
-            }
-            // Where the law points to, but well within the bracket.
-            const double inset = std::pow(high / low, 0.2);
-            next = std::clamp(static_cast<double>(count) * error / ErrorJudge::kMargin, low * inset,
-                              high / inset);
-        }
-        return best;
-    }
-
-private:
-    ErrorBoundedCloud make(std::uint64_t count) const {
-        ErrorBoundedCloud made;
-        make_snapshots(cloud_, options_, std::span(&count, 1),
-                       [&](PointCloud&& cloud) { made.cloud = std::move(cloud); },
-                       {.stop = context_.stop, .progress = {}, .threads = context_.threads});
-        return made;
-    }
-
-    const PointCloud& cloud_;
-    const SimplifyOptions& options_;
-    ErrorJudge& judge_;
-    const RunContext context_;
-};
 
 }  // namespace
 
@@ -249,15 +198,10 @@ ErrorBoundedCloud simplify_within_error(const PointCloud& cloud, const SimplifyO
     context.checkpoint(0.0);
     ErrorJudge judge(cloud, bound, context);
     ErrorBoundedCloud result;
-    if (!judge.can_be_kept()) {
-        result = whole(cloud, bound, 0);
-    } else if (options.method == Method::Particles) {
-        auto found = CountSearch(cloud, options, judge, context.part(0.0, 0.5)).run();
-        result = found ? std::move(*found)
-                       : search_forest(cloud, options, bound, judge, context.part(0.5, 1.0));
-    } else {
+    if (judge.can_be_kept())
         result = search_forest(cloud, options, bound, judge, context);
-    }
+    else
+        result = whole(cloud, bound, 0);
     result.bound = bound;
     result.tries = judge.tries();
     context.checkpoint(1.0);

@@ -10,8 +10,7 @@ namespace stipple {
 namespace {
 
 constexpr std::uint64_t kGlance = 10'000;
-constexpr std::size_t kManySamples = 100'000;  // unless there are even more points
-constexpr unsigned kMeasurements = 2;
+constexpr std::size_t kManySamples = 100'000;       // unless there are even more points
 constexpr std::uint64_t kFewestMeasured = 200'000;  // also of small clouds
 
 /// Distances rise to a maximum, if steeply: where they are above these parts of the bound, in the
@@ -126,36 +125,28 @@ ErrorJudge::Finding ErrorJudge::watch(const PointCloud& candidate) {
 }
 
 ErrorJudge::Finding ErrorJudge::measure(ErrorBoundedCloud& candidate) {
-    const ProbedSurface other(into_frame(candidate.cloud.positions), quietly_);
-    Finding worst;
-    for (std::uint64_t seed = 0; seed < kMeasurements && worst.max <= kWithin; ++seed) {
-        ++tries_;
-        SurfaceErrorOptions options;
-        options.sampling = ErrorSampling::Surface;
-        options.samples = std::max(4 * dense_samples(), kFewestMeasured);
-        options.keep_samples = true;
-        options.seed = seed;
-        SurfaceError error = measure_error(cloud_, candidate.cloud, options, quietly_);
-        Finding finding{.places = places_above(kMargin * bound_, error.forward),
-                        .max = error.max() / bound_};
-        append(finding.places, places_above(kMargin * bound_, error.backward));
-        if (finding.max <= kWithin) {
-            look_closer(surface_, places_above(kRaised * bound_, error.forward, kMostRaised), other,
-                        finding);
-            look_closer(other, places_above(kRaised * bound_, error.backward, kMostRaised),
-                        surface_, finding);
-        }
-        for (DirectedError* const direction : {&error.forward, &error.backward}) {
-            direction->positions = {};
-            direction->distances = {};
-        }
-        if (seed == 0 || error.max() > candidate.error.max()) {
-            candidate.error = std::move(error);
-            candidate.sampling = options.sampling;
-        }
-        if (finding.max >= worst.max) worst = std::move(finding);
+    ++tries_;
+    SurfaceErrorOptions options;
+    options.sampling = ErrorSampling::Surface;
+    options.samples = std::max(2 * dense_samples(), kFewestMeasured);
+    options.keep_samples = true;
+    candidate.error = measure_error(cloud_, candidate.cloud, options, quietly_);
+    candidate.sampling = ErrorSampling::Surface;
+    DirectedError &forward = candidate.error.forward, &backward = candidate.error.backward;
+    Finding finding{.places = places_above(kMargin * bound_, forward),
+                    .max = candidate.error.max() / bound_};
+    append(finding.places, places_above(kMargin * bound_, backward));
+    if (finding.max <= kWithin) {
+        const ProbedSurface other(into_frame(candidate.cloud.positions), quietly_);
+        look_closer(surface_, places_above(kRaised * bound_, forward, kMostRaised), other, finding);
+        look_closer(other, places_above(kRaised * bound_, backward, kMostRaised), surface_,
+                    finding);
     }
-    return worst;
+    for (DirectedError* const direction : {&forward, &backward}) {
+        direction->positions = {};
+        direction->distances = {};
+    }
+    return finding;
 }
 
 void ErrorJudge::look_closer(const ProbedSurface& from, std::span<const Vec3f> raised,

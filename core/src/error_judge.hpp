@@ -36,8 +36,8 @@ public:
     /// From all points and much between: quick for a candidate that is much like the last.
     Finding watch(const PointCloud& candidate);
 
-    /// As anyone would measure it, more than once, and then closer where distances are large; keeps
-    /// the measurement that found most.
+    /// As anyone would measure it, and then closer where distances are large; keeps the
+    /// measurement.
     Finding measure(ErrorBoundedCloud& candidate);
 
     /// The parts of the bound that a glance or a watch calls safe.

@@ -13,13 +13,15 @@ namespace stipple {
 namespace {
 
 constexpr std::uint64_t kAroundSeed = 1, kUnevenSeed = 2, kCloserSeed = 3;
-constexpr unsigned kAround = 8;   // places around each point of a candidate
-constexpr unsigned kUneven = 56;  // more of them where its surface is uneven
-constexpr unsigned kCloser = 4;   // around a suspicious place, in each round
+constexpr unsigned kAround = 8;       // places around each point of a candidate
+constexpr unsigned kUnevenBack = 160;  // more of them where its surface is uneven
+constexpr unsigned kUnevenFrom = 12;  // around a place of the surface where the candidate's is
+constexpr float kUnevenSpread = 1.2F;
+constexpr unsigned kCloser = 4;  // around a suspicious place, in each round
 constexpr unsigned kRounds = 3;
 // Parts of what is too far that make a place suspicious. Places of the surface itself lie close
 // together, so that only the worst can have a much worse one between.
-constexpr double kSuspiciousFrom = 0.8, kSuspiciousBack = 0.5;
+constexpr double kSuspiciousFrom = 0.7, kSuspiciousBack = 0.5;
 
 bool before(const Vec3f& a, const Vec3f& b) {
     return std::lexicographical_compare(a.begin(), a.end(), b.begin(), b.end());
@@ -85,6 +87,9 @@ void ErrorWatch::look_at(std::vector<Vec3f> points, const RunContext& context) {
     std::ranges::sort(fresh);  // in the order of the candidate: neighbours are near each other
     measure_from_surface(candidate, from_places, context);
     measure_from_candidate(candidate, fresh, context);
+    if (max() > margin_) return;  // enough to go on with
+    look_closer(surface_, candidate, forward_, {kUnevenFrom, kSuspiciousFrom}, context);
+    look_closer(candidate, surface_, backward_, {kUnevenBack, kSuspiciousBack}, context);
 }
 
 std::vector<Index> ErrorWatch::touched(std::span<const Vec3f> centers, std::span<const Spot> spots,
@@ -112,62 +117,73 @@ void ErrorWatch::measure_from_surface(const ProbedSurface& candidate, std::span<
                                       const RunContext& context) {
     const Probes probes = surface_.measure(at(places_, which), candidate, margin_, context);
     for (std::size_t i = 0; i < which.size(); ++i)
-        forward_[which[i]] = {probes.places[i], probes.distances[i], probes.reach[i]};
-    look_closer(surface_, candidate, which, forward_, kSuspiciousFrom, context);
+        forward_[which[i]] = {.farthest = probes.places[i],
+                              .distance = probes.distances[i],
+                              .reach = probes.reach[i],
+                              .uneven = probes.uneven[i] != 0};
 }
 
 void ErrorWatch::measure_from_candidate(const ProbedSurface& candidate,
                                         std::span<const Index> which, const RunContext& context) {
     const std::vector<Vec3f> centers = at(points_, which);
-    PlacesAround around = candidate.places_around(centers, 1, kAround, kAroundSeed, context);
-    for (std::size_t i = 0; i < which.size(); ++i)
-        backward_[which[i]] = {centers[i], 0.0F, around.reach[i]};
-    std::vector<Index> uneven;
-    for (std::size_t i = 0; i < which.size(); ++i)
-        if (around.uneven[i] != 0) uneven.push_back(which[i]);
-    const auto keep_farthest = [&](const PlacesAround& found, std::span<const Index> of) {
-        const Probes probes = candidate.measure(found.places, surface_, margin_, context);
-        for (std::size_t i = 0; i < probes.places.size(); ++i) {
-            Spot& spot = backward_[of[found.centers[i]]];
-            if (probes.distances[i] <= spot.distance) continue;
-            spot.distance = probes.distances[i];
-            spot.farthest = probes.places[i];
-        }
-    };
-    keep_farthest(around, which);
-    around = candidate.places_around(at(points_, uneven), 1.2F, kUneven, kUnevenSeed, context);
-    keep_farthest(around, uneven);
-    for (std::size_t i = 0; i < uneven.size(); ++i) {
-        float& reach = backward_[uneven[i]].reach;
-        reach = std::max(reach, around.reach[i]);
-    }
-    look_closer(candidate, surface_, which, backward_, kSuspiciousBack, context);
+    for (std::size_t i = 0; i < which.size(); ++i) backward_[which[i]] = {.farthest = centers[i]};
+    const std::vector<std::uint8_t> uneven =
+        look_around(candidate, surface_, which, centers, backward_,
+                    {.spread = 1, .each = kAround, .seed = kAroundSeed}, context);
+    for (std::size_t i = 0; i < which.size(); ++i) backward_[which[i]].uneven = uneven[i] != 0;
 }
 
-/// Rounds of random places, nearer and nearer to the farthest found. What is too far already is
-/// left alone.
+std::vector<std::uint8_t> ErrorWatch::look_around(const ProbedSurface& from,
+                                                  const ProbedSurface& to,
+                                                  std::span<const Index> which,
+                                                  std::span<const Vec3f> centers,
+                                                  std::vector<Spot>& spots, const Look& look,
+                                                  const RunContext& context) const {
+    PlacesAround around = from.places_around(centers, look.spread, look.each, look.seed, context);
+    const Probes probes = from.measure(std::move(around.places), to, margin_, context);
+    // The candidate decides where the places are, or how far they are from it.
+    const bool from_candidate = &from != &surface_;
+    const auto extend = [&](Index i, const Vec3f& place, float reach) {
+        spots[i].reach = std::max(spots[i].reach, (place - middles(spots)[i]).norm() + reach);
+    };
+    for (std::size_t c = 0; from_candidate && c < which.size(); ++c)
+        extend(which[c], centers[c], around.reach[c]);
+    for (std::size_t i = 0; i < probes.places.size(); ++i) {
+        const Index center = which[around.centers[i]];
+        if (!from_candidate) extend(center, probes.places[i], probes.reach[i]);
+        if (probes.distances[i] <= spots[center].distance) continue;
+        spots[center].distance = probes.distances[i];
+        spots[center].farthest = probes.places[i];
+    }
+    return around.uneven;
+}
+
+/// At more places where the surface is uneven; then in rounds of random places, nearer and nearer
+/// to the farthest found. What is too far already is left alone.
 void ErrorWatch::look_closer(const ProbedSurface& from, const ProbedSurface& to,
-                             std::span<const Index> which, std::vector<Spot>& spots,
-                             double suspicious, const RunContext& context) const {
+                             std::vector<Spot>& spots, const Care& care,
+                             const RunContext& context) const {
+    std::vector<Index> open, uneven;
+    std::vector<Vec3f> centers;
+    for (std::size_t i = 0; i < spots.size(); ++i) {
+        if (std::exchange(spots[i].closer, true)) continue;
+        open.push_back(static_cast<Index>(i));
+        if (!spots[i].uneven) continue;
+        uneven.push_back(static_cast<Index>(i));
+        centers.push_back(middles(spots)[i]);
+    }
+    look_around(from, to, uneven, centers, spots,
+                {.spread = kUnevenSpread, .each = care.uneven, .seed = kUnevenSeed}, context);
     float spread = 1;
     for (unsigned round = 0; round < kRounds; ++round, spread /= 2) {
-        std::vector<Index> chosen;
-        std::vector<Vec3f> centers;
-        for (const Index i : which) {
-            if (spots[i].distance <= suspicious * margin_ || spots[i].distance > margin_) continue;
-            chosen.push_back(i);
-            centers.push_back(spots[i].farthest);
-        }
-        if (chosen.empty()) return;
-        const PlacesAround around =
-            from.places_around(centers, spread, kCloser, kCloserSeed + round, context);
-        const Probes probes = from.measure(around.places, to, margin_, context);
-        for (std::size_t i = 0; i < probes.places.size(); ++i) {
-            Spot& spot = spots[chosen[around.centers[i]]];
-            if (probes.distances[i] <= spot.distance) continue;
-            spot.distance = probes.distances[i];
-            spot.farthest = probes.places[i];
-        }
+        std::erase_if(open, [&](Index i) {
+            const double distance = spots[i].distance;
+            return distance <= care.suspicious * margin_ || distance > margin_;
+        });
+        centers.clear();
+        for (const Index i : open) centers.push_back(spots[i].farthest);
+        look_around(from, to, open, centers, spots,
+                    {.spread = spread, .each = kCloser, .seed = kCloserSeed + round}, context);
     }
 }
 

@@ -35,7 +35,9 @@ private:
     struct Spot {
         Vec3f farthest = Vec3f::Zero();
         float distance = 0;
-        float reach = 0;  ///< no point of a candidate farther away changes that
+        float reach = 0;      ///< no point of a candidate farther away changes that
+        bool uneven = false;  ///< whether the candidate's surface is uneven there
+        bool closer = false;  ///< whether that was looked into
     };
 
     std::vector<Index> touched(std::span<const Vec3f> centers, std::span<const Spot> spots,
@@ -44,9 +46,29 @@ private:
                               const RunContext& context);
     void measure_from_candidate(const ProbedSurface& candidate, std::span<const Index> which,
                                 const RunContext& context);
-    void look_closer(const ProbedSurface& from, const ProbedSurface& to,
-                     std::span<const Index> which, std::vector<Spot>& spots, double suspicious,
-                     const RunContext& context) const;
+    /// Places around others: how far off, in scales of the weights there, how many, which.
+    struct Look {
+        float spread;
+        unsigned each;
+        std::uint64_t seed;
+    };
+    /// Measures from places around `centers`, each of which belongs to the spot of `which`.
+    /// @return of each center whether the surface that it is of is uneven around it.
+    std::vector<std::uint8_t> look_around(const ProbedSurface& from, const ProbedSurface& to,
+                                          std::span<const Index> which,
+                                          std::span<const Vec3f> centers, std::vector<Spot>& spots,
+                                          const Look& look, const RunContext& context) const;
+    /// Where to look closer: so many places where it is uneven; and above this part of the margin.
+    struct Care {
+        unsigned uneven;
+        double suspicious;
+    };
+    void look_closer(const ProbedSurface& from, const ProbedSurface& to, std::vector<Spot>& spots,
+                     const Care& care, const RunContext& context) const;
+    /// What the spots are around.
+    std::span<const Vec3f> middles(const std::vector<Spot>& spots) const {
+        return &spots == &forward_ ? places_ : points_;
+    }
 
     const ProbedSurface& surface_;
     double margin_;

@@ -35,6 +35,12 @@ std::uint64_t name_of(const Vec3f& place) {
     return name;
 }
 
+/// Whether a foot is not in the middle of an even piece of surface.
+bool is_uneven(const Foot& foot) {
+    constexpr double kOneSided = 0.4;  // hardly in an even piece
+    return !foot.on_surface() || foot.off_center > kOneSided;
+}
+
 /// How far from a query points have a say in its foot: as far as the neighbourhood of the foot
 /// reaches, and a little for those on the way.
 float reach_of(const Vec3f& query, const Foot& foot) {
@@ -74,14 +80,17 @@ std::vector<Vec3f> ProbedSurface::random_places(std::uint64_t count,
 
 Probes ProbedSurface::measure(std::vector<Vec3f> places, const ProbedSurface& other,
                               double doubtful, const RunContext& context) const {
-    Probes probes{std::move(places), {}, {}};
+    Probes probes;
+    probes.places = std::move(places);
     probes.distances.resize(probes.places.size());
     probes.reach.resize(probes.places.size());
+    probes.uneven.resize(probes.places.size());
     other.finder_.find(
         probes.places,
         [&](std::size_t i, const Foot& foot) {
             probes.distances[i] = static_cast<float>(foot.distance);
             probes.reach[i] = reach_of(probes.places[i], foot);
+            probes.uneven[i] = is_uneven(foot) ? 1 : 0;
         },
         context);
     std::vector<std::size_t> which;
@@ -91,7 +100,7 @@ Probes ProbedSurface::measure(std::vector<Vec3f> places, const ProbedSurface& ot
         which.push_back(i);
         again.push_back(probes.places[i]);
     }
-    constexpr std::size_t kFew = 1'000, kPart = 20;  // more are too far, whatever is between them
+    constexpr std::size_t kFew = 300, kPart = 20;  // more are too far, whatever is between them
     if (which.size() > std::max(kFew, probes.places.size() / kPart)) return probes;
     const std::vector<double> confirmed = confirmed_distances(other.finder_, again, context);
     for (std::size_t i = 0; i < which.size(); ++i)
@@ -131,21 +140,20 @@ PlacesAround ProbedSurface::places_around(std::span<const Vec3f> centers, float 
     finder_.find(
         near,
         [&](std::size_t i, const Foot& foot) {
-            constexpr float kTurned = 0.77F;   // cos 40 degrees
-            constexpr double kOneSided = 0.4;  // hardly in an even piece of surface
+            constexpr float kTurned = 0.77F;  // cos 40 degrees
             const std::size_t c = i / each;
             const Vec3f place = foot.point.cast<float>();
             found[i] = {.place = place,
                         .reach = (near[i] - centers[c]).norm() + reach_of(near[i], foot),
                         .on_surface = foot.on_surface(),
-                        .uneven = foot.off_center > kOneSided ||
+                        .uneven = is_uneven(foot) ||
                                   std::abs(foot.normal.cast<float>().dot(normals[c])) < kTurned};
         },
         context);
     for (std::size_t i = 0; i < found.size(); ++i) {
         const std::size_t c = i / each;
         around.reach[c] = std::max(around.reach[c], found[i].reach);
-        if (!found[i].on_surface || found[i].uneven) around.uneven[c] = 1;
+        if (found[i].uneven) around.uneven[c] = 1;
         if (!found[i].on_surface) continue;
         around.places.push_back(found[i].place);
         around.centers.push_back(static_cast<Index>(c));

@@ -16,6 +16,7 @@ struct Probes {
     std::vector<Vec3f> places;
     std::vector<float> distances;
     std::vector<float> reach;  ///< no point of the other farther from a place changes its distance
+    std::vector<std::uint8_t> uneven;  ///< whether the other has no even piece of surface there
 
     float max() const noexcept;
     /// Where the distance is above a bound.
