@@ -68,6 +68,20 @@ std::vector<double> weighted_quantiles(std::span<const float> values,
     return quantiles;
 }
 
+double mean_confidence(std::span<const float> distances, std::span<const float> areas, double mean,
+                       const RunContext& context) {
+    constexpr double kDeviations = 1.96;  // of a normal distribution hold 95 % of it
+    double total = 0, spread = 0;
+    for_blocks_in_order(distances.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+            const double area = areas[i], from_mean = area * (distances[i] - mean);
+            total += area;
+            spread += from_mean * from_mean;
+        }
+    });
+    return kDeviations * std::sqrt(spread) / total;
+}
+
 DirectedError summarize_distances(std::span<const float> distances, std::span<const float> areas,
                                   unsigned histogram_bins, const RunContext& context) {
     const AttributeError all = summarize("", distances, areas, context);
@@ -84,19 +98,17 @@ DirectedError summarize_distances(std::span<const float> distances, std::span<co
 
     error.histogram.resize(histogram_bins);
     const double bins = histogram_bins, by = all.max > 0 ? bins / all.max : 0.0;
-    double total = 0, spread = 0;
+    double total = 0;
     for_blocks_in_order(distances.size(), context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {
-            const double area = areas[i], from_mean = area * (distances[i] - all.mean);
+            const double area = areas[i];
             const auto bin = static_cast<unsigned>(distances[i] * by);
             total += area;
-            spread += from_mean * from_mean;
             error.histogram[std::min(histogram_bins - 1, bin)] += area;
         }
     });
     for (double& share : error.histogram) share /= total;
-    constexpr double kDeviations = 1.96;  // of a normal distribution hold 95 % of it
-    error.mean_confidence = kDeviations * std::sqrt(spread) / total;
+    error.mean_confidence = mean_confidence(distances, areas, all.mean, context);
     return error;
 }
 

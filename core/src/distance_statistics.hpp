@@ -13,6 +13,10 @@ namespace stipple {
 AttributeError summarize(std::string name, std::span<const float> differences,
                          std::span<const float> areas, const RunContext& context = {});
 
+/// How far the mean is from that for infinitely many samples, in 95 of 100 cases at most.
+double mean_confidence(std::span<const float> distances, std::span<const float> areas, double mean,
+                       const RunContext& context = {});
+
 /// All of a `DirectedError` that distances say.
 DirectedError summarize_distances(std::span<const float> distances, std::span<const float> areas,
                                   unsigned histogram_bins, const RunContext& context = {});

@@ -45,28 +45,32 @@ Eigen::Vector2f in_disk(std::uint64_t seed, std::uint64_t i) noexcept {
 constexpr std::size_t kGroup = 16;
 using GroupFloats = std::array<float, 2 * kGroup>;
 
-/// Median, over n points, of the squared distance to the third neighbour among them, or to the
-/// farthest when there are fewer.
-float third_distance_sq(const GroupFloats& x, const GroupFloats& y, const GroupFloats& z,
-                        std::size_t n) {
+/// Of each of n points the squared distance to the third neighbour among them, or to the farthest
+/// when there are fewer.
+template <typename Floats>
+Floats third_distances_sq(const Floats& x, const Floats& y, const Floats& z, std::size_t n) {
     constexpr std::size_t kNearest = 4;  // the point itself is the first
-    std::array<GroupFloats, kNearest> nearest;
-    for (GroupFloats& values : nearest) values.fill(std::numeric_limits<float>::infinity());
+    std::array<Floats, kNearest> nearest;
+    for (Floats& values : nearest) values.fill(std::numeric_limits<float>::infinity());
     for (std::size_t j = 0; j < n; ++j) {
         for (std::size_t i = 0; i < n; ++i) {
             const float dx = x[i] - x[j], dy = y[i] - y[j], dz = z[i] - z[j];
             float d = dx * dx + dy * dy + dz * dz;
-            for (GroupFloats& values : nearest) {
+            for (Floats& values : nearest) {
                 const float lower = values[i] < d ? values[i] : d;
                 d = values[i] < d ? d : values[i];
                 values[i] = lower;
             }
         }
     }
-    GroupFloats& third = nearest[std::min(kNearest, n) - 1];
-    const auto median = third.begin() + static_cast<std::ptrdiff_t>(n / 2);
-    std::nth_element(third.begin(), median, third.begin() + static_cast<std::ptrdiff_t>(n));
-    return *median;
+    return nearest[std::min(kNearest, n) - 1];
+}
+
+template <typename Floats>
+float median(Floats values, std::size_t n) {
+    const auto middle = values.begin() + static_cast<std::ptrdiff_t>(n / 2);
+    std::nth_element(values.begin(), middle, values.begin() + static_cast<std::ptrdiff_t>(n));
+    return *middle;
 }
 
 /// The sixteen points of two leaves that follow each other; the last group has what is left, too.
@@ -88,9 +92,33 @@ struct Group {
             y[at - first] = p.y();
             z[at - first] = p.z();
         }
-        return third_distance_sq(x, y, z, last - first);
+        return median(third_distances_sq(x, y, z, last - first), last - first);
     }
 };
+
+/// An area around each point by its leaf alone, positive unless all points coincide: the median of
+/// the leaf, or what is left of the point's own where it is much larger than that.
+std::vector<float> leaf_areas(const PointTree& tree, const RunContext& context) {
+    constexpr float kOfOwn = 0.125F;
+    auto areas = made_in_blocks<std::vector<float>>(tree.size(), context);
+    parallel_for_blocks(tree.leaf_count(), kBlock / PointTree::kWidth, context,
+                        [&](std::size_t begin, std::size_t end) {
+                            for (std::size_t l = begin; l < end; ++l) {
+                                const PointTree::Leaf& leaf = tree.leaf(l);
+                                const std::size_t n = tree.points_in(l);
+                                const auto own = third_distances_sq(leaf.x, leaf.y, leaf.z, n);
+                                const float middle = median(own, n);
+                                for (std::size_t lane = 0; lane < n; ++lane)
+                                    areas[l * PointTree::kWidth + lane] =
+                                        std::max(middle, kOfOwn * own[lane]);
+                            }
+                        });
+    // Some for each, so that no weight is beyond measure.
+    const double total = std::accumulate(areas.begin(), areas.end(), 0.0);
+    const double least = total > 0 ? 0.1 * total / static_cast<double>(tree.size()) : 1.0;
+    for (float& area : areas) area += static_cast<float>(least);
+    return areas;
+}
 
 /// How far from each of some points of the tree its third neighbour is.
 std::vector<float> third_distances(const PointTree& tree, std::span<const Vec3f> points,
@@ -146,6 +174,11 @@ void ErrorSamples::resize(std::size_t n, const RunContext& context) {
     resize_in_blocks(areas, n, context);
 }
 
+void ErrorSamples::append(const ErrorSamples& more) {
+    positions.insert(positions.end(), more.positions.begin(), more.positions.end());
+    areas.insert(areas.end(), more.areas.begin(), more.areas.end());
+}
+
 std::vector<float> point_areas(const PointTree& tree, const RunContext& context) {
     const std::size_t n = tree.size();
     auto areas = made_in_blocks<std::vector<float>>(n, context);
@@ -194,27 +227,10 @@ ErrorSamples take_points(const PointTree& tree, std::uint64_t count, std::uint64
 
 ErrorSamples take_points_by_area(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
                                  const RunContext& context) {
-    constexpr std::uint64_t kCandidates = 8;  // for each that is drawn
     const std::size_t n = tree.size();
     if (n <= count) return take_points(tree, count, seed, context);
-    const std::size_t m = std::min<std::uint64_t>(kCandidates * count, n);
-    const double step = static_cast<double>(n) / static_cast<double>(m);
-    std::vector<std::size_t> candidates(m);
-    std::vector<float> areas(m);
-    parallel_for_blocks(m, kBlock, context, [&](std::size_t begin, std::size_t end) {
-        for (std::size_t i = begin; i < end; ++i) {
-            const double drawn = step * (static_cast<double>(i) + random_unit(seed, i));
-            candidates[i] = std::min(n - 1, static_cast<std::size_t>(drawn));
-            const std::size_t group = std::min(candidates[i] / kGroup, Group::count(tree) - 1);
-            areas[i] = Group::at(tree, group).area(tree);
-        }
-    });
-    const double total = std::accumulate(areas.begin(), areas.end(), 0.0);
-    if (!(total > 0)) return take_points(tree, count, seed, context);
-    // Some for each, so that no weight is beyond measure.
-    for (float& area : areas) area += static_cast<float>(0.1 * total / static_cast<double>(m));
-
-    const std::vector<std::size_t> drawn = draw_by_area(areas, count, ~seed, context);
+    const std::vector<float> areas = leaf_areas(tree, context);
+    const std::vector<std::size_t> drawn = draw_by_area(areas, count, seed, context);
     ErrorSamples samples;
     samples.resize(count, context);
     parallel_for_blocks(count, kBlock, context, [&](std::size_t begin, std::size_t end) {
@@ -222,7 +238,7 @@ ErrorSamples take_points_by_area(const PointTree& tree, std::uint64_t count, std
         std::array<Neighbor, kNearest> nearest;
         const std::span<Neighbor> found = std::span(nearest).first(std::min(kNearest, n));
         for (std::size_t i = begin; i < end; ++i) {
-            samples.positions[i] = position(tree, candidates[drawn[i]]);
+            samples.positions[i] = position(tree, drawn[i]);
             find_nearest(tree, samples.positions[i], found);
             samples.areas[i] = found.back().distance_sq / areas[drawn[i]];
         }

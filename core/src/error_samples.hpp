@@ -19,6 +19,7 @@ struct ErrorSamples {
 
     std::size_t size() const noexcept { return positions.size(); }
     void resize(std::size_t n, const RunContext& context);
+    void append(const ErrorSamples& more);
 };
 
 /// The area around each point, up to a common factor: the squared distance to the third neighbour,
@@ -33,8 +34,9 @@ ErrorSamples take_points(const PointTree& tree, std::uint64_t count, std::uint64
 
 /// `count` of the points as well, with less left to chance: large areas, of which a few points
 /// would decide, are drawn more often. The area of a point, by its sixth neighbour, is divided by
-/// that by which it was drawn, the median of sixteen points as in `point_areas`. Some may come
-/// twice; all come once, with `point_areas`, when there are no more. O(count), parallel.
+/// that by which it was drawn, about the distance to its third in the leaf. Some may come twice;
+/// all come once, with `point_areas`, when there are no more. O(N), of which a sample takes most;
+/// parallel.
 ErrorSamples take_points_by_area(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
                                  const RunContext& context);
 

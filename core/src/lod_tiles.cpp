@@ -91,17 +91,16 @@ std::vector<Vec3f> rounded(std::span<const Vec3f> points, std::span<const Vec3f>
     return decoded;
 }
 
+constexpr std::uint64_t kLeastSamples = 32'768, kMostSamples = 131'072;
+
 /// Places on the surface of the source, as `measure_error` takes them: at points, where there are
 /// many.
-ErrorSamples take_samples(std::span<const Vec3f> points, const PointTree& tree,
-                          const RunContext& context) {
-    constexpr std::uint64_t kMany = 100'000, kShare = 128, kLeast = 32'768, kMost = 131'072;
-    if (points.size() < kMany) {
-        const PointTree compact(points, PointTree::Leaves::Compact, context);  // areas are its own
-        return take_surface(compact, FootFinder(points, compact, {}), kLeast, 0, context);
-    }
-    const std::uint64_t count = std::clamp(points.size() / kShare, kLeast, kMost);
-    return take_points_by_area(tree, count, 0, context);
+ErrorSamples take_samples(std::span<const Vec3f> points, const PointTree& tree, std::uint64_t count,
+                          std::uint64_t seed, const RunContext& context) {
+    constexpr std::uint64_t kMany = 100'000;
+    if (points.size() >= kMany) return take_points_by_area(tree, count, seed, context);
+    const PointTree compact(points, PointTree::Leaves::Compact, context);  // areas are its own
+    return take_surface(compact, FootFinder(points, compact, {}), count, seed, context);
 }
 
 constexpr std::size_t kAsked = 256;
@@ -190,15 +189,17 @@ struct LodTiler::State {
 
     std::vector<Vec3f> into_frame(const PointCloud& cloud, std::span<const Index> numbers,
                                   const RunContext& context) const {
+        constexpr std::size_t kAhead = 16;  // that far the memory is asked for in advance
         const Vec3d shift = cloud.origin - center;
         std::vector<Vec3f> points(numbers.size());
-        parallel_for_blocks(points.size(), kBlock, context,
-                            [&](std::size_t begin, std::size_t end) {
-                                for (std::size_t i = begin; i < end; ++i) {
-                                    const Vec3d p = cloud.positions[numbers[i]].cast<double>();
-                                    points[i] = (scale * (p + shift)).cast<float>();
-                                }
-                            });
+        parallel_for_blocks(
+            points.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+                for (std::size_t i = begin; i < end; ++i) {
+                    __builtin_prefetch(&cloud.positions[numbers[std::min(i + kAhead, end - 1)]]);
+                    const Vec3d p = cloud.positions[numbers[i]].cast<double>();
+                    points[i] = (scale * (p + shift)).cast<float>();
+                }
+            });
         return points;
     }
 
@@ -224,18 +225,35 @@ struct LodTiler::State {
         made.tree = std::make_unique<PointTree>(made.points, PointTree::Leaves::Given, context);
         return made;
     }
+    /// At those of `at` at which the level has not been measured yet.
     static void measure(Measured& made, const ErrorSamples& at, const RunContext& context) {
+        const std::size_t done = made.distances.size();
         made.distances.resize(at.size());
         made.covers.resize(at.size());
         FootFinder(made.points, *made.tree, {})
             .find(
-                at.positions,
+                std::span(at.positions).subspan(done),
                 [&](std::size_t i, const Foot& foot) {
-                    made.distances[i] = static_cast<float>(foot.distance);
-                    made.covers[i] = static_cast<float>(foot.to_sample);
+                    made.distances[done + i] = static_cast<float>(foot.distance);
+                    made.covers[done + i] = static_cast<float>(foot.to_sample);
                 },
                 context);
         made.mean = summarize("", made.distances, at.areas).mean;
+    }
+
+    /// At all samples, and at more for this level and those after it while chance would decide.
+    void measure_well(Measured& level, const RunContext& context) {
+        constexpr double kSure = 0.015;
+        level.distances.clear();
+        level.covers.clear();
+        measure(level, samples, context);
+        while (samples.size() < kMostSamples &&
+               mean_confidence(level.distances, samples.areas, level.mean) > kSure * level.mean) {
+            const PointTree of_source(source, PointTree::Leaves::Given, context);
+            samples.append(
+                take_samples(source, of_source, samples.size(), samples.size(), context));
+            measure(level, samples, context);
+        }
     }
 
     /// Of the surface at the points of a level; none where there are too many to be worth the time:
@@ -430,7 +448,7 @@ LodTiler::LodTiler(const PointCloud& source, const LodTileOptions& options,
     const std::vector<Vec3f>& points = state.source;
     const PointTree tree(points, PointTree::Leaves::Given, context);
     state.spacing = mean_gap(tree, points.size(), kAsked, [&](std::size_t i) { return points[i]; });
-    state.samples = take_samples(points, tree, context);
+    state.samples = take_samples(points, tree, kLeastSamples, 0, context);
     state.few = every_eighth(state.samples);
 }
 
@@ -448,6 +466,7 @@ void LodTiler::restart() {
     state_->tree = {};
     state_->levels = 0;
     state_->had = 0;
+    state_->samples.resize(kLeastSamples, {});
 }
 
 std::vector<LodTile> LodTiler::add_level(const PointCloud& cloud, bool whole,
@@ -458,16 +477,18 @@ std::vector<LodTile> LodTiler::add_level(const PointCloud& cloud, bool whole,
     const bool additive = state.options.additive;
     if (additive && cloud.size() <= state.had)
         refuse("points of a level", cloud.size(), "more than the level before");
-    const bool as_measured = whole && !additive && !state.order.empty();
-    const std::vector<Index> order =
-        as_measured ? std::move(state.order) : hilbert_order(cloud.positions, context);
-    const std::vector<Vec3f> points =
-        as_measured ? std::move(state.source) : state.into_frame(cloud, order, context);
+    const bool as_measured = whole && !additive;
+    const std::vector<Index> own_order =
+        as_measured ? std::vector<Index>{} : hilbert_order(cloud.positions, context);
+    const std::vector<Vec3f> own_points =
+        as_measured ? std::vector<Vec3f>{} : state.into_frame(cloud, own_order, context);
+    const std::vector<Index>& order = as_measured ? state.order : own_order;
+    const std::vector<Vec3f>& points = as_measured ? state.source : own_points;
     Grid grid = state.finest_grid();
     Measured level = whole || additive
                          ? State::with_tree(rounded(points, {}, grid, context), context)
                          : state.round_level(points, grid, context);
-    State::measure(level, state.samples, context);
+    state.measure_well(level, context);
     context.checkpoint(0.4);
 
     constexpr double kMostSteps = 65'534;

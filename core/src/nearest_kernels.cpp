@@ -16,8 +16,8 @@ namespace {
 
 std::vector<NearestKernels> available_nearest_kernels() {
     return with_avx2<NearestKernels>(
-        {"plain", plain::gather, plain::choose, plain::rank, plain::nearest},
-        {"avx2", avx2::gather, avx2::choose, avx2::rank, avx2::nearest});
+        {"plain", plain::gather, plain::choose, plain::rank, plain::nearest, plain::within},
+        {"avx2", avx2::gather, avx2::choose, avx2::rank, avx2::nearest, avx2::within});
 }
 
 const NearestKernels& nearest_kernels() {

@@ -61,6 +61,12 @@ struct NearestKernels {
     /// finite distance.
     bool (*nearest)(const PointTree::View& tree, const float* from, std::uint32_t k,
                     std::int64_t* keys) noexcept;
+
+    /// All points within a finite distance of any place, in the order of the tree: their squared
+    /// distances and indices. Both arrays have room for `most` and 8 more.
+    /// @return  how many there are; some number above `most` where there are more.
+    std::uint32_t (*within)(const PointTree::View& tree, const float* from, float radius_sq,
+                            std::uint32_t most, float* distances_sq, Index* indices) noexcept;
 };
 
 /// What this machine can run, the plainest first.

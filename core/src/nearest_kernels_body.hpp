@@ -102,19 +102,21 @@ inline std::uint32_t near_children(const PointTree::Node& node, const float* low
     return lane_bits(x * x + y * y + z * z <= limit_sq);
 }
 
-bool gather(const PointTree::View& tree, const float* low, const float* high, float limit_sq,
-            Candidates& candidates) noexcept {
-    // Depth first in order of the curve: of each level the node that is open, and its children
-    // still to be visited.
+/// Calls visit(number) for the leaves within a distance of a box, in the order of the tree, until
+/// one answers false.
+template <typename Visit>
+[[gnu::always_inline]] inline bool each_leaf(const PointTree::View& tree, const float* low,
+                                             const float* high, float limit_sq,
+                                             Visit&& visit) noexcept {
+    // Depth first: of each level the node that is open, and its children still to be visited.
     constexpr unsigned kDepth = 12;
     std::uint32_t node[kDepth], open[kDepth];
     std::uint32_t level = tree.level_count - 1;
     node[level] = 0;
     open[level] = near_children(tree.levels[level][0], low, high, limit_sq);
-    std::uint32_t count = 0;
     while (true) {
         if (open[level] == 0) {
-            if (++level == tree.level_count) break;
+            if (++level == tree.level_count) return true;
             continue;
         }
         const std::uint32_t child =
@@ -126,15 +128,25 @@ bool gather(const PointTree::View& tree, const float* low, const float* high, fl
             open[level] = near_children(tree.levels[level][child], low, high, limit_sq);
             continue;
         }
+        if (!visit(child)) return false;
+    }
+}
+
+bool gather(const PointTree::View& tree, const float* low, const float* high, float limit_sq,
+            Candidates& candidates) noexcept {
+    std::uint32_t count = 0;
+    const bool all = each_leaf(tree, low, high, limit_sq, [&](std::uint32_t number) {
         if (count == candidates.capacity) return false;
-        const PointTree::Leaf& leaf = tree.leaves[child];
+        const PointTree::Leaf& leaf = tree.leaves[number];
         const std::uint32_t at = count * kLanes;
         store(candidates.x + at, load(reinterpret_cast<const float*>(&leaf.x)));
         store(candidates.y + at, load(reinterpret_cast<const float*>(&leaf.y)));
         store(candidates.z + at, load(reinterpret_cast<const float*>(&leaf.z)));
         store(candidates.index + at, load(reinterpret_cast<const Index*>(&leaf.index)));
-        candidates.leaf[count++] = child;
-    }
+        candidates.leaf[count++] = number;
+        return true;
+    });
+    if (!all) return false;
     candidates.leaves = count;
     candidates.limit_sq = limit_sq;
     return true;
@@ -317,6 +329,22 @@ void rank(const Candidates& candidates, const Chosen& chosen) noexcept {
     const Float8 dy = load(reinterpret_cast<const float*>(&leaf.y)) - q[1];
     const Float8 dz = load(reinterpret_cast<const float*>(&leaf.z)) - q[2];
     return dx * dx + dy * dy + dz * dz;
+}
+
+std::uint32_t within(const PointTree::View& tree, const float* q, float radius_sq,
+                     std::uint32_t most, float* distances_sq, Index* indices) noexcept {
+    std::uint32_t count = 0;
+    each_leaf(tree, q, q, radius_sq, [&](std::uint32_t number) {
+        const PointTree::Leaf& leaf = tree.leaves[number];
+        const Float8 d = leaf_distances_sq(leaf, q);
+        const std::uint32_t near = lane_bits(d <= radius_sq);
+        const Packing packing{near};
+        packing.store(d, distances_sq + count);
+        packing.store(load(reinterpret_cast<const Index*>(&leaf.index)), indices + count);
+        count += static_cast<std::uint32_t>(__builtin_popcount(near));
+        return count <= most;
+    });
+    return count;
 }
 
 /// Squared distances of the children of a node to q, 0 inside.

@@ -1,11 +1,14 @@
 #include "stipple/lod_pyramid.hpp"
 
 #include "stipple/error.hpp"
+#include "stipple/neighbors.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
 #include <algorithm>
 #include <array>
+#include <cmath>
+#include <tuple>
 
 namespace stipple {
 namespace {
@@ -195,6 +198,50 @@ TEST(LodPyramid, RefusesMethodsWithoutLevels) {
         EXPECT_THROW(validate(options), Error);
     }
 }
+
+/// A cube with rounded edges: flat but for a few percent of its surface.
+PointCloud rounded_cube(std::size_t n) {
+    constexpr float kRadius = 0.1F, kFlat = 1 - kRadius;
+    PointCloud cloud = test::sphere(n);
+    for (Vec3f& p : cloud.positions) {
+        p /= p.cwiseAbs().maxCoeff();
+        const Vec3f inside = p.cwiseMax(-kFlat).cwiseMin(kFlat);
+        p = inside + kRadius * (p - inside).normalized();
+    }
+    return cloud;
+}
+
+/// A plane with hills on a sixteenth of it.
+PointCloud hills_on_a_plane(std::size_t n) {
+    PointCloud cloud = test::plane(n);
+    for (Vec3f& p : cloud.positions)
+        if (p.x() < 0.25F && p.y() < 0.25F)
+            p.z() = 0.01F * std::sin(150 * p.x()) * std::sin(150 * p.y());
+    return cloud;
+}
+
+class LodPyramidOfFlatParts
+    : public testing::TestWithParam<std::tuple<Method, PointCloud (*)(std::size_t)>> {};
+
+TEST_P(LodPyramidOfFlatParts, HasNoHoleWiderThanItsBound) {
+    const auto& [method, shape] = GetParam();
+    const PointCloud cloud = shape(20'000);
+    for (const LodLevel& level : build(cloud, {.base_points = 500, .method = method})) {
+        const NeighborSearch search(level.cloud.positions);
+        double cover = 0;
+        for (const Vec3f& p : cloud.positions) {
+            Neighbor nearest;
+            search.nearest(p, {&nearest, 1});
+            cover = std::max(cover, std::sqrt(static_cast<double>(nearest.distance_sq)));
+        }
+        EXPECT_LT(cover, 3 * level.spacing) << level.cloud.size();
+    }
+}
+
+INSTANTIATE_TEST_SUITE_P(, LodPyramidOfFlatParts,
+                         testing::Combine(testing::Values(Method::Hierarchical, Method::Multiphase,
+                                                          Method::Iterative),
+                                          testing::Values(rounded_cube, hills_on_a_plane)));
 
 TEST(LodPyramid, IsTheSameForAnyNumberOfThreads) {
     const PointCloud cloud = test::sphere(60'000, 0.02);

@@ -51,6 +51,10 @@ std::vector<std::uint64_t> lod_sizes(std::uint64_t points, const LodPyramidOptio
 /// `hierarchical_clustering`, or `multiphase_snapshots` or `iterative_snapshots`. The level of all
 /// points is the cloud itself; of nested levels it is so in their order.
 ///
+/// Levels have more points where the surface bends, yet no holes where it is flat: of an evenly
+/// sampled surface no point is farther from a level than three times its spacing. What the cloud
+/// itself leaves bare, as between the last returns of a LiDAR scan, no level covers.
+///
 /// @param on_level  called for each level, coarsest first, on the calling thread: as soon as it is
 /// there, for cuts; once the run is over, for snapshots, which are kept until then.
 /// @throws Error(InvalidArgument) for options out of range, a method that has no levels, a cloud
