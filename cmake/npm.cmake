@@ -29,9 +29,12 @@ function(stipple_add_node_test name script)
     if(NOT (STIPPLE_NODE AND STIPPLE_NPM))
         add_test(NAME ${name} COMMAND sh -c "echo 'SKIPPED: node and npm are needed'; exit 77")
     else()
-        stipple_npm_packages(installed)
-        string(REPLACE / _ target ${name}_packages)
-        add_custom_target(${target} ALL DEPENDS ${installed})
+        get_filename_component(target ${CMAKE_CURRENT_SOURCE_DIR} NAME)
+        set(target e2e_${target}_packages)
+        if(NOT TARGET ${target})  # by another test of the folder
+            stipple_npm_packages(installed)
+            add_custom_target(${target} ALL DEPENDS ${installed})
+        endif()
         add_dependencies(${target} ${arg_NEEDS})
         add_test(NAME ${name}
             COMMAND ${STIPPLE_NODE} ${CMAKE_CURRENT_SOURCE_DIR}/${script} --bin ${CMAKE_RUNTIME_OUTPUT_DIRECTORY}

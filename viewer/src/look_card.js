@@ -30,6 +30,11 @@ export class LookCard {
         byId.look.ariaExpanded = String(!byId['look-card'].hidden);
     }
 
+    /** As before a choice was made: an error map shows distances. */
+    forgetColor() {
+        this.by = null;
+    }
+
     /** What the colours of a level stand for now. */
     colorOf(level) {
         const choices = this.choices(level).map(([value]) => value);

@@ -198,7 +198,9 @@ async function start(type, cloudId, fields) {
 /** Where the surface that is shown is how far from that of the input. */
 async function mapErrors() {
     try {
-        open(await startEvaluation(inputOf(session.job), session.shown.file.sha256));
+        const map = await startEvaluation(inputOf(session.job), session.shown.file.sha256);
+        look.forgetColor();
+        open(map);
     } catch (error) {
         showProblem(error, 'The error could not be measured');
     }

@@ -42,6 +42,7 @@ export class ResultSession {
             this.job = job;
             onJob(job);
             await this.readManifest();
+            this.tell();  // the levels may all have been there before the job was known
         };
         // The manifest first, and alone: it brings the first picture.
         this.readManifest().catch(() => {}).then(() => followJob(id, onChange, onError, this.abort.signal));

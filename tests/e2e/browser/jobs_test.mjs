@@ -1,0 +1,143 @@
+// Results of all kinds in the viewer of a real server: streams, tiles, simplified clouds, the smallest ones, and refusals.
+//
+//     node jobs_test.mjs --bin build/dev/bin --modules FOLDER --artifacts FOLDER [--scale 1]
+import assert from 'node:assert/strict';
+
+import { Browser } from './browser.mjs';
+import { line, onePoint, truncated } from './clouds.mjs';
+import { startServer } from './server.mjs';
+import {
+    browser, choose, cloudOf, differenceOf, kTorusPoints, litShare, options, rest, restingPicture, run, save, scale, settledPyramid, shows,
+    startJob, torus, visit,
+} from './suite.mjs';
+
+const page = await browser.open('/', { scale });
+await choose(page, torus);
+const cloud = await cloudOf(await settledPyramid(page));
+
+await run({
+    async 'A stream is shown while its bytes come, and the slider chooses how many of its points'() {
+        await visit(page, `/?pyramid=${await startJob({ type: 'pyramid', input: cloud, formats: ['stpc'] })}`);
+        await shows(page, kTorusPoints);
+        const shown = await page.evaluate(() => performance.getEntriesByType('mark').map(({ detail }) => detail.points));
+        assert.ok(shown.length >= 2 && shown[0] < 4_000, `shown were ${shown}`);
+        assert.equal(shown.at(-1), kTorusPoints);
+        await rest(page);
+        await save(page, 'stream');
+        const whole = await litShare(page);
+        await page.locator('#level').fill('2');
+        await shows(page, kTorusPoints / 8);
+        await rest(page);
+        assert.ok(await litShare(page) > 0.9 * whole);
+        await colorsStandForHeight();
+    },
+
+    async 'Splats that were measured as ellipses cover what round ones do'() {
+        const simplified = { type: 'simplify', input: cloud, points: 3000, format: 'drc' };
+        const lit = [];
+        for (const splats of ['none', 'ellipse']) {
+            await visit(page, `/?job=${await startJob({ ...simplified, splats })}`);
+            await rest(page);
+            await save(page, `splats-${splats}`);
+            lit.push(await litShare(page));
+        }
+        assert.ok(lit[0] > 0.1 && Math.abs(lit[1] - lit[0]) < 0.03, `${lit} of the pixels`);
+    },
+
+    async 'A form made from the contract starts a job, whose result is shown, saved and measured'() {
+        await page.getByRole('button', { name: 'Process' }).last().click();
+        await page.locator('#job-types').getByText('Simplify').click();
+        await page.locator('[name=method]').selectOption('voxel');
+        assert.equal(await page.locator('[name=oversampling]').isVisible(), false);
+        await page.locator('[name=points]').fill('1234');
+        await save(page, 'form');
+        await page.locator('#job-start').click();
+        await shows(page, 1234);
+        const [download] = await Promise.all([page.waitForEvent('download'), page.locator('#files').getByText('Draco').click()]);
+        assert.match(download.suggestedFilename(), /-1234\.drc$/);
+        await page.locator('#files').getByText('Error map').click();
+        await page.waitForFunction(() => document.getElementById('color').value === 'distance');
+        await rest(page);
+        await save(page, 'error-map');
+    },
+
+    async 'One point and a line are shown'() {
+        for (const [name, buffer, points] of [['point.ply', onePoint(), 1], ['line.ply', line(500), 500]]) {
+            const before = await settledPyramid(page);
+            await choose(page, { name, buffer });
+            await settledPyramid(page, before);
+            await shows(page, points);
+            await rest(page);
+            assert.ok(await litShare(page) > 0, name);
+        }
+    },
+
+    async 'A refused file and a broken one are explained in the words of the server'() {
+        browser.refusalsExpected = true;
+        await choose(page, { name: 'notes.txt', buffer: Buffer.from('hello') });
+        await page.getByText('notes.txt was not accepted').waitFor();
+        await choose(page, { name: 'cut.ply', buffer: truncated() });
+        const notice = page.locator('.notice').last();
+        await notice.getByText(/malformed|vertex|bytes|points/i).first().waitFor();
+        browser.refusalsExpected = false;
+    },
+
+    async 'Large levels come tile by tile, as far as the view asks for them'() {
+        const pyramid = await startJob({
+            type: 'pyramid', input: cloud, base_points: 3000, formats: ['drc', 'glb'], tiles: { max_points: 2000, attributes: true },
+        });
+        await visit(page, `/?pyramid=${pyramid}`);
+        await rest(page);
+        const litByWhole = await litShare(page);
+        await page.goto(`${browser.url}/?pyramid=${pyramid}&whole=10000`);
+        await settledPyramid(page);
+        await page.locator('#activity').getByText('by view').waitFor();
+        await rest(page);
+        const lit = await litShare(page);
+        await save(page, 'tiles');
+        assert.ok(Math.abs(lit - litByWhole) < 0.01, `${(100 * lit).toFixed(1)} % of the pixels, not ${(100 * litByWhole).toFixed(1)} %`);
+        await colorsStandForHeight();
+        await page.locator('#stage').dblclick({ position: { x: 640, y: 560 } });  // where only a part is seen
+        await page.waitForFunction((all) => Number(document.getElementById('points').innerText.replaceAll(',', '')) < all, kTorusPoints);
+    },
+
+    async 'A server with keys asks for one, again after a wrong one, and then shows all'() {
+        const key = 'correct horse battery staple';
+        const keyed = await startServer(options.bin, { key });
+        const visitor = new Browser(browser.chromium, keyed.url);
+        visitor.refusalsExpected = true;
+        try {
+            const stranger = await visitor.open('/', { scale });
+            for (const [entry, reason] of [['wrong', 'an API key is needed'], [key, 'this API key is not known']]) {
+                await stranger.getByText(reason).waitFor();
+                await save(stranger, 'key');
+                await stranger.locator('#key').fill(entry);
+                await stranger.getByRole('button', { name: 'Continue' }).click();
+            }
+            await stranger.getByText('Drop a point cloud here').waitFor();
+            await choose(stranger, { name: 'line.ply', buffer: line(500) });
+            await settledPyramid(stranger);
+            await stranger.reload();
+            await settledPyramid(stranger);
+            assert.deepEqual(visitor.faults, []);
+        } finally {
+            await keyed.stop();
+        }
+    },
+});
+
+/** The torus looks the same by its attribute `height` and by z, which that is, and otherwise than by its own colours. */
+async function colorsStandForHeight() {
+    await page.keyboard.press('l');
+    const pictureBy = async (by) => {
+        await page.locator('#color').selectOption(by);
+        return restingPicture(page);
+    };
+    const own = await pictureBy('own');
+    const height = await pictureBy('height');
+    const z = await pictureBy('z');
+    assert.ok(differenceOf(height, z) < 0.005, `${differenceOf(height, z)} of the pixels differ`);
+    assert.ok(differenceOf(own, z) > 0.1);
+    await page.locator('#color').selectOption('own');
+    await page.keyboard.press('l');
+}

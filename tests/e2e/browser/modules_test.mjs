@@ -1,0 +1,69 @@
+// What of the viewer needs no browser. Exits 0 or 1.
+//
+//     node modules_test.mjs --viewer viewer
+import assert from 'node:assert/strict';
+import { resolve } from 'node:path';
+import { test } from 'node:test';
+import { pathToFileURL } from 'node:url';
+import { parseArgs } from 'node:util';
+
+import { spherePoints } from './clouds.mjs';
+
+const { values: options } = parseArgs({ options: { viewer: { type: 'string' } }, strict: false });
+const moduleOf = (name) => import(pathToFileURL(resolve(options.viewer, 'src', name)));
+
+test('Estimated normals of a sphere point along its radius', async () => {
+    const { estimateSurface } = await moduleOf('surface_estimate.js');
+    const points = spherePoints(3000);
+    const surface = estimateSurface(Float32Array.from(points.flat()), null, 0.06);
+    points.forEach((point, i) => {
+        const along = point.reduce((sum, x, k) => sum + x * surface[4 * i + k], 0) / 32767;
+        assert.ok(Math.abs(along) > Math.cos(2 * Math.PI / 180), `point ${i}: cosine ${along}`);
+    });
+});
+
+test('Of a tree of tiles those are drawn that are fine enough, and coarser ones until all of these are there', async () => {
+    const { select, treeOf } = await moduleOf('tile_tree.js');
+    const json = (error, children = []) => ({
+        boundingVolume: { box: [children.length, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1] }, geometricError: 100,
+        content: { uri: `${error}.glb` }, extras: { error: { p99: error }, spacing: 1 }, children,
+    });
+    const root = treeOf(json(8, [json(4), json(3, [json(1), json(1)])]));
+    const [left, right] = root.children;
+    const view = { sees: () => true, errorOf: (tile) => tile.error, pixels: 2, finestLevel: 9, now: 1 };
+    const load = (...tiles) => tiles.forEach((tile) => Object.assign(tile, { state: 'ready', cloud: {} }));
+    const chosen = (changes) => select(root, { ...view, ...changes });
+
+    assert.deepEqual(chosen().wanted, [root, left, right, ...right.children]);
+    load(root, left, right);
+    assert.deepEqual(chosen(), { drawn: [left, right], wanted: right.children });
+    load(right.children[0]);
+    assert.deepEqual(chosen().drawn, [left, right]);
+    load(right.children[1]);
+    assert.deepEqual(chosen(), { drawn: [left, ...right.children], wanted: [] });
+    assert.deepEqual(chosen({ finestLevel: 1 }).drawn, [left, right]);
+    assert.deepEqual(chosen({ pixels: 9 }).drawn, [root]);
+    assert.deepEqual(chosen({ sees: (tile) => tile !== left }).drawn, right.children);
+});
+
+test('Of tiles that add to each other a tile is drawn with those above it, in splats as small as theirs', async () => {
+    const { select, treeOf } = await moduleOf('tile_tree.js');
+    const json = (error, children = []) => ({
+        boundingVolume: { box: [0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1] }, geometricError: 100, refine: 'ADD',
+        content: { uri: `${error}.glb` }, extras: { error: { p99: error }, spacing: error / 10 }, children,
+    });
+    const root = treeOf(json(8, [json(4), json(3, [json(1)])]));
+    const [left, right] = root.children, [finest] = right.children;
+    const view = { sees: () => true, errorOf: (tile) => tile.error, pixels: 2, finestLevel: 9, now: 1 };
+    const load = (...tiles) => tiles.forEach((tile) => Object.assign(tile, { state: 'ready', cloud: {} }));
+
+    assert.deepEqual(select(root, view), { drawn: [], wanted: [root] });
+    load(root);
+    assert.deepEqual(select(root, view), { drawn: [root], wanted: [left, right] });
+    assert.equal(root.shownSpacing, 0.8);
+    load(left, right, finest);
+    assert.deepEqual(select(root, view), { drawn: [root, left, right, finest], wanted: [] });
+    assert.deepEqual([root, left, right, finest].map((tile) => tile.shownSpacing), [0.4, 0.4, 0.1, 0.1]);
+    assert.deepEqual(select(root, { ...view, finestLevel: 1 }).drawn, [root, left, right]);
+    assert.deepEqual(select(root, { ...view, pixels: 9 }).drawn, [root]);
+});

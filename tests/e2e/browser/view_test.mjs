@@ -1,0 +1,155 @@
+// A cloud in the viewer of a real server: how it comes, what is seen of it, and what a person can do to the picture.
+//
+//     node view_test.mjs --bin build/dev/bin --modules FOLDER --artifacts FOLDER [--scan igea.ply] [--scale 1]
+import assert from 'node:assert/strict';
+
+import {
+    browser, choose, differenceOf, kTorusPoints, litShare, manifestOf, rest, restingPicture, run, save, scale, scan, settledPyramid,
+    shareOf, shows, stageOf, torus,
+} from './suite.mjs';
+
+const page = await browser.open('/', { scale });
+let torusPyramid = null;
+
+await run({
+    async 'An empty server invites to add a cloud'() {
+        await page.getByText('Drop a point cloud here').waitFor();
+        assert.equal(await page.locator('#hud').isVisible(), false);
+    },
+
+    async 'A chosen file becomes a pyramid that is shown coarse to fine'() {
+        await choose(page, torus);
+        torusPyramid = await settledPyramid(page);
+        const { levels } = await manifestOf(torusPyramid);
+        const finest = levels.at(-1);
+        assert.ok(levels.length >= 2, `${levels.length} levels`);
+        assert.equal(finest.points, kTorusPoints);
+        const marks = await page.evaluate(() => performance.getEntriesByType('mark').map(({ name, detail }) => [name, detail.points]));
+        assert.deepEqual(marks[0], ['stipple.level.0', levels[0].points]);
+        assert.deepEqual(marks.at(-1), [`stipple.level.${finest.level}`, finest.points]);
+    },
+
+    async 'The coarsest level needs no request of its own'() {
+        const asked = [];
+        page.on('request', (request) => asked.push(new URL(request.url()).pathname));
+        await page.goto(`${browser.url}/?pyramid=${torusPyramid}`);
+        await settledPyramid(page);
+        const { levels } = await manifestOf(torusPyramid);
+        const isAsked = levels.map(({ files }) => asked.includes(files.find(({ format }) => format === 'drc').href));
+        assert.deepEqual(isAsked, levels.map(({ level }) => level > 0));
+    },
+
+    async 'The figures are those of the manifest'() {
+        const { levels } = await manifestOf(torusPyramid);
+        const figure = (id) => page.locator(`#${id}`).innerText();
+        assert.equal(await figure('points'), levels.at(-1).points.toLocaleString('en'));
+        assert.equal(await figure('level-name'), `${levels.length} of ${levels.length}`);
+        assert.match(await figure('first-picture'), /^[\d.]+ m?s$/);
+        const bytes = levels.flatMap(({ files }) => files).filter(({ format }) => format === 'drc')
+            .reduce((sum, file) => sum + file.bytes, 0);
+        assert.ok(Math.abs(parseFloat(await figure('bytes')) * 1000 - bytes) <= 0.006 * bytes + 500, await figure('bytes'));
+    },
+
+    async 'A coloured cloud shows its colours'() {
+        await rest(page);
+        await save(page, 'colour');
+        const picture = await browser.pixels(page, stageOf(page));
+        const shares = {
+            red: shareOf(picture, (r, g, b) => r > 1.8 * g && r > 1.8 * b && r > 90),
+            green: shareOf(picture, (r, g, b) => g > 1.5 * r && g > 1.5 * b && g > 90),
+            blue: shareOf(picture, (r, g, b) => b > 1.5 * r && b > 1.5 * g && b > 90),
+        };
+        for (const [name, value] of Object.entries(shares)) {
+            assert.ok(value > 0.03, `${name}: ${(100 * value).toFixed(1)} % of the pixels`);
+        }
+    },
+
+    async 'A key and the slider choose the level'() {
+        const { levels } = await manifestOf(torusPyramid);
+        await page.keyboard.press('1');
+        await shows(page, levels[0].points);
+        await page.locator('#level').fill(String(levels.length));
+        await shows(page, levels.at(-1).points);
+    },
+
+    async 'Colours can stand for normals or for a coordinate, with a legend'() {
+        const own = await restingPicture(page);
+        await page.keyboard.press('l');
+        await page.locator('#color').selectOption('x');
+        assert.match(await page.locator('#legend-high').innerText(), /^[\d.]+$/);
+        await save(page, 'look');
+        await page.keyboard.press('l');
+        assert.ok(differenceOf(own, await restingPicture(page)) > 0.1);
+    },
+
+    async 'A key shows the keys'() {
+        await page.keyboard.press('?');
+        await page.getByText('Come closer').waitFor();
+        await save(page, 'help');
+        await page.getByRole('button', { name: 'Close' }).click();
+        assert.equal(await page.locator('#help-dialog').isVisible(), false);
+    },
+
+    async 'A dropped scan fills the picture, in the dark and in the light'() {
+        await drop(page, scan);
+        const pyramid = await settledPyramid(page, torusPyramid);
+        await rest(page);
+        await save(page, 'dark');
+        const { levels } = await manifestOf(pyramid);
+        await shows(page, levels.at(-1).points);
+        const lit = await litShare(page);
+        assert.ok(lit > 0.15 && lit < 0.85, `${(100 * lit).toFixed(1)} % of the pixels`);
+        await page.emulateMedia({ colorScheme: 'light' });
+        await rest(page);
+        await save(page, 'light');
+        const litInLight = await litShare(page);
+        assert.ok(Math.abs(litInLight - lit) < 0.05, `${(100 * litInLight).toFixed(1)} % of the pixels`);
+    },
+
+    async 'Two levels are compared by a line that is moved, and side by side'() {
+        await page.keyboard.press('c');
+        await page.locator('#right-label').getByText('B').waitFor();
+        await page.locator('#compare-with').selectOption('level:0');
+        await rest(page);
+        await save(page, 'compare');
+        const half = await restingPicture(page);
+        await page.locator('#divider').press('ArrowLeft');
+        assert.ok(differenceOf(half, await restingPicture(page)) > 1e-4);
+        await page.getByRole('button', { name: 'Side by side' }).click();
+        assert.ok(differenceOf(half, await restingPicture(page)) > 0.05);
+        await page.keyboard.press('c');
+        assert.equal(await page.locator('#divider').isVisible(), false);
+    },
+
+    async 'Going back shows the result before'() {
+        await page.goBack();
+        assert.equal(await settledPyramid(page), torusPyramid);
+        await shows(page, kTorusPoints);
+    },
+
+    async 'A phone shows the cloud above the sheet'() {
+        const phone = await browser.open('/', { width: 390, height: 844, scale: 2 * scale });
+        await settledPyramid(phone);
+        await rest(phone);
+        await save(phone, 'phone');
+        const dock = await phone.locator('#dock').boundingBox();
+        const lit = await litShare(phone, { x: 0, y: 60, width: 390, height: dock.y - 60 });
+        assert.ok(lit > 0.1, `${(100 * lit).toFixed(1)} % of the pixels`);
+        assert.equal(await phone.evaluate(() => document.documentElement.scrollWidth), 390);
+        await phone.locator('#grip').click();
+        await phone.getByText('Add a point cloud').waitFor();
+    },
+});
+
+/** A file dragged in from outside, as the browser would report it. */
+async function drop(target, { name, buffer }) {
+    const transfer = await target.evaluateHandle(([fileName, encoded]) => {
+        const bytes = Uint8Array.from(atob(encoded), (character) => character.charCodeAt(0));
+        const data = new DataTransfer();
+        data.items.add(new File([bytes], fileName));
+        return data;
+    }, [name, buffer.toString('base64')]);
+    for (const type of ['dragenter', 'dragover', 'drop']) {
+        await target.dispatchEvent('body', type, { dataTransfer: transfer });
+    }
+}
