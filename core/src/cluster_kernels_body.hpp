@@ -55,8 +55,11 @@ struct Packing {
 
     template <typename T>
     __m256i of(const T* from) const noexcept {
-        return _mm256_permutevar8x32_epi32(
-            _mm256_loadu_si256(reinterpret_cast<const __m256i*>(from)), order);
+        return of_lanes(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(from)));
+    }
+    template <typename Lanes>
+    __m256i of_lanes(Lanes lanes) const noexcept {
+        return _mm256_permutevar8x32_epi32(reinterpret_cast<__m256i>(lanes), order);
     }
 };
 
@@ -108,6 +111,12 @@ struct Packing {
         std::array<T, kLanes> result;
         std::copy_n(v.data(), kLanes, result.data());
         return result;
+    }
+    template <typename Lanes>
+    std::array<std::int32_t, kLanes> of_lanes(Lanes lanes) const noexcept {
+        std::array<std::int32_t, kLanes> values;
+        __builtin_memcpy(values.data(), &lanes, sizeof lanes);
+        return of(values.data());
     }
 };
 
@@ -346,26 +355,26 @@ NearbyOutput nearby(const SampleSpan& samples, const float* taken, Index begin, 
     const SampleSpan s = samples;
     const std::array<float, 3> c = center;
     NearbyOutput out = output;
-    for (Index place = begin; place < end; place += kLanes) {
+    const auto store = [](const auto& lanes, auto* to) {
+        __builtin_memcpy(to, &lanes, sizeof lanes);
+    };
+    const auto add = [&](Index place, unsigned here) {
         const Group g = whole_group(s, place, c);
         const Float8 d = g.x * g.x + g.y * g.y + g.z * g.z;
-        const unsigned here = end - place < kLanes ? (1U << (end - place)) - 1U : 255U;
         const unsigned counted = lane_bits(d <= counted_sq) & here;
         const unsigned free = lane_bits((d <= limit_sq) & (load(taken + place) <= 0.0F)) & here;
         const Int8 places = Int8{0, 1, 2, 3, 4, 5, 6, 7} + static_cast<std::int32_t>(place);
-        const auto pack = [](unsigned chosen, const auto& lanes, auto* to) {
-            std::array<std::remove_pointer_t<decltype(to)>, kLanes> values;
-            __builtin_memcpy(values.data(), &lanes, sizeof lanes);
-            const auto packed = Packing{chosen}.of(values.data());
-            __builtin_memcpy(to, &packed, sizeof packed);
-        };
-        pack(counted, d, out.all_sq);
-        pack(free, d, out.free_sq);
-        pack(free, places, out.free);
+        const Packing free_first{free};
+        store(Packing{counted}.of_lanes(d), out.all_sq);
+        store(free_first.of_lanes(d), out.free_sq);
+        store(free_first.of_lanes(places), out.free);
         out.all_sq += std::popcount(counted);
         out.free_sq += std::popcount(free);
         out.free += std::popcount(free);
-    }
+    };
+    const Index few = (end - begin) % kLanes, whole = end - few;
+    for (Index place = begin; place < whole; place += kLanes) add(place, 255U);
+    if (few != 0) add(whole, (1U << few) - 1U);
     return out;
 }
 

@@ -252,7 +252,7 @@ void ClusterTree::grow(const SplitRule& rule, const RunContext& context) {
 }
 
 void ClusterTree::split_large(const SplitRule& rule, const RunContext& context) {
-    std::vector<Index> room(points_.size());
+    auto room = made_in_blocks<std::vector<Index>>(points_.size(), context);
     struct Large {
         Index id;
         SampleMoments moments;
@@ -366,7 +366,7 @@ std::vector<Cut> ClusterTree::cuts(std::span<const std::uint64_t> sizes,
         const auto is_above = [last = splits.back()](const ClusterNode& node) {
             return node.is_split() && !(last < node.rank());
         };
-        cuts.push_back(cut_where(is_above, context));
+        cuts.push_back(cut_where(is_above, size, context));
     }
     return cuts;
 }
@@ -391,13 +391,17 @@ std::vector<SplitRank> ClusterTree::first_splits(std::size_t count, const RunCon
 }
 
 Cut ClusterTree::leaves(const RunContext& context) const {
-    return cut_where([](const ClusterNode& node) { return node.is_split(); }, context);
+    return cut_where([](const ClusterNode& node) { return node.is_split(); }, nodes_.size() / 2 + 1,
+                     context);
 }
 
 template <typename Descends>
-Cut ClusterTree::cut_where(const Descends& descends, const RunContext& context) const {
+Cut ClusterTree::cut_where(const Descends& descends, std::size_t clusters,
+                           const RunContext& context) const {
     constexpr Index kInner = 0;
     Cut cut;
+    cut.offsets.reserve(clusters + 1);
+    cut.clusters_of.reserve(2 * clusters);
     std::vector<Index> open = {0};
     while (!open.empty()) {
         if (cut.clusters_of.size() % kBetweenChecks == 0) context.throw_if_stopped();

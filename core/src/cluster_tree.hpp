@@ -98,7 +98,7 @@ private:
     void grow_leaves(const SplitRule& rule, const RunContext& context);
     std::vector<SplitRank> first_splits(std::size_t count, const RunContext& context);
     template <typename Descends>
-    Cut cut_where(const Descends& descends, const RunContext& context) const;
+    Cut cut_where(const Descends& descends, std::size_t clusters, const RunContext& context) const;
 
     std::span<const Vec3f> points_;
     std::pmr::monotonic_buffer_resource memory_;  ///< one piece, which takes the least time to get

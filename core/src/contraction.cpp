@@ -4,6 +4,7 @@
 #include "contraction_quadrics.hpp"
 #include "contraction_record.hpp"
 #include "contraction_relaxation.hpp"
+#include "first_touch.hpp"
 #include "large_memory.hpp"
 #include "parallel_for.hpp"
 #include "stipple/error.hpp"
@@ -134,6 +135,14 @@ private:
         });
     }
 
+    /// Calls body(i) for every slot in order.
+    template <typename Body>
+    void for_slots(Body&& body) {
+        for_blocks_in_order(slots_, context_, [&](std::size_t begin, std::size_t end) {
+            for (auto i = static_cast<Index>(begin); i < end; ++i) body(i);
+        });
+    }
+
     /// Calls body(i) for i = 0..N-1, with N the number of samples.
     template <typename Body>
     void for_places(Body&& body) {
@@ -164,7 +173,7 @@ Engine::Engine(std::span<const Vec3f> positions, std::span<const StoredQuadric> 
     : options_(options),
       context_(context),
       k_(options.k),
-      scale_(contraction_scale(positions)),
+      scale_(contraction_scale(positions, context)),
       memory_(positions.size() * sizeof(Record)),
       slots_(positions.size()),
       live_(positions.size()),
@@ -172,7 +181,7 @@ Engine::Engine(std::span<const Vec3f> positions, std::span<const StoredQuadric> 
     const auto scale = static_cast<float>(scale_);
     std::vector<std::uint32_t> tangents;
     {
-        std::vector<Vec3f> scaled(slots_);
+        auto scaled = made_in_blocks<std::vector<Vec3f>>(slots_, context);
         parallel_for_blocks(slots_, kBlock, context, [&](std::size_t begin, std::size_t end) {
             for (std::size_t i = begin; i < end; ++i) scaled[i] = positions[i] * scale;
         });
@@ -398,8 +407,12 @@ std::vector<Engine::Winner> Engine::match(float limit) {
         for (auto i = static_cast<Index>(begin); i < end; ++i)
             if (is_live(i) && wins(i, limit)) part.push_back({i, list_of(i)[0]});
     });
+    std::size_t count = 0;
+    for (const auto& part : parts) count += part.size();
     std::vector<Winner> winners;
+    winners.reserve(count);
     for (auto& part : parts) {
+        context_.throw_if_stopped();
         winners.insert(winners.end(), part.begin(), part.end());
         std::vector<Winner>().swap(part);
     }
@@ -473,23 +486,18 @@ void Engine::round(std::span<const Stop>& stops, const std::function<void(const 
 void Engine::reconnect() {
     std::vector<Vec3f> positions;
     compact();
-    for (std::size_t i = 0; i < slots_; ++i) positions.push_back(records()[i].position);
+    for_slots([&](Index i) { positions.push_back(records()[i].position); });
     const NeighborLists lists = k_nearest_neighbors(positions, static_cast<unsigned>(k_), context_);
-    for (Index i = 0; i < slots_; ++i) {
+    for_slots([&](Index i) {
         std::ranges::copy(lists.of(i), list_of(i));
         records()[i].cost = kUnknown;
-    }
+    });
 }
 
 /// Renumbers the slots so that the live samples fill them, and gives back the memory of the rest.
 /// After a refresh, when all lists name live samples.
 void Engine::compact() {
-    const auto for_slots = [&](auto&& body) {
-        for_blocks_in_order(slots_, context_, [&](std::size_t begin, std::size_t end) {
-            for (auto i = static_cast<Index>(begin); i < end; ++i) body(i);
-        });
-    };
-    std::vector<Index> renumbered(slots_);
+    auto renumbered = made_in_blocks<std::vector<Index>>(slots_, context_);
     Index next = 0;
     for_slots([&](Index i) {
         if (is_live(i)) renumbered[i] = next++;
@@ -510,11 +518,10 @@ void Engine::compact() {
     });
     slots_ = live_;
     memory_.shrink(slots_ * sizeof(Record));
-    neighbors_.resize(slots_ * k_);
-    neighbors_.shrink_to_fit();
+    shrink_in_blocks(neighbors_, slots_ * k_, context_);
     if (slot_of_.empty()) {
         slot_of_ = std::move(renumbered);
-        place_of_.resize(slots_);
+        resize_in_blocks(place_of_, slots_, context_);
         for_slots([&](Index i) { place_of_[i] = records()[i].claim; });
     } else {
         for_places([&](std::size_t place) { slot_of_[place] = renumbered[slot_of_[place]]; });
@@ -525,29 +532,29 @@ void Engine::compact() {
 }
 
 void Engine::keep(Kept& kept) {
-    std::vector<Index> number(slots_, kNone);
-    for (Index i = 0; i < slots_; ++i) {
-        if (!is_live(i)) continue;
+    auto number = made_in_blocks<std::vector<Index>>(slots_, context_);  // of live slots
+    for_slots([&](Index i) {
+        if (!is_live(i)) return;
         number[i] = static_cast<Index>(kept.samples.positions.size());
         kept.samples.positions.push_back(records()[i].position);
         kept.samples.quadrics.push_back(records()[i].quadric);
         kept.samples.survivor_of.push_back(i);
-    }
-    kept.of_input.resize(order_.size());
+    });
+    resize_in_blocks(kept.of_input, order_.size(), context_);
     for_places(
         [&](std::size_t place) { kept.of_input[order_[place]] = number[root(slot_at(place))]; });
 }
 
 ContractionSnapshot Engine::snapshot(Kept& kept) {
     ContractionSnapshot s;
-    std::vector<Index> number(slots_, kNone);
-    for (Index i = 0; i < slots_; ++i) {
-        if (!is_live(i)) continue;
+    auto number = made_in_blocks<std::vector<Index>>(slots_, context_);  // of live slots
+    for_slots([&](Index i) {
+        if (!is_live(i)) return;
         number[i] = static_cast<Index>(s.positions.size());
         s.positions.push_back(records()[i].position);
         if (options_.placement == Placement::EndPoint) s.samples.push_back(order_[place(i)]);
-    }
-    s.survivor_of.resize(order_.size());
+    });
+    resize_in_blocks(s.survivor_of, order_.size(), context_);
     if (kept.of_input.empty()) {
         for_places([&](std::size_t place) {
             s.survivor_of[order_[place]] = number[root(slot_at(place))];
@@ -593,9 +600,12 @@ void Engine::run(std::span<const std::uint64_t> counts,
 
 }  // namespace
 
-double contraction_scale(std::span<const Vec3f> positions) {
+double contraction_scale(std::span<const Vec3f> positions, const RunContext& context) {
     float largest = 0;
-    for (const Vec3f& p : positions) largest = std::max(largest, p.cwiseAbs().maxCoeff());
+    for_blocks_in_order(positions.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (const Vec3f& p : positions.subspan(begin, end - begin))
+            largest = std::max(largest, p.cwiseAbs().maxCoeff());
+    });
     return largest > 0 ? std::ldexp(1.0, -std::ilogb(largest)) : 1.0;
 }
 

@@ -49,7 +49,7 @@ struct ContractionOptions {
 
 /// The power of two that brings positions to a size of about 1, where squares of squares neither
 /// under- nor overflow. Quadrics given to `contract` are those of positions times this.
-double contraction_scale(std::span<const Vec3f> positions);
+double contraction_scale(std::span<const Vec3f> positions, const RunContext& context);
 
 /// Point-pair contraction (§3.2) from all samples down to the last of `counts`, in rounds.
 ///

@@ -28,14 +28,19 @@ double error_at(const SharedSamples& samples, std::size_t sample, const Vec3f& s
 struct Shares {
     std::vector<Index> members, begin;
 
-    Shares(std::span<const Index> survivor_of, std::size_t survivors)
+    Shares(std::span<const Index> survivor_of, std::size_t survivors, const RunContext& context)
         : members(survivor_of.size()), begin(survivors + 1) {
-        for (const Index survivor : survivor_of) ++begin[survivor];
+        const auto for_samples = [&](auto&& body) {
+            for_blocks_in_order(members.size(), context, [&](std::size_t first, std::size_t end) {
+                for (std::size_t i = first; i < end; ++i) body(i);
+            });
+        };
+        for_samples([&](std::size_t i) { ++begin[survivor_of[i]]; });
         Index total = 0;
         for (Index& count : begin) total += std::exchange(count, total);
         std::vector<Index> next = begin;
-        for (std::size_t i = 0; i < members.size(); ++i)
-            members[next[survivor_of[i]]++] = static_cast<Index>(i);
+        for_samples(
+            [&](std::size_t i) { members[next[survivor_of[i]]++] = static_cast<Index>(i); });
     }
     std::span<const Index> of(std::size_t survivor) const {
         return {members.data() + begin[survivor], members.data() + begin[survivor + 1]};
@@ -71,7 +76,7 @@ void relax(SharedSamples& samples, std::vector<Vec3f>& survivors, unsigned round
            const RunContext& context) {
     std::vector<Index> anchors(survivors.size());
     const auto settle_all = [&] {
-        const Shares shares(samples.survivor_of, survivors.size());
+        const Shares shares(samples.survivor_of, survivors.size(), context);
         parallel_for_blocks(survivors.size(), kSurvivorsPerBlock, context,
                             [&](std::size_t begin, std::size_t end) {
                                 for (std::size_t s = begin; s < end; ++s)

@@ -30,6 +30,20 @@ void reserve_in_blocks(Vector& values, std::size_t n, const RunContext& context)
     values.swap(larger);
 }
 
+/// `values.resize(n)` and `values.shrink_to_fit()` that stop when asked to.
+template <typename Vector>
+void shrink_in_blocks(Vector& values, std::size_t n, const RunContext& context) {
+    values.resize(n);
+    Vector smaller(values.get_allocator());
+    smaller.reserve(n);
+    prefer_huge_pages(smaller.data(), n * sizeof(smaller[0]));
+    for_blocks_in_order(n, context, [&](std::size_t begin, std::size_t end) {
+        smaller.insert(smaller.end(), values.begin() + static_cast<std::ptrdiff_t>(begin),
+                       values.begin() + static_cast<std::ptrdiff_t>(end));
+    });
+    values.swap(smaller);
+}
+
 /// A vector of n values, made as by `resize_in_blocks`.
 template <typename Vector>
 Vector made_in_blocks(std::size_t n, const RunContext& context) {

@@ -2,11 +2,14 @@
 
 #include "cloud_copy.hpp"
 #include "cluster_splitting.hpp"
+#include "first_touch.hpp"
+#include "parallel_for.hpp"
 #include "random.hpp"
 #include "region_growing.hpp"
 #include "representatives.hpp"
 #include "stipple/error.hpp"
 #include "stray_points.hpp"
+#include "until_stopped.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -65,9 +68,12 @@ struct Grown {
 Grown grow(std::span<const Vec3f> points, const RegionBounds& bounds, std::uint64_t seed,
            const RunContext& context) {
     Grown grown{grow_regions(points, bounds, seed, context), bounds, 0};
-    grown.far_enough = static_cast<std::size_t>(std::ranges::count_if(
-        grown.regions.regions,
-        [&](const Region& region) { return reached(region, bounds) >= kStray; }));
+    const std::span<const Region> regions = grown.regions.regions;
+    for_blocks_in_order(regions.size(), context, [&](std::size_t begin, std::size_t end) {
+        grown.far_enough += static_cast<std::size_t>(std::ranges::count_if(
+            regions.subspan(begin, end - begin),
+            [&](const Region& region) { return reached(region, bounds) >= kStray; }));
+    });
     return grown;
 }
 
@@ -100,23 +106,26 @@ Grown search(std::span<const Vec3f> points, std::uint64_t target, RegionBounds b
 
 /// The numbers of the regions that are clusters, ascending: the `count` that came farthest; among
 /// equals anywhere, not those that were grown first, which lie together.
-std::vector<Index> chosen_regions(const Grown& grown, std::size_t count) {
+std::vector<Index> chosen_regions(const Grown& grown, std::size_t count,
+                                  const RunContext& context) {
     struct Ranked {
         double reached;
         std::uint64_t lot;
         Index region;
     };
     const std::vector<Region>& regions = grown.regions.regions;
-    std::vector<Ranked> ranked;
-    for (Index i = 0; i < regions.size(); ++i)
-        ranked.push_back({reached(regions[i], grown.bounds), random_bits(0, i), i});
+    auto ranked = made_in_blocks<std::vector<Ranked>>(regions.size(), context);
+    for_blocks_in_order(regions.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (auto i = static_cast<Index>(begin); i < end; ++i)
+            ranked[i] = {reached(regions[i], grown.bounds), random_bits(0, i), i};
+    });
     count = std::clamp<std::size_t>(count, 1, ranked.size());
     std::ranges::nth_element(ranked, ranked.begin() + static_cast<std::ptrdiff_t>(count) - 1,
-                             std::greater<>(),
+                             until_stopped(context, std::greater<>()),
                              [](const Ranked& r) { return std::pair(r.reached, r.lot); });
     std::vector<Index> chosen(count);
     std::ranges::transform(std::span(ranked).first(count), chosen.begin(), &Ranked::region);
-    std::ranges::sort(chosen);
+    std::ranges::sort(chosen, until_stopped(context, std::less<>()));
     return chosen;
 }
 
@@ -136,7 +145,7 @@ Clusters incremental_clusters(std::span<const Vec3f> points,
                      options.seed, growing)
             : grow(points, bounds, options.seed, growing);
     const std::size_t count = options.target_size ? *options.target_size : grown.far_enough;
-    return with_strays_joined(points, grown.regions, chosen_regions(grown, count),
+    return with_strays_joined(points, grown.regions, chosen_regions(grown, count, context),
                               context.part(0.8, 1.0));
 }
 

@@ -11,6 +11,7 @@ namespace stipple {
 
 NestedOrder nested_order(std::span<const Vec3f> positions, const RunContext& context) {
     std::vector<ContractionPair> sequence;
+    reserve_in_blocks(sequence, positions.size(), context);
     constexpr std::array<std::uint64_t, 1> kOne = {1};
     Index left = 0;
     contract(

@@ -1,5 +1,6 @@
 #include "particle_density.hpp"
 
+#include "first_touch.hpp"
 #include "parallel_for.hpp"
 #include "stipple/error.hpp"
 
@@ -115,16 +116,19 @@ std::vector<float> adaptive_spacing(const SurfaceSamples& samples, std::span<con
                                     double adaptivity, double max_grading,
                                     const RunContext& context) {
     double sum = 0, area = 0;
-    for (std::size_t i = 0; i < samples.size(); ++i) {
-        sum += static_cast<double>(samples.variation[i]) * static_cast<double>(areas[i]);
-        area += static_cast<double>(areas[i]);
-    }
+    for_blocks_in_order(samples.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+            sum += static_cast<double>(samples.variation[i]) * static_cast<double>(areas[i]);
+            area += static_cast<double>(areas[i]);
+        }
+    });
     constexpr double kFlat = 1e-9;  // what rounding makes of a plane
     const double mean = area > 0 ? sum / area : 0;
     if (!(mean > kFlat)) return std::vector<float>(samples.size(), 1.0F);
 
     const double bound = 0.5 * std::log(max_grading);
-    std::vector<float> logs(samples.size()), smooth(samples.size());
+    auto logs = made_in_blocks<std::vector<float>>(samples.size(), context);
+    auto smooth = made_in_blocks<std::vector<float>>(samples.size(), context);
     parallel_for_blocks(samples.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {
             const double sigma = std::max(static_cast<double>(samples.variation[i]), kFlat);
@@ -147,7 +151,9 @@ std::vector<float> adaptive_spacing(const SurfaceSamples& samples, std::span<con
                             });
         std::swap(logs, smooth);
     }
-    for (float& value : logs) value = std::exp(value);
+    parallel_for_blocks(samples.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) logs[i] = std::exp(logs[i]);
+    });
     return logs;
 }
 

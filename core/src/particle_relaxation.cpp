@@ -63,7 +63,11 @@ ParticleRelaxation::ParticleRelaxation(const ParticleSurface& surface, std::vect
 
 void ParticleRelaxation::resize(std::size_t count) {
     resize_in_blocks(next_, count, context_);
-    steps_.assign(count, Vec3f::Zero());
+    steps_.clear();
+    resize_in_blocks(steps_, count, context_);
+    parallel_for_blocks(count, kBlock, context_, [&](std::size_t begin, std::size_t end) {
+        std::fill(&steps_[begin], &steps_[begin] + (end - begin), Vec3f::Zero());
+    });
     resize_in_blocks(relative_, count, context_);
     moved_.assign(count, 1);
     moves_.resize(count);
@@ -97,10 +101,14 @@ std::vector<ParticleRelaxation::Place> ParticleRelaxation::places_between(float 
                                     if (j > i) add(static_cast<Index>(i), j, blocks[i / kBlock]);
                             }
                         });
+    std::size_t count = 0;
+    for (const std::vector<Place>& block : blocks) count += block.size();
     std::vector<Place> places;
-    for (const std::vector<Place>& block : blocks) {
+    places.reserve(count);
+    for (std::vector<Place>& block : blocks) {
         context_.throw_if_stopped();
         places.insert(places.end(), block.begin(), block.end());
+        std::vector<Place>().swap(block);
     }
     return places;
 }
@@ -227,10 +235,15 @@ void ParticleRelaxation::settle() {
 
 void ParticleRelaxation::find_neighbors() {
     age_ = 0;
-    found_at_ = positions_;
-    std::ranges::fill(moved_, std::uint8_t{1});
-    std::vector<float> reach(positions_.size());
-    for (std::size_t i = 0; i < reach.size(); ++i) reach[i] = kReach * spacing(i);
+    resize_in_blocks(found_at_, positions_.size(), context_);
+    auto reach = made_in_blocks<std::vector<float>>(positions_.size(), context_);
+    parallel_for_blocks(reach.size(), kBlock, context_, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+            found_at_[i] = positions_[i];
+            moved_[i] = 1;
+            reach[i] = kReach * spacing(i);
+        }
+    });
     const ParticleTree tree(positions_, reach, context_);
     parallel_for_blocks(positions_.size(), kBlock, context_,
                         [&](std::size_t begin, std::size_t end) {

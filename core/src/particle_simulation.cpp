@@ -270,12 +270,15 @@ private:
         std::unique_ptr<const Ground> finer = ground_of_particles();
         if (!particles_->split(most)) return false;
         SpreadParticles start;
-        start.positions.assign(particles_->positions().begin(), particles_->positions().end());
-        start.samples.resize(start.positions.size());
-        parallel_for_blocks(start.samples.size(), kBlock, context_,
+        const std::span<const Vec3f> positions = particles_->positions();
+        resize_in_blocks(start.positions, positions.size(), context_);
+        resize_in_blocks(start.samples, positions.size(), context_);
+        parallel_for_blocks(positions.size(), kBlock, context_,
                             [&](std::size_t begin, std::size_t end) {
-                                for (std::size_t i = begin; i < end; ++i)
-                                    start.samples[i] = finer->surface.nearest(start.positions[i]);
+                                for (std::size_t i = begin; i < end; ++i) {
+                                    start.positions[i] = positions[i];
+                                    start.samples[i] = finer->surface.nearest(positions[i]);
+                                }
                             });
         particles_.emplace(finer->surface, finer->scaled_spacing(start.positions.size(), context_),
                            std::move(start), context_);
@@ -284,14 +287,18 @@ private:
     }
 
     std::unique_ptr<const Ground> ground_of_particles() const {
+        const std::span<const Vec3f> positions = particles_->positions();
         PointCloud cloud;
-        std::vector<Index> numbers;
-        std::vector<float> spacing;
-        for (const Vec3f& p : particles_->positions()) {
-            cloud.positions.push_back(frame_.outside(p).cast<float>());
-            spacing.push_back(particles_->spacing(numbers.size()));
-            numbers.push_back(static_cast<Index>(numbers.size()));
-        }
+        resize_in_blocks(cloud.positions, positions.size(), context_);
+        auto numbers = made_in_blocks<std::vector<Index>>(positions.size(), context_);
+        auto spacing = made_in_blocks<std::vector<float>>(positions.size(), context_);
+        for_blocks_in_order(positions.size(), context_, [&](std::size_t begin, std::size_t end) {
+            for (std::size_t i = begin; i < end; ++i) {
+                cloud.positions[i] = frame_.outside(positions[i]).cast<float>();
+                spacing[i] = particles_->spacing(i);
+                numbers[i] = static_cast<Index>(i);
+            }
+        });
         SurfaceSamples samples = sample_surface(cloud, std::move(numbers), frame_, context_);
         std::vector<float> areas = areas_of(samples, context_);
         return std::make_unique<const Ground>(std::move(samples), std::move(areas),
@@ -323,8 +330,8 @@ Sources find_sources(const PointCloud& cloud, const std::vector<Vec3f>& position
     const std::size_t wanted = interpolate ? kInterpolated + 1 : std::min(share, kAveraged);
     const NeighborSearch search(cloud.positions, context);
     Sources sources;
-    sources.nearest.resize(positions.size());
-    sources.offsets.resize(positions.size() + 1);
+    resize_in_blocks(sources.nearest, positions.size(), context);
+    resize_in_blocks(sources.offsets, positions.size() + 1, context);
     std::vector<std::vector<Index>> blocks((positions.size() + kBlock - 1) / kBlock);
     parallel_for_blocks(positions.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
         std::array<Neighbor, kAveraged> room;

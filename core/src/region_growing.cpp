@@ -23,7 +23,7 @@ constexpr float kReach = 1.3F;           // R: how far a region extends
 constexpr float kNextSeed = 1.75F;       // R: how far away the next seed should be
 constexpr float kLook = 1.85F;           // R: how far away it may be
 constexpr float kFirstLook = 2.1F;       // typical R: what is looked through first
-constexpr float kFirstCount = 1.25F;     // typical R: and where taken points are looked at, too
+constexpr float kFirstCount = 1.4F;      // typical R: and where taken points are looked at, too
 constexpr float kMostGrowth = 2.0F;      // of R from one region to the next
 constexpr float kPatience = 1.25F;       // growth of the typical R where too few points are found
 constexpr std::size_t kMostLooked = 32;  // n_max: beyond, one looks nearer
@@ -70,11 +70,13 @@ struct Surroundings {
         const float counted_sq = counted * counted, radius_sq = radius * radius;
         all_count = free_count = 0;
         const std::array<float, 3> center = {q.x(), q.y(), q.z()};
+        const SampleSpan samples = blocks.samples();
+        const ClusterKernels& kernels = cluster_kernels();
         blocks.find(q, radius_sq, [&](Index begin, Index end) {
             make_room(end - begin);
-            const NearbyOutput out = cluster_kernels().nearby(
-                blocks.samples(), blocks.taken(), begin, end, center, counted_sq, radius_sq,
-                {&all_sq[all_count], &free_sq[free_count], &free[free_count]});
+            const NearbyOutput out =
+                kernels.nearby(samples, blocks.taken(), begin, end, center, counted_sq, radius_sq,
+                               {&all_sq[all_count], &free_sq[free_count], &free[free_count]});
             all_count = static_cast<std::size_t>(out.all_sq - all_sq.data());
             free_count = static_cast<std::size_t>(out.free_sq - free_sq.data());
             return all_count + free_count <= limit;

@@ -31,7 +31,8 @@ struct Neighborhoods {
     std::vector<Index> near_to;
 
     Neighborhoods(std::span<const Vec3f> points, const RunContext& context)
-        : nearest(k_nearest_neighbors(points, kNeighbors, context)), offsets(points.size() + 1) {
+        : nearest(k_nearest_neighbors(points, kNeighbors, context)),
+          offsets(made_in_blocks<std::vector<std::uint64_t>>(points.size() + 1, context)) {
         const auto each_list = [&](auto&& visit) {
             for_blocks_in_order(points.size(), context, [&](std::size_t begin, std::size_t end) {
                 for (std::size_t i = begin; i < end; ++i) visit(i, nearest.of(i));
@@ -40,9 +41,12 @@ struct Neighborhoods {
         each_list([&](std::size_t, std::span<const Index> list) {
             for (const Index j : list) ++offsets[j + std::size_t{1}];
         });
-        for (std::size_t i = 0; i < points.size(); ++i) offsets[i + 1] += offsets[i];
+        auto next = made_in_blocks<std::vector<std::uint64_t>>(points.size(), context);
+        each_list([&](std::size_t i, auto) {
+            next[i] = offsets[i];
+            offsets[i + 1] += offsets[i];
+        });
         resize_in_blocks(near_to, nearest.indices.size(), context);
-        std::vector<std::uint64_t> next(offsets.begin(), offsets.end() - 1);
         each_list([&](std::size_t i, std::span<const Index> list) {
             for (const Index j : list) near_to[next[j]++] = static_cast<Index>(i);
         });

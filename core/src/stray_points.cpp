@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <ranges>
 #include <vector>
 
 namespace stipple {
@@ -16,7 +17,8 @@ namespace {
 class Centroids {
 public:
     Centroids(const Regions& regions, std::span<const Index> chosen, const RunContext& context)
-        : scale_(regions.scale), blocks_(positions_of(regions, chosen), 16, 1.0F, context) {
+        : scale_(regions.scale),
+          blocks_(positions_of(regions, chosen, context), 16, 1.0F, context) {
         first_look_ = 0.5F * blocks_.extent() / std::sqrt(static_cast<float>(chosen.size()));
     }
 
@@ -43,9 +45,13 @@ public:
     float scale() const noexcept { return scale_; }
 
 private:
-    static std::vector<Vec3f> positions_of(const Regions& regions, std::span<const Index> chosen) {
-        std::vector<Vec3f> positions;
-        for (const Index i : chosen) positions.push_back(regions.regions[i].centroid.cast<float>());
+    static std::vector<Vec3f> positions_of(const Regions& regions, std::span<const Index> chosen,
+                                           const RunContext& context) {
+        auto positions = made_in_blocks<std::vector<Vec3f>>(chosen.size(), context);
+        for_blocks_in_order(chosen.size(), context, [&](std::size_t begin, std::size_t end) {
+            for (std::size_t i = begin; i < end; ++i)
+                positions[i] = regions.regions[chosen[i]].centroid;
+        });
         return positions;
     }
 
@@ -97,9 +103,14 @@ void join(std::span<const Vec3f> points, const Regions& regions, const Region& s
 
 Clusters with_strays_joined(std::span<const Vec3f> points, const Regions& regions,
                             std::span<const Index> chosen, const RunContext& context) {
-    std::vector<Index> all(regions.regions.size()), strays;
-    for (Index i = 0; i < all.size(); ++i) all[i] = i;
-    std::ranges::set_difference(all, chosen, std::back_inserter(strays));
+    std::vector<Index> strays;
+    strays.reserve(regions.regions.size() - chosen.size());
+    for_blocks_in_order(regions.regions.size(), context, [&](std::size_t begin, std::size_t end) {
+        const auto all = std::views::iota(static_cast<Index>(begin), static_cast<Index>(end));
+        const auto first = std::ranges::lower_bound(chosen, all.front());
+        std::ranges::set_difference(all, std::ranges::subrange(first, chosen.end()),
+                                    std::back_inserter(strays));
+    });
     // Of the members of strays.
     auto cluster = made_in_blocks<std::vector<Index>>(regions.members.size(), context);
     if (!strays.empty()) {
@@ -112,9 +123,6 @@ Clusters with_strays_joined(std::span<const Vec3f> points, const Regions& region
     }
 
     Clusters clusters;
-    clusters.offsets.assign(chosen.size() + 1, 0);
-    for (std::size_t c = 0; c < chosen.size(); ++c)
-        clusters.offsets[c + 1] = regions.regions[chosen[c]].size();
     const auto for_strays = [&](auto&& visit) {
         for (const Index stray : strays) {
             context.throw_if_stopped();
@@ -122,16 +130,22 @@ Clusters with_strays_joined(std::span<const Vec3f> points, const Regions& region
             for (Index at = region.begin; at < region.end; ++at) visit(at);
         }
     };
+    const auto for_chosen = [&](auto&& visit) {
+        for_blocks_in_order(chosen.size(), context, [&](std::size_t begin, std::size_t end) {
+            for (std::size_t c = begin; c < end; ++c) visit(c, regions.regions[chosen[c]]);
+        });
+    };
+    resize_in_blocks(clusters.offsets, chosen.size() + 1, context);
+    for_chosen([&](std::size_t c, const Region& r) { clusters.offsets[c + 1] = r.size(); });
     for_strays([&](Index at) { ++clusters.offsets[cluster[at] + 1]; });
-    for (std::size_t c = 0; c < chosen.size(); ++c) clusters.offsets[c + 1] += clusters.offsets[c];
+    for_chosen([&](std::size_t c, auto&) { clusters.offsets[c + 1] += clusters.offsets[c]; });
     resize_in_blocks(clusters.members, regions.members.size(), context);
-    std::vector<Index> next(clusters.offsets.begin(), clusters.offsets.end() - 1);
-    for (std::size_t c = 0; c < chosen.size(); ++c) {
-        context.throw_if_stopped();
-        const Region& region = regions.regions[chosen[c]];
-        std::copy_n(&regions.members[region.begin], region.size(), &clusters.members[next[c]]);
-        next[c] += region.size();
-    }
+    auto next = made_in_blocks<std::vector<Index>>(chosen.size(), context);
+    for_chosen([&](std::size_t c, const Region& region) {
+        next[c] = clusters.offsets[c] + region.size();
+        std::copy_n(&regions.members[region.begin], region.size(),
+                    &clusters.members[clusters.offsets[c]]);
+    });
     for_strays([&](Index at) { clusters.members[next[cluster[at]]++] = regions.members[at]; });
     return clusters;
 }

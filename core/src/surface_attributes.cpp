@@ -1,11 +1,15 @@
 #include "stipple/surface_attributes.hpp"
 
 #include "cloud_copy.hpp"
+#include "first_touch.hpp"
+#include "parallel_for.hpp"
 #include "stipple/error.hpp"
 #include "stipple/local_analysis.hpp"
 #include "stipple/normal_orientation.hpp"
 #include "stipple/splats.hpp"
 
+#include <algorithm>
+#include <span>
 #include <string>
 #include <utility>
 
@@ -17,10 +21,12 @@ void add_scalars(PointCloud& cloud, const char* name, std::vector<float> values)
     set_attribute(cloud, {name, std::move(values), 1, Reduction::Mean});
 }
 
-void add_vectors(PointCloud& cloud, const char* name, const std::vector<Vec3f>& vectors) {
-    std::vector<float> values;
-    values.reserve(3 * vectors.size());
-    for (const Vec3f& v : vectors) values.insert(values.end(), v.begin(), v.end());
+void add_vectors(PointCloud& cloud, const char* name, std::span<const Vec3f> vectors,
+                 const RunContext& context) {
+    auto values = made_in_blocks<std::vector<float>>(3 * vectors.size(), context);
+    for_blocks_in_order(vectors.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) std::copy_n(vectors[i].data(), 3, &values[3 * i]);
+    });
     set_attribute(cloud, {name, std::move(values), 3, Reduction::Nearest});
 }
 
@@ -96,8 +102,8 @@ void add_splats(PointCloud& cloud, SplatAttributes attributes, const RunContext&
     }
     add_scalars(cloud, "radius", std::move(splats.radii));
     if (!ellipses) return;
-    add_vectors(cloud, "major", splats.major);
-    add_vectors(cloud, "minor", splats.minor);
+    add_vectors(cloud, "major", splats.major, context);
+    add_vectors(cloud, "minor", splats.minor, context);
 }
 
 }  // namespace stipple

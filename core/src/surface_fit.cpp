@@ -381,7 +381,7 @@ void fit_surface(std::vector<Vec3f>& points, std::span<const Vec3f> input,
                  const MemberLists& members, unsigned asked, const RunContext& context) {
     if (points.size() < kNeighbors) return;
     // Of a size of about 1, so that no square under- or overflows.
-    const auto scale = static_cast<float>(contraction_scale(points));
+    const auto scale = static_cast<float>(contraction_scale(points, context));
     for (Vec3f& p : points) p *= scale;
     points = Fitter(points, input, scale, members, asked, context).fitted();
     for (Vec3f& p : points) p /= scale;

@@ -85,7 +85,7 @@ TEST_P(EveryKernel, FindsWhatIsNearbyAsPlainCodeDoes) {
     const std::vector<Vec3f> points = test::cube(GetParam(), 5).positions;
     const std::size_t n = points.size(), begin = n / 3;
     const Vec3f center(0.4F, 0.5F, 0.6F);
-    constexpr float kLimitSq = 0.2F;
+    constexpr float kCountedSq = 0.1F, kLimitSq = 0.2F;
     std::vector<float> taken(n + 8);
     for (std::size_t i = 0; i < n; i += 3) taken[i] = HUGE_VALF;
     std::vector<float> all, free;
@@ -93,9 +93,8 @@ TEST_P(EveryKernel, FindsWhatIsNearbyAsPlainCodeDoes) {
     for (std::size_t i = begin; i < n; ++i) {
         const Vec3f d = points[i] - center;
         const float distance_sq = d.x() * d.x() + d.y() * d.y() + d.z() * d.z();
-        if (distance_sq > kLimitSq) continue;
-        all.push_back(distance_sq);
-        if (taken[i] > 0) continue;
+        if (distance_sq <= kCountedSq) all.push_back(distance_sq);
+        if (distance_sq > kLimitSq || taken[i] > 0) continue;
         free.push_back(distance_sq);
         places.push_back(static_cast<Index>(i));
     }
@@ -107,14 +106,43 @@ TEST_P(EveryKernel, FindsWhatIsNearbyAsPlainCodeDoes) {
         std::vector<Index> free_places(n + 8);
         const NearbyOutput end =
             kernels.nearby(work.samples.all(), taken.data(), static_cast<Index>(begin),
-                           static_cast<Index>(n), {center.x(), center.y(), center.z()}, kLimitSq,
-                           {all_sq.data(), free_sq.data(), free_places.data()});
+                           static_cast<Index>(n), {center.x(), center.y(), center.z()}, kCountedSq,
+                           kLimitSq, {all_sq.data(), free_sq.data(), free_places.data()});
         all_sq.resize(static_cast<std::size_t>(end.all_sq - all_sq.data()));
         free_sq.resize(static_cast<std::size_t>(end.free_sq - free_sq.data()));
         free_places.resize(static_cast<std::size_t>(end.free - free_places.data()));
         EXPECT_EQ(all_sq, all) << kernels.name;
         EXPECT_EQ(free_sq, free) << kernels.name;
         EXPECT_EQ(free_places, places) << kernels.name;
+    }
+}
+
+TEST_P(EveryKernel, PacksWhatIsBetweenLimitsAsPlainCodeDoes) {
+    std::vector<float> values;
+    std::vector<Index> places;
+    for (const Vec3f& p : test::cube(GetParam(), 6).positions) {
+        places.push_back(static_cast<Index>(1000 - values.size()));
+        values.push_back(p.x());
+    }
+    const std::size_t n = values.size();
+    const float low = values[n / 2], high = std::max(low, values[n / 3]);  // one left out, one in
+    std::vector<float> between;
+    std::vector<Index> beside;
+    for (std::size_t i = 0; i < n; ++i) {
+        if (!(values[i] > low && values[i] <= high)) continue;
+        between.push_back(values[i]);
+        beside.push_back(places[i]);
+    }
+    values.resize(n + 8, HUGE_VALF);
+    places.resize(n + 8);
+    for (const ClusterKernels& kernels : available_cluster_kernels()) {
+        std::vector<float> packed(n + 8);
+        std::vector<Index> packed_places(n + 8);
+        packed.resize(kernels.values_between(values.data(), n, low, high, packed.data()));
+        packed_places.resize(kernels.places_between(values.data(), places.data(), n, low, high,
+                                                    packed_places.data()));
+        EXPECT_EQ(packed, between) << kernels.name;
+        EXPECT_EQ(packed_places, beside) << kernels.name;
     }
 }
 

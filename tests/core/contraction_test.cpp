@@ -25,7 +25,7 @@ struct Ellipsoid {
         const Vec3f axes(1.0F, 0.7F, 0.4F);
         for (const Vec3f& p : test::sphere(n).positions)
             points.push_back(p.cwiseProduct(axes) + Vec3f(0, 0, 1e-4F));
-        scale = contraction_scale(points);
+        scale = contraction_scale(points, {});
         for (const Vec3f& p : test::sphere(n).positions) {
             const Vec3d normal = p.cwiseQuotient(axes).cast<double>();
             const double area = normal.norm();  // of what an even part of the sphere becomes

@@ -5,6 +5,7 @@
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -15,30 +16,65 @@ namespace {
 
 using Region2 = std::set<Index>;
 
-/// The rule of the header by sorting all points for every region; no bound on the variation.
-std::vector<Region2> regions_by_sorting(const std::vector<Vec3f>& points, std::size_t max_size,
-                                        std::uint64_t seed_number) {
+/// Eq. 5 of the first `count` points.
+double variation_of(const std::vector<Vec3f>& points,
+                    const std::vector<std::pair<float, Index>>& chosen, std::size_t count) {
+    Vec3d mean = Vec3d::Zero();
+    for (std::size_t i = 0; i < count; ++i) mean += points[chosen[i].second].cast<double>();
+    mean /= static_cast<double>(count);
+    Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
+    for (std::size_t i = 0; i < count; ++i) {
+        const Vec3d d = points[chosen[i].second].cast<double>() - mean;
+        covariance += d * d.transpose();
+    }
+    const Vec3d values = Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(covariance).eigenvalues();
+    return values.sum() > 0 ? std::max(0.0, values[0]) / values.sum() : 0.0;
+}
+
+/// The rule of the header by sorting all points for every region.
+std::vector<Region2> regions_by_sorting(const std::vector<Vec3f>& points,
+                                        const RegionBounds& bounds, std::uint64_t seed_number) {
+    using Distances = std::vector<std::pair<float, Index>>;
+    const bool bounded = std::isfinite(bounds.max_variation);
     std::vector<Region2> regions;
     std::vector<char> taken(points.size());
     std::size_t left = points.size();
+    std::size_t size = bounded ? std::min<std::size_t>(8, bounds.max_size) : bounds.max_size;
     Index seed = static_cast<Index>(below(random_bits(seed_number, 0), points.size()));
-    double expected = -1;
+    double spacing = -1;
     while (true) {
-        std::vector<std::pair<float, Index>> nearest;
+        Distances nearest, chosen;
         for (Index i = 0; i < points.size(); ++i)
             nearest.emplace_back((points[i] - points[seed]).squaredNorm(), i);
         std::ranges::sort(nearest);
-        const double full = std::sqrt(nearest[max_size - 1].first);
-        const bool is_full = expected < 0 || full < 2 * expected;
-        const double radius = is_full ? full : 2 * expected;
-        expected = is_full ? full : 1.25 * expected;
-
-        Region2 region;
+        const double root = std::sqrt(static_cast<double>(size));
+        const double full = std::sqrt(nearest[size - 1].first);
+        const bool is_full = spacing < 0 || full < 2 * spacing * root;
+        const double radius = is_full ? full : 2 * spacing * root;
+        spacing = is_full ? full / root : 1.25 * spacing;
         for (const auto& [distance_sq, i] : nearest) {
-            if (region.size() == max_size || std::sqrt(distance_sq) > 1.3 * radius) break;
-            if (std::exchange(taken[i], 1) == 0) region.insert(i);
+            if (chosen.size() == size || std::sqrt(distance_sq) > 1.3 * radius) break;
+            if (taken[i] == 0) chosen.emplace_back(distance_sq, i);
         }
-        left -= region.size();
+        std::size_t kept = chosen.size();
+        while (bounded && kept > 1 && variation_of(points, chosen, kept) > bounds.max_variation)
+            --kept;
+        if (bounded && kept == size && size < bounds.max_size) {
+            size = std::min<std::size_t>(2 * size, bounds.max_size);
+            continue;
+        }
+        const double own_radius = kept < chosen.size() ? std::sqrt(chosen[kept - 1].first) : radius;
+        if (bounded) {
+            size = std::clamp<std::size_t>(2 * kept, std::min<std::size_t>(8, bounds.max_size),
+                                           bounds.max_size);
+        }
+        chosen.resize(kept);
+        Region2 region;
+        for (const auto& [distance_sq, i] : chosen) {
+            taken[i] = 1;
+            region.insert(i);
+        }
+        left -= kept;
         regions.push_back(std::move(region));
         if (left == 0) return regions;
         const auto first_free = std::ranges::find(taken, 0) - taken.begin();
@@ -46,7 +82,7 @@ std::vector<Region2> regions_by_sorting(const std::vector<Vec3f>& points, std::s
         double least_miss = std::numeric_limits<double>::infinity();
         for (const auto& [distance_sq, i] : nearest) {
             if (taken[i] != 0 || std::sqrt(distance_sq) > 1.85 * radius) continue;
-            const double miss = std::abs(distance_sq - 1.75 * 1.75 * radius * radius);
+            const double miss = std::abs(distance_sq - 1.75 * 1.75 * own_radius * own_radius);
             if (miss < least_miss) seed = i;
             least_miss = std::min(miss, least_miss);
         }
@@ -81,8 +117,21 @@ TEST(RegionGrowing, IsTheRuleThatSortingAllPointsGives) {
                                test::plane(600).positions, uneven()}) {
         for (const std::size_t max_size : {1U, 2U, 7U, 40U, 300U}) {
             EXPECT_EQ(as_sets(grow_regions(points, {.max_size = max_size}, 3, {})),
-                      regions_by_sorting(points, max_size, 3))
+                      regions_by_sorting(points, {.max_size = max_size}, 3))
                 << points.size() << " points, at most " << max_size;
+        }
+    }
+}
+
+TEST(RegionGrowing, UnderABoundOnTheVariationIsThatRule) {
+    for (const auto& points : {test::sphere(700, 0.01).positions, test::cube(400).positions}) {
+        for (const std::size_t max_size : {5U, 40U, 300U}) {
+            for (const double bound : {0.004, 0.05}) {
+                const RegionBounds bounds = {.max_size = max_size, .max_variation = bound};
+                EXPECT_EQ(as_sets(grow_regions(points, bounds, 3, {})),
+                          regions_by_sorting(points, bounds, 3))
+                    << points.size() << " points, at most " << max_size << ", within " << bound;
+            }
         }
     }
 }
