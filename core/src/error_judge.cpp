@@ -10,7 +10,7 @@ namespace stipple {
 namespace {
 
 constexpr std::uint64_t kGlance = 10'000;
-constexpr std::size_t kManySamples = 100'000;       // unless there are even more points
+constexpr std::size_t kManyPlaces = 100'000;        // to watch, unless there are more points
 constexpr std::uint64_t kFewestMeasured = 200'000;  // also of small clouds
 
 /// Distances rise to a maximum, if steeply: where they are above these parts of the bound, in the
@@ -69,10 +69,6 @@ std::vector<Vec3f> ErrorJudge::points_of_surface() const {
     return points;
 }
 
-std::uint64_t ErrorJudge::dense_samples() const {
-    return std::max(cloud_.size(), std::min(10 * cloud_.size(), kManySamples));
-}
-
 std::vector<Vec3f> ErrorJudge::into_frame(std::span<const Vec3f> positions) const {
     std::vector<Vec3f> points(positions.size());
     for (std::size_t i = 0; i < points.size(); ++i)
@@ -112,7 +108,8 @@ ErrorJudge::Finding ErrorJudge::watch(const PointCloud& candidate) {
     ++tries_;
     if (!watch_) {
         // A place around a point also lies in gaps between points.
-        const auto each = static_cast<unsigned>(dense_samples() / cloud_.size());
+        const auto each =
+            static_cast<unsigned>(std::clamp<std::size_t>(kManyPlaces / cloud_.size(), 1, 10));
         std::vector<Vec3f> places = points_;
         append(places, surface_.places_around(places, 1, each, 0, quietly_).places);
         watch_.emplace(surface_, std::move(places), kMargin * bound_ * scale_);
@@ -128,7 +125,7 @@ ErrorJudge::Finding ErrorJudge::measure(ErrorBoundedCloud& candidate) {
     ++tries_;
     SurfaceErrorOptions options;
     options.sampling = ErrorSampling::Surface;
-    options.samples = std::max(2 * dense_samples(), kFewestMeasured);
+    options.samples = std::max<std::uint64_t>(2 * cloud_.size(), kFewestMeasured);
     options.keep_samples = true;
     candidate.error = measure_error(cloud_, candidate.cloud, options, quietly_);
     candidate.sampling = ErrorSampling::Surface;

@@ -51,7 +51,6 @@ private:
     /// At many places around raised ones; adds to what was found.
     void look_closer(const ProbedSurface& from, std::span<const Vec3f> raised,
                      const ProbedSurface& other, Finding& finding) const;
-    std::uint64_t dense_samples() const;
     std::vector<Vec3f> into_frame(std::span<const Vec3f> positions) const;
     std::vector<Vec3f> out_of_frame(std::span<const Vec3f> places) const;
 

@@ -10,6 +10,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <utility>
 #include <vector>
 
 // Eight queries are on their way at once, one in each lane of the vector code. Those near each
@@ -167,14 +168,14 @@ private:
         w.sample_reach = 0;
         w.last_step = w.least_step = std::numeric_limits<double>::infinity();
         w.best = {};
-        set(lanes_.query, lane, w.q - w.origin);
+        set(lanes_.query, lane, (w.q - w.origin).cast<float>());
         place(lane, x);
     }
 
     void place(std::size_t lane, const Vec3d& x) {
         Walker& w = walkers_[lane];
         w.x = x;
-        set(lanes_.place, lane, x - w.origin);
+        set(lanes_.place, lane, (x - w.origin).cast<float>());
     }
 
     /// Puts the points of a patch into a lane.
@@ -184,19 +185,15 @@ private:
         w.center = patch.center;
         w.origin = patch.origin;
         w.radius = patch.radius;
-        w.patch_size = patch.points.size();
+        const std::size_t before = std::exchange(w.patch_size, patch.points.size());
         lanes_.rows = 0;
         for (const Walker& other : walkers_) lanes_.rows = std::max(lanes_.rows, other.patch_size);
-        for (std::size_t j = 0; j < lanes_.candidates.size(); ++j) {
-            PlaneLanes::Row& row = lanes_.candidates[j];
-            const Vec3f p =
-                j < patch.points.size() ? patch.points[j] : Vec3f::Constant(PlaneLanes::kNowhere);
-            row.x[lane] = p.x();
-            row.y[lane] = p.y();
-            row.z[lane] = p.z();
-        }
+        for (std::size_t j = 0; j < w.patch_size; ++j)
+            set(lanes_.candidates[j], lane, patch.points[j]);
+        for (std::size_t j = w.patch_size; j < before; ++j)
+            set(lanes_.candidates[j], lane, Vec3f::Constant(PlaneLanes::kNowhere));
         lanes_.radius_guess_sq[lane] = static_cast<float>(patch.neighborhood * patch.neighborhood);
-        set(lanes_.query, lane, w.q - w.origin);
+        set(lanes_.query, lane, (w.q - w.origin).cast<float>());
     }
 
     void advance(std::size_t lane) {
@@ -285,10 +282,10 @@ private:
         begin_query(lane);
     }
 
-    static void set(PlaneLanes::Row& row, std::size_t lane, const Vec3d& v) {
-        row.x[lane] = static_cast<float>(v.x());
-        row.y[lane] = static_cast<float>(v.y());
-        row.z[lane] = static_cast<float>(v.z());
+    static void set(PlaneLanes::Row& row, std::size_t lane, const Vec3f& v) {
+        row.x[lane] = v.x();
+        row.y[lane] = v.y();
+        row.z[lane] = v.z();
     }
     static Vec3d get(const PlaneLanes::Row& row, std::size_t lane) {
         return {row.x[lane], row.y[lane], row.z[lane]};

@@ -50,26 +50,39 @@ PointTree::Node empty_node() noexcept {
     return node;
 }
 
+struct Numbered {
+    Vec3f position;
+    Index number;
+};
+
 /// Orders a stretch of the curve so that its leaves are compact: halved across its longest side,
 /// again and again. A surface runs in and out of the cells of the curve, whose own stretches of
 /// eight points are scattered.
-void tidy(std::span<const Vec3f> points, std::span<Index> stretch, const RunContext& context) {
+void tidy(std::span<Numbered> stretch, const RunContext& context) {
     constexpr std::size_t kLeaf = PointTree::kWidth, kMany = 8'192;
     if (stretch.size() <= kLeaf) return;
     if (stretch.size() > kMany) context.throw_if_stopped();
     Box box;
-    for (const Index i : stretch) box.add(points[i]);
+    for (const Numbered& point : stretch) box.add(point.position);
     int axis = 0;
     (box.high - box.low).maxCoeff(&axis);
     // Whole leaves and nodes go left: the first part is as large as a power of two can be.
     const std::size_t half = std::bit_floor(stretch.size() - 1);
     std::nth_element(stretch.begin(), stretch.begin() + static_cast<std::ptrdiff_t>(half),
-                     stretch.end(), [&](Index a, Index b) {
-                         const float p = points[a][axis], q = points[b][axis];
-                         return p < q || (p == q && a < b);
+                     stretch.end(), [axis](const Numbered& a, const Numbered& b) {
+                         const float p = a.position[axis], q = b.position[axis];
+                         return p < q || (p == q && a.number < b.number);
                      });
-    tidy(points, stretch.first(half), context);
-    tidy(points, stretch.subspan(half), context);
+    tidy(stretch.first(half), context);
+    tidy(stretch.subspan(half), context);
+}
+
+void tidy(std::span<const Vec3f> points, std::span<Index> order, const RunContext& context) {
+    std::vector<Numbered> stretch;
+    stretch.reserve(order.size());
+    for (const Index i : order) stretch.push_back({points[i], i});
+    tidy(std::span(stretch), context);
+    std::ranges::transform(stretch, order.begin(), &Numbered::number);
 }
 
 }  // namespace

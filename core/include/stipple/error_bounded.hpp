@@ -38,17 +38,16 @@ struct ErrorBoundedCloud {
 /// to place: so places are taken from the coarsest snapshot that is within 95 % of the bound there,
 /// with their neighbours, and from no snapshots far apart beside each other; what is still too far
 /// is made finer, until nothing is. Such a cloud mostly has far fewer points than the smallest
-/// snapshot that is within the bound everywhere; where it has more, that snapshot is taken.
-/// Particles are kept even where that does: the count is found for all of the cloud at once,
-/// between one that is too coarse and one that is not.
+/// snapshot that is within the bound everywhere; where it has more, that snapshot is taken. So
+/// particles are of several spacings as well.
 ///
 /// The search looks at all points of the cloud, at places around them and around the points of the
-/// candidate, the closer the more doubtful the surface is there; from try to try only where points
-/// have come or gone. Then the result is measured as anyone would: twice at random places, four
-/// times as many as the cloud has points (forty times, up to 400,000, where it has few; at least
-/// 200,000); both must be within 97 % of the bound, else the search goes on from what was found. A
-/// maximum over samples is below that over all of a surface: another measurement may find a little
-/// more, which the last 3 % are for.
+/// candidate, from try to try only where points have come or gone; once none of these is too far,
+/// at more places where distances are large or the candidate's surface is uneven. Then the result
+/// is measured as anyone would: at random places of each surface, twice as many as the cloud has
+/// points and at least 200,000, and at more of them around large distances; all must be within 97 %
+/// of the bound, else the search goes on from what was found. A maximum over samples is below that
+/// over all of a surface: another measurement may find a little more, which the last 3 % are for.
 ///
 /// Where no smaller cloud is within the bound the input itself comes back, with an error of 0. A
 /// point of the input that is farther than the bound from the input's own surface is no place of
@@ -57,9 +56,9 @@ struct ErrorBoundedCloud {
 ///
 /// @throws Error(InvalidArgument) for a bound that is not finite and positive, a method that is not
 /// one of `kErrorBoundedMethods`, other options out of range, or a cloud without points.
-/// Time: mostly one run of the method, seldom two, a measurement, and a tenth of one for each of
-/// some tens of other `tries`. Memory: that of the method, three clouds, and 60 bytes for each
-/// place that is looked at.
+/// Time: mostly one run of the method, seldom two (of particles one for each of up to 50 counts), a
+/// measurement, and a tenth of one for each of some tens of other `tries`. Memory: that of the
+/// method, three clouds, and 60 bytes for each place that is looked at.
 ErrorBoundedCloud simplify_within_error(const PointCloud& cloud, const SimplifyOptions& options,
                                         const RunContext& context = {});
 
