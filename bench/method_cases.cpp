@@ -28,7 +28,7 @@ std::size_t stated_bytes(const SimplifyOptions& options, std::size_t points, std
             case Method::Incremental:
                 return 50 * n;
             case Method::Iterative:
-                return (72 + 4 * options.iterative.k) * n + 60 * 8 * kept;
+                return (72 + 4 * options.iterative.k) * n + 300 * std::min(n, 8 * kept);
             case Method::Particles:
                 return 60 * n + 160 * std::min(n, 16 * kept) + 250 * kept;
             case Method::Voxel:

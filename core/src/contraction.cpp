@@ -3,7 +3,6 @@
 #include "contraction_graph.hpp"
 #include "contraction_quadrics.hpp"
 #include "contraction_record.hpp"
-#include "contraction_relaxation.hpp"
 #include "first_touch.hpp"
 #include "large_memory.hpp"
 #include "parallel_for.hpp"
@@ -52,19 +51,6 @@ std::uint64_t shuffled(Index a, Index b) noexcept {
     return h * 0xBF58476D1CE4E5B9ULL;
 }
 
-/// Where to stop: to keep the samples that a snapshot will share out, or to take it.
-struct Stop {
-    std::uint64_t count;
-    std::size_t snapshot;
-    bool keep;
-};
-
-/// The samples that a snapshot shares out among its survivors.
-struct Kept {
-    SharedSamples samples;        ///< `survivor_of`: slots until the snapshot is taken
-    std::vector<Index> of_input;  ///< for each sample of the input the kept one it is part of
-};
-
 class Engine {
 public:
     Engine(std::span<const Vec3f> positions, std::span<const StoredQuadric> quadrics,
@@ -109,7 +95,7 @@ private:
         return cost < than || (cost == than && shuffled(i, j) < shuffled(a, b));
     }
 
-    void round(std::span<const Stop>& stops, const std::function<void(const Stop&)>& at_stop);
+    void round(std::span<const std::uint64_t>& counts, const std::function<void()>& at_count);
     struct Gathered;
     void gather(Index of, Index self, Gathered& gathered) const;
     void refresh(Index i);
@@ -124,8 +110,7 @@ private:
     void contract(std::span<const Winner> winners);
     void reconnect();
 
-    void keep(Kept& kept);
-    ContractionSnapshot snapshot(Kept& kept);
+    ContractionSnapshot snapshot() const;
 
     template <typename Body>
     void for_live(Body&& body) {
@@ -137,7 +122,7 @@ private:
 
     /// Calls body(i) for every slot in order.
     template <typename Body>
-    void for_slots(Body&& body) {
+    void for_slots(Body&& body) const {
         for_blocks_in_order(slots_, context_, [&](std::size_t begin, std::size_t end) {
             for (auto i = static_cast<Index>(begin); i < end; ++i) body(i);
         });
@@ -145,7 +130,7 @@ private:
 
     /// Calls body(i) for i = 0..N-1, with N the number of samples.
     template <typename Body>
-    void for_places(Body&& body) {
+    void for_places(Body&& body) const {
         parallel_for_blocks(order_.size(), kBlock, context_,
                             [&](std::size_t begin, std::size_t end) {
                                 for (std::size_t i = begin; i < end; ++i) body(i);
@@ -165,7 +150,6 @@ private:
     std::size_t live_;              ///< slots with a live sample
     std::vector<std::uint64_t> changed_;  ///< a bit for each slot: part of a contraction since the
                                           ///< lists were brought up to date
-    std::vector<Kept> kept_;              ///< by snapshot
 };
 
 Engine::Engine(std::span<const Vec3f> positions, std::span<const StoredQuadric> quadrics,
@@ -454,7 +438,7 @@ void Engine::contract(std::span<const Winner> winners) {
 }
 
 /// Contracts what a round may, and stops where a count is reached on the way.
-void Engine::round(std::span<const Stop>& stops, const std::function<void(const Stop&)>& at_stop) {
+void Engine::round(std::span<const std::uint64_t>& counts, const std::function<void()>& at_count) {
     for_live([&](Index i) { refresh(i); });
     std::ranges::fill(changed_, 0);
     if (2 * live_ <= slots_) compact();
@@ -463,21 +447,21 @@ void Engine::round(std::span<const Stop>& stops, const std::function<void(const 
     std::vector<Winner> winners = match(limit);
     if (winners.empty()) return reconnect();
 
-    if (options_.sequence != nullptr || live_ - winners.size() <= stops.front().count) {
+    if (options_.sequence != nullptr || live_ - winners.size() <= counts.front()) {
         std::ranges::sort(winners, until_stopped(context_, std::less<>()), [&](const Winner& w) {
             return std::tuple(records()[w.first].cost, place(w.first), place(w.second));
         });
     }
     std::size_t done = 0;
     while (true) {
-        const bool stop = live_ - winners.size() <= stops.front().count;
-        const std::size_t end = stop ? live_ - stops.front().count : winners.size();
+        const bool stop = live_ - winners.size() <= counts.front();
+        const std::size_t end = stop ? live_ - counts.front() : winners.size();
         contract(std::span(winners).subspan(done, end - done));
         done = end;
         if (!stop) break;
-        at_stop(stops.front());
-        stops = stops.subspan(1);
-        if (stops.empty()) return;
+        at_count();
+        counts = counts.subspan(1);
+        if (counts.empty()) return;
     }
     live_ -= winners.size();
 }
@@ -505,8 +489,6 @@ void Engine::compact() {
     for_slots([&](Index i) {
         if (!is_live(i)) renumbered[i] = renumbered[root(i)];
     });
-    for (Kept& kept : kept_)
-        for (Index& slot : kept.samples.survivor_of) slot = renumbered[slot];
     for_slots([&](Index i) {
         if (!is_live(i)) return;
         const Index to = renumbered[i];
@@ -531,70 +513,34 @@ void Engine::compact() {
     for_slots([&](Index i) { records()[i].claim = kNone; });
 }
 
-void Engine::keep(Kept& kept) {
-    auto number = made_in_blocks<std::vector<Index>>(slots_, context_);  // of live slots
-    for_slots([&](Index i) {
-        if (!is_live(i)) return;
-        number[i] = static_cast<Index>(kept.samples.positions.size());
-        kept.samples.positions.push_back(records()[i].position);
-        kept.samples.quadrics.push_back(records()[i].quadric);
-        kept.samples.survivor_of.push_back(i);
-    });
-    resize_in_blocks(kept.of_input, order_.size(), context_);
-    for_places(
-        [&](std::size_t place) { kept.of_input[order_[place]] = number[root(slot_at(place))]; });
-}
-
-ContractionSnapshot Engine::snapshot(Kept& kept) {
+ContractionSnapshot Engine::snapshot() const {
+    const bool ends = options_.placement == Placement::EndPoint;
     ContractionSnapshot s;
     auto number = made_in_blocks<std::vector<Index>>(slots_, context_);  // of live slots
     for_slots([&](Index i) {
         if (!is_live(i)) return;
         number[i] = static_cast<Index>(s.positions.size());
-        s.positions.push_back(records()[i].position);
-        if (options_.placement == Placement::EndPoint) s.samples.push_back(order_[place(i)]);
+        s.positions.push_back(records()[i].position / static_cast<float>(scale_));
+        if (ends)
+            s.samples.push_back(order_[place(i)]);
+        else
+            s.quadrics.push_back(records()[i].quadric);
     });
     resize_in_blocks(s.survivor_of, order_.size(), context_);
-    if (kept.of_input.empty()) {
-        for_places([&](std::size_t place) {
-            s.survivor_of[order_[place]] = number[root(slot_at(place))];
-        });
-    } else {
-        for (Index& slot : kept.samples.survivor_of) slot = number[root(slot)];
-        relax(kept.samples, s.positions, options_.relaxations, context_);
-        for_places([&](std::size_t sample) {
-            s.survivor_of[sample] = kept.samples.survivor_of[kept.of_input[sample]];
-        });
-        kept = {};
-    }
-    for (Vec3f& p : s.positions) p /= static_cast<float>(scale_);
+    for_places(
+        [&](std::size_t place) { s.survivor_of[order_[place]] = number[root(slot_at(place))]; });
     return s;
 }
 
 void Engine::run(std::span<const std::uint64_t> counts,
                  const std::function<void(ContractionSnapshot&&)>& on_snapshot) {
-    constexpr std::uint64_t kKeptPerSurvivor = 8;
     const std::uint64_t n = slots_;
-    kept_.resize(counts.size());
-    std::vector<Stop> stops;
-    for (std::size_t s = 0; s < counts.size(); ++s) {
-        if (options_.placement == Placement::Optimal && options_.relaxations > 0 && counts[s] < n)
-            stops.push_back({std::min(n, kKeptPerSurvivor * counts[s]), s, true});
-        stops.push_back({counts[s], s, false});
-    }
-    std::ranges::stable_sort(stops, std::greater{}, &Stop::count);
-    const auto at_stop = [&](const Stop& stop) {
-        if (stop.keep)
-            keep(kept_[stop.snapshot]);
-        else
-            on_snapshot(snapshot(kept_[stop.snapshot]));
-    };
-    std::span<const Stop> left = stops;
-    for (; !left.empty() && left.front().count >= n; left = left.subspan(1)) at_stop(left.front());
-    while (!left.empty()) {
-        const double to_do = static_cast<double>(n - stops.back().count);
-        context_.checkpoint(static_cast<double>(n - live_) / to_do);
-        round(left, at_stop);
+    const auto at_count = [&] { on_snapshot(snapshot()); };
+    for (; !counts.empty() && counts.front() >= n; counts = counts.subspan(1)) at_count();
+    const std::uint64_t last = counts.empty() ? n : counts.back();
+    while (!counts.empty()) {
+        context_.checkpoint(static_cast<double>(n - live_) / static_cast<double>(n - last));
+        round(counts, at_count);
     }
 }
 

@@ -19,6 +19,9 @@ struct ContractionSnapshot {
     std::vector<Index> samples;      ///< for each survivor the sample that it is, with
                                      ///< `Placement::EndPoint`; else empty
     std::vector<Index> survivor_of;  ///< for each sample, the survivor that stands for it
+    /// Of the survivors, relative to their positions, in the unit of the input times
+    /// `contraction_scale` of the samples; empty with `Placement::EndPoint`.
+    std::vector<StoredQuadric> quadrics;
 };
 
 /// A contraction: the numbers of the sample that stayed and of the one that went into it.
@@ -41,9 +44,8 @@ struct ContractionOptions {
     /// sample; empty when `channels` is 0.
     std::span<const float> features{};
     unsigned channels = 0;
-    unsigned relaxations = 2;  ///< of a snapshot's survivors, unless they are end points
     /// Where set, every contraction of the run in order is written here; a snapshot of n of N
-    /// samples is what the first N - n of them make, before it is relaxed.
+    /// samples is what the first N - n of them make.
     std::vector<ContractionPair>* sequence = nullptr;
 };
 
@@ -61,8 +63,7 @@ double contraction_scale(std::span<const Vec3f> positions, const RunContext& con
 /// @param on_snapshot  called for each count, on the calling thread. A snapshot does not depend on
 ///        the other counts.
 /// @throws Error(TooLarge) from 2^31 samples on.
-/// Expected O(N log N), parallel; 72 + 4 k bytes a sample while more than half are left, and for a
-/// snapshot of n samples 56 for each of the 8 n that it shares out.
+/// Expected O(N log N), parallel; 72 + 4 k bytes a sample while more than half are left.
 void contract(std::span<const Vec3f> positions, std::span<const StoredQuadric> quadrics,
               std::span<const std::uint64_t> counts, const ContractionOptions& options,
               const std::function<void(ContractionSnapshot&&)>& on_snapshot,

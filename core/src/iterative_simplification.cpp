@@ -3,6 +3,7 @@
 #include "cloud_copy.hpp"
 #include "contraction.hpp"
 #include "contraction_options.hpp"
+#include "curvature_contraction.hpp"
 #include "parallel_for.hpp"
 #include "representatives.hpp"
 #include "stipple/clusters.hpp"
@@ -24,6 +25,9 @@ namespace {
 /// Steps in which points are fitted to the surface, and input points of each of them that it is
 /// fitted to.
 constexpr unsigned kFits = 2, kFitted = 4;
+
+/// Points lie close where the surface bends, so that there is more to spoil.
+constexpr float kClose = 0.63F;
 
 /// The samples of each survivor, in their order.
 Clusters clusters_of(const ContractionSnapshot& snapshot, const RunContext& context) {
@@ -53,7 +57,8 @@ PointCloud cloud_of(const PointCloud& cloud, ContractionSnapshot&& snapshot,
     if (options.placement == Placement::Optimal) {
         for (unsigned fit = 0; fit < kFits; ++fit) {
             fit_surface(snapshot.positions, cloud.positions,
-                        {clusters.members.data(), clusters.offsets}, kFitted, context);
+                        {clusters.members.data(), clusters.offsets},
+                        {.asked = kFitted, .close = kClose}, context);
         }
         if (search) {
             bound_displacement(snapshot.positions, cloud.positions, *search,
@@ -107,16 +112,17 @@ void iterative_snapshots(const PointCloud& cloud, std::span<const std::uint64_t>
     std::optional<NeighborSearch> search;
     if (options.max_displacement && options.placement == Placement::Optimal)
         search.emplace(cloud.positions, context);
-    contract(
-        cloud.positions, {}, sizes,
-        {.k = options.k,
-         .placement = options.placement,
-         .features = features.values,
-         .channels = features.channels},
-        [&](ContractionSnapshot&& snapshot) {
-            on_cloud(cloud_of(cloud, std::move(snapshot), options, search, context));
-        },
-        context);
+    const ContractionOptions contraction = {.k = options.k,
+                                            .placement = options.placement,
+                                            .features = features.values,
+                                            .channels = features.channels};
+    const auto on_snapshot = [&](ContractionSnapshot&& snapshot) {
+        on_cloud(cloud_of(cloud, std::move(snapshot), options, search, context));
+    };
+    if (options.placement == Placement::Optimal)
+        contract_by_curvature(cloud.positions, sizes, contraction, on_snapshot, context);
+    else
+        contract(cloud.positions, {}, sizes, contraction, on_snapshot, context);
 }
 
 }  // namespace stipple

@@ -110,7 +110,7 @@ float sum(Float4 v) {
 /// where points that are pushed out until the linear surface, which lies inside, meets the input
 /// half way would spoil it.
 /// @param size  of what neighbours are numbers of.
-void weigh_quadratic(std::span<Group> groups, std::size_t size) {
+void weigh_quadratic(std::span<Group> groups, std::size_t size, float close) {
     std::vector<float> between(size), beside(size);  // squared: the surfaces, the input
     for (const Group& group : groups) {
         for (std::size_t lane = 0; lane < kWidth; ++lane) {
@@ -135,7 +135,8 @@ void weigh_quadratic(std::span<Group> groups, std::size_t size) {
                 q += beside[row[lane]];
             }
             constexpr float kMost = 16;  // or damping, which is one for all, would hold the others
-            group.quadratic_weight[lane] = q > 0 ? std::clamp(b / q / 4, 1.0F, kMost) : 1;
+            group.quadratic_weight[lane] =
+                q > 0 ? std::clamp(close * close * b / q, 1.0F, kMost) : 1;
         }
     }
 }
@@ -242,12 +243,13 @@ class Fitter {
 public:
     /// @param scale  times the input, that is where the points are.
     Fitter(std::span<const Vec3f> points, std::span<const Vec3f> input, float scale,
-           const MemberLists& members, unsigned asked, const RunContext& context)
+           const MemberLists& members, const SurfaceFit& options, const RunContext& context)
         : points_(points),
           input_(input),
           scale_(scale),
           members_(members),
-          asked_(asked),
+          options_(options),
+          asked_(options.asked),
           context_(context),
           tree_(points, PointTree::Leaves::Compact, context),
           slot_(points.size()),
@@ -270,7 +272,7 @@ public:
             const std::size_t own = leaves_.size();
             ask_for(0, own);
             ask_for(own, leaves_.size());
-            weigh_quadratic(groups_, kWidth * leaves_.size());
+            weigh_quadratic(groups_, kWidth * leaves_.size(), options_.close);
             const auto moved = Agreement(groups_, kWidth * leaves_.size()).moves(context_);
             for (std::size_t l = 0; l < own; ++l) {
                 for (std::size_t lane = 0; lane < tree_.points_in(leaves_[l]); ++lane) {
@@ -365,6 +367,7 @@ private:
     std::span<const Vec3f> points_, input_;
     float scale_;
     const MemberLists& members_;
+    SurfaceFit options_;
     unsigned asked_;
     const RunContext& context_;
     PointTree tree_;
@@ -378,12 +381,12 @@ private:
 }  // namespace
 
 void fit_surface(std::vector<Vec3f>& points, std::span<const Vec3f> input,
-                 const MemberLists& members, unsigned asked, const RunContext& context) {
+                 const MemberLists& members, const SurfaceFit& options, const RunContext& context) {
     if (points.size() < kNeighbors) return;
     // Of a size of about 1, so that no square under- or overflows.
     const auto scale = static_cast<float>(contraction_scale(points, context));
     for (Vec3f& p : points) p *= scale;
-    points = Fitter(points, input, scale, members, asked, context).fitted();
+    points = Fitter(points, input, scale, members, options, context).fitted();
     for (Vec3f& p : points) p /= scale;
 }
 

@@ -41,7 +41,7 @@ TEST(SurfaceFit, LeavesPointsOfAPlaneWhereTheyAre) {
     const auto input = test::plane(5000).positions;
     std::vector<Vec3f> points(input.begin(), input.begin() + 200);
     const std::vector<Vec3f> before = points;
-    fit_surface(points, input, Shares(points, input).lists(), 4, {});
+    fit_surface(points, input, Shares(points, input).lists(), {.asked = 4}, {});
     for (std::size_t i = 0; i < points.size(); ++i)
         EXPECT_LT((points[i] - before[i]).norm(), 1e-6F);
 }
@@ -51,7 +51,8 @@ TEST(SurfaceFit, BringsPointsBesideAPlaneToItStepByStep) {
     std::vector<Vec3f> points(input.begin(), input.begin() + 200);
     for (Vec3f& p : points) p.z() = 0.01F;
     const Shares shares(points, input);
-    for (int step = 0; step < 10; ++step) fit_surface(points, input, shares.lists(), 4, {});
+    for (int step = 0; step < 10; ++step)
+        fit_surface(points, input, shares.lists(), {.asked = 4}, {});
     double sum = 0;
     for (const Vec3f& p : points) {
         EXPECT_NEAR(p.z(), 0, 0.003);
@@ -65,7 +66,8 @@ double fitted_radius(double noise) {
     const auto input = test::sphere(20'000, noise).positions;
     std::vector<Vec3f> points = test::sphere(500).positions;
     const Shares shares(points, input);
-    for (int step = 0; step < 6; ++step) fit_surface(points, input, shares.lists(), 8, {});
+    for (int step = 0; step < 6; ++step)
+        fit_surface(points, input, shares.lists(), {.asked = 8}, {});
     return mean_norm(points);
 }
 
@@ -89,9 +91,9 @@ TEST(SurfaceFit, IsTheSameForEveryNumberOfThreads) {
     std::vector<Vec3f> eight = one;
     RunContext context;
     context.threads = 1;
-    fit_surface(one, input, shares.lists(), 4, context);
+    fit_surface(one, input, shares.lists(), {.asked = 4}, context);
     context.threads = 8;
-    fit_surface(eight, input, shares.lists(), 4, context);
+    fit_surface(eight, input, shares.lists(), {.asked = 4}, context);
     EXPECT_EQ(one, eight);
 }
 
@@ -101,7 +103,7 @@ TEST(SurfaceFit, LeavesAloneWhatHasNoSurface) {
         std::vector<Index> members(points.size());
         for (Index i = 0; i < points.size(); ++i) offsets[i + 1] = (members[i] = i) + 1;
         const std::vector<Vec3f> before = points;
-        fit_surface(points, before, {members.data(), offsets}, 4, {});
+        fit_surface(points, before, {members.data(), offsets}, {.asked = 4}, {});
         return points == before;
     };
     EXPECT_TRUE(unchanged({}));

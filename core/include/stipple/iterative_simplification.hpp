@@ -40,9 +40,11 @@ struct IterativeSimplificationOptions {
 ///
 /// A pair of neighbours becomes the point where the sum of their quadrics is least: of the squared
 /// distances to the planes of edges of all input points that the pair stands for and, as far as
-/// these are rough, to the points themselves, which averages noise. Then input points are shared
-/// out anew among the new ones, so that each goes with the new point that fits it best; and where
-/// the new points are 20 or more, they move until the moving least squares surface through them
+/// these are rough, to the points themselves, which averages noise. From 8 points for one of the
+/// result on, distances to points count the more the more the surface bends there, so that points
+/// come to lie closer where the surface through them would lie off the input. Then input points are
+/// shared out anew among the new ones, so that each goes with the new point that fits it best; and
+/// where the new points are 20 or more, they move until the moving least squares surface through them
 /// (§2.2) fits the input: of linear basis, which lies inside of curved parts, and of quadratic
 /// basis, which does not. So they lie slightly outside of curved parts; `max_displacement` bounds
 /// it. With `Placement::EndPoint` the result is a subset of the input,
@@ -58,8 +60,8 @@ struct IterativeSimplificationOptions {
 ///
 /// @throws Error(InvalidArgument) for an empty cloud, an option out of range or an attribute that
 /// the cloud has not; Error(TooLarge) from 2^31 points on.
-/// Expected O(N log N), parallel; about 72 + 4 k bytes a point beyond the cloud, and 60 for each of
-/// 8 points for one of the result while less than half of the points are left.
+/// Expected O(N log N), parallel; about 72 + 4 k bytes a point beyond the cloud, and while few of
+/// the points are left, 300 for each of 8 points for one of the result.
 PointCloud iterative_simplification(const PointCloud& cloud,
                                     const IterativeSimplificationOptions& options,
                                     const RunContext& context = {});

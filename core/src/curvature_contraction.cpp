@@ -1,0 +1,158 @@
+#include "curvature_contraction.hpp"
+
+#include "contraction_quadrics.hpp"
+#include "contraction_relaxation.hpp"
+#include "gaussian.hpp"
+#include "parallel_for.hpp"
+#include "stipple/neighbors.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+// A linear moving least squares surface lies inside of a curved one by a part of |H| s^2, with H the
+// mean curvature and s the distance of the points. Of all ways to spread a number of points, one
+// whose density goes as the square root of |H| has the least of that on average; and points that
+// minimise the sum of w d^2 have a density that goes as the square root of w (Gersho 1979). Planes
+// and greedy contraction even points out, so that w goes as H^2 here.
+
+namespace stipple {
+
+namespace {
+
+constexpr std::size_t kBlock = 512;
+constexpr std::uint64_t kSamplesPerSurvivor = 8;
+constexpr unsigned kNeighbors = 20, kRelaxations = 2;
+
+/// The weight of the squared distance to a sample, as a part of that of its planes, where the
+/// surface bends as it does on average; and the most it can be.
+constexpr float kPointWeight = 0.01F, kMostPointWeight = 1;
+
+/// What a point's nearest tell of the surface.
+struct Bend {
+    Vec3f normal = Vec3f::Zero();
+    float curvature = 0;  ///< on the side of the normal
+    float area = 0;
+};
+
+Bend bend_of(std::span<const Vec3d> edges) {
+    double mean_sq = 0;
+    for (const Vec3d& e : edges) mean_sq += e.squaredNorm() / static_cast<double>(edges.size());
+    if (!(mean_sq > 0)) return {};
+    const Vec3d normal = normal_from(edges);
+    const double per_h_sq = 1.125 / mean_sq;  // h = r / 1.5, with r the radius of an even disc
+    double total = 1, height = 0;
+    for (const Vec3d& e : edges) {
+        const double weight = gaussian(per_h_sq * e.squaredNorm());
+        total += weight;
+        height += weight * normal.dot(e);
+    }
+    return {normal.cast<float>(), static_cast<float>(height / (total * mean_sq)),
+            static_cast<float>(mean_sq)};
+}
+
+/// Adds the squared distance to each sample to its quadric.
+/// @param input  number of the points that samples stand for: the sum of what quadrics weigh goes
+/// as it.
+void hold_curved(SharedSamples& samples, std::size_t input, const RunContext& context) {
+    const std::size_t n = samples.positions.size();
+    const Bends bends = bends_of(samples.positions, context);
+    double bent = 0, area = 0;
+    for (std::size_t i = 0; i < n; ++i) {
+        bent += static_cast<double>(bends.areas[i] * bends.curvatures[i]);
+        area += static_cast<double>(bends.areas[i]);
+    }
+    if (!(area > 0)) return;
+    constexpr double kFlat = 0.01;  // of samples whose size is about 1: less is rounding
+    const auto per_mean = static_cast<float>(1 / (bent / area + kFlat));
+    // The 20 nearest are 3 times as far, squared, as the 6 that make a quadric's weight.
+    const float per_area = static_cast<float>(input) / 3;
+    parallel_for_blocks(n, kBlock, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+            const float bend = per_mean * bends.curvatures[i];
+            const float weight =
+                per_area * bends.areas[i] * std::min(kPointWeight * bend * bend, kMostPointWeight);
+            samples.quadrics[i].xx += weight;
+            samples.quadrics[i].yy += weight;
+            samples.quadrics[i].zz += weight;
+        }
+    });
+}
+
+/// @param scale  at which the samples' quadrics are.
+ContractionSnapshot contracted(ContractionSnapshot&& found, float scale, std::uint64_t count,
+                               unsigned k, const RunContext& context) {
+    SharedSamples samples{std::move(found.positions), std::move(found.quadrics), {}};
+    for (Vec3f& p : samples.positions) p *= scale;
+    hold_curved(samples, found.survivor_of.size(), context);
+    ContractionSnapshot result;
+    // Their largest coordinate can be smaller than that of the input.
+    const auto larger = static_cast<float>(contraction_scale(samples.positions));
+    for (Vec3f& p : samples.positions) p *= larger;
+    for (StoredQuadric& q : samples.quadrics) {
+        q.x *= larger;
+        q.y *= larger;
+        q.z *= larger;
+        q.c *= larger * larger;
+    }
+    contract(
+        samples.positions, samples.quadrics, std::span(&count, 1), {.k = k},
+        [&](ContractionSnapshot&& s) { result = std::move(s); }, context);
+    samples.survivor_of = std::move(result.survivor_of);
+    relax(samples, result.positions, kRelaxations, context);
+    for (Vec3f& p : result.positions) p /= larger * scale;
+    result.survivor_of = std::move(found.survivor_of);
+    for_blocks_in_order(result.survivor_of.size(), context,
+                        [&](std::size_t begin, std::size_t end) {
+                            for (std::size_t i = begin; i < end; ++i)
+                                result.survivor_of[i] = samples.survivor_of[result.survivor_of[i]];
+                        });
+    return result;
+}
+
+}  // namespace
+
+Bends bends_of(std::span<const Vec3f> points, const RunContext& context) {
+    const NeighborLists lists = k_nearest_neighbors(points, kNeighbors, context);
+    std::vector<Bend> own(points.size());
+    parallel_for_blocks(points.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+        std::vector<Vec3d> edges;
+        for (std::size_t i = begin; i < end; ++i) {
+            edges.clear();
+            for (const Index j : lists.of(i))
+                edges.push_back((points[j] - points[i]).cast<double>());
+            if (edges.size() >= 2) own[i] = bend_of(edges);
+        }
+    });
+    Bends bends{std::vector<float>(points.size()), std::vector<float>(points.size())};
+    parallel_for_blocks(points.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+            float sum = own[i].curvature;
+            for (const Index j : lists.of(i))
+                sum += own[i].normal.dot(own[j].normal) < 0 ? -own[j].curvature : own[j].curvature;
+            bends.curvatures[i] = std::abs(sum) / static_cast<float>(lists.of(i).size() + 1);
+            bends.areas[i] = own[i].area;
+        }
+    });
+    return bends;
+}
+
+void contract_by_curvature(std::span<const Vec3f> positions, std::span<const std::uint64_t> counts,
+                           const ContractionOptions& options,
+                           const std::function<void(ContractionSnapshot&&)>& on_snapshot,
+                           const RunContext& context) {
+    std::vector<std::uint64_t> sample_counts;
+    for (const std::uint64_t count : counts)
+        sample_counts.push_back(
+            std::min<std::uint64_t>(positions.size(), kSamplesPerSurvivor * count));
+    const auto scale = static_cast<float>(contraction_scale(positions));
+    const RunContext silent{context.stop, {}, context.threads};
+    std::size_t at = 0;
+    contract(
+        positions, {}, sample_counts, options,
+        [&](ContractionSnapshot&& samples) {
+            on_snapshot(contracted(std::move(samples), scale, counts[at++], options.k, silent));
+        },
+        context);
+}
+
+}  // namespace stipple
