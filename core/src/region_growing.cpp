@@ -1,6 +1,7 @@
 #include "region_growing.hpp"
 
 #include "cluster_kernels.hpp"
+#include "first_touch.hpp"
 #include "point_blocks.hpp"
 #include "random.hpp"
 #include "symmetric_eigen.hpp"
@@ -164,10 +165,13 @@ public:
         while (true) {
             context.throw_if_stopped();
             constexpr std::size_t kBetweenReports = 64;  // regions
-            if (result_.regions.size() % kBetweenReports == 0) {
+            const std::size_t regions = result_.regions.size();
+            if (regions % kBetweenReports == 0) {
                 context.checkpoint(static_cast<double>(result_.members.size()) /
                                    static_cast<double>(points_.size()));
             }
+            if (regions == result_.regions.capacity())
+                reserve_in_blocks(result_.regions, 2 * regions + kBetweenReports, context);
             const Extent extent = grow(seed);
             if (result_.members.size() == points_.size()) break;
             seed = next_seed(extent);
