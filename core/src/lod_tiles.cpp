@@ -243,7 +243,7 @@ struct LodTiler::State {
 
     /// At all samples, and at more for this level and those after it while chance would decide.
     void measure_well(Measured& level, const RunContext& context) {
-        constexpr double kSure = 0.015;
+        constexpr double kSure = 0.0175;
         level.distances.clear();
         level.covers.clear();
         measure(level, samples, context);
