@@ -1,6 +1,7 @@
 #include "error_samples.hpp"
 
 #include "first_touch.hpp"
+#include "nearby_search.hpp"
 #include "parallel_for.hpp"
 #include "random.hpp"
 #include "stipple/particle_simulation.hpp"
@@ -234,13 +235,13 @@ ErrorSamples take_points_by_area(const PointTree& tree, std::uint64_t count, std
     ErrorSamples samples;
     samples.resize(count, context);
     parallel_for_blocks(count, kBlock, context, [&](std::size_t begin, std::size_t end) {
-        constexpr std::size_t kNearest = 7;  // the point itself is the first
-        std::array<Neighbor, kNearest> nearest;
-        const std::span<Neighbor> found = std::span(nearest).first(std::min(kNearest, n));
+        constexpr std::size_t kNearest = 7, kRoom = 16;  // the point itself is one of them
+        NearbySearch search(tree, kNearest, kRoom);
         for (std::size_t i = begin; i < end; ++i) {
             samples.positions[i] = position(tree, drawn[i]);
-            find_nearest(tree, samples.positions[i], found);
-            samples.areas[i] = found.back().distance_sq / areas[drawn[i]];
+            const auto found = search.find_nearest_few(samples.positions[i]);
+            const float sixth = std::ranges::max(found, {}, &Neighbor::distance_sq).distance_sq;
+            samples.areas[i] = sixth / areas[drawn[i]];
         }
     });
     if (std::ranges::none_of(samples.areas, [](float a) { return a > 0; }))

@@ -47,10 +47,12 @@ void gather(std::span<const Vec3f> points, std::span<const Index> numbers,
             const MutableSampleSpan& to) noexcept {
     // Few stores, since they are what takes the time: x and y of four points at once.
     using Float2 = float __attribute__((vector_size(8)));
+    constexpr std::size_t kAhead = 16;  // that far the memory is asked for in advance
     const std::size_t whole = numbers.size() / 4 * 4;
     for (std::size_t i = 0; i < whole; i += 4) {
         std::array<Float2, 4> xy;
         for (std::size_t lane = 0; lane < 4; ++lane) {
+            __builtin_prefetch(&points[numbers[std::min(i + lane + kAhead, whole - 1)]]);
             const Vec3f& p = points[numbers[i + lane]];
             __builtin_memcpy(&xy[lane], p.data(), sizeof(Float2));
             to.z[i + lane] = p.z();

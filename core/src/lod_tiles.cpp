@@ -91,7 +91,13 @@ std::vector<Vec3f> rounded(std::span<const Vec3f> points, std::span<const Vec3f>
     return decoded;
 }
 
-constexpr std::uint64_t kLeastSamples = 32'768, kMostSamples = 131'072;
+constexpr std::uint64_t kMostSamples = 131'072;
+
+/// So many places tell the error of each level, or more where those do not tell it well enough.
+std::uint64_t least_samples(std::uint64_t points) {
+    constexpr std::uint64_t kShare = 128, kLeast = 32'768;
+    return std::clamp(points / kShare, kLeast, kMostSamples);
+}
 
 /// Places on the surface of the source, as `measure_error` takes them: at points, where there are
 /// many.
@@ -243,7 +249,7 @@ struct LodTiler::State {
 
     /// At all samples, and at more for this level and those after it while chance would decide.
     void measure_well(Measured& level, const RunContext& context) {
-        constexpr double kSure = 0.015;
+        constexpr double kSure = 0.0175;
         level.distances.clear();
         level.covers.clear();
         measure(level, samples, context);
@@ -448,7 +454,7 @@ LodTiler::LodTiler(const PointCloud& source, const LodTileOptions& options,
     const std::vector<Vec3f>& points = state.source;
     const PointTree tree(points, PointTree::Leaves::Given, context);
     state.spacing = mean_gap(tree, points.size(), kAsked, [&](std::size_t i) { return points[i]; });
-    state.samples = take_samples(points, tree, kLeastSamples, 0, context);
+    state.samples = take_samples(points, tree, least_samples(points.size()), 0, context);
     state.few = every_eighth(state.samples);
 }
 
@@ -466,7 +472,7 @@ void LodTiler::restart() {
     state_->tree = {};
     state_->levels = 0;
     state_->had = 0;
-    state_->samples.resize(kLeastSamples, {});
+    state_->samples.resize(least_samples(state_->source.size()), {});
 }
 
 std::vector<LodTile> LodTiler::add_level(const PointCloud& cloud, bool whole,

@@ -22,8 +22,8 @@ NearbySearch::NearbySearch(const PointTree& tree, std::size_t least, std::size_t
       room_(most_) {}
 
 std::span<Neighbor> NearbySearch::find_near(const Vec3f& q) {
-    if (!(radius_ > 0)) return {};
     within_.clear();
+    if (!(radius_ > 0)) return {};
     find_within(tree_, q, static_cast<float>(radius_ * radius_), within_);
     if (within_.size() < least_) return {};
     reach_ = radius_ * kExact;
@@ -46,8 +46,22 @@ std::span<Neighbor> NearbySearch::find_nearest_few(const Vec3f& q) {
     return found.first(least_);
 }
 
+std::span<Neighbor> NearbySearch::find_wider(const Vec3f& q) {
+    constexpr unsigned kTries = 3;
+    constexpr double kAtMost = 2;
+    const double before = radius_;
+    for (unsigned i = 0; i < kTries; ++i) {
+        const std::span<Neighbor> found = find_near(q);
+        if (!found.empty() || within_.empty()) return found;
+        radius_ *= std::min(kAtMost, std::sqrt(kFilled * static_cast<double>(most_) /
+                                               static_cast<double>(within_.size())));
+    }
+    radius_ = before;
+    return {};
+}
+
 std::span<Neighbor> NearbySearch::find(const Vec3f& q) {
-    if (const std::span<Neighbor> found = find_near(q); !found.empty()) return found;
+    if (const std::span<Neighbor> found = find_wider(q); !found.empty()) return found;
     const std::span<Neighbor> found = find_nearest(tree_, q, room_);
     const double farthest = std::sqrt(static_cast<double>(found.back().distance_sq));
     reach_ =

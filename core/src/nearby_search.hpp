@@ -29,6 +29,9 @@ public:
     double reach() const noexcept { return reach_; }
 
 private:
+    /// As `find_near`, a few times wider where that finds some, but too few.
+    std::span<Neighbor> find_wider(const Vec3f& q);
+
     const PointTree& tree_;
     std::size_t least_, most_;
     std::vector<Neighbor> room_, within_;

@@ -306,6 +306,37 @@ TEST_F(LodTilesOfLevels, TellSpacingAndCoverRadius) {
     EXPECT_GE(tiles_[0].front().cover_radius, 0.8 * cover);
 }
 
+PointCloud level_of(const PointCloud& cloud, std::uint64_t points) {
+    PointCloud level;
+    build_lod_pyramid(cloud, {.sizes = {points}},
+                      [&](LodLevel&& made) { level = std::move(made.cloud); });
+    return level;
+}
+
+TEST(LodTiles, AreMeasuredAtMorePlacesWhereASmallPartDecidesTheError) {
+    PointCloud cloud = test::plane(100'000);
+    for (Vec3f& p : cloud.positions)
+        if (p.x() < 0.1F && p.y() < 0.1F)
+            p.z() = 0.01F * std::sin(800 * p.x()) * std::sin(800 * p.y());
+    const PointCloud level = level_of(cloud, 4'000);
+    LodTiler tiler(cloud, {});
+    const auto once = tiler.add_level(level, false);
+    EXPECT_GT(tiler.figures().error.samples, 32'768U);
+    EXPECT_LE(tiler.figures().error.samples, 131'072U);
+    tiler.restart();
+    const auto again = tiler.add_level(level, false);
+    EXPECT_EQ(again.front().error.mean, once.front().error.mean);
+    EXPECT_EQ(again.front().error.samples, once.front().error.samples);
+}
+
+TEST(LodTiles, AreMeasuredAtNoMorePlacesThanItTakes) {
+    const PointCloud cloud = test::sphere(100'000);
+    LodTiler tiler(cloud, {});
+    tiler.add_level(level_of(cloud, 4'000), false);
+    EXPECT_EQ(tiler.figures().error.samples, 32'768U);
+    EXPECT_LT(tiler.figures().error.mean_confidence, 0.0175 * tiler.figures().error.mean);
+}
+
 /// A pyramid of nested levels, its tiles, and what is there of each level when its tiles and all
 /// above them are.
 class AdditiveLodTiles : public testing::Test {

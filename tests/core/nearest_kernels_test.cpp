@@ -6,8 +6,11 @@
 
 #include <gtest/gtest.h>
 #include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
 #include <cstring>
 #include <random>
+#include <utility>
 
 namespace stipple {
 namespace {
@@ -64,6 +67,35 @@ TEST_P(Kernels, ChooseTheSameAsThePlainOnes) {
                 }
             }
         }
+    }
+}
+
+TEST_P(Kernels, FindAllWithinADistance) {
+    const auto all = available_nearest_kernels();
+    if (GetParam() >= all.size()) GTEST_SKIP() << "this machine has no more instruction sets";
+    std::vector<Vec3f> points = test::sphere(3001, 0.02).positions;
+    for (Vec3f& p : points) p = (p * 64.0F).array().round() / 64.0F;  // so that many lie at it
+    const PointTree tree(points, PointTree::Leaves::Quick, {});
+    constexpr std::uint32_t kMost = 100;
+    for (const float radius_sq : {0.0F, 0.01F, 0.04F, 0.25F}) {
+        const Vec3f q = points[17];
+        std::vector<std::pair<Index, float>> expected, found;
+        for (Index i = 0; i < points.size(); ++i) {
+            const Vec3f d = points[i] - q;
+            const float distance_sq = d.x() * d.x() + d.y() * d.y() + d.z() * d.z();
+            if (distance_sq <= radius_sq) expected.emplace_back(i, distance_sq);
+        }
+        std::array<float, kMost + 8> distances_sq;
+        std::array<Index, kMost + 8> indices;
+        const std::uint32_t count = all[GetParam()].within(tree.view(), q.data(), radius_sq, kMost,
+                                                           distances_sq.data(), indices.data());
+        if (expected.size() > kMost) {
+            EXPECT_GT(count, kMost);
+            continue;
+        }
+        for (std::uint32_t i = 0; i < count; ++i) found.emplace_back(indices[i], distances_sq[i]);
+        std::ranges::sort(found);
+        EXPECT_EQ(found, expected) << radius_sq;
     }
 }
 

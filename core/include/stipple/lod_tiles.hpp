@@ -100,11 +100,11 @@ struct LodTile : LodFigures {
 /// is added must begin with the points of the one before (`LodPyramidOptions::nested`). What is
 /// said of a tile is then said of all points that are there down to its level.
 ///
-/// Errors are measured on the decoded points, at one place for 128 points of the source, 32,768 to
-/// 131,072 of them, the same for all levels: the mean of a level of a surface is mostly within
-/// 1.5 % of that from infinitely many, which a level says of itself. A tile has the places in its
-/// cell, a few hundred: each says how many, and how well its mean is known by them. A tile without
-/// any, which is hardly one with many points, has the figures of its level.
+/// Errors are measured on the decoded points, at one place for 128 points of the source, at least
+/// 32,768, the same for all levels; and at twice as many, up to 131,072, for a level and those
+/// after it whose mean is not known to 1.75 % by them, as of trees in LiDAR scans. A tile has the
+/// places in its cell, a few hundred: each says how many, and how well its mean is known by them. A
+/// tile without any, which is hardly one with many points, has the figures of its level.
 ///
 /// O(N log N), parallel, the same bytes for any number of threads; about 60 bytes a point of the
 /// source.
