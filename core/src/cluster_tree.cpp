@@ -5,6 +5,7 @@
 #include "large_memory.hpp"
 #include "large_split.hpp"
 #include "parallel_for.hpp"
+#include "progress_for.hpp"
 #include "sample_moments.hpp"
 #include "until_stopped.hpp"
 
@@ -247,8 +248,9 @@ void ClusterTree::grow(const SplitRule& rule, const RunContext& context) {
     root.reference = as_array(points_.front());
     root.priority = std::numeric_limits<double>::max();
     nodes_.push_back(root);
-    if (!is_resident(root.size)) split_large(rule, context);
-    grow_leaves(rule, context);
+    constexpr double kSplit = 0.4;
+    if (!is_resident(root.size)) split_large(rule, context.part(0, kSplit));
+    grow_leaves(rule, context.part(kSplit, 1));
 }
 
 void ClusterTree::split_large(const SplitRule& rule, const RunContext& context) {
@@ -259,9 +261,14 @@ void ClusterTree::split_large(const SplitRule& rule, const RunContext& context) 
     };
     std::vector<Large> open = {
         {0, moments_of_many(points_, members_, nodes_.front().reference, context)}};
+    const double all = static_cast<double>(points_.size());
+    const double rounds = std::log2(all / kResident) + 1;  // in which every point is looked at
+    double seen = 0;
     while (!open.empty()) {
         const auto [id, moments] = open.back();
         open.pop_back();
+        context.checkpoint(std::min(1.0, seen / (rounds * all)));
+        seen += static_cast<double>(nodes_[id].size);
         const Spread spread = cluster_kernels().spreads({moments.scatter, {}, {}, {}})[0];
         ClusterNode& node = nodes_[id];
         node.priority = std::min(node.priority, gain_of_split(moments, spread));
@@ -324,8 +331,8 @@ void ClusterTree::grow_leaves(const SplitRule& rule, const RunContext& context) 
         grow_in(own.all(), grown[j]);
     };
     with_threads(context, [&] {
-        parallel_for_blocks(jobs.size(), 1, context,
-                            [&](std::size_t j, std::size_t) { grow_job(j); });
+        parallel_for_blocks_with_progress(jobs.size(), 1, context,
+                                          [&](std::size_t j, std::size_t) { grow_job(j); });
     });
     std::size_t total = nodes_.size();
     for (std::size_t j = 0; j < jobs.size(); ++j)
@@ -360,7 +367,7 @@ std::vector<Cut> ClusterTree::cuts(std::span<const std::uint64_t> sizes,
             continue;
         }
         if (splits.empty())
-            splits = first_splits(size - 1, context);
+            splits = first_splits(size - 1, {context.stop, {}, context.threads});
         else
             keep_first(splits, size - 1, context);
         const auto is_above = [last = splits.back()](const ClusterNode& node) {

@@ -73,7 +73,8 @@ PointCloud hierarchical_clustering(const PointCloud& cloud,
     PointCloud result;
     with_threads(context, [&] {
         ClusterTree tree(cloud.positions);
-        const std::vector<Index> offsets = grow_clusters(tree, options, context).offsets;
+        const std::vector<Index> offsets =
+            grow_clusters(tree, options, context.part(0, 0.8)).offsets;
         context.checkpoint(0.8);
         result = representatives(cloud, MemberLists{tree.members().data(), offsets},
                                  options.representative, reductions, context);

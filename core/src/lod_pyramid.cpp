@@ -15,6 +15,7 @@
 #include <iterator>
 #include <map>
 #include <memory>
+#include <numeric>
 #include <sstream>
 
 namespace stipple {
@@ -65,7 +66,9 @@ std::vector<PointCloud> cut_levels(const PointCloud& cloud, ClusterTree& tree,
     const std::vector<Reduction> reductions =
         reductions_for(cloud, options.reductions, options.representative);
     const std::vector<std::uint64_t> finest_first(sizes.rbegin(), sizes.rend());
-    const std::vector<Cut> cuts = tree.cuts(finest_first, context);
+    constexpr double kCut = 0.6, kGathered = 0.7;
+    const std::vector<Cut> cuts = tree.cuts(finest_first, context.part(0, kCut));
+    context.checkpoint(kCut);
     // Once for all levels.
     Samples samples(sizes.empty() ? 0 : cloud.size());
     parallel_for_blocks(samples.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
@@ -74,15 +77,18 @@ std::vector<PointCloud> cut_levels(const PointCloud& cloud, ClusterTree& tree,
     });
     const SampleSpan ordered = samples.all();
     std::vector<PointCloud> levels;
-    for (auto cut = cuts.rbegin(); cut != cuts.rend(); ++cut)
+    for (auto cut = cuts.rbegin(); cut != cuts.rend(); ++cut) {
+        context.checkpoint(std::lerp(
+            kGathered, 1.0, static_cast<double>(levels.size()) / static_cast<double>(cuts.size())));
         levels.push_back(representatives(cloud, MemberLists{ordered.index, cut->offsets, ordered},
                                          options.representative, reductions, context));
+    }
     return levels;
 }
 
 LevelOf cuts_of(const PointCloud& cloud, ClusterTree& tree, const LodPyramidOptions& options,
                 const RunContext& context) {
-    return [&](std::uint64_t points) {
+    return [&cloud, &tree, &options, context](std::uint64_t points) {
         const std::vector<Index> offsets = tree.cut(points, context).offsets;
         return representatives(
             cloud, MemberLists{tree.members().data(), offsets}, options.representative,
@@ -195,7 +201,7 @@ void build_lod_pyramid(const PointCloud& cloud, const LodPyramidOptions& options
     const std::vector<std::uint64_t> tries =
         fits ? sizes_to_try(cloud.size(), options) : std::vector<std::uint64_t>{};
     const bool cuts = options.method == Method::Hierarchical;
-    const double begin = cuts ? 0 : 0.8;  // others are there when the first level comes
+    const double begin = options.spacing ? 0.7 : 0.95;  // all levels are there
     context.checkpoint(0.0);
 
     std::unique_ptr<ClusterTree> tree;
@@ -206,17 +212,20 @@ void build_lod_pyramid(const PointCloud& cloud, const LodPyramidOptions& options
         level_of = snapshots_of(cloud, sizes, tries, options, context.part(0, begin));
     } else {
         tree = std::make_unique<ClusterTree>(cloud.positions);
-        level_of = cuts_of(cloud, *tree, options, context);
+        level_of = cuts_of(cloud, *tree, options, context.part(0, 0.6 * begin));
     }
     if (fits) sizes = with_fitting_base(sizes, tries, options, level_of);
 
     unsigned level = 0;
+    const double all =
+        static_cast<double>(std::accumulate(sizes.begin(), sizes.end(), std::uint64_t{0}));
+    double emitted = 0;
     const auto emit = [&](PointCloud&& next) {
         const double spacing = options.spacing ? mean_spacing(next.positions, context) : 0.0;
+        emitted += static_cast<double>(next.size());
         on_level({level, std::move(next), spacing});
         ++level;
-        context.checkpoint(begin + (1 - begin) * static_cast<double>(level) /
-                                       static_cast<double>(sizes.size()));
+        context.checkpoint(std::lerp(begin, 1.0, emitted / all));
     };
     if (!cuts) {
         for (const std::uint64_t size : sizes) emit(level_of(size));
@@ -224,7 +233,8 @@ void build_lod_pyramid(const PointCloud& cloud, const LodPyramidOptions& options
     }
     std::span<const std::uint64_t> made(sizes);  // all but the whole cloud, which is there
     if (made.back() == cloud.size()) made = made.first(made.size() - 1);
-    std::vector<PointCloud> levels = cut_levels(cloud, *tree, made, options, context);
+    std::vector<PointCloud> levels =
+        cut_levels(cloud, *tree, made, options, context.part(0, begin));
     tree.reset();  // not needed while levels are encoded
     for (PointCloud& next : levels) emit(std::move(next));
     if (made.size() < sizes.size()) emit(copy_of(cloud, context));

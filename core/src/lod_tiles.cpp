@@ -6,8 +6,8 @@
 #include "foot_finder.hpp"
 #include "hilbert_order.hpp"
 #include "leaf_shapes.hpp"
-#include "parallel_for.hpp"
 #include "point_tree.hpp"
+#include "progress_for.hpp"
 #include "stipple/error.hpp"
 #include "tile_streams.hpp"
 #include "tile_tree.hpp"
@@ -450,9 +450,12 @@ LodTiler::LodTiler(const PointCloud& source, const LodTileOptions& options,
     state.side = side * state.scale;
 
     state.order = hilbert_order(source.positions, context);
+    context.checkpoint(0.2);
     state.source = state.into_frame(source, state.order, context);
+    context.checkpoint(0.3);
     const std::vector<Vec3f>& points = state.source;
     const PointTree tree(points, PointTree::Leaves::Given, context);
+    context.checkpoint(0.6);
     state.spacing = mean_gap(tree, points.size(), kAsked, [&](std::size_t i) { return points[i]; });
     state.samples = take_samples(points, tree, least_samples(points.size()), 0, context);
     state.few = every_eighth(state.samples);
@@ -490,10 +493,12 @@ std::vector<LodTile> LodTiler::add_level(const PointCloud& cloud, bool whole,
         as_measured ? std::vector<Vec3f>{} : state.into_frame(cloud, own_order, context);
     const std::vector<Index>& order = as_measured ? state.order : own_order;
     const std::vector<Vec3f>& points = as_measured ? state.source : own_points;
+    context.checkpoint(0.1);
     Grid grid = state.finest_grid();
     Measured level = whole || additive
                          ? State::with_tree(rounded(points, {}, grid, context), context)
                          : state.round_level(points, grid, context);
+    context.checkpoint(0.3);
     state.measure_well(level, context);
     context.checkpoint(0.4);
 
@@ -504,11 +509,12 @@ std::vector<LodTile> LodTiler::add_level(const PointCloud& cloud, bool whole,
     context.checkpoint(0.5);
     std::vector<LodTile> tiles(parts.size());
     const std::size_t asked = std::max(kAsked / parts.size(), kAsked / 4);
-    parallel_for_blocks(parts.size(), 1, context, [&](std::size_t t, std::size_t) {
-        tiles[t].level = state.levels;
-        if (parts[t].parent != TileTree::kNone) tiles[t].parent = parts[t].parent;
-        state.encode(tiles[t], cloud, parts[t].points, order, level, grid, asked);
-    });
+    parallel_for_blocks_with_progress(
+        parts.size(), 1, context.part(0.5, 0.9), [&](std::size_t t, std::size_t) {
+            tiles[t].level = state.levels;
+            if (parts[t].parent != TileTree::kNone) tiles[t].parent = parts[t].parent;
+            state.encode(tiles[t], cloud, parts[t].points, order, level, grid, asked);
+        });
     context.checkpoint(0.9);
     state.add_errors(tiles, level, context);
     ++state.levels;

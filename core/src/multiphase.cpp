@@ -101,7 +101,7 @@ void multiphase_snapshots(const PointCloud& cloud, std::span<const std::uint64_t
     Clusters clusters;
     const Cut cut = [&] {
         ClusterTree tree(cloud.positions);
-        Cut samples = tree.cut(sample_count(cloud, largest, options), context);
+        Cut samples = tree.cut(sample_count(cloud, largest, options), context.part(0, 0.4));
         clusters.members.assign(tree.members().begin(), tree.members().end());
         return samples;
     }();

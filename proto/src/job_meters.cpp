@@ -6,6 +6,28 @@
 
 namespace stipple::proto {
 
+StageShares stage_shares(const JobRequest& request) {
+    // As the time goes for millions of points.
+    StageShares shares{};
+    shares[kDecode] = 8;
+    shares[kClean] = 4;
+    Stage computed = kSimplify;
+    shares[kEncode] = 4;
+    if (std::holds_alternative<PyramidJob>(request.job)) {
+        shares[kDecode] = 3;
+        shares[kClean] = 2;
+        shares[kEncode] = 65;
+    } else if (std::holds_alternative<UpsampleJob>(request.job)) {
+        computed = kUpsample;
+    } else if (std::holds_alternative<AnalyzeJob>(request.job)) {
+        computed = kAnalyze;
+    } else if (std::holds_alternative<EvaluateJob>(request.job)) {
+        computed = kEvaluate;
+    }
+    shares[computed] = 100 - shares[kDecode] - shares[kClean] - shares[kEncode];
+    return shares;
+}
+
 void ProgressMeter::advance(Stage stage, double fraction) {
     done_[stage] = std::max(done_[stage], std::clamp(fraction, 0.0, 1.0));
     const auto now = std::chrono::steady_clock::now();
@@ -13,13 +35,13 @@ void ProgressMeter::advance(Stage stage, double fraction) {
     reported_stage_ = stage;
     next_report_ = now + kInterval;
     JobReport line;
-    line.progress = {std::string(kJobStages[stage].name), percent()};
+    line.progress = {std::string(kJobStages[stage]), percent()};
     report_(line);
 }
 
 double ProgressMeter::percent() const {
     double sum = 0;
-    for (std::size_t i = 0; i < done_.size(); ++i) sum += kJobStages[i].share * done_[i];
+    for (std::size_t i = 0; i < done_.size(); ++i) sum += shares_[i] * done_[i];
     return std::round(sum * 10) / 10;
 }
 

@@ -28,10 +28,15 @@ private:
     Clock::time_point start_ = Clock::now();
 };
 
+/// How much of the 100 percent each stage has.
+using StageShares = std::array<double, kJobStages.size()>;
+StageShares stage_shares(const JobRequest& request);
+
 /// One percentage for the whole job, which never decreases.
 class ProgressMeter {
 public:
-    explicit ProgressMeter(const std::function<void(const JobReport&)>& report) : report_(report) {}
+    ProgressMeter(const StageShares& shares, const std::function<void(const JobReport&)>& report)
+        : shares_(shares), report_(report) {}
 
     void advance(Stage stage, double fraction);
 
@@ -40,6 +45,7 @@ private:
 
     double percent() const;
 
+    const StageShares shares_;
     const std::function<void(const JobReport&)>& report_;
     std::array<double, kJobStages.size()> done_{};
     std::optional<Stage> reported_stage_;

@@ -16,6 +16,7 @@
 #include <sys/resource.h>
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <filesystem>
 #include <new>
 #include <numeric>
@@ -86,11 +87,18 @@ MeasuredBound measured(const ErrorBoundedCloud& found) {
             .whole = found.whole};
 }
 
+// Of a pyramid's stage `encode`.
+constexpr double kTiler = 0.15;    // to measure the cloud for its tiles
+constexpr double kMeasured = 0.3;  // of a level's part, to measure its error
+
 /// Runs one job: a member function for each stage.
 class JobRun {
 public:
     JobRun(const JobSpec& spec, const Report& report, const RunContext& context)
-        : spec_(spec), report_(report), meter_(report), context_(context) {
+        : spec_(spec),
+          report_(report),
+          meter_(stage_shares(spec.request), report),
+          context_(context) {
         if (spec.threads != 0) context_.threads = spec.threads;
     }
 
@@ -174,7 +182,7 @@ private:
 
     template <typename Job, typename Compute>
     void make_points(Stage stage, const PointCloud& cloud, const Job& job, Compute&& compute) {
-        constexpr double kComputed = 0.9, kSplats = 0.95;  // of the stage; the error is the rest
+        constexpr double kComputed = 0.7, kSplats = 0.8;  // of the stage; the error is the rest
         const RunContext context = in_stage(stage);
         PointCloud result;
         {
@@ -255,8 +263,9 @@ private:
             const Stopwatch watch(cost_.encode_seconds);
             LodTileOptions tiles = job.tiles;
             tiles.additive = job.options.nested;
-            tiler_ = std::make_unique<LodTiler>(cloud, tiles, quietly());
+            tiler_ = std::make_unique<LodTiler>(cloud, tiles, in_stage(kEncode).part(0, kTiler));
             points_of_source_ = cloud.size();
+            encode_begin_ = kTiler;
         }
         LodPyramidOptions levels = job.options;
         levels.spacing = tiler_ == nullptr;  // else the tiles say it
@@ -265,7 +274,10 @@ private:
             cloud, levels,
             [&](LodLevel&& made) {
                 std::optional<ErrorFigures> error;
-                if (job.error) error = result_error(cloud, made.cloud, quietly());
+                if (job.error) {
+                    const double to = std::lerp(encoded(), encoded(made.cloud.size()), kMeasured);
+                    error = result_error(cloud, made.cloud, in_stage(kEncode).part(encoded(), to));
+                }
                 encode(made, job.output, error);
             },
             in_stage(kSimplify));
@@ -415,10 +427,9 @@ private:
     void encode(const LodLevel& made, const OutputOptions& options,
                 const std::optional<ErrorFigures>& error = {}) {
         const Stopwatch watch(cost_.encode_seconds);
-        const double points = static_cast<double>(made.cloud.size());
-        const double all = static_cast<double>(points_to_encode_);
-        const double share = points / all / static_cast<double>(options.formats.size());
-        double from = static_cast<double>(points_encoded_) / all;
+        const double to = encoded(made.cloud.size());
+        double from = error ? std::lerp(encoded(), to, kMeasured) : encoded();
+        const double share = (to - from) / static_cast<double>(options.formats.size());
 
         JobReport line;
         line.level = {.level = made.level,
@@ -445,8 +456,15 @@ private:
             }
         }
         points_encoded_ += made.cloud.size();
-        meter_.advance(kEncode, static_cast<double>(points_encoded_) / all);
+        meter_.advance(kEncode, encoded());
         report_(line);
+    }
+
+    /// How much of `encode` is done once `more` points are.
+    double encoded(std::uint64_t more = 0) const {
+        return std::lerp(
+            encode_begin_, 1.0,
+            static_cast<double>(points_encoded_ + more) / static_cast<double>(points_to_encode_));
     }
 
     OutputFile write(const LodLevel& made, CloudFormat format, const DracoEncodeOptions& draco,
@@ -466,7 +484,7 @@ private:
     void write_tiles(const LodLevel& made, const RunContext& context,
                      std::vector<OutputFile>& files) {
         const bool whole = made.cloud.size() == points_of_source_;
-        for (LodTile& tile : tiler_->add_level(made.cloud, whole, context)) {
+        for (LodTile& tile : tiler_->add_level(made.cloud, whole, context.part(0, 0.9))) {
             const std::vector<std::byte> bytes = encode_glb(tile);
             tile.streams.clear();
             const std::string hash = sha256_hex(bytes), name = hash + ".glb";
@@ -511,6 +529,7 @@ private:
     std::optional<MeasuredBound> bound_;  ///< of the result, where there was one to keep
     std::uint64_t points_to_encode_ = 0;
     std::uint64_t points_encoded_ = 0;
+    double encode_begin_ = 0;  ///< of `encode`, after what is done once
 };
 
 }  // namespace

@@ -37,7 +37,7 @@ std::atomic_flag writing;
 static_assert(std::atomic<std::size_t>::is_always_lock_free);
 
 std::string_view stage_name(std::size_t number) noexcept {
-    return number == 0 ? std::string_view() : kJobStages[number - 1].name;
+    return number == 0 ? std::string_view() : kJobStages[number - 1];
 }
 
 Lines lines(ErrorCode code, const std::string& detail) {
@@ -110,7 +110,7 @@ void write_report(const proto::JobReport& report) {
     const std::string line = to_json(report) + '\n';
     if (report.progress) {
         const auto* stage =
-            std::ranges::find(kJobStages, report.progress->stage, &proto::JobStage::name);
+            std::ranges::find(kJobStages, report.progress->stage);
         stage_number = static_cast<std::size_t>(stage - kJobStages.begin()) + 1;
     }
     sigset_t cpu_limit, before;

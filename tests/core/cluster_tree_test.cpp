@@ -75,6 +75,21 @@ TEST(ClusterTree, SplitsLargeCloudsAlikeOnAnyNumberOfThreads) {
     EXPECT_EQ(members, numbers_to(points.size()));
 }
 
+TEST(ClusterTree, TellsHowFarItIs) {
+    const std::vector<Vec3f> points =
+        test::sphere(600'000).positions;  // more than are split at once
+    std::vector<double> told;
+    const RunContext context{.progress = [&](double fraction) { told.push_back(fraction); },
+                             .threads = 2};
+    ClusterTree(points).cut(10'000, context);
+    EXPECT_TRUE(std::ranges::is_sorted(told));
+    EXPECT_LT(told.front(), 0.1);
+    EXPECT_GT(told.back(), 0.9);
+    std::vector<double> steps(told.size());
+    std::adjacent_difference(told.begin(), told.end(), steps.begin());
+    EXPECT_LT(std::ranges::max(steps), 0.4);
+}
+
 TEST(ClusterTree, HalvesWhatRoundingLeavesOnOneSide) {
     // Squares of these coordinates overflow: no plane is to be had.
     std::vector<Vec3f> points;

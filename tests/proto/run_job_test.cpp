@@ -108,6 +108,15 @@ TEST_F(RunJob, ReportsProgressThatNeverDecreasesAndEndsAtAHundred) {
     EXPECT_EQ(stages, "decode clean simplify encode ");
 }
 
+TEST_F(RunJob, ProgressIsLeftForWhatTakesTime) {
+    run(spec_for(test::sphere(20000), levels_of({100, 1000, 10000})));
+    std::map<std::string, double> begins;  // the percentage at the begin of a stage
+    for (const JobReport& report : reports_)
+        if (report.progress) begins.try_emplace(report.progress->stage, report.progress->percent);
+    EXPECT_EQ(begins.at("simplify"), 5);
+    EXPECT_LE(begins.at("encode"), 40);
+}
+
 TEST_F(RunJob, ReportsTheSourceBeforeAnyLevelAndTheCostLast) {
     run(spec_for(test::sphere(1000), to_points(10)));
     const auto place = [this](auto field) {

@@ -9,22 +9,10 @@
 
 namespace stipple::proto {
 
-/// The stages of a job in their order, and how much of the 100 percent each has. Of `simplify`,
-/// `upsample`, `analyze` and `evaluate` a job has one. A pyramid goes to and fro between the last two that it
-/// has; the sum never decreases.
-struct JobStage {
-    std::string_view name;
-    double share;  ///< percent
-};
-inline constexpr std::array<JobStage, 7> kJobStages = {{
-    {"decode", 20},
-    {"clean", 5},
-    {"simplify", 50},
-    {"upsample", 50},
-    {"analyze", 50},
-    {"evaluate", 50},
-    {"encode", 25},
-}};
+/// The stages of a job in their order. Of `simplify`, `upsample`, `analyze` and `evaluate` a job has one. A pyramid
+/// goes to and fro between the last two that it has; the percentage never decreases.
+inline constexpr std::array<std::string_view, 7> kJobStages = {
+    "decode", "clean", "simplify", "upsample", "analyze", "evaluate", "encode"};
 
 /// Does what a job says: decode, clean, compute, encode level by level into `spec.output_dir`. The
 /// one code path of stipple-job and of the command line. A level is reported once its files are
