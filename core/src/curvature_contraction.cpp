@@ -9,11 +9,11 @@
 #include <algorithm>
 #include <cmath>
 
-// A linear moving least squares surface lies inside of a curved one by a part of |H| s^2, with H the
-// mean curvature and s the distance of the points. Of all ways to spread a number of points, one
-// whose density goes as the square root of |H| has the least of that on average; and points that
-// minimise the sum of w d^2 have a density that goes as the square root of w (Gersho 1979). Planes
-// and greedy contraction even points out, so that w goes as H^2 here.
+// A linear moving least squares surface lies inside of a curved one by a part of |H| s^2, with H
+// the mean curvature and s the distance of the points. Of all ways to spread a number of points,
+// one whose density goes as the square root of |H| has the least of that on average; and points
+// that minimise the sum of w d^2 have a density that goes as the square root of w (Gersho 1979).
+// Planes and greedy contraction even points out, so that w goes as H^2 here.
 
 namespace stipple {
 
@@ -21,7 +21,7 @@ namespace {
 
 constexpr std::size_t kBlock = 512;
 constexpr std::uint64_t kSamplesPerSurvivor = 8;
-constexpr unsigned kNeighbors = 20, kRelaxations = 2;
+constexpr unsigned kNeighbors = 12, kRelaxations = 1;
 
 /// The weight of the squared distance to a sample, as a part of that of its planes, where the
 /// surface bends as it does on average; and the most it can be.
@@ -64,8 +64,8 @@ void hold_curved(SharedSamples& samples, std::size_t input, const RunContext& co
     if (!(area > 0)) return;
     constexpr double kFlat = 0.01;  // of samples whose size is about 1: less is rounding
     const auto per_mean = static_cast<float>(1 / (bent / area + kFlat));
-    // The 20 nearest are 3 times as far, squared, as the 6 that make a quadric's weight.
-    const float per_area = static_cast<float>(input) / 3;
+    // As quadrics have it, from 6 neighbours; the i-th is as far, squared, as i.
+    const float per_area = 7.0F / (kNeighbors + 1) * static_cast<float>(input);
     parallel_for_blocks(n, kBlock, context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {
             const float bend = per_mean * bends.curvatures[i];

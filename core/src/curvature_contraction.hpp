@@ -21,12 +21,12 @@ void contract_by_curvature(std::span<const Vec3f> positions, std::span<const std
 /// How much the surface bends at each of some points, and how much of it they stand for.
 struct Bends {
     std::vector<float>
-        curvatures;            ///< mean curvature of either sign, averaged over the 20 nearest,
+        curvatures;            ///< mean curvature of either sign, averaged over the 12 nearest,
                                ///< within a factor that is the same for all; in 1 / input unit
-    std::vector<float> areas;  ///< mean squared distance of the 20 nearest
+    std::vector<float> areas;  ///< mean squared distance of the 12 nearest
 };
 
-/// Curvatures are 0 on a plane and where points coincide or are fewer than 3. O(N), parallel; 170
+/// Curvatures are 0 on a plane and where points coincide or are fewer than 3. O(N), parallel; 110
 /// bytes a point. @param points  of a size of about 1, so that no square under- or overflows.
 Bends bends_of(std::span<const Vec3f> points, const RunContext& context);
 
