@@ -13,7 +13,7 @@ namespace stipple {
 namespace {
 
 constexpr std::size_t kParallelGrain = 8'192;  // samples below which a subtree is one task
-constexpr std::size_t kMany = 131'072;         // beyond, samples are split a piece at a time
+constexpr std::size_t kMany = 1'048'576;       // beyond, samples are split a piece at a time
 constexpr std::size_t kPiece = 8'192;
 
 template <typename T>

@@ -1,3 +1,5 @@
+#include "first_touch.hpp"
+#include "parallel_for.hpp"
 #include "progressive_layout.hpp"
 #include "progressive_model.hpp"
 #include "progressive_values.hpp"
@@ -114,8 +116,8 @@ bool ProgressiveDecoder::State::run_batch(const RunContext& context) {
     const std::size_t enough = whole ? SIZE_MAX : bytes.size() - step_bytes;
     if (!started) start_batch(bytes);
     coder.use(bytes);
-    points.reserve(
-        std::min<std::uint64_t>(now.points, before + ProgressiveLayout::most_points(bytes.size())));
+    const std::uint64_t reachable = before + ProgressiveLayout::most_points(bytes.size());
+    reserve_in_blocks(points, std::min<std::uint64_t>(now.points, reachable), context);
     const unsigned bits = split();
     for (std::size_t step = 0; visited < points.size(); ++step) {
         constexpr std::size_t kBetweenLooks = 65'536;
@@ -179,22 +181,24 @@ const std::vector<ProgressiveBatch>& ProgressiveDecoder::batches() const noexcep
     return state_->batches;
 }
 
-PointCloud ProgressiveDecoder::cloud() const {
+PointCloud ProgressiveDecoder::cloud(const RunContext& context) const {
     const State& state = *state_;
     const ProgressiveLayout& layout = state.layout;
     PointCloud cloud;
     cloud.origin = layout.origin;
     cloud.double_precision = layout.double_precision;
-    cloud.positions.resize(state.points.size());
-    for (std::size_t i = 0; i < cloud.size(); ++i) {
-        const unsigned shift = state.shift_of(i);
-        for (int axis = 0; axis < 3; ++axis) {
-            const double cell = state.points[i].cell[axis] << shift;
-            cloud.positions[i][axis] = static_cast<float>(
-                layout.low[axis] + layout.step * (cell + ProgressiveLayout::middle(shift)));
+    resize_in_blocks(cloud.positions, state.points.size(), context);
+    for_blocks_in_order(cloud.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+            const unsigned shift = state.shift_of(i);
+            for (int axis = 0; axis < 3; ++axis) {
+                const double cell = state.points[i].cell[axis] << shift;
+                cloud.positions[i][axis] = static_cast<float>(
+                    layout.low[axis] + layout.step * (cell + ProgressiveLayout::middle(shift)));
+            }
         }
-    }
-    unpack_channels(state.values, layout, cloud);
+    });
+    unpack_channels(state.values, layout, cloud, context);
     return cloud;
 }
 
@@ -207,7 +211,7 @@ PointCloud decode_progressive(std::span<const std::byte> bytes, const DecodeLimi
                     "progressive stream: " + std::to_string(bytes.size()) +
                         " bytes do not reach the first point");
     }
-    return decoder.cloud();
+    return decoder.cloud(context);
 }
 
 }  // namespace stipple

@@ -197,7 +197,10 @@ public:
         : cells_(cells),
           values_(values),
           attached_(order.parents, context),
-          model_(layout.channels()) {}
+          model_(layout.channels()) {
+        reserve_in_blocks(points_, cells.size(), context);
+        reserve_in_blocks(numbers_, cells.size(), context);
+    }
 
     std::vector<std::byte> batch(const ProgressiveLayout& layout, std::size_t number,
                                  const RunContext& context);

@@ -1,6 +1,7 @@
 #include "progressive_values.hpp"
 
 #include "attribute_name.hpp"
+#include "first_touch.hpp"
 #include "parallel_for.hpp"
 #include "stipple/error.hpp"
 
@@ -141,7 +142,7 @@ std::vector<std::uint32_t> pack_channels(const PointCloud& cloud, std::span<cons
                                          const ProgressiveLayout& layout,
                                          const RunContext& context) {
     const std::size_t count = layout.channels().size();
-    std::vector<std::uint32_t> values(points.size() * count);
+    auto values = made_in_blocks<std::vector<std::uint32_t>>(points.size() * count, context);
     std::size_t first = 0;
     const auto for_points = [&](unsigned channels, auto&& pack) {
         constexpr std::size_t kBlock = 8'192;
@@ -176,22 +177,28 @@ std::vector<std::uint32_t> pack_channels(const PointCloud& cloud, std::span<cons
 }
 
 void unpack_channels(std::span<const std::uint32_t> values, const ProgressiveLayout& layout,
-                     PointCloud& cloud) {
+                     PointCloud& cloud, const RunContext& context) {
     const std::size_t count = layout.channels().size();
     const std::size_t n = count == 0 ? 0 : values.size() / count;
     std::size_t first = 0;
-    const auto channels_of = [&](std::size_t i) { return &values[i * count + first]; };
+    const auto for_points = [&](auto&& unpack) {
+        for_blocks_in_order(n, context, [&](std::size_t begin, std::size_t end) {
+            for (std::size_t i = begin; i < end; ++i) unpack(i, &values[i * count + first]);
+        });
+    };
     if (layout.normals) {
-        cloud.normals.resize(n);
-        for (std::size_t i = 0; i < n; ++i)
-            cloud.normals[i] = unpack_normal(layout.normal_bits, channels_of(i));
+        resize_in_blocks(cloud.normals, n, context);
+        for_points([&](std::size_t i, const std::uint32_t* from) {
+            cloud.normals[i] = unpack_normal(layout.normal_bits, from);
+        });
         first += 2;
     }
     if (layout.colors) {
         cloud.has_alpha = layout.alpha;
-        cloud.colors.resize(n);
-        for (std::size_t i = 0; i < n; ++i)
-            cloud.colors[i] = unpack_color(channels_of(i), layout.alpha);
+        resize_in_blocks(cloud.colors, n, context);
+        for_points([&](std::size_t i, const std::uint32_t* from) {
+            cloud.colors[i] = unpack_color(from, layout.alpha);
+        });
         first += layout.alpha ? 4 : 3;
     }
     for (const ProgressiveAttribute& attribute : layout.attributes) {
@@ -200,10 +207,11 @@ void unpack_channels(std::span<const std::uint32_t> values, const ProgressiveLay
         const unsigned components = attribute.components, each = attribute.channels();
         std::visit(
             [&]<typename T>(std::vector<T>& to) {
-                to.reserve(n * components);
-                for (std::size_t i = 0; i < n; ++i)
+                resize_in_blocks(to, n * components, context);
+                for_points([&](std::size_t i, const std::uint32_t* from) {
                     for (unsigned c = 0; c < components; ++c)
-                        to.push_back(unpack_value<T>(channels_of(i) + c * each, attribute));
+                        to[i * components + c] = unpack_value<T>(from + c * each, attribute);
+                });
             },
             made.values);
         cloud.attributes.push_back(std::move(made));

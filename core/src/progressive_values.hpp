@@ -22,6 +22,6 @@ std::vector<std::uint32_t> pack_channels(const PointCloud& cloud, std::span<cons
 
 /// The inverse, for as many points as `values` has; fills all of the cloud but the positions.
 void unpack_channels(std::span<const std::uint32_t> values, const ProgressiveLayout& layout,
-                     PointCloud& cloud);
+                     PointCloud& cloud, const RunContext& context);
 
 }  // namespace stipple

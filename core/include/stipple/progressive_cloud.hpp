@@ -76,7 +76,7 @@ public:
     const std::vector<ProgressiveBatch>& batches() const noexcept;  ///< empty before the header
 
     /// The points so far, in the order of the stream, each in the middle of its cell. O(n).
-    PointCloud cloud() const;
+    PointCloud cloud(const RunContext& context = {}) const;
 
 private:
     struct State;
