@@ -241,6 +241,7 @@ SurfaceError SurfaceErrorMeter::measure(const PointCloud& candidate,
     context.checkpoint(0.1);
     SurfaceError error;
     error.diagonal = bounds(reference).diagonal();
+    error.candidate_diagonal = bounds(candidate).diagonal();
     error.forward = measure_direction(S, S_prime, frame, options, context.part(0.1, 0.55));
     error.backward = measure_direction(S_prime, S, frame, options, context.part(0.55, 1.0));
     for (DirectedError* const direction : {&error.forward, &error.backward}) {

@@ -116,12 +116,16 @@ ErrorFigures error_figures(const SurfaceError& error, const SurfaceErrorOptions&
     };
     warn_of_few("reference", reference_points);
     warn_of_few("candidate", candidate_points);
+    const auto warn_of_far = [&](const char* which) {
+        warn("the largest distance is above the diagonal of the " + std::string(which) +
+             ": do both clouds have the same unit, and lie at the same place?");
+    };
     if (!(error.diagonal > 0))
         warn("all points of the reference coincide: there is no diagonal to compare with");
     else if (error.max() > error.diagonal)
-        warn(
-            "the largest distance is above the diagonal of the reference: do both clouds have the "
-            "same unit, and lie at the same place?");
+        warn_of_far("reference");
+    else if (candidate_points >= options.k && error.max() > error.candidate_diagonal)
+        warn_of_far("candidate");
     constexpr double kMany = 0.05;
     for (const DirectedError* const direction : {&error.forward, &error.backward}) {
         if (direction->not_converged <= kMany) continue;

@@ -81,6 +81,18 @@ TEST_P(ErrorBounded, HoldsWhenMeasuredAgainWithFewPoints) {
               1.3 * static_cast<double>(fewest_of_all(cloud, options)));
 }
 
+TEST_P(ErrorBounded, NeedsFewerPointsForALooserBound) {
+    if (test::kSanitized) GTEST_SKIP() << "too slow under a sanitizer";
+    const PointCloud cloud = bumpy_sphere(800);
+    std::size_t fewest = cloud.size();
+    for (const double bound : {0.06, 0.08, 0.12}) {
+        const std::size_t size =
+            simplify_within_error(cloud, within(bound, GetParam())).cloud.size();
+        EXPECT_LT(size, fewest) << bound;
+        fewest = size;
+    }
+}
+
 INSTANTIATE_TEST_SUITE_P(Methods, ErrorBounded, testing::ValuesIn(kErrorBoundedMethods),
                          [](const auto& p) { return std::string(to_string(p.param)); });
 

@@ -205,6 +205,31 @@ TEST_F(StippleCli, EvaluateTellsTheErrorWritesMapsAndPictures) {
     EXPECT_EQ(stipple("evaluate in.ply nothing.ply").exit_code, 1);
 }
 
+TEST_F(StippleCli, EvaluateWarnsOfCloudsThatCannotBeCompared) {
+    write_cloud(test::sphere(1000), folder_ / "in.ply");
+    for (const float scale : {1000.0F, 0.001F}) {
+        PointCloud other = test::sphere(1000);
+        for (Vec3f& p : other.positions) p *= scale;
+        write_cloud(other, folder_ / "other.ply");
+        const Outcome units = stipple("evaluate in.ply other.ply --json other.json");
+        EXPECT_EQ(units.exit_code, 0) << units.err;
+        EXPECT_NE(units.err.find("warning: other.ply: "), std::string::npos) << scale;
+        EXPECT_NE(json::parse(content(folder_ / "other.json"))["warnings"].dump().find("same unit"),
+                  std::string::npos);
+    }
+    write_cloud(test::sphere(7), folder_ / "few.ply");
+    const Outcome few = stipple("evaluate few.ply in.ply --json -");
+    EXPECT_EQ(few.exit_code, 0) << few.err;
+    EXPECT_NE(json::parse(few.out)["warnings"].dump().find("reference of 7 points"),
+              std::string::npos);
+    write_cloud(PointCloud{}, folder_ / "empty.ply");
+    for (const char* which : {"in.ply empty.ply", "empty.ply in.ply"}) {
+        const Outcome empty = stipple(std::string("evaluate ") + which);
+        EXPECT_EQ(empty.exit_code, 1);
+        EXPECT_EQ(empty.err, "stipple: empty.ply: the file holds no points\n");
+    }
+}
+
 TEST_F(StippleCli, EveryResultTellsItsErrorUnlessToldNotTo) {
     synthesize("in.ply", 20'000);
     const Outcome told = stipple("simplify in.ply out.ply --points 500 --json -");

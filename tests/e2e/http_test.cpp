@@ -360,10 +360,32 @@ TEST(Stippled, EvaluatesCloudsAndResultsInOneCall) {
     EXPECT_EQ(problem_of(evaluate({{"reference", id}, {"candidate", std::string(64, '0')}})),
               "not-found");
     EXPECT_EQ(problem_of(evaluate({{"reference", id}})), "invalid-argument");
+}
+
+TEST(Stippled, SaysWhyCloudsCannotBeCompared) {
+    const StippledProcess server;
+    const std::string id = upload(server, as_ply(sphere(1000)));
+    const auto evaluate = [&](const std::string& reference, const std::string& candidate) {
+        const Json body = {{"reference", reference}, {"candidate", candidate}};
+        return request(server.port(), "POST", "/v1/evaluations?wait=60", body.dump(), kJson);
+    };
+    const auto warnings_of = [&](const PointCloud& cloud) {
+        const HttpReply reply = evaluate(id, upload(server, as_ply(cloud)));
+        return reply.status == 200 ? Json::parse(reply.body).at("warnings").dump() : reply.body;
+    };
+    for (const float scale : {1000.0F, 0.001F}) {
+        PointCloud other = sphere(1000);
+        for (Vec3f& p : other.positions) p *= scale;
+        EXPECT_NE(warnings_of(other).find("same unit"), std::string::npos) << scale;
+    }
+    EXPECT_NE(warnings_of(sphere(7)).find("candidate of 7 points"), std::string::npos);
+
     const std::string empty = upload(server, as_ply(PointCloud{}));
-    const HttpReply refused = evaluate({{"reference", id}, {"candidate", empty}});
-    EXPECT_EQ(problem_of(refused), "malformed-input");
-    EXPECT_NE(refused.body.find("candidate 1: "), std::string::npos);
+    const HttpReply candidate = evaluate(id, empty), reference = evaluate(empty, id);
+    EXPECT_EQ(problem_of(candidate), "malformed-input");
+    EXPECT_NE(candidate.body.find("candidate 1: "), std::string::npos);
+    EXPECT_EQ(problem_of(reference), "malformed-input");
+    EXPECT_NE(reference.body.find("no points"), std::string::npos) << reference.body;
 }
 
 TEST(Stippled, ReturnsTheSameJobForTheSameIdempotencyKey) {

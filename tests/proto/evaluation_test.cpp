@@ -196,7 +196,10 @@ TEST_F(Evaluation, PicturesArePngOfTheSizeThatIsTold) {
 TEST_F(Evaluation, WarnsOfOtherUnitsAndOfTooFewPoints) {
     const PointCloud reference = test::sphere(3000);
     const auto units = figures(reference, scaled(test::sphere(3000), 1000)).at("warnings");
-    EXPECT_NE(units.at(0).get<std::string>().find("same unit"), std::string::npos);
+    EXPECT_NE(units.at(0).get<std::string>().find("of the reference: do both"), std::string::npos);
+    const auto smaller = figures(reference, scaled(test::sphere(3000), 0.001F)).at("warnings");
+    EXPECT_NE(smaller.at(0).get<std::string>().find("of the candidate: do both"),
+              std::string::npos);
     const auto few = figures(reference, test::sphere(7)).at("warnings");
     EXPECT_EQ(few.at(0),
               "candidate of 7 points, fewer than the 20 neighbours that make a surface: distances "

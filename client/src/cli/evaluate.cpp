@@ -182,6 +182,29 @@ ordered_json figures(const EvaluateCommand& command, const proto::Results& resul
     return json;
 }
 
+/// The error of the job with the file in front that it is about.
+Error naming_file(const EvaluateCommand& command, const Error& error) {
+    const std::string message = error.what();
+    for (std::size_t i = 0; i < command.candidates.size(); ++i) {
+        const std::string which = "candidate " + std::to_string(i + 1) + ": ";
+        if (message.starts_with(which))
+            return named_after(command.candidates[i],
+                               Error(error.code(), message.substr(which.size())));
+    }
+    return named_after(command.reference, error);
+}
+
+proto::Results measure(const EvaluateCommand& command, const proto::JobRequest& request,
+                       const fs::path& folder, const Session& session, ProgressDisplay& display) {
+    const JobExecution execution{command.server, command.common.threads, session.stop,
+                                 command.candidates};
+    try {
+        return execute(request, command.reference, folder, execution, display);
+    } catch (const Error& error) {
+        throw naming_file(command, error);
+    }
+}
+
 }  // namespace
 
 void run(const EvaluateCommand& command, const Session& session) {
@@ -195,10 +218,7 @@ void run(const EvaluateCommand& command, const Session& session) {
     }
     const ScratchFolder scratch(fs::temp_directory_path());
     ProgressDisplay display(session.terminal, !command.common.quiet);
-    const JobExecution execution{command.server, command.common.threads, session.stop,
-                                 command.candidates};
-    const proto::Results results =
-        execute(request, command.reference, scratch.path(), execution, display);
+    const proto::Results results = measure(command, request, scratch.path(), session, display);
     const auto measured = [](const proto::OutputCloud& cloud) { return cloud.error.has_value(); };
     if (!results.source || results.levels.size() != command.candidates.size() ||
         !std::ranges::all_of(results.levels, measured))

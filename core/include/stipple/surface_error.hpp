@@ -72,9 +72,10 @@ struct DirectedError {
 /// The error of a candidate P' as an approximation of a reference P. Lengths are in input units; as
 /// a part of the diagonal they are divided by `diagonal`.
 struct SurfaceError {
-    DirectedError forward;   ///< from S to S'
-    DirectedError backward;  ///< from S' to S
-    double diagonal = 0;     ///< of the reference's box; 0 where all its points coincide
+    DirectedError forward;          ///< from S to S'
+    DirectedError backward;         ///< from S' to S
+    double diagonal = 0;            ///< of the reference's box; 0 where all its points coincide
+    double candidate_diagonal = 0;  ///< of the candidate's box
 
     double max() const noexcept;   ///< Δ_max (Eq. 9): of both directions
     double mean() const noexcept;  ///< Δ_avg (Eq. 10): from S to S'

@@ -37,7 +37,7 @@ struct ErrorFigures {
 std::string to_json(const ErrorFigures& figures);
 
 /// The figures of a measurement with `options`, with warnings: fewer points than the surface needs,
-/// a distance larger than the diagonal, many samples without a fixed point.
+/// a distance larger than one of the diagonals, many samples without a fixed point.
 ErrorFigures error_figures(const SurfaceError& error, const SurfaceErrorOptions& options,
                            std::uint64_t reference_points, std::uint64_t candidate_points);
 
