@@ -256,8 +256,9 @@ struct LodTiler::State {
         while (samples.size() < kMostSamples &&
                mean_confidence(level.distances, samples.areas, level.mean) > kSure * level.mean) {
             const PointTree of_source(source, PointTree::Leaves::Given, context);
-            samples.append(
-                take_samples(source, of_source, samples.size(), samples.size(), context));
+            const std::uint64_t so_far = samples.size();
+            const std::uint64_t more = std::min(so_far, kMostSamples - so_far);
+            samples.append(take_samples(source, of_source, more, so_far, context));
             measure(level, samples, context);
         }
     }
