@@ -134,6 +134,15 @@ TEST_F(FileBlobStore, KeepsNothingOfABlobThatIsNotCommitted) {
     EXPECT_FALSE(store_->open(kHashOfAbc));
 }
 
+TEST_F(FileBlobStore, HoldsBytesWithoutANameForAsLongAsTheyAreRead) {
+    const auto held = store_->hold(bytes_of("0123456789"));
+    EXPECT_EQ(temporary_files(), 0U);
+    ASSERT_EQ(held->size(), 10U);
+    std::string part(4, ' ');
+    EXPECT_EQ(held->read(3, std::as_writable_bytes(std::span(part))), 4U);
+    EXPECT_EQ(part, "3456");
+}
+
 TEST_F(FileBlobStore, RemovesAtItsStartWhatAKilledProcessLeftUnfinished) {
     std::ofstream(folder_ / "tmp/0123") << "half a cloud";
     store_ = open_file_blob_store(folder_.path());

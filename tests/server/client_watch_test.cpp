@@ -19,7 +19,7 @@ TEST(ClientWatch, StopsWhatIsComputedWhenTheClientLeaves) {
     std::atomic<bool> gone = false;
     Request request;
     request.client_gone = [&] { return gone.load(); };
-    const ClientWatch watch(request);
+    const ClientWatch watch(request, 60s);
     EXPECT_FALSE(watch.left().stop_requested());
     gone = true;
     EXPECT_TRUE(stops(watch.left()));
@@ -30,9 +30,17 @@ TEST(ClientWatch, StopsWhatIsComputedWhenTheServerStops) {
     Request request;
     request.client_gone = [] { return false; };
     request.stop = server.get_token();
-    const ClientWatch watch(request);
+    const ClientWatch watch(request, 60s);
     server.request_stop();
     EXPECT_TRUE(watch.left().stop_requested());
+}
+
+TEST(ClientWatch, StopsWhatTakesTooLong) {
+    Request request;
+    request.client_gone = [] { return false; };
+    const ClientWatch watch(request, 0s);
+    EXPECT_TRUE(stops(watch.left()));
+    EXPECT_TRUE(watch.is_late());
 }
 
 TEST(ClientWatch, EndsWithItsClientStillThere) {
@@ -40,7 +48,7 @@ TEST(ClientWatch, EndsWithItsClientStillThere) {
     request.client_gone = [] { return false; };
     std::stop_token left;
     {
-        const ClientWatch watch(request);
+        const ClientWatch watch(request, 60s);
         left = watch.left();
     }
     EXPECT_FALSE(left.stop_requested());

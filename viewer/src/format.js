@@ -19,9 +19,9 @@ export function bytes(n) {
     return `${unit === 0 || n >= 99.95 ? Math.round(n) : n.toFixed(1)} ${units[unit]}`;
 }
 
-/** With three significant digits. */
+/** With three significant digits, and a minus sign as wide as a digit. */
 export const quantity = (x) => (x === 0 || (Math.abs(x) >= 0.01 && Math.abs(x) < 1e6)
-    ? x.toLocaleString('en', { maximumSignificantDigits: 3 }) : x.toExponential(1));
+    ? x.toLocaleString('en', { maximumSignificantDigits: 3 }) : x.toExponential(1)).replaceAll('-', '\u2212');
 export const percent = (share) => `${quantity(100 * share)} %`;
 
 export const milliseconds = (ms) => (ms < 9_950 ? `${Math.round(ms)} ms` : `${(ms / 1000).toFixed(1)} s`);

@@ -168,7 +168,7 @@ function showComparison() {
     comparison.label(session.shown, right);
     const others = library.jobs.filter(({ id, status }) => status === 'successful' && id !== session.id);
     comparison.showChoices([
-        { label: 'The same result', choices: levels.map(({ level, points }) => ({ value: `level:${level}`, text: `Level ${level + 1}, ${format.compactPoints(points)}` })) },
+        { label: 'The same result', choices: levels.map(({ level, points }) => ({ value: `level:${level}`, text: `Level ${level + 1}, ${format.compactCount(points)}` })) },
         { label: 'Another result', choices: others.map((job) => ({ value: `result:${job.id}`, text: `${nameOf(inputOf(job))}: ${summaryOf(job)}` })) },
     ], other ? `result:${other.id}` : `level:${right?.level}`);
 }
@@ -227,6 +227,7 @@ async function upload(file) {
             byId['upload-hint'].textContent = fraction < 1 ? `Sending ${file.name}, ${Math.round(100 * fraction)} %` : 'Storing';
         });
         remember(cloud.id, file.name);
+        look.forgetColor();
         await openCloud(cloud);
     } catch (error) {
         showProblem(error, `${file.name} was not accepted`);

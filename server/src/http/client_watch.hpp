@@ -12,20 +12,23 @@
 namespace stipple::server::http {
 
 /// Stops what is computed for a reply once nobody waits for it any more: when the client closes the
-/// connection, and when the server stops. For as long as the watch lives, which the request
-/// outlives.
+/// connection, when the server stops, and when it takes longer than `longest`. For as long as the
+/// watch lives, which the request outlives.
 class ClientWatch {
 public:
-    explicit ClientWatch(const Request& request)
-        : server_stops_(request.stop, [this] { left_.request_stop(); }),
+    ClientWatch(const Request& request, std::chrono::seconds longest)
+        : ends_(std::chrono::steady_clock::now() + longest),
+          server_stops_(request.stop, [this] { left_.request_stop(); }),
           thread_([this, &request](const std::stop_token& done) {
               std::mutex mutex;
               std::condition_variable_any wake;
               std::unique_lock lock(mutex);
               while (!wake.wait_for(lock, done, kLook, [&] { return done.stop_requested(); })) {
-                  if (request.client_gone()) left_.request_stop();
+                  if (is_late() || request.client_gone()) left_.request_stop();
               }
           }) {}
+
+    bool is_late() const noexcept { return std::chrono::steady_clock::now() >= ends_; }
 
     /// For the computation.
     std::stop_token left() const noexcept { return left_.get_token(); }
@@ -33,6 +36,7 @@ public:
 private:
     static constexpr std::chrono::milliseconds kLook{25};
 
+    const std::chrono::steady_clock::time_point ends_;
     std::stop_source left_;
     std::stop_callback<std::function<void()>> server_stops_;
     std::jthread thread_;

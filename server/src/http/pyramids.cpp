@@ -81,7 +81,7 @@ proto::SliceOptions read_slice_query(const Request& request) {
 }
 
 /// On one thread, so that all places together leave processors for jobs.
-/// @throws Disconnected when the client leaves meanwhile.
+/// @throws Disconnected when the client leaves meanwhile; HttpError(503) when it takes too long.
 proto::Slice cut(Resources& resources, const Request& request, const proto::Results& pyramid,
                  const proto::SliceOptions& options) {
     const auto permit = resources.slices.take();
@@ -91,11 +91,16 @@ proto::Slice cut(Resources& resources, const Request& request, const proto::Resu
         blob->read(0, bytes);
         return bytes;
     };
-    const ClientWatch watch(request);
+    const ClientWatch watch(request, kLongestSlice);
     try {
         return proto::slice_pyramid(pyramid, options, read, {.stop = watch.left(), .threads = 1});
     } catch (const Cancelled&) {
-        throw Disconnected();
+        if (!watch.is_late()) throw Disconnected();
+        proto::Problem problem = proto::problem_from_status(
+            503, "the slice was not there after " + std::to_string(kLongestSlice.count()) +
+                     " s: ask for fewer points, or for the level's own files");
+        problem.retry_after = 30;
+        throw HttpError(std::move(problem));
     }
 }
 
@@ -137,11 +142,13 @@ std::chrono::sys_seconds time_of(const std::string& rfc3339) {
 Reply get_slice(Resources& resources, Request& request) {
     const proto::SliceOptions options = read_slice_query(request);
     const auto pyramid = whole_pyramid(resources, request);
+    auto permit = resources.downloads.take();
     const proto::Slice slice = cut(resources, request, *pyramid, options);
     Reply reply;
     reply.media_type = media_type(options.format);
     reply.content =
-        std::string(reinterpret_cast<const char*>(slice.bytes.data()), slice.bytes.size());
+        StoredRange{resources.service.outputs().hold(slice.bytes), 0, slice.bytes.size()};
+    reply.permit = std::move(permit);
     reply.headers.set("X-Content-Type-Options", "nosniff");
     reply.headers.set("Stipple-Points", std::to_string(slice.points));
     reply.headers.set("Stipple-Level", std::to_string(slice.level));

@@ -13,6 +13,7 @@ namespace stipple::server::http {
 
 /// Slices that are cut at a time: the only replies for which the service itself computes.
 inline constexpr unsigned kMostSlices = 4;
+inline constexpr std::chrono::seconds kLongestSlice{30};
 
 /// What the handlers work with.
 struct Resources {

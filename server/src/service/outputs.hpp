@@ -57,6 +57,11 @@ public:
     /// The bytes of a listed file. @throws Error(Internal) when they are missing.
     std::shared_ptr<const BlobReader> open(const std::string& sha256) const;
 
+    /// Bytes made for one reply, on disk while they are sent: a slow client holds no memory.
+    std::shared_ptr<const BlobReader> hold(std::span<const std::byte> bytes) const {
+        return blobs_.hold(bytes);
+    }
+
     /// A level was published: its tiles are packed before the first client asks for them.
     void announce(const proto::OutputCloud& level);
 

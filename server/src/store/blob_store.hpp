@@ -48,6 +48,8 @@ public:
     /// Null when missing. What was changed behind our back is found out: @throws Error(Internal)
     /// when the bytes have another hash.
     virtual std::shared_ptr<const BlobReader> open(const std::string& sha256) const = 0;
+    /// Keeps bytes that are no blob in a file without a name, for as long as the reader lives.
+    virtual std::shared_ptr<const BlobReader> hold(std::span<const std::byte> bytes) const = 0;
     /// The ids of blobs last committed or adopted before `time`.
     virtual std::vector<std::string> older_than(
         std::chrono::system_clock::time_point time) const = 0;

@@ -124,6 +124,7 @@ public:
     std::unique_ptr<BlobWriter> create(std::uint64_t max_bytes) override;
     std::string adopt(const fs::path& file) override;
     std::shared_ptr<const BlobReader> open(const std::string& sha256) const override;
+    std::shared_ptr<const BlobReader> hold(std::span<const std::byte> bytes) const override;
     std::vector<std::string> older_than(system_clock::time_point time) const override;
     bool remove_older(const std::string& sha256, system_clock::time_point time) override;
     void put_copy(const std::string& sha256, std::string_view name,
@@ -299,6 +300,14 @@ bool FileBlobStore::remove_older(const std::string& sha256, system_clock::time_p
     const std::lock_guard verified_lock(verified_mutex_);
     verified_.erase(sha256);
     return true;
+}
+
+std::shared_ptr<const BlobReader> FileBlobStore::hold(std::span<const std::byte> bytes) const {
+    const TemporaryName temporary(temporary_folder());
+    FileDescriptor fd = open_file(temporary.path(), O_RDWR | O_CREAT | O_EXCL);
+    if (!fd) throw_errno("cannot create", temporary.path());
+    write_all(fd, bytes, temporary.path());
+    return std::make_shared<FileBlobReader>(std::move(fd), bytes.size(), temporary.path());
 }
 
 void FileBlobStore::put_copy(const std::string& sha256, std::string_view name,

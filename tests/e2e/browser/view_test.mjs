@@ -95,6 +95,7 @@ await run({
         const pyramid = await settledPyramid(page, torusPyramid);
         await rest(page);
         await save(page, 'dark');
+        assert.equal(await page.locator('#color').inputValue(), 'clay');  // not what was chosen for the cloud before
         const { levels } = await manifestOf(pyramid);
         await shows(page, levels.at(-1).points);
         const lit = await litShare(page);
