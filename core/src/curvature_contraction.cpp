@@ -86,7 +86,7 @@ ContractionSnapshot contracted(ContractionSnapshot&& found, float scale, std::ui
     hold_curved(samples, found.survivor_of.size(), context);
     ContractionSnapshot result;
     // Their largest coordinate can be smaller than that of the input.
-    const auto larger = static_cast<float>(contraction_scale(samples.positions));
+    const auto larger = static_cast<float>(contraction_scale(samples.positions, context));
     for (Vec3f& p : samples.positions) p *= larger;
     for (StoredQuadric& q : samples.quadrics) {
         q.x *= larger;
@@ -144,7 +144,7 @@ void contract_by_curvature(std::span<const Vec3f> positions, std::span<const std
     for (const std::uint64_t count : counts)
         sample_counts.push_back(
             std::min<std::uint64_t>(positions.size(), kSamplesPerSurvivor * count));
-    const auto scale = static_cast<float>(contraction_scale(positions));
+    const auto scale = static_cast<float>(contraction_scale(positions, context));
     const RunContext silent{context.stop, {}, context.threads};
     std::size_t at = 0;
     contract(
