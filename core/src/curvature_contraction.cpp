@@ -13,7 +13,7 @@
 // the mean curvature and s the distance of the points. Of all ways to spread a number of points,
 // one whose density goes as the square root of |H| has the least of that on average; and points
 // that minimise the sum of w d^2 have a density that goes as the square root of w (Gersho 1979).
-// Planes and greedy contraction even points out, so that w goes as H^2 here.
+// Here, where planes count too and contraction is greedy, w = H^2 was found to do better than |H|.
 
 namespace stipple {
 
@@ -22,6 +22,7 @@ namespace {
 constexpr std::size_t kBlock = 512;
 constexpr std::uint64_t kSamplesPerSurvivor = 8;
 constexpr unsigned kNeighbors = 12, kRelaxations = 1;
+constexpr double kProgressToSamples = 0.8;
 
 /// The weight of the squared distance to a sample, as a part of that of its planes, where the
 /// surface bends as it does on average; and the most it can be.
@@ -152,7 +153,7 @@ void contract_by_curvature(std::span<const Vec3f> positions, std::span<const std
         [&](ContractionSnapshot&& samples) {
             on_snapshot(contracted(std::move(samples), scale, counts[at++], options.k, silent));
         },
-        context);
+        context.part(0, kProgressToSamples));
 }
 
 }  // namespace stipple
