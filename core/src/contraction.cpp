@@ -510,15 +510,17 @@ ContractionSnapshot Engine::snapshot() const {
     const bool ends = options_.placement == Placement::EndPoint;
     ContractionSnapshot s;
     std::vector<Index> number(slots_, kNone);
-    for (Index i = 0; i < slots_; ++i) {
-        if (!is_live(i)) continue;
-        number[i] = static_cast<Index>(s.positions.size());
-        s.positions.push_back(records()[i].position / static_cast<float>(scale_));
-        if (ends)
-            s.samples.push_back(order_[place(i)]);
-        else
-            s.quadrics.push_back(records()[i].quadric);
-    }
+    for_blocks_in_order(slots_, context_, [&](std::size_t begin, std::size_t end) {
+        for (auto i = static_cast<Index>(begin); i < end; ++i) {
+            if (!is_live(i)) continue;
+            number[i] = static_cast<Index>(s.positions.size());
+            s.positions.push_back(records()[i].position / static_cast<float>(scale_));
+            if (ends)
+                s.samples.push_back(order_[place(i)]);
+            else
+                s.quadrics.push_back(records()[i].quadric);
+        }
+    });
     s.survivor_of.resize(order_.size());
     for_places(
         [&](std::size_t place) { s.survivor_of[order_[place]] = number[root(slot_at(place))]; });
