@@ -13,7 +13,7 @@
 // the mean curvature and s the distance of the points. Of all ways to spread a number of points,
 // one whose density goes as the square root of |H| has the least of that on average; and points
 // that minimise the sum of w d^2 have a density that goes as the square root of w (Gersho 1979).
-// Planes and greedy contraction even points out, so that w goes as H^2 here.
+// Here, where planes count too and contraction is greedy, w = H^2 was found to do better than |H|.
 
 namespace stipple {
 
@@ -22,6 +22,7 @@ namespace {
 constexpr std::size_t kBlock = 512;
 constexpr std::uint64_t kSamplesPerSurvivor = 8;
 constexpr unsigned kNeighbors = 12, kRelaxations = 1;
+constexpr double kProgressToSamples = 0.8;
 
 /// The weight of the squared distance to a sample, as a part of that of its planes, where the
 /// surface bends as it does on average; and the most it can be.
@@ -57,10 +58,12 @@ void hold_curved(SharedSamples& samples, std::size_t input, const RunContext& co
     const std::size_t n = samples.positions.size();
     const Bends bends = bends_of(samples.positions, context);
     double bent = 0, area = 0;
-    for (std::size_t i = 0; i < n; ++i) {
-        bent += static_cast<double>(bends.areas[i] * bends.curvatures[i]);
-        area += static_cast<double>(bends.areas[i]);
-    }
+    for_blocks_in_order(n, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+            bent += static_cast<double>(bends.areas[i] * bends.curvatures[i]);
+            area += static_cast<double>(bends.areas[i]);
+        }
+    });
     if (!(area > 0)) return;
     constexpr double kFlat = 0.01;  // of samples whose size is about 1: less is rounding
     const auto per_mean = static_cast<float>(1 / (bent / area + kFlat));
@@ -78,28 +81,38 @@ void hold_curved(SharedSamples& samples, std::size_t input, const RunContext& co
     });
 }
 
+void multiply(std::vector<Vec3f>& points, float factor, const RunContext& context) {
+    parallel_for_blocks(points.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) points[i] *= factor;
+    });
+}
+
 /// @param scale  at which the samples' quadrics are.
 ContractionSnapshot contracted(ContractionSnapshot&& found, float scale, std::uint64_t count,
                                unsigned k, const RunContext& context) {
     SharedSamples samples{std::move(found.positions), std::move(found.quadrics), {}};
-    for (Vec3f& p : samples.positions) p *= scale;
+    multiply(samples.positions, scale, context);
     hold_curved(samples, found.survivor_of.size(), context);
     ContractionSnapshot result;
     // Their largest coordinate can be smaller than that of the input.
     const auto larger = static_cast<float>(contraction_scale(samples.positions, context));
-    for (Vec3f& p : samples.positions) p *= larger;
-    for (StoredQuadric& q : samples.quadrics) {
-        q.x *= larger;
-        q.y *= larger;
-        q.z *= larger;
-        q.c *= larger * larger;
-    }
+    multiply(samples.positions, larger, context);
+    parallel_for_blocks(samples.quadrics.size(), kBlock, context,
+                        [&](std::size_t begin, std::size_t end) {
+                            for (std::size_t i = begin; i < end; ++i) {
+                                StoredQuadric& q = samples.quadrics[i];
+                                q.x *= larger;
+                                q.y *= larger;
+                                q.z *= larger;
+                                q.c *= larger * larger;
+                            }
+                        });
     contract(
         samples.positions, samples.quadrics, std::span(&count, 1), {.k = k},
         [&](ContractionSnapshot&& s) { result = std::move(s); }, context);
     samples.survivor_of = std::move(result.survivor_of);
     relax(samples, result.positions, kRelaxations, context);
-    for (Vec3f& p : result.positions) p /= larger * scale;
+    multiply(result.positions, 1 / (larger * scale), context);
     result.survivor_of = std::move(found.survivor_of);
     for_blocks_in_order(result.survivor_of.size(), context,
                         [&](std::size_t begin, std::size_t end) {
@@ -152,7 +165,7 @@ void contract_by_curvature(std::span<const Vec3f> positions, std::span<const std
         [&](ContractionSnapshot&& samples) {
             on_snapshot(contracted(std::move(samples), scale, counts[at++], options.k, silent));
         },
-        context);
+        context.part(0, kProgressToSamples));
 }
 
 }  // namespace stipple

@@ -26,7 +26,7 @@ namespace {
 /// fitted to.
 constexpr unsigned kFits = 2, kFitted = 4;
 
-/// Points lie close where the surface bends, so that there is more to spoil.
+/// So that what closer points gain is shared between the linear and the quadratic surface.
 constexpr float kClose = 0.63F;
 
 /// The samples of each survivor, in their order.

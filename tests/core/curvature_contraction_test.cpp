@@ -35,8 +35,8 @@ TEST(Bends, AreNoneOnAPlaneAndInASaddle) {
     std::vector<Vec3f> saddle;
     for (int i = -20; i <= 20; ++i)
         for (int j = -20; j <= 20; ++j)
-            saddle.emplace_back(0.05F * static_cast<float>(i), 0.05F * static_cast<float>(j),
-                                0.00125F * static_cast<float>(i * i - j * j));
+            saddle.emplace_back(0.01F * static_cast<float>(i), 0.01F * static_cast<float>(j),
+                                0.00005F * static_cast<float>(i * i - j * j));
     const double unit = median(bends_of(sphere(5000, 1, Vec3f::Zero()), {}).curvatures);
     EXPECT_LT(median(bends_of(saddle, {}).curvatures), 0.1 * unit);
 }
