@@ -1,5 +1,6 @@
 #include "particle_tree.hpp"
 
+#include "first_touch.hpp"
 #include "float4.hpp"
 #include "parallel_for.hpp"
 
@@ -21,9 +22,10 @@ Float4 gap(float low, float high, const float* lows, const float* highs) noexcep
 
 ParticleTree::ParticleTree(std::span<const Vec3f> positions, std::span<const float> reach,
                            const RunContext& context)
-    : size_(positions.size()), leaves_((positions.size() + kWidth - 1) / kWidth) {
+    : size_(positions.size()) {
     constexpr std::size_t kBlock = 2'048;
     const auto nodes_over = [](std::size_t n) { return (n + kWidth - 1) / kWidth; };
+    resize_in_blocks(leaves_, nodes_over(size_), context);
     parallel_for_blocks(leaves_.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t l = begin; l < end; ++l) {
             for (std::size_t lane = 0; lane < kWidth; ++lane) {
