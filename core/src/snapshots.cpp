@@ -5,6 +5,8 @@
 #include "stipple/error_bounded.hpp"
 #include "stipple/iterative_simplification.hpp"
 
+#include <numeric>
+#include <utility>
 #include <vector>
 
 namespace stipple {
@@ -47,9 +49,13 @@ void make_snapshots(const PointCloud& cloud, const SimplifyOptions& options,
     }
     SimplifyOptions one = options;
     one.ratio = one.max_error_rel = one.max_error = std::nullopt;
+    const auto all =
+        static_cast<double>(std::accumulate(sizes.begin(), sizes.end(), std::uint64_t{0}));
+    double done = 0;  // the time that a simulation takes grows with its points
     for (const std::uint64_t size : sizes) {
         one.points = size;
-        on_cloud(simplify(cloud, one, context));
+        const double before = std::exchange(done, done + static_cast<double>(size) / all);
+        on_cloud(simplify(cloud, one, context.part(before, done)));
     }
 }
 

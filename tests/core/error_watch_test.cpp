@@ -34,6 +34,19 @@ TEST(ErrorWatch, KnowsAfterAChangeWhatItWouldFindAnew) {
     EXPECT_LT(watch.max(), 0.04);
 }
 
+TEST(ErrorWatch, LooksCloserOnceNothingIsTooFar) {
+    const ProbedSurface surface(sphere(2'000).positions, {});
+    const std::vector<Vec3f> places(surface.points().begin(), surface.points().end());
+    const std::vector<Vec3f> points = simplified_sphere(60);
+    ErrorWatch first(surface, places, 0.02);
+    first.look_at(points, {});
+    const double margin = 1.01 * first.max();  // all is within it, if only just
+    EXPECT_FALSE(first.places_too_far().empty());
+    ErrorWatch just(surface, places, margin);
+    just.look_at(points, {});
+    EXPECT_GT(just.max(), first.max());
+}
+
 TEST(ErrorWatch, FindsNothingBetweenASurfaceAndItself) {
     const std::vector<Vec3f> points = sphere(500).positions;
     const ProbedSurface surface(points, {});
