@@ -57,6 +57,8 @@ await run({
         await page.waitForFunction(() => document.getElementById('color').value === 'distance');
         await rest(page);
         await save(page, 'error-map');
+        assert.ok(parseFloat(await page.locator('#legend-high').innerText()) > 0);
+        await page.keyboard.press('l');
     },
 
     async 'One point and a line are shown'() {
