@@ -35,6 +35,12 @@ export class LookCard {
         this.by = null;
     }
 
+    open() {
+        if (byId['look-card'].hidden) {
+            this.toggle();
+        }
+    }
+
     /** What the colours of a level stand for now. */
     colorOf(level) {
         const choices = this.choices(level).map(([value]) => value);

@@ -200,6 +200,9 @@ async function mapErrors() {
     try {
         const map = await startEvaluation(inputOf(session.job), session.shown.file.sha256);
         look.forgetColor();
+        if (!isPhone()) {
+            look.open();  // its legend says what the colours are
+        }
         open(map);
     } catch (error) {
         showProblem(error, 'The error could not be measured');
@@ -238,14 +241,15 @@ async function upload(file) {
     }
 }
 
+const isPhone = () => matchMedia('(max-width: 760px)').matches;
+
 /** Keeps the cloud in the middle of what the cards leave free. */
 function placeCloud() {
-    const isPhone = matchMedia('(max-width: 760px)').matches;
     const library_ = byId.library.getBoundingClientRect();
     const dock = byId.dock.getBoundingClientRect();
     const shown = byId.hud.hidden ? null : byId.hud.getBoundingClientRect();
     const look_ = byId['look-card'].hidden ? null : byId['look-card'].getBoundingClientRect();
-    stage.setInsets(isPhone
+    stage.setInsets(isPhone()
         ? { left: 0, right: 0, top: 48, bottom: innerHeight - (shown?.top ?? dock.top) }
         : { left: library_.right, right: look_ ? innerWidth - look_.left : 0, top: 0, bottom: shown ? innerHeight - shown.top : 0 });
 }

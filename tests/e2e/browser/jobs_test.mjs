@@ -1,13 +1,11 @@
-// Results of all kinds in the viewer of a real server: streams, tiles, simplified clouds, the smallest ones, and refusals.
+// Results of all kinds in the viewer of a real server: streams, tiles, simplified clouds, the smallest ones, and refused ones.
 //
 //     node jobs_test.mjs --bin build/dev/bin --modules FOLDER --artifacts FOLDER [--scale 1]
 import assert from 'node:assert/strict';
 
-import { Browser } from './browser.mjs';
 import { line, onePoint, truncated } from './clouds.mjs';
-import { startServer } from './server.mjs';
 import {
-    browser, choose, cloudOf, differenceOf, kTorusPoints, litShare, options, rest, restingPicture, run, save, scale, settledPyramid, shows,
+    browser, choose, cloudOf, differenceOf, kTorusPoints, litShare, rest, restingPicture, run, save, scale, settledPyramid, shows,
     startJob, torus, visit,
 } from './suite.mjs';
 
@@ -59,6 +57,8 @@ await run({
         await page.waitForFunction(() => document.getElementById('color').value === 'distance');
         await rest(page);
         await save(page, 'error-map');
+        assert.ok(parseFloat(await page.locator('#legend-high').innerText()) > 0);
+        await page.keyboard.press('l');
     },
 
     async 'One point and a line are shown'() {
@@ -99,30 +99,6 @@ await run({
         await colorsStandForHeight();
         await page.locator('#stage').dblclick({ position: { x: 640, y: 560 } });  // where only a part is seen
         await page.waitForFunction((all) => Number(document.getElementById('points').innerText.replaceAll(',', '')) < all, kTorusPoints);
-    },
-
-    async 'A server with keys asks for one, again after a wrong one, and then shows all'() {
-        const key = 'correct horse battery staple';
-        const keyed = await startServer(options.bin, { key });
-        const visitor = new Browser(browser.chromium, keyed.url);
-        visitor.refusalsExpected = true;
-        try {
-            const stranger = await visitor.open('/', { scale });
-            for (const [entry, reason] of [['wrong', 'an API key is needed'], [key, 'this API key is not known']]) {
-                await stranger.getByText(reason).waitFor();
-                await save(stranger, 'key');
-                await stranger.locator('#key').fill(entry);
-                await stranger.getByRole('button', { name: 'Continue' }).click();
-            }
-            await stranger.getByText('Drop a point cloud here').waitFor();
-            await choose(stranger, { name: 'line.ply', buffer: line(500) });
-            await settledPyramid(stranger);
-            await stranger.reload();
-            await settledPyramid(stranger);
-            assert.deepEqual(visitor.faults, []);
-        } finally {
-            await keyed.stop();
-        }
     },
 });
 

@@ -1,11 +1,15 @@
-// A cloud in the viewer of a real server: how it comes, what is seen of it, and what a person can do to the picture.
+// A cloud in the viewer of a real server: how it comes, what is seen of it, what a person can do to the picture, and
+// who is let in.
 //
 //     node view_test.mjs --bin build/dev/bin --modules FOLDER --artifacts FOLDER [--scan igea.ply] [--scale 1]
 import assert from 'node:assert/strict';
 
+import { Browser } from './browser.mjs';
+import { line } from './clouds.mjs';
+import { startServer } from './server.mjs';
 import {
-    browser, choose, differenceOf, kTorusPoints, litShare, manifestOf, rest, restingPicture, run, save, scale, scan, settledPyramid,
-    shareOf, shows, stageOf, torus,
+    browser, choose, differenceOf, kTorusPoints, litShare, manifestOf, options, rest, restingPicture, run, save, scale, scan,
+    settledPyramid, shareOf, shows, stageOf, torus,
 } from './suite.mjs';
 
 const page = await browser.open('/', { scale });
@@ -139,6 +143,30 @@ await run({
         assert.equal(await phone.evaluate(() => document.documentElement.scrollWidth), 390);
         await phone.locator('#grip').click();
         await phone.getByText('Add a point cloud').waitFor();
+    },
+
+    async 'A server with keys asks for one, again after a wrong one, and then shows all'() {
+        const key = 'correct horse battery staple';
+        const keyed = await startServer(options.bin, { key });
+        const visitor = new Browser(browser.chromium, keyed.url);
+        visitor.refusalsExpected = true;
+        try {
+            const stranger = await visitor.open('/', { scale });
+            for (const [entry, reason] of [['wrong', 'an API key is needed'], [key, 'this API key is not known']]) {
+                await stranger.getByText(reason).waitFor();
+                await save(stranger, 'key');
+                await stranger.locator('#key').fill(entry);
+                await stranger.getByRole('button', { name: 'Continue' }).click();
+            }
+            await stranger.getByText('Drop a point cloud here').waitFor();
+            await choose(stranger, { name: 'line.ply', buffer: line(500) });
+            await settledPyramid(stranger);
+            await stranger.reload();
+            await settledPyramid(stranger);
+            assert.deepEqual(visitor.faults, []);
+        } finally {
+            await keyed.stop();
+        }
     },
 });
 
