@@ -1,6 +1,7 @@
 #include "surface_probe.hpp"
 
 #include "error_samples.hpp"
+#include "parallel_for.hpp"
 #include "random.hpp"
 #include "worst_samples.hpp"
 
@@ -126,11 +127,14 @@ PlacesAround ProbedSurface::places_around(std::span<const Vec3f> centers, float 
         },
         context);
     std::vector<Vec3f> near(each * n);
-    for (std::size_t c = 0; c < n; ++c) {
-        const std::uint64_t name = name_of(centers[c]);
-        for (unsigned j = 0; j < each; ++j)
-            near[each * c + j] = centers[c] + spread * scales[c] * in_ball(seed, name + j);
-    }
+    constexpr std::size_t kBlock = 1'024;
+    parallel_for_blocks(n, kBlock, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t c = begin; c < end; ++c) {
+            const std::uint64_t name = name_of(centers[c]);
+            for (unsigned j = 0; j < each; ++j)
+                near[each * c + j] = centers[c] + spread * scales[c] * in_ball(seed, name + j);
+        }
+    });
     struct Found {
         Vec3f place;
         float reach;
