@@ -79,8 +79,9 @@ TEST(ClusterTree, TellsHowFarItIs) {
     const std::vector<Vec3f> points =
         test::sphere(600'000).positions;  // more than are split at once
     std::vector<double> told;
+    // On one thread: of several, the calling one alone tells.
     const RunContext context{.progress = [&](double fraction) { told.push_back(fraction); },
-                             .threads = 2};
+                             .threads = 1};
     ClusterTree(points).cut(10'000, context);
     EXPECT_TRUE(std::ranges::is_sorted(told));
     EXPECT_LT(told.front(), 0.1);
