@@ -41,6 +41,13 @@ TEST(Units, ShowMeasuredValuesWithThreeDigits) {
     EXPECT_EQ(three_digits(15'432), "1.54e+04");
 }
 
+TEST(Units, CountOneThingAsOne) {
+    EXPECT_EQ(counted(1, "point"), "1 point");
+    EXPECT_EQ(counted(0, "point"), "0 points");
+    EXPECT_EQ(counted(435'545, "point"), "435,545 points");
+    EXPECT_EQ(counted(2, "try", "tries"), "2 tries");
+}
+
 TEST(Units, ShowSharesWithoutFalsePrecision) {
     EXPECT_EQ(readable_share(5000, 435'545), "1.1 %");
     EXPECT_EQ(readable_share(1, 4), "25 %");
