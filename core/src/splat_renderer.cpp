@@ -23,6 +23,8 @@ namespace stipple {
 namespace {
 
 constexpr std::size_t kBandRows = 32;              // of samples; a thread draws a band at a time
+constexpr std::size_t kBlock = 65'536;             // points of which a thread finds the bounds
+constexpr std::size_t kStep = 16'384;              // samples drawn between looks at the stop token
 constexpr float kRimSq = 0.8F, kRimShade = 0.55F;  // of `SplatStyle::Discs`
 constexpr float kFar = std::numeric_limits<float>::infinity();
 constexpr double kLeastRadiusSq = 0.75;  // in samples: a disc smaller than this is drawn that large
@@ -58,14 +60,19 @@ void check(const ViewOptions& view) {
             "margin " + std::to_string(view.margin) + ": expected 0..0.45");
 }
 
-/// Bounds of the picture of the points, on the plane at depth 1 or orthographic.
-Eigen::AlignedBox2d picture_of(std::span<const Vec3f> points, const Camera& camera) {
-    Eigen::AlignedBox2d box;
-    for (const Vec3f& p : points) {
-        const Vec3d q = seen(camera, p.cast<double>());
-        box.extend(Eigen::Vector2d(q.head<2>() / (camera.perspective ? q.z() : 1.0)));
-    }
-    return box;
+/// The box around what `place` makes of each point.
+template <typename Place>
+auto bounds_of(std::span<const Vec3f> points, const RunContext& context, Place&& place) {
+    using Placed = decltype(place(points.front()));
+    using Box = Eigen::AlignedBox<typename Placed::Scalar, Placed::RowsAtCompileTime>;
+    std::vector<Box> boxes((points.size() + kBlock - 1) / kBlock);
+    parallel_for_blocks(points.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+        Box& box = boxes[begin / kBlock];
+        for (std::size_t i = begin; i < end; ++i) box.extend(place(points[i]));
+    });
+    Box all;
+    for (const Box& box : boxes) all.extend(box);
+    return all;
 }
 
 // -------------------------------------------------------------------------------------- the discs
@@ -230,13 +237,15 @@ Bands sort_into_bands(const Scene& scene, std::size_t n, const RunContext& conte
     const std::size_t rows = static_cast<std::size_t>(scene.raster().height);
     bands.offsets.assign((rows + kBandRows - 1) / kBandRows + 1, 0);
     const auto for_each_band = [&](auto&& body) {
-        for (std::size_t i = 0; i < n; ++i) {
-            const Extent& e = bands.extents[i];
-            if (e.right < e.left || e.bottom < e.top) continue;
-            for (auto b = static_cast<std::size_t>(e.top) / kBandRows;
-                 b <= static_cast<std::size_t>(e.bottom) / kBandRows; ++b)
-                body(b, static_cast<Index>(i));
-        }
+        for_blocks_in_order(n, context, [&](std::size_t begin, std::size_t end) {
+            for (std::size_t i = begin; i < end; ++i) {
+                const Extent& e = bands.extents[i];
+                if (e.right < e.left || e.bottom < e.top) continue;
+                for (auto b = static_cast<std::size_t>(e.top) / kBandRows;
+                     b <= static_cast<std::size_t>(e.bottom) / kBandRows; ++b)
+                    body(b, static_cast<Index>(i));
+            }
+        });
     };
     for_each_band([&](std::size_t b, Index) { ++bands.offsets[b + 1]; });
     for (std::size_t b = 1; b < bands.offsets.size(); ++b) bands.offsets[b] += bands.offsets[b - 1];
@@ -255,10 +264,17 @@ void draw_band(const Scene& scene, const SplatRenderOptions& options, const Band
     const int bottom = top + static_cast<int>(kBandRows) - 1;
     const bool smooth = options.style == SplatStyle::Smooth;
 
-    std::size_t steps = 0;
+    std::size_t drawn = 0;
     const auto for_each_disc = [&](auto&& body) {
         for (const Index i : splats) {
-            if (++steps % 4096 == 0) context.throw_if_stopped();
+            const Extent& e = bands.extents[i];
+            const int rows = std::min(e.bottom, bottom) - std::max(e.top, top) + 1;
+            drawn +=
+                static_cast<std::size_t>(rows) * static_cast<std::size_t>(e.right - e.left + 1);
+            if (drawn >= kStep) {
+                context.throw_if_stopped();
+                drawn = 0;
+            }
             body(i, scene.disc(i));
         }
     };
@@ -497,14 +513,23 @@ void check(std::size_t n, const Splats& splats, std::span<const Rgba8> colors,
 
 }  // namespace
 
-Camera fit_camera(std::span<const Vec3f> points, const ViewOptions& view, double aspect) {
+Eigen::AlignedBox2d picture_bounds(std::span<const Vec3f> points, const Camera& camera,
+                                   const RunContext& context) {
+    return bounds_of(points, context, [&](const Vec3f& p) -> Eigen::Vector2d {
+        const Vec3d q = seen(camera, p.cast<double>());
+        return q.head<2>() / (camera.perspective ? q.z() : 1.0);
+    });
+}
+
+Camera fit_camera(std::span<const Vec3f> points, const ViewOptions& view, double aspect,
+                  const RunContext& context) {
     require(!points.empty(), "points: none to look at");
     require(aspect > 0 && std::isfinite(aspect),
             "aspect " + std::to_string(aspect) + ": expected more than 0");
     check(view);
     Camera camera = axes(view);
-    Eigen::AlignedBox3d box;
-    for (const Vec3f& p : points) box.extend(p.cast<double>());
+    const auto box =
+        bounds_of(points, context, [](const Vec3f& p) -> Vec3d { return p.cast<double>(); });
     const double size = std::max(box.diagonal().norm(), 1e-30);
     const double fill = 1 - 2 * view.margin;
     camera.half_height = camera.perspective ? std::tan(0.5 * view.field_of_view_rad) : 1;
@@ -513,21 +538,20 @@ Camera fit_camera(std::span<const Vec3f> points, const ViewOptions& view, double
     // Moves sideways until the picture is in the middle and, in perspective, along the axis until
     // it fills the frame: each step nearly undoes what the other left.
     for (int i = 0; i < 8; ++i) {
-        const Eigen::AlignedBox2d picture = picture_of(points, camera);
+        const Eigen::AlignedBox2d picture = picture_bounds(points, camera, context);
         const double depth =
             camera.perspective ? (box.center() - camera.eye).dot(camera.forward) : 1;
         camera.eye +=
             depth * (picture.center().x() * camera.right + picture.center().y() * camera.up);
         if (!camera.perspective) continue;
-        double closer = std::numeric_limits<double>::infinity();
-        for (const Vec3f& p : points) {
+        const auto spare = bounds_of(points, context, [&](const Vec3f& p) {
             const Vec3d q = seen(camera, p.cast<double>());
             const double need = std::max(std::abs(q.x()) / aspect, std::abs(q.y())) / fov_scale;
-            closer = std::min(closer, q.z() - need);
-        }
-        camera.eye += closer * camera.forward;
+            return Eigen::Matrix<double, 1, 1>(q.z() - need);
+        });
+        camera.eye += spare.min().x() * camera.forward;
     }
-    const Eigen::Vector2d half = 0.5 * picture_of(points, camera).sizes();
+    const Eigen::Vector2d half = 0.5 * picture_bounds(points, camera, context).sizes();
     if (!camera.perspective)
         camera.half_height = std::max({half.x() / aspect, half.y(), 1e-30}) / fill;
     return camera;
@@ -540,8 +564,7 @@ Image render_splats(std::span<const Vec3f> positions, const Splats& splats,
     const Scene scene(positions, splats, colors, camera, options);
     const Samples samples = draw(scene, positions.size(), options, context);
     context.checkpoint(0.6);
-    Eigen::AlignedBox3f box;
-    for (const Vec3f& p : positions) box.extend(p);
+    const auto box = bounds_of(positions, context, [](const Vec3f& p) { return p; });
     const double reach = positions.empty() ? 1 : 0.06 * box.diagonal().norm();
     Image image = shade(scene.raster(), samples, options, reach, context);
     context.checkpoint(1);

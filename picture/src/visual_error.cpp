@@ -50,15 +50,10 @@ ViewOptions view_of(const std::string& name, char up) {
 }
 
 /// Width over height of what is seen, so that pictures have no idle margins.
-double aspect_of(std::span<const Vec3f> points, const ViewOptions& view) {
-    const Camera camera = fit_camera(points, view, 1.0);
-    Eigen::AlignedBox2d box;
-    for (const Vec3f& p : points) {
-        const Vec3d d = p.cast<double>() - camera.eye;
-        const double depth = d.dot(camera.forward);
-        box.extend(Eigen::Vector2d(d.dot(camera.right), d.dot(camera.up)) / depth);
-    }
-    const Eigen::Vector2d size = box.sizes();
+double aspect_of(std::span<const Vec3f> points, const ViewOptions& view,
+                 const RunContext& context) {
+    const Camera camera = fit_camera(points, view, 1.0, context);
+    const Eigen::Vector2d size = picture_bounds(points, camera, context).sizes();
     return size.y() > 0 ? size.x() / size.y() : 1.0;
 }
 
@@ -133,33 +128,32 @@ Picture draw_visual_error(std::span<const VisualError> candidates,
                           const VisualErrorOptions& options, const RunContext& context) {
     if (candidates.empty() || options.views.empty())
         throw Error(ErrorCode::InvalidArgument, "picture: expected a candidate and a view");
+    const RunContext quiet{context.stop, {}, context.threads};
     const std::span<const Vec3f> first = candidates.front().samples->positions;
-    std::vector<ViewOptions> views;
     double aspect = 0;
-    for (const std::string& name : options.views) {
-        views.push_back(view_of(name, options.up));
-        aspect = std::max(aspect, aspect_of(first, views.back()));
-    }
+    for (const std::string& name : options.views)
+        aspect = std::max(aspect, aspect_of(first, view_of(name, options.up), quiet));
     const Layout layout = lay_out(candidates, options, aspect);
+    std::vector<Camera> cameras;  // of all candidates the same, so that pictures can be compared
+    for (const std::string& name : options.views)
+        cameras.push_back(fit_camera(first, view_of(name, options.up),
+                                     layout.tile_width / layout.tile_height, quiet));
     const SplatRenderOptions rendering{.width = static_cast<unsigned>(layout.tile_width),
                                        .height = static_cast<unsigned>(layout.tile_height),
                                        .style = SplatStyle::Smooth,
                                        .radius_scale = 1.5,
                                        .relief = 0.5};
     Sheet sheet(static_cast<unsigned>(layout.width()), static_cast<unsigned>(layout.height()));
-    const double all = static_cast<double>(candidates.size() * views.size());
+    const double all = static_cast<double>(candidates.size() * cameras.size());
     double done = 0;
     for (std::size_t c = 0; c < candidates.size(); ++c) {
         const PointCloud& samples = *candidates[c].samples;
-        const Splats splats = measure_splats(samples.positions, {.normals = true},
-                                             {context.stop, {}, context.threads});
-        for (std::size_t v = 0; v < views.size(); ++v) {
-            const Camera camera =
-                fit_camera(first, views[v], layout.tile_width / layout.tile_height);
+        const Splats splats = measure_splats(samples.positions, {.normals = true}, quiet);
+        for (std::size_t v = 0; v < cameras.size(); ++v) {
             const std::size_t column = layout.is_compared ? c : v % layout.columns;
             const std::size_t row = layout.is_compared ? v : v / layout.columns;
-            sheet.put(render_splats(samples.positions, splats, samples.colors, camera, rendering,
-                                    context.part(done / all, (done + 1) / all)),
+            sheet.put(render_splats(samples.positions, splats, samples.colors, cameras[v],
+                                    rendering, context.part(done / all, (done + 1) / all)),
                       layout.left(column), layout.top(row));
             sheet.text(options.views[v], layout.left(column) + 0.5 * layout.tile_width,
                        layout.top(row) + layout.tile_height + kNote + 2, kNote, Align::Center);

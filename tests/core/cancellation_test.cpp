@@ -7,6 +7,7 @@
 #include "stipple/error_bounded.hpp"
 #include "stipple/lod_pyramid.hpp"
 #include "stipple/simplify.hpp"
+#include "stipple/splat_renderer.hpp"
 #include "stipple/surface_attributes.hpp"
 #include "stipple/surface_error.hpp"
 #include "support/support.hpp"
@@ -53,6 +54,14 @@ const Operation kOperations[] = {
      [](const RunContext& c) {
          PointCloud cloud = scan();
          add_splats(cloud, SplatAttributes::Ellipse, c);
+     }},
+    {"FitCameraAndRenderSplats",
+     [](const RunContext& c) {
+         const PointCloud cloud = scan();
+         const Splats splats = measure_splats(cloud.positions, {.normals = true}, c.part(0, 0.3));
+         const Camera camera = fit_camera(cloud.positions, {}, 1.0, c.part(0.3, 0.4));
+         const SplatRenderOptions small{.width = 40, .height = 40};
+         render_splats(cloud.positions, splats, {}, camera, small, c.part(0.4, 1));
      }},
     {"Clean",
      [](const RunContext& c) {

@@ -4,6 +4,7 @@
 #include "stipple/run_context.hpp"
 #include "stipple/splats.hpp"
 
+#include <Eigen/Geometry>
 #include <span>
 #include <vector>
 
@@ -34,11 +35,18 @@ struct Camera {
     double half_height = 1;  ///< of the picture: at depth 1 in perspective, else in input units
 };
 
+/// Bounds of the picture of the points: to the right and up, on the plane at depth 1 in
+/// perspective, else in input units. O(N), on the threads of `context`.
+Eigen::AlignedBox2d picture_bounds(std::span<const Vec3f> points, const Camera& camera,
+                                   const RunContext& context = {});
+
 /// The camera in whose picture all of N >= 1 points are seen as large as they can be. Clouds shown
 /// by the same camera can be compared. @param aspect  width over height of the picture, > 0.
 ///
-/// @throws Error(InvalidArgument) for no points, or a view that is not one. O(N).
-Camera fit_camera(std::span<const Vec3f> points, const ViewOptions& view, double aspect);
+/// @throws Error(InvalidArgument) for no points, or a view that is not one; Cancelled. O(N), on the
+/// threads of `context`.
+Camera fit_camera(std::span<const Vec3f> points, const ViewOptions& view, double aspect,
+                  const RunContext& context = {});
 
 /// How discs become a surface.
 enum class SplatStyle {
