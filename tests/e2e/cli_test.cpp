@@ -322,6 +322,9 @@ TEST_F(StippleCli, UsageErrorsExitWithTwoAndNameTheRemedy) {
     EXPECT_NE(outcome.err.find("--points"), std::string::npos);
     EXPECT_EQ(stipple("simplify in.ply").exit_code, 2);
     EXPECT_EQ(stipple("simplify missing.ply out.ply -n 5").exit_code, 1);
+    const Outcome many = stipple("simplify in.ply out.ply -n 5 --threads 100000");
+    EXPECT_EQ(many.exit_code, 2);
+    EXPECT_NE(many.err.find("1024"), std::string::npos) << many.err;
 }
 
 TEST_F(StippleCli, AServerThatIsNotThereIsNamedWithTheRemedy) {

@@ -8,7 +8,8 @@ namespace {
 void add_common(CLI::App& command, Values& values) {
     command
         .add_option("--threads", values.common.threads, "threads of a local run; 0: one per core")
-        ->type_name("T");
+        ->type_name("T")
+        ->check(CLI::Range(0, 1024));
     command
         .add_option("--json", values.common.json,
                     "write the figures as JSON; - for standard output")
