@@ -7,6 +7,7 @@
 
 #include <unistd.h>
 #include <algorithm>
+#include <cctype>
 #include <charconv>
 #include <condition_variable>
 #include <fstream>
@@ -73,7 +74,7 @@ const std::string& checked_id(const std::string& id) {
     return id;
 }
 
-/// A cursor is opaque: whatever it holds is kept from being read as more of the query.
+/// Whatever it holds is kept from being read as more of the query.
 std::string query_escaped(const std::string& text) {
     static constexpr char kDigits[] = "0123456789ABCDEF";
     std::string escaped;
@@ -85,6 +86,13 @@ std::string query_escaped(const std::string& text) {
             escaped += {'%', kDigits[byte >> 4], kDigits[byte & 15]};
     }
     return escaped;
+}
+
+/// What a server takes as the name of a cloud: that of the file, without control characters.
+std::string cloud_name(const fs::path& file) {
+    std::string name = file.filename().string();
+    std::erase_if(name, [](char c) { return std::iscntrl(static_cast<unsigned char>(c)) != 0; });
+    return name;
 }
 
 bool ends_the_job(const EventStreamParser::Event& event) {
@@ -178,7 +186,8 @@ proto::CloudDocument Client::upload(const fs::path& file, const ByteProgress& pr
         stream.read(buffer, static_cast<std::streamsize>(room));
         return static_cast<std::size_t>(stream.gcount());
     };
-    const HttpReply reply = http.post("/v1/clouds", bytes, source);
+    const HttpReply reply =
+        http.post("/v1/clouds?name=" + query_escaped(cloud_name(file)), bytes, source);
     if (progress) progress(bytes, bytes);
     return proto::cloud_document_from_json(
         expect_ok(reply, implementation_->where("/v1/clouds")).body);

@@ -125,6 +125,7 @@ std::string to_json(const JobDocument& document) {
     add_time(json, "finished", document.finished);
     add_time(json, "updated", document.updated);
     json["request"] = request_json(document.request);
+    if (document.input_name) json["input_name"] = *document.input_name;
     json["levels_ready"] = document.levels_ready;
     json["links"] = links_json(document.links);
     if (document.problem) json["problem"] = problem_json(*document.problem);
@@ -148,6 +149,7 @@ JobDocument job_document_from_json(std::string_view text) {
     document.started = read_time(object, "started");
     document.finished = read_time(object, "finished");
     document.updated = read_time(object, "updated");
+    if (const auto name = object.find("input_name")) document.input_name = name->text();
     document.levels_ready = object["levels_ready"].small_integer();
     document.links = read_links(object["links"]);
     if (const auto problem = object.find("problem")) document.problem = read_problem(*problem);
@@ -217,8 +219,10 @@ CloudStatistics cloud_statistics_from_json(std::string_view text) {
 }
 
 std::string to_json(const CloudDocument& document) {
-    Json json = {
-        {"id", document.id}, {"format", to_string(document.format)}, {"bytes", document.bytes}};
+    Json json = {{"id", document.id}};
+    if (document.name) json["name"] = *document.name;
+    json["format"] = to_string(document.format);
+    json["bytes"] = document.bytes;
     add_time(json, "created", document.created);
     if (document.statistics) add_statistics(json, *document.statistics);
     json["links"] = links_json(document.links);
@@ -230,6 +234,7 @@ CloudDocument cloud_document_from_json(std::string_view text) {
     JsonObject object = json.object();
     CloudDocument document;
     document.id = object["id"].text();
+    if (const auto name = object.find("name")) document.name = name->text();
     document.format = object["format"].named(cloud_format_from_name);
     document.bytes = object["bytes"].integer();
     document.created = read_time(object, "created");

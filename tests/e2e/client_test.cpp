@@ -56,6 +56,7 @@ TEST_P(RealScan, GoesThroughUploadAndPyramidWithCountsColoursAndCoordinatesIntac
     const test::TemporaryFolder folder;
     Client client(server.url());
     const auto cloud = client.upload(*file);
+    EXPECT_EQ(cloud.name, file->filename().string());
     const auto job = client.wait(client.submit(pyramid_request(cloud.id)).id);
     ASSERT_EQ(job.status, proto::JobStatus::Successful) << (job.problem ? job.problem->detail : "");
 

@@ -75,12 +75,16 @@ TEST(Stippled, TurnsAnUploadIntoAPyramidWhoseBytesAreWhatTheManifestSays) {
     const HttpReply uploaded = request(server.port(), "POST", "/v1/clouds", bytes);
     EXPECT_EQ(uploaded.status, 201) << uploaded.body;
     EXPECT_EQ(uploaded.field("Location"), "/v1/clouds/" + hash_of(bytes));
-    EXPECT_EQ(request(server.port(), "POST", "/v1/clouds", bytes).status, 200);
+    const HttpReply again =
+        request(server.port(), "POST", "/v1/clouds?name=Caf%C3%A9+scan.ply", bytes);
+    EXPECT_EQ(again.status, 200);
+    EXPECT_EQ(Json::parse(again.body).at("name"), "Café scan.ply");
 
     const std::string id = submit(server, pyramid_of(hash_of(bytes)));
     const Json job = finished(server, id);
     ASSERT_EQ(job.at("status"), "successful") << job.dump();
     EXPECT_EQ(job.at("progress"), 100);
+    EXPECT_EQ(job.at("input_name"), "Café scan.ply");
 
     const Json manifest =
         Json::parse(request(server.port(), "GET", "/v1/pyramids/" + id + "/manifest.json").body);
@@ -413,6 +417,9 @@ TEST(Stippled, RefusesByAProblemThatSaysWhy) {
     EXPECT_EQ(ask("GET", "/v1/jobs?limit=0"), "invalid-argument");
     EXPECT_EQ(ask("GET", "/v1/jobs?status=odd"), "invalid-argument");
     EXPECT_EQ(ask("GET", "/v1/jobs?limit=1&limit=2"), "invalid-argument");
+    EXPECT_EQ(ask("POST", "/v1/clouds?title=scan", "ply"), "invalid-argument");
+    EXPECT_EQ(ask("POST", "/v1/clouds?name=", "ply"), "invalid-argument");
+    EXPECT_EQ(ask("POST", "/v1/clouds?name=a%0Ab", "ply"), "invalid-argument");
     EXPECT_EQ(ask("POST", "/v1/clouds", "neither"), "unsupported-format");
     EXPECT_EQ(ask("POST", "/v1/clouds", "\x1f\x8b packed"), "unsupported-format");
     EXPECT_EQ(ask("POST", "/v1/clouds", "ply" + std::string(2000, ' ')), "too-large");

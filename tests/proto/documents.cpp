@@ -85,6 +85,7 @@ proto::JobDocument failed_job() {
     proto::JobDocument document;
     document.id = std::string(32, 'b');
     document.request = simplify_request();
+    document.input_name = "scan.ply";
     document.status = proto::JobStatus::Failed;
     document.progress = 12.5;
     document.stage = "decode";
@@ -101,6 +102,7 @@ proto::JobDocument failed_job() {
 
 proto::CloudDocument cloud_document() {
     return {.id = kInput,
+            .name = "scan.ply",
             .format = CloudFormat::Ply,
             .bytes = 12345,
             .created = "2026-01-02T03:04:05.678Z",

@@ -57,10 +57,13 @@ TEST(CloudDocument, TravelsAsTheGoldenFileSays) {
     EXPECT_EQ(to_json(cloud_document_from_json(text)), text);
 }
 
-TEST(CloudDocument, WithoutStatisticsTravelsToo) {
+TEST(CloudDocument, WithoutNameAndStatisticsTravelsToo) {
     CloudDocument document = test::cloud_document();
+    document.name.reset();
     document.statistics.reset();
-    EXPECT_FALSE(cloud_document_from_json(to_json(document)).statistics);
+    const CloudDocument back = cloud_document_from_json(to_json(document));
+    EXPECT_FALSE(back.name);
+    EXPECT_FALSE(back.statistics);
 }
 
 TEST(CloudStatistics, TravelWithoutBoundsWhenThereAreNoPoints) {

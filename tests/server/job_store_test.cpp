@@ -17,6 +17,7 @@ using proto::JobStatus;
 TEST_P(JobStoreContract, TakesACloudOncePerTenant) {
     const CloudRow row{.tenant = "ada",
                        .id = kHash,
+                       .name = {},
                        .format = CloudFormat::Draco,
                        .bytes = 42,
                        .created = {},
@@ -28,6 +29,24 @@ TEST_P(JobStoreContract, TakesACloudOncePerTenant) {
     EXPECT_EQ(found->format, CloudFormat::Draco);
     EXPECT_EQ(found->bytes, 42U);
     EXPECT_FALSE(found->statistics);
+    EXPECT_FALSE(found->name);
+}
+
+TEST_P(JobStoreContract, KeepsTheNameThatACloudWasGivenLast) {
+    CloudRow row{.tenant = "ada",
+                 .id = kHash,
+                 .name = "first",
+                 .format = CloudFormat::Ply,
+                 .bytes = 42,
+                 .created = {},
+                 .statistics = {}};
+    store_->put_cloud(row);
+    row.name = "second";
+    EXPECT_EQ(store_->put_cloud(row), Submitted::Existing);
+    row.name = {};
+    store_->put_cloud(row);
+    reopen();
+    EXPECT_EQ(store_->find_cloud("ada", kHash)->name, "second");
 }
 
 TEST_P(JobStoreContract, TellsTimesInUtcWithMilliseconds) {
@@ -307,6 +326,16 @@ void run_sql(const std::filesystem::path& file, const char* sql) {
     ASSERT_EQ(sqlite3_open(file.c_str(), &connection), SQLITE_OK);
     EXPECT_EQ(sqlite3_exec(connection, sql, nullptr, nullptr, nullptr), SQLITE_OK);
     sqlite3_close(connection);
+}
+
+TEST(SqliteJobStore, BringsADatabaseOfAnOlderVersionUpToDate) {
+    const TemporaryFolder folder;
+    const std::string cloud = put_cloud(*open_sqlite_job_store(folder / "jobs.sqlite"), "ada", "a");
+    run_sql(folder / "jobs.sqlite",
+            "ALTER TABLE clouds DROP COLUMN name; PRAGMA user_version = 1");  // as it was then
+    const auto store = open_sqlite_job_store(folder / "jobs.sqlite");
+    EXPECT_EQ(store->find_cloud("ada", cloud)->name, std::nullopt);
+    EXPECT_EQ(put_cloud(*store, "ada", "another").size(), 64U);
 }
 
 TEST(SqliteJobStore, RefusesADatabaseOfANewerVersion) {

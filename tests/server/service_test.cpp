@@ -22,10 +22,11 @@ const std::string kMissing(64, '0');
 
 class ServiceTest : public testing::Test {
 protected:
-    proto::CloudDocument upload(std::string_view bytes, const std::string& tenant = "ada") {
+    proto::CloudDocument upload(std::string_view bytes, const std::string& tenant = "ada",
+                                const std::optional<std::string>& name = {}) {
         const auto writer = service_.begin_upload();
         writer->write(bytes_of(bytes));
-        return service_.finish_upload(tenant, *writer, bytes_of(bytes), existed_);
+        return service_.finish_upload(tenant, *writer, bytes_of(bytes), name, existed_);
     }
     JobDocument submit_simplify() {
         return service_.submit("ada", simplify_request(upload(kPly).id), {}, existed_);
@@ -53,6 +54,14 @@ TEST_F(ServiceTest, KeepsAnUploadUnderTheHashOfItsBytes) {
     EXPECT_EQ(text_of(*service_.cloud_content("ada", cloud.id)), kPly);
     upload(kPly);
     EXPECT_TRUE(existed_);
+}
+
+TEST_F(ServiceTest, TellsTheNameOfACloudAndOfTheInputOfAJob) {
+    EXPECT_EQ(upload(kPly, "ada", "scan.ply").name, "scan.ply");
+    EXPECT_EQ(submit_simplify().input_name, "scan.ply") << "the upload without a name took it away";
+    EXPECT_EQ(upload(kPly, "bob").name, std::nullopt);
+    service_.remove_cloud("bob", upload(kPly, "bob", "another.ply").id);
+    EXPECT_EQ(submit_pyramid().input_name, "scan.ply");
 }
 
 TEST_F(ServiceTest, RefusesBytesThatAreNoCloud) {

@@ -36,6 +36,7 @@ inline std::string put_cloud(server::JobStore& jobs, const std::string& tenant,
     const std::string id = proto::sha256_hex(bytes_of(text));
     jobs.put_cloud({.tenant = tenant,
                     .id = id,
+                    .name = {},
                     .format = CloudFormat::Ply,
                     .bytes = text.size(),
                     .created = {},

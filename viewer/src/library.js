@@ -1,5 +1,4 @@
 import { isFinal, listClouds, listJobs } from './api.js';
-import { nameOf } from './cloud_names.js';
 import { byId, element } from './element.js';
 import * as format from './format.js';
 
@@ -39,7 +38,7 @@ export class Library {
 
     resultRow(job) {
         const cloud = this.clouds.find(({ id }) => id === inputOf(job));
-        const row = this.row(nameOf(inputOf(job)), resultNote(job, cloud), job.status === 'failed');
+        const row = this.row(titleOf(job), resultNote(job, cloud), job.status === 'failed');
         row.ariaCurrent = String(job.id === this.current);
         row.dataset.result = job.id;
         row.onclick = () => this.onResult(job);
@@ -48,7 +47,7 @@ export class Library {
 
     cloudRow(cloud) {
         const isBuilt = this.pyramidOf(cloud.id) !== undefined;
-        const row = this.row(nameOf(cloud.id), cloudNote(cloud), false);
+        const row = this.row(nameOf(cloud), cloudNote(cloud), false);
         row.title = isBuilt ? 'Show its pyramid' : 'Build its pyramid';
         row.onclick = () => this.onCloud(cloud);
         const more = element('button', { className: 'more', textContent: 'Process', title: 'Simplify, add points, analyse, or build another pyramid' });
@@ -75,6 +74,12 @@ function resultNote(job, cloud) {
 
 /** The cloud that a job is about. */
 export const inputOf = ({ request }) => request.input ?? request.reference;
+
+/** A cloud's id is the hash of its bytes: all that there is to call it by, where it was given no name. */
+export const nameOf = ({ id, name }) => name ?? `Cloud ${id.slice(0, 7)}`;
+
+/** What a result is called: as the cloud that it was made from. */
+export const titleOf = (job) => nameOf({ id: inputOf(job), name: job.input_name });
 
 /** Figures alone cannot be shown here, nor files in other formats, which jobs of other clients may have asked for. */
 function hasPicture({ type, request }) {

@@ -1,5 +1,4 @@
 import { askAhead, dismissJob, getBytes, isFinal, startEvaluation, startJob } from './api.js';
-import { nameOf, remember } from './cloud_names.js';
 import { colorize } from './coloring.js';
 import { Comparison } from './comparison.js';
 import { preloadDecoder } from './draco_levels.js';
@@ -7,7 +6,7 @@ import { byId, element } from './element.js';
 import * as format from './format.js';
 import { Hud } from './hud.js';
 import { JobForm } from './job_form.js';
-import { inputOf, Library, summaryOf } from './library.js';
+import { inputOf, Library, nameOf, summaryOf, titleOf } from './library.js';
 import { kMostWhole } from './level_loader.js';
 import { LookCard } from './look_card.js';
 import { showProblem } from './notices.js';
@@ -33,7 +32,7 @@ const stage = new Stage(byId.stage, { onPicture: (level) => session?.pictured(le
 const library = new Library({
     onResult: open,
     onCloud: openCloud,
-    onParameters: (cloud) => form.open({ cloud: cloud.id, name: nameOf(cloud.id) }),
+    onParameters: (cloud) => form.open({ cloud: cloud.id, name: nameOf(cloud) }),
 });
 const hud = new Hud({
     onLevel: (index) => session?.choose(index),
@@ -71,8 +70,8 @@ function open({ id, type }, { remembered = false } = {}) {
     session = new ResultSession({ id, type }, stage.panes[0], {
         dress,
         onJob: (job) => {
-            byId.title.textContent = nameOf(inputOf(job));
-            document.title = `${nameOf(inputOf(job))} – stipple`;
+            byId.title.textContent = titleOf(job);
+            document.title = `${titleOf(job)} – stipple`;
             hud.showJob(job);
             if (job.status === 'failed') {
                 showProblem(new Error(job.problem?.detail ?? 'the server gave no reason'), job.problem?.title);
@@ -169,7 +168,7 @@ function showComparison() {
     const others = library.jobs.filter(({ id, status }) => status === 'successful' && id !== session.id);
     comparison.showChoices([
         { label: 'The same result', choices: levels.map(({ level, points }) => ({ value: `level:${level}`, text: `Level ${level + 1}, ${format.compactCount(points)}` })) },
-        { label: 'Another result', choices: others.map((job) => ({ value: `result:${job.id}`, text: `${nameOf(inputOf(job))}: ${summaryOf(job)}` })) },
+        { label: 'Another result', choices: others.map((job) => ({ value: `result:${job.id}`, text: `${titleOf(job)}: ${summaryOf(job)}` })) },
     ], other ? `result:${other.id}` : `level:${right?.level}`);
 }
 
@@ -229,7 +228,6 @@ async function upload(file) {
             byId['upload-progress'].value = fraction;
             byId['upload-hint'].textContent = fraction < 1 ? `Sending ${file.name}, ${Math.round(100 * fraction)} %` : 'Storing';
         });
-        remember(cloud.id, file.name);
         look.forgetColor();
         await openCloud(cloud);
     } catch (error) {

@@ -18,7 +18,7 @@ export async function uploadCloud(file, onProgress) {
 function send(file, onProgress) {
     return new Promise((resolve, reject) => {
         const request = new XMLHttpRequest();
-        request.open('POST', '/v1/clouds');
+        request.open('POST', `/v1/clouds?name=${encodeURIComponent(file.name.replace(/\p{Cc}/gu, ''))}`);
         request.setRequestHeader('Content-Type', 'application/octet-stream');
         Object.entries(authorization()).forEach(([name, value]) => request.setRequestHeader(name, value));
         request.upload.onprogress = ({ loaded, total }) => onProgress(total > 0 ? loaded / total : 1);

@@ -59,8 +59,8 @@ public:
     Client(Client&&) noexcept;
     Client& operator=(Client&&) noexcept;
 
-    /// Sends a PLY or Draco file, streamed from the disk; nothing is sent when the server holds
-    /// these bytes already.
+    /// Sends a PLY or Draco file and its name, streamed from the disk; nothing is sent when the
+    /// server holds these bytes already.
     proto::CloudDocument upload(const std::filesystem::path& file,
                                 const ByteProgress& progress = {});
     proto::CloudDocument cloud(const std::string& id);

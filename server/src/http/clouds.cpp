@@ -45,7 +45,8 @@ void check_format(std::span<const std::byte> head) {
 
 }  // namespace
 
-proto::CloudDocument receive_cloud(Resources& resources, Request& request, bool& existed) {
+proto::CloudDocument receive_cloud(Resources& resources, Request& request,
+                                   const std::optional<std::string>& name, bool& existed) {
     check_length(request, resources.service.limits());
     const auto permit = resources.uploads.take();
     const auto upload = resources.service.begin_upload();
@@ -61,12 +62,14 @@ proto::CloudDocument receive_cloud(Resources& resources, Request& request, bool&
         upload->write(bytes);
     }
     check_format(head);
-    return resources.service.finish_upload(request.tenant, *upload, head, existed);
+    return resources.service.finish_upload(request.tenant, *upload, head, name, existed);
 }
 
 Reply upload_cloud(Resources& resources, Request& request) {
+    allow_query(request, {"name"});
+    const auto name = query_label(request, "name");
     bool existed = false;
-    const proto::CloudDocument cloud = receive_cloud(resources, request, existed);
+    const proto::CloudDocument cloud = receive_cloud(resources, request, name, existed);
     Reply reply = json_reply(existed ? 200 : 201, proto::to_json(cloud));
     reply.headers.set("Location", "/v1/clouds/" + cloud.id);
     return reply;

@@ -79,6 +79,19 @@ std::optional<bool> query_truth(const Request& request, std::string_view name) {
     return *text == "true";
 }
 
+std::optional<std::string> query_label(const Request& request, std::string_view name) {
+    constexpr std::size_t kMaxBytes = 1000;
+    auto text = request.query_value(name);
+    if (!text) return std::nullopt;
+    if (text->empty() || text->size() > kMaxBytes)
+        refuse(name, *text, "1.." + std::to_string(kMaxBytes) + " bytes");
+    const auto is_control = [](char c) {
+        return static_cast<unsigned char>(c) < 0x20 || c == 0x7F;
+    };
+    if (std::ranges::any_of(*text, is_control)) refuse(name, "...", "no control characters");
+    return text;
+}
+
 std::chrono::milliseconds query_wait(const Request& request, const Limits& limits,
                                      std::chrono::milliseconds otherwise) {
     const auto seconds = query_number(request, "wait");

@@ -28,6 +28,9 @@ std::optional<double> query_number(const Request& request, std::string_view name
 /// `true` or `false`.
 std::optional<bool> query_truth(const Request& request, std::string_view name);
 
+/// A few words for people: 1..1000 bytes without control characters.
+std::optional<std::string> query_label(const Request& request, std::string_view name);
+
 /// `wait` in seconds, capped by the limits.
 std::chrono::milliseconds query_wait(const Request& request, const Limits& limits,
                                      std::chrono::milliseconds otherwise);

@@ -24,26 +24,16 @@ struct Field {
     Kind kind;
 };
 constexpr std::array kJobFields = {
-    Field{"method", Kind::Text},
-    Field{"points", Kind::Count},
-    Field{"ratio", Kind::Number},
-    Field{"seed", Kind::Count},
-    Field{"max_error", Kind::Distance},
-    Field{"error", Kind::Truth},
-    Field{"splats", Kind::Text},
-    Field{"source_index", Kind::Truth},
-    Field{"oversampling", Kind::Number},
-    Field{"k", Kind::Count},
-    Field{"placement", Kind::Text},
-    Field{"max_displacement", Kind::Number},
-    Field{"color_weight", Kind::Number},
-    Field{"max_cluster_size", Kind::Count},
-    Field{"max_variation", Kind::Number},
-    Field{"representative", Kind::Text},
-    Field{"adaptivity", Kind::Number},
-    Field{"max_grading", Kind::Number},
-    Field{"max_iterations", Kind::Count},
-    Field{"tolerance", Kind::Number},
+    Field{"method", Kind::Text},          Field{"points", Kind::Count},
+    Field{"ratio", Kind::Number},         Field{"seed", Kind::Count},
+    Field{"max_error", Kind::Distance},   Field{"error", Kind::Truth},
+    Field{"splats", Kind::Text},          Field{"source_index", Kind::Truth},
+    Field{"oversampling", Kind::Number},  Field{"k", Kind::Count},
+    Field{"placement", Kind::Text},       Field{"max_displacement", Kind::Number},
+    Field{"color_weight", Kind::Number},  Field{"max_cluster_size", Kind::Count},
+    Field{"max_variation", Kind::Number}, Field{"representative", Kind::Text},
+    Field{"adaptivity", Kind::Number},    Field{"max_grading", Kind::Number},
+    Field{"max_iterations", Kind::Count}, Field{"tolerance", Kind::Number},
     Field{"voxel_size", Kind::Number},
 };
 constexpr std::array kDracoFields = {
@@ -134,7 +124,7 @@ Reply simplify(Resources& resources, Request& request) {
     proto::JobRequest wanted = read_query(request);
     const auto wait = query_wait(request, resources.service.limits(), kDefaultWait);
     bool existed = false;
-    wanted.input = receive_cloud(resources, request, existed).id;
+    wanted.input = receive_cloud(resources, request, std::nullopt, existed).id;
     const proto::JobDocument queued =
         resources.service.submit(request.tenant, wanted, std::nullopt, existed);
     const proto::JobDocument job = wait_for_job(resources, request, queued.id, wait);

@@ -4,8 +4,9 @@
 
 namespace stipple::server::http {
 
-/// Streams the body of a request into a cloud. Nothing is left of one that breaks off. @throws
-/// HttpError 411, 413, 415.
-proto::CloudDocument receive_cloud(Resources& resources, Request& request, bool& existed);
+/// Streams the body of a request into a cloud. Nothing is left of one that breaks off.
+/// @param name  as `Service::finish_upload` takes it. @throws HttpError 411, 413, 415.
+proto::CloudDocument receive_cloud(Resources& resources, Request& request,
+                                   const std::optional<std::string>& name, bool& existed);
 
 }  // namespace stipple::server::http

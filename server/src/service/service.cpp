@@ -58,6 +58,7 @@ proto::JobDocument with_links(proto::JobDocument job) {
 proto::CloudDocument document_of(CloudRow row) {
     const std::string self = "/v1/clouds/" + row.id;
     return {.id = row.id,
+            .name = std::move(row.name),
             .format = row.format,
             .bytes = row.bytes,
             .created = std::move(row.created),
@@ -99,7 +100,8 @@ std::unique_ptr<BlobWriter> Service::begin_upload() {
 }
 
 proto::CloudDocument Service::finish_upload(const std::string& tenant, BlobWriter& upload,
-                                            std::span<const std::byte> head, bool& existed) {
+                                            std::span<const std::byte> head,
+                                            const std::optional<std::string>& name, bool& existed) {
     if (upload.size() == 0) {
         throw Error(ErrorCode::UnsupportedFormat,
                     "the body is empty: expected the bytes of a PLY or Draco file");
@@ -114,6 +116,7 @@ proto::CloudDocument Service::finish_upload(const std::string& tenant, BlobWrite
     const std::string id = upload.commit();
     const Submitted submitted = jobs_.put_cloud({.tenant = tenant,
                                                  .id = id,
+                                                 .name = name,
                                                  .format = *format,
                                                  .bytes = bytes,
                                                  .created = {},

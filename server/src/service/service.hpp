@@ -48,9 +48,10 @@ public:
     /// An upload: write the bytes, then `finish_upload`.
     std::unique_ptr<BlobWriter> begin_upload();
     /// Refuses bytes that are neither PLY nor Draco by their first bytes (`head`). Durable when it
-    /// returns.
+    /// returns. @param name  for people; at most 1000 bytes, no control characters
     proto::CloudDocument finish_upload(const std::string& tenant, BlobWriter& upload,
-                                       std::span<const std::byte> head, bool& existed);
+                                       std::span<const std::byte> head,
+                                       const std::optional<std::string>& name, bool& existed);
     proto::CloudDocument cloud(const std::string& tenant, const std::string& id);
     std::vector<proto::CloudDocument> clouds(const std::string& tenant, unsigned limit,
                                              const std::optional<std::string>& cursor,

@@ -16,6 +16,7 @@ namespace stipple::server {
 
 struct CloudRow {
     std::string tenant, id;
+    std::optional<std::string> name;
     CloudFormat format = CloudFormat::Ply;
     std::uint64_t bytes = 0;
     std::string created;
@@ -60,6 +61,7 @@ public:
     virtual ~JobStore() = default;
 
     // Clouds.
+    /// Of one that is there already, a name takes the place of the one it had.
     virtual Submitted put_cloud(const CloudRow& row) = 0;
     virtual std::optional<CloudRow> find_cloud(const std::string& tenant,
                                                const std::string& id) = 0;

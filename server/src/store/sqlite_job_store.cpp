@@ -45,14 +45,16 @@ std::string time_text(const Rows& rows, int column) {
 // Columns as `document_of` reads them.
 const std::string kSelectJob =
     "SELECT id, request, status, stage, message, progress, created, started, finished, updated, "
-    "problem, (SELECT count(*) FROM levels WHERE job = jobs.row), row FROM jobs ";
+    "problem, (SELECT count(*) FROM levels WHERE job = jobs.row), "
+    "(SELECT name FROM clouds WHERE clouds.tenant = jobs.tenant AND clouds.id = jobs.input), row "
+    "FROM jobs ";
 const std::string kFindJob = kSelectJob + "WHERE tenant = ?1 AND id = ?2";
 const std::string kJobOfRow = kSelectJob + "WHERE row = ?1";
 const std::string kListJobs =
     kSelectJob +
     "WHERE tenant = ?1 AND row < ?2 AND (?3 IS NULL OR type = ?3) AND (?4 IS NULL OR status = ?4) "
     "AND (?5 IS NULL OR input = ?5) ORDER BY row DESC LIMIT ?6";
-constexpr int kJobRowColumn = 12;
+constexpr int kJobRowColumn = 13;
 
 JobDocument document_of(const Rows& rows) {
     JobDocument document;
@@ -70,25 +72,27 @@ JobDocument document_of(const Rows& rows) {
         document.problem = proto::problem_from_json(*problem);
     }
     document.levels_ready = static_cast<unsigned>(rows.count(11));
+    document.input_name = rows.maybe_text(12);
     return document;
 }
 
 // Columns as `cloud_of` reads them.
 const std::string kSelectCloud =
-    "SELECT tenant, id, format, bytes, created, statistics, row FROM clouds ";
+    "SELECT tenant, id, name, format, bytes, created, statistics, row FROM clouds ";
 const std::string kFindCloud = kSelectCloud + "WHERE tenant = ?1 AND id = ?2";
 const std::string kListClouds =
     kSelectCloud + "WHERE tenant = ?1 AND row < ?2 ORDER BY row DESC LIMIT ?3";
-constexpr int kCloudRowColumn = 6;
+constexpr int kCloudRowColumn = 7;
 
 CloudRow cloud_of(const Rows& rows) {
     CloudRow cloud{.tenant = rows.text(0),
                    .id = rows.text(1),
-                   .format = cloud_format_from_name(rows.text(2)),
-                   .bytes = rows.count(3),
-                   .created = time_text(rows, 4),
+                   .name = rows.maybe_text(2),
+                   .format = cloud_format_from_name(rows.text(3)),
+                   .bytes = rows.count(4),
+                   .created = time_text(rows, 5),
                    .statistics = {}};
-    if (const auto statistics = rows.maybe_text(5)) {
+    if (const auto statistics = rows.maybe_text(6)) {
         cloud.statistics = proto::cloud_statistics_from_json(*statistics);
     }
     return cloud;
@@ -163,10 +167,15 @@ Submitted SqliteJobStore::put_cloud(const CloudRow& row) {
         std::optional<std::string> statistics;
         if (row.statistics) statistics = to_json(*row.statistics);
         const std::int64_t added = writer_.run(
-            "INSERT INTO clouds (tenant, id, format, bytes, created, statistics) "
-            "VALUES (?1, ?2, ?3, ?4, ?5, ?6) ON CONFLICT DO NOTHING",
-            row.tenant, row.id, to_string(row.format), row.bytes, now_ms(), statistics);
-        return added == 1 ? Submitted::Created : Submitted::Existing;
+            "INSERT INTO clouds (tenant, id, name, format, bytes, created, statistics) "
+            "VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7) ON CONFLICT DO NOTHING",
+            row.tenant, row.id, row.name, to_string(row.format), row.bytes, now_ms(), statistics);
+        if (added == 1) return Submitted::Created;
+        if (row.name) {
+            writer_.run("UPDATE clouds SET name = ?1 WHERE tenant = ?2 AND id = ?3", row.name,
+                        row.tenant, row.id);
+        }
+        return Submitted::Existing;
     });
 }
 

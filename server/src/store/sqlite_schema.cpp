@@ -82,8 +82,10 @@ CREATE TABLE idempotency (
 CREATE INDEX idempotency_by_job ON idempotency (job);
 )sql";
 
+constexpr const char* kNamesOfClouds = "ALTER TABLE clouds ADD COLUMN name TEXT";
+
 /// Step n leads from schema n to n + 1. Steps that were released are never changed.
-constexpr std::array kSteps = {kFirstSchema};
+constexpr std::array kSteps = {kFirstSchema, kNamesOfClouds};
 
 std::size_t schema_version(Connection& connection) {
     Rows rows = connection.query("PRAGMA user_version");

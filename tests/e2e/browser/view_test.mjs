@@ -24,6 +24,7 @@ await run({
     async 'A chosen file becomes a pyramid that is shown coarse to fine'() {
         await choose(page, torus);
         torusPyramid = await settledPyramid(page);
+        assert.equal(await page.locator('#title').innerText(), torus.name);
         const { levels } = await manifestOf(torusPyramid);
         const finest = levels.at(-1);
         assert.ok(levels.length >= 2, `${levels.length} levels`);

@@ -26,11 +26,12 @@ struct Link {
 /// The job document (a superset of OGC `statusInfo`).
 ///
 ///     {"id", "type", "status", "progress": 0..100, "stage", "message", "created", "started", "finished", "updated",
-///      "request": {…}, "levels_ready": 2, "links": [{"rel": "self" | "results" | "events" | "pyramid", "href", "type"}],
+///      "request": {…}, "input_name": "scan.ply"?, "levels_ready": 2, "links": [{"rel": "self" | "results" | "events" | "pyramid", "href", "type"}],
 ///      "problem": {…} when failed}
 struct JobDocument {
     std::string id;  ///< 32 lower-case hexadecimal digits, drawn at random
     JobRequest request;
+    std::optional<std::string> input_name;  ///< of the cloud that is the input, while it is there
     JobStatus status = JobStatus::Accepted;
     double progress = 0;            ///< 0..100, never decreasing within an attempt
     std::string stage;              ///< queued, decode, clean, simplify, encode, done
@@ -43,7 +44,7 @@ struct JobDocument {
 std::string to_json(const JobDocument& document);
 JobDocument job_document_from_json(std::string_view json);
 
-/// The document of a cloud: {"id", "format", "bytes", "created", "points"?, "removed"?, "bounds"?, "attributes"?, "links"}. What stands after
+/// The document of a cloud: {"id", "name"?, "format", "bytes", "created", "points"?, "removed"?, "bounds"?, "attributes"?, "links"}. What stands after
 /// `created` is known once a job has decoded it.
 struct CloudAttribute {
     std::string name;  ///< `normal`, `color` or as in the file
@@ -62,6 +63,7 @@ struct CloudStatistics {
 };
 struct CloudDocument {
     std::string id;
+    std::optional<std::string> name;  ///< for people: that of the file, if it was told
     CloudFormat format = CloudFormat::Ply;
     std::uint64_t bytes = 0;
     std::string created;
