@@ -135,7 +135,7 @@ void run(const SynthesizeCommand& command, const Session& session) {
 
     const double seconds = seconds_between(start, Clock::now());
     if (!command.common.quiet)
-        std::cerr << session.terminal.style().strong(with_separators(cloud.size()) + " points")
+        std::cerr << session.terminal.style().strong(counted(cloud.size(), "point", "points"))
                   << " in " << readable_seconds(seconds) << ' ' << session.terminal.style().dot()
                   << ' ' << readable_bytes(fs::file_size(command.output)) << '\n';
     ordered_json figures;

@@ -121,8 +121,8 @@ void summarise(const EvaluateCommand& command, const proto::Results& results, do
                const Terminal& terminal) {
     const TextStyle& style = terminal.style();
     const bool one = results.levels.size() == 1;
-    std::cerr << style.strong(with_separators(results.source->points) + " points against " +
-                              (one ? with_separators(results.levels.front().points) + " points"
+    std::cerr << style.strong(counted(results.source->points, "point", "points") + " against " +
+                              (one ? counted(results.levels.front().points, "point", "points")
                                    : std::to_string(results.levels.size()) + " candidates"))
               << " in " << readable_seconds(seconds) << '\n';
     if (one)

@@ -93,8 +93,8 @@ void summarise(const PyramidCommand& command, const proto::Results& results, std
     const TextStyle& style = terminal.style();
     const std::string arrow = " " + std::string(style.arrow()) + " ";
     const std::size_t levels = results.levels.size();
-    std::cerr << style.strong(with_separators(results.source->points) + " points" + arrow +
-                              std::to_string(levels) + (levels == 1 ? " level" : " levels"))
+    std::cerr << style.strong(counted(results.source->points, "point", "points") + arrow +
+                              counted(levels, "level", "levels"))
               << " in " << readable_seconds(seconds) << ' ' << style.dot() << ' '
               << readable_bytes(fs::file_size(command.input)) << arrow << readable_bytes(bytes)
               << '\n';

@@ -14,10 +14,6 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::ordered_json;
 
-std::string counted(std::uint64_t count, const std::string& one, const std::string& many) {
-    return with_separators(count) + " " + (count == 1 ? one : many);
-}
-
 std::string joined(const std::vector<std::string>& parts, std::string_view separator) {
     std::string text;
     for (const std::string& part : parts)

@@ -67,7 +67,7 @@ void run(const SliceCommand& command, const Session& session) {
     const std::uint64_t bytes = fs::file_size(command.output);
     if (!command.common.quiet) {
         const TextStyle& style = session.terminal.style();
-        std::cerr << style.strong(with_separators(slice.points) + " points") << " of level "
+        std::cerr << style.strong(counted(slice.points, "point", "points")) << " of level "
                   << slice.level << " in " << readable_seconds(took.count()) << ' ' << style.dot()
                   << ' ' << readable_bytes(bytes);
         if (slice.error_mean)

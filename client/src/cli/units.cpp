@@ -37,6 +37,10 @@ std::string with_separators(std::uint64_t count) {
     return text;
 }
 
+std::string counted(std::uint64_t count, const std::string& one, const std::string& many) {
+    return with_separators(count) + " " + (count == 1 ? one : many);
+}
+
 std::string readable_bytes(std::uint64_t bytes) {
     static constexpr std::array<const char*, 5> kUnits = {" B", " kB", " MB", " GB", " TB"};
     auto value = static_cast<double>(bytes);
