@@ -370,6 +370,13 @@ TEST(CommandLine, ThreadsHaveALimit) {
               std::string::npos);
 }
 
+TEST(CommandLine, HelpOfACurveHasNoTargets) {
+    const std::string text = parsed<InfoCommand>({"curve", "--help"}).text;
+    EXPECT_NE(text.find("--representative"), std::string::npos);
+    EXPECT_EQ(text.find("--max-cluster-size"), std::string::npos);
+    EXPECT_EQ(text.find("--voxel-size"), std::string::npos);
+}
+
 TEST(CommandLine, HelpOfACommandShowsExamples) {
     for (const char* command :
          {"simplify", "upsample", "analyze", "pyramid", "inspect", "convert", "synthesize"}) {

@@ -418,6 +418,8 @@ CLI::App& add_curve(CLI::App& app, Values& values) {
     add_server(command, values);
     add_common(command, values);
     add_method_options(command, values.of_methods);
+    for (const char* target : {"--max-cluster-size", "--max-variation", "--voxel-size"})
+        command.get_option(target)->group("");  // refused: a curve is of counts
     command.footer(
         "Examples:\n"
         "  stipple curve scan.ply --plot curve.svg\n"
