@@ -183,8 +183,8 @@ ErrorBoundedCloud search_forest(const PointCloud& cloud, const SimplifyOptions& 
 
 void require_error_bounded(Method method) {
     if (std::ranges::find(kErrorBoundedMethods, method) != kErrorBoundedMethods.end()) return;
-    refuse("max_error: method " + std::string(to_string(method)) +
-           ": expected multiphase, hierarchical, iterative or particles for a bounded error");
+    refuse("method " + std::string(to_string(method)) +
+           ": expected multiphase, hierarchical, iterative or particles for max_error or a curve");
 }
 
 ErrorBoundedCloud simplify_within_error(const PointCloud& cloud, const SimplifyOptions& options,

@@ -39,6 +39,11 @@ struct Candidate {
     const PointCloud& cloud() const { return trimmed ? *trimmed : cut->cloud; }
 };
 
+/// As short as tells it apart, however small: 1e-09, 0.25.
+std::string number(double value) {
+    return std::isfinite(value) ? Json(value).dump() : std::to_string(value);
+}
+
 const OutputFile* find_ply(const OutputCloud& level) {
     const auto found = std::ranges::find(level.files, CloudFormat::Ply, &OutputFile::format);
     return found == level.files.end() ? nullptr : &*found;
@@ -240,10 +245,10 @@ private:
             if (points < 1 || (best && points <= static_cast<double>(best->cloud().size()))) break;
         }
         if (best) return std::move(*best);
-        throw Error(ErrorCode::InvalidArgument, "bytes " + std::to_string(*options_.bytes) + ": " +
-                                                    std::to_string(tried.cloud().size()) +
-                                                    " points of this pyramid take " +
-                                                    std::to_string(tried.bytes.size()));
+        throw Error(ErrorCode::InvalidArgument,
+                    "bytes " + std::to_string(*options_.bytes) + ": expected at least " +
+                        std::to_string(tried.bytes.size()) + ", for points " +
+                        std::to_string(tried.cloud().size()));
     }
 
     /// What the files of the coarsest level with so many bytes take for a point, where there are
@@ -276,10 +281,11 @@ private:
         }
         if (most_points(pyramid_.levels.back()) == 0)
             throw Error(ErrorCode::NotFound, "no point lies in the box");
-        throw Error(ErrorCode::InvalidArgument,
-                    "max_error " + std::to_string(bound) +
-                        (error ? ": that of the finest level is " + std::to_string(error->max)
-                               : ": no error was measured here"));
+        throw Error(
+            ErrorCode::InvalidArgument,
+            "max_error " + number(bound) +
+                (error ? ": expected at least " + number(error->max) + ", that of the finest level"
+                       : ": no error was measured here"));
     }
 
     /// Of the finest level, and that may be returned.
@@ -370,7 +376,7 @@ void validate(const SliceOptions& options) {
     if (options.points == 0) refuse("points 0: expected at least 1");
     if (options.bytes == 0) refuse("bytes 0: expected at least 1");
     if (options.max_error && !(*options.max_error > 0 && std::isfinite(*options.max_error)))
-        refuse("max_error " + std::to_string(*options.max_error) + ": expected a length above 0");
+        refuse("max_error " + number(*options.max_error) + ": expected a length above 0");
     if (options.format == CloudFormat::Progressive) refuse("format stpc: expected ply, drc or glb");
     if (options.box &&
         (options.box->empty() || !options.box->min.allFinite() || !options.box->max.allFinite())) {

@@ -93,6 +93,16 @@ void add_guards(CLI::App& serve, Flags& flags, ServerConfig& config) {
         ->check(CLI::IsMember({"debug", "info", "warn", "error"}));
 }
 
+/// CLI11 alone reads -1 as 2^64 - 1.
+void refuse_signs(CLI::App& serve) {
+    for (CLI::Option* const option : serve.get_options())
+        option->transform(CLI::Validator(
+            [](const std::string& text) {
+                return text.starts_with('-') ? text + ": expected no sign" : std::string();
+            },
+            ""));
+}
+
 void finish(const Flags& flags, ServerConfig& config) {
     config.listen = parse_address(flags.listen);
     config.admin = parse_address(flags.admin);
@@ -150,6 +160,7 @@ std::optional<Command> parse_command_line(int argc, const char* const* argv) {
     add_work(serve, flags, command.config);
     add_limits(serve, flags, command.config.limits);
     add_guards(serve, flags, command.config);
+    refuse_signs(serve);
     CLI::App& healthcheck = *app.add_subcommand(
         "healthcheck", "Ask a running service whether it is ready (exit status)");
     add(healthcheck, "--admin", flags.admin, "address of its admin listener");

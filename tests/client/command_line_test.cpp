@@ -325,7 +325,56 @@ TEST(CommandLine, RefusesWhatCannotBeDoneByNameAndValue) {
     EXPECT_NE(
         refusal({"simplify", "i.ply", "o.ply", "-n", "5", "--splats", "disc"}).find("ellipse"),
         std::string::npos);
-    EXPECT_NE(refusal({"frobnicate"}).find("frobnicate"), std::string::npos);
+}
+
+TEST(CommandLine, AnUnknownCommandIsToldThoseThereAre) {
+    const std::string message = refusal({"simplfy", "i.ply", "o.ply", "-n", "5"});
+    EXPECT_TRUE(message.starts_with("simplfy: no such command: expected one of ")) << message;
+    EXPECT_NE(message.find("simplify"), std::string::npos) << message;
+}
+
+TEST(CommandLine, WholeNumbersAreDecimalWithoutASign) {
+    const std::map<std::string, std::vector<std::string>> options = {
+        {"--points", {"simplify", "i.ply", "o.ply"}},
+        {"--seed", {"simplify", "i.ply", "o.ply", "-n", "5"}},
+        {"--threads", {"simplify", "i.ply", "o.ply", "-n", "5"}},
+        {"--max-cluster-size", {"simplify", "i.ply", "o.ply", "-m", "hierarchical"}},
+        {"--levels", {"pyramid", "i.ply", "o"}},
+        {"--base-points", {"pyramid", "i.ply", "o"}},
+        {"--base-bytes", {"pyramid", "i.ply", "o"}},
+        {"--tile-points", {"pyramid", "i.ply", "o"}},
+        {"--bytes", {"slice", "p", "o.ply"}},
+        {"--samples", {"evaluate", "i.ply", "o.ply"}},
+        {"--count", {"curve", "i.ply"}}};
+    for (const auto& [option, command] : options) {
+        for (const char* value : {"-3", "36893488147419103232", "x"}) {  // 2^65
+            std::vector<std::string> arguments = command;
+            arguments.insert(arguments.end(), {option, value});
+            const std::string message = refusal(arguments);
+            EXPECT_NE(message.find(option), std::string::npos) << message;
+            EXPECT_NE(message.find(value), std::string::npos) << message;
+        }
+    }
+    EXPECT_EQ(
+        parsed<SimplifyCommand>({"simplify", "i.ply", "o.ply", "-n", "0100"}).job.options.points,
+        100U);
+    EXPECT_EQ(
+        parsed<PyramidCommand>({"pyramid", "i.ply", "o", "--base-bytes", "15kB"}).job.base_bytes,
+        15'000U);
+}
+
+TEST(CommandLine, ThreadsHaveALimit) {
+    EXPECT_EQ(parsed<InspectCommand>({"inspect", "i.ply", "--threads", "1024"}).common.threads,
+              1024U);
+    EXPECT_NE(refusal({"inspect", "i.ply", "--threads", "1025"}).find("from 0 to 1024"),
+              std::string::npos);
+}
+
+TEST(CommandLine, HelpOfACurveHasNoTargets) {
+    const std::string text = parsed<InfoCommand>({"curve", "--help"}).text;
+    EXPECT_NE(text.find("--representative"), std::string::npos);
+    EXPECT_EQ(text.find("--max-cluster-size"), std::string::npos);
+    EXPECT_EQ(text.find("--voxel-size"), std::string::npos);
 }
 
 TEST(CommandLine, HelpOfACommandShowsExamples) {

@@ -98,6 +98,15 @@ const Pyramid& both() {
 
 const Aabb kEighth{Vec3d(0, 0, 0), Vec3d(2, 2, 2)};
 
+std::string refusal_text(const Pyramid& pyramid, const SliceOptions& options) {
+    try {
+        pyramid.slice(options);
+    } catch (const Error& error) {
+        return error.what();
+    }
+    return "accepted";
+}
+
 ErrorCode refusal(const Pyramid& pyramid, const SliceOptions& options) {
     try {
         pyramid.slice(options);
@@ -228,6 +237,16 @@ TEST(Slice, OfAdditiveTilesTakesThoseOfCoarserLevelsToo) {
     const Slice half = pyramid.slice({.points = 10'000, .box = box});
     EXPECT_NEAR(static_cast<double>(half.points), 5'000, 500);
     for (const Vec3f& p : decode_cloud(half.bytes).positions) EXPECT_LE(p.z(), 0.0F);
+}
+
+TEST(Slice, RefusalsTellTheValueAndTheLimitHoweverSmall) {
+    Pyramid tiles = both();
+    for (OutputCloud& level : tiles.results.levels) level.error.reset();
+    const std::string error = refusal_text(tiles, {.max_error = 1e-9});
+    EXPECT_TRUE(error.starts_with("max_error 1e-09: expected at least ")) << error;
+    const std::string bytes = refusal_text(both(), {.bytes = 3});
+    EXPECT_TRUE(bytes.starts_with("bytes 3: expected at least ")) << bytes;
+    EXPECT_TRUE(bytes.ends_with(", for points 1")) << bytes;
 }
 
 TEST(Slice, RefusesWhatCannotBe) {

@@ -33,13 +33,13 @@ const Names<PlyEncoding> kPlyEncodings = {{"le", PlyEncoding::BinaryLittleEndian
                                           {"be", PlyEncoding::BinaryBigEndian},
                                           {"ascii", PlyEncoding::Ascii}};
 
-CloudFormat format_of(const fs::path& file) {
+CloudFormat format_of(const fs::path& file, std::string_view endings = ".ply or .drc") {
     std::string extension = file.extension().string();
     std::transform(extension.begin(), extension.end(), extension.begin(),
                    [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
     if (extension == ".ply") return CloudFormat::Ply;
     if (extension == ".drc") return CloudFormat::Draco;
-    throw UsageError(file.string() + ": the name must end with .ply or .drc");
+    throw UsageError(file.string() + ": the name must end with " + std::string(endings));
 }
 
 ServerOptions server(const Values& values) {
@@ -217,7 +217,8 @@ SliceCommand slice_command(const Values& values) {
         options.box = Aabb{Vec3d(b[0], b[1], b[2]), Vec3d(b[3], b[4], b[5])};
     }
     const std::string extension = command.output.extension().string();
-    options.format = extension == ".glb" ? CloudFormat::Glb : format_of(values.output);
+    options.format =
+        extension == ".glb" ? CloudFormat::Glb : format_of(values.output, ".ply, .drc or .glb");
     options.draco = draco(values);
     validate(options);
     return command;
@@ -248,7 +249,7 @@ EvaluateCommand evaluate_command(const Values& values) {
             continue;
         }
         std::vector<CloudFormat>& formats = command.job.output.formats;
-        const CloudFormat format = format_of(map);
+        const CloudFormat format = format_of(map, ".ply, .drc or .png");
         if (std::find(formats.begin(), formats.end(), format) == formats.end())
             formats.push_back(format);
     }
@@ -274,7 +275,8 @@ CurveCommand curve_command(const Values& values, const CLI::App& app) {
 }
 
 ConvertCommand convert_command(const Values& values) {
-    if (fs::path(values.output).extension() != ".stpc") format_of(values.output);
+    if (fs::path(values.output).extension() != ".stpc")
+        format_of(values.output, ".ply, .drc or .stpc");
     return {values.input,  values.output, values.first_points, values.first_bytes,
             draco(values), ply(values),   values.common};
 }
@@ -282,6 +284,17 @@ ConvertCommand convert_command(const Values& values) {
 SynthesizeCommand synthesize_command(const Values& values) {
     format_of(values.output);
     return {values.output, values.synthetic, draco(values), ply(values), values.common};
+}
+
+/// CLI11 would list all that follows an unknown command, last things first.
+void require_command(const CLI::App& app, const std::vector<std::string>& arguments) {
+    if (arguments.empty() || arguments.front().starts_with('-')) return;
+    std::string names;
+    for (const CLI::App* const command : app.get_subcommands({})) {
+        if (command->check_name(arguments.front())) return;
+        names += (names.empty() ? "" : ", ") + command->get_name();
+    }
+    throw UsageError(arguments.front() + ": no such command: expected one of " + names);
 }
 
 /// CLI11 takes arguments from the back.
@@ -301,6 +314,7 @@ Command parse(CLI::App& app, Values& values, const std::vector<std::string>& arg
     const CLI::App& inspect = add_inspect(app, values);
     const CLI::App& convert = add_convert(app, values);
     const CLI::App& synthesize = add_synthesize(app, values);
+    require_command(app, arguments);
     app.parse(reversed(arguments));
 
     if (simplify.parsed()) return simplify_command(values, simplify);

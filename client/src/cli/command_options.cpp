@@ -1,7 +1,11 @@
 #include "cli/command_options.hpp"
 
+#include "cli/whole_number.hpp"
+
 namespace stipple::cli {
 namespace {
+
+constexpr std::uint64_t kMostThreads = 1024;
 
 // Options in groups that several commands share.
 
@@ -9,7 +13,7 @@ void add_common(CLI::App& command, Values& values) {
     command
         .add_option("--threads", values.common.threads, "threads of a local run; 0: one per core")
         ->type_name("T")
-        ->check(CLI::Range(0, 1024));
+        ->transform(whole_number(kMostThreads));
     command
         .add_option("--json", values.common.json,
                     "write the figures as JSON; - for standard output")
@@ -51,12 +55,15 @@ void add_draco(CLI::App& command, Values& values) {
     auto* const bits = command
                            .add_option("--position-bits", values.draco.position_bits,
                                        "of .drc: 1..30; 0: exact floats")
-                           ->type_name("B");
+                           ->type_name("B")
+                           ->transform(whole_number());
     command
         .add_option("--precision", values.precision, "of .drc: largest error per axis, input units")
         ->type_name("E")
         ->excludes(bits);
-    command.add_option("--normal-bits", values.draco.normal_bits, "of .drc: 2..30")->type_name("B");
+    command.add_option("--normal-bits", values.draco.normal_bits, "of .drc: 2..30")
+        ->type_name("B")
+        ->transform(whole_number());
     command.add_option("--coding", values.coding, "of .drc: auto (default), sequential or kd-tree")
         ->type_name("C");
 }
@@ -100,7 +107,9 @@ CLI::App& add_simplify(CLI::App& app, Values& values) {
     command.add_option("-m,--method", values.method, methods())
         ->type_name("M")
         ->capture_default_str();
-    command.add_option("-n,--points", values.points, "exactly so many points")->type_name("N");
+    command.add_option("-n,--points", values.points, "exactly so many points")
+        ->type_name("N")
+        ->transform(whole_number());
     command.add_option("-r,--ratio", values.ratio, "this share of the points, in (0, 1]")
         ->type_name("R");
     command
@@ -110,7 +119,8 @@ CLI::App& add_simplify(CLI::App& app, Values& values) {
         ->type_name("E");
     command.add_option("--seed", values.seed, "of methods that draw at random")
         ->type_name("S")
-        ->capture_default_str();
+        ->capture_default_str()
+        ->transform(whole_number());
     add_reductions(command, values);
     add_added_attributes(command, values);
     add_encoding(command, values);
@@ -133,13 +143,15 @@ CLI::App& add_upsample(CLI::App& app, Values& values) {
     add_input(command, values);
     add_output(command, values);
     command.add_option("-n,--points", values.points, "exactly so many points, more than IN has")
-        ->type_name("N");
+        ->type_name("N")
+        ->transform(whole_number());
     command.add_option("-r,--ratio", values.ratio, "so many times the points, above 1")
         ->type_name("R");
     add_particle_options(command, values.of_methods);
     command.add_option("--seed", values.seed, "another seed, other points")
         ->type_name("S")
-        ->capture_default_str();
+        ->capture_default_str()
+        ->transform(whole_number());
     add_reductions(command, values);
     add_added_attributes(command, values);
     add_encoding(command, values);
@@ -157,7 +169,8 @@ CLI::App& add_analyze(CLI::App& app, Values& values) {
     add_output(command, values);
     command.add_option("--k", values.surface.k, "neighbours, 3..64; 0: chosen for each point")
         ->type_name("K")
-        ->capture_default_str();
+        ->capture_default_str()
+        ->transform(whole_number());
     auto* const orient =
         command.add_option("--orient", values.orient, "signs of the normals: mst or none")
             ->type_name("O")
@@ -196,7 +209,8 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
         command
             .add_option("--levels", values.levels, "points of each level, as in 1000,10000,100000")
             ->delimiter(',')
-            ->type_name("A,B,C");
+            ->type_name("A,B,C")
+            ->transform(whole_number());
     command.add_option("--ratio", values.pyramid.ratio, "from a level to the next, in (1, 64]; 4")
         ->type_name("R")
         ->excludes(levels);
@@ -204,14 +218,16 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
                                   .add_option("--base-points", values.pyramid.base_points,
                                               "most points of the coarsest; 10000")
                                   ->type_name("N")
-                                  ->excludes(levels);
+                                  ->excludes(levels)
+                                  ->transform(whole_number());
     command
         .add_option("--base-bytes", values.base_bytes,
                     "instead: most bytes of its glb, as in 14600 or 15kB")
         ->transform(CLI::AsSizeValue(true))
         ->type_name("B")
         ->excludes(levels)
-        ->excludes(base_points);
+        ->excludes(base_points)
+        ->transform(whole_number());
     command
         .add_option("--refine", values.refine,
                     "replace; or add: a level's tiles add points to those above, iterative alone")
@@ -235,9 +251,11 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
     command
         .add_option("--tile-bits", values.tiles.position_bits,
                     "of the finest tiles' grid, 2..24 for the longest side; 14")
-        ->type_name("B");
+        ->type_name("B")
+        ->transform(whole_number());
     command.add_option("--tile-points", values.tiles.max_points, "most points of a tile; 65536")
-        ->type_name("N");
+        ->type_name("N")
+        ->transform(whole_number());
     command.add_flag("--tile-attributes", values.tiles.attributes,
                      "scalar attributes in the tiles, too");
     command
@@ -251,7 +269,8 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
                     "instead: the coordinates are of this system, as 32633 (UTM), to be put on "
                     "the globe")
         ->excludes("--transform")
-        ->type_name("CODE");
+        ->type_name("CODE")
+        ->transform(whole_number());
     add_representative(command, values.of_methods.representative);
     add_reductions(command, values);
     add_no_error(command, values);
@@ -277,9 +296,12 @@ CLI::App& add_slice(CLI::App& app, Values& values) {
         ->required()
         ->type_name("FILE");
     auto* const budget = command.add_option_group("budget", "what is wanted: one of these");
-    budget->add_option("-n,--points", values.points, "exactly so many points")->type_name("N");
+    budget->add_option("-n,--points", values.points, "exactly so many points")
+        ->type_name("N")
+        ->transform(whole_number());
     budget->add_option("--bytes", values.bytes, "as many points as OUT has room for in B bytes")
-        ->type_name("B");
+        ->type_name("B")
+        ->transform(whole_number());
     budget
         ->add_option("--max-error", values.slice_error,
                      "the coarsest level within this, input units")
@@ -321,7 +343,8 @@ CLI::App& add_evaluate(CLI::App& app, Values& values) {
         .add_option("--samples", options.measure.samples,
                     "distances on each surface; 0: one a point, at least 100000")
         ->type_name("N")
-        ->capture_default_str();
+        ->capture_default_str()
+        ->transform(whole_number());
     command
         .add_option("--sampling", values.sampling,
                     "where: points, surface (random places) or particles (as the paper has it)")
@@ -336,10 +359,12 @@ CLI::App& add_evaluate(CLI::App& app, Values& values) {
         ->excludes(basis);
     command.add_option("--k", options.measure.k, "neighbours that make a surface, 6..64")
         ->type_name("K")
-        ->capture_default_str();
+        ->capture_default_str()
+        ->transform(whole_number());
     command.add_option("--seed", options.measure.seed, "another seed, other samples")
         ->type_name("S")
-        ->capture_default_str();
+        ->capture_default_str()
+        ->transform(whole_number());
     command.add_flag("--attributes", options.measure.attributes,
                      "colours, normals and scalars as well");
     command.add_option("--range", options.range, "distance of the last colour; found by itself")
@@ -376,20 +401,25 @@ CLI::App& add_curve(CLI::App& app, Values& values) {
                              .add_option("-n,--points", values.curve_points,
                                          "at these counts, as in 1000,5000,20000")
                              ->delimiter(',')
-                             ->type_name("A,B,C");
+                             ->type_name("A,B,C")
+                             ->transform(whole_number());
     command
         .add_option("--count", values.curve_count,
                     "at so many, from half of the points to a thousandth, 2..64")
         ->type_name("K")
         ->capture_default_str()
-        ->excludes(points);
+        ->excludes(points)
+        ->transform(whole_number());
     command.add_option("--plot", values.plot, "draw it, as a .svg file")->type_name("FILE");
     command.add_option("--seed", values.seed, "of methods that draw at random")
         ->type_name("S")
-        ->capture_default_str();
+        ->capture_default_str()
+        ->transform(whole_number());
     add_server(command, values);
     add_common(command, values);
     add_method_options(command, values.of_methods);
+    for (const char* target : {"--max-cluster-size", "--max-variation", "--voxel-size"})
+        command.get_option(target)->group("");  // refused: a curve is of counts
     command.footer(
         "Examples:\n"
         "  stipple curve scan.ply --plot curve.svg\n"
@@ -415,9 +445,11 @@ CLI::App& add_convert(CLI::App& app, Values& values) {
         ->required()
         ->type_name("FILE");
     command.add_option("--points", values.first_points, "of a .stpc: the first so many")
-        ->type_name("N");
+        ->type_name("N")
+        ->transform(whole_number());
     command.add_option("--bytes", values.first_bytes, "of a .stpc: what so many hold")
-        ->type_name("B");
+        ->type_name("B")
+        ->transform(whole_number());
     add_draco(command, values);
     add_ply(command, values);
     add_common(command, values);
@@ -434,9 +466,11 @@ CLI::App& add_synthesize(CLI::App& app, Values& values) {
     CLI::App& command = *app.add_subcommand("synthesize", "a cloud to try things on: an ammonite");
     command.add_option("OUT", values.output, "a .ply or .drc file")->required()->type_name("FILE");
     command.add_option("-n,--points", values.synthetic.points, "exactly so many; 1000000")
-        ->type_name("N");
+        ->type_name("N")
+        ->transform(whole_number());
     command.add_option("--seed", values.synthetic.seed, "another seed, other samples; 1")
-        ->type_name("S");
+        ->type_name("S")
+        ->transform(whole_number());
     command.add_option("--noise", values.synthetic.noise, "standard deviation in mm; 0.08")
         ->type_name("D");
     add_draco(command, values);

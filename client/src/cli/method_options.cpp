@@ -1,6 +1,7 @@
 #include "cli/method_options.hpp"
 
 #include "cli/names.hpp"
+#include "cli/whole_number.hpp"
 #include "stipple/proto/job_request.hpp"
 
 #include <CLI/CLI.hpp>
@@ -35,7 +36,8 @@ void add_contraction(CLI::App& command, MethodValues& values) {
         ->capture_default_str();
     command.add_option("--k", values.contraction.k, "neighbours to contract with, 3..32")
         ->type_name("K")
-        ->capture_default_str();
+        ->capture_default_str()
+        ->transform(whole_number());
     command
         .add_option("--placement", values.placement, "optimal, or end-point: a subset of the input")
         ->type_name("P")
@@ -60,7 +62,8 @@ void add_clustering(CLI::App& command, MethodValues& values) {
     command
         .add_option("--max-cluster-size", values.max_cluster_size,
                     "instead of a target: points in a cluster")
-        ->type_name("N");
+        ->type_name("N")
+        ->transform(whole_number());
     command
         .add_option("--max-variation", values.max_variation,
                     "instead: surface variation, in (0, 1/3]; of incremental also beside a target")
@@ -164,7 +167,8 @@ void add_particle_options(CLI::App& command, MethodValues& values) {
     command
         .add_option("--max-iterations", values.particles.max_iterations, "of each of three stages")
         ->type_name("I")
-        ->capture_default_str();
+        ->capture_default_str()
+        ->transform(whole_number());
     command
         .add_option("--tolerance", values.particles.tolerance,
                     "at rest when the mean step is shorter, of the distance")

@@ -61,7 +61,7 @@ std::optional<Aabb> query_box(const Request& request) {
         const auto [next, error] = std::from_chars(at, end, numbers[i]);
         const bool last = i + 1 == numbers.size();
         if (error != std::errc() || (last ? next != end : next == end || *next != ','))
-            throw HttpError(400, "box: expected x0,y0,z0,x1,y1,z1");
+            throw HttpError(400, "box " + *text + ": expected six numbers, x0,y0,z0,x1,y1,z1");
         at = next + 1;
     }
     return Aabb{Vec3d(numbers[0], numbers[1], numbers[2]),

@@ -1,0 +1,37 @@
+#include "config.hpp"
+
+#include "stipple/error.hpp"
+
+#include <gtest/gtest.h>
+#include <string>
+#include <vector>
+
+namespace stipple::server {
+namespace {
+
+ServerConfig served(std::vector<const char*> flags) {
+    flags.insert(flags.begin(), {"stippled", "serve", "--data", "d"});
+    return parse_command_line(static_cast<int>(flags.size()), flags.data()).value().config;
+}
+
+std::string refusal(const std::vector<const char*>& flags) {
+    try {
+        served(flags);
+    } catch (const Error& error) {
+        return error.what();
+    }
+    return "accepted";
+}
+
+TEST(Config, NumbersHaveNoSign) {
+    for (const char* flag : {"--max-points", "--max-upload", "--retention-seconds", "--threads"})
+        EXPECT_EQ(refusal({flag, "-5"}), flag + std::string(": -5: expected no sign"));
+}
+
+TEST(Config, SizesHaveUnits) {
+    EXPECT_EQ(served({"--max-upload", "3MB"}).limits.max_upload_bytes, 3U << 20U);
+    EXPECT_EQ(served({"--max-points", "7"}).limits.decode.max_points, 7U);
+}
+
+}  // namespace
+}  // namespace stipple::server
