@@ -20,23 +20,43 @@ namespace {
 
 /// A node in the order in which its contraction would be undone: parents before their halves.
 struct Rank {
+    bool large;  ///< of more samples than one point may stand for
     double cost;
     Index node;
 
     bool operator<(const Rank& other) const noexcept {
+        if (large != other.large) return large;
         return cost != other.cost ? cost > other.cost : node < other.node;
     }
 };
 
+/// Ranks nodes when `size` points are left.
+class Ranking {
+public:
+    Ranking(std::span<const double> costs, std::span<const Index> samples_of, std::size_t size)
+        : costs_(costs),
+          samples_of_(samples_of),
+          most_(2.0 * samples_of[0] / static_cast<double>(size)) {}
+
+    Rank operator()(std::size_t node) const noexcept {
+        return {samples_of_[node] > most_, costs_[node], static_cast<Index>(node)};
+    }
+
+private:
+    std::span<const double> costs_;
+    std::span<const Index> samples_of_;
+    double most_;
+};
+
 /// The last node that stays split when `size` points are left.
-Rank last_split(std::span<const double> costs, std::span<const Index> samples_of, std::size_t size,
+Rank last_split(const Ranking& ranking, std::span<const Index> samples_of, std::size_t size,
                 const RunContext& context) {
-    if (size == 1) return {std::numeric_limits<double>::infinity(), 0};
+    if (size == 1) return {true, std::numeric_limits<double>::infinity(), 0};
     std::vector<Rank> ranks;
-    ranks.reserve(costs.size() / 2);
-    for_blocks_in_order(costs.size(), context, [&](std::size_t begin, std::size_t end) {
+    ranks.reserve(samples_of.size() / 2);
+    for_blocks_in_order(samples_of.size(), context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t node = begin; node < end; ++node)
-            if (samples_of[node] > 1) ranks.push_back({costs[node], static_cast<Index>(node)});
+            if (samples_of[node] > 1) ranks.push_back(ranking(node));
     });
     const auto last = ranks.begin() + static_cast<std::ptrdiff_t>(size - 2);
     std::nth_element(ranks.begin(), last, ranks.end(), until_stopped(context, std::less<>()));
@@ -62,14 +82,15 @@ SiblingContraction::SiblingContraction(const QuadricSamples& samples,
 
 std::vector<Index> SiblingContraction::nodes_left(std::size_t size,
                                                   const RunContext& context) const {
-    const Rank last = last_split(costs_, samples_of_, size, context);
+    const Ranking ranking(costs_, samples_of_, size);
+    const Rank last = last_split(ranking, samples_of_, size, context);
     std::vector<Index> first;
     Index sample = 0;
     for (std::size_t node = 0; node < costs_.size();) {
         constexpr std::size_t kBetweenChecks = 65'536;
         if (first.size() % kBetweenChecks == 0) context.throw_if_stopped();
         const Index samples = samples_of_[node];
-        if (samples > 1 && !(last < Rank{costs_[node], static_cast<Index>(node)})) {
+        if (samples > 1 && !(last < ranking(node))) {
             ++node;
             continue;
         }

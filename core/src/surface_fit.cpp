@@ -29,8 +29,6 @@ constexpr std::size_t kBlock = 32;
 /// Points of a patch, at least; fewer than twice as many.
 constexpr std::size_t kPatch = 4096;
 
-/// What a move costs, as a part of what the wishes weigh at a point on average.
-constexpr float kDamping = 0.5F;
 constexpr int kIterations = 3;
 
 /// One value for each of eight points.
@@ -98,6 +96,7 @@ void add_scattered(const Vectors& v, Eight fourth, const Numbers& numbers,
 /// from it.
 struct Group {
     std::array<Numbers, kNeighbors> neighbors;
+    FitLanes::Floats reach_sq;  ///< of the farthest neighbour
     FitLanes::Floats quadratic_weight;
     std::span<FitAnswers> wishes;  ///< each of eight input points, one for each point
 };
@@ -145,8 +144,8 @@ void weigh_quadratic(std::span<Group> groups, std::size_t size, float close) {
 /// best.
 class Agreement {
 public:
-    /// @param size  of what neighbours are numbers of.
-    Agreement(std::span<const Group> groups, std::size_t size)
+    /// @param size  of what neighbours are numbers of. @param damping  as of `SurfaceFit`.
+    Agreement(std::span<const Group> groups, std::size_t size, float damping)
         : groups_(groups), residual_(size), direction_(size), image_(size), stiffness_(size) {
         for (const Group& group : groups) {
             const Eight weight(group.quadratic_weight);
@@ -169,7 +168,7 @@ public:
             total += static_cast<double>(stiffness_[p]);
         }
         damping_ =
-            kDamping * static_cast<float>(total / static_cast<double>(kWidth * groups.size()));
+            damping * static_cast<float>(total / static_cast<double>(kWidth * groups.size()));
     }
 
     std::vector<Float4> moves(const RunContext& context) {
@@ -273,11 +272,13 @@ public:
             ask_for(0, own);
             ask_for(own, leaves_.size());
             weigh_quadratic(groups_, kWidth * leaves_.size(), options_.close);
-            const auto moved = Agreement(groups_, kWidth * leaves_.size()).moves(context_);
+            const auto moved =
+                Agreement(groups_, kWidth * leaves_.size(), options_.damping).moves(context_);
             for (std::size_t l = 0; l < own; ++l) {
                 for (std::size_t lane = 0; lane < tree_.points_in(leaves_[l]); ++lane) {
                     const Float4 move = moved[kWidth * l + lane];
-                    result[tree_.leaf(leaves_[l]).index[lane]] += Vec3f(move[0], move[1], move[2]);
+                    result[tree_.leaf(leaves_[l]).index[lane]] +=
+                        bounded(Vec3f(move[0], move[1], move[2]), groups_[l].reach_sq[lane]);
                 }
             }
             for (const Index l : leaves_) place_[l] = PointTree::kNone;
@@ -289,6 +290,11 @@ public:
     }
 
 private:
+    Vec3f bounded(const Vec3f& move, float reach_sq) const {
+        const float most = options_.farthest_move / kReach * std::sqrt(reach_sq);
+        return move.squaredNorm() > most * most ? move.normalized() * most : move;
+    }
+
     /// Where the leaf stands among those of the patch, to which it is added.
     Index place(std::size_t leaf) {
         if (place_[leaf] == PointTree::kNone) {
@@ -328,7 +334,8 @@ private:
         const PointTree::Leaf& leaf = tree_.leaf(l);
         for (Numbers& row : group.neighbors) row.fill(leaf.index[0]);
         FitLanes lanes{};
-        FitLanes::Floats reach_sq{};
+        FitLanes::Floats& reach_sq = group.reach_sq;
+        reach_sq = {};
         const auto set = [](FitLanes::Row& row, std::size_t lane, const Vec3f& v) {
             row.x[lane] = v.x();
             row.y[lane] = v.y();

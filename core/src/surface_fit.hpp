@@ -13,6 +13,10 @@ struct SurfaceFit {
     unsigned asked = 4;  ///< members of each list that are asked for, >= 1; shorter ones all count
     float close = 0.5F;  ///< distance of the quadratic surface, as a part of that of both surfaces
                          ///< from each other, up to which it counts more; > 0
+    float damping = 0.5F;  ///< what a move costs, as a part of what the distances weigh at a point
+                           ///< on average; > 0
+    float farthest_move = 0.2F;  ///< of a point, as a part of its h (§2.2), a third of the distance
+                                 ///< of the farthest of its 20 nearest; > 0
 };
 
 /// Moves points so that the moving least squares surface through them (§2.2) comes nearer to what
@@ -20,6 +24,9 @@ struct SurfaceFit {
 /// which does not. A damped step, of all points together, towards the least sum of squares of both
 /// distances from some members of each list. Both count the same, but where the quadratic surface
 /// is `close`: there it counts more, so that it is not spoilt.
+///
+/// `farthest_move` is a guard of the largest error: where the surface has an edge, which it cannot
+/// follow, points would be pushed far beyond it.
 ///
 /// Points go mostly along normals, to where the surface is missed, and a little across, to where it
 /// bends. Points on a line or in one place stay where they are, and so do fewer than 20, which make

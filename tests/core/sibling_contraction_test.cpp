@@ -7,6 +7,7 @@
 #include <gtest/gtest.h>
 #include <algorithm>
 #include <functional>
+#include <utility>
 
 namespace stipple {
 namespace {
@@ -78,11 +79,15 @@ TEST(QuadricSamples, OfSinglePointsLieThereOrVeryNear) {
 }
 
 /// The slow obvious way: contracts the cheapest pair of halves that are one point each, again and
-/// again.
+/// again; those that make a point of more than twice as many samples as points have on average
+/// last.
 std::vector<Index> greedily_left(const SiblingContraction& contraction,
                                  std::span<const Index> samples_of, std::size_t size) {
     std::vector<char> is_point(samples_of.size());
     for (std::size_t i = 0; i < samples_of.size(); ++i) is_point[i] = samples_of[i] == 1;
+    const auto key = [&](std::size_t i) {
+        return std::pair(samples_of[i] * size > 2 * samples_of.front(), contraction.costs()[i]);
+    };
     for (std::size_t left = samples_of.front(); left > size; --left) {
         std::size_t best = samples_of.size();
         for (std::size_t i = 0; i < samples_of.size(); ++i) {
@@ -90,8 +95,7 @@ std::vector<Index> greedily_left(const SiblingContraction& contraction,
             const std::size_t a = i + 1, b = i + 2 * std::size_t{samples_of[a]};
             if (!is_point[a] || !is_point[b]) continue;
             // The later node among equals, as parents must come last.
-            if (best == samples_of.size() || contraction.costs()[i] <= contraction.costs()[best])
-                best = i;
+            if (best == samples_of.size() || key(i) <= key(best)) best = i;
         }
         is_point[best] = 1;
     }
@@ -117,6 +121,18 @@ TEST(SiblingContraction, LeavesWhatContractingTheCheapestPairsLeaves) {
         EXPECT_EQ(contraction.nodes_left(size, {}),
                   greedily_left(contraction, grown.cut.clusters_of, size));
     }
+}
+
+TEST(SiblingContraction, FlatPartsKeepTheirShare) {
+    // A plane costs nothing but the point term, and would keep next to no points beside a rough
+    // sphere.
+    PointCloud cloud = test::sphere(3000, 0.05);
+    for (const Vec3f& p : test::plane(1000).positions)
+        cloud.positions.push_back(p + Vec3f(3, 0, 0));
+    const Grown grown(cloud, 600);
+    const SiblingContraction contraction(grown.samples, grown.cut.clusters_of, {});
+    const auto first = contraction.nodes_left(200, {});
+    for (std::size_t i = 0; i < 200; ++i) EXPECT_LE(first[i + 1] - first[i], 2 * 600 / 200);
 }
 
 TEST(SiblingContraction, CostsAreTheErrorWhereThePointGoesTimesTheDistance) {

@@ -61,6 +61,25 @@ TEST(SurfaceFit, BringsPointsBesideAPlaneToItStepByStep) {
     EXPECT_LT(sum / 200, 0.001);
 }
 
+TEST(SurfaceFit, MovesNoPointFartherThanItMay) {
+    const auto input = test::plane(5000).positions;
+    std::vector<Vec3f> points(input.begin(), input.begin() + 200);
+    for (std::size_t i = 0; i < points.size(); ++i) points[i].z() = i % 3 == 0 ? 0.1F : 0.0F;
+    const std::vector<Vec3f> before = points;
+    constexpr float kFarthest = 0.05F;
+    fit_surface(points, input, Shares(points, input).lists(), {.farthest_move = kFarthest}, {});
+    std::size_t held = 0;
+    for (std::size_t i = 0; i < points.size(); ++i) {
+        std::vector<float> distances;
+        for (const Vec3f& p : before) distances.push_back((p - before[i]).norm());
+        std::ranges::nth_element(distances, distances.begin() + 19);  // itself among them
+        const float most = kFarthest * distances[19] / 3, moved = (points[i] - before[i]).norm();
+        EXPECT_LT(moved, 1.001F * most);
+        if (moved > 0.999F * most) ++held;
+    }
+    EXPECT_GT(held, 20U);
+}
+
 /// The mean radius of 500 points of a sphere, fitted to more of it with so much noise.
 double fitted_radius(double noise) {
     const auto input = test::sphere(20'000, noise).positions;

@@ -44,8 +44,8 @@ struct IterativeSimplificationOptions {
 /// result on, distances to points count the more the more the surface bends there, so that points
 /// come to lie closer where the surface through them would lie off the input. Then input points are
 /// shared out anew among the new ones, so that each goes with the new point that fits it best; and
-/// where the new points are 20 or more, they move until the moving least squares surface through them
-/// (§2.2) fits the input: of linear basis, which lies inside of curved parts, and of quadratic
+/// where the new points are 20 or more, they move until the moving least squares surface through
+/// them (§2.2) fits the input: of linear basis, which lies inside of curved parts, and of quadratic
 /// basis, which does not. So they lie slightly outside of curved parts; `max_displacement` bounds
 /// it. With `Placement::EndPoint` the result is a subset of the input,
 /// and that of a smaller target a subset of that of a larger one.
@@ -61,7 +61,8 @@ struct IterativeSimplificationOptions {
 /// @throws Error(InvalidArgument) for an empty cloud, an option out of range or an attribute that
 /// the cloud has not; Error(TooLarge) from 2^31 points on.
 /// Expected O(N log N), parallel; about 72 + 4 k bytes a point beyond the cloud, and while few of
-/// the points are left, 300 for each of 8 points for one of the result.
+/// the points are left, 300 for each of 8 points for one of the result; or up to 4,300 for each of
+/// the result, but 12,000 of them at most, if that is more.
 PointCloud iterative_simplification(const PointCloud& cloud,
                                     const IterativeSimplificationOptions& options,
                                     const RunContext& context = {});

@@ -25,10 +25,12 @@ struct MultiphaseOptions {
 ///
 /// Samples are contracted along the tree of the clustering: of two halves of a cluster, each one
 /// point already, the pair with the least quadric error times their distance becomes the point
-/// where the sum of their quadrics is least. So a point stands for a cluster of the tree, and its
-/// attributes are those of the cluster's points, reduced by their policy. With
-/// `Placement::EndPoint` it is the input point of the cluster that is nearest to that place, with
-/// all its attributes. Weights of attributes and a bound of displacements count as they do there.
+/// where the sum of their quadrics is least. As a guard of the maximum error no point stands for
+/// more than twice its share of the samples, as far as the tree lets it be. So a point stands for a
+/// cluster of the tree, and its attributes are those of the cluster's points, reduced by their
+/// policy. With `Placement::EndPoint` it is the input point of the cluster that is nearest to that
+/// place, with all its attributes. Weights of attributes and a bound of displacements count as they
+/// do there.
 ///
 /// The cloud must hold finite positions, no two alike (`clean`). A target of all points, or more,
 /// returns the cloud as it is. Points on a line or a plane stay on it, but for rounding.
@@ -40,8 +42,7 @@ struct MultiphaseOptions {
 PointCloud multiphase(const PointCloud& cloud, const MultiphaseOptions& options,
                       const RunContext& context = {});
 
-/// The clouds of many sizes from one run, with the m * N samples of the largest. Each is made of
-/// whole clusters of the ones that are larger.
+/// The clouds of many sizes from one run, with the m * N samples of the largest.
 ///
 /// @param sizes  each at least 1; `contraction.target_size` is not read.
 /// @param on_cloud  called for each size, in their order, on the calling thread.
