@@ -33,8 +33,8 @@ KnownDistance known_of(std::size_t at, const Foot& foot) noexcept;
 ///
 /// @param known  of some points that are among the places; in the order of the tree, in which
 ///               points near each other follow each other.
-/// O(N), parallel, and 1 to 2 us for each point that is added: for evenly drawn 50,000 of a million
-/// and 10,000 samples on the surface, a twentieth.
+/// O(N), parallel, and 1 to 2 us for each point that is added: a hundredth of a million where
+/// 40,000 are known.
 void add_farthest_points(const PointTree& tree, const FootFinder& surface,
                          std::vector<KnownDistance> known, MeasuredPlaces& measured,
                          const RunContext& context);

@@ -103,7 +103,7 @@ std::uint64_t least_samples(std::uint64_t points) {
 /// many.
 ErrorSamples take_samples(std::span<const Vec3f> points, const PointTree& tree, std::uint64_t count,
                           std::uint64_t seed, const RunContext& context) {
-    constexpr std::uint64_t kMany = 50'000;
+    constexpr std::uint64_t kMany = 40'000;
     if (points.size() >= kMany) return take_points_by_area(tree, count, seed, context);
     return take_surface(tree, FootFinder(points, tree, {}), count, seed, context);
 }

@@ -26,7 +26,7 @@ namespace stipple {
 
 namespace {
 
-constexpr std::uint64_t kEnough = 50'000;  // samples, for the mean and its like
+constexpr std::uint64_t kEnough = 40'000;  // samples, for the mean and its like
 
 [[noreturn]] void refuse(const std::string& what) {
     throw Error(ErrorCode::InvalidArgument, what);

@@ -111,7 +111,7 @@ TEST(SurfaceError, IsTheMaximumOfAllPointsAndTheMeanOfSome) {
     const PointCloud fine = with_bump(120'000, 0.001), coarse = sphere(2'000);
     const SurfaceError some = measure_error(fine, coarse);
     const SurfaceError all = measure_error(fine, coarse, {.keep_samples = true});
-    EXPECT_EQ(some.forward.samples, 50'000U);
+    EXPECT_EQ(some.forward.samples, 40'000U);
     EXPECT_EQ(all.forward.samples, 120'000U);
     EXPECT_NEAR(some.forward.max, all.forward.max, 1e-5);
     EXPECT_NEAR(some.forward.mean, all.forward.mean,

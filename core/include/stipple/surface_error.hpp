@@ -99,9 +99,9 @@ void validate(const SurfaceErrorOptions& options);
 /// surface or missed a nearer foot: d changes by no more than the way that q goes.
 ///
 /// With 0 samples: at `Points`, the finer cloud's mean, root mean square, percentiles and histogram
-/// are those of 50,000 of its points, and the maximum is that of all: a distance changes by no more
+/// are those of 40,000 of its points, and the maximum is that of all: a distance changes by no more
 /// than the way between two points, so that most need not be looked at. On the other cloud, as on
-/// both with other `sampling`, there are as many places as points, at least 50,000, and the maximum
+/// both with other `sampling`, there are as many places as points, at least 40,000, and the maximum
 /// is looked for at 4,096 more around the farthest.
 ///
 /// With the linear basis S and S' both lie inside curved parts by about h^2 kappa / 2, the coarser
