@@ -102,6 +102,7 @@ struct Plane {
     Vec3d a = Vec3d::Zero();
     Vec3d n = Vec3d::UnitZ();
     double h = 0;
+    double roundness = 0;  ///< λ0 / λ1: 1 where the normal is any
     Neighborhood neighbors;
 
     double weight(unsigned i) const { return std::exp(-neighbors.distances_sq[i] / (h * h)); }
@@ -112,6 +113,7 @@ struct Foot {
     Vec3d point = Vec3d::Zero();
     double distance = std::numeric_limits<double>::infinity();
     double distance_quadratic = 0;
+    double roundness = 0;  ///< of the plane
     bool converged = false;
 };
 
@@ -152,6 +154,8 @@ public:
         Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver;
         solver.computeDirect(covariance);
         plane.n = solver.eigenvectors().col(0);
+        if (solver.eigenvalues()[1] > 0)
+            plane.roundness = std::max(0.0, solver.eigenvalues()[0]) / solver.eigenvalues()[1];
         return plane;
     }
 
@@ -174,6 +178,7 @@ private:
             x = next;
         }
         foot.distance = (q - foot.point).norm();
+        foot.roundness = best.roundness;
         foot.distance_quadratic =
             std::abs(best.n.dot(q - best.a) - quadratic_height(best, foot.point));
         return foot;
@@ -314,7 +319,7 @@ struct SurfaceMeter::Original {
 
     /// Points of S' around every sample: random places of a disk in its tangent plane, projected.
     /// Where the projection finds no fixed point there is none of S'.
-    std::vector<Vec3d> dense_samples(const MlsSurface& simplified) const {
+    std::vector<Foot> dense_samples(const MlsSurface& simplified) const {
         const auto& samples = simplified.points();
         const std::size_t each = std::max<std::size_t>(1, options.samples / samples.size());
         std::vector<Foot> feet(each * samples.size());
@@ -331,10 +336,10 @@ struct SurfaceMeter::Original {
                     samples[i] + r * (std::cos(angle) * u + std::sin(angle) * v));
             }
         });
-        std::vector<Vec3d> dense;
-        for (const Foot& foot : feet)
-            if (foot.converged) dense.push_back(foot.point);
-        return dense.empty() ? samples : dense;
+        std::erase_if(feet, [](const Foot& foot) { return !foot.converged; });
+        if (feet.empty())
+            for (const Vec3d& p : samples) feet.push_back({.point = p});
+        return feet;
     }
 
     static double mean_spacing(const PointTree& tree, const Vec3d& sample) {
@@ -386,12 +391,18 @@ SurfaceDistance SurfaceMeter::measure(const PointCloud& simplified) const {
     result.mean_quadratic =
         weighted_mean(original.relative(feet, &Foot::distance_quadratic), weights);
 
-    const auto dense = original.dense_samples(surface);
+    const std::vector<Foot> places = original.dense_samples(surface);
+    std::vector<Vec3d> dense;
+    for (const Foot& foot : places) dense.push_back(foot.point);
     const auto back = original.relative(original.feet(original.surface, dense), &Foot::distance);
     result.back_max = max_of(back);
     result.back_mean = mean_of(
         original.relative(original.feet(original.surface, surface.points()), &Foot::distance));
-    result.max = std::max({max_of(point_distances), max_of(distances), result.back_max});
+    result.max_even = std::max(max_of(point_distances), max_of(distances));
+    result.max = std::max(result.max_even, result.back_max);
+    constexpr double kRound = 0.5;
+    for (std::size_t i = 0; i < places.size(); ++i)
+        if (places[i].roundness <= kRound) result.max_even = std::max(result.max_even, back[i]);
 
     if (original.distance_to_mesh) {
         result.surface_to_mesh = original.mean_to_mesh(dense);

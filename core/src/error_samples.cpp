@@ -13,12 +13,14 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <ranges>
 #include <span>
 
 namespace stipple {
 
 namespace {
 
+constexpr std::size_t kAreaNeighbor = 8;
 constexpr std::size_t kBlock = 4096, kBetweenChecks = 65'536;
 
 /// The i-th random number of a seed, in [0, 1).
@@ -42,9 +44,6 @@ Eigen::Vector2f in_disk(std::uint64_t seed, std::uint64_t i) noexcept {
     }
     return 0.5F * place;
 }
-
-constexpr std::size_t kGroup = 16;
-using GroupFloats = std::array<float, 2 * kGroup>;
 
 /// Of each of n points the squared distance to the third neighbour among them, or to the farthest
 /// when there are fewer.
@@ -74,29 +73,6 @@ float median(Floats values, std::size_t n) {
     return *middle;
 }
 
-/// The sixteen points of two leaves that follow each other; the last group has what is left, too.
-struct Group {
-    std::size_t first, last;
-
-    static std::size_t count(const PointTree& tree) noexcept {
-        return std::max<std::size_t>(1, tree.size() / kGroup);
-    }
-    static Group at(const PointTree& tree, std::size_t number) noexcept {
-        const std::size_t first = number * kGroup;
-        return {first, number + 1 == count(tree) ? tree.size() : first + kGroup};
-    }
-    float area(const PointTree& tree) const {
-        GroupFloats x, y, z;
-        for (std::size_t at = first; at < last; ++at) {
-            const Vec3f p = position(tree, at);
-            x[at - first] = p.x();
-            y[at - first] = p.y();
-            z[at - first] = p.z();
-        }
-        return median(third_distances_sq(x, y, z, last - first), last - first);
-    }
-};
-
 /// An area around each point by its leaf alone, positive unless all points coincide: the median of
 /// the leaf, or what is left of the point's own where it is much larger than that.
 std::vector<float> leaf_areas(const PointTree& tree, const RunContext& context) {
@@ -121,20 +97,42 @@ std::vector<float> leaf_areas(const PointTree& tree, const RunContext& context) 
     return areas;
 }
 
-/// How far from each of some points of the tree its third neighbour is.
-std::vector<float> third_distances(const PointTree& tree, std::span<const Vec3f> points,
-                                   const RunContext& context) {
-    std::vector<float> distances(points.size());
+/// Of each of some points of the tree the squared distance to its `nth` neighbour, or to the
+/// farthest when there are fewer. Quickest for points that follow each other in the tree.
+std::vector<float> distances_sq(const PointTree& tree, std::span<const Vec3f> points,
+                                std::size_t nth, const RunContext& context) {
+    auto distances = made_in_blocks<std::vector<float>>(points.size(), context);
     parallel_for_blocks(points.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
-        std::array<Neighbor, 4> nearest;  // the point itself is the first
-        const std::span<Neighbor> found =
-            std::span(nearest).first(std::min(nearest.size(), tree.size()));
+        NearbySearch search(tree, nth + 1, 2 * nth + 8);  // the point itself is one of them
         for (std::size_t i = begin; i < end; ++i) {
-            find_nearest(tree, points[i], found);
-            distances[i] = std::sqrt(found.back().distance_sq);
+            const auto found = search.find_nearest_few(points[i]);
+            distances[i] = std::ranges::max(found, {}, &Neighbor::distance_sq).distance_sq;
         }
     });
     return distances;
+}
+
+/// The area around each of some points of the tree, up to a common factor; not zero for all.
+std::vector<float> areas_around(const PointTree& tree, std::span<const Vec3f> points,
+                                std::size_t nth, const RunContext& context) {
+    std::vector<float> areas = distances_sq(tree, points, nth, context);
+    if (std::ranges::none_of(areas, [](float a) { return a > 0; })) std::ranges::fill(areas, 1.0F);
+    return areas;
+}
+
+/// The points of the tree that an array of their numbers, or such a range, names.
+template <typename Numbers>
+std::vector<Vec3f> points_of(const PointTree& tree, const Numbers& numbers,
+                             const RunContext& context) {
+    auto points = made_in_blocks<std::vector<Vec3f>>(numbers.size(), context);
+    for_blocks_in_order(points.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) points[i] = position(tree, numbers[i]);
+    });
+    return points;
+}
+
+std::vector<Vec3f> all_points(const PointTree& tree, const RunContext& context) {
+    return points_of(tree, std::views::iota(std::size_t{0}, tree.size()), context);
 }
 
 /// The point of the tree that each of `count` draws falls on, in the order of the tree: draw i is
@@ -180,112 +178,80 @@ void ErrorSamples::append(const ErrorSamples& more) {
     areas.insert(areas.end(), more.areas.begin(), more.areas.end());
 }
 
-std::vector<float> point_areas(const PointTree& tree, const RunContext& context) {
-    const std::size_t n = tree.size();
-    auto areas = made_in_blocks<std::vector<float>>(n, context);
-    parallel_for_blocks(Group::count(tree), kBlock / kGroup, context,
-                        [&](std::size_t begin, std::size_t end) {
-                            for (std::size_t g = begin; g < end; ++g) {
-                                const Group group = Group::at(tree, g);
-                                std::fill(areas.begin() + static_cast<std::ptrdiff_t>(group.first),
-                                          areas.begin() + static_cast<std::ptrdiff_t>(group.last),
-                                          group.area(tree));
-                            }
-                        });
-    if (std::ranges::none_of(areas, [](float a) { return a > 0; })) std::ranges::fill(areas, 1.0F);
-    return areas;
-}
-
 ErrorSamples take_points(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
                          const RunContext& context) {
     const std::size_t n = tree.size(), m = std::min<std::uint64_t>(count, n);
     ErrorSamples samples;
-    samples.resize(m, context);
     if (m == n) {
-        for_blocks_in_order(n, context, [&](std::size_t begin, std::size_t end) {
-            for (std::size_t at = begin; at < end; ++at) samples.positions[at] = position(tree, at);
-        });
-        samples.areas = point_areas(tree, context);
-        return samples;
-    }
-    const double step = static_cast<double>(n) / static_cast<double>(m);
-    parallel_for_blocks(m, kBlock, context, [&](std::size_t begin, std::size_t end) {
-        constexpr std::size_t kNearest = 9;  // the point itself is the first
-        std::array<Neighbor, kNearest> nearest;
-        const std::span<Neighbor> found = std::span(nearest).first(std::min(kNearest, n));
-        for (std::size_t i = begin; i < end; ++i) {
+        samples.positions = all_points(tree, context);
+    } else {
+        const double step = static_cast<double>(n) / static_cast<double>(m);
+        samples.positions = made_in_blocks<std::vector<Vec3f>>(m, context);
+        for (std::size_t i = 0; i < m; ++i) {
             const double drawn = step * (static_cast<double>(i) + random_unit(seed, i));
-            const std::size_t at = std::min(n - 1, static_cast<std::size_t>(drawn));
-            samples.positions[i] = position(tree, at);
-            find_nearest(tree, samples.positions[i], found);
-            samples.areas[i] = found.back().distance_sq;
+            samples.positions[i] = position(tree, std::min(n - 1, static_cast<std::size_t>(drawn)));
         }
-    });
-    if (std::ranges::none_of(samples.areas, [](float a) { return a > 0; }))
-        std::ranges::fill(samples.areas, 1.0F);
+    }
+    samples.areas = areas_around(tree, samples.positions, kAreaNeighbor, context);
     return samples;
 }
 
 ErrorSamples take_points_by_area(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
                                  const RunContext& context) {
-    const std::size_t n = tree.size();
-    if (n <= count) return take_points(tree, count, seed, context);
+    if (tree.size() <= count) return take_points(tree, count, seed, context);
     const std::vector<float> areas = leaf_areas(tree, context);
-    const std::vector<std::size_t> drawn = draw_by_area(areas, count, seed, context);
     ErrorSamples samples;
-    samples.resize(count, context);
-    parallel_for_blocks(count, kBlock, context, [&](std::size_t begin, std::size_t end) {
-        constexpr std::size_t kNearest = 7, kRoom = 16;  // the point itself is one of them
-        NearbySearch search(tree, kNearest, kRoom);
-        for (std::size_t i = begin; i < end; ++i) {
-            samples.positions[i] = position(tree, drawn[i]);
-            const auto found = search.find_nearest_few(samples.positions[i]);
-            const float sixth = std::ranges::max(found, {}, &Neighbor::distance_sq).distance_sq;
-            samples.areas[i] = sixth / areas[drawn[i]];
-        }
-    });
-    if (std::ranges::none_of(samples.areas, [](float a) { return a > 0; }))
-        std::ranges::fill(samples.areas, 1.0F);
+    samples.numbers = draw_by_area(areas, count, seed, context);
+    samples.positions = points_of(tree, samples.numbers, context);
+    constexpr std::size_t kNth = 6;
+    samples.areas = areas_around(tree, samples.positions, kNth, context);
+    for (std::size_t i = 0; i < count; ++i) samples.areas[i] /= areas[samples.numbers[i]];
     return samples;
+}
+
+std::vector<Vec3f> random_places(const PointTree& tree, const FootFinder& surface,
+                                 std::span<const Vec3f> bases, std::uint64_t seed,
+                                 const RunContext& context) {
+    std::vector<Vec3f> used;
+    for_blocks_in_order(bases.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i)
+            if (i == 0 || bases[i] != bases[i - 1]) used.push_back(bases[i]);
+    });
+    auto normals = made_in_blocks<std::vector<Vec3f>>(used.size(), context);
+    constexpr std::size_t kThird = 3;
+    const std::vector<float> spacings_sq = distances_sq(tree, used, kThird, context);
+    surface.find(
+        used, [&](std::size_t i, const Foot& foot) { normals[i] = foot.normal.cast<float>(); },
+        context);
+
+    auto places = made_in_blocks<std::vector<Vec3f>>(bases.size(), context);
+    std::size_t base = 0;
+    for (std::size_t i = 0; i < bases.size(); ++i) {
+        if (i % kBetweenChecks == 0) context.throw_if_stopped();
+        if (i > 0 && bases[i] != bases[i - 1]) ++base;
+        const Vec3f n = normals[base], u = n.unitOrthogonal(), v = n.cross(u);
+        constexpr float kReach =
+            0.6F;  // of the way to the third neighbour; more leads beyond borders
+        const Eigen::Vector2f move = kReach * std::sqrt(spacings_sq[base]) * in_disk(~seed, i);
+        places[i] = used[base] + move.x() * u + move.y() * v;
+    }
+    std::vector<Vec3f> feet = feet_on(surface, places, context);
+    for (std::size_t i = 0; i < feet.size(); ++i) {
+        // Where the surface is not to be found there is at least the point.
+        if (!feet[i].allFinite()) feet[i] = bases[i];
+    }
+    return feet;
 }
 
 ErrorSamples take_surface(const PointTree& tree, const FootFinder& surface, std::uint64_t count,
                           std::uint64_t seed, const RunContext& context) {
-    const std::vector<float> areas = point_areas(tree, context);
-    const std::vector<std::size_t> drawn = draw_by_area(areas, count, seed, context);
-    std::vector<std::size_t> used;
-    std::vector<Vec3f> bases;
-    for_blocks_in_order(drawn.size(), context, [&](std::size_t begin, std::size_t end) {
-        for (std::size_t i = begin; i < end; ++i) {
-            if (i > 0 && drawn[i] == drawn[i - 1]) continue;
-            used.push_back(drawn[i]);
-            bases.push_back(position(tree, drawn[i]));
-        }
-    });
-    auto normals = made_in_blocks<std::vector<Vec3f>>(used.size(), context);
-    const std::vector<float> spacings = third_distances(tree, bases, context);
-    surface.find(
-        bases, [&](std::size_t i, const Foot& foot) { normals[i] = foot.normal.cast<float>(); },
-        context);
-
+    const std::vector<float> areas =
+        areas_around(tree, all_points(tree, context), kAreaNeighbor, context);
+    const std::vector<Vec3f> drawn =
+        points_of(tree, draw_by_area(areas, count, seed, context), context);
     ErrorSamples samples;
-    samples.resize(count, context);
-    std::size_t base = 0;
-    for (std::uint64_t i = 0; i < count; ++i) {
-        if (i % kBetweenChecks == 0) context.throw_if_stopped();
-        if (used[base] != drawn[i]) ++base;
-        const Vec3f n = normals[base], u = n.unitOrthogonal(), v = n.cross(u);
-        constexpr float kReach =
-            0.6F;  // of the way to the third neighbour; more leads beyond borders
-        const Eigen::Vector2f move = kReach * spacings[base] * in_disk(~seed, i);
-        samples.positions[i] = bases[base] + move.x() * u + move.y() * v;
-        samples.areas[i] = 1.0F;
-    }
-    const std::vector<Vec3f> feet = feet_on(surface, samples.positions, context);
-    for (std::uint64_t i = 0; i < count; ++i) {
-        // Where the surface is not to be found there is at least the point.
-        samples.positions[i] = feet[i].allFinite() ? feet[i] : position(tree, drawn[i]);
-    }
+    samples.positions = random_places(tree, surface, drawn, seed, context);
+    samples.areas.assign(count, 1.0F);
     return samples;
 }
 

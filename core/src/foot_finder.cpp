@@ -316,8 +316,9 @@ FootFinder::FootFinder(std::span<const Vec3f> points, const PointTree& tree, con
 void FootFinder::find(std::span<const Vec3f> queries,
                       const std::function<void(std::size_t, const Foot&)>& found,
                       const RunContext& context) const {
-    constexpr std::size_t kBlock = 2048;
-    parallel_for_blocks(queries.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+    constexpr std::size_t kLeast = 128, kMost = 2048, kBlocks = 32;
+    const std::size_t block = std::clamp(queries.size() / kBlocks, kLeast, kMost);
+    parallel_for_blocks(queries.size(), block, context, [&](std::size_t begin, std::size_t end) {
         Walk(points_, tree_, options_, queries, begin, end, found).run(context);
     });
 }

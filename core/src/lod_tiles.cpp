@@ -103,10 +103,9 @@ std::uint64_t least_samples(std::uint64_t points) {
 /// many.
 ErrorSamples take_samples(std::span<const Vec3f> points, const PointTree& tree, std::uint64_t count,
                           std::uint64_t seed, const RunContext& context) {
-    constexpr std::uint64_t kMany = 100'000;
+    constexpr std::uint64_t kMany = 40'000;
     if (points.size() >= kMany) return take_points_by_area(tree, count, seed, context);
-    const PointTree compact(points, PointTree::Leaves::Compact, context);  // areas are its own
-    return take_surface(compact, FootFinder(points, compact, {}), count, seed, context);
+    return take_surface(tree, FootFinder(points, tree, {}), count, seed, context);
 }
 
 constexpr std::size_t kAsked = 256;

@@ -3,6 +3,7 @@
 #include "attribute_error.hpp"
 #include "distance_statistics.hpp"
 #include "error_samples.hpp"
+#include "farthest_places.hpp"
 #include "first_touch.hpp"
 #include "foot_finder.hpp"
 #include "parallel_for.hpp"
@@ -25,7 +26,7 @@ namespace stipple {
 
 namespace {
 
-constexpr std::uint64_t kLeastSamples = 100'000;
+constexpr std::uint64_t kEnough = 40'000;  // samples, for the mean and its like
 
 [[noreturn]] void refuse(const std::string& what) {
     throw Error(ErrorCode::InvalidArgument, what);
@@ -106,13 +107,15 @@ struct Surface {
 /// Better leaves pay off when about as many places are looked for as there are points.
 PointTree::Leaves leaves_for(const PointCloud& cloud, const SurfaceErrorOptions& options) {
     constexpr std::uint64_t kFew = 8;
-    const bool few = options.samples > 0 && options.samples < cloud.size() / kFew;
-    return few ? PointTree::Leaves::Quick : PointTree::Leaves::Compact;
+    const std::uint64_t samples = options.samples > 0    ? options.samples
+                                  : options.keep_samples ? cloud.size()
+                                                         : kEnough;
+    return samples < cloud.size() / kFew ? PointTree::Leaves::Quick : PointTree::Leaves::Compact;
 }
 
 std::uint64_t sample_count(const Surface& surface, const SurfaceErrorOptions& options) {
     return options.samples > 0 ? options.samples
-                               : std::max<std::uint64_t>(surface.points.size(), kLeastSamples);
+                               : std::max<std::uint64_t>(surface.points.size(), kEnough);
 }
 
 /// Whether the samples are points of the cloud, and not places on its surface.
@@ -122,11 +125,19 @@ bool at_points(const Surface& surface, bool is_finer, const SurfaceErrorOptions&
             sample_count(surface, options) <= surface.points.size());
 }
 
+/// Whether the largest distance is looked for beside the samples too.
+bool searches(const SurfaceErrorOptions& options) {
+    return options.samples == 0 && options.surface != ErrorSurface::Samples;
+}
+
 ErrorSamples take_samples(const Surface& surface, bool is_finer, const SurfaceErrorOptions& options,
                           const RunContext& context) {
     const std::uint64_t count = sample_count(surface, options);
-    if (at_points(surface, is_finer, options))
+    if (at_points(surface, is_finer, options)) {
+        if (searches(options) && !options.keep_samples)
+            return take_points_by_area(surface.tree, kEnough, options.seed, context);
         return take_points(surface.tree, count, options.seed, context);
+    }
     if (options.sampling == ErrorSampling::Particles)
         return take_particles(surface.points, surface.tree, surface.finder, count, options.seed,
                               context);
@@ -149,44 +160,76 @@ void find_nearest_points(const Surface& surface, std::span<const Vec3f> queries,
     });
 }
 
-DirectedError measure_direction(const Surface& from, const Surface& to, const Frame& frame,
-                                const SurfaceErrorOptions& options, const RunContext& context) {
-    const bool is_finer = from.points.size() >= to.points.size();
-    ErrorSamples samples = take_samples(from, is_finer, options, context.part(0.0, 0.5));
-    context.checkpoint(0.5);
-    auto distances = made_in_blocks<std::vector<double>>(samples.size(), context);
-    auto feet =
-        made_in_blocks<std::vector<Vec3f>>(options.attributes ? samples.size() : 0, context);
+/// The distances of samples, and of what may be farther: places that stand for no area.
+struct MeasuredSamples {
+    MeasuredPlaces measured;
+    std::vector<Vec3f> feet;  ///< of the samples, where attributes are compared
+    std::uint64_t failed = 0;
+};
+
+MeasuredSamples measure_samples(const Surface& from, const Surface& to, ErrorSamples&& samples,
+                                bool are_points, const SurfaceErrorOptions& options,
+                                const RunContext& context) {
+    MeasuredSamples all;
+    auto& [places, distances] = all.measured;
+    places = std::move(samples.positions);
+    const std::size_t n = places.size();
+    distances = made_in_blocks<std::vector<double>>(n, context);
+    all.feet = made_in_blocks<std::vector<Vec3f>>(options.attributes ? n : 0, context);
+    std::vector<KnownDistance> known(samples.numbers.size());
     std::atomic<std::uint64_t> failed = 0;
     const auto found = [&](std::size_t i, const Foot& foot) {
         distances[i] = foot.distance;
-        if (options.attributes) feet[i] = foot.point.cast<float>();
+        if (options.attributes) all.feet[i] = foot.point.cast<float>();
+        if (!known.empty()) known[i] = known_of(samples.numbers[i], foot);
         if (!foot.converged && !foot.beyond) ++failed;
     };
     if (options.surface == ErrorSurface::Samples) {
-        find_nearest_points(to, samples.positions, found, context);
-    } else {
-        to.finder.find(samples.positions, found, context);
-        confirm_worst(samples.positions, distances, to.finder,
-                      at_points(from, is_finer, options) ? nullptr : &from.finder, from.points,
-                      from.tree, context);
+        find_nearest_points(to, places, found, context);
+        return all;
     }
+    to.finder.find(places, found, context);
+    all.failed = failed;
+    confirm_worst(places, distances, to.finder, are_points ? nullptr : &from.finder, from.points,
+                  from.tree, context);
+    if (!known.empty())
+        add_farthest_points(from.tree, to.finder, std::move(known), all.measured, context);
+    else if (searches(options) && !are_points)
+        add_places_around_farthest(from.finder, from.points, from.tree, to.finder, all.measured,
+                                   context);
+    return all;
+}
+
+DirectedError measure_direction(const Surface& from, const Surface& to, const Frame& frame,
+                                const SurfaceErrorOptions& options, const RunContext& context) {
+    const bool is_finer = from.points.size() >= to.points.size();
+    const bool are_points = at_points(from, is_finer, options);
+    ErrorSamples samples = take_samples(from, is_finer, options, context.part(0.0, 0.5));
+    context.checkpoint(0.5);
+    std::vector<float> areas = std::move(samples.areas);
+    const std::size_t n = areas.size();
+    MeasuredSamples all =
+        measure_samples(from, to, std::move(samples), are_points, options, context);
     context.checkpoint(0.9);
 
-    auto lengths = made_in_blocks<std::vector<float>>(samples.size(), context);
+    auto& [places, distances] = all.measured;
+    auto lengths = made_in_blocks<std::vector<float>>(distances.size(), context);
     for_blocks_in_order(lengths.size(), context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i)
             lengths[i] = static_cast<float>(distances[i] / frame.scale);
     });
-    DirectedError error =
-        summarize_distances(lengths, samples.areas, options.histogram_bins, context);
-    error.not_converged = static_cast<double>(failed) / static_cast<double>(samples.size());
+    areas.resize(lengths.size());  // what was added stands for none
+    DirectedError error = summarize_distances(lengths, areas, options.histogram_bins, context);
+    for (auto* const values : {&lengths, &areas}) values->resize(n);
+    places.resize(n);
+    error.samples = n;
+    error.not_converged = static_cast<double>(all.failed) / static_cast<double>(n);
     if (options.attributes)
-        error.attributes = attribute_errors(from.attributed(), to.attributed(), samples.positions,
-                                            feet, samples.areas, options.k, context);
+        error.attributes = attribute_errors(from.attributed(), to.attributed(), places, all.feet,
+                                            areas, options.k, context);
     if (options.keep_samples) {
         error.distances = std::move(lengths);
-        error.positions = std::move(samples.positions);
+        error.positions = std::move(places);
     }
     return error;
 }

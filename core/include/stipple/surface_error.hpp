@@ -30,14 +30,15 @@ enum class ErrorSurface : std::uint8_t {
 
 struct SurfaceErrorOptions {
     ErrorSampling sampling = ErrorSampling::Points;
-    std::uint64_t samples = 0;  ///< on each surface; 0: as many as it has points, at least 100,000
+    std::uint64_t samples = 0;  ///< on each surface; 0: enough, see `measure_error`
     ErrorSurface surface = ErrorSurface::Linear;
     unsigned k = 20;               ///< neighbours of the MLS surfaces, 6..64; h = r / 3
     unsigned max_iterations = 30;  ///< until a foot stays where it is; >= 1
     double tolerance = 1e-3;       ///< a foot moves by less than this part of h; > 0, < 1
     unsigned histogram_bins = 64;  ///< of equal width, 1..65,536
     bool attributes = false;       ///< colour, normals and scalars too
-    bool keep_samples = false;     ///< every sample and its distance, for a coloured map
+    bool keep_samples = false;     ///< every sample and its distance, for a coloured map: with 0
+                                   ///< samples all points of the finer cloud
     std::uint64_t seed = 0;        ///< of the random samples
 };
 
@@ -97,14 +98,21 @@ void validate(const SurfaceErrorOptions& options);
 /// largest distances are looked at again, so that the maximum is none of a sample that lies on no
 /// surface or missed a nearer foot: d changes by no more than the way that q goes.
 ///
+/// With 0 samples: at `Points`, the finer cloud's mean, root mean square, percentiles and histogram
+/// are those of 40,000 of its points, and the maximum is that of all: a distance changes by no more
+/// than the way between two points, so that most need not be looked at. On the other cloud, as on
+/// both with other `sampling`, there are as many places as points, at least 40,000, and the maximum
+/// is looked for at 4,096 more around the farthest.
+///
 /// With the linear basis S and S' both lie inside curved parts by about h^2 kappa / 2, the coarser
 /// one more: compare candidates with `Quadratic` as well before one is called better.
 ///
 /// The clouds may have different origins. Positions must be finite (`clean`).
 /// @throws Error(InvalidArgument) for an empty cloud, a position that is not finite or an option
 /// out of range.
-/// O(N log N), parallel, the same for any number of threads: about 0.5 us for each sample of the
-/// finer cloud and 3 us for each of the coarser; 60 bytes a point and 24 a sample.
+/// O(N log N), parallel, the same for any number of threads: about 0.15 us for each point, 2 us for
+/// each sample of the finer cloud and 7 us for each of the coarser; 60 bytes a point and 24 a
+/// sample.
 SurfaceError measure_error(const PointCloud& reference, const PointCloud& candidate,
                            const SurfaceErrorOptions& options = {}, const RunContext& context = {});
 
