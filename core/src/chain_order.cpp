@@ -5,6 +5,7 @@
 #include "parallel_for.hpp"
 
 #include <algorithm>
+#include <unordered_map>
 
 namespace stipple {
 
@@ -30,31 +31,75 @@ NearestSlot nearest_slot() {
     return quickest(available);
 }
 
-}  // namespace
-
-std::vector<Index> chain_order(std::span<const GridPoint> points) {
+/// @param coordinate_at  coordinate_at(i, axis) of the i-th of `count` points: at least 0, and less
+/// than 2^19.
+template <typename CoordinateAt>
+std::vector<Index> chain(std::size_t count, CoordinateAt&& coordinate_at) {
     const NearestSlot nearest = nearest_slot();
     Window window;
     std::array<Index, kSlots> numbers{};
-    Index next = 0;  // along the curve
+    Index next = 0;
     const auto fill = [&](int slot) {
-        const bool some = next < points.size();
-        window.x[slot] = some ? points[next][0] : kGone;
-        window.y[slot] = some ? points[next][1] : kGone;
-        window.z[slot] = some ? points[next][2] : kGone;
+        const bool some = next < count;
+        window.x[slot] = some ? coordinate_at(next, 0) : kGone;
+        window.y[slot] = some ? coordinate_at(next, 1) : kGone;
+        window.z[slot] = some ? coordinate_at(next, 2) : kGone;
         numbers[static_cast<std::size_t>(slot)] = next++;
     };
     for (int slot = 0; slot < kSlots; ++slot) fill(slot);
 
-    std::vector<Index> order(points.size());
+    std::vector<Index> order(count);
     int slot = 0;
     for (Index& number : order) {
+        const int from[] = {window.x[slot], window.y[slot], window.z[slot]};
         number = numbers[static_cast<std::size_t>(slot)];
-        const GridPoint& p = points[number];
         fill(slot);
-        const int from[] = {p[0], p[1], p[2]};
         slot = nearest(window, from);
     }
+    return order;
+}
+
+/// Points of one block after those of another, blocks as the curve first comes to them.
+std::vector<Index> by_blocks(std::span<const GridPoint> points) {
+    struct Run {
+        Index block, begin, end;
+    };
+    std::vector<Run> runs;
+    std::unordered_map<std::uint32_t, Index> blocks;
+    std::uint32_t last = 0;
+    for (Index i = 0; i < points.size(); ++i) {
+        const auto& [x, y, z] = points[i];
+        const std::uint32_t name = (x >> 8U) << 16U | (y >> 8U) << 8U | z >> 8U;
+        if (i == 0 || name != last) {
+            const auto number = static_cast<Index>(blocks.size());
+            runs.push_back({blocks.try_emplace(name, number).first->second, i, i});
+        }
+        runs.back().end = i + 1;
+        last = name;
+    }
+    std::ranges::stable_sort(runs, {}, &Run::block);
+    std::vector<Index> order;
+    order.reserve(points.size());
+    for (const Run& run : runs)
+        for (Index i = run.begin; i < run.end; ++i) order.push_back(i);
+    return order;
+}
+
+}  // namespace
+
+std::vector<Index> chain_order(std::span<const GridPoint> points) {
+    return chain(points.size(), [&](Index i, std::size_t axis) { return int{points[i][axis]}; });
+}
+
+std::vector<Index> chain_order_by_blocks(std::span<const GridPoint> points) {
+    constexpr int kApart = 1'024;  // steps between blocks: more than within one, which a chain so
+                                   // leaves when it is done
+    const std::vector<Index> grouped = by_blocks(points);
+    std::vector<Index> order = chain(points.size(), [&](Index i, std::size_t axis) {
+        const int coordinate = points[grouped[i]][axis];
+        return coordinate + kApart * (coordinate / 256);
+    });
+    for (Index& i : order) i = grouped[i];
     return order;
 }
 

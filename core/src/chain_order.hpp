@@ -22,8 +22,12 @@ using GridPoint = std::array<std::uint16_t, 3>;
 /// @return  a permutation of their numbers. O(N), on the calling thread.
 std::vector<Index> chain_order(std::span<const GridPoint> points);
 
-/// The same for any finite points, in pieces of 65,536 of them along a curve. O(N), parallel, the
-/// same for any number of threads.
+/// The same where the high and the low bytes of coordinates are coded each by themselves: all
+/// points of a cube of 256 steps before those of another, so that high bytes seldom change.
+std::vector<Index> chain_order_by_blocks(std::span<const GridPoint> points);
+
+/// As `chain_order`, for any finite points, in pieces of 65,536 of them along a curve. O(N),
+/// parallel, the same for any number of threads.
 std::vector<Index> chain_through(std::span<const Vec3f> points, const RunContext& context);
 
 }  // namespace stipple

@@ -71,15 +71,20 @@ std::vector<double> weighted_quantiles(std::span<const float> values,
 double mean_confidence(std::span<const float> distances, std::span<const float> areas, double mean,
                        const RunContext& context) {
     constexpr double kDeviations = 1.96;  // of a normal distribution hold 95 % of it
-    double total = 0, spread = 0;
+    if (distances.size() < 2) return 0;
+    // Half the squared difference of two that follow each other is the variance without what places
+    // far from each other differ by, of which all have their part: they are spread evenly.
+    double total = 0, spread = 0, before = 0;
     for_blocks_in_order(distances.size(), context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {
             const double area = areas[i], from_mean = area * (distances[i] - mean);
             total += area;
-            spread += from_mean * from_mean;
+            if (i > 0) spread += 0.5 * (from_mean - before) * (from_mean - before);
+            before = from_mean;
         }
     });
-    return kDeviations * std::sqrt(spread) / total;
+    const auto n = static_cast<double>(distances.size());
+    return kDeviations * std::sqrt(spread * n / (n - 1)) / total;
 }
 
 DirectedError summarize_distances(std::span<const float> distances, std::span<const float> areas,

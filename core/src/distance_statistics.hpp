@@ -13,7 +13,9 @@ namespace stipple {
 AttributeError summarize(std::string name, std::span<const float> differences,
                          std::span<const float> areas, const RunContext& context = {});
 
-/// How far the mean is from that for infinitely many samples, in 95 of 100 cases at most.
+/// How far the mean is from that for infinitely many samples, in 95 of 100 cases at most: by how
+/// much samples differ that follow each other, as neighbours do, drawn one from each of as many
+/// parts of the surface. 0 for one sample.
 double mean_confidence(std::span<const float> distances, std::span<const float> areas, double mean,
                        const RunContext& context = {});
 

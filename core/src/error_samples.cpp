@@ -73,16 +73,33 @@ float median(Floats values, std::size_t n) {
     return *middle;
 }
 
-/// An area around each point by its leaf alone, positive unless all points coincide: the median of
-/// the leaf, or what is left of the point's own where it is much larger than that.
-std::vector<float> leaf_areas(const PointTree& tree, const RunContext& context) {
+/// Some leaves of a tree, evenly drawn: about `count`, or all where there are not many more.
+std::vector<std::uint32_t> draw_leaves(const PointTree& tree, std::uint64_t count,
+                                       std::uint64_t seed, const RunContext& context) {
+    const std::size_t step = std::max<std::size_t>(1, tree.leaf_count() / count);
+    auto leaves =
+        made_in_blocks<std::vector<std::uint32_t>>((tree.leaf_count() + step - 1) / step, context);
+    parallel_for_blocks(leaves.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+            const std::size_t leaf = step * i + random_bits(seed, i) % step;
+            leaves[i] = static_cast<std::uint32_t>(std::min(leaf, tree.leaf_count() - 1));
+        }
+    });
+    return leaves;
+}
+
+/// An area around each point of some leaves by its leaf alone, positive unless all points coincide:
+/// the median of the leaf, or what is left of the point's own where it is much larger than that; 0
+/// for those that the last leaf is short of.
+std::vector<float> leaf_areas(const PointTree& tree, std::span<const std::uint32_t> leaves,
+                              const RunContext& context) {
     constexpr float kOfOwn = 0.125F;
-    auto areas = made_in_blocks<std::vector<float>>(tree.size(), context);
-    parallel_for_blocks(tree.leaf_count(), kBlock / PointTree::kWidth, context,
+    auto areas = made_in_blocks<std::vector<float>>(leaves.size() * PointTree::kWidth, context);
+    parallel_for_blocks(leaves.size(), kBlock / PointTree::kWidth, context,
                         [&](std::size_t begin, std::size_t end) {
                             for (std::size_t l = begin; l < end; ++l) {
-                                const PointTree::Leaf& leaf = tree.leaf(l);
-                                const std::size_t n = tree.points_in(l);
+                                const PointTree::Leaf& leaf = tree.leaf(leaves[l]);
+                                const std::size_t n = tree.points_in(leaves[l]);
                                 const auto own = third_distances_sq(leaf.x, leaf.y, leaf.z, n);
                                 const float middle = median(own, n);
                                 for (std::size_t lane = 0; lane < n; ++lane)
@@ -92,8 +109,10 @@ std::vector<float> leaf_areas(const PointTree& tree, const RunContext& context) 
                         });
     // Some for each, so that no weight is beyond measure.
     const double total = std::accumulate(areas.begin(), areas.end(), 0.0);
-    const double least = total > 0 ? 0.1 * total / static_cast<double>(tree.size()) : 1.0;
+    const double least = total > 0 ? 0.1 * total / static_cast<double>(areas.size()) : 1.0;
     for (float& area : areas) area += static_cast<float>(least);
+    for (std::size_t lane = tree.points_in(leaves.back()); lane < PointTree::kWidth; ++lane)
+        areas[areas.size() - PointTree::kWidth + lane] = 0;
     return areas;
 }
 
@@ -199,13 +218,19 @@ ErrorSamples take_points(const PointTree& tree, std::uint64_t count, std::uint64
 ErrorSamples take_points_by_area(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
                                  const RunContext& context) {
     if (tree.size() <= count) return take_points(tree, count, seed, context);
-    const std::vector<float> areas = leaf_areas(tree, context);
+    constexpr std::uint64_t kLeavesEach = 4;  // for each sample, to draw it from
+    const std::vector<std::uint32_t> leaves = draw_leaves(tree, kLeavesEach * count, seed, context);
+    const std::vector<float> areas = leaf_areas(tree, leaves, context);
+    const std::vector<std::size_t> drawn = draw_by_area(areas, count, seed, context);
     ErrorSamples samples;
-    samples.numbers = draw_by_area(areas, count, seed, context);
+    samples.numbers = made_in_blocks<std::vector<std::size_t>>(count, context);
+    for (std::size_t i = 0; i < count; ++i)
+        samples.numbers[i] =
+            leaves[drawn[i] / PointTree::kWidth] * PointTree::kWidth + drawn[i] % PointTree::kWidth;
     samples.positions = points_of(tree, samples.numbers, context);
     constexpr std::size_t kNth = 6;
     samples.areas = areas_around(tree, samples.positions, kNth, context);
-    for (std::size_t i = 0; i < count; ++i) samples.areas[i] /= areas[samples.numbers[i]];
+    for (std::size_t i = 0; i < count; ++i) samples.areas[i] /= areas[drawn[i]];
     return samples;
 }
 

@@ -170,8 +170,7 @@ void validate(const LodTileOptions& options) {
         refuse("tiles: position_bits", options.position_bits, "2..24");
     if (options.precision && !(*options.precision > 0 && std::isfinite(*options.precision)))
         refuse("tiles: precision", *options.precision, "a finite length above 0");
-    for (const double tolerance : {options.tolerance, options.base_tolerance})
-        if (!(tolerance >= 0)) refuse("tiles: tolerance", tolerance, "at least 0");
+    if (!(options.tolerance >= 0)) refuse("tiles: tolerance", options.tolerance, "at least 0");
     if (options.max_points == 0 || options.max_points > kMostPoints)
         refuse("tiles: max_points", options.max_points, "1..65536");
 }
@@ -248,7 +247,7 @@ struct LodTiler::State {
 
     /// At all samples, and at more for this level and those after it while chance would decide.
     void measure_well(Measured& level, const RunContext& context) {
-        constexpr double kSure = 0.0175;
+        constexpr double kSure = 0.0145;
         level.distances.clear();
         level.covers.clear();
         measure(level, samples, context);
@@ -291,7 +290,7 @@ struct LodTiler::State {
     /// points stay apart: two steps to a spacing.
     Measured round_level(const std::vector<Vec3f>& points, Grid& grid_taken,
                          const RunContext& context) const {
-        const double tolerance = levels == 0 ? options.base_tolerance : options.tolerance;
+        const double tolerance = options.tolerance;
         const Grid finest = finest_grid();
         const auto measured = [&](std::vector<Vec3f>&& level) {
             Measured made = with_tree(std::move(level), context);
@@ -416,7 +415,7 @@ struct LodTiler::State {
                 tile.last[axis] = std::max(tile.last[axis], points[i][axis]);
             }
         }
-        const std::vector<Index> chain = chain_order(points);
+        const std::vector<Index> chain = chain_order_by_blocks(points);
         std::vector<GridPoint> sorted(points.size());
         std::vector<Index> sorted_numbers(points.size());
         for (std::size_t i = 0; i < chain.size(); ++i) {

@@ -2,6 +2,7 @@
 
 #include "srgb.hpp"
 #include "stipple/error.hpp"
+#include "vertex_codec.hpp"
 
 #include <meshoptimizer.h>
 #include <cmath>
@@ -15,15 +16,6 @@ namespace stipple {
 namespace {
 
 using Type = TileStream::Type;
-
-std::vector<std::byte> compress(const std::vector<std::byte>& raw, std::size_t count,
-                                std::size_t stride) {
-    std::vector<std::byte> bytes(meshopt_encodeVertexBufferBound(count, stride));
-    bytes.resize(meshopt_encodeVertexBuffer(reinterpret_cast<unsigned char*>(bytes.data()),
-                                            bytes.size(), raw.data(), count, stride));
-    bytes.shrink_to_fit();
-    return bytes;
-}
 
 unsigned size_of(Type type) noexcept {
     switch (type) {
@@ -52,7 +44,7 @@ TileStream make_stream(std::string name, Type type, unsigned components, std::si
             std::memcpy(raw.data() + i * stream.stride + c * sizeof(T), &v, sizeof(T));
         }
     }
-    stream.bytes = compress(raw, count, stream.stride);
+    stream.bytes = encode_vertices(raw, stream.stride);
     return stream;
 }
 
@@ -72,7 +64,7 @@ TileStream normal_stream(std::span<const Vec3f> normals, std::span<const Index> 
     }
     std::vector<std::byte> raw(members.size() * stream.stride);
     meshopt_encodeFilterOct(raw.data(), members.size(), stream.stride, 8, vectors.front().data());
-    stream.bytes = compress(raw, members.size(), stream.stride);
+    stream.bytes = encode_vertices(raw, stream.stride);
     return stream;
 }
 
