@@ -11,8 +11,6 @@ TEST(Units, SeparateThousands) {
     EXPECT_EQ(with_separators(1000), "1,000");
     EXPECT_EQ(with_separators(435'545), "435,545");
     EXPECT_EQ(with_separators(12'345'678), "12,345,678");
-    EXPECT_EQ(counted(1, "point", "points"), "1 point");
-    EXPECT_EQ(counted(2000, "point", "points"), "2,000 points");
 }
 
 TEST(Units, ShowBytesWithThreeDigitsAtMost) {
@@ -41,6 +39,13 @@ TEST(Units, ShowMeasuredValuesWithThreeDigits) {
     EXPECT_EQ(three_digits(0), "0");
     EXPECT_EQ(three_digits(0.0123456), "0.0123");
     EXPECT_EQ(three_digits(15'432), "1.54e+04");
+}
+
+TEST(Units, CountOneThingAsOne) {
+    EXPECT_EQ(counted(1, "point"), "1 point");
+    EXPECT_EQ(counted(0, "point"), "0 points");
+    EXPECT_EQ(counted(435'545, "point"), "435,545 points");
+    EXPECT_EQ(counted(2, "try", "tries"), "2 tries");
 }
 
 TEST(Units, ShowSharesWithoutFalsePrecision) {

@@ -135,9 +135,9 @@ void run(const SynthesizeCommand& command, const Session& session) {
 
     const double seconds = seconds_between(start, Clock::now());
     if (!command.common.quiet)
-        std::cerr << session.terminal.style().strong(counted(cloud.size(), "point", "points"))
-                  << " in " << readable_seconds(seconds) << ' ' << session.terminal.style().dot()
-                  << ' ' << readable_bytes(fs::file_size(command.output)) << '\n';
+        std::cerr << session.terminal.style().strong(counted(cloud.size(), "point")) << " in "
+                  << readable_seconds(seconds) << ' ' << session.terminal.style().dot() << ' '
+                  << readable_bytes(fs::file_size(command.output)) << '\n';
     ordered_json figures;
     figures["output"] = output_json(command.output, cloud.size());
     figures["seconds"] = {{"total", seconds}};

@@ -121,9 +121,9 @@ void summarise(const EvaluateCommand& command, const proto::Results& results, do
                const Terminal& terminal) {
     const TextStyle& style = terminal.style();
     const bool one = results.levels.size() == 1;
-    std::cerr << style.strong(counted(results.source->points, "point", "points") + " against " +
-                              (one ? counted(results.levels.front().points, "point", "points")
-                                   : std::to_string(results.levels.size()) + " candidates"))
+    std::cerr << style.strong(counted(results.source->points, "point") + " against " +
+                              (one ? counted(results.levels.front().points, "point")
+                                   : counted(results.levels.size(), "candidate")))
               << " in " << readable_seconds(seconds) << '\n';
     if (one)
         print(results.levels.front(), style);

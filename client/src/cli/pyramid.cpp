@@ -92,9 +92,8 @@ void summarise(const PyramidCommand& command, const proto::Results& results, std
                double seconds, const Terminal& terminal) {
     const TextStyle& style = terminal.style();
     const std::string arrow = " " + std::string(style.arrow()) + " ";
-    const std::size_t levels = results.levels.size();
-    std::cerr << style.strong(counted(results.source->points, "point", "points") + arrow +
-                              counted(levels, "level", "levels"))
+    std::cerr << style.strong(counted(results.source->points, "point") + arrow +
+                              counted(results.levels.size(), "level"))
               << " in " << readable_seconds(seconds) << ' ' << style.dot() << ' '
               << readable_bytes(fs::file_size(command.input)) << arrow << readable_bytes(bytes)
               << '\n';

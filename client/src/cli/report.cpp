@@ -26,7 +26,7 @@ std::string joined(const std::vector<std::string>& parts, std::string_view separ
 std::string summary_line(const Summary& summary, const TextStyle& style) {
     const std::string arrow = " " + std::string(style.arrow()) + " ";
     return style.strong(with_separators(summary.points_in) + arrow +
-                        counted(summary.points_out, "point", "points")) +
+                        counted(summary.points_out, "point")) +
            " (" + readable_share(summary.points_out, summary.points_in) + ") in " +
            readable_seconds(summary.seconds) + " " + std::string(style.dot()) + " " +
            readable_bytes(summary.bytes_in) + arrow + readable_bytes(summary.bytes_out);
@@ -34,11 +34,9 @@ std::string summary_line(const Summary& summary, const TextStyle& style) {
 
 std::string losses_line(const proto::CloudStatistics& source, const TextStyle& style) {
     std::vector<std::string> removed;
-    if (source.duplicates > 0)
-        removed.push_back(counted(source.duplicates, "duplicate", "duplicates"));
+    if (source.duplicates > 0) removed.push_back(counted(source.duplicates, "duplicate"));
     if (source.non_finite > 0)
-        removed.push_back(counted(source.non_finite, "point", "points") +
-                          " without finite coordinates");
+        removed.push_back(counted(source.non_finite, "point") + " without finite coordinates");
 
     std::vector<std::string> losses;
     if (!removed.empty()) losses.push_back("removed " + joined(removed, ", "));
@@ -54,7 +52,7 @@ std::string bound_line(const proto::MeasuredBound& bound, const TextStyle& style
     return "largest distance " + three_digits(std::max(bound.forward, bound.backward)) + " of " +
            three_digits(bound.max_error) + " allowed" + dot + "forward " +
            three_digits(bound.forward) + ", backward " + three_digits(bound.backward) + ", " +
-           counted(bound.samples, "sample", "samples") + " (" + bound.sampling + ")" + dot +
+           counted(bound.samples, "sample") + " (" + bound.sampling + ")" + dot +
            counted(bound.tries, "try", "tries");
 }
 
@@ -106,7 +104,7 @@ std::string error_line(const proto::ErrorFigures& figures, const TextStyle& styl
     const std::string dot = " " + std::string(style.dot()) + " ";
     return "error: mean " + distance_text(error.mean(), error) + dot + "max " +
            distance_text(error.max(), error) + " of the diagonal, at " +
-           counted(error.forward.samples, "sample", "samples");
+           counted(error.forward.samples, "sample");
 }
 
 ordered_json bounds_json(const Aabb& box) {

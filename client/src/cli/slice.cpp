@@ -67,9 +67,9 @@ void run(const SliceCommand& command, const Session& session) {
     const std::uint64_t bytes = fs::file_size(command.output);
     if (!command.common.quiet) {
         const TextStyle& style = session.terminal.style();
-        std::cerr << style.strong(counted(slice.points, "point", "points")) << " of level "
-                  << slice.level << " in " << readable_seconds(took.count()) << ' ' << style.dot()
-                  << ' ' << readable_bytes(bytes);
+        std::cerr << style.strong(counted(slice.points, "point")) << " of level " << slice.level
+                  << " in " << readable_seconds(took.count()) << ' ' << style.dot() << ' '
+                  << readable_bytes(bytes);
         if (slice.error_mean)
             std::cerr << ' ' << style.dot() << " error: mean " << three_digits(*slice.error_mean)
                       << ", max " << three_digits(*slice.error_max);

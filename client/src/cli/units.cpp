@@ -38,7 +38,8 @@ std::string with_separators(std::uint64_t count) {
 }
 
 std::string counted(std::uint64_t count, const std::string& one, const std::string& many) {
-    return with_separators(count) + " " + (count == 1 ? one : many);
+    const std::string& noun = count == 1 ? one : many;
+    return with_separators(count) + " " + (noun.empty() ? one + "s" : noun);
 }
 
 std::string readable_bytes(std::uint64_t bytes) {

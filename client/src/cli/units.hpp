@@ -9,8 +9,8 @@ namespace stipple::cli {
 std::string three_digits(double value);
 /// 435545 as `435,545`.
 std::string with_separators(std::uint64_t count);
-/// `1 point`, `2,000 points`.
-std::string counted(std::uint64_t count, const std::string& one, const std::string& many);
+/// `1 point`, `1,000 points`: plurals by an `s`, or as given.
+std::string counted(std::uint64_t count, const std::string& one, const std::string& many = {});
 /// `310 B`, `60 kB`, `10.4 MB`: three digits at most, powers of 1000.
 std::string readable_bytes(std::uint64_t bytes);
 /// `0.4 ms`, `42 ms`, `1.8 s`, `12 s`, `3 min 20 s`, `2 h 5 min`.
