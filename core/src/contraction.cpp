@@ -6,6 +6,7 @@
 #include "first_touch.hpp"
 #include "large_memory.hpp"
 #include "parallel_for.hpp"
+#include "progress_for.hpp"
 #include "stipple/error.hpp"
 #include "stipple/neighbors.hpp"
 #include "until_stopped.hpp"
@@ -34,6 +35,7 @@ namespace {
 constexpr Index kNone = ContractionGraph::kNone;
 constexpr std::size_t kBlock = 1024;
 constexpr unsigned kMaxNeighbors = 32;
+constexpr double kProgressToGraph = 0.35, kProgressToRounds = 0.45;
 constexpr float kUnknown = -1;  // a cost that has to be computed
 constexpr float kIsolated = std::numeric_limits<float>::infinity();
 
@@ -169,7 +171,8 @@ Engine::Engine(std::span<const Vec3f> positions, std::span<const StoredQuadric> 
         parallel_for_blocks(slots_, kBlock, context, [&](std::size_t begin, std::size_t end) {
             for (std::size_t i = begin; i < end; ++i) scaled[i] = positions[i] * scale;
         });
-        ContractionGraph graph = contraction_graph(scaled, options.k, quadrics.empty(), context);
+        ContractionGraph graph = contraction_graph(scaled, options.k, quadrics.empty(),
+                                                   context.part(0, kProgressToGraph));
         order_ = std::move(graph.order);
         neighbors_ = std::move(graph.neighbors);
         tangents = std::move(graph.tangents);
@@ -203,7 +206,7 @@ void Engine::for_neighbors(Index of, Visit&& visit) const {
 /// The quadrics of §3.2. A sample stands for an area that goes as the mean squared distance of its
 /// neighbours; the sum over all samples does not depend on their number.
 void Engine::make_quadrics(std::span<const std::uint32_t> tangents) {
-    parallel_for_blocks(slots_, kBlock, context_, [&](std::size_t begin, std::size_t end) {
+    const auto make = [&](std::size_t begin, std::size_t end) {
         std::vector<Vec3d> neighbors;
         for (auto i = static_cast<Index>(begin); i < end; ++i) {
             neighbors.clear();
@@ -223,7 +226,9 @@ void Engine::make_quadrics(std::span<const std::uint32_t> tangents) {
             }
             records()[i].quadric = StoredQuadric(q);
         }
-    });
+    };
+    parallel_for_blocks_in_parts(slots_, kBlock, context_.part(kProgressToGraph, kProgressToRounds),
+                                 make);
 }
 
 /// The features of each neighbour less the sample's own.
@@ -538,8 +543,9 @@ void Engine::run(std::span<const std::uint64_t> counts,
     const auto at_count = [&] { on_snapshot(snapshot()); };
     for (; !counts.empty() && counts.front() >= n; counts = counts.subspan(1)) at_count();
     const std::uint64_t last = counts.empty() ? n : counts.back();
+    const RunContext rounds = context_.part(kProgressToRounds, 1);
     while (!counts.empty()) {
-        context_.checkpoint(static_cast<double>(n - live_) / static_cast<double>(n - last));
+        rounds.checkpoint(static_cast<double>(n - live_) / static_cast<double>(n - last));
         round(counts, at_count);
     }
 }

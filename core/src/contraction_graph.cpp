@@ -5,6 +5,7 @@
 #include "leaf_query.hpp"
 #include "parallel_for.hpp"
 #include "point_tree.hpp"
+#include "progress_for.hpp"
 #include "tree_search.hpp"
 
 #include <algorithm>
@@ -75,7 +76,7 @@ ContractionGraph contraction_graph(std::span<const Vec3f> positions, unsigned k,
             });
         }
     };
-    parallel_for_blocks(tree.leaf_count(), kLeavesPerBlock, context, answer_leaves);
+    parallel_for_blocks_in_parts(tree.leaf_count(), kLeavesPerBlock, context, answer_leaves);
     return graph;
 }
 

@@ -2,6 +2,7 @@
 
 #include "parallel_for.hpp"
 
+#include <algorithm>
 #include <atomic>
 #include <thread>
 
@@ -22,6 +23,23 @@ void parallel_for_blocks_with_progress(std::size_t n, std::size_t block, const R
         if (std::this_thread::get_id() == caller)
             context.checkpoint(static_cast<double>(sum) / static_cast<double>(n));
     });
+}
+
+/// As `parallel_for_blocks`, and tells `context` when each of up to 16 parts is done, which come
+/// one after another: as often for any number of threads. A part has at least 64 blocks, so that
+/// threads wait little for each other.
+template <typename Body>
+void parallel_for_blocks_in_parts(std::size_t n, std::size_t block, const RunContext& context,
+                                  Body&& body) {
+    constexpr std::size_t kParts = 16, kLeast = 64;
+    const std::size_t part = std::max(n / (kParts * block) + 1, kLeast) * block;
+    for (std::size_t first = 0; first < n; first += part) {
+        const std::size_t last = std::min(n, first + part);
+        parallel_for_blocks(last - first, block, context, [&](std::size_t begin, std::size_t end) {
+            body(first + begin, first + end);
+        });
+        context.checkpoint(static_cast<double>(last) / static_cast<double>(n));
+    }
 }
 
 }  // namespace stipple

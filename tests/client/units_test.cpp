@@ -11,8 +11,6 @@ TEST(Units, SeparateThousands) {
     EXPECT_EQ(with_separators(1000), "1,000");
     EXPECT_EQ(with_separators(435'545), "435,545");
     EXPECT_EQ(with_separators(12'345'678), "12,345,678");
-    EXPECT_EQ(counted(1, "point", "points"), "1 point");
-    EXPECT_EQ(counted(2000, "point", "points"), "2,000 points");
 }
 
 TEST(Units, ShowBytesWithThreeDigitsAtMost) {

@@ -316,6 +316,21 @@ TEST_F(StippleCli, AFailureLeavesTheOldOutputAsItWas) {
     EXPECT_EQ(content(folder_ / "out.ply"), "precious");
 }
 
+TEST_F(StippleCli, APlaceThatCannotBeWrittenIsToldBeforeTheWork) {
+    std::ofstream(folder_ / "broken.ply") << "ply";  // which the work would tell
+    for (const char* command : {"simplify broken.ply out.ply -n 5 --json no/figures.json",
+                                "analyze broken.ply out.ply --feature-lines no/lines.ply",
+                                "evaluate broken.ply broken.ply --map no/map.png",
+                                "curve broken.ply --json no/curve.json",
+                                "pyramid broken.ply levels --json no/figures.json"}) {
+        const Outcome outcome = stipple(command);
+        EXPECT_EQ(outcome.exit_code, 1) << command;
+        EXPECT_NE(outcome.err.find("no: nothing can be written there"), std::string::npos)
+            << outcome.err;
+        EXPECT_EQ(files(), std::vector<std::string>{"broken.ply"}) << command;
+    }
+}
+
 TEST_F(StippleCli, UsageErrorsExitWithTwoAndNameTheRemedy) {
     const Outcome outcome = stipple("simplify in.ply out.ply");
     EXPECT_EQ(outcome.exit_code, 2);

@@ -5,15 +5,13 @@
 namespace stipple::cli {
 namespace {
 
-constexpr std::uint64_t kMostThreads = 1024;
-
 // Options in groups that several commands share.
 
 void add_common(CLI::App& command, Values& values) {
     command
         .add_option("--threads", values.common.threads, "threads of a local run; 0: one per core")
         ->type_name("T")
-        ->transform(whole_number(kMostThreads));
+        ->check(CLI::Range(0, 1024));
     command
         .add_option("--json", values.common.json,
                     "write the figures as JSON; - for standard output")

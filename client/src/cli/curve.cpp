@@ -52,6 +52,7 @@ void print_table(const proto::Results& results) {
 
 void run(const CurveCommand& command, const Session& session) {
     require_input(command.input);
+    require_place_of(command.common.json);
     const ScratchFolder scratch(command.plot.empty() ? fs::temp_directory_path()
                                                      : folder_of(command.plot));
     ProgressDisplay display(session.terminal, !command.common.quiet);

@@ -216,6 +216,8 @@ void run(const EvaluateCommand& command, const Session& session) {
         std::get<proto::EvaluateJob>(request.job)
             .candidates.push_back(proto::sha256_of_file(candidate));
     }
+    require_place_of(command.common.json);
+    for (const fs::path& map : command.maps) require_place_of(map);
     const ScratchFolder scratch(fs::temp_directory_path());
     ProgressDisplay display(session.terminal, !command.common.quiet);
     const proto::Results results = measure(command, request, scratch.path(), session, display);

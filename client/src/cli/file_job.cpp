@@ -67,6 +67,7 @@ template <typename Job, typename Also>
 void run_file_job(const FileCommand<Job>& command, const Session& session, Also&& also) {
     const auto start = std::chrono::steady_clock::now();
     require_input(command.input);
+    require_place_of(command.common.json);
     const ScratchFolder scratch(folder_of(command.output));
     ProgressDisplay display(session.terminal, !command.common.quiet);
     const JobExecution execution{command.server, command.common.threads, session.stop};
@@ -111,6 +112,7 @@ void run(const UpsampleCommand& command, const Session& session) {
 
 void run(const AnalyzeCommand& command, const Session& session) {
     const bool lines = !command.feature_lines.empty();
+    require_place_of(command.feature_lines);
     run_file_job(command, session, [&](const auto& results, const fs::path& folder, auto& json) {
         if (lines) write_feature_lines(command, results, folder, json);
     });

@@ -156,4 +156,8 @@ fs::path folder_of(const fs::path& file) {
     return parent.empty() ? fs::path(".") : parent;
 }
 
+void require_place_of(const fs::path& file) {
+    if (!file.empty() && file != "-") const ScratchFolder probe(folder_of(file));
+}
+
 }  // namespace stipple::cli

@@ -42,4 +42,8 @@ proto::Results execute(proto::JobRequest request, const std::filesystem::path& i
 /// The folder in which `file` stands, as a path that can be opened.
 std::filesystem::path folder_of(const std::filesystem::path& file);
 
+/// Before the work that ends in the file; a file without a name, or named `-`, needs no place.
+/// @throws Error naming its folder when nothing can be written there.
+void require_place_of(const std::filesystem::path& file);
+
 }  // namespace stipple::cli

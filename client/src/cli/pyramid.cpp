@@ -124,6 +124,7 @@ void run(const PyramidCommand& command, const Session& session) {
     const bool made = !fs::exists(command.output_folder);
     make_folder(command.output_folder);
     try {
+        require_place_of(command.common.json);
         const ScratchFolder scratch(command.output_folder);
         ProgressDisplay display(session.terminal, !command.common.quiet);
         const JobExecution execution{command.server, command.common.threads, session.stop};

@@ -10,14 +10,14 @@ namespace stipple::cli {
 
 /// For `transform`, the last of an option: CLI11 alone reads -3 as 2^64 - 3, 010 as 8 and more
 /// than 2^64 as 2^64 - 1.
-inline CLI::Validator whole_number(std::uint64_t most = UINT64_MAX) {
+inline CLI::Validator whole_number() {
     return CLI::Validator(
-        [most](std::string& text) -> std::string {
+        [](std::string& text) -> std::string {
             std::uint64_t value = 0;
             const char* const end = text.data() + text.size();
             const auto [stop, error] = std::from_chars(text.data(), end, value);
-            if (error != std::errc() || value > most)
-                return text + ": expected a whole number from 0 to " + std::to_string(most);
+            if (error != std::errc())
+                return text + ": expected a whole number from 0 to " + std::to_string(UINT64_MAX);
             text = std::to_string(value) + std::string(stop, end);  // a unit, perhaps
             return {};
         },
