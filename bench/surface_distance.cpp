@@ -25,6 +25,7 @@
 #include <nanoflann.hpp>
 #include <numbers>
 #include <numeric>
+#include <optional>
 #include <random>
 #include <span>
 #include <stdexcept>
@@ -135,6 +136,36 @@ public:
         return nearest;
     }
 
+    /// The distance to the nearest place x with n(x) . (x - a(x)) = 0 and samples beside it, as far
+    /// as it is found: from the neighbours of q, from random places around it, and then around the
+    /// best, walks along the normals of the surface, which come to an end where the way across from
+    /// q does not.
+    double nearest_place(const Vec3d& q, unsigned starts, std::mt19937_64& random) const {
+        const Neighborhood around = tree_.nearest(q, k_);
+        const double to_sample = std::sqrt(around.distances_sq[0]);
+        Vec3d best = points()[around.indices[0]];
+        double least = std::numeric_limits<double>::infinity();
+        const auto walk_from = [&](const Vec3d& start) {
+            const std::optional<Vec3d> place = place_near(start);
+            if (!place || (q - *place).norm() >= least) return;
+            least = (q - *place).norm();
+            best = *place;
+        };
+        std::normal_distribution<double> normal;
+        const auto walk_around = [&](const Vec3d& center, double deviation, unsigned times) {
+            for (unsigned i = 0; i < times; ++i) {
+                const Vec3d way(normal(random), normal(random), normal(random));
+                walk_from(center + deviation * way);
+            }
+        };
+        walk_from(q);
+        for (unsigned i = 0; i < around.size; ++i) walk_from(points()[around.indices[i]]);
+        walk_around(q, to_sample, starts / 2);
+        if (!std::isfinite(least)) return to_sample;
+        for (const double closer : {0.5, 0.2, 0.07}) walk_around(best, closer * least, starts / 6);
+        return least;
+    }
+
     Plane plane_at(const Vec3d& x) const {
         Plane plane{.x = x, .neighbors = tree_.nearest(x, k_)};
         plane.h = plane.neighbors.radius() / 3.0;
@@ -160,6 +191,18 @@ public:
     }
 
 private:
+    std::optional<Vec3d> place_near(Vec3d x) const {
+        for (unsigned i = 0; i < kMaxIterations; ++i) {
+            const Plane plane = plane_at(x);
+            const double height = plane.n.dot(x - plane.a);
+            x -= height * plane.n;
+            if (std::abs(height) > kConvergedStep * plane.h) continue;
+            const bool beside = plane.neighbors.distances_sq[0] <= 2.25 * plane.h * plane.h;
+            return beside ? std::optional(x) : std::nullopt;
+        }
+        return std::nullopt;
+    }
+
     Foot project_from(const Vec3d& q, const Vec3d& start) const {
         Foot foot;
         Plane best;
@@ -317,6 +360,17 @@ struct SurfaceMeter::Original {
         return mean_of(distances);
     }
 
+    /// A random place of a disk around a sample in its tangent plane.
+    static Vec3d place_beside(const MlsSurface& surface, const Vec3d& sample,
+                              std::mt19937_64& random) {
+        std::uniform_real_distribution<double> unit(0.0, 1.0);
+        const Vec3d n = surface.plane_at(sample).n;
+        const Vec3d u = n.unitOrthogonal(), v = n.cross(u);
+        const double r = 0.6 * mean_spacing(surface.tree(), sample) * std::sqrt(unit(random));
+        const double angle = 2.0 * std::numbers::pi * unit(random);
+        return sample + r * (std::cos(angle) * u + std::sin(angle) * v);
+    }
+
     /// Points of S' around every sample: random places of a disk in its tangent plane, projected.
     /// Where the projection finds no fixed point there is none of S'.
     std::vector<Foot> dense_samples(const MlsSurface& simplified) const {
@@ -325,16 +379,9 @@ struct SurfaceMeter::Original {
         std::vector<Foot> feet(each * samples.size());
         for_each_index(samples.size(), options.threads, [&](std::size_t i) {
             std::mt19937_64 random(options.seed + i);
-            std::uniform_real_distribution<double> unit(0.0, 1.0);
-            const Vec3d n = simplified.plane_at(samples[i]).n;
-            const Vec3d u = n.unitOrthogonal(), v = n.cross(u);
-            const double reach = 0.6 * mean_spacing(simplified.tree(), samples[i]);
-            for (std::size_t j = 0; j < each; ++j) {
-                const double r = reach * std::sqrt(unit(random));
-                const double angle = 2.0 * std::numbers::pi * unit(random);
-                feet[i * each + j] = simplified.project(
-                    samples[i] + r * (std::cos(angle) * u + std::sin(angle) * v));
-            }
+            for (std::size_t j = 0; j < each; ++j)
+                feet[i * each + j] =
+                    simplified.project(place_beside(simplified, samples[i], random));
         });
         std::erase_if(feet, [](const Foot& foot) { return !foot.converged; });
         if (feet.empty())
@@ -420,9 +467,23 @@ PlaceDistances SurfaceMeter::measure_places(const PointCloud& simplified, bool o
     const MlsSurface surface(absolute_positions(simplified), original.options.neighbors);
     PlaceDistances measured{original.points, original.point_weights, {}};
     if (on_surface) {
-        const auto feet = original.feet(original.surface, original.points);
+        std::vector<Vec3d> beside(original.points.size());
+        for_each_index(beside.size(), original.options.threads, [&](std::size_t i) {
+            std::mt19937_64 random(original.options.seed + i);
+            beside[i] = Original::place_beside(original.surface, original.points[i], random);
+        });
+        const auto feet = original.feet(original.surface, beside);
         for (std::size_t i = 0; i < feet.size(); ++i)
             if (feet[i].converged) measured.places[i] = feet[i].point;
+    }
+    if (original.options.starts > 0) {
+        measured.distances.resize(measured.places.size());
+        for_each_index(measured.places.size(), original.options.threads, [&](std::size_t i) {
+            std::mt19937_64 random(original.options.seed + i);
+            measured.distances[i] =
+                surface.nearest_place(measured.places[i], original.options.starts, random);
+        });
+        return measured;
     }
     for (const Foot& foot : original.feet(surface, measured.places))
         measured.distances.push_back(foot.distance);

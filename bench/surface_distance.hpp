@@ -52,11 +52,13 @@ struct SurfaceDistanceOptions {
         foot{};            ///< the true surface's nearest point, where a formula gives it; the
                            ///< mesh only says where to look
     unsigned threads = 0;  ///< 0: one per hardware thread; the result does not depend on it
+    unsigned starts = 0;   ///< of `measure_places`: not one walk, but the nearest place of S' that
+                           ///< is found from all neighbours and so many random places. Slow
 };
 
 /// Distances of places of the original from S', in input units.
 struct PlaceDistances {
-    std::vector<Vec3d> places;             ///< points of P, drawn at random
+    std::vector<Vec3d> places;             ///< points of P, drawn at random, or places of S by them
     std::vector<double> areas, distances;  ///< of each: of S around it, and to S'
 };
 
@@ -74,7 +76,7 @@ public:
     SurfaceDistance measure(const PointCloud& simplified) const;
 
     /// What `mean_points` is the mean of.
-    /// @param on_surface  from where the points meet S: without what they are off it.
+    /// @param on_surface  from places of S all around the points: without what those are off it.
     PlaceDistances measure_places(const PointCloud& simplified, bool on_surface) const;
 
 private:

@@ -31,6 +31,7 @@ using nlohmann::json;
 constexpr const char* kUsage = R"(stipple-tile-check FOLDER CLOUD [options]
   FOLDER       what `stipple pyramid CLOUD FOLDER --formats glb` wrote
   --samples N  points of the cloud to measure at, at most (400,000); 0: no errors are measured
+  --starts N   not one walk to the surface, but the nearest of its places found by so many (0)
   --threads N  (all)
 )";
 
@@ -125,8 +126,8 @@ public:
                          std::to_string(seen_) + " of " + std::to_string(by_uri_.size()));
     }
 
-    void measure(std::size_t samples, unsigned threads) {
-        const SurfaceMeter meter(source_, {}, {.samples = samples, .threads = threads});
+    void measure(const SurfaceDistanceOptions& options) {
+        const SurfaceMeter meter(source_, {}, options);
         std::printf(
             "| level | points | tiles | bits | bytes | said mean | measured | ratio | "
             "tiles by points: rms of ratio - 1 | worst | beyond confidence |\n"
@@ -264,13 +265,14 @@ private:
 int run(const std::vector<std::string>& arguments) {
     try {
         std::vector<std::string> names;
-        std::size_t samples = 400'000;
-        unsigned threads = 0;
+        SurfaceDistanceOptions options{.samples = 400'000};
         for (std::size_t i = 0; i < arguments.size(); ++i) {
             if (arguments[i] == "--samples" && i + 1 < arguments.size()) {
-                samples = std::stoul(arguments[++i]);
+                options.samples = std::stoul(arguments[++i]);
             } else if (arguments[i] == "--threads" && i + 1 < arguments.size()) {
-                threads = static_cast<unsigned>(std::stoul(arguments[++i]));
+                options.threads = static_cast<unsigned>(std::stoul(arguments[++i]));
+            } else if (arguments[i] == "--starts" && i + 1 < arguments.size()) {
+                options.starts = static_cast<unsigned>(std::stoul(arguments[++i]));
             } else {
                 names.push_back(arguments[i]);
             }
@@ -280,7 +282,7 @@ int run(const std::vector<std::string>& arguments) {
         check.check_counts();
         check.check_places();
         check.check_tileset();
-        if (samples > 0) check.measure(samples, threads);
+        if (options.samples > 0) check.measure(options);
         return check.print() == 0 ? 0 : 1;
     } catch (const std::invalid_argument& error) {
         std::cerr << "stipple-tile-check: " << error.what() << '\n' << kUsage;

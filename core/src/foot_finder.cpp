@@ -101,6 +101,7 @@ struct Walker {
     double to_sample = 0;     ///< from q to the nearest sample
     Vec3d sample;             ///< that one
     double sample_reach = 0;  ///< how far from it the surface may be
+    double off_surface = 0;   ///< how far it is from the plane of its own neighbourhood
 };
 
 class Walk {
@@ -165,7 +166,7 @@ private:
     void start(std::size_t lane, const Vec3d& x) {
         Walker& w = walkers_[lane];
         w.iteration = 0;
-        w.sample_reach = 0;
+        w.sample_reach = w.off_surface = 0;
         w.last_step = w.least_step = std::numeric_limits<double>::infinity();
         w.best = {};
         set(lanes_.query, lane, (w.q - w.origin).cast<float>());
@@ -221,6 +222,9 @@ private:
         const Vec3d foot = w.origin + get(lanes_.foot, lane);
         const double step = std::sqrt(static_cast<double>(lanes_.step_sq[lane]));
         const double h = r / 3.0;
+        if (options_.across_sample && w.from_sample && w.iteration == 0)
+            w.off_surface = std::abs(static_cast<double>(lanes_.height[lane]) -
+                                     get(lanes_.normal, lane).dot(w.q - w.sample));
         if (step < w.least_step) {
             w.least_step = step;
             w.best.point = foot;
@@ -265,9 +269,10 @@ private:
             (w.direct.converged == w.best.converged ? w.direct.distance <= w.best.distance
                                                     : w.direct.converged);
         Foot foot = direct ? w.direct : w.best;
-        if (foot.h == 0 || (!foot.converged && foot.distance > w.to_sample)) {
+        const double by_sample = w.to_sample + w.off_surface;
+        if (foot.h == 0 || (!foot.converged && foot.distance > by_sample)) {
             foot.point = w.sample;
-            foot.distance = w.to_sample;
+            foot.distance = by_sample;
         }
         foot.beyond = foot.distance < w.to_sample - w.sample_reach;
         if (foot.beyond) foot.distance = w.to_sample - w.sample_reach;

@@ -47,7 +47,11 @@ public:
         unsigned k = 20;
         unsigned degree = 1;  ///< of the basis: 1 or 2
         unsigned max_iterations = 30;
-        double tolerance = 1e-3;  ///< a foot moves by less than this part of h
+        double tolerance = 1e-3;     ///< a foot moves by less than this part of h
+        bool across_sample = false;  ///< what counts where no way ends: no more than the way to the
+                                     ///< nearest sample, and from there across its plane; else no
+                                     ///< more than that to the sample, which is too little in the
+                                     ///< mean, yet no single walk makes the largest distance
     };
 
     /// @param points  at least one; must outlive the finder, like their tree.

@@ -234,7 +234,7 @@ struct LodTiler::State {
         const std::size_t done = made.distances.size();
         made.distances.resize(at.size());
         made.covers.resize(at.size());
-        FootFinder(made.points, *made.tree, {})
+        FootFinder(made.points, *made.tree, {.across_sample = true})
             .find(
                 std::span(at.positions).subspan(done),
                 [&](std::size_t i, const Foot& foot) {

@@ -109,6 +109,33 @@ TEST(FootFinder, TakesTheNearerOfTwoSheets) {
               {.threads = 1});
 }
 
+TEST(FootFinder, CountsTheWayAcrossTheNearestSampleWhereNoWalkEnds) {
+    // A ball full of points has no surface that walks from its points would all come to.
+    const std::vector<Vec3f> points = random_sphere(2'000, 0.99, 3);
+    const PointTree tree(points, PointTree::Leaves::Compact, {});
+    const auto feet_of = [&](bool across) {
+        std::vector<Foot> feet(points.size());
+        FootFinder(points, tree, {.across_sample = across})
+            .find(points, [&](std::size_t i, const Foot& foot) { feet[i] = foot; }, {});
+        return feet;
+    };
+    const std::vector<Foot> to_samples = feet_of(false), across_samples = feet_of(true);
+    std::size_t endless = 0, off = 0;
+    for (std::size_t i = 0; i < points.size(); ++i) {
+        ASSERT_EQ(to_samples[i].converged, across_samples[i].converged);
+        if (to_samples[i].converged) {
+            ASSERT_EQ(to_samples[i].distance, across_samples[i].distance);
+            continue;
+        }
+        ++endless;
+        EXPECT_LE(to_samples[i].distance, 1e-6);  // as if each sample were of the surface
+        off += across_samples[i].distance > 1e-3 ? 1 : 0;
+        EXPECT_LE(across_samples[i].distance, across_samples[i].h * 3);
+    }
+    EXPECT_GT(endless, 20U);
+    EXPECT_GT(2 * off, endless);
+}
+
 TEST(PlaneKernels, GiveTheSameBits) {
     const auto kernels = available_plane_kernels();
     std::mt19937_64 random(3);
