@@ -33,7 +33,7 @@ namespace stipple {
 namespace {
 
 constexpr Index kNone = ContractionGraph::kNone;
-constexpr std::size_t kBlock = 1024;
+constexpr std::size_t kBlock = 1024, kFilled = 1 << 17;
 constexpr unsigned kMaxNeighbors = 32;
 constexpr double kProgressToGraph = 0.35, kProgressToRounds = 0.45;
 constexpr float kUnknown = -1;  // a cost that has to be computed
@@ -62,10 +62,6 @@ public:
              const std::function<void(ContractionSnapshot&&)>& on_snapshot);
 
 private:
-    struct Winner {
-        Index first, second;
-    };
-
     Record* records() const { return static_cast<Record*>(memory_.data()); }
     Index* list_of(Index i) { return &neighbors_[static_cast<std::size_t>(i) * k_]; }
     const Index* list_of(Index i) const { return &neighbors_[static_cast<std::size_t>(i) * k_]; }
@@ -87,7 +83,10 @@ private:
 
     template <typename Visit>
     void for_neighbors(Index of, Visit&& visit) const;
-    void make_quadrics(std::span<const std::uint32_t> tangents);
+    void fill_records(std::size_t from, std::size_t to, std::span<const Vec3f> positions,
+                      std::span<const StoredQuadric> quadrics,
+                      std::span<const std::uint32_t> tangents);
+    void make_quadrics();
     std::vector<float> feature_steps(Index i) const;
     Index place(Index slot) const { return place_of_.empty() ? slot : place_of_[slot]; }
     Index slot_at(std::size_t place) const {
@@ -107,9 +106,9 @@ private:
     float quantile_of_costs() const;
     void propose(float limit);
     bool wins(Index i, float limit) const;
-    std::vector<Winner> match(float limit);
-    void contract(const Winner& winner);
-    void contract(std::span<const Winner> winners);
+    std::vector<Index> match(float limit);
+    void contract(Index winner);
+    void contract(std::span<const Index> winners);
     void reconnect();
 
     ContractionSnapshot snapshot() const;
@@ -178,22 +177,31 @@ Engine::Engine(std::span<const Vec3f> positions, std::span<const StoredQuadric> 
         tangents = std::move(graph.tangents);
     }
     return_freed_memory();
-    parallel_for_blocks(slots_, kBlock, context, [&](std::size_t begin, std::size_t end) {
-        for (std::size_t i = begin; i < end; ++i) {
+    // From the end, so that tangents can go as the records come, which keep them as claims.
+    for (std::size_t end = slots_; end > 0;) {
+        const std::size_t begin = (end - 1) / kFilled * kFilled;
+        fill_records(begin, end, positions, quadrics, tangents);
+        if (!tangents.empty()) cut_off(tangents, begin);
+        end = begin;
+    }
+    if (quadrics.empty()) make_quadrics();
+}
+
+void Engine::fill_records(std::size_t from, std::size_t to, std::span<const Vec3f> positions,
+                          std::span<const StoredQuadric> quadrics,
+                          std::span<const std::uint32_t> tangents) {
+    const auto scale = static_cast<float>(scale_);
+    parallel_for_blocks(to - from, kBlock, context_, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = from + begin; i < from + end; ++i) {
             const Index sample = order_[i];
             new (&records()[i])
                 Record{.position = positions[sample] * scale,
                        .quadric = quadrics.empty() ? StoredQuadric{} : quadrics[sample],
                        .link = static_cast<Index>(i),
-                       .claim = kNone,
+                       .claim = tangents.empty() ? kNone : tangents[i],
                        .cost = kUnknown};
         }
     });
-    if (quadrics.empty()) {
-        make_quadrics(tangents);
-        std::vector<std::uint32_t>().swap(tangents);
-        return_freed_memory();
-    }
 }
 
 /// Calls visit(neighbour) for the list of a slot.
@@ -205,7 +213,7 @@ void Engine::for_neighbors(Index of, Visit&& visit) const {
 
 /// The quadrics of §3.2. A sample stands for an area that goes as the mean squared distance of its
 /// neighbours; the sum over all samples does not depend on their number.
-void Engine::make_quadrics(std::span<const std::uint32_t> tangents) {
+void Engine::make_quadrics() {
     const auto make = [&](std::size_t begin, std::size_t end) {
         std::vector<Vec3d> neighbors;
         for (auto i = static_cast<Index>(begin); i < end; ++i) {
@@ -217,7 +225,7 @@ void Engine::make_quadrics(std::span<const std::uint32_t> tangents) {
             });
             if (neighbors.empty()) continue;
             area *= static_cast<double>(slots_) / static_cast<double>(neighbors.size());
-            const Tangent tangent = unpacked(tangents[i]);
+            const Tangent tangent = unpacked(records()[i].claim);
             Quadric q;
             add_edges(q, neighbors, tangent, area);
             if (options_.channels > 0) {
@@ -389,28 +397,29 @@ bool Engine::wins(Index i, float limit) const {
            !is_better(records()[claim].cost, claim, i, cost, i, partner);
 }
 
-std::vector<Engine::Winner> Engine::match(float limit) {
-    std::vector<std::vector<Winner>> parts((slots_ + kBlock - 1) / kBlock);
+/// One sample of each pair that contracts now, with its partner.
+std::vector<Index> Engine::match(float limit) {
+    std::vector<std::vector<Index>> parts((slots_ + kBlock - 1) / kBlock);
     parallel_for_blocks(slots_, kBlock, context_, [&](std::size_t begin, std::size_t end) {
-        std::vector<Winner>& part = parts[begin / kBlock];
+        std::vector<Index>& part = parts[begin / kBlock];
         for (auto i = static_cast<Index>(begin); i < end; ++i)
-            if (is_live(i) && wins(i, limit)) part.push_back({i, list_of(i)[0]});
+            if (is_live(i) && wins(i, limit)) part.push_back(i);
     });
     std::size_t count = 0;
     for (const auto& part : parts) count += part.size();
-    std::vector<Winner> winners;
+    std::vector<Index> winners;
     winners.reserve(count);
     for (auto& part : parts) {
         context_.throw_if_stopped();
         winners.insert(winners.end(), part.begin(), part.end());
-        std::vector<Winner>().swap(part);
+        std::vector<Index>().swap(part);
     }
     return winners;
 }
 
-void Engine::contract(const Winner& winner) {
-    Index kept = std::min(winner.first, winner.second),
-          gone = std::max(winner.first, winner.second);
+void Engine::contract(Index winner) {
+    const Index partner = list_of(winner)[0];
+    Index kept = std::min(winner, partner), gone = std::max(winner, partner);
     const Vec3d from = records()[kept].position.cast<double>();
     const JoinedSamples joined = join(records()[kept], records()[gone], options_.placement);
     Vec3f position = (from + joined.offset).cast<float>();
@@ -428,15 +437,16 @@ void Engine::contract(const Winner& winner) {
     set_changed(gone);
 }
 
-void Engine::contract(std::span<const Winner> winners) {
+void Engine::contract(std::span<const Index> winners) {
     parallel_for_blocks(winners.size(), kBlock, context_, [&](std::size_t begin, std::size_t end) {
         for (std::size_t w = begin; w < end; ++w) contract(winners[w]);
     });
     if (options_.sequence == nullptr) return;
     for_blocks_in_order(winners.size(), context_, [&](std::size_t begin, std::size_t end) {
-        for (const auto& [first, second] : winners.subspan(begin, end - begin)) {
-            const bool stays = is_live(first);
-            const Index kept = stays ? first : second, gone = stays ? second : first;
+        for (const Index winner : winners.subspan(begin, end - begin)) {
+            const Index partner = list_of(winner)[0];
+            const bool stays = is_live(winner);
+            const Index kept = stays ? winner : partner, gone = stays ? partner : winner;
             options_.sequence->emplace_back(order_[place(kept)], order_[place(gone)]);
         }
     });
@@ -449,12 +459,12 @@ void Engine::round(std::span<const std::uint64_t>& counts, const std::function<v
     if (2 * live_ <= slots_) compact();
     const float limit = quantile_of_costs();
     propose(limit);
-    std::vector<Winner> winners = match(limit);
+    std::vector<Index> winners = match(limit);
     if (winners.empty()) return reconnect();
 
     if (options_.sequence != nullptr || live_ - winners.size() <= counts.front()) {
-        std::ranges::sort(winners, until_stopped(context_, std::less<>()), [&](const Winner& w) {
-            return std::tuple(records()[w.first].cost, place(w.first), place(w.second));
+        std::ranges::sort(winners, until_stopped(context_, std::less<>()), [&](Index w) {
+            return std::tuple(records()[w].cost, place(w), place(list_of(w)[0]));
         });
     }
     std::size_t done = 0;
@@ -486,36 +496,37 @@ void Engine::reconnect() {
 /// Renumbers the slots so that the live samples fill them, and gives back the memory of the rest.
 /// After a refresh, when all lists name live samples.
 void Engine::compact() {
-    auto renumbered = made_in_blocks<std::vector<Index>>(slots_, context_);
+    // The new numbers are claims until all is moved.
     Index next = 0;
     for_slots([&](Index i) {
-        if (is_live(i)) renumbered[i] = next++;
+        if (is_live(i)) records()[i].claim = next++;
     });
     for_slots([&](Index i) {
-        if (!is_live(i)) renumbered[i] = renumbered[root(i)];
+        if (!is_live(i)) records()[i].claim = records()[root(i)].claim;
     });
+    const auto renumbered = [this](Index i) { return i == kNone ? kNone : records()[i].claim; };
+    for_slots([&](Index i) {
+        if (is_live(i))
+            std::ranges::transform(std::span(list_of(i), k_), list_of(renumbered(i)), renumbered);
+    });
+    cut_off(neighbors_, live_ * k_);
+    const bool first = slot_of_.empty();
+    if (first) resize_in_blocks(slot_of_, order_.size(), context_);
+    for_places([&](std::size_t place) {
+        slot_of_[place] = renumbered(first ? static_cast<Index>(place) : slot_of_[place]);
+    });
+    if (first) resize_in_blocks(place_of_, live_, context_);
     for_slots([&](Index i) {
         if (!is_live(i)) return;
-        const Index to = renumbered[i];
-        std::ranges::transform(std::span(list_of(i), k_), list_of(to),
-                               [&](Index j) { return j == kNone ? kNone : renumbered[j]; });
+        const Index to = renumbered(i);
+        place_of_[to] = first ? i : place_of_[i];
         records()[to] = records()[i];
         records()[to].link = to;
-        records()[to].claim = i;  // until its place is known
+        records()[to].claim = kNone;
     });
+    place_of_.resize(live_);
     slots_ = live_;
     memory_.shrink(slots_ * sizeof(Record));
-    shrink_in_blocks(neighbors_, slots_ * k_, context_);
-    if (slot_of_.empty()) {
-        slot_of_ = std::move(renumbered);
-        resize_in_blocks(place_of_, slots_, context_);
-        for_slots([&](Index i) { place_of_[i] = records()[i].claim; });
-    } else {
-        for_places([&](std::size_t place) { slot_of_[place] = renumbered[slot_of_[place]]; });
-        for_slots([&](Index i) { place_of_[i] = place_of_[records()[i].claim]; });
-        place_of_.resize(slots_);
-    }
-    for_slots([&](Index i) { records()[i].claim = kNone; });
 }
 
 ContractionSnapshot Engine::snapshot() const {

@@ -30,18 +30,12 @@ void reserve_in_blocks(Vector& values, std::size_t n, const RunContext& context)
     values.swap(larger);
 }
 
-/// `values.resize(n)` and `values.shrink_to_fit()` that stop when asked to.
+/// `values.resize(n)`, which gives back the pages of the others; the capacity stays.
 template <typename Vector>
-void shrink_in_blocks(Vector& values, std::size_t n, const RunContext& context) {
+void cut_off(Vector& values, std::size_t n) {
+    const std::size_t others = values.size() - n;
     values.resize(n);
-    Vector smaller(values.get_allocator());
-    smaller.reserve(n);
-    prefer_huge_pages(smaller.data(), n * sizeof(smaller[0]));
-    for_blocks_in_order(n, context, [&](std::size_t begin, std::size_t end) {
-        smaller.insert(smaller.end(), values.begin() + static_cast<std::ptrdiff_t>(begin),
-                       values.begin() + static_cast<std::ptrdiff_t>(end));
-    });
-    values.swap(smaller);
+    return_pages(values.data() + n, others * sizeof(values[0]));
 }
 
 /// A vector of n values, made as by `resize_in_blocks`.

@@ -4,6 +4,7 @@
 #include "contraction.hpp"
 #include "contraction_options.hpp"
 #include "curvature_contraction.hpp"
+#include "large_memory.hpp"
 #include "parallel_for.hpp"
 #include "representatives.hpp"
 #include "stipple/clusters.hpp"
@@ -65,6 +66,7 @@ PointCloud cloud_of(const PointCloud& cloud, ContractionSnapshot&& snapshot,
         for (unsigned step = 0; step < kFits; ++step) {
             fit_surface(snapshot.positions, cloud.positions,
                         {clusters.members.data(), clusters.offsets}, fit, context);
+            return_freed_memory();
         }
         if (search) {
             bound_displacement(snapshot.positions, cloud.positions, *search,

@@ -6,6 +6,7 @@
 
 #if defined(__linux__)
 #include <sys/mman.h>
+#include <unistd.h>
 #endif
 #if defined(__GLIBC__)
 #include <malloc.h>
@@ -80,6 +81,19 @@ void prefer_huge_pages(void* data, std::size_t bytes) noexcept {
     const std::size_t skipped = (kHugePage - address % kHugePage) % kHugePage;
     ::madvise(static_cast<std::byte*>(data) + skipped, (bytes - skipped) / kHugePage * kHugePage,
               MADV_HUGEPAGE);
+#else
+    static_cast<void>(data), static_cast<void>(bytes);
+#endif
+}
+
+void return_pages(void* data, std::size_t bytes) noexcept {
+#if defined(MADV_DONTNEED)
+    const auto page = static_cast<std::uintptr_t>(::sysconf(_SC_PAGESIZE));
+    const auto address = reinterpret_cast<std::uintptr_t>(data);
+    const std::uintptr_t begin = (address + page - 1) / page * page,
+                         end = (address + bytes) / page * page;
+    if (begin < end)
+        ::madvise(static_cast<std::byte*>(data) + (begin - address), end - begin, MADV_DONTNEED);
 #else
     static_cast<void>(data), static_cast<void>(bytes);
 #endif

@@ -34,6 +34,10 @@ std::pmr::memory_resource& large_memory_resource() noexcept;
 /// had from elsewhere.
 void prefer_huge_pages(void* data, std::size_t bytes) noexcept;
 
+/// Gives the system back the whole pages within memory that no longer holds anything but is not
+/// freed; they come again, cleared, when they are touched.
+void return_pages(void* data, std::size_t bytes) noexcept;
+
 /// Gives the system back what was freed but kept for later by the allocator: for between a phase of
 /// an algorithm that needs much memory and the next.
 void return_freed_memory() noexcept;

@@ -26,8 +26,8 @@ constexpr std::size_t kWidth = PointTree::kWidth;
 static_assert(kWidth == FitLanes::kLanes);
 constexpr float kReach = 3.0F;  // in h
 constexpr std::size_t kBlock = 32;
-/// Points of a patch, at least; fewer than twice as many.
-constexpr std::size_t kPatch = 4096;
+/// Members asked of the points of a patch, at least; fewer than twice as many.
+constexpr std::size_t kPatch = 16'384;
 
 constexpr int kIterations = 3;
 
@@ -264,7 +264,7 @@ public:
     std::vector<Vec3f> fitted() {
         std::vector<Vec3f> result(points_.begin(), points_.end());
         const std::size_t leaves = tree_.leaf_count(),
-                          patches = std::max<std::size_t>(1, kWidth * leaves / kPatch);
+                          patches = std::max<std::size_t>(1, kWidth * leaves * asked_ / kPatch);
         for (std::size_t patch = 0; patch < patches; ++patch) {
             for (std::size_t l = patch * leaves / patches; l < (patch + 1) * leaves / patches; ++l)
                 place(l);
