@@ -203,8 +203,7 @@ ErrorSamples take_points_by_area(const PointTree& tree, std::uint64_t count, std
     ErrorSamples samples;
     samples.numbers = draw_by_area(areas, count, seed, context);
     samples.positions = points_of(tree, samples.numbers, context);
-    constexpr std::size_t kNth = 6;
-    samples.areas = areas_around(tree, samples.positions, kNth, context);
+    samples.areas = areas_around(tree, samples.positions, kAreaNeighbor, context);
     for (std::size_t i = 0; i < count; ++i) samples.areas[i] /= areas[samples.numbers[i]];
     return samples;
 }
