@@ -113,7 +113,7 @@ struct Outcome {
     double random = 0;       ///< `measure_error`, four times as many random places as before
     double points = 0;       ///< and at points that are within the bound of their own surface
     double independent = 0;  ///< the measure of surface_distance.hpp
-    double even = 0;         ///< without places that have no normal
+    double certain = 0;      ///< of that what is certain
 };
 
 /// From the points that are within the bound of their own surface: those that are not are noise.
@@ -149,7 +149,7 @@ Outcome measure_again(const PointCloud& cloud, const ErrorBoundedCloud& found, s
         outcome.random = std::max(outcome.random, random / found.bound);
         outcome.points = std::max(outcome.points, points / found.bound);
         outcome.independent = std::max(outcome.independent, independent.max * in_bounds);
-        outcome.even = std::max(outcome.even, independent.max_even * in_bounds);
+        outcome.certain = std::max(outcome.certain, independent.max_certain * in_bounds);
     }
     return outcome;
 }
@@ -181,7 +181,7 @@ void check(const std::string& name, const PointCloud& original, Method method, d
         worst.random = std::max(worst.random, outcome.random);
         worst.points = std::max(worst.points, outcome.points);
         worst.independent = std::max(worst.independent, outcome.independent);
-        worst.even = std::max(worst.even, outcome.even);
+        worst.certain = std::max(worst.certain, outcome.certain);
         fewest = std::min(fewest, found.cloud.size());
         most = std::max(most, found.cloud.size());
         whole += found.whole ? 1 : 0;
@@ -190,7 +190,7 @@ void check(const std::string& name, const PointCloud& original, Method method, d
         "| %s | %s | %g | %zu | %zu | %zu..%zu | %zu | %.3f | %.3f | %.3f | %.3f | %zu | %.1f |\n",
         name.c_str(), std::string(to_string(method)).c_str(), bound,
         static_cast<std::size_t>(options.seeds), original.size(), fewest, most, whole, worst.random,
-        worst.points, worst.independent, worst.even, broken,
+        worst.points, worst.independent, worst.certain, broken,
         seconds / static_cast<double>(options.seeds));
     std::fflush(stdout);
 }
@@ -200,7 +200,7 @@ int run(const std::vector<std::string>& arguments) {
         const CheckOptions options = parse(arguments);
         std::printf(
             "| model | method | bound | seeds | points | kept | whole | random | points | "
-            "independent | with a normal | broken | s "
+            "independent | certain | broken | s "
             "|\n|---|---|---|---|---|---|---|---|---|---|---|---|---|\n");
         for (const std::string& model : options.models) {
             const PointCloud cloud = load(model);

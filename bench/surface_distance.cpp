@@ -371,6 +371,33 @@ struct SurfaceMeter::Original {
         return sample + r * (std::cos(angle) * u + std::sin(angle) * v);
     }
 
+    /// The largest of some distances, each no larger than that of a place beside (up to h / 5) and
+    /// the way there.
+    double max_borne_out(const MlsSurface& target, std::span<const Vec3d> queries,
+                         std::span<const double> distances) const {
+        std::vector<std::size_t> order(queries.size());
+        std::iota(order.begin(), order.end(), std::size_t{0});
+        std::ranges::sort(order, std::greater(), [&](std::size_t i) { return distances[i]; });
+        double max = 0;
+        constexpr std::size_t kMost = 1000;
+        for (std::size_t i = 0; i < std::min(kMost, order.size()); ++i) {
+            double least = distances[order[i]];
+            if (least <= max) break;
+            const Vec3d& q = queries[order[i]];
+            const double h = target.plane_at(q).h;
+            for (const double part : {0.05, 0.1, 0.2})
+                for (int way = 0; way < 27; ++way) {
+                    if (way == 13) continue;  // the place itself
+                    const Vec3d beside(way % 3 - 1, way / 3 % 3 - 1, way / 9 - 1);
+                    const double there =
+                        target.project(q + part * h * beside.normalized()).distance;
+                    least = std::min(least, (there + part * h) / diagonal);
+                }
+            max = std::max(max, least);
+        }
+        return max;
+    }
+
     /// Points of S' around every sample: random places of a disk in its tangent plane, projected.
     /// Where the projection finds no fixed point there is none of S'.
     std::vector<Foot> dense_samples(const MlsSurface& simplified) const {
@@ -445,11 +472,20 @@ SurfaceDistance SurfaceMeter::measure(const PointCloud& simplified) const {
     result.back_max = max_of(back);
     result.back_mean = mean_of(
         original.relative(original.feet(original.surface, surface.points()), &Foot::distance));
-    result.max_even = std::max(max_of(point_distances), max_of(distances));
-    result.max = std::max(result.max_even, result.back_max);
+    result.max = std::max({max_of(point_distances), max_of(distances), result.back_max});
+    std::vector<Vec3d> even;
+    std::vector<double> even_distances;
     constexpr double kRound = 0.5;
-    for (std::size_t i = 0; i < places.size(); ++i)
-        if (places[i].roundness <= kRound) result.max_even = std::max(result.max_even, back[i]);
+    for (std::size_t i = 0; i < places.size(); ++i) {
+        if (places[i].roundness > kRound) continue;
+        even.push_back(dense[i]);
+        even_distances.push_back(back[i]);
+    }
+    result.max_certain =
+        std::max({original.max_borne_out(surface, original.points, point_distances),
+                  original.max_borne_out(surface, original.mesh_points,
+                                         original.relative(from_mesh, &Foot::distance)),
+                  original.max_borne_out(original.surface, even, even_distances)});
 
     if (original.distance_to_mesh) {
         result.surface_to_mesh = original.mean_to_mesh(dense);

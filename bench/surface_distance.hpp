@@ -27,8 +27,10 @@ struct SurfaceDistance {
     double max = 0;  ///< Δmax (Eq. 9), the larger of both directions
     double mean =
         0;  ///< Δavg (Eq. 10), S to S': over the mesh where there is one, else as `mean_points`
-    double max_even = 0;  ///< as `max`, without places of S' that have no normal: λ0 / λ1 of their
-                          ///< neighbours is above 1/2
+    /// As `max`, of what is certain: without places of S' that have no normal (λ0 / λ1 of their
+    /// neighbours is above 1/2), and no distance larger than that of a place beside and the way
+    /// there, which tell of a nearer foot.
+    double max_certain = 0;
     double p99 = 0;             ///< 99th percentile of the same distances
     double mean_quadratic = 0;  ///< as `mean`, with a quadratic polynomial over the plane
     double mean_points = 0;     ///< P to S', each point weighted by its area 1/ρ

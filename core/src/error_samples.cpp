@@ -20,7 +20,6 @@ namespace stipple {
 
 namespace {
 
-constexpr std::size_t kAreaNeighbor = 8;
 constexpr std::size_t kBlock = 4096, kBetweenChecks = 65'536;
 
 /// The i-th random number of a seed, in [0, 1).
@@ -133,8 +132,9 @@ std::vector<float> distances_sq(const PointTree& tree, std::span<const Vec3f> po
 
 /// The area around each of some points of the tree, up to a common factor; not zero for all.
 std::vector<float> areas_around(const PointTree& tree, std::span<const Vec3f> points,
-                                std::size_t nth, const RunContext& context) {
-    std::vector<float> areas = distances_sq(tree, points, nth, context);
+                                const RunContext& context) {
+    constexpr std::size_t kEighth = 8;
+    std::vector<float> areas = distances_sq(tree, points, kEighth, context);
     if (std::ranges::none_of(areas, [](float a) { return a > 0; })) std::ranges::fill(areas, 1.0F);
     return areas;
 }
@@ -195,6 +195,7 @@ void ErrorSamples::resize(std::size_t n, const RunContext& context) {
 void ErrorSamples::append(const ErrorSamples& more) {
     positions.insert(positions.end(), more.positions.begin(), more.positions.end());
     areas.insert(areas.end(), more.areas.begin(), more.areas.end());
+    numbers.insert(numbers.end(), more.numbers.begin(), more.numbers.end());
 }
 
 ErrorSamples take_points(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
@@ -206,12 +207,15 @@ ErrorSamples take_points(const PointTree& tree, std::uint64_t count, std::uint64
     } else {
         const double step = static_cast<double>(n) / static_cast<double>(m);
         samples.positions = made_in_blocks<std::vector<Vec3f>>(m, context);
-        for (std::size_t i = 0; i < m; ++i) {
-            const double drawn = step * (static_cast<double>(i) + random_unit(seed, i));
-            samples.positions[i] = position(tree, std::min(n - 1, static_cast<std::size_t>(drawn)));
-        }
+        for_blocks_in_order(m, context, [&](std::size_t begin, std::size_t end) {
+            for (std::size_t i = begin; i < end; ++i) {
+                const double drawn = step * (static_cast<double>(i) + random_unit(seed, i));
+                const auto at = std::min(n - 1, static_cast<std::size_t>(drawn));
+                samples.positions[i] = position(tree, at);
+            }
+        });
     }
-    samples.areas = areas_around(tree, samples.positions, kAreaNeighbor, context);
+    samples.areas = areas_around(tree, samples.positions, context);
     return samples;
 }
 
@@ -228,8 +232,7 @@ ErrorSamples take_points_by_area(const PointTree& tree, std::uint64_t count, std
         samples.numbers[i] =
             leaves[drawn[i] / PointTree::kWidth] * PointTree::kWidth + drawn[i] % PointTree::kWidth;
     samples.positions = points_of(tree, samples.numbers, context);
-    constexpr std::size_t kNth = 6;
-    samples.areas = areas_around(tree, samples.positions, kNth, context);
+    samples.areas = areas_around(tree, samples.positions, context);
     for (std::size_t i = 0; i < count; ++i) samples.areas[i] /= areas[drawn[i]];
     return samples;
 }
@@ -270,8 +273,7 @@ std::vector<Vec3f> random_places(const PointTree& tree, const FootFinder& surfac
 
 ErrorSamples take_surface(const PointTree& tree, const FootFinder& surface, std::uint64_t count,
                           std::uint64_t seed, const RunContext& context) {
-    const std::vector<float> areas =
-        areas_around(tree, all_points(tree, context), kAreaNeighbor, context);
+    const std::vector<float> areas = areas_around(tree, all_points(tree, context), context);
     const std::vector<Vec3f> drawn =
         points_of(tree, draw_by_area(areas, count, seed, context), context);
     ErrorSamples samples;

@@ -30,7 +30,7 @@ ErrorSamples take_points(const PointTree& tree, std::uint64_t count, std::uint64
                          const RunContext& context);
 
 /// `count` of the points as well, with less left to chance: large areas, of which a few points
-/// would decide, are drawn more often. The area of a point, by its sixth neighbour, is divided by
+/// would decide, are drawn more often. The area of a point, by its eighth neighbour, is divided by
 /// that by which it was drawn, about the distance to its third in the leaf. Some may come twice;
 /// all come once, as `take_points` has them, when there are no more. Of very many points those of
 /// four leaves for each sample are drawn from, evenly drawn themselves. O(count), parallel.

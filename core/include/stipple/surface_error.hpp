@@ -111,7 +111,7 @@ void validate(const SurfaceErrorOptions& options);
 /// @throws Error(InvalidArgument) for an empty cloud, a position that is not finite or an option
 /// out of range.
 /// O(N log N), parallel, the same for any number of threads: about 0.15 us for each point, 2 us for
-/// each sample of the finer cloud and 7 us for each of the coarser; 60 bytes a point and 24 a
+/// each sample of the finer cloud and 8 us for each of the coarser; 60 bytes a point and 24 a
 /// sample.
 SurfaceError measure_error(const PointCloud& reference, const PointCloud& candidate,
                            const SurfaceErrorOptions& options = {}, const RunContext& context = {});
