@@ -298,9 +298,13 @@ CloudStatistics read_whole_statistics(const JsonValue& value) {
 
 }  // namespace
 
-std::string to_json(const MeasuredBound& bound) { return to_text(bound_json(bound)); }
+std::string to_json(const MeasuredBound& bound) {
+    return to_text(bound_json(bound));
+}
 
-std::string to_json(const CurveError& error) { return to_text(curve_json(error)); }
+std::string to_json(const CurveError& error) {
+    return to_text(curve_json(error));
+}
 
 std::optional<Method> method_of(const JobRequest& request) noexcept {
     if (std::holds_alternative<AnalyzeJob>(request.job) ||

@@ -109,8 +109,7 @@ void prepare_last_words(const proto::JobSpec& spec) {
 void write_report(const proto::JobReport& report) {
     const std::string line = to_json(report) + '\n';
     if (report.progress) {
-        const auto* stage =
-            std::ranges::find(kJobStages, report.progress->stage);
+        const auto* stage = std::ranges::find(kJobStages, report.progress->stage);
         stage_number = static_cast<std::size_t>(stage - kJobStages.begin()) + 1;
     }
     sigset_t cpu_limit, before;

@@ -51,7 +51,8 @@ void expect_lines_along_the_edges_of_the_cube(const std::vector<Vec3f>& points) 
     const FeatureLines lines = find_feature_lines(points);
     ASSERT_GT(lines.size(), 0U);
     const float spacing = std::sqrt(6.0F / static_cast<float>(points.size()));
-    for (const Index i : lines.points) EXPECT_LT(distance_to_nearest_edge(points[i]), 3.5F * spacing);
+    for (const Index i : lines.points)
+        EXPECT_LT(distance_to_nearest_edge(points[i]), 3.5F * spacing);
     // All 12 edges have a line beside them, but for a gap where it may not reach a corner.
     std::size_t beside = 0, all = 0;
     for (int axis = 0; axis < 3; ++axis) {

@@ -61,9 +61,7 @@ TEST(Sha256, TextIsKnownByItsLengthAndLowerCaseDigits) {
 }
 
 TEST(Base64, IsThatOfTheStandardsExamples) {
-    const auto coded = [](std::string_view text) {
-        return base64(std::as_bytes(std::span(text)));
-    };
+    const auto coded = [](std::string_view text) { return base64(std::as_bytes(std::span(text))); };
     EXPECT_EQ(coded(""), "");
     EXPECT_EQ(coded("f"), "Zg==");
     EXPECT_EQ(coded("fo"), "Zm8=");

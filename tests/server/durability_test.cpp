@@ -38,7 +38,8 @@ void acknowledge(int pipe, const std::string& what) {
         const auto upload = service.begin_upload();
         upload->write(bytes_of(text));
         bool existed = false;
-        const auto cloud = service.finish_upload("ada", *upload, bytes_of(text), std::nullopt, existed);
+        const auto cloud =
+            service.finish_upload("ada", *upload, bytes_of(text), std::nullopt, existed);
         acknowledge(pipe, "cloud " + cloud.id);
 
         const auto job = service.submit("ada", simplify_request(cloud.id), name, existed);

@@ -338,8 +338,9 @@ CLI::App& add_evaluate(CLI::App& app, Values& values) {
         ->type_name("OUT")
         ->allow_extra_args(false);
     command
-        .add_option("--samples", options.measure.samples,
-                    "distances on each surface; 0: 40000, or one a point, and the maximum of all points")
+        .add_option(
+            "--samples", options.measure.samples,
+            "distances on each surface; 0: 40000, or one a point, and the maximum of all points")
         ->type_name("N")
         ->capture_default_str()
         ->transform(whole_number());

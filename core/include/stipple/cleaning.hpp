@@ -17,8 +17,8 @@ struct CleaningReport {
 /// coordinate, then those at exactly the position of an earlier point (-0 equals 0). The rest keep
 /// their order and their attributes. Normals that are not finite become zero.
 ///
-/// Expected O(N) time; 8 to 16 bytes a point while it runs. Where it is stopped, what the cloud holds
-/// is of no use.
+/// Expected O(N) time; 8 to 16 bytes a point while it runs. Where it is stopped, what the cloud
+/// holds is of no use.
 CleaningReport clean(PointCloud& cloud, const RunContext& context = {});
 
 }  // namespace stipple

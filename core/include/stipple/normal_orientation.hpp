@@ -27,8 +27,8 @@ struct NormalOrientationOptions {
 /// finite agrees with none.
 /// @throws Error(InvalidArgument) for k out of range, another number of normals than points, or a
 /// viewpoint that is not finite; Error(TooLarge) for 2^31 points or more.
-/// Expected O(N k), in parallel but for the tree itself; about 11 k + 60 bytes a point while it runs.
-/// The same result for any number of threads.
+/// Expected O(N k), in parallel but for the tree itself; about 11 k + 60 bytes a point while it
+/// runs. The same result for any number of threads.
 void orient_normals(std::span<const Vec3f> points, std::span<Vec3f> normals,
                     const NormalOrientationOptions& options = {}, const RunContext& context = {});
 
