@@ -28,7 +28,8 @@ std::size_t stated_bytes(const SimplifyOptions& options, std::size_t points, std
             case Method::Incremental:
                 return 50 * n;
             case Method::Iterative:
-                return (72 + 4 * options.iterative.k) * n + 300 * std::min(n, 8 * kept);
+                return std::max((72 + 4 * options.iterative.k) * n + 300 * std::min(n, 8 * kept),
+                                std::min(4300 * kept, 30e6));
             case Method::Particles:
                 return 60 * n + 160 * std::min(n, 16 * kept) + 250 * kept;
             case Method::Voxel:
