@@ -32,6 +32,14 @@ void reset_peak() {
     std::ofstream("/proc/self/clear_refs") << "5";
 }
 
+/// Large blocks come from the system and go back to it, as they do in a process that has just
+/// begun. Else glibc takes more and more of them from its heap, and what is free there but not
+/// given back counts as memory of whoever is next: measured was twice what a contestant needs.
+void keep_large_blocks_apart() {
+    constexpr int kLarge = 128 * 1024;  // as glibc has it at first
+    ::mallopt(M_MMAP_THRESHOLD, kLarge);
+}
+
 std::any run_once(const Contestant& contestant, Timing& timing) {
     contestant.prepare();
     ::malloc_trim(0);
@@ -83,6 +91,7 @@ bool Standing::is_above_stated() const {
 
 std::vector<Standing> hold_contest(const std::vector<Contestant>& contestants, unsigned rounds,
                                    double patience_s) {
+    keep_large_blocks_apart();
     std::vector<Standing> standings;
     std::vector<double> spent;
     for (const Contestant& contestant : contestants) {
