@@ -20,7 +20,7 @@ export function bytes(n) {
 }
 
 /** With three significant digits, and a minus sign as wide as a digit. */
-export const quantity = (x) => (x === 0 || (Math.abs(x) >= 0.01 && Math.abs(x) < 1e6)
+export const quantity = (x) => (x === 0 || (Math.abs(x) >= 1e-4 && Math.abs(x) < 1e6)
     ? x.toLocaleString('en', { maximumSignificantDigits: 3 }) : x.toExponential(1)).replaceAll('-', '\u2212');
 export const percent = (share) => `${quantity(100 * share)} %`;
 
