@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""Bytes of a pyramid's tiles (brotli 11) to mean errors that another format reaches by known bytes.
+"""Bytes of a pyramid's tiles (brotli 11), or of a progressive stream, to mean errors that another format reaches by known bytes.
 
     bench/bytes_to_error.py CLOUD.ply --method multiphase ERROR:BYTES...
+    bench/bytes_to_error.py CLOUD.ply --stream ERROR:BYTES...
 
 ERROR in percent of the diagonal, as 0.0299:86857. For each, levels of ratio 4 are made whose finest, decoded, has that error; printed
-are its points, its bytes, and those of all levels, each beside BYTES. Needs numpy, scipy, and `stipple`, `brotli` in PATH.
+are its points, its bytes, and those of all levels, each beside BYTES; of a stream the shortest prefix that has that error. Needs numpy, scipy, and `stipple`, `brotli` in PATH.
 
 The error is not that of §4 (surface_distance.cpp) but the one by which those bytes were found: the mean distance of every
 point of the cloud from a plane of its 12 nearest in the level, Gaussian weights, three steps. The width of the Gaussian, which
@@ -84,27 +85,67 @@ def measured(path, cloud, method, points, folder):
     return mean_error(cloud, positions(finest)), sent
 
 
+def ladder_to(error, path, cloud, method, folder):
+    """Error, points, and bytes of each level of the pyramid whose finest level comes closest to the error."""
+    points, below, above = len(cloud) // 8, 1, len(cloud)
+    tries = []
+    while len(tries) < TRIES and not any(off < CLOSE for off, *_ in tries):
+        found, sent = measured(path, cloud, method, points, folder)
+        tries.append((abs(found / error - 1), found, points, sent))
+        below, above = (points, above) if found > error else (below, points)
+        points = int(np.clip(points * (found / error) ** 0.75, below + 1, above - 1))
+    return min(tries)[1:]
+
+
+def stream_of(path, folder):
+    levels = Path(folder, 'stream')
+    subprocess.run(['stipple', 'pyramid', path, levels, '--method', 'iterative', '--formats', 'stpc', '--no-error', '--quiet'],
+                   check=True)
+    (file,) = levels.glob('*.stpc')
+    return file.read_bytes()
+
+
+def prefix_to(error, stream, cloud, folder):
+    """Error, points and bytes of a prefix that has the error, found by halving."""
+    cut, shown = Path(folder, 'prefix.stpc'), Path(folder, 'prefix.ply')
+    below, above = 1_000, len(stream)
+    best = None
+    while above / below > 1 + CLOSE:
+        size = int(np.sqrt(below * above))
+        cut.write_bytes(stream[:size])
+        subprocess.run(['stipple', 'convert', cut, shown, '--quiet'], check=True)
+        level = positions(shown)
+        found = mean_error(cloud, level)
+        if found > error:
+            below = size
+        else:
+            above, best = size, (found, len(level), size)
+    return best
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('cloud')
     parser.add_argument('--method', default='hierarchical')
+    parser.add_argument('--stream', action='store_true')
     parser.add_argument('reached', nargs='+', metavar='ERROR:BYTES')
     args = parser.parse_args()
+    reached = [tuple(map(float, each.split(':'))) for each in args.reached]
     with tempfile.TemporaryDirectory() as folder:
         plain = Path(folder, 'cloud.ply')
         subprocess.run(['stipple', 'convert', args.cloud, plain, '--quiet'], check=True)
         cloud = positions(plain)
-        print('| error, % | points | level, bytes | of theirs | ladder, bytes | of theirs |\n|---|---|---|---|---|---|')
-        for error, theirs in (map(float, reached.split(':')) for reached in args.reached):
-            points, below, above = len(cloud) // 8, 1, len(cloud)
-            tries = []
-            while len(tries) < TRIES and not any(off < CLOSE for off, *_ in tries):
-                found, sent = measured(plain, cloud, args.method, points, folder)
-                tries.append((abs(found / error - 1), points, found, sent))
-                below, above = (points, above) if found > error else (below, points)
-                points = int(np.clip(points * (found / error) ** 0.75, below + 1, above - 1))
-            _, points, found, sent = min(tries)
-            print(f'| {found:.5f} | {points:,} | {sent[-1]:,} | {sent[-1] / theirs:.2f} | {sum(sent):,} | {sum(sent) / theirs:.2f} |')
+        if args.stream:
+            stream = stream_of(plain, folder)
+            print('| error, % | points | stream, bytes | of theirs |\n|---|---|---|---|')
+            for error, theirs in reached:
+                found, points, size = prefix_to(error, stream, cloud, folder)
+                print(f'| {found:.5f} | {points:,} | {size:,} | {size / theirs:.2f} |')
+        else:
+            print('| error, % | points | level, bytes | of theirs | ladder, bytes | of theirs |\n|---|---|---|---|---|---|')
+            for error, theirs in reached:
+                found, points, sent = ladder_to(error, plain, cloud, args.method, folder)
+                print(f'| {found:.5f} | {points:,} | {sent[-1]:,} | {sent[-1] / theirs:.2f} | {sum(sent):,} | {sum(sent) / theirs:.2f} |')
 
 
 if __name__ == '__main__':
