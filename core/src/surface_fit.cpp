@@ -250,7 +250,7 @@ public:
           options_(options),
           asked_(options.asked),
           context_(context),
-          tree_(points, PointTree::Leaves::Compact, context),
+          tree_(points, PointTree::Leaves::Given, context),
           slot_(points.size()),
           place_(tree_.leaf_count(), PointTree::kNone) {
         parallel_for_blocks(
@@ -343,14 +343,16 @@ private:
         };
         query.run(l, [&](std::size_t lane, const Candidates& near, const Chosen& chosen) {
             group.neighbors[0][lane] = leaf.index[lane];
-            for (std::uint32_t i = 0; i < chosen.count; ++i) {
-                const std::size_t row = chosen.rank[i] + std::size_t{1};
-                if (row >= kNeighbors) continue;
-                const std::uint32_t slot = chosen.slot[i];
+            std::array<std::uint32_t, kNeighbors> slots;  // by rank; those too many in the last
+            for (std::uint32_t i = 0; i < chosen.count; ++i)
+                slots[std::min<std::uint32_t>(chosen.rank[i], kNeighbors - 1)] = chosen.slot[i];
+            for (std::size_t row = 1; row < kNeighbors; ++row) {
+                const std::uint32_t slot = slots[row - 1];
                 group.neighbors[row][lane] = near.index[slot];
-                set(lanes.around[row], lane,
-                    Vec3f(near.x[slot], near.y[slot], near.z[slot]) - leaf.position(lane));
-                reach_sq[lane] = std::max(reach_sq[lane], chosen.distance_sq[i]);
+                const Vec3f d =
+                    Vec3f(near.x[slot], near.y[slot], near.z[slot]) - leaf.position(lane);
+                set(lanes.around[row], lane, d);
+                reach_sq[lane] = std::max(reach_sq[lane], d.squaredNorm());
             }
         });
         const FitKernel& kernel = fit_kernel();
