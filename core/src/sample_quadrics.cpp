@@ -267,8 +267,10 @@ QuadricSamples::QuadricSamples(std::span<const Vec3f> points, const MemberLists&
             summaries[i] = summary_of(moments);
         }
     });
-    positions_ = centroids;
-    if (size() == 1) return;
+    if (size() == 1) {
+        positions_ = centroids;
+        return;
+    }
     const auto count = static_cast<unsigned>(std::min<std::size_t>(k, size() - 1));
     const std::vector<float> means = features_of(clusters, features, context);
     const double length = diagonal(centroids);

@@ -250,7 +250,8 @@ public:
           options_(options),
           asked_(options.asked),
           context_(context),
-          tree_(points, PointTree::Leaves::Given, context),
+          tree_(points, options.in_order ? PointTree::Leaves::Given : PointTree::Leaves::Compact,
+                context),
           slot_(points.size()),
           place_(tree_.leaf_count(), PointTree::kNone) {
         parallel_for_blocks(
