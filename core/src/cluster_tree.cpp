@@ -254,7 +254,8 @@ void ClusterTree::grow(const SplitRule& rule, const RunContext& context) {
 }
 
 void ClusterTree::split_large(const SplitRule& rule, const RunContext& context) {
-    auto room = made_in_blocks<std::vector<Index>>(points_.size(), context);
+    const LargeMemory memory(points_.size() * sizeof(Index));
+    const std::span room(static_cast<Index*>(memory.data()), points_.size());
     struct Large {
         Index id;
         SampleMoments moments;
@@ -275,8 +276,8 @@ void ClusterTree::split_large(const SplitRule& rule, const RunContext& context) 
         if (node.size <= kResident || !rule.wants(node, variation_of(moments, spread))) continue;
         const SplitPlane plane = split_plane(moments, spread);
         const std::span<Index> members = std::span(members_).subspan(node.begin, node.size);
-        Sides sides = partition_many(points_, members, plane,
-                                     std::span(room).subspan(node.begin, node.size), context);
+        Sides sides =
+            partition_many(points_, members, plane, room.subspan(node.begin, node.size), context);
         if (sides.left.count == 0 || sides.right.count == 0) {
             const Index front = halve(points_, members);
             sides.left = moments_of_many(points_, members.first(front), plane.reference, context);

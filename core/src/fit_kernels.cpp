@@ -12,7 +12,8 @@ namespace {
 }  // namespace
 
 std::vector<FitKernel> available_fit_kernels() {
-    return with_avx2<FitKernel>({"plain", plain::run}, {"avx2", avx2::run});
+    return with_avx2<FitKernel>({"plain", plain::run, plain::want, plain::look_along},
+                                {"avx2", avx2::run, avx2::want, avx2::look_along});
 }
 
 const FitKernel& fit_kernel() {

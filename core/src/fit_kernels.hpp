@@ -34,10 +34,26 @@ struct FitAnswers {
     FitLanes::Floats linear_distance, quadratic_distance;
 };
 
-/// Answers eight places, for one instruction set. Every set gives the same bits.
+/// The answers of some places for each of the same eight lanes of neighbours; what is said with
+/// quadratic basis counts `quadratic_weight` times.
+struct FitWishes {
+    const FitAnswers* answers;
+    std::size_t count;
+    FitLanes::Floats quadratic_weight;
+};
+
+/// The inner loops of the fit of points to a surface, for one instruction set. Every set gives the
+/// same bits.
 struct FitKernel {
     const char* name;
+    /// Answers eight places.
     void (*run)(const FitLanes& lanes, FitAnswers& answers) noexcept;
+    /// For each neighbour the sum of gradients times distances, and that of the squared gradients.
+    void (*want)(const FitWishes& wishes, FitLanes::Row* wanted,
+                 FitLanes::Floats* squares) noexcept;
+    /// For each neighbour the sum of gradients times what moves along `direction` add up to.
+    void (*look_along)(const FitWishes& wishes, const FitLanes::Row* direction,
+                       FitLanes::Row* image) noexcept;
 };
 
 /// What this machine can run, the plainest first.

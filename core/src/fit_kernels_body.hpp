@@ -9,7 +9,22 @@ struct Vector {
     Float8 x, y, z;
 
     Float8 dot(const Vector& o) const noexcept { return x * o.x + y * o.y + z * o.z; }
+    void add(Float8 factor, const Vector& o) noexcept {
+        x += factor * o.x;
+        y += factor * o.y;
+        z += factor * o.z;
+    }
 };
+
+[[gnu::always_inline]] inline Vector vector_of(const FitLanes::Row& row) noexcept {
+    return {load(row.x), load(row.y), load(row.z)};
+}
+
+[[gnu::always_inline]] inline void write(const Vector& v, FitLanes::Row& row) noexcept {
+    store(v.x, row.x);
+    store(v.y, row.y);
+    store(v.z, row.z);
+}
 
 /// The neighbours as they are seen from the place, in units of h.
 struct Seen {
@@ -196,12 +211,6 @@ inline void set_up(const Seen& seen, const Plane& plane, Over& over, Polynomial&
     for (std::size_t i = 0; i < kTerms; ++i) right[i] = r[i];
 }
 
-[[gnu::always_inline]] inline void write(const Vector& v, FitLanes::Row& row) noexcept {
-    store(v.x, row.x);
-    store(v.y, row.y);
-    store(v.z, row.z);
-}
-
 /// The gradients of the polynomials' heights at the origin, and these heights.
 /// @param b  how the right sides change the heights: of the linear one, then of the quadratic one.
 /// @param c  the polynomials' coefficients.
@@ -262,4 +271,43 @@ void run(const FitLanes& lanes, FitAnswers& answers) noexcept {
     const Float8 h = 1.0F / (plane.stands ? per_h : Float8{} + 1.0F);
     store(plane.stands ? -h * (plane.t + c[0][0]) : Float8{}, answers.linear_distance);
     store(plane.stands ? -h * (plane.t + c[1][0]) : Float8{}, answers.quadratic_distance);
+}
+
+void want(const FitWishes& wishes, FitLanes::Row* wanted, FitLanes::Floats* squares) noexcept {
+    const Float8 weight = load(wishes.quadratic_weight);
+    const FitAnswers* const end = wishes.answers + wishes.count;
+    for (std::size_t i = 0; i < kRows; ++i) {
+        Vector sum{};
+        Float8 square{};
+        for (const FitAnswers* answer = wishes.answers; answer != end; ++answer) {
+            const Vector l = vector_of(answer->gradients[i].linear),
+                         q = vector_of(answer->gradients[i].quadratic);
+            sum.add(load(answer->linear_distance), l);
+            sum.add(weight * load(answer->quadratic_distance), q);
+            square += l.dot(l) + weight * q.dot(q);
+        }
+        write(sum, wanted[i]);
+        store(square, squares[i]);
+    }
+}
+
+void look_along(const FitWishes& wishes, const FitLanes::Row* direction,
+                FitLanes::Row* image) noexcept {
+    const Float8 weight = load(wishes.quadratic_weight);
+    const FitAnswers* const end = wishes.answers + wishes.count;
+    Vector along[kRows], sums[kRows] = {};
+    for (std::size_t i = 0; i < kRows; ++i) along[i] = vector_of(direction[i]);
+    for (const FitAnswers* answer = wishes.answers; answer != end; ++answer) {
+        Float8 linear{}, quadratic{};
+        for (std::size_t i = 0; i < kRows; ++i) {
+            linear += along[i].dot(vector_of(answer->gradients[i].linear));
+            quadratic += along[i].dot(vector_of(answer->gradients[i].quadratic));
+        }
+        quadratic *= weight;
+        for (std::size_t i = 0; i < kRows; ++i) {
+            sums[i].add(linear, vector_of(answer->gradients[i].linear));
+            sums[i].add(quadratic, vector_of(answer->gradients[i].quadratic));
+        }
+    }
+    for (std::size_t i = 0; i < kRows; ++i) write(sums[i], image[i]);
 }

@@ -1,5 +1,6 @@
 #include "large_memory.hpp"
 
+#include <cstddef>
 #include <cstdint>
 #include <cstdlib>
 #include <new>
@@ -26,23 +27,60 @@ std::size_t rounded(std::size_t bytes) noexcept {
     return (bytes + kHugePage - 1) / kHugePage * kHugePage;
 }
 
-void* huge_pages(std::size_t bytes) {
+void* aligned(std::size_t bytes) {
     void* data = nullptr;
-    if (::posix_memalign(&data, bytes >= kHugePage ? kHugePage : kLine, bytes) != 0)
-        throw std::bad_alloc();
-#if defined(MADV_HUGEPAGE)
-    // Advice: where it is not taken, small pages do, as they do for an end that fills no huge one.
-    if (bytes >= kHugePage) ::madvise(data, bytes / kHugePage * kHugePage, MADV_HUGEPAGE);
-#endif
+    if (::posix_memalign(&data, kLine, bytes) != 0) throw std::bad_alloc();
     return data;
 }
+
+#if defined(MADV_HUGEPAGE)
+
+/// Pages of their own, not a hole that the allocator has: what is freed goes back to the system,
+/// whatever else there is.
+void* pages(std::size_t bytes) {
+    void* const all = ::mmap(nullptr, bytes + kHugePage, PROT_READ | PROT_WRITE,
+                             MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    if (all == MAP_FAILED) throw std::bad_alloc();
+    const std::size_t skipped = -reinterpret_cast<std::uintptr_t>(all) % kHugePage;
+    auto* const data = static_cast<std::byte*>(all) + skipped;
+    if (skipped > 0) ::munmap(all, skipped);
+    const auto size = static_cast<std::size_t>(::sysconf(_SC_PAGESIZE));
+    const std::size_t end = (bytes + size - 1) / size * size;
+    if (skipped + end < bytes + kHugePage) ::munmap(data + end, kHugePage + bytes - skipped - end);
+    // Advice: where it is not taken, small pages do, as they do for an end that fills no huge one.
+    ::madvise(data, bytes / kHugePage * kHugePage, MADV_HUGEPAGE);
+    return data;
+}
+
+void* memory_of(std::size_t bytes) {
+    return bytes >= kHugePage ? pages(bytes) : aligned(bytes);
+}
+void give_back(void* data, std::size_t bytes) noexcept {
+    if (bytes >= kHugePage)
+        ::munmap(data, bytes);
+    else
+        std::free(data);
+}
+
+#else
+
+void* memory_of(std::size_t bytes) {
+    return aligned(bytes);
+}
+void give_back(void* data, std::size_t) noexcept {
+    std::free(data);
+}
+
+#endif
 
 class LargeMemoryResource : public std::pmr::memory_resource {
     void* do_allocate(std::size_t bytes, std::size_t alignment) override {
         if (alignment > kLine) throw std::bad_alloc();
-        return huge_pages(rounded(bytes));
+        return memory_of(rounded(bytes));
     }
-    void do_deallocate(void* data, std::size_t, std::size_t) override { std::free(data); }
+    void do_deallocate(void* data, std::size_t bytes, std::size_t) override {
+        give_back(data, rounded(bytes));
+    }
     bool do_is_equal(const memory_resource& other) const noexcept override {
         return this == &other;
     }
@@ -51,7 +89,7 @@ class LargeMemoryResource : public std::pmr::memory_resource {
 }  // namespace
 
 LargeMemory::LargeMemory(std::size_t bytes)
-    : data_(huge_pages(rounded(bytes))), bytes_(rounded(bytes)) {}
+    : data_(memory_of(rounded(bytes))), bytes_(rounded(bytes)) {}
 
 std::pmr::memory_resource& large_memory_resource() noexcept {
     static LargeMemoryResource resource;
@@ -70,7 +108,7 @@ void LargeMemory::shrink(std::size_t bytes) noexcept {
 }
 
 LargeMemory::~LargeMemory() {
-    std::free(data_);
+    give_back(data_, bytes_);
 }
 
 void prefer_huge_pages(void* data, std::size_t bytes) noexcept {

@@ -54,8 +54,8 @@ PointCloud cloud_at(const PointCloud& cloud, const Clusters& clusters, std::vect
                     const IterativeSimplificationOptions& options, const RunContext& context) {
     const MemberLists lists = {clusters.members.data(), clusters.offsets};
     if (options.placement == Placement::Optimal) {
-        fit_surface(positions, cloud.positions, lists, {.asked = fitted(cloud, positions.size())},
-                    context);
+        fit_surface(positions, cloud.positions, lists,
+                    {.asked = fitted(cloud, positions.size()), .in_order = true}, context);
         if (options.max_displacement) {
             bound_displacement(positions, cloud.positions, NeighborSearch(cloud.positions, context),
                                *options.max_displacement, context);

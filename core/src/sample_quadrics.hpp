@@ -27,8 +27,8 @@ public:
     /// A sample lies where the surface is over the centroid of its cluster, as far as the curvature
     /// of its surroundings tells; that of a single point where the point is, or very near.
     ///
-    /// Expected O(N + M k) for N points in M clusters, parallel; 36 bytes a cluster, and about 70 +
-    /// 8 k more while it runs.
+    /// Quickest for clusters in the order of a tree, as `ClusterTree` has them. Expected O(N + M k)
+    /// for N points in M clusters, parallel; 36 bytes a cluster, and about 70 more while it runs.
     QuadricSamples(std::span<const Vec3f> points, const MemberLists& clusters, unsigned k,
                    const Features& features, const RunContext& context);
 

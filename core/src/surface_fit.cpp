@@ -31,36 +31,6 @@ constexpr std::size_t kPatch = 16'384;
 
 constexpr int kIterations = 3;
 
-/// One value for each of eight points.
-struct Eight {
-    Float4 low{}, high{};
-
-    Eight() = default;
-    Eight(Float4 l, Float4 h) : low(l), high(h) {}
-    explicit Eight(const FitLanes::Floats& from) : low(load(&from[0])), high(load(&from[4])) {}
-
-    friend Eight operator+(Eight a, Eight b) { return {a.low + b.low, a.high + b.high}; }
-    friend Eight operator-(Eight a, Eight b) { return {a.low - b.low, a.high - b.high}; }
-    friend Eight operator*(Eight a, Eight b) { return {a.low * b.low, a.high * b.high}; }
-    Eight& operator+=(Eight b) { return *this = *this + b; }
-};
-
-/// One vector for each of eight points.
-struct Vectors {
-    Eight x, y, z;
-
-    Vectors() = default;
-    Vectors(Eight x_, Eight y_, Eight z_) : x(x_), y(y_), z(z_) {}
-    explicit Vectors(const FitLanes::Row& row) : x(row.x), y(row.y), z(row.z) {}
-
-    Eight dot(const Vectors& o) const { return x * o.x + y * o.y + z * o.z; }
-    void add(Eight factor, const Vectors& o) {
-        x += factor * o.x;
-        y += factor * o.y;
-        z += factor * o.z;
-    }
-};
-
 using Square = std::array<Float4, 4>;
 
 Square transposed(const Square& m) {
@@ -75,20 +45,23 @@ Square transposed(const Square& m) {
 /// Numbers of one point for each of eight.
 using Numbers = std::array<Index, kWidth>;
 
-Vectors gathered(const std::vector<Float4>& from, const Numbers& numbers) {
-    const auto half = [&](const Index* n) {
-        return transposed({from[n[0]], from[n[1]], from[n[2]], from[n[3]]});
-    };
-    const Square low = half(&numbers[0]), high = half(&numbers[4]);
-    return {{low[0], high[0]}, {low[1], high[1]}, {low[2], high[2]}};
+void gather(const std::vector<Float4>& from, const Numbers& numbers, FitLanes::Row& to) {
+    for (std::size_t lane = 0; lane < kWidth; lane += 4) {
+        const Index* n = &numbers[lane];
+        const Square columns = transposed({from[n[0]], from[n[1]], from[n[2]], from[n[3]]});
+        __builtin_memcpy(&to.x[lane], &columns[0], sizeof columns[0]);
+        __builtin_memcpy(&to.y[lane], &columns[1], sizeof columns[1]);
+        __builtin_memcpy(&to.z[lane], &columns[2], sizeof columns[2]);
+    }
 }
 
-void add_scattered(const Vectors& v, Eight fourth, const Numbers& numbers,
+void add_scattered(const FitLanes::Row& row, const FitLanes::Floats& fourth, const Numbers& numbers,
                    std::vector<Float4>& to) {
-    const Square low = transposed({v.x.low, v.y.low, v.z.low, fourth.low}),
-                 high = transposed({v.x.high, v.y.high, v.z.high, fourth.high});
-    for (std::size_t lane = 0; lane < 4; ++lane) to[numbers[lane]] += low[lane];
-    for (std::size_t lane = 0; lane < 4; ++lane) to[numbers[4 + lane]] += high[lane];
+    for (std::size_t half = 0; half < kWidth; half += 4) {
+        const Square each = transposed(
+            {load(&row.x[half]), load(&row.y[half]), load(&row.z[half]), load(&fourth[half])});
+        for (std::size_t lane = 0; lane < 4; ++lane) to[numbers[half + lane]] += each[lane];
+    }
 }
 
 /// The eight points of a leaf and what some input points of each ask: that moves of its neighbours
@@ -97,8 +70,7 @@ void add_scattered(const Vectors& v, Eight fourth, const Numbers& numbers,
 struct Group {
     std::array<Numbers, kNeighbors> neighbors;
     FitLanes::Floats reach_sq;  ///< of the farthest neighbour
-    FitLanes::Floats quadratic_weight;
-    std::span<FitAnswers> wishes;  ///< each of eight input points, one for each point
+    FitWishes wishes;           ///< each of eight input points, one for each point
 };
 
 float sum(Float4 v) {
@@ -114,7 +86,7 @@ void weigh_quadratic(std::span<Group> groups, std::size_t size, float close) {
     for (const Group& group : groups) {
         for (std::size_t lane = 0; lane < kWidth; ++lane) {
             float inside_sq = 0, distance_sq = 0;
-            for (const FitAnswers& wish : group.wishes) {
+            for (const FitAnswers& wish : std::span(group.wishes.answers, group.wishes.count)) {
                 const float quadratic = wish.quadratic_distance[lane],
                             inside = wish.linear_distance[lane] - quadratic;
                 inside_sq += inside * inside;
@@ -134,7 +106,7 @@ void weigh_quadratic(std::span<Group> groups, std::size_t size, float close) {
                 q += beside[row[lane]];
             }
             constexpr float kMost = 16;  // or damping, which is one for all, would hold the others
-            group.quadratic_weight[lane] =
+            group.wishes.quadratic_weight[lane] =
                 q > 0 ? std::clamp(close * close * b / q, 1.0F, kMost) : 1;
         }
     }
@@ -147,19 +119,12 @@ public:
     /// @param size  of what neighbours are numbers of. @param damping  as of `SurfaceFit`.
     Agreement(std::span<const Group> groups, std::size_t size, float damping)
         : groups_(groups), residual_(size), direction_(size), image_(size), stiffness_(size) {
+        std::array<FitLanes::Row, kNeighbors> wanted;
+        std::array<FitLanes::Floats, kNeighbors> squares;
         for (const Group& group : groups) {
-            const Eight weight(group.quadratic_weight);
-            for (std::size_t i = 0; i < kNeighbors; ++i) {
-                Vectors wanted;
-                Eight square;
-                for (const FitAnswers& wish : group.wishes) {
-                    const Vectors l(wish.gradients[i].linear), q(wish.gradients[i].quadratic);
-                    wanted.add(Eight(wish.linear_distance), l);
-                    wanted.add(weight * Eight(wish.quadratic_distance), q);
-                    square += l.dot(l) + weight * q.dot(q);
-                }
-                add_scattered(wanted, square, group.neighbors[i], residual_);
-            }
+            kernel_.want(group.wishes, wanted.data(), squares.data());
+            for (std::size_t i = 0; i < kNeighbors; ++i)
+                add_scattered(wanted[i], squares[i], group.neighbors[i], residual_);
         }
         double total = 0;
         for (std::size_t p = 0; p < size; ++p) {
@@ -205,22 +170,11 @@ private:
     /// What all wishes and the damping say of the direction. @return its curvature.
     double look_along() {
         for (std::size_t p = 0; p < image_.size(); ++p) image_[p] = damping_ * direction_[p];
+        std::array<FitLanes::Row, kNeighbors> direction, image;
         for (const Group& group : groups_) {
-            std::array<Vectors, kNeighbors> direction, image;
             for (std::size_t i = 0; i < kNeighbors; ++i)
-                direction[i] = gathered(direction_, group.neighbors[i]);
-            for (const FitAnswers& wish : group.wishes) {
-                Eight linear, quadratic;
-                for (std::size_t i = 0; i < kNeighbors; ++i) {
-                    linear += direction[i].dot(Vectors(wish.gradients[i].linear));
-                    quadratic += direction[i].dot(Vectors(wish.gradients[i].quadratic));
-                }
-                quadratic = quadratic * Eight(group.quadratic_weight);
-                for (std::size_t i = 0; i < kNeighbors; ++i) {
-                    image[i].add(linear, Vectors(wish.gradients[i].linear));
-                    image[i].add(quadratic, Vectors(wish.gradients[i].quadratic));
-                }
-            }
+                gather(direction_, group.neighbors[i], direction[i]);
+            kernel_.look_along(group.wishes, direction.data(), image.data());
             for (std::size_t i = 0; i < kNeighbors; ++i)
                 add_scattered(image[i], {}, group.neighbors[i], image_);
         }
@@ -230,6 +184,7 @@ private:
         return curvature;
     }
 
+    const FitKernel& kernel_ = fit_kernel();
     std::span<const Group> groups_;
     std::vector<Float4> residual_, direction_, image_;
     std::vector<float> stiffness_;
@@ -250,7 +205,8 @@ public:
           options_(options),
           asked_(options.asked),
           context_(context),
-          tree_(points, PointTree::Leaves::Compact, context),
+          tree_(points, options.in_order ? PointTree::Leaves::Given : PointTree::Leaves::Compact,
+                context),
           slot_(points.size()),
           place_(tree_.leaf_count(), PointTree::kNone) {
         parallel_for_blocks(
@@ -315,8 +271,10 @@ private:
                                 LeafQuery query(tree_, points_, kNeighbors - 1);
                                 for (std::size_t i = first; i < last; ++i) {
                                     Group& group = groups_[begin + i];
-                                    group.wishes = wishes.subspan(asked_ * i, asked_);
-                                    ask(leaves_[begin + i], query, group);
+                                    const auto answers = wishes.subspan(asked_ * i, asked_);
+                                    group.wishes.answers = answers.data();
+                                    group.wishes.count = answers.size();
+                                    ask(leaves_[begin + i], query, group, answers);
                                 }
                             });
         for (Group& group : std::span(groups_).subspan(begin)) {
@@ -330,7 +288,7 @@ private:
     }
 
     /// Fills the group of a leaf; neighbours by their indices.
-    void ask(std::size_t l, LeafQuery& query, Group& group) const {
+    void ask(std::size_t l, LeafQuery& query, Group& group, std::span<FitAnswers> answers) const {
         const PointTree::Leaf& leaf = tree_.leaf(l);
         for (Numbers& row : group.neighbors) row.fill(leaf.index[0]);
         FitLanes lanes{};
@@ -343,14 +301,16 @@ private:
         };
         query.run(l, [&](std::size_t lane, const Candidates& near, const Chosen& chosen) {
             group.neighbors[0][lane] = leaf.index[lane];
-            for (std::uint32_t i = 0; i < chosen.count; ++i) {
-                const std::size_t row = chosen.rank[i] + std::size_t{1};
-                if (row >= kNeighbors) continue;
-                const std::uint32_t slot = chosen.slot[i];
+            std::array<std::uint32_t, kNeighbors> slots;  // by rank; those too many in the last
+            for (std::uint32_t i = 0; i < chosen.count; ++i)
+                slots[std::min<std::uint32_t>(chosen.rank[i], kNeighbors - 1)] = chosen.slot[i];
+            for (std::size_t row = 1; row < kNeighbors; ++row) {
+                const std::uint32_t slot = slots[row - 1];
                 group.neighbors[row][lane] = near.index[slot];
-                set(lanes.around[row], lane,
-                    Vec3f(near.x[slot], near.y[slot], near.z[slot]) - leaf.position(lane));
-                reach_sq[lane] = std::max(reach_sq[lane], chosen.distance_sq[i]);
+                const Vec3f d =
+                    Vec3f(near.x[slot], near.y[slot], near.z[slot]) - leaf.position(lane);
+                set(lanes.around[row], lane, d);
+                reach_sq[lane] = std::max(reach_sq[lane], d.squaredNorm());
             }
         });
         const FitKernel& kernel = fit_kernel();
@@ -367,7 +327,7 @@ private:
                 set(lanes.place, lane, at);
                 lanes.per_h[lane] = kReach / std::sqrt(reach_sq[lane]);
             }
-            kernel.run(lanes, group.wishes[a]);
+            kernel.run(lanes, answers[a]);
         }
     }
 

@@ -17,6 +17,8 @@ struct SurfaceFit {
                            ///< on average; > 0
     float farthest_move = 0.2F;  ///< of a point, as a part of its h (§2.2), a third of the distance
                                  ///< of the farthest of its 20 nearest; > 0
+    bool in_order = false;  ///< whether the points follow a curve or a tree already, which saves
+                            ///< ordering them
 };
 
 /// Moves points so that the moving least squares surface through them (§2.2) comes nearer to what

@@ -4,9 +4,12 @@
 
 #include <gtest/gtest.h>
 #include <Eigen/Geometry>
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <random>
+#include <utility>
+#include <vector>
 
 namespace stipple {
 namespace {
@@ -103,12 +106,98 @@ TEST(FitKernel, FindsHowFarTheSurfacesAreAndHowTheyChange) {
     }
 }
 
+/// Wishes for two places among the same neighbours.
+struct TwoPlaces {
+    std::array<FitAnswers, 2> answers;
+    FitWishes wishes{answers.data(), answers.size(), {1, 2, 3, 4, 5, 6, 7, 8}};
+
+    TwoPlaces() {
+        FitLanes lanes = bent_sheets();
+        answers[0] = answers_of(available_fit_kernels().front(), lanes);
+        lanes.place.x[0] += 0.1F;
+        lanes.place.y[5] -= 0.1F;
+        answers[1] = answers_of(available_fit_kernels().front(), lanes);
+    }
+};
+
+/// All bits of what is wanted of two places, and of its image.
+std::vector<float> sums_of(const FitKernel& kernel) {
+    const TwoPlaces places;
+    FitLanes::Row rows[2][kRows];
+    FitLanes::Floats squares[kRows];
+    kernel.want(places.wishes, rows[0], squares);
+    kernel.look_along(places.wishes, rows[0], rows[1]);
+    std::vector<float> all;
+    for (const FitLanes::Floats& square : squares)
+        all.insert(all.end(), square.begin(), square.end());
+    for (const auto& of : rows)
+        for (const FitLanes::Row& row : of)
+            for (const FitLanes::Floats* axis : {&row.x, &row.y, &row.z})
+                all.insert(all.end(), axis->begin(), axis->end());
+    return all;
+}
+
 TEST(FitKernel, GivesTheSameBitsWithEveryInstructionSet) {
     const FitLanes lanes = bent_sheets();
     const FitAnswers plain = answers_of(available_fit_kernels().front(), lanes);
     for (const FitKernel& kernel : available_fit_kernels()) {
         const FitAnswers answers = answers_of(kernel, lanes);
         EXPECT_EQ(std::memcmp(&answers, &plain, sizeof plain), 0) << kernel.name;
+        EXPECT_EQ(sums_of(kernel), sums_of(available_fit_kernels().front())) << kernel.name;
+    }
+}
+
+TEST(FitKernel, AddsUpWhatIsWantedOfEachNeighbor) {
+    const TwoPlaces places;
+    FitLanes::Row wanted[kRows];
+    FitLanes::Floats squares[kRows];
+    for (const FitKernel& kernel : available_fit_kernels()) {
+        kernel.want(places.wishes, wanted, squares);
+        for (std::size_t i = 0; i < kRows; ++i) {
+            for (std::size_t lane = 0; lane < kLanes; ++lane) {
+                const auto weight = static_cast<double>(places.wishes.quadratic_weight[lane]);
+                Vec3d sum = Vec3d::Zero();
+                double square = 0;
+                for (const FitAnswers& answer : places.answers) {
+                    const Vec3d l = get(answer.gradients[i].linear, lane),
+                                q = get(answer.gradients[i].quadratic, lane);
+                    sum += static_cast<double>(answer.linear_distance[lane]) * l;
+                    sum += weight * static_cast<double>(answer.quadratic_distance[lane]) * q;
+                    square += l.squaredNorm() + weight * q.squaredNorm();
+                }
+                EXPECT_LT((get(wanted[i], lane) - sum).norm(), 1e-6) << kernel.name;
+                EXPECT_NEAR(static_cast<double>(squares[i][lane]), square, 1e-5 * square);
+            }
+        }
+    }
+}
+
+TEST(FitKernel, LooksAlongADirectionAsTheGradientsSay) {
+    const TwoPlaces places;
+    FitLanes::Row direction[kRows], image[kRows];
+    for (std::size_t i = 0; i < kRows; ++i)
+        for (std::size_t lane = 0; lane < kLanes; ++lane)
+            set(direction[i], lane, Vec3d(0.1, -0.2, 0.05 * static_cast<double>(i + lane)));
+    for (const FitKernel& kernel : available_fit_kernels()) {
+        kernel.look_along(places.wishes, direction, image);
+        for (std::size_t lane = 0; lane < kLanes; ++lane) {
+            const auto weight = static_cast<double>(places.wishes.quadratic_weight[lane]);
+            std::array<Vec3d, kRows> expected;
+            expected.fill(Vec3d::Zero());
+            for (const FitAnswers& answer : places.answers) {
+                for (const auto& [basis, by] :
+                     {std::pair(&FitAnswers::Gradients::linear, 1.0),
+                      std::pair(&FitAnswers::Gradients::quadratic, weight)}) {
+                    double along = 0;
+                    for (std::size_t i = 0; i < kRows; ++i)
+                        along += get(direction[i], lane).dot(get(answer.gradients[i].*basis, lane));
+                    for (std::size_t i = 0; i < kRows; ++i)
+                        expected[i] += by * along * get(answer.gradients[i].*basis, lane);
+                }
+            }
+            for (std::size_t i = 0; i < kRows; ++i)
+                EXPECT_LT((get(image[i], lane) - expected[i]).norm(), 1e-5) << kernel.name;
+        }
     }
 }
 

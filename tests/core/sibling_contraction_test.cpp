@@ -1,12 +1,17 @@
 #include "sibling_contraction.hpp"
 
 #include "cluster_tree.hpp"
+#include "contraction.hpp"
 #include "sample_quadrics.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
+#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
 #include <algorithm>
+#include <cmath>
 #include <functional>
+#include <optional>
 #include <utility>
 
 namespace stipple {
@@ -75,6 +80,59 @@ TEST(QuadricSamples, OfSinglePointsLieThereOrVeryNear) {
     for (Index i = 0; i < 500; ++i) {
         const Vec3f& p = cloud.positions[grown.members[i]];
         EXPECT_EQ(grown.samples.position(i).cast<float>(), p);
+    }
+}
+
+/// The slow obvious way: the matrix of the planes of §3.2 at one of some single points, and of the
+/// point itself; none where the neighbours may be on one side.
+std::optional<Eigen::Matrix3d> matrix_by_definition(const QuadricSamples& samples, Index i,
+                                                    std::size_t k, double diagonal) {
+    std::vector<Vec3d> edges;
+    for (Index j = 0; j < samples.size(); ++j)
+        edges.push_back(samples.position(j) - samples.position(i));
+    std::ranges::partial_sort(edges, edges.begin() + static_cast<std::ptrdiff_t>(k) + 1, {},
+                              [](const Vec3d& e) { return e.norm(); });
+    edges.resize(k + 1);  // and the point itself
+    Vec3d mean = Vec3d::Zero();
+    for (const Vec3d& e : edges) mean += e / static_cast<double>(k + 1);
+    Eigen::Matrix3d spread = Eigen::Matrix3d::Zero();
+    double square = 0;
+    for (const Vec3d& e : edges) {
+        spread += (e - mean) * (e - mean).transpose();
+        square += e.squaredNorm();
+    }
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(spread);
+    const Vec3d n = solver.eigenvectors().col(0);
+    constexpr double kOneSided = 0.3;
+    const double aside = (mean - n * n.dot(mean)).norm();
+    if (aside > kOneSided * std::sqrt(square / static_cast<double>(k + 1))) return std::nullopt;
+    const double weight = square / (static_cast<double>(k * k) * diagonal * diagonal);
+    Eigen::Matrix3d result = kPointTerm * static_cast<double>(k) * weight * spread.Identity();
+    for (const Vec3d& e : std::span(edges).subspan(1)) {
+        const Vec3d plane = e.cross(e.cross(n)).normalized();
+        result += weight * plane * plane.transpose();
+        result += kRoughnessTerm * weight * std::pow(n.dot(e.normalized()), 2) * spread.Identity();
+    }
+    return result;
+}
+
+TEST(QuadricSamples, AreThePlanesOfTheEdgesAndThePoint) {
+    for (const float size : {1.0F, 1e-12F, 1e12F}) {
+        PointCloud cloud = test::sphere(500);
+        for (Vec3f& p : cloud.positions) p *= size;
+        const Grown grown(cloud, 500);
+        const double diagonal = bounds(cloud).diagonal();
+        std::size_t compared = 0;
+        for (Index i = 0; i < 500; ++i) {
+            const auto expected = matrix_by_definition(grown.samples, i, 8, diagonal);
+            if (!expected) continue;
+            ++compared;
+            const Quadric q = grown.samples.quadric(i);
+            Eigen::Matrix3d found;
+            found << q.xx, q.xy, q.xz, q.xy, q.yy, q.yz, q.xz, q.yz, q.zz;
+            EXPECT_LT((found - *expected).norm(), 1e-4 * expected->norm()) << i << ", " << size;
+        }
+        EXPECT_GT(compared, 250U);
     }
 }
 
