@@ -34,7 +34,7 @@ NearestSlot nearest_slot() {
 /// @param coordinate_at  coordinate_at(i, axis) of the i-th of `count` points: at least 0, and less
 /// than 2^19.
 template <typename CoordinateAt>
-std::vector<Index> chain(std::size_t count, CoordinateAt&& coordinate_at) {
+void chain(std::size_t count, CoordinateAt&& coordinate_at, std::vector<Index>& order) {
     const NearestSlot nearest = nearest_slot();
     Window window;
     std::array<Index, kSlots> numbers{};
@@ -48,7 +48,7 @@ std::vector<Index> chain(std::size_t count, CoordinateAt&& coordinate_at) {
     };
     for (int slot = 0; slot < kSlots; ++slot) fill(slot);
 
-    std::vector<Index> order(count);
+    order.resize(count);
     int slot = 0;
     for (Index& number : order) {
         const int from[] = {window.x[slot], window.y[slot], window.z[slot]};
@@ -56,15 +56,20 @@ std::vector<Index> chain(std::size_t count, CoordinateAt&& coordinate_at) {
         fill(slot);
         slot = nearest(window, from);
     }
+}
+
+}  // namespace
+
+std::vector<Index> chain_order(std::span<const GridPoint> points) {
+    std::vector<Index> order;
+    chain(
+        points.size(), [&](Index i, std::size_t axis) { return int{points[i][axis]}; }, order);
     return order;
 }
 
 /// Points of one block after those of another, blocks as the curve first comes to them.
-std::vector<Index> by_blocks(std::span<const GridPoint> points) {
-    struct Run {
-        Index block, begin, end;
-    };
-    std::vector<Run> runs;
+void BlockChain::group(std::span<const GridPoint> points) {
+    runs_.clear();
     std::unordered_map<std::uint32_t, Index> blocks;
     std::uint32_t last = 0;
     for (Index i = 0; i < points.size(); ++i) {
@@ -72,35 +77,34 @@ std::vector<Index> by_blocks(std::span<const GridPoint> points) {
         const std::uint32_t name = (x >> 8U) << 16U | (y >> 8U) << 8U | z >> 8U;
         if (i == 0 || name != last) {
             const auto number = static_cast<Index>(blocks.size());
-            runs.push_back({blocks.try_emplace(name, number).first->second, i, i});
+            runs_.push_back({blocks.try_emplace(name, number).first->second, i, i});
         }
-        runs.back().end = i + 1;
+        runs_.back().end = i + 1;
         last = name;
     }
-    std::ranges::stable_sort(runs, {}, &Run::block);
-    std::vector<Index> order;
-    order.reserve(points.size());
-    for (const Run& run : runs)
-        for (Index i = run.begin; i < run.end; ++i) order.push_back(i);
-    return order;
+    std::ranges::sort(runs_, {}, [](const Run& run) { return std::pair(run.block, run.begin); });
+    grouped_.clear();
+    for (const Run& run : runs_)
+        for (Index i = run.begin; i < run.end; ++i) grouped_.push_back(i);
 }
 
-}  // namespace
-
-std::vector<Index> chain_order(std::span<const GridPoint> points) {
-    return chain(points.size(), [&](Index i, std::size_t axis) { return int{points[i][axis]}; });
+std::span<const Index> BlockChain::order(std::span<const GridPoint> points) {
+    constexpr int kApart = 1'024;  // steps between blocks: more than within one, which a chain so
+                                   // leaves when it is done
+    group(points);
+    const auto coordinate_at = [&](Index i, std::size_t axis) {
+        const unsigned coordinate = points[grouped_[i]][axis];
+        return static_cast<int>(coordinate + kApart * (coordinate / 256));
+    };
+    chain(points.size(), coordinate_at, order_);
+    for (Index& i : order_) i = grouped_[i];
+    return order_;
 }
 
 std::vector<Index> chain_order_by_blocks(std::span<const GridPoint> points) {
-    constexpr int kApart = 1'024;  // steps between blocks: more than within one, which a chain so
-                                   // leaves when it is done
-    const std::vector<Index> grouped = by_blocks(points);
-    std::vector<Index> order = chain(points.size(), [&](Index i, std::size_t axis) {
-        const int coordinate = points[grouped[i]][axis];
-        return coordinate + kApart * (coordinate / 256);
-    });
-    for (Index& i : order) i = grouped[i];
-    return order;
+    BlockChain chain;
+    const std::span<const Index> order = chain.order(points);
+    return {order.begin(), order.end()};
 }
 
 std::vector<Index> chain_through(std::span<const Vec3f> points, const RunContext& context) {

@@ -26,6 +26,22 @@ std::vector<Index> chain_order(std::span<const GridPoint> points);
 /// points of a cube of 256 steps before those of another, so that high bytes seldom change.
 std::vector<Index> chain_order_by_blocks(std::span<const GridPoint> points);
 
+/// As that, keeping its memory from one tile to the next: one for each thread.
+class BlockChain {
+public:
+    /// @return  until it is called again.
+    std::span<const Index> order(std::span<const GridPoint> points);
+
+private:
+    void group(std::span<const GridPoint> points);
+
+    struct Run {  ///< of points of one block that follow each other
+        Index block, begin, end;
+    };
+    std::vector<Run> runs_;
+    std::vector<Index> grouped_, order_;
+};
+
 /// As `chain_order`, for any finite points, in pieces of 65,536 of them along a curve. O(N),
 /// parallel, the same for any number of threads.
 std::vector<Index> chain_through(std::span<const Vec3f> points, const RunContext& context);
