@@ -470,6 +470,10 @@ const Vec3d& LodTiler::center() const noexcept {
     return state_->center;
 }
 
+std::span<const Index> LodTiler::order() const noexcept {
+    return state_->order;
+}
+
 const LodFigures& LodTiler::figures() const noexcept {
     return state_->figures;
 }
