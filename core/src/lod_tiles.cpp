@@ -39,9 +39,10 @@ template <typename T>
 struct Grid {
     double step;
     unsigned bits;
+    double steps = 1 / step;  ///< of a unit
 
     std::int32_t at(float coordinate) const noexcept {
-        return static_cast<std::int32_t>(std::floor(static_cast<double>(coordinate) / step + 0.5));
+        return static_cast<std::int32_t>(std::floor(static_cast<double>(coordinate) * steps + 0.5));
     }
     Vec3f rounded(const Vec3f& p) const noexcept {
         Vec3f q;
