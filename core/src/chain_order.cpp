@@ -5,7 +5,7 @@
 #include "parallel_for.hpp"
 
 #include <algorithm>
-#include <unordered_map>
+#include <numeric>
 
 namespace stipple {
 
@@ -96,22 +96,29 @@ std::vector<Index> chain_order(std::span<const GridPoint> points) {
 /// Points of one block after those of another, blocks as the curve first comes to them.
 void BlockChain::group(std::span<const GridPoint> points) {
     runs_.clear();
-    std::unordered_map<std::uint32_t, Index> blocks;
+    blocks_.clear();
+    begins_.assign(1, 0);
     std::uint32_t last = 0;
     for (Index i = 0; i < points.size(); ++i) {
         const auto& [x, y, z] = points[i];
         const std::uint32_t name = (x >> 8U) << 16U | (y >> 8U) << 8U | z >> 8U;
         if (i == 0 || name != last) {
-            const auto number = static_cast<Index>(blocks.size());
-            runs_.push_back({blocks.try_emplace(name, number).first->second, i, i});
+            if (i > 0) begins_[runs_.back().block + 1] += i - runs_.back().begin;
+            const auto number = static_cast<Index>(blocks_.size());
+            runs_.push_back({blocks_.try_emplace(name, number).first->second, i});
+            begins_.resize(blocks_.size() + 1);
         }
-        runs_.back().end = i + 1;
         last = name;
     }
-    std::ranges::sort(runs_, {}, [](const Run& run) { return std::pair(run.block, run.begin); });
-    grouped_.clear();
-    for (const Run& run : runs_)
-        for (Index i = run.begin; i < run.end; ++i) grouped_.push_back(i);
+    if (!runs_.empty())
+        begins_[runs_.back().block + 1] += static_cast<Index>(points.size()) - runs_.back().begin;
+    std::partial_sum(begins_.begin(), begins_.end(), begins_.begin());
+    grouped_.resize(points.size());
+    for (std::size_t r = 0; r < runs_.size(); ++r) {
+        const auto end = r + 1 < runs_.size() ? runs_[r + 1].begin : points.size();
+        Index& to = begins_[runs_[r].block];
+        for (Index i = runs_[r].begin; i < end; ++i) grouped_[to++] = i;
+    }
 }
 
 std::span<const Index> BlockChain::order(std::span<const GridPoint> points) {

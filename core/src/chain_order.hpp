@@ -6,6 +6,7 @@
 #include <array>
 #include <cstdint>
 #include <span>
+#include <unordered_map>
 #include <vector>
 
 namespace stipple {
@@ -35,11 +36,12 @@ public:
 private:
     void group(std::span<const GridPoint> points);
 
-    struct Run {  ///< of points of one block that follow each other
-        Index block, begin, end;
+    struct Run {  ///< of points of one block, up to the next one
+        Index block, begin;
     };
     std::vector<Run> runs_;
-    std::vector<Index> grouped_, order_;
+    std::unordered_map<std::uint32_t, Index> blocks_;  ///< by their coordinates
+    std::vector<Index> begins_, grouped_, order_;
 };
 
 /// As `chain_order`, for any finite points, in pieces of 65,536 of them along a curve. O(N),

@@ -42,7 +42,10 @@ struct Grid {
     double steps = 1 / step;  ///< of a unit
 
     std::int32_t at(float coordinate) const noexcept {
-        return static_cast<std::int32_t>(std::floor(static_cast<double>(coordinate) * steps + 0.5));
+        // Of a number above 0 the whole part is what conversion leaves.
+        constexpr std::int32_t kAbove = 1 << 30;
+        return static_cast<std::int32_t>(static_cast<double>(coordinate) * steps + (kAbove + 0.5)) -
+               kAbove;
     }
     Vec3f rounded(const Vec3f& p) const noexcept {
         Vec3f q;
