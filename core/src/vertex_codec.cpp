@@ -80,6 +80,7 @@ std::uint8_t* write_group(const std::uint8_t* group, unsigned code, std::uint8_t
 std::uint8_t* write_column(const Column& differences, std::size_t groups,
                            std::uint8_t* to) noexcept {
     constexpr double kWorth = 0.75;  // of whole bytes
+    if (differences == Column{}) return std::fill_n(to, (groups + 3) / 4, std::uint8_t{0});
     std::array<Packing, kMostInBlock / kGroup> packings;
     unsigned packed = 0;
     for (std::size_t g = 0; g < groups; ++g) {
