@@ -315,8 +315,14 @@ struct LodTiler::State {
         const unsigned least = bits_for(0.5 * mean_gap(*unrounded.tree, points.size(), kAsked,
                                                        [&](std::size_t i) { return points[i]; }),
                                         finest.bits);
-        unsigned bits = bits_for(exact * std::sqrt(2 * tolerance / added), finest.bits);
-        bits = std::max(least, std::min(bits, finest.bits - 1));
+        const auto at_finest = [&] {
+            grid_taken = finest;
+            return with_tree(rounded(points, normals, finest, context), context);
+        };
+        const unsigned wanted = bits_for(exact * std::sqrt(2 * tolerance / added), kMostBits);
+        // Many points take a while to be measured with a bit less, which here is hopeless.
+        if (wanted > finest.bits && exact > 0 && normals.empty()) return at_finest();
+        unsigned bits = std::max(least, std::min(wanted, finest.bits - 1));
         Measured taken = try_bits(bits);
         if (taken.mean <= limit) {
             // A bit less doubles the steps: four times the variance, and three times what it adds
@@ -331,10 +337,7 @@ struct LodTiler::State {
         } else {
             while (taken.mean > limit && ++bits < finest.bits) taken = try_bits(bits);
         }
-        if (bits >= finest.bits) {
-            grid_taken = finest;
-            return with_tree(rounded(points, normals, finest, context), context);
-        }
+        if (bits >= finest.bits) return at_finest();
         grid_taken = grid(bits);
         return taken;
     }
