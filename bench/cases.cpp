@@ -171,8 +171,10 @@ void tiles(Session& session, const std::string& name, const std::string& model_n
         contestants.push_back(
             {.name = "all levels and their tiles", .run = [=, &model]() -> std::any {
                  LodTiler tiler(model.cloud, {}, context);
+                 LodPyramidOptions in_order = options;
+                 in_order.order = tiler.order();
                  build_lod_pyramid(
-                     model.cloud, options,
+                     model.cloud, in_order,
                      [&](LodLevel&& level) {
                          tiler.add_level(level.cloud, level.cloud.size() == sizes.back(), context);
                      },

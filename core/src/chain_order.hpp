@@ -6,6 +6,7 @@
 #include <array>
 #include <cstdint>
 #include <span>
+#include <unordered_map>
 #include <vector>
 
 namespace stipple {
@@ -25,6 +26,23 @@ std::vector<Index> chain_order(std::span<const GridPoint> points);
 /// The same where the high and the low bytes of coordinates are coded each by themselves: all
 /// points of a cube of 256 steps before those of another, so that high bytes seldom change.
 std::vector<Index> chain_order_by_blocks(std::span<const GridPoint> points);
+
+/// As that, keeping its memory from one tile to the next: one for each thread.
+class BlockChain {
+public:
+    /// @return  until it is called again.
+    std::span<const Index> order(std::span<const GridPoint> points);
+
+private:
+    void group(std::span<const GridPoint> points);
+
+    struct Run {  ///< of points of one block, up to the next one
+        Index block, begin;
+    };
+    std::vector<Run> runs_;
+    std::unordered_map<std::uint32_t, Index> blocks_;  ///< by their coordinates
+    std::vector<Index> begins_, grouped_, order_;
+};
 
 /// As `chain_order`, for any finite points, in pieces of 65,536 of them along a curve. O(N),
 /// parallel, the same for any number of threads.

@@ -321,7 +321,8 @@ void ClusterTree::grow_leaves(const SplitRule& rule, const RunContext& context) 
         jobs.back().points += node.size;
         place += node.size;
     }
-    std::vector<Nodes> grown(jobs.size());
+    std::vector<Nodes> grown;
+    for (std::size_t j = 0; j < jobs.size(); ++j) grown.emplace_back(&large_memory_resource());
     const auto grow_job = [&](std::size_t j) {
         const Job& job = jobs[j];
         grown[j].reserve(nodes_of(job.points));
@@ -383,7 +384,7 @@ std::vector<Cut> ClusterTree::cuts(std::span<const std::uint64_t> sizes,
 /// of them at the end.
 std::vector<SplitRank> ClusterTree::first_splits(std::size_t count, const RunContext& context) {
     std::vector<SplitRank> chosen;
-    chosen.reserve(nodes_.size());
+    reserve_in_blocks(chosen, nodes_.size(), context);
     for (std::size_t known = 0; known < nodes_.size();) {
         for_blocks_in_order(nodes_.size() - known, context,
                             [&](std::size_t begin, std::size_t end) {

@@ -32,9 +32,32 @@ AttributeError summarize(std::string name, std::span<const float> differences,
     return error;
 }
 
+namespace {
+
+std::vector<double> quantiles_of_few(std::span<const float> values, std::span<const float> weights,
+                                     std::span<const double> parts) {
+    std::vector<std::pair<float, float>> sorted(values.size());
+    for (std::size_t i = 0; i < values.size(); ++i) sorted[i] = {values[i], weights[i]};
+    std::ranges::sort(sorted);
+    double total = 0;
+    for (const auto& [value, weight] : sorted) total += weight;
+    std::vector<double> quantiles;
+    for (const double part : parts) {
+        double left = part * total;
+        std::size_t at = 0;
+        while (at + 1 < sorted.size() && sorted[at].second < left) left -= sorted[at++].second;
+        quantiles.push_back(sorted.empty() ? 0.0 : sorted[at].first);
+    }
+    return quantiles;
+}
+
+}  // namespace
+
 std::vector<double> weighted_quantiles(std::span<const float> values,
                                        std::span<const float> weights,
                                        std::span<const double> parts, const RunContext& context) {
+    constexpr std::size_t kFew = 8'192;  // are sorted sooner than stretches are looked through
+    if (values.size() <= kFew) return quantiles_of_few(values, weights, parts);
     // Floats that are not negative sort as their bits: the weight of each stretch of them first,
     // then the values of the one stretch that matters.
     constexpr unsigned kShift = 16;

@@ -222,8 +222,7 @@ ErrorSamples take_points(const PointTree& tree, std::uint64_t count, std::uint64
 ErrorSamples take_points_by_area(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
                                  const RunContext& context) {
     if (tree.size() <= count) return take_points(tree, count, seed, context);
-    constexpr std::uint64_t kLeavesEach = 4;  // for each sample, to draw it from
-    const std::vector<std::uint32_t> leaves = draw_leaves(tree, kLeavesEach * count, seed, context);
+    const std::vector<std::uint32_t> leaves = draw_leaves(tree, count, seed, context);
     const std::vector<float> areas = leaf_areas(tree, leaves, context);
     const std::vector<std::size_t> drawn = draw_by_area(areas, count, seed, context);
     ErrorSamples samples;

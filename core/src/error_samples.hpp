@@ -33,7 +33,7 @@ ErrorSamples take_points(const PointTree& tree, std::uint64_t count, std::uint64
 /// would decide, are drawn more often. The area of a point, by its eighth neighbour, is divided by
 /// that by which it was drawn, about the distance to its third in the leaf. Some may come twice;
 /// all come once, as `take_points` has them, when there are no more. Of very many points those of
-/// four leaves for each sample are drawn from, evenly drawn themselves. O(count), parallel.
+/// as many leaves as samples are drawn from, evenly drawn themselves. O(count), parallel.
 ErrorSamples take_points_by_area(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
                                  const RunContext& context);
 

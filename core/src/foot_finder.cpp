@@ -62,14 +62,19 @@ public:
 
 private:
     void set(const Vec3f& at, std::span<const Neighbor> found, Patch& patch) {
-        const auto by_distance = &Neighbor::distance_sq;
-        const Vec3f origin = points_[std::ranges::min_element(found)->index];
+        Neighbor nearest = found.front();
+        float farthest_sq = 0;
+        for (const Neighbor& neighbor : found) {
+            farthest_sq = std::max(farthest_sq, neighbor.distance_sq);
+            if (neighbor.distance_sq <= nearest.distance_sq && neighbor < nearest)
+                nearest = neighbor;
+        }
+        const Vec3f origin = points_[nearest.index];
         patch.number = ++number_;
         patch.center = at.cast<double>();
         patch.radius = search_.reach();
         const double size = static_cast<double>(found.size());
-        const double farthest_sq = std::ranges::max_element(found, {}, by_distance)->distance_sq;
-        patch.neighborhood = std::sqrt(farthest_sq * k_ / size);
+        patch.neighborhood = std::sqrt(static_cast<double>(farthest_sq) * k_ / size);
         patch.origin = origin.cast<double>();
         patch.points.clear();
         for (const Neighbor& neighbor : found)

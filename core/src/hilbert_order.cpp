@@ -104,7 +104,8 @@ struct Grid {
     double cells_per_unit;
     unsigned bits;
 
-    std::uint64_t key(const Vec3f& p) const noexcept {
+    /// The subcubes in which a point lies, from the largest on.
+    std::uint64_t cubes(const Vec3f& p) const noexcept {
         const double last = static_cast<double>((std::uint64_t{1} << bits) - 1);
         std::array<std::uint32_t, 3> cell;
         for (int axis = 0; axis < 3; ++axis) {
@@ -112,16 +113,39 @@ struct Grid {
             cell[static_cast<std::size_t>(axis)] =
                 static_cast<std::uint32_t>(std::clamp(c, 0.0, last));
         }
-        const std::uint64_t cubes = spread(cell[0]) | spread(cell[1]) << 1U | spread(cell[2]) << 2U;
-        std::uint64_t key = 0;
-        unsigned state = 0;
+        return spread(cell[0]) | spread(cell[1]) << 1U | spread(cell[2]) << 2U;
+    }
+    /// The keys of some points, given their subcubes: side by side, since each step waits for the
+    /// one before.
+    template <std::size_t kCount>
+    void to_keys(std::array<std::uint64_t, kCount>& values) const noexcept {
+        std::array<std::uint64_t, kCount> keys{};
+        std::array<unsigned, kCount> states{};
         for (unsigned shift = 3 * bits; shift > 0;) {
             shift -= 6;
-            const TwoSteps steps = kTwoSteps[state][cubes >> shift & 63U];
-            key = key << 6U | steps.digits;
-            state = steps.state;
+            for (std::size_t i = 0; i < kCount; ++i) {
+                const TwoSteps steps = kTwoSteps[states[i]][values[i] >> shift & 63U];
+                keys[i] = keys[i] << 6U | steps.digits;
+                states[i] = steps.state;
+            }
         }
-        return key;
+        values = keys;
+    }
+    std::uint64_t key(const Vec3f& p) const noexcept {
+        std::array<std::uint64_t, 1> value = {cubes(p)};
+        to_keys(value);
+        return value[0];
+    }
+    void keys(std::span<const Vec3f> points, std::uint64_t* to) const noexcept {
+        constexpr std::size_t kTogether = 4;
+        std::size_t i = 0;
+        for (; i + kTogether <= points.size(); i += kTogether) {
+            std::array<std::uint64_t, kTogether> values;
+            for (std::size_t j = 0; j < kTogether; ++j) values[j] = cubes(points[i + j]);
+            to_keys(values);
+            std::ranges::copy(values, to + i);
+        }
+        for (; i < points.size(); ++i) to[i] = key(points[i]);
     }
 };
 
@@ -136,40 +160,65 @@ struct FloatBox {
 };
 
 /// Cells fine enough that a surface of n points seldom has many in one; as few bits as that takes,
-/// since each two cost a step.
+/// since each two cost a step. No more than go into 64 bits beside the number of a point, without
+/// those of its bucket.
 Grid make_grid(const FloatBox& box, std::size_t n) {
     const double extent = (box.high.cast<double>() - box.low.cast<double>()).maxCoeff();
-    const auto wanted = static_cast<unsigned>(std::clamp<int>(std::bit_width(n) / 2 + 3, 6, 20));
-    const unsigned bits = (wanted + 1) / 2 * 2;
+    const auto wanted = static_cast<unsigned>(std::clamp<int>(std::bit_width(n) / 2 + 3, 6, 16));
+    const unsigned bits = n > std::size_t{1} << 28U ? 14 : (wanted + 1) / 2 * 2;
     const double cells = static_cast<double>(std::uint64_t{1} << bits);
     return {box.low.cast<double>(), extent > 0 ? cells / extent : 0.0, bits};
 }
 
-/// Sorts by (key, index), given in order of index: least digit first, digits that are all alike
-/// left out.
-void radix_sort(std::span<Keyed> items, std::vector<Keyed>& buffer) {
-    constexpr std::size_t kSmall = 96;
-    const auto by_key = [](const Keyed& a, const Keyed& b) {
-        return a.key != b.key ? a.key < b.key : a.index < b.index;
-    };
-    if (items.size() <= kSmall) {
-        std::ranges::sort(items, by_key);
-        return;
-    }
+/// Sorts by numbers of 64 bits at most of which the lowest `ignored` bits are in order already:
+/// least digit first, digits that are all alike left out.
+template <typename Item, typename NumberOf>
+void radix_sort(std::span<Item> items, std::vector<Item>& buffer, unsigned ignored,
+                NumberOf&& number_of) {
     std::uint64_t varying = 0;
-    for (const Keyed& item : items) varying |= item.key ^ items.front().key;
+    for (const Item& item : items) varying |= number_of(item) ^ number_of(items.front());
     buffer.resize(std::max(buffer.size(), items.size()));
-    std::span<Keyed> from = items, to(buffer.data(), items.size());
-    for (unsigned shift = 0; shift < 64; shift += 8) {
+    std::span<Item> from = items, to(buffer.data(), items.size());
+    for (unsigned shift = ignored; shift < 64; shift += 8) {
         if ((varying >> shift & 0xFFU) == 0) continue;
         std::array<Index, 257> begin{};
-        for (const Keyed& item : from) ++begin[(item.key >> shift & 0xFFU) + 1];
+        for (const Item& item : from) ++begin[(number_of(item) >> shift & 0xFFU) + 1];
         for (std::size_t digit = 1; digit < begin.size(); ++digit) begin[digit] += begin[digit - 1];
-        for (const Keyed& item : from) to[begin[item.key >> shift & 0xFFU]++] = item;
+        for (const Item& item : from) to[begin[number_of(item) >> shift & 0xFFU]++] = item;
         std::swap(from, to);
     }
     if (from.data() != items.data()) std::ranges::copy(from, items.begin());
 }
+
+constexpr std::size_t kSmall = 96;  // so few are sorted sooner by comparing them
+
+/// By (key, index), given in order of index.
+void sort(std::span<Keyed> items, std::vector<Keyed>& buffer) {
+    if (items.size() > kSmall)
+        return radix_sort(items, buffer, 0, [](const Keyed& item) { return item.key; });
+    std::ranges::sort(items, [](const Keyed& a, const Keyed& b) {
+        return a.key != b.key ? a.key < b.key : a.index < b.index;
+    });
+}
+
+/// A key within its bucket above an index, in one number.
+struct Packing {
+    unsigned index_bits;
+
+    std::uint64_t packed(std::uint64_t key, std::size_t index) const noexcept {
+        return key << index_bits | index;
+    }
+    std::uint64_t key(std::uint64_t packed) const noexcept { return packed >> index_bits; }
+    Index index(std::uint64_t packed) const noexcept {
+        return static_cast<Index>(packed & ((std::uint64_t{1} << index_bits) - 1));
+    }
+    void sort(std::span<std::uint64_t> items, std::vector<std::uint64_t>& buffer) const {
+        if (items.size() <= kSmall)
+            std::ranges::sort(items);
+        else
+            radix_sort(items, buffer, index_bits, [](std::uint64_t item) { return item; });
+    }
+};
 
 /// Orders the points of one crowded cell by a curve of their own.
 void refine(std::span<const Vec3f> points, std::span<Keyed> items, std::vector<Keyed>& buffer);
@@ -191,9 +240,41 @@ void refine(std::span<const Vec3f> points, std::span<Keyed> items, std::vector<K
     if (box.low == box.high) return;  // one position: in order of number already
     const Grid grid = make_grid(box, items.size());
     for (Keyed& item : items) item.key = grid.key(points[item.index]);
-    radix_sort(items, buffer);
+    sort(items, buffer);
     refine_crowded(points, items, buffer);
 }
+
+/// The numbers of the points of one bucket, sorted by their keys.
+class BucketOrder {
+public:
+    BucketOrder(std::span<const Vec3f> points, const Packing& packing)
+        : points_(points), packing_(packing) {}
+
+    void put(std::span<std::uint64_t> items, std::span<Index> order) {
+        packing_.sort(items, buffer_);
+        for (std::size_t i = 0; i < items.size(); ++i) order[i] = packing_.index(items[i]);
+        for (std::size_t begin = 0; begin < items.size();) {
+            const std::uint64_t key = packing_.key(items[begin]);
+            std::size_t end = begin + 1;
+            while (end < items.size() && packing_.key(items[end]) == key) ++end;
+            if (end - begin > kCrowded) put_crowded(order.subspan(begin, end - begin));
+            begin = end;
+        }
+    }
+
+private:
+    void put_crowded(std::span<Index> order) {
+        crowd_.clear();
+        for (const Index i : order) crowd_.push_back({0, i});
+        refine(points_, crowd_, crowd_buffer_);
+        std::ranges::transform(crowd_, order.begin(), &Keyed::index);
+    }
+
+    std::span<const Vec3f> points_;
+    Packing packing_;
+    std::vector<std::uint64_t> buffer_;
+    std::vector<Keyed> crowd_, crowd_buffer_;
+};
 
 FloatBox box_of(std::span<const Vec3f> points, const RunContext& context) {
     std::vector<FloatBox> boxes((points.size() + kBlock - 1) / kBlock);
@@ -219,37 +300,35 @@ std::vector<Index> hilbert_order(std::span<const Vec3f> points, const RunContext
     // by itself.
     const unsigned bucket_bits = std::min(12U, 3 * grid.bits);
     const unsigned shift = 3 * grid.bits - bucket_bits;
+    const Packing packing{static_cast<unsigned>(std::bit_width(n - 1))};
     const std::size_t buckets = std::size_t{1} << bucket_bits;
     const std::size_t blocks = (n + kBlock - 1) / kBlock;
-    auto keyed = made_in_blocks<std::vector<Keyed>>(n, context);
+    auto items = made_in_blocks<std::vector<std::uint64_t>>(n, context);
     std::vector<Index> starts(blocks * buckets);
     auto keys = made_in_blocks<std::vector<std::uint64_t>>(n, context);
     parallel_for_blocks(n, kBlock, context, [&](std::size_t begin, std::size_t end) {
         Index* count = starts.data() + begin / kBlock * buckets;
-        for (std::size_t i = begin; i < end; ++i) {
-            keys[i] = grid.key(points[i]);
-            ++count[keys[i] >> shift];
-        }
+        grid.keys(points.subspan(begin, end - begin), keys.data() + begin);
+        for (std::size_t i = begin; i < end; ++i) ++count[keys[i] >> shift];
     });
     const std::vector<Index> bucket_begin = counts_to_places(starts, buckets);
     parallel_for_blocks(n, kBlock, context, [&](std::size_t begin, std::size_t end) {
+        const std::uint64_t below = (std::uint64_t{1} << shift) - 1;
         Index* next = starts.data() + begin / kBlock * buckets;
         for (std::size_t i = begin; i < end; ++i)
-            keyed[next[keys[i] >> shift]++] = {keys[i], static_cast<Index>(i)};
+            items[next[keys[i] >> shift]++] = packing.packed(keys[i] & below, i);
     });
     keys = {};
 
     auto order = made_in_blocks<std::vector<Index>>(n, context);
     parallel_for_blocks(buckets, 16, context, [&](std::size_t begin, std::size_t end) {
-        std::vector<Keyed> buffer;
+        BucketOrder sorted(points, packing);
         for (std::size_t bucket = begin; bucket < end; ++bucket) {
-            const std::span<Keyed> items(keyed.data() + bucket_begin[bucket],
-                                         keyed.data() + bucket_begin[bucket + 1]);
-            radix_sort(items, buffer);
-            refine_crowded(points, items, buffer);
+            const std::size_t first = bucket_begin[bucket],
+                              count = bucket_begin[bucket + 1] - first;
+            sorted.put(std::span(items).subspan(first, count),
+                       std::span(order).subspan(first, count));
         }
-        for (std::size_t i = bucket_begin[begin]; i < bucket_begin[end]; ++i)
-            order[i] = keyed[i].index;
     });
     return order;
 }

@@ -113,7 +113,7 @@ LargeMemory::~LargeMemory() {
 
 void prefer_huge_pages(void* data, std::size_t bytes) noexcept {
 #if defined(MADV_HUGEPAGE)
-    constexpr std::size_t kWorthIt = 8 * kHugePage;
+    constexpr std::size_t kWorthIt = 2 * kHugePage;
     if (bytes < kWorthIt) return;
     const auto address = reinterpret_cast<std::uintptr_t>(data);
     const std::size_t skipped = (kHugePage - address % kHugePage) % kHugePage;

@@ -2,6 +2,7 @@
 
 #include "cloud_copy.hpp"
 #include "cluster_tree.hpp"
+#include "first_touch.hpp"
 #include "gather.hpp"
 #include "nested_order.hpp"
 #include "parallel_for.hpp"
@@ -60,8 +61,9 @@ std::vector<std::uint64_t> with_fitting_base(std::span<const std::uint64_t> size
 }
 
 /// Coarsest first.
-std::vector<PointCloud> cut_levels(const PointCloud& cloud, ClusterTree& tree,
-                                   std::span<const std::uint64_t> sizes,
+/// @param points  of the tree, in the order that the options have.
+std::vector<PointCloud> cut_levels(const PointCloud& cloud, std::span<const Vec3f> points,
+                                   ClusterTree& tree, std::span<const std::uint64_t> sizes,
                                    const LodPyramidOptions& options, const RunContext& context) {
     const std::vector<Reduction> reductions =
         reductions_for(cloud, options.reductions, options.representative);
@@ -72,8 +74,10 @@ std::vector<PointCloud> cut_levels(const PointCloud& cloud, ClusterTree& tree,
     // Once for all levels.
     Samples samples(sizes.empty() ? 0 : cloud.size());
     parallel_for_blocks(samples.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
-        gather(cloud.positions, tree.members().subspan(begin, end - begin),
-               samples.all().part(begin, end));
+        const MutableSampleSpan part = samples.all().part(begin, end);
+        gather(points, tree.members().subspan(begin, end - begin), part);
+        if (options.order.empty()) return;
+        for (std::size_t i = 0; i < part.size; ++i) part.index[i] = options.order[part.index[i]];
     });
     const SampleSpan ordered = samples.all();
     std::vector<PointCloud> levels;
@@ -94,6 +98,19 @@ LevelOf cuts_of(const PointCloud& cloud, ClusterTree& tree, const LodPyramidOpti
             cloud, MemberLists{tree.members().data(), offsets}, options.representative,
             reductions_for(cloud, options.reductions, options.representative), context);
     };
+}
+
+std::vector<Vec3f> in_order(std::span<const Vec3f> points, std::span<const Index> order,
+                            const RunContext& context) {
+    auto sorted = made_in_blocks<std::vector<Vec3f>>(order.size(), context);
+    parallel_for_blocks(order.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+        constexpr std::size_t kAhead = 16;  // that far the memory is asked for in advance
+        for (std::size_t i = begin; i < end; ++i) {
+            __builtin_prefetch(&points[order[std::min(i + kAhead, end - 1)]]);
+            sorted[i] = points[order[i]];
+        }
+    });
+    return sorted;
 }
 
 /// Coarsest first.
@@ -200,10 +217,16 @@ void build_lod_pyramid(const PointCloud& cloud, const LodPyramidOptions& options
     const bool fits = options.base_fits && options.sizes.empty();
     const std::vector<std::uint64_t> tries =
         fits ? sizes_to_try(cloud.size(), options) : std::vector<std::uint64_t>{};
+    if (!options.order.empty() && options.order.size() != cloud.size()) {
+        refuse("order of " + std::to_string(options.order.size()) + " points: expected all " +
+               std::to_string(cloud.size()));
+    }
     const bool cuts = options.method == Method::Hierarchical;
     const double begin = options.spacing ? 0.7 : 0.95;  // all levels are there
     context.checkpoint(0.0);
 
+    std::vector<Vec3f> sorted;
+    std::span<const Vec3f> points(cloud.positions);
     std::unique_ptr<ClusterTree> tree;
     LevelOf level_of;
     if (options.nested) {
@@ -211,7 +234,9 @@ void build_lod_pyramid(const PointCloud& cloud, const LodPyramidOptions& options
     } else if (!cuts) {
         level_of = snapshots_of(cloud, sizes, tries, options, context.part(0, begin));
     } else {
-        tree = std::make_unique<ClusterTree>(cloud.positions);
+        if (!fits && !options.order.empty())
+            points = sorted = in_order(points, options.order, context);
+        tree = std::make_unique<ClusterTree>(points);
         level_of = cuts_of(cloud, *tree, options, context.part(0, 0.6 * begin));
     }
     if (fits) sizes = with_fitting_base(sizes, tries, options, level_of);
@@ -234,8 +259,9 @@ void build_lod_pyramid(const PointCloud& cloud, const LodPyramidOptions& options
     std::span<const std::uint64_t> made(sizes);  // all but the whole cloud, which is there
     if (made.back() == cloud.size()) made = made.first(made.size() - 1);
     std::vector<PointCloud> levels =
-        cut_levels(cloud, *tree, made, options, context.part(0, begin));
+        cut_levels(cloud, points, *tree, made, options, context.part(0, begin));
     tree.reset();  // not needed while levels are encoded
+    std::vector<Vec3f>().swap(sorted);
     for (PointCloud& next : levels) emit(std::move(next));
     if (made.size() < sizes.size()) emit(copy_of(cloud, context));
 }

@@ -3,6 +3,7 @@
 #include "chain_order.hpp"
 #include "distance_statistics.hpp"
 #include "error_samples.hpp"
+#include "first_touch.hpp"
 #include "foot_finder.hpp"
 #include "hilbert_order.hpp"
 #include "leaf_shapes.hpp"
@@ -38,9 +39,13 @@ template <typename T>
 struct Grid {
     double step;
     unsigned bits;
+    double steps = 1 / step;  ///< of a unit
 
     std::int32_t at(float coordinate) const noexcept {
-        return static_cast<std::int32_t>(std::floor(static_cast<double>(coordinate) / step + 0.5));
+        // Of a number above 0 the whole part is what conversion leaves.
+        constexpr std::int32_t kAbove = 1 << 30;
+        return static_cast<std::int32_t>(static_cast<double>(coordinate) * steps + (kAbove + 0.5)) -
+               kAbove;
     }
     Vec3f rounded(const Vec3f& p) const noexcept {
         Vec3f q;
@@ -82,7 +87,7 @@ private:
 /// @param normals  of the surface, where they are known.
 std::vector<Vec3f> rounded(std::span<const Vec3f> points, std::span<const Vec3f> normals,
                            const Grid& grid, const RunContext& context) {
-    std::vector<Vec3f> decoded(points.size());
+    auto decoded = made_in_blocks<std::vector<Vec3f>>(points.size(), context);
     parallel_for_blocks(points.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i)
             decoded[i] =
@@ -195,7 +200,7 @@ struct LodTiler::State {
                                   const RunContext& context) const {
         constexpr std::size_t kAhead = 16;  // that far the memory is asked for in advance
         const Vec3d shift = cloud.origin - center;
-        std::vector<Vec3f> points(numbers.size());
+        auto points = made_in_blocks<std::vector<Vec3f>>(numbers.size(), context);
         parallel_for_blocks(
             points.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
                 for (std::size_t i = begin; i < end; ++i) {
@@ -310,8 +315,14 @@ struct LodTiler::State {
         const unsigned least = bits_for(0.5 * mean_gap(*unrounded.tree, points.size(), kAsked,
                                                        [&](std::size_t i) { return points[i]; }),
                                         finest.bits);
-        unsigned bits = bits_for(exact * std::sqrt(2 * tolerance / added), finest.bits);
-        bits = std::max(least, std::min(bits, finest.bits - 1));
+        const auto at_finest = [&] {
+            grid_taken = finest;
+            return with_tree(rounded(points, normals, finest, context), context);
+        };
+        const unsigned wanted = bits_for(exact * std::sqrt(2 * tolerance / added), kMostBits);
+        // Many points take a while to be measured with a bit less, which here is hopeless.
+        if (wanted > finest.bits && exact > 0 && normals.empty()) return at_finest();
+        unsigned bits = std::max(least, std::min(wanted, finest.bits - 1));
         Measured taken = try_bits(bits);
         if (taken.mean <= limit) {
             // A bit less doubles the steps: four times the variance, and three times what it adds
@@ -326,10 +337,7 @@ struct LodTiler::State {
         } else {
             while (taken.mean > limit && ++bits < finest.bits) taken = try_bits(bits);
         }
-        if (bits >= finest.bits) {
-            grid_taken = finest;
-            return with_tree(rounded(points, normals, finest, context), context);
-        }
+        if (bits >= finest.bits) return at_finest();
         grid_taken = grid(bits);
         return taken;
     }
@@ -392,35 +400,38 @@ struct LodTiler::State {
         figures.spacing /= static_cast<double>(points);
     }
 
+    /// What the tiles of one thread are made in.
+    struct Workbench {
+        std::vector<GridPoint> points, sorted;
+        std::vector<Index> numbers;
+        BlockChain chain;
+        VertexEncoder encoder;
+    };
+
     /// Sorts and compresses the points of a part.
     /// @param numbers  of the level's points, in the cloud.
     /// @param asked  how many points tell the spacing.
     void encode(LodTile& tile, const PointCloud& cloud, std::span<const Index> members,
                 std::span<const Index> numbers, const Measured& level, const Grid& grid_taken,
-                std::size_t asked) const {
-        using Place = std::array<std::int32_t, 3>;
-        std::vector<Place> places(members.size());
-        Place least;
-        least.fill(std::numeric_limits<std::int32_t>::max());
-        for (std::size_t i = 0; i < members.size(); ++i) {
+                std::size_t asked, Workbench& at) const {
+        Vec3f low = level.points[members.front()];
+        for (const Index i : members) low = low.cwiseMin(level.points[i]);
+        std::array<std::int32_t, 3> least;
+        for (int axis = 0; axis < 3; ++axis) least[axis] = grid_taken.at(low[axis]);
+        at.points.clear();
+        for (const Index i : members) {
+            GridPoint& point = at.points.emplace_back();
             for (int axis = 0; axis < 3; ++axis) {
-                places[i][axis] = grid_taken.at(level.points[members[i]][axis]);
-                least[axis] = std::min(least[axis], places[i][axis]);
+                point[axis] =
+                    static_cast<std::uint16_t>(grid_taken.at(level.points[i][axis]) - least[axis]);
+                tile.last[axis] = std::max(tile.last[axis], point[axis]);
             }
         }
-        std::vector<GridPoint> points(members.size());
-        for (std::size_t i = 0; i < members.size(); ++i) {
-            for (int axis = 0; axis < 3; ++axis) {
-                points[i][axis] = static_cast<std::uint16_t>(places[i][axis] - least[axis]);
-                tile.last[axis] = std::max(tile.last[axis], points[i][axis]);
-            }
-        }
-        const std::vector<Index> chain = chain_order_by_blocks(points);
-        std::vector<GridPoint> sorted(points.size());
-        std::vector<Index> sorted_numbers(points.size());
-        for (std::size_t i = 0; i < chain.size(); ++i) {
-            sorted[i] = points[chain[i]];
-            sorted_numbers[i] = numbers[members[chain[i]]];
+        at.sorted.clear();
+        at.numbers.clear();
+        for (const Index i : at.chain.order(at.points)) {
+            at.sorted.push_back(at.points[i]);
+            at.numbers.push_back(numbers[members[i]]);
         }
         tile.points = members.size();
         tile.bits = grid_taken.bits;
@@ -430,7 +441,7 @@ struct LodTiler::State {
         tile.spacing = mean_gap(*level.tree, members.size(), asked,
                                 [&](std::size_t i) { return level.points[members[i]]; }) /
                        scale;
-        tile.streams = encode_streams(cloud, sorted_numbers, sorted, options.attributes);
+        tile.streams = encode_streams(cloud, at.numbers, at.sorted, options.attributes, at.encoder);
     }
 };
 
@@ -464,6 +475,10 @@ LodTiler::~LodTiler() = default;
 
 const Vec3d& LodTiler::center() const noexcept {
     return state_->center;
+}
+
+std::span<const Index> LodTiler::order() const noexcept {
+    return state_->order;
 }
 
 const LodFigures& LodTiler::figures() const noexcept {
@@ -508,11 +523,18 @@ std::vector<LodTile> LodTiler::add_level(const PointCloud& cloud, bool whole,
     context.checkpoint(0.5);
     std::vector<LodTile> tiles(parts.size());
     const std::size_t asked = std::max(kAsked / parts.size(), kAsked / 4);
+    // Some at one bench, and yet enough to do for each thread.
+    const std::size_t threads = context.thread_count();
+    const std::size_t together = std::max<std::size_t>(1, parts.size() / (threads * threads));
     parallel_for_blocks_with_progress(
-        parts.size(), 1, context.part(0.5, 0.9), [&](std::size_t t, std::size_t) {
-            tiles[t].level = state.levels;
-            if (parts[t].parent != TileTree::kNone) tiles[t].parent = parts[t].parent;
-            state.encode(tiles[t], cloud, parts[t].points, order, level, grid, asked);
+        parts.size(), together, context.part(0.5, 0.9), [&](std::size_t begin, std::size_t end) {
+            State::Workbench bench;
+            for (std::size_t t = begin; t < end; ++t) {
+                context.throw_if_stopped();
+                tiles[t].level = state.levels;
+                if (parts[t].parent != TileTree::kNone) tiles[t].parent = parts[t].parent;
+                state.encode(tiles[t], cloud, parts[t].points, order, level, grid, asked, bench);
+            }
         });
     context.checkpoint(0.9);
     state.add_errors(tiles, level, context);

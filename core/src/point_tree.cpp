@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <bit>
-#include <numeric>
 
 namespace stipple {
 
@@ -89,13 +88,8 @@ void tidy(std::span<const Vec3f> points, std::span<Index> order, const RunContex
 
 PointTree::PointTree(std::span<const Vec3f> points, Leaves leaves, const RunContext& context)
     : size_(points.size()) {
-    std::vector<Index> order;
-    if (leaves == Leaves::Given) {
-        order.resize(size_);
-        std::iota(order.begin(), order.end(), Index{0});
-    } else {
-        order = hilbert_order(points, context);
-    }
+    std::vector<Index> order;  // none: as the points stand
+    if (leaves != Leaves::Given) order = hilbert_order(points, context);
     if (leaves == Leaves::Compact) {
         constexpr std::size_t kTidied = 65'536;
         parallel_for_blocks(size_, kTidied, context, [&](std::size_t begin, std::size_t end) {
@@ -105,7 +99,8 @@ PointTree::PointTree(std::span<const Vec3f> points, Leaves leaves, const RunCont
     if (size_ == 0) return;
     resize_in_blocks(leaves_, (size_ + kWidth - 1) / kWidth, context);
 
-    std::vector<Node>* level = &levels_.emplace_back((leaves_.size() + kWidth - 1) / kWidth);
+    std::vector<Node>* level = &levels_.emplace_back();
+    resize_in_blocks(*level, (leaves_.size() + kWidth - 1) / kWidth, context);
     parallel_for_blocks(level->size(), 256, context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t n = begin; n < end; ++n) {
             Node& node = (*level)[n] = empty_node();
@@ -114,7 +109,10 @@ PointTree::PointTree(std::span<const Vec3f> points, Leaves leaves, const RunCont
                 Box box;
                 for (std::size_t lane = 0; lane < kWidth; ++lane) {
                     const bool missing = lane >= points_in(l);
-                    const Index i = missing ? kNone : order[l * kWidth + lane];
+                    const std::size_t at = l * kWidth + lane;
+                    const Index i = missing         ? kNone
+                                    : order.empty() ? static_cast<Index>(at)
+                                                    : order[at];
                     const Vec3f p = missing ? Vec3f::Constant(kInfinity) : points[i];
                     leaves_[l].x[lane] = p.x();
                     leaves_[l].y[lane] = p.y();

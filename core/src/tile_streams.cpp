@@ -2,7 +2,6 @@
 
 #include "srgb.hpp"
 #include "stipple/error.hpp"
-#include "vertex_codec.hpp"
 
 #include <meshoptimizer.h>
 #include <cmath>
@@ -34,37 +33,41 @@ unsigned size_of(Type type) noexcept {
 /// @param value  value(i, component), in the type of the stream.
 template <typename T, typename Value>
 TileStream make_stream(std::string name, Type type, unsigned components, std::size_t count,
-                       Value&& value) {
+                       VertexEncoder& encoder, Value&& value) {
     TileStream stream{.name = std::move(name), .type = type, .components = components};
     stream.stride = (components * static_cast<unsigned>(sizeof(T)) + 3) / 4 * 4;
-    std::vector<std::byte> raw(count * stream.stride);
-    for (std::size_t i = 0; i < count; ++i) {
-        for (unsigned c = 0; c < components; ++c) {
-            const T v = value(i, c);
-            std::memcpy(raw.data() + i * stream.stride + c * sizeof(T), &v, sizeof(T));
-        }
-    }
-    stream.bytes = encode_vertices(raw, stream.stride);
+    stream.bytes = encoder.encode(
+        count, stream.stride, [&](std::size_t begin, std::size_t end, std::byte* vertices) {
+            std::memset(vertices, 0, (end - begin) * stream.stride);
+            for (std::size_t i = begin; i < end; ++i, vertices += stream.stride) {
+                for (unsigned c = 0; c < components; ++c) {
+                    const T v = value(i, c);
+                    std::memcpy(vertices + c * sizeof(T), &v, sizeof(T));
+                }
+            }
+        });
     return stream;
 }
 
-TileStream normal_stream(std::span<const Vec3f> normals, std::span<const Index> members) {
+TileStream normal_stream(std::span<const Vec3f> normals, std::span<const Index> members,
+                         VertexEncoder& encoder) {
     TileStream stream{.name = "NORMAL",
                       .type = Type::Int8,
                       .components = 3,
                       .normalized = true,
                       .stride = 4,
                       .octahedral = true};
-    std::vector<std::array<float, 4>> vectors;
-    vectors.reserve(members.size());
-    for (const Index i : members) {
-        const bool some = normals[i].allFinite() && normals[i].squaredNorm() > 0;
-        const Vec3f n = some ? normals[i].normalized() : Vec3f::UnitZ();
-        vectors.push_back({n.x(), n.y(), n.z(), 0});
-    }
-    std::vector<std::byte> raw(members.size() * stream.stride);
-    meshopt_encodeFilterOct(raw.data(), members.size(), stream.stride, 8, vectors.front().data());
-    stream.bytes = encode_vertices(raw, stream.stride);
+    std::vector<std::array<float, 4>> vectors;  // of a block
+    stream.bytes = encoder.encode(
+        members.size(), stream.stride, [&](std::size_t begin, std::size_t end, std::byte* to) {
+            vectors.clear();
+            for (const Index i : members.subspan(begin, end - begin)) {
+                const bool some = normals[i].allFinite() && normals[i].squaredNorm() > 0;
+                const Vec3f n = some ? normals[i].normalized() : Vec3f::UnitZ();
+                vectors.push_back({n.x(), n.y(), n.z(), 0});
+            }
+            meshopt_encodeFilterOct(to, vectors.size(), stream.stride, 8, vectors.front().data());
+        });
     return stream;
 }
 
@@ -89,10 +92,11 @@ const std::array<std::uint16_t, 256>& linear_codes() {
     return codes;
 }
 
-TileStream color_stream(const PointCloud& cloud, std::span<const Index> members) {
+TileStream color_stream(const PointCloud& cloud, std::span<const Index> members,
+                        VertexEncoder& encoder) {
     constexpr unsigned kWider = 257;  // 16 bits from 8
     TileStream stream = make_stream<std::uint16_t>(
-        "COLOR_0", Type::Uint16, cloud.has_alpha ? 4 : 3, members.size(),
+        "COLOR_0", Type::Uint16, cloud.has_alpha ? 4 : 3, members.size(), encoder,
         [&](std::size_t i, unsigned c) {
             const Rgba8& color = cloud.colors[members[i]];
             if (c == 3) return static_cast<std::uint16_t>(kWider * color.a);
@@ -113,7 +117,7 @@ constexpr Type type_for() {
 }
 
 void add_attribute(const Attribute& attribute, std::span<const Index> members,
-                   std::vector<TileStream>& streams) {
+                   VertexEncoder& encoder, std::vector<TileStream>& streams) {
     const unsigned all = attribute.components, each = all <= 4 ? all : 1;
     std::visit(
         [&]<typename T>(const std::vector<T>& values) {
@@ -123,11 +127,12 @@ void add_attribute(const Attribute& attribute, std::span<const Index> members,
                 std::string name(1, '_');
                 name += attribute.name;
                 if (all > 4) name += '_' + std::to_string(first);
-                streams.push_back(make_stream<Stored>(
-                    std::move(name), type, each, members.size(), [&](std::size_t i, unsigned c) {
-                        return static_cast<Stored>(
-                            values[std::size_t{members[i]} * all + first + c]);
-                    }));
+                streams.push_back(
+                    make_stream<Stored>(std::move(name), type, each, members.size(), encoder,
+                                        [&](std::size_t i, unsigned c) {
+                                            return static_cast<Stored>(
+                                                values[std::size_t{members[i]} * all + first + c]);
+                                        }));
             }
         },
         attribute.values);
@@ -222,16 +227,17 @@ void read_stream(const TileStream& stream, const LodTile& tile, PointCloud& clou
 }  // namespace
 
 std::vector<TileStream> encode_streams(const PointCloud& cloud, std::span<const Index> members,
-                                       std::span<const GridPoint> points, bool attributes) {
+                                       std::span<const GridPoint> points, bool attributes,
+                                       VertexEncoder& encoder) {
     std::vector<TileStream> streams;
     streams.push_back(
-        make_stream<std::uint16_t>("POSITION", Type::Uint16, 3, points.size(),
+        make_stream<std::uint16_t>("POSITION", Type::Uint16, 3, points.size(), encoder,
                                    [&](std::size_t i, unsigned c) { return points[i][c]; }));
-    if (!cloud.normals.empty()) streams.push_back(normal_stream(cloud.normals, members));
-    if (!cloud.colors.empty()) streams.push_back(color_stream(cloud, members));
+    if (!cloud.normals.empty()) streams.push_back(normal_stream(cloud.normals, members, encoder));
+    if (!cloud.colors.empty()) streams.push_back(color_stream(cloud, members, encoder));
     if (attributes) {
         for (const Attribute& attribute : cloud.attributes)
-            add_attribute(attribute, members, streams);
+            add_attribute(attribute, members, encoder, streams);
     }
     return streams;
 }

@@ -2,6 +2,7 @@
 
 #include "chain_order.hpp"
 #include "stipple/lod_tiles.hpp"
+#include "vertex_codec.hpp"
 
 #include <span>
 #include <vector>
@@ -13,6 +14,7 @@ namespace stipple {
 /// are kept, integers of 32 bits and doubles become floats. Where an attribute has more than four
 /// components each is a stream of its own.
 std::vector<TileStream> encode_streams(const PointCloud& cloud, std::span<const Index> members,
-                                       std::span<const GridPoint> points, bool attributes);
+                                       std::span<const GridPoint> points, bool attributes,
+                                       VertexEncoder& encoder);
 
 }  // namespace stipple

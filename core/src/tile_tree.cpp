@@ -1,8 +1,10 @@
 #include "tile_tree.hpp"
 
+#include "first_touch.hpp"
 #include "parallel_for.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <numeric>
 #include <utility>
 
@@ -15,9 +17,21 @@ struct Cut {
     float plane = 0;
 };
 
+/// A number that sorts as the float does, and the float of one.
+Index key_of(float value) noexcept {
+    constexpr std::uint32_t kSign = 0x80000000U;
+    const auto bits = std::bit_cast<std::uint32_t>(value);
+    return (bits & kSign) != 0 ? ~bits : bits | kSign;
+}
+float of_key(Index key) noexcept {
+    constexpr std::uint32_t kSign = 0x80000000U;
+    return std::bit_cast<float>((key & kSign) != 0 ? key & ~kSign : ~key);
+}
+
 /// A plane with points below it and points on or above it.
+/// @param room  for as many numbers.
 Cut cut_of(std::span<const Vec3f> points, std::span<const Index> members,
-           const TileTree::Limits& limits) {
+           const TileTree::Limits& limits, std::span<Index> room) {
     Vec3f low = points[members.front()], high = low;
     for (const Index i : members) {
         low = low.cwiseMin(points[i]);
@@ -30,11 +44,11 @@ Cut cut_of(std::span<const Vec3f> points, std::span<const Index> members,
 
     float plane = low[axis] + 0.5F * side;
     if (!wide) {
-        std::vector<float> along(members.size());
-        std::ranges::transform(members, along.begin(), [&](Index i) { return points[i][axis]; });
-        const auto middle = along.begin() + static_cast<std::ptrdiff_t>(along.size() / 2);
-        std::ranges::nth_element(along, middle);
-        plane = *middle;
+        std::ranges::transform(members, room.begin(),
+                               [&](Index i) { return key_of(points[i][axis]); });
+        const auto middle = room.begin() + static_cast<std::ptrdiff_t>(room.size() / 2);
+        std::ranges::nth_element(room, middle);
+        plane = of_key(*middle);
     }
     // Where many share the least coordinate the plane goes to the next: both sides have points.
     if (plane <= low[axis]) {
@@ -67,15 +81,16 @@ std::vector<TileTree::Part> TileTree::add_level(std::span<const Vec3f> points, c
     struct Open {
         std::uint32_t cell;
         std::size_t begin, size;
-        const Index* members;
+        Index* members;
         Cut cut{};
         std::size_t below = 0;  ///< members on the first side
     };
     // From the one to the other and back; what is closed stays where it is.
-    std::vector<Index> order(points.size()), other(points.size());
-    std::iota(order.begin(), order.end(), Index{0});
+    resize_in_blocks(order_, points.size(), context);
+    resize_in_blocks(other_, points.size(), context);
+    std::iota(order_.begin(), order_.end(), Index{0});
     std::vector<Open> open, closed;
-    if (!points.empty()) open.push_back({0, 0, points.size(), order.data()});
+    if (!points.empty()) open.push_back({0, 0, points.size(), order_.data()});
 
     // The cells of one depth at a time, each on its own.
     while (!open.empty()) {
@@ -83,9 +98,11 @@ std::vector<TileTree::Part> TileTree::add_level(std::span<const Vec3f> points, c
             Open& o = open[i];
             const Cell& cell = cells_[o.cell];
             const std::span<const Index> members(o.members, o.size);
-            o.cut = cell.axis >= 0 ? Cut{cell.axis, cell.plane} : cut_of(points, members, limits);
+            const std::span<Index> room = std::span(other_).subspan(o.begin, o.size);
+            o.cut =
+                cell.axis >= 0 ? Cut{cell.axis, cell.plane} : cut_of(points, members, limits, room);
             if (o.cut.axis < 0) return;
-            o.below = divide(points, members, o.cut, std::span(other).subspan(o.begin, o.size));
+            o.below = divide(points, members, o.cut, room);
         });
         std::vector<Open> next;
         for (const Open& o : open) {
@@ -101,11 +118,11 @@ std::vector<TileTree::Part> TileTree::add_level(std::span<const Vec3f> points, c
             }
             const std::uint32_t child = cells_[o.cell].children;
             const std::size_t middle = o.begin + o.below, above = o.size - o.below;
-            if (o.below > 0) next.push_back({child, o.begin, o.below, &other[o.begin]});
-            if (above > 0) next.push_back({child + 1, middle, above, &other[middle]});
+            if (o.below > 0) next.push_back({child, o.begin, o.below, &other_[o.begin]});
+            if (above > 0) next.push_back({child + 1, middle, above, &other_[middle]});
         }
         open = std::move(next);
-        order.swap(other);
+        order_.swap(other_);
     }
 
     // In the order of space, so that tiles that follow each other lie near each other.
@@ -114,7 +131,7 @@ std::vector<TileTree::Part> TileTree::add_level(std::span<const Vec3f> points, c
     std::vector<Part> parts(closed.size());
     for (std::size_t i = 0; i < closed.size(); ++i) {
         parts[i].parent = std::exchange(cells_[closed[i].cell].part, parts_++);
-        parts[i].points.assign(closed[i].members, closed[i].members + closed[i].size);
+        parts[i].points = {closed[i].members, closed[i].size};
     }
     return parts;
 }

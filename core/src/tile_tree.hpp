@@ -26,7 +26,7 @@ public:
     struct Part {
         std::uint32_t parent;  ///< number of the part that the last level with points in this cell
                                ///< had there, counted over all levels; or none
-        std::vector<Index> points;  ///< ascending
+        std::span<Index> points;  ///< ascending; until the next level is added
     };
 
     /// Cuts the next level: a cell with more points than the limit at the median of its longest
@@ -47,8 +47,9 @@ private:
     };
 
     std::vector<Cell> cells_{1};
-    std::uint32_t parts_ = 0;       ///< of all levels
-    std::uint32_t last_level_ = 0;  ///< first part of the last level
+    std::vector<Index> order_, other_;  ///< of the last level's points, part by part
+    std::uint32_t parts_ = 0;           ///< of all levels
+    std::uint32_t last_level_ = 0;      ///< first part of the last level
 };
 
 }  // namespace stipple

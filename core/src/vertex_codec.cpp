@@ -17,12 +17,7 @@ constexpr std::size_t kBlockBytes = 8'192, kMostInBlock = 256;
 constexpr std::size_t kLeastTail = 32;
 constexpr std::byte kVersion0{0xA0};
 
-using Differences = std::array<std::uint8_t, kMostInBlock>;
-
-/// The sign in the lowest bit.
-std::uint8_t zigzag(std::uint8_t difference) noexcept {
-    return static_cast<std::uint8_t>((difference << 1U) ^ (difference >= 0x80U ? 0xFFU : 0U));
-}
+using Column = std::array<std::uint8_t, kMostInBlock>;  ///< one byte of each vertex of a block
 
 /// How a group is written.
 struct Packing {
@@ -30,36 +25,62 @@ struct Packing {
     unsigned bytes;  ///< that it takes
 };
 
+/// To the vertex before, the sign in the lowest bit; zeros up to a whole group.
+void to_differences(Column& column, std::uint8_t last, std::size_t size) noexcept {
+    Column values = column;
+    const auto zigzag = [](unsigned now, unsigned before) {
+        const auto difference = static_cast<std::uint8_t>(now - before);
+        const auto doubled = static_cast<std::uint8_t>(difference + difference);
+        const auto sign = static_cast<std::uint8_t>(difference >= 0x80U ? 0xFFU : 0U);
+        return static_cast<std::uint8_t>(doubled ^ sign);
+    };
+    column[0] = zigzag(values[0], last);
+    for (std::size_t i = 1; i < kMostInBlock; ++i) column[i] = zigzag(values[i], values[i - 1]);
+    std::fill(column.begin() + static_cast<std::ptrdiff_t>(size), column.end(), std::uint8_t{0});
+}
+
 Packing least_packing(const std::uint8_t* group) noexcept {
-    unsigned any = 0, above_2_bits = 0, above_4_bits = 0;
+    std::uint8_t any = 0, above_2_bits = 0, above_4_bits = 0;
     for (std::size_t i = 0; i < kGroup; ++i) {
-        any |= group[i];
-        above_2_bits += group[i] >= 3 ? 1U : 0U;
-        above_4_bits += group[i] >= 15 ? 1U : 0U;
+        any = static_cast<std::uint8_t>(any | group[i]);
+        above_2_bits = static_cast<std::uint8_t>(above_2_bits + (group[i] >= 3 ? 1 : 0));
+        above_4_bits = static_cast<std::uint8_t>(above_4_bits + (group[i] >= 15 ? 1 : 0));
     }
     if (any == 0) return {0, 0};
-    const unsigned by_2 = 4 + above_2_bits, by_4 = 8 + above_4_bits;
+    const unsigned by_2 = 4U + above_2_bits, by_4 = 8U + above_4_bits;
     if (std::min(by_2, by_4) >= kGroup) return {3, kGroup};
     return by_2 <= by_4 ? Packing{1, by_2} : Packing{2, by_4};
 }
 
-/// What does not fit into the bits follows in whole bytes. @return  the end.
-std::uint8_t* write_group(const std::uint8_t* group, unsigned code, std::uint8_t* to) noexcept {
-    if (code == 3) return std::copy_n(group, kGroup, to);
-    const unsigned bits = 1U << code, most = (1U << bits) - 1;
+/// What does not fit into the bits follows in whole bytes. @return  the end; a byte behind it may
+/// be written to.
+template <unsigned kBits>
+std::uint8_t* write_packed(const std::uint8_t* group, std::uint8_t* to) noexcept {
+    constexpr std::uint8_t kMost = (1U << kBits) - 1;
     for (std::size_t i = 0; i < kGroup;) {
         unsigned packed = 0;
-        for (unsigned filled = 0; filled < 8; filled += bits)
-            packed = packed << bits | std::min<unsigned>(group[i++], most);
+        for (unsigned filled = 0; filled < 8; filled += kBits)
+            packed = packed << kBits | std::min(group[i++], kMost);
         *to++ = static_cast<std::uint8_t>(packed);
     }
-    return std::copy_if(group, group + kGroup, to, [most](unsigned d) { return d >= most; });
+    for (std::size_t i = 0; i < kGroup; ++i) {
+        *to = group[i];
+        to += group[i] >= kMost ? 1 : 0;
+    }
+    return to;
+}
+
+std::uint8_t* write_group(const std::uint8_t* group, unsigned code, std::uint8_t* to) noexcept {
+    if (code == 1) return write_packed<2>(group, to);
+    if (code == 2) return write_packed<4>(group, to);
+    return code == 3 ? std::copy_n(group, kGroup, to) : to;
 }
 
 /// One byte of each vertex of a block: in whole bytes where packing them would save little.
-std::uint8_t* write_column(const Differences& differences, std::size_t groups,
+std::uint8_t* write_column(const Column& differences, std::size_t groups,
                            std::uint8_t* to) noexcept {
     constexpr double kWorth = 0.75;  // of whole bytes
+    if (differences == Column{}) return std::fill_n(to, (groups + 3) / 4, std::uint8_t{0});
     std::array<Packing, kMostInBlock / kGroup> packings;
     unsigned packed = 0;
     for (std::size_t g = 0; g < groups; ++g) {
@@ -72,40 +93,54 @@ std::uint8_t* write_column(const Differences& differences, std::size_t groups,
     for (std::size_t g = 0; g < groups; ++g) {
         const unsigned least = packings[g].code, code = whole && least > 0 ? 3 : least;
         codes[g / 4] = static_cast<std::uint8_t>(codes[g / 4] | code << (2 * (g % 4)));
-        if (code > 0) to = write_group(differences.data() + g * kGroup, code, to);
+        to = write_group(differences.data() + g * kGroup, code, to);
     }
     return to;
 }
 
 }  // namespace
 
-std::vector<std::byte> encode_vertices(std::span<const std::byte> raw, std::size_t stride) {
-    const std::size_t count = raw.size() / stride;
+std::vector<std::byte> VertexEncoder::encode(std::size_t count, std::size_t stride,
+                                             const Write& write) {
     const std::size_t in_block = std::min(kMostInBlock, kBlockBytes / stride / kGroup * kGroup);
-    std::vector<std::byte> bytes{kVersion0};
-    std::vector<std::uint8_t> block(stride * (kMostInBlock + kMostInBlock / kGroup / 4));
+    // Column by column no more than whole bytes, a code for each group and a byte behind.
+    const std::size_t most = stride * (in_block + in_block / kGroup / 4 + 1);
+    vertices_.resize((in_block + 1) * stride);
+    packed_.resize((count + in_block - 1) / in_block * most);
+    std::byte *const first = vertices_.data(), *const block = first + stride;
+    std::vector<std::byte> at_the_end;
+    std::uint8_t* end = packed_.data();
     for (std::size_t begin = 0; begin < count; begin += in_block) {
-        const std::size_t size_now = std::min(in_block, count - begin);
-        std::uint8_t* end = block.data();
-        for (std::size_t k = 0; k < stride; ++k) {
-            const std::byte* const column = raw.data() + begin * stride + k;
-            Differences differences{};
-            auto last = static_cast<std::uint8_t>(begin > 0 ? *(column - stride) : *column);
-            for (std::size_t i = 0; i < size_now; ++i) {
-                const auto value = static_cast<std::uint8_t>(column[i * stride]);
-                differences[i] = zigzag(static_cast<std::uint8_t>(value - last));
-                last = value;
-            }
-            end = write_column(differences, (size_now + kGroup - 1) / kGroup, end);
+        const std::size_t size = std::min(in_block, count - begin);
+        write(begin, begin + size, block);
+        if (begin == 0) {
+            std::copy_n(block, stride, first);
+            at_the_end.assign(first, block);
         }
-        const auto* const written = reinterpret_cast<const std::byte*>(block.data());
-        bytes.insert(bytes.end(), written, written + (end - block.data()));
+        for (std::size_t k = 0; k < stride; ++k) {
+            Column column{};
+            for (std::size_t i = 0; i < size; ++i)
+                column[i] = static_cast<std::uint8_t>(block[i * stride + k]);
+            to_differences(column, static_cast<std::uint8_t>(first[k]), size);
+            end = write_column(column, (size + kGroup - 1) / kGroup, end);
+        }
+        std::copy_n(block + (size - 1) * stride, stride, first);
     }
     // At the end the first vertex, and room that decoders may read beyond what they need.
-    bytes.resize(bytes.size() + std::max(kLeastTail, stride) - stride);
-    bytes.insert(bytes.end(), raw.begin(), raw.begin() + static_cast<std::ptrdiff_t>(stride));
-    bytes.shrink_to_fit();
+    const auto written = static_cast<std::size_t>(end - packed_.data());
+    const std::size_t room = std::max(kLeastTail, stride) - stride;
+    std::vector<std::byte> bytes(1 + written + room + stride);
+    bytes.front() = kVersion0;
+    std::copy_n(reinterpret_cast<const std::byte*>(packed_.data()), written, bytes.begin() + 1);
+    std::ranges::copy(at_the_end, bytes.end() - static_cast<std::ptrdiff_t>(stride));
     return bytes;
+}
+
+std::vector<std::byte> encode_vertices(std::span<const std::byte> raw, std::size_t stride) {
+    return VertexEncoder().encode(
+        raw.size() / stride, stride, [&](std::size_t begin, std::size_t end, std::byte* to) {
+            std::copy_n(raw.data() + begin * stride, (end - begin) * stride, to);
+        });
 }
 
 }  // namespace stipple

@@ -269,6 +269,7 @@ private:
         }
         LodPyramidOptions levels = job.options;
         levels.spacing = tiler_ == nullptr;  // else the tiles say it
+        if (tiler_ != nullptr) levels.order = tiler_->order();
         if (job.base_bytes) fit_base(levels, *job.base_bytes);
         build_lod_pyramid(
             cloud, levels,

@@ -9,11 +9,13 @@
 namespace stipple {
 namespace {
 
-TEST(WeightedQuantiles, AreThoseOfTheSortedValues) {
+class WeightedQuantiles : public ::testing::TestWithParam<int> {};
+
+TEST_P(WeightedQuantiles, AreThoseOfTheSortedValues) {
     std::mt19937_64 random(9);
     std::exponential_distribution<float> value(3), weight(1);
     std::vector<float> values, weights;
-    for (int i = 0; i < 5000; ++i) {
+    for (int i = 0; i < GetParam(); ++i) {
         values.push_back(i % 10 == 0 ? 0.25F : value(random));
         weights.push_back(weight(random));
     }
@@ -31,6 +33,8 @@ TEST(WeightedQuantiles, AreThoseOfTheSortedValues) {
         EXPECT_NEAR(quantiles[p], sorted[at].first, 1e-3 * sorted[at].first) << parts[p];
     }
 }
+
+INSTANTIATE_TEST_SUITE_P(OfFewAndMany, WeightedQuantiles, ::testing::Values(1, 5'000, 20'000));
 
 }  // namespace
 }  // namespace stipple

@@ -1,6 +1,7 @@
 #include "stipple/lod_pyramid.hpp"
 
 #include "stipple/error.hpp"
+#include "stipple/lod_tiles.hpp"
 #include "stipple/neighbors.hpp"
 #include "support/support.hpp"
 
@@ -8,7 +9,10 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <iterator>
+#include <set>
 #include <tuple>
+#include <vector>
 
 namespace stipple {
 namespace {
@@ -252,6 +256,43 @@ TEST(LodPyramid, IsTheSameForAnyNumberOfThreads) {
         EXPECT_EQ(one[i].cloud.positions, eight[i].cloud.positions);
         EXPECT_EQ(one[i].spacing, eight[i].spacing);
     }
+}
+
+TEST(LodPyramid, InTheOrderOfACurveHasTheSameLevels) {
+    PointCloud cloud = test::sphere(20'000);
+    cloud.colors.resize(cloud.size());
+    for (std::size_t i = 0; i < cloud.size(); ++i) {
+        // Of a sphere rounding would decide across which axis it is cut first.
+        cloud.positions[i] = cloud.positions[i].cwiseProduct(Vec3f(5, 2, 1));
+        cloud.colors[i].r = static_cast<std::uint8_t>(i % 251);
+    }
+    const LodTiler tiler(cloud, {});
+    LodPyramidOptions options{.sizes = {1'000, 5'000, 20'000}};
+    const std::vector<LodLevel> as_they_stand = build(cloud, options);
+    options.order = tiler.order();
+    const std::vector<LodLevel> along = build(cloud, options);
+    ASSERT_EQ(along.size(), 3U);
+    for (std::size_t level = 0; level < 3; ++level) {
+        // Sums in another order round otherwise, and a few points fall on the other side.
+        using Point = std::tuple<float, float, float, int>;
+        std::array<std::set<Point>, 2> points;
+        for (const bool second : {false, true}) {
+            const PointCloud& made = (second ? along : as_they_stand)[level].cloud;
+            for (std::size_t i = 0; i < made.size(); ++i) {
+                const Vec3f& p = made.positions[i];
+                points[second ? 1 : 0].emplace(p.x(), p.y(), p.z(), made.colors[i].r);
+            }
+        }
+        std::vector<Point> common;
+        std::ranges::set_intersection(points[0], points[1], std::back_inserter(common));
+        EXPECT_EQ(points[0].size(), points[1].size());
+        EXPECT_GE(common.size(), 0.95 * static_cast<double>(points[0].size())) << level;
+    }
+}
+
+TEST(LodPyramid, RefusesAnOrderOfAnotherNumberOfPoints) {
+    const std::vector<Index> order(99);
+    EXPECT_THROW(build(test::sphere(100), {.order = order}), Error);
 }
 
 TEST(LodPyramid, OfOnePointIsOneLevel) {

@@ -489,7 +489,7 @@ std::vector<GridPoint> on_grid(const PointCloud& cloud, float steps) {
 }
 
 TEST(ChainOrder, VisitsEveryPointOnce) {
-    for (const std::size_t count : {1, 2, 127, 128, 129, 3'000}) {
+    for (const std::size_t count : {1, 2, 127, 128, 129, 3'000, 10'003}) {
         for (const float steps : {0.0F, 3.0F, 255.0F, 65'535.0F}) {
             const auto points = on_grid(test::sphere(count), steps);
             std::vector<Index> order = chain_order(points);
@@ -516,6 +516,14 @@ TEST(ChainOrder, ByBlocksVisitsEveryPointOnceAndEveryBlockOnce) {
         EXPECT_EQ(blocks.size(), there_are);
     }
     EXPECT_TRUE(chain_order_by_blocks({}).empty());
+}
+
+TEST(ChainOrder, OfATileDoesNotDependOnTheTileBefore) {
+    BlockChain chain;
+    for (const std::size_t count : {3'000, 100, 9'000, 0}) {
+        const auto points = on_grid(test::sphere(count), 2'000);
+        EXPECT_TRUE(std::ranges::equal(chain.order(points), chain_order_by_blocks(points)));
+    }
 }
 
 TEST(ChainOrder, IsTheSameOnEveryMachine) {

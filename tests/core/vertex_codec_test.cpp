@@ -4,6 +4,7 @@
 #include "stipple/lod_tiles.hpp"
 
 #include <gtest/gtest.h>
+#include <algorithm>
 #include <cstring>
 #include <vector>
 
@@ -40,6 +41,19 @@ TEST(VertexCodec, WritesWholeBytesWherePackingSavesLittle) {
         const std::vector<std::byte> bytes = encode_vertices(of_numbers(raw), 4);
         EXPECT_EQ(bytes[1], static_cast<std::byte>(many ? 3 : 2));
         EXPECT_EQ(bytes.size(), 1U + 1 + (many ? 16 : 12) + 3 + 32);
+    }
+}
+
+TEST(VertexCodec, KeepsNothingOfWhatWasEncodedBefore) {
+    VertexEncoder encoder;
+    for (const unsigned count : {600U, 3U, 300U}) {
+        std::vector<unsigned> raw;
+        for (unsigned i = 0; i < 8 * count; ++i) raw.push_back(i * i * count % 256);
+        const std::vector<std::byte> vertices = of_numbers(raw);
+        const auto write = [&](std::size_t begin, std::size_t end, std::byte* to) {
+            std::copy_n(vertices.data() + 8 * begin, 8 * (end - begin), to);
+        };
+        EXPECT_EQ(encoder.encode(count, 8, write), encode_vertices(vertices, 8));
     }
 }
 

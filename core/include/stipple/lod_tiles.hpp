@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -122,6 +123,9 @@ public:
 
     /// The place to which tiles are relative, in the coordinates of the source's file.
     const Vec3d& center() const noexcept;
+
+    /// The numbers of the source's points in the order of a curve, as long as the tiler lives.
+    std::span<const Index> order() const noexcept;
 
     /// @param cloud  the next finer level, of at least one point.
     /// @param whole  it is the source itself: it takes all bits. Does not matter where tiles are
