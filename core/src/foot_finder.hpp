@@ -63,6 +63,9 @@ public:
               const std::function<void(std::size_t, const Foot&)>& found,
               const RunContext& context) const;
 
+    /// The sample nearest to a place.
+    Vec3f nearest_sample(const Vec3f& place) const;
+
 private:
     std::span<const Vec3f> points_;
     const PointTree& tree_;
