@@ -54,14 +54,34 @@ public:
     std::uint64_t too_few() const { return finest_ == 0 ? 0 : forest_.size_of(finest_ - 1); }
 
     /// The cloud within the bound, and its measurement; none when it would be the whole input.
+    ///
+    /// What holds is then made to hold for those, too, who measure by the letter, if it takes few
+    /// more points.
     std::optional<ErrorBoundedCloud> run() {
+        constexpr double kFewMore = 1.25;
         learn();
         const std::size_t base = best_base();
+        auto found = refine(base, points() * 9 / 10, context_.part(0.6, 0.8));
+        if (!found) return found;
+        judge_.read(Reading::ByTheLetter);
+        const auto most = static_cast<double>(found->cloud.size()) * kFewMore;
+        auto by_the_letter = refine(base, static_cast<std::size_t>(most), context_.part(0.8, 1.0));
+        if (by_the_letter) return by_the_letter;
+        judge_.read(Reading::Confirmed);
+        return found;
+    }
+
+private:
+    std::size_t points() const { return forest_.size_of(forest_.level_count() - 1); }
+
+    /// Makes the cut finer until it holds; none when that takes more than `most` points.
+    std::optional<ErrorBoundedCloud> refine(std::size_t base, std::size_t most,
+                                            const RunContext& context) {
         for (unsigned round = 0; round < kMostRounds; ++round) {
-            context_.checkpoint(0.6 + 0.4 * round / kMostRounds);
+            context.checkpoint(static_cast<double>(round) / kMostRounds);
             std::vector<Index> cut = forest_.cut(base);
-            while (forest_.grade(cut, context_)) cut = forest_.cut(base);
-            if (cut.empty() || 10 * cut.size() >= 9 * points()) return std::nullopt;
+            while (forest_.grade(cut, context)) cut = forest_.cut(base);
+            if (cut.empty() || cut.size() > most) return std::nullopt;
             ErrorBoundedCloud result{.cloud = forest_.cloud_of(cut)};
             ErrorJudge::Finding finding = judge_.watch(result.cloud);
             if (finding.places.empty()) {
@@ -69,15 +89,12 @@ public:
                 if (finding.max <= ErrorJudge::kWithin) return result;
             }
             constexpr unsigned kSteps = 2;
-            if (!forest_.mark(cut, finding.places, kSteps, context_) &&
-                !forest_.mark_all(finding.places, context_))
+            if (!forest_.mark(cut, finding.places, kSteps, context) &&
+                !forest_.mark_all(finding.places, context))
                 return std::nullopt;  // what is too far is the input from its own surface
         }
         return std::nullopt;
     }
-
-private:
-    std::size_t points() const { return forest_.size_of(forest_.level_count() - 1); }
 
     /// Whether a level holds everywhere. Says where it is too coarse.
     bool learn(std::size_t level) {

@@ -53,7 +53,7 @@ ErrorJudge::ErrorJudge(const PointCloud& cloud, double bound, const RunContext& 
       quietly_{.stop = context.stop, .progress = {}, .threads = context.threads},
       center_(0.5 * (bounds(cloud).min + bounds(cloud).max) - cloud.origin),
       scale_(std::ldexp(1.0, -std::ilogb(bounds(cloud).diagonal()))),
-      surface_(into_frame(cloud.positions), quietly_),
+      surface_(into_frame(cloud.positions), Reading::Confirmed, quietly_),
       points_(points_of_surface()) {
     const std::size_t step = std::max<std::size_t>(1, points_.size() / kGlance);
     for (std::size_t i = 0; i < points_.size(); i += step) some_points_.push_back(points_[i]);
@@ -88,9 +88,14 @@ bool ErrorJudge::can_be_kept() const noexcept {
     return points_.size() + cloud_.size() / kOneOf >= cloud_.size();
 }
 
+void ErrorJudge::read(Reading reading) {
+    if (reading_ != reading) watch_.reset();
+    reading_ = reading;
+}
+
 ErrorJudge::Finding ErrorJudge::glance(const PointCloud& candidate) {
     ++tries_;
-    const ProbedSurface other(into_frame(candidate.positions), quietly_);
+    const ProbedSurface other(into_frame(candidate.positions), Reading::Confirmed, quietly_);
     const double margin = kMargin * bound_ * scale_;
     const Probes forward = surface_.measure(some_points_, other, margin, quietly_);
     const Probes backward =
@@ -112,7 +117,7 @@ ErrorJudge::Finding ErrorJudge::watch(const PointCloud& candidate) {
             static_cast<unsigned>(std::clamp<std::size_t>(kManyPlaces / cloud_.size(), 1, 10));
         std::vector<Vec3f> places = points_;
         append(places, surface_.places_around(places, 1, each, 0, quietly_).places);
-        watch_.emplace(surface_, std::move(places), kMargin * bound_ * scale_);
+        watch_.emplace(surface_, std::move(places), kMargin * bound_ * scale_, reading_);
     }
     watch_->look_at(into_frame(candidate.positions), quietly_);
     Finding finding;
@@ -134,7 +139,7 @@ ErrorJudge::Finding ErrorJudge::measure(ErrorBoundedCloud& candidate) {
                     .max = candidate.error.max() / bound_};
     append(finding.places, places_above(kMargin * bound_, backward));
     if (finding.max <= kWithin) {
-        const ProbedSurface other(into_frame(candidate.cloud.positions), quietly_);
+        const ProbedSurface other(into_frame(candidate.cloud.positions), reading_, quietly_);
         look_closer(surface_, places_above(kRaised * bound_, forward, kMostRaised), other, finding);
         look_closer(other, places_above(kRaised * bound_, backward, kMostRaised), surface_,
                     finding);

@@ -30,6 +30,9 @@ public:
     /// that is not known well enough to tell. The few that are not are no places of it.
     bool can_be_kept() const noexcept;
 
+    /// How candidates are read from now on, but for glances; `Confirmed` before.
+    void read(Reading reading);
+
     /// From few samples, to learn where snapshots are too coarse.
     Finding glance(const PointCloud& candidate);
 
@@ -62,6 +65,7 @@ private:
     ProbedSurface surface_;
     std::vector<Vec3f> points_;       ///< of the cloud that are of its surface
     std::vector<Vec3f> some_points_;  ///< of those, for glances
+    Reading reading_ = Reading::Confirmed;
     std::optional<ErrorWatch> watch_;
     unsigned tries_ = 0;
 };

@@ -43,8 +43,13 @@ std::vector<Vec3f> at(std::span<const Vec3f> points, std::span<const Index> whic
 
 }  // namespace
 
-ErrorWatch::ErrorWatch(const ProbedSurface& surface, std::vector<Vec3f> places, double margin)
-    : surface_(surface), margin_(margin), places_(std::move(places)), forward_(places_.size()) {}
+ErrorWatch::ErrorWatch(const ProbedSurface& surface, std::vector<Vec3f> places, double margin,
+                       Reading reading)
+    : surface_(surface),
+      margin_(margin),
+      reading_(reading),
+      places_(std::move(places)),
+      forward_(places_.size()) {}
 
 void ErrorWatch::look_at(std::vector<Vec3f> points, const RunContext& context) {
     // What is known of points that stay is kept; those that came or went are the changes.
@@ -71,7 +76,7 @@ void ErrorWatch::look_at(std::vector<Vec3f> points, const RunContext& context) {
     backward_ = std::move(spots);
     if (changed.empty()) return;
 
-    const ProbedSurface candidate(points_, context);
+    const ProbedSurface candidate(points_, reading_, context);
     std::vector<Index> from_places;
     if (first) {
         from_places.resize(places_.size());

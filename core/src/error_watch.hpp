@@ -19,8 +19,9 @@ class ErrorWatch {
 public:
     /// @param places  of the surface. @param margin  what is too far, as the distance between two
     /// places.
-    /// @param surface  must outlive the watch.
-    ErrorWatch(const ProbedSurface& surface, std::vector<Vec3f> places, double margin);
+    /// @param surface  must outlive the watch. @param reading  of the candidates.
+    ErrorWatch(const ProbedSurface& surface, std::vector<Vec3f> places, double margin,
+               Reading reading);
 
     /// Takes a candidate for the last one's. @param points  at least one.
     void look_at(std::vector<Vec3f> points, const RunContext& context);
@@ -72,6 +73,7 @@ private:
 
     const ProbedSurface& surface_;
     double margin_;
+    Reading reading_;
     std::vector<Vec3f> places_, points_;    ///< of the surface; of the last candidate
     std::vector<Spot> forward_, backward_;  ///< one for each place, one for each point
 };

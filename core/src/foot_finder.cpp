@@ -323,6 +323,12 @@ private:
 FootFinder::FootFinder(std::span<const Vec3f> points, const PointTree& tree, const Options& options)
     : points_(points), tree_(tree), options_(options) {}
 
+Vec3f FootFinder::nearest_sample(const Vec3f& place) const {
+    Neighbor nearest;
+    find_nearest(tree_, place, {&nearest, 1});
+    return points_[nearest.index];
+}
+
 void FootFinder::find(std::span<const Vec3f> queries,
                       const std::function<void(std::size_t, const Foot&)>& found,
                       const RunContext& context) const {

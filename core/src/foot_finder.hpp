@@ -23,12 +23,12 @@ struct Foot {
     bool converged = false;
     bool beyond = false;  ///< where the surface has no samples: `distance` is how far they are
 
-    /// Whether the point is one of the surface, from which the way to it is 0: beside many samples,
-    /// where there are none, and within a knot of samples, which has no normal, planes have feet
-    /// too.
-    bool on_surface() const noexcept {
-        return converged && !beyond && emptiness <= 0.5 && roundness <= 0.5;
-    }
+    /// Whether the way to the surface is 0 from the point, and samples are beside it: where there
+    /// are none planes have feet too.
+    bool is_fixed() const noexcept { return converged && !beyond && emptiness <= 0.5; }
+    /// Whether the point is also one of the surface: within a knot of samples, which has no normal,
+    /// there are fixed points that no surface goes through.
+    bool on_surface() const noexcept { return is_fixed() && roundness <= 0.5; }
 };
 
 /// Finds the feet of many queries on the MLS surface of some points, with k nearest neighbours and
@@ -62,6 +62,9 @@ public:
     void find(std::span<const Vec3f> queries,
               const std::function<void(std::size_t, const Foot&)>& found,
               const RunContext& context) const;
+
+    /// The sample nearest to a place.
+    Vec3f nearest_sample(const Vec3f& place) const;
 
 private:
     std::span<const Vec3f> points_;

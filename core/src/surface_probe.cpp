@@ -64,8 +64,9 @@ std::vector<Vec3f> Probes::places_above(double bound) const {
     return above;
 }
 
-ProbedSurface::ProbedSurface(std::vector<Vec3f> points, const RunContext& context)
+ProbedSurface::ProbedSurface(std::vector<Vec3f> points, Reading reading, const RunContext& context)
     : points_(std::move(points)),
+      reading_(reading),
       tree_(points_, PointTree::Leaves::Compact, context),
       finder_(points_, tree_, {}) {}
 
@@ -94,6 +95,7 @@ Probes ProbedSurface::measure(std::vector<Vec3f> places, const ProbedSurface& ot
             probes.uneven[i] = is_uneven(foot) ? 1 : 0;
         },
         context);
+    if (reading_ == Reading::ByTheLetter || other.reading_ == Reading::ByTheLetter) return probes;
     std::vector<std::size_t> which;
     std::vector<Vec3f> again;
     for (std::size_t i = 0; i < probes.places.size(); ++i) {
@@ -138,7 +140,7 @@ PlacesAround ProbedSurface::places_around(std::span<const Vec3f> centers, float 
     struct Found {
         Vec3f place;
         float reach;
-        bool on_surface, uneven;
+        bool counts, uneven;
     };
     std::vector<Found> found(near.size());
     finder_.find(
@@ -147,18 +149,19 @@ PlacesAround ProbedSurface::places_around(std::span<const Vec3f> centers, float 
             constexpr float kTurned = 0.77F;  // cos 40 degrees
             const std::size_t c = i / each;
             const Vec3f place = foot.point.cast<float>();
-            found[i] = {.place = place,
-                        .reach = (near[i] - centers[c]).norm() + reach_of(near[i], foot),
-                        .on_surface = foot.on_surface(),
-                        .uneven = is_uneven(foot) ||
-                                  std::abs(foot.normal.cast<float>().dot(normals[c])) < kTurned};
+            found[i] = {
+                .place = place,
+                .reach = (near[i] - centers[c]).norm() + reach_of(near[i], foot),
+                .counts = reading_ == Reading::ByTheLetter ? foot.is_fixed() : foot.on_surface(),
+                .uneven = is_uneven(foot) ||
+                          std::abs(foot.normal.cast<float>().dot(normals[c])) < kTurned};
         },
         context);
     for (std::size_t i = 0; i < found.size(); ++i) {
         const std::size_t c = i / each;
         around.reach[c] = std::max(around.reach[c], found[i].reach);
         if (found[i].uneven) around.uneven[c] = 1;
-        if (!found[i].on_surface) continue;
+        if (!found[i].counts) continue;
         around.places.push_back(found[i].place);
         around.centers.push_back(static_cast<Index>(c));
     }

@@ -32,12 +32,19 @@ struct PlacesAround {
                                        ///< more than 40 degrees or is not found everywhere
 };
 
+/// How a measurement is read.
+enum class Reading : std::uint8_t {
+    Confirmed,  ///< places on the surface alone, and large distances confirmed (worst_samples.hpp)
+    ByTheLetter,  ///< whatever walks come to rest at, also in knots of samples, which have no
+                  ///< normal, and what they find from there: as one measures who looks no further
+};
+
 /// A surface as `measure_error` has it, with a linear basis, to look for where it is farthest from
 /// another one.
 class ProbedSurface {
 public:
     /// @param points  at least one; of a size of about 1, where floats are at their best.
-    ProbedSurface(std::vector<Vec3f> points, const RunContext& context);
+    ProbedSurface(std::vector<Vec3f> points, Reading reading, const RunContext& context);
     ProbedSurface(const ProbedSurface&) = delete;
     ProbedSurface& operator=(const ProbedSurface&) = delete;
 
@@ -54,12 +61,14 @@ public:
     PlacesAround places_around(std::span<const Vec3f> centers, float spread, unsigned each,
                                std::uint64_t seed, const RunContext& context) const;
 
-    /// @param doubtful  distances above it are confirmed (worst_samples.hpp) where they are few.
+    /// @param doubtful  distances above it are confirmed where they are few, unless one of the two
+    ///                  surfaces is read by the letter.
     Probes measure(std::vector<Vec3f> places, const ProbedSurface& other, double doubtful,
                    const RunContext& context) const;
 
 private:
     std::vector<Vec3f> points_;
+    Reading reading_;
     PointTree tree_;
     FootFinder finder_;
 };

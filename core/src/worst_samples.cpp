@@ -77,6 +77,29 @@ void move_to_surface(std::span<Vec3f> places, const FootFinder& surface,
         places[moved[i]] = on[i] ? feet[i] : nearest_points[i];
 }
 
+/// The distances of feet, none larger than the way to the nearest sample and from there to the
+/// surface. A sample around which there is none stands for it.
+std::vector<double> by_samples(const FootFinder& surface, std::span<const Vec3f> places,
+                               std::span<const Foot> feet, const RunContext& context) {
+    std::vector<std::size_t> farther;
+    std::vector<Vec3f> samples;
+    std::vector<double> distances(places.size());
+    for (std::size_t i = 0; i < places.size(); ++i) {
+        distances[i] = feet[i].distance;
+        if (feet[i].distance <= feet[i].to_sample) continue;
+        farther.push_back(i);
+        samples.push_back(surface.nearest_sample(places[i]));
+    }
+    const std::vector<Foot> of_samples = feet_of(surface, samples, context);
+    for (std::size_t j = 0; j < farther.size(); ++j) {
+        const Foot& foot = of_samples[j];
+        const double on = foot.on_surface() ? foot.distance : 0;
+        double& distance = distances[farther[j]];
+        distance = std::min(distance, feet[farther[j]].to_sample + on);
+    }
+    return distances;
+}
+
 }  // namespace
 
 std::vector<double> confirmed_distances(const FootFinder& surface, std::span<const Vec3f> places,
@@ -89,10 +112,9 @@ std::vector<double> confirmed_distances(const FootFinder& surface, std::span<con
             for (std::size_t c = 0; c < kAround; ++c)
                 around.push_back(beside(places[i], near * own[i].h, c));
     const std::vector<Foot> feet = feet_of(surface, around, context);
-    std::vector<double> distances(places.size());
+    std::vector<double> distances = by_samples(surface, places, own, context);
     auto foot = feet.begin();
     for (std::size_t i = 0; i < places.size(); ++i) {
-        distances[i] = own[i].distance;
         for (const double near : kNear)
             for (std::size_t c = 0; c < kAround; ++c, ++foot)
                 if (foot->on_surface() || foot->beyond)

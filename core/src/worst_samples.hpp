@@ -10,10 +10,11 @@
 
 namespace stipple {
 
-/// How far places are from a surface, each no farther than another place around it (up to h / 5)
-/// and the way to that: a distance to a surface changes by no more than the way that one goes. So
-/// a foot counts that is not found from the place itself, where two sheets fold into a knot without
-/// a normal or an iteration ends on the wrong one.
+/// How far places are from a surface, each no farther than another place around it (up to h / 5),
+/// or than the nearest sample, and the way to that: a distance to a surface changes by no more than
+/// the way that one goes. So a foot counts that is not found from the place itself, where two
+/// sheets fold into a knot without a normal or an iteration ends on the wrong one. A sample in a
+/// knot stands for the surface.
 std::vector<double> confirmed_distances(const FootFinder& surface, std::span<const Vec3f> places,
                                         const RunContext& context);
 

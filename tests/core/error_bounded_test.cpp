@@ -1,5 +1,7 @@
 #include "stipple/error_bounded.hpp"
 
+#include "foot_finder.hpp"
+#include "point_tree.hpp"
 #include "stipple/error.hpp"
 #include "support/support.hpp"
 
@@ -7,8 +9,10 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <random>
 #include <stop_token>
 #include <string>
+#include <vector>
 
 namespace stipple {
 namespace {
@@ -131,6 +135,53 @@ TEST(ErrorBounded, HoldsAtFourTimesAsManyPlaces) {
             .sampling = ErrorSampling::Surface, .samples = samples, .seed = seed};
         EXPECT_LE(measure_error(cloud, found.cloud, again).max(), 0.04 * 1.02) << seed;
     }
+}
+
+/// A sphere with six limbs thinner than their points are apart.
+PointCloud limbed_sphere() {
+    std::mt19937 random(1);
+    std::uniform_real_distribution<float> unit(0, 1);
+    PointCloud cloud;
+    for (int i = 0; i < 1'000; ++i) {
+        const float z = 2 * unit(random) - 1, angle = 6.2831853F * unit(random);
+        const float r = std::sqrt(1 - z * z);
+        cloud.positions.emplace_back(r * std::cos(angle), r * std::sin(angle), z);
+    }
+    for (int i = 0; i < 500; ++i) {
+        const float angle = 6.2831853F * unit(random), along = 1 + unit(random);
+        Vec3f p;
+        p[i % 3] = i % 6 < 3 ? along : -along;
+        p[(i + 1) % 3] = 0.08F * std::cos(angle);
+        p[(i + 2) % 3] = 0.08F * std::sin(angle);
+        cloud.positions.push_back(p);
+    }
+    return cloud;
+}
+
+/// Finds the feet of some places on the surface of a cloud.
+std::vector<Foot> feet_on(const PointCloud& cloud, const std::vector<Vec3f>& places) {
+    const PointTree tree(cloud.positions, PointTree::Leaves::Compact, {});
+    std::vector<Foot> feet(places.size());
+    FootFinder(cloud.positions, tree, {})
+        .find(places, [&](std::size_t i, const Foot& foot) { feet[i] = foot; }, {});
+    return feet;
+}
+
+TEST(ErrorBounded, MostlyHoldsForWhoMeasuresByTheLetter) {
+    if (test::kSanitized) GTEST_SKIP() << "too slow under a sanitizer";
+    const PointCloud cloud = limbed_sphere();
+    const PointCloud found = simplify_within_error(cloud, within(0.06, Method::Multiphase)).cloud;
+    EXPECT_LT(found.size(), 1'000U);
+    std::mt19937 random(5);
+    std::normal_distribution<float> off(0, 0.03F);
+    std::vector<Vec3f> starts, places;
+    for (const Vec3f& p : found.positions)
+        for (int i = 0; i < 50; ++i)
+            starts.push_back(p + Vec3f(off(random), off(random), off(random)));
+    for (const Foot& foot : feet_on(found, starts))
+        if (foot.is_fixed()) places.push_back(foot.point.cast<float>());
+    for (const Foot& foot : feet_on(cloud, places)) EXPECT_LE(foot.distance, 0.06 * 1.02);
+    for (const Foot& foot : feet_on(found, cloud.positions)) EXPECT_LE(foot.distance, 0.06 * 1.02);
 }
 
 TEST(ErrorBounded, HasFewerPointsThanASnapshotThatHoldsEverywhere) {

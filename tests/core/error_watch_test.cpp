@@ -16,12 +16,13 @@ std::vector<Vec3f> simplified_sphere(std::size_t points) {
 }
 
 TEST(ErrorWatch, KnowsAfterAChangeWhatItWouldFindAnew) {
-    const ProbedSurface surface(sphere(2'000).positions, {});
+    const ProbedSurface surface(sphere(2'000).positions, Reading::Confirmed, {});
     const std::vector<Vec3f> places(surface.points().begin(), surface.points().end());
     std::vector<Vec3f> before = simplified_sphere(300), after = before;
     for (Vec3f& p : after)
         if (p.z() > 0.8F) p *= 1.05F;
-    ErrorWatch watch(surface, places, 0.02), anew(surface, places, 0.02);
+    ErrorWatch watch(surface, places, 0.02, Reading::Confirmed),
+        anew(surface, places, 0.02, Reading::Confirmed);
     watch.look_at(before, {});
     EXPECT_LT(watch.max(), 0.04);
     watch.look_at(after, {});
@@ -35,22 +36,22 @@ TEST(ErrorWatch, KnowsAfterAChangeWhatItWouldFindAnew) {
 }
 
 TEST(ErrorWatch, LooksCloserOnceNothingIsTooFar) {
-    const ProbedSurface surface(sphere(2'000).positions, {});
+    const ProbedSurface surface(sphere(2'000).positions, Reading::Confirmed, {});
     const std::vector<Vec3f> places(surface.points().begin(), surface.points().end());
     const std::vector<Vec3f> points = simplified_sphere(60);
-    ErrorWatch first(surface, places, 0.02);
+    ErrorWatch first(surface, places, 0.02, Reading::Confirmed);
     first.look_at(points, {});
     const double margin = 1.01 * first.max();  // all is within it, if only just
     EXPECT_FALSE(first.places_too_far().empty());
-    ErrorWatch just(surface, places, margin);
+    ErrorWatch just(surface, places, margin, Reading::Confirmed);
     just.look_at(points, {});
     EXPECT_GT(just.max(), first.max());
 }
 
 TEST(ErrorWatch, FindsNothingBetweenASurfaceAndItself) {
     const std::vector<Vec3f> points = sphere(500).positions;
-    const ProbedSurface surface(points, {});
-    ErrorWatch watch(surface, {}, 0.01);
+    const ProbedSurface surface(points, Reading::Confirmed, {});
+    ErrorWatch watch(surface, {}, 0.01, Reading::Confirmed);
     watch.look_at(points, {});
     EXPECT_LT(watch.max(), 1e-4);
     EXPECT_TRUE(watch.places_too_far().empty());

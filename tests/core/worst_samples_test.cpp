@@ -4,6 +4,8 @@
 
 #include <gtest/gtest.h>
 #include <algorithm>
+#include <cmath>
+#include <random>
 #include <vector>
 
 namespace stipple {
@@ -80,6 +82,41 @@ TEST_F(WorstSamples, AreNoFartherThanOthersAndTheWayToThem) {
         EXPECT_GE(confirmed[i], 0);
     }
     EXPECT_NEAR(confirmed.front(), 0.01, 1e-3);
+}
+
+/// Around a limb thinner than its points are apart the walks come to rest anywhere.
+TEST(ConfirmedDistances, AreNoLargerThanByTheNearestSample) {
+    std::mt19937 random(1);
+    std::uniform_real_distribution<float> unit(0, 1);
+    const auto beside_axis = [&](float radius) {
+        const float along = 4 * unit(random), angle = 6.2831853F * unit(random);
+        return Vec3f(along, radius * std::cos(angle), radius * std::sin(angle));
+    };
+    std::vector<Vec3f> limb, places;
+    for (int i = 0; i < 400; ++i) limb.push_back(beside_axis(0.04F + 0.02F * unit(random)));
+    for (int i = 0; i < 2'000; ++i) places.push_back(beside_axis(0.055F));
+    const PointTree tree(limb, PointTree::Leaves::Compact, {});
+    const FootFinder surface(limb, tree, {});
+    const auto distances_of = [&](const std::vector<Vec3f>& queries) {
+        std::vector<double> distances(queries.size());
+        surface.find(queries,
+                     [&](std::size_t i, const Foot& foot) { distances[i] = foot.distance; }, {});
+        return distances;
+    };
+    std::vector<Vec3f> nearest;
+    for (const Vec3f& q : places)
+        nearest.push_back(
+            *std::ranges::min_element(limb, {}, [&](const Vec3f& p) { return (p - q).norm(); }));
+
+    const std::vector<double> found = distances_of(places), of_nearest = distances_of(nearest);
+    const std::vector<double> confirmed = confirmed_distances(surface, places, {});
+    unsigned farther = 0;
+    for (std::size_t i = 0; i < places.size(); ++i) {
+        const double most = (places[i] - nearest[i]).norm() + of_nearest[i];
+        if (found[i] > 1.1 * most) ++farther;
+        EXPECT_LE(confirmed[i], most + 1e-6) << i;
+    }
+    EXPECT_GT(farther, 10U);
 }
 
 TEST_F(WorstSamples, OfAFewSamplesAreNotLookedAt) {

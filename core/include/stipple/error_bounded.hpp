@@ -49,6 +49,11 @@ struct ErrorBoundedCloud {
 /// of the bound, else the search goes on from what was found. A maximum over samples is below that
 /// over all of a surface: another measurement may find a little more, which the last 3 % are for.
 ///
+/// What is found so is read as `measure_error` does: places in knots of points without a normal are
+/// none of the surface, and a distance is no larger than that of a place beside and the way there.
+/// One who measures without such care finds more. Therefore the search goes on until neither holds
+/// any more, unless that takes more than a quarter of the points again.
+///
 /// Where no smaller cloud is within the bound the input itself comes back, with an error of 0. A
 /// point of the input that is farther than the bound from the input's own surface is no place of
 /// it, and not looked at; where more than one in a hundred are, the bound is below the noise, and
