@@ -134,12 +134,6 @@ std::span<const Index> BlockChain::order(std::span<const GridPoint> points) {
     return order_;
 }
 
-std::vector<Index> chain_order_by_blocks(std::span<const GridPoint> points) {
-    BlockChain chain;
-    const std::span<const Index> order = chain.order(points);
-    return {order.begin(), order.end()};
-}
-
 std::vector<Index> chain_through(std::span<const Vec3f> points, const RunContext& context) {
     constexpr std::size_t kPiece = 65'536;
     constexpr double kSteps = 65'535;

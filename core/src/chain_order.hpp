@@ -17,7 +17,8 @@ using GridPoint = std::array<std::uint16_t, 3>;
 /// An order in which points that follow each other lie near each other, so that their differences
 /// take few bits: from each point to the nearest of the next 128 along a curve that are left, by
 /// the sum of the differences of their coordinates. As short as a chain from each point to the
-/// nearest of all, and ten times as quick to find.
+/// nearest of all, and ten times as quick to find. From 8,192 points on it is four such chains, one
+/// behind the other.
 ///
 /// @param points  in the order of a curve that fills space (`hilbert_order`).
 /// @return  a permutation of their numbers. O(N), on the calling thread.
@@ -25,9 +26,8 @@ std::vector<Index> chain_order(std::span<const GridPoint> points);
 
 /// The same where the high and the low bytes of coordinates are coded each by themselves: all
 /// points of a cube of 256 steps before those of another, so that high bytes seldom change.
-std::vector<Index> chain_order_by_blocks(std::span<const GridPoint> points);
-
-/// As that, keeping its memory from one tile to the next: one for each thread.
+///
+/// Keeps its memory from one tile to the next: one for each thread.
 class BlockChain {
 public:
     /// @return  until it is called again.

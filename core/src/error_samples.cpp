@@ -130,11 +130,22 @@ std::vector<float> distances_sq(const PointTree& tree, std::span<const Vec3f> po
     return distances;
 }
 
-/// The area around each of some points of the tree, up to a common factor; not zero for all.
+/// The area around each of some points of the tree, up to a common factor; not zero for all. By the
+/// mean of the squared distances to eight neighbours, nearer to the areas of a scan's triangles
+/// than by any single one of them.
 std::vector<float> areas_around(const PointTree& tree, std::span<const Vec3f> points,
                                 const RunContext& context) {
-    constexpr std::size_t kEighth = 8;
-    std::vector<float> areas = distances_sq(tree, points, kEighth, context);
+    constexpr std::size_t kEight = 8;
+    auto areas = made_in_blocks<std::vector<float>>(points.size(), context);
+    parallel_for_blocks(points.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+        NearbySearch search(tree, kEight + 1, 2 * kEight + 8);
+        for (std::size_t i = begin; i < end; ++i) {
+            double sum = 0;
+            const auto found = search.find_nearest_few(points[i]);
+            for (const Neighbor& neighbor : found) sum += neighbor.distance_sq;
+            areas[i] = static_cast<float>(sum / static_cast<double>(found.size()));
+        }
+    });
     if (std::ranges::none_of(areas, [](float a) { return a > 0; })) std::ranges::fill(areas, 1.0F);
     return areas;
 }

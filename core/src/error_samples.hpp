@@ -24,13 +24,13 @@ struct ErrorSamples {
     void append(const ErrorSamples& more);
 };
 
-/// `count` of the points, evenly drawn, each with the area around it by its eighth neighbour (§2);
+/// `count` of the points, evenly drawn, each with the area around it by its eight neighbours (§2);
 /// all of them when there are no more. Of all 0.4 us a point, else 0.7 us; parallel.
 ErrorSamples take_points(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
                          const RunContext& context);
 
 /// `count` of the points as well, with less left to chance: large areas, of which a few points
-/// would decide, are drawn more often. The area of a point, by its eighth neighbour, is divided by
+/// would decide, are drawn more often. The area of a point, by its eight neighbours, is divided by
 /// that by which it was drawn, about the distance to its third in the leaf. Some may come twice;
 /// all come once, as `take_points` has them, when there are no more. Of very many points those of
 /// as many leaves as samples are drawn from, evenly drawn themselves. O(count), parallel.

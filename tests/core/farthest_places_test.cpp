@@ -96,7 +96,7 @@ TEST(FarthestPoints, AreNotPrunedByFeetThatAreNone) {
 
 TEST(PlacesAroundFarthest, FindWhatManyMoreRandomPlacesFind) {
     const Scene bumpy(with_bump(3'000, 0)), round(sphere(40'000));
-    MeasuredPlaces few{take_surface(bumpy.tree, bumpy.finder, 1'000, 0, {}).positions, {}};
+    MeasuredPlaces few{take_surface(bumpy.tree, bumpy.finder, 1'000, 2, {}).positions, {}};
     few.distances = distances_from(few.places, round.finder);
     const std::vector<Vec3f> many =
         take_surface(bumpy.tree, bumpy.finder, 100'000, 5, {}).positions;

@@ -501,6 +501,12 @@ TEST(ChainOrder, VisitsEveryPointOnce) {
     EXPECT_TRUE(chain_order({}).empty());
 }
 
+std::vector<Index> chain_order_by_blocks(std::span<const GridPoint> points) {
+    BlockChain chain;
+    const std::span<const Index> order = chain.order(points);
+    return {order.begin(), order.end()};
+}
+
 TEST(ChainOrder, ByBlocksVisitsEveryPointOnceAndEveryBlockOnce) {
     for (const float steps : {200.0F, 1'000.0F, 65'535.0F}) {
         const auto points = on_grid(test::sphere(3'000), steps);
