@@ -13,9 +13,10 @@ namespace stipple {
 namespace {
 
 constexpr std::uint64_t kAroundSeed = 1, kUnevenSeed = 2, kCloserSeed = 3;
-constexpr unsigned kAround = 8;        // places around each point of a candidate
-constexpr unsigned kUnevenBack = 160;  // more of them where its surface is uneven
-constexpr unsigned kUnevenFrom = 12;   // around a place of the surface where the candidate's is
+constexpr unsigned kAround = 8;                 // places around each point of a candidate
+constexpr unsigned kUnevenBack = 160;           // more of them where its surface is uneven
+constexpr std::size_t kMostUneven = 1'000'000;  // of both, where most of a surface is uneven
+constexpr unsigned kUnevenFrom = 12;  // around a place of the surface where the candidate's is
 constexpr float kUnevenSpread = 1.2F;
 constexpr unsigned kCloser = 4;  // around a suspicious place, in each round
 constexpr unsigned kRounds = 3;
@@ -177,8 +178,12 @@ void ErrorWatch::look_closer(const ProbedSurface& from, const ProbedSurface& to,
         uneven.push_back(static_cast<Index>(i));
         centers.push_back(middles(spots)[i]);
     }
+    const std::size_t each = kMostUneven / std::max<std::size_t>(1, uneven.size());
     look_around(from, to, uneven, centers, spots,
-                {.spread = kUnevenSpread, .each = care.uneven, .seed = kUnevenSeed}, context);
+                {.spread = kUnevenSpread,
+                 .each = static_cast<unsigned>(std::clamp<std::size_t>(each, kCloser, care.uneven)),
+                 .seed = kUnevenSeed},
+                context);
     float spread = 1;
     for (unsigned round = 0; round < kRounds; ++round, spread /= 2) {
         std::erase_if(open, [&](Index i) {

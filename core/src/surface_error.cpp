@@ -3,6 +3,7 @@
 #include "attribute_error.hpp"
 #include "distance_statistics.hpp"
 #include "error_samples.hpp"
+#include "far_clouds.hpp"
 #include "farthest_places.hpp"
 #include "first_touch.hpp"
 #include "foot_finder.hpp"
@@ -280,6 +281,8 @@ SurfaceError SurfaceErrorMeter::measure(const PointCloud& candidate,
     const auto& [options, finding, frame, S] = *state_;
     const PointCloud& reference = S.cloud;
     context.throw_if_stopped();
+    if (!options.attributes)
+        if (auto far = measure_far(reference, candidate, options, context)) return std::move(*far);
     const Surface S_prime(candidate, frame, leaves_for(candidate, options), finding, context);
     context.checkpoint(0.1);
     SurfaceError error;

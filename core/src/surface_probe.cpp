@@ -157,12 +157,14 @@ PlacesAround ProbedSurface::places_around(std::span<const Vec3f> centers, float 
                           std::abs(foot.normal.cast<float>().dot(normals[c])) < kTurned};
         },
         context);
+    std::size_t last_alone = n;
     for (std::size_t i = 0; i < found.size(); ++i) {
         const std::size_t c = i / each;
         around.reach[c] = std::max(around.reach[c], found[i].reach);
         if (found[i].uneven) around.uneven[c] = 1;
-        if (!found[i].counts) continue;
-        around.places.push_back(found[i].place);
+        // Where the surface is not to be found there is at least the center.
+        if (!found[i].counts && std::exchange(last_alone, c) == c) continue;
+        around.places.push_back(found[i].counts ? found[i].place : centers[c]);
         around.centers.push_back(static_cast<Index>(c));
     }
     return around;

@@ -56,8 +56,9 @@ public:
     std::vector<Vec3f> random_places(std::uint64_t count, const RunContext& context) const;
 
     /// `each` places around each center: the feet of random ones within `spread` times the scale of
-    /// the weights there, also off the surface, so that a sheet beside it is found. They depend on
-    /// where the center is and on the seed, not on the other centers.
+    /// the weights there, also off the surface, so that a sheet beside it is found; the center
+    /// itself for those that have none. They depend on where the center is and on the seed, not on
+    /// the other centers.
     PlacesAround places_around(std::span<const Vec3f> centers, float spread, unsigned each,
                                std::uint64_t seed, const RunContext& context) const;
 

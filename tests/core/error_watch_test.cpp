@@ -57,5 +57,14 @@ TEST(ErrorWatch, FindsNothingBetweenASurfaceAndItself) {
     EXPECT_TRUE(watch.places_too_far().empty());
 }
 
+TEST(ErrorWatch, SeesAPointThatNoSurfaceGoesThrough) {
+    const ProbedSurface surface(sphere(2'000).positions, Reading::Confirmed, {});
+    std::vector<Vec3f> points = simplified_sphere(500);
+    points.emplace_back(0.1F, 0.2F, 0.3F);
+    ErrorWatch watch(surface, {}, 0.02, Reading::Confirmed);
+    watch.look_at(points, {});
+    EXPECT_GT(watch.max(), 0.5);
+}
+
 }  // namespace
 }  // namespace stipple

@@ -290,6 +290,29 @@ TEST(SurfaceError, OfDisjointCloudsIsAboutTheirDistance) {
     EXPECT_GT(error.mean(), error.diagonal);
 }
 
+TEST(SurfaceError, OfCloudsInOtherUnitsIsTheDistanceToTheMiddleOfTheSmaller) {
+    const PointCloud metres = shifted(sphere(20'000), {2, 0, 0});
+    const PointCloud small = scaled(metres, 1e-12F), large = scaled(metres, 1e12F);
+    const SurfaceError to_small = measure_error(metres, small);
+    EXPECT_NEAR(to_small.forward.max, 3, 0.01);
+    EXPECT_NEAR(to_small.backward.max, 1, 0.01);
+    const SurfaceError to_large = measure_error(metres, large);
+    EXPECT_NEAR(to_large.backward.max, 3e12, 1e10);
+    EXPECT_NEAR(to_large.forward.max, 1e12, 1e10);
+    EXPECT_EQ(to_large.forward.mean, to_large.forward.max);
+    const SurfaceError beside = measure_error(metres, shifted(metres, {1'000, 0, 0}));
+    EXPECT_NEAR(beside.forward.mean, 1'000, 1);
+    EXPECT_NEAR(beside.backward.max, 999, 1.5);
+}
+
+TEST(SurfaceError, OfCloudsAFewSizesApartIsMeasuredFromPlaceToPlace) {
+    const SurfaceError error =
+        measure_error(sphere(5'000), shifted(sphere(2'000), {20, 0, 0}), {.samples = 4'000});
+    EXPECT_EQ(error.forward.samples, 4'000U);
+    EXPECT_EQ(error.backward.samples, 4'000U);
+    EXPECT_NEAR(error.forward.max, 20, 0.1);
+}
+
 TEST(SurfaceError, KeepsItsSamplesWhenAsked) {
     PointCloud a = sphere(3000);
     a.origin = {100, 200, 300};

@@ -107,6 +107,10 @@ void validate(const SurfaceErrorOptions& options);
 /// With the linear basis S and S' both lie inside curved parts by about h^2 kappa / 2, the coarser
 /// one more: compare candidates with `Quadratic` as well before one is called better.
 ///
+/// Where one cloud is as good as a point for the other, all of whose points are farther from it than
+/// a hundred of its diagonals, distances to its middle stand for all, unless attributes are asked
+/// for: such clouds can hardly be compared, and that is to be known at once.
+///
 /// The clouds may have different origins. Positions must be finite (`clean`).
 /// @throws Error(InvalidArgument) for an empty cloud, a position that is not finite or an option
 /// out of range.
