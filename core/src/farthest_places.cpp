@@ -118,9 +118,12 @@ void add_farthest_points(const PointTree& tree, const FootFinder& surface,
     }
 }
 
-void add_places_around_farthest(const FootFinder& from, std::span<const Vec3f> points,
-                                const PointTree& tree, const FootFinder& to,
-                                MeasuredPlaces& measured, const RunContext& context) {
+namespace {
+
+/// Sixteen places for each of the points around the farthest.
+void add_places_once(const FootFinder& from, std::span<const Vec3f> points, const PointTree& tree,
+                     const FootFinder& to, std::uint64_t seed, MeasuredPlaces& measured,
+                     const RunContext& context) {
     std::vector<Index> near;
     std::array<Neighbor, kPointsOfEach> nearest;
     for (const Vec3f& place : farthest_places(measured, kFarthest))
@@ -132,8 +135,7 @@ void add_places_around_farthest(const FootFinder& from, std::span<const Vec3f> p
     for (const Index point : near) bases.insert(bases.end(), kPlacesOfEach, points[point]);
 
     const std::size_t before = measured.places.size();
-    constexpr std::uint64_t kOtherSeed = 1;
-    const std::vector<Vec3f> places = random_places(tree, from, bases, kOtherSeed, context);
+    const std::vector<Vec3f> places = random_places(tree, from, bases, seed, context);
     measured.places.insert(measured.places.end(), places.begin(), places.end());
     measured.distances.resize(measured.places.size());
     to.find(
@@ -141,6 +143,20 @@ void add_places_around_farthest(const FootFinder& from, std::span<const Vec3f> p
         [&](std::size_t i, const Foot& foot) { measured.distances[before + i] = foot.distance; },
         context);
     confirm_worst(measured.places, measured.distances, to, &from, points, tree, context);
+}
+
+}  // namespace
+
+void add_places_around_farthest(const FootFinder& from, std::span<const Vec3f> points,
+                                const PointTree& tree, const FootFinder& to,
+                                MeasuredPlaces& measured, const RunContext& context) {
+    constexpr std::uint64_t kMostRounds = 8;
+    constexpr double kGrowth = 1.02;  // less than that is the end
+    for (std::uint64_t round = 1; round <= kMostRounds; ++round) {
+        const double before = farthest(measured);
+        add_places_once(from, points, tree, to, round, measured, context);
+        if (farthest(measured) <= kGrowth * before) break;
+    }
 }
 
 }  // namespace stipple

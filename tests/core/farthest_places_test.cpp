@@ -96,15 +96,20 @@ TEST(FarthestPoints, AreNotPrunedByFeetThatAreNone) {
 
 TEST(PlacesAroundFarthest, FindWhatManyMoreRandomPlacesFind) {
     const Scene bumpy(with_bump(3'000, 0)), round(sphere(40'000));
-    MeasuredPlaces few{take_surface(bumpy.tree, bumpy.finder, 1'000, 2, {}).positions, {}};
-    few.distances = distances_from(few.places, round.finder);
-    const std::vector<Vec3f> many =
-        take_surface(bumpy.tree, bumpy.finder, 100'000, 5, {}).positions;
-    const double all = std::ranges::max(distances_from(many, round.finder));
-    EXPECT_LT(std::ranges::max(few.distances), 0.9 * all);
-    add_places_around_farthest(bumpy.finder, bumpy.cloud.positions, bumpy.tree, round.finder, few,
-                               {});
-    EXPECT_NEAR(std::ranges::max(few.distances), all, 0.02 * all);
+    const auto farthest = [&](const std::vector<Vec3f>& places) {
+        return std::ranges::max(distances_from(places, round.finder));
+    };
+    const double all = farthest(take_surface(bumpy.tree, bumpy.finder, 100'000, 100, {}).positions);
+    double least = all;
+    for (std::uint64_t seed = 0; seed < 8; ++seed) {
+        MeasuredPlaces few{take_surface(bumpy.tree, bumpy.finder, 1'000, seed, {}).positions, {}};
+        few.distances = distances_from(few.places, round.finder);
+        least = std::min(least, std::ranges::max(few.distances));
+        add_places_around_farthest(bumpy.finder, bumpy.cloud.positions, bumpy.tree, round.finder,
+                                   few, {});
+        EXPECT_NEAR(std::ranges::max(few.distances), all, 0.03 * all) << seed;
+    }
+    EXPECT_LT(least, 0.5 * all);  // by the places alone
 }
 
 TEST(SurfaceError, IsTheMaximumOfAllPointsAndTheMeanOfSome) {
