@@ -153,6 +153,10 @@ private:
                 return simplify(cloud, options, context);
             ErrorBoundedCloud found = simplify_within_error(cloud, options, context);
             bound_ = measured(found);
+            if (!found.whole) {
+                bound_error_ = without_histograms(std::move(found.error),
+                                                  {.sampling = found.sampling}, cloud, found.cloud);
+            }
             return std::move(found.cloud);
         });
     }
@@ -174,10 +178,15 @@ private:
         } else {
             error = estimate_error(cloud, result, context);
         }
+        return without_histograms(std::move(error), quick_options(cloud.size(), result.size()),
+                                  cloud, result);
+    }
+
+    static ErrorFigures without_histograms(SurfaceError error, const SurfaceErrorOptions& options,
+                                           const PointCloud& cloud, const PointCloud& result) {
         error.forward.histogram.clear();
         error.backward.histogram.clear();
-        return error_figures(error, quick_options(cloud.size(), result.size()), cloud.size(),
-                             result.size());
+        return error_figures(error, options, cloud.size(), result.size());
     }
 
     template <typename Job, typename Compute>
@@ -194,7 +203,10 @@ private:
             add_splats(result, job.added.splats, context.part(kComputed, kSplats));
         }
         std::optional<ErrorFigures> error;
-        if (job.error) error = result_error(cloud, result, context.part(kSplats, 1));
+        if (job.error) {
+            error = bound_error_ ? std::move(bound_error_)
+                                 : result_error(cloud, result, context.part(kSplats, 1));
+        }
         meter_.advance(stage, 1);
         points_to_encode_ = result.size();
         encode(level(0, std::move(result)), job.output, error);
@@ -526,8 +538,9 @@ private:
         unsigned position_bits = 0;
         std::optional<double> precision;
     };
-    Stream stream_;                       ///< of a pyramid
-    std::optional<MeasuredBound> bound_;  ///< of the result, where there was one to keep
+    Stream stream_;                            ///< of a pyramid
+    std::optional<MeasuredBound> bound_;       ///< of the result, where there was one to keep
+    std::optional<ErrorFigures> bound_error_;  ///< by which it was found to be kept
     std::uint64_t points_to_encode_ = 0;
     std::uint64_t points_encoded_ = 0;
     double encode_begin_ = 0;  ///< of `encode`, after what is done once

@@ -70,6 +70,9 @@ TEST_F(RunJob, SaysWhatWasMeasuredOfABoundedError) {
     EXPECT_LE(std::max(bound.forward, bound.backward), bound.max_error);
     EXPECT_GT(bound.samples, 1000U);
     EXPECT_FALSE(bound.whole);
+    ASSERT_TRUE(levels().front().error);  // no other measurement's
+    EXPECT_EQ(levels().front().error->error.forward.max, bound.forward);
+    EXPECT_EQ(levels().front().error->error.backward.max, bound.backward);
     JobReport report;
     report.level = levels().front();
     EXPECT_EQ(to_json(job_report_from_json(to_json(report))), to_json(report));
