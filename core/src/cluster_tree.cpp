@@ -344,7 +344,8 @@ void ClusterTree::grow_leaves(const SplitRule& rule, const RunContext& context) 
         context.throw_if_stopped();
         graft(nodes_, std::span(leaves).subspan(jobs[j].begin, jobs[j].end - jobs[j].begin),
               grown[j]);
-        Nodes().swap(grown[j]);
+        // Of the same resource: a swap leaves each with its own, and the wrong one would free.
+        Nodes(&large_memory_resource()).swap(grown[j]);
     }
 }
 

@@ -75,6 +75,14 @@ TEST(ClusterTree, SplitsLargeCloudsAlikeOnAnyNumberOfThreads) {
     EXPECT_EQ(members, numbers_to(points.size()));
 }
 
+TEST(ClusterTree, CutsOfALargeCloudAreThoseOfEachAlone) {
+    const auto points = test::sphere(600'000, 0.01).positions;
+    constexpr std::array<std::uint64_t, 2> kSizes = {150'000, 500};
+    const std::vector<Cut> cuts = ClusterTree(points).cuts(kSizes, {});
+    for (std::size_t i = 0; i < kSizes.size(); ++i)
+        EXPECT_EQ(cuts[i].offsets, ClusterTree(points).cut(kSizes[i], {}).offsets) << kSizes[i];
+}
+
 TEST(ClusterTree, TellsHowFarItIs) {
     const std::vector<Vec3f> points =
         test::sphere(600'000).positions;  // more than are split at once
