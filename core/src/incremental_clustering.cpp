@@ -14,6 +14,8 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <limits>
+#include <optional>
 #include <sstream>
 #include <vector>
 
@@ -65,9 +67,9 @@ struct Grown {
     std::size_t far_enough = 0;  ///< regions that reached half of a bound
 };
 
-Grown grow(std::span<const Vec3f> points, const RegionBounds& bounds, std::uint64_t seed,
+Grown grow(PointBlocks& blocks, const RegionBounds& bounds, std::uint64_t seed,
            const RunContext& context) {
-    Grown grown{grow_regions(points, bounds, seed, context), bounds, 0};
+    Grown grown{grow_regions(blocks, bounds, seed, context), bounds, 0};
     const std::span<const Region> regions = grown.regions.regions;
     for_blocks_in_order(regions.size(), context, [&](std::size_t begin, std::size_t end) {
         grown.far_enough += static_cast<std::size_t>(std::ranges::count_if(
@@ -77,31 +79,75 @@ Grown grow(std::span<const Vec3f> points, const RegionBounds& bounds, std::uint6
     return grown;
 }
 
+/// Bounds that are to give a number of clusters.
+class BoundsForTarget {
+public:
+    BoundsForTarget(double mean_size, double max_variation)
+        : mean_size_(mean_size), size_(mean_size), max_variation_(max_variation) {}
+
+    RegionBounds bounds() const {
+        return {std::max<std::uint64_t>(2, std::llround(size_)), max_variation_};
+    }
+    /// Learns that there were so many, of those wanted. @return whether it makes a difference.
+    bool correct(double share) {
+        constexpr double kLargest = 1.5;  // n_max over the mean size
+        const RegionBounds before = bounds();
+        size_ = std::clamp(size_ * share, 1.0, kLargest * mean_size_);
+        if (share > 1) max_variation_ *= share;
+        return bounds().max_size != before.max_size || max_variation_ != before.max_variation;
+    }
+
+private:
+    double mean_size_, size_, max_variation_;
+};
+
+/// Bounds of which some regions tried say that there will be about `target`, or few more.
+BoundsForTarget guess(PointBlocks& blocks, std::uint64_t target, double max_variation,
+                      const RunContext& context) {
+    const auto wanted = static_cast<double>(target);
+    BoundsForTarget guess(static_cast<double>(blocks.samples().size) / wanted, max_variation);
+    if (!std::isfinite(max_variation)) return guess;
+    // Of regions that grow beside others more are bent, and fewer come far, than of those tried.
+    constexpr double kFarEnough = 0.67, kFew = 1.15, kNotMany = 2;
+    constexpr int kMostGuesses = 6;
+    for (int i = 0; i < kMostGuesses; ++i) {
+        const double share =
+            kFarEnough * estimated_regions(blocks, guess.bounds(), context) / wanted;
+        if (share <= kFew || !guess.correct(share) || share <= kNotMany) break;
+    }
+    return guess;
+}
+
 /// Looks for bounds that give about `target` clusters, where that many, and not many more, are no
 /// strays.
-Grown search(std::span<const Vec3f> points, std::uint64_t target, RegionBounds bounds,
-             std::uint64_t seed, const RunContext& context) {
-    constexpr int kMostRuns = 6;
-    constexpr double kFewest = 0.8, kMost = 1.25;  // regions far enough, of the target
-    constexpr double kLargest = 4;                 // n_max over the mean size
-    const double mean_size = static_cast<double>(points.size()) / static_cast<double>(target);
-    const auto rounded = [](double s) { return std::max<std::uint64_t>(2, std::llround(s)); };
-    double size = mean_size, from = 0;
+Grown search(PointBlocks& blocks, std::uint64_t target, double max_variation, std::uint64_t seed,
+             const RunContext& context) {
+    constexpr int kMostRuns = 3;
+    constexpr double kFewest = 0.6, kMost = 1.6;  // regions far enough, of the target
+    BoundsForTarget guessed = guess(blocks, target, max_variation, context);
+    double from = 0;
     for (int run = 1;; ++run) {
-        bounds.max_size = rounded(size);
         const double to = run == kMostRuns ? 1.0 : 0.5 * (1.0 + from);
-        Grown grown = grow(points, bounds, seed, context.part(from, to));
-        from = to;
+        Grown grown = grow(blocks, guessed.bounds(), seed, context.part(from, to));
         const double share = static_cast<double>(grown.far_enough) / static_cast<double>(target);
         const bool enough = grown.regions.regions.size() >= target;
-        if (run == kMostRuns || (enough && share >= kFewest && share <= kMost)) return grown;
-        if (size >= kLargest * mean_size && share > 1) {
-            bounds.max_variation *= share * share;
-            continue;
-        }
-        size = std::clamp(size * share, 1.0, kLargest * mean_size);
-        if (rounded(size) == bounds.max_size) return grown;
+        const bool fits = enough && share >= kFewest && share <= kMost;
+        if (run == kMostRuns || fits || !guessed.correct(share)) return grown;
+        blocks.free_all(context);
+        from = to;
     }
+}
+
+/// The regions that the options ask for. A target is at most the number of points.
+Grown grow(std::span<const Vec3f> points, const IncrementalClusteringOptions& options,
+           std::optional<std::uint64_t> target, const RunContext& context) {
+    constexpr double kUnbounded = std::numeric_limits<double>::infinity();
+    RegionBounds bounds = {.max_size = options.max_cluster_size.value_or(points.size()),
+                           .max_variation = options.max_variation.value_or(kUnbounded)};
+    if (target) bounds.max_size = points.size() / *target;
+    PointBlocks blocks = blocks_for_regions(points, bounds, context);
+    if (target) return search(blocks, *target, bounds.max_variation, options.seed, context);
+    return grow(blocks, bounds, options.seed, context);
 }
 
 /// The numbers of the regions that are clusters, ascending: the `count` that came farthest; among
@@ -135,16 +181,10 @@ Clusters incremental_clusters(std::span<const Vec3f> points,
                               const IncrementalClusteringOptions& options,
                               const RunContext& context) {
     check(options, points.size());
-    RegionBounds bounds;
-    bounds.max_size = options.max_cluster_size.value_or(points.size());
-    if (options.max_variation) bounds.max_variation = *options.max_variation;
-    const RunContext growing = context.part(0.0, 0.8);
-    const Grown grown =
-        options.target_size
-            ? search(points, std::min<std::uint64_t>(*options.target_size, points.size()), bounds,
-                     options.seed, growing)
-            : grow(points, bounds, options.seed, growing);
-    const std::size_t count = options.target_size ? *options.target_size : grown.far_enough;
+    std::optional<std::uint64_t> target = options.target_size;
+    if (target) target = std::min<std::uint64_t>(*target, points.size());
+    const Grown grown = grow(points, options, target, context.part(0.0, 0.8));
+    const std::size_t count = target.value_or(grown.far_enough);
     return with_strays_joined(points, grown.regions, chosen_regions(grown, count, context),
                               context.part(0.8, 1.0));
 }

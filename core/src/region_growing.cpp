@@ -2,8 +2,9 @@
 
 #include "cluster_kernels.hpp"
 #include "first_touch.hpp"
-#include "point_blocks.hpp"
+#include "parallel_for.hpp"
 #include "random.hpp"
+#include "sample_moments.hpp"
 #include "symmetric_eigen.hpp"
 
 #include <algorithm>
@@ -29,6 +30,8 @@ constexpr float kMostGrowth = 2.0F;      // of R from one region to the next
 constexpr float kPatience = 1.25F;       // growth of the typical R where too few points are found
 constexpr std::size_t kMostLooked = 32;  // n_max: beyond, one looks nearer
 constexpr std::uint64_t kFirstSize = 8;  // tried under a bound on the variation
+constexpr std::uint64_t kGrowth = 4;     // of it while the bound holds
+constexpr std::size_t kRings = 16;       // of one area, after which the variation is looked at
 
 /// The m-th smallest of the distances, behind which eight stand that are infinite; 1 <= m <=
 /// `up_to`, how many of them are at most `high`.
@@ -56,8 +59,17 @@ float mth_smallest(const std::vector<float>& distances_sq, std::size_t size, flo
     return *wanted;
 }
 
+/// Places `begin..end`.
+struct Places {
+    Index begin, end;
+
+    Index size() const noexcept { return end - begin; }
+};
+
 /// What lies within some distance of a seed.
 struct Surroundings {
+    Places own;                  ///< blocks that are not all in here are not looked at,
+    bool is_beyond = false;      ///< but noticed
     std::vector<float> all_sq;   ///< squared distances of all points nearby, the seed included
     std::vector<float> free_sq;  ///< and of those farther off, too, that are not taken,
     std::vector<Index> free;     ///< which are here
@@ -74,6 +86,10 @@ struct Surroundings {
         const SampleSpan samples = blocks.samples();
         const ClusterKernels& kernels = cluster_kernels();
         blocks.find(q, radius_sq, [&](Index begin, Index end) {
+            if (begin < own.begin || end > own.end) {
+                is_beyond = true;
+                return false;
+            }
             make_room(end - begin);
             const NearbyOutput out =
                 kernels.nearby(samples, blocks.taken(), begin, end, center, counted_sq, radius_sq,
@@ -101,83 +117,126 @@ private:
     }
 };
 
-/// The scatter of points as they come one by one, relative to the first.
-class RunningScatter {
-public:
-    explicit RunningScatter(const Vec3f& reference) : reference_(reference) {}
+double variation_of(const Symmetric3& scatter) noexcept {  // Eq. 5
+    const double total = scatter.trace();
+    return total > 0 ? std::max(0.0, eigenvalues(scatter)[0]) / total : 0.0;
+}
 
-    void add(const Vec3f& p) noexcept {
-        const Vec3d d = (p - reference_).cast<double>();
-        ++count_;
-        sum_ += d;
-        squares_.xx += d.x() * d.x();
-        squares_.xy += d.x() * d.y();
-        squares_.xz += d.x() * d.z();
-        squares_.yy += d.y() * d.y();
-        squares_.yz += d.y() * d.z();
-        squares_.zz += d.z() * d.z();
-    }
-    std::size_t size() const noexcept { return static_cast<std::size_t>(count_); }
-    double variation() const noexcept {  // Eq. 5
-        const Symmetric3 a = scatter();
-        const double total = a.trace();
-        return total > 0 ? std::max(0.0, eigenvalues(a)[0]) / total : 0.0;
-    }
-    /// Whether the variation is above `bound`: whether the scatter less `bound` of its trace is
-    /// positive definite.
-    bool varies_more_than(double bound) const noexcept {
-        const Symmetric3 a = scatter();
-        const double shift = bound * a.trace();
-        const double xx = a.xx - shift, yy = a.yy - shift, zz = a.zz - shift;
-        const double minor = xx * yy - a.xy * a.xy;
-        return xx > 0 && minor > 0 &&
-               minor * zz + 2 * a.xy * a.xz * a.yz > xx * a.yz * a.yz + yy * a.xz * a.xz;
-    }
+/// Whether the variation is above `bound`: whether the scatter less `bound` of its trace is
+/// positive definite.
+bool varies_more_than(double bound, const Symmetric3& a) noexcept {
+    const double shift = bound * a.trace();
+    const double xx = a.xx - shift, yy = a.yy - shift, zz = a.zz - shift;
+    const double minor = xx * yy - a.xy * a.xy;
+    return xx > 0 && minor > 0 &&
+           minor * zz + 2 * a.xy * a.xz * a.yz > xx * a.yz * a.yz + yy * a.xz * a.xz;
+}
 
-private:
-    Symmetric3 scatter() const noexcept {
-        const Vec3d m = sum_ / count_;
-        return {squares_.xx - m.x() * sum_.x(), squares_.xy - m.x() * sum_.y(),
-                squares_.xz - m.x() * sum_.z(), squares_.yy - m.y() * sum_.y(),
-                squares_.yz - m.y() * sum_.z(), squares_.zz - m.z() * sum_.z()};
-    }
+/// Points as they come one by one, relative to a reference.
+struct Scatter {
+    SampleSums sums{};
+    std::size_t count = 0;
 
-    Vec3f reference_;
-    double count_ = 0;
-    Vec3d sum_ = Vec3d::Zero();
-    Symmetric3 squares_;
+    void add(const Vec3f& offset) noexcept {
+        const Vec3d d = offset.cast<double>();
+        const SampleSums terms = {d.x(),         d.y(),         d.z(),
+                                  d.x() * d.x(), d.x() * d.y(), d.x() * d.z(),
+                                  d.y() * d.y(), d.y() * d.z(), d.z() * d.z()};
+        *this += {terms, 1};
+    }
+    Scatter& operator+=(const Scatter& other) noexcept {
+        for (std::size_t i = 0; i < sums.size(); ++i) sums[i] += other.sums[i];
+        count += other.count;
+        return *this;
+    }
+    Symmetric3 central() const noexcept { return moments_from(sums, count, Vec3d::Zero()).scatter; }
 };
 
+/// Some points relative to a seed.
+struct Offsets {
+    std::vector<float> x, y, z, distance_sq;
+
+    void resize(std::size_t n) {
+        for (auto* const v : {&x, &y, &z, &distance_sq}) v->resize(n);
+    }
+    void set(std::size_t i, const Vec3f& offset) {
+        x[i] = offset.x();
+        y[i] = offset.y();
+        z[i] = offset.z();
+        distance_sq[i] = x[i] * x[i] + y[i] * y[i] + z[i] * z[i];
+    }
+    Vec3f operator[](std::size_t i) const noexcept { return {x[i], y[i], z[i]}; }
+    Scatter scatter() const {
+        const SampleSpan all = {x.data(), y.data(), z.data(), nullptr, x.size()};
+        return {cluster_kernels().sums(all, {0, 0, 0}), x.size()};
+    }
+};
+
+/// How far a region extends: R, and what is left of it where the variation ended the region.
+struct Extent {
+    float radius, own_radius;
+};
+
+/// Grows regions over some of the blocks, looking at no others.
 class Growth {
 public:
-    Growth(std::span<const Vec3f> points, const RegionBounds& bounds, const RunContext& context)
-        : points_(points),
-          bounds_{std::min<std::uint64_t>(bounds.max_size, points.size()), bounds.max_variation},
-          blocks_(points, block_size(bounds_), {}, context),
-          taken_(points.size()) {
-        result_.members.reserve(points.size());
-        size_ = bounded() ? std::min(kFirstSize, bounds_.max_size) : bounds_.max_size;
+    /// Adds the regions to `result`.
+    Growth(PointBlocks& blocks, const RegionBounds& bounds, Places own, Regions& result)
+        : blocks_(blocks),
+          bounds_{std::min<std::uint64_t>(bounds.max_size, blocks.samples().size),
+                  bounds.max_variation},
+          own_(own),
+          free_(own.begin),
+          result_(result) {
+        near_.own = own;
+        size_ = first_size();
     }
 
-    Regions run(Index first_seed, const RunContext& context) {
-        Vec3f seed = scaled(first_seed);
-        spacing_ = first_spacing(seed);
-        while (true) {
+    /// How far apart points are about the next seed, more or less: R over the root of the size.
+    void expect_spacing(float spacing) { spacing_ = spacing; }
+    /// How far apart they are about this one.
+    float spacing_at(Index seed) {
+        const auto share = static_cast<float>(size_) / static_cast<float>(own_.size());
+        float radius = 0.5F * blocks_.extent() * std::sqrt(share);
+        while (look_about(seed, radius, radius, kNoLimit), near_.all_count < size_) radius *= 2;
+        return radius_of_size(radius) / std::sqrt(static_cast<float>(size_));
+    }
+
+    /// Grows regions from that seed on until no free point is left that could be a seed. Points are
+    /// left free where one would have to look at blocks that are not its own.
+    void run(std::optional<Index> seed, const RunContext& context) {
+        while (seed) {
             context.throw_if_stopped();
             constexpr std::size_t kBetweenReports = 64;  // regions
             const std::size_t regions = result_.regions.size();
-            if (regions % kBetweenReports == 0) {
-                context.checkpoint(static_cast<double>(result_.members.size()) /
-                                   static_cast<double>(points_.size()));
+            if (own_.size() == blocks_.samples().size && regions % kBetweenReports == 0) {
+                context.checkpoint(static_cast<double>(result_.members.size()) / own_.size());
             }
             if (regions == result_.regions.capacity())
                 reserve_in_blocks(result_.regions, 2 * regions + kBetweenReports, context);
-            const Extent extent = grow(seed);
-            if (result_.members.size() == points_.size()) break;
-            seed = next_seed(extent);
+            if (const std::optional<Grown> grown = grow(*seed)) {
+                take(*seed, *grown);
+                seed = next_seed(grown->extent);
+            } else {
+                blocks_.keep_block_from_seeding(*seed, own_.begin, own_.end);
+                seed = first_free();
+            }
         }
-        result_.scale = blocks_.scale();
-        return std::move(result_);
+    }
+
+    /// How many points a region has that grows from there.
+    std::size_t size_from(Index seed) {
+        size_ = first_size();
+        spacing_ = spacing_at(seed);
+        grow(seed);
+        return chosen_.size();
+    }
+
+    /// The free point, of those that may be seeds, that comes first in the blocks.
+    std::optional<Index> first_free() {
+        while (free_ < own_.end && !blocks_.may_seed(free_)) ++free_;
+        if (free_ == own_.end) return {};
+        return free_;
     }
 
 private:
@@ -186,25 +245,21 @@ private:
         std::uint64_t key;  ///< squared distance, then number
         Index place;
     };
-    struct Prefix {
-        std::size_t size;
-        double variation;
+    /// A region, of the chosen points.
+    struct Grown {
+        Extent extent;
+        double variation = 0;
+        bool is_bent = false;
     };
 
-    /// What takes the fewest instructions over the scans tried.
-    static std::size_t block_size(const RegionBounds& bounds) {
-        return std::clamp<std::size_t>(3 * bounds.max_size / 2, 64, 512);
+    std::uint64_t first_size() const noexcept {
+        return bounded() ? std::min(kFirstSize, bounds_.max_size) : bounds_.max_size;
     }
     bool bounded() const noexcept { return std::isfinite(bounds_.max_variation); }
-    Vec3f scaled(Index point) const noexcept { return points_[point] * blocks_.scale(); }
+    Vec3f position(Index place) const noexcept { return blocks_.samples().position(place); }
 
-    /// R over the root of the size, for the first seed.
-    float first_spacing(const Vec3f& seed) {
-        float radius = 0.25F * blocks_.extent() *
-                       std::sqrt(static_cast<float>(size_) / static_cast<float>(points_.size()));
-        while (near_.look(blocks_, seed, radius, radius, kNoLimit), near_.all_count < size_)
-            radius *= 2;
-        return radius_of_size(radius) / std::sqrt(static_cast<float>(size_));
+    bool look_about(Index seed, float counted, float radius, std::size_t limit) {
+        return near_.look(blocks_, position(seed), counted, radius, limit);
     }
 
     /// R, where `counted` is no less.
@@ -213,30 +268,31 @@ private:
                                       near_.all_count, size_, buffer_));
     }
 
-    /// Finds R of a region of `size_` points, and the free ones within `kLook` R.
-    float survey(const Vec3f& seed) {
+    /// Finds R of a region of `size_` points, and the free ones within `kLook` R; nothing where
+    /// that takes looking at blocks that are not its own.
+    std::optional<float> survey(Index seed) {
         const float typical = spacing_ * std::sqrt(static_cast<float>(size_));
         const float most = kMostGrowth * typical;
         float counted = kFirstCount * typical, looked = kFirstLook * typical;
         const std::size_t limit = kMostLooked * size_;
         constexpr float kNothing = std::numeric_limits<float>::min();  // nearer is at one place
-        while (!near_.look(blocks_, seed, counted, looked, limit) && looked > kNothing) {
+        near_.is_beyond = false;
+        while (!look_about(seed, counted, looked, limit) && !near_.is_beyond && looked > kNothing) {
             constexpr float kNearer = 0.6F;
             counted *= kNearer;
             looked *= kNearer;
         }
         for (const float farther : {looked, most}) {  // where R is more, or a crowd stands beyond
-            if (near_.all_count >= size_ || counted >= most) break;
+            if (near_.is_beyond || near_.all_count >= size_ || counted >= most) break;
             counted = farther;
             looked = std::max(looked, farther);
-            near_.look(blocks_, seed, counted, looked, kNoLimit);
+            look_about(seed, counted, looked, kNoLimit);
         }
+        if (near_.is_beyond) return {};
         float radius = most;
         if (near_.all_count >= size_) radius = std::min(most, radius_of_size(counted));
-        if (looked < kLook * radius) {
-            looked = kLook * radius;
-            near_.look(blocks_, seed, radius, looked, kNoLimit);
-        }
+        if (looked < kLook * radius) look_about(seed, radius, kLook * radius, kNoLimit);
+        if (near_.is_beyond) return {};
         return radius;
     }
 
@@ -249,40 +305,31 @@ private:
         spacing_ = std::clamp(spacing, kLeast * blocks_.extent(), 2 * blocks_.extent());
     }
 
-    /// How far a region extends: R, and what is left of it where the variation ended the region.
-    struct Extent {
-        float radius, own_radius;
-    };
-
-    Extent grow(const Vec3f& seed) {
+    /// Chooses the points of the region about a seed; nothing where blocks that are not its own
+    /// are in reach.
+    std::optional<Grown> grow(Index seed) {
         while (true) {
-            const float radius = survey(seed);
-            follow_density(radius);
-            collect(seed, kReach * radius);
-            if (!bounded()) {
-                take(seed, chosen_.size());
-                return {radius, radius};
-            }
-            const Prefix kept = longest_within_variation(seed);
-            if (kept.size == size_ && size_ < bounds_.max_size) {
-                size_ = std::min(2 * size_, bounds_.max_size);
+            const std::optional<float> radius = survey(seed);
+            if (!radius) return {};
+            follow_density(*radius);
+            collect(seed, kReach * *radius);
+            if (!bounded()) return Grown{.extent = {*radius, *radius}};
+            const std::size_t all = chosen_.size();
+            const Grown grown = within_variation(seed, *radius);
+            const std::size_t kept = chosen_.size();
+            if (!grown.is_bent && all == size_ && size_ < bounds_.max_size) {
+                size_ = std::min(kGrowth * size_, bounds_.max_size);
                 continue;
             }
-            const bool cut_short = kept.size < chosen_.size();
-            float own_radius = radius;
-            if (cut_short)
-                own_radius = (blocks_.samples().position(chosen_[kept.size - 1]) - seed).norm();
-            take(seed, kept.size);
-            result_.regions.back().variation = kept.variation;
-            result_.regions.back().is_bent = cut_short;
-            size_ = std::clamp<std::uint64_t>(2 * kept.size, std::min(kFirstSize, bounds_.max_size),
-                                              bounds_.max_size);
-            return {radius, own_radius};
+            if (grown.is_bent) {
+                size_ = std::clamp<std::uint64_t>(2 * kept, first_size(), bounds_.max_size);
+            }
+            return grown;
         }
     }
 
     /// Chooses the nearest free points within `reach`, `size_` at most, in any order.
-    void collect(const Vec3f& seed, float reach) {
+    void collect(Index seed, float reach) {
         float limit = reach * reach;
         const std::size_t free =
             cluster_kernels().count(near_.free_sq.data(), near_.free_count, limit);
@@ -299,53 +346,100 @@ private:
     }
 
     /// Puts what was chosen in order of distance.
-    void sort_chosen(const Vec3f& seed) {
+    void sort_chosen(Index seed) {
         order_.clear();
         for (const Index place : chosen_) {
-            const Vec3f d = blocks_.samples().position(place) - seed;
-            const float distance_sq = d.x() * d.x() + d.y() * d.y() + d.z() * d.z();
-            const std::uint64_t high = std::bit_cast<std::uint32_t>(distance_sq);
+            const std::uint64_t high = std::bit_cast<std::uint32_t>(distance_sq(seed, place));
             order_.push_back({high << 32U | blocks_.samples().index[place], place});
         }
         std::ranges::sort(order_, {}, &Ordered::key);
         std::ranges::transform(order_, chosen_.begin(), &Ordered::place);
     }
 
-    /// The most of the nearest chosen points within the bound on the variation; sorts them where
-    /// those are not all.
-    Prefix longest_within_variation(const Vec3f& seed) {
-        RunningScatter scatter(seed);
-        for (const Index place : chosen_) scatter.add(blocks_.samples().position(place));
-        if (!scatter.varies_more_than(bounds_.max_variation))
-            return {chosen_.size(), scatter.variation()};
-        sort_chosen(seed);
-        scatter = RunningScatter(seed);
-        RunningScatter longest = scatter;
-        for (const Index place : chosen_) {
-            scatter.add(blocks_.samples().position(place));
-            if (!scatter.varies_more_than(bounds_.max_variation)) longest = scatter;
-        }
-        return {longest.size(), longest.variation()};
+    float distance_sq(Index seed, Index place) const noexcept {
+        const Vec3f d = position(place) - position(seed);
+        return d.x() * d.x() + d.y() * d.y() + d.z() * d.z();
     }
 
-    /// Makes a region of the first `count` chosen points.
-    void take(const Vec3f& seed, std::size_t count) {
-        Region region;
+    bool varies_too_much(const Scatter& scatter) const noexcept {
+        return varies_more_than(bounds_.max_variation, scatter.central());
+    }
+
+    /// Leaves of the chosen points those within the bound on the variation: all, or where they
+    /// vary more those in the rings up to the last at which the bound holds.
+    Grown within_variation(Index seed, float radius) {
+        offsets_.resize(chosen_.size());
+        for (std::size_t i = 0; i < chosen_.size(); ++i)
+            offsets_.set(i, position(chosen_[i]) - position(seed));
+        if (const Scatter all = offsets_.scatter(); !varies_too_much(all)) {
+            const bool is_full = chosen_.size() == bounds_.max_size;
+            return {{radius, radius}, is_full ? 0 : variation_of(all.central()), false};
+        }
+        const float farthest_sq = std::ranges::max(offsets_.distance_sq);
+        const auto ring_of = [&](std::size_t i) {
+            const double part =
+                static_cast<double>(offsets_.distance_sq[i]) / static_cast<double>(farthest_sq);
+            return std::min(kRings - 1, static_cast<std::size_t>(part * kRings));
+        };
+        const std::size_t rings = rings_within_variation(ring_of);
+        std::size_t left = 0;
+        float own_sq = 0;
+        for (std::size_t i = 0; i < chosen_.size(); ++i) {
+            if (ring_of(i) >= std::max<std::size_t>(1, rings)) continue;
+            chosen_[left++] = chosen_[i];
+            own_sq = std::max(own_sq, offsets_.distance_sq[i]);
+        }
+        chosen_.resize(left);
+        if (rings == 0) {
+            chosen_.resize(longest_within_variation(seed));
+            own_sq = distance_sq(seed, chosen_.back());
+        }
+        return {{radius, std::sqrt(own_sq)}, 0, true};
+    }
+
+    /// The most rings, but not all, that are within the bound on the variation.
+    template <typename RingOf>
+    std::size_t rings_within_variation(const RingOf& ring_of) const {
+        std::array<Scatter, kRings> rings{};
+        for (std::size_t i = 0; i < chosen_.size(); ++i) rings[ring_of(i)].add(offsets_[i]);
+        Scatter scatter;
+        std::size_t within = 0;
+        for (std::size_t ring = 0; ring + 1 < kRings; ++ring) {
+            scatter += rings[ring];
+            if (scatter.count > 0 && !varies_too_much(scatter)) within = ring + 1;
+        }
+        return within;
+    }
+
+    /// The most of the nearest chosen points within the bound on the variation; sorts them.
+    std::size_t longest_within_variation(Index seed) {
+        sort_chosen(seed);
+        Scatter scatter;
+        std::size_t longest = 0;
+        for (const Index place : chosen_) {
+            scatter.add(position(place) - position(seed));
+            if (!varies_too_much(scatter)) longest = scatter.count;
+        }
+        return longest;
+    }
+
+    /// Makes a region of the chosen points.
+    void take(Index seed, const Grown& grown) {
+        Region region{.variation = grown.variation, .is_bent = grown.is_bent};
         region.begin = static_cast<Index>(result_.members.size());
         Vec3f offsets = Vec3f::Zero();
         const SampleSpan samples = blocks_.samples();
-        for (const Index place : std::span(chosen_).first(count)) {
+        for (const Index place : chosen_) {
             blocks_.take(place);
-            taken_[samples.index[place]] = true;
             result_.members.push_back(samples.index[place]);
-            offsets += samples.position(place) - seed;
+            offsets += position(place) - position(seed);
         }
         region.end = static_cast<Index>(result_.members.size());
-        region.centroid = seed + offsets / static_cast<float>(count);
+        region.centroid = position(seed) + offsets / static_cast<float>(chosen_.size());
         result_.regions.push_back(region);
     }
 
-    Vec3f next_seed(const Extent& extent) {
+    std::optional<Index> next_seed(const Extent& extent) {
         const float limit = (kLook * extent.radius) * (kLook * extent.radius);
         const float wanted = (kNextSeed * extent.own_radius) * (kNextSeed * extent.own_radius);
         std::pair<float, Index> best = {std::numeric_limits<float>::infinity(), 0};
@@ -356,7 +450,7 @@ private:
             for (; lanes != 0; lanes &= lanes - 1) {
                 const auto lane = static_cast<std::size_t>(std::countr_zero(lanes));
                 const Index place = near_.free[i + lane];
-                if (blocks_.is_taken(place)) continue;
+                if (!blocks_.may_seed(place)) continue;
                 const std::pair candidate = {miss[lane], blocks_.samples().index[place]};
                 if (candidate < best) {
                     best = candidate;
@@ -364,32 +458,102 @@ private:
                 }
             }
         }
-        if (std::isfinite(best.first)) return blocks_.samples().position(best_place);
-        while (taken_[first_free_]) ++first_free_;
-        return scaled(first_free_);
+        if (std::isfinite(best.first)) return best_place;
+        return first_free();
     }
 
-    std::span<const Vec3f> points_;
+    PointBlocks& blocks_;
     RegionBounds bounds_;
-    PointBlocks blocks_;
-    std::vector<bool> taken_;  ///< by number in the cloud
-    Index first_free_ = 0;
+    Places own_;
+    Index free_;          ///< before it no place is free, or may be a seed
     std::uint64_t size_;  ///< n_max, or what is tried under a bound on the variation
     float spacing_ = 0;   ///< typical R over the root of the size
     Surroundings near_;
     std::vector<Index> chosen_;  ///< their places
+    Offsets offsets_;
     std::vector<Ordered> order_;
     std::vector<float> buffer_;
-    Regions result_;
+    Regions& result_;
 };
+
+/// Parts of the blocks that threads can grow regions in, so large that little is left between them.
+std::vector<Places> parts_of(std::size_t points, std::uint64_t max_size) {
+    constexpr std::size_t kRegions = 2048, kMostParts = 16;
+    const std::size_t parts =
+        std::min(kMostParts, points / std::min<std::uint64_t>(max_size, points) / kRegions);
+    std::vector<Places> all;
+    for (std::size_t i = 0; parts > 1 && i < parts; ++i) {
+        all.push_back({static_cast<Index>(i * points / parts),
+                       static_cast<Index>((i + 1) * points / parts - PointBlocks::kSlack)});
+    }
+    return all;
+}
+
+void append(Regions& to, const Regions& more, const RunContext& context) {
+    const auto offset = static_cast<Index>(to.members.size());
+    for_blocks_in_order(more.members.size(), context, [&](std::size_t begin, std::size_t end) {
+        to.members.insert(to.members.end(),
+                          more.members.begin() + static_cast<std::ptrdiff_t>(begin),
+                          more.members.begin() + static_cast<std::ptrdiff_t>(end));
+    });
+    for (Region region : more.regions) {
+        region.begin += offset;
+        region.end += offset;
+        to.regions.push_back(region);
+    }
+}
 
 }  // namespace
 
-Regions grow_regions(std::span<const Vec3f> points, const RegionBounds& bounds, std::uint64_t seed,
+PointBlocks blocks_for_regions(std::span<const Vec3f> points, const RegionBounds& bounds,
+                               const RunContext& context) {
+    // What takes the fewest instructions over the scans tried.
+    const std::uint64_t size = std::min<std::uint64_t>(bounds.max_size, points.size());
+    return PointBlocks(points, std::clamp<std::uint64_t>(3 * size / 2, 64, 512), {}, context);
+}
+
+double estimated_regions(PointBlocks& blocks, const RegionBounds& bounds,
+                         const RunContext& context) {
+    constexpr std::size_t kTried = 64;
+    const auto n = static_cast<Index>(blocks.samples().size);
+    Regions none;
+    Growth growth(blocks, bounds, {0, n}, none);
+    double sum = 0;
+    for (std::size_t i = 0; i < kTried; ++i) {
+        context.throw_if_stopped();
+        const auto seed = static_cast<Index>(below(random_bits(1, i), n));
+        sum += 1.0 / static_cast<double>(growth.size_from(seed));
+    }
+    return sum / kTried * n;
+}
+
+Regions grow_regions(PointBlocks& blocks, const RegionBounds& bounds, std::uint64_t seed,
                      const RunContext& context) {
-    Growth growth(points, bounds, context);
-    const auto first = static_cast<Index>(below(random_bits(seed, 0), points.size()));
-    return growth.run(first, context);
+    const auto n = static_cast<Index>(blocks.samples().size);
+    Regions result;
+    result.scale = blocks.scale();
+    reserve_in_blocks(result.members, n, context);
+    Growth whole(blocks, bounds, {0, n}, result);
+    std::optional first = static_cast<Index>(below(random_bits(seed, 0), n));
+    const float spacing = whole.spacing_at(*first);
+    whole.expect_spacing(spacing);
+
+    const std::vector<Places> parts = parts_of(n, bounds.max_size);
+    if (!parts.empty()) {
+        std::vector<Regions> grown(parts.size());
+        parallel_for_blocks(parts.size(), 1, context, [&](std::size_t i, std::size_t) {
+            reserve_in_blocks(grown[i].members, parts[i].size(), context);
+            Growth growth(blocks, bounds, parts[i], grown[i]);
+            growth.expect_spacing(spacing);
+            const auto at = static_cast<Index>(below(random_bits(seed, i), parts[i].size()));
+            growth.run(parts[i].begin + at, context);
+        });
+        for (const Regions& part : grown) append(result, part, context);
+        blocks.let_all_seed(context);
+        first = whole.first_free();
+    }
+    whole.run(first, context);
+    return result;
 }
 
 }  // namespace stipple
