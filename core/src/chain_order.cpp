@@ -5,6 +5,7 @@
 #include "parallel_for.hpp"
 
 #include <algorithm>
+#include <cstdint>
 #include <numeric>
 
 namespace stipple {
@@ -12,76 +13,114 @@ namespace stipple {
 namespace {
 
 constexpr int kSlots = 128;
+constexpr int kAtOnce = 4;  // chains
 constexpr int kNone = 0x7FFFFFFF;
 constexpr int kGone = 1 << 20;  // a coordinate farther from all points than any of them
 
 /// Points that are left, from among which the next one is taken.
 struct Window {
     alignas(32) int x[kSlots], y[kSlots], z[kSlots];
+    alignas(32) std::uint8_t low_x[kSlots], low_y[kSlots], low_z[kSlots];  ///< of those
+    alignas(32) std::uint8_t block[kSlots];  ///< the same for all points of a block
+};
+struct Place {
+    int x, y, z;
+    std::uint8_t low_x, low_y, low_z, block;
 };
 
 #define STIPPLE_KERNELS_BODY "chain_order_body.hpp"
 #include "kernel_sets_of_body.hpp"
 
-using NearestSlot = int (*)(const Window&, const int from[3]) noexcept;
+/// The slots of the next points of chains, `kAtOnce` at most, given those taken last.
+using NearestSlots = void (*)(const Window* windows, const Place* from, int* slots,
+                              int chains) noexcept;
 
-NearestSlot nearest_slot() {
-    static const std::vector<NearestSlot> available =
-        with_avx2<NearestSlot>(plain::nearest_slot, avx2::nearest_slot);
+NearestSlots nearest_slots() {
+    static const std::vector<NearestSlots> available =
+        with_avx2<NearestSlots>(plain::nearest_slots, avx2::nearest_slots);
+    return quickest(available);
+}
+NearestSlots nearest_in_block() {
+    static const std::vector<NearestSlots> available =
+        with_avx2<NearestSlots>(plain::nearest_in_block, avx2::nearest_in_block);
     return quickest(available);
 }
 
-/// A chain through the points begin..end.
+/// Chains through the stretches of points that `ends` divides: several at once, since the next link
+/// of a chain waits for the one before.
 template <typename CoordinateAt>
-class Chain {
+class Chains {
 public:
-    Chain(std::size_t begin, std::size_t end, const CoordinateAt& coordinate_at)
-        : next_(begin), end_(end), coordinate_at_(&coordinate_at) {
-        for (int slot = 0; slot < kSlots; ++slot) fill(slot);
+    Chains(const std::span<const std::size_t>& ends, const CoordinateAt& coordinate_at)
+        : coordinate_at_(coordinate_at), size_(ends.size()) {
+        for (std::size_t c = 0; c < size_; ++c) {
+            next_[c] = c == 0 ? 0 : ends[c - 1];
+            end_[c] = ends[c];
+            for (int slot = 0; slot < kSlots; ++slot) fill(c, slot);
+            from_[c] = place(windows_[c], 0);
+        }
     }
 
-    /// The next point.
-    Index take(NearestSlot nearest) {
-        const int from[] = {window_.x[slot_], window_.y[slot_], window_.z[slot_]};
-        const Index number = numbers_[static_cast<std::size_t>(slot_)];
-        fill(slot_);
-        slot_ = nearest(window_, from);
-        return number;
+    /// Calls next(chain, number) with the next point of each. Its slot is filled at once: what was
+    /// written has arrived when the window is looked at again.
+    template <typename Next>
+    void take(NearestSlots nearest, Next&& next) {
+        std::array<int, kAtOnce> slots;
+        nearest(windows_.data(), from_.data(), slots.data(), static_cast<int>(size_));
+        for (std::size_t c = 0; c < size_; ++c) {
+            from_[c] = place(windows_[c], slots[c]);
+            next(c, numbers_[c][static_cast<std::size_t>(slots[c])]);
+            fill(c, slots[c]);
+        }
     }
 
 private:
-    void fill(int slot) {
-        const bool some = next_ < end_;
-        const auto i = static_cast<Index>(next_);
-        window_.x[slot] = some ? (*coordinate_at_)(i, 0) : kGone;
-        window_.y[slot] = some ? (*coordinate_at_)(i, 1) : kGone;
-        window_.z[slot] = some ? (*coordinate_at_)(i, 2) : kGone;
-        numbers_[static_cast<std::size_t>(slot)] = i;
-        ++next_;
+    static Place place(const Window& w, int slot) {
+        return {w.x[slot],     w.y[slot],     w.z[slot],    w.low_x[slot],
+                w.low_y[slot], w.low_z[slot], w.block[slot]};
+    }
+    void fill(std::size_t c, int slot) {
+        const bool some = next_[c] < end_[c];
+        const auto i = static_cast<Index>(next_[c]++);
+        const int x = some ? coordinate_at_(i, 0) : kGone;
+        const int y = some ? coordinate_at_(i, 1) : kGone;
+        const int z = some ? coordinate_at_(i, 2) : kGone;
+        Window& w = windows_[c];
+        w.x[slot] = x;
+        w.y[slot] = y;
+        w.z[slot] = z;
+        w.low_x[slot] = static_cast<std::uint8_t>(x);
+        w.low_y[slot] = static_cast<std::uint8_t>(y);
+        w.low_z[slot] = static_cast<std::uint8_t>(z);
+        w.block[slot] = static_cast<std::uint8_t>((x >> 8) + 37 * (y >> 8) + 101 * (z >> 8));
+        numbers_[c][static_cast<std::size_t>(slot)] = i;
     }
 
-    Window window_;
-    std::array<Index, kSlots> numbers_{};
-    std::size_t next_, end_;
-    const CoordinateAt* coordinate_at_;
-    int slot_ = 0;
+    std::array<Window, kAtOnce> windows_;
+    std::array<Place, kAtOnce> from_{};  ///< the points taken last
+    std::array<std::array<Index, kSlots>, kAtOnce> numbers_{};
+    std::array<std::size_t, kAtOnce> next_{}, end_{};
+    const CoordinateAt& coordinate_at_;
+    std::size_t size_;
 };
 
 /// @param coordinate_at  coordinate_at(i, axis) of the i-th of `count` points: at least 0, and less
 /// than 2^19.
 template <typename CoordinateAt>
-void chain(std::size_t count, const CoordinateAt& coordinate_at, std::vector<Index>& order) {
-    // The next link of a chain waits for the one before: many points are four chains at once.
-    constexpr std::size_t kMany = 8'192, kAtOnce = 4;
+void chain(std::size_t count, const CoordinateAt& coordinate_at, NearestSlots nearest,
+           std::vector<Index>& order) {
+    constexpr std::size_t kMany = 8'192;
     const std::size_t chains = count < kMany ? 1 : kAtOnce, each = count / chains;
-    std::vector<Chain<CoordinateAt>> open;
-    for (std::size_t c = 0; c < chains; ++c)
-        open.emplace_back(c * each, c + 1 < chains ? (c + 1) * each : count, coordinate_at);
-    const NearestSlot nearest = nearest_slot();
+    std::array<std::size_t, kAtOnce> ends = {each, 2 * each, 3 * each};
+    ends[chains - 1] = count;
+    Chains open({ends.data(), chains}, coordinate_at);
     order.resize(count);
     for (std::size_t i = 0; i < each; ++i)
-        for (std::size_t c = 0; c < chains; ++c) order[c * each + i] = open[c].take(nearest);
-    for (std::size_t i = chains * each; i < count; ++i) order[i] = open.back().take(nearest);
+        open.take(nearest, [&](std::size_t c, Index number) { order[c * each + i] = number; });
+    for (std::size_t i = chains * each; i < count; ++i)  // the last has a few more
+        open.take(nearest, [&](std::size_t c, Index number) {
+            if (c + 1 == chains) order[i] = number;
+        });
 }
 
 }  // namespace
@@ -89,7 +128,8 @@ void chain(std::size_t count, const CoordinateAt& coordinate_at, std::vector<Ind
 std::vector<Index> chain_order(std::span<const GridPoint> points) {
     std::vector<Index> order;
     chain(
-        points.size(), [&](Index i, std::size_t axis) { return int{points[i][axis]}; }, order);
+        points.size(), [&](Index i, std::size_t axis) { return int{points[i][axis]}; },
+        nearest_slots(), order);
     return order;
 }
 
@@ -129,7 +169,7 @@ std::span<const Index> BlockChain::order(std::span<const GridPoint> points) {
         const unsigned coordinate = points[grouped_[i]][axis];
         return static_cast<int>(coordinate + kApart * (coordinate / 256));
     };
-    chain(points.size(), coordinate_at, order_);
+    chain(points.size(), coordinate_at, nearest_in_block(), order_);
     for (Index& i : order_) i = grouped_[i];
     return order_;
 }

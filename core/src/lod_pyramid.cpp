@@ -12,6 +12,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <iterator>
 #include <map>
@@ -60,11 +61,37 @@ std::vector<std::uint64_t> with_fitting_base(std::span<const std::uint64_t> size
     return fitting;
 }
 
+/// The clusters of a cut in the order of their first members, which are less than `end`: by how
+/// many first members are less, of which each has a bit.
+std::vector<Index> by_first_member(std::span<const Index> members, std::span<const Index> offsets,
+                                   std::size_t end, const RunContext& context) {
+    constexpr std::size_t kBits = 64;
+    std::vector<std::uint64_t> bits(end / kBits + 1);
+    const std::span<const Index> clusters = offsets.first(offsets.size() - 1);
+    for_blocks_in_order(clusters.size(), context, [&](std::size_t begin, std::size_t last) {
+        for (const Index i : clusters.subspan(begin, last - begin))
+            bits[members[i] / kBits] |= std::uint64_t{1} << members[i] % kBits;
+    });
+    std::vector<Index> less(bits.size());
+    for (std::size_t word = 1; word < bits.size(); ++word)
+        less[word] = less[word - 1] + static_cast<Index>(std::popcount(bits[word - 1]));
+    auto order = made_in_blocks<std::vector<Index>>(clusters.size(), context);
+    for_blocks_in_order(clusters.size(), context, [&](std::size_t begin, std::size_t last) {
+        for (std::size_t i = begin; i < last; ++i) {
+            const Index first = members[clusters[i]];
+            const std::uint64_t below = (std::uint64_t{1} << first % kBits) - 1;
+            const int in_word = std::popcount(bits[first / kBits] & below);
+            order[less[first / kBits] + static_cast<Index>(in_word)] = static_cast<Index>(i);
+        }
+    });
+    return order;
+}
+
 /// Coarsest first.
 /// @param points  of the tree, in the order that the options have.
-std::vector<PointCloud> cut_levels(const PointCloud& cloud, std::span<const Vec3f> points,
-                                   ClusterTree& tree, std::span<const std::uint64_t> sizes,
-                                   const LodPyramidOptions& options, const RunContext& context) {
+std::vector<LodLevel> cut_levels(const PointCloud& cloud, std::span<const Vec3f> points,
+                                 ClusterTree& tree, std::span<const std::uint64_t> sizes,
+                                 const LodPyramidOptions& options, const RunContext& context) {
     const std::vector<Reduction> reductions =
         reductions_for(cloud, options.reductions, options.representative);
     const std::vector<std::uint64_t> finest_first(sizes.rbegin(), sizes.rend());
@@ -80,12 +107,15 @@ std::vector<PointCloud> cut_levels(const PointCloud& cloud, std::span<const Vec3
         for (std::size_t i = 0; i < part.size; ++i) part.index[i] = options.order[part.index[i]];
     });
     const SampleSpan ordered = samples.all();
-    std::vector<PointCloud> levels;
+    std::vector<LodLevel> levels;
     for (auto cut = cuts.rbegin(); cut != cuts.rend(); ++cut) {
         context.checkpoint(std::lerp(
             kGathered, 1.0, static_cast<double>(levels.size()) / static_cast<double>(cuts.size())));
-        levels.push_back(representatives(cloud, MemberLists{ordered.index, cut->offsets, ordered},
-                                         options.representative, reductions, context));
+        LodLevel& level = levels.emplace_back();
+        level.cloud = representatives(cloud, MemberLists{ordered.index, cut->offsets, ordered},
+                                      options.representative, reductions, context);
+        if (!options.order.empty())
+            level.order = by_first_member(tree.members(), cut->offsets, cloud.size(), context);
     }
     return levels;
 }
@@ -245,25 +275,25 @@ void build_lod_pyramid(const PointCloud& cloud, const LodPyramidOptions& options
     const double all =
         static_cast<double>(std::accumulate(sizes.begin(), sizes.end(), std::uint64_t{0}));
     double emitted = 0;
-    const auto emit = [&](PointCloud&& next) {
-        const double spacing = options.spacing ? mean_spacing(next.positions, context) : 0.0;
-        emitted += static_cast<double>(next.size());
-        on_level({level, std::move(next), spacing});
-        ++level;
+    const auto emit = [&](LodLevel&& next) {
+        if (options.spacing) next.spacing = mean_spacing(next.cloud.positions, context);
+        emitted += static_cast<double>(next.cloud.size());
+        next.level = level++;
+        on_level(std::move(next));
         context.checkpoint(std::lerp(begin, 1.0, emitted / all));
     };
     if (!cuts) {
-        for (const std::uint64_t size : sizes) emit(level_of(size));
+        for (const std::uint64_t size : sizes) emit({.cloud = level_of(size)});
         return;
     }
     std::span<const std::uint64_t> made(sizes);  // all but the whole cloud, which is there
     if (made.back() == cloud.size()) made = made.first(made.size() - 1);
-    std::vector<PointCloud> levels =
+    std::vector<LodLevel> levels =
         cut_levels(cloud, points, *tree, made, options, context.part(0, begin));
     tree.reset();  // not needed while levels are encoded
     std::vector<Vec3f>().swap(sorted);
-    for (PointCloud& next : levels) emit(std::move(next));
-    if (made.size() < sizes.size()) emit(copy_of(cloud, context));
+    for (LodLevel& next : levels) emit(std::move(next));
+    if (made.size() < sizes.size()) emit({.cloud = copy_of(cloud, context)});
 }
 
 }  // namespace stipple

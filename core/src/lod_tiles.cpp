@@ -10,6 +10,7 @@
 #include "point_tree.hpp"
 #include "progress_for.hpp"
 #include "stipple/error.hpp"
+#include "surface_rounding.hpp"
 #include "tile_streams.hpp"
 #include "tile_tree.hpp"
 #include "tree_search.hpp"
@@ -19,6 +20,7 @@
 #include <limits>
 #include <sstream>
 #include <string>
+#include <utility>
 
 namespace stipple {
 
@@ -52,36 +54,6 @@ struct Grid {
         for (int axis = 0; axis < 3; ++axis) q[axis] = static_cast<float>(at(p[axis]) * step);
         return q;
     }
-    /// Of the grid's 27 places around `p` the one nearest to the surface there, and near to p.
-    Vec3f rounded(const Vec3f& p, const Vec3f& normal) const noexcept {
-        const Vec3d at = p.cast<double>() / step;
-        const Vec3d nearest = (at.array() + 0.5).floor();
-        const Vec3f beside = step_aside((nearest - at).cast<float>(), normal);
-        return (step * (nearest + beside.cast<double>())).cast<float>();
-    }
-
-private:
-    /// The step to one of 27 places, the middle one at `way` from p, that makes the way across the
-    /// surface shortest, and the whole way as well.
-    static Vec3f step_aside(const Vec3f& way, const Vec3f& n) noexcept {
-        constexpr float kAside = 0.02F;  // what a way along the surface counts
-        const float squared = n.z() * n.z() + kAside;
-        Vec3f best = Vec3f::Zero();
-        float least = std::numeric_limits<float>::infinity();
-        for (int place = 0; place < 9; ++place) {
-            Vec3f step(static_cast<float>(place % 3 - 1), static_cast<float>(place / 3 - 1), 0);
-            const float x = way.x() + step.x(), y = way.y() + step.y();
-            const float across = n.x() * x + n.y() * y;
-            // Along the third axis the cost is a parabola: the step nearest to its bottom.
-            const float bottom = -across * n.z() / squared - way.z();
-            step.z() = static_cast<float>(int{bottom > 0.5F} - int{bottom < -0.5F});
-            const float z = way.z() + step.z(), height = across + n.z() * z;
-            const float cost = height * height + kAside * (x * x + y * y + z * z);
-            if (cost < least) best = step;
-            least = std::min(least, cost);
-        }
-        return best;
-    }
 };
 
 /// @param normals  of the surface, where they are known.
@@ -89,9 +61,12 @@ std::vector<Vec3f> rounded(std::span<const Vec3f> points, std::span<const Vec3f>
                            const Grid& grid, const RunContext& context) {
     auto decoded = made_in_blocks<std::vector<Vec3f>>(points.size(), context);
     parallel_for_blocks(points.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
-        for (std::size_t i = begin; i < end; ++i)
-            decoded[i] =
-                normals.empty() ? grid.rounded(points[i]) : grid.rounded(points[i], normals[i]);
+        if (normals.empty()) {
+            for (std::size_t i = begin; i < end; ++i) decoded[i] = grid.rounded(points[i]);
+            return;
+        }
+        round_to_surface(points.subspan(begin, end - begin), normals.subspan(begin, end - begin),
+                         grid.step, &decoded[begin]);
     });
     return decoded;
 }
@@ -129,10 +104,12 @@ double mean_gap(const PointTree& tree, std::size_t count, std::size_t asked, Poi
     return sum / static_cast<double>(answers);
 }
 
-/// Enough to compare two roundings of the same points.
-ErrorSamples every_eighth(const ErrorSamples& samples) {
+constexpr std::size_t kFew = 8;
+
+/// Enough to compare two roundings of the same points: every eighth.
+ErrorSamples few_of(const ErrorSamples& samples) {
     ErrorSamples few;
-    for (std::size_t i = 0; i < samples.size(); i += 8) {
+    for (std::size_t i = 0; i < samples.size(); i += kFew) {
         few.positions.push_back(samples.positions[i]);
         few.areas.push_back(samples.areas[i]);
     }
@@ -239,22 +216,49 @@ struct LodTiler::State {
         const std::size_t done = made.distances.size();
         made.distances.resize(at.size());
         made.covers.resize(at.size());
+        measure(
+            made, std::span(at.positions).subspan(done), [&](std::size_t i) { return done + i; },
+            context);
+        made.mean = summarize("", made.distances, at.areas).mean;
+    }
+    /// What is found at the i-th place goes to number_of(i).
+    template <typename NumberOf>
+    static void measure(Measured& made, std::span<const Vec3f> places, const NumberOf& number_of,
+                        const RunContext& context) {
         FootFinder(made.points, *made.tree, {.across_sample = true})
             .find(
-                std::span(at.positions).subspan(done),
+                places,
                 [&](std::size_t i, const Foot& foot) {
-                    made.distances[done + i] = static_cast<float>(foot.distance);
-                    made.covers[done + i] = static_cast<float>(foot.to_sample);
+                    made.distances[number_of(i)] = static_cast<float>(foot.distance);
+                    made.covers[number_of(i)] = static_cast<float>(foot.to_sample);
                 },
                 context);
-        made.mean = summarize("", made.distances, at.areas).mean;
+    }
+
+    /// From a level measured at the few to one measured at all samples that the few are of.
+    void measure_the_others(Measured& level, const RunContext& context) const {
+        const std::size_t count = least_samples(source.size());
+        const std::vector<float> distances = std::exchange(level.distances, {});
+        const std::vector<float> covers = std::exchange(level.covers, {});
+        level.distances.resize(count);
+        level.covers.resize(count);
+        std::vector<Vec3f> others;
+        for (std::size_t i = 0; i < count; ++i) {
+            if (i % kFew != 0) {
+                others.push_back(samples.positions[i]);
+                continue;
+            }
+            level.distances[i] = distances[i / kFew];
+            level.covers[i] = covers[i / kFew];
+        }
+        measure(
+            level, others, [](std::size_t i) { return i + i / (kFew - 1) + 1; }, context);
     }
 
     /// At all samples, and at more for this level and those after it while chance would decide.
     void measure_well(Measured& level, const RunContext& context) {
         constexpr double kSure = 0.0145;
-        level.distances.clear();
-        level.covers.clear();
+        if (!level.distances.empty()) measure_the_others(level, context);
         measure(level, samples, context);
         while (samples.size() < kMostSamples &&
                mean_confidence(level.distances, samples.areas, level.mean) > kSure * level.mean) {
@@ -349,48 +353,65 @@ struct LodTiler::State {
         return static_cast<unsigned>(std::clamp<double>(bits, kLeastBits, most));
     }
 
-    /// What the samples say of a part of the level, or of all of it.
+    /// What some samples say.
     struct Inside {
         std::vector<float> distances, areas;
         float cover = 0;
-        double area = 0;
 
-        void add(float distance, float area_, float cover_) {
+        void add(float distance, float area, float cover_) {
             distances.push_back(distance);
-            areas.push_back(area_);
-            area += area_;
+            areas.push_back(area);
             cover = std::max(cover, cover_);
         }
     };
-    void take(const Inside& inside, LodFigures& into) const {
-        const DirectedError error = summarize_distances(inside.distances, inside.areas, 1);
+    void take(std::span<const float> distances, std::span<const float> areas, float cover,
+              LodFigures& into) const {
+        const AttributeError error = summarize("", distances, areas);
+        const double p99 = weighted_quantiles(distances, areas, std::array{0.99}).front();
         into.error = {.mean = error.mean / scale,
                       .max = error.max / scale,
-                      .p99 = error.p99 / scale,
-                      .mean_confidence = error.mean_confidence / scale,
-                      .samples = error.samples};
-        into.cover_radius = inside.cover / scale;
+                      .p99 = p99 / scale,
+                      .mean_confidence = mean_confidence(distances, areas, error.mean) / scale,
+                      .samples = distances.size()};
+        into.cover_radius = cover / scale;
     }
 
-    /// Of each part of the level, by the samples in its cell; of the whole level where it has none.
-    void add_errors(std::span<LodTile> tiles, const Measured& level, const RunContext& context) {
+    /// The samples in the cell of each part of the level.
+    std::vector<Inside> in_parts(std::size_t parts, const Measured& level,
+                                 const RunContext& context) const {
         std::vector<std::uint32_t> part_of(samples.size());
         parallel_for_blocks(samples.size(), kBlock, context,
                             [&](std::size_t begin, std::size_t end) {
                                 for (std::size_t i = begin; i < end; ++i)
                                     part_of[i] = tree.part_at(samples.positions[i]);
                             });
-        std::vector<Inside> inside(tiles.size());
-        Inside all;
+        std::vector<Inside> inside(parts);
         for (std::size_t i = 0; i < samples.size(); ++i) {
-            all.add(level.distances[i], samples.areas[i], level.covers[i]);
             if (part_of[i] != TileTree::kNone)
                 inside[part_of[i]].add(level.distances[i], samples.areas[i], level.covers[i]);
         }
-        parallel_for_blocks(tiles.size(), 1, context, [&](std::size_t t, std::size_t) {
-            take(inside[t].area > 0 ? inside[t] : all, tiles[t]);
-        });
-        take(all, figures);
+        return inside;
+    }
+
+    /// Of the whole level; and of each part by the samples in its cell, or as of the level where
+    /// these have no area.
+    void add_errors(std::span<LodTile> tiles, const Measured& level, const RunContext& context) {
+        take(level.distances, samples.areas, std::ranges::max(level.covers), figures);
+        const auto as_level = [&](LodTile& tile) {
+            static_cast<LodFigures&>(tile) = {figures.error, tile.spacing, figures.cover_radius};
+        };
+        if (!tree.is_cut()) {
+            as_level(tiles.front());
+        } else {
+            const std::vector<Inside> inside = in_parts(tiles.size(), level, context);
+            parallel_for_blocks(tiles.size(), 1, context, [&](std::size_t t, std::size_t) {
+                const auto& [distances, areas, cover] = inside[t];
+                if (std::ranges::any_of(areas, [](float area) { return area > 0; }))
+                    take(distances, areas, cover, tiles[t]);
+                else
+                    as_level(tiles[t]);
+            });
+        }
         figures.spacing = 0;
         std::uint64_t points = 0;
         for (const LodTile& tile : tiles) {
@@ -418,21 +439,24 @@ struct LodTiler::State {
         for (const Index i : members) low = low.cwiseMin(level.points[i]);
         std::array<std::int32_t, 3> least;
         for (int axis = 0; axis < 3; ++axis) least[axis] = grid_taken.at(low[axis]);
-        at.points.clear();
-        for (const Index i : members) {
-            GridPoint& point = at.points.emplace_back();
+        at.points.resize(members.size());
+        GridPoint last{};
+        for (std::size_t i = 0; i < members.size(); ++i) {
+            const Vec3f& p = level.points[members[i]];
+            GridPoint point;
             for (int axis = 0; axis < 3; ++axis) {
-                point[axis] =
-                    static_cast<std::uint16_t>(grid_taken.at(level.points[i][axis]) - least[axis]);
-                tile.last[axis] = std::max(tile.last[axis], point[axis]);
+                point[axis] = static_cast<std::uint16_t>(grid_taken.at(p[axis]) - least[axis]);
+                last[axis] = std::max(last[axis], point[axis]);
             }
+            at.points[i] = point;
         }
-        at.sorted.clear();
+        tile.last = last;
+        const std::span<const Index> chain = at.chain.order(at.points);
+        at.sorted.resize(chain.size());
+        for (std::size_t i = 0; i < chain.size(); ++i) at.sorted[i] = at.points[chain[i]];
         at.numbers.clear();
-        for (const Index i : at.chain.order(at.points)) {
-            at.sorted.push_back(at.points[i]);
-            at.numbers.push_back(numbers[members[i]]);
-        }
+        if (!cloud.normals.empty() || !cloud.colors.empty() || !cloud.attributes.empty())
+            for (const Index i : chain) at.numbers.push_back(numbers[members[i]]);
         tile.points = members.size();
         tile.bits = grid_taken.bits;
         tile.step = grid_taken.step / scale;
@@ -468,7 +492,7 @@ LodTiler::LodTiler(const PointCloud& source, const LodTileOptions& options,
     context.checkpoint(0.6);
     state.spacing = mean_gap(tree, points.size(), kAsked, [&](std::size_t i) { return points[i]; });
     state.samples = take_samples(points, tree, least_samples(points.size()), 0, context);
-    state.few = every_eighth(state.samples);
+    state.few = few_of(state.samples);
 }
 
 LodTiler::~LodTiler() = default;
@@ -493,19 +517,27 @@ void LodTiler::restart() {
 }
 
 std::vector<LodTile> LodTiler::add_level(const PointCloud& cloud, bool whole,
-                                         const RunContext& context) {
+                                         const RunContext& context,
+                                         std::span<const Index> known_order) {
     if (cloud.empty())
         throw Error(ErrorCode::InvalidArgument, "the level has no points: expected at least 1");
     State& state = *state_;
     const bool additive = state.options.additive;
     if (additive && cloud.size() <= state.had)
         refuse("points of a level", cloud.size(), "more than the level before");
+    if (!known_order.empty() && known_order.size() != cloud.size())
+        refuse("points of an order", known_order.size(), "all of the level");
     const bool as_measured = whole && !additive;
-    const std::vector<Index> own_order =
-        as_measured ? std::vector<Index>{} : hilbert_order(cloud.positions, context);
-    const std::vector<Vec3f> own_points =
-        as_measured ? std::vector<Vec3f>{} : state.into_frame(cloud, own_order, context);
-    const std::vector<Index>& order = as_measured ? state.order : own_order;
+    std::vector<Index> found_order;
+    std::vector<Vec3f> own_points;
+    if (!as_measured) {
+        if (known_order.empty()) found_order = hilbert_order(cloud.positions, context);
+        own_points =
+            state.into_frame(cloud, known_order.empty() ? found_order : known_order, context);
+    }
+    const std::span<const Index> order = as_measured           ? std::span(state.order)
+                                         : known_order.empty() ? found_order
+                                                               : known_order;
     const std::vector<Vec3f>& points = as_measured ? state.source : own_points;
     context.checkpoint(0.1);
     Grid grid = state.finest_grid();

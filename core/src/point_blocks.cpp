@@ -87,6 +87,24 @@ PointBlocks::PointBlocks(std::span<const Vec3f> points, std::size_t most_in_bloc
     stack_levels(std::move(leaves.boxes));
 }
 
+void PointBlocks::free_all(const RunContext& context) {
+    for_blocks_in_order(size_, context, [&](std::size_t begin, std::size_t end) {
+        std::fill_n(&taken_[begin], end - begin, 0.0F);
+    });
+}
+
+void PointBlocks::keep_block_from_seeding(Index place, Index begin, Index end) noexcept {
+    const auto after = std::ranges::upper_bound(begins_, place);
+    for (Index i = std::max(begin, *(after - 1)); i < std::min(end, *after); ++i)
+        taken_[i] = taken_[i] > 0 ? taken_[i] : -1;
+}
+
+void PointBlocks::let_all_seed(const RunContext& context) {
+    for_blocks_in_order(size_, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) taken_[i] = std::max(taken_[i], 0.0F);
+    });
+}
+
 void PointBlocks::choose_scale(const RunContext& context) {
     const MutableSampleSpan s = storage_.all().part(0, size_);
     const SampleBox box = box_of(s, context);

@@ -39,7 +39,13 @@ public:
 
     /// Leaves the sample at `place` out of what `find` calls free.
     void take(Index place) noexcept { taken_[place] = std::numeric_limits<float>::infinity(); }
-    bool is_taken(Index place) const noexcept { return taken_[place] > 0; }
+    void free_all(const RunContext& context);
+
+    /// Whether the sample is free and nothing keeps it from being a seed.
+    bool may_seed(Index place) const noexcept { return taken_[place] == 0; }
+    /// Keeps the free samples of its block from it, of those at `begin..end`.
+    void keep_block_from_seeding(Index place, Index begin, Index end) noexcept;
+    void let_all_seed(const RunContext& context);
 
     /// Calls visit(begin, end) for the blocks, as ranges of samples, of which a part may be within
     /// the root of `radius_sq` (finite) of q, until it returns false.
@@ -48,8 +54,8 @@ public:
         visit_node(levels_.size() - 1, 0, q, radius_sq, visit);
     }
 
-    /// Of each sample 0, or infinity when it is taken; as of the coordinates, `kSlack` can be read
-    /// from any place.
+    /// Of each sample 0, or less where it may be no seed, or infinity when it is taken; as of the
+    /// coordinates, `kSlack` can be read from any place.
     const float* taken() const noexcept { return taken_.data(); }
 
 private:
@@ -99,7 +105,7 @@ private:
     std::size_t size_, most_in_block_;
     float scale_, extent_;
     Samples storage_;            ///< the samples, and as many places again for their partition
-    std::vector<float> taken_;   ///< 0 or infinity; `kSlack` more than there are samples
+    std::vector<float> taken_;   ///< 0 or -1, infinity; `kSlack` more than there are samples
     std::vector<Index> begins_;  ///< of each block; one more for the end
     std::vector<std::vector<Node>> levels_;  ///< the boxes of the blocks, of eight of them, ...
 };

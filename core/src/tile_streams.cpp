@@ -49,6 +49,19 @@ TileStream make_stream(std::string name, Type type, unsigned components, std::si
     return stream;
 }
 
+TileStream position_stream(std::span<const GridPoint> points, VertexEncoder& encoder) {
+    TileStream stream{.name = "POSITION", .type = Type::Uint16, .components = 3, .stride = 8};
+    stream.bytes = encoder.encode(
+        points.size(), stream.stride, [&](std::size_t begin, std::size_t end, std::byte* to) {
+            for (const auto& [x, y, z] : points.subspan(begin, end - begin)) {
+                const std::array<std::uint16_t, 4> vertex = {x, y, z, 0};
+                std::memcpy(to, vertex.data(), sizeof vertex);
+                to += sizeof vertex;
+            }
+        });
+    return stream;
+}
+
 TileStream normal_stream(std::span<const Vec3f> normals, std::span<const Index> members,
                          VertexEncoder& encoder) {
     TileStream stream{.name = "NORMAL",
@@ -230,9 +243,7 @@ std::vector<TileStream> encode_streams(const PointCloud& cloud, std::span<const 
                                        std::span<const GridPoint> points, bool attributes,
                                        VertexEncoder& encoder) {
     std::vector<TileStream> streams;
-    streams.push_back(
-        make_stream<std::uint16_t>("POSITION", Type::Uint16, 3, points.size(), encoder,
-                                   [&](std::size_t i, unsigned c) { return points[i][c]; }));
+    streams.push_back(position_stream(points, encoder));
     if (!cloud.normals.empty()) streams.push_back(normal_stream(cloud.normals, members, encoder));
     if (!cloud.colors.empty()) streams.push_back(color_stream(cloud, members, encoder));
     if (attributes) {

@@ -35,6 +35,9 @@ public:
     std::vector<Part> add_level(std::span<const Vec3f> points, const Limits& limits,
                                 const RunContext& context);
 
+    /// Whether there is more than one cell.
+    bool is_cut() const noexcept { return cells_.size() > 1; }
+
     /// The part of the last level in whose cell `p` lies; none where the level has no points.
     std::uint32_t part_at(const Vec3f& p) const noexcept;
 

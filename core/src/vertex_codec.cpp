@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <array>
 #include <cstdint>
+#include <cstring>
+#include <tuple>
 
 // Follows: A. Kapoulkine, meshoptimizer, and the Khronos extension EXT_meshopt_compression (mode
 // 0). Vertices are cut into blocks; in each, one byte of all its vertices after the other: as
@@ -13,11 +15,11 @@ namespace stipple {
 namespace {
 
 constexpr std::size_t kGroup = 16;
-constexpr std::size_t kBlockBytes = 8'192, kMostInBlock = 256;
+constexpr std::size_t kBlockBytes = 8'192, kMostInBlock = std::tuple_size_v<VertexEncoder::Column>;
 constexpr std::size_t kLeastTail = 32;
 constexpr std::byte kVersion0{0xA0};
 
-using Column = std::array<std::uint8_t, kMostInBlock>;  ///< one byte of each vertex of a block
+using Column = VertexEncoder::Column;
 
 /// How a group is written.
 struct Packing {
@@ -25,9 +27,49 @@ struct Packing {
     unsigned bytes;  ///< that it takes
 };
 
+using Bytes = std::uint8_t __attribute__((vector_size(16)));
+
+Bytes low_pairs(Bytes a, Bytes b) noexcept {
+    return __builtin_shufflevector(a, b, 0, 16, 1, 17, 2, 18, 3, 19, 4, 20, 5, 21, 6, 22, 7, 23);
+}
+Bytes high_pairs(Bytes a, Bytes b) noexcept {
+    return __builtin_shufflevector(a, b, 8, 24, 9, 25, 10, 26, 11, 27, 12, 28, 13, 29, 14, 30, 15,
+                                   31);
+}
+
+/// The columns of a block of vertices of `kStride` bytes, sixteen vertices at a time: the number of
+/// a byte is that of its vertex, four bits, and of its column; each round moves the first bit
+/// behind the last, until the vertex stands last.
+template <std::size_t kStride>
+void to_columns(const std::byte* vertices, std::size_t size, Column* columns) noexcept {
+    for (std::size_t begin = 0; begin < size; begin += kGroup) {
+        std::array<Bytes, kStride> rows, shuffled;
+        std::memcpy(rows.data(), vertices + begin * kStride, sizeof rows);
+        for (unsigned round = 0; round < 4; ++round) {
+            for (std::size_t i = 0; i < kStride / 2; ++i) {
+                shuffled[2 * i] = low_pairs(rows[i], rows[i + kStride / 2]);
+                shuffled[2 * i + 1] = high_pairs(rows[i], rows[i + kStride / 2]);
+            }
+            rows = shuffled;
+        }
+        for (std::size_t k = 0; k < kStride; ++k)
+            std::memcpy(&columns[k][begin], &rows[k], sizeof rows[k]);
+    }
+}
+
+/// The same of any stride.
+void to_columns(const std::byte* vertices, std::size_t stride, std::size_t size,
+                Column* columns) noexcept {
+    if (stride == 4) return to_columns<4>(vertices, size, columns);
+    if (stride == 8) return to_columns<8>(vertices, size, columns);
+    for (std::size_t k = 0; k < stride; ++k)
+        for (std::size_t i = 0; i < size; ++i)
+            columns[k][i] = static_cast<std::uint8_t>(vertices[i * stride + k]);
+}
+
 /// To the vertex before, the sign in the lowest bit; zeros up to a whole group.
 void to_differences(Column& column, std::uint8_t last, std::size_t size) noexcept {
-    Column values = column;
+    const Column values = column;
     const auto zigzag = [](unsigned now, unsigned before) {
         const auto difference = static_cast<std::uint8_t>(now - before);
         const auto doubled = static_cast<std::uint8_t>(difference + difference);
@@ -106,6 +148,7 @@ std::vector<std::byte> VertexEncoder::encode(std::size_t count, std::size_t stri
     // Column by column no more than whole bytes, a code for each group and a byte behind.
     const std::size_t most = stride * (in_block + in_block / kGroup / 4 + 1);
     vertices_.resize((in_block + 1) * stride);
+    columns_.resize(stride);
     packed_.resize((count + in_block - 1) / in_block * most);
     std::byte *const first = vertices_.data(), *const block = first + stride;
     std::vector<std::byte> at_the_end;
@@ -117,12 +160,10 @@ std::vector<std::byte> VertexEncoder::encode(std::size_t count, std::size_t stri
             std::copy_n(block, stride, first);
             at_the_end.assign(first, block);
         }
+        to_columns(block, stride, size, columns_.data());
         for (std::size_t k = 0; k < stride; ++k) {
-            Column column{};
-            for (std::size_t i = 0; i < size; ++i)
-                column[i] = static_cast<std::uint8_t>(block[i * stride + k]);
-            to_differences(column, static_cast<std::uint8_t>(first[k]), size);
-            end = write_column(column, (size + kGroup - 1) / kGroup, end);
+            to_differences(columns_[k], static_cast<std::uint8_t>(first[k]), size);
+            end = write_column(columns_[k], (size + kGroup - 1) / kGroup, end);
         }
         std::copy_n(block + (size - 1) * stride, stride, first);
     }

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
@@ -18,6 +19,7 @@ class VertexEncoder {
 public:
     /// Writes the vertices begin..end, `stride` bytes each, to `vertices`: a few at a time.
     using Write = std::function<void(std::size_t begin, std::size_t end, std::byte* vertices)>;
+    using Column = std::array<std::uint8_t, 256>;  ///< one byte of each vertex of a block
 
     /// @param count  at least 1.
     /// @param stride  a multiple of 4 and at most 256.
@@ -27,6 +29,7 @@ public:
 
 private:
     std::vector<std::byte> vertices_;   ///< of a block, after the last of the one before
+    std::vector<Column> columns_;       ///< of a block
     std::vector<std::uint8_t> packed_;  ///< all blocks
 };
 

@@ -290,6 +290,27 @@ TEST(LodPyramid, InTheOrderOfACurveHasTheSameLevels) {
     }
 }
 
+TEST(LodPyramid, LevelsAlongACurveSayTheirOrder) {
+    const PointCloud cloud = test::sphere(20'000);
+    const LodTiler tiler(cloud, {});
+    const auto levels = build(cloud, {.sizes = {1'000, 5'000, 20'000}, .order = tiler.order()});
+    for (const LodLevel& level : std::span(levels).first(2)) {
+        ASSERT_EQ(level.order.size(), level.cloud.size());
+        EXPECT_EQ(std::set<Index>(level.order.begin(), level.order.end()).size(),
+                  level.cloud.size());
+        double way = 0;
+        for (std::size_t i = 1; i < level.order.size(); ++i) {
+            way += static_cast<double>(
+                (level.cloud.positions[level.order[i]] - level.cloud.positions[level.order[i - 1]])
+                    .norm());
+        }
+        EXPECT_LT(way, 2.5 * level.spacing * static_cast<double>(level.order.size()));
+    }
+    EXPECT_TRUE(levels.back().order.empty());
+    for (const LodLevel& level : build(cloud, {.sizes = {1'000, 5'000}}))
+        EXPECT_TRUE(level.order.empty());
+}
+
 TEST(LodPyramid, RefusesAnOrderOfAnotherNumberOfPoints) {
     const std::vector<Index> order(99);
     EXPECT_THROW(build(test::sphere(100), {.order = order}), Error);

@@ -417,6 +417,9 @@ TEST(LodTiles, RefuseOptionsOutOfRange) {
           LodTileOptions{.precision = 0.0}, LodTileOptions{.tolerance = -1},
           LodTileOptions{.max_points = 0}})
         EXPECT_THROW(validate(options), Error);
+    const std::vector<Index> too_few(99);
+    EXPECT_THROW(LodTiler(test::sphere(100), {}).add_level(test::sphere(100), false, {}, too_few),
+                 Error);
     EXPECT_THROW(LodTiler(PointCloud{}, {}), Error);
 }
 
@@ -533,10 +536,47 @@ TEST(ChainOrder, OfATileDoesNotDependOnTheTileBefore) {
 }
 
 TEST(ChainOrder, IsTheSameOnEveryMachine) {
-    const auto points = on_grid(test::sphere(3'000), 255.0F);
-    const std::vector<Index> quickest = chain_order(points);
-    const PlainKernelsOnly plain;
-    EXPECT_EQ(chain_order(points), quickest);
+    for (const float steps : {255.0F, 2'000.0F, 30'000.0F}) {
+        const auto points = on_grid(test::sphere(9'001), steps);
+        const std::vector<Index> quickest = chain_order(points);
+        const std::vector<Index> quickest_by_blocks = chain_order_by_blocks(points);
+        const PlainKernelsOnly plain;
+        EXPECT_EQ(chain_order(points), quickest);
+        EXPECT_EQ(chain_order_by_blocks(points), quickest_by_blocks);
+    }
+}
+
+TEST(ChainOrder, ByBlocksGoesToTheNearestOfTheNext128) {
+    for (const float steps : {255.0F, 2'000.0F, 30'000.0F}) {  // many of a block, some, one
+        // Block by block already, so that the next are the next along the curve.
+        auto points = on_grid(test::sphere(3'000), steps);
+        const auto block_of = [](const GridPoint& p) {
+            return GridPoint{static_cast<std::uint16_t>(p[0] / 256),
+                             static_cast<std::uint16_t>(p[1] / 256),
+                             static_cast<std::uint16_t>(p[2] / 256)};
+        };
+        std::ranges::stable_sort(points, {}, block_of);
+        const auto distance = [&](const GridPoint& a, const GridPoint& b) {
+            int sum = 0;
+            for (std::size_t axis = 0; axis < 3; ++axis)
+                sum += std::abs((a[axis] + 1'024 * (a[axis] / 256)) -
+                                (b[axis] + 1'024 * (b[axis] / 256)));
+            return sum;
+        };
+        const std::vector<Index> order = chain_order_by_blocks(points);
+        std::set<Index> left;  // of those that may come next
+        Index next = 0;
+        for (std::size_t i = 0; i < order.size(); ++i) {
+            while (left.size() < 128 && next < points.size()) left.insert(next++);
+            if (i > 0) {
+                int least = std::numeric_limits<int>::max();
+                for (const Index other : left)
+                    least = std::min(least, distance(points[other], points[order[i - 1]]));
+                ASSERT_EQ(distance(points[order[i]], points[order[i - 1]]), least) << i;
+            }
+            ASSERT_EQ(left.erase(order[i]), 1U);
+        }
+    }
 }
 
 TEST(ChainOrder, GoesToTheNearestOfThoseThatComeNext) {

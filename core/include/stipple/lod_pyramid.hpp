@@ -42,6 +42,8 @@ struct LodLevel {
     PointCloud cloud;
     double spacing = 0;  ///< mean distance to the nearest other point, input units; 0 for a single
                          ///< point, and where it is not to be measured
+    std::vector<Index> order{};  ///< of its points along the curve of `LodPyramidOptions::order`;
+                                 ///< empty without one, and for the whole cloud
 };
 
 /// @throws Error(InvalidArgument) for an option out of range.
@@ -67,7 +69,7 @@ std::vector<std::uint64_t> lod_sizes(std::uint64_t points, const LodPyramidOptio
 /// not take.
 /// All cuts of the dragon take 1.1 to 1.2 times as long as its finest alone
 /// (`pyramid/dragon/ratio-4` of stipple-bench), without their spacing. 16 bytes a point beside the
-/// tree.
+/// tree; with an order, 4 for each point of the levels.
 void build_lod_pyramid(const PointCloud& cloud, const LodPyramidOptions& options,
                        const std::function<void(LodLevel&&)>& on_level,
                        const RunContext& context = {});

@@ -130,10 +130,13 @@ public:
     /// @param cloud  the next finer level, of at least one point.
     /// @param whole  it is the source itself: it takes all bits. Does not matter where tiles are
     /// additive.
-    /// @throws Error(InvalidArgument) for a cloud without points, and for one that has no more than
-    /// the level before where tiles are additive.
+    /// @param order  of its points along a curve, where it is known (`LodLevel::order`); empty: it
+    /// is found.
+    /// @throws Error(InvalidArgument) for a cloud without points, for one that has no more than the
+    /// level before where tiles are additive, and for an order of another number of points.
     std::vector<LodTile> add_level(const PointCloud& cloud, bool whole,
-                                   const RunContext& context = {});
+                                   const RunContext& context = {},
+                                   std::span<const Index> order = {});
 
     /// Forgets all levels: the next is the coarsest again.
     void restart();
