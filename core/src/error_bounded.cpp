@@ -23,19 +23,36 @@ namespace {
 constexpr double kStep = 1.26;  // from a snapshot to the next: three of them double a count
 constexpr std::size_t kMostCounts = 64;
 constexpr unsigned kMostRounds = 100;
+constexpr unsigned kPatience = 16;  // rounds of small steps; then they grow
+// Of a cloud of so many points more than half are not looked for: to tell that it needs them takes
+// many times as long as to find a fraction.
+constexpr std::size_t kLarge = 50'000;
+constexpr double kQuickly = 100'000;  // points of the finest snapshot of a first run
 
 [[noreturn]] void refuse(const std::string& message) {
     throw Error(ErrorCode::InvalidArgument, message);
 }
 
-/// Descending: half of the points, and on in even steps to one.
-std::vector<std::uint64_t> snapshot_sizes(std::uint64_t points) {
+/// Descending from `finest` in even steps to one.
+std::vector<std::uint64_t> snapshot_sizes(double finest) {
     std::vector<std::uint64_t> sizes;
-    for (double size = 0.5 * static_cast<double>(points); size >= 1; size /= kStep) {
+    for (double size = finest; size >= 1; size /= kStep) {
         const auto rounded = static_cast<std::uint64_t>(std::llround(size));
-        if (rounded < points && (sizes.empty() || rounded < sizes.back())) sizes.push_back(rounded);
+        if (sizes.empty() || rounded < sizes.back()) sizes.push_back(rounded);
     }
     return sizes;
+}
+
+/// The snapshots of one run, the last of them the cloud itself.
+SnapshotForest forest_of(const PointCloud& cloud, const SimplifyOptions& options, double finest,
+                         const RunContext& context) {
+    std::vector<PointCloud> levels;
+    make_snapshots(
+        cloud, options, snapshot_sizes(finest),
+        [&](PointCloud&& level) { levels.push_back(std::move(level)); }, context);
+    std::ranges::reverse(levels);
+    levels.push_back(cloud);
+    return {std::move(levels), context};
 }
 
 ErrorBoundedCloud whole(const PointCloud& cloud, double bound, unsigned tries) {
@@ -53,61 +70,12 @@ public:
     /// No snapshot of so few points holds everywhere. Known after the run.
     std::uint64_t too_few() const { return finest_ == 0 ? 0 : forest_.size_of(finest_ - 1); }
 
-    /// The cloud within the bound, and its measurement; none when it would be the whole input.
-    ///
-    /// What holds is then made to hold for those, too, who measure by the letter, if it takes few
-    /// more points.
-    std::optional<ErrorBoundedCloud> run() {
-        constexpr double kFewMore = 1.25;
-        learn();
-        const std::size_t base = best_base();
-        auto found = refine(base, points() * 9 / 10, context_.part(0.6, 0.8));
-        if (!found) return found;
-        judge_.read(Reading::ByTheLetter);
-        const auto most = static_cast<double>(found->cloud.size()) * kFewMore;
-        auto by_the_letter = refine(base, static_cast<std::size_t>(most), context_.part(0.8, 1.0));
-        if (by_the_letter) return by_the_letter;
-        judge_.read(Reading::Confirmed);
-        return found;
-    }
-
-private:
-    std::size_t points() const { return forest_.size_of(forest_.level_count() - 1); }
-
-    /// Makes the cut finer until it holds; none when that takes more than `most` points.
-    std::optional<ErrorBoundedCloud> refine(std::size_t base, std::size_t most,
-                                            const RunContext& context) {
-        for (unsigned round = 0; round < kMostRounds; ++round) {
-            context.checkpoint(static_cast<double>(round) / kMostRounds);
-            std::vector<Index> cut = forest_.cut(base);
-            while (forest_.grade(cut, context)) cut = forest_.cut(base);
-            if (cut.empty() || cut.size() > most) return std::nullopt;
-            ErrorBoundedCloud result{.cloud = forest_.cloud_of(cut)};
-            ErrorJudge::Finding finding = judge_.watch(result.cloud);
-            if (finding.places.empty()) {
-                finding = judge_.measure(result);
-                if (finding.max <= ErrorJudge::kWithin) return result;
-            }
-            constexpr unsigned kSteps = 2;
-            if (!forest_.mark(cut, finding.places, kSteps, context) &&
-                !forest_.mark_all(finding.places, context))
-                return std::nullopt;  // what is too far is the input from its own surface
-        }
-        return std::nullopt;
-    }
-
-    /// Whether a level holds everywhere. Says where it is too coarse.
-    bool learn(std::size_t level) {
-        const ErrorJudge::Finding finding = judge_.glance(forest_.level(level));
-        too_far_[level] = finding.share;
-        forest_.mark(level, finding.places, context_);
-        return finding.places.empty();
-    }
-
     /// Looks at the levels from the coarsest that holds down to where most places are too coarse.
-    void learn() {
+    /// @return whether a snapshot holds everywhere, at a glance.
+    bool learn() {
         too_far_.assign(forest_.level_count(), 0.0);
-        std::size_t coarse = 0, fine = forest_.level_count() - 1;  // the input holds
+        const std::size_t input = forest_.level_count() - 1;  // which holds
+        std::size_t coarse = 0, fine = input;
         std::vector<bool> seen(forest_.level_count(), false);
         while (fine - coarse > 0) {
             const std::size_t middle = coarse + (fine - coarse) / 2;
@@ -127,6 +95,61 @@ private:
         }
         finest_ = fine;
         context_.checkpoint(0.6);
+        return finest_ < input;
+    }
+
+    /// After `learn`: the cloud within the bound, and its measurement; none when it would be the
+    /// whole input.
+    ///
+    /// What holds is then made to hold for those, too, who measure by the letter, if it takes few
+    /// more points.
+    std::optional<ErrorBoundedCloud> run() {
+        constexpr double kFewMore = 1.25;
+        const std::size_t base = best_base();
+        auto found = refine(base, most_wanted(), context_.part(0.6, 0.8));
+        if (!found) return found;
+        judge_.read(Reading::ByTheLetter);
+        const auto most = static_cast<double>(found->cloud.size()) * kFewMore;
+        auto by_the_letter = refine(base, static_cast<std::size_t>(most), context_.part(0.8, 1.0));
+        if (by_the_letter) return by_the_letter;
+        judge_.read(Reading::Confirmed);
+        return found;
+    }
+
+private:
+    std::size_t most_wanted() const {
+        const std::size_t points = forest_.size_of(forest_.level_count() - 1);
+        return points < kLarge ? points * 9 / 10 : points / 2;
+    }
+
+    /// Makes the cut finer until it holds; none when that takes more than `most` points.
+    std::optional<ErrorBoundedCloud> refine(std::size_t base, std::size_t most,
+                                            const RunContext& context) {
+        for (unsigned round = 0; round < kMostRounds; ++round) {
+            context.checkpoint(static_cast<double>(round) / kMostRounds);
+            std::vector<Index> cut = forest_.cut(base);
+            while (forest_.grade(cut, context)) cut = forest_.cut(base);
+            if (cut.empty() || cut.size() > most) return std::nullopt;
+            ErrorBoundedCloud result{.cloud = forest_.cloud_of(cut)};
+            ErrorJudge::Finding finding = judge_.watch(result.cloud);
+            if (finding.places.empty()) {
+                finding = judge_.measure(result);
+                if (finding.max <= ErrorJudge::kWithin) return result;
+            }
+            const unsigned steps = 2 + (round < kPatience ? 0 : round - kPatience);
+            if (!forest_.mark(cut, finding.places, steps, context) &&
+                !forest_.mark_all(finding.places, context))
+                return std::nullopt;  // what is too far is the input from its own surface
+        }
+        return std::nullopt;
+    }
+
+    /// Whether a level holds everywhere. Says where it is too coarse.
+    bool learn(std::size_t level) {
+        const ErrorJudge::Finding finding = judge_.glance(forest_.level(level));
+        too_far_[level] = finding.share;
+        forest_.mark(level, finding.places, context_);
+        return finding.places.empty();
     }
 
     /// Where the cut that follows from what was seen has fewest points.
@@ -181,19 +204,27 @@ std::optional<ErrorBoundedCloud> fewer_everywhere(const PointCloud& cloud,
 
 ErrorBoundedCloud search_forest(const PointCloud& cloud, const SimplifyOptions& options,
                                 double bound, ErrorJudge& judge, const RunContext& context) {
-    std::vector<PointCloud> levels;
-    make_snapshots(
-        cloud, options, snapshot_sizes(cloud.size()),
-        [&](PointCloud&& level) { levels.push_back(std::move(level)); }, context.part(0, 0.3));
-    std::ranges::reverse(levels);
-    levels.push_back(cloud);
-    ForestSearch search(SnapshotForest(std::move(levels), context), judge, context);
-    auto found = search.run();
-    const std::uint64_t size = found ? found->cloud.size() : cloud.size();
-    auto fewer = fewer_everywhere(cloud, options, size, search.too_few(), judge, context);
+    // A large cloud mostly has far more points than it needs: half of them are made only where
+    // fewer have not been enough.
+    const double half = 0.5 * static_cast<double>(cloud.size());
+    std::optional<ErrorBoundedCloud> found;
+    std::uint64_t too_few = 0;
+    double done = 0;
+    for (const double finest : {std::min(half, kQuickly), half}) {
+        const RunContext rest = context.part(done, 1);
+        ForestSearch search(forest_of(cloud, options, finest, rest.part(0, 0.3)), judge, rest);
+        if (search.learn() || finest == half) found = search.run();
+        too_few = search.too_few();
+        if (found || finest == half) break;
+        done = 0.8;
+    }
+    std::optional<ErrorBoundedCloud> fewer;
+    if (found || cloud.size() < kLarge) {
+        const std::uint64_t size = found ? found->cloud.size() : cloud.size();
+        fewer = fewer_everywhere(cloud, options, size, too_few, judge, context);
+    }
     if (fewer) return std::move(*fewer);
-    if (!found) return whole(cloud, bound, judge.tries());
-    return std::move(*found);
+    return found ? std::move(*found) : whole(cloud, bound, judge.tries());
 }
 
 }  // namespace
@@ -221,6 +252,7 @@ ErrorBoundedCloud simplify_within_error(const PointCloud& cloud, const SimplifyO
         result = whole(cloud, bound, 0);
     result.bound = bound;
     result.tries = judge.tries();
+    if (result.whole) result.too_far = judge.too_far();
     context.checkpoint(1.0);
     return result;
 }
@@ -261,7 +293,12 @@ void validate(const ErrorCurveOptions& options) {
 std::vector<std::uint64_t> curve_counts(std::uint64_t points, const ErrorCurveOptions& options) {
     validate(options);
     std::vector<std::uint64_t> counts;
-    if (options.points.empty()) counts = curve_counts(points, options.count);
+    if (options.points.empty()) {
+        counts = curve_counts(points, options.count);
+        if (counts.empty())
+            refuse("points: the cloud has " + std::to_string(points) +
+                   ": expected at least 40, or counts to be given");
+    }
     for (const std::uint64_t count : options.points)
         if (count < points) counts.insert(counts.begin(), count);
     if (counts.empty())

@@ -11,7 +11,11 @@ namespace {
 
 constexpr std::uint64_t kGlance = 10'000;
 constexpr std::size_t kManyPlaces = 100'000;        // to watch, unless there are more points
+constexpr std::size_t kManyPoints = 1'000'000;      // which are close together: no places between
 constexpr std::uint64_t kFewestMeasured = 200'000;  // also of small clouds
+constexpr std::uint64_t kFewestAgain = 800'000, kAgainSeed = 1;
+constexpr std::uint64_t kMeasuredEach = 100;        // enough for each point of a candidate
+constexpr std::uint64_t kEnoughMeasured = 300'000;  // unless it has more points than that
 
 /// Distances rise to a maximum, if steeply: where they are above these parts of the bound, in the
 /// first round and then, `kEach` places around are looked at, in reach of `kSpread` times h at
@@ -59,13 +63,22 @@ ErrorJudge::ErrorJudge(const PointCloud& cloud, double bound, const RunContext& 
     for (std::size_t i = 0; i < points_.size(); i += step) some_points_.push_back(points_[i]);
 }
 
-std::vector<Vec3f> ErrorJudge::points_of_surface() const {
+void ErrorJudge::remember(std::uint64_t points, const Vec3f& place, double distance) {
+    const double in_units = distance / scale_;
+    if (in_units <= bound_ || (too_far_ && points <= too_far_->points)) return;
+    too_far_ = {.points = points,
+                .place = cloud_.origin + center_ + place.cast<double>() / scale_,
+                .distance = in_units};
+}
+
+std::vector<Vec3f> ErrorJudge::points_of_surface() {
     const double margin = kMargin * bound_ * scale_;
     const Probes own =
         surface_.measure(surface_.some_points(cloud_.size(), quietly_), surface_, margin, quietly_);
     std::vector<Vec3f> points;
     for (std::size_t i = 0; i < own.places.size(); ++i)
         if (own.distances[i] <= margin) points.push_back(own.places[i]);
+    if (!can_be_kept(points.size())) remember(cloud_.size(), own.farthest(), own.max());
     return points;
 }
 
@@ -83,9 +96,9 @@ std::vector<Vec3f> ErrorJudge::out_of_frame(std::span<const Vec3f> places) const
     return points;
 }
 
-bool ErrorJudge::can_be_kept() const noexcept {
+bool ErrorJudge::can_be_kept(std::size_t points_of_surface) const noexcept {
     constexpr std::size_t kOneOf = 100;
-    return points_.size() + cloud_.size() / kOneOf >= cloud_.size();
+    return points_of_surface + cloud_.size() / kOneOf >= cloud_.size();
 }
 
 void ErrorJudge::read(Reading reading) {
@@ -102,8 +115,10 @@ ErrorJudge::Finding ErrorJudge::glance(const PointCloud& candidate) {
         other.measure(other.random_places(kGlance, quietly_), surface_, margin, quietly_);
     Finding finding;
     finding.max = std::max(forward.max(), backward.max()) / (bound_ * scale_);
-    for (const Probes* const probes : {&forward, &backward})
+    for (const Probes* const probes : {&forward, &backward}) {
         append(finding.places, out_of_frame(probes->places_above(margin)));
+        remember(candidate.size(), probes->farthest(), probes->max());
+    }
     finding.share = static_cast<double>(finding.places.size()) /
                     static_cast<double>(forward.places.size() + backward.places.size());
     return finding;
@@ -112,17 +127,20 @@ ErrorJudge::Finding ErrorJudge::glance(const PointCloud& candidate) {
 ErrorJudge::Finding ErrorJudge::watch(const PointCloud& candidate) {
     ++tries_;
     if (!watch_) {
-        // A place around a point also lies in gaps between points.
-        const auto each =
-            static_cast<unsigned>(std::clamp<std::size_t>(kManyPlaces / cloud_.size(), 1, 10));
         std::vector<Vec3f> places = points_;
-        append(places, surface_.places_around(places, 1, each, 0, quietly_).places);
+        if (cloud_.size() < kManyPoints) {
+            // A place around a point also lies in gaps between points.
+            const auto each =
+                static_cast<unsigned>(std::clamp<std::size_t>(kManyPlaces / cloud_.size(), 1, 10));
+            append(places, surface_.places_around(places, 1, each, 0, quietly_).places);
+        }
         watch_.emplace(surface_, std::move(places), kMargin * bound_ * scale_, reading_);
     }
     watch_->look_at(into_frame(candidate.positions), quietly_);
     Finding finding;
     finding.max = watch_->max() / (bound_ * scale_);
     finding.places = out_of_frame(watch_->places_too_far());
+    remember(candidate.size(), watch_->farthest_place(), watch_->max());
     return finding;
 }
 
@@ -130,7 +148,8 @@ ErrorJudge::Finding ErrorJudge::measure(ErrorBoundedCloud& candidate) {
     ++tries_;
     SurfaceErrorOptions options;
     options.sampling = ErrorSampling::Surface;
-    options.samples = std::max<std::uint64_t>(2 * cloud_.size(), kFewestMeasured);
+    const std::uint64_t enough = std::max(kEnoughMeasured, kMeasuredEach * candidate.cloud.size());
+    options.samples = std::clamp<std::uint64_t>(2 * cloud_.size(), kFewestMeasured, enough);
     options.keep_samples = true;
     candidate.error = measure_error(cloud_, candidate.cloud, options, quietly_);
     candidate.sampling = ErrorSampling::Surface;
@@ -143,6 +162,15 @@ ErrorJudge::Finding ErrorJudge::measure(ErrorBoundedCloud& candidate) {
         look_closer(surface_, places_above(kRaised * bound_, forward, kMostRaised), other, finding);
         look_closer(other, places_above(kRaised * bound_, backward, kMostRaised), surface_,
                     finding);
+    }
+    if (finding.max <= kWithin && reading_ == Reading::ByTheLetter) {
+        // Where a fixed point leaps the farthest places may be few: others are likely to meet them.
+        options.seed = kAgainSeed;
+        options.samples = std::max(options.samples, kFewestAgain);
+        const SurfaceError again = measure_error(cloud_, candidate.cloud, options, quietly_);
+        append(finding.places, places_above(kMargin * bound_, again.forward));
+        append(finding.places, places_above(kMargin * bound_, again.backward));
+        finding.max = std::max(finding.max, again.max() / bound_);
     }
     for (DirectedError* const direction : {&forward, &backward}) {
         direction->positions = {};

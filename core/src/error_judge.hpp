@@ -28,7 +28,7 @@ public:
 
     /// Whether nearly all points of the cloud are safely within the bound of its own surface: else
     /// that is not known well enough to tell. The few that are not are no places of it.
-    bool can_be_kept() const noexcept;
+    bool can_be_kept() const noexcept { return can_be_kept(points_.size()); }
 
     /// How candidates are read from now on, but for glances; `Confirmed` before.
     void read(Reading reading);
@@ -39,8 +39,8 @@ public:
     /// From all points and much between: quick for a candidate that is much like the last.
     Finding watch(const PointCloud& candidate);
 
-    /// As anyone would measure it, and then closer where distances are large; keeps the
-    /// measurement.
+    /// As anyone would measure it, and then closer where distances are large; if it is read by the
+    /// letter, again at other and more places. Keeps the first measurement.
     Finding measure(ErrorBoundedCloud& candidate);
 
     /// The parts of the bound that a glance or a watch calls safe.
@@ -49,8 +49,15 @@ public:
 
     unsigned tries() const noexcept { return tries_; }
 
+    /// Of the candidates that were farther than the bound that with most points, and where it was
+    /// farthest; where nothing can be kept the cloud itself.
+    const std::optional<TooFar>& too_far() const noexcept { return too_far_; }
+
 private:
-    std::vector<Vec3f> points_of_surface() const;
+    std::vector<Vec3f> points_of_surface();
+    bool can_be_kept(std::size_t points_of_surface) const noexcept;
+    /// @param place, distance  as in the frame of the surfaces.
+    void remember(std::uint64_t points, const Vec3f& place, double distance);
     /// At many places around raised ones; adds to what was found.
     void look_closer(const ProbedSurface& from, std::span<const Vec3f> raised,
                      const ProbedSurface& other, Finding& finding) const;
@@ -63,6 +70,7 @@ private:
     Vec3d center_;
     double scale_;
     ProbedSurface surface_;
+    std::optional<TooFar> too_far_;
     std::vector<Vec3f> points_;       ///< of the cloud that are of its surface
     std::vector<Vec3f> some_points_;  ///< of those, for glances
     Reading reading_ = Reading::Confirmed;

@@ -72,27 +72,80 @@ float median(Floats values, std::size_t n) {
     return *middle;
 }
 
-/// Some leaves of a tree, evenly drawn: about `count`, or all where there are not many more.
-std::vector<std::uint32_t> draw_leaves(const PointTree& tree, std::uint64_t count,
-                                       std::uint64_t seed, const RunContext& context) {
-    const std::size_t step = std::max<std::size_t>(1, tree.leaf_count() / count);
-    auto leaves =
-        made_in_blocks<std::vector<std::uint32_t>>((tree.leaf_count() + step - 1) / step, context);
-    parallel_for_blocks(leaves.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
-        for (std::size_t i = begin; i < end; ++i) {
-            const std::size_t leaf = step * i + random_bits(seed, i) % step;
-            leaves[i] = static_cast<std::uint32_t>(std::min(leaf, tree.leaf_count() - 1));
-        }
-    });
-    return leaves;
+/// Which of some areas each of `count` draws falls on, ascending: draw i is somewhere in the i-th
+/// of `count` equal parts of all areas.
+std::vector<std::size_t> draw_by_area(std::span<const float> areas, std::uint64_t count,
+                                      std::uint64_t seed, const RunContext& context) {
+    const double total = std::accumulate(areas.begin(), areas.end(), 0.0);
+    std::vector<std::size_t> drawn;
+    drawn.reserve(count);
+    std::size_t at = 0;
+    double up_to = areas[0];
+    for (std::uint64_t i = 0; i < count; ++i) {
+        if (i % kBetweenChecks == 0) context.throw_if_stopped();
+        const double where =
+            total * (static_cast<double>(i) + random_unit(seed, i)) / static_cast<double>(count);
+        while (up_to < where && at + 1 < areas.size()) up_to += areas[++at];
+        drawn.push_back(at);
+    }
+    return drawn;
+}
+
+/// For each leaf of a tree the area of the largest side of its box, and some more, so that none is
+/// zero.
+std::vector<float> leaf_sizes(const PointTree& tree, const RunContext& context) {
+    constexpr std::size_t kWidth = PointTree::kWidth;
+    constexpr double kLeast = 0.1;  // of the mean
+    auto sizes = made_in_blocks<std::vector<float>>(tree.leaf_count(), context);
+    parallel_for_blocks(sizes.size(), kBlock * kWidth, context,
+                        [&](std::size_t begin, std::size_t end) {
+                            for (std::size_t l = begin; l < end; ++l) {
+                                const PointTree::Node& node = tree.node(0, l / kWidth);
+                                const auto side = [&](std::size_t axis) {
+                                    return node.high[axis][l % kWidth] - node.low[axis][l % kWidth];
+                                };
+                                const float x = side(0), y = side(1), z = side(2);
+                                sizes[l] = std::max({x * y, y * z, z * x});
+                            }
+                        });
+    const double total = std::accumulate(sizes.begin(), sizes.end(), 0.0);
+    const double least = total > 0 ? kLeast * total / static_cast<double>(sizes.size()) : 1.0;
+    for (float& size : sizes) size += static_cast<float>(least);
+    return sizes;
+}
+
+/// Some leaves of a tree, ascending, maybe some of them twice.
+struct DrawnLeaves {
+    std::vector<std::uint32_t> leaves;
+    std::vector<float> chances;  ///< how likely each was to be drawn, up to a common factor
+};
+
+/// Leaves to draw `count` points from: large ones more often, or all where there are not many.
+DrawnLeaves draw_leaves(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
+                        const RunContext& context) {
+    constexpr std::uint64_t kOfEach = 8;
+    DrawnLeaves drawn;
+    if (tree.leaf_count() <= kOfEach * count) {
+        drawn.leaves.resize(tree.leaf_count());
+        std::iota(drawn.leaves.begin(), drawn.leaves.end(), 0U);
+        drawn.chances.assign(tree.leaf_count(), 1.0F);
+        return drawn;
+    }
+    const std::vector<float> sizes = leaf_sizes(tree, context);
+    for (const std::size_t leaf : draw_by_area(sizes, kOfEach * count, seed, context)) {
+        drawn.leaves.push_back(static_cast<std::uint32_t>(leaf));
+        drawn.chances.push_back(sizes[leaf]);
+    }
+    return drawn;
 }
 
 /// An area around each point of some leaves by its leaf alone, positive unless all points coincide:
 /// the median of the leaf, or what is left of the point's own where it is much larger than that; 0
 /// for those that the last leaf is short of.
-std::vector<float> leaf_areas(const PointTree& tree, std::span<const std::uint32_t> leaves,
+std::vector<float> leaf_areas(const PointTree& tree, const DrawnLeaves& drawn,
                               const RunContext& context) {
     constexpr float kOfOwn = 0.125F;
+    const auto& [leaves, chances] = drawn;
     auto areas = made_in_blocks<std::vector<float>>(leaves.size() * PointTree::kWidth, context);
     parallel_for_blocks(leaves.size(), kBlock / PointTree::kWidth, context,
                         [&](std::size_t begin, std::size_t end) {
@@ -107,11 +160,18 @@ std::vector<float> leaf_areas(const PointTree& tree, std::span<const std::uint32
                             }
                         });
     // Some for each, so that no weight is beyond measure.
-    const double total = std::accumulate(areas.begin(), areas.end(), 0.0);
-    const double least = total > 0 ? 0.1 * total / static_cast<double>(areas.size()) : 1.0;
-    for (float& area : areas) area += static_cast<float>(least);
-    for (std::size_t lane = tree.points_in(leaves.back()); lane < PointTree::kWidth; ++lane)
-        areas[areas.size() - PointTree::kWidth + lane] = 0;
+    double total = 0, count = 0;
+    for (std::size_t i = 0; i < areas.size(); ++i) {
+        const double chance = chances[i / PointTree::kWidth];
+        total += areas[i] / chance;
+        count += 1 / chance;
+    }
+    const double least = total > 0 ? 0.1 * total / count : 1.0;
+    for (std::size_t l = 0; l < leaves.size(); ++l) {
+        const std::size_t n = tree.points_in(leaves[l]);
+        for (std::size_t lane = 0; lane < n; ++lane)
+            areas[l * PointTree::kWidth + lane] += static_cast<float>(least);
+    }
     return areas;
 }
 
@@ -165,25 +225,6 @@ std::vector<Vec3f> all_points(const PointTree& tree, const RunContext& context) 
     return points_of(tree, std::views::iota(std::size_t{0}, tree.size()), context);
 }
 
-/// The point of the tree that each of `count` draws falls on, in the order of the tree: draw i is
-/// somewhere in the i-th of `count` equal parts of all areas.
-std::vector<std::size_t> draw_by_area(std::span<const float> areas, std::uint64_t count,
-                                      std::uint64_t seed, const RunContext& context) {
-    const double total = std::accumulate(areas.begin(), areas.end(), 0.0);
-    std::vector<std::size_t> drawn;
-    drawn.reserve(count);
-    std::size_t at = 0;
-    double up_to = areas[0];
-    for (std::uint64_t i = 0; i < count; ++i) {
-        if (i % kBetweenChecks == 0) context.throw_if_stopped();
-        const double where =
-            total * (static_cast<double>(i) + random_unit(seed, i)) / static_cast<double>(count);
-        while (up_to < where && at + 1 < areas.size()) up_to += areas[++at];
-        drawn.push_back(at);
-    }
-    return drawn;
-}
-
 /// The feet of places near a surface; not a number where there is none.
 std::vector<Vec3f> feet_on(const FootFinder& surface, std::span<const Vec3f> places,
                            const RunContext& context) {
@@ -233,9 +274,12 @@ ErrorSamples take_points(const PointTree& tree, std::uint64_t count, std::uint64
 ErrorSamples take_points_by_area(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
                                  const RunContext& context) {
     if (tree.size() <= count) return take_points(tree, count, seed, context);
-    const std::vector<std::uint32_t> leaves = draw_leaves(tree, count, seed, context);
-    const std::vector<float> areas = leaf_areas(tree, leaves, context);
-    const std::vector<std::size_t> drawn = draw_by_area(areas, count, seed, context);
+    const DrawnLeaves some = draw_leaves(tree, count, ~seed, context);
+    const auto& [leaves, chances] = some;
+    const std::vector<float> areas = leaf_areas(tree, some, context);
+    std::vector<float> to_draw = areas;
+    for (std::size_t i = 0; i < areas.size(); ++i) to_draw[i] /= chances[i / PointTree::kWidth];
+    const std::vector<std::size_t> drawn = draw_by_area(to_draw, count, seed, context);
     ErrorSamples samples;
     samples.numbers = made_in_blocks<std::vector<std::size_t>>(count, context);
     for (std::size_t i = 0; i < count; ++i)
@@ -289,6 +333,15 @@ ErrorSamples take_surface(const PointTree& tree, const FootFinder& surface, std:
     ErrorSamples samples;
     samples.positions = random_places(tree, surface, drawn, seed, context);
     samples.areas.assign(count, 1.0F);
+    return samples;
+}
+
+ErrorSamples take_surface_by_area(const PointTree& tree, const FootFinder& surface,
+                                  std::uint64_t count, std::uint64_t seed,
+                                  const RunContext& context) {
+    ErrorSamples samples = take_points_by_area(tree, count, seed, context);
+    samples.positions = random_places(tree, surface, samples.positions, seed, context);
+    samples.numbers.clear();
     return samples;
 }
 

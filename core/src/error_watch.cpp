@@ -204,6 +204,14 @@ double ErrorWatch::max() const noexcept {
     return farthest;
 }
 
+Vec3f ErrorWatch::farthest_place() const noexcept {
+    const Spot* farthest = &forward_.front();
+    for (const std::vector<Spot>* const spots : {&forward_, &backward_})
+        for (const Spot& spot : *spots)
+            if (spot.distance > farthest->distance) farthest = &spot;
+    return farthest->farthest;
+}
+
 std::vector<Vec3f> ErrorWatch::places_too_far() const {
     std::vector<Vec3f> places;
     for (const std::vector<Spot>* const spots : {&forward_, &backward_})

@@ -28,6 +28,7 @@ public:
 
     /// Of the last candidate, the farthest.
     double max() const noexcept;
+    Vec3f farthest_place() const noexcept;
     /// Where its distance is above the margin: for each place or point the farthest around it.
     std::vector<Vec3f> places_too_far() const;
 

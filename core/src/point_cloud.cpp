@@ -1,9 +1,13 @@
 #include "stipple/point_cloud.hpp"
 
 #include "cloud_copy.hpp"
+#include "float4.hpp"
 #include "stipple/error.hpp"
 
 #include <algorithm>
+#include <array>
+#include <limits>
+#include <span>
 #include <utility>
 
 namespace stipple {
@@ -33,16 +37,61 @@ void validate(const PointCloud& cloud) {
     }
 }
 
-Aabb bounds(const PointCloud& cloud) {
-    Vec3f low = Vec3f::Constant(std::numeric_limits<float>::infinity());
-    Vec3f high = -low;
-    for (const Vec3f& p : cloud.positions) {
-        if (!p.allFinite()) continue;
-        low = low.cwiseMin(p);
-        high = high.cwiseMax(p);
+namespace {
+
+/// The box of points that are finite.
+class Extent {
+public:
+    void add(const Vec3f& p) noexcept {
+        if (!p.allFinite()) return;
+        low_ = low_.cwiseMin(p);
+        high_ = high_.cwiseMax(p);
     }
-    if (!(low.array() <= high.array()).all()) return {};
-    return {low.cast<double>() + cloud.origin, high.cast<double>() + cloud.origin};
+
+    /// Four points, whose twelve coordinates lie one after the other.
+    void add_four(const Vec3f* points) noexcept {
+        const float* const values = points[0].data();
+        const std::array<Float4, 3> four = {load(values), load(values + 4), load(values + 8)};
+        const Float4 zeros = 0.0F * four[0] + 0.0F * four[1] + 0.0F * four[2];  // or not a number
+        if (lane_bits(zeros == 0.0F) != 0xFU) {
+            for (const Vec3f& p : std::span(points, 4)) add(p);
+            return;
+        }
+        for (std::size_t i = 0; i < four.size(); ++i) {
+            least_[i] = larger(-four[i], least_[i]);
+            most_[i] = larger(four[i], most_[i]);
+        }
+    }
+
+    Aabb box(const Vec3d& origin) noexcept {
+        for (std::size_t i = 0; i < 12; ++i) {
+            const auto axis = static_cast<Eigen::Index>(i % 3);
+            low_[axis] = std::min(low_[axis], -least_[i / 4][i % 4]);
+            high_[axis] = std::max(high_[axis], most_[i / 4][i % 4]);
+        }
+        if (!(low_.array() <= high_.array()).all()) return {};
+        return {low_.cast<double>() + origin, high_.cast<double>() + origin};
+    }
+
+private:
+    static constexpr float kNone = -std::numeric_limits<float>::infinity();
+    static constexpr Float4 kNothing = {kNone, kNone, kNone, kNone};
+
+    Vec3f low_ = Vec3f::Constant(-kNone), high_ = Vec3f::Constant(kNone);
+    /// Of x y z x, y z x y and z x y z: the largest, and the largest of what is opposite.
+    std::array<Float4, 3> most_ = {kNothing, kNothing, kNothing};
+    std::array<Float4, 3> least_ = {kNothing, kNothing, kNothing};
+};
+
+}  // namespace
+
+Aabb bounds(const PointCloud& cloud) {
+    const std::vector<Vec3f>& points = cloud.positions;
+    Extent extent;
+    std::size_t i = 0;
+    for (; i + 4 <= points.size(); i += 4) extent.add_four(&points[i]);
+    for (; i < points.size(); ++i) extent.add(points[i]);
+    return extent.box(cloud.origin);
 }
 
 PointCloud subset(const PointCloud& cloud, std::span<const Index> indices) {

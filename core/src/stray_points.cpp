@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <ranges>
+#include <utility>
 #include <vector>
 
 namespace stipple {
@@ -22,17 +23,20 @@ public:
         first_look_ = 0.5F * blocks_.extent() / std::sqrt(static_cast<float>(chosen.size()));
     }
 
-    /// Numbers among the chosen regions and scaled positions.
+    /// Some of them: numbers among the chosen regions and scaled positions, and behind those
+    /// groups of four are filled up with what is infinitely far.
     struct Near {
         std::vector<Index> number;
-        std::vector<Vec3f> position;
+        std::vector<float> x, y, z;
+        std::vector<Index> place;  ///< among the blocks
+        std::vector<float> all_sq, distance_sq;
     };
 
     /// Finds every centroid that may be the closest to a point within `reach` of q.
     void find_candidates(const Vec3f& q, float reach, Near& near) const {
         float radius = std::max(2 * reach, first_look_);
         float closest_sq = find(q, radius, near);
-        while (near.number.empty()) {
+        while (near.place.empty()) {
             constexpr float kNotZero = std::numeric_limits<float>::min();
             radius = 2 * std::max(radius, kNotZero);
             closest_sq = find(q, radius, near);
@@ -40,6 +44,7 @@ public:
         constexpr float kRounding = 1.0001F;
         const float needed = kRounding * (std::sqrt(closest_sq) + 2 * reach);
         if (needed > radius) find(q, needed, near);
+        write_out(needed * needed, near);
     }
 
     float scale() const noexcept { return scale_; }
@@ -55,35 +60,68 @@ private:
         return positions;
     }
 
-    /// @return the least squared distance.
+    /// Finds places and squared distances of those within a radius. @return the least of these.
     float find(const Vec3f& q, float radius, Near& near) const {
-        near.number.clear();
-        near.position.clear();
-        float closest_sq = std::numeric_limits<float>::infinity();
+        std::size_t found = 0;
         const float radius_sq = radius * radius;
         blocks_.find(q, radius_sq, [&](Index begin, Index end) {
-            for (Index place = begin; place < end; ++place) {
-                const Vec3f position = blocks_.samples().position(place);
-                const float distance_sq = (position - q).squaredNorm();
-                if (distance_sq > radius_sq) continue;
-                near.number.push_back(blocks_.samples().index[place]);
-                near.position.push_back(position);
-                closest_sq = std::min(closest_sq, distance_sq);
-            }
+            const std::size_t room = found + (end - begin) + PointBlocks::kSlack;
+            if (near.place.size() < room) near.place.resize(2 * room);
+            near.distance_sq.resize(near.place.size());
+            near.all_sq.resize(near.place.size());
+            const NearbyOutput out = cluster_kernels().nearby(
+                blocks_.samples(), blocks_.taken(), begin, end, {q.x(), q.y(), q.z()}, -1.0F,
+                radius_sq, {near.all_sq.data(), &near.distance_sq[found], &near.place[found]});
+            found = static_cast<std::size_t>(out.free - near.place.data());
             return true;
         });
-        return closest_sq;
+        near.place.resize(found);
+        near.distance_sq.resize(found);
+        if (found == 0) return std::numeric_limits<float>::infinity();
+        return std::ranges::min(near.distance_sq);
+    }
+
+    /// Numbers and positions of those found that are within the root of `limit_sq`.
+    void write_out(float limit_sq, Near& near) const {
+        constexpr float kFar = std::numeric_limits<float>::infinity();
+        near.number.clear();
+        for (auto* const axis : {&near.x, &near.y, &near.z}) axis->clear();
+        const auto add = [&](Index number, const Vec3f& position) {
+            near.number.push_back(number);
+            near.x.push_back(position.x());
+            near.y.push_back(position.y());
+            near.z.push_back(position.z());
+        };
+        for (std::size_t i = 0; i < near.place.size(); ++i) {
+            if (near.distance_sq[i] > limit_sq) continue;
+            add(blocks_.samples().index[near.place[i]], blocks_.samples().position(near.place[i]));
+        }
+        while (near.number.size() % 4 != 0) add(0, Vec3f::Constant(kFar));
     }
 
     float scale_, first_look_;
     PointBlocks blocks_;
 };
 
+/// The number of the nearest; of equally near ones the least.
 Index closest(const Vec3f& p, const Centroids::Near& near) {
-    std::pair<float, Index> best = {std::numeric_limits<float>::infinity(), near.number.front()};
-    for (std::size_t i = 0; i < near.number.size(); ++i)
-        best = std::min(best, {(near.position[i] - p).squaredNorm(), near.number[i]});
-    return best.second;
+    constexpr float kFar = std::numeric_limits<float>::infinity();
+    Float4 best_sq = {kFar, kFar, kFar, kFar};
+    Int4 best = {};
+    for (std::size_t i = 0; i < near.number.size(); i += 4) {
+        const Float4 x = load(&near.x[i]) - p.x(), y = load(&near.y[i]) - p.y(),
+                     z = load(&near.z[i]) - p.z();
+        const Float4 distance_sq = x * x + y * y + z * z;
+        Int4 number;
+        __builtin_memcpy(&number, &near.number[i], sizeof number);
+        const Int4 nearer = (distance_sq < best_sq) | ((distance_sq == best_sq) & (number < best));
+        best_sq = nearer ? distance_sq : best_sq;
+        best = nearer ? number : best;
+    }
+    std::pair nearest = {best_sq[0], best[0]};
+    for (int lane = 1; lane < 4; ++lane)
+        nearest = std::min(nearest, std::pair(best_sq[lane], best[lane]));
+    return static_cast<Index>(nearest.second);
 }
 
 /// Writes the number of the closest centroid for each point of a region, beside its members.

@@ -9,7 +9,6 @@
 #include "foot_finder.hpp"
 #include "parallel_for.hpp"
 #include "point_tree.hpp"
-#include "random.hpp"
 #include "stipple/error.hpp"
 #include "tree_search.hpp"
 #include "worst_samples.hpp"
@@ -135,13 +134,17 @@ ErrorSamples take_samples(const Surface& surface, bool is_finer, const SurfaceEr
                           const RunContext& context) {
     const std::uint64_t count = sample_count(surface, options);
     if (at_points(surface, is_finer, options)) {
-        if (searches(options) && !options.keep_samples)
-            return take_points_by_area(surface.tree, kEnough, options.seed, context);
-        return take_points(surface.tree, count, options.seed, context);
+        if (options.keep_samples || options.surface == ErrorSurface::Samples)
+            return take_points(surface.tree, count, options.seed, context);
+        return take_points_by_area(surface.tree, searches(options) ? kEnough : count, options.seed,
+                                   context);
     }
     if (options.sampling == ErrorSampling::Particles)
         return take_particles(surface.points, surface.tree, surface.finder, count, options.seed,
                               context);
+    constexpr std::uint64_t kFew = 4;  // points for each place
+    if (count <= surface.points.size() / kFew)
+        return take_surface_by_area(surface.tree, surface.finder, count, options.seed, context);
     return take_surface(surface.tree, surface.finder, count, options.seed, context);
 }
 
@@ -193,7 +196,7 @@ MeasuredSamples measure_samples(const Surface& from, const Surface& to, ErrorSam
     all.failed = failed;
     confirm_worst(places, distances, to.finder, are_points ? nullptr : &from.finder, from.points,
                   from.tree, context);
-    if (!known.empty())
+    if (!known.empty() && searches(options))
         add_farthest_points(from.tree, to.finder, std::move(known), all.measured, context);
     else if (searches(options) && !are_points)
         add_places_around_farthest(from.finder, from.points, from.tree, to.finder, all.measured,
@@ -304,37 +307,6 @@ SurfaceError measure_error(const PointCloud& reference, const PointCloud& candid
     const SurfaceErrorMeter meter(reference, options, context);
     context.checkpoint(0.1);
     return meter.measure(candidate, context.part(0.1, 1.0));
-}
-
-SurfaceErrorOptions quick_options(std::uint64_t reference_points, std::uint64_t candidate_points) {
-    constexpr std::uint64_t kLeast = 400, kMost = 2'000, kPart = 400;
-    SurfaceErrorOptions options;
-    options.samples =
-        std::clamp(std::max(reference_points, candidate_points) / kPart, kLeast, kMost);
-    options.histogram_bins = 1;
-    return options;
-}
-
-SurfaceError estimate_error(const PointCloud& reference, const PointCloud& candidate,
-                            const RunContext& context) {
-    constexpr std::uint64_t kEnough = 12, kPart = 8;
-    const SurfaceErrorOptions options = quick_options(reference.size(), candidate.size());
-    const std::uint64_t n = reference.size();
-    const std::uint64_t wanted = std::max(n / kPart, kEnough * candidate.size());
-    if (wanted >= n) return measure_error(reference, candidate, options, context);
-    PointCloud thinned;
-    thinned.origin = reference.origin;
-    thinned.positions.resize(wanted);
-    const double step = static_cast<double>(n) / static_cast<double>(wanted);
-    for (std::uint64_t i = 0; i < wanted; ++i) {
-        const double drawn =
-            step * (static_cast<double>(i) + unit_from(random_bits(options.seed, i)));
-        thinned.positions[i] =
-            reference.positions[std::min(n - 1, static_cast<std::size_t>(drawn))];
-    }
-    SurfaceError error = measure_error(thinned, candidate, options, context);
-    error.diagonal = bounds(reference).diagonal();
-    return error;
 }
 
 }  // namespace stipple

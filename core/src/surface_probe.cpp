@@ -57,6 +57,11 @@ float Probes::max() const noexcept {
     return distances.empty() ? 0.0F : *std::ranges::max_element(distances);
 }
 
+Vec3f Probes::farthest() const noexcept {
+    return places[static_cast<std::size_t>(std::ranges::max_element(distances) -
+                                           distances.begin())];
+}
+
 std::vector<Vec3f> Probes::places_above(double bound) const {
     std::vector<Vec3f> above;
     for (std::size_t i = 0; i < distances.size(); ++i)

@@ -19,6 +19,7 @@ struct Probes {
     std::vector<std::uint8_t> uneven;  ///< whether the other has no even piece of surface there
 
     float max() const noexcept;
+    Vec3f farthest() const noexcept;  ///< where that is
     /// Where the distance is above a bound.
     std::vector<Vec3f> places_above(double bound) const;
 };

@@ -13,7 +13,7 @@ namespace stipple {
 
 namespace {
 
-constexpr std::size_t kAround = 14, kMostAtFirst = 32, kFirst = 500, kMost = 20;
+constexpr std::size_t kAround = 14, kMostAtFirst = 32, kFirst = 500, kMost = 20, kFew = 2048;
 constexpr double kBeside = 0.01;                // in h
 constexpr std::array kNear = {0.05, 0.1, 0.2};  // in h
 constexpr double kAsGood = 1.01;  // a distance by iteration changes by a little more than the way
@@ -126,8 +126,8 @@ std::vector<double> confirmed_distances(const FootFinder& surface, std::span<con
 void confirm_worst(std::span<Vec3f> places, std::span<double> distances, const FootFinder& surface,
                    const FootFinder* drawn_on, std::span<const Vec3f> points, const PointTree& tree,
                    const RunContext& context) {
+    if (places.size() < kFew) return;
     std::size_t at_once = std::min(kMostAtFirst, places.size() / kFirst);
-    if (at_once == 0) return;
     auto order = made_in_blocks<std::vector<Index>>(places.size(), context);
     for_blocks_in_order(order.size(), context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) order[i] = static_cast<Index>(i);

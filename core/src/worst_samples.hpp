@@ -25,8 +25,8 @@ std::vector<double> confirmed_distances(const FootFinder& surface, std::span<con
 /// point of the cloud, or to that point where its foot is no better.
 ///
 /// @param places  a 500th of them is looked at, at most 32, then twice as many and so on until the
-///                largest distance was, but no more than a 20th: those that are moved are changed,
-///                with their distances.
+///                largest distance was, but no more than a 20th, and none of fewer than 2,048:
+///                those that are moved are changed, with their distances.
 /// @param drawn_on  the points of the surface that the places were projected to; null for places
 ///                  that are points themselves.
 void confirm_worst(std::span<Vec3f> places, std::span<double> distances, const FootFinder& surface,

@@ -117,12 +117,46 @@ TEST(ErrorBounded, ParticlesAreFewerWhereTheBoundIsLooser) {
     EXPECT_LT(size_within(0.08), size_within(0.04));
 }
 
+TEST(ErrorBounded, SaysWhatKeptItFromFewerPoints) {
+    PointCloud cloud = sphere(200);
+    cloud.origin = {1000, 0, 0};
+    const ErrorBoundedCloud found = simplify_within_error(cloud, within(0.03));
+    ASSERT_TRUE(found.whole);
+    ASSERT_TRUE(found.too_far);
+    EXPECT_LT(found.too_far->points, cloud.size());
+    EXPECT_GT(found.too_far->points, cloud.size() / 2);
+    EXPECT_GT(found.too_far->distance, 0.03);
+    EXPECT_LT(found.too_far->distance, 0.1);
+    EXPECT_NEAR((found.too_far->place - cloud.origin).norm(), 1, 0.1);
+}
+
+TEST(ErrorBounded, SaysThatABoundIsBelowTheNoise) {
+    PointCloud cloud = sphere(2'000);
+    for (std::size_t i = 0; i < cloud.size(); i += 20) cloud.positions[i] *= 1.05F;
+    const ErrorBoundedCloud found = simplify_within_error(cloud, within(0.02));
+    ASSERT_TRUE(found.whole);
+    ASSERT_TRUE(found.too_far);
+    EXPECT_EQ(found.too_far->points, cloud.size());
+    EXPECT_NEAR(found.too_far->place.norm(), 1.05, 1e-5);  // a point that is off
+    EXPECT_GT(found.too_far->distance, 0.02);
+    EXPECT_LT(found.too_far->distance, 0.06);
+}
+
 TEST(ErrorBounded, DoesNotFollowAFewPointsThatAreOffTheSurface) {
     PointCloud cloud = sphere(2'000);
     for (const std::size_t stray : {100U, 900U, 1'700U}) cloud.positions[stray] *= 1.03F;
     const ErrorBoundedCloud found = simplify_within_error(cloud, within(0.02));
     EXPECT_FALSE(found.whole);
     EXPECT_LE(measured_again(cloud, found.cloud, ErrorSampling::Surface), 0.02 * 1.02);
+}
+
+TEST(ErrorBounded, OfALargeCloudFewPointsHold) {
+    if (test::kSanitized) GTEST_SKIP() << "too slow under a sanitizer";
+    const PointCloud cloud = bumpy_sphere(210'000);
+    const ErrorBoundedCloud found = simplify_within_error(cloud, within(0.02));
+    EXPECT_LT(found.cloud.size(), 3'000U);
+    EXPECT_LE(measured_again(cloud, found.cloud, ErrorSampling::Surface), 0.02 * 1.02);
+    EXPECT_LE(measured_again(cloud, found.cloud, ErrorSampling::Points), 0.02 * 1.02);
 }
 
 TEST(ErrorBounded, HoldsAtFourTimesAsManyPlaces) {
@@ -284,6 +318,18 @@ TEST(ErrorCurve, TakesTheCountsThatACloudHas) {
     EXPECT_THROW(validate(ErrorCurveOptions{.points = {10, 10}}), Error);
     EXPECT_THROW(validate(ErrorCurveOptions{.count = 1}), Error);
     EXPECT_THROW(validate(ErrorCurveOptions{.simplification = {.ratio = 0.5}}), Error);
+}
+
+TEST(ErrorCurve, OfFewPointsWantsItsCountsGiven) {
+    EXPECT_EQ(curve_counts(40, ErrorCurveOptions{}), std::vector<std::uint64_t>{20});
+    EXPECT_EQ(curve_counts(39, {.points = {10}}), std::vector<std::uint64_t>{10});
+    try {
+        curve_counts(39, ErrorCurveOptions{});
+        FAIL() << "39 points were accepted";
+    } catch (const Error& error) {
+        EXPECT_STREQ(error.what(),
+                     "points: the cloud has 39: expected at least 40, or counts to be given");
+    }
 }
 
 TEST(ErrorCurve, RefusesCountsOutOfOrder) {

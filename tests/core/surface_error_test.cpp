@@ -1,6 +1,7 @@
 #include "stipple/surface_error.hpp"
 
 #include "stipple/error.hpp"
+#include "stipple/simplify.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
@@ -158,6 +159,30 @@ TEST(EstimatedError, IsNearThatFromManySamples) {
     EXPECT_NEAR(few.mean(), many.mean(), 0.03 * many.mean());
     EXPECT_NEAR(few.backward.mean, many.backward.mean, 0.03 * many.backward.mean);
     EXPECT_EQ(few.diagonal, many.diagonal);
+}
+
+/// A bumpy sphere of which one half has a hundred times as many points on the same area.
+PointCloud uneven_sphere(std::size_t n) {
+    PointCloud cloud;
+    std::mt19937 random(1);
+    for (const Vec3f& p : sphere(n).positions)
+        if (p.x() < 0 || random() % 100 == 0)
+            cloud.positions.push_back((1 + 0.05F * std::sin(9 * p.x()) * std::cos(7 * p.y())) * p);
+    return cloud;
+}
+
+TEST(EstimatedError, IsNearThatFromManySamplesWhereDensityIsUneven) {
+    // By points alone a sparse half would hardly count, and be coarser than it is once thinned.
+    const PointCloud reference = uneven_sphere(220'000);
+    for (const Method method : {Method::Voxel, Method::Random}) {
+        const PointCloud candidate = simplify(reference, {.method = method, .points = 1'500});
+        const SurfaceError many = measure_error(reference, candidate);
+        const SurfaceError few = estimate_error(reference, candidate);
+        EXPECT_NEAR(few.mean(), many.mean(), 0.15 * many.mean()) << to_string(method);
+        EXPECT_NEAR(few.backward.mean, many.backward.mean, 0.15 * many.backward.mean)
+            << to_string(method);
+        EXPECT_GT(few.max(), 0.3 * many.max()) << to_string(method);
+    }
 }
 
 TEST(EstimatedError, SeesThatAPartIsMissing) {

@@ -8,6 +8,7 @@
 #include <array>
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -20,6 +21,13 @@ inline constexpr std::array kErrorBoundedMethods = {Method::Multiphase, Method::
 /// @throws Error(InvalidArgument) for another method, naming those that can.
 void require_error_bounded(Method method);
 
+/// A cloud that was too far from the surface of the input, in the coordinates of that.
+struct TooFar {
+    std::uint64_t points = 0;  ///< that it had
+    Vec3d place{0, 0, 0};      ///< where it was farthest: on the surface of either
+    double distance = 0;
+};
+
 /// A cloud whose measured error is within a bound.
 struct ErrorBoundedCloud {
     PointCloud cloud{};
@@ -28,36 +36,43 @@ struct ErrorBoundedCloud {
     ErrorSampling sampling = ErrorSampling::Surface;  ///< of that measurement
     unsigned tries = 0;                               ///< clouds that were measured
     bool whole = false;  ///< it is the input itself: no smaller cloud was found within the bound
+    std::optional<TooFar> too_far{};  ///< of a whole one: of the clouds tried that had distances
+                                      ///< above the bound, that with most points
 };
 
 /// Few points within an error: the second problem of the paper (§1). The larger of both directions'
 /// measured distances (Δ_max of Eq. 9, `measure_error` with the linear basis) is at most
 /// `options.max_error`, in input units, or `options.max_error_rel` times the diagonal of the box.
 ///
-/// One run of the method gives snapshots of many counts. How fine they must be differs from place
-/// to place: so places are taken from the coarsest snapshot that is within 95 % of the bound there,
-/// with their neighbours, and from no snapshots far apart beside each other; what is still too far
-/// is made finer, until nothing is. Such a cloud mostly has far fewer points than the smallest
-/// snapshot that is within the bound everywhere; where it has more, that snapshot is taken. So
-/// particles are of several spacings as well.
+/// One run of the method gives snapshots of many counts, up to half of the points; of large clouds
+/// up to 100,000, unless more are needed. How fine they must be differs from place to place: so
+/// places are taken from the coarsest snapshot that is within 95 % of the bound there, with their
+/// neighbours, and from no snapshots far apart beside each other; what is still too far is made
+/// finer, until nothing is. Such a cloud mostly has far fewer points than the smallest snapshot
+/// that is within the bound everywhere; where it has more, that snapshot is taken. So particles are
+/// of several spacings as well.
 ///
 /// The search looks at all points of the cloud, at places around them and around the points of the
 /// candidate, from try to try only where points have come or gone; once none of these is too far,
 /// at more places where distances are large or the candidate's surface is uneven. Then the result
 /// is measured as anyone would: at random places of each surface, twice as many as the cloud has
-/// points and at least 200,000, and at more of them around large distances; all must be within 97 %
-/// of the bound, else the search goes on from what was found. A maximum over samples is below that
-/// over all of a surface: another measurement may find a little more, which the last 3 % are for.
+/// points, at least 200,000, but no more than 300,000 or a hundred for each point of the result;
+/// and at more of them around large distances. All must be within 97 % of the bound, else the
+/// search goes on from what was found, in larger steps after 16 rounds. A maximum over samples is
+/// below that over all of a surface: another measurement may find a little more, which the last 3 %
+/// are for.
 ///
 /// What is found so is read as `measure_error` does: places in knots of points without a normal are
 /// none of the surface, and a distance is no larger than that of a place beside and the way there.
 /// One who measures without such care finds more. Therefore the search goes on until neither holds
-/// any more, unless that takes more than a quarter of the points again.
+/// any more, also at other 800,000 places or as many as before, unless that takes more than a
+/// quarter of the points again.
 ///
-/// Where no smaller cloud is within the bound the input itself comes back, with an error of 0. A
-/// point of the input that is farther than the bound from the input's own surface is no place of
-/// it, and not looked at; where more than one in a hundred are, the bound is below the noise, and
-/// the input comes back as well.
+/// Where no smaller cloud is within the bound, or of 50,000 points and more none of up to half of
+/// them, the input itself comes back, with an error of 0. A point of the input that is farther than
+/// the bound from the input's own surface is no place of it, and not looked at; where more than one
+/// in a hundred are, the bound is below the noise, and the input comes back as well; `too_far` then
+/// has all its points, and that which is farthest from its own surface.
 ///
 /// @throws Error(InvalidArgument) for a bound that is not finite and positive, a method that is not
 /// one of `kErrorBoundedMethods`, other options out of range, or a cloud without points.
