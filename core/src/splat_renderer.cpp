@@ -6,6 +6,7 @@
 
 #include "stipple/splat_renderer.hpp"
 
+#include "float4.hpp"
 #include "parallel_for.hpp"
 #include "srgb.hpp"
 #include "stipple/error.hpp"
@@ -13,10 +14,13 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <limits>
+#include <memory>
 #include <numbers>
 #include <string>
+#include <utility>
 
 namespace stipple {
 
@@ -28,6 +32,7 @@ constexpr std::size_t kStep = 16'384;              // samples drawn between look
 constexpr float kRimSq = 0.8F, kRimShade = 0.55F;  // of `SplatStyle::Discs`
 constexpr float kFar = std::numeric_limits<float>::infinity();
 constexpr double kLeastRadiusSq = 0.75;  // in samples: a disc smaller than this is drawn that large
+constexpr std::size_t kKept = 65'536;    // discs of a band that are made once, not for each pass
 
 void require(bool fulfilled, const std::string& message) {
     if (!fulfilled) throw Error(ErrorCode::InvalidArgument, message);
@@ -93,6 +98,12 @@ struct Raster {
     double scale;       // samples to the unit of the picture plane
     bool perspective;
 
+    /// From one row of samples to the next: four can be read from any of a row.
+    std::size_t stride() const { return static_cast<std::size_t>(width) + 3; }
+    std::size_t index(int x, int y) const {
+        return static_cast<std::size_t>(y) * stride() + static_cast<std::size_t>(x);
+    }
+
     Eigen::Vector2d ray(int x, int y) const {
         return {(x + 0.5 - 0.5 * width) / scale, (0.5 * height - y - 0.5) / scale};
     }
@@ -103,11 +114,48 @@ struct Raster {
     }
 };
 
-/// What is known of each sample of the picture.
-struct Samples {
-    std::vector<float> depth;             // kFar where nothing is
-    std::vector<Vec3f> normal;            // in the camera's axes; of any length and sign
-    std::vector<Eigen::Vector4f> albedo;  // linear, times the weight; the weight
+/// What is known of each sample of the picture, row by row.
+struct Canvas {
+    explicit Canvas(const Raster& raster)
+        : size(raster.stride() * static_cast<std::size_t>(raster.height)),
+          depth(std::make_unique_for_overwrite<float[]>(size)),
+          normal(std::make_unique_for_overwrite<Vec3f[]>(size)),
+          albedo(std::make_unique_for_overwrite<Eigen::Vector4f[]>(size)) {}
+
+    void clear(std::size_t begin, std::size_t end) {
+        std::fill(&depth[begin], &depth[end], kFar);
+        std::fill(&normal[begin], &normal[end], Vec3f(Vec3f::Zero()));
+        std::fill(&albedo[begin], &albedo[end], Eigen::Vector4f(Eigen::Vector4f::Zero()));
+    }
+
+    std::size_t size;
+    std::unique_ptr<float[]> depth;             // kFar where nothing is
+    std::unique_ptr<Vec3f[]> normal;            // in the camera's axes; of any length and sign
+    std::unique_ptr<Eigen::Vector4f[]> albedo;  // linear, times the weight; the weight
+};
+
+/// A value that is linear over the picture, counted in samples from some sample.
+struct Linear {
+    float at = 0, per_x = 0, per_y = 0;
+
+    Linear() = default;
+    Linear(double at_origin, const Vec3d& change)
+        : at(static_cast<float>(at_origin)),
+          per_x(static_cast<float>(change.x())),
+          per_y(static_cast<float>(change.y())) {}
+    float row(int y) const { return at + per_y * static_cast<float>(y); }
+};
+
+/// A disc as it is drawn. The ray through a sample meets its plane at u / w and v / w, of which the
+/// squares are 1 on the rim, and at the depth d / w.
+struct Drawn {
+    Extent extent;
+    int x, y;  // the sample from which others are counted
+    Linear u, v, w, d;
+    float center_x, center_y;  // from that sample
+    float depth, nearest;      // of the centre, and no sample is nearer
+    float slack;               // how far behind another disc it may still be seen
+    Vec3f normal;
 };
 
 class Scene {
@@ -164,55 +212,130 @@ public:
         if (raster_.perspective && d.center.z() <= 2 * reach) return {};
         if (!(d.major.squaredNorm() > 0 && d.minor.squaredNorm() > 0)) return {};
         if (options_.cull_back_faces && faces_away(d)) return {};
-        Eigen::AlignedBox2d box(raster_.project(d.center));
-        for (const double a : {-1.0, 1.0})
-            for (const double b : {-1.0, 1.0})
-                box.extend(raster_.project(d.center + a * d.major + b * d.minor));
-        const double low_pass = std::sqrt(kLeastRadiusSq);
+        const auto [left, right] = bounds(d, 0);
+        const auto [low, high] = bounds(d, 1);
         const auto clamped = [](double v, int size) {
             return static_cast<int>(std::clamp(v, -1.0, static_cast<double>(size)));
         };
-        return {.left = std::max(0, clamped(std::floor(box.min().x() - low_pass), raster_.width)),
+        const double x = 0.5 * raster_.width - 0.5, y = 0.5 * raster_.height - 0.5;
+        const double low_pass = std::sqrt(kLeastRadiusSq);
+        return {.left = std::max(0, clamped(std::floor(x + left - low_pass), raster_.width)),
                 .right = std::min(raster_.width - 1,
-                                  clamped(std::ceil(box.max().x() + low_pass), raster_.width)),
-                .top = std::max(0, clamped(std::floor(box.min().y() - low_pass), raster_.height)),
+                                  clamped(std::ceil(x + right + low_pass), raster_.width)),
+                .top = std::max(0, clamped(std::floor(y - high - low_pass), raster_.height)),
                 .bottom = std::min(raster_.height - 1,
-                                   clamped(std::ceil(box.max().y() + low_pass), raster_.height))};
+                                   clamped(std::ceil(y - low + low_pass), raster_.height))};
     }
 
-    /// Calls `visit(sample, depth, r_sq)` for the samples of rows `top..bottom` on the disc;
-    /// `r_sq` is 0 in its middle and 1 on its rim.
-    template <typename Visit>
-    void scan(const Disc& disc, Extent e, int top, int bottom, Visit&& visit) const {
+    /// The disc of splat i, which may touch the samples of `extent`.
+    Drawn drawn(Index i, const Extent& extent) const {
+        const Disc disc = this->disc(i);
         const Eigen::Vector2d center = raster_.project(disc.center);
-        const Vec3d u_axis = disc.major / disc.major.squaredNorm();
-        const Vec3d v_axis = disc.minor / disc.minor.squaredNorm();
-        const double offset = disc.normal.dot(disc.center);
+        const auto within = [](double v, int low, int high) {
+            return static_cast<int>(
+                std::clamp(v, static_cast<double>(low), static_cast<double>(high)));
+        };
+        const int x = within(center.x(), extent.left, extent.right);
+        const int y = within(center.y(), extent.top, extent.bottom);
+        const Eigen::Vector2d ray = raster_.ray(x, y);
+        const Vec3d right(1 / raster_.scale, 0, 0), down(0, -1 / raster_.scale, 0);
+        const Vec3d &n = disc.normal, &c = disc.center;
+        const double offset = n.dot(c);
+        // u w and so on of a place on the picture plane, or of a change of it where h is 0.
+        const auto along = [&](const Vec3d& axis, const Vec3d& p, double h) {
+            if (raster_.perspective) {
+                const Vec3d q(p.x(), p.y(), h);
+                return (offset * axis.dot(q) - axis.dot(c) * n.dot(q)) / axis.squaredNorm();
+            }
+            const Eigen::Vector2d q = p.head<2>() - h * c.head<2>();
+            return (n.z() * axis.head<2>().dot(q) - axis.z() * n.head<2>().dot(q)) /
+                   axis.squaredNorm();
+        };
+        const auto width = [&](const Vec3d& p, double h) {
+            return raster_.perspective ? n.dot(Vec3d(p.x(), p.y(), h)) : h * n.z();
+        };
+        const auto depth = [&](const Vec3d& p, double h) {
+            return raster_.perspective ? h * offset : h * offset - n.head<2>().dot(p.head<2>());
+        };
+        const Vec3d place(ray.x(), ray.y(), 0);
+        const auto linear = [&](auto&& value) {
+            return Linear(value(place, 1.0), {value(right, 0.0), value(down, 0.0), 0});
+        };
+        constexpr double kRounding = 1e-5;
+        const double reach = std::hypot(disc.major.z(), disc.minor.z());
+        const bool is_smooth = options_.style == SplatStyle::Smooth;
+        return {.extent = extent,
+                .x = x,
+                .y = y,
+                .u = linear([&](const Vec3d& p, double h) { return along(disc.major, p, h); }),
+                .v = linear([&](const Vec3d& p, double h) { return along(disc.minor, p, h); }),
+                .w = linear(width),
+                .d = linear(depth),
+                .center_x = static_cast<float>(center.x() - x),
+                .center_y = static_cast<float>(center.y() - y),
+                .depth = static_cast<float>(c.z()),
+                .nearest = static_cast<float>(c.z() - reach - kRounding * std::abs(c.z())),
+                .slack = is_smooth
+                             ? static_cast<float>(std::max(disc.major.norm(), disc.minor.norm()))
+                             : 0.0F,
+                .normal = n.cast<float>()};
+    }
+
+    /// Calls `visit(sample, depth, r_sq)` for the samples of rows `top..bottom` on the disc at
+    /// which it is no more than `slack` behind what `depths` has; `r_sq` is 0 in its middle and 1
+    /// on its rim.
+    template <typename Visit>
+    void scan(const Drawn& disc, const float* depths, float slack, int top, int bottom,
+              Visit&& visit) const {
+        const Extent& e = disc.extent;
+        constexpr Float4 kSteps = {0, 1, 2, 3};
+        constexpr auto kPerLeastSq = static_cast<float>(1 / kLeastRadiusSq);
         for (int y = std::max(e.top, top); y <= std::min(e.bottom, bottom); ++y) {
-            for (int x = e.left; x <= e.right; ++x) {
-                const Eigen::Vector2d ray = raster_.ray(x, y);
-                Vec3d hit(ray.x(), ray.y(), 1.0);
-                if (raster_.perspective)
-                    hit *= offset / disc.normal.dot(hit);
-                else
-                    hit.z() = (offset - disc.normal.head<2>().dot(ray)) / disc.normal.z();
-                const Vec3d d = hit - disc.center;
-                const double u = u_axis.dot(d), v = v_axis.dot(d);
-                double r_sq = u * u + v * v;
-                double depth = hit.z();
-                if (!(r_sq <= 1)) {  // nor is a ray along the disc
-                    r_sq = (Eigen::Vector2d(x, y) - center).squaredNorm() / kLeastRadiusSq;
-                    if (r_sq > 1) continue;
-                    depth = disc.center.z();
+            const int down = y - disc.y;
+            const float u0 = disc.u.row(down), v0 = disc.v.row(down), w0 = disc.w.row(down),
+                        d0 = disc.d.row(down);
+            const float off_y = static_cast<float>(down) - disc.center_y;
+            for (int x = e.left; x <= e.right; x += 4) {
+                const std::size_t at = raster_.index(x, y);
+                const Float4 seen = load(depths + at);
+                if (lane_bits(disc.nearest <= seen + slack) == 0) continue;
+                const Float4 right = kSteps + static_cast<float>(x - disc.x);
+                const Float4 u = u0 + disc.u.per_x * right, v = v0 + disc.v.per_x * right,
+                             w = w0 + disc.w.per_x * right, off_x = right - disc.center_x;
+                const Float4 rim = u * u + v * v, one = w * w;
+                const Float4 low_pass = (off_x * off_x + off_y * off_y) * kPerLeastSq;
+                const Int4 within = kSteps <= static_cast<float>(e.right - x);
+                const Int4 on_disc = (rim <= one) & (one > 0.0F), on_sample = low_pass <= 1.0F;
+                unsigned lanes = lane_bits((on_disc | on_sample) & within);
+                if (lanes == 0) continue;
+                const Float4 depth =
+                    on_disc ? (d0 + disc.d.per_x * right) / w : disc.depth + Float4{};
+                const Float4 r_sq = on_disc ? rim / one : low_pass;
+                lanes &= lane_bits(depth <= seen + slack);
+                for (; lanes != 0; lanes &= lanes - 1) {
+                    const int lane = std::countr_zero(lanes);
+                    visit(at + static_cast<std::size_t>(lane), depth[lane], r_sq[lane]);
                 }
-                visit(static_cast<std::size_t>(y) * static_cast<std::size_t>(raster_.width) +
-                          static_cast<std::size_t>(x),
-                      static_cast<float>(depth), static_cast<float>(r_sq));
             }
         }
     }
 
 private:
+    /// From where to where a disc is seen along an axis of the picture, in samples from its middle.
+    std::pair<double, double> bounds(const Disc& disc, Eigen::Index axis) const {
+        const double c = disc.center[axis], a = disc.major[axis], b = disc.minor[axis];
+        if (!raster_.perspective) {
+            const double reach = std::hypot(a, b);
+            return {raster_.scale * (c - reach), raster_.scale * (c + reach)};
+        }
+        // Where the square (a - t a')^2 + (b - t b')^2 is (c - t c')^2, with ' for depths.
+        const double az = disc.major.z(), bz = disc.minor.z(), cz = disc.center.z();
+        const double square = cz * cz - az * az - bz * bz, half = c * cz - a * az - b * bz;
+        const double root =
+            std::sqrt(std::max(0.0, half * half - square * (c * c - a * a - b * b)));
+        return {raster_.scale * (half - root) / square, raster_.scale * (half + root) / square};
+    }
+
     std::span<const Vec3f> positions_;
     const Splats& splats_;
     std::span<const Rgba8> colors_;
@@ -257,64 +380,65 @@ Bands sort_into_bands(const Scene& scene, std::size_t n, const RunContext& conte
 
 /// Depths of a band first, then normals and colours of the discs at that depth or just behind it.
 void draw_band(const Scene& scene, const SplatRenderOptions& options, const Bands& bands,
-               std::size_t band, const RunContext& context, Samples& samples) {
+               std::size_t band, const RunContext& context, Canvas& samples) {
     const std::span<const Index> splats(bands.splats.data() + bands.offsets[band],
                                         bands.offsets[band + 1] - bands.offsets[band]);
+    const Raster& raster = scene.raster();
     const auto top = static_cast<int>(band * kBandRows);
-    const int bottom = top + static_cast<int>(kBandRows) - 1;
+    const int bottom = std::min(top + static_cast<int>(kBandRows), raster.height) - 1;
     const bool smooth = options.style == SplatStyle::Smooth;
 
-    std::size_t drawn = 0;
-    const auto for_each_disc = [&](auto&& body) {
-        for (const Index i : splats) {
-            const Extent& e = bands.extents[i];
-            const int rows = std::min(e.bottom, bottom) - std::max(e.top, top) + 1;
-            drawn +=
-                static_cast<std::size_t>(rows) * static_cast<std::size_t>(e.right - e.left + 1);
-            if (drawn >= kStep) {
-                context.throw_if_stopped();
-                drawn = 0;
-            }
-            body(i, scene.disc(i));
-        }
+    for (int y = top; y <= bottom; ++y) {
+        context.throw_if_stopped();
+        samples.clear(raster.index(0, y), raster.index(0, y + 1));
+    }
+
+    std::vector<Drawn> kept;
+    const bool keeps = splats.size() <= kKept;
+    if (keeps) kept.reserve(splats.size());
+    std::size_t looked = 0;
+    const auto look_up = [&](const Extent& e) {
+        const int rows = std::min(e.bottom, bottom) - std::max(e.top, top) + 1;
+        looked += static_cast<std::size_t>(rows) * static_cast<std::size_t>(e.right - e.left + 1);
+        if (looked < kStep) return;
+        context.throw_if_stopped();
+        looked = 0;
     };
-    for_each_disc([&](Index i, const Disc& disc) {
-        scene.scan(disc, bands.extents[i], top, bottom, [&](std::size_t at, float depth, float) {
-            samples.depth[at] = std::min(samples.depth[at], depth);
-        });
-    });
-    for_each_disc([&](Index i, const Disc& disc) {
-        const auto slack =
-            smooth ? static_cast<float>(std::max(disc.major.norm(), disc.minor.norm())) : 0.0F;
-        const Vec3f normal = disc.normal.cast<float>();
+    for (const Index i : splats) {
+        look_up(bands.extents[i]);
+        const Drawn disc = scene.drawn(i, bands.extents[i]);
+        if (keeps) kept.push_back(disc);
+        scene.scan(disc, samples.depth.get(), 0, top, bottom,
+                   [&](std::size_t at, float depth, float) { samples.depth[at] = depth; });
+    }
+    Drawn made;
+    for (std::size_t k = 0; k < splats.size(); ++k) {
+        const Index i = splats[k];
+        look_up(bands.extents[i]);
+        const Drawn& disc = keeps ? kept[k] : (made = scene.drawn(i, bands.extents[i]));
         const Eigen::Vector4f albedo = scene.albedo(i).homogeneous();
-        scene.scan(disc, bands.extents[i], top, bottom,
-                   [&](std::size_t at, float depth, float r_sq) {
-                       if (depth > samples.depth[at] + slack) return;
+        scene.scan(disc, samples.depth.get(), disc.slack, top, bottom,
+                   [&](std::size_t at, float, float r_sq) {
                        if (smooth) {
                            const float weight = (1 - r_sq) * (1 - r_sq) + 1e-4F;
                            // Discs at a silhouette face the eye or not by chance: their normals
                            // agree with each other, not each with the eye.
-                           const bool agrees = samples.normal[at].dot(normal) >= 0;
-                           samples.normal[at] += (agrees ? weight : -weight) * normal;
+                           const bool agrees = samples.normal[at].dot(disc.normal) >= 0;
+                           samples.normal[at] += (agrees ? weight : -weight) * disc.normal;
                            samples.albedo[at] += weight * albedo;
                        } else {
-                           samples.normal[at] = normal;
+                           samples.normal[at] = disc.normal;
                            samples.albedo[at] = albedo;
                            if (r_sq > kRimSq) samples.albedo[at].head<3>() *= kRimShade;
                        }
                    });
-    });
+    }
 }
 
-Samples draw(const Scene& scene, std::size_t n, const SplatRenderOptions& options,
-             const RunContext& context) {
+Canvas draw(const Scene& scene, std::size_t n, const SplatRenderOptions& options,
+            const RunContext& context) {
     const Bands bands = sort_into_bands(scene, n, context);
-    const auto width = static_cast<std::size_t>(scene.raster().width);
-    const std::size_t count = width * static_cast<std::size_t>(scene.raster().height);
-    Samples samples{.depth = std::vector<float>(count, kFar),
-                    .normal = std::vector<Vec3f>(count, Vec3f::Zero()),
-                    .albedo = std::vector<Eigen::Vector4f>(count, Eigen::Vector4f::Zero())};
+    Canvas samples(scene.raster());
     parallel_for_blocks(bands.offsets.size() - 1, 1, context, [&](std::size_t band, std::size_t) {
         draw_band(scene, options, bands, band, context, samples);
     });
@@ -326,9 +450,15 @@ Samples draw(const Scene& scene, std::size_t n, const SplatRenderOptions& option
 /// Lights what was drawn. Directions are the camera's: right, up, away.
 class Light {
 public:
-    Light(const Raster& raster, const Samples& samples, const SplatRenderOptions& options,
+    Light(const Raster& raster, const Canvas& samples, const SplatRenderOptions& options,
           double reach)
-        : raster_(raster), samples_(samples), options_(options), reach_(static_cast<float>(reach)) {
+        : raster_(raster),
+          samples_(samples),
+          options_(options),
+          reach_(static_cast<float>(reach)),
+          per_sample_(static_cast<float>(1 / raster.scale)),
+          middle_(0.5F * static_cast<float>(raster.width) - 0.5F,
+                  0.5F * static_cast<float>(raster.height) - 0.5F) {
         // Places on a disc, in a spiral; each sample of a pixel turns it by another angle.
         for (unsigned i = 0; i < kTaps; ++i) {
             const double r = (i + 0.5) / kTaps, angle = 2.4 * std::numbers::pi * 2 * (i + 0.5);
@@ -347,11 +477,10 @@ public:
         const std::size_t i = index(x, y);
         const Vec3f n = outward_normal(x, y);
         const float open = options_.occlusion > 0 ? openness(x, y, n) : 1.0F;
-        const Vec3f toward_eye(0, 0, -1);
         const float key = std::max(0.0F, n.dot(kKey));
         const float sky = 0.5F + 0.5F * n.y();
         const float fill = std::max(0.0F, n.dot(kFill));
-        const float shine = power(std::max(0.0F, n.dot((kKey + toward_eye).normalized())), 5);
+        const float shine = power(std::max(0.0F, n.dot(kShine)), 5);
         const Vec3f light =
             (0.25F + 0.75F * open) * key * Vec3f(0.98F, 0.94F, 0.88F) +
             open * (sky * Vec3f(0.26F, 0.29F, 0.34F) + (1 - sky) * Vec3f(0.12F, 0.11F, 0.10F) +
@@ -366,16 +495,14 @@ private:
     using Vec2f = Eigen::Vector2f;
     static constexpr unsigned kTaps = 14;
     static inline const Vec3f kKey = Vec3f(-0.50F, 0.62F, -0.60F).normalized();
+    static inline const Vec3f kShine = (kKey + Vec3f(0, 0, -1)).normalized();  // toward the eye
     static inline const Vec3f kFill = Vec3f(0.90F, 0.05F, -0.40F).normalized();
 
     static float power(float v, unsigned squarings) {
         for (unsigned i = 0; i < squarings; ++i) v *= v;
         return v;
     }
-    std::size_t index(int x, int y) const {
-        return static_cast<std::size_t>(y) * static_cast<std::size_t>(raster_.width) +
-               static_cast<std::size_t>(x);
-    }
+    std::size_t index(int x, int y) const { return raster_.index(x, y); }
 
     /// The normal of what is seen at a sample. That of a surface seen along it may as well be away
     /// from the eye, since discs reach beyond the silhouette: it agrees with those beside it.
@@ -403,9 +530,9 @@ private:
     }
 
     Vec3f place(int x, int y, float depth) const {
-        const Vec2f ray = raster_.ray(x, y).cast<float>();
-        const float s = raster_.perspective ? depth : 1.0F;
-        return {s * ray.x(), s * ray.y(), depth};
+        const float s = raster_.perspective ? depth * per_sample_ : per_sample_;
+        return {s * (static_cast<float>(x) - middle_.x()),
+                s * (middle_.y() - static_cast<float>(y)), depth};
     }
 
     /// How much of the half space above a sample is free, of 1.
@@ -416,6 +543,7 @@ private:
             reach_ * static_cast<float>(raster_.scale) / (raster_.perspective ? depth : 1.0F);
         const auto s = static_cast<int>(options_.samples);
         const Vec2f turn = turns_[static_cast<std::size_t>(y % s * s + x % s)];
+        const float per_reach_sq = 1 / (reach_ * reach_);
         float closed = 0;
         for (const Vec2f& tap : taps_) {
             const float dx = radius * (tap.x() * turn.x() - tap.y() * turn.y());
@@ -425,25 +553,27 @@ private:
             const float other = samples_.depth[index(tx, ty)];
             if (other == kFar) continue;
             const Vec3f v = place(tx, ty, other) - p;
-            const float distance_sq = v.squaredNorm();
-            const float falloff = std::max(0.0F, 1 - distance_sq / (reach_ * reach_));
             const float above = n.dot(v) - 0.02F * reach_;
-            if (above > 0) closed += falloff * above / std::sqrt(distance_sq + 1e-12F);
+            const float distance_sq = v.squaredNorm(), falloff = 1 - distance_sq * per_reach_sq;
+            if (above > 0 && falloff > 0)
+                closed += falloff * above / std::sqrt(distance_sq + 1e-12F);
         }
         const auto strength = static_cast<float>(options_.occlusion);
         return std::max(0.0F, 1 - strength * 2.5F * closed / kTaps);
     }
 
     const Raster& raster_;
-    const Samples& samples_;
+    const Canvas& samples_;
     const SplatRenderOptions& options_;
-    float reach_;  // of occlusion, input units
+    float reach_;       // of occlusion, input units
+    float per_sample_;  // of the picture plane
+    Vec2f middle_;      // of the picture, in samples
     std::array<Vec2f, kTaps> taps_;
     std::vector<Vec2f> turns_;
 };
 
 /// The average of a pixel's samples, in linear light, over the background.
-Rgba8 pixel(const Light& light, const Samples& samples, const Raster& raster,
+Rgba8 pixel(const Light& light, const Canvas& samples, const Raster& raster,
             const SplatRenderOptions& options, int px, int py) {
     const auto side = static_cast<int>(options.samples);
     const auto& linear = linear_from_srgb();
@@ -454,9 +584,7 @@ Rgba8 pixel(const Light& light, const Samples& samples, const Raster& raster,
     float alpha = 0;
     for (int y = py * side; y < (py + 1) * side; ++y)
         for (int x = px * side; x < (px + 1) * side; ++x) {
-            const bool shown =
-                samples.depth[static_cast<std::size_t>(y) * static_cast<std::size_t>(raster.width) +
-                              static_cast<std::size_t>(x)] != kFar;
+            const bool shown = samples.depth[raster.index(x, y)] != kFar;
             const float a = shown ? 1.0F : behind_alpha;
             color += a * (shown ? light.at(x, y) : behind);
             alpha += a;
@@ -470,7 +598,7 @@ Rgba8 pixel(const Light& light, const Samples& samples, const Raster& raster,
         static_cast<std::uint8_t>(std::lround(255.0F * alpha / static_cast<float>(side * side)))};
 }
 
-Image shade(const Raster& raster, const Samples& samples, const SplatRenderOptions& options,
+Image shade(const Raster& raster, const Canvas& samples, const SplatRenderOptions& options,
             double reach, const RunContext& context) {
     const Light light(raster, samples, options, reach);
     Image image{.width = options.width, .height = options.height, .pixels = {}};
@@ -562,7 +690,7 @@ Image render_splats(std::span<const Vec3f> positions, const Splats& splats,
                     const SplatRenderOptions& options, const RunContext& context) {
     check(positions.size(), splats, colors, options);
     const Scene scene(positions, splats, colors, camera, options);
-    const Samples samples = draw(scene, positions.size(), options, context);
+    const Canvas samples = draw(scene, positions.size(), options, context);
     context.checkpoint(0.6);
     const auto box = bounds_of(positions, context, [](const Vec3f& p) { return p; });
     const double reach = positions.empty() ? 1 : 0.06 * box.diagonal().norm();

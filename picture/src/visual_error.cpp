@@ -146,9 +146,11 @@ Picture draw_visual_error(std::span<const VisualError> candidates,
     Sheet sheet(static_cast<unsigned>(layout.width()), static_cast<unsigned>(layout.height()));
     const double all = static_cast<double>(candidates.size() * cameras.size());
     double done = 0;
+    Splats splats;
     for (std::size_t c = 0; c < candidates.size(); ++c) {
         const PointCloud& samples = *candidates[c].samples;
-        const Splats splats = measure_splats(samples.positions, {.normals = true}, quiet);
+        const bool has_moved = c == 0 || samples.positions != candidates[c - 1].samples->positions;
+        if (has_moved) splats = measure_splats(samples.positions, {.normals = true}, quiet);
         for (std::size_t v = 0; v < cameras.size(); ++v) {
             const std::size_t column = layout.is_compared ? c : v % layout.columns;
             const std::size_t row = layout.is_compared ? v : v / layout.columns;

@@ -94,6 +94,39 @@ TEST(RenderSplats, DrawsAnEllipseByItsHalfAxes) {
     EXPECT_EQ(image.at(50, 65).a, 0);
 }
 
+TEST(RenderSplats, DrawsADiscWhereRaysMeetIt) {
+    const std::vector<Vec3f> point = {{2.3F, -1.1F, 4}};
+    const Vec3d normal = Vec3d(0.7, 0.3, 0.5).normalized();
+    constexpr double kRadius = 2;
+    Camera camera = perspective();
+    for (const bool is_perspective : {false, true}) {
+        camera.perspective = is_perspective;
+        camera.half_height = is_perspective ? 0.9 : 6;
+        SplatRenderOptions options = small(90);
+        options.samples = 1;
+        const Image image =
+            render_splats(point, discs(1, kRadius, normal.cast<float>()), {}, camera, options);
+        const Vec3d center = point[0].cast<double>();
+        unsigned wrong = 0, covered = 0;
+        for (unsigned y = 0; y < 90; ++y) {
+            for (unsigned x = 0; x < 90; ++x) {
+                const Vec3d at =
+                    camera.half_height * Vec3d((x + 0.5) / 45 - 1, 1 - (y + 0.5) / 45, 0);
+                const Vec3d from = is_perspective ? camera.eye : Vec3d(camera.eye + at);
+                const Vec3d way =
+                    is_perspective ? Vec3d(at - Vec3d::UnitZ()) : Vec3d(-Vec3d::UnitZ());
+                const double far = normal.dot(center - from) / normal.dot(way);
+                const double distance = (from + far * way - center).norm();
+                covered += distance < kRadius;
+                if (std::abs(distance - kRadius) < 1e-4) continue;  // either
+                wrong += (distance < kRadius) != (image.at(x, y).a == 255);
+            }
+        }
+        EXPECT_EQ(wrong, 0U);
+        EXPECT_GT(covered, 150U);
+    }
+}
+
 TEST(RenderSplats, ShowsTheNearerOfTwoSurfaces) {
     const std::vector<Rgba8> colors = {{255, 0, 0, 255}, {0, 0, 255, 255}};
     for (const bool red_is_nearer : {false, true}) {

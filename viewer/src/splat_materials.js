@@ -105,7 +105,7 @@ const kFragmentShader = /* glsl */ `
         // Where the ray through this pixel meets the splat's plane, in radii; seen edge-on a splat keeps a quarter of its width.
         vec2 p = vec2(2.0, -2.0) * (gl_PointCoord - 0.5);
         float slope = -dot(splatNormal.xy, p) / max(splatNormal.z, 0.25);
-        vec3 place = vec3(p, splatNormal.z > 0.0 ? slope : 0.0);
+        vec3 place = vec3(p, slope);
     #ifdef ELLIPTIC
         vec3 reach = vec3(dot(place, splatMajor), dot(place, splatMinor), dot(place, splatNormal));
         float distanceSq = dot(reach, reach);

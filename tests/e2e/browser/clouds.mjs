@@ -26,6 +26,10 @@ export function spherePoints(count) {
 /** With a scalar, `height`, that is z. */
 export const coloredTorus = (count) => ply(coloredTorusPoints(count), true, { scalars: { height: ([, , z]) => z } });
 export const sphere = (count) => ply(spherePoints(count), false);
+export const waves = (side) => ply(Array.from({ length: side * side }, (_, i) => {
+    const x = 10 * ((i % side) + 0.5) / side, y = 10 * (Math.floor(i / side) + 0.5) / side;
+    return [x, y, 0.5 * Math.sin(x / 0.9) * Math.cos(y / 0.7)];
+}), false);
 export const line = (count) => ply(Array.from({ length: count }, (_, i) => [i / count, 0, 0]), false);
 export const onePoint = () => ply([[1, 2, 3]], false);
 

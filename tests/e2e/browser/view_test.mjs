@@ -5,7 +5,7 @@
 import assert from 'node:assert/strict';
 
 import { Browser } from './browser.mjs';
-import { line } from './clouds.mjs';
+import { line, waves } from './clouds.mjs';
 import { startServer } from './server.mjs';
 import {
     browser, choose, differenceOf, kTorusPoints, litShare, manifestOf, options, rest, restingPicture, run, save, scale, scan,
@@ -144,6 +144,23 @@ await run({
         assert.equal(await phone.evaluate(() => document.documentElement.scrollWidth), 390);
         await phone.locator('#grip').click();
         await phone.getByText('Add a point cloud').waitFor();
+    },
+
+    async 'Splats of slopes that are seen from the side lie on them, as smaller ones do'() {
+        const side = 200;
+        await choose(page, { name: 'waves.ply', buffer: waves(side) });
+        await shows(page, side * side);
+        const { x, y, width, height } = stageOf(page);
+        await page.mouse.move(x + width / 2, y + height / 2);
+        await page.mouse.down();
+        await page.mouse.move(x + width / 2, y + height / 2 - 60);
+        await page.mouse.up();
+        const many = await restingPicture(page);
+        await page.keyboard.press('1');
+        await shows(page, side * side / 4);
+        const share = differenceOf(many, await restingPicture(page));
+        await save(page, 'waves');
+        assert.ok(share < 0.035, `${(100 * share).toFixed(1)} % of the pixels`);
     },
 
     async 'A server with keys asks for one, again after a wrong one, and then shows all'() {
