@@ -28,7 +28,7 @@ foreach(folder core picture proto server client)
     file(GLOB_RECURSE found RELATIVE ${SOURCE_DIR} ${SOURCE_DIR}/${folder}/*.hpp ${SOURCE_DIR}/${folder}/*.cpp)
     list(APPEND files ${found})
 endforeach()
-list(FILTER files EXCLUDE REGEX "_(kernels|lanes)_body\\.hpp$")
+list(FILTER files EXCLUDE REGEX "_(kernels|lanes|order)_body\\.hpp$")
 
 # What a file includes: standard_of_FILE and project_of_FILE.
 foreach(file IN LISTS files)

@@ -135,10 +135,25 @@ ErrorFigures read_whole_error(const JsonValue& value) {
 }
 
 Json bound_json(const MeasuredBound& bound) {
-    return {{"max_error", bound.max_error}, {"forward", bound.forward},
-            {"backward", bound.backward},   {"samples", bound.samples},
-            {"sampling", bound.sampling},   {"tries", bound.tries},
-            {"whole", bound.whole}};
+    Json json = {{"max_error", bound.max_error}, {"forward", bound.forward},
+                 {"backward", bound.backward},   {"samples", bound.samples},
+                 {"sampling", bound.sampling},   {"tries", bound.tries},
+                 {"whole", bound.whole}};
+    if (bound.too_far)
+        json["too_far"] = {{"points", bound.too_far->points},
+                           {"place", vector_json(bound.too_far->place)},
+                           {"distance", bound.too_far->distance}};
+    return json;
+}
+
+FewerTried read_too_far(const JsonValue& value) {
+    JsonObject object = value.object();
+    FewerTried tried;
+    tried.points = object["points"].integer(1);
+    tried.place = read_vector(object["place"]);
+    tried.distance = object["distance"].number();
+    object.finish();
+    return tried;
 }
 
 MeasuredBound read_bound(const JsonValue& value) {
@@ -151,6 +166,7 @@ MeasuredBound read_bound(const JsonValue& value) {
     bound.sampling = object["sampling"].text();
     bound.tries = object["tries"].small_integer();
     bound.whole = object["whole"].boolean();
+    if (const auto too_far = object.find("too_far")) bound.too_far = read_too_far(*too_far);
     object.finish();
     return bound;
 }

@@ -78,13 +78,17 @@ void to_frame_of(const PointCloud& cloud, ParticleSimulationOptions& options) {
 constexpr std::array kSamplings = {"points", "surface", "particles"};  // as `ErrorSampling`
 
 MeasuredBound measured(const ErrorBoundedCloud& found) {
+    std::optional<FewerTried> too_far;
+    if (found.too_far)
+        too_far = {found.too_far->points, found.too_far->place, found.too_far->distance};
     return {.max_error = found.bound,
             .forward = found.error.forward.max,
             .backward = found.error.backward.max,
             .samples = found.error.forward.samples,
             .sampling = kSamplings.at(static_cast<std::size_t>(found.sampling)),
             .tries = found.tries,
-            .whole = found.whole};
+            .whole = found.whole,
+            .too_far = too_far};
 }
 
 // Of a pyramid's stage `encode`.
@@ -497,7 +501,8 @@ private:
     void write_tiles(const LodLevel& made, const RunContext& context,
                      std::vector<OutputFile>& files) {
         const bool whole = made.cloud.size() == points_of_source_;
-        for (LodTile& tile : tiler_->add_level(made.cloud, whole, context.part(0, 0.9))) {
+        for (LodTile& tile :
+             tiler_->add_level(made.cloud, whole, context.part(0, 0.9), made.order)) {
             const std::vector<std::byte> bytes = encode_glb(tile);
             tile.streams.clear();
             const std::string hash = sha256_hex(bytes), name = hash + ".glb";

@@ -363,6 +363,14 @@ TEST(CommandLine, WholeNumbersAreDecimalWithoutASign) {
         15'000U);
 }
 
+TEST(CommandLine, NothingFollowsAWholeNumber) {
+    for (const std::string value : {"5k", "1e3", "1.5"}) {
+        EXPECT_EQ(refusal({"simplify", "i.ply", "o.ply", "-n", value}),
+                  "--points: " + value +
+                      ": expected a whole number from 0 to 18446744073709551615 (see --help)");
+    }
+}
+
 TEST(CommandLine, ThreadsHaveALimit) {
     EXPECT_EQ(parsed<InspectCommand>({"inspect", "i.ply", "--threads", "1024"}).common.threads,
               1024U);

@@ -316,6 +316,21 @@ TEST_F(StippleCli, AFailureLeavesTheOldOutputAsItWas) {
     EXPECT_EQ(content(folder_ / "out.ply"), "precious");
 }
 
+TEST_F(StippleCli, TheInputIsNeverReplacedByWhatIsMadeOfIt) {
+    synthesize("in.ply", 1000);
+    fs::create_hard_link(folder_ / "in.ply", folder_ / "linked.ply");
+    const std::string before = content(folder_ / "in.ply");
+    for (const char* command :
+         {"simplify in.ply in.ply -n 5", "upsample in.ply ./in.ply -n 2000",
+          "analyze in.ply linked.ply", "analyze in.ply out.ply --feature-lines in.ply",
+          "convert in.ply in.ply --ply-encoding ascii"}) {
+        const Outcome outcome = stipple(command);
+        EXPECT_EQ(outcome.exit_code, 1) << command;
+        EXPECT_NE(outcome.err.find("that is the input"), std::string::npos) << outcome.err;
+        EXPECT_EQ(content(folder_ / "in.ply"), before) << command;
+    }
+}
+
 TEST_F(StippleCli, APlaceThatCannotBeWrittenIsToldBeforeTheWork) {
     std::ofstream(folder_ / "broken.ply") << "ply";  // which the work would tell
     for (const char* command : {"simplify broken.ply out.ply -n 5 --json no/figures.json",

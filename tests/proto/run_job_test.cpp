@@ -78,6 +78,27 @@ TEST_F(RunJob, SaysWhatWasMeasuredOfABoundedError) {
     EXPECT_EQ(to_json(job_report_from_json(to_json(report))), to_json(report));
 }
 
+TEST_F(RunJob, SaysWhatKeptABoundedErrorFromFewerPoints) {
+    SimplifyJob job;
+    job.options.max_error = 0.02;
+    job.output = kPly;
+    PointCloud cloud = test::sphere(1000);
+    cloud.origin = {0, 0, 100};
+    for (std::size_t i = 0; i < cloud.size(); i += 20) cloud.positions[i] *= 1.05F;  // noise
+    run(spec_for(cloud, job));
+    ASSERT_EQ(levels().size(), 1U);
+    ASSERT_TRUE(levels().front().bound);
+    const MeasuredBound bound = *levels().front().bound;
+    EXPECT_TRUE(bound.whole);
+    ASSERT_TRUE(bound.too_far);
+    EXPECT_EQ(bound.too_far->points, 1000U);
+    EXPECT_NEAR((bound.too_far->place - Vec3d(0, 0, 100)).norm(), 1.05, 1e-4);
+    EXPECT_GT(bound.too_far->distance, 0.02);
+    JobReport report;
+    report.level = levels().front();
+    EXPECT_EQ(to_json(job_report_from_json(to_json(report))), to_json(report));
+}
+
 TEST_F(RunJob, ACurveHasAnErrorForEachCountAndNoFiles) {
     CurveJob job;
     job.options.points = {50, 200, 500};

@@ -225,7 +225,7 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
         ->type_name("B")
         ->excludes(levels)
         ->excludes(base_points)
-        ->transform(whole_number());
+        ->transform(whole_number(true));
     command
         .add_option("--refine", values.refine,
                     "replace; or add: a level's tiles add points to those above, iterative alone")
@@ -294,7 +294,7 @@ CLI::App& add_slice(CLI::App& app, Values& values) {
         ->required()
         ->type_name("FILE");
     auto* const budget = command.add_option_group("budget", "what is wanted: one of these");
-    budget->add_option("-n,--points", values.points, "exactly so many points")
+    budget->add_option("-n,--points", values.points, "exactly so many points, or all there are")
         ->type_name("N")
         ->transform(whole_number());
     budget->add_option("--bytes", values.bytes, "as many points as OUT has room for in B bytes")
@@ -305,7 +305,9 @@ CLI::App& add_slice(CLI::App& app, Values& values) {
                      "the coarsest level within this, input units")
         ->type_name("E");
     budget->require_option(1);
-    command.add_option("--box", values.box, "only what lies in it: x0,y0,z0,x1,y1,z1")
+    command
+        .add_option("--box", values.box,
+                    "only what lies in it: x0,y0,z0,x1,y1,z1; scalars with --tile-attributes alone")
         ->delimiter(',')
         ->expected(6)
         ->type_name("BOX");

@@ -83,6 +83,7 @@ void run(const InfoCommand& command, const Session&) {
 
 void run(const ConvertCommand& command, const Session& session) {
     require_input(command.input);
+    require_apart(command.input, command.output);
     const RunContext context = context_for(command.common, session);
     ProgressDisplay display(session.terminal, !command.common.quiet);
     DecodeReport report;

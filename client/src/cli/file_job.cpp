@@ -53,7 +53,7 @@ void summarise(const FileCommand<Job>& command, const proto::Results& results, d
                               style)
               << '\n';
     if (cloud.error) std::cerr << style.dim(error_line(*cloud.error, style)) << '\n';
-    if (cloud.bound) std::cerr << bound_line(*cloud.bound, style) << '\n';
+    if (cloud.bound) std::cerr << bound_line(*cloud.bound, cloud.points, style) << '\n';
     const std::string losses = losses_line(*results.source, style);
     if (terminal.interactive() && !losses.empty()) std::cerr << style.dim(losses) << '\n';
 }
@@ -67,6 +67,7 @@ template <typename Job, typename Also>
 void run_file_job(const FileCommand<Job>& command, const Session& session, Also&& also) {
     const auto start = std::chrono::steady_clock::now();
     require_input(command.input);
+    require_apart(command.input, command.output);
     require_place_of(command.common.json);
     const ScratchFolder scratch(folder_of(command.output));
     ProgressDisplay display(session.terminal, !command.common.quiet);
@@ -112,6 +113,7 @@ void run(const UpsampleCommand& command, const Session& session) {
 
 void run(const AnalyzeCommand& command, const Session& session) {
     const bool lines = !command.feature_lines.empty();
+    require_apart(command.input, command.feature_lines);
     require_place_of(command.feature_lines);
     run_file_job(command, session, [&](const auto& results, const fs::path& folder, auto& json) {
         if (lines) write_feature_lines(command, results, folder, json);

@@ -15,6 +15,13 @@ void require_input(const fs::path& file) {
         throw Error(ErrorCode::InvalidArgument, file.string() + ": not a regular file");
 }
 
+void require_apart(const fs::path& input, const fs::path& output) {
+    std::error_code none;
+    if (fs::equivalent(input, output, none))
+        throw Error(ErrorCode::InvalidArgument,
+                    output.string() + ": that is the input: give the output another name");
+}
+
 void move_into_place(const fs::path& from, const fs::path& to) {
     std::error_code error;
     fs::rename(from, to, error);

@@ -10,6 +10,9 @@ namespace stipple::cli {
 
 /// @throws Error(NotFound) when there is no such file, or what is there is none.
 void require_input(const std::filesystem::path& file);
+/// @throws Error(InvalidArgument) when the output would take the input's place: what was left out
+/// would be lost.
+void require_apart(const std::filesystem::path& input, const std::filesystem::path& output);
 /// Renames within a file system: whoever opens `to` sees the old file or the new one.
 void move_into_place(const std::filesystem::path& from, const std::filesystem::path& to);
 /// The one file of the first cloud that a job made. @throws Error(Internal) when a server sent

@@ -6,7 +6,9 @@
 
 #include <algorithm>
 #include <fstream>
+#include <iomanip>
 #include <iostream>
+#include <sstream>
 
 namespace stipple::cli {
 namespace {
@@ -44,10 +46,34 @@ std::string losses_line(const proto::CloudStatistics& source, const TextStyle& s
     return joined(losses, " " + std::string(style.dot()) + " ");
 }
 
-std::string bound_line(const proto::MeasuredBound& bound, const TextStyle& style) {
-    if (bound.whole)
-        return "no smaller cloud was found within " + three_digits(bound.max_error) +
-               ": the result is the input, its error 0";
+namespace {
+
+std::string readable_place(const Vec3d& place) {
+    std::ostringstream text;
+    text << std::setprecision(9) << "(" << place.x() << ", " << place.y() << ", " << place.z()
+         << ")";
+    return text.str();
+}
+
+/// Why no point of a cloud could go.
+std::string whole_line(const proto::MeasuredBound& bound, std::uint64_t points) {
+    const std::string kept = "kept all " + counted(points, "point") + ": ",
+                      allowed = three_digits(bound.max_error);
+    if (!bound.too_far) return kept + "no smaller cloud was found within " + allowed;
+    const auto& [tried, place, distance] = *bound.too_far;
+    const std::string off = three_digits(distance) + ", above the bound " + allowed;
+    if (tried == points)
+        return kept + "that at " + readable_place(place) + " is off their own surface by " + off +
+               ", which is below the noise";
+    return kept + "with " + with_separators(tried) + " the surface at " + readable_place(place) +
+           " is off by " + off;
+}
+
+}  // namespace
+
+std::string bound_line(const proto::MeasuredBound& bound, std::uint64_t points,
+                       const TextStyle& style) {
+    if (bound.whole) return whole_line(bound, points);
     const std::string dot = " " + std::string(style.dot()) + " ";
     return "largest distance " + three_digits(std::max(bound.forward, bound.backward)) + " of " +
            three_digits(bound.max_error) + " allowed" + dot + "forward " +

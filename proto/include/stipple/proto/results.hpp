@@ -26,6 +26,13 @@ struct PictureFile {
     std::string sha256, href;  ///< as those of an `OutputFile`
 };
 
+/// What kept a cloud from having fewer points: one that was tried, and where it was farther from the input's surface than the bound.
+struct FewerTried {
+    std::uint64_t points = 0;  ///< all of the input's, where those are farther than the bound from the surface that they say
+    Vec3d place{0, 0, 0};      ///< in the coordinates of the file
+    double distance = 0;
+};
+
 /// What was measured of a cloud that was to be within an error (`simplify_within_error`), in input units.
 struct MeasuredBound {
     double max_error = 0;  ///< the bound
@@ -34,6 +41,7 @@ struct MeasuredBound {
     std::string sampling;              ///< `points`, `surface` or `particles`
     unsigned tries = 0;                ///< clouds that were measured
     bool whole = false;                ///< no smaller cloud was found within the bound: it is the input itself
+    std::optional<FewerTried> too_far{};  ///< of a whole one; of those tried that with most points
 };
 std::string to_json(const MeasuredBound& bound);  ///< `bound` of a result, below
 
@@ -90,6 +98,7 @@ struct JobCost {
 ///                  "error": {as in evaluation.hpp},
 ///                  "bound": {"max_error": 0.1, "forward": 0.08, "backward": 0.09, "samples": 400000, "sampling": "particles",
 ///                            "tries": 30, "whole": false},
+///                            of a whole one also "too_far": {"points": 900, "place": [x, y, z], "distance": 0.12}
 ///                  "pictures": [{"width", "height", "bytes", "sha256", "href"}]}],
 ///      "cost": {"seconds": {"decode", "simplify", "splats", "error", "encode", "total"}, "peak_memory_bytes", "threads"}}
 ///

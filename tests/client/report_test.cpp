@@ -1,0 +1,38 @@
+#include "cli/report.hpp"
+
+#include <gtest/gtest.h>
+
+namespace stipple::cli {
+namespace {
+
+proto::MeasuredBound whole_within(double bound) {
+    proto::MeasuredBound measured;
+    measured.max_error = bound;
+    measured.whole = true;
+    return measured;
+}
+
+TEST(BoundLine, SaysWhereFewerPointsAreTooFar) {
+    proto::MeasuredBound bound = whole_within(0.3);
+    bound.too_far = {30'000, {0.5, -2, 1234567.25}, 0.4321};
+    EXPECT_EQ(bound_line(bound, 60'000, {}),
+              "kept all 60,000 points: with 30,000 the surface at (0.5, -2, 1234567.25) is off by "
+              "0.432, above the bound 0.3");
+}
+
+TEST(BoundLine, SaysThatABoundIsBelowTheNoise) {
+    proto::MeasuredBound bound = whole_within(0.3);
+    bound.too_far = {60'000, {1, 2, 3}, 0.5};
+    EXPECT_EQ(
+        bound_line(bound, 60'000, {}),
+        "kept all 60,000 points: that at (1, 2, 3) is off their own surface by 0.5, above the "
+        "bound 0.3, which is below the noise");
+}
+
+TEST(BoundLine, SaysThatNoSmallerCloudWasFoundWhereNothingElseIsKnown) {
+    EXPECT_EQ(bound_line(whole_within(0.3), 1, {}),
+              "kept all 1 point: no smaller cloud was found within 0.3");
+}
+
+}  // namespace
+}  // namespace stipple::cli
