@@ -176,7 +176,8 @@ void tiles(Session& session, const std::string& name, const std::string& model_n
                  build_lod_pyramid(
                      model.cloud, in_order,
                      [&](LodLevel&& level) {
-                         tiler.add_level(level.cloud, level.cloud.size() == sizes.back(), context);
+                         tiler.add_level(level.cloud, level.cloud.size() == sizes.back(), context,
+                                         level.order);
                      },
                      context);
                  return {};

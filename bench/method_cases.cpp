@@ -26,7 +26,7 @@ std::size_t stated_bytes(const SimplifyOptions& options, std::size_t points, std
             case Method::Hierarchical:
                 return std::max(8 * n, 4 * n + 120 * kept);
             case Method::Incremental:
-                return 50 * n;
+                return 50 * n + 200 * kept;
             case Method::Iterative:
                 return std::max((72 + 4 * options.iterative.k) * n + 300 * std::min(n, 8 * kept),
                                 std::min(4300 * kept, 30e6));
