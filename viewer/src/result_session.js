@@ -104,6 +104,7 @@ export class ResultSession {
         }
         if (level === this.shown && !this.abort.signal.aborted) {
             this.pane.show(level);
+            this.tell();
         }
     }
 
@@ -128,7 +129,7 @@ export class ResultSession {
     /** Whether everything that is listed and not too large is on the screen or was given up. */
     get isSettled() {
         return this.isComplete && this.job !== null && !this.loader.isFollowing && (this.shown?.tiles?.isComplete ?? true) &&
-            this.loader.levels.every(({ state }) => state !== 'loading');
+            this.loader.levels.every(({ state }) => state !== 'loading') && this.pane.level === (this.shown ?? null);
     }
 
     tell() {

@@ -95,7 +95,8 @@ await run({
         await rest(page);
         const lit = await litShare(page);
         await save(page, 'tiles');
-        assert.ok(Math.abs(lit - litByWhole) < 0.01, `${(100 * lit).toFixed(1)} % of the pixels, not ${(100 * litByWhole).toFixed(1)} %`);
+        // Without one of its tiles it would be 0.03 less; 0.003 is chance, since the camera is placed by the level that comes first.
+        assert.ok(Math.abs(lit - litByWhole) < 0.02, `${(100 * lit).toFixed(1)} % of the pixels, not ${(100 * litByWhole).toFixed(1)} %`);
         await colorsStandForHeight();
         await page.locator('#stage').dblclick({ position: { x: 640, y: 560 } });  // where only a part is seen
         await page.waitForFunction((all) => Number(document.getElementById('points').innerText.replaceAll(',', '')) < all, kTorusPoints);
