@@ -12,6 +12,7 @@
 #include "surface_fit.hpp"
 
 #include <algorithm>
+#include <numeric>
 #include <sstream>
 #include <utility>
 
@@ -23,6 +24,12 @@
 namespace stipple {
 
 namespace {
+
+/// How many samples of each new point the surface is fitted to: of many, as in coarse levels of a
+/// pyramid, more, since those levels take little of the time.
+unsigned fitted(std::size_t samples, std::size_t size) {
+    return static_cast<unsigned>(std::clamp<std::size_t>(samples / (2 * size), 2, 4));
+}
 
 [[noreturn]] void refuse(const std::string& message) {
     throw Error(ErrorCode::InvalidArgument, message);
@@ -37,12 +44,6 @@ void check(const PointCloud& cloud, const MultiphaseOptions& options) {
     }
 }
 
-/// How many of the input points of each new one the surface is fitted to: a small part of all, so
-/// that this costs a small part of the time.
-unsigned fitted(const PointCloud& cloud, std::size_t size) {
-    return static_cast<unsigned>(std::clamp<std::size_t>(cloud.size() / (50 * size), 2, 4));
-}
-
 /// Samples of the first phase: as many as the options say, and as there are points.
 std::uint64_t sample_count(const PointCloud& cloud, std::uint64_t size,
                            const MultiphaseOptions& options) {
@@ -50,18 +51,22 @@ std::uint64_t sample_count(const PointCloud& cloud, std::uint64_t size,
                                                options.oversampling * static_cast<double>(size)));
 }
 
+/// The cloud of a point for each of `clusters`. The surface is fitted to samples, not to points of
+/// the cloud: of noise they have little left, being means.
+/// @param parts  the samples of each cluster.
 PointCloud cloud_at(const PointCloud& cloud, const Clusters& clusters, std::vector<Vec3f> positions,
+                    std::span<const Vec3f> samples, const MemberLists& parts,
                     const IterativeSimplificationOptions& options, const RunContext& context) {
-    const MemberLists lists = {clusters.members.data(), clusters.offsets};
     if (options.placement == Placement::Optimal) {
-        fit_surface(positions, cloud.positions, lists,
-                    {.asked = fitted(cloud, positions.size()), .in_order = true}, context);
+        fit_surface(positions, samples, parts,
+                    {.asked = fitted(samples.size(), positions.size()), .in_order = true}, context);
         if (options.max_displacement) {
             bound_displacement(positions, cloud.positions, NeighborSearch(cloud.positions, context),
                                *options.max_displacement, context);
         }
         return merged_cloud(cloud, clusters, std::move(positions), options.reductions, context);
     }
+    const MemberLists lists = {clusters.members.data(), clusters.offsets};
     const auto nearest = nearest_members(cloud.positions, lists, positions, context);
     for (std::size_t i = 0; i < nearest.size(); ++i) positions[i] = cloud.positions[nearest[i]];
     return merged_cloud(cloud, std::move(positions), lists, nearest,
@@ -111,6 +116,8 @@ void multiphase_snapshots(const PointCloud& cloud, std::span<const std::uint64_t
                                  context);
     const SiblingContraction contraction(samples, cut.clusters_of, context);
     context.checkpoint(0.8);
+    std::vector<Index> numbers(samples.size());
+    std::iota(numbers.begin(), numbers.end(), Index{0});
     for (const std::uint64_t size : sizes) {
         if (size >= cloud.size()) {
             on_cloud(copy_of(cloud, context));
@@ -126,7 +133,8 @@ void multiphase_snapshots(const PointCloud& cloud, std::span<const std::uint64_t
             for (std::size_t i = begin; i < end; ++i)
                 positions[i] = contraction.place_of(first[i], first[i + 1]);
         });
-        on_cloud(cloud_at(cloud, clusters, std::move(positions), options.contraction, context));
+        on_cloud(cloud_at(cloud, clusters, std::move(positions), samples.positions(),
+                          {numbers.data(), first}, options.contraction, context));
     }
     context.checkpoint(1.0);
 }

@@ -33,6 +33,7 @@ public:
                    const Features& features, const RunContext& context);
 
     std::size_t size() const noexcept { return positions_.size(); }
+    std::span<const Vec3f> positions() const noexcept { return positions_; }
     Vec3d position(Index i) const noexcept { return positions_[i].cast<double>(); }
     Quadric quadric(Index i) const noexcept;
 

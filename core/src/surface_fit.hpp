@@ -34,7 +34,7 @@ struct SurfaceFit {
 /// bends. Points on a line or in one place stay where they are, and so do fewer than 20, which make
 /// no such surface.
 ///
-/// @param input  what the members are numbers of.
+/// @param input  what the members are numbers of: points on the surface, or near.
 /// @param members  of each point; a list is never empty.
 /// Members count only where they are within the reach of their point's 20 nearest. About 0.5 us for
 /// each point and each of them, parallel; 60 bytes a point, and for up to 12,000 points at a time,

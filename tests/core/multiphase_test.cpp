@@ -77,6 +77,19 @@ TEST(Multiphase, OfASphereDoesNotShrinkIt) {
     EXPECT_LT(height, h_sq / 4);
 }
 
+TEST(Multiphase, AveragesNoise) {
+    const auto roughness = [](const PointCloud& cloud) {
+        double sum = 0;
+        for (const Vec3f& p : cloud.positions) {
+            const double height = static_cast<double>(p.norm()) - 1.0;
+            sum += height * height;
+        }
+        return std::sqrt(sum / static_cast<double>(cloud.size()));
+    };
+    const PointCloud cloud = test::sphere(40'000, 0.03);
+    EXPECT_LT(roughness(multiphase(cloud, to(800))), 0.35 * roughness(cloud));
+}
+
 TEST(Multiphase, KeepsPointsOnTheEdgesOfABox) {
     // What lies within a spacing of an edge is on it; clusters alone round it off.
     const PointCloud result = multiphase(box(60), to(600));

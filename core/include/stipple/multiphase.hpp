@@ -21,7 +21,9 @@ struct MultiphaseOptions {
 ///
 /// Its points move at the end as those of `iterative_simplification` do, and so lie slightly
 /// outside of curved parts, which is what lowers the error of the surface through them;
-/// `contraction.max_displacement` bounds it.
+/// `contraction.max_displacement` bounds it. They are fitted to the samples, which are means of
+/// points, so that little of a scan's noise is left in them, as long as it is less than the
+/// distance of the samples.
 ///
 /// Samples are contracted along the tree of the clustering: of two halves of a cluster, each one
 /// point already, the pair with the least quadric error times their distance becomes the point
