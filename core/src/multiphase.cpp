@@ -25,10 +25,16 @@ namespace stipple {
 
 namespace {
 
-/// How many samples of each new point the surface is fitted to: of many, as in coarse levels of a
-/// pyramid, more, since those levels take little of the time.
-unsigned fitted(std::size_t samples, std::size_t size) {
-    return static_cast<unsigned>(std::clamp<std::size_t>(samples / (2 * size), 2, 4));
+/// How the surface is fitted to the samples of each new point. Of many of them more count, as in
+/// coarse levels of a pyramid, which take little of the time.
+SurfaceFit fit_of(std::size_t input, std::size_t samples, std::size_t size) {
+    // The more points stay, the closer is the quadratic surface already, and the less is there to
+    // win by pushing them out.
+    constexpr double kCoarsest = 0.5, kFinest = 0.75;
+    const double share = static_cast<double>(size) / static_cast<double>(input);
+    return {.asked = static_cast<unsigned>(std::clamp<std::size_t>(samples / (2 * size), 2, 4)),
+            .close = static_cast<float>(std::min(kCoarsest + 2 * share, kFinest)),
+            .in_order = true};
 }
 
 [[noreturn]] void refuse(const std::string& message) {
@@ -59,7 +65,7 @@ PointCloud cloud_at(const PointCloud& cloud, const Clusters& clusters, std::vect
                     const IterativeSimplificationOptions& options, const RunContext& context) {
     if (options.placement == Placement::Optimal) {
         fit_surface(positions, samples, parts,
-                    {.asked = fitted(samples.size(), positions.size()), .in_order = true}, context);
+                    fit_of(cloud.size(), samples.size(), positions.size()), context);
         if (options.max_displacement) {
             bound_displacement(positions, cloud.positions, NeighborSearch(cloud.positions, context),
                                *options.max_displacement, context);
