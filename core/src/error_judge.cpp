@@ -14,6 +14,9 @@ constexpr std::size_t kManyPlaces = 100'000;        // to watch, unless there ar
 constexpr std::size_t kManyPoints = 1'000'000;      // which are close together: no places between
 constexpr std::uint64_t kFewestMeasured = 200'000;  // also of small clouds
 constexpr std::uint64_t kFewestAgain = 800'000, kAgainSeed = 1;
+/// Of a cloud of many points so small a part of the places is measured first: it mostly tells what
+/// is too far.
+constexpr std::uint64_t kFirstPart = 8, kFirstSeed = 2;
 constexpr std::uint64_t kMeasuredEach = 100;        // enough for each point of a candidate
 constexpr std::uint64_t kEnoughMeasured = 300'000;  // unless it has more points than that
 
@@ -151,8 +154,30 @@ ErrorJudge::Finding ErrorJudge::measure(ErrorBoundedCloud& candidate) {
     const std::uint64_t enough = std::max(kEnoughMeasured, kMeasuredEach * candidate.cloud.size());
     options.samples = std::clamp<std::uint64_t>(2 * cloud_.size(), kFewestMeasured, enough);
     options.keep_samples = true;
+    if (cloud_.size() >= kManyPoints) {
+        SurfaceErrorOptions first = options;
+        first.samples /= kFirstPart;
+        first.seed = kFirstSeed;
+        Finding finding = measured(candidate, first);
+        if (finding.max > kWithin) return finding;
+    }
+    Finding finding = measured(candidate, options);
+    if (finding.max <= kWithin && reading_ == Reading::ByTheLetter) {
+        // Where a fixed point leaps the farthest places may be few: others are likely to meet them.
+        options.seed = kAgainSeed;
+        options.samples = std::max(options.samples, kFewestAgain);
+        const SurfaceError again = measure_error(cloud_, candidate.cloud, options, quietly_);
+        append(finding.places, places_above(kMargin * bound_, again.forward));
+        append(finding.places, places_above(kMargin * bound_, again.backward));
+        finding.max = std::max(finding.max, again.max() / bound_);
+    }
+    return finding;
+}
+
+ErrorJudge::Finding ErrorJudge::measured(ErrorBoundedCloud& candidate,
+                                         const SurfaceErrorOptions& options) const {
     candidate.error = measure_error(cloud_, candidate.cloud, options, quietly_);
-    candidate.sampling = ErrorSampling::Surface;
+    candidate.sampling = options.sampling;
     DirectedError &forward = candidate.error.forward, &backward = candidate.error.backward;
     Finding finding{.places = places_above(kMargin * bound_, forward),
                     .max = candidate.error.max() / bound_};
@@ -162,15 +187,6 @@ ErrorJudge::Finding ErrorJudge::measure(ErrorBoundedCloud& candidate) {
         look_closer(surface_, places_above(kRaised * bound_, forward, kMostRaised), other, finding);
         look_closer(other, places_above(kRaised * bound_, backward, kMostRaised), surface_,
                     finding);
-    }
-    if (finding.max <= kWithin && reading_ == Reading::ByTheLetter) {
-        // Where a fixed point leaps the farthest places may be few: others are likely to meet them.
-        options.seed = kAgainSeed;
-        options.samples = std::max(options.samples, kFewestAgain);
-        const SurfaceError again = measure_error(cloud_, candidate.cloud, options, quietly_);
-        append(finding.places, places_above(kMargin * bound_, again.forward));
-        append(finding.places, places_above(kMargin * bound_, again.backward));
-        finding.max = std::max(finding.max, again.max() / bound_);
     }
     for (DirectedError* const direction : {&forward, &backward}) {
         direction->positions = {};

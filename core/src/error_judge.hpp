@@ -58,6 +58,8 @@ private:
     bool can_be_kept(std::size_t points_of_surface) const noexcept;
     /// @param place, distance  as in the frame of the surfaces.
     void remember(std::uint64_t points, const Vec3f& place, double distance);
+    /// At so many places, and closer where distances are large. Keeps the figures.
+    Finding measured(ErrorBoundedCloud& candidate, const SurfaceErrorOptions& options) const;
     /// At many places around raised ones; adds to what was found.
     void look_closer(const ProbedSurface& from, std::span<const Vec3f> raised,
                      const ProbedSurface& other, Finding& finding) const;

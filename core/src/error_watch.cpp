@@ -17,6 +17,7 @@ constexpr unsigned kAround = 8;                 // places around each point of a
 constexpr unsigned kUnevenBack = 160;           // more of them where its surface is uneven
 constexpr std::size_t kMostUneven = 1'000'000;  // of both, where most of a surface is uneven
 constexpr unsigned kUnevenFrom = 12;  // around a place of the surface where the candidate's is
+constexpr std::size_t kDense = 1'000'000;  // places of the surface, with no worse ones between
 constexpr float kUnevenSpread = 1.2F;
 constexpr unsigned kCloser = 4;  // around a suspicious place, in each round
 constexpr unsigned kRounds = 3;
@@ -94,7 +95,8 @@ void ErrorWatch::look_at(std::vector<Vec3f> points, const RunContext& context) {
     measure_from_surface(candidate, from_places, context);
     measure_from_candidate(candidate, fresh, context);
     if (max() > margin_) return;  // enough to go on with
-    look_closer(surface_, candidate, forward_, {kUnevenFrom, kSuspiciousFrom}, context);
+    const unsigned uneven_from = places_.size() < kDense ? kUnevenFrom : 0;
+    look_closer(surface_, candidate, forward_, {uneven_from, kSuspiciousFrom}, context);
     look_closer(candidate, surface_, backward_, {kUnevenBack, kSuspiciousBack}, context);
 }
 
@@ -174,7 +176,7 @@ void ErrorWatch::look_closer(const ProbedSurface& from, const ProbedSurface& to,
     for (std::size_t i = 0; i < spots.size(); ++i) {
         if (std::exchange(spots[i].closer, true)) continue;
         open.push_back(static_cast<Index>(i));
-        if (!spots[i].uneven) continue;
+        if (!spots[i].uneven || care.uneven == 0) continue;
         uneven.push_back(static_cast<Index>(i));
         centers.push_back(middles(spots)[i]);
     }

@@ -27,13 +27,8 @@ namespace {
 
 /// How the surface is fitted to the samples of each new point. Of many of them more count, as in
 /// coarse levels of a pyramid, which take little of the time.
-SurfaceFit fit_of(std::size_t input, std::size_t samples, std::size_t size) {
-    // The more points stay, the closer is the quadratic surface already, and the less is there to
-    // win by pushing them out.
-    constexpr double kCoarsest = 0.5, kFinest = 0.75;
-    const double share = static_cast<double>(size) / static_cast<double>(input);
+SurfaceFit fit_of(std::size_t samples, std::size_t size) {
     return {.asked = static_cast<unsigned>(std::clamp<std::size_t>(samples / (2 * size), 2, 4)),
-            .close = static_cast<float>(std::min(kCoarsest + 2 * share, kFinest)),
             .in_order = true};
 }
 
@@ -64,8 +59,7 @@ PointCloud cloud_at(const PointCloud& cloud, const Clusters& clusters, std::vect
                     std::span<const Vec3f> samples, const MemberLists& parts,
                     const IterativeSimplificationOptions& options, const RunContext& context) {
     if (options.placement == Placement::Optimal) {
-        fit_surface(positions, samples, parts,
-                    fit_of(cloud.size(), samples.size(), positions.size()), context);
+        fit_surface(positions, samples, parts, fit_of(samples.size(), positions.size()), context);
         if (options.max_displacement) {
             bound_displacement(positions, cloud.positions, NeighborSearch(cloud.positions, context),
                                *options.max_displacement, context);
