@@ -16,7 +16,7 @@ constexpr std::uint64_t kAroundSeed = 1, kUnevenSeed = 2, kCloserSeed = 3;
 constexpr unsigned kAround = 8;                 // places around each point of a candidate
 constexpr unsigned kUnevenBack = 160;           // more of them where its surface is uneven
 constexpr std::size_t kMostUneven = 1'000'000;  // of both, where most of a surface is uneven
-constexpr unsigned kUnevenFrom = 12;  // around a place of the surface where the candidate's is
+constexpr unsigned kUnevenFrom = 12;       // around a place of the surface where the candidate's is
 constexpr std::size_t kDense = 1'000'000;  // places of the surface, with no worse ones between
 constexpr float kUnevenSpread = 1.2F;
 constexpr unsigned kCloser = 4;  // around a suspicious place, in each round
