@@ -102,18 +102,21 @@ public:
     /// whole input.
     ///
     /// What holds is then made to hold for those, too, who measure by the letter, if it takes few
-    /// more points.
+    /// more points; else it is looked at once more, with care.
     std::optional<ErrorBoundedCloud> run() {
         constexpr double kFewMore = 1.25;
         const std::size_t base = best_base();
         auto found = refine(base, most_wanted(), context_.part(0.6, 0.8));
         if (!found) return found;
+        std::vector<std::uint8_t> marks = forest_.marks();
         judge_.read(Reading::ByTheLetter);
         const auto most = static_cast<double>(found->cloud.size()) * kFewMore;
-        auto by_the_letter = refine(base, static_cast<std::size_t>(most), context_.part(0.8, 1.0));
+        auto by_the_letter = refine(base, static_cast<std::size_t>(most), context_.part(0.8, 0.9));
         if (by_the_letter) return by_the_letter;
+        forest_.set_marks(std::move(marks));
         judge_.read(Reading::Confirmed);
-        return found;
+        judge_.take_care();
+        return refine(base, most_wanted(), context_.part(0.9, 1.0));
     }
 
 private:
@@ -221,6 +224,7 @@ ErrorBoundedCloud search_forest(const PointCloud& cloud, const SimplifyOptions& 
     std::optional<ErrorBoundedCloud> fewer;
     if (found || cloud.size() < kLarge) {
         const std::uint64_t size = found ? found->cloud.size() : cloud.size();
+        judge.take_care();
         fewer = fewer_everywhere(cloud, options, size, too_few, judge, context);
     }
     if (fewer) return std::move(*fewer);

@@ -14,6 +14,7 @@ constexpr std::size_t kManyPlaces = 100'000;        // to watch, unless there ar
 constexpr std::size_t kManyPoints = 1'000'000;      // which are close together: no places between
 constexpr std::uint64_t kFewestMeasured = 200'000;  // also of small clouds
 constexpr std::uint64_t kFewestAgain = 800'000, kAgainSeed = 1;
+constexpr std::uint64_t kUnevenAgain = 600'000;  // more places where a candidate is uneven
 /// Of a cloud of many points so small a part of the places is measured first: it mostly tells what
 /// is too far.
 constexpr std::uint64_t kFirstPart = 8, kFirstSeed = 2;
@@ -162,7 +163,7 @@ ErrorJudge::Finding ErrorJudge::measure(ErrorBoundedCloud& candidate) {
         if (finding.max > kWithin) return finding;
     }
     Finding finding = measured(candidate, options);
-    if (finding.max <= kWithin && reading_ == Reading::ByTheLetter) {
+    if (finding.max <= kWithin && (careful_ || reading_ == Reading::ByTheLetter)) {
         // Where a fixed point leaps the farthest places may be few: others are likely to meet them.
         options.seed = kAgainSeed;
         options.samples = std::max(options.samples, kFewestAgain);
@@ -170,6 +171,11 @@ ErrorJudge::Finding ErrorJudge::measure(ErrorBoundedCloud& candidate) {
         append(finding.places, places_above(kMargin * bound_, again.forward));
         append(finding.places, places_above(kMargin * bound_, again.backward));
         finding.max = std::max(finding.max, again.max() / bound_);
+    }
+    if (finding.max <= kWithin && careful_ && reading_ == Reading::Confirmed && watch_) {
+        watch_->look_again(kUnevenAgain, tries_, quietly_);
+        append(finding.places, out_of_frame(watch_->places_too_far()));
+        finding.max = std::max(finding.max, watch_->max() / (bound_ * scale_));
     }
     return finding;
 }

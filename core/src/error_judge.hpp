@@ -39,8 +39,12 @@ public:
     /// From all points and much between: quick for a candidate that is much like the last.
     Finding watch(const PointCloud& candidate);
 
+    /// From now on what holds is measured again at other and more places, and most of all where the
+    /// surface of the candidate is uneven: what is far there may be so in few places.
+    void take_care() noexcept { careful_ = true; }
+
     /// As anyone would measure it, and then closer where distances are large; if it is read by the
-    /// letter, again at other and more places. Keeps the first measurement.
+    /// letter or with care, again at other and more places. Keeps the first measurement.
     Finding measure(ErrorBoundedCloud& candidate);
 
     /// The parts of the bound that a glance or a watch calls safe.
@@ -76,6 +80,7 @@ private:
     std::vector<Vec3f> points_;       ///< of the cloud that are of its surface
     std::vector<Vec3f> some_points_;  ///< of those, for glances
     Reading reading_ = Reading::Confirmed;
+    bool careful_ = false;
     std::optional<ErrorWatch> watch_;
     unsigned tries_ = 0;
 };

@@ -12,14 +12,15 @@ namespace stipple {
 
 namespace {
 
-constexpr std::uint64_t kAroundSeed = 1, kUnevenSeed = 2, kCloserSeed = 3;
+constexpr std::uint64_t kAroundSeed = 1, kUnevenSeed = 2, kCloserSeed = 3, kAgainSeed = 100;
 constexpr unsigned kAround = 8;                 // places around each point of a candidate
 constexpr unsigned kUnevenBack = 160;           // more of them where its surface is uneven
 constexpr std::size_t kMostUneven = 1'000'000;  // of both, where most of a surface is uneven
 constexpr unsigned kUnevenFrom = 12;       // around a place of the surface where the candidate's is
 constexpr std::size_t kDense = 1'000'000;  // places of the surface, with no worse ones between
 constexpr float kUnevenSpread = 1.2F;
-constexpr unsigned kCloser = 4;  // around a suspicious place, in each round
+constexpr std::uint64_t kMostAgain = 1'000;  // around one that is looked at again
+constexpr unsigned kCloser = 4;              // around a suspicious place, in each round
 constexpr unsigned kRounds = 3;
 // Parts of what is too far that make a place suspicious. Places of the surface itself lie close
 // together, so that only the worst can have a much worse one between.
@@ -196,6 +197,24 @@ void ErrorWatch::look_closer(const ProbedSurface& from, const ProbedSurface& to,
         for (const Index i : open) centers.push_back(spots[i].farthest);
         look_around(from, to, open, centers, spots,
                     {.spread = spread, .each = kCloser, .seed = kCloserSeed + round}, context);
+    }
+}
+
+void ErrorWatch::look_again(std::uint64_t places, std::uint64_t seed, const RunContext& context) {
+    const ProbedSurface candidate(points_, reading_, context);
+    for (std::vector<Spot>* const spots : {&forward_, &backward_}) {
+        std::vector<Index> uneven;
+        for (std::size_t i = 0; i < spots->size(); ++i)
+            if ((*spots)[i].uneven) uneven.push_back(static_cast<Index>(i));
+        if (uneven.empty()) continue;
+        const std::uint64_t each = places / 2 / uneven.size();
+        const bool forward = spots == &forward_;
+        look_around(forward ? surface_ : candidate, forward ? candidate : surface_, uneven,
+                    at(middles(*spots), uneven), *spots,
+                    {.spread = kUnevenSpread,
+                     .each = static_cast<unsigned>(std::clamp<std::uint64_t>(each, 1, kMostAgain)),
+                     .seed = kAgainSeed + seed},
+                    context);
     }
 }
 

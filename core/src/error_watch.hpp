@@ -26,6 +26,10 @@ public:
     /// Takes a candidate for the last one's. @param points  at least one.
     void look_at(std::vector<Vec3f> points, const RunContext& context);
 
+    /// Looks again at the last candidate where its surface is uneven, at about so many places:
+    /// walks to it end anywhere there, some of them far away.
+    void look_again(std::uint64_t places, std::uint64_t seed, const RunContext& context);
+
     /// Of the last candidate, the farthest.
     double max() const noexcept;
     Vec3f farthest_place() const noexcept;

@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <span>
+#include <utility>
 #include <vector>
 
 namespace stipple {
@@ -35,6 +36,10 @@ public:
     /// stands for points there from farther away, such as from another sheet.
     /// @return whether that changes anything.
     bool mark_all(std::span<const Vec3f> places, const RunContext& context);
+
+    /// What was said so far, to go back to: a byte for each point of all levels.
+    std::vector<std::uint8_t> marks() const { return too_coarse_; }
+    void set_marks(std::vector<std::uint8_t> marks) { too_coarse_ = std::move(marks); }
 
     /// Makes a cut finer around places that are much finer, so that a surface through neighbours of
     /// both has no seam. @return whether that changes anything.

@@ -48,6 +48,20 @@ TEST(ErrorWatch, LooksCloserOnceNothingIsTooFar) {
     EXPECT_GT(just.max(), first.max());
 }
 
+TEST(ErrorWatch, FindsFartherPlacesWhereTheSurfaceIsUnevenWhenItLooksAgain) {
+    // Few points of a thin limb have neighbours all around it: no surface goes through them.
+    PointCloud limb = sphere(3'000);
+    for (Vec3f& p : limb.positions) p = {0.06F * p.x(), 0.06F * p.y(), p.z()};
+    const std::vector<Vec3f> few = hierarchical_clustering(limb, {.target_size = 90}).positions;
+    const ProbedSurface surface(limb.positions, Reading::Confirmed, {});
+    ErrorWatch watch(surface, limb.positions, 1, Reading::Confirmed);
+    watch.look_at(few, {});
+    const double before = watch.max();
+    watch.look_again(100'000, 0, {});
+    EXPECT_GT(watch.max(), before);
+    EXPECT_TRUE(watch.places_too_far().empty());
+}
+
 TEST(ErrorWatch, FindsNothingBetweenASurfaceAndItself) {
     const std::vector<Vec3f> points = sphere(500).positions;
     const ProbedSurface surface(points, Reading::Confirmed, {});
