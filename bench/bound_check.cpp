@@ -30,6 +30,7 @@ constexpr const char* kUsage = R"(stipple-bound-check [options] MODEL...
   --seeds N      runs of each method and bound: another rotation of the model, other seeds (1)
   --first N      the seed of a model's first run; those of the others follow (0)
   --again N      measurements of each result, at other places each (1)
+  --promise      measures only what is promised, without the independent measure: twice as fast
   --threads N    (all)
 )";
 
@@ -39,6 +40,7 @@ struct CheckOptions {
     std::vector<double> bounds{0.002};
     std::uint64_t seeds = 1, first = 0, again = 1;
     unsigned threads = 0;
+    bool only_promise = false;
 };
 
 /// What stands between commas.
@@ -58,6 +60,10 @@ CheckOptions parse(const std::vector<std::string>& arguments) {
         const std::string& option = arguments[i];
         if (!option.starts_with("--")) {
             options.models.push_back(option);
+            continue;
+        }
+        if (option == "--promise") {
+            options.only_promise = true;
             continue;
         }
         if (i + 1 == arguments.size()) throw std::invalid_argument(option + ": a value is missing");
@@ -142,12 +148,13 @@ Outcome measure_again(const PointCloud& cloud, const ErrorBoundedCloud& found, s
         measure.sampling = ErrorSampling::Surface;
         const double random = measure_error(cloud, found.cloud, measure, context).max();
         const double points = max_at_points(cloud, found, context);
+        outcome.random = std::max(outcome.random, random / found.bound);
+        outcome.points = std::max(outcome.points, points / found.bound);
+        if (options.only_promise) continue;
         const SurfaceMeter meter(
             cloud, {}, {.samples = 400'000, .seed = measure.seed, .threads = options.threads});
         const SurfaceDistance independent = meter.measure(found.cloud);
         const double in_bounds = bounds(cloud).diagonal() / found.bound;
-        outcome.random = std::max(outcome.random, random / found.bound);
-        outcome.points = std::max(outcome.points, points / found.bound);
         outcome.independent = std::max(outcome.independent, independent.max * in_bounds);
         outcome.certain = std::max(outcome.certain, independent.max_certain * in_bounds);
     }
