@@ -102,21 +102,22 @@ public:
     /// whole input.
     ///
     /// What holds is then made to hold for those, too, who measure by the letter, if it takes few
-    /// more points; else it is looked at once more, with care.
+    /// more points and rounds, as it does not in noise; else it is looked at once more, with care.
     std::optional<ErrorBoundedCloud> run() {
         constexpr double kFewMore = 1.25;
         const std::size_t base = best_base();
-        auto found = refine(base, most_wanted(), context_.part(0.6, 0.8));
+        auto found = refine(base, most_wanted(), kMostRounds, context_.part(0.6, 0.8));
         if (!found) return found;
         std::vector<std::uint8_t> marks = forest_.marks();
         judge_.read(Reading::ByTheLetter);
         const auto most = static_cast<double>(found->cloud.size()) * kFewMore;
-        auto by_the_letter = refine(base, static_cast<std::size_t>(most), context_.part(0.8, 0.9));
+        auto by_the_letter =
+            refine(base, static_cast<std::size_t>(most), kPatience, context_.part(0.8, 0.9));
         if (by_the_letter) return by_the_letter;
         forest_.set_marks(std::move(marks));
         judge_.read(Reading::Confirmed);
         judge_.take_care();
-        return refine(base, most_wanted(), context_.part(0.9, 1.0));
+        return refine(base, most_wanted(), kMostRounds, context_.part(0.9, 1.0));
     }
 
 private:
@@ -125,11 +126,11 @@ private:
         return points < kLarge ? points * 9 / 10 : points / 2;
     }
 
-    /// Makes the cut finer until it holds; none when that takes more than `most` points.
-    std::optional<ErrorBoundedCloud> refine(std::size_t base, std::size_t most,
+    /// Makes the cut finer until it holds; none when that takes more than `most` points or rounds.
+    std::optional<ErrorBoundedCloud> refine(std::size_t base, std::size_t most, unsigned rounds,
                                             const RunContext& context) {
-        for (unsigned round = 0; round < kMostRounds; ++round) {
-            context.checkpoint(static_cast<double>(round) / kMostRounds);
+        for (unsigned round = 0; round < rounds; ++round) {
+            context.checkpoint(static_cast<double>(round) / rounds);
             std::vector<Index> cut = forest_.cut(base);
             while (forest_.grade(cut, context)) cut = forest_.cut(base);
             if (cut.empty() || cut.size() > most) return std::nullopt;
