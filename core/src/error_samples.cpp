@@ -44,18 +44,20 @@ Eigen::Vector2f in_disk(std::uint64_t seed, std::uint64_t i) noexcept {
     return 0.5F * place;
 }
 
-/// Of each of n points the squared distance to the third neighbour among them, or to the farthest
-/// when there are fewer.
-template <typename Floats>
-Floats third_distances_sq(const Floats& x, const Floats& y, const Floats& z, std::size_t n) {
+using Eight = std::array<float, PointTree::kWidth>;
+
+/// Of each of n points of a leaf the squared distance to the third neighbour among them, or to the
+/// farthest when there are fewer. Those that are missing are infinitely far away.
+Eight third_distances_sq(const PointTree::Leaf& leaf, std::size_t n) noexcept {
     constexpr std::size_t kNearest = 4;  // the point itself is the first
-    std::array<Floats, kNearest> nearest;
-    for (Floats& values : nearest) values.fill(std::numeric_limits<float>::infinity());
-    for (std::size_t j = 0; j < n; ++j) {
-        for (std::size_t i = 0; i < n; ++i) {
-            const float dx = x[i] - x[j], dy = y[i] - y[j], dz = z[i] - z[j];
+    std::array<Eight, kNearest> nearest;
+    for (Eight& values : nearest) values.fill(std::numeric_limits<float>::infinity());
+    for (std::size_t j = 0; j < PointTree::kWidth; ++j) {
+        for (std::size_t i = 0; i < PointTree::kWidth; ++i) {
+            const float dx = leaf.x[i] - leaf.x[j], dy = leaf.y[i] - leaf.y[j],
+                        dz = leaf.z[i] - leaf.z[j];
             float d = dx * dx + dy * dy + dz * dz;
-            for (Floats& values : nearest) {
+            for (Eight& values : nearest) {
                 const float lower = values[i] < d ? values[i] : d;
                 d = values[i] < d ? d : values[i];
                 values[i] = lower;
@@ -65,11 +67,28 @@ Floats third_distances_sq(const Floats& x, const Floats& y, const Floats& z, std
     return nearest[std::min(kNearest, n) - 1];
 }
 
-template <typename Floats>
-float median(Floats values, std::size_t n) {
-    const auto middle = values.begin() + static_cast<std::ptrdiff_t>(n / 2);
-    std::nth_element(values.begin(), middle, values.begin() + static_cast<std::ptrdiff_t>(n));
-    return *middle;
+/// The first values in order, the one in their middle or behind it.
+float median(Eight values, std::size_t n) noexcept {
+    if (n < values.size()) {
+        const auto middle = values.begin() + static_cast<std::ptrdiff_t>(n / 2);
+        std::nth_element(values.begin(), middle, values.begin() + static_cast<std::ptrdiff_t>(n));
+        return *middle;
+    }
+    // Both halves are sorted; of the larger values of pairs the least is the fifth.
+    const auto sort = [&](std::size_t a, std::size_t b) {
+        const float lower = std::min(values[a], values[b]);
+        values[b] = std::max(values[a], values[b]);
+        values[a] = lower;
+    };
+    for (const std::size_t half : {0, 4}) {
+        sort(half, half + 1);
+        sort(half + 2, half + 3);
+        sort(half, half + 2);
+        sort(half + 1, half + 3);
+        sort(half + 1, half + 2);
+    }
+    return std::min({std::max(values[0], values[7]), std::max(values[1], values[6]),
+                     std::max(values[2], values[5]), std::max(values[3], values[4])});
 }
 
 /// Which of some areas each of `count` draws falls on, ascending: draw i is somewhere in the i-th
@@ -152,7 +171,7 @@ std::vector<float> leaf_areas(const PointTree& tree, const DrawnLeaves& drawn,
                             for (std::size_t l = begin; l < end; ++l) {
                                 const PointTree::Leaf& leaf = tree.leaf(leaves[l]);
                                 const std::size_t n = tree.points_in(leaves[l]);
-                                const auto own = third_distances_sq(leaf.x, leaf.y, leaf.z, n);
+                                const Eight own = third_distances_sq(leaf, n);
                                 const float middle = median(own, n);
                                 for (std::size_t lane = 0; lane < n; ++lane)
                                     areas[l * PointTree::kWidth + lane] =
