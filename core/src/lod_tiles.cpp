@@ -18,6 +18,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <sstream>
 #include <string>
 #include <utility>
@@ -71,19 +72,63 @@ std::vector<Vec3f> rounded(std::span<const Vec3f> points, std::span<const Vec3f>
     return decoded;
 }
 
-constexpr std::uint64_t kMostSamples = 131'072;
+/// Places to measure at, on the surface of the source and along a curve, in rounds of up to
+/// `kRound`, each spread over all of it: a level is measured at those of as many rounds as tell its
+/// error well.
+class Places {
+public:
+    static constexpr std::uint64_t kRound = 4'096;
+    static constexpr unsigned kMostRounds = 32;
 
-/// So many places tell the error of each level, or more where those do not tell it well enough.
-std::uint64_t least_samples(std::uint64_t points) {
-    constexpr std::uint64_t kShare = 128, kLeast = 32'768;
-    return std::clamp(points / kShare, kLeast, kMostSamples);
+    const ErrorSamples& all() const noexcept { return all_; }
+    unsigned rounds() const noexcept { return rounds_; }
+
+    void add(const ErrorSamples& more, unsigned rounds) {
+        // Of as many places that follow each other one goes to each round; by the bits of their
+        // numbers backwards, so that those of the first rounds lie as far apart as can be.
+        std::vector<unsigned> turns(rounds);
+        std::iota(turns.begin(), turns.end(), 0U);
+        std::ranges::sort(turns, {}, [](unsigned turn) {
+            unsigned backwards = 0;
+            for (unsigned bit = 1; bit < kMostRounds; bit *= 2)
+                backwards = 2 * backwards + ((turn & bit) != 0 ? 1 : 0);
+            return backwards;
+        });
+        std::vector<std::uint8_t> round_at(rounds);
+        for (const unsigned turn : turns) round_at[turn] = static_cast<std::uint8_t>(rounds_++);
+        for (std::size_t i = 0; i < more.size(); ++i) round_of_.push_back(round_at[i % rounds]);
+        all_.append(more);
+    }
+
+    /// The numbers of those of the first rounds, ascending.
+    std::vector<Index> of_first(unsigned rounds) const {
+        std::vector<Index> numbers;
+        for (std::size_t i = 0; i < round_of_.size(); ++i)
+            if (round_of_[i] < rounds) numbers.push_back(static_cast<Index>(i));
+        return numbers;
+    }
+
+private:
+    ErrorSamples all_;
+    std::vector<std::uint8_t> round_of_;
+    unsigned rounds_ = 0;
+};
+
+constexpr unsigned kLeastRounds = 8;  // that there are
+
+/// One place for 128 points.
+unsigned rounds_for(std::uint64_t points, unsigned least) {
+    constexpr std::uint64_t kPoints = 128 * Places::kRound;
+    return static_cast<unsigned>(
+        std::clamp<std::uint64_t>((points + kPoints - 1) / kPoints, least, Places::kMostRounds));
 }
+
+constexpr std::uint64_t kMany = 40'000;  // points of a source
 
 /// Places on the surface of the source, as `measure_error` takes them: at points, where there are
 /// many.
 ErrorSamples take_samples(std::span<const Vec3f> points, const PointTree& tree, std::uint64_t count,
                           std::uint64_t seed, const RunContext& context) {
-    constexpr std::uint64_t kMany = 40'000;
     if (points.size() >= kMany) return take_points_by_area(tree, count, seed, context);
     return take_surface(tree, FootFinder(points, tree, {}), count, seed, context);
 }
@@ -102,18 +147,6 @@ double mean_gap(const PointTree& tree, std::size_t count, std::size_t asked, Poi
         sum += std::sqrt(static_cast<double>(found.back().distance_sq));
     }
     return sum / static_cast<double>(answers);
-}
-
-constexpr std::size_t kFew = 8;
-
-/// Enough to compare two roundings of the same points: every eighth.
-ErrorSamples few_of(const ErrorSamples& samples) {
-    ErrorSamples few;
-    for (std::size_t i = 0; i < samples.size(); i += kFew) {
-        few.positions.push_back(samples.positions[i]);
-        few.areas.push_back(samples.areas[i]);
-    }
-    return few;
 }
 
 /// Cuts the next level where it is to be cut: of additive tiles only the points that no level had.
@@ -140,8 +173,10 @@ std::vector<TileTree::Part> cut_level(TileTree& tree, std::span<const Vec3f> poi
 struct Measured {
     std::vector<Vec3f> points;
     std::unique_ptr<PointTree> tree;
-    std::vector<float> distances;  ///< of the samples
-    std::vector<float> covers;     ///< from each of the samples to the nearest point
+    std::vector<Index> places;     ///< numbers of those where it is measured, ascending
+    std::vector<float> distances;  ///< of each
+    std::vector<float> covers;     ///< from each to the nearest point
+    std::vector<float> areas;      ///< that each stands for
     double mean = 0;
 };
 
@@ -167,9 +202,10 @@ struct LodTiler::State {
     double spacing = 0;         ///< of the source
     std::vector<Index> order;   ///< of the source's points, along a curve
     std::vector<Vec3f> source;  ///< those, in that order
-    ErrorSamples samples, few;
+    Places places;
     TileTree tree;
     unsigned levels = 0;
+    unsigned rounds = 0;    ///< of places that the level before was measured at
     std::uint64_t had = 0;  ///< points of the level before, where tiles are additive
     LodFigures figures;
 
@@ -211,62 +247,69 @@ struct LodTiler::State {
         made.tree = std::make_unique<PointTree>(made.points, PointTree::Leaves::Given, context);
         return made;
     }
-    /// At those of `at` at which the level has not been measured yet.
-    static void measure(Measured& made, const ErrorSamples& at, const RunContext& context) {
-        const std::size_t done = made.distances.size();
-        made.distances.resize(at.size());
-        made.covers.resize(at.size());
-        measure(
-            made, std::span(at.positions).subspan(done), [&](std::size_t i) { return done + i; },
-            context);
-        made.mean = summarize("", made.distances, at.areas).mean;
-    }
-    /// What is found at the i-th place goes to number_of(i).
-    template <typename NumberOf>
-    static void measure(Measured& made, std::span<const Vec3f> places, const NumberOf& number_of,
-                        const RunContext& context) {
-        FootFinder(made.points, *made.tree, {.across_sample = true})
-            .find(
-                places,
-                [&](std::size_t i, const Foot& foot) {
-                    made.distances[number_of(i)] = static_cast<float>(foot.distance);
-                    made.covers[number_of(i)] = static_cast<float>(foot.to_sample);
-                },
-                context);
-    }
-
-    /// From a level measured at the few to one measured at all samples that the few are of.
-    void measure_the_others(Measured& level, const RunContext& context) const {
-        const std::size_t count = least_samples(source.size());
+    /// At the places of so many rounds, of which it may have been measured at some.
+    void measure(Measured& level, unsigned at_rounds, const RunContext& context) const {
+        const std::vector<Index> known_places = std::exchange(level.places, {});
         const std::vector<float> distances = std::exchange(level.distances, {});
         const std::vector<float> covers = std::exchange(level.covers, {});
+        level.places = places.of_first(at_rounds);
+        const std::size_t count = level.places.size();
         level.distances.resize(count);
         level.covers.resize(count);
+        level.areas.resize(count);
         std::vector<Vec3f> others;
-        for (std::size_t i = 0; i < count; ++i) {
-            if (i % kFew != 0) {
-                others.push_back(samples.positions[i]);
-                continue;
+        std::vector<Index> number_of;
+        for (std::size_t i = 0, known = 0; i < count; ++i) {
+            const Index place = level.places[i];
+            level.areas[i] = places.all().areas[place];
+            if (known < known_places.size() && known_places[known] == place) {
+                level.distances[i] = distances[known];
+                level.covers[i] = covers[known++];
+            } else {
+                others.push_back(places.all().positions[place]);
+                number_of.push_back(static_cast<Index>(i));
             }
-            level.distances[i] = distances[i / kFew];
-            level.covers[i] = covers[i / kFew];
         }
-        measure(
-            level, others, [](std::size_t i) { return i + i / (kFew - 1) + 1; }, context);
+        FootFinder(level.points, *level.tree, {.across_sample = true})
+            .find(
+                others,
+                [&](std::size_t i, const Foot& foot) {
+                    level.distances[number_of[i]] = static_cast<float>(foot.distance);
+                    level.covers[number_of[i]] = static_cast<float>(foot.to_sample);
+                },
+                context);
+        level.mean = summarize("", level.distances, level.areas).mean;
     }
 
-    /// At all samples, and at more for this level and those after it while chance would decide.
+    /// At one place for 128 points, and at more for this level and those after it while chance
+    /// would decide: of as many rounds as the spread of those that there are calls for.
     void measure_well(Measured& level, const RunContext& context) {
         constexpr double kSure = 0.0145;
-        if (!level.distances.empty()) measure_the_others(level, context);
-        measure(level, samples, context);
-        while (samples.size() < kMostSamples &&
-               mean_confidence(level.distances, samples.areas, level.mean) > kSure * level.mean) {
-            const PointTree of_source(source, PointTree::Leaves::Given, context);
-            const std::uint64_t so_far = samples.size();
-            const std::uint64_t more = std::min(so_far, kMostSamples - so_far);
-            samples.append(take_samples(source, of_source, more, so_far, context));
-            measure(level, samples, context);
+        constexpr unsigned kLeast = 2;
+        rounds = std::max(
+            rounds, rounds_for(level.points.size(), source.size() < kMany ? kLeastRounds : kLeast));
+        for (;;) {
+            add_places(rounds, context);
+            measure(level, rounds, context);
+            const double wanted = kSure * level.mean;
+            const double unsure = mean_confidence(level.distances, level.areas, level.mean);
+            if (unsure <= wanted || rounds == Places::kMostRounds) return;
+            const double needed = rounds * (unsure / wanted) * (unsure / wanted);
+            rounds = static_cast<unsigned>(
+                std::clamp<double>(std::ceil(needed), rounds + 1, Places::kMostRounds));
+        }
+    }
+
+    /// Until there are so many rounds of places.
+    void add_places(unsigned at_least, const RunContext& context) {
+        if (places.rounds() >= at_least) return;
+        const PointTree of_source(source, PointTree::Leaves::Given, context);
+        while (places.rounds() < at_least) {
+            const unsigned so_far = places.rounds(),
+                           more = std::min(so_far, Places::kMostRounds - so_far);
+            places.add(take_samples(source, of_source, more * Places::kRound,
+                                    so_far * Places::kRound, context),
+                       more);
         }
     }
 
@@ -301,6 +344,7 @@ struct LodTiler::State {
                          const RunContext& context) const {
         const double tolerance = options.tolerance;
         const Grid finest = finest_grid();
+        const unsigned few = rounds_for(source.size(), kLeastRounds) / kLeastRounds;
         const auto measured = [&](std::vector<Vec3f>&& level) {
             Measured made = with_tree(std::move(level), context);
             measure(made, few, context);
@@ -379,16 +423,16 @@ struct LodTiler::State {
     /// The samples in the cell of each part of the level.
     std::vector<Inside> in_parts(std::size_t parts, const Measured& level,
                                  const RunContext& context) const {
-        std::vector<std::uint32_t> part_of(samples.size());
-        parallel_for_blocks(samples.size(), kBlock, context,
-                            [&](std::size_t begin, std::size_t end) {
-                                for (std::size_t i = begin; i < end; ++i)
-                                    part_of[i] = tree.part_at(samples.positions[i]);
-                            });
+        std::vector<std::uint32_t> part_of(level.places.size());
+        parallel_for_blocks(
+            part_of.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+                for (std::size_t i = begin; i < end; ++i)
+                    part_of[i] = tree.part_at(places.all().positions[level.places[i]]);
+            });
         std::vector<Inside> inside(parts);
-        for (std::size_t i = 0; i < samples.size(); ++i) {
+        for (std::size_t i = 0; i < part_of.size(); ++i) {
             if (part_of[i] != TileTree::kNone)
-                inside[part_of[i]].add(level.distances[i], samples.areas[i], level.covers[i]);
+                inside[part_of[i]].add(level.distances[i], level.areas[i], level.covers[i]);
         }
         return inside;
     }
@@ -396,7 +440,7 @@ struct LodTiler::State {
     /// Of the whole level; and of each part by the samples in its cell, or as of the level where
     /// these have no area.
     void add_errors(std::span<LodTile> tiles, const Measured& level, const RunContext& context) {
-        take(level.distances, samples.areas, std::ranges::max(level.covers), figures);
+        take(level.distances, level.areas, std::ranges::max(level.covers), figures);
         const auto as_level = [&](LodTile& tile) {
             static_cast<LodFigures&>(tile) = {figures.error, tile.spacing, figures.cover_radius};
         };
@@ -491,8 +535,8 @@ LodTiler::LodTiler(const PointCloud& source, const LodTileOptions& options,
     const PointTree tree(points, PointTree::Leaves::Given, context);
     context.checkpoint(0.6);
     state.spacing = mean_gap(tree, points.size(), kAsked, [&](std::size_t i) { return points[i]; });
-    state.samples = take_samples(points, tree, least_samples(points.size()), 0, context);
-    state.few = few_of(state.samples);
+    const unsigned rounds = rounds_for(points.size(), kLeastRounds);
+    state.places.add(take_samples(points, tree, rounds * Places::kRound, 0, context), rounds);
 }
 
 LodTiler::~LodTiler() = default;
@@ -513,7 +557,7 @@ void LodTiler::restart() {
     state_->tree = {};
     state_->levels = 0;
     state_->had = 0;
-    state_->samples.resize(least_samples(state_->source.size()), {});
+    state_->rounds = 0;
 }
 
 std::vector<LodTile> LodTiler::add_level(const PointCloud& cloud, bool whole,
