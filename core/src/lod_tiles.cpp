@@ -344,7 +344,8 @@ struct LodTiler::State {
                          const RunContext& context) const {
         const double tolerance = options.tolerance;
         const Grid finest = finest_grid();
-        const unsigned few = rounds_for(source.size(), kLeastRounds) / kLeastRounds;
+        // Enough to compare two roundings of the same points.
+        const unsigned few = (rounds_for(source.size(), kLeastRounds) - 1) / kLeastRounds + 1;
         const auto measured = [&](std::vector<Vec3f>&& level) {
             Measured made = with_tree(std::move(level), context);
             measure(made, few, context);
