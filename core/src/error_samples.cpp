@@ -93,18 +93,41 @@ float median(Eight values, std::size_t n) noexcept {
 
 /// Which of some areas each of `count` draws falls on, ascending: draw i is somewhere in the i-th
 /// of `count` equal parts of all areas.
-std::vector<std::size_t> draw_by_area(std::span<const float> areas, std::uint64_t count,
-                                      std::uint64_t seed, const RunContext& context) {
-    const double total = std::accumulate(areas.begin(), areas.end(), 0.0);
+/// @param chances  by which each eight areas are divided; none: by nothing.
+std::vector<std::size_t> draw_by_area(std::span<const float> areas, std::span<const float> chances,
+                                      std::uint64_t count, std::uint64_t seed,
+                                      const RunContext& context) {
+    // Eight at once, since a sum waits for the one before.
+    constexpr std::size_t kEight = 8;
+    const auto chance_of = [&](std::size_t i) {
+        return chances.empty() ? 1.0 : static_cast<double>(chances[i / kEight]);
+    };
+    const auto eight_from = [&](std::size_t first) {
+        double sum = 0;
+        for (const float area : areas.subspan(first, std::min(kEight, areas.size() - first)))
+            sum += area;
+        return sum / chance_of(first);
+    };
+    double total = 0;
+    for (std::size_t first = 0; first < areas.size(); first += kEight) total += eight_from(first);
     std::vector<std::size_t> drawn;
     drawn.reserve(count);
-    std::size_t at = 0;
-    double up_to = areas[0];
+    std::size_t first = 0;
+    double before = 0, eight = eight_from(0);
     for (std::uint64_t i = 0; i < count; ++i) {
         if (i % kBetweenChecks == 0) context.throw_if_stopped();
         const double where =
             total * (static_cast<double>(i) + random_unit(seed, i)) / static_cast<double>(count);
-        while (up_to < where && at + 1 < areas.size()) up_to += areas[++at];
+        while (before + eight < where && first + kEight < areas.size()) {
+            before += eight;
+            eight = eight_from(first += kEight);
+        }
+        const std::size_t last = std::min(first + kEight, areas.size()) - 1;
+        const double chance = chance_of(first);
+        std::size_t at = first;
+        for (double up_to = before + areas[at] / chance; up_to < where && at < last;)
+            up_to += areas[++at] / chance;
+        while (areas[at] == 0 && at > first) --at;  // where rounding led behind all areas
         drawn.push_back(at);
     }
     return drawn;
@@ -151,7 +174,7 @@ DrawnLeaves draw_leaves(const PointTree& tree, std::uint64_t count, std::uint64_
         return drawn;
     }
     const std::vector<float> sizes = leaf_sizes(tree, context);
-    for (const std::size_t leaf : draw_by_area(sizes, kOfEach * count, seed, context)) {
+    for (const std::size_t leaf : draw_by_area(sizes, {}, kOfEach * count, seed, context)) {
         drawn.leaves.push_back(static_cast<std::uint32_t>(leaf));
         drawn.chances.push_back(sizes[leaf]);
     }
@@ -180,10 +203,12 @@ std::vector<float> leaf_areas(const PointTree& tree, const DrawnLeaves& drawn,
                         });
     // Some for each, so that no weight is beyond measure.
     double total = 0, count = 0;
-    for (std::size_t i = 0; i < areas.size(); ++i) {
-        const double chance = chances[i / PointTree::kWidth];
-        total += areas[i] / chance;
-        count += 1 / chance;
+    for (std::size_t l = 0; l < leaves.size(); ++l) {
+        double sum = 0;
+        for (std::size_t lane = 0; lane < PointTree::kWidth; ++lane)
+            sum += areas[l * PointTree::kWidth + lane];
+        total += sum / chances[l];
+        count += PointTree::kWidth / static_cast<double>(chances[l]);
     }
     const double least = total > 0 ? 0.1 * total / count : 1.0;
     for (std::size_t l = 0; l < leaves.size(); ++l) {
@@ -296,9 +321,7 @@ ErrorSamples take_points_by_area(const PointTree& tree, std::uint64_t count, std
     const DrawnLeaves some = draw_leaves(tree, count, ~seed, context);
     const auto& [leaves, chances] = some;
     const std::vector<float> areas = leaf_areas(tree, some, context);
-    std::vector<float> to_draw = areas;
-    for (std::size_t i = 0; i < areas.size(); ++i) to_draw[i] /= chances[i / PointTree::kWidth];
-    const std::vector<std::size_t> drawn = draw_by_area(to_draw, count, seed, context);
+    const std::vector<std::size_t> drawn = draw_by_area(areas, chances, count, seed, context);
     ErrorSamples samples;
     samples.numbers = made_in_blocks<std::vector<std::size_t>>(count, context);
     for (std::size_t i = 0; i < count; ++i)
@@ -348,7 +371,7 @@ ErrorSamples take_surface(const PointTree& tree, const FootFinder& surface, std:
                           std::uint64_t seed, const RunContext& context) {
     const std::vector<float> areas = areas_around(tree, all_points(tree, context), context);
     const std::vector<Vec3f> drawn =
-        points_of(tree, draw_by_area(areas, count, seed, context), context);
+        points_of(tree, draw_by_area(areas, {}, count, seed, context), context);
     ErrorSamples samples;
     samples.positions = random_places(tree, surface, drawn, seed, context);
     samples.areas.assign(count, 1.0F);
