@@ -37,7 +37,12 @@ using Bytes = std::uint8_t __attribute__((vector_size(32)));
 }
 /// At most 255.
 [[gnu::always_inline]] inline Bytes sum(Bytes a, Bytes b) noexcept {
+#if defined(STIPPLE_KERNELS_AVX2)
+    return reinterpret_cast<Bytes>(
+        _mm256_adds_epu8(reinterpret_cast<__m256i>(a), reinterpret_cast<__m256i>(b)));
+#else
     return a + smaller(b, ~a);
+#endif
 }
 
 inline std::uint8_t least_of(Bytes v) noexcept {
