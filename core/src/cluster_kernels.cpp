@@ -18,10 +18,10 @@ namespace {
 
 std::vector<ClusterKernels> available_cluster_kernels() {
     return with_avx2<ClusterKernels>(
-        {"plain", plain::partition, plain::sums, plain::spreads, plain::nearby, plain::box,
-         plain::count, plain::values_between, plain::places_between},
-        {"avx2", avx2::partition, avx2::sums, avx2::spreads, avx2::nearby, avx2::box, avx2::count,
-         avx2::values_between, avx2::places_between});
+        {"plain", plain::partition, plain::sums, plain::spreads, plain::nearby, plain::boxes_within,
+         plain::box, plain::count, plain::values_between, plain::places_between},
+        {"avx2", avx2::partition, avx2::sums, avx2::spreads, avx2::nearby, avx2::boxes_within,
+         avx2::box, avx2::count, avx2::values_between, avx2::places_between});
 }
 
 const ClusterKernels& cluster_kernels() {

@@ -42,6 +42,11 @@ struct SampleBox {
     std::array<float, 3> low, high;
 };
 
+/// Eight boxes; one that is missing is infinitely far from everything.
+struct alignas(32) EightBoxes {
+    std::array<std::array<float, 8>, 3> low, high;
+};
+
 /// The inner loops of the clustering methods, for one instruction set. Every set gives the same
 /// bits: the lanes of a sum are eight, whatever the width of the machine's.
 struct ClusterKernels {
@@ -62,6 +67,9 @@ struct ClusterKernels {
     NearbyOutput (*nearby)(const SampleSpan& samples, const float* taken, Index begin, Index end,
                            const std::array<float, 3>& center, float counted_sq, float limit_sq,
                            const NearbyOutput& out) noexcept;
+    /// Which boxes have a part within the root of `radius_sq` of the center, as bits.
+    unsigned (*boxes_within)(const EightBoxes& boxes, const std::array<float, 3>& center,
+                             float radius_sq) noexcept;
     /// Of at least one sample.
     SampleBox (*box)(const SampleSpan& samples) noexcept;
     /// How many of the values are at most `limit`. Reads up to seven more, which count as well.

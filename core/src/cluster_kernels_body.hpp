@@ -378,6 +378,22 @@ NearbyOutput nearby(const SampleSpan& samples, const float* taken, Index begin, 
     return out;
 }
 
+inline Float8 larger(Float8 a, Float8 b) noexcept {
+    return a > b ? a : b;
+}
+
+unsigned boxes_within(const EightBoxes& boxes, const std::array<float, 3>& center,
+                      float radius_sq) noexcept {
+    Float8 distance_sq{};
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        const Float8 below = load(boxes.low[axis].data()) - center[axis],
+                     above = center[axis] - load(boxes.high[axis].data());
+        const Float8 gap = larger(larger(below, above), Float8{});
+        distance_sq += gap * gap;
+    }
+    return lane_bits(distance_sq <= radius_sq);
+}
+
 SampleBox box(const SampleSpan& samples) noexcept {
     const SampleSpan s = samples;
     const std::array<const float*, 3> axes = {s.x, s.y, s.z};

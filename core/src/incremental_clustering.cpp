@@ -169,9 +169,14 @@ std::vector<Index> chosen_regions(const Grown& grown, std::size_t count,
     std::ranges::nth_element(ranked, ranked.begin() + static_cast<std::ptrdiff_t>(count) - 1,
                              until_stopped(context, std::greater<>()),
                              [](const Ranked& r) { return std::pair(r.reached, r.lot); });
-    std::vector<Index> chosen(count);
-    std::ranges::transform(std::span(ranked).first(count), chosen.begin(), &Ranked::region);
-    std::ranges::sort(chosen, until_stopped(context, std::less<>()));
+    std::vector<char> is_chosen(regions.size());
+    for (const Ranked& r : std::span(ranked).first(count)) is_chosen[r.region] = 1;
+    std::vector<Index> chosen;
+    chosen.reserve(count);
+    for_blocks_in_order(regions.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (auto i = static_cast<Index>(begin); i < end; ++i)
+            if (is_chosen[i] != 0) chosen.push_back(i);
+    });
     return chosen;
 }
 

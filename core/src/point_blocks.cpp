@@ -159,7 +159,7 @@ void PointBlocks::stack_levels(std::vector<SampleBox> boxes) {
     constexpr float kFar = std::numeric_limits<float>::infinity();
     const SampleBox missing = {{kFar, kFar, kFar}, {-kFar, -kFar, -kFar}};
     do {
-        std::vector<Node> level((boxes.size() + 7) / 8);
+        std::vector<EightBoxes> level((boxes.size() + 7) / 8);
         std::vector<SampleBox> above(level.size(), missing);
         for (std::size_t child = 0; child < 8 * level.size(); ++child) {
             const SampleBox& box = child < boxes.size() ? boxes[child] : missing;

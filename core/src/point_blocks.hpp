@@ -51,7 +51,7 @@ public:
     /// the root of `radius_sq` (finite) of q, until it returns false.
     template <typename Visit>
     void find(const Vec3f& q, float radius_sq, Visit&& visit) const {
-        visit_node(levels_.size() - 1, 0, q, radius_sq, visit);
+        visit_node(levels_.size() - 1, 0, {q.x(), q.y(), q.z()}, radius_sq, visit);
     }
 
     /// Of each sample 0, or less where it may be no seed, or infinity when it is taken; as of the
@@ -59,26 +59,6 @@ public:
     const float* taken() const noexcept { return taken_.data(); }
 
 private:
-    /// The boxes of eight children; one that is missing is infinitely far from everything.
-    struct alignas(32) Node {
-        std::array<std::array<float, 8>, 3> low, high;
-
-        unsigned children_within(const Vec3f& q, float radius_sq) const noexcept {
-            unsigned bits = 0;
-            for (unsigned half = 0; half < 2; ++half) {
-                Float4 distance_sq{};
-                for (std::size_t axis = 0; axis < 3; ++axis) {
-                    const float at = q[static_cast<Eigen::Index>(axis)];
-                    const Float4 below = load(&low[axis][4 * half]) - at,
-                                 above = at - load(&high[axis][4 * half]);
-                    const Float4 gap = larger(larger(below, above), Float4{});
-                    distance_sq += gap * gap;
-                }
-                bits |= lane_bits(distance_sq <= radius_sq) << (4 * half);
-            }
-            return bits;
-        }
-    };
     struct Leaves {
         std::vector<Index> begins;
         std::vector<SampleBox> boxes;
@@ -90,9 +70,9 @@ private:
     void stack_levels(std::vector<SampleBox> boxes);
 
     template <typename Visit>
-    bool visit_node(std::size_t level, std::size_t n, const Vec3f& q, float radius_sq,
-                    Visit& visit) const {
-        for (unsigned near = levels_[level][n].children_within(q, radius_sq); near != 0;
+    bool visit_node(std::size_t level, std::size_t n, const std::array<float, 3>& q,
+                    float radius_sq, Visit& visit) const {
+        for (unsigned near = boxes_within_(levels_[level][n], q, radius_sq); near != 0;
              near &= near - 1) {
             const std::size_t child = 8 * n + static_cast<std::size_t>(std::countr_zero(near));
             const bool go_on = level == 0 ? visit(begins_[child], begins_[child + 1])
@@ -102,12 +82,14 @@ private:
         return true;
     }
 
+    decltype(ClusterKernels::boxes_within) boxes_within_ = cluster_kernels().boxes_within;
     std::size_t size_, most_in_block_;
     float scale_, extent_;
     Samples storage_;            ///< the samples, and as many places again for their partition
     std::vector<float> taken_;   ///< 0 or -1, infinity; `kSlack` more than there are samples
     std::vector<Index> begins_;  ///< of each block; one more for the end
-    std::vector<std::vector<Node>> levels_;  ///< the boxes of the blocks, of eight of them, ...
+    std::vector<std::vector<EightBoxes>>
+        levels_;  ///< the boxes of the blocks, of eight of them, ...
 };
 
 }  // namespace stipple

@@ -32,28 +32,48 @@ constexpr std::size_t kMostLooked = 32;  // n_max: beyond, one looks nearer
 constexpr std::uint64_t kFirstSize = 8;  // tried under a bound on the variation
 constexpr std::uint64_t kGrowth = 4;     // of it while the bound holds
 constexpr std::size_t kRings = 16;       // of one area, after which the variation is looked at
+constexpr std::size_t kFew = 16;         // values that are ranked each by all
+
+/// The m-th smallest of a few, 1 <= m <= size <= kFew; behind them there is room for `kFew` in all.
+float mth_of_few(float* values, std::size_t size, std::size_t m) {
+    std::fill(values + size, values + kFew, std::numeric_limits<float>::infinity());
+    std::array<Float4, kFew / 4> groups;
+    std::array<Int4, kFew / 4> less{};  // minus how many are less
+    for (std::size_t g = 0; g < groups.size(); ++g) groups[g] = load(values + 4 * g);
+    for (std::size_t i = 0; i < size; ++i) {
+        for (std::size_t g = 0; g < groups.size(); ++g) less[g] += values[i] < groups[g];
+    }
+    const auto rank = static_cast<std::int32_t>(m - 1);
+    Float4 largest{};
+    for (std::size_t g = 0; g < groups.size(); ++g)
+        largest = larger(-less[g] <= rank ? groups[g] : Float4{}, largest);
+    return std::max({largest[0], largest[1], largest[2], largest[3]});
+}
 
 /// The m-th smallest of the distances, behind which eight stand that are infinite; 1 <= m <=
 /// `up_to`, how many of them are at most `high`.
 ///
-/// On a surface the count grows with the squared distance: a few steps between counts leave a
-/// handful to choose from.
+/// On a surface the count grows with the squared distance: a few steps between counts, each a bit
+/// past the m-th from the farther end, leave a handful to choose from.
 float mth_smallest(const std::vector<float>& distances_sq, std::size_t size, float high,
                    std::size_t up_to, std::size_t m, std::vector<float>& buffer) {
     float low = -1;  // in (low, high]
     std::size_t below = 0;
-    for (int step = 0; step < 4 && up_to - below > 8; ++step) {
-        const float part =
-            (static_cast<float>(m - below) - 0.5F) / static_cast<float>(up_to - below);
-        const float from = std::max(low, 0.0F), guess = from + part * (high - from);
+    for (int step = 0; step < 6 && up_to - below > kFew; ++step) {
+        constexpr float kPast = 4;
+        const float past = m - below > up_to - m ? -kPast : kPast;
+        const auto all = static_cast<float>(up_to - below);
+        const float wanted = static_cast<float>(m - below) - 0.5F + past;
+        const float from = std::max(low, 0.0F), guess = from + wanted / all * (high - from);
         if (!(guess > low && guess < high)) break;
         const std::size_t count = cluster_kernels().count(distances_sq.data(), size, guess);
         (count >= m ? high : low) = guess;
         (count >= m ? up_to : below) = count;
     }
-    buffer.resize(up_to - below + PointBlocks::kSlack);
+    buffer.resize(std::max(up_to - below, kFew) + PointBlocks::kSlack);
     const std::size_t left =
         cluster_kernels().values_between(distances_sq.data(), size, low, high, buffer.data());
+    if (left <= kFew) return mth_of_few(buffer.data(), left, m - below);
     const auto wanted = buffer.begin() + static_cast<std::ptrdiff_t>(m - below - 1);
     std::nth_element(buffer.begin(), wanted, buffer.begin() + static_cast<std::ptrdiff_t>(left));
     return *wanted;
@@ -175,6 +195,7 @@ struct Offsets {
 /// How far a region extends: R, and what is left of it where the variation ended the region.
 struct Extent {
     float radius, own_radius;
+    float taken_sq;  ///< no free point is left within the root of it
 };
 
 /// Grows regions over some of the blocks, looking at no others.
@@ -312,10 +333,10 @@ private:
             const std::optional<float> radius = survey(seed);
             if (!radius) return {};
             follow_density(*radius);
-            collect(seed, kReach * *radius);
-            if (!bounded()) return Grown{.extent = {*radius, *radius}};
+            const float taken_sq = collect(seed, kReach * *radius);
+            if (!bounded()) return Grown{.extent = {*radius, *radius, taken_sq}};
             const std::size_t all = chosen_.size();
-            const Grown grown = within_variation(seed, *radius);
+            const Grown grown = within_variation(seed, {*radius, *radius, taken_sq});
             const std::size_t kept = chosen_.size();
             if (!grown.is_bent && all == size_ && size_ < bounds_.max_size) {
                 size_ = std::min(kGrowth * size_, bounds_.max_size);
@@ -328,8 +349,9 @@ private:
         }
     }
 
-    /// Chooses the nearest free points within `reach`, `size_` at most, in any order.
-    void collect(Index seed, float reach) {
+    /// Chooses the nearest free points within `reach`, `size_` at most, in any order. @return the
+    /// squared distance up to which these are all.
+    float collect(Index seed, float reach) {
         float limit = reach * reach;
         const std::size_t free =
             cluster_kernels().count(near_.free_sq.data(), near_.free_count, limit);
@@ -339,10 +361,10 @@ private:
         chosen_.resize(cluster_kernels().places_between(near_.free_sq.data(), near_.free.data(),
                                                         near_.free_count, -1.0F, limit,
                                                         chosen_.data()));
-        if (chosen_.size() > size_) {  // among equal distances
-            sort_chosen(seed);
-            chosen_.resize(size_);
-        }
+        if (chosen_.size() <= size_) return limit;
+        sort_chosen(seed);  // among equal distances
+        chosen_.resize(size_);
+        return std::nextafter(limit, -1.0F);
     }
 
     /// Puts what was chosen in order of distance.
@@ -367,13 +389,13 @@ private:
 
     /// Leaves of the chosen points those within the bound on the variation: all, or where they
     /// vary more those in the rings up to the last at which the bound holds.
-    Grown within_variation(Index seed, float radius) {
+    Grown within_variation(Index seed, const Extent& extent) {
         offsets_.resize(chosen_.size());
         for (std::size_t i = 0; i < chosen_.size(); ++i)
             offsets_.set(i, position(chosen_[i]) - position(seed));
         if (const Scatter all = offsets_.scatter(); !varies_too_much(all)) {
             const bool is_full = chosen_.size() == bounds_.max_size;
-            return {{radius, radius}, is_full ? 0 : variation_of(all.central()), false};
+            return {extent, is_full ? 0 : variation_of(all.central()), false};
         }
         const float farthest_sq = std::ranges::max(offsets_.distance_sq);
         const auto ring_of = [&](std::size_t i) {
@@ -394,7 +416,7 @@ private:
             chosen_.resize(longest_within_variation(seed));
             own_sq = distance_sq(seed, chosen_.back());
         }
-        return {{radius, std::sqrt(own_sq)}, 0, true};
+        return {{extent.radius, std::sqrt(own_sq), std::nextafter(own_sq, -1.0F)}, 0, true};
     }
 
     /// The most rings, but not all, that are within the bound on the variation.
@@ -427,15 +449,18 @@ private:
     void take(Index seed, const Grown& grown) {
         Region region{.variation = grown.variation, .is_bent = grown.is_bent};
         region.begin = static_cast<Index>(result_.members.size());
+        region.end = region.begin + static_cast<Index>(chosen_.size());
+        result_.members.resize(region.end);
         Vec3f offsets = Vec3f::Zero();
         const SampleSpan samples = blocks_.samples();
+        const Vec3f center = position(seed);
+        Index* member = &result_.members[region.begin];
         for (const Index place : chosen_) {
             blocks_.take(place);
-            result_.members.push_back(samples.index[place]);
-            offsets += position(place) - position(seed);
+            *member++ = samples.index[place];
+            offsets += samples.position(place) - center;
         }
-        region.end = static_cast<Index>(result_.members.size());
-        region.centroid = position(seed) + offsets / static_cast<float>(chosen_.size());
+        region.centroid = center + offsets / static_cast<float>(chosen_.size());
         result_.regions.push_back(region);
     }
 
@@ -446,7 +471,7 @@ private:
         Index best_place = 0;
         for (std::size_t i = 0; i < near_.free_count; i += 4) {
             const Float4 d = load(&near_.free_sq[i]), miss = d < wanted ? wanted - d : d - wanted;
-            unsigned lanes = lane_bits((d <= limit) & (miss <= best.first));
+            unsigned lanes = lane_bits((d > extent.taken_sq) & (d <= limit) & (miss <= best.first));
             for (; lanes != 0; lanes &= lanes - 1) {
                 const auto lane = static_cast<std::size_t>(std::countr_zero(lanes));
                 const Index place = near_.free[i + lane];

@@ -117,6 +117,29 @@ TEST_P(EveryKernel, FindsWhatIsNearbyAsPlainCodeDoes) {
     }
 }
 
+TEST_P(EveryKernel, FindsTheBoxesThatAPartOfIsNear) {
+    const std::vector<Vec3f> points = test::cube(GetParam() + 18, 7).positions;
+    const Vec3f center = points[16], far = points[17];
+    const float radius_sq = (far - center).squaredNorm();
+    EightBoxes boxes;
+    unsigned expected = 0;
+    for (std::size_t i = 0; i < 8; ++i) {
+        const Vec3f low = points[2 * i].cwiseMin(points[2 * i + 1]),
+                    high = points[2 * i].cwiseMax(points[2 * i + 1]);
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            boxes.low[axis][i] = i == 5 ? HUGE_VALF : low[static_cast<Eigen::Index>(axis)];
+            boxes.high[axis][i] = i == 5 ? -HUGE_VALF : high[static_cast<Eigen::Index>(axis)];
+        }
+        const float distance_sq = (center.cwiseMax(low).cwiseMin(high) - center).squaredNorm();
+        if (i != 5 && distance_sq <= radius_sq) expected |= 1U << i;
+    }
+    for (const ClusterKernels& kernels : available_cluster_kernels()) {
+        EXPECT_EQ(kernels.boxes_within(boxes, {center.x(), center.y(), center.z()}, radius_sq),
+                  expected)
+            << kernels.name;
+    }
+}
+
 TEST_P(EveryKernel, PacksWhatIsBetweenLimitsAsPlainCodeDoes) {
     std::vector<float> values;
     std::vector<Index> places;
