@@ -25,11 +25,20 @@ namespace stipple {
 
 namespace {
 
-/// How the surface is fitted to the samples of each new point. Of many of them more count, as in
-/// coarse levels of a pyramid, which take little of the time.
-SurfaceFit fit_of(std::size_t samples, std::size_t size) {
-    return {.asked = static_cast<unsigned>(std::clamp<std::size_t>(samples / (2 * size), 2, 4)),
-            .in_order = true};
+/// Fits the surface to the samples of each new point. Of many of them more count, as in coarse
+/// levels of a pyramid, which take little of the time; and where few points are left of many, it
+/// takes little of the time to do it well.
+void fit(std::vector<Vec3f>& positions, std::span<const Vec3f> samples, const MemberLists& parts,
+         std::size_t points, const RunContext& context) {
+    constexpr std::size_t kMany = 50;  // points, for each that is left
+    constexpr unsigned kMost = 4;
+    const std::size_t size = positions.size();
+    const bool well = points / size >= kMany;
+    const std::size_t asked = std::clamp<std::size_t>(samples.size() / (2 * size), 2, kMost);
+    const SurfaceFit options = {.asked = well ? kMost : static_cast<unsigned>(asked),
+                                .in_order = true};
+    for (int times = well ? 2 : 1; times > 0; --times)
+        fit_surface(positions, samples, parts, options, context);
 }
 
 [[noreturn]] void refuse(const std::string& message) {
@@ -59,7 +68,7 @@ PointCloud cloud_at(const PointCloud& cloud, const Clusters& clusters, std::vect
                     std::span<const Vec3f> samples, const MemberLists& parts,
                     const IterativeSimplificationOptions& options, const RunContext& context) {
     if (options.placement == Placement::Optimal) {
-        fit_surface(positions, samples, parts, fit_of(samples.size(), positions.size()), context);
+        fit(positions, samples, parts, cloud.size(), context);
         if (options.max_displacement) {
             bound_displacement(positions, cloud.positions, NeighborSearch(cloud.positions, context),
                                *options.max_displacement, context);

@@ -23,7 +23,8 @@ struct MultiphaseOptions {
 /// outside of curved parts, which is what lowers the error of the surface through them;
 /// `contraction.max_displacement` bounds it. They are fitted to the samples, which are means of
 /// points, so that little of a scan's noise is left in them, as long as it is less than the
-/// distance of the samples.
+/// distance of the samples. Where a fiftieth of the points is left, or fewer, that is done twice,
+/// the second time from where they are then, which takes little of the time.
 ///
 /// Samples are contracted along the tree of the clustering: of two halves of a cluster, each one
 /// point already, the pair with the least quadric error times their distance becomes the point
