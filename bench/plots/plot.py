@@ -75,6 +75,13 @@ def around(axis, values):
     return f"set {axis}range [{min(values) / 1.25}:{max(values) * 1.25}]\n"
 
 
+def labels_between(values):
+    """2 and 5 beside 1, where there are few of those."""
+    if max(values) > 200 * min(values):
+        return ""
+    return "set ytics add (" + ", ".join(f"'{m * 10 ** e:g}' {m * 10 ** e:g}" for e in range(-3, 5) for m in (2, 5)) + ")\n"
+
+
 def draw(output, xlabel, panels, width=760):
     """One SVG with a panel for each (title of the y axis, lines, y)."""
     script = STYLE.format(width=width, output=output, xlabel=xlabel)
@@ -86,7 +93,8 @@ def draw(output, xlabel, panels, width=760):
             plot = "unset key\n" + plot + "\nset key outside right center"
         script += f"set ylabel '{ylabel}' textcolor rgb '#808080'\n"
         script += around("x", [x for points in lines.values() for x, _, _ in points])
-        script += around("y", [y(s, f) for points in lines.values() for _, s, f in points])
+        values = [y(s, f) for points in lines.values() for _, s, f in points]
+        script += around("y", values) + labels_between(values)
         script += f"{blocks}\n{plot}\n"
     subprocess.run(["gnuplot"], input=script, text=True, check=True)
 
