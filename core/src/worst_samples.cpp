@@ -115,9 +115,10 @@ std::vector<double> confirmed_distances(const FootFinder& surface, std::span<con
     std::vector<double> distances = by_samples(surface, places, own, context);
     auto foot = feet.begin();
     for (std::size_t i = 0; i < places.size(); ++i) {
+        const bool in_knot = !own[i].on_surface();  // others in it are then as good
         for (const double near : kNear)
             for (std::size_t c = 0; c < kAround; ++c, ++foot)
-                if (foot->on_surface() || foot->beyond)
+                if (foot->on_surface() || foot->beyond || (in_knot && foot->is_fixed()))
                     distances[i] = std::min(distances[i], foot->distance + near * own[i].h);
     }
     return distances;

@@ -14,7 +14,7 @@ namespace stipple {
 /// or than the nearest sample, and the way to that: a distance to a surface changes by no more than
 /// the way that one goes. So a foot counts that is not found from the place itself, where two
 /// sheets fold into a knot without a normal or an iteration ends on the wrong one. A sample in a
-/// knot stands for the surface.
+/// knot stands for the surface, and a foot in one for a place whose own is in one, too.
 std::vector<double> confirmed_distances(const FootFinder& surface, std::span<const Vec3f> places,
                                         const RunContext& context);
 

@@ -84,39 +84,71 @@ TEST_F(WorstSamples, AreNoFartherThanOthersAndTheWayToThem) {
     EXPECT_NEAR(confirmed.front(), 0.01, 1e-3);
 }
 
-/// Around a limb thinner than its points are apart the walks come to rest anywhere.
-TEST(ConfirmedDistances, AreNoLargerThanByTheNearestSample) {
-    std::mt19937 random(1);
-    std::uniform_real_distribution<float> unit(0, 1);
-    const auto beside_axis = [&](float radius) {
-        const float along = 4 * unit(random), angle = 6.2831853F * unit(random);
-        return Vec3f(along, radius * std::cos(angle), radius * std::sin(angle));
-    };
-    std::vector<Vec3f> limb, places;
-    for (int i = 0; i < 400; ++i) limb.push_back(beside_axis(0.04F + 0.02F * unit(random)));
-    for (int i = 0; i < 2'000; ++i) places.push_back(beside_axis(0.055F));
-    const PointTree tree(limb, PointTree::Leaves::Compact, {});
-    const FootFinder surface(limb, tree, {});
-    const auto distances_of = [&](const std::vector<Vec3f>& queries) {
-        std::vector<double> distances(queries.size());
-        surface.find(queries,
-                     [&](std::size_t i, const Foot& foot) { distances[i] = foot.distance; }, {});
-        return distances;
-    };
-    std::vector<Vec3f> nearest;
-    for (const Vec3f& q : places)
-        nearest.push_back(
-            *std::ranges::min_element(limb, {}, [&](const Vec3f& p) { return (p - q).norm(); }));
+/// A limb thinner than its points are apart, around which walks come to rest anywhere.
+class ThinLimb : public ::testing::Test {
+protected:
+    std::vector<Foot> feet_of(const std::vector<Vec3f>& queries) const {
+        std::vector<Foot> feet(queries.size());
+        surface_.find(queries, [&](std::size_t i, const Foot& foot) { feet[i] = foot; }, {});
+        return feet;
+    }
 
-    const std::vector<double> found = distances_of(places), of_nearest = distances_of(nearest);
-    const std::vector<double> confirmed = confirmed_distances(surface, places, {});
+private:
+    float unit() { return std::uniform_real_distribution<float>(0, 1)(random_); }
+    Vec3f beside_axis(float radius) {
+        const float along = 4 * unit(), angle = 6.2831853F * unit();
+        return {along, radius * std::cos(angle), radius * std::sin(angle)};
+    }
+    std::vector<Vec3f> limb_of(int points) {
+        std::vector<Vec3f> limb;
+        for (int i = 0; i < points; ++i) limb.push_back(beside_axis(0.04F + 0.02F * unit()));
+        return limb;
+    }
+    std::vector<Vec3f> around(int places) {
+        std::vector<Vec3f> around;
+        for (int i = 0; i < places; ++i) around.push_back(beside_axis(0.055F));
+        return around;
+    }
+
+    std::mt19937 random_{1};
+
+protected:
+    std::vector<Vec3f> limb_ = limb_of(400), places_ = around(2'000);
+    PointTree tree_{limb_, PointTree::Leaves::Compact, {}};
+    FootFinder surface_{limb_, tree_, {}};
+    std::vector<Foot> found_ = feet_of(places_);
+    std::vector<double> confirmed_ = confirmed_distances(surface_, places_, {});
+};
+
+TEST_F(ThinLimb, IsNoFartherThanByTheNearestSample) {
+    std::vector<Vec3f> nearest;
+    for (const Vec3f& q : places_)
+        nearest.push_back(
+            *std::ranges::min_element(limb_, {}, [&](const Vec3f& p) { return (p - q).norm(); }));
+    const std::vector<Foot> of_nearest = feet_of(nearest);
     unsigned farther = 0;
-    for (std::size_t i = 0; i < places.size(); ++i) {
-        const double most = (places[i] - nearest[i]).norm() + of_nearest[i];
-        if (found[i] > 1.1 * most) ++farther;
-        EXPECT_LE(confirmed[i], most + 1e-6) << i;
+    for (std::size_t i = 0; i < places_.size(); ++i) {
+        const double most = (places_[i] - nearest[i]).norm() + of_nearest[i].distance;
+        if (found_[i].distance > 1.1 * most) ++farther;
+        EXPECT_LE(confirmed_[i], most + 1e-6) << i;
     }
     EXPECT_GT(farther, 10U);
+}
+
+TEST_F(ThinLimb, IsNoFartherFromAKnotThanFromThePlaceBeside) {
+    constexpr double kWay = 0.1;  // in h
+    std::vector<Vec3f> beside = places_;
+    for (std::size_t i = 0; i < beside.size(); ++i)
+        beside[i].x() += static_cast<float>(kWay * found_[i].h);
+    const std::vector<Foot> feet = feet_of(beside);
+    unsigned farther = 0;
+    for (std::size_t i = 0; i < places_.size(); ++i) {
+        if (found_[i].on_surface() || !feet[i].is_fixed()) continue;
+        const double most = feet[i].distance + kWay * found_[i].h;
+        if (found_[i].distance > 1.1 * most) ++farther;
+        EXPECT_LE(confirmed_[i], most + 1e-6) << i;
+    }
+    EXPECT_GT(farther, 3U);
 }
 
 TEST_F(WorstSamples, OfAFewSamplesAreNotLookedAt) {
