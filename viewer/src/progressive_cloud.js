@@ -556,7 +556,15 @@ function readHeader(view) {
         add(attribute.components * (attribute.type === kDouble ? 2 : 1), attribute.bits || kTypeBits[attribute.type]);
         layout.attributes.push(attribute);
     }
+    if (layout.gridBits < 1 || layout.gridBits > 24) {
+        throw new Error(`the grid has ${layout.gridBits} bits`);
+    }
+    let shift = layout.gridBits - 1;
     for (let b = view.getUint16(18, true); b > 0; --b) {
+        if (view.getUint8(at + 8) > shift) {
+            throw new Error(`batch ${layout.batches.length} has a coarser grid than may be`);
+        }
+        shift = view.getUint8(at + 8);
         layout.batches.push({
             points: view.getUint32(at, true),
             bytes: view.getUint32(at + 4, true),
