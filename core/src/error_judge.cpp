@@ -172,7 +172,7 @@ ErrorJudge::Finding ErrorJudge::measure(ErrorBoundedCloud& candidate) {
         append(finding.places, places_above(kMargin * bound_, again.backward));
         finding.max = std::max(finding.max, again.max() / bound_);
     }
-    if (finding.max <= kWithin && careful_ && reading_ == Reading::Confirmed && watch_) {
+    if (finding.max <= kWithin && careful_ && reading_ == Reading::Confirmed) {
         watch_->look_again(kUnevenAgain, tries_, quietly_);
         append(finding.places, out_of_frame(watch_->places_too_far()));
         finding.max = std::max(finding.max, watch_->max() / (bound_ * scale_));

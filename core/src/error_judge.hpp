@@ -39,12 +39,14 @@ public:
     /// From all points and much between: quick for a candidate that is much like the last.
     Finding watch(const PointCloud& candidate);
 
-    /// From now on what holds is measured again at other and more places, and most of all where the
-    /// surface of the candidate is uneven: what is far there may be so in few places.
+    /// From now on what holds is measured again at other and more places, and where it is not read
+    /// by the letter most of all where the surface of the candidate is uneven: what is far there
+    /// may be so in few places, which the letter would follow without end.
     void take_care() noexcept { careful_ = true; }
 
     /// As anyone would measure it, and then closer where distances are large; if it is read by the
     /// letter or with care, again at other and more places. Keeps the first measurement.
+    /// @param candidate  the one watched last.
     Finding measure(ErrorBoundedCloud& candidate);
 
     /// The parts of the bound that a glance or a watch calls safe.

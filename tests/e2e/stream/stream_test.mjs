@@ -69,6 +69,21 @@ try {
         }
         console.log(`ok      ${points} points`);
     }
+    // Grids that cannot be are refused by the header: their bits, and a batch coarser than the one before it.
+    const withByte = (at, value) => {
+        const broken = Buffer.from(bytes.subarray(0, 6000));
+        broken[at] = value;
+        return broken;
+    };
+    const header = bytes.readUInt32LE(8), batches = bytes.readUInt16LE(18), batchBytes = 13, bitsAt = 6, shiftAt = 8;
+    for (const bits of [0, 25, 255]) {
+        assert.throws(() => new ProgressiveDecoder(1).feed(withByte(bitsAt, bits)), /^Error: the grid has/);
+    }
+    for (const batch of [0, batches - 1]) {
+        const at = header - (batches - batch) * batchBytes + shiftAt;
+        assert.throws(() => new ProgressiveDecoder(1).feed(withByte(at, 200)), /^Error: batch \d+ has a coarser grid/);
+    }
+    console.log('ok      grids that cannot be');
     // Hostile bytes end in an error or in fewer points, not in a hang.
     let seed = 1;
     const random = (n) => { seed = (Math.imul(seed, 1103515245) + 12345) >>> 0; return (seed >>> 8) % n; };
