@@ -9,6 +9,7 @@
 #include "leaf_shapes.hpp"
 #include "point_tree.hpp"
 #include "progress_for.hpp"
+#include "sample_rounds.hpp"
 #include "stipple/error.hpp"
 #include "surface_rounding.hpp"
 #include "tile_streams.hpp"
@@ -18,7 +19,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numeric>
 #include <sstream>
 #include <string>
 #include <utility>
@@ -72,55 +72,13 @@ std::vector<Vec3f> rounded(std::span<const Vec3f> points, std::span<const Vec3f>
     return decoded;
 }
 
-/// Places to measure at, on the surface of the source and along a curve, in rounds of up to
-/// `kRound`, each spread over all of it: a level is measured at those of as many rounds as tell its
-/// error well.
-class Places {
-public:
-    static constexpr std::uint64_t kRound = 4'096;
-    static constexpr unsigned kMostRounds = 32;
-
-    const ErrorSamples& all() const noexcept { return all_; }
-    unsigned rounds() const noexcept { return rounds_; }
-
-    void add(const ErrorSamples& more, unsigned rounds) {
-        // Of as many places that follow each other one goes to each round; by the bits of their
-        // numbers backwards, so that those of the first rounds lie as far apart as can be.
-        std::vector<unsigned> turns(rounds);
-        std::iota(turns.begin(), turns.end(), 0U);
-        std::ranges::sort(turns, {}, [](unsigned turn) {
-            unsigned backwards = 0;
-            for (unsigned bit = 1; bit < kMostRounds; bit *= 2)
-                backwards = 2 * backwards + ((turn & bit) != 0 ? 1 : 0);
-            return backwards;
-        });
-        std::vector<std::uint8_t> round_at(rounds);
-        for (const unsigned turn : turns) round_at[turn] = static_cast<std::uint8_t>(rounds_++);
-        for (std::size_t i = 0; i < more.size(); ++i) round_of_.push_back(round_at[i % rounds]);
-        all_.append(more);
-    }
-
-    /// The numbers of those of the first rounds, ascending.
-    std::vector<Index> of_first(unsigned rounds) const {
-        std::vector<Index> numbers;
-        for (std::size_t i = 0; i < round_of_.size(); ++i)
-            if (round_of_[i] < rounds) numbers.push_back(static_cast<Index>(i));
-        return numbers;
-    }
-
-private:
-    ErrorSamples all_;
-    std::vector<std::uint8_t> round_of_;
-    unsigned rounds_ = 0;
-};
-
 constexpr unsigned kLeastRounds = 8;  // that there are
 
 /// One place for 128 points.
 unsigned rounds_for(std::uint64_t points, unsigned least) {
-    constexpr std::uint64_t kPoints = 128 * Places::kRound;
-    return static_cast<unsigned>(
-        std::clamp<std::uint64_t>((points + kPoints - 1) / kPoints, least, Places::kMostRounds));
+    constexpr std::uint64_t kPoints = 128 * SampleRounds::kRound;
+    return static_cast<unsigned>(std::clamp<std::uint64_t>((points + kPoints - 1) / kPoints, least,
+                                                           SampleRounds::kMostRounds));
 }
 
 constexpr std::uint64_t kMany = 40'000;  // points of a source
@@ -202,7 +160,7 @@ struct LodTiler::State {
     double spacing = 0;         ///< of the source
     std::vector<Index> order;   ///< of the source's points, along a curve
     std::vector<Vec3f> source;  ///< those, in that order
-    Places places;
+    SampleRounds places;
     TileTree tree;
     unsigned levels = 0;
     unsigned rounds = 0;    ///< of places that the level before was measured at
@@ -293,10 +251,10 @@ struct LodTiler::State {
             measure(level, rounds, context);
             const double wanted = kSure * level.mean;
             const double unsure = mean_confidence(level.distances, level.areas, level.mean);
-            if (unsure <= wanted || rounds == Places::kMostRounds) return;
+            if (unsure <= wanted || rounds == SampleRounds::kMostRounds) return;
             const double needed = rounds * (unsure / wanted) * (unsure / wanted);
             rounds = static_cast<unsigned>(
-                std::clamp<double>(std::ceil(needed), rounds + 1, Places::kMostRounds));
+                std::clamp<double>(std::ceil(needed), rounds + 1, SampleRounds::kMostRounds));
         }
     }
 
@@ -306,9 +264,9 @@ struct LodTiler::State {
         const PointTree of_source(source, PointTree::Leaves::Given, context);
         while (places.rounds() < at_least) {
             const unsigned so_far = places.rounds(),
-                           more = std::min(so_far, Places::kMostRounds - so_far);
-            places.add(take_samples(source, of_source, more * Places::kRound,
-                                    so_far * Places::kRound, context),
+                           more = std::min(so_far, SampleRounds::kMostRounds - so_far);
+            places.add(take_samples(source, of_source, more * SampleRounds::kRound,
+                                    so_far * SampleRounds::kRound, context),
                        more);
         }
     }
@@ -537,7 +495,7 @@ LodTiler::LodTiler(const PointCloud& source, const LodTileOptions& options,
     context.checkpoint(0.6);
     state.spacing = mean_gap(tree, points.size(), kAsked, [&](std::size_t i) { return points[i]; });
     const unsigned rounds = rounds_for(points.size(), kLeastRounds);
-    state.places.add(take_samples(points, tree, rounds * Places::kRound, 0, context), rounds);
+    state.places.add(take_samples(points, tree, rounds * SampleRounds::kRound, 0, context), rounds);
 }
 
 LodTiler::~LodTiler() = default;
