@@ -6,8 +6,10 @@
 
 #include "stipple/splat_renderer.hpp"
 
+#include "camera.hpp"
 #include "float4.hpp"
 #include "parallel_for.hpp"
+#include "point_bounds.hpp"
 #include "srgb.hpp"
 #include "stipple/error.hpp"
 
@@ -27,7 +29,6 @@ namespace stipple {
 namespace {
 
 constexpr std::size_t kBandRows = 32;              // of samples; a thread draws a band at a time
-constexpr std::size_t kBlock = 65'536;             // points of which a thread finds the bounds
 constexpr std::size_t kStep = 16'384;              // samples drawn between looks at the stop token
 constexpr float kRimSq = 0.8F, kRimShade = 0.55F;  // of `SplatStyle::Discs`
 constexpr float kFar = std::numeric_limits<float>::infinity();
@@ -36,48 +37,6 @@ constexpr std::size_t kKept = 65'536;    // discs of a band that are made once, 
 
 void require(bool fulfilled, const std::string& message) {
     if (!fulfilled) throw Error(ErrorCode::InvalidArgument, message);
-}
-
-// ------------------------------------------------------------------------------------- the camera
-
-/// A point seen by a camera: to the right, up and away, in input units.
-Vec3d seen(const Camera& camera, const Vec3d& p) {
-    const Vec3d d = p - camera.eye;
-    return {d.dot(camera.right), d.dot(camera.up), d.dot(camera.forward)};
-}
-
-Camera axes(const ViewOptions& view) {
-    Camera camera;
-    camera.forward = -view.toward_eye.normalized();
-    camera.right = camera.forward.cross(view.up).normalized();
-    camera.up = camera.right.cross(camera.forward);
-    camera.perspective = view.field_of_view_rad > 0;
-    return camera;
-}
-
-void check(const ViewOptions& view) {
-    const double cross = view.toward_eye.cross(view.up).norm();
-    require(cross > 1e-6 * view.toward_eye.norm() * view.up.norm(),
-            "up: expected a direction other than toward_eye, and neither 0");
-    require(view.field_of_view_rad >= 0 && view.field_of_view_rad <= 2.5,
-            "field_of_view_rad " + std::to_string(view.field_of_view_rad) + ": expected 0..2.5");
-    require(view.margin >= 0 && view.margin <= 0.45,
-            "margin " + std::to_string(view.margin) + ": expected 0..0.45");
-}
-
-/// The box around what `place` makes of each point.
-template <typename Place>
-auto bounds_of(std::span<const Vec3f> points, const RunContext& context, Place&& place) {
-    using Placed = decltype(place(points.front()));
-    using Box = Eigen::AlignedBox<typename Placed::Scalar, Placed::RowsAtCompileTime>;
-    std::vector<Box> boxes((points.size() + kBlock - 1) / kBlock);
-    parallel_for_blocks(points.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
-        Box& box = boxes[begin / kBlock];
-        for (std::size_t i = begin; i < end; ++i) box.extend(place(points[i]));
-    });
-    Box all;
-    for (const Box& box : boxes) all.extend(box);
-    return all;
 }
 
 // -------------------------------------------------------------------------------------- the discs
@@ -640,50 +599,6 @@ void check(std::size_t n, const Splats& splats, std::span<const Rgba8> colors,
 }
 
 }  // namespace
-
-Eigen::AlignedBox2d picture_bounds(std::span<const Vec3f> points, const Camera& camera,
-                                   const RunContext& context) {
-    return bounds_of(points, context, [&](const Vec3f& p) -> Eigen::Vector2d {
-        const Vec3d q = seen(camera, p.cast<double>());
-        return q.head<2>() / (camera.perspective ? q.z() : 1.0);
-    });
-}
-
-Camera fit_camera(std::span<const Vec3f> points, const ViewOptions& view, double aspect,
-                  const RunContext& context) {
-    require(!points.empty(), "points: none to look at");
-    require(aspect > 0 && std::isfinite(aspect),
-            "aspect " + std::to_string(aspect) + ": expected more than 0");
-    check(view);
-    Camera camera = axes(view);
-    const auto box =
-        bounds_of(points, context, [](const Vec3f& p) -> Vec3d { return p.cast<double>(); });
-    const double size = std::max(box.diagonal().norm(), 1e-30);
-    const double fill = 1 - 2 * view.margin;
-    camera.half_height = camera.perspective ? std::tan(0.5 * view.field_of_view_rad) : 1;
-    const double fov_scale = camera.perspective ? fill * camera.half_height : 1;
-    camera.eye = box.center() - size / fov_scale * camera.forward;
-    // Moves sideways until the picture is in the middle and, in perspective, along the axis until
-    // it fills the frame: each step nearly undoes what the other left.
-    for (int i = 0; i < 8; ++i) {
-        const Eigen::AlignedBox2d picture = picture_bounds(points, camera, context);
-        const double depth =
-            camera.perspective ? (box.center() - camera.eye).dot(camera.forward) : 1;
-        camera.eye +=
-            depth * (picture.center().x() * camera.right + picture.center().y() * camera.up);
-        if (!camera.perspective) continue;
-        const auto spare = bounds_of(points, context, [&](const Vec3f& p) {
-            const Vec3d q = seen(camera, p.cast<double>());
-            const double need = std::max(std::abs(q.x()) / aspect, std::abs(q.y())) / fov_scale;
-            return Eigen::Matrix<double, 1, 1>(q.z() - need);
-        });
-        camera.eye += spare.min().x() * camera.forward;
-    }
-    const Eigen::Vector2d half = 0.5 * picture_bounds(points, camera, context).sizes();
-    if (!camera.perspective)
-        camera.half_height = std::max({half.x() / aspect, half.y(), 1e-30}) / fill;
-    return camera;
-}
 
 Image render_splats(std::span<const Vec3f> positions, const Splats& splats,
                     std::span<const Rgba8> colors, const Camera& camera,
