@@ -4,14 +4,16 @@
 
 #include "attribute_name.hpp"
 #include "chain_order.hpp"
-#include "cloud_copy.hpp"
 #include "in_quotes.hpp"
+#include "parallel_for.hpp"
 #include "stipple/codec.hpp"
 #include "stipple/error.hpp"
 
 #include <draco/compression/expert_encode.h>
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
+#include <cstring>
 #include <memory>
 #include <sstream>
 
@@ -100,33 +102,65 @@ struct Encoded {
 
 constexpr std::uint32_t kFirstGenericId = 3;
 
-int add_attribute(Encoded& encoded, GeometryAttribute::Type type, unsigned components,
-                  draco::DataType data_type, std::uint32_t unique_id, const void* values,
-                  int quantization_bits) {
-    const std::size_t stride =
-        components * static_cast<std::size_t>(draco::DataTypeLength(data_type));
-    const bool normalized = type == GeometryAttribute::COLOR;
-    GeometryAttribute attribute;
-    attribute.Init(type, nullptr, static_cast<std::uint8_t>(components), data_type, normalized,
-                   static_cast<std::int64_t>(stride), 0);
-    const std::uint32_t n = encoded.geometry.num_points();
-    const int id = encoded.geometry.AddAttribute(attribute, true, n);
-    draco::PointAttribute& added = *encoded.geometry.attribute(id);
-    added.set_unique_id(unique_id);
-    if (n != 0) added.buffer()->Write(0, values, n * stride);
-    encoded.quantization_bits.push_back(quantization_bits);
-    return id;
-}
+/// How the values of an attribute lie in memory, and what they are.
+struct Values {
+    const void* data;
+    std::size_t stride;  ///< bytes from a point's to the next's; may be more than are taken
+    unsigned components;
+    draco::DataType type;
+};
 
-void add_colors(const PointCloud& cloud, Encoded& encoded) {
-    const unsigned channels = cloud.has_alpha ? 4 : 3;
-    std::vector<std::uint8_t> flat;
-    flat.reserve(cloud.colors.size() * channels);
-    for (const Rgba8& c : cloud.colors) {
-        flat.insert(flat.end(), {c.r, c.g, c.b});
-        if (cloud.has_alpha) flat.push_back(c.a);
+/// Takes the attributes of a cloud over, in an order.
+class Handover {
+public:
+    /// @param order  of all points; empty: as they stand.
+    Handover(std::size_t points, std::span<const Index> order, Encoded& to,
+             const RunContext& context)
+        : order_(order), to_(to), context_(context) {
+        to_.geometry.set_num_points(static_cast<std::uint32_t>(points));
     }
-    add_attribute(encoded, GeometryAttribute::COLOR, channels, draco::DT_UINT8, 2, flat.data(), 0);
+
+    int add(GeometryAttribute::Type type, std::uint32_t unique_id, const Values& values,
+            int quantization_bits) {
+        const std::size_t bytes =
+            values.components * static_cast<std::size_t>(draco::DataTypeLength(values.type));
+        const bool normalized = type == GeometryAttribute::COLOR;
+        GeometryAttribute attribute;
+        attribute.Init(type, nullptr, static_cast<std::uint8_t>(values.components), values.type,
+                       normalized, static_cast<std::int64_t>(bytes), 0);
+        const std::uint32_t n = to_.geometry.num_points();
+        const int id = to_.geometry.AddAttribute(attribute, true, n);
+        draco::PointAttribute& added = *to_.geometry.attribute(id);
+        added.set_unique_id(unique_id);
+        if (n != 0) copy(values, bytes, added.buffer()->data());
+        to_.quantization_bits.push_back(quantization_bits);
+        return id;
+    }
+
+    draco::PointCloud& geometry() noexcept { return to_.geometry; }
+
+private:
+    void copy(const Values& values, std::size_t bytes, std::uint8_t* to) const {
+        constexpr std::size_t kBlock = 65'536;
+        const auto* const from = static_cast<const std::byte*>(values.data);
+        parallel_for_blocks(
+            to_.geometry.num_points(), kBlock, context_, [&](std::size_t begin, std::size_t end) {
+                for (std::size_t i = begin; i < end; ++i) {
+                    const std::size_t point = order_.empty() ? i : order_[i];
+                    std::memcpy(to + i * bytes, from + point * values.stride, bytes);
+                }
+            });
+    }
+
+    std::span<const Index> order_;
+    Encoded& to_;
+    const RunContext& context_;
+};
+
+/// The memory of what was handed over, if the cloud may be spent.
+template <typename Vector>
+void give_back(Vector& values) {
+    if constexpr (!std::is_const_v<Vector>) Vector().swap(values);
 }
 
 template <typename T>
@@ -162,34 +196,41 @@ bool can_be_entropy_coded(const std::vector<T>& values) {
            std::int64_t{high} - std::int64_t{low} < kWidest;
 }
 
-void add_generic(const Attribute& attribute, std::uint32_t unique_id, unsigned attribute_bits,
-                 Encoded& encoded) {
+template <typename OneAttribute>
+void add_generic(OneAttribute& attribute, std::uint32_t unique_id, unsigned attribute_bits,
+                 Handover& handover) {
     std::string original_type;
     const int id = std::visit(
-        [&]<typename T>(const std::vector<T>& values) {
-            const auto add = [&](draco::DataType type, const void* data, int bits) {
-                return add_attribute(encoded, GeometryAttribute::GENERIC, attribute.components,
-                                     type, unique_id, data, bits);
+        [&]<typename Vector>(Vector& values) {
+            using T = typename Vector::value_type;
+            const unsigned components = attribute.components;
+            const auto add = [&](draco::DataType type, const auto& from, int bits) {
+                const std::size_t stride = components * sizeof(from[0]);
+                return handover.add(GeometryAttribute::GENERIC, unique_id,
+                                    {from.data(), stride, components, type}, bits);
             };
             if constexpr (std::is_integral_v<T> && sizeof(T) == 4) {
                 if (!can_be_entropy_coded(values)) {
                     original_type = std::is_signed_v<T> ? "int32" : "uint32";
                     const std::vector<double> wide(values.begin(), values.end());
-                    return add(draco::DT_FLOAT64, wide.data(), 0);
+                    give_back(values);
+                    return add(draco::DT_FLOAT64, wide, 0);
                 }
             }
             int bits = 0;
             if constexpr (std::is_same_v<T, float>) {
                 if (can_be_quantized(values)) bits = static_cast<int>(attribute_bits);
             }
-            return add(data_type_of<T>(), values.data(), bits);
+            const int added = add(data_type_of<T>(), values, bits);
+            give_back(values);
+            return added;
         },
         attribute.values);
 
     auto metadata = std::make_unique<draco::AttributeMetadata>();
     metadata->AddEntryString("name", attribute.name);
     if (!original_type.empty()) metadata->AddEntryString("stipple.type", original_type);
-    encoded.geometry.AddAttributeMetadata(id, std::move(metadata));
+    handover.geometry().AddAttributeMetadata(id, std::move(metadata));
 }
 
 void check_attribute(const Attribute& attribute) {
@@ -204,23 +245,33 @@ void check_attribute(const Attribute& attribute) {
     }
 }
 
-void fill(const PointCloud& cloud, const DracoEncodeOptions& options, int position_bits,
-          Encoded& encoded) {
-    encoded.geometry.set_num_points(static_cast<std::uint32_t>(cloud.size()));
-    add_attribute(encoded, GeometryAttribute::POSITION, 3, draco::DT_FLOAT32, 0,
-                  cloud.positions.data(), position_bits);
-    if (!cloud.normals.empty()) {
-        add_attribute(encoded, GeometryAttribute::NORMAL, 3, draco::DT_FLOAT32, 1,
-                      cloud.normals.data(), static_cast<int>(options.normal_bits));
+/// @param cloud  is spent unless it is const.
+template <typename Cloud>
+void fill(Cloud& cloud, std::span<const Index> order, const DracoEncodeOptions& options,
+          unsigned position_bits, Encoded& encoded, const RunContext& context) {
+    const bool empty = cloud.empty();
+    Handover handover(cloud.size(), order, encoded, context);
+    const auto add_vectors = [&](GeometryAttribute::Type type, std::uint32_t unique_id,
+                                 auto& vectors, unsigned bits) {
+        handover.add(type, unique_id, {vectors.data(), sizeof(Vec3f), 3, draco::DT_FLOAT32},
+                     static_cast<int>(bits));
+        give_back(vectors);
+    };
+    add_vectors(GeometryAttribute::POSITION, 0, cloud.positions, position_bits);
+    if (!cloud.normals.empty())
+        add_vectors(GeometryAttribute::NORMAL, 1, cloud.normals, options.normal_bits);
+    if (!cloud.colors.empty()) {
+        static_assert(offsetof(Rgba8, a) == 3, "colours without alpha are the first three bytes");
+        const unsigned channels = cloud.has_alpha ? 4 : 3;
+        handover.add(GeometryAttribute::COLOR, 2,
+                     {cloud.colors.data(), sizeof(Rgba8), channels, draco::DT_UINT8}, 0);
+        give_back(cloud.colors);
     }
-    if (!cloud.colors.empty()) add_colors(cloud, encoded);
     std::uint32_t unique_id = kFirstGenericId;
     // Draco's decoder refuses integers of no points: an empty cloud is its positions and origin.
-    const std::span<const Attribute> kept(cloud.attributes.data(),
-                                          cloud.empty() ? 0 : cloud.attributes.size());
-    for (const Attribute& attribute : kept) {
+    for (auto& attribute : std::span(cloud.attributes).first(empty ? 0 : cloud.attributes.size())) {
         check_attribute(attribute);
-        add_generic(attribute, unique_id++, options.attribute_bits, encoded);
+        add_generic(attribute, unique_id++, options.attribute_bits, handover);
     }
     if (cloud.double_precision || !cloud.origin.isZero(0)) {
         if (encoded.geometry.GetMetadata() == nullptr) {
@@ -258,13 +309,14 @@ draco::PointCloudEncodingMethod method_for(const Encoded& encoded, DracoCoding c
     return kd_tree ? draco::POINT_CLOUD_KD_TREE_ENCODING : draco::POINT_CLOUD_SEQUENTIAL_ENCODING;
 }
 
-}  // namespace
-
-std::vector<std::byte> encode_draco(const PointCloud& cloud, const DracoEncodeOptions& options,
-                                    const RunContext& context) {
+/// @param cloud  is spent unless it is const.
+template <typename Cloud>
+std::vector<std::byte> encode(Cloud& cloud, const DracoEncodeOptions& options,
+                              const RunContext& context) {
     check(options);
     validate(cloud);
-    if (options.position_bits != 0 || options.precision)
+    const bool sorted = options.sorted && options.coding != DracoCoding::KdTree && !cloud.empty();
+    if (options.position_bits != 0 || options.precision || sorted)
         require_finite(cloud.positions, "the position");
     require_finite(cloud.normals, "the normal");
     unsigned position_bits = options.position_bits;
@@ -272,17 +324,15 @@ std::vector<std::byte> encode_draco(const PointCloud& cloud, const DracoEncodeOp
         const Extent extent = extent_of(cloud.positions);
         if (options.precision) position_bits = bits_for(*options.precision, extent);
     }
+    if (cloud.empty()) position_bits = 0;
     context.checkpoint(0);
-    if (options.sorted && options.coding != DracoCoding::KdTree && !cloud.empty()) {
-        DracoEncodeOptions as_they_stand = options;
-        as_they_stand.sorted = false;
-        require_finite(cloud.positions, "the position");
-        return encode_draco(subset(cloud, chain_through(cloud.positions, context), context),
-                            as_they_stand, context);
-    }
 
     Encoded encoded;
-    fill(cloud, options, cloud.empty() ? 0 : static_cast<int>(position_bits), encoded);
+    {
+        std::vector<Index> order;
+        if (sorted) order = chain_through(cloud.positions, context);
+        fill(cloud, order, options, position_bits, encoded, context);
+    }
     draco::ExpertEncoder encoder(encoded.geometry);
     encoder.SetEncodingMethod(method_for(encoded, options.coding));
     const int speed = 10 - static_cast<int>(options.compression_level);
@@ -300,6 +350,18 @@ std::vector<std::byte> encode_draco(const PointCloud& cloud, const DracoEncodeOp
     context.checkpoint(1);
     const auto* const data = reinterpret_cast<const std::byte*>(buffer.data());
     return {data, data + buffer.size()};
+}
+
+}  // namespace
+
+std::vector<std::byte> encode_draco(const PointCloud& cloud, const DracoEncodeOptions& options,
+                                    const RunContext& context) {
+    return encode(cloud, options, context);
+}
+
+std::vector<std::byte> encode_draco(PointCloud&& cloud, const DracoEncodeOptions& options,
+                                    const RunContext& context) {
+    return encode(cloud, options, context);
 }
 
 }  // namespace stipple

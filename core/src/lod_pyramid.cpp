@@ -240,8 +240,12 @@ std::vector<std::uint64_t> lod_sizes(std::uint64_t points, const LodPyramidOptio
     return sizes;
 }
 
-void build_lod_pyramid(const PointCloud& cloud, const LodPyramidOptions& options,
-                       const std::function<void(LodLevel&&)>& on_level, const RunContext& context) {
+namespace {
+
+/// @param whole  gives the cloud, after which it is not looked at.
+void build(const PointCloud& cloud, const std::function<PointCloud()>& whole,
+           const LodPyramidOptions& options, const std::function<void(LodLevel&&)>& on_level,
+           const RunContext& context) {
     if (cloud.empty()) refuse("the cloud has no points: expected at least 1");
     std::vector<std::uint64_t> sizes = lod_sizes(cloud.size(), options);
     const bool fits = options.base_fits && options.sizes.empty();
@@ -282,18 +286,34 @@ void build_lod_pyramid(const PointCloud& cloud, const LodPyramidOptions& options
         on_level(std::move(next));
         context.checkpoint(std::lerp(begin, 1.0, emitted / all));
     };
+    std::span<const std::uint64_t> made(sizes);  // all but the whole cloud, which is there
+    if (made.back() == cloud.size() && !options.nested) made = made.first(made.size() - 1);
     if (!cuts) {
-        for (const std::uint64_t size : sizes) emit({.cloud = level_of(size)});
+        for (const std::uint64_t size : made) emit({.cloud = level_of(size)});
+        level_of = {};
+        if (made.size() < sizes.size()) emit({.cloud = whole()});
         return;
     }
-    std::span<const std::uint64_t> made(sizes);  // all but the whole cloud, which is there
-    if (made.back() == cloud.size()) made = made.first(made.size() - 1);
     std::vector<LodLevel> levels =
         cut_levels(cloud, points, *tree, made, options, context.part(0, begin));
     tree.reset();  // not needed while levels are encoded
     std::vector<Vec3f>().swap(sorted);
     for (LodLevel& next : levels) emit(std::move(next));
-    if (made.size() < sizes.size()) emit({.cloud = copy_of(cloud, context)});
+    if (made.size() < sizes.size()) emit({.cloud = whole()});
+}
+
+}  // namespace
+
+void build_lod_pyramid(const PointCloud& cloud, const LodPyramidOptions& options,
+                       const std::function<void(LodLevel&&)>& on_level, const RunContext& context) {
+    build(
+        cloud, [&] { return copy_of(cloud, context); }, options, on_level, context);
+}
+
+void build_lod_pyramid(PointCloud&& cloud, const LodPyramidOptions& options,
+                       const std::function<void(LodLevel&&)>& on_level, const RunContext& context) {
+    build(
+        cloud, [&] { return std::move(cloud); }, options, on_level, context);
 }
 
 }  // namespace stipple

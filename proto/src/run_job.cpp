@@ -18,6 +18,7 @@
 #include <chrono>
 #include <cmath>
 #include <filesystem>
+#include <iterator>
 #include <new>
 #include <numeric>
 #include <utility>
@@ -288,14 +289,15 @@ private:
         if (tiler_ != nullptr) levels.order = tiler_->order();
         if (job.base_bytes) fit_base(levels, *job.base_bytes);
         build_lod_pyramid(
-            cloud, levels,
+            std::move(cloud), levels,
             [&](LodLevel&& made) {
                 std::optional<ErrorFigures> error;
                 if (job.error) {
+                    const PointCloud& source = cloud.empty() ? made.cloud : cloud;
                     const double to = std::lerp(encoded(), encoded(made.cloud.size()), kMeasured);
-                    error = result_error(cloud, made.cloud, in_stage(kEncode).part(encoded(), to));
+                    error = result_error(source, made.cloud, in_stage(kEncode).part(encoded(), to));
                 }
-                encode(made, job.output, error);
+                encode(std::move(made), job.output, error);
             },
             in_stage(kSimplify));
         meter_.advance(kSimplify, 1);
@@ -410,7 +412,7 @@ private:
             candidate.level.attributes = attributes_of(maps.back());
             candidate.samples = {};
             for (const CloudFormat format : job.output.formats) {
-                const LodLevel map{candidate.level.level, maps.back(), 0};
+                LodLevel map{candidate.level.level, maps.back(), 0};
                 candidate.level.files.push_back(
                     write(map, format, job.output.draco, in_stage(kEncode)));
             }
@@ -441,38 +443,47 @@ private:
         return {picture.width, picture.height, picture.png.size(), sha256_hex(picture.png), name};
     }
 
-    void encode(const LodLevel& made, const OutputOptions& options,
+    /// Spends the level: Draco, which takes most memory, comes last and takes it over.
+    void encode(LodLevel&& made, const OutputOptions& options,
                 const std::optional<ErrorFigures>& error = {}) {
         const Stopwatch watch(cost_.encode_seconds);
-        const double to = encoded(made.cloud.size());
+        const std::size_t points = made.cloud.size();
+        const double to = encoded(points);
         double from = error ? std::lerp(encoded(), to, kMeasured) : encoded();
         const double share = (to - from) / static_cast<double>(options.formats.size());
 
         JobReport line;
         line.level = {.level = made.level,
-                      .points = made.cloud.size(),
+                      .points = points,
                       .spacing = made.spacing,
                       .bounds = bounds(made.cloud),
                       .files = {},
                       .error = error,
                       .attributes = attributes_of(made.cloud),
                       .bound = bound_};
-        std::vector<OutputFile>& files = line.level->files;
-        for (const CloudFormat format : options.formats) {
+        std::vector<std::vector<OutputFile>> files(options.formats.size());
+        std::vector<std::size_t> turns(files.size());
+        std::iota(turns.begin(), turns.end(), std::size_t{0});
+        std::ranges::stable_partition(
+            turns, [&](std::size_t i) { return options.formats[i] != CloudFormat::Draco; });
+        for (const std::size_t i : turns) {
+            const CloudFormat format = options.formats[i];
             const RunContext context = in_stage(kEncode).part(from, from + share);
             from += share;
             if (format == CloudFormat::Glb) {
-                write_tiles(made, context, files);
+                write_tiles(made, context, files[i]);
                 line.level->decoded = tiler_->figures();
                 line.level->spacing = tiler_->figures().spacing;
+                if (points == points_of_source_) tiler_.reset();  // no level comes after
             } else if (format == CloudFormat::Progressive) {
-                if (made.cloud.size() == stream_.points)
-                    files.push_back(write_stream(made, context));
+                if (points == stream_.points) files[i] = {write_stream(made, context)};
             } else {
-                files.push_back(write(made, format, options.draco, context));
+                files[i] = {write(made, format, options.draco, context)};
             }
         }
-        points_encoded_ += made.cloud.size();
+        for (std::vector<OutputFile>& some : files)
+            std::ranges::move(some, std::back_inserter(line.level->files));
+        points_encoded_ += points;
         meter_.advance(kEncode, encoded());
         report_(line);
     }
@@ -484,13 +495,14 @@ private:
             static_cast<double>(points_encoded_ + more) / static_cast<double>(points_to_encode_));
     }
 
-    OutputFile write(const LodLevel& made, CloudFormat format, const DracoEncodeOptions& draco,
+    /// Spends the level where it is written as Draco.
+    OutputFile write(LodLevel& made, CloudFormat format, const DracoEncodeOptions& draco,
                      const RunContext& context) {
         DracoEncodeOptions options = draco;
         options.sorted = std::holds_alternative<PyramidJob>(spec_.request.job);
-        const std::vector<std::byte> bytes = format == CloudFormat::Draco
-                                                 ? encode_draco(made.cloud, options, context)
-                                                 : encode_ply(made.cloud, {}, context);
+        const std::vector<std::byte> bytes =
+            format == CloudFormat::Draco ? encode_draco(std::move(made.cloud), options, context)
+                                         : encode_ply(made.cloud, {}, context);
         const std::string name =
             "level-" + std::to_string(made.level) + "." + std::string(to_string(format));
         write_whole_file(fs::path(spec_.output_dir) / name, bytes, spec_);

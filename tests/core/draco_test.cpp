@@ -10,6 +10,7 @@
 #include <map>
 #include <numeric>
 #include <random>
+#include <utility>
 
 namespace stipple {
 namespace {
@@ -361,6 +362,24 @@ TEST(Draco, SortedIsSmallerAndHoldsTheSamePoints) {
               sorted(rows_of(round_trip(cloud, options))));
     EXPECT_EQ(encode_draco(cloud, chained, {.threads = 1}),
               encode_draco(cloud, chained, {.threads = 4}));
+}
+
+TEST(Draco, SpendsACloudForTheSameBytes) {
+    for (const bool chained : {false, true}) {
+        PointCloud cloud = cloud_of_integers(500);
+        cloud.normals.assign(cloud.size(), Vec3f::UnitX());
+        cloud.colors.assign(cloud.size(), Rgba8{1, 2, 3, 255});
+        DracoEncodeOptions options;
+        options.sorted = chained;
+        const std::vector<std::byte> kept = encode_draco(cloud, options);
+        EXPECT_EQ(encode_draco(std::move(cloud), options), kept);
+        // NOLINTBEGIN(bugprone-use-after-move): what is left is what is looked at
+        EXPECT_EQ(cloud.positions.capacity() + cloud.normals.capacity() + cloud.colors.capacity(),
+                  0U);
+        for (const Attribute& attribute : cloud.attributes)
+            EXPECT_EQ(attribute.value_count(), 0U) << attribute.name;
+        // NOLINTEND(bugprone-use-after-move)
+    }
 }
 
 }  // namespace

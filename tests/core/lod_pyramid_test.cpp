@@ -1,5 +1,6 @@
 #include "stipple/lod_pyramid.hpp"
 
+#include "stipple/codec.hpp"
 #include "stipple/error.hpp"
 #include "stipple/lod_tiles.hpp"
 #include "stipple/neighbors.hpp"
@@ -12,6 +13,7 @@
 #include <iterator>
 #include <set>
 #include <tuple>
+#include <utility>
 #include <vector>
 
 namespace stipple {
@@ -314,6 +316,29 @@ TEST(LodPyramid, LevelsAlongACurveSayTheirOrder) {
 TEST(LodPyramid, RefusesAnOrderOfAnotherNumberOfPoints) {
     const std::vector<Index> order(99);
     EXPECT_THROW(build(test::sphere(100), {.order = order}), Error);
+}
+
+TEST(LodPyramid, OfACloudThatIsGivenAwayHasTheSameLevels) {
+    const PointCloud cloud = test::with_attributes(test::sphere(2000));
+    for (const Method method : {Method::Hierarchical, Method::Multiphase, Method::Iterative}) {
+        for (const bool nested : {false, true}) {
+            if (nested && method != Method::Iterative) continue;
+            const LodPyramidOptions options{.base_points = 200, .method = method, .nested = nested};
+            const std::vector<LodLevel> expected = build(cloud, options);
+            PointCloud given = cloud;
+            const Vec3f* const positions = given.positions.data();
+            std::vector<LodLevel> levels;
+            build_lod_pyramid(std::move(given), options, [&](LodLevel&& level) {
+                const bool whole = level.cloud.size() == cloud.size();
+                EXPECT_EQ(given.empty(), whole && !nested);  // NOLINT(bugprone-use-after-move)
+                EXPECT_EQ(level.cloud.positions.data() == positions, whole && !nested);
+                levels.push_back(std::move(level));
+            });
+            ASSERT_EQ(levels.size(), expected.size());
+            for (std::size_t i = 0; i < levels.size(); ++i)
+                EXPECT_EQ(encode_ply(levels[i].cloud), encode_ply(expected[i].cloud)) << i;
+        }
+    }
 }
 
 TEST(LodPyramid, OfOnePointIsOneLevel) {

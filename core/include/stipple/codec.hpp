@@ -119,6 +119,10 @@ std::vector<std::byte> encode_ply(const PointCloud& cloud, const PlyEncodeOption
                                   const RunContext& context = {});
 std::vector<std::byte> encode_draco(const PointCloud& cloud, const DracoEncodeOptions& options = {},
                                     const RunContext& context = {});
+/// The same, and spends the cloud: each part of it is given back once Draco has it, so that as much
+/// memory less is needed.
+std::vector<std::byte> encode_draco(PointCloud&& cloud, const DracoEncodeOptions& options = {},
+                                    const RunContext& context = {});
 
 /// Writes a cloud, the format by the extension (`.ply`, `.drc`, `.stpc`), through a temporary file
 /// beside it, so that a file of that name is whole or not there. @throws Error(UnsupportedFormat)

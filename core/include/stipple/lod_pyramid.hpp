@@ -73,5 +73,10 @@ std::vector<std::uint64_t> lod_sizes(std::uint64_t points, const LodPyramidOptio
 void build_lod_pyramid(const PointCloud& cloud, const LodPyramidOptions& options,
                        const std::function<void(LodLevel&&)>& on_level,
                        const RunContext& context = {});
+/// The same without a copy: the level of all points is the cloud itself, which is empty when
+/// `on_level` gets it; of nested levels it stays.
+void build_lod_pyramid(PointCloud&& cloud, const LodPyramidOptions& options,
+                       const std::function<void(LodLevel&&)>& on_level,
+                       const RunContext& context = {});
 
 }  // namespace stipple
