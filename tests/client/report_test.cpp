@@ -17,7 +17,7 @@ TEST(BoundLine, SaysWhereFewerPointsAreTooFar) {
     bound.too_far = {30'000, {0.5, -2, 1234567.25}, 0.4321};
     EXPECT_EQ(bound_line(bound, 60'000, {}),
               "kept all 60,000 points: with 30,000 the surface at (0.5, -2, 1234567.25) is off by "
-              "0.432, above the bound 0.3");
+              "0.432, above the bound 0.3; `stipple curve` tells the errors of other counts");
 }
 
 TEST(BoundLine, SaysThatABoundIsBelowTheNoise) {

@@ -66,7 +66,7 @@ std::string whole_line(const proto::MeasuredBound& bound, std::uint64_t points) 
         return kept + "that at " + readable_place(place) + " is off their own surface by " + off +
                ", which is below the noise";
     return kept + "with " + with_separators(tried) + " the surface at " + readable_place(place) +
-           " is off by " + off;
+           " is off by " + off + "; `stipple curve` tells the errors of other counts";
 }
 
 }  // namespace
