@@ -293,6 +293,7 @@ private:
             [&](LodLevel&& made) {
                 std::optional<ErrorFigures> error;
                 if (job.error) {
+                    // The level of all points is the source itself.
                     const PointCloud& source = cloud.empty() ? made.cloud : cloud;
                     const double to = std::lerp(encoded(), encoded(made.cloud.size()), kMeasured);
                     error = result_error(source, made.cloud, in_stage(kEncode).part(encoded(), to));
