@@ -60,15 +60,26 @@ struct TangentPlane {
     Vec3d u, v, normal;
 };
 
-/// Of a point and its neighbours, by their covariance about their mean (Eq. 4).
+/// Where a point's neighbours are, from it on.
+struct Surroundings {
+    std::vector<Vec3d> offsets;
+    std::size_t nearest = 0;  ///< the first are its own nearest, in order of distance
+    double most = 0;          ///< to the farthest that has the point among its nearest
+
+    double farthest() const {
+        double farthest_sq = 0;
+        for (const Vec3d& d : offsets) farthest_sq = std::max(farthest_sq, d.squaredNorm());
+        return std::sqrt(farthest_sq);
+    }
+};
+
+/// Of a point and its nearest neighbours, by their covariance about their mean (Eq. 4).
 TangentPlane tangent_plane(std::span<const Vec3d> offsets) {
     const double n = static_cast<double>(offsets.size()) + 1;
-    Vec3d mean = Vec3d::Zero();
-    for (const Vec3d& d : offsets) mean += d / n;
-    Symmetric3 a{mean.x() * mean.x(), mean.x() * mean.y(), mean.x() * mean.z(),
-                 mean.y() * mean.y(), mean.y() * mean.z(), mean.z() * mean.z()};  // the point's
-    for (const Vec3d& offset : offsets) {
-        const Vec3d d = offset - mean;
+    Vec3d sum = Vec3d::Zero();
+    Symmetric3 a;
+    for (const Vec3d& d : offsets) {
+        sum += d;
         a.xx += d.x() * d.x();
         a.xy += d.x() * d.y();
         a.xz += d.x() * d.z();
@@ -76,6 +87,13 @@ TangentPlane tangent_plane(std::span<const Vec3d> offsets) {
         a.yz += d.y() * d.z();
         a.zz += d.z() * d.z();
     }
+    const Vec3d mean = sum / n;
+    a.xx -= sum.x() * mean.x();
+    a.xy -= sum.x() * mean.y();
+    a.xz -= sum.x() * mean.z();
+    a.yy -= sum.y() * mean.y();
+    a.yz -= sum.y() * mean.z();
+    a.zz -= sum.z() * mean.z();
     const auto lambda = eigenvalues(a);
     TangentPlane plane;
     plane.u = eigenvector(a, lambda[2]);
@@ -86,6 +104,21 @@ TangentPlane tangent_plane(std::span<const Vec3d> offsets) {
         across.norm() > kParallel ? Vec3d(across.normalized()) : plane.u.unitOrthogonal();
     plane.v = plane.normal.cross(plane.u);
     return plane;
+}
+
+/// A neighbour in the tangent plane.
+struct Place {
+    Vec2d at;
+    double length_sq;
+};
+
+/// Distances to neighbours are as they are in space: a surface that bends is longer than its
+/// shadow on the plane.
+Place unrolled(const Vec3d& offset, const TangentPlane& plane) {
+    const Vec2d shadow(offset.dot(plane.u), offset.dot(plane.v));
+    const double shadow_sq = shadow.squaredNorm(), length_sq = offset.squaredNorm();
+    if (!(shadow_sq > 0)) return {Vec2d::Zero(), 0};
+    return {shadow * std::sqrt(length_sq / shadow_sq), length_sq};
 }
 
 /// A convex polygon about the origin; each edge knows what cut it.
@@ -103,25 +136,36 @@ public:
         reach_sq_ = 2 * half_side * half_side;
     }
 
-    /// Keeps what is nearer to the origin than to `q`.
-    void cut(const Vec2d& q, int neighbor) {
-        const double half_sq = 0.5 * q.squaredNorm();
-        if (0.5 * half_sq > reach_sq_) return;  // half the way is beyond every corner
-        rest_.clear();
+    /// Whether a neighbour at that distance is too far to cut anything: half the way to it is
+    /// beyond every corner.
+    bool is_within(double distance_sq) const noexcept { return 0.25 * distance_sq > reach_sq_; }
+
+    /// Keeps what is nearer to the origin than to a neighbour.
+    void cut(const Place& place, int neighbor) {
+        const double half_sq = 0.5 * place.length_sq;
+        beyond_.resize(corners_.size());
+        bool is_cut = false;
         for (std::size_t i = 0; i < corners_.size(); ++i) {
-            const Corner& a = corners_[i];
-            const Corner& b = corners_[(i + 1) % corners_.size()];
-            const double beyond_a = a.place.dot(q) - half_sq, beyond_b = b.place.dot(q) - half_sq;
-            if (beyond_a <= 0) rest_.push_back(a);
-            if ((beyond_a <= 0) == (beyond_b <= 0)) continue;
-            const double t = beyond_a / (beyond_a - beyond_b);
+            beyond_[i] = corners_[i].place.dot(place.at) - half_sq;
+            is_cut |= beyond_[i] > 0;
+        }
+        if (!is_cut) return;
+        rest_.clear();
+        reach_sq_ = 0;
+        const auto keep = [&](const Vec2d& corner, int edge) {
+            rest_.push_back({corner, edge});
+            reach_sq_ = std::max(reach_sq_, corner.squaredNorm());
+        };
+        for (std::size_t i = 0; i < corners_.size(); ++i) {
+            const std::size_t next = i + 1 < corners_.size() ? i + 1 : 0;
+            const Corner &a = corners_[i], &b = corners_[next];
+            if (beyond_[i] <= 0) keep(a.place, a.edge);
+            if ((beyond_[i] <= 0) == (beyond_[next] <= 0)) continue;
+            const double t = beyond_[i] / (beyond_[i] - beyond_[next]);
             // The edge that begins here is the new one where the polygon is left.
-            rest_.push_back({a.place + t * (b.place - a.place), beyond_a <= 0 ? neighbor : a.edge});
+            keep(a.place + t * (b.place - a.place), beyond_[i] <= 0 ? neighbor : a.edge);
         }
         corners_.swap(rest_);
-        reach_sq_ = 0;
-        for (const Corner& corner : corners_)
-            reach_sq_ = std::max(reach_sq_, corner.place.squaredNorm());
     }
 
     struct Corner {
@@ -132,7 +176,8 @@ public:
 
 private:
     std::vector<Corner> corners_, rest_;
-    double reach_sq_ = 0;  ///< of the farthest corner
+    std::vector<double> beyond_;  ///< of each corner, how far it lies behind the cut, to scale
+    double reach_sq_ = 0;         ///< of the farthest corner
 };
 
 /// What a splat must reach, in its plane.
@@ -143,68 +188,19 @@ struct Footprint {
     bool is_closed = false;       ///< whether neighbours end it on every side
     double most = 0;              ///< no splat is larger
 
-    /// The least size of a splat that holds everything; `size(place)` is that of one through
-    /// `place`.
-    template <typename Size>
-    double least(Size&& size) const {
-        double least = 0;
-        for (const Vec2d& place : corners) least = std::max(least, size(place));
-        for (const Vec2d& place : half_way) least = std::max(least, size(place));
-        return least;
+    /// The least size of a splat that holds everything; `size_sq(place)` is the square of that of
+    /// one through `place`.
+    template <typename SizeSq>
+    double least(SizeSq&& size_sq) const {
+        double least_sq = 0;
+        for (const Vec2d& place : corners) least_sq = std::max(least_sq, size_sq(place));
+        for (const Vec2d& place : half_way) least_sq = std::max(least_sq, size_sq(place));
+        return std::sqrt(least_sq);
     }
     double radius() const {
-        return std::min(most, least([](const Vec2d& place) { return place.norm(); }));
+        return std::min(most, least([](const Vec2d& place) { return place.squaredNorm(); }));
     }
 };
-
-/// Distances to neighbours are as they are in space: a surface that bends is longer than its
-/// shadow on the plane.
-Vec2d unrolled(const Vec3d& offset, const TangentPlane& plane) {
-    const Vec2d shadow(offset.dot(plane.u), offset.dot(plane.v));
-    const double length = shadow.norm();
-    return length > 0 ? Vec2d(shadow * (offset.norm() / length)) : Vec2d(0, 0);
-}
-
-/// Whether half the way to a neighbour is nearer to this point than to any other neighbour.
-bool is_half_way_mine(const Vec2d& neighbor, std::span<const Vec2d> neighbors) {
-    constexpr double kRounding = 1e-9;
-    const double length_sq = neighbor.squaredNorm();
-    return std::ranges::all_of(neighbors, [&](const Vec2d& other) {
-        const double enough = (1 - kRounding) * other.squaredNorm();
-        // One that is clearly farther cannot be nearer to a place on the way.
-        return enough > (1 + kRounding) * length_sq || other == neighbor ||
-               neighbor.dot(other) < enough;
-    });
-}
-
-/// Takes the cell, drawn in where it is open: where no neighbour ends it, or two that lie nearly in
-/// a line with the point do so far away.
-void set_reach(const Cell& cell, std::span<const Vec2d> neighbors, Footprint& footprint) {
-    constexpr double kFar = 2;  // times the distance of the neighbours
-    footprint.half_way.clear();
-    footprint.corners.clear();
-    footprint.is_closed = true;
-    double sum = 0;
-    for (const Vec2d& neighbor : neighbors) {
-        if (!(neighbor.squaredNorm() > 0) || !is_half_way_mine(neighbor, neighbors)) continue;
-        footprint.half_way.emplace_back(0.5 * neighbor);
-        sum += neighbor.norm();
-    }
-    if (footprint.half_way.empty()) return;
-    const double border = kBorder * sum / static_cast<double>(footprint.half_way.size());
-    const auto corners = cell.corners();
-    for (std::size_t i = 0; i < corners.size(); ++i) {
-        const int edge = corners[i].edge,
-                  before = corners[(i + corners.size() - 1) % corners.size()].edge;
-        const double length = corners[i].place.norm();
-        const auto distance = [&](int n) { return neighbors[static_cast<std::size_t>(n)].norm(); };
-        const bool is_open = edge == Cell::kOpen || before == Cell::kOpen ||
-                             length > kFar * std::max(distance(edge), distance(before));
-        footprint.is_closed &= !is_open;
-        const bool is_drawn_in = is_open && length > border;
-        footprint.corners.emplace_back(corners[i].place * (is_drawn_in ? border / length : 1));
-    }
-}
 
 class FootprintFinder {
 public:
@@ -213,17 +209,15 @@ public:
 
     const Footprint& find(std::size_t i) {
         gather(i);
-        footprint_.most = most_;
+        footprint_.most = around_.most;
         // Of its nearest alone: among those that have it may be outliers.
-        footprint_.plane =
-            tangent_plane(std::span(offsets_).first(neighborhoods_.nearest.of(i).size()));
+        footprint_.plane = tangent_plane(std::span(around_.offsets).first(around_.nearest));
         places_.clear();
-        for (const Vec3d& offset : offsets_) places_.push_back(unrolled(offset, footprint_.plane));
-        cell_.reset(farthest_);
-        for (std::size_t n = 0; n < places_.size(); ++n) {
-            if (places_[n].squaredNorm() > 0) cell_.cut(places_[n], static_cast<int>(n));
-        }
-        set_reach(cell_, places_, footprint_);
+        for (const Vec3d& offset : around_.offsets)
+            places_.push_back(unrolled(offset, footprint_.plane));
+        cut_cell();
+        set_half_way();
+        set_corners();
         return footprint_;
     }
 
@@ -235,29 +229,93 @@ private:
     /// The ways to the neighbours of a point: its nearest, then the others that have it.
     void gather(std::size_t i) {
         const auto mine = neighborhoods_.nearest.of(i), others = neighborhoods_.that_have(i);
-        offsets_.clear();
-        farthest_ = most_ = 0;
-        const auto add = [&](Index j) {
-            offsets_.push_back(offset(i, j));
-            farthest_ = std::max(farthest_, offsets_.back().norm());
-        };
-        for (const Index j : mine) add(j);
+        around_.offsets.clear();
+        around_.nearest = mine.size();
+        for (const Index j : mine) around_.offsets.push_back(offset(i, j));
+        // What is clearly nearer than the last of its nearest is one of them.
+        constexpr double kRounding = 1e-5;
+        const double surely_mine_sq =
+            mine.empty() ? 0 : (1 - kRounding) * around_.offsets.back().squaredNorm();
+        double most_sq = 0;
         for (const Index j : others) {
-            most_ = std::max(most_, offset(i, j).norm());
-            if (std::ranges::find(mine, j) == mine.end()) add(j);
+            const Vec3d d = offset(i, j);
+            const double length_sq = d.squaredNorm();
+            most_sq = std::max(most_sq, length_sq);
+            if (length_sq >= surely_mine_sq && std::ranges::find(mine, j) == mine.end())
+                around_.offsets.push_back(d);
         }
+        around_.most = std::sqrt(most_sq);
         if (others.empty() && !mine.empty()) {  // an outlier
             const Index nearest = mine.front();
-            most_ = offset(nearest, neighborhoods_.nearest.of(nearest).back()).norm();
+            around_.most = offset(nearest, neighborhoods_.nearest.of(nearest).back()).norm();
+        }
+    }
+
+    void cut_cell() {
+        cell_.reset(around_.farthest());
+        for (std::size_t n = 0; n < places_.size(); ++n) {
+            const Place& place = places_[n];
+            if (place.length_sq > 0 && !cell_.is_within(place.length_sq))
+                cell_.cut(place, static_cast<int>(n));
+        }
+    }
+
+    const Place& of_edge(int edge) const { return places_[static_cast<std::size_t>(edge)]; }
+
+    /// Half the ways to neighbours that are nearer to the point than to any other: these neighbours
+    /// have an edge of the cell, and those that might be nearer have one as well.
+    void set_half_way() {
+        footprint_.half_way.clear();
+        double sum = 0;
+        const auto corners = cell_.corners();
+        const auto is_mine = [&](const Place& neighbor) {
+            constexpr double kRounding = 1e-9;
+            return std::ranges::all_of(corners, [&](const Cell::Corner& corner) {
+                if (corner.edge == Cell::kOpen) return true;
+                const Place& other = of_edge(corner.edge);
+                return other.at == neighbor.at ||
+                       neighbor.at.dot(other.at) < (1 - kRounding) * other.length_sq;
+            });
+        };
+        for (const Cell::Corner& corner : corners) {
+            if (corner.edge == Cell::kOpen || !is_mine(of_edge(corner.edge))) continue;
+            footprint_.half_way.emplace_back(0.5 * of_edge(corner.edge).at);
+            sum += std::sqrt(of_edge(corner.edge).length_sq);
+        }
+        border_ = footprint_.half_way.empty()
+                      ? 0
+                      : kBorder * sum / static_cast<double>(footprint_.half_way.size());
+    }
+
+    /// Takes the cell, drawn in where it is open: where no neighbour ends it, or two that lie
+    /// nearly in a line with the point do so far away.
+    void set_corners() {
+        constexpr double kFar = 2;  // times the distance of the neighbours
+        footprint_.corners.clear();
+        footprint_.is_closed = true;
+        if (footprint_.half_way.empty()) return;
+        const auto corners = cell_.corners();
+        int before = corners.back().edge;
+        for (const auto& [place, edge] : corners) {
+            const double length_sq = place.squaredNorm();
+            const bool is_open =
+                edge == Cell::kOpen || before == Cell::kOpen ||
+                length_sq >
+                    kFar * kFar * std::max(of_edge(edge).length_sq, of_edge(before).length_sq);
+            footprint_.is_closed &= !is_open;
+            const bool is_drawn_in = is_open && length_sq > border_ * border_;
+            footprint_.corners.emplace_back(place *
+                                            (is_drawn_in ? border_ / std::sqrt(length_sq) : 1));
+            before = edge;
         }
     }
 
     std::span<const Vec3f> points_;
     const Neighborhoods& neighborhoods_;
-    std::vector<Vec3d> offsets_;
-    std::vector<Vec2d> places_;
+    Surroundings around_;
+    std::vector<Place> places_;
     Cell cell_;
-    double farthest_ = 0, most_ = 0;
+    double border_ = 0;  ///< how far a splat reaches where the cell is open
     Footprint footprint_;
 };
 
@@ -290,7 +348,8 @@ std::pair<Vec3d, Vec3d> half_axes(const Footprint& footprint) {
     const Vec2d along(std::cos(angle), std::sin(angle)), across(-along.y(), along.x());
     const double aspect = mean > root ? std::sqrt((mean - root) / (mean + root)) : 1;
     const double major = footprint.least([&](const Vec2d& place) {
-        return std::hypot(place.dot(along), place.dot(across) / aspect);
+        const double x = place.dot(along), y = place.dot(across) / aspect;
+        return x * x + y * y;
     });
     if (!(major <= footprint.most)) return axes(along, radius, radius);
     return axes(along, major, aspect * major);
