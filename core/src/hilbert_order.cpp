@@ -61,37 +61,29 @@ constexpr StepTable make_steps() {
     return table;
 }
 
-/// Two steps at once: for each state the two digits and the state after them, by the two subcubes.
-struct TwoSteps {
-    std::uint8_t digits;
-    std::uint8_t state;
-};
-using TwoStepTable = std::array<std::array<TwoSteps, 64>, 24>;
+/// Two steps at once: for each state, 64 times that after them, and the two digits; by the two bits
+/// of x, from the larger cube to the smaller, then those of y and z above them.
+using TwoStepTable = std::array<std::uint16_t, 24 * 64>;
 
 constexpr TwoStepTable make_two_steps() {
     const StepTable steps = make_steps();
     TwoStepTable table{};
-    for (std::size_t state = 0; state < 24; ++state) {
-        for (std::size_t cubes = 0; cubes < 64; ++cubes) {
-            const Step first = steps[state][cubes >> 3U];
-            const Step second = steps[first.state][cubes & 7U];
-            table[state][cubes] = {static_cast<std::uint8_t>(first.digit << 3U | second.digit),
-                                   second.state};
+    for (unsigned state = 0; state < 24; ++state) {
+        for (unsigned x = 0; x < 4; ++x) {
+            for (unsigned y = 0; y < 4; ++y) {
+                for (unsigned z = 0; z < 4; ++z) {
+                    const Step first = steps[state][x / 2 + y / 2 * 2 + z / 2 * 4];
+                    const Step second = steps[first.state][x % 2 + y % 2 * 2 + z % 2 * 4];
+                    table[64 * state + x + 4 * y + 16 * z] = static_cast<std::uint16_t>(
+                        64 * second.state + 8 * first.digit + second.digit);
+                }
+            }
         }
     }
     return table;
 }
 
 constexpr TwoStepTable kTwoSteps = make_two_steps();
-
-/// The bits of a cell's coordinate, each followed by two zeros: for the subcubes of all levels.
-constexpr std::uint64_t spread(std::uint64_t cell) noexcept {
-    cell = (cell | cell << 32U) & 0x001F00000000FFFFU;
-    cell = (cell | cell << 16U) & 0x001F0000FF0000FFU;
-    cell = (cell | cell << 8U) & 0x100F00F00F00F00FU;
-    cell = (cell | cell << 4U) & 0x10C30C30C30C30C3U;
-    return (cell | cell << 2U) & 0x1249249249249249U;
-}
 
 struct Keyed {
     std::uint64_t key;
@@ -104,35 +96,40 @@ struct Grid {
     double cells_per_unit;
     unsigned bits;
 
-    /// The subcubes in which a point lies, from the largest on.
-    std::uint64_t cubes(const Vec3f& p) const noexcept {
+    /// The cell of a point: 16 bits for each coordinate, z above y above x.
+    std::uint64_t cell(const Vec3f& p) const noexcept {
         const double last = static_cast<double>((std::uint64_t{1} << bits) - 1);
-        std::array<std::uint32_t, 3> cell;
+        std::array<std::uint64_t, 3> at;
         for (int axis = 0; axis < 3; ++axis) {
             const double c = (static_cast<double>(p[axis]) - low[axis]) * cells_per_unit;
-            cell[static_cast<std::size_t>(axis)] =
-                static_cast<std::uint32_t>(std::clamp(c, 0.0, last));
+            at[static_cast<std::size_t>(axis)] =
+                static_cast<std::uint64_t>(static_cast<std::int64_t>(std::clamp(c, 0.0, last)));
         }
-        return spread(cell[0]) | spread(cell[1]) << 1U | spread(cell[2]) << 2U;
+        return at[0] | at[1] << 16U | at[2] << 32U;
     }
-    /// The keys of some points, given their subcubes: side by side, since each step waits for the
-    /// one before.
+    /// The keys of some points, given their cells: side by side, since each step waits for the one
+    /// before.
     template <std::size_t kCount>
     void to_keys(std::array<std::uint64_t, kCount>& values) const noexcept {
+        constexpr std::uint64_t kTwoOfEach = 0x0003'0003'0003U;
+        // Brings the two bits of each coordinate together, from bit 32 on.
+        constexpr std::uint64_t kTogether = 1ULL << 32U | 1U << 18U | 1U << 4U;
         std::array<std::uint64_t, kCount> keys{};
-        std::array<unsigned, kCount> states{};
-        for (unsigned shift = 3 * bits; shift > 0;) {
-            shift -= 6;
+        std::array<std::uint64_t, kCount> states{};  // 64 times them
+        for (unsigned shift = bits; shift > 0;) {
+            shift -= 2;
             for (std::size_t i = 0; i < kCount; ++i) {
-                const TwoSteps steps = kTwoSteps[states[i]][values[i] >> shift & 63U];
-                keys[i] = keys[i] << 6U | steps.digits;
-                states[i] = steps.state;
+                const std::uint64_t cubes =
+                    (values[i] >> shift & kTwoOfEach) * kTogether >> 32U & 63U;
+                const std::uint64_t steps = kTwoSteps[states[i] | cubes];
+                keys[i] = keys[i] << 6U | (steps & 63U);
+                states[i] = steps & ~std::uint64_t{63};
             }
         }
         values = keys;
     }
     std::uint64_t key(const Vec3f& p) const noexcept {
-        std::array<std::uint64_t, 1> value = {cubes(p)};
+        std::array<std::uint64_t, 1> value = {cell(p)};
         to_keys(value);
         return value[0];
     }
@@ -141,7 +138,7 @@ struct Grid {
         std::size_t i = 0;
         for (; i + kTogether <= points.size(); i += kTogether) {
             std::array<std::uint64_t, kTogether> values;
-            for (std::size_t j = 0; j < kTogether; ++j) values[j] = cubes(points[i + j]);
+            for (std::size_t j = 0; j < kTogether; ++j) values[j] = cell(points[i + j]);
             to_keys(values);
             std::ranges::copy(values, to + i);
         }
@@ -159,12 +156,14 @@ struct FloatBox {
     }
 };
 
-/// Cells fine enough that a surface of n points seldom has many in one; as few bits as that takes,
-/// since each two cost a step. No more than go into 64 bits beside the number of a point, without
-/// those of its bucket.
-Grid make_grid(const FloatBox& box, std::size_t n) {
+/// Cells fine enough that a surface of n points seldom has many in one, or, of a coarse curve, a
+/// few dozen; as few bits as that takes, since each two cost a step. No more than go into 64 bits
+/// beside the number of a point, without those of its bucket.
+Grid make_grid(const FloatBox& box, std::size_t n, Curve curve) {
     const double extent = (box.high.cast<double>() - box.low.cast<double>()).maxCoeff();
-    const auto wanted = static_cast<unsigned>(std::clamp<int>(std::bit_width(n) / 2 + 3, 6, 16));
+    const int width = std::bit_width(n);
+    const int enough = curve == Curve::Fine ? width / 2 + 3 : (width - 1) / 2 - 2;
+    const auto wanted = static_cast<unsigned>(std::clamp(enough, 6, 16));
     const unsigned bits = n > std::size_t{1} << 28U ? 14 : (wanted + 1) / 2 * 2;
     const double cells = static_cast<double>(std::uint64_t{1} << bits);
     return {box.low.cast<double>(), extent > 0 ? cells / extent : 0.0, bits};
@@ -190,7 +189,7 @@ void radix_sort(std::span<Item> items, std::vector<Item>& buffer, unsigned ignor
     if (from.data() != items.data()) std::ranges::copy(from, items.begin());
 }
 
-constexpr std::size_t kSmall = 96;  // so few are sorted sooner by comparing them
+constexpr std::size_t kSmall = 32;  // so few are sorted sooner by comparing them
 
 /// By (key, index), given in order of index.
 void sort(std::span<Keyed> items, std::vector<Keyed>& buffer) {
@@ -238,7 +237,7 @@ void refine(std::span<const Vec3f> points, std::span<Keyed> items, std::vector<K
     FloatBox box;
     for (const Keyed& item : items) box.add(points[item.index]);
     if (box.low == box.high) return;  // one position: in order of number already
-    const Grid grid = make_grid(box, items.size());
+    const Grid grid = make_grid(box, items.size(), Curve::Fine);
     for (Keyed& item : items) item.key = grid.key(points[item.index]);
     sort(items, buffer);
     refine_crowded(points, items, buffer);
@@ -291,10 +290,11 @@ FloatBox box_of(std::span<const Vec3f> points, const RunContext& context) {
 
 }  // namespace
 
-std::vector<Index> hilbert_order(std::span<const Vec3f> points, const RunContext& context) {
+std::vector<Index> hilbert_order(std::span<const Vec3f> points, const RunContext& context,
+                                 Curve curve) {
     const std::size_t n = points.size();
     if (n == 0) return {};
-    const Grid grid = make_grid(box_of(points, context), n);
+    const Grid grid = make_grid(box_of(points, context), n, curve);
 
     // By the leading bits of the key into buckets, in parallel blocks and stable; then each bucket
     // by itself.

@@ -89,7 +89,9 @@ void tidy(std::span<const Vec3f> points, std::span<Index> order, const RunContex
 PointTree::PointTree(std::span<const Vec3f> points, Leaves leaves, const RunContext& context)
     : size_(points.size()) {
     std::vector<Index> order;  // none: as the points stand
-    if (leaves != Leaves::Given) order = hilbert_order(points, context);
+    if (leaves != Leaves::Given)
+        order =
+            hilbert_order(points, context, leaves == Leaves::Loose ? Curve::Coarse : Curve::Fine);
     if (leaves == Leaves::Compact) {
         constexpr std::size_t kTidied = 65'536;
         parallel_for_blocks(size_, kTidied, context, [&](std::size_t begin, std::size_t end) {
