@@ -8,6 +8,15 @@
 
 namespace stipple {
 
+/// A cloud and its `bounds`.
+struct BoundedCloud {
+    const PointCloud& cloud;
+    Aabb box;
+
+    explicit BoundedCloud(const PointCloud& cloud_) : cloud(cloud_), box(bounds(cloud_)) {}
+    Vec3d middle() const { return 0.5 * (box.min + box.max); }
+};
+
 /// The error where one of two clouds is as good as a point: where all points of the other are
 /// farther from the middle of its box than a hundred times its diagonal. So it is with clouds in
 /// different units, or far apart. Distances are those to that middle, within 1 %; each point of the
@@ -15,7 +24,8 @@ namespace stipple {
 /// points. O(N), and no memory but for samples that are kept.
 ///
 /// @param reference, candidate  not empty, of finite coordinates.
-std::optional<SurfaceError> measure_far(const PointCloud& reference, const PointCloud& candidate,
+std::optional<SurfaceError> measure_far(const BoundedCloud& reference,
+                                        const BoundedCloud& candidate,
                                         const SurfaceErrorOptions& options,
                                         const RunContext& context);
 

@@ -66,21 +66,21 @@ struct Frame {
     Vec3d center = Vec3d::Zero();
     double scale = 1;  ///< a power of two
 
-    explicit Frame(const PointCloud& reference) {
-        const Aabb box = bounds(reference);
-        center = 0.5 * (box.min + box.max);
-        if (box.diagonal() > 0) scale = std::ldexp(1.0, -std::ilogb(box.diagonal()));
+    explicit Frame(const BoundedCloud& reference) : center(reference.middle()) {
+        const double diagonal = reference.box.diagonal();
+        if (diagonal > 0) scale = std::ldexp(1.0, -std::ilogb(diagonal));
     }
     std::vector<Vec3f> into(const PointCloud& cloud, const RunContext& context) const {
         const Vec3d shift = cloud.origin - center;
-        std::vector<Vec3f> points;
-        points.reserve(cloud.size());
-        for_blocks_in_order(cloud.size(), context, [&](std::size_t begin, std::size_t end) {
-            for (std::size_t i = begin; i < end; ++i) {
-                const Vec3d p = cloud.positions[i].cast<double>() + shift;
-                points.push_back((scale * p).cast<float>());
-            }
-        });
+        auto points = made_in_blocks<std::vector<Vec3f>>(cloud.size(), context);
+        constexpr std::size_t kBlock = 16'384;
+        parallel_for_blocks(points.size(), kBlock, context,
+                            [&](std::size_t begin, std::size_t end) {
+                                for (std::size_t i = begin; i < end; ++i) {
+                                    const Vec3d p = cloud.positions[i].cast<double>() + shift;
+                                    points[i] = (scale * p).cast<float>();
+                                }
+                            });
         return points;
     }
 };
@@ -106,11 +106,13 @@ struct Surface {
 
 /// Better leaves pay off when about as many places are looked for as there are points.
 PointTree::Leaves leaves_for(const PointCloud& cloud, const SurfaceErrorOptions& options) {
-    constexpr std::uint64_t kFew = 8;
+    constexpr std::uint64_t kMany = 8, kAll = 64;  // points for each place
     const std::uint64_t samples = options.samples > 0    ? options.samples
                                   : options.keep_samples ? cloud.size()
                                                          : kEnough;
-    return samples < cloud.size() / kFew ? PointTree::Leaves::Quick : PointTree::Leaves::Compact;
+    return samples < cloud.size() / kAll    ? PointTree::Leaves::Loose
+           : samples < cloud.size() / kMany ? PointTree::Leaves::Quick
+                                            : PointTree::Leaves::Compact;
 }
 
 std::uint64_t sample_count(const Surface& surface, const SurfaceErrorOptions& options) {
@@ -253,18 +255,19 @@ double SurfaceError::rms() const noexcept {
 struct SurfaceErrorMeter::State {
     SurfaceErrorOptions options;
     FootFinder::Options finding;
+    BoundedCloud reference;
     Frame frame;
     Surface surface;
 
-    State(const PointCloud& reference, const SurfaceErrorOptions& options_,
-          const RunContext& context)
+    State(const PointCloud& cloud, const SurfaceErrorOptions& options_, const RunContext& context)
         : options(options_),
           finding{.k = options.k,
                   .degree = options.surface == ErrorSurface::Quadratic ? 2U : 1U,
                   .max_iterations = options.max_iterations,
                   .tolerance = options.tolerance},
+          reference(cloud),
           frame(reference),
-          surface(reference, frame, leaves_for(reference, options), finding, context) {}
+          surface(cloud, frame, leaves_for(cloud, options), finding, context) {}
 };
 
 SurfaceErrorMeter::SurfaceErrorMeter(const PointCloud& reference,
@@ -281,21 +284,21 @@ SurfaceErrorMeter::~SurfaceErrorMeter() = default;
 SurfaceError SurfaceErrorMeter::measure(const PointCloud& candidate,
                                         const RunContext& context) const {
     check_positions(candidate, "candidate");
-    const auto& [options, finding, frame, S] = *state_;
-    const PointCloud& reference = S.cloud;
+    const auto& [options, finding, reference, frame, S] = *state_;
+    const BoundedCloud bounded(candidate);
     context.throw_if_stopped();
     if (!options.attributes)
-        if (auto far = measure_far(reference, candidate, options, context)) return std::move(*far);
+        if (auto far = measure_far(reference, bounded, options, context)) return std::move(*far);
     const Surface S_prime(candidate, frame, leaves_for(candidate, options), finding, context);
     context.checkpoint(0.1);
     SurfaceError error;
-    error.diagonal = bounds(reference).diagonal();
-    error.candidate_diagonal = bounds(candidate).diagonal();
+    error.diagonal = reference.box.diagonal();
+    error.candidate_diagonal = bounded.box.diagonal();
     error.forward = measure_direction(S, S_prime, frame, options, context.part(0.1, 0.55));
     error.backward = measure_direction(S_prime, S, frame, options, context.part(0.55, 1.0));
     for (DirectedError* const direction : {&error.forward, &error.backward}) {
         for (Vec3f& p : direction->positions)
-            p = (p.cast<double>() / frame.scale + frame.center - reference.origin).cast<float>();
+            p = (p.cast<double>() / frame.scale + frame.center - S.cloud.origin).cast<float>();
     }
     return error;
 }
