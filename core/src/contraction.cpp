@@ -5,10 +5,10 @@
 #include "contraction_record.hpp"
 #include "first_touch.hpp"
 #include "large_memory.hpp"
+#include "nearest_lists.hpp"
 #include "parallel_for.hpp"
 #include "progress_for.hpp"
 #include "stipple/error.hpp"
-#include "stipple/neighbors.hpp"
 #include "until_stopped.hpp"
 
 #include <algorithm>
@@ -486,7 +486,7 @@ void Engine::reconnect() {
     std::vector<Vec3f> positions;
     compact();
     for_slots([&](Index i) { positions.push_back(records()[i].position); });
-    const NeighborLists lists = k_nearest_neighbors(positions, static_cast<unsigned>(k_), context_);
+    const NearestLists lists = nearest_lists(positions, static_cast<unsigned>(k_), context_);
     for_slots([&](Index i) {
         std::ranges::copy(lists.of(i), list_of(i));
         records()[i].cost = kUnknown;

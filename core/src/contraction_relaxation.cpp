@@ -1,7 +1,7 @@
 #include "contraction_relaxation.hpp"
 
+#include "nearest_lists.hpp"
 #include "parallel_for.hpp"
-#include "stipple/neighbors.hpp"
 
 #include <limits>
 #include <span>
@@ -84,7 +84,7 @@ void relax(SharedSamples& samples, std::vector<Vec3f>& survivors, unsigned round
                             });
     };
     const auto share_out = [&] {
-        const NeighborLists lists = k_nearest_neighbors(survivors, kNeighbors, context);
+        const NearestLists lists = nearest_lists(survivors, kNeighbors, context);
         parallel_for_blocks(samples.positions.size(), kSamplesPerBlock, context,
                             [&](std::size_t begin, std::size_t end) {
                                 for (std::size_t i = begin; i < end; ++i) {

@@ -3,8 +3,8 @@
 #include "contraction_quadrics.hpp"
 #include "contraction_relaxation.hpp"
 #include "gaussian.hpp"
+#include "nearest_lists.hpp"
 #include "parallel_for.hpp"
-#include "stipple/neighbors.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -125,7 +125,7 @@ ContractionSnapshot contracted(ContractionSnapshot&& found, float scale, std::ui
 }  // namespace
 
 Bends bends_of(std::span<const Vec3f> points, const RunContext& context) {
-    const NeighborLists lists = k_nearest_neighbors(points, kNeighbors, context);
+    const NearestLists lists = nearest_lists(points, kNeighbors, context);
     std::vector<Bend> own(points.size());
     parallel_for_blocks(points.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
         std::vector<Vec3d> edges;

@@ -2,6 +2,7 @@
 
 #include "first_touch.hpp"
 #include "leaf_query.hpp"
+#include "nearest_lists.hpp"
 #include "parallel_for.hpp"
 #include "point_tree.hpp"
 #include "stipple/error.hpp"
@@ -19,6 +20,29 @@ namespace {
 
 constexpr std::size_t kWidth = PointTree::kWidth;
 constexpr std::size_t kLeavesPerBlock = 128;
+
+/// Calls take(i, indices, distances_sq) with the first of the `each` nearest of every point, in
+/// order of distance.
+template <typename Take>
+void for_each_nearest(std::span<const Vec3f> points, std::size_t each, const RunContext& context,
+                      Take&& take) {
+    const PointTree tree(points, PointTree::Leaves::Quick, context);
+    parallel_for_blocks(
+        tree.leaf_count(), kLeavesPerBlock, context, [&](std::size_t begin, std::size_t end) {
+            LeafQuery query(tree, points, static_cast<unsigned>(each));
+            std::vector<Index> indices(query.most_chosen());
+            std::vector<float> distances_sq(query.most_chosen());
+            for (std::size_t l = begin; l < end; ++l) {
+                query.run(l, [&](std::size_t lane, const Candidates& near, const Chosen& chosen) {
+                    for (std::uint32_t i = 0; i < chosen.count; ++i) {
+                        indices[chosen.rank[i]] = near.index[chosen.slot[i]];
+                        distances_sq[chosen.rank[i]] = chosen.distance_sq[i];
+                    }
+                    take(tree.leaf(l).index[lane], indices.begin(), distances_sq.begin());
+                });
+            }
+        });
+}
 
 }  // namespace
 
@@ -51,7 +75,7 @@ NeighborLists k_nearest_neighbors(std::span<const Vec3f> points, unsigned k,
         lists.offsets = {0};
         return lists;
     }
-    const auto each = static_cast<unsigned>(std::min<std::size_t>(k, n - 1));
+    const std::size_t each = std::min<std::size_t>(k, n - 1);
     lists.offsets.reserve(n + 1);
     for_blocks_in_order(n + 1, context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) lists.offsets.push_back(i * each);
@@ -60,26 +84,23 @@ NeighborLists k_nearest_neighbors(std::span<const Vec3f> points, unsigned k,
     resize_in_blocks(lists.distances_sq, n * each, context);
     if (each == 0) return lists;
 
-    const PointTree tree(points, PointTree::Leaves::Quick, context);
-    parallel_for_blocks(
-        tree.leaf_count(), kLeavesPerBlock, context, [&](std::size_t begin, std::size_t end) {
-            LeafQuery query(tree, points, each);
-            std::vector<Index> indices(query.most_chosen());
-            std::vector<float> distances_sq(query.most_chosen());
-            for (std::size_t l = begin; l < end; ++l) {
-                query.run(l, [&](std::size_t lane, const Candidates& near, const Chosen& chosen) {
-                    for (std::uint32_t i = 0; i < chosen.count; ++i) {
-                        indices[chosen.rank[i]] = near.index[chosen.slot[i]];
-                        distances_sq[chosen.rank[i]] = chosen.distance_sq[i];
-                    }
-                    const std::size_t to = lists.offsets[tree.leaf(l).index[lane]];
-                    std::copy_n(indices.begin(), each,
-                                lists.indices.begin() + static_cast<std::ptrdiff_t>(to));
-                    std::copy_n(distances_sq.begin(), each,
-                                lists.distances_sq.begin() + static_cast<std::ptrdiff_t>(to));
-                });
-            }
-        });
+    for_each_nearest(points, each, context, [&](Index i, auto indices, auto distances_sq) {
+        const auto to = static_cast<std::ptrdiff_t>(lists.offsets[i]);
+        std::copy_n(indices, each, lists.indices.begin() + to);
+        std::copy_n(distances_sq, each, lists.distances_sq.begin() + to);
+    });
+    return lists;
+}
+
+NearestLists nearest_lists(std::span<const Vec3f> points, unsigned k, const RunContext& context) {
+    NearestLists lists;
+    if (points.size() < 2) return lists;
+    lists.each = std::min<std::size_t>(k, points.size() - 1);
+    resize_in_blocks(lists.indices, points.size() * lists.each, context);
+    for_each_nearest(points, lists.each, context, [&](Index i, auto indices, auto) {
+        std::copy_n(indices, lists.each,
+                    lists.indices.begin() + static_cast<std::ptrdiff_t>(i * lists.each));
+    });
     return lists;
 }
 

@@ -1,5 +1,6 @@
 #include "snapshot_forest.hpp"
 
+#include "nearest_lists.hpp"
 #include "parallel_for.hpp"
 #include "stipple/cleaning.hpp"
 #include "stipple/neighbors.hpp"
@@ -142,7 +143,7 @@ bool SnapshotForest::mark_all(std::span<const Vec3f> places, const RunContext& c
 bool SnapshotForest::grade(std::span<const Index> cut, const RunContext& context) {
     std::vector<Vec3f> points(cut.size());
     for (std::size_t i = 0; i < cut.size(); ++i) points[i] = nodes_.positions[cut[i]];
-    const NeighborLists near = k_nearest_neighbors(points, kAround, context);
+    const NearestLists near = nearest_lists(points, kAround, context);
     std::atomic<bool> changed = false;
     parallel_for_blocks(cut.size(), 2048, context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {

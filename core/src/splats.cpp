@@ -1,14 +1,15 @@
 #include "stipple/splats.hpp"
 
 #include "first_touch.hpp"
+#include "nearest_lists.hpp"
 #include "parallel_for.hpp"
-#include "stipple/neighbors.hpp"
 #include "symmetric_eigen.hpp"
 
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <utility>
 
 // Ours. The radius is a corner of a local Voronoi cell, as in the sampling conditions of Amenta and
 // Bern 1998, cut out of the tangent plane by the bisectors to the neighbours. A cell cut by fewer
@@ -26,33 +27,31 @@ using Vec2d = Eigen::Vector2d;
 
 /// For each point its nearest ones, and those that have it among their nearest.
 struct Neighborhoods {
-    NeighborLists nearest;
-    std::vector<std::uint64_t> offsets;  ///< N + 1, of `near_to`
+    NearestLists nearest;
+    std::vector<std::uint64_t> ends;  ///< of the stretch of each point in `near_to`
     std::vector<Index> near_to;
 
     Neighborhoods(std::span<const Vec3f> points, const RunContext& context)
-        : nearest(k_nearest_neighbors(points, kNeighbors, context)),
-          offsets(made_in_blocks<std::vector<std::uint64_t>>(points.size() + 1, context)) {
-        const auto each_list = [&](auto&& visit) {
+        : nearest(nearest_lists(points, kNeighbors, context)),
+          ends(made_in_blocks<std::vector<std::uint64_t>>(points.size(), context)) {
+        const auto for_points = [&](auto&& visit) {
             for_blocks_in_order(points.size(), context, [&](std::size_t begin, std::size_t end) {
-                for (std::size_t i = begin; i < end; ++i) visit(i, nearest.of(i));
+                for (std::size_t i = begin; i < end; ++i) visit(i);
             });
         };
-        each_list([&](std::size_t, std::span<const Index> list) {
-            for (const Index j : list) ++offsets[j + std::size_t{1}];
+        for_points([&](std::size_t i) {
+            for (const Index j : nearest.of(i)) ++ends[j];
         });
-        auto next = made_in_blocks<std::vector<std::uint64_t>>(points.size(), context);
-        each_list([&](std::size_t i, auto) {
-            next[i] = offsets[i];
-            offsets[i + 1] += offsets[i];
-        });
-        resize_in_blocks(near_to, nearest.indices.size(), context);
-        each_list([&](std::size_t i, std::span<const Index> list) {
-            for (const Index j : list) near_to[next[j]++] = static_cast<Index>(i);
+        std::uint64_t total = 0;
+        for_points([&](std::size_t i) { total += std::exchange(ends[i], total); });
+        resize_in_blocks(near_to, total, context);
+        // Beginnings become ends while the stretches are filled.
+        for_points([&](std::size_t i) {
+            for (const Index j : nearest.of(i)) near_to[ends[j]++] = static_cast<Index>(i);
         });
     }
     std::span<const Index> that_have(std::size_t i) const noexcept {
-        return {near_to.data() + offsets[i], near_to.data() + offsets[i + 1]};
+        return {near_to.data() + (i > 0 ? ends[i - 1] : 0), near_to.data() + ends[i]};
     }
 };
 

@@ -61,7 +61,7 @@ struct IterativeSimplificationOptions {
 /// @throws Error(InvalidArgument) for an empty cloud, an option out of range or an attribute that
 /// the cloud has not; Error(TooLarge) from 2^31 points on.
 /// Expected O(N log N), parallel; about 72 + 4 k bytes a point beyond the cloud, and while few of
-/// the points are left, 300 for each of 8 points for one of the result; or up to 4,300 for each of
+/// the points are left, 260 for each of 8 points for one of the result; or up to 4,300 for each of
 /// the result, but 30 MB at most, if that is more.
 PointCloud iterative_simplification(const PointCloud& cloud,
                                     const IterativeSimplificationOptions& options,
