@@ -41,15 +41,6 @@ private:
     }
 };
 
-Float4 splat(float value) {
-    return Float4{value, value, value, value};
-}
-
-Float4 square_root(Float4 v) {
-    for (int lane = 0; lane < 4; ++lane) v[lane] = std::sqrt(v[lane]);
-    return v;
-}
-
 }  // namespace
 
 JoinedSamples join(const ContractionRecord& a, const ContractionRecord& b, Placement placement) {

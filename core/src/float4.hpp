@@ -3,6 +3,7 @@
 #include "samples.hpp"
 
 #include <array>
+#include <cmath>
 #include <cstdint>
 
 #if defined(__SSSE3__)
@@ -21,6 +22,22 @@ inline Float4 load(const float* from) noexcept {
     Float4 v;
     __builtin_memcpy(&v, from, sizeof v);
     return v;
+}
+
+inline Float4 splat(float value) noexcept {
+    return Float4{value, value, value, value};
+}
+
+inline void store(float* to, Float4 v) noexcept {
+    __builtin_memcpy(to, &v, sizeof v);
+}
+
+inline Float4 square_root(Float4 v) noexcept {
+#if defined(__SSE2__)
+    return _mm_sqrt_ps(v);
+#else
+    return {std::sqrt(v[0]), std::sqrt(v[1]), std::sqrt(v[2]), std::sqrt(v[3])};
+#endif
 }
 
 /// The larger of two in each lane; the second where they are equal.

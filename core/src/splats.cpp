@@ -1,9 +1,11 @@
 #include "stipple/splats.hpp"
 
 #include "first_touch.hpp"
+#include "float4.hpp"
 #include "nearest_lists.hpp"
 #include "parallel_for.hpp"
 #include "symmetric_eigen.hpp"
+#include "voronoi_cell.hpp"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -59,40 +61,58 @@ struct TangentPlane {
     Vec3d u, v, normal;
 };
 
-/// Where a point's neighbours are, from it on.
+/// Where a point's neighbours are, from it on, side by side for vector code: in fours, what is
+/// missing stands at the point. In units of the way to the last of its nearest, so that no square
+/// under- or overflows.
 struct Surroundings {
-    std::vector<Vec3d> offsets;
+    std::vector<float> x, y, z;
+    std::size_t size = 0;
     std::size_t nearest = 0;  ///< the first are its own nearest, in order of distance
-    double most = 0;          ///< to the farthest that has the point among its nearest
+    double unit = 1;
+    double most = 0;  ///< to the farthest that has the point among its nearest, input units
 
-    double farthest() const {
-        double farthest_sq = 0;
-        for (const Vec3d& d : offsets) farthest_sq = std::max(farthest_sq, d.squaredNorm());
-        return std::sqrt(farthest_sq);
+    void start(double unit_) noexcept {
+        size = 0;
+        unit = unit_;
+    }
+    void add(const Vec3d& offset, double per_unit) {
+        if (size + 4 > x.size())
+            for (auto* values : {&x, &y, &z}) values->resize(2 * size + 32);
+        const Vec3f d = (offset * per_unit).cast<float>();
+        x[size] = d.x();
+        y[size] = d.y();
+        z[size++] = d.z();
+    }
+    /// Puts what is missing of the last four at the point.
+    void fill_up() noexcept {
+        for (std::size_t i = size; i % 4 != 0; ++i) x[i] = y[i] = z[i] = 0;
     }
 };
 
-/// Of a point and its nearest neighbours, by their covariance about their mean (Eq. 4).
-TangentPlane tangent_plane(std::span<const Vec3d> offsets) {
-    const double n = static_cast<double>(offsets.size()) + 1;
-    Vec3d sum = Vec3d::Zero();
-    Symmetric3 a;
-    for (const Vec3d& d : offsets) {
-        sum += d;
-        a.xx += d.x() * d.x();
-        a.xy += d.x() * d.y();
-        a.xz += d.x() * d.z();
-        a.yy += d.y() * d.y();
-        a.yz += d.y() * d.z();
-        a.zz += d.z() * d.z();
-    }
-    const Vec3d mean = sum / n;
-    a.xx -= sum.x() * mean.x();
-    a.xy -= sum.x() * mean.y();
-    a.xz -= sum.x() * mean.z();
-    a.yy -= sum.y() * mean.y();
-    a.yz -= sum.y() * mean.z();
-    a.zz -= sum.z() * mean.z();
+/// Of a point and the first of its neighbours, by their covariance about their mean (Eq. 4).
+TangentPlane tangent_plane(const Surroundings& around) {
+    Float4 x{}, y{}, z{}, xx{}, xy{}, xz{}, yy{}, yz{}, zz{};
+    const auto add = [&](Float4 dx, Float4 dy, Float4 dz) {
+        x += dx;
+        y += dy;
+        z += dz;
+        xx += dx * dx;
+        xy += dx * dy;
+        xz += dx * dz;
+        yy += dy * dy;
+        yz += dy * dz;
+        zz += dz * dz;
+    };
+    std::size_t i = 0;
+    for (; i + 4 <= around.nearest; i += 4)
+        add(load(&around.x[i]), load(&around.y[i]), load(&around.z[i]));
+    for (; i < around.nearest; ++i)
+        add(Float4{around.x[i]}, Float4{around.y[i]}, Float4{around.z[i]});
+    const Vec3d total(sum(x), sum(y), sum(z));
+    const Vec3d mean = total / (static_cast<double>(around.nearest) + 1);
+    const Symmetric3 a = {sum(xx) - total.x() * mean.x(), sum(xy) - total.x() * mean.y(),
+                          sum(xz) - total.x() * mean.z(), sum(yy) - total.y() * mean.y(),
+                          sum(yz) - total.y() * mean.z(), sum(zz) - total.z() * mean.z()};
     const auto lambda = eigenvalues(a);
     TangentPlane plane;
     plane.u = eigenvector(a, lambda[2]);
@@ -105,79 +125,24 @@ TangentPlane tangent_plane(std::span<const Vec3d> offsets) {
     return plane;
 }
 
-/// A neighbour in the tangent plane.
-struct Place {
-    Vec2d at;
-    double length_sq;
-};
-
-/// Distances to neighbours are as they are in space: a surface that bends is longer than its
-/// shadow on the plane.
-Place unrolled(const Vec3d& offset, const TangentPlane& plane) {
-    const Vec2d shadow(offset.dot(plane.u), offset.dot(plane.v));
-    const double shadow_sq = shadow.squaredNorm(), length_sq = offset.squaredNorm();
-    if (!(shadow_sq > 0)) return {Vec2d::Zero(), 0};
-    return {shadow * std::sqrt(length_sq / shadow_sq), length_sq};
+/// Puts the neighbours into the plane. Distances to them are as they are in space: a surface that
+/// bends is longer than its shadow on the plane.
+void unroll(const Surroundings& around, const TangentPlane& plane, PlanarPlaces& places) {
+    places.reset(around.size);
+    const Vec3f u = plane.u.cast<float>(), v = plane.v.cast<float>();
+    for (std::size_t i = 0; i < around.size; i += 4) {
+        const Float4 x = load(&around.x[i]), y = load(&around.y[i]), z = load(&around.z[i]);
+        const Float4 along_u = u.x() * x + u.y() * y + u.z() * z,
+                     along_v = v.x() * x + v.y() * y + v.z() * z;
+        const Float4 shadow_sq = along_u * along_u + along_v * along_v,
+                     length_sq = x * x + y * y + z * z;
+        const Int4 is_apart = shadow_sq > 0.0F;
+        const Float4 longer = square_root(is_apart ? length_sq / shadow_sq : Float4{});
+        store(&places.x[i], longer * along_u);
+        store(&places.y[i], longer * along_v);
+        store(&places.length_sq[i], is_apart ? length_sq : Float4{});
+    }
 }
-
-/// A convex polygon about the origin; each edge knows what cut it.
-class Cell {
-public:
-    static constexpr int kOpen = -1;
-
-    /// A square that no neighbour has cut.
-    void reset(double half_side) {
-        corners_.clear();
-        corners_.push_back({Vec2d(-half_side, -half_side), kOpen});
-        corners_.push_back({Vec2d(half_side, -half_side), kOpen});
-        corners_.push_back({Vec2d(half_side, half_side), kOpen});
-        corners_.push_back({Vec2d(-half_side, half_side), kOpen});
-        reach_sq_ = 2 * half_side * half_side;
-    }
-
-    /// Whether a neighbour at that distance is too far to cut anything: half the way to it is
-    /// beyond every corner.
-    bool is_within(double distance_sq) const noexcept { return 0.25 * distance_sq > reach_sq_; }
-
-    /// Keeps what is nearer to the origin than to a neighbour.
-    void cut(const Place& place, int neighbor) {
-        const double half_sq = 0.5 * place.length_sq;
-        beyond_.resize(corners_.size());
-        bool is_cut = false;
-        for (std::size_t i = 0; i < corners_.size(); ++i) {
-            beyond_[i] = corners_[i].place.dot(place.at) - half_sq;
-            is_cut |= beyond_[i] > 0;
-        }
-        if (!is_cut) return;
-        rest_.clear();
-        reach_sq_ = 0;
-        const auto keep = [&](const Vec2d& corner, int edge) {
-            rest_.push_back({corner, edge});
-            reach_sq_ = std::max(reach_sq_, corner.squaredNorm());
-        };
-        for (std::size_t i = 0; i < corners_.size(); ++i) {
-            const std::size_t next = i + 1 < corners_.size() ? i + 1 : 0;
-            const Corner &a = corners_[i], &b = corners_[next];
-            if (beyond_[i] <= 0) keep(a.place, a.edge);
-            if ((beyond_[i] <= 0) == (beyond_[next] <= 0)) continue;
-            const double t = beyond_[i] / (beyond_[i] - beyond_[next]);
-            // The edge that begins here is the new one where the polygon is left.
-            keep(a.place + t * (b.place - a.place), beyond_[i] <= 0 ? neighbor : a.edge);
-        }
-        corners_.swap(rest_);
-    }
-
-    struct Corner {
-        Vec2d place;
-        int edge;  ///< the neighbour that cut the edge from here to the next corner
-    };
-    std::span<const Corner> corners() const noexcept { return corners_; }
-
-private:
-    std::vector<Corner> corners_, rest_;
-    std::vector<double> beyond_;  ///< of each corner, how far it lies behind the cut, to scale
-    double reach_sq_ = 0;         ///< of the farthest corner
-};
 
 /// What a splat must reach, in its plane.
 struct Footprint {
@@ -210,13 +175,10 @@ public:
         gather(i);
         footprint_.most = around_.most;
         // Of its nearest alone: among those that have it may be outliers.
-        footprint_.plane = tangent_plane(std::span(around_.offsets).first(around_.nearest));
-        places_.clear();
-        for (const Vec3d& offset : around_.offsets)
-            places_.push_back(unrolled(offset, footprint_.plane));
-        cut_cell();
-        set_half_way();
-        set_corners();
+        footprint_.plane = tangent_plane(around_);
+        unroll(around_, footprint_.plane, places_);
+        cell_.find(places_);
+        set_reach();
         return footprint_;
     }
 
@@ -228,21 +190,23 @@ private:
     /// The ways to the neighbours of a point: its nearest, then the others that have it.
     void gather(std::size_t i) {
         const auto mine = neighborhoods_.nearest.of(i), others = neighborhoods_.that_have(i);
-        around_.offsets.clear();
+        const double farthest_sq = mine.empty() ? 0 : offset(i, mine.back()).squaredNorm();
+        around_.start(farthest_sq > 0 ? std::sqrt(farthest_sq) : 1);
         around_.nearest = mine.size();
-        for (const Index j : mine) around_.offsets.push_back(offset(i, j));
+        const double per_unit = 1 / around_.unit;
+        for (const Index j : mine) around_.add(offset(i, j), per_unit);
         // What is clearly nearer than the last of its nearest is one of them.
         constexpr double kRounding = 1e-5;
-        const double surely_mine_sq =
-            mine.empty() ? 0 : (1 - kRounding) * around_.offsets.back().squaredNorm();
         double most_sq = 0;
         for (const Index j : others) {
             const Vec3d d = offset(i, j);
             const double length_sq = d.squaredNorm();
             most_sq = std::max(most_sq, length_sq);
-            if (length_sq >= surely_mine_sq && std::ranges::find(mine, j) == mine.end())
-                around_.offsets.push_back(d);
+            if (length_sq >= (1 - kRounding) * farthest_sq &&
+                std::ranges::find(mine, j) == mine.end())
+                around_.add(d, per_unit);
         }
+        around_.fill_up();
         around_.most = std::sqrt(most_sq);
         if (others.empty() && !mine.empty()) {  // an outlier
             const Index nearest = mine.front();
@@ -250,71 +214,46 @@ private:
         }
     }
 
-    void cut_cell() {
-        cell_.reset(around_.farthest());
-        for (std::size_t n = 0; n < places_.size(); ++n) {
-            const Place& place = places_[n];
-            if (place.length_sq > 0 && !cell_.is_within(place.length_sq))
-                cell_.cut(place, static_cast<int>(n));
-        }
-    }
-
-    const Place& of_edge(int edge) const { return places_[static_cast<std::size_t>(edge)]; }
-
-    /// Half the ways to neighbours that are nearer to the point than to any other: these neighbours
-    /// have an edge of the cell, and those that might be nearer have one as well.
-    void set_half_way() {
-        footprint_.half_way.clear();
-        double sum = 0;
-        const auto corners = cell_.corners();
-        const auto is_mine = [&](const Place& neighbor) {
-            constexpr double kRounding = 1e-9;
-            return std::ranges::all_of(corners, [&](const Cell::Corner& corner) {
-                if (corner.edge == Cell::kOpen) return true;
-                const Place& other = of_edge(corner.edge);
-                return other.at == neighbor.at ||
-                       neighbor.at.dot(other.at) < (1 - kRounding) * other.length_sq;
-            });
-        };
-        for (const Cell::Corner& corner : corners) {
-            if (corner.edge == Cell::kOpen || !is_mine(of_edge(corner.edge))) continue;
-            footprint_.half_way.emplace_back(0.5 * of_edge(corner.edge).at);
-            sum += std::sqrt(of_edge(corner.edge).length_sq);
-        }
-        border_ = footprint_.half_way.empty()
-                      ? 0
-                      : kBorder * sum / static_cast<double>(footprint_.half_way.size());
+    double length_sq(int neighbor) const {
+        return places_.length_sq[static_cast<std::size_t>(neighbor)];
     }
 
     /// Takes the cell, drawn in where it is open: where no neighbour ends it, or two that lie
-    /// nearly in a line with the point do so far away.
-    void set_corners() {
+    /// nearly in a line with the point do so far away, or beyond all others.
+    void set_reach() {
         constexpr double kFar = 2;  // times the distance of the neighbours
         footprint_.corners.clear();
-        footprint_.is_closed = true;
+        footprint_.half_way.clear();
+        double sum = 0;
+        for (const VoronoiCell::Edge& edge : cell_.edges()) {
+            if (!edge.is_direct) continue;
+            const auto n = static_cast<std::size_t>(edge.neighbor);
+            footprint_.half_way.push_back(0.5 * around_.unit * Vec2d(places_.x[n], places_.y[n]));
+            sum += std::sqrt(length_sq(edge.neighbor));
+        }
+        footprint_.is_closed = cell_.is_closed();
         if (footprint_.half_way.empty()) return;
-        const auto corners = cell_.corners();
-        int before = corners.back().edge;
-        for (const auto& [place, edge] : corners) {
-            const double length_sq = place.squaredNorm();
-            const bool is_open =
-                edge == Cell::kOpen || before == Cell::kOpen ||
-                length_sq >
-                    kFar * kFar * std::max(of_edge(edge).length_sq, of_edge(before).length_sq);
-            footprint_.is_closed &= !is_open;
-            const bool is_drawn_in = is_open && length_sq > border_ * border_;
-            footprint_.corners.emplace_back(place *
-                                            (is_drawn_in ? border_ / std::sqrt(length_sq) : 1));
-            before = edge;
+        const double border = kBorder * sum / static_cast<double>(footprint_.half_way.size());
+        const auto add = [&](const Vec2d& corner) {
+            footprint_.corners.push_back(around_.unit * corner);
+        };
+        if (!cell_.is_closed()) add({border, 0});
+        const double farthest_sq = std::ranges::max(places_.length_sq);
+        for (const VoronoiCell::Edge& edge : cell_.edges()) {
+            if (edge.next == VoronoiCell::kOpen) continue;
+            const double far_sq = edge.corner.squaredNorm();
+            const double near_sq = std::max(length_sq(edge.neighbor), length_sq(edge.next));
+            const bool is_end = far_sq <= std::min(farthest_sq, kFar * kFar * near_sq);
+            footprint_.is_closed &= is_end;
+            add(is_end || far_sq <= border * border ? edge.corner : Vec2d(border, 0));
         }
     }
 
     std::span<const Vec3f> points_;
     const Neighborhoods& neighborhoods_;
     Surroundings around_;
-    std::vector<Place> places_;
-    Cell cell_;
-    double border_ = 0;  ///< how far a splat reaches where the cell is open
+    PlanarPlaces places_;
+    VoronoiCell cell_;
     Footprint footprint_;
 };
 

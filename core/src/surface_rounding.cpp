@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstring>
 #include <limits>
 
 namespace stipple {
@@ -14,10 +13,6 @@ namespace {
 
 constexpr std::size_t kLanes = 4, kAtOnce = 64;
 using Floats = std::array<float, kAtOnce>;
-
-void store(float* to, const Float4& v) noexcept {
-    std::memcpy(to, &v, sizeof v);
-}
 
 /// Up to `kAtOnce` points, coordinate by coordinate.
 struct Block {

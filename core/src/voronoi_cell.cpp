@@ -1,0 +1,125 @@
+#include "voronoi_cell.hpp"
+
+#include "float4.hpp"
+
+#include <algorithm>
+
+// Follows: Jarvis 1973 (gift wrapping), of bisectors in place of points: along one of them the next
+// edge is that of the place whose bisector comes first.
+
+namespace stipple {
+
+namespace {
+
+constexpr float kNowhere = 1e30F;
+constexpr std::size_t kFew = 12;  // mostly all that have an edge
+
+struct Following {
+    int next;
+    bool is_direct;
+};
+
+/// What follows on the edge of a place among the first `count`, which are whole fours.
+Following following(const PlanarPlaces& places, std::size_t count, int neighbor, bool clockwise) {
+    constexpr float kRounding = 1e-6F;
+    const auto n = static_cast<std::size_t>(neighbor);
+    const Float4 nowhere = splat(kNowhere);
+    const Float4 ax = splat(places.x[n]), ay = splat(places.y[n]);
+    const Float4 along_x = clockwise ? ay : -ay, along_y = clockwise ? -ax : ax;
+    Float4 first = nowhere, least = nowhere;
+    Int4 which = Int4{} + VoronoiCell::kOpen, lanes = {0, 1, 2, 3};
+    for (std::size_t i = 0; i < count; i += 4, lanes += 4) {
+        const Float4 x = load(&places.x[i]), y = load(&places.y[i]);
+        const Float4 length_sq = load(&places.length_sq[i]);
+        const Int4 is_other = ((x != ax) | (y != ay)) & (length_sq > 0.0F);
+        // Twice how far the middle of the way to the neighbour is on this side of their bisector,
+        // and how much nearer a step along the edge leads to it, to scale.
+        const Float4 margin = length_sq - (ax * x + ay * y);
+        const Float4 nearer = along_x * x + along_y * y;
+        const Float4 sure = is_other ? margin - kRounding * length_sq : nowhere;
+        least = sure < least ? sure : least;
+        const Float4 way = is_other & (nearer > 0.0F) ? margin / nearer : nowhere;
+        which = way < first ? lanes : which;
+        first = way < first ? way : first;
+    }
+    Following found{VoronoiCell::kOpen,
+                    least[0] > 0 && least[1] > 0 && least[2] > 0 && least[3] > 0};
+    float soonest = kNowhere;
+    for (int lane = 0; lane < 4; ++lane) {
+        if (first[lane] >= soonest) continue;
+        soonest = first[lane];
+        found.next = which[lane];
+    }
+    return found;
+}
+
+/// Where the bisectors of the ways to two places meet.
+Eigen::Vector2d corner(const PlanarPlaces& places, int first, int second) {
+    const auto place = [&](int i) {
+        const auto at = static_cast<std::size_t>(i);
+        return Eigen::Vector2d(places.x[at], places.y[at]);
+    };
+    const Eigen::Vector2d a = place(first), b = place(second);
+    const double a_sq = a.squaredNorm(), b_sq = b.squaredNorm();
+    const double per_twice = 0.5 / (a.x() * b.y() - a.y() * b.x());
+    return per_twice * Eigen::Vector2d(a_sq * b.y() - b_sq * a.y(), b_sq * a.x() - a_sq * b.x());
+}
+
+}  // namespace
+
+void PlanarPlaces::reset(std::size_t n) {
+    const std::size_t padded = (n + 3) / 4 * 4;
+    size = n;
+    x.assign(padded, 0);
+    y.assign(padded, 0);
+    length_sq.assign(padded, 0);
+}
+
+bool VoronoiCell::is_known(int neighbor) const noexcept {
+    return std::ranges::find(edges_, neighbor, &Edge::neighbor) != edges_.end();
+}
+
+double VoronoiCell::reach_sq() const noexcept {
+    double reach_sq = 0;
+    for (const Edge& edge : edges_) reach_sq = std::max(reach_sq, edge.corner.squaredNorm());
+    return reach_sq;
+}
+
+void VoronoiCell::walk(const PlanarPlaces& places, std::size_t count, int start) {
+    edges_.clear();
+    const auto add = [&](int neighbor, int next, bool is_direct) {
+        edges_.push_back(
+            {neighbor, next, is_direct,
+             next == kOpen ? Eigen::Vector2d::Zero() : corner(places, neighbor, next)});
+    };
+    for (int at = start; at != kOpen && !is_known(at); at = edges_.back().next) {
+        const auto [next, is_direct] = following(places, count, at, false);
+        add(at, next, is_direct);
+    }
+    is_closed_ = edges_.back().next != kOpen;
+    if (is_closed_) return;
+    for (int at = start;;) {
+        const int before = following(places, count, at, true).next;
+        if (before == kOpen || is_known(before)) return;
+        add(before, at, following(places, count, before, true).is_direct);
+        at = before;
+    }
+}
+
+void VoronoiCell::find(const PlanarPlaces& places) {
+    edges_.clear();
+    is_closed_ = false;
+    const auto nearest = std::ranges::find_if(places.length_sq, [](float sq) { return sq > 0; });
+    if (nearest == places.length_sq.end()) return;
+    const auto start = static_cast<int>(nearest - places.length_sq.begin());
+    const std::size_t all = places.x.size();
+    if (all > kFew && start < static_cast<int>(kFew)) {
+        walk(places, kFew, start);
+        // What is more than twice as far as every corner cuts nothing.
+        constexpr double kTwice = 4.001;
+        if (is_closed_ && static_cast<double>(places.length_sq[kFew]) > kTwice * reach_sq()) return;
+    }
+    walk(places, all, start);
+}
+
+}  // namespace stipple
