@@ -1,10 +1,10 @@
 #include "stipple/splats.hpp"
 
+#include "covariance_kernels.hpp"
 #include "first_touch.hpp"
 #include "float4.hpp"
 #include "nearest_lists.hpp"
 #include "parallel_for.hpp"
-#include "symmetric_eigen.hpp"
 #include "voronoi_cell.hpp"
 
 #include <Eigen/Geometry>
@@ -57,8 +57,9 @@ struct Neighborhoods {
     }
 };
 
+/// Any axes in a plane.
 struct TangentPlane {
-    Vec3d u, v, normal;
+    Vec3d normal = Vec3d::UnitZ(), u = normal.unitOrthogonal(), v = normal.cross(u);
 };
 
 /// Where a point's neighbours are, from it on, side by side for vector code: in fours, what is
@@ -89,8 +90,9 @@ struct Surroundings {
     }
 };
 
-/// Of a point and the first of its neighbours, by their covariance about their mean (Eq. 4).
-TangentPlane tangent_plane(const Surroundings& around) {
+/// Puts the covariance of a point and its nearest about their mean (Eq. 4) where the eight of a
+/// lane are solved.
+void put_covariance(const Surroundings& around, EigenProblems& problems, std::size_t lane) {
     Float4 x{}, y{}, z{}, xx{}, xy{}, xz{}, yy{}, yz{}, zz{};
     const auto add = [&](Float4 dx, Float4 dy, Float4 dz) {
         x += dx;
@@ -110,19 +112,12 @@ TangentPlane tangent_plane(const Surroundings& around) {
         add(Float4{around.x[i]}, Float4{around.y[i]}, Float4{around.z[i]});
     const Vec3d total(sum(x), sum(y), sum(z));
     const Vec3d mean = total / (static_cast<double>(around.nearest) + 1);
-    const Symmetric3 a = {sum(xx) - total.x() * mean.x(), sum(xy) - total.x() * mean.y(),
-                          sum(xz) - total.x() * mean.z(), sum(yy) - total.y() * mean.y(),
-                          sum(yz) - total.y() * mean.z(), sum(zz) - total.z() * mean.z()};
-    const auto lambda = eigenvalues(a);
-    TangentPlane plane;
-    plane.u = eigenvector(a, lambda[2]);
-    const Vec3d least = eigenvector(a, lambda[0]);
-    const Vec3d across = least - plane.u * plane.u.dot(least);
-    constexpr double kParallel = 1e-3;  // on a line, whose normal is any
-    plane.normal =
-        across.norm() > kParallel ? Vec3d(across.normalized()) : plane.u.unitOrthogonal();
-    plane.v = plane.normal.cross(plane.u);
-    return plane;
+    problems.xx[lane] = sum(xx) - total.x() * mean.x();
+    problems.yy[lane] = sum(yy) - total.y() * mean.y();
+    problems.zz[lane] = sum(zz) - total.z() * mean.z();
+    problems.xy[lane] = sum(xy) - total.x() * mean.y();
+    problems.yz[lane] = sum(yz) - total.y() * mean.z();
+    problems.zx[lane] = sum(xz) - total.z() * mean.x();
 }
 
 /// Puts the neighbours into the plane. Distances to them are as they are in space: a surface that
@@ -146,7 +141,7 @@ void unroll(const Surroundings& around, const TangentPlane& plane, PlanarPlaces&
 
 /// What a splat must reach, in its plane.
 struct Footprint {
-    TangentPlane plane{Vec3d::UnitX(), Vec3d::UnitY(), Vec3d::UnitZ()};
+    TangentPlane plane;
     std::vector<Vec2d> corners;   ///< of a polygon about the point
     std::vector<Vec2d> half_way;  ///< to neighbours, where that is nearest to the point, too
     bool is_closed = false;       ///< whether neighbours end it on every side
@@ -168,18 +163,32 @@ struct Footprint {
 
 class FootprintFinder {
 public:
+    static constexpr std::size_t kLanes = 8;
+
     FootprintFinder(std::span<const Vec3f> points, const Neighborhoods& neighborhoods)
         : points_(points), neighborhoods_(neighborhoods) {}
 
-    const Footprint& find(std::size_t i) {
-        gather(i);
-        footprint_.most = around_.most;
-        // Of its nearest alone: among those that have it may be outliers.
-        footprint_.plane = tangent_plane(around_);
-        unroll(around_, footprint_.plane, places_);
-        cell_.find(places_);
-        set_reach();
-        return footprint_;
+    /// Calls take(i, footprint) for some points that follow each other.
+    template <typename Take>
+    void find(std::size_t begin, std::size_t end, Take&& take) {
+        for (; begin < end; begin += kLanes) {
+            const std::size_t count = std::min(kLanes, end - begin);
+            problems_ = {};
+            for (std::size_t lane = 0; lane < count; ++lane) {
+                gather(begin + lane, around_[lane]);
+                // By its nearest alone: among those that have it may be outliers.
+                put_covariance(around_[lane], problems_, lane);
+            }
+            kernels_.solve(problems_);
+            for (std::size_t lane = 0; lane < count; ++lane) {
+                footprint_.plane = {{problems_.x[lane], problems_.y[lane], problems_.z[lane]}};
+                footprint_.most = around_[lane].most;
+                unroll(around_[lane], footprint_.plane, places_);
+                cell_.find(places_);
+                set_reach(around_[lane].unit);
+                take(begin + lane, static_cast<const Footprint&>(footprint_));
+            }
+        }
     }
 
 private:
@@ -188,13 +197,13 @@ private:
     }
 
     /// The ways to the neighbours of a point: its nearest, then the others that have it.
-    void gather(std::size_t i) {
+    void gather(std::size_t i, Surroundings& around) const {
         const auto mine = neighborhoods_.nearest.of(i), others = neighborhoods_.that_have(i);
         const double farthest_sq = mine.empty() ? 0 : offset(i, mine.back()).squaredNorm();
-        around_.start(farthest_sq > 0 ? std::sqrt(farthest_sq) : 1);
-        around_.nearest = mine.size();
-        const double per_unit = 1 / around_.unit;
-        for (const Index j : mine) around_.add(offset(i, j), per_unit);
+        around.start(farthest_sq > 0 ? std::sqrt(farthest_sq) : 1);
+        around.nearest = mine.size();
+        const double per_unit = 1 / around.unit;
+        for (const Index j : mine) around.add(offset(i, j), per_unit);
         // What is clearly nearer than the last of its nearest is one of them.
         constexpr double kRounding = 1e-5;
         double most_sq = 0;
@@ -204,13 +213,13 @@ private:
             most_sq = std::max(most_sq, length_sq);
             if (length_sq >= (1 - kRounding) * farthest_sq &&
                 std::ranges::find(mine, j) == mine.end())
-                around_.add(d, per_unit);
+                around.add(d, per_unit);
         }
-        around_.fill_up();
-        around_.most = std::sqrt(most_sq);
+        around.fill_up();
+        around.most = std::sqrt(most_sq);
         if (others.empty() && !mine.empty()) {  // an outlier
             const Index nearest = mine.front();
-            around_.most = offset(nearest, neighborhoods_.nearest.of(nearest).back()).norm();
+            around.most = offset(nearest, neighborhoods_.nearest.of(nearest).back()).norm();
         }
     }
 
@@ -220,7 +229,7 @@ private:
 
     /// Takes the cell, drawn in where it is open: where no neighbour ends it, or two that lie
     /// nearly in a line with the point do so far away, or beyond all others.
-    void set_reach() {
+    void set_reach(double unit) {
         constexpr double kFar = 2;  // times the distance of the neighbours
         footprint_.corners.clear();
         footprint_.half_way.clear();
@@ -228,15 +237,13 @@ private:
         for (const VoronoiCell::Edge& edge : cell_.edges()) {
             if (!edge.is_direct) continue;
             const auto n = static_cast<std::size_t>(edge.neighbor);
-            footprint_.half_way.push_back(0.5 * around_.unit * Vec2d(places_.x[n], places_.y[n]));
+            footprint_.half_way.push_back(0.5 * unit * Vec2d(places_.x[n], places_.y[n]));
             sum += std::sqrt(length_sq(edge.neighbor));
         }
         footprint_.is_closed = cell_.is_closed();
         if (footprint_.half_way.empty()) return;
         const double border = kBorder * sum / static_cast<double>(footprint_.half_way.size());
-        const auto add = [&](const Vec2d& corner) {
-            footprint_.corners.push_back(around_.unit * corner);
-        };
+        const auto add = [&](const Vec2d& corner) { footprint_.corners.push_back(unit * corner); };
         if (!cell_.is_closed()) add({border, 0});
         const double farthest_sq = std::ranges::max(places_.length_sq);
         for (const VoronoiCell::Edge& edge : cell_.edges()) {
@@ -251,7 +258,9 @@ private:
 
     std::span<const Vec3f> points_;
     const Neighborhoods& neighborhoods_;
-    Surroundings around_;
+    const CovarianceKernels& kernels_ = covariance_kernels();
+    std::array<Surroundings, kLanes> around_;
+    EigenProblems problems_;
     PlanarPlaces places_;
     VoronoiCell cell_;
     Footprint footprint_;
@@ -310,8 +319,7 @@ Splats measure_splats(std::span<const Vec3f> points, const SplatOptions& options
     context.checkpoint(0.5);
     parallel_for_blocks(n, kBlock, context, [&](std::size_t begin, std::size_t end) {
         FootprintFinder finder(points, neighborhoods);
-        for (std::size_t i = begin; i < end; ++i) {
-            const Footprint& footprint = finder.find(i);
+        finder.find(begin, end, [&](std::size_t i, const Footprint& footprint) {
             splats.radii[i] = static_cast<float>(footprint.radius());
             if (options.normals) splats.normals[i] = footprint.plane.normal.cast<float>();
             if (options.ellipses) {
@@ -319,7 +327,7 @@ Splats measure_splats(std::span<const Vec3f> points, const SplatOptions& options
                 splats.major[i] = major.cast<float>();
                 splats.minor[i] = minor.cast<float>();
             }
-        }
+        });
     });
     context.checkpoint(1.0);
     return splats;

@@ -12,11 +12,12 @@ namespace stipple {
 namespace {
 
 constexpr float kNowhere = 1e30F;
-constexpr std::size_t kFew = 12;  // mostly all that have an edge
+constexpr std::size_t kFew = 12;  // mostly all that have an edge; in order, as is the next
 
 struct Following {
     int next;
     bool is_direct;
+    Eigen::Vector2f corner;  ///< where the bisectors meet
 };
 
 /// What follows on the edge of a place among the first `count`, which are whole fours.
@@ -43,26 +44,18 @@ Following following(const PlanarPlaces& places, std::size_t count, int neighbor,
         first = way < first ? way : first;
     }
     Following found{VoronoiCell::kOpen,
-                    least[0] > 0 && least[1] > 0 && least[2] > 0 && least[3] > 0};
+                    least[0] > 0 && least[1] > 0 && least[2] > 0 && least[3] > 0,
+                    Eigen::Vector2f::Zero()};
     float soonest = kNowhere;
     for (int lane = 0; lane < 4; ++lane) {
         if (first[lane] >= soonest) continue;
         soonest = first[lane];
         found.next = which[lane];
     }
+    if (found.next != VoronoiCell::kOpen)
+        found.corner = {0.5F * (ax[0] + soonest * along_x[0]),
+                        0.5F * (ay[0] + soonest * along_y[0])};
     return found;
-}
-
-/// Where the bisectors of the ways to two places meet.
-Eigen::Vector2d corner(const PlanarPlaces& places, int first, int second) {
-    const auto place = [&](int i) {
-        const auto at = static_cast<std::size_t>(i);
-        return Eigen::Vector2d(places.x[at], places.y[at]);
-    };
-    const Eigen::Vector2d a = place(first), b = place(second);
-    const double a_sq = a.squaredNorm(), b_sq = b.squaredNorm();
-    const double per_twice = 0.5 / (a.x() * b.y() - a.y() * b.x());
-    return per_twice * Eigen::Vector2d(a_sq * b.y() - b_sq * a.y(), b_sq * a.x() - a_sq * b.x());
 }
 
 }  // namespace
@@ -87,22 +80,20 @@ double VoronoiCell::reach_sq() const noexcept {
 
 void VoronoiCell::walk(const PlanarPlaces& places, std::size_t count, int start) {
     edges_.clear();
-    const auto add = [&](int neighbor, int next, bool is_direct) {
-        edges_.push_back(
-            {neighbor, next, is_direct,
-             next == kOpen ? Eigen::Vector2d::Zero() : corner(places, neighbor, next)});
-    };
     for (int at = start; at != kOpen && !is_known(at); at = edges_.back().next) {
-        const auto [next, is_direct] = following(places, count, at, false);
-        add(at, next, is_direct);
+        const auto [next, is_direct, corner] = following(places, count, at, false);
+        edges_.push_back({at, next, is_direct, corner.cast<double>()});
     }
     is_closed_ = edges_.back().next != kOpen;
     if (is_closed_) return;
-    for (int at = start;;) {
-        const int before = following(places, count, at, true).next;
-        if (before == kOpen || is_known(before)) return;
-        add(before, at, following(places, count, before, true).is_direct);
-        at = before;
+    // Clockwise, each edge ends where the one after it was left.
+    int after = start;
+    Following before = following(places, count, start, true);
+    while (before.next != kOpen && !is_known(before.next)) {
+        const Following on = following(places, count, before.next, true);
+        edges_.push_back({before.next, after, on.is_direct, before.corner.cast<double>()});
+        after = before.next;
+        before = on;
     }
 }
 

@@ -31,8 +31,8 @@ public:
         Eigen::Vector2d corner;  ///< at its end, where another follows
     };
 
-    /// The first quarter or so of the places should be the nearest, in order of distance, and none
-    /// behind them nearer. Places at the origin do not count. O(N) for each edge.
+    /// @param places  the first 13 in order of distance, none behind them nearer. Those at the
+    /// origin do not count. O(N) for each edge.
     void find(const PlanarPlaces& places);
 
     /// Anticlockwise where they go all around; else from some place to the one end, then from there
