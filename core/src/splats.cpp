@@ -248,11 +248,12 @@ private:
         const double farthest_sq = std::ranges::max(places_.length_sq);
         for (const VoronoiCell::Edge& edge : cell_.edges()) {
             if (edge.next == VoronoiCell::kOpen) continue;
-            const double far_sq = edge.corner.squaredNorm();
+            const Vec2d corner = edge.corner.cast<double>();
+            const double far_sq = corner.squaredNorm();
             const double near_sq = std::max(length_sq(edge.neighbor), length_sq(edge.next));
             const bool is_end = far_sq <= std::min(farthest_sq, kFar * kFar * near_sq);
             footprint_.is_closed &= is_end;
-            add(is_end || far_sq <= border * border ? edge.corner : Vec2d(border, 0));
+            add(is_end || far_sq <= border * border ? corner : Vec2d(border, 0));
         }
     }
 

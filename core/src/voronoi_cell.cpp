@@ -12,7 +12,7 @@ namespace stipple {
 namespace {
 
 constexpr float kNowhere = 1e30F;
-constexpr std::size_t kFew = 12;  // mostly all that have an edge; in order, as is the next
+constexpr std::size_t kFew = 12;  // mostly all that have an edge
 
 struct Following {
     int next;
@@ -72,17 +72,22 @@ bool VoronoiCell::is_known(int neighbor) const noexcept {
     return std::ranges::find(edges_, neighbor, &Edge::neighbor) != edges_.end();
 }
 
-double VoronoiCell::reach_sq() const noexcept {
-    double reach_sq = 0;
-    for (const Edge& edge : edges_) reach_sq = std::max(reach_sq, edge.corner.squaredNorm());
-    return reach_sq;
+bool VoronoiCell::is_cut(const PlanarPlaces& places, std::size_t from) const noexcept {
+    for (const Edge& edge : edges_) {
+        const Float4 x = splat(edge.corner.x()), y = splat(edge.corner.y());
+        for (std::size_t i = from; i < places.x.size(); i += 4) {
+            const Float4 twice = 2.0F * (x * load(&places.x[i]) + y * load(&places.y[i]));
+            if (lane_bits(twice > load(&places.length_sq[i])) != 0) return true;
+        }
+    }
+    return false;
 }
 
 void VoronoiCell::walk(const PlanarPlaces& places, std::size_t count, int start) {
     edges_.clear();
     for (int at = start; at != kOpen && !is_known(at); at = edges_.back().next) {
         const auto [next, is_direct, corner] = following(places, count, at, false);
-        edges_.push_back({at, next, is_direct, corner.cast<double>()});
+        edges_.push_back({at, next, is_direct, corner});
     }
     is_closed_ = edges_.back().next != kOpen;
     if (is_closed_) return;
@@ -91,7 +96,7 @@ void VoronoiCell::walk(const PlanarPlaces& places, std::size_t count, int start)
     Following before = following(places, count, start, true);
     while (before.next != kOpen && !is_known(before.next)) {
         const Following on = following(places, count, before.next, true);
-        edges_.push_back({before.next, after, on.is_direct, before.corner.cast<double>()});
+        edges_.push_back({before.next, after, on.is_direct, before.corner});
         after = before.next;
         before = on;
     }
@@ -106,9 +111,7 @@ void VoronoiCell::find(const PlanarPlaces& places) {
     const std::size_t all = places.x.size();
     if (all > kFew && start < static_cast<int>(kFew)) {
         walk(places, kFew, start);
-        // What is more than twice as far as every corner cuts nothing.
-        constexpr double kTwice = 4.001;
-        if (is_closed_ && static_cast<double>(places.length_sq[kFew]) > kTwice * reach_sq()) return;
+        if (is_closed_ && !is_cut(places, kFew)) return;
     }
     walk(places, all, start);
 }

@@ -28,11 +28,11 @@ public:
         int neighbor;    ///< the edge lies half way to it
         int next;        ///< neighbour of the edge that follows anticlockwise; kOpen: none does
         bool is_direct;  ///< whether the middle of the way to the neighbour lies on it
-        Eigen::Vector2d corner;  ///< at its end, where another follows
+        Eigen::Vector2f corner;  ///< at its end, where another follows
     };
 
-    /// @param places  the first 13 in order of distance, none behind them nearer. Those at the
-    /// origin do not count. O(N) for each edge.
+    /// @param places  quickest where the nearest come first. Those at the origin do not count.
+    /// O(N) for each edge.
     void find(const PlanarPlaces& places);
 
     /// Anticlockwise where they go all around; else from some place to the one end, then from there
@@ -43,7 +43,8 @@ public:
 private:
     void walk(const PlanarPlaces& places, std::size_t count, int start);
     bool is_known(int neighbor) const noexcept;
-    double reach_sq() const noexcept;
+    /// Whether one of the places from there on is nearer to a corner than the origin.
+    bool is_cut(const PlanarPlaces& places, std::size_t from) const noexcept;
 
     std::vector<Edge> edges_;
     bool is_closed_ = false;
