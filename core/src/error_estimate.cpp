@@ -7,7 +7,7 @@
 namespace stipple {
 
 SurfaceErrorOptions quick_options(std::uint64_t reference_points, std::uint64_t candidate_points) {
-    constexpr std::uint64_t kLeast = 400, kMost = 2'000, kPart = 400;
+    constexpr std::uint64_t kLeast = 300, kMost = 2'000, kPart = 400;
     constexpr std::uint64_t kMany = 40'000;  // of which `measure_error` takes points themselves
     const std::uint64_t points = std::max(reference_points, candidate_points);
     SurfaceErrorOptions options;

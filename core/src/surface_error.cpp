@@ -144,7 +144,7 @@ ErrorSamples take_samples(const Surface& surface, bool is_finer, const SurfaceEr
     if (options.sampling == ErrorSampling::Particles)
         return take_particles(surface.points, surface.tree, surface.finder, count, options.seed,
                               context);
-    constexpr std::uint64_t kFew = 4;  // points for each place
+    constexpr std::uint64_t kFew = 8;  // points for each place
     if (count <= surface.points.size() / kFew)
         return take_surface_by_area(surface.tree, surface.finder, count, options.seed, context);
     return take_surface(surface.tree, surface.finder, count, options.seed, context);

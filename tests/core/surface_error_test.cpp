@@ -155,7 +155,7 @@ TEST(EstimatedError, IsNearThatFromManySamples) {
     const PointCloud reference = sphere(60'000), candidate = scaled(sphere(2000), 1.02F);
     const SurfaceError many = measure_error(reference, candidate);
     const SurfaceError few = estimate_error(reference, candidate);
-    EXPECT_EQ(few.forward.samples, 400U);
+    EXPECT_EQ(few.forward.samples, 300U);
     EXPECT_NEAR(few.mean(), many.mean(), 0.03 * many.mean());
     EXPECT_NEAR(few.backward.mean, many.backward.mean, 0.03 * many.backward.mean);
     EXPECT_EQ(few.diagonal, many.diagonal);

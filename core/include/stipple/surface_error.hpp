@@ -140,7 +140,7 @@ private:
 };
 
 /// The options of a measurement that takes a small part of the time that it took to make the
-/// candidate: distances at one of 400 points of the larger cloud, 400 to 2,000 of them, and where
+/// candidate: distances at one of 400 points of the larger cloud, 300 to 2,000 of them, and where
 /// `measure_error` takes them. Not by much is the mean off from that of `measure_error`
 /// (`mean_confidence`); the maximum is what was met, which is less than there is.
 SurfaceErrorOptions quick_options(std::uint64_t reference_points, std::uint64_t candidate_points);
