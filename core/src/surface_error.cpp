@@ -144,8 +144,8 @@ ErrorSamples take_samples(const Surface& surface, bool is_finer, const SurfaceEr
     if (options.sampling == ErrorSampling::Particles)
         return take_particles(surface.points, surface.tree, surface.finder, count, options.seed,
                               context);
-    constexpr std::uint64_t kFew = 8;  // points for each place
-    if (count <= surface.points.size() / kFew)
+    constexpr std::uint64_t kFew = 4, kAll = 2'500;  // points for each place, and of a small cloud
+    if (surface.points.size() > kAll && count <= surface.points.size() / kFew)
         return take_surface_by_area(surface.tree, surface.finder, count, options.seed, context);
     return take_surface(surface.tree, surface.finder, count, options.seed, context);
 }
