@@ -90,8 +90,7 @@ struct Surroundings {
     }
 };
 
-/// Puts the covariance of a point and its nearest about their mean (Eq. 4) where the eight of a
-/// lane are solved.
+/// Puts the covariance of a point and its nearest about their mean (Eq. 4) into a lane.
 void put_covariance(const Surroundings& around, EigenProblems& problems, std::size_t lane) {
     Float4 x{}, y{}, z{}, xx{}, xy{}, xz{}, yy{}, yz{}, zz{};
     const auto add = [&](Float4 dx, Float4 dy, Float4 dz) {
