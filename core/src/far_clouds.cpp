@@ -15,12 +15,12 @@ double distance_to(const Vec3d& place, const PointCloud& cloud, std::size_t i) {
     return (cloud.origin + cloud.positions[i].cast<double>() - place).norm();
 }
 
-bool is_point_for(const BoundedCloud& bounded, const PointCloud& other, const RunContext& context) {
+bool is_point_for(const BoxedCloud& boxed, const PointCloud& other, const RunContext& context) {
     constexpr double kFar = 100;
     constexpr std::size_t kFew = 64;  // take no time
-    if (bounded.cloud.size() < kFew) return false;
-    const Vec3d middle = bounded.middle();
-    const double near = kFar * bounded.box.diagonal();
+    if (boxed.cloud.size() < kFew) return false;
+    const Vec3d middle = boxed.middle();
+    const double near = kFar * boxed.box.diagonal();
     for (std::size_t i = 0; i < other.size(); ++i) {
         constexpr std::size_t kBetweenChecks = 65'536;
         if (i % kBetweenChecks == 0) context.throw_if_stopped();
@@ -43,8 +43,7 @@ DirectedError of_distances(std::vector<float>&& distances, std::vector<Vec3f>&& 
 
 }  // namespace
 
-std::optional<SurfaceError> measure_far(const BoundedCloud& reference,
-                                        const BoundedCloud& candidate,
+std::optional<SurfaceError> measure_far(const BoxedCloud& reference, const BoxedCloud& candidate,
                                         const SurfaceErrorOptions& options,
                                         const RunContext& context) {
     const bool from_reference = is_point_for(candidate, reference.cloud, context);

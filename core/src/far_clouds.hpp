@@ -9,11 +9,11 @@
 namespace stipple {
 
 /// A cloud and its `bounds`.
-struct BoundedCloud {
+struct BoxedCloud {
     const PointCloud& cloud;
     Aabb box;
 
-    explicit BoundedCloud(const PointCloud& cloud_) : cloud(cloud_), box(bounds(cloud_)) {}
+    explicit BoxedCloud(const PointCloud& cloud_) : cloud(cloud_), box(bounds(cloud_)) {}
     Vec3d middle() const { return 0.5 * (box.min + box.max); }
 };
 
@@ -24,8 +24,7 @@ struct BoundedCloud {
 /// points. O(N), and no memory but for samples that are kept.
 ///
 /// @param reference, candidate  not empty, of finite coordinates.
-std::optional<SurfaceError> measure_far(const BoundedCloud& reference,
-                                        const BoundedCloud& candidate,
+std::optional<SurfaceError> measure_far(const BoxedCloud& reference, const BoxedCloud& candidate,
                                         const SurfaceErrorOptions& options,
                                         const RunContext& context);
 

@@ -11,7 +11,7 @@ namespace stipple {
 /// How fine the cells are that a curve goes through.
 enum class Curve {
     Fine,    ///< mostly with one point
-    Coarse,  ///< some with a few dozen: half the time
+    Coarse,  ///< some with a few dozen: up to a quarter less time
 };
 
 /// The numbers of the points along a Hilbert curve through their box, equal cells in order of

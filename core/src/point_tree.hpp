@@ -35,7 +35,7 @@ public:
     };
 
     enum class Leaves {
-        Loose,    ///< along a coarse curve: for a few queries, each of which takes longer
+        Loose,    ///< along a coarse curve: for a few queries
         Quick,    ///< as the curve has them: for one pass over all points, leaf by leaf
         Compact,  ///< ordered anew, which costs as much again: for many single queries
         Given,    ///< as the points stand, which follow a curve already: a tenth of the cost

@@ -66,7 +66,7 @@ struct Frame {
     Vec3d center = Vec3d::Zero();
     double scale = 1;  ///< a power of two
 
-    explicit Frame(const BoundedCloud& reference) : center(reference.middle()) {
+    explicit Frame(const BoxedCloud& reference) : center(reference.middle()) {
         const double diagonal = reference.box.diagonal();
         if (diagonal > 0) scale = std::ldexp(1.0, -std::ilogb(diagonal));
     }
@@ -255,7 +255,7 @@ double SurfaceError::rms() const noexcept {
 struct SurfaceErrorMeter::State {
     SurfaceErrorOptions options;
     FootFinder::Options finding;
-    BoundedCloud reference;
+    BoxedCloud reference;
     Frame frame;
     Surface surface;
 
@@ -285,15 +285,15 @@ SurfaceError SurfaceErrorMeter::measure(const PointCloud& candidate,
                                         const RunContext& context) const {
     check_positions(candidate, "candidate");
     const auto& [options, finding, reference, frame, S] = *state_;
-    const BoundedCloud bounded(candidate);
+    const BoxedCloud boxed(candidate);
     context.throw_if_stopped();
     if (!options.attributes)
-        if (auto far = measure_far(reference, bounded, options, context)) return std::move(*far);
+        if (auto far = measure_far(reference, boxed, options, context)) return std::move(*far);
     const Surface S_prime(candidate, frame, leaves_for(candidate, options), finding, context);
     context.checkpoint(0.1);
     SurfaceError error;
     error.diagonal = reference.box.diagonal();
-    error.candidate_diagonal = bounded.box.diagonal();
+    error.candidate_diagonal = boxed.box.diagonal();
     error.forward = measure_direction(S, S_prime, frame, options, context.part(0.1, 0.55));
     error.backward = measure_direction(S_prime, S, frame, options, context.part(0.55, 1.0));
     for (DirectedError* const direction : {&error.forward, &error.backward}) {

@@ -62,7 +62,6 @@ Following following(const PlanarPlaces& places, std::size_t count, int neighbor,
 
 void PlanarPlaces::reset(std::size_t n) {
     const std::size_t padded = (n + 3) / 4 * 4;
-    size = n;
     x.assign(padded, 0);
     y.assign(padded, 0);
     length_sq.assign(padded, 0);

@@ -12,7 +12,6 @@ namespace stipple {
 /// lies at the origin.
 struct PlanarPlaces {
     std::vector<float> x, y, length_sq;
-    std::size_t size = 0;
 
     /// Makes room for n places, all at the origin.
     void reset(std::size_t n);

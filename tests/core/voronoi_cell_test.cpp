@@ -34,15 +34,15 @@ Vec2d place(const PlanarPlaces& places, std::size_t i) {
 /// tried.
 std::set<std::pair<int, int>> corners_by_trying(const PlanarPlaces& places) {
     std::set<std::pair<int, int>> corners;
-    for (std::size_t i = 0; i < places.size; ++i) {
-        for (std::size_t j = i + 1; j < places.size; ++j) {
+    for (std::size_t i = 0; i < places.x.size(); ++i) {
+        for (std::size_t j = i + 1; j < places.x.size(); ++j) {
             const Vec2d a = place(places, i), b = place(places, j);
             Eigen::Matrix2d m;
             m << a.x(), a.y(), b.x(), b.y();
             if (std::abs(m.determinant()) < 1e-12) continue;
             const Vec2d at = m.inverse() * Vec2d(0.5 * a.squaredNorm(), 0.5 * b.squaredNorm());
             bool is_nearest = true;
-            for (std::size_t k = 0; k < places.size; ++k) {
+            for (std::size_t k = 0; k < places.x.size(); ++k) {
                 const Vec2d q = place(places, k);
                 is_nearest &= k == i || k == j || at.dot(q) <= 0.5 * q.squaredNorm();
             }
@@ -77,9 +77,9 @@ TEST(VoronoiCell, HasTheCornersThatTryingAllPairsFinds) {
         for (const VoronoiCell::Edge& edge : cell.edges()) {
             const Vec2d n = place(flat, static_cast<std::size_t>(edge.neighbor));
             bool is_direct = true;
-            for (std::size_t k = 0; k < flat.size; ++k) {
+            for (std::size_t k = 0; k < flat.x.size(); ++k) {
                 const Vec2d q = place(flat, k);
-                is_direct &= q == n || n.dot(q) < q.squaredNorm();
+                is_direct &= q == n || q.isZero() || n.dot(q) < q.squaredNorm();
             }
             EXPECT_EQ(edge.is_direct, is_direct) << run;
         }
