@@ -254,8 +254,8 @@ void ClusterTree::grow(const SplitRule& rule, const RunContext& context) {
 }
 
 void ClusterTree::split_large(const SplitRule& rule, const RunContext& context) {
-    const LargeMemory memory(points_.size() * sizeof(Index));
-    const std::span room(static_cast<Index*>(memory.data()), points_.size());
+    LargeArray<Index> memory(points_.size());
+    const std::span room(memory);
     struct Large {
         Index id;
         SampleMoments moments;

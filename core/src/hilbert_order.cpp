@@ -2,6 +2,7 @@
 
 #include "counting_sort.hpp"
 #include "first_touch.hpp"
+#include "large_memory.hpp"
 #include "parallel_for.hpp"
 
 #include <algorithm>
@@ -303,9 +304,9 @@ std::vector<Index> hilbert_order(std::span<const Vec3f> points, const RunContext
     const Packing packing{static_cast<unsigned>(std::bit_width(n - 1))};
     const std::size_t buckets = std::size_t{1} << bucket_bits;
     const std::size_t blocks = (n + kBlock - 1) / kBlock;
-    auto items = made_in_blocks<std::vector<std::uint64_t>>(n, context);
+    LargeArray<std::uint64_t> items(n);
     std::vector<Index> starts(blocks * buckets);
-    auto keys = made_in_blocks<std::vector<std::uint64_t>>(n, context);
+    LargeArray<std::uint64_t> keys(n);
     parallel_for_blocks(n, kBlock, context, [&](std::size_t begin, std::size_t end) {
         Index* count = starts.data() + begin / kBlock * buckets;
         grid.keys(points.subspan(begin, end - begin), keys.data() + begin);

@@ -108,7 +108,7 @@ void LargeMemory::shrink(std::size_t bytes) noexcept {
 }
 
 LargeMemory::~LargeMemory() {
-    give_back(data_, bytes_);
+    if (data_ != nullptr) give_back(data_, bytes_);
 }
 
 void prefer_huge_pages(void* data, std::size_t bytes) noexcept {

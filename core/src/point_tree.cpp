@@ -99,8 +99,7 @@ PointTree::PointTree(std::span<const Vec3f> points, Leaves leaves, const RunCont
         });
     }
     if (size_ == 0) return;
-    resize_in_blocks(leaves_, (size_ + kWidth - 1) / kWidth, context);
-
+    leaves_ = LargeArray<Leaf>((size_ + kWidth - 1) / kWidth);
     std::vector<Node>* level = &levels_.emplace_back();
     resize_in_blocks(*level, (leaves_.size() + kWidth - 1) / kWidth, context);
     parallel_for_blocks(level->size(), 256, context, [&](std::size_t begin, std::size_t end) {

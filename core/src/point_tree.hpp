@@ -1,5 +1,6 @@
 #pragma once
 
+#include "large_memory.hpp"
 #include "stipple/point_cloud.hpp"
 #include "stipple/run_context.hpp"
 
@@ -75,7 +76,7 @@ public:
 
 private:
     std::size_t size_;
-    std::vector<Leaf> leaves_;
+    LargeArray<Leaf> leaves_;
     std::vector<std::vector<Node>> levels_;
     std::vector<const Node*> level_data_;
     std::vector<std::uint32_t> child_counts_;

@@ -5,6 +5,8 @@
 #include <cstddef>
 #include <cstring>
 #include <fstream>
+#include <numeric>
+#include <utility>
 
 // Memory of working arrays (core/src/large_memory.hpp).
 
@@ -41,6 +43,17 @@ TEST(LargeMemory, GoesBackToTheSystemWhenItIsFreed) {
     const std::size_t with = resident_bytes();
     resource.deallocate(data, kBytes);
     EXPECT_LT(resident_bytes() + kBytes / 2, with);
+}
+
+TEST(LargeArray, KeepsItsValuesWhenItMoves) {
+    LargeArray<int> first(3 * kMiB);
+    std::iota(first.begin(), first.end(), 0);
+    LargeArray<int> second;
+    EXPECT_EQ(second.size(), 0U);
+    second = std::move(first);
+    ASSERT_EQ(second.size(), 3 * kMiB);
+    EXPECT_EQ(second[0], 0);
+    EXPECT_EQ(second[3 * kMiB - 1], static_cast<int>(3 * kMiB - 1));
 }
 
 }  // namespace
