@@ -219,17 +219,53 @@ std::vector<float> leaf_areas(const PointTree& tree, const DrawnLeaves& drawn,
     return areas;
 }
 
+/// Finds the squared distances of places to the points nearest to them; quickest for places that
+/// follow each other in the tree.
+class NearestDistances {
+public:
+    NearestDistances(const PointTree& tree, std::size_t count)
+        : count_(std::min(count, tree.size())),
+          search_(tree, count, 2 * count),
+          distances_sq_(2 * count) {}
+
+    struct Found {
+        double sum = 0;
+        float largest = 0;
+    };
+    /// Of the `count` least, or all where there are fewer.
+    Found find(const Vec3f& place) {
+        const std::span<const Neighbor> found = search_.find(place);
+        const std::span<float> distances_sq = std::span(distances_sq_).first(found.size());
+        std::ranges::transform(found, distances_sq.begin(), &Neighbor::distance_sq);
+        Found least;
+        std::size_t n = 0;
+        for (const float d : distances_sq) {
+            // Counting the nearer ones of so few takes less time than sorting.
+            std::uint32_t nearer = 0;
+            for (const float other : distances_sq) nearer += static_cast<std::uint32_t>(other < d);
+            if (nearer >= count_) continue;
+            least.largest = std::max(least.largest, d);
+            least.sum += d;
+            ++n;
+        }
+        least.sum -= static_cast<double>(n - count_) * least.largest;  // of those as far as the last
+        return least;
+    }
+
+private:
+    std::size_t count_;
+    NearbySearch search_;
+    std::vector<float> distances_sq_;
+};
+
 /// Of each of some points of the tree the squared distance to its `nth` neighbour, or to the
 /// farthest when there are fewer. Quickest for points that follow each other in the tree.
 std::vector<float> distances_sq(const PointTree& tree, std::span<const Vec3f> points,
                                 std::size_t nth, const RunContext& context) {
     auto distances = made_in_blocks<std::vector<float>>(points.size(), context);
     parallel_for_blocks(points.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
-        NearbySearch search(tree, nth + 1, 2 * nth + 8);  // the point itself is one of them
-        for (std::size_t i = begin; i < end; ++i) {
-            const auto found = search.find_nearest_few(points[i]);
-            distances[i] = std::ranges::max(found, {}, &Neighbor::distance_sq).distance_sq;
-        }
+        NearestDistances nearest(tree, nth + 1);  // the point itself is one of them
+        for (std::size_t i = begin; i < end; ++i) distances[i] = nearest.find(points[i]).largest;
     });
     return distances;
 }
@@ -242,13 +278,10 @@ std::vector<float> areas_around(const PointTree& tree, std::span<const Vec3f> po
     constexpr std::size_t kEight = 8;
     auto areas = made_in_blocks<std::vector<float>>(points.size(), context);
     parallel_for_blocks(points.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
-        NearbySearch search(tree, kEight + 1, 2 * kEight + 8);
-        for (std::size_t i = begin; i < end; ++i) {
-            double sum = 0;
-            const auto found = search.find_nearest_few(points[i]);
-            for (const Neighbor& neighbor : found) sum += neighbor.distance_sq;
-            areas[i] = static_cast<float>(sum / static_cast<double>(found.size()));
-        }
+        NearestDistances nearest(tree, kEight + 1);
+        const auto count = static_cast<double>(std::min(kEight + 1, tree.size()));
+        for (std::size_t i = begin; i < end; ++i)
+            areas[i] = static_cast<float>(nearest.find(points[i]).sum / count);
     });
     if (std::ranges::none_of(areas, [](float a) { return a > 0; })) std::ranges::fill(areas, 1.0F);
     return areas;
