@@ -7,6 +7,7 @@
 #include "stipple/particle_simulation.hpp"
 #include "tree_search.hpp"
 
+#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
@@ -248,7 +249,8 @@ public:
             least.sum += d;
             ++n;
         }
-        least.sum -= static_cast<double>(n - count_) * least.largest;  // of those as far as the last
+        least.sum -=
+            static_cast<double>(n - count_) * least.largest;  // of those as far as the last
         return least;
     }
 
@@ -268,23 +270,6 @@ std::vector<float> distances_sq(const PointTree& tree, std::span<const Vec3f> po
         for (std::size_t i = begin; i < end; ++i) distances[i] = nearest.find(points[i]).largest;
     });
     return distances;
-}
-
-/// The area around each of some points of the tree, up to a common factor; not zero for all. By the
-/// mean of the squared distances to eight neighbours, nearer to the areas of a scan's triangles
-/// than by any single one of them.
-std::vector<float> areas_around(const PointTree& tree, std::span<const Vec3f> points,
-                                const RunContext& context) {
-    constexpr std::size_t kEight = 8;
-    auto areas = made_in_blocks<std::vector<float>>(points.size(), context);
-    parallel_for_blocks(points.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
-        NearestDistances nearest(tree, kEight + 1);
-        const auto count = static_cast<double>(std::min(kEight + 1, tree.size()));
-        for (std::size_t i = begin; i < end; ++i)
-            areas[i] = static_cast<float>(nearest.find(points[i]).sum / count);
-    });
-    if (std::ranges::none_of(areas, [](float a) { return a > 0; })) std::ranges::fill(areas, 1.0F);
-    return areas;
 }
 
 /// The points of the tree that an array of their numbers, or such a range, names.
@@ -314,6 +299,27 @@ std::vector<Vec3f> feet_on(const FootFinder& surface, std::span<const Vec3f> pla
     return feet;
 }
 
+/// The i-th random way of a seed in a plane.
+///
+/// @param spacing_sq  the squared distance to the third neighbour.
+Vec3f random_move(const Vec3f& normal, float spacing_sq, std::uint64_t seed, std::uint64_t i) {
+    constexpr float kReach = 0.6F;  // of that distance; more leads beyond borders
+    const Vec3f u = normal.unitOrthogonal(), v = normal.cross(u);
+    const Eigen::Vector2f move = kReach * std::sqrt(spacing_sq) * in_disk(~seed, i);
+    return move.x() * u + move.y() * v;
+}
+
+/// The feet of places; the base of one that has none.
+std::vector<Vec3f> feet_or(std::span<const Vec3f> bases, const FootFinder& surface,
+                           std::span<const Vec3f> places, const RunContext& context) {
+    std::vector<Vec3f> feet = feet_on(surface, places, context);
+    for (std::size_t i = 0; i < feet.size(); ++i) {
+        // Where the surface is not to be found there is at least the point.
+        if (!feet[i].allFinite()) feet[i] = bases[i];
+    }
+    return feet;
+}
+
 }  // namespace
 
 void ErrorSamples::resize(std::size_t n, const RunContext& context) {
@@ -325,6 +331,20 @@ void ErrorSamples::append(const ErrorSamples& more) {
     positions.insert(positions.end(), more.positions.begin(), more.positions.end());
     areas.insert(areas.end(), more.areas.begin(), more.areas.end());
     numbers.insert(numbers.end(), more.numbers.begin(), more.numbers.end());
+}
+
+std::vector<float> areas_around(const PointTree& tree, std::span<const Vec3f> points,
+                                const RunContext& context) {
+    constexpr std::size_t kEight = 8;
+    auto areas = made_in_blocks<std::vector<float>>(points.size(), context);
+    parallel_for_blocks(points.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+        NearestDistances nearest(tree, kEight + 1);
+        const auto count = static_cast<double>(std::min(kEight + 1, tree.size()));
+        for (std::size_t i = begin; i < end; ++i)
+            areas[i] = static_cast<float>(nearest.find(points[i]).sum / count);
+    });
+    if (std::ranges::none_of(areas, [](float a) { return a > 0; })) std::ranges::fill(areas, 1.0F);
+    return areas;
 }
 
 ErrorSamples take_points(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
@@ -348,9 +368,8 @@ ErrorSamples take_points(const PointTree& tree, std::uint64_t count, std::uint64
     return samples;
 }
 
-ErrorSamples take_points_by_area(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
+ErrorSamples draw_points_by_area(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
                                  const RunContext& context) {
-    if (tree.size() <= count) return take_points(tree, count, seed, context);
     const DrawnLeaves some = draw_leaves(tree, count, ~seed, context);
     const auto& [leaves, chances] = some;
     const std::vector<float> areas = leaf_areas(tree, some, context);
@@ -361,8 +380,17 @@ ErrorSamples take_points_by_area(const PointTree& tree, std::uint64_t count, std
         samples.numbers[i] =
             leaves[drawn[i] / PointTree::kWidth] * PointTree::kWidth + drawn[i] % PointTree::kWidth;
     samples.positions = points_of(tree, samples.numbers, context);
-    samples.areas = areas_around(tree, samples.positions, context);
-    for (std::size_t i = 0; i < count; ++i) samples.areas[i] /= areas[drawn[i]];
+    samples.areas = made_in_blocks<std::vector<float>>(count, context);
+    for (std::size_t i = 0; i < count; ++i) samples.areas[i] = areas[drawn[i]];
+    return samples;
+}
+
+ErrorSamples take_points_by_area(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
+                                 const RunContext& context) {
+    if (tree.size() <= count) return take_points(tree, count, seed, context);
+    ErrorSamples samples = draw_points_by_area(tree, count, seed, context);
+    const std::vector<float> areas = areas_around(tree, samples.positions, context);
+    for (std::size_t i = 0; i < count; ++i) samples.areas[i] = areas[i] / samples.areas[i];
     return samples;
 }
 
@@ -386,27 +414,48 @@ std::vector<Vec3f> random_places(const PointTree& tree, const FootFinder& surfac
     for (std::size_t i = 0; i < bases.size(); ++i) {
         if (i % kBetweenChecks == 0) context.throw_if_stopped();
         if (i > 0 && bases[i] != bases[i - 1]) ++base;
-        const Vec3f n = normals[base], u = n.unitOrthogonal(), v = n.cross(u);
-        constexpr float kReach =
-            0.6F;  // of the way to the third neighbour; more leads beyond borders
-        const Eigen::Vector2f move = kReach * std::sqrt(spacings_sq[base]) * in_disk(~seed, i);
-        places[i] = used[base] + move.x() * u + move.y() * v;
+        places[i] = used[base] + random_move(normals[base], spacings_sq[base], seed, i);
     }
-    std::vector<Vec3f> feet = feet_on(surface, places, context);
-    for (std::size_t i = 0; i < feet.size(); ++i) {
-        // Where the surface is not to be found there is at least the point.
-        if (!feet[i].allFinite()) feet[i] = bases[i];
-    }
-    return feet;
+    return feet_or(bases, surface, places, context);
+}
+
+std::vector<Vec3f> places_beside(std::span<const Vec3f> points, const PointTree& tree,
+                                 const FootFinder& surface, std::span<const Vec3f> bases,
+                                 std::uint64_t seed, const RunContext& context) {
+    constexpr std::size_t kThird = 3, kAround = 8;
+    auto places = made_in_blocks<std::vector<Vec3f>>(bases.size(), context);
+    parallel_for_blocks(bases.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+        NearbySearch search(tree, kAround + 1, 2 * kAround + 2);
+        for (std::size_t i = begin; i < end; ++i) {
+            const std::span<Neighbor> nearest = search.find_nearest_few(bases[i]);
+            std::ranges::sort(nearest);  // the point itself comes first
+            Eigen::Matrix3f scatter = Eigen::Matrix3f::Zero();
+            for (const Neighbor& neighbor : nearest) {
+                const Vec3f way = points[neighbor.index] - bases[i];
+                scatter += way * way.transpose();
+            }
+            const Vec3f normal = Eigen::SelfAdjointEigenSolver<Eigen::Matrix3f>()
+                                     .computeDirect(scatter)
+                                     .eigenvectors()
+                                     .col(0);
+            const float spacing_sq = nearest[std::min(kThird, nearest.size() - 1)].distance_sq;
+            places[i] = bases[i] + random_move(normal, spacing_sq, seed, i);
+        }
+    });
+    return feet_or(bases, surface, places, context);
+}
+
+std::vector<Vec3f> draw_points(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
+                               const RunContext& context) {
+    const std::vector<float> areas = areas_around(tree, all_points(tree, context), context);
+    return points_of(tree, draw_by_area(areas, {}, count, seed, context), context);
 }
 
 ErrorSamples take_surface(const PointTree& tree, const FootFinder& surface, std::uint64_t count,
                           std::uint64_t seed, const RunContext& context) {
-    const std::vector<float> areas = areas_around(tree, all_points(tree, context), context);
-    const std::vector<Vec3f> drawn =
-        points_of(tree, draw_by_area(areas, {}, count, seed, context), context);
     ErrorSamples samples;
-    samples.positions = random_places(tree, surface, drawn, seed, context);
+    samples.positions =
+        random_places(tree, surface, draw_points(tree, count, seed, context), seed, context);
     samples.areas.assign(count, 1.0F);
     return samples;
 }

@@ -29,6 +29,17 @@ struct ErrorSamples {
 ErrorSamples take_points(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
                          const RunContext& context);
 
+/// The area around each of some points of the tree, up to a common factor; not zero for all. By the
+/// mean of the squared distances to eight neighbours, nearer to the areas of a scan's triangles
+/// than by any single one of them.
+std::vector<float> areas_around(const PointTree& tree, std::span<const Vec3f> points,
+                                const RunContext& context);
+
+/// `count` points with their numbers, about as often as their areas are large, and the areas by
+/// which they were drawn: by their leaves alone, none zero.
+ErrorSamples draw_points_by_area(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
+                                 const RunContext& context);
+
 /// `count` of the points as well, with less left to chance: large areas, of which a few points
 /// would decide, are drawn more often. The area of a point, by its eight neighbours, is divided by
 /// that by which it was drawn, about the distance to its third in the leaf. Some may come twice;
@@ -45,6 +56,18 @@ ErrorSamples take_points_by_area(const PointTree& tree, std::uint64_t count, std
 std::vector<Vec3f> random_places(const PointTree& tree, const FootFinder& surface,
                                  std::span<const Vec3f> bases, std::uint64_t seed,
                                  const RunContext& context);
+
+/// The same in half the time, each by itself: in the plane of the eight points nearest to the base.
+///
+/// @param points  those of the tree, by number.
+std::vector<Vec3f> places_beside(std::span<const Vec3f> points, const PointTree& tree,
+                                 const FootFinder& surface, std::span<const Vec3f> bases,
+                                 std::uint64_t seed, const RunContext& context);
+
+/// `count` points, drawn by the area around them; the same follow each other. 0.4 us for each point
+/// of the tree; parallel.
+std::vector<Vec3f> draw_points(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
+                               const RunContext& context);
 
 /// `count` random places of the surface, evenly over its area: beside points that are drawn by the
 /// area around them.

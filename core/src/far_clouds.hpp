@@ -1,21 +1,12 @@
 #pragma once
 
-#include "stipple/point_cloud.hpp"
+#include "boxed_cloud.hpp"
 #include "stipple/run_context.hpp"
 #include "stipple/surface_error.hpp"
 
 #include <optional>
 
 namespace stipple {
-
-/// A cloud and its `bounds`.
-struct BoxedCloud {
-    const PointCloud& cloud;
-    Aabb box;
-
-    explicit BoxedCloud(const PointCloud& cloud_) : cloud(cloud_), box(bounds(cloud_)) {}
-    Vec3d middle() const { return 0.5 * (box.min + box.max); }
-};
 
 /// The error where one of two clouds is as good as a point: where all points of the other are
 /// farther from the middle of its box than a hundred times its diagonal. So it is with clouds in

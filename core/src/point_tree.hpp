@@ -82,4 +82,12 @@ private:
     std::vector<std::uint32_t> child_counts_;
 };
 
+/// Better leaves pay off when about as many places are looked for as there are points.
+constexpr PointTree::Leaves leaves_for(std::uint64_t points, std::uint64_t places) noexcept {
+    constexpr std::uint64_t kMany = 8, kAll = 64;  // points for each place
+    return places < points / kAll    ? PointTree::Leaves::Loose
+           : places < points / kMany ? PointTree::Leaves::Quick
+                                     : PointTree::Leaves::Compact;
+}
+
 }  // namespace stipple

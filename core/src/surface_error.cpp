@@ -1,7 +1,9 @@
 #include "stipple/surface_error.hpp"
 
 #include "attribute_error.hpp"
+#include "boxed_cloud.hpp"
 #include "distance_statistics.hpp"
+#include "error_frame.hpp"
 #include "error_samples.hpp"
 #include "far_clouds.hpp"
 #include "farthest_places.hpp"
@@ -32,16 +34,6 @@ constexpr std::uint64_t kEnough = 40'000;  // samples, for the mean and its like
     throw Error(ErrorCode::InvalidArgument, what);
 }
 
-void check_positions(const PointCloud& cloud, const std::string& which) {
-    validate(cloud);
-    if (cloud.empty()) refuse(which + " 0 points: expected at least 1");
-    const auto finite = [](const Vec3f& p) { return p.allFinite(); };
-    const auto bad = std::ranges::find_if_not(cloud.positions, finite);
-    if (bad != cloud.positions.end() || !cloud.origin.allFinite())
-        refuse(which + " point " + std::to_string(bad - cloud.positions.begin()) +
-               ": expected finite coordinates");
-}
-
 }  // namespace
 
 void validate(const SurfaceErrorOptions& options) {
@@ -60,31 +52,6 @@ void validate(const SurfaceErrorOptions& options) {
 
 namespace {
 
-/// Brings both clouds to where floats are at their best, and back: the middle of the reference's
-/// box lies at 0, and its diagonal is between 1 and 2.
-struct Frame {
-    Vec3d center = Vec3d::Zero();
-    double scale = 1;  ///< a power of two
-
-    explicit Frame(const BoxedCloud& reference) : center(reference.middle()) {
-        const double diagonal = reference.box.diagonal();
-        if (diagonal > 0) scale = std::ldexp(1.0, -std::ilogb(diagonal));
-    }
-    std::vector<Vec3f> into(const PointCloud& cloud, const RunContext& context) const {
-        const Vec3d shift = cloud.origin - center;
-        auto points = made_in_blocks<std::vector<Vec3f>>(cloud.size(), context);
-        constexpr std::size_t kBlock = 16'384;
-        parallel_for_blocks(points.size(), kBlock, context,
-                            [&](std::size_t begin, std::size_t end) {
-                                for (std::size_t i = begin; i < end; ++i) {
-                                    const Vec3d p = cloud.positions[i].cast<double>() + shift;
-                                    points[i] = (scale * p).cast<float>();
-                                }
-                            });
-        return points;
-    }
-};
-
 /// One of the two surfaces.
 struct Surface {
     const PointCloud& cloud;
@@ -92,7 +59,7 @@ struct Surface {
     PointTree tree;
     FootFinder finder;
 
-    Surface(const PointCloud& cloud_, const Frame& frame, PointTree::Leaves leaves,
+    Surface(const PointCloud& cloud_, const ErrorFrame& frame, PointTree::Leaves leaves,
             const FootFinder::Options& options, const RunContext& context)
         : cloud(cloud_),
           points(frame.into(cloud_, context)),
@@ -104,15 +71,10 @@ struct Surface {
     AttributedSurface attributed() const { return {cloud, tree}; }
 };
 
-/// Better leaves pay off when about as many places are looked for as there are points.
-PointTree::Leaves leaves_for(const PointCloud& cloud, const SurfaceErrorOptions& options) {
-    constexpr std::uint64_t kMany = 8, kAll = 64;  // points for each place
-    const std::uint64_t samples = options.samples > 0    ? options.samples
-                                  : options.keep_samples ? cloud.size()
-                                                         : kEnough;
-    return samples < cloud.size() / kAll    ? PointTree::Leaves::Loose
-           : samples < cloud.size() / kMany ? PointTree::Leaves::Quick
-                                            : PointTree::Leaves::Compact;
+PointTree::Leaves leaves_of(const PointCloud& cloud, const SurfaceErrorOptions& options) {
+    return leaves_for(cloud.size(), options.samples > 0    ? options.samples
+                                    : options.keep_samples ? cloud.size()
+                                                           : kEnough);
 }
 
 std::uint64_t sample_count(const Surface& surface, const SurfaceErrorOptions& options) {
@@ -206,7 +168,7 @@ MeasuredSamples measure_samples(const Surface& from, const Surface& to, ErrorSam
     return all;
 }
 
-DirectedError measure_direction(const Surface& from, const Surface& to, const Frame& frame,
+DirectedError measure_direction(const Surface& from, const Surface& to, const ErrorFrame& frame,
                                 const SurfaceErrorOptions& options, const RunContext& context) {
     const bool is_finer = from.points.size() >= to.points.size();
     const bool are_points = at_points(from, is_finer, options);
@@ -256,7 +218,7 @@ struct SurfaceErrorMeter::State {
     SurfaceErrorOptions options;
     FootFinder::Options finding;
     BoxedCloud reference;
-    Frame frame;
+    ErrorFrame frame;
     Surface surface;
 
     State(const PointCloud& cloud, const SurfaceErrorOptions& options_, const RunContext& context)
@@ -265,16 +227,15 @@ struct SurfaceErrorMeter::State {
                   .degree = options.surface == ErrorSurface::Quadratic ? 2U : 1U,
                   .max_iterations = options.max_iterations,
                   .tolerance = options.tolerance},
-          reference(cloud),
+          reference(cloud, "reference"),
           frame(reference),
-          surface(cloud, frame, leaves_for(cloud, options), finding, context) {}
+          surface(cloud, frame, leaves_of(cloud, options), finding, context) {}
 };
 
 SurfaceErrorMeter::SurfaceErrorMeter(const PointCloud& reference,
                                      const SurfaceErrorOptions& options,
                                      const RunContext& context) {
     validate(options);
-    check_positions(reference, "reference");
     context.throw_if_stopped();
     state_ = std::make_unique<State>(reference, options, context);
 }
@@ -283,13 +244,12 @@ SurfaceErrorMeter::~SurfaceErrorMeter() = default;
 
 SurfaceError SurfaceErrorMeter::measure(const PointCloud& candidate,
                                         const RunContext& context) const {
-    check_positions(candidate, "candidate");
     const auto& [options, finding, reference, frame, S] = *state_;
-    const BoxedCloud boxed(candidate);
+    const BoxedCloud boxed(candidate, "candidate");
     context.throw_if_stopped();
     if (!options.attributes)
         if (auto far = measure_far(reference, boxed, options, context)) return std::move(*far);
-    const Surface S_prime(candidate, frame, leaves_for(candidate, options), finding, context);
+    const Surface S_prime(candidate, frame, leaves_of(candidate, options), finding, context);
     context.checkpoint(0.1);
     SurfaceError error;
     error.diagonal = reference.box.diagonal();

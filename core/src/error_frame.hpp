@@ -1,0 +1,59 @@
+#pragma once
+
+#include "boxed_cloud.hpp"
+#include "first_touch.hpp"
+#include "parallel_for.hpp"
+#include "stipple/point_cloud.hpp"
+#include "stipple/run_context.hpp"
+
+#include <cmath>
+#include <cstddef>
+#include <span>
+#include <vector>
+
+namespace stipple {
+
+/// Brings two clouds to where floats are at their best, and back: the middle of the reference's box
+/// lies at 0, and its diagonal is between 1 and 2.
+struct ErrorFrame {
+    Vec3d center = Vec3d::Zero();
+    double scale = 1;  ///< a power of two
+
+    explicit ErrorFrame(const BoxedCloud& reference) : center(reference.middle()) {
+        const double diagonal = reference.box.diagonal();
+        if (diagonal > 0) scale = std::ldexp(1.0, -std::ilogb(diagonal));
+    }
+
+    std::vector<Vec3f> into(const PointCloud& cloud, const RunContext& context) const {
+        return into(
+            cloud, cloud.size(), [](std::size_t i) { return i; }, context);
+    }
+    /// Some points of a cloud.
+    std::vector<Vec3f> into(const PointCloud& cloud, std::span<const Index> points,
+                            const RunContext& context) const {
+        return into(
+            cloud, points.size(), [&](std::size_t i) { return points[i]; }, context);
+    }
+    /// A place in the frame as a position of a cloud, without its origin.
+    Vec3f out_of(const Vec3f& place, const PointCloud& cloud) const {
+        return (place.cast<double>() / scale + center - cloud.origin).cast<float>();
+    }
+
+private:
+    template <typename NumberOf>
+    std::vector<Vec3f> into(const PointCloud& cloud, std::size_t n, NumberOf&& number_of,
+                            const RunContext& context) const {
+        const Vec3d shift = cloud.origin - center;
+        auto points = made_in_blocks<std::vector<Vec3f>>(n, context);
+        constexpr std::size_t kBlock = 16'384;
+        parallel_for_blocks(n, kBlock, context, [&](std::size_t begin, std::size_t end) {
+            for (std::size_t i = begin; i < end; ++i) {
+                const Vec3d p = cloud.positions[number_of(i)].template cast<double>() + shift;
+                points[i] = (scale * p).template cast<float>();
+            }
+        });
+        return points;
+    }
+};
+
+}  // namespace stipple
