@@ -299,14 +299,15 @@ std::vector<Vec3f> feet_on(const FootFinder& surface, std::span<const Vec3f> pla
     return feet;
 }
 
-/// The i-th random way of a seed in a plane.
+/// A point moved in its tangent plane by the i-th random way of a seed.
 ///
-/// @param spacing_sq  the squared distance to the third neighbour.
-Vec3f random_move(const Vec3f& normal, float spacing_sq, std::uint64_t seed, std::uint64_t i) {
+/// @param spacing_sq  the squared distance to its third neighbour.
+Vec3f moved(const Vec3f& point, const Vec3f& normal, float spacing_sq, std::uint64_t seed,
+            std::uint64_t i) {
     constexpr float kReach = 0.6F;  // of that distance; more leads beyond borders
     const Vec3f u = normal.unitOrthogonal(), v = normal.cross(u);
     const Eigen::Vector2f move = kReach * std::sqrt(spacing_sq) * in_disk(~seed, i);
-    return move.x() * u + move.y() * v;
+    return point + move.x() * u + move.y() * v;
 }
 
 /// The feet of places; the base of one that has none.
@@ -414,7 +415,7 @@ std::vector<Vec3f> random_places(const PointTree& tree, const FootFinder& surfac
     for (std::size_t i = 0; i < bases.size(); ++i) {
         if (i % kBetweenChecks == 0) context.throw_if_stopped();
         if (i > 0 && bases[i] != bases[i - 1]) ++base;
-        places[i] = used[base] + random_move(normals[base], spacings_sq[base], seed, i);
+        places[i] = moved(used[base], normals[base], spacings_sq[base], seed, i);
     }
     return feet_or(bases, surface, places, context);
 }
@@ -439,7 +440,7 @@ std::vector<Vec3f> places_beside(std::span<const Vec3f> points, const PointTree&
                                      .eigenvectors()
                                      .col(0);
             const float spacing_sq = nearest[std::min(kThird, nearest.size() - 1)].distance_sq;
-            places[i] = bases[i] + random_move(normal, spacing_sq, seed, i);
+            places[i] = moved(bases[i], normal, spacing_sq, seed, i);
         }
     });
     return feet_or(bases, surface, places, context);
