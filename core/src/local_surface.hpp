@@ -47,7 +47,7 @@ public:
     bool is_whole() const noexcept { return some_->points.size() == size(); }
 
     /// How many points to have in view around a place: to find its foot, or for the area around it.
-    static constexpr std::size_t kForFeet = 128, kForAreas = 48;
+    static constexpr std::size_t kForFeet = 128, kForAreas = 96;
 
     /// What has to be in view for places on the surface or beside it: balls around them, in the
     /// frame, with about so many points of the cloud each.

@@ -46,6 +46,15 @@ protected:
         return feet;
     }
 
+    /// One half has a hundred times as many points as the other.
+    static PointCloud uneven_sphere() {
+        PointCloud cloud;
+        std::mt19937 random(1);
+        for (const Vec3f& p : test::sphere(200'000).positions)
+            if (p.x() < 0 || random() % 100 == 0) cloud.positions.push_back(p);
+        return cloud;
+    }
+
     static Vec3f in_frame(const Vec3f& p, const ErrorFrame& frame) {
         return (frame.scale * (p.cast<double>() - frame.center)).cast<float>();
     }
@@ -78,10 +87,7 @@ TEST_F(LocalSurfaceTest, HasTheFeetOfTheWholeSurface) {
 }
 
 TEST_F(LocalSurfaceTest, HasThemWhereDensityIsUneven) {
-    PointCloud cloud;
-    std::mt19937 random(1);
-    for (const Vec3f& p : test::sphere(200'000).positions)
-        if (p.x() < 0 || random() % 100 == 0) cloud.positions.push_back(p);
+    const PointCloud cloud = uneven_sphere();
     const std::vector<Vec3f> places = places_beside(test::sphere(5'000), 100, 0.01F);
     expect_same(local_feet(cloud, places), whole_feet(cloud, places));
 }
@@ -92,6 +98,22 @@ TEST_F(LocalSurfaceTest, HasThoseOfPlacesFarAway) {
     const std::vector<Foot> feet = local_feet(cloud, places), whole = whole_feet(cloud, places);
     for (std::size_t i = 0; i < places.size(); ++i)
         EXPECT_NEAR(feet[i].distance, whole[i].distance, 1e-3 * whole[i].distance) << i;
+}
+
+TEST_F(LocalSurfaceTest, HasTheAreasOfTheWholeSurface) {
+    const PointCloud cloud = uneven_sphere();
+    const BoxedCloud boxed(cloud, "cloud");
+    const ErrorFrame frame(boxed);
+    const LocalSurface surface(boxed, frame, 300, {}, {});
+    ASSERT_FALSE(surface.is_whole());
+    const LocalSurface::Part all(frame.into(cloud, {}), PointTree::Leaves::Compact, {}, {});
+    const std::vector<Vec3f> bases = draw_points_by_area(surface.some().tree, 300, 1, {}).positions;
+    const auto part = surface.gather(surface.views(bases, LocalSurface::kForAreas, {}), {});
+    const std::vector<float> local = areas_around(part->tree, bases, {}),
+                             whole = areas_around(all.tree, bases, {});
+    std::size_t same = 0;
+    for (std::size_t i = 0; i < bases.size(); ++i) same += local[i] == whole[i] ? 1 : 0;
+    EXPECT_GE(same, bases.size() * 99 / 100);
 }
 
 TEST_F(LocalSurfaceTest, IsTheSameForAnyNumberOfThreads) {
