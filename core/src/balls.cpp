@@ -86,7 +86,9 @@ private:
         const std::uint32_t number = number_of(cell);
         for (std::uint32_t i = begin_[number]; i < begin_[number + 1]; ++i) {
             const Ball& ball = balls_[reaching_[i]];
-            if ((p - ball.center).squaredNorm() <= ball.radius * ball.radius) return true;
+            // In cells, so that no square is beyond what floats hold.
+            const float radius = ball.radius * per_unit_;
+            if (((p - ball.center) * per_unit_).squaredNorm() <= radius * radius) return true;
         }
         return false;
     }
@@ -107,7 +109,7 @@ private:
     template <typename Visit>
     void for_each_cell(const Ball& ball, Visit&& visit) const {
         constexpr float kFar = 0x1p30F;       // no point is there
-        constexpr float kRounding = 0x1p-9F;  // rather too many cells
+        constexpr float kRounding = 0x1p-5F;  // of the places of points that are many cells away
         const Vec3f center = place(ball.center);
         const float reach = ball.radius * per_unit_ + kRounding;
         const auto cell_at = [&](const Vec3f& p) -> Cell {
@@ -142,7 +144,7 @@ private:
 ///
 /// @param balls  by their radius, the largest first.
 std::vector<WoundGrid> make_grids(std::span<const Ball> balls, const Vec3f& low, float diagonal) {
-    constexpr float kTimes = 4, kMostCells = 6, kLeast = 0x1p-20F;
+    constexpr float kTimes = 4, kMostCells = 6, kLeast = 0x1p-16F;
     constexpr std::size_t kLargePart = 16, kSmallPart = 8, kFew = 64;
     const float least_side = diagonal > 0 ? kLeast * diagonal : 1.0F;
     // So few small balls are little work in cells of any size.

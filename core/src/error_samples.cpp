@@ -5,9 +5,9 @@
 #include "parallel_for.hpp"
 #include "random.hpp"
 #include "stipple/particle_simulation.hpp"
+#include "symmetric_eigen.hpp"
 #include "tree_search.hpp"
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
@@ -430,17 +430,19 @@ std::vector<Vec3f> places_beside(std::span<const Vec3f> points, const PointTree&
         for (std::size_t i = begin; i < end; ++i) {
             const std::span<Neighbor> nearest = search.find_nearest_few(bases[i]);
             std::ranges::sort(nearest);  // the point itself comes first
-            Eigen::Matrix3f scatter = Eigen::Matrix3f::Zero();
+            Symmetric3 scatter;
             for (const Neighbor& neighbor : nearest) {
-                const Vec3f way = points[neighbor.index] - bases[i];
-                scatter += way * way.transpose();
+                const Vec3d way = (points[neighbor.index] - bases[i]).cast<double>();
+                scatter.xx += way.x() * way.x();
+                scatter.xy += way.x() * way.y();
+                scatter.xz += way.x() * way.z();
+                scatter.yy += way.y() * way.y();
+                scatter.yz += way.y() * way.z();
+                scatter.zz += way.z() * way.z();
             }
-            const Vec3f normal = Eigen::SelfAdjointEigenSolver<Eigen::Matrix3f>()
-                                     .computeDirect(scatter)
-                                     .eigenvectors()
-                                     .col(0);
+            const Vec3d normal = eigenvector(scatter, eigenvalues(scatter).front());
             const float spacing_sq = nearest[std::min(kThird, nearest.size() - 1)].distance_sq;
-            places[i] = moved(bases[i], normal, spacing_sq, seed, i);
+            places[i] = moved(bases[i], normal.cast<float>(), spacing_sq, seed, i);
         }
     });
     return feet_or(bases, surface, places, context);

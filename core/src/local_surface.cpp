@@ -68,10 +68,14 @@ std::shared_ptr<const LocalSurface::Part> LocalSurface::gather(std::span<const B
     std::vector<Ball> of_cloud;
     of_cloud.reserve(balls.size());
     for (const Ball& ball : balls) {
+        // What floats round away, here and in the frame: rather too many points.
+        constexpr float kRounding = 0x1p-20F;
+        const auto per_unit = static_cast<float>(1 / frame_.scale);
         const Vec3f center = frame_.out_of(ball.center, cloud);
-        constexpr float kRounding = 0x1p-20F;  // of what is far away: rather too many points
-        const auto radius = static_cast<float>(ball.radius / frame_.scale);
-        of_cloud.push_back({center, radius + kRounding * (center.norm() + radius)});
+        const float farthest =
+            std::max(center.cwiseAbs().maxCoeff(), per_unit * ball.center.cwiseAbs().maxCoeff());
+        const float radius = per_unit * ball.radius;
+        of_cloud.push_back({center, radius + kRounding * (farthest + radius)});
     }
     const Vec3f low = (cloud_.box.min - cloud.origin).cast<float>();
     const auto diagonal = static_cast<float>(cloud_.box.diagonal());

@@ -64,6 +64,30 @@ TEST(PointsWithin, AreFoundByBallsOutsideOfTheirBox) {
     EXPECT_EQ(found, by_all_pairs(balls, cloud.positions));
 }
 
+TEST(PointsWithin, AreFoundInCloudsOfAnySize) {
+    for (const float size : {1e-30F, 1e30F}) {
+        PointCloud cloud = test::sphere(5'000);
+        std::vector<Ball> balls = random_balls(cloud, 50, 0.05F, 5);
+        const std::vector<Index> expected = by_all_pairs(balls, cloud.positions);
+        for (Vec3f& p : cloud.positions) p *= size;
+        for (Ball& ball : balls) ball = {size * ball.center, size * ball.radius};
+        const std::vector<Index> found = found_within(balls, cloud);
+        EXPECT_NEAR(static_cast<double>(found.size()), static_cast<double>(expected.size()), 2);
+    }
+}
+
+TEST(PointsWithin, AreFoundInASmallPartOfALargeBox) {
+    // A millionth of the box: many cells away from its corner, where floats are far apart.
+    PointCloud cloud;
+    for (const Vec3f& p : test::sphere(3'000).positions)
+        cloud.positions.push_back(Vec3f(1, 1, 1) + 1e-6F * p);
+    cloud.positions.emplace_back(0, 0, 0);
+    for (const float radius : {1e-8F, 1e-7F, 3e-7F, 1e-6F}) {
+        const std::vector<Ball> balls = random_balls(cloud, 100, radius, 3);
+        EXPECT_EQ(found_within(balls, cloud), by_all_pairs(balls, cloud.positions)) << radius;
+    }
+}
+
 TEST(PointsWithin, OfABallOfNoSizeAreThoseAtItsCenter) {
     PointCloud cloud = test::sphere(1'000);
     cloud.positions[7] = cloud.positions[900];

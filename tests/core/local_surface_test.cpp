@@ -100,6 +100,17 @@ TEST_F(LocalSurfaceTest, HasThoseOfPlacesFarAway) {
         EXPECT_NEAR(feet[i].distance, whole[i].distance, 1e-3 * whole[i].distance) << i;
 }
 
+TEST_F(LocalSurfaceTest, HasThoseWhereFloatsOfTheFrameAreTooCoarse) {
+    // Points around 0, exact there, far from the middle of the box.
+    PointCloud cloud;
+    for (const Vec3f& p : test::sphere(60'000).positions) cloud.positions.push_back(1e-6F * p);
+    for (const Vec3f& p : test::sphere(60'000).positions)
+        cloud.positions.push_back(Vec3f(200, 90, 30) + p);
+    std::vector<Vec3f> places;
+    for (std::size_t i = 0; i < 200; ++i) places.push_back(cloud.positions[593 * i]);
+    for (const Foot& foot : local_feet(cloud, places)) EXPECT_LT(foot.distance, 1e-4);
+}
+
 TEST_F(LocalSurfaceTest, HasTheAreasOfTheWholeSurface) {
     const PointCloud cloud = uneven_sphere();
     const BoxedCloud boxed(cloud, "cloud");
