@@ -6,10 +6,14 @@
 
 #include <Eigen/Geometry>
 #include <cstddef>
+#include <optional>
 #include <span>
 #include <vector>
 
 namespace stipple {
+
+/// The `bounds` of a cloud whose coordinates are all finite, else nothing.
+std::optional<Aabb> finite_bounds(const PointCloud& cloud);
 
 /// The box around what `place` makes of each point: a vector of any type and fixed length. Empty
 /// for no points. O(N), on the threads of `context`.

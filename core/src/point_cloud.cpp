@@ -2,6 +2,7 @@
 
 #include "cloud_copy.hpp"
 #include "float4.hpp"
+#include "point_bounds.hpp"
 #include "stipple/error.hpp"
 
 #include <algorithm>
@@ -43,7 +44,10 @@ namespace {
 class Extent {
 public:
     void add(const Vec3f& p) noexcept {
-        if (!p.allFinite()) return;
+        if (!p.allFinite()) {
+            all_finite_ = false;
+            return;
+        }
         low_ = low_.cwiseMin(p);
         high_ = high_.cwiseMax(p);
     }
@@ -63,6 +67,9 @@ public:
         }
     }
 
+    /// Whether none was left out.
+    bool all_finite() const noexcept { return all_finite_; }
+
     Aabb box(const Vec3d& origin) noexcept {
         for (std::size_t i = 0; i < 12; ++i) {
             const auto axis = static_cast<Eigen::Index>(i % 3);
@@ -77,20 +84,30 @@ private:
     static constexpr float kNone = -std::numeric_limits<float>::infinity();
     static constexpr Float4 kNothing = {kNone, kNone, kNone, kNone};
 
+    bool all_finite_ = true;
     Vec3f low_ = Vec3f::Constant(-kNone), high_ = Vec3f::Constant(kNone);
     /// Of x y z x, y z x y and z x y z: the largest, and the largest of what is opposite.
     std::array<Float4, 3> most_ = {kNothing, kNothing, kNothing};
     std::array<Float4, 3> least_ = {kNothing, kNothing, kNothing};
 };
 
-}  // namespace
-
-Aabb bounds(const PointCloud& cloud) {
-    const std::vector<Vec3f>& points = cloud.positions;
+Extent extent_of(std::span<const Vec3f> points) {
     Extent extent;
     std::size_t i = 0;
     for (; i + 4 <= points.size(); i += 4) extent.add_four(&points[i]);
     for (; i < points.size(); ++i) extent.add(points[i]);
+    return extent;
+}
+
+}  // namespace
+
+Aabb bounds(const PointCloud& cloud) {
+    return extent_of(cloud.positions).box(cloud.origin);
+}
+
+std::optional<Aabb> finite_bounds(const PointCloud& cloud) {
+    Extent extent = extent_of(cloud.positions);
+    if (!extent.all_finite() || !cloud.origin.allFinite()) return std::nullopt;
     return extent.box(cloud.origin);
 }
 
