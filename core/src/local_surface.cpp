@@ -39,7 +39,8 @@ LocalSurface::LocalSurface(const BoxedCloud& cloud, const ErrorFrame& frame, std
                            const FootFinder::Options& options, const RunContext& context)
     : cloud_(cloud), frame_(frame), options_(options) {
     const std::size_t n = size(), stride = stride_for(n);
-    const bool whole = n <= 2 * kForFeet * places;
+    constexpr std::size_t kFew = 100'000;  // isolated ones may stand for most of the area
+    const bool whole = n <= std::max(kFew, 2 * kForFeet * places);
     some_ = std::make_shared<Part>(whole ? frame.into(cloud.cloud, context)
                                          : frame.into(cloud.cloud, one_of_each(stride, n), context),
                                    leaves_for(whole ? n : n / stride, places), options, context);

@@ -36,7 +36,7 @@ public:
 
     /// @param cloud, frame  must outlive the surface.
     /// @param places  about as many as are asked for at a time: where points around them would be
-    ///                most of the cloud, all are used.
+    ///                most of the cloud, or it has no more than 100,000, all are used.
     LocalSurface(const BoxedCloud& cloud, const ErrorFrame& frame, std::size_t places,
                  const FootFinder::Options& options, const RunContext& context);
 

@@ -50,7 +50,7 @@ protected:
     static PointCloud uneven_sphere() {
         PointCloud cloud;
         std::mt19937 random(1);
-        for (const Vec3f& p : test::sphere(200'000).positions)
+        for (const Vec3f& p : test::sphere(240'000).positions)
             if (p.x() < 0 || random() % 100 == 0) cloud.positions.push_back(p);
         return cloud;
     }
@@ -81,7 +81,7 @@ protected:
 };
 
 TEST_F(LocalSurfaceTest, HasTheFeetOfTheWholeSurface) {
-    const PointCloud cloud = test::sphere(60'000);
+    const PointCloud cloud = test::sphere(120'000);
     const std::vector<Vec3f> places = places_beside(cloud, 100, 0.01F);
     expect_same(local_feet(cloud, places), whole_feet(cloud, places));
 }
@@ -93,7 +93,7 @@ TEST_F(LocalSurfaceTest, HasThemWhereDensityIsUneven) {
 }
 
 TEST_F(LocalSurfaceTest, HasThoseOfPlacesFarAway) {
-    const PointCloud cloud = test::sphere(60'000);
+    const PointCloud cloud = test::sphere(120'000);
     const std::vector<Vec3f> places = {{0, 0, 30}, {0, -3, 0}, {4e5F, 0, 0}};
     const std::vector<Foot> feet = local_feet(cloud, places), whole = whole_feet(cloud, places);
     for (std::size_t i = 0; i < places.size(); ++i)
@@ -136,7 +136,7 @@ TEST_F(LocalSurfaceTest, IsTheSameForAnyNumberOfThreads) {
 }
 
 TEST_F(LocalSurfaceTest, HasPlacesBesideItsPoints) {
-    for (const std::size_t n : {500U, 60'000U}) {
+    for (const std::size_t n : {500U, 120'000U}) {
         const PointCloud cloud = test::sphere(n);
         const BoxedCloud boxed(cloud, "cloud");
         const ErrorFrame frame(boxed);

@@ -145,7 +145,7 @@ SurfaceErrorOptions quick_options(std::uint64_t reference_points, std::uint64_t 
 
 /// What `measure_error` says, by a few samples, in a small part of the time that it took to make
 /// the candidate: only what lies around the samples gets a tree. The mean is off by what so few
-/// samples leave to chance (`mean_confidence`), more where a cloud of more than 50,000 points has
+/// samples leave to chance (`mean_confidence`), more where a cloud of more than 100,000 points has
 /// large parts with hardly any of them; the maximum is what was met, which is less than there is.
 ///
 /// @throws Error(InvalidArgument) as `measure_error`. About 12 ns for each point of large clouds,
