@@ -6,9 +6,9 @@
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 
 namespace stipple {
 
@@ -75,14 +75,11 @@ private:
         for (std::size_t j = 0; j < 4; ++j) {
             const std::uint32_t cell =
                 at[3 * j] | at[3 * j + 1] << bits_ | at[3 * j + 2] << 2 * bits_;
-            if (is_marked(cell) && has(points[j], cell)) within[j] = 1;
+            if (has(points[j], cell)) within[j] = 1;
         }
     }
-    bool is_marked(std::uint32_t cell) const noexcept {
-        return (marked_[cell / kWord] >> cell % kWord & 1U) != 0;
-    }
     bool has(const Vec3f& p, std::uint32_t cell) const noexcept {
-        if (!is_marked(cell)) return false;
+        if ((marked_[cell / kWord] >> cell % kWord & 1U) == 0) return false;
         const std::uint32_t number = number_of(cell);
         for (std::uint32_t i = begin_[number]; i < begin_[number + 1]; ++i) {
             const Ball& ball = balls_[reaching_[i]];

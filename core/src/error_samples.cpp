@@ -1,11 +1,11 @@
 #include "error_samples.hpp"
 
+#include "contraction_quadrics.hpp"
 #include "first_touch.hpp"
 #include "nearby_search.hpp"
 #include "parallel_for.hpp"
 #include "random.hpp"
 #include "stipple/particle_simulation.hpp"
-#include "symmetric_eigen.hpp"
 #include "tree_search.hpp"
 
 #include <Eigen/Geometry>
@@ -427,20 +427,14 @@ std::vector<Vec3f> places_beside(std::span<const Vec3f> points, const PointTree&
     auto places = made_in_blocks<std::vector<Vec3f>>(bases.size(), context);
     parallel_for_blocks(bases.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
         NearbySearch search(tree, kAround + 1, 2 * kAround + 2);
+        std::vector<Vec3d> ways;
         for (std::size_t i = begin; i < end; ++i) {
             const std::span<Neighbor> nearest = search.find_nearest_few(bases[i]);
             std::ranges::sort(nearest);  // the point itself comes first
-            Symmetric3 scatter;
-            for (const Neighbor& neighbor : nearest) {
-                const Vec3d way = (points[neighbor.index] - bases[i]).cast<double>();
-                scatter.xx += way.x() * way.x();
-                scatter.xy += way.x() * way.y();
-                scatter.xz += way.x() * way.z();
-                scatter.yy += way.y() * way.y();
-                scatter.yz += way.y() * way.z();
-                scatter.zz += way.z() * way.z();
-            }
-            const Vec3d normal = eigenvector(scatter, eigenvalues(scatter).front());
+            ways.clear();
+            for (const Neighbor& neighbor : nearest.subspan(1))
+                ways.push_back((points[neighbor.index] - bases[i]).cast<double>());
+            const Vec3d normal = normal_from(ways);
             const float spacing_sq = nearest[std::min(kThird, nearest.size() - 1)].distance_sq;
             places[i] = moved(bases[i], normal.cast<float>(), spacing_sq, seed, i);
         }

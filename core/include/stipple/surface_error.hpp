@@ -139,7 +139,7 @@ private:
     std::unique_ptr<State> state_;
 };
 
-/// The options of `estimate_error`: distances at one of 500 points of the larger cloud, 200 to
+/// The options of `estimate_error`: distances at one of 600 points of the larger cloud, 200 to
 /// 1,000 of them, at points where `measure_error` takes them there.
 SurfaceErrorOptions quick_options(std::uint64_t reference_points, std::uint64_t candidate_points);
 
@@ -149,7 +149,7 @@ SurfaceErrorOptions quick_options(std::uint64_t reference_points, std::uint64_t 
 /// large parts with hardly any of them; the maximum is what was met, which is less than there is.
 ///
 /// @throws Error(InvalidArgument) as `measure_error`. About 12 ns for each point of large clouds,
-/// and 15 us for each sample on one core; of the larger cloud 5 bytes a point.
+/// and 15 us for each sample on one core; of a large cloud about 5 bytes a point.
 SurfaceError estimate_error(const PointCloud& reference, const PointCloud& candidate,
                             const RunContext& context = {});
 
