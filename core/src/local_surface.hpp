@@ -4,7 +4,7 @@
 #include "boxed_cloud.hpp"
 #include "error_frame.hpp"
 #include "foot_finder.hpp"
-#include "point_tree.hpp"
+#include "framed_surface.hpp"
 #include "stipple/run_context.hpp"
 
 #include <cstddef>
@@ -19,20 +19,7 @@ namespace stipple {
 /// around them, which takes a fifth of the time of a tree of all points.
 class LocalSurface {
 public:
-    /// Points in the coordinates of the frame, with their tree.
-    struct Part {
-        std::vector<Vec3f> points;
-        PointTree tree;
-        FootFinder finder;
-
-        Part(std::vector<Vec3f>&& points_, PointTree::Leaves leaves,
-             const FootFinder::Options& options, const RunContext& context)
-            : points(std::move(points_)),
-              tree(points, leaves, context),
-              finder(points, tree, options) {}
-        Part(const Part&) = delete;
-        Part& operator=(const Part&) = delete;
-    };
+    using Part = FramedSurface;
 
     /// @param cloud, frame  must outlive the surface.
     /// @param places  about as many as are asked for at a time: where points around them would be

@@ -9,6 +9,7 @@
 #include "farthest_places.hpp"
 #include "first_touch.hpp"
 #include "foot_finder.hpp"
+#include "framed_surface.hpp"
 #include "parallel_for.hpp"
 #include "point_tree.hpp"
 #include "stipple/error.hpp"
@@ -53,20 +54,12 @@ void validate(const SurfaceErrorOptions& options) {
 namespace {
 
 /// One of the two surfaces.
-struct Surface {
+struct Surface : FramedSurface {
     const PointCloud& cloud;
-    std::vector<Vec3f> points;
-    PointTree tree;
-    FootFinder finder;
 
     Surface(const PointCloud& cloud_, const ErrorFrame& frame, PointTree::Leaves leaves,
             const FootFinder::Options& options, const RunContext& context)
-        : cloud(cloud_),
-          points(frame.into(cloud_, context)),
-          tree(points, leaves, context),
-          finder(points, tree, options) {}
-    Surface(const Surface&) = delete;
-    Surface& operator=(const Surface&) = delete;
+        : FramedSurface(frame.into(cloud_, context), leaves, options, context), cloud(cloud_) {}
 
     AttributedSurface attributed() const { return {cloud, tree}; }
 };
