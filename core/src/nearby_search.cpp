@@ -24,7 +24,8 @@ NearbySearch::NearbySearch(const PointTree& tree, std::size_t least, std::size_t
 std::span<Neighbor> NearbySearch::find_near(const Vec3f& q) {
     within_.clear();
     if (!(radius_ > 0)) return {};
-    find_within(tree_, q, static_cast<float>(radius_ * radius_), within_);
+    if (!find_few_within(tree_, q, static_cast<float>(radius_ * radius_), within_))
+        return find_most(q);  // it got crowded
     if (within_.size() < least_) return {};
     reach_ = radius_ * kExact;
     // On a surface the number of points grows as the square of the radius.
@@ -62,6 +63,10 @@ std::span<Neighbor> NearbySearch::find_wider(const Vec3f& q) {
 
 std::span<Neighbor> NearbySearch::find(const Vec3f& q) {
     if (const std::span<Neighbor> found = find_wider(q); !found.empty()) return found;
+    return find_most(q);
+}
+
+std::span<Neighbor> NearbySearch::find_most(const Vec3f& q) {
     const std::span<Neighbor> found = find_nearest(tree_, q, room_);
     const double farthest = std::sqrt(static_cast<double>(found.back().distance_sq));
     reach_ =

@@ -31,6 +31,8 @@ public:
 private:
     /// As `find_near`, a few times wider where that finds some, but too few.
     std::span<Neighbor> find_wider(const Vec3f& q);
+    /// As many as there is room for.
+    std::span<Neighbor> find_most(const Vec3f& q);
 
     const PointTree& tree_;
     std::size_t least_, most_;

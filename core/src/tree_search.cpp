@@ -137,22 +137,6 @@ bool search_few(const PointTree& tree, const Vec3f& q, std::span<Neighbor> found
     return true;
 }
 
-/// False where there are many, or points infinitely far away.
-bool within_few(const PointTree& tree, const Vec3f& q, float radius_sq,
-                std::vector<Neighbor>& found) {
-    constexpr std::uint32_t kFew = 512;
-    if (tree.size() == 0 || !(radius_sq < std::numeric_limits<float>::infinity())) return false;
-    std::array<float, kFew + PointTree::kWidth> distances_sq;
-    std::array<Index, kFew + PointTree::kWidth> indices;
-    const std::uint32_t count = nearest_kernels().within(tree.view(), q.data(), radius_sq, kFew,
-                                                         distances_sq.data(), indices.data());
-    if (count > kFew) return false;
-    const std::size_t before = found.size();
-    found.resize(before + count);
-    for (std::size_t i = 0; i < count; ++i) found[before + i] = {distances_sq[i], indices[i]};
-    return true;
-}
-
 }  // namespace
 
 float guess_radius_sq(const PointTree::Node& node, unsigned k) noexcept {
@@ -174,9 +158,24 @@ std::span<Neighbor> find_nearest(const PointTree& tree, const Vec3f& q,
     return found;
 }
 
+bool find_few_within(const PointTree& tree, const Vec3f& q, float radius_sq,
+                     std::vector<Neighbor>& found) {
+    constexpr std::uint32_t kFew = 512;
+    if (tree.size() == 0 || !(radius_sq < std::numeric_limits<float>::infinity())) return false;
+    std::array<float, kFew + PointTree::kWidth> distances_sq;
+    std::array<Index, kFew + PointTree::kWidth> indices;
+    const std::uint32_t count = nearest_kernels().within(tree.view(), q.data(), radius_sq, kFew,
+                                                         distances_sq.data(), indices.data());
+    if (count > kFew) return false;
+    const std::size_t before = found.size();
+    found.resize(before + count);
+    for (std::size_t i = 0; i < count; ++i) found[before + i] = {distances_sq[i], indices[i]};
+    return true;
+}
+
 void find_within(const PointTree& tree, const Vec3f& q, float radius_sq,
                  std::vector<Neighbor>& found) {
-    if (within_few(tree, q, radius_sq, found)) return;
+    if (find_few_within(tree, q, radius_sq, found)) return;
     search(
         tree, q, [radius_sq] { return radius_sq; },
         [&](const PointTree::Leaf& leaf) {
