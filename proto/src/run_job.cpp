@@ -21,6 +21,7 @@
 #include <iterator>
 #include <new>
 #include <numeric>
+#include <sstream>
 #include <utility>
 
 namespace stipple::proto {
@@ -39,8 +40,21 @@ std::string shown(std::uint64_t count, const char* what) {
     return std::to_string(count) + " " + what;
 }
 
-void require_points(const PointCloud& cloud, std::uint64_t points, const CleaningReport& removed) {
-    if (!cloud.empty()) return;
+/// Lengths whose squares, and those of the spacing, single precision can hold.
+void require_squares(double diagonal) {
+    constexpr double kShortest = 1e-15, kLongest = 1e15;
+    if (diagonal == 0 || (diagonal >= kShortest && diagonal <= kLongest)) return;
+    const bool is_short = diagonal < kShortest;
+    std::ostringstream message;
+    message << "the cloud is " << diagonal << " across: expected " << kShortest << " to "
+            << kLongest << ", or a single place; give it in a " << (is_short ? "smaller" : "larger")
+            << " unit" << (is_short ? "" : ", or without points that are far from all others");
+    throw Error(ErrorCode::MalformedInput, message.str());
+}
+
+void require_points(const PointCloud& cloud, std::uint64_t points, const CleaningReport& removed,
+                    const Aabb& box) {
+    if (!cloud.empty()) return require_squares(box.diagonal());
     if (points == 0) throw Error(ErrorCode::MalformedInput, "the file holds no points");
     throw Error(ErrorCode::MalformedInput,
                 "no point is left: of " + shown(points, "in the file ") +
@@ -137,7 +151,7 @@ private:
         line.source = describe(cloud, decoded, removed.non_finite, removed.duplicates);
         line.source->attributes = attributes;  // those of the file, without what was added
         report_(line);
-        require_points(cloud, decoded.points, removed);
+        require_points(cloud, decoded.points, removed, line.source->bounds);
         return cloud;
     }
 
@@ -342,7 +356,7 @@ private:
             PointCloud cloud =
                 read_cloud(spec_.candidate_files.at(number), limits(), quietly(), &decoded);
             const CleaningReport removed = clean(cloud, quietly());
-            require_points(cloud, decoded.points, removed);
+            require_points(cloud, decoded.points, removed, bounds(cloud));
             return cloud;
         } catch (const Error& error) {
             throw Error(error.code(),

@@ -193,6 +193,25 @@ TEST_F(RunJob, RefusesACloudWithoutPoints) {
     EXPECT_EQ(files_written(), 0U);
 }
 
+TEST_F(RunJob, RefusesCloudsWhoseSquaresAreBeyondSinglePrecision) {
+    for (const float scale : {1e-30F, 1e-14F, 1e14F, 1e30F}) {
+        PointCloud cloud = test::sphere(200);
+        for (Vec3f& p : cloud.positions) p *= scale;
+        const JobSpec spec = spec_for(cloud, to_points(50));
+        if (scale > 1e-20F && scale < 1e20F) {
+            run(spec);
+            EXPECT_EQ(levels().front().points, 50U) << scale;
+            continue;
+        }
+        const Error error = error_of([&] { run(spec); });
+        EXPECT_EQ(error.code(), ErrorCode::MalformedInput);
+        const std::string what = error.what();
+        EXPECT_NE(what.find("across: expected 1e-15 to 1e+15, or a single place; give it in a"),
+                  std::string::npos)
+            << what;
+    }
+}
+
 TEST_F(RunJob, ReducesAnAttributeAsAsked) {
     SimplifyJob job = to_points(1);
     job.options.reductions = {{"label", Reduction::Max}, {"height", Reduction::Min}};

@@ -63,7 +63,8 @@ struct Aabb {
 };
 
 /// Points and what is known of each: one array per attribute, each empty (absent) or with N
-/// entries.
+/// entries. Lengths are squared in single precision, so what is computed with a cloud less than
+/// 1e-15 or more than 1e15 across is of no use.
 struct PointCloud {
     Vec3d origin =
         Vec3d::Zero();  ///< added to every position; keeps georeferenced doubles exact enough
