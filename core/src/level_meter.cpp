@@ -1,0 +1,117 @@
+#include "level_meter.hpp"
+
+#include "distance_statistics.hpp"
+#include "error_samples.hpp"
+#include "foot_finder.hpp"
+
+#include <cstdint>
+#include <span>
+#include <utility>
+
+namespace stipple {
+
+namespace {
+
+constexpr unsigned kLeastRounds = 8;     // that there are
+constexpr std::uint64_t kMany = 40'000;  // points of a source
+
+/// One place for 128 points.
+unsigned rounds_for(std::uint64_t points, unsigned least) {
+    constexpr std::uint64_t kPoints = 128 * SampleRounds::kRound;
+    return static_cast<unsigned>(std::clamp<std::uint64_t>((points + kPoints - 1) / kPoints, least,
+                                                           SampleRounds::kMostRounds));
+}
+
+/// Places on the surface of the source, as `measure_error` takes them: at points, where there are
+/// many.
+ErrorSamples take_samples(std::span<const Vec3f> points, const PointTree& tree, std::uint64_t count,
+                          std::uint64_t seed, const RunContext& context) {
+    if (points.size() >= kMany) return take_points_by_area(tree, count, seed, context);
+    return take_surface(tree, FootFinder(points, tree, {}), count, seed, context);
+}
+
+}  // namespace
+
+MeasuredLevel::MeasuredLevel(std::vector<Vec3f>&& points_, const RunContext& context)
+    : points(std::move(points_)),
+      tree(std::make_unique<PointTree>(points, PointTree::Leaves::Given, context)) {}
+
+LevelMeter::LevelMeter(std::vector<Vec3f>&& source, const RunContext& context)
+    : source_(std::move(source)) {
+    const PointTree tree(source_, PointTree::Leaves::Given, context);
+    context.checkpoint(0.5);
+    spacing_ =
+        mean_gap(tree, source_.size(), kAskedForGap, [&](std::size_t i) { return source_[i]; });
+    const unsigned rounds = rounds_for(source_.size(), kLeastRounds);
+    places_.add(take_samples(source_, tree, rounds * SampleRounds::kRound, 0, context), rounds);
+}
+
+void LevelMeter::measure_roughly(MeasuredLevel& level, const RunContext& context) const {
+    measure(level, (rounds_for(source_.size(), kLeastRounds) - 1) / kLeastRounds + 1, context);
+}
+
+void LevelMeter::measure_well(MeasuredLevel& level, const RunContext& context) {
+    constexpr double kSure = 0.0145;
+    constexpr unsigned kLeast = 2;
+    rounds_ = std::max(
+        rounds_, rounds_for(level.points.size(), source_.size() < kMany ? kLeastRounds : kLeast));
+    for (;;) {
+        add_places(rounds_, context);
+        measure(level, rounds_, context);
+        const double wanted = kSure * level.mean;
+        const double unsure = mean_confidence(level.distances, level.areas, level.mean);
+        if (unsure <= wanted || rounds_ == SampleRounds::kMostRounds) return;
+        const double needed = rounds_ * (unsure / wanted) * (unsure / wanted);
+        rounds_ = static_cast<unsigned>(
+            std::clamp<double>(std::ceil(needed), rounds_ + 1, SampleRounds::kMostRounds));
+    }
+}
+
+/// At the places of so many rounds, of which it may have been measured at some.
+void LevelMeter::measure(MeasuredLevel& level, unsigned rounds, const RunContext& context) const {
+    const std::vector<Index> known_places = std::exchange(level.places, {});
+    const std::vector<float> distances = std::exchange(level.distances, {});
+    const std::vector<float> covers = std::exchange(level.covers, {});
+    level.places = places_.of_first(rounds);
+    const std::size_t count = level.places.size();
+    level.distances.resize(count);
+    level.covers.resize(count);
+    level.areas.resize(count);
+    std::vector<Vec3f> others;
+    std::vector<Index> number_of;
+    for (std::size_t i = 0, known = 0; i < count; ++i) {
+        const Index place = level.places[i];
+        level.areas[i] = places().areas[place];
+        if (known < known_places.size() && known_places[known] == place) {
+            level.distances[i] = distances[known];
+            level.covers[i] = covers[known++];
+        } else {
+            others.push_back(places().positions[place]);
+            number_of.push_back(static_cast<Index>(i));
+        }
+    }
+    FootFinder(level.points, *level.tree, {.across_sample = true})
+        .find(
+            others,
+            [&](std::size_t i, const Foot& foot) {
+                level.distances[number_of[i]] = static_cast<float>(foot.distance);
+                level.covers[number_of[i]] = static_cast<float>(foot.to_sample);
+            },
+            context);
+    level.mean = summarize("", level.distances, level.areas).mean;
+}
+
+/// Until there are so many rounds of places.
+void LevelMeter::add_places(unsigned at_least, const RunContext& context) {
+    if (places_.rounds() >= at_least) return;
+    const PointTree of_source(source_, PointTree::Leaves::Given, context);
+    while (places_.rounds() < at_least) {
+        const unsigned so_far = places_.rounds(),
+                       more = std::min(so_far, SampleRounds::kMostRounds - so_far);
+        places_.add(take_samples(source_, of_source, more * SampleRounds::kRound,
+                                 so_far * SampleRounds::kRound, context),
+                    more);
+    }
+}
+
+}  // namespace stipple

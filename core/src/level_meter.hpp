@@ -1,0 +1,81 @@
+#pragma once
+
+#include "point_tree.hpp"
+#include "sample_rounds.hpp"
+#include "stipple/point_cloud.hpp"
+#include "stipple/run_context.hpp"
+#include "tree_search.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <memory>
+#include <vector>
+
+namespace stipple {
+
+/// Points of a level, in the order of a curve, and how far the source is from their surface.
+struct MeasuredLevel {
+    std::vector<Vec3f> points;
+    std::unique_ptr<PointTree> tree;
+    std::vector<Index> places;     ///< numbers of those where it is measured, ascending
+    std::vector<float> distances;  ///< of each
+    std::vector<float> covers;     ///< from each to the nearest point
+    std::vector<float> areas;      ///< that each stands for
+    double mean = 0;
+
+    MeasuredLevel() = default;
+    MeasuredLevel(std::vector<Vec3f>&& points, const RunContext& context);
+};
+
+/// Measures how far the surface of a source is from those of its levels (§4), at places that all
+/// of them share.
+class LevelMeter {
+public:
+    LevelMeter() = default;
+    /// @param source  in the order of a curve.
+    LevelMeter(std::vector<Vec3f>&& source, const RunContext& context);
+
+    const std::vector<Vec3f>& source() const noexcept { return source_; }
+    double spacing() const noexcept { return spacing_; }  ///< of the source
+    const ErrorSamples& places() const noexcept { return places_.all(); }
+
+    /// Well enough to compare two roundings of the same points.
+    void measure_roughly(MeasuredLevel& level, const RunContext& context) const;
+
+    /// At one place for 128 points, and at more for this level and those after it while chance
+    /// would decide: of as many rounds as the spread of those that there are calls for.
+    void measure_well(MeasuredLevel& level, const RunContext& context);
+
+    /// The next level is the coarsest again.
+    void restart() noexcept { rounds_ = 0; }
+
+private:
+    void measure(MeasuredLevel& level, unsigned rounds, const RunContext& context) const;
+    void add_places(unsigned at_least, const RunContext& context);
+
+    std::vector<Vec3f> source_;
+    double spacing_ = 0;
+    SampleRounds places_;
+    unsigned rounds_ = 0;  ///< of places that the level before was measured at
+};
+
+/// So many points tell a spacing.
+constexpr std::size_t kAskedForGap = 256;
+
+/// Mean distance from about `asked` of `count` points of a tree, point_at(i), to the nearest other.
+template <typename PointAt>
+double mean_gap(const PointTree& tree, std::size_t count, std::size_t asked, PointAt&& point_at) {
+    const std::size_t step = std::max<std::size_t>(1, count / asked);
+    double sum = 0;
+    std::size_t answers = 0;
+    for (std::size_t i = 0; i < count; i += step, ++answers) {
+        std::array<Neighbor, 2> room;
+        const auto found = find_nearest(tree, point_at(i), room);
+        sum += std::sqrt(static_cast<double>(found.back().distance_sq));
+    }
+    return sum / static_cast<double>(answers);
+}
+
+}  // namespace stipple

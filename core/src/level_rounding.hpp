@@ -1,0 +1,59 @@
+#pragma once
+
+#include "level_meter.hpp"
+#include "stipple/point_cloud.hpp"
+#include "stipple/run_context.hpp"
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+namespace stipple {
+
+/// A grid through the middle of the source's box.
+struct LevelGrid {
+    double step;
+    unsigned bits;
+    double steps = 1 / step;  ///< of a unit
+
+    std::int32_t at(float coordinate) const noexcept {
+        // Of a number above 0 the whole part is what conversion leaves.
+        constexpr std::int32_t kAbove = 1 << 30;
+        return static_cast<std::int32_t>(static_cast<double>(coordinate) * steps + (kAbove + 0.5)) -
+               kAbove;
+    }
+    Vec3f rounded(const Vec3f& p) const noexcept {
+        Vec3f q;
+        for (int axis = 0; axis < 3; ++axis) q[axis] = static_cast<float>(at(p[axis]) * step);
+        return q;
+    }
+};
+
+/// Rounds the points of levels to grids. Lengths are those of the meter.
+struct LevelRounding {
+    static constexpr unsigned kLeastBits = 2, kMostBits = 24;  ///< of each axis
+
+    double side = 0;                     ///< of the source's box, the longest
+    double tolerance = 0;                ///< `LodTileOptions`
+    unsigned position_bits = kMostBits;  ///< the same
+    std::optional<double> precision{};   ///< the same
+
+    /// That of the finest level; no level's is finer.
+    LevelGrid finest_grid(const LevelMeter& meter) const;
+
+    /// The fewest bits by which the mean error grows by no more than the tolerance, and by which
+    /// points stay apart: two steps to a spacing.
+    MeasuredLevel round(const std::vector<Vec3f>& points, LevelGrid& taken, const LevelMeter& meter,
+                        const RunContext& context) const;
+
+private:
+    LevelGrid grid(unsigned bits) const;
+    unsigned bits_for(double step, unsigned most) const;
+};
+
+/// Each to the nearest place of the grid.
+std::vector<Vec3f> rounded(std::span<const Vec3f> points, const LevelGrid& grid,
+                           const RunContext& context);
+
+}  // namespace stipple
