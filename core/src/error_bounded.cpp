@@ -263,8 +263,9 @@ ErrorBoundedCloud simplify_within_error(const PointCloud& cloud, const SimplifyO
 }
 
 std::vector<std::uint64_t> curve_counts(std::uint64_t points, unsigned count) {
-    const double most = 0.5 * static_cast<double>(points);
+    constexpr double kMost = 1e6;  // to measure at more takes minutes
     const double least = std::max(20.0, 1e-3 * static_cast<double>(points));
+    const double most = std::min(0.5 * static_cast<double>(points), std::max(kMost, least));
     std::vector<std::uint64_t> counts;
     for (unsigned i = 0; i < count && most >= least; ++i) {
         const double part = count == 1 ? 0.0 : i / (count - 1.0);
@@ -327,10 +328,11 @@ void error_curve(const PointCloud& cloud, const SimplifyOptions& options,
     const RunContext quietly{.stop = context.stop, .progress = {}, .threads = context.threads};
     std::size_t done = 0;
     context.checkpoint(0.0);
+    const SurfaceErrorMeter meter(cloud, measure, quietly);
     make_snapshots(
         cloud, options, counts,
         [&](PointCloud&& snapshot) {
-            on_point({snapshot.size(), measure_error(cloud, snapshot, measure, quietly)});
+            on_point({snapshot.size(), meter.measure(snapshot, quietly)});
             context.checkpoint(static_cast<double>(++done) / static_cast<double>(counts.size()));
         },
         quietly);

@@ -320,6 +320,15 @@ TEST(ErrorCurve, TakesTheCountsThatACloudHas) {
     EXPECT_THROW(validate(ErrorCurveOptions{.simplification = {.ratio = 0.5}}), Error);
 }
 
+TEST(ErrorCurve, OfManyPointsBeginsWithAMillion) {
+    EXPECT_EQ(curve_counts(1'000'000, 24).front(), 500'000U);
+    const auto counts = curve_counts(300'000'000, 24);
+    EXPECT_EQ(counts.size(), 24U);
+    EXPECT_EQ(counts.front(), 1'000'000U);
+    EXPECT_EQ(counts.back(), 300'000U);
+    EXPECT_EQ(curve_counts(2'000'000'000, 24), std::vector<std::uint64_t>{2'000'000});
+}
+
 TEST(ErrorCurve, OfFewPointsWantsItsCountsGiven) {
     EXPECT_EQ(curve_counts(40, ErrorCurveOptions{}), std::vector<std::uint64_t>{20});
     EXPECT_EQ(curve_counts(39, {.points = {10}}), std::vector<std::uint64_t>{10});

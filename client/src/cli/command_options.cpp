@@ -406,7 +406,8 @@ CLI::App& add_curve(CLI::App& app, Values& values) {
                              ->transform(whole_number());
     command
         .add_option("--count", values.curve_count,
-                    "at so many, from half of the points to a thousandth, 2..64")
+                    "at so many, from half of the points (a million at most) to a "
+                    "thousandth, 2..64")
         ->type_name("K")
         ->capture_default_str()
         ->excludes(points)

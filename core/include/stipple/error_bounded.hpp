@@ -101,7 +101,8 @@ struct CurvePoint {
 };
 
 /// `count` counts for a curve, evenly spaced on a logarithmic axis, descending: from half of the
-/// `points` to a thousandth of them, but not below 20. Fewer where there are not so many.
+/// `points`, a million at most, to a thousandth of them, 20 at least. Fewer where there are not so
+/// many.
 std::vector<std::uint64_t> curve_counts(std::uint64_t points, unsigned count = 24);
 
 /// How the error grows as points go: snapshots of one run (particles: of a run for each), each
