@@ -25,7 +25,7 @@ std::span<Neighbor> NearbySearch::find_near(const Vec3f& q) {
     within_.clear();
     if (!(radius_ > 0)) return {};
     if (!find_few_within(tree_, q, static_cast<float>(radius_ * radius_), within_))
-        return find_most(q);  // it got crowded
+        return find_so_many(q, least_);  // it got crowded
     if (within_.size() < least_) return {};
     reach_ = radius_ * kExact;
     // On a surface the number of points grows as the square of the radius.
@@ -63,11 +63,11 @@ std::span<Neighbor> NearbySearch::find_wider(const Vec3f& q) {
 
 std::span<Neighbor> NearbySearch::find(const Vec3f& q) {
     if (const std::span<Neighbor> found = find_wider(q); !found.empty()) return found;
-    return find_most(q);
+    return find_so_many(q, most_);
 }
 
-std::span<Neighbor> NearbySearch::find_most(const Vec3f& q) {
-    const std::span<Neighbor> found = find_nearest(tree_, q, room_);
+std::span<Neighbor> NearbySearch::find_so_many(const Vec3f& q, std::size_t count) {
+    const std::span<Neighbor> found = find_nearest(tree_, q, std::span(room_).first(count));
     const double farthest = std::sqrt(static_cast<double>(found.back().distance_sq));
     reach_ =
         found.size() == tree_.size() ? std::numeric_limits<double>::infinity() : farthest * kExact;

@@ -31,8 +31,8 @@ public:
 private:
     /// As `find_near`, a few times wider where that finds some, but too few.
     std::span<Neighbor> find_wider(const Vec3f& q);
-    /// As many as there is room for.
-    std::span<Neighbor> find_most(const Vec3f& q);
+    /// Without a radius to begin with.
+    std::span<Neighbor> find_so_many(const Vec3f& q, std::size_t count);
 
     const PointTree& tree_;
     std::size_t least_, most_;
