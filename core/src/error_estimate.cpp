@@ -77,7 +77,6 @@ SurfaceErrorOptions quick_options(std::uint64_t reference_points, std::uint64_t 
     SurfaceErrorOptions options;
     options.samples = std::clamp(points / kPart, kLeast, kMost);
     options.sampling = points < kMany ? ErrorSampling::Surface : ErrorSampling::Points;
-    options.max_iterations = 10;  // in trees, walks that have not ended by then seldom do
     options.histogram_bins = 1;
     return options;
 }

@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <limits>
 #include <utility>
@@ -99,6 +100,7 @@ struct Walker {
     bool own_patch = false;  ///< made for x just now, so that it holds what it must
     unsigned iteration = 0;
     double last_step = 0, least_step = 0;
+    Vec3d earlier = Vec3d::Zero();  ///< where it was some steps ago
 
     Foot best;    ///< of this start
     Foot direct;  ///< of the start from q, while the other goes on
@@ -174,6 +176,7 @@ private:
         w.sample_reach = w.off_surface = 0;
         w.last_step = w.least_step = std::numeric_limits<double>::infinity();
         w.best = {};
+        w.earlier = x;
         set(lanes_.query, lane, (w.q - w.origin).cast<float>());
         place(lane, x);
     }
@@ -249,8 +252,20 @@ private:
             step <= options_.tolerance * h ||
             (shrinking < 0.5 && step * shrinking <= options_.tolerance * h * (1.0 - shrinking));
         w.last_step = step;
-        if (w.best.converged || ++w.iteration == options_.max_iterations) return finish_start(lane);
+        if (w.best.converged || ++w.iteration == options_.max_iterations ||
+            goes_round(w, foot, step, h))
+            return finish_start(lane);
         place(lane, foot);
+    }
+
+    /// Whether long steps have led back to where the walk was before, as they will again (R. Brent
+    /// 1980: compared with places that are remembered for twice as long each time).
+    bool goes_round(Walker& w, const Vec3d& foot, double step, double h) const {
+        constexpr double kLong = 30;
+        const double near = options_.tolerance * h;
+        if (step > kLong * near && (foot - w.earlier).squaredNorm() <= near * near) return true;
+        if (std::has_single_bit(w.iteration)) w.earlier = foot;
+        return false;
     }
 
     void finish_start(std::size_t lane) {
