@@ -48,7 +48,8 @@ void require_finite(const Vectors& vectors, const char* what) {
     const auto found = std::ranges::find_if(vectors, [](const Vec3f& v) { return !v.allFinite(); });
     if (found == vectors.end()) return;
     refuse(std::string(what) + " of point " + std::to_string(found - vectors.begin()) +
-           " is not finite, which Draco cannot quantise: clean the cloud first");
+           " is not finite, which Draco cannot quantise: clean the cloud first, as `simplify` with "
+           "ratio 1 does");
 }
 
 /// The longest side of the box of the positions, and the largest coordinate: what the error of a

@@ -50,7 +50,9 @@ void check(const PointCloud& cloud, const ProgressiveOptions& options) {
         refuse("coarseness", options.coarseness, "a finite number of at least 0");
     for (const Vec3f& p : cloud.positions) {
         if (!p.allFinite())
-            throw Error(ErrorCode::InvalidArgument, "a position is not finite: clean the cloud");
+            throw Error(
+                ErrorCode::InvalidArgument,
+                "a position is not finite: clean the cloud first, as `simplify` with ratio 1 does");
     }
 }
 

@@ -127,7 +127,7 @@ std::string distance_text(double distance, const SurfaceError& error) {
 
 std::string error_line(const proto::ErrorFigures& figures, const TextStyle& style) {
     const SurfaceError& error = figures.error;
-    if (error.forward.samples == 0) return "error: none, all points are there";
+    if (error.forward.samples == 0) return "error: none, nothing was simplified away";
     const std::string dot = " " + std::string(style.dot()) + " ";
     return "error: mean " + distance_text(error.mean(), error) + dot + "max " +
            distance_text(error.max(), error) + " of the diagonal, at " +
