@@ -1,7 +1,5 @@
 #include "cli/curve_plot.hpp"
 
-#include "cli/units.hpp"
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -16,8 +14,9 @@ namespace {
 using proto::CurveError;
 using proto::OutputCloud;
 
-constexpr double kWidth = 720, kHeight = 480;
-constexpr double kLeft = 78, kRight = 150, kTop = 44, kBottom = 58;
+// Names beside lines need room for the widest of the fonts that Helvetica may stand for.
+constexpr double kWidth = 800, kHeight = 500;
+constexpr double kLeft = 78, kRight = 176, kTop = 44, kBottom = 58;
 
 std::string formatted(const char* format, ...) __attribute__((format(printf, 1, 2)));
 std::string formatted(const char* format, ...) {
@@ -119,13 +118,19 @@ std::string straight(double x0, double y0, double x1, double y1, const char* sty
                      style);
 }
 
+/// `500`, `20k`, `1M`.
+std::string short_count(double count) {
+    if (count >= 1e6) return formatted("%.4gM", count / 1e6);
+    if (count >= 1e3) return formatted("%.4gk", count / 1e3);
+    return formatted("%.4g", count);
+}
+
 std::string grid(const Axis& x, const Axis& y) {
     constexpr const char* kGrid = "stroke=\"#dddddd\"";
     std::string svg;
     for (const double tick : x.ticks()) {
         svg += straight(x.at(tick), y.from, x.at(tick), y.to, kGrid);
-        svg += text_at(x.at(tick), y.from + 18, "middle",
-                       with_separators(static_cast<std::uint64_t>(std::llround(tick))));
+        svg += text_at(x.at(tick), y.from + 18, "middle", short_count(tick));
     }
     for (const double tick : y.ticks()) {
         svg += straight(x.from, y.at(tick), x.to, y.at(tick), kGrid);
