@@ -52,7 +52,7 @@ void require_squares(double diagonal) {
     throw Error(ErrorCode::MalformedInput, message.str());
 }
 
-void require_points(const PointCloud& cloud, std::uint64_t points, const CleaningReport& removed,
+void require_usable(const PointCloud& cloud, std::uint64_t points, const CleaningReport& removed,
                     const Aabb& box) {
     if (!cloud.empty()) return require_squares(box.diagonal());
     if (points == 0) throw Error(ErrorCode::MalformedInput, "the file holds no points");
@@ -151,7 +151,7 @@ private:
         line.source = describe(cloud, decoded, removed.non_finite, removed.duplicates);
         line.source->attributes = attributes;  // those of the file, without what was added
         report_(line);
-        require_points(cloud, decoded.points, removed, line.source->bounds);
+        require_usable(cloud, decoded.points, removed, line.source->bounds);
         return cloud;
     }
 
@@ -356,7 +356,7 @@ private:
             PointCloud cloud =
                 read_cloud(spec_.candidate_files.at(number), limits(), quietly(), &decoded);
             const CleaningReport removed = clean(cloud, quietly());
-            require_points(cloud, decoded.points, removed, bounds(cloud));
+            require_usable(cloud, decoded.points, removed, bounds(cloud));
             return cloud;
         } catch (const Error& error) {
             throw Error(error.code(),

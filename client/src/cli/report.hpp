@@ -26,8 +26,8 @@ std::string losses_line(const proto::CloudStatistics& source, const TextStyle& s
 
 /// `0.0123 (0.012 %)`: input units, and percent of the diagonal of the reference.
 std::string distance_text(double distance, const SurfaceError& error);
-/// `error: mean 0.0123 (0.012 %) · max 0.5 (0.4 %) of the diagonal, at 200 samples`; of a whole cloud
-/// `error: none, nothing was simplified away`.
+/// `error: mean 0.0123 (0.012 %) · max 0.5 (0.4 %) of the diagonal, at 200 samples`; of a whole
+/// cloud `error: none, nothing was simplified away`.
 std::string error_line(const proto::ErrorFigures& figures, const TextStyle& style);
 
 /// `largest distance 0.0412 of 0.05 allowed · forward 0.0398, backward 0.0412, 537,380 samples
