@@ -34,5 +34,17 @@ TEST(BoundLine, SaysThatNoSmallerCloudWasFoundWhereNothingElseIsKnown) {
               "kept all 1 point: no smaller cloud was found within 0.3");
 }
 
+TEST(ErrorLine, HasNoFiguresWhereNothingWasSimplifiedAway) {
+    proto::ErrorFigures figures;
+    EXPECT_EQ(error_line(figures, {}), "error: none, nothing was simplified away");
+    figures.error.diagonal = 10;
+    figures.error.forward.mean = 0.01;
+    figures.error.forward.max = 0.5;
+    figures.error.forward.samples = 200;
+    const std::string line = error_line(figures, {});
+    EXPECT_TRUE(line.starts_with("error: mean 0.01 (0.1 %)")) << line;
+    EXPECT_TRUE(line.ends_with("max 0.5 (5 %) of the diagonal, at 200 samples")) << line;
+}
+
 }  // namespace
 }  // namespace stipple::cli
