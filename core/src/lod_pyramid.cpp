@@ -88,9 +88,11 @@ std::vector<Index> by_first_member(std::span<const Index> members, std::span<con
 }
 
 /// Coarsest first.
-/// @param points  of the tree, in the order that the options have.
+/// @param points, order  of the tree, and which of the cloud's points they are; none: as they
+/// stand.
 std::vector<LodLevel> cut_levels(const PointCloud& cloud, std::span<const Vec3f> points,
-                                 ClusterTree& tree, std::span<const std::uint64_t> sizes,
+                                 std::span<const Index> order, ClusterTree& tree,
+                                 std::span<const std::uint64_t> sizes,
                                  const LodPyramidOptions& options, const RunContext& context) {
     const std::vector<Reduction> reductions =
         reductions_for(cloud, options.reductions, options.representative);
@@ -103,8 +105,8 @@ std::vector<LodLevel> cut_levels(const PointCloud& cloud, std::span<const Vec3f>
     parallel_for_blocks(samples.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
         const MutableSampleSpan part = samples.all().part(begin, end);
         gather(points, tree.members().subspan(begin, end - begin), part);
-        if (options.order.empty()) return;
-        for (std::size_t i = 0; i < part.size; ++i) part.index[i] = options.order[part.index[i]];
+        if (order.empty()) return;
+        for (std::size_t i = 0; i < part.size; ++i) part.index[i] = order[part.index[i]];
     });
     const SampleSpan ordered = samples.all();
     std::vector<LodLevel> levels;
@@ -114,7 +116,7 @@ std::vector<LodLevel> cut_levels(const PointCloud& cloud, std::span<const Vec3f>
         LodLevel& level = levels.emplace_back();
         level.cloud = representatives(cloud, MemberLists{ordered.index, cut->offsets, ordered},
                                       options.representative, reductions, context);
-        if (!options.order.empty())
+        if (!order.empty())
             level.order = by_first_member(tree.members(), cut->offsets, cloud.size(), context);
     }
     return levels;
@@ -261,6 +263,8 @@ void build(const PointCloud& cloud, const std::function<PointCloud()>& whole,
 
     std::vector<Vec3f> sorted;
     std::span<const Vec3f> points(cloud.positions);
+    // The base is tried by clusters of the cloud's own points, and so it is cut.
+    const std::span<const Index> order = cuts && !fits ? options.order : std::span<const Index>();
     std::unique_ptr<ClusterTree> tree;
     LevelOf level_of;
     if (options.nested) {
@@ -268,8 +272,7 @@ void build(const PointCloud& cloud, const std::function<PointCloud()>& whole,
     } else if (!cuts) {
         level_of = snapshots_of(cloud, sizes, tries, options, context.part(0, begin));
     } else {
-        if (!fits && !options.order.empty())
-            points = sorted = in_order(points, options.order, context);
+        if (!order.empty()) points = sorted = in_order(points, order, context);
         tree = std::make_unique<ClusterTree>(points);
         level_of = cuts_of(cloud, *tree, options, context.part(0, 0.6 * begin));
     }
@@ -295,7 +298,7 @@ void build(const PointCloud& cloud, const std::function<PointCloud()>& whole,
         return;
     }
     std::vector<LodLevel> levels =
-        cut_levels(cloud, points, *tree, made, options, context.part(0, begin));
+        cut_levels(cloud, points, order, *tree, made, options, context.part(0, begin));
     tree.reset();  // not needed while levels are encoded
     std::vector<Vec3f>().swap(sorted);
     for (LodLevel& next : levels) emit(std::move(next));

@@ -11,6 +11,7 @@
 #include <array>
 #include <cmath>
 #include <iterator>
+#include <numeric>
 #include <set>
 #include <tuple>
 #include <utility>
@@ -164,11 +165,17 @@ TEST_P(LodPyramidWithABase, BeginsWithTheLargestThatFits) {
     options.method = GetParam();
     options.base_points = 900;  // below the next level: what is tried changes no other
     std::size_t asked = 0;
+    std::vector<Vec3f> fitting;
     options.base_fits = [&](const PointCloud& level) {
         ++asked;
+        if (level.size() <= 200) fitting = level.positions;
         return level.size() <= 200;
     };
+    std::vector<Index> backwards(cloud.size());
+    std::iota(backwards.rbegin(), backwards.rend(), 0U);
+    options.order = backwards;
     const auto levels = build(cloud, options);
+    EXPECT_EQ(levels[0].cloud.positions, fitting);
     EXPECT_LE(asked, 8U);
     ASSERT_EQ(levels.size(), 3U);
     EXPECT_LE(levels[0].cloud.size(), 200U);
@@ -177,6 +184,7 @@ TEST_P(LodPyramidWithABase, BeginsWithTheLargestThatFits) {
     EXPECT_EQ(levels[2].cloud.positions, cloud.positions);
 
     options.base_fits = {};
+    options.order = {};
     options.sizes = {levels[0].cloud.size(), 1000, 4000};
     EXPECT_EQ(levels[0].cloud.positions, build(cloud, options)[0].cloud.positions);
 }
