@@ -3,6 +3,7 @@
 #include "contraction_quadrics.hpp"
 #include "first_touch.hpp"
 #include "nearby_search.hpp"
+#include "nearest_kernels.hpp"
 #include "parallel_for.hpp"
 #include "random.hpp"
 #include "stipple/particle_simulation.hpp"
@@ -43,53 +44,6 @@ Eigen::Vector2f in_disk(std::uint64_t seed, std::uint64_t i) noexcept {
         if (place.squaredNorm() <= 1.0F) return place;
     }
     return 0.5F * place;
-}
-
-using Eight = std::array<float, PointTree::kWidth>;
-
-/// Of each of n points of a leaf the squared distance to the third neighbour among them, or to the
-/// farthest when there are fewer. Those that are missing are infinitely far away.
-Eight third_distances_sq(const PointTree::Leaf& leaf, std::size_t n) noexcept {
-    constexpr std::size_t kNearest = 4;  // the point itself is the first
-    std::array<Eight, kNearest> nearest;
-    for (Eight& values : nearest) values.fill(std::numeric_limits<float>::infinity());
-    for (std::size_t j = 0; j < PointTree::kWidth; ++j) {
-        for (std::size_t i = 0; i < PointTree::kWidth; ++i) {
-            const float dx = leaf.x[i] - leaf.x[j], dy = leaf.y[i] - leaf.y[j],
-                        dz = leaf.z[i] - leaf.z[j];
-            float d = dx * dx + dy * dy + dz * dz;
-            for (Eight& values : nearest) {
-                const float lower = values[i] < d ? values[i] : d;
-                d = values[i] < d ? d : values[i];
-                values[i] = lower;
-            }
-        }
-    }
-    return nearest[std::min(kNearest, n) - 1];
-}
-
-/// The first values in order, the one in their middle or behind it.
-float median(Eight values, std::size_t n) noexcept {
-    if (n < values.size()) {
-        const auto middle = values.begin() + static_cast<std::ptrdiff_t>(n / 2);
-        std::nth_element(values.begin(), middle, values.begin() + static_cast<std::ptrdiff_t>(n));
-        return *middle;
-    }
-    // Both halves are sorted; of the larger values of pairs the least is the fifth.
-    const auto sort = [&](std::size_t a, std::size_t b) {
-        const float lower = std::min(values[a], values[b]);
-        values[b] = std::max(values[a], values[b]);
-        values[a] = lower;
-    };
-    for (const std::size_t half : {0, 4}) {
-        sort(half, half + 1);
-        sort(half + 2, half + 3);
-        sort(half, half + 2);
-        sort(half + 1, half + 3);
-        sort(half + 1, half + 2);
-    }
-    return std::min({std::max(values[0], values[7]), std::max(values[1], values[6]),
-                     std::max(values[2], values[5]), std::max(values[3], values[4])});
 }
 
 /// Which of some areas each of `count` draws falls on, ascending: draw i is somewhere in the i-th
@@ -182,24 +136,21 @@ DrawnLeaves draw_leaves(const PointTree& tree, std::uint64_t count, std::uint64_
     return drawn;
 }
 
-/// An area around each point of some leaves by its leaf alone, positive unless all points coincide:
-/// the median of the leaf, or what is left of the point's own where it is much larger than that; 0
-/// for those that the last leaf is short of.
+/// An area around each point of some leaves, up to a common factor, positive unless all points
+/// coincide: as `areas_around` has it, by neighbours in the leaf and beside it on the curve alone;
+/// 0 for those that the last leaf is short of.
 std::vector<float> leaf_areas(const PointTree& tree, const DrawnLeaves& drawn,
                               const RunContext& context) {
-    constexpr float kOfOwn = 0.125F;
     const auto& [leaves, chances] = drawn;
     auto areas = made_in_blocks<std::vector<float>>(leaves.size() * PointTree::kWidth, context);
     parallel_for_blocks(leaves.size(), kBlock / PointTree::kWidth, context,
                         [&](std::size_t begin, std::size_t end) {
+                            const NearestKernels& kernels = nearest_kernels();
                             for (std::size_t l = begin; l < end; ++l) {
-                                const PointTree::Leaf& leaf = tree.leaf(leaves[l]);
+                                float* const here = &areas[l * PointTree::kWidth];
+                                kernels.spread(tree.view(), leaves[l], here);
                                 const std::size_t n = tree.points_in(leaves[l]);
-                                const Eight own = third_distances_sq(leaf, n);
-                                const float middle = median(own, n);
-                                for (std::size_t lane = 0; lane < n; ++lane)
-                                    areas[l * PointTree::kWidth + lane] =
-                                        std::max(middle, kOfOwn * own[lane]);
+                                std::fill(here + n, here + PointTree::kWidth, 0.0F);
                             }
                         });
     // Some for each, so that no weight is beyond measure.

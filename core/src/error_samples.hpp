@@ -36,16 +36,16 @@ std::vector<float> areas_around(const PointTree& tree, std::span<const Vec3f> po
                                 const RunContext& context);
 
 /// `count` points with their numbers, about as often as their areas are large, and the areas by
-/// which they were drawn: by their leaves alone, none zero.
+/// which they were drawn: by what lies beside them on the curve, none zero.
 ErrorSamples draw_points_by_area(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
                                  const RunContext& context);
 
 /// `count` of the points as well, with less left to chance: large areas, of which a few points
 /// would decide, are drawn more often. The area of a point, by its eight neighbours, is divided by
-/// that by which it was drawn, about the distance to its third in the leaf. Some may come twice;
-/// all come once, as `take_points` has them, when there are no more. Where there are many more
-/// leaves than samples, eight times as many are looked at, drawn by the sizes of their boxes.
-/// O(count) but for those boxes, 2 ns each; parallel.
+/// that by which it was drawn: the same by the eight nearest in its leaf and beside it on the
+/// curve. Some may come twice; all come once, as `take_points` has them, when there are no more.
+/// Where there are many more leaves than samples, eight times as many are looked at, drawn by the
+/// sizes of their boxes. O(count) but for those boxes, 2 ns each; parallel.
 ErrorSamples take_points_by_area(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
                                  const RunContext& context);
 

@@ -67,6 +67,11 @@ struct NearestKernels {
     /// @return  how many there are; some number above `most` where there are more.
     std::uint32_t (*within)(const PointTree::View& tree, const float* from, float radius_sq,
                             std::uint32_t most, float* distances_sq, Index* indices) noexcept;
+
+    /// For each point of a leaf the mean of the squared distances to the eight nearest of the
+    /// points in this leaf and the two beside it on the curve, all finite; anything for points that
+    /// the leaf is short of.
+    void (*spread)(const PointTree::View& tree, std::uint32_t leaf, float* spreads) noexcept;
 };
 
 /// What this machine can run, the plainest first.

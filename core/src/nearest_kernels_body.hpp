@@ -28,6 +28,31 @@ inline void store(std::uint32_t* to, Int8 v) noexcept {
     return a > b ? a : b;
 }
 
+/// Puts the lesser of each pair into `a`, the larger into `b`. (Of `?:` compilers make a comparison
+/// and a choice, since they must mind numbers that are none.)
+[[gnu::always_inline]] inline void sort(Float8& a, Float8& b) noexcept {
+#if defined(STIPPLE_KERNELS_AVX2)
+    const __m256 v = reinterpret_cast<__m256>(a), w = reinterpret_cast<__m256>(b);
+    a = reinterpret_cast<Float8>(_mm256_min_ps(v, w));
+    b = reinterpret_cast<Float8>(_mm256_max_ps(v, w));
+#elif defined(__SSE2__)
+    __m128 v[2], w[2];
+    __builtin_memcpy(v, &a, sizeof v);
+    __builtin_memcpy(w, &b, sizeof w);
+    for (int half = 0; half < 2; ++half) {
+        const __m128 lesser = _mm_min_ps(v[half], w[half]);
+        w[half] = _mm_max_ps(v[half], w[half]);
+        v[half] = lesser;
+    }
+    __builtin_memcpy(&a, v, sizeof v);
+    __builtin_memcpy(&b, w, sizeof w);
+#else
+    const Float8 lesser = a < b ? a : b;
+    b = larger(a, b);
+    a = lesser;
+#endif
+}
+
 inline std::uint32_t sum_of(Int8 v) noexcept {
     const Int8 fours = v + __builtin_shufflevector(v, v, 4, 5, 6, 7, 0, 1, 2, 3);
     const Int8 pairs = fours + __builtin_shufflevector(fours, fours, 2, 3, 0, 1, 6, 7, 4, 5);
@@ -459,4 +484,66 @@ bool nearest(const PointTree::View& tree, const float* q, std::uint32_t k,
         }
     }
     return static_cast<Index>(keys[k - 1]) != PointTree::kNone;
+}
+
+/// Eight lists of eight numbers, each in a lane; sorted by comparisons in pairs (K. Batcher 1968).
+struct Lists {
+    Float8 v[8];
+
+    [[gnu::always_inline]] void sort_all() noexcept {
+        for (const int i : {0, 2, 4, 6}) sort(v[i], v[i + 1]);
+        for (const int i : {0, 1, 4, 5}) sort(v[i], v[i + 2]);
+        for (const int i : {1, 5}) sort(v[i], v[i + 1]);
+        for (const int i : {0, 1, 2, 3}) sort(v[i], v[i + 4]);
+        for (const int i : {2, 3}) sort(v[i], v[i + 2]);
+        for (const int i : {1, 3, 5}) sort(v[i], v[i + 1]);
+    }
+    /// The lesser eight of these and as many others, both sorted; sorted.
+    [[gnu::always_inline]] void take(Lists& others) noexcept {
+        for (int i = 0; i < 8; ++i) sort(v[i], others.v[7 - i]);
+        for (const int i : {0, 1, 2, 3}) sort(v[i], v[i + 4]);
+        for (const int i : {0, 1, 4, 5}) sort(v[i], v[i + 2]);
+        for (const int i : {0, 2, 4, 6}) sort(v[i], v[i + 1]);
+    }
+};
+
+/// From the points of a leaf, each in its lane, to those of another.
+[[gnu::always_inline]] inline Lists distances_sq(const PointTree::Leaf& from,
+                                                 const PointTree::Leaf& to) noexcept {
+    const Float8 x = load(from.x.data()), y = load(from.y.data()), z = load(from.z.data());
+    Lists lists;
+    for (std::uint32_t i = 0; i < kLanes; ++i) {
+        const Float8 dx = x - to.x[i], dy = y - to.y[i], dz = z - to.z[i];
+        lists.v[i] = dx * dx + dy * dy + dz * dz;
+    }
+    return lists;
+}
+
+void spread(const PointTree::View& tree, std::uint32_t leaf, float* spreads) noexcept {
+    constexpr std::uint32_t kLeaves = 3;
+    constexpr float kInfinity = __builtin_inff();
+    const std::uint32_t all = tree.child_counts[0];
+    const std::uint32_t before = leaf > 0 ? leaf - 1 : 0;
+    const std::uint32_t first = before + kLeaves <= all ? before
+                                : all > kLeaves         ? all - kLeaves
+                                                        : 0;
+    const std::uint32_t end = first + kLeaves < all ? first + kLeaves : all;
+    const PointTree::Leaf& own = tree.leaves[leaf];
+    Lists nearest = distances_sq(own, own);
+    constexpr auto kSelf = [] {
+        std::array<std::array<float, kLanes>, kLanes> self{};
+        for (std::uint32_t i = 0; i < kLanes; ++i) self[i][i] = kInfinity;
+        return self;
+    }();
+    for (std::uint32_t i = 0; i < kLanes; ++i) nearest.v[i] += load(&kSelf[i][0]);
+    nearest.sort_all();
+    for (std::uint32_t l = first; l < end; ++l) {
+        if (l == leaf) continue;
+        Lists more = distances_sq(own, tree.leaves[l]);
+        more.sort_all();
+        nearest.take(more);
+    }
+    Float8 sum{};
+    for (const Float8& d : nearest.v) sum += d < kInfinity ? d : Float8{};
+    store(spreads, sum * (1.0F / kLanes));
 }

@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
+#include <numeric>
 #include <random>
 #include <utility>
 
@@ -96,6 +97,35 @@ TEST_P(Kernels, FindAllWithinADistance) {
         for (std::uint32_t i = 0; i < count; ++i) found.emplace_back(indices[i], distances_sq[i]);
         std::ranges::sort(found);
         EXPECT_EQ(found, expected) << radius_sq;
+    }
+}
+
+TEST_P(Kernels, TellHowFarTheEightNearestAlongTheCurveLie) {
+    const auto all = available_nearest_kernels();
+    if (GetParam() >= all.size()) GTEST_SKIP() << "this machine has no more instruction sets";
+    for (const std::size_t n : {1U, 5U, 8U, 9U, 16U, 19U, 203U}) {
+        const PointTree tree(test::sphere(n, 0.02).positions, PointTree::Leaves::Quick, {});
+        const std::size_t leaves = tree.leaf_count();
+        for (std::size_t l = 0; l < leaves; ++l) {
+            std::array<float, PointTree::kWidth> plain, found;
+            all.front().spread(tree.view(), static_cast<std::uint32_t>(l), plain.data());
+            all[GetParam()].spread(tree.view(), static_cast<std::uint32_t>(l), found.data());
+            // Three leaves, but where there are no more.
+            const std::size_t first = leaves < 3 ? 0 : std::min(l > 0 ? l - 1 : 0, leaves - 3);
+            for (std::size_t lane = 0; lane < tree.points_in(l); ++lane) {
+                EXPECT_EQ(found[lane], plain[lane]);
+                std::vector<float> others;
+                for (std::size_t at = 8 * first; at < std::min(8 * (first + 3), n); ++at)
+                    if (at != 8 * l + lane)
+                        others.push_back(
+                            (tree.leaf(at / 8).position(at % 8) - tree.leaf(l).position(lane))
+                                .squaredNorm());
+                std::ranges::sort(others);
+                others.resize(std::min<std::size_t>(8, others.size()));
+                const float sum = std::accumulate(others.begin(), others.end(), 0.0F);
+                EXPECT_NEAR(found[lane], sum / 8, 1e-5F * sum) << n << ' ' << l << ' ' << lane;
+            }
+        }
     }
 }
 
