@@ -12,13 +12,16 @@ namespace stipple {
 
 namespace {
 
-constexpr unsigned kLeastRounds = 8;     // that there are
 constexpr std::uint64_t kMany = 40'000;  // points of a source
 
-/// One place for 128 points.
-unsigned rounds_for(std::uint64_t points, unsigned least) {
-    constexpr std::uint64_t kPoints = 128 * SampleRounds::kRound;
-    return static_cast<unsigned>(std::clamp<std::uint64_t>((points + kPoints - 1) / kPoints, least,
+constexpr unsigned kRough = 2;    // rounds that tell two roundings of the same points apart
+constexpr unsigned kMostly = 12;  // that scans of surfaces need
+constexpr unsigned kOfSmall = 32;
+
+/// To measure a level of so many points by: one place for 128 of them at least.
+unsigned least_rounds(std::uint64_t points) {
+    constexpr std::uint64_t kOfRound = 128 * SampleRounds::kRound;
+    return static_cast<unsigned>(std::clamp<std::uint64_t>((points + kOfRound - 1) / kOfRound, 8,
                                                            SampleRounds::kMostRounds));
 }
 
@@ -42,28 +45,34 @@ LevelMeter::LevelMeter(std::vector<Vec3f>&& source, const RunContext& context)
     context.checkpoint(0.5);
     spacing_ =
         mean_gap(tree, source_.size(), kAskedForGap, [&](std::size_t i) { return source_[i]; });
-    const unsigned rounds = rounds_for(source_.size(), kLeastRounds);
+    const unsigned rounds = source_.size() < kMany ? kOfSmall : kMostly;
     places_.add(take_samples(source_, tree, rounds * SampleRounds::kRound, 0, context), rounds);
 }
 
 void LevelMeter::measure_roughly(MeasuredLevel& level, const RunContext& context) const {
-    measure(level, (rounds_for(source_.size(), kLeastRounds) - 1) / kLeastRounds + 1, context);
+    measure(level, kRough, context);
 }
 
 void LevelMeter::measure_well(MeasuredLevel& level, const RunContext& context) {
-    constexpr double kSure = 0.0145;
-    constexpr unsigned kLeast = 2;
-    rounds_ = std::max(
-        rounds_, rounds_for(level.points.size(), source_.size() < kMany ? kLeastRounds : kLeast));
+    constexpr double kSure = 0.016;
+    const bool is_small = source_.size() < kMany;
+    // No more places than points of which they are drawn.
+    const unsigned most =
+        is_small ? SampleRounds::kMostRounds
+                 : static_cast<unsigned>(std::min<std::uint64_t>(
+                       SampleRounds::kMostRounds, source_.size() / SampleRounds::kRound));
+    const unsigned least = is_small ? kOfSmall : std::min(most, least_rounds(level.points.size()));
+    rounds_ = std::max(rounds_, kRough);
     for (;;) {
         add_places(rounds_, context);
         measure(level, rounds_, context);
         const double wanted = kSure * level.mean;
         const double unsure = mean_confidence(level.distances, level.areas, level.mean);
-        if (unsure <= wanted || rounds_ == SampleRounds::kMostRounds) return;
-        const double needed = rounds_ * (unsure / wanted) * (unsure / wanted);
+        const bool is_sure = unsure <= wanted || rounds_ == most;
+        if (is_sure && rounds_ >= least) return;
+        const double needed = is_sure ? 0 : rounds_ * (unsure / wanted) * (unsure / wanted);
         rounds_ = static_cast<unsigned>(
-            std::clamp<double>(std::ceil(needed), rounds_ + 1, SampleRounds::kMostRounds));
+            std::clamp<double>(std::ceil(needed), std::max(rounds_ + 1, least), most));
     }
 }
 
@@ -105,13 +114,10 @@ void LevelMeter::measure(MeasuredLevel& level, unsigned rounds, const RunContext
 void LevelMeter::add_places(unsigned at_least, const RunContext& context) {
     if (places_.rounds() >= at_least) return;
     const PointTree of_source(source_, PointTree::Leaves::Given, context);
-    while (places_.rounds() < at_least) {
-        const unsigned so_far = places_.rounds(),
-                       more = std::min(so_far, SampleRounds::kMostRounds - so_far);
-        places_.add(take_samples(source_, of_source, more * SampleRounds::kRound,
-                                 so_far * SampleRounds::kRound, context),
-                    more);
-    }
+    const unsigned so_far = places_.rounds(), more = at_least - so_far;
+    places_.add(take_samples(source_, of_source, more * SampleRounds::kRound,
+                             so_far * SampleRounds::kRound, context),
+                more);
 }
 
 }  // namespace stipple

@@ -19,7 +19,8 @@ namespace stipple {
 struct MeasuredLevel {
     std::vector<Vec3f> points;
     std::unique_ptr<PointTree> tree;
-    std::vector<Index> places;     ///< numbers of those where it is measured, ascending
+    std::vector<Index>
+        places;  ///< numbers of those where it is measured, as `SampleRounds` has them
     std::vector<float> distances;  ///< of each
     std::vector<float> covers;     ///< from each to the nearest point
     std::vector<float> areas;      ///< that each stands for

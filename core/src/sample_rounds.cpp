@@ -18,14 +18,22 @@ void SampleRounds::add(const ErrorSamples& more, unsigned rounds) {
     });
     std::vector<std::uint8_t> round_at(rounds);
     for (const unsigned turn : turns) round_at[turn] = static_cast<std::uint8_t>(rounds_++);
-    for (std::size_t i = 0; i < more.size(); ++i) round_of_.push_back(round_at[i % rounds]);
+    const std::size_t so_far = all_.size();
+    for (std::size_t i = 0; i < more.size(); ++i) {
+        round_of_.push_back(round_at[i % rounds]);
+        along_curve_.push_back(static_cast<Index>(so_far + i));
+    }
     all_.append(more);
+    if (all_.numbers.size() < all_.size()) return;
+    std::ranges::inplace_merge(along_curve_,
+                               along_curve_.begin() + static_cast<std::ptrdiff_t>(so_far), {},
+                               [&](Index place) { return all_.numbers[place]; });
 }
 
 std::vector<Index> SampleRounds::of_first(unsigned rounds) const {
     std::vector<Index> numbers;
-    for (std::size_t i = 0; i < round_of_.size(); ++i)
-        if (round_of_[i] < rounds) numbers.push_back(static_cast<Index>(i));
+    for (const Index place : along_curve_)
+        if (round_of_[place] < rounds) numbers.push_back(place);
     return numbers;
 }
 

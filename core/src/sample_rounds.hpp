@@ -12,8 +12,8 @@ namespace stipple {
 /// over all of it: so many rounds are taken as tell an error well.
 class SampleRounds {
 public:
-    static constexpr std::uint64_t kRound = 4'096;
-    static constexpr unsigned kMostRounds = 32;
+    static constexpr std::uint64_t kRound = 1'024;
+    static constexpr unsigned kMostRounds = 128;
 
     const ErrorSamples& all() const noexcept { return all_; }
     unsigned rounds() const noexcept { return rounds_; }
@@ -21,12 +21,14 @@ public:
     /// @param more  of so many rounds, no more than `kMostRounds` with those that there are.
     void add(const ErrorSamples& more, unsigned rounds);
 
-    /// The numbers of those of the first rounds, ascending.
+    /// The numbers of those of the first rounds, along the curve as far as they have numbers of
+    /// points.
     std::vector<Index> of_first(unsigned rounds) const;
 
 private:
     ErrorSamples all_;
     std::vector<std::uint8_t> round_of_;
+    std::vector<Index> along_curve_;
     unsigned rounds_ = 0;
 };
 

@@ -104,12 +104,12 @@ struct LodTile : LodFigures {
 ///
 /// Errors are measured on the decoded points, at one place for 128 points of the level, at least
 /// 8,192 (32,768 of a source of fewer than 40,000 points); and at more, up to 131,072, for a level
-/// and those after it whose mean is not known to 1.45 % by them: at some 20,000 for scans of
-/// surfaces, at all for trees in LiDAR scans. A tile has the places in its cell, a few hundred:
-/// each says how many, and how well its mean is known by them. A tile without any, which is hardly
-/// one with many points, has the figures of its level. Where no walk to the surface comes to an
-/// end, what counts is at most the way to the nearest point and from there to the plane of its
-/// neighbourhood.
+/// and those after it whose mean is not known to 1.6 % by them: at some 10,000 to 15,000 for scans
+/// of surfaces, at 40,000 for trees in LiDAR scans. A tile has the places in its cell, a few
+/// hundred: each says how many, and how well its mean is known by them. A tile without any, which
+/// is hardly one with many points, has the figures of its level. Where no walk to the surface comes
+/// to an end, what counts is at most the way to the nearest point and from there to the plane of
+/// its neighbourhood.
 ///
 /// O(N log N), parallel, the same bytes for any number of threads; about 60 bytes a point of the
 /// source.
