@@ -1,7 +1,7 @@
 #include "level_rounding.hpp"
 
+#include "curve_normals.hpp"
 #include "first_touch.hpp"
-#include "leaf_shapes.hpp"
 #include "parallel_for.hpp"
 #include "surface_rounding.hpp"
 
@@ -24,30 +24,6 @@ std::vector<Vec3f> rounded(std::span<const Vec3f> points, std::span<const Vec3f>
                          grid.step, &decoded[begin]);
     });
     return decoded;
-}
-
-/// Of the surface at the points of a level; none where there are too many to be worth the time:
-/// those who load them have waited already.
-std::vector<Vec3f> normals_of(const MeasuredLevel& level, const RunContext& context) {
-    constexpr std::size_t kMost = 131'072;
-    if (level.points.size() > kMost) return {};
-    constexpr unsigned kNeighbors = 12;
-    constexpr std::size_t kLeaves = 128;
-    const std::size_t others = level.points.size() - 1;
-    std::vector<Vec3f> normals(level.points.size(), Vec3f::UnitZ());
-    if (others == 0) return normals;
-    const PointTree& tree = *level.tree;
-    const auto k = static_cast<unsigned>(std::min<std::size_t>(kNeighbors, others));
-    parallel_for_blocks(
-        tree.leaf_count(), kLeaves, context, [&](std::size_t begin, std::size_t end) {
-            LeafShapes shapes(tree, level.points, {k});
-            for (std::size_t l = begin; l < end; ++l) {
-                shapes.run(l);
-                for (std::size_t lane = 0; lane < tree.points_in(l); ++lane)
-                    normals[tree.leaf(l).index[lane]] = shapes.shape(0, lane).normal.cast<float>();
-            }
-        });
-    return normals;
 }
 
 }  // namespace
@@ -95,7 +71,11 @@ MeasuredLevel LevelRounding::round(const std::vector<Vec3f>& points, LevelGrid& 
     };
     const MeasuredLevel unrounded = measured(std::vector<Vec3f>(points));
     const double exact = unrounded.mean;
-    const std::vector<Vec3f> normals = normals_of(unrounded, context);
+    // Where there are more points they are not worth the time: those who load them have waited
+    // already.
+    constexpr std::size_t kMost = 131'072;
+    const std::vector<Vec3f> normals =
+        points.size() <= kMost ? curve_normals(*unrounded.tree, context) : std::vector<Vec3f>();
     const auto try_bits = [&](unsigned bits) {
         return measured(rounded(points, normals, grid(bits), context));
     };
