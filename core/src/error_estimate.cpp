@@ -71,7 +71,7 @@ DirectedError estimate_direction(const Side& from, const Side& to, std::span<con
 }  // namespace
 
 SurfaceErrorOptions quick_options(std::uint64_t reference_points, std::uint64_t candidate_points) {
-    constexpr std::uint64_t kLeast = 200, kMost = 1'000, kPart = 600;
+    constexpr std::uint64_t kLeast = 160, kMost = 800, kPart = 750;
     constexpr std::uint64_t kMany = 40'000;  // of which `measure_error` takes points themselves
     const std::uint64_t points = std::max(reference_points, candidate_points);
     SurfaceErrorOptions options;

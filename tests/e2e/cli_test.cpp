@@ -236,7 +236,7 @@ TEST_F(StippleCli, EveryResultTellsItsErrorUnlessToldNotTo) {
     const json error = json::parse(told.out)["error"];
     EXPECT_GT(error["mean"].get<double>(), 0);
     EXPECT_GE(error["max"], error["mean"]);
-    EXPECT_EQ(error["samples"], 200);
+    EXPECT_EQ(error["samples"], 160);
     EXPECT_NE(told.err.find("error: mean"), std::string::npos);
     const json without =
         json::parse(stipple("simplify in.ply out.ply --points 500 --no-error --json -").out);

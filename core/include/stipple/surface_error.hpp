@@ -139,8 +139,8 @@ private:
     std::unique_ptr<State> state_;
 };
 
-/// The options of `estimate_error`: distances at one of 600 points of the larger cloud, 200 to
-/// 1,000 of them, at points where `measure_error` takes them there.
+/// The options of `estimate_error`: distances at one of 750 points of the larger cloud, 160 to
+/// 800 of them, at points where `measure_error` takes them there.
 SurfaceErrorOptions quick_options(std::uint64_t reference_points, std::uint64_t candidate_points);
 
 /// What `measure_error` says, by a few samples, in a small part of the time that it took to make
