@@ -214,7 +214,7 @@ private:
             ++count;
         }
         // As tiles say it: from the surface of a small cloud, from the points of a large one.
-        constexpr std::size_t kLarge = 100'000;
+        constexpr std::size_t kLarge = 40'000;
         const PlaceDistances measured = meter.measure_places(all, source_.size() < kLarge);
         const NeighborSearch nearest(all.positions);
         struct Sum {
