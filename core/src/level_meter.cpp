@@ -39,14 +39,17 @@ MeasuredLevel::MeasuredLevel(std::vector<Vec3f>&& points_, const RunContext& con
     : points(std::move(points_)),
       tree(std::make_unique<PointTree>(points, PointTree::Leaves::Given, context)) {}
 
-LevelMeter::LevelMeter(std::vector<Vec3f>&& source, const RunContext& context)
-    : source_(std::move(source)) {
+LevelMeter::LevelMeter(std::vector<Vec3f>&& source, bool exact, const RunContext& context)
+    : source_(std::move(source)), exact_(exact) {
     const PointTree tree(source_, PointTree::Leaves::Given, context);
     context.checkpoint(0.5);
     spacing_ =
         mean_gap(tree, source_.size(), kAskedForGap, [&](std::size_t i) { return source_[i]; });
-    const unsigned rounds = source_.size() < kMany ? kOfSmall : kMostly;
-    places_.add(take_samples(source_, tree, rounds * SampleRounds::kRound, 0, context), rounds);
+    const bool is_small = source_.size() < kMany;
+    const unsigned rounds = exact_ ? SampleRounds::kMostRounds : is_small ? kOfSmall : kMostly;
+    const std::uint64_t count =
+        exact_ && !is_small ? source_.size() : rounds * SampleRounds::kRound;
+    places_.add(take_samples(source_, tree, count, 0, context), rounds);
 }
 
 void LevelMeter::measure_roughly(MeasuredLevel& level, const RunContext& context) const {
@@ -54,6 +57,7 @@ void LevelMeter::measure_roughly(MeasuredLevel& level, const RunContext& context
 }
 
 void LevelMeter::measure_well(MeasuredLevel& level, const RunContext& context) {
+    if (exact_) return measure(level, SampleRounds::kMostRounds, context);
     constexpr double kSure = 0.016;
     const bool is_small = source_.size() < kMany;
     // No more places than points of which they are drawn.

@@ -36,7 +36,8 @@ class LevelMeter {
 public:
     LevelMeter() = default;
     /// @param source  in the order of a curve.
-    LevelMeter(std::vector<Vec3f>&& source, const RunContext& context);
+    /// @param exact  `measure_well` takes all of its points.
+    LevelMeter(std::vector<Vec3f>&& source, bool exact, const RunContext& context);
 
     const std::vector<Vec3f>& source() const noexcept { return source_; }
     double spacing() const noexcept { return spacing_; }  ///< of the source
@@ -57,6 +58,7 @@ private:
     void add_places(unsigned at_least, const RunContext& context);
 
     std::vector<Vec3f> source_;
+    bool exact_ = false;
     double spacing_ = 0;
     SampleRounds places_;
     unsigned rounds_ = 0;  ///< of places that the level before was measured at

@@ -8,7 +8,7 @@
 
 namespace stipple {
 
-/// Places to measure at, on a surface and along a curve, in rounds of up to `kRound`, each spread
+/// Places to measure at, on a surface and along a curve, in rounds, mostly of `kRound`, each spread
 /// over all of it: so many rounds are taken as tell an error well.
 class SampleRounds {
 public:

@@ -400,6 +400,36 @@ TEST_F(AdditiveLodTiles, NeedLevelsThatGrow) {
     EXPECT_THROW(tiler.add_level(cloud_, true), Error);
 }
 
+TEST(LodTiles, AreMeasuredAtEveryPointWhereErrorsAreToBeExact) {
+    const PointCloud cloud = test::sphere(60'000, 0.02);
+    const PointCloud level = [&] {
+        PointCloud coarse;
+        for (std::size_t i = 0; i < cloud.size(); i += 4)
+            coarse.positions.push_back(cloud.positions[i]);
+        return coarse;
+    }();
+    LodTiler exact(cloud, {.max_points = 2'000, .exact_errors = true}),
+        some(cloud, {.max_points = 2'000});
+    const std::vector<LodTile> tiles = exact.add_level(level, false),
+                               quick = some.add_level(level, false);
+    ASSERT_EQ(tiles.size(), quick.size());
+    std::uint64_t samples = 0;
+    for (std::size_t t = 0; t < tiles.size(); ++t) {
+        samples += tiles[t].error.samples;
+        EXPECT_LT(tiles[t].error.mean_confidence, 0.035 * tiles[t].error.mean);
+        EXPECT_NEAR(quick[t].error.mean, tiles[t].error.mean, 2 * quick[t].error.mean_confidence);
+    }
+    EXPECT_EQ(samples, cloud.size());
+    EXPECT_EQ(exact.figures().error.samples, cloud.size());
+    EXPECT_LT(some.figures().error.samples, cloud.size() / 3);
+
+    // Small clouds are measured between their points as well.
+    const PointCloud small = test::sphere(3'000);
+    LodTiler of_small(small, {.exact_errors = true});
+    of_small.add_level(small, true);
+    EXPECT_EQ(of_small.figures().error.samples, 131'072U);
+}
+
 TEST(LodTiles, StopWhenAskedTo) {
     const PointCloud cloud = test::sphere(20'000);
     LodTiler tiler(cloud, {});

@@ -26,6 +26,9 @@ struct LodTileOptions {
                ///< the bytes: more than it takes to make up for such an error by more points
     std::uint32_t max_points = 65'536;  ///< of a tile, 1..65,536; a level with more is cut
     bool attributes = false;            ///< scalar attributes too, beside normals and colours
+    bool exact_errors = false;  ///< measured at every point of the source (131,072 places of fewer
+                                ///< than 40,000 points): the means of single tiles, too, are known
+                                ///< to a percent; takes five times as long
     bool additive = false;  ///< a tile has only the points that no coarser level has: a level is
                             ///< all tiles down to it. Levels are nested, and all take all bits
 };
@@ -106,7 +109,8 @@ struct LodTile : LodFigures {
 /// 8,192 (32,768 of a source of fewer than 40,000 points); and at more, up to 131,072, for a level
 /// and those after it whose mean is not known to 1.6 % by them: at some 10,000 to 15,000 for scans
 /// of surfaces, at 40,000 for trees in LiDAR scans. A tile has the places in its cell, a few
-/// hundred: each says how many, and how well its mean is known by them. A tile without any, which
+/// hundred: each says how many, and how well its mean is known by them (`exact_errors` gives it
+/// more). A tile without any, which
 /// is hardly one with many points, has the figures of its level. Where no walk to the surface comes
 /// to an end, what counts is at most the way to the nearest point and from there to the plane of
 /// its neighbourhood.

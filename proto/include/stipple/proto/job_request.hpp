@@ -119,7 +119,8 @@ struct CurveJob {
 ///      "method": "hierarchical" | "multiphase" | "iterative", "representative": … (hierarchical),
 ///      "reductions": …, "error": true, "formats": ["drc", "ply", "glb"], "draco": …,
 ///      "tiles": {"position_bits": 14, "precision": 0.001, "max_points": 65536,
-///                "attributes": false, "transform": [16 numbers] | "epsg": 32633} (glb)}
+///                "attributes": false, "exact_errors": false,
+///                "transform": [16 numbers] | "epsg": 32633} (glb)}
 ///     {"type": "evaluate", "reference": …, "candidates": […] | "candidate": …, "samples": 0,
 ///      "sampling": "points" | "surface" | "particles", "basis": "linear" | "quadratic" |
 ///      "samples", "k": 20, "seed": 0, "attributes": false, "map": ["ply", "drc"], "draco": …,
