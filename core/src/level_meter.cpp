@@ -45,10 +45,11 @@ LevelMeter::LevelMeter(std::vector<Vec3f>&& source, bool exact, const RunContext
     context.checkpoint(0.5);
     spacing_ =
         mean_gap(tree, source_.size(), kAskedForGap, [&](std::size_t i) { return source_[i]; });
-    const bool is_small = source_.size() < kMany;
-    const unsigned rounds = exact_ ? SampleRounds::kMostRounds : is_small ? kOfSmall : kMostly;
-    const std::uint64_t count =
-        exact_ && !is_small ? source_.size() : rounds * SampleRounds::kRound;
+    const std::size_t n = source_.size();
+    const unsigned rounds = exact_      ? SampleRounds::kMostRounds
+                            : n < kMany ? kOfSmall
+                                        : std::max(kMostly, least_rounds(n));
+    const std::uint64_t count = exact_ && n >= kMany ? n : rounds * SampleRounds::kRound;
     places_.add(take_samples(source_, tree, count, 0, context), rounds);
 }
 

@@ -257,7 +257,7 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
     command.add_flag("--tile-attributes", values.tiles.attributes,
                      "scalar attributes in the tiles, too");
     command.add_flag("--exact-errors", values.tiles.exact_errors,
-                     "of tiles, measured at every point of the input: five times as long");
+                     "of tiles, measured at every point of the input: several times as long");
     command
         .add_option("--transform", values.transform,
                     "of the tileset, 16 numbers column by column: to the globe (ECEF)")

@@ -28,7 +28,7 @@ struct LodTileOptions {
     bool attributes = false;            ///< scalar attributes too, beside normals and colours
     bool exact_errors = false;  ///< measured at every point of the source (131,072 places of fewer
                                 ///< than 40,000 points): the means of single tiles, too, are known
-                                ///< to a percent; takes five times as long
+                                ///< to a percent; takes three to six times as long
     bool additive = false;  ///< a tile has only the points that no coarser level has: a level is
                             ///< all tiles down to it. Levels are nested, and all take all bits
 };
