@@ -510,10 +510,15 @@ struct Lists {
 /// From the points of a leaf, each in its lane, to those of another.
 [[gnu::always_inline]] inline Lists distances_sq(const PointTree::Leaf& from,
                                                  const PointTree::Leaf& to) noexcept {
-    const Float8 x = load(from.x.data()), y = load(from.y.data()), z = load(from.z.data());
+    const Float8 x = load(reinterpret_cast<const float*>(&from.x)),
+                 y = load(reinterpret_cast<const float*>(&from.y)),
+                 z = load(reinterpret_cast<const float*>(&from.z));
+    const float* const to_x = reinterpret_cast<const float*>(&to.x);
+    const float* const to_y = reinterpret_cast<const float*>(&to.y);
+    const float* const to_z = reinterpret_cast<const float*>(&to.z);
     Lists lists;
     for (std::uint32_t i = 0; i < kLanes; ++i) {
-        const Float8 dx = x - to.x[i], dy = y - to.y[i], dz = z - to.z[i];
+        const Float8 dx = x - to_x[i], dy = y - to_y[i], dz = z - to_z[i];
         lists.v[i] = dx * dx + dy * dy + dz * dz;
     }
     return lists;
@@ -530,12 +535,11 @@ void spread(const PointTree::View& tree, std::uint32_t leaf, float* spreads) noe
     const std::uint32_t end = first + kLeaves < all ? first + kLeaves : all;
     const PointTree::Leaf& own = tree.leaves[leaf];
     Lists nearest = distances_sq(own, own);
-    constexpr auto kSelf = [] {
-        std::array<std::array<float, kLanes>, kLanes> self{};
-        for (std::uint32_t i = 0; i < kLanes; ++i) self[i][i] = kInfinity;
-        return self;
-    }();
-    for (std::uint32_t i = 0; i < kLanes; ++i) nearest.v[i] += load(&kSelf[i][0]);
+    for (std::uint32_t i = 0; i < kLanes; ++i) {
+        alignas(32) float own_place[kLanes] = {};
+        own_place[i] = kInfinity;
+        nearest.v[i] += load(own_place);
+    }
     nearest.sort_all();
     for (std::uint32_t l = first; l < end; ++l) {
         if (l == leaf) continue;
