@@ -14,9 +14,9 @@ namespace {
 
 constexpr std::uint64_t kMany = 40'000;  // points of a source
 
-constexpr unsigned kRough = 2;    // rounds that tell two roundings of the same points apart
-constexpr unsigned kMostly = 12;  // that scans of surfaces need
-constexpr unsigned kOfSmall = 32;
+constexpr unsigned kRough = 2;     // rounds that tell two roundings of the same points apart
+constexpr unsigned kMostly = 12;   // that scans of surfaces need
+constexpr unsigned kOfSmall = 32;  // of a small source
 
 /// To measure a level of so many points by: one place for 128 of them at least.
 unsigned least_rounds(std::uint64_t points) {
@@ -45,20 +45,24 @@ LevelMeter::LevelMeter(std::vector<Vec3f>&& source, bool exact, const RunContext
     context.checkpoint(0.5);
     spacing_ =
         mean_gap(tree, source_.size(), kAskedForGap, [&](std::size_t i) { return source_[i]; });
-    const std::size_t n = source_.size();
-    const unsigned rounds = exact_      ? SampleRounds::kMostRounds
-                            : n < kMany ? kOfSmall
-                                        : std::max(kMostly, least_rounds(n));
-    const std::uint64_t count = exact_ && n >= kMany ? n : rounds * SampleRounds::kRound;
-    places_.add(take_samples(source_, tree, count, 0, context), rounds);
+    const bool is_small = source_.size() < kMany;
+    const unsigned rounds = is_small ? kOfSmall : std::max(kMostly, least_rounds(source_.size()));
+    places_.add(take_samples(source_, tree, rounds * SampleRounds::kRound, 0, context), rounds);
+    if (!exact_) return;
+    const std::uint64_t every =
+        is_small ? SampleRounds::kMostRounds * SampleRounds::kRound : source_.size();
+    every_.add(take_samples(source_, tree, every, 0, context), 1);
 }
 
 void LevelMeter::measure_roughly(MeasuredLevel& level, const RunContext& context) const {
-    measure(level, kRough, context);
+    measure(level, places_, kRough, context);
 }
 
 void LevelMeter::measure_well(MeasuredLevel& level, const RunContext& context) {
-    if (exact_) return measure(level, SampleRounds::kMostRounds, context);
+    if (exact_) {
+        level.places.clear();  // of other places
+        return measure(level, every_, 1, context);
+    }
     constexpr double kSure = 0.016;
     const bool is_small = source_.size() < kMany;
     // No more places than points of which they are drawn.
@@ -70,7 +74,7 @@ void LevelMeter::measure_well(MeasuredLevel& level, const RunContext& context) {
     rounds_ = std::max(rounds_, kRough);
     for (;;) {
         add_places(rounds_, context);
-        measure(level, rounds_, context);
+        measure(level, places_, rounds_, context);
         const double wanted = kSure * level.mean;
         const double unsure = mean_confidence(level.distances, level.areas, level.mean);
         const bool is_sure = unsure <= wanted || rounds_ == most;
@@ -82,11 +86,12 @@ void LevelMeter::measure_well(MeasuredLevel& level, const RunContext& context) {
 }
 
 /// At the places of so many rounds, of which it may have been measured at some.
-void LevelMeter::measure(MeasuredLevel& level, unsigned rounds, const RunContext& context) const {
+void LevelMeter::measure(MeasuredLevel& level, const SampleRounds& places, unsigned rounds,
+                         const RunContext& context) {
     const std::vector<Index> known_places = std::exchange(level.places, {});
     const std::vector<float> distances = std::exchange(level.distances, {});
     const std::vector<float> covers = std::exchange(level.covers, {});
-    level.places = places_.of_first(rounds);
+    level.places = places.of_first(rounds);
     const std::size_t count = level.places.size();
     level.distances.resize(count);
     level.covers.resize(count);
@@ -95,12 +100,12 @@ void LevelMeter::measure(MeasuredLevel& level, unsigned rounds, const RunContext
     std::vector<Index> number_of;
     for (std::size_t i = 0, known = 0; i < count; ++i) {
         const Index place = level.places[i];
-        level.areas[i] = places().areas[place];
+        level.areas[i] = places.all().areas[place];
         if (known < known_places.size() && known_places[known] == place) {
             level.distances[i] = distances[known];
             level.covers[i] = covers[known++];
         } else {
-            others.push_back(places().positions[place]);
+            others.push_back(places.all().positions[place]);
             number_of.push_back(static_cast<Index>(i));
         }
     }

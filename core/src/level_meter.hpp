@@ -41,7 +41,8 @@ public:
 
     const std::vector<Vec3f>& source() const noexcept { return source_; }
     double spacing() const noexcept { return spacing_; }  ///< of the source
-    const ErrorSamples& places() const noexcept { return places_.all(); }
+    /// Of `measure_well`.
+    const ErrorSamples& places() const noexcept { return (exact_ ? every_ : places_).all(); }
 
     /// Well enough to compare two roundings of the same points.
     void measure_roughly(MeasuredLevel& level, const RunContext& context) const;
@@ -54,13 +55,15 @@ public:
     void restart() noexcept { rounds_ = 0; }
 
 private:
-    void measure(MeasuredLevel& level, unsigned rounds, const RunContext& context) const;
+    static void measure(MeasuredLevel& level, const SampleRounds& places, unsigned rounds,
+                        const RunContext& context);
     void add_places(unsigned at_least, const RunContext& context);
 
     std::vector<Vec3f> source_;
     bool exact_ = false;
     double spacing_ = 0;
     SampleRounds places_;
+    SampleRounds every_;   ///< one round of all points, where it is to be exact
     unsigned rounds_ = 0;  ///< of places that the level before was measured at
 };
 

@@ -415,6 +415,7 @@ TEST(LodTiles, AreMeasuredAtEveryPointWhereErrorsAreToBeExact) {
     ASSERT_EQ(tiles.size(), quick.size());
     std::uint64_t samples = 0;
     for (std::size_t t = 0; t < tiles.size(); ++t) {
+        EXPECT_EQ(tiles[t].streams.front().bytes, quick[t].streams.front().bytes);
         samples += tiles[t].error.samples;
         EXPECT_LT(tiles[t].error.mean_confidence, 0.035 * tiles[t].error.mean);
         EXPECT_NEAR(quick[t].error.mean, tiles[t].error.mean, 2 * quick[t].error.mean_confidence);
