@@ -86,11 +86,6 @@ constexpr TwoStepTable make_two_steps() {
 
 constexpr TwoStepTable kTwoSteps = make_two_steps();
 
-struct Keyed {
-    std::uint64_t key;
-    Index index;
-};
-
 /// Cells of a cubic grid over some points.
 struct Grid {
     Vec3d low;
@@ -129,21 +124,18 @@ struct Grid {
         }
         values = keys;
     }
-    std::uint64_t key(const Vec3f& p) const noexcept {
-        std::array<std::uint64_t, 1> value = {cell(p)};
-        to_keys(value);
-        return value[0];
-    }
-    void keys(std::span<const Vec3f> points, std::uint64_t* to) const noexcept {
-        constexpr std::size_t kTogether = 4;
-        std::size_t i = 0;
-        for (; i + kTogether <= points.size(); i += kTogether) {
-            std::array<std::uint64_t, kTogether> values;
-            for (std::size_t j = 0; j < kTogether; ++j) values[j] = cell(points[i + j]);
+    /// Gives `put(i, key)` the keys of `count` points.
+    template <typename PointOf, typename Put>
+    void keys(std::size_t count, PointOf&& point, Put&& put) const {
+        constexpr std::size_t kSideBySide = 4;
+        std::array<std::uint64_t, kSideBySide> values;
+        for (std::size_t begin = 0; begin < count; begin += kSideBySide) {
+            const std::size_t here = std::min(kSideBySide, count - begin);
+            for (std::size_t j = 0; j < kSideBySide; ++j)
+                values[j] = cell(point(begin + std::min(j, here - 1)));
             to_keys(values);
-            std::ranges::copy(values, to + i);
+            for (std::size_t j = 0; j < here; ++j) put(begin + j, values[j]);
         }
-        for (; i < points.size(); ++i) to[i] = key(points[i]);
     }
 };
 
@@ -158,53 +150,42 @@ struct FloatBox {
 };
 
 /// Cells fine enough that a surface of n points seldom has many in one, or, of a coarse curve, a
-/// few dozen; as few bits as that takes, since each two cost a step. No more than go into 64 bits
-/// beside the number of a point, without those of its bucket.
-Grid make_grid(const FloatBox& box, std::size_t n, Curve curve) {
+/// few dozen; as few bits as that takes, since each two cost a step.
+Grid make_grid(const FloatBox& box, std::size_t n, Curve curve, unsigned most_bits) {
     const double extent = (box.high.cast<double>() - box.low.cast<double>()).maxCoeff();
     const int width = std::bit_width(n);
     const int enough = curve == Curve::Fine ? width / 2 + 3 : (width - 1) / 2 - 2;
     const auto wanted = static_cast<unsigned>(std::clamp(enough, 6, 16));
-    const unsigned bits = n > std::size_t{1} << 28U ? 14 : (wanted + 1) / 2 * 2;
+    const unsigned bits = std::min((wanted + 1) / 2 * 2, most_bits / 2 * 2);
     const double cells = static_cast<double>(std::uint64_t{1} << bits);
     return {box.low.cast<double>(), extent > 0 ? cells / extent : 0.0, bits};
 }
 
-/// Sorts by numbers of 64 bits at most of which the lowest `ignored` bits are in order already:
-/// least digit first, digits that are all alike left out.
-template <typename Item, typename NumberOf>
-void radix_sort(std::span<Item> items, std::vector<Item>& buffer, unsigned ignored,
-                NumberOf&& number_of) {
+/// Sorts numbers of which the lowest `ignored` bits are in order already: least digit first, digits
+/// that are all alike left out.
+void radix_sort(std::span<std::uint64_t> items, std::vector<std::uint64_t>& buffer,
+                unsigned ignored) {
     std::uint64_t varying = 0;
-    for (const Item& item : items) varying |= number_of(item) ^ number_of(items.front());
+    for (const std::uint64_t item : items) varying |= item ^ items.front();
     buffer.resize(std::max(buffer.size(), items.size()));
-    std::span<Item> from = items, to(buffer.data(), items.size());
+    std::span<std::uint64_t> from = items, to(buffer.data(), items.size());
     for (unsigned shift = ignored; shift < 64; shift += 8) {
         if ((varying >> shift & 0xFFU) == 0) continue;
         std::array<Index, 257> begin{};
-        for (const Item& item : from) ++begin[(number_of(item) >> shift & 0xFFU) + 1];
+        for (const std::uint64_t item : from) ++begin[(item >> shift & 0xFFU) + 1];
         for (std::size_t digit = 1; digit < begin.size(); ++digit) begin[digit] += begin[digit - 1];
-        for (const Item& item : from) to[begin[number_of(item) >> shift & 0xFFU]++] = item;
+        for (const std::uint64_t item : from) to[begin[item >> shift & 0xFFU]++] = item;
         std::swap(from, to);
     }
     if (from.data() != items.data()) std::ranges::copy(from, items.begin());
 }
 
-constexpr std::size_t kSmall = 32;  // so few are sorted sooner by comparing them
-
-/// By (key, index), given in order of index.
-void sort(std::span<Keyed> items, std::vector<Keyed>& buffer) {
-    if (items.size() > kSmall)
-        return radix_sort(items, buffer, 0, [](const Keyed& item) { return item.key; });
-    std::ranges::sort(items, [](const Keyed& a, const Keyed& b) {
-        return a.key != b.key ? a.key < b.key : a.index < b.index;
-    });
-}
-
-/// A key within its bucket above an index, in one number.
+/// A key above the number of a point, in one number.
 struct Packing {
     unsigned index_bits;
 
+    /// Of how many bits a key can be.
+    unsigned key_bits() const noexcept { return 64 - index_bits; }
     std::uint64_t packed(std::uint64_t key, std::size_t index) const noexcept {
         return key << index_bits | index;
     }
@@ -212,68 +193,53 @@ struct Packing {
     Index index(std::uint64_t packed) const noexcept {
         return static_cast<Index>(packed & ((std::uint64_t{1} << index_bits) - 1));
     }
-    void sort(std::span<std::uint64_t> items, std::vector<std::uint64_t>& buffer) const {
-        if (items.size() <= kSmall)
-            std::ranges::sort(items);
-        else
-            radix_sort(items, buffer, index_bits, [](std::uint64_t item) { return item; });
-    }
 };
 
-/// Orders the points of one crowded cell by a curve of their own.
-void refine(std::span<const Vec3f> points, std::span<Keyed> items, std::vector<Keyed>& buffer);
-
-/// Where many points share a cell, looks closer.
-void refine_crowded(std::span<const Vec3f> points, std::span<Keyed> sorted,
-                    std::vector<Keyed>& buffer) {
-    for (std::size_t begin = 0; begin < sorted.size();) {
-        std::size_t end = begin + 1;
-        while (end < sorted.size() && sorted[end].key == sorted[begin].key) ++end;
-        if (end - begin > kCrowded) refine(points, sorted.subspan(begin, end - begin), buffer);
-        begin = end;
-    }
-}
-
-void refine(std::span<const Vec3f> points, std::span<Keyed> items, std::vector<Keyed>& buffer) {
-    FloatBox box;
-    for (const Keyed& item : items) box.add(points[item.index]);
-    if (box.low == box.high) return;  // one position: in order of number already
-    const Grid grid = make_grid(box, items.size(), Curve::Fine);
-    for (Keyed& item : items) item.key = grid.key(points[item.index]);
-    sort(items, buffer);
-    refine_crowded(points, items, buffer);
-}
-
-/// The numbers of the points of one bucket, sorted by their keys.
-class BucketOrder {
+/// Sorts points by their keys; those of a crowded cell by a curve through their own box.
+class PackedOrder {
 public:
-    BucketOrder(std::span<const Vec3f> points, const Packing& packing)
+    PackedOrder(std::span<const Vec3f> points, const Packing& packing)
         : points_(points), packing_(packing) {}
 
+    /// @param items  ascending by the numbers of the points.
     void put(std::span<std::uint64_t> items, std::span<Index> order) {
-        packing_.sort(items, buffer_);
+        sort(items);
         for (std::size_t i = 0; i < items.size(); ++i) order[i] = packing_.index(items[i]);
+    }
+
+private:
+    void sort(std::span<std::uint64_t> items) {
+        constexpr std::size_t kSmall = 32;  // so few are sorted sooner by comparing them
+        if (items.size() <= kSmall) {
+            std::ranges::sort(items);
+            return;
+        }
+        radix_sort(items, buffer_, packing_.index_bits);
         for (std::size_t begin = 0; begin < items.size();) {
             const std::uint64_t key = packing_.key(items[begin]);
             std::size_t end = begin + 1;
             while (end < items.size() && packing_.key(items[end]) == key) ++end;
-            if (end - begin > kCrowded) put_crowded(order.subspan(begin, end - begin));
+            if (end - begin > kCrowded) refine(items.subspan(begin, end - begin));
             begin = end;
         }
     }
-
-private:
-    void put_crowded(std::span<Index> order) {
-        crowd_.clear();
-        for (const Index i : order) crowd_.push_back({0, i});
-        refine(points_, crowd_, crowd_buffer_);
-        std::ranges::transform(crowd_, order.begin(), &Keyed::index);
+    void refine(std::span<std::uint64_t> items) {
+        const auto point = [&](std::size_t i) -> const Vec3f& {
+            return points_[packing_.index(items[i])];
+        };
+        FloatBox box;
+        for (std::size_t i = 0; i < items.size(); ++i) box.add(point(i));
+        if (box.low == box.high) return;  // one position: in order of number already
+        const Grid grid = make_grid(box, items.size(), Curve::Fine, packing_.key_bits() / 3);
+        grid.keys(items.size(), point, [&](std::size_t i, std::uint64_t key) {
+            items[i] = packing_.packed(key, packing_.index(items[i]));
+        });
+        sort(items);
     }
 
     std::span<const Vec3f> points_;
     Packing packing_;
     std::vector<std::uint64_t> buffer_;
-    std::vector<Keyed> crowd_, crowd_buffer_;
 };
 
 FloatBox box_of(std::span<const Vec3f> points, const RunContext& context) {
@@ -295,13 +261,14 @@ std::vector<Index> hilbert_order(std::span<const Vec3f> points, const RunContext
                                  Curve curve) {
     const std::size_t n = points.size();
     if (n == 0) return {};
-    const Grid grid = make_grid(box_of(points, context), n, curve);
-
     // By the leading bits of the key into buckets, in parallel blocks and stable; then each bucket
     // by itself.
-    const unsigned bucket_bits = std::min(12U, 3 * grid.bits);
-    const unsigned shift = 3 * grid.bits - bucket_bits;
+    constexpr unsigned kBucketBits = 12;
     const Packing packing{static_cast<unsigned>(std::bit_width(n - 1))};
+    const Grid grid =
+        make_grid(box_of(points, context), n, curve, (packing.key_bits() + kBucketBits) / 3);
+    const unsigned bucket_bits = std::min(kBucketBits, 3 * grid.bits);
+    const unsigned shift = 3 * grid.bits - bucket_bits;
     const std::size_t buckets = std::size_t{1} << bucket_bits;
     const std::size_t blocks = (n + kBlock - 1) / kBlock;
     LargeArray<std::uint64_t> items(n);
@@ -309,8 +276,12 @@ std::vector<Index> hilbert_order(std::span<const Vec3f> points, const RunContext
     LargeArray<std::uint64_t> keys(n);
     parallel_for_blocks(n, kBlock, context, [&](std::size_t begin, std::size_t end) {
         Index* count = starts.data() + begin / kBlock * buckets;
-        grid.keys(points.subspan(begin, end - begin), keys.data() + begin);
-        for (std::size_t i = begin; i < end; ++i) ++count[keys[i] >> shift];
+        grid.keys(
+            end - begin, [&](std::size_t i) -> const Vec3f& { return points[begin + i]; },
+            [&](std::size_t i, std::uint64_t key) {
+                keys[begin + i] = key;
+                ++count[key >> shift];
+            });
     });
     const std::vector<Index> bucket_begin = counts_to_places(starts, buckets);
     parallel_for_blocks(n, kBlock, context, [&](std::size_t begin, std::size_t end) {
@@ -323,7 +294,7 @@ std::vector<Index> hilbert_order(std::span<const Vec3f> points, const RunContext
 
     auto order = made_in_blocks<std::vector<Index>>(n, context);
     parallel_for_blocks(buckets, 16, context, [&](std::size_t begin, std::size_t end) {
-        BucketOrder sorted(points, packing);
+        PackedOrder sorted(points, packing);
         for (std::size_t bucket = begin; bucket < end; ++bucket) {
             const std::size_t first = bucket_begin[bucket],
                               count = bucket_begin[bucket + 1] - first;
