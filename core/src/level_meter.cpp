@@ -39,16 +39,18 @@ MeasuredLevel::MeasuredLevel(std::vector<Vec3f>&& points_, const RunContext& con
     : points(std::move(points_)),
       tree(std::make_unique<PointTree>(points, PointTree::Leaves::Given, context)) {}
 
-LevelMeter::LevelMeter(std::vector<Vec3f>&& source, bool exact, const RunContext& context)
-    : source_(std::move(source)), exact_(exact) {
+LevelMeter::LevelMeter(std::vector<Vec3f>&& source, LodErrors errors, const RunContext& context)
+    : source_(std::move(source)), errors_(errors) {
     const PointTree tree(source_, PointTree::Leaves::Given, context);
     context.checkpoint(0.5);
     spacing_ =
         mean_gap(tree, source_.size(), kAskedForGap, [&](std::size_t i) { return source_[i]; });
     const bool is_small = source_.size() < kMany;
-    const unsigned rounds = is_small ? kOfSmall : std::max(kMostly, least_rounds(source_.size()));
+    const unsigned rounds = errors_ == LodErrors::Rough ? kRough
+                            : is_small                  ? kOfSmall
+                                       : std::max(kMostly, least_rounds(source_.size()));
     places_.add(take_samples(source_, tree, rounds * SampleRounds::kRound, 0, context), rounds);
-    if (!exact_) return;
+    if (!is_exact()) return;
     const std::uint64_t every =
         is_small ? SampleRounds::kMostRounds * SampleRounds::kRound : source_.size();
     every_.add(take_samples(source_, tree, every, 0, context), 1);
@@ -59,7 +61,8 @@ void LevelMeter::measure_roughly(MeasuredLevel& level, const RunContext& context
 }
 
 void LevelMeter::measure_well(MeasuredLevel& level, const RunContext& context) {
-    if (exact_) {
+    if (errors_ == LodErrors::Rough) return measure_roughly(level, context);
+    if (is_exact()) {
         level.places.clear();  // of other places
         return measure(level, every_, 1, context);
     }
@@ -71,17 +74,15 @@ void LevelMeter::measure_well(MeasuredLevel& level, const RunContext& context) {
                  : static_cast<unsigned>(std::min<std::uint64_t>(
                        SampleRounds::kMostRounds, source_.size() / SampleRounds::kRound));
     const unsigned least = is_small ? kOfSmall : std::min(most, least_rounds(level.points.size()));
-    rounds_ = std::max(rounds_, kRough);
+    rounds_ = std::max(rounds_, least);
     for (;;) {
         add_places(rounds_, context);
         measure(level, places_, rounds_, context);
         const double wanted = kSure * level.mean;
         const double unsure = mean_confidence(level.distances, level.areas, level.mean);
-        const bool is_sure = unsure <= wanted || rounds_ == most;
-        if (is_sure && rounds_ >= least) return;
-        const double needed = is_sure ? 0 : rounds_ * (unsure / wanted) * (unsure / wanted);
-        rounds_ = static_cast<unsigned>(
-            std::clamp<double>(std::ceil(needed), std::max(rounds_ + 1, least), most));
+        if (unsure <= wanted || rounds_ == most) return;
+        const double needed = rounds_ * (unsure / wanted) * (unsure / wanted);
+        rounds_ = static_cast<unsigned>(std::clamp<double>(std::ceil(needed), rounds_ + 1, most));
     }
 }
 

@@ -2,6 +2,7 @@
 
 #include "point_tree.hpp"
 #include "sample_rounds.hpp"
+#include "stipple/lod_tiles.hpp"
 #include "stipple/point_cloud.hpp"
 #include "stipple/run_context.hpp"
 #include "tree_search.hpp"
@@ -36,31 +37,32 @@ class LevelMeter {
 public:
     LevelMeter() = default;
     /// @param source  in the order of a curve.
-    /// @param exact  `measure_well` takes all of its points.
-    LevelMeter(std::vector<Vec3f>&& source, bool exact, const RunContext& context);
+    LevelMeter(std::vector<Vec3f>&& source, LodErrors errors, const RunContext& context);
 
     const std::vector<Vec3f>& source() const noexcept { return source_; }
     double spacing() const noexcept { return spacing_; }  ///< of the source
     /// Of `measure_well`.
-    const ErrorSamples& places() const noexcept { return (exact_ ? every_ : places_).all(); }
+    const ErrorSamples& places() const noexcept { return (is_exact() ? every_ : places_).all(); }
 
     /// Well enough to compare two roundings of the same points.
     void measure_roughly(MeasuredLevel& level, const RunContext& context) const;
 
-    /// At one place for 128 points, and at more for this level and those after it while chance
-    /// would decide: of as many rounds as the spread of those that there are calls for.
+    /// As well as errors are to be known. Sure ones at one place for 128 points, and at more for
+    /// this level and those after it while chance would decide: of as many rounds as the spread of
+    /// those that there are calls for.
     void measure_well(MeasuredLevel& level, const RunContext& context);
 
     /// The next level is the coarsest again.
     void restart() noexcept { rounds_ = 0; }
 
 private:
+    bool is_exact() const noexcept { return errors_ == LodErrors::Exact; }
     static void measure(MeasuredLevel& level, const SampleRounds& places, unsigned rounds,
                         const RunContext& context);
     void add_places(unsigned at_least, const RunContext& context);
 
     std::vector<Vec3f> source_;
-    bool exact_ = false;
+    LodErrors errors_ = LodErrors::Sure;
     double spacing_ = 0;
     SampleRounds places_;
     SampleRounds every_;   ///< one round of all points, where it is to be exact

@@ -232,7 +232,7 @@ LodTiler::LodTiler(const PointCloud& source, const LodTileOptions& options,
     context.checkpoint(0.2);
     std::vector<Vec3f> points = state.into_frame(source, state.order, context);
     context.checkpoint(0.3);
-    state.meter = LevelMeter(std::move(points), options.exact_errors, context.part(0.3, 1));
+    state.meter = LevelMeter(std::move(points), options.errors, context.part(0.3, 1));
 }
 
 LodTiler::~LodTiler() = default;

@@ -236,7 +236,9 @@ void read_tiles(const JsonValue& value, PyramidJob& job) {
     if (const auto most = object.find("max_points"))
         tiles.max_points = most->small_integer(1, 65'536);
     take(object, "attributes", tiles.attributes);
-    take(object, "exact_errors", tiles.exact_errors);
+    bool exact = false;
+    take(object, "exact_errors", exact);
+    if (exact) tiles.errors = LodErrors::Exact;
     const auto transform = object.find("transform");
     const auto epsg = object.find("epsg");
     if (transform && epsg) {
@@ -260,7 +262,7 @@ Json tiles_json(const PyramidJob& job) {
     }
     json["max_points"] = job.tiles.max_points;
     json["attributes"] = job.tiles.attributes;
-    json["exact_errors"] = job.tiles.exact_errors;
+    json["exact_errors"] = job.tiles.errors == LodErrors::Exact;
     if (job.transform) json["transform"] = *job.transform;
     if (job.epsg) json["epsg"] = *job.epsg;
     return json;

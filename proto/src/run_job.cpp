@@ -294,6 +294,7 @@ private:
             const Stopwatch watch(cost_.encode_seconds);
             LodTileOptions tiles = job.tiles;
             tiles.additive = job.options.nested;
+            if (!job.error && tiles.errors == LodErrors::Sure) tiles.errors = LodErrors::Rough;
             tiler_ = std::make_unique<LodTiler>(cloud, tiles, in_stage(kEncode).part(0, kTiler));
             points_of_source_ = cloud.size();
             encode_begin_ = kTiler;

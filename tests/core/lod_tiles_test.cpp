@@ -408,7 +408,7 @@ TEST(LodTiles, AreMeasuredAtEveryPointWhereErrorsAreToBeExact) {
             coarse.positions.push_back(cloud.positions[i]);
         return coarse;
     }();
-    LodTiler exact(cloud, {.max_points = 2'000, .exact_errors = true}),
+    LodTiler exact(cloud, {.max_points = 2'000, .errors = LodErrors::Exact}),
         some(cloud, {.max_points = 2'000});
     const std::vector<LodTile> tiles = exact.add_level(level, false),
                                quick = some.add_level(level, false);
@@ -426,9 +426,20 @@ TEST(LodTiles, AreMeasuredAtEveryPointWhereErrorsAreToBeExact) {
 
     // Small clouds are measured between their points as well.
     const PointCloud small = test::sphere(3'000);
-    LodTiler of_small(small, {.exact_errors = true});
+    LodTiler of_small(small, {.errors = LodErrors::Exact});
     of_small.add_level(small, true);
     EXPECT_EQ(of_small.figures().error.samples, 131'072U);
+}
+
+TEST(LodTiles, AreMeasuredAtFewPlacesWhereErrorsMayBeRough) {
+    const PointCloud cloud = test::sphere(60'000, 0.02);
+    LodTiler rough(cloud, {.errors = LodErrors::Rough}), sure(cloud, {});
+    rough.add_level(cloud, true);
+    sure.add_level(cloud, true);
+    const TileError error = rough.figures().error;
+    EXPECT_EQ(error.samples, 2'048U);
+    EXPECT_GT(error.mean_confidence, sure.figures().error.mean_confidence);
+    EXPECT_NEAR(error.mean, sure.figures().error.mean, 2 * error.mean_confidence);
 }
 
 TEST(LodTiles, StopWhenAskedTo) {

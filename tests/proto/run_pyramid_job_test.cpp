@@ -65,6 +65,21 @@ TEST_F(RunPyramidJob, WritesTilesNamedByTheirHashes) {
     EXPECT_EQ(files_written(), 5U);
 }
 
+TEST_F(RunPyramidJob, MeasuresTilesAtFewPlacesWhereNoErrorIsAskedFor) {
+    PyramidJob job = levels_of({500});
+    job.output.formats = {CloudFormat::Glb};
+    const auto samples = [&](bool error, LodErrors errors) {
+        job.error = error;
+        job.tiles.errors = errors;
+        reports_.clear();
+        run(spec_for(test::sphere(3000), job));
+        return levels().front().decoded->error.samples;
+    };
+    const std::uint64_t few = samples(false, LodErrors::Sure);
+    EXPECT_LT(few, samples(true, LodErrors::Sure));
+    EXPECT_EQ(samples(false, LodErrors::Exact), samples(true, LodErrors::Exact));
+}
+
 TEST_F(RunPyramidJob, BeginsAPyramidWithTheTileThatFits) {
     for (const Method method : {Method::Hierarchical, Method::Multiphase}) {
         PyramidJob job;

@@ -256,8 +256,9 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
         ->transform(whole_number());
     command.add_flag("--tile-attributes", values.tiles.attributes,
                      "scalar attributes in the tiles, too");
-    command.add_flag("--exact-errors", values.tiles.exact_errors,
-                     "of tiles, measured at every point of the input: several times as long");
+    command.add_flag_callback(
+        "--exact-errors", [&values] { values.tiles.errors = LodErrors::Exact; },
+        "of tiles, measured at every point of the input: several times as long");
     command
         .add_option("--transform", values.transform,
                     "of the tileset, 16 numbers column by column: to the globe (ECEF)")

@@ -14,6 +14,14 @@
 
 namespace stipple {
 
+/// How well the errors of levels and tiles are known.
+enum class LodErrors {
+    Rough,  ///< at 2,048 places a level: its mean to some 5 %, its largest hardly
+    Sure,   ///< at so many that the mean of a level is known to 1.6 %
+    Exact,  ///< at every point of the source (131,072 places of fewer than 40,000 points): the
+            ///< means of single tiles, too, to a percent; takes three to six times as long
+};
+
 struct LodTileOptions {
     unsigned position_bits = 14;  ///< 1..24 for each axis of the longest side: of the finest level,
                                   ///< and the most that any level takes; more where steps would
@@ -26,9 +34,7 @@ struct LodTileOptions {
                ///< the bytes: more than it takes to make up for such an error by more points
     std::uint32_t max_points = 65'536;  ///< of a tile, 1..65,536; a level with more is cut
     bool attributes = false;            ///< scalar attributes too, beside normals and colours
-    bool exact_errors = false;  ///< measured at every point of the source (131,072 places of fewer
-                                ///< than 40,000 points): the means of single tiles, too, are known
-                                ///< to a percent; takes three to six times as long
+    LodErrors errors = LodErrors::Sure;
     bool additive = false;  ///< a tile has only the points that no coarser level has: a level is
                             ///< all tiles down to it. Levels are nested, and all take all bits
 };
@@ -105,15 +111,14 @@ struct LodTile : LodFigures {
 /// is added must begin with the points of the one before (`LodPyramidOptions::nested`). What is
 /// said of a tile is then said of all points that are there down to its level.
 ///
-/// Errors are measured on the decoded points, at one place for 128 points of the level, at least
-/// 8,192 (32,768 of a source of fewer than 40,000 points); and at more, up to 131,072, for a level
-/// and those after it whose mean is not known to 1.6 % by them: at some 10,000 to 15,000 for scans
-/// of surfaces, at 40,000 for trees in LiDAR scans. A tile has the places in its cell, a few
-/// hundred: each says how many, and how well its mean is known by them (`exact_errors` gives it
-/// more). A tile without any, which
-/// is hardly one with many points, has the figures of its level. Where no walk to the surface comes
-/// to an end, what counts is at most the way to the nearest point and from there to the plane of
-/// its neighbourhood.
+/// Errors are measured on the decoded points; if they are to be sure, at one place for 128 points
+/// of the level, at least 8,192 (32,768 of a source of fewer than 40,000 points), and at more, up
+/// to 131,072, for a level and those after it whose mean is not known to 1.6 % by them: at some
+/// 10,000 to 15,000 for scans of surfaces, at 40,000 for trees in LiDAR scans. A tile has the
+/// places in its cell, a few hundred: each says how many, and how well its mean is known by them. A
+/// tile without any, which is hardly one with many points, has the figures of its level. Where no
+/// walk to the surface comes to an end, what counts is at most the way to the nearest point and
+/// from there to the plane of its neighbourhood.
 ///
 /// O(N log N), parallel, the same bytes for any number of threads; about 60 bytes a point of the
 /// source.
