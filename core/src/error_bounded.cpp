@@ -328,7 +328,7 @@ void error_curve(const PointCloud& cloud, const SimplifyOptions& options,
     const RunContext quietly{.stop = context.stop, .progress = {}, .threads = context.threads};
     std::size_t done = 0;
     context.checkpoint(0.0);
-    const SurfaceErrorMeter meter(cloud, measure, quietly);
+    SurfaceErrorMeter meter(cloud, measure, quietly);
     make_snapshots(
         cloud, options, counts,
         [&](PointCloud&& snapshot) {

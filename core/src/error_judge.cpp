@@ -13,11 +13,12 @@ constexpr std::uint64_t kGlance = 10'000;
 constexpr std::size_t kManyPlaces = 100'000;        // to watch, unless there are more points
 constexpr std::size_t kManyPoints = 1'000'000;      // which are close together: no places between
 constexpr std::uint64_t kFewestMeasured = 200'000;  // also of small clouds
-constexpr std::uint64_t kFewestAgain = 800'000, kAgainSeed = 1;
+constexpr std::uint64_t kFewestAgain = 800'000;
 constexpr std::uint64_t kUnevenAgain = 600'000;  // more places where a candidate is uneven
 /// Of a cloud of many points so small a part of the places is measured first: it mostly tells what
 /// is too far.
-constexpr std::uint64_t kFirstPart = 8, kFirstSeed = 2;
+constexpr std::uint64_t kFirstPart = 8;
+constexpr std::uint64_t kSeed = 0, kAgainSeed = 1, kFirstSeed = 2;
 constexpr std::uint64_t kMeasuredEach = 100;        // enough for each point of a candidate
 constexpr std::uint64_t kEnoughMeasured = 300'000;  // unless it has more points than that
 
@@ -141,49 +142,51 @@ ErrorJudge::Finding ErrorJudge::watch(const PointCloud& candidate) {
         watch_.emplace(surface_, std::move(places), kMargin * bound_ * scale_, reading_);
     }
     watch_->look_at(into_frame(candidate.positions), quietly_);
-    Finding finding;
-    finding.max = watch_->max() / (bound_ * scale_);
-    finding.places = out_of_frame(watch_->places_too_far());
     remember(candidate.size(), watch_->farthest_place(), watch_->max());
-    return finding;
+    return found_by_watch();
+}
+
+ErrorJudge::Finding ErrorJudge::found_by_watch() const {
+    return {.places = out_of_frame(watch_->places_too_far()),
+            .max = watch_->max() / (bound_ * scale_)};
 }
 
 ErrorJudge::Finding ErrorJudge::measure(ErrorBoundedCloud& candidate) {
     ++tries_;
-    SurfaceErrorOptions options;
-    options.sampling = ErrorSampling::Surface;
+    if (careful_ && reading_ == Reading::Confirmed) {
+        // First what mostly decides, and takes less time than what is measured then.
+        watch_->look_again(kUnevenAgain, tries_, quietly_);
+        if (watch_->max() > kWithin * bound_ * scale_) return found_by_watch();
+    }
+    if (!meter_) {
+        const SurfaceErrorOptions options = {
+            .sampling = ErrorSampling::Surface,
+            .samples = std::max<std::uint64_t>(kFewestMeasured, cloud_.size()),
+            .keep_samples = true};
+        meter_.emplace(cloud_, options, quietly_);
+    }
     const std::uint64_t enough = std::max(kEnoughMeasured, kMeasuredEach * candidate.cloud.size());
-    options.samples = std::clamp<std::uint64_t>(2 * cloud_.size(), kFewestMeasured, enough);
-    options.keep_samples = true;
+    const auto samples = std::clamp<std::uint64_t>(2 * cloud_.size(), kFewestMeasured, enough);
     if (cloud_.size() >= kManyPoints) {
-        SurfaceErrorOptions first = options;
-        first.samples /= kFirstPart;
-        first.seed = kFirstSeed;
-        Finding finding = measured(candidate, first);
+        Finding finding = measured(candidate, samples / kFirstPart, kFirstSeed);
         if (finding.max > kWithin) return finding;
     }
-    Finding finding = measured(candidate, options);
+    Finding finding = measured(candidate, samples, kSeed);
     if (finding.max <= kWithin && (careful_ || reading_ == Reading::ByTheLetter)) {
         // Where a fixed point leaps the farthest places may be few: others are likely to meet them.
-        options.seed = kAgainSeed;
-        options.samples = std::max(options.samples, kFewestAgain);
-        const SurfaceError again = measure_error(cloud_, candidate.cloud, options, quietly_);
+        const SurfaceError again =
+            meter_->measure(candidate.cloud, std::max(samples, kFewestAgain), kAgainSeed, quietly_);
         append(finding.places, places_above(kMargin * bound_, again.forward));
         append(finding.places, places_above(kMargin * bound_, again.backward));
         finding.max = std::max(finding.max, again.max() / bound_);
     }
-    if (finding.max <= kWithin && careful_ && reading_ == Reading::Confirmed) {
-        watch_->look_again(kUnevenAgain, tries_, quietly_);
-        append(finding.places, out_of_frame(watch_->places_too_far()));
-        finding.max = std::max(finding.max, watch_->max() / (bound_ * scale_));
-    }
     return finding;
 }
 
-ErrorJudge::Finding ErrorJudge::measured(ErrorBoundedCloud& candidate,
-                                         const SurfaceErrorOptions& options) const {
-    candidate.error = measure_error(cloud_, candidate.cloud, options, quietly_);
-    candidate.sampling = options.sampling;
+ErrorJudge::Finding ErrorJudge::measured(ErrorBoundedCloud& candidate, std::uint64_t samples,
+                                         std::uint64_t seed) {
+    candidate.error = meter_->measure(candidate.cloud, samples, seed, quietly_);
+    candidate.sampling = ErrorSampling::Surface;
     DirectedError &forward = candidate.error.forward, &backward = candidate.error.backward;
     Finding finding{.places = places_above(kMargin * bound_, forward),
                     .max = candidate.error.max() / bound_};

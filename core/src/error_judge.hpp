@@ -64,8 +64,9 @@ private:
     bool can_be_kept(std::size_t points_of_surface) const noexcept;
     /// @param place, distance  as in the frame of the surfaces.
     void remember(std::uint64_t points, const Vec3f& place, double distance);
+    Finding found_by_watch() const;
     /// At so many places, and closer where distances are large. Keeps the figures.
-    Finding measured(ErrorBoundedCloud& candidate, const SurfaceErrorOptions& options) const;
+    Finding measured(ErrorBoundedCloud& candidate, std::uint64_t samples, std::uint64_t seed);
     /// At many places around raised ones; adds to what was found.
     void look_closer(const ProbedSurface& from, std::span<const Vec3f> raised,
                      const ProbedSurface& other, Finding& finding) const;
@@ -84,6 +85,7 @@ private:
     Reading reading_ = Reading::Confirmed;
     bool careful_ = false;
     std::optional<ErrorWatch> watch_;
+    std::optional<SurfaceErrorMeter> meter_;
     unsigned tries_ = 0;
 };
 

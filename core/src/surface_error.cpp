@@ -19,6 +19,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <optional>
 #include <string>
 
 // Follows: Pauly, Gross, Kobbelt 2002, §4; Cignoni, Rocchini, Scopigno 1998 (Metro: distances from
@@ -161,17 +162,15 @@ MeasuredSamples measure_samples(const Surface& from, const Surface& to, ErrorSam
     return all;
 }
 
-DirectedError measure_direction(const Surface& from, const Surface& to, const ErrorFrame& frame,
-                                const SurfaceErrorOptions& options, const RunContext& context) {
-    const bool is_finer = from.points.size() >= to.points.size();
-    const bool are_points = at_points(from, is_finer, options);
-    ErrorSamples samples = take_samples(from, is_finer, options, context.part(0.0, 0.5));
-    context.checkpoint(0.5);
+DirectedError measure_direction(const Surface& from, const Surface& to, ErrorSamples&& samples,
+                                const ErrorFrame& frame, const SurfaceErrorOptions& options,
+                                const RunContext& context) {
+    const bool are_points = at_points(from, from.points.size() >= to.points.size(), options);
     std::vector<float> areas = std::move(samples.areas);
     const std::size_t n = areas.size();
     MeasuredSamples all =
         measure_samples(from, to, std::move(samples), are_points, options, context);
-    context.checkpoint(0.9);
+    context.checkpoint(0.8);
 
     auto& [places, distances] = all.measured;
     auto lengths = made_in_blocks<std::vector<float>>(distances.size(), context);
@@ -223,6 +222,28 @@ struct SurfaceErrorMeter::State {
           reference(cloud, "reference"),
           frame(reference),
           surface(cloud, frame, leaves_of(cloud, options), finding, context) {}
+
+    /// Places on the reference. Those that are asked for twice are kept, for each seed the last.
+    ErrorSamples samples_of_reference(bool is_finer, const SurfaceErrorOptions& as,
+                                      const RunContext& context) {
+        const auto known = std::ranges::find(drawn, as.seed, &Drawn::seed);
+        Drawn& one = known != drawn.end() ? *known : drawn.emplace_back(Drawn{.seed = as.seed});
+        const bool again = one.is_finer == is_finer && one.count == as.samples;
+        if (again && one.samples.size() > 0) return one.samples;
+        one = {.seed = as.seed, .count = as.samples, .is_finer = is_finer};
+        ErrorSamples samples = take_samples(surface, is_finer, as, context);
+        if (again) one.samples = samples;
+        return samples;
+    }
+
+private:
+    struct Drawn {
+        std::uint64_t seed = 0;
+        std::optional<std::uint64_t> count{};  ///< asked for; none: nothing yet
+        bool is_finer = false;
+        ErrorSamples samples{};
+    };
+    std::vector<Drawn> drawn;
 };
 
 SurfaceErrorMeter::SurfaceErrorMeter(const PointCloud& reference,
@@ -235,20 +256,38 @@ SurfaceErrorMeter::SurfaceErrorMeter(const PointCloud& reference,
 
 SurfaceErrorMeter::~SurfaceErrorMeter() = default;
 
-SurfaceError SurfaceErrorMeter::measure(const PointCloud& candidate,
-                                        const RunContext& context) const {
-    const auto& [options, finding, reference, frame, S] = *state_;
+SurfaceError SurfaceErrorMeter::measure(const PointCloud& candidate, const RunContext& context) {
+    return measure(candidate, state_->options.samples, state_->options.seed, context);
+}
+
+SurfaceError SurfaceErrorMeter::measure(const PointCloud& candidate, std::uint64_t samples,
+                                        std::uint64_t seed, const RunContext& context) {
+    SurfaceErrorOptions options = state_->options;
+    options.samples = samples;
+    options.seed = seed;
+    validate(options);
+    const BoxedCloud& reference = state_->reference;
+    const ErrorFrame& frame = state_->frame;
+    const Surface& S = state_->surface;
     const BoxedCloud boxed(candidate, "candidate");
     context.throw_if_stopped();
     if (!options.attributes)
         if (auto far = measure_far(reference, boxed, options, context)) return std::move(*far);
-    const Surface S_prime(candidate, frame, leaves_of(candidate, options), finding, context);
+    const Surface S_prime(candidate, frame, leaves_of(candidate, options), state_->finding,
+                          context);
+    const bool is_finer = S.points.size() >= S_prime.points.size();
     context.checkpoint(0.1);
     SurfaceError error;
     error.diagonal = reference.box.diagonal();
     error.candidate_diagonal = boxed.box.diagonal();
-    error.forward = measure_direction(S, S_prime, frame, options, context.part(0.1, 0.55));
-    error.backward = measure_direction(S_prime, S, frame, options, context.part(0.55, 1.0));
+    error.forward = measure_direction(
+        S, S_prime, state_->samples_of_reference(is_finer, options, context.part(0.1, 0.3)), frame,
+        options, context.part(0.3, 0.55));
+    error.backward =
+        measure_direction(S_prime, S,
+                          take_samples(S_prime, S_prime.points.size() >= S.points.size(), options,
+                                       context.part(0.55, 0.8)),
+                          frame, options, context.part(0.8, 1.0));
     for (DirectedError* const direction : {&error.forward, &error.backward}) {
         for (Vec3f& p : direction->positions)
             p = (p.cast<double>() / frame.scale + frame.center - S.cloud.origin).cast<float>();
@@ -260,7 +299,7 @@ SurfaceError measure_error(const PointCloud& reference, const PointCloud& candid
                            const SurfaceErrorOptions& options, const RunContext& context) {
     validate(options);
     check_positions(candidate, "candidate");
-    const SurfaceErrorMeter meter(reference, options, context);
+    SurfaceErrorMeter meter(reference, options, context);
     context.checkpoint(0.1);
     return meter.measure(candidate, context.part(0.1, 1.0));
 }

@@ -374,7 +374,7 @@ private:
         const bool shown = job.options.pictures || !job.output.formats.empty();
         SurfaceErrorOptions options = job.options.measure;
         options.keep_samples = shown;
-        const SurfaceErrorMeter meter = [&] {
+        SurfaceErrorMeter meter = [&] {
             const Stopwatch watch(cost_.error_seconds);
             return SurfaceErrorMeter(reference, options, quietly());
         }();
@@ -390,7 +390,7 @@ private:
         }
     }
 
-    Candidate evaluate(const SurfaceErrorMeter& meter, std::size_t number,
+    Candidate evaluate(SurfaceErrorMeter& meter, std::size_t number,
                        std::uint64_t reference_points, const SurfaceErrorOptions& options) {
         const double all = static_cast<double>(spec_.candidate_files.size());
         const double before = static_cast<double>(number);

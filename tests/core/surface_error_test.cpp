@@ -142,12 +142,16 @@ TEST(SurfaceError, OfASubsetIsTheSameFromFewSamples) {
 
 TEST(SurfaceError, OfAMeterIsThatOfEachCandidate) {
     const PointCloud reference = sphere(5000);
-    const SurfaceErrorMeter meter(reference, {.samples = 3000});
-    for (const float factor : {1.1F, 0.8F}) {
+    SurfaceErrorMeter meter(reference, {.samples = 3000});
+    for (const float factor : {1.1F, 0.8F, 0.9F}) {
         const PointCloud candidate = scaled(sphere(2000), factor);
         const SurfaceError one = measure_error(reference, candidate, {.samples = 3000});
         EXPECT_EQ(meter.measure(candidate).mean(), one.mean());
         EXPECT_EQ(meter.measure(candidate).max(), one.max());
+        const SurfaceError other =
+            measure_error(reference, candidate, {.samples = 2000, .seed = 7});
+        EXPECT_EQ(meter.measure(candidate, 2000, 7).mean(), other.mean());
+        EXPECT_NE(other.mean(), one.mean());
     }
 }
 

@@ -121,7 +121,8 @@ void validate(const SurfaceErrorOptions& options);
 SurfaceError measure_error(const PointCloud& reference, const PointCloud& candidate,
                            const SurfaceErrorOptions& options = {}, const RunContext& context = {});
 
-/// The same for several candidates: what is to be known of the reference is found once.
+/// The same for several candidates, one after the other: what is to be known of the reference is
+/// found once, and its samples are drawn once.
 class SurfaceErrorMeter {
 public:
     /// @param reference  must outlive the meter. @throws Error(InvalidArgument).
@@ -132,7 +133,11 @@ public:
     SurfaceErrorMeter& operator=(const SurfaceErrorMeter&) = delete;
 
     /// @throws Error(InvalidArgument) for a candidate without points, or with one not finite.
-    SurfaceError measure(const PointCloud& candidate, const RunContext& context = {}) const;
+    SurfaceError measure(const PointCloud& candidate, const RunContext& context = {});
+    /// At another number of places, drawn by another seed, than the options say. Those on the
+    /// reference that are asked for twice are kept, for each seed the last.
+    SurfaceError measure(const PointCloud& candidate, std::uint64_t samples, std::uint64_t seed,
+                         const RunContext& context = {});
 
 private:
     struct State;
