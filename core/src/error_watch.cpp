@@ -108,12 +108,11 @@ std::vector<Index> ErrorWatch::touched(std::span<const Vec3f> centers, std::span
     std::vector<std::uint8_t> is_touched(centers.size(), 0);
     parallel_for_blocks(centers.size(), 2048, context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {
-            Neighbor nearest;
-            find_nearest(tree, centers[i], {&nearest, 1});
             const float reach = spots[i].reach;
             // What is too far is looked at again in any case: reaches are estimates.
-            is_touched[i] =
-                nearest.distance_sq <= reach * reach || spots[i].distance > margin_ ? 1 : 0;
+            const bool again =
+                spots[i].distance > margin_ || any_within(tree, centers[i], reach * reach);
+            is_touched[i] = again ? 1 : 0;
         }
     });
     std::vector<Index> which;

@@ -158,6 +158,16 @@ std::span<Neighbor> find_nearest(const PointTree& tree, const Vec3f& q,
     return found;
 }
 
+bool any_within(const PointTree& tree, const Vec3f& q, float radius_sq) noexcept {
+    bool any = false;
+    search(
+        tree, q, [&] { return any ? -1.0F : radius_sq; },
+        [&](const PointTree::Leaf& leaf) {
+            any = lanes_within(distances_sq(leaf, q), radius_sq) != 0;
+        });
+    return any;
+}
+
 bool find_few_within(const PointTree& tree, const Vec3f& q, float radius_sq,
                      std::vector<Neighbor>& found) {
     constexpr std::uint32_t kFew = 512;

@@ -17,6 +17,8 @@ std::span<Neighbor> find_nearest(const PointTree& tree, const Vec3f& q,
                                  std::span<Neighbor> room) noexcept;
 void find_within(const PointTree& tree, const Vec3f& q, float radius_sq,
                  std::vector<Neighbor>& found);
+/// Whether there is one: far from all points a few comparisons tell.
+bool any_within(const PointTree& tree, const Vec3f& q, float radius_sq) noexcept;
 /// False, and nothing found, where these are more than 512, or the radius or a point is infinite.
 bool find_few_within(const PointTree& tree, const Vec3f& q, float radius_sq,
                      std::vector<Neighbor>& found);
