@@ -74,15 +74,17 @@ void LevelMeter::measure_well(MeasuredLevel& level, const RunContext& context) {
                  : static_cast<unsigned>(std::min<std::uint64_t>(
                        SampleRounds::kMostRounds, source_.size() / SampleRounds::kRound));
     const unsigned least = is_small ? kOfSmall : std::min(most, least_rounds(level.points.size()));
-    rounds_ = std::max(rounds_, least);
+    rounds_ = std::max(rounds_, kRough);
     for (;;) {
         add_places(rounds_, context);
         measure(level, places_, rounds_, context);
         const double wanted = kSure * level.mean;
         const double unsure = mean_confidence(level.distances, level.areas, level.mean);
-        if (unsure <= wanted || rounds_ == most) return;
-        const double needed = rounds_ * (unsure / wanted) * (unsure / wanted);
-        rounds_ = static_cast<unsigned>(std::clamp<double>(std::ceil(needed), rounds_ + 1, most));
+        const bool is_sure = unsure <= wanted || rounds_ == most;
+        if (is_sure && rounds_ >= least) return;
+        const double needed = is_sure ? 0 : rounds_ * (unsure / wanted) * (unsure / wanted);
+        rounds_ = static_cast<unsigned>(
+            std::clamp<double>(std::ceil(needed), std::max(rounds_ + 1, least), most));
     }
 }
 
