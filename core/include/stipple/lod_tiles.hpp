@@ -16,7 +16,7 @@ namespace stipple {
 
 /// How well the errors of levels and tiles are known.
 enum class LodErrors {
-    Rough,  ///< at 2,048 places a level: its mean to some 5 %, its largest hardly
+    Rough,  ///< at 2,048 places a level: its mean to 4 to 8 %, the largest is seldom met
     Sure,   ///< at so many that the mean of a level is known to 1.6 %
     Exact,  ///< at every point of the source (131,072 places of fewer than 40,000 points): the
             ///< means of single tiles, too, to a percent; takes three to six times as long
