@@ -76,10 +76,15 @@ std::uint64_t sample_count(const Surface& surface, const SurfaceErrorOptions& op
                                : std::max<std::uint64_t>(surface.points.size(), kEnough);
 }
 
+bool is_finer(const Surface& one, const Surface& other) {
+    return one.points.size() >= other.points.size();
+}
+
 /// Whether the samples are points of the cloud, and not places on its surface.
-bool at_points(const Surface& surface, bool is_finer, const SurfaceErrorOptions& options) {
+/// @param finer  whether it is the finer of the two.
+bool at_points(const Surface& surface, bool finer, const SurfaceErrorOptions& options) {
     return options.surface == ErrorSurface::Samples ||
-           (options.sampling == ErrorSampling::Points && is_finer &&
+           (options.sampling == ErrorSampling::Points && finer &&
             sample_count(surface, options) <= surface.points.size());
 }
 
@@ -88,10 +93,10 @@ bool searches(const SurfaceErrorOptions& options) {
     return options.samples == 0 && options.surface != ErrorSurface::Samples;
 }
 
-ErrorSamples take_samples(const Surface& surface, bool is_finer, const SurfaceErrorOptions& options,
+ErrorSamples take_samples(const Surface& surface, bool finer, const SurfaceErrorOptions& options,
                           const RunContext& context) {
     const std::uint64_t count = sample_count(surface, options);
-    if (at_points(surface, is_finer, options)) {
+    if (at_points(surface, finer, options)) {
         if (options.keep_samples || options.surface == ErrorSurface::Samples)
             return take_points(surface.tree, count, options.seed, context);
         return take_points_by_area(surface.tree, searches(options) ? kEnough : count, options.seed,
@@ -165,7 +170,7 @@ MeasuredSamples measure_samples(const Surface& from, const Surface& to, ErrorSam
 DirectedError measure_direction(const Surface& from, const Surface& to, ErrorSamples&& samples,
                                 const ErrorFrame& frame, const SurfaceErrorOptions& options,
                                 const RunContext& context) {
-    const bool are_points = at_points(from, from.points.size() >= to.points.size(), options);
+    const bool are_points = at_points(from, is_finer(from, to), options);
     std::vector<float> areas = std::move(samples.areas);
     const std::size_t n = areas.size();
     MeasuredSamples all =
@@ -224,14 +229,14 @@ struct SurfaceErrorMeter::State {
           surface(cloud, frame, leaves_of(cloud, options), finding, context) {}
 
     /// Places on the reference. Those that are asked for twice are kept, for each seed the last.
-    ErrorSamples samples_of_reference(bool is_finer, const SurfaceErrorOptions& as,
+    ErrorSamples samples_of_reference(bool finer, const SurfaceErrorOptions& as,
                                       const RunContext& context) {
         const auto known = std::ranges::find(drawn, as.seed, &Drawn::seed);
         Drawn& one = known != drawn.end() ? *known : drawn.emplace_back(Drawn{.seed = as.seed});
-        const bool again = one.is_finer == is_finer && one.count == as.samples;
+        const bool again = one.finer == finer && one.count == as.samples;
         if (again && one.samples.size() > 0) return one.samples;
-        one = {.seed = as.seed, .count = as.samples, .is_finer = is_finer};
-        ErrorSamples samples = take_samples(surface, is_finer, as, context);
+        one = {.seed = as.seed, .count = as.samples, .finer = finer};
+        ErrorSamples samples = take_samples(surface, finer, as, context);
         if (again) one.samples = samples;
         return samples;
     }
@@ -240,7 +245,7 @@ private:
     struct Drawn {
         std::uint64_t seed = 0;
         std::optional<std::uint64_t> count{};  ///< asked for; none: nothing yet
-        bool is_finer = false;
+        bool finer = false;
         ErrorSamples samples{};
     };
     std::vector<Drawn> drawn;
@@ -275,19 +280,17 @@ SurfaceError SurfaceErrorMeter::measure(const PointCloud& candidate, std::uint64
         if (auto far = measure_far(reference, boxed, options, context)) return std::move(*far);
     const Surface S_prime(candidate, frame, leaves_of(candidate, options), state_->finding,
                           context);
-    const bool is_finer = S.points.size() >= S_prime.points.size();
     context.checkpoint(0.1);
     SurfaceError error;
     error.diagonal = reference.box.diagonal();
     error.candidate_diagonal = boxed.box.diagonal();
-    error.forward = measure_direction(
-        S, S_prime, state_->samples_of_reference(is_finer, options, context.part(0.1, 0.3)), frame,
-        options, context.part(0.3, 0.55));
+    ErrorSamples places =
+        state_->samples_of_reference(is_finer(S, S_prime), options, context.part(0.1, 0.3));
+    error.forward =
+        measure_direction(S, S_prime, std::move(places), frame, options, context.part(0.3, 0.55));
+    places = take_samples(S_prime, is_finer(S_prime, S), options, context.part(0.55, 0.8));
     error.backward =
-        measure_direction(S_prime, S,
-                          take_samples(S_prime, S_prime.points.size() >= S.points.size(), options,
-                                       context.part(0.55, 0.8)),
-                          frame, options, context.part(0.8, 1.0));
+        measure_direction(S_prime, S, std::move(places), frame, options, context.part(0.8, 1.0));
     for (DirectedError* const direction : {&error.forward, &error.backward}) {
         for (Vec3f& p : direction->positions)
             p = (p.cast<double>() / frame.scale + frame.center - S.cloud.origin).cast<float>();

@@ -2,9 +2,11 @@
 
 #include "point_tree.hpp"
 #include "support/support.hpp"
+#include "tree_search.hpp"
 
 #include <gtest/gtest.h>
 #include <algorithm>
+#include <cmath>
 #include <set>
 #include <vector>
 
@@ -46,6 +48,18 @@ TEST(NearbySearch, MissesNothingWithinItsReachFromThinToCrowdedPlacesAndBack) {
                        points, [&](const Vec3f& p) { return (p - q).norm() <= radius; }) > 600;
     }
     EXPECT_GT(crowded, 10U);
+}
+
+TEST(NearbySearch, KnowsWhetherAnyPointIsWithinARadius) {
+    const std::vector<Vec3f> points = uneven();
+    const PointTree tree(points, PointTree::Leaves::Quick, {});
+    for (const Vec3f& q : test::cube(200).positions) {
+        Neighbor nearest;
+        find_nearest(tree, q, {&nearest, 1});
+        EXPECT_TRUE(any_within(tree, q, nearest.distance_sq));
+        EXPECT_FALSE(any_within(tree, q, std::nextafter(nearest.distance_sq, 0.0F)));
+    }
+    EXPECT_FALSE(any_within(PointTree({}, PointTree::Leaves::Quick, {}), Vec3f::Zero(), 1e9F));
 }
 
 TEST(NearbySearch, FindsTheNearestFewInACrowd) {
