@@ -3,6 +3,7 @@
 #include "draco.hpp"
 #include "in_quotes.hpp"
 #include "ply.hpp"
+#include "stipple/copc.hpp"
 #include "stipple/error.hpp"
 #include "stipple/progressive_cloud.hpp"
 
@@ -146,17 +147,6 @@ void write_whole(const fs::path& file, std::span<const std::byte> bytes) {
     }
 }
 
-CloudFormat format_by_extension(const fs::path& file) {
-    std::string extension = file.extension().string();
-    for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-    if (extension == ".ply") return CloudFormat::Ply;
-    if (extension == ".drc") return CloudFormat::Draco;
-    if (extension == ".stpc") return CloudFormat::Progressive;
-    throw Error(ErrorCode::UnsupportedFormat, "cannot write " + file.string() + ": extension " +
-                                                  in_quotes(extension) +
-                                                  ", expected .ply, .drc or .stpc");
-}
-
 PointCloud decode(std::span<const std::byte> bytes, const DecodeLimits& limits,
                   const RunContext& context, DecodeReport& report) {
     if (report.format == CloudFormat::Ply) return decode_ply(bytes, limits, context, report);
@@ -167,13 +157,20 @@ PointCloud decode(std::span<const std::byte> bytes, const DecodeLimits& limits,
     return cloud;
 }
 
-std::vector<std::byte> encode(const PointCloud& cloud, CloudFormat format,
-                              const PlyEncodeOptions& ply, const DracoEncodeOptions& draco,
-                              const RunContext& context) {
-    if (format == CloudFormat::Ply) return encode_ply(cloud, ply, context);
-    if (format == CloudFormat::Draco) return encode_draco(cloud, draco, context);
-    return encode_progressive(
-        cloud, {.position_bits = draco.position_bits, .precision = draco.precision}, context);
+std::vector<std::byte> encode_for(const fs::path& file, const PointCloud& cloud,
+                                  const PlyEncodeOptions& ply, const DracoEncodeOptions& draco,
+                                  const RunContext& context) {
+    std::string extension = file.extension().string();
+    for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+    if (extension == ".ply") return encode_ply(cloud, ply, context);
+    if (extension == ".drc") return encode_draco(cloud, draco, context);
+    if (extension == ".laz") return encode_copc(cloud, {.precision = draco.precision}, context);
+    if (extension == ".stpc")
+        return encode_progressive(
+            cloud, {.position_bits = draco.position_bits, .precision = draco.precision}, context);
+    throw Error(ErrorCode::UnsupportedFormat, "cannot write " + file.string() + ": extension " +
+                                                  in_quotes(extension) +
+                                                  ", expected .ply, .drc, .stpc or .laz");
 }
 
 }  // namespace
@@ -245,8 +242,7 @@ PointCloud read_cloud(const fs::path& file, const DecodeLimits& limits, const Ru
 
 void write_cloud(const PointCloud& cloud, const fs::path& file, const PlyEncodeOptions& ply,
                  const DracoEncodeOptions& draco, const RunContext& context) {
-    const CloudFormat format = format_by_extension(file);
-    write_whole(file, encode(cloud, format, ply, draco, context));
+    write_whole(file, encode_for(file, cloud, ply, draco, context));
 }
 
 }  // namespace stipple

@@ -4,17 +4,14 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <cstring>
 #include <fstream>
 #include <functional>
-#include <numeric>
 #include <span>
-#include <tuple>
 #include <type_traits>
 
 // Follows: Schütz, Ohrhallinger, Wimmer, Fast Out-of-Core Octree Generation for Massive Point
-// Clouds, 2020 (the format 2.0 of Potree), with the sampling by grid of Potree 1. A single chunk of
+// Clouds, 2020 (the format 2.0 of Potree), of the points of `SampledOctree`. A single chunk of
 // hierarchy, no proxies.
 
 namespace stipple::proto {
@@ -23,127 +20,28 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr unsigned kMaxDepth = 21;
-constexpr double kPositionSteps = 1 << 30;
+constexpr unsigned kPositionBits = 30;
 
-struct Node {
-    std::uint32_t first = 0, count = 0;  ///< of its own points, in the order of the file
-    std::array<std::int32_t, 8> children{-1, -1, -1, -1, -1, -1, -1, -1};
-    unsigned depth = 0;
-
-    std::uint8_t child_mask() const {
-        std::uint8_t mask = 0;
-        for (unsigned i = 0; i < 8; ++i)
-            if (children[i] >= 0) mask = static_cast<std::uint8_t>(mask | (1U << i));
-        return mask;
-    }
-};
-
-/// Potree numbers children by x, y, z from the highest bit.
-unsigned octant(const Vec3d& p, const Vec3d& middle) {
-    return (p.x() >= middle.x() ? 4U : 0U) | (p.y() >= middle.y() ? 2U : 0U) |
-           (p.z() >= middle.z() ? 1U : 0U);
+std::uint8_t child_mask(const SampledOctree::Node& node) {
+    unsigned mask = 0;
+    for (unsigned i = 0; i < node.children.size(); ++i)
+        if (node.children[i] >= 0) mask |= 1U << i;
+    return static_cast<std::uint8_t>(mask);
 }
 
-class Octree {
-public:
-    Octree(const PointCloud& cloud, const PotreeOptions& options, const RunContext& context)
-        : cloud_(cloud), options_(options), context_(context) {
-        const Aabb box = bounds(cloud);
-        const double side = (box.max - box.min).maxCoeff();
-        // Potree wants cubes; a cloud in one place has one, too.
-        side_ = side > 0 ? side : 1;
-        low_ = box.min;
-        std::vector<Index> all(cloud.size());
-        std::iota(all.begin(), all.end(), Index{0});
-        order_.reserve(cloud.size());
-        build(all, low_, side_, 0);
-    }
-
-    const std::vector<Node>& nodes() const noexcept { return nodes_; }
-    const std::vector<Index>& order() const noexcept { return order_; }
-    const Vec3d& low() const noexcept { return low_; }
-    double side() const noexcept { return side_; }
-    Vec3d position(Index i) const { return cloud_.origin + cloud_.positions[i].cast<double>(); }
-
-private:
-    std::int32_t build(std::vector<Index>& points, const Vec3d& low, double side, unsigned depth) {
-        context_.throw_if_stopped();
-        const auto number = static_cast<std::int32_t>(nodes_.size());
-        nodes_.emplace_back().depth = depth;
-        const bool leaf = points.size() <= options_.max_points || depth == kMaxDepth;
-        const std::size_t kept = leaf ? points.size() : sample(points, low, side);
-        nodes_[static_cast<std::size_t>(number)].first = static_cast<std::uint32_t>(order_.size());
-        nodes_[static_cast<std::size_t>(number)].count = static_cast<std::uint32_t>(kept);
-        const auto own = points.begin() + static_cast<std::ptrdiff_t>(kept);
-        order_.insert(order_.end(), points.begin(), own);
-
-        std::array<std::vector<Index>, 8> parts;
-        const Vec3d middle = low + Vec3d::Constant(side / 2);
-        for (auto i = own; i != points.end(); ++i)
-            parts[octant(position(*i), middle)].push_back(*i);
-        std::vector<Index>().swap(points);
-        for (unsigned i = 0; i < 8; ++i) {
-            if (parts[i].empty()) continue;
-            const Vec3d corner(low.x() + (i & 4U ? side / 2 : 0), low.y() + (i & 2U ? side / 2 : 0),
-                               low.z() + (i & 1U ? side / 2 : 0));
-            const std::int32_t child = build(parts[i], corner, side / 2, depth + 1);
-            nodes_[static_cast<std::size_t>(number)].children[i] = child;
-        }
-        return number;
-    }
-
-    /// Moves the points that the node keeps to the front, the rest behind them, both in order.
-    std::size_t sample(std::vector<Index>& points, const Vec3d& low, double side) {
-        struct Candidate {
-            std::uint64_t cell;
-            double distance_sq;
-            Index point;
-        };
-        const double cell_side = side / options_.grid;
-        std::vector<Candidate> candidates;
-        candidates.reserve(points.size());
-        for (const Index point : points) {
-            const Vec3d p = (position(point) - low) / cell_side;
-            std::uint64_t cell = 0;
-            Vec3d middle;
-            for (int axis = 0; axis < 3; ++axis) {
-                const double c =
-                    std::clamp(std::floor(p[axis]), 0.0, static_cast<double>(options_.grid - 1));
-                cell = cell * options_.grid + static_cast<std::uint64_t>(c);
-                middle[axis] = c + 0.5;
-            }
-            candidates.push_back({cell, (p - middle).squaredNorm(), point});
-        }
-        std::ranges::sort(candidates, [](const Candidate& a, const Candidate& b) {
-            return std::tie(a.cell, a.distance_sq, a.point) <
-                   std::tie(b.cell, b.distance_sq, b.point);
-        });
-        std::vector<Index> kept, rest;
-        for (std::size_t i = 0; i < candidates.size(); ++i) {
-            const bool first = i == 0 || candidates[i].cell != candidates[i - 1].cell;
-            (first ? kept : rest).push_back(candidates[i].point);
-        }
-        std::ranges::copy(kept, points.begin());
-        std::ranges::copy(rest, points.begin() + static_cast<std::ptrdiff_t>(kept.size()));
-        return kept.size();
-    }
-
-    const PointCloud& cloud_;
-    const PotreeOptions& options_;
-    const RunContext& context_;
-    Vec3d low_;
-    double side_ = 1;
-    std::vector<Node> nodes_;   ///< depth first
-    std::vector<Index> order_;  ///< points, node by node
-};
+/// Potree wants cubes; a cloud in one place has one, too.
+OctreeCube cube_around(const PointCloud& cloud) {
+    const Aabb box = bounds(cloud);
+    const double side = (box.max - box.min).maxCoeff();
+    return {box.min, (side > 0 ? side : 1) / ((1U << kPositionBits) - 1), kPositionBits};
+}
 
 /// One attribute of the file: how it is described, and its bytes of a point.
 struct Column {
     std::string name, type;
     unsigned size = 0, elements = 1;
     std::vector<double> min, max;
-    std::function<void(Index point, std::byte* to)> write;
+    std::function<void(std::size_t at, std::byte* to)> write;  ///< of the point in that place
 
     Json json() const {
         return {{"name", name},
@@ -165,13 +63,13 @@ std::string type_name() {
     return (std::is_unsigned_v<T> ? "uint" : "int") + bits;
 }
 
-/// @param value  of a point.
+/// @param order  of the points in the file. @param value  of a point.
 template <typename T, typename Value>
-Column scalar_column(std::string name, std::size_t points, Value value) {
-    T least = points > 0 ? value(0) : T{}, most = least;
-    for (std::size_t i = 1; i < points; ++i) {
-        least = std::min(least, value(static_cast<Index>(i)));
-        most = std::max(most, value(static_cast<Index>(i)));
+Column scalar_column(std::string name, std::span<const Index> order, Value value) {
+    T least = value(0), most = least;
+    for (const Index point : order) {
+        least = std::min(least, value(point));
+        most = std::max(most, value(point));
     }
     return {std::move(name),
             type_name<T>(),
@@ -179,28 +77,24 @@ Column scalar_column(std::string name, std::size_t points, Value value) {
             1,
             {static_cast<double>(least)},
             {static_cast<double>(most)},
-            [value](Index point, std::byte* to) {
-                const T v = value(point);
+            [order, value](std::size_t at, std::byte* to) {
+                const T v = value(order[at]);
                 std::memcpy(to, &v, sizeof v);
             }};
 }
 
-std::vector<Column> columns_of(const PointCloud& cloud, const Octree& octree) {
+std::vector<Column> columns_of(const PointCloud& cloud, const SampledOctree& octree) {
     std::vector<Column> columns;
-    const Vec3d low = octree.low(), high = low + Vec3d::Constant(octree.side());
-    const double steps = kPositionSteps / octree.side();
+    const std::span<const Index> order = octree.order();
+    const Vec3d low = octree.cube().low, high = low + Vec3d::Constant(octree.cube().side());
     columns.push_back({"position",
                        "int32",
                        12,
                        3,
                        {low.x(), low.y(), low.z()},
                        {high.x(), high.y(), high.z()},
-                       [&octree, low, steps](Index i, std::byte* to) {
-                           const Vec3d p = (octree.position(i) - low) * steps;
-                           for (int axis = 0; axis < 3; ++axis) {
-                               const auto v = static_cast<std::int32_t>(std::lround(p[axis]));
-                               std::memcpy(to + 4 * axis, &v, sizeof v);
-                           }
+                       [positions = octree.positions()](std::size_t at, std::byte* to) {
+                           std::memcpy(to, &positions[at], sizeof positions[at]);
                        }});
     if (!cloud.colors.empty()) {
         columns.push_back({"rgb",
@@ -209,8 +103,8 @@ std::vector<Column> columns_of(const PointCloud& cloud, const Octree& octree) {
                            3,
                            {0, 0, 0},
                            {65535, 65535, 65535},
-                           [&cloud](Index i, std::byte* to) {
-                               const Rgba8 c = cloud.colors[i];
+                           [&cloud, order](std::size_t at, std::byte* to) {
+                               const Rgba8 c = cloud.colors[order[at]];
                                const std::array<std::uint16_t, 3> rgb = {
                                    static_cast<std::uint16_t>(257 * c.r),
                                    static_cast<std::uint16_t>(257 * c.g),
@@ -220,7 +114,7 @@ std::vector<Column> columns_of(const PointCloud& cloud, const Octree& octree) {
     }
     for (int axis = 0; !cloud.normals.empty() && axis < 3; ++axis) {
         columns.push_back(
-            scalar_column<float>(std::string("Normal") + "XYZ"[axis], cloud.size(),
+            scalar_column<float>(std::string("Normal") + "XYZ"[axis], order,
                                  [&cloud, axis](Index i) { return cloud.normals[i][axis]; }));
     }
     for (const Attribute& attribute : cloud.attributes) {
@@ -232,7 +126,7 @@ std::vector<Column> columns_of(const PointCloud& cloud, const Octree& octree) {
                 [&](const auto& values) {
                     using T = typename std::decay_t<decltype(values)>::value_type;
                     columns.push_back(scalar_column<T>(
-                        name, cloud.size(), [&values, n = attribute.components, c](Index i) {
+                        name, order, [&values, n = attribute.components, c](Index i) {
                             return values[std::size_t{n} * i + c];
                         }));
                 },
@@ -248,12 +142,12 @@ void put(std::string& to, T value) {
 }
 
 /// Nodes breadth first: type, children, points, place and size in octree.bin.
-std::string hierarchy_of(const std::vector<Node>& nodes, std::uint64_t point_bytes) {
+std::string hierarchy_of(std::span<const SampledOctree::Node> nodes, std::uint64_t point_bytes) {
     std::string bytes;
     std::vector<std::int32_t> at{0};
     for (std::size_t i = 0; i < at.size(); ++i) {
-        const Node& node = nodes[static_cast<std::size_t>(at[i])];
-        const std::uint8_t mask = node.child_mask();
+        const SampledOctree::Node& node = nodes[static_cast<std::size_t>(at[i])];
+        const std::uint8_t mask = child_mask(node);
         put<std::uint8_t>(bytes, mask == 0 ? 1 : 0);
         put<std::uint8_t>(bytes, mask);
         put<std::uint32_t>(bytes, node.count);
@@ -272,18 +166,19 @@ void write_file(const fs::path& file, const std::function<void(std::ofstream&)>&
     if (!stream) throw Error(ErrorCode::Internal, file.string() + ": cannot be written");
 }
 
-void write_points(std::ofstream& stream, const Octree& octree, std::span<const Column> columns,
-                  std::size_t point_bytes, const RunContext& context) {
+void write_points(std::ofstream& stream, const SampledOctree& octree,
+                  std::span<const Column> columns, std::size_t point_bytes,
+                  const RunContext& context) {
     constexpr std::size_t kBlock = 4096;
-    const std::span<const Index> order = octree.order();
-    for (std::size_t begin = 0; begin < order.size(); begin += kBlock) {
+    const std::size_t points = octree.order().size();
+    for (std::size_t begin = 0; begin < points; begin += kBlock) {
         context.throw_if_stopped();
-        const auto block = order.subspan(begin, std::min(kBlock, order.size() - begin));
-        std::vector<std::byte> bytes(block.size() * point_bytes);
+        const std::size_t end = std::min(points, begin + kBlock);
+        std::vector<std::byte> bytes((end - begin) * point_bytes);
         std::byte* to = bytes.data();
-        for (const Index point : block) {
+        for (std::size_t at = begin; at < end; ++at) {
             for (const Column& column : columns) {
-                column.write(point, to);
+                column.write(at, to);
                 to += column.size;
             }
         }
@@ -296,15 +191,7 @@ void write_points(std::ofstream& stream, const Octree& octree, std::span<const C
 
 void write_potree(const PointCloud& cloud, const fs::path& folder, const PotreeOptions& options,
                   const RunContext& context) {
-    if (cloud.empty())
-        throw Error(ErrorCode::InvalidArgument, "0 points: a Potree folder has at least 1");
-    if (options.grid < 2 || options.grid > 1024)
-        throw Error(ErrorCode::InvalidArgument,
-                    "grid " + std::to_string(options.grid) + ": expected 2..1024");
-    if (options.max_points == 0)
-        throw Error(ErrorCode::InvalidArgument, "max_points 0: expected at least 1");
-
-    const Octree octree(cloud, options, context);
+    const SampledOctree octree(cloud, cube_around(cloud), options.octree, context);
     const std::vector<Column> columns = columns_of(cloud, octree);
     std::size_t point_bytes = 0;
     Json attributes = Json::array();
@@ -313,9 +200,9 @@ void write_potree(const PointCloud& cloud, const fs::path& folder, const PotreeO
         attributes.push_back(column.json());
     }
     const std::string hierarchy = hierarchy_of(octree.nodes(), point_bytes);
-    const unsigned depth = std::ranges::max(octree.nodes(), {}, &Node::depth).depth;
-    const Vec3d low = octree.low(), high = low + Vec3d::Constant(octree.side());
-    const double step = octree.side() / kPositionSteps;
+    const unsigned depth = std::ranges::max(octree.nodes(), {}, &SampledOctree::Node::depth).depth;
+    const OctreeCube& cube = octree.cube();
+    const Vec3d low = cube.low, high = low + Vec3d::Constant(cube.side());
     const Json metadata = {
         {"version", "2.0"},
         {"name", options.name},
@@ -323,10 +210,12 @@ void write_potree(const PointCloud& cloud, const fs::path& folder, const PotreeO
         {"points", cloud.size()},
         {"projection", ""},
         {"hierarchy",
-         {{"firstChunkSize", hierarchy.size()}, {"stepSize", kMaxDepth + 1}, {"depth", depth}}},
+         {{"firstChunkSize", hierarchy.size()},
+          {"stepSize", options.octree.max_depth + 1},
+          {"depth", depth}}},
         {"offset", {low.x(), low.y(), low.z()}},
-        {"scale", {step, step, step}},
-        {"spacing", octree.side() / options.grid},
+        {"scale", {cube.step, cube.step, cube.step}},
+        {"spacing", cube.side() / options.octree.grid},
         {"boundingBox",
          {{"min", {low.x(), low.y(), low.z()}}, {"max", {high.x(), high.y(), high.z()}}}},
         {"encoding", "DEFAULT"},

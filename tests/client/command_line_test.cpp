@@ -229,7 +229,17 @@ TEST(CommandLine, APotreeFolderTakesNoOptionOfLevels) {
     EXPECT_EQ(refusal({"pyramid", "in.ply", "out", "--layout", "potree", "--ratio", "2"}),
               "--ratio does not go with --layout potree");
     EXPECT_EQ(refusal({"pyramid", "in.ply", "out", "--layout", "copc"}),
-              "--layout copc: expected levels or potree");
+              "--layout copc: expected levels or potree; COPC is one file: stipple convert IN "
+              "OUT.copc.laz");
+    EXPECT_EQ(refusal({"pyramid", "in.ply", "out", "--layout", "ept"}),
+              "--layout ept: expected levels or potree");
+}
+
+TEST(CommandLine, ConvertGoesByTheEndOfTheName) {
+    for (const char* const name : {"a.ply", "a.drc", "a.stpc", "a.laz", "a.copc.laz"})
+        EXPECT_EQ(parsed<ConvertCommand>({"convert", "in.ply", name}).output, name);
+    EXPECT_EQ(refusal({"convert", "in.ply", "a.las"}),
+              "a.las: the name must end with .ply, .drc, .stpc or .laz");
 }
 
 TEST(CommandLine, SliceTakesOneBudgetAndABox) {

@@ -119,7 +119,7 @@ auto by_place = [](const Vec3d& a, const Vec3d& b) {
 TEST(Potree, HasEveryPointInExactlyOneNode) {
     PointCloud cloud = test::sphere(5000);
     cloud.origin = Vec3d(500'000, -20, 3);
-    const Folder folder = written(cloud, {.grid = 8, .max_points = 100});
+    const Folder folder = written(cloud, {.octree = {.grid = 8, .max_points = 100}});
     EXPECT_EQ(folder.metadata["points"], 5000);
     std::vector<Vec3d> found = folder.all_points(), expected;
     ASSERT_EQ(found.size(), 5000U);
@@ -131,7 +131,7 @@ TEST(Potree, HasEveryPointInExactlyOneNode) {
 }
 
 TEST(Potree, KeepsPointsInTheCubesOfTheirNodes) {
-    const Folder folder = written(test::sphere(5000), {.grid = 8, .max_points = 100});
+    const Folder folder = written(test::sphere(5000), {.octree = {.grid = 8, .max_points = 100}});
     EXPECT_GT(folder.nodes.size(), 50U);
     for (const Node& node : folder.nodes) {
         EXPECT_TRUE(!node.leaf || node.points.size() <= 100U);
@@ -143,7 +143,8 @@ TEST(Potree, KeepsPointsInTheCubesOfTheirNodes) {
 }
 
 TEST(Potree, SamplesInnerNodesEvenly) {
-    const Folder folder = written(test::sphere(20'000), {.grid = 16, .max_points = 100});
+    const Folder folder =
+        written(test::sphere(20'000), {.octree = {.grid = 16, .max_points = 100}});
     const Node& root = folder.nodes.front();
     const double cell = (root.box.max - root.box.min).x() / 16;
     std::set<std::array<long, 3>> cells;
@@ -175,14 +176,16 @@ TEST(Potree, NamesEveryAttributeWithItsTypeAndRange) {
 
 TEST(Potree, TakesDegenerateClouds) {
     EXPECT_EQ(written(test::sphere(1), {}).all_points().size(), 1U);
-    EXPECT_EQ(written(test::line(1000), {.grid = 4, .max_points = 10}).all_points().size(), 1000U);
+    EXPECT_EQ(
+        written(test::line(1000), {.octree = {.grid = 4, .max_points = 10}}).all_points().size(),
+        1000U);
     PointCloud same;
     same.positions.assign(500, Vec3f(1, 2, 3));
-    const Folder folder = written(same, {.grid = 4, .max_points = 10});
+    const Folder folder = written(same, {.octree = {.grid = 4, .max_points = 10}});
     EXPECT_EQ(folder.all_points().size(), 500U);
     EXPECT_LE(folder.nodes.size(), 22U);
     EXPECT_THROW(written({}, {}), Error);
-    EXPECT_THROW(written(same, {.grid = 1}), Error);
+    EXPECT_THROW(written(same, {.octree = {.grid = 1}}), Error);
 }
 
 }  // namespace

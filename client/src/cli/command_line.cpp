@@ -170,7 +170,9 @@ PyramidCommand pyramid_command(const Values& values, const CLI::App& app) {
     PyramidCommand command{values.input,   values.output, {}, values.layout == "potree",
                            server(values), values.common};
     if (values.layout != "levels" && !command.potree)
-        throw UsageError("--layout " + values.layout + ": expected levels or potree");
+        throw UsageError(
+            "--layout " + values.layout + ": expected levels or potree" +
+            (values.layout == "copc" ? "; COPC is one file: stipple convert IN OUT.copc.laz" : ""));
     if (command.potree) return potree_command(std::move(command), app);
     LodPyramidOptions& options = command.job.options;
     options = values.pyramid;
@@ -275,8 +277,9 @@ CurveCommand curve_command(const Values& values, const CLI::App& app) {
 }
 
 ConvertCommand convert_command(const Values& values) {
-    if (fs::path(values.output).extension() != ".stpc")
-        format_of(values.output, ".ply, .drc or .stpc");
+    const fs::path extension = fs::path(values.output).extension();
+    if (extension != ".stpc" && extension != ".laz")
+        format_of(values.output, ".ply, .drc, .stpc or .laz");
     return {values.input,  values.output, values.first_points, values.first_bytes,
             draco(values), ply(values),   values.common};
 }

@@ -56,7 +56,8 @@ void add_draco(CLI::App& command, Values& values) {
                            ->type_name("B")
                            ->transform(whole_number());
     command
-        .add_option("--precision", values.precision, "of .drc: largest error per axis, input units")
+        .add_option("--precision", values.precision,
+                    "of .drc and .laz: largest error per axis, input units")
         ->type_name("E")
         ->excludes(bits);
     command.add_option("--normal-bits", values.draco.normal_bits, "of .drc: 2..30")
@@ -444,9 +445,10 @@ CLI::App& add_inspect(CLI::App& app, Values& values) {
 }
 
 CLI::App& add_convert(CLI::App& app, Values& values) {
-    CLI::App& command = *app.add_subcommand("convert", "PLY, Draco, stream: every point kept");
+    CLI::App& command =
+        *app.add_subcommand("convert", "PLY, Draco, stream, COPC: every point kept");
     add_input(command, values);
-    command.add_option("OUT", values.output, "a .ply, .drc or .stpc file")
+    command.add_option("OUT", values.output, "a .ply, .drc, .stpc or .copc.laz file")
         ->required()
         ->type_name("FILE");
     command.add_option("--points", values.first_points, "of a .stpc: the first so many")
@@ -462,6 +464,7 @@ CLI::App& add_convert(CLI::App& app, Values& values) {
         "Examples:\n"
         "  stipple convert scan.ply scan.drc --position-bits 16\n"
         "  stipple convert scan.drc scan.ply --ply-encoding ascii\n"
+        "  stipple convert scan.ply scan.copc.laz\n"
         "  stipple convert scan.ply scan.stpc\n"
         "  stipple convert scan.stpc first.ply --points 10000");
     return command;

@@ -124,9 +124,9 @@ std::vector<std::byte> encode_draco(const PointCloud& cloud, const DracoEncodeOp
 std::vector<std::byte> encode_draco(PointCloud&& cloud, const DracoEncodeOptions& options = {},
                                     const RunContext& context = {});
 
-/// Writes a cloud, the format by the extension (`.ply`, `.drc`, `.stpc`), through a temporary file
-/// beside it, so that a file of that name is whole or not there. @throws Error(UnsupportedFormat)
-/// for another extension, Error(Internal) when it cannot be written.
+/// Writes a cloud, the format by the extension (`.ply`, `.drc`, `.stpc`, `.laz`: `encode_copc`),
+/// through a temporary file beside it, so that a file of that name is whole or not there. @throws
+/// Error(UnsupportedFormat) for another extension, Error(Internal) when it cannot be written.
 void write_cloud(const PointCloud& cloud, const std::filesystem::path& file,
                  const PlyEncodeOptions& ply = {}, const DracoEncodeOptions& draco = {},
                  const RunContext& context = {});

@@ -2,6 +2,7 @@
 
 #include "stipple/point_cloud.hpp"
 #include "stipple/run_context.hpp"
+#include "stipple/sampled_octree.hpp"
 
 #include <cstdint>
 #include <filesystem>
@@ -11,15 +12,11 @@ namespace stipple::proto {
 
 struct PotreeOptions {
     std::string name = "stipple";
-    unsigned grid = 128;  ///< 2..1024: an inner node keeps one point for each cell that it cuts its
-                          ///< cube into along each axis
-    std::uint32_t max_points = 20'000;  ///< of a leaf, >= 1
+    SampledOctreeOptions octree{};
 };
 
 /// Writes a cloud as a folder of Potree 2 (`metadata.json`, `hierarchy.bin`, `octree.bin`; encoding
-/// DEFAULT): an additive octree, in which every point stands in one node, and the nodes down to any
-/// depth are an even subset. A node with more than `max_points` below it keeps the point of each
-/// cell of its grid that is nearest to the middle of the cell; the rest goes to its children.
+/// DEFAULT): the additive octree of `SampledOctree`.
 ///
 /// Positions become 32-bit integers on a grid of 2^-30 of the cube's side. Normals are written as
 /// `NormalX`, `NormalY`, `NormalZ`, colours as `rgb`, every other attribute under its name in its

@@ -1,0 +1,41 @@
+#pragma once
+
+#include "stipple/point_cloud.hpp"
+#include "stipple/run_context.hpp"
+#include "stipple/sampled_octree.hpp"
+
+#include <cstddef>
+#include <optional>
+#include <vector>
+
+namespace stipple {
+
+struct CopcOptions {
+    SampledOctreeOptions octree{};
+    std::optional<double>
+        precision{};  ///< the largest error per axis, in input units, > 0: the grid's step is the
+                      ///< power of ten next below twice as much. None: see `encode_copc`
+};
+
+/// A cloud as a Cloud Optimized Point Cloud (COPC 1.0): a LAZ file (LAS 1.4, layered compression)
+/// that every reader of LAZ takes, its points in the order of the nodes of a `SampledOctree`, one
+/// chunk each, which readers fetch by ranges of bytes.
+///
+/// Positions are integers on a grid whose step is a power of ten in input units: the longest on
+/// which all of them lie already, as coordinates of LiDAR mostly do; else one as short as single
+/// precision tells apart, or as `precision` says. With colours the points have format 7 (8 bits in
+/// the upper half of 16, as LAS has it), else 6. Integer attributes `intensity` (also `scalar_...`,
+/// upper and lower case, floats that are whole numbers; up to 65,535) and `classification` (up to
+/// 255) go into the fields that LAS has for them. Normals (`NormalX`, `NormalY`, `NormalZ`), alpha
+/// and all other attributes become extra bytes in their own types under their names, of which LAS
+/// takes 32 characters; one with several components as several. What a cloud does not have is 0;
+/// no coordinate system and no date are told.
+///
+/// @throws Error(InvalidArgument) for a cloud without points, options out of range, or a precision
+/// for which 30 bits are too few, and for extra bytes beyond what a record can hold (65,535).
+/// O(N log N), mostly parallel: about 0.35 us a point, and 15 ns for each extra byte; the same
+/// bytes for any number of threads. 30 bytes a point, and twice the file.
+std::vector<std::byte> encode_copc(const PointCloud& cloud, const CopcOptions& options = {},
+                                   const RunContext& context = {});
+
+}  // namespace stipple

@@ -1,0 +1,152 @@
+#include "stipple/copc.hpp"
+
+#include "stipple/codec.hpp"
+#include "stipple/error.hpp"
+#include "support/support.hpp"
+
+#include <gtest/gtest.h>
+#include <algorithm>
+#include <array>
+#include <cstring>
+#include <fstream>
+#include <limits>
+#include <map>
+#include <string_view>
+
+// That other people's readers find every value in a file is e2e/copc's to say.
+
+namespace stipple {
+namespace {
+
+template <typename T>
+T at(const std::vector<std::byte>& bytes, std::size_t offset) {
+    T value;
+    std::memcpy(&value, bytes.data() + offset, sizeof value);
+    return value;
+}
+
+/// The step of a file's grid.
+double step_of(const std::vector<std::byte>& file) {
+    return at<double>(file, 131);
+}
+
+std::string refusal(const PointCloud& cloud, const CopcOptions& options = {}) {
+    try {
+        encode_copc(cloud, options);
+    } catch (const Error& error) {
+        EXPECT_EQ(error.code(), ErrorCode::InvalidArgument);
+        return error.what();
+    }
+    return "";
+}
+
+TEST(Copc, IsALazFileThatBeginsWithItsInfo) {
+    const std::vector<std::byte> file = encode_copc(test::sphere(3000));
+    const std::string_view text(reinterpret_cast<const char*>(file.data()), file.size());
+    EXPECT_TRUE(text.starts_with("LASF"));
+    EXPECT_EQ(text.substr(377, 4), "copc");
+    EXPECT_EQ(at<std::uint64_t>(file, 247), 3000U);
+    const auto pages = at<std::uint64_t>(file, 429 + 40) + at<std::uint64_t>(file, 429 + 48);
+    EXPECT_EQ(pages, file.size());
+}
+
+struct Pages {
+    unsigned pages = 0, deepest = 0;  ///< how many; so many below each other
+    std::uint64_t points = 0;
+    std::map<std::array<std::int32_t, 4>, std::int32_t> nodes{};  ///< points by depth and place
+};
+
+/// As a reader walks through them.
+void walk(const std::vector<std::byte>& file, std::uint64_t offset, std::uint64_t size,
+          unsigned below, Pages& found) {
+    ++found.pages;
+    found.deepest = std::max(found.deepest, below);
+    ASSERT_EQ(size % 32, 0U);
+    for (std::uint64_t entry = offset; entry < offset + size; entry += 32) {
+        const auto key = at<std::array<std::int32_t, 4>>(file, entry);
+        const auto points = at<std::int32_t>(file, entry + 28);
+        const auto where = at<std::uint64_t>(file, entry + 16);
+        const auto bytes = static_cast<std::uint64_t>(at<std::int32_t>(file, entry + 24));
+        if (points < 0) {
+            EXPECT_EQ(points, -1);
+            walk(file, where, bytes, below + 1, found);
+            EXPECT_TRUE(found.nodes.contains(key)) << "a page begins with the node it is named by";
+            continue;
+        }
+        EXPECT_TRUE(found.nodes.emplace(key, points).second);
+        found.points += static_cast<std::uint64_t>(points);
+        // The number of its points stands behind the first in each chunk.
+        EXPECT_EQ(at<std::uint32_t>(file, where + 30), static_cast<std::uint32_t>(points));
+    }
+}
+
+TEST(Copc, CutsALargeHierarchyIntoPages) {
+    PointCloud cloud;  // spheres within spheres
+    for (const float radius : {1.0F, 0x1p-7F, 0x1p-14F})
+        for (const Vec3f& p : test::sphere(20'000).positions) cloud.positions.push_back(radius * p);
+    const std::vector<std::byte> file =
+        encode_copc(cloud, {.octree = {.grid = 2, .max_points = 4}});
+    Pages found;
+    walk(file, at<std::uint64_t>(file, 429 + 40), at<std::uint64_t>(file, 429 + 48), 1, found);
+    EXPECT_EQ(found.points, cloud.size());
+    EXPECT_GT(found.pages, 4U);
+    EXPECT_GT(found.deepest, 2U);
+    for (const auto& [key, points] : found.nodes) {
+        const auto [depth, x, y, z] = key;
+        EXPECT_TRUE(depth == 0 || found.nodes.contains({depth - 1, x / 2, y / 2, z / 2}));
+    }
+}
+
+TEST(Copc, TakesTheLongestDecimalStepOnWhichAllPointsLie) {
+    PointCloud cloud;
+    cloud.origin = Vec3d(636'000, 849'000, 400);
+    for (int i = 0; i < 2000; ++i)
+        cloud.positions.emplace_back(static_cast<float>(i % 89) * 0.25F,
+                                     static_cast<float>(i / 89) * 0.5F, 7);
+    EXPECT_EQ(step_of(encode_copc(cloud)), 0.01);
+    cloud.positions[1999].z() = 7.125F;
+    EXPECT_EQ(step_of(encode_copc(cloud)), 0.001);
+}
+
+TEST(Copc, ElseTakesAStepAsShortAsFloatsTellApart) {
+    const PointCloud cloud = test::sphere(3000);  // of radius 1
+    const double step = step_of(encode_copc(cloud));
+    EXPECT_LE(step, 2 * 0x1p-24);
+    EXPECT_GT(step, 0.1 * 0x1p-24);
+}
+
+TEST(Copc, KeepsThePrecisionAskedFor) {
+    const PointCloud cloud = test::sphere(3000);
+    EXPECT_DOUBLE_EQ(step_of(encode_copc(cloud, {.precision = 0.01})), 0.01);
+    EXPECT_DOUBLE_EQ(step_of(encode_copc(cloud, {.precision = 0.049})), 0.01);
+    EXPECT_DOUBLE_EQ(step_of(encode_copc(cloud, {.precision = 0.05})), 0.1);
+}
+
+TEST(Copc, RefusesWhatTheFormatCannotHold) {
+    PointCloud cloud = test::sphere(10);
+    EXPECT_NE(refusal({}).find("no points"), std::string::npos);
+    EXPECT_NE(refusal(cloud, {.precision = 0.0}).find("precision"), std::string::npos);
+    EXPECT_NE(refusal(cloud, {.precision = 1e-12}).find("2^30"), std::string::npos);
+    Attribute wide{"wide", std::vector<double>(9000 * 10), 9000};
+    cloud.attributes.push_back(wide);
+    EXPECT_NE(refusal(cloud).find("72000 bytes"), std::string::npos);
+    cloud.attributes.front() = {"narrow", std::vector<std::uint8_t>(400 * 10), 400};
+    EXPECT_NE(refusal(cloud).find("400 attributes"), std::string::npos);
+    cloud.attributes.clear();
+    cloud.positions[3].y() = std::numeric_limits<float>::quiet_NaN();
+    EXPECT_NE(refusal(cloud).find("not finite"), std::string::npos);
+}
+
+TEST(Copc, IsWrittenByItsExtension) {
+    const test::TemporaryFolder folder;
+    const PointCloud cloud = test::sphere(500);
+    write_cloud(cloud, folder / "a.copc.laz");
+    std::ifstream stream(folder / "a.copc.laz", std::ios::binary);
+    const std::string content{std::istreambuf_iterator<char>(stream), {}};
+    const std::vector<std::byte> expected = encode_copc(cloud);
+    ASSERT_EQ(content.size(), expected.size());
+    EXPECT_EQ(std::memcmp(content.data(), expected.data(), expected.size()), 0);
+}
+
+}  // namespace
+}  // namespace stipple
