@@ -1,3 +1,5 @@
+#include "error_estimate.hpp"
+
 #include "boxed_cloud.hpp"
 #include "distance_statistics.hpp"
 #include "error_frame.hpp"
@@ -22,8 +24,12 @@ struct Side {
     std::shared_ptr<const LocalSurface::Part> part;
 
     Side(const BoxedCloud& cloud, const ErrorFrame& frame, const SurfaceErrorOptions& options,
-         const FootFinder::Options& finding, const RunContext& context)
-        : surface(cloud, frame, options.samples, finding, context) {
+         const RunContext& context)
+        : Side(LocalSurface(cloud, frame, options.samples, finding(options), context), options,
+               context) {}
+
+    Side(LocalSurface&& surface_, const SurfaceErrorOptions& options, const RunContext& context)
+        : surface(std::move(surface_)) {
         constexpr std::uint64_t kFew = 1'000;  // points, of which the areas of all are soon known
         const PointTree& tree = surface.some().tree;
         if (surface.size() > kFew) {
@@ -42,6 +48,12 @@ struct Side {
         const std::vector<float> areas = areas_around(part->tree, samples.positions, context);
         for (std::size_t i = 0; i < areas.size(); ++i)
             samples.areas[i] = areas[i] / samples.areas[i];
+    }
+
+    static FootFinder::Options finding(const SurfaceErrorOptions& options) {
+        return {.k = options.k,
+                .max_iterations = options.max_iterations,
+                .tolerance = options.tolerance};
     }
 
     /// From points to places beside them.
@@ -68,6 +80,34 @@ DirectedError estimate_direction(const Side& from, const Side& to, std::span<con
     return error;
 }
 
+/// All but the diagonals.
+SurfaceError estimate_between(Side& S, Side& S_prime, const ErrorFrame& frame,
+                              const SurfaceErrorOptions& options, const RunContext& context) {
+    constexpr std::size_t kForFeet = LocalSurface::kForFeet;
+    // The finer is only looked at where the coarser is known to need it, and gives points.
+    const bool reference_is_finer = S.surface.size() >= S_prime.surface.size();
+    Side &finer = reference_is_finer ? S : S_prime, &coarser = reference_is_finer ? S_prime : S;
+    if (options.sampling != ErrorSampling::Points) {
+        finer.look_at({}, kForFeet, context);
+        finer.leave_points(options, context);
+    }
+    const std::vector<Ball> on_coarser =
+        coarser.surface.views(finer.samples.positions, kForFeet, context);
+    coarser.look_at(on_coarser, kForFeet, context);
+    coarser.leave_points(options, context);
+    const std::vector<Ball> on_finer =
+        finer.surface.views(coarser.samples.positions, kForFeet, context);
+    if (options.sampling == ErrorSampling::Points)
+        finer.look_at(on_finer, LocalSurface::kForAreas, context);
+    context.checkpoint(0.7);
+    SurfaceError error;
+    DirectedError &from_finer = reference_is_finer ? error.forward : error.backward,
+                  &from_coarser = reference_is_finer ? error.backward : error.forward;
+    from_finer = estimate_direction(finer, coarser, on_coarser, frame, options, context);
+    from_coarser = estimate_direction(coarser, finer, on_finer, frame, options, context);
+    return error;
+}
+
 }  // namespace
 
 SurfaceErrorOptions quick_options(std::uint64_t reference_points, std::uint64_t candidate_points) {
@@ -87,37 +127,28 @@ SurfaceError estimate_error(const PointCloud& reference, const PointCloud& candi
     const BoxedCloud boxed_reference(reference, "reference"), boxed(candidate, "candidate");
     context.throw_if_stopped();
     if (auto far = measure_far(boxed_reference, boxed, options, context)) return std::move(*far);
-    const FootFinder::Options finding = {
-        .k = options.k, .max_iterations = options.max_iterations, .tolerance = options.tolerance};
     const ErrorFrame frame(boxed_reference);
-    Side S(boxed_reference, frame, options, finding, context);
+    Side S(boxed_reference, frame, options, context);
     context.checkpoint(0.3);
-    Side S_prime(boxed, frame, options, finding, context);
+    Side S_prime(boxed, frame, options, context);
     context.checkpoint(0.4);
-    constexpr std::size_t kForFeet = LocalSurface::kForFeet;
-    // The finer is only looked at where the coarser is known to need it, and gives points.
-    const bool reference_is_finer = reference.size() >= candidate.size();
-    Side &finer = reference_is_finer ? S : S_prime, &coarser = reference_is_finer ? S_prime : S;
-    if (options.sampling != ErrorSampling::Points) {
-        finer.look_at({}, kForFeet, context);
-        finer.leave_points(options, context);
-    }
-    const std::vector<Ball> on_coarser =
-        coarser.surface.views(finer.samples.positions, kForFeet, context);
-    coarser.look_at(on_coarser, kForFeet, context);
-    coarser.leave_points(options, context);
-    const std::vector<Ball> on_finer =
-        finer.surface.views(coarser.samples.positions, kForFeet, context);
-    if (options.sampling == ErrorSampling::Points)
-        finer.look_at(on_finer, LocalSurface::kForAreas, context);
-    context.checkpoint(0.7);
-    SurfaceError error;
+    SurfaceError error = estimate_between(S, S_prime, frame, options, context);
     error.diagonal = boxed_reference.box.diagonal();
     error.candidate_diagonal = boxed.box.diagonal();
-    DirectedError &from_finer = reference_is_finer ? error.forward : error.backward,
-                  &from_coarser = reference_is_finer ? error.backward : error.forward;
-    from_finer = estimate_direction(finer, coarser, on_coarser, frame, options, context);
-    from_coarser = estimate_direction(coarser, finer, on_finer, frame, options, context);
+    return error;
+}
+
+SurfaceError estimate_error(const std::shared_ptr<const FramedSurface>& reference, const Aabb& box,
+                            const PointCloud& candidate, const RunContext& context) {
+    const SurfaceErrorOptions options = quick_options(reference->points.size(), candidate.size());
+    const BoxedCloud boxed(candidate, "candidate");
+    const ErrorFrame frame(box);
+    Side S(LocalSurface(reference), options, context);
+    Side S_prime(boxed, frame, options, context);
+    context.checkpoint(0.3);
+    SurfaceError error = estimate_between(S, S_prime, frame, options, context);
+    error.diagonal = box.diagonal();
+    error.candidate_diagonal = boxed.box.diagonal();
     return error;
 }
 

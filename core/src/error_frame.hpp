@@ -6,6 +6,7 @@
 #include "stipple/point_cloud.hpp"
 #include "stipple/run_context.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <span>
@@ -13,22 +14,24 @@
 
 namespace stipple {
 
-/// Brings two clouds to where floats are at their best, and back: the middle of the reference's box
+/// Brings clouds to where floats are at their best, and back: the middle of the reference's box
 /// lies at 0, and its diagonal is between 1 and 2.
 struct ErrorFrame {
     Vec3d center = Vec3d::Zero();
-    double scale = 1;  ///< a power of two
+    double scale = 1;  ///< a power of two, so that nothing is lost on the way there and back
 
-    explicit ErrorFrame(const BoxedCloud& reference) : center(reference.middle()) {
-        const double diagonal = reference.box.diagonal();
+    ErrorFrame() = default;
+    explicit ErrorFrame(const Aabb& reference) : center(0.5 * (reference.min + reference.max)) {
+        const double diagonal = reference.diagonal();
         if (diagonal > 0) scale = std::ldexp(1.0, -std::ilogb(diagonal));
     }
+    explicit ErrorFrame(const BoxedCloud& reference) : ErrorFrame(reference.box) {}
 
     std::vector<Vec3f> into(const PointCloud& cloud, const RunContext& context) const {
         return into(
             cloud, cloud.size(), [](std::size_t i) { return i; }, context);
     }
-    /// Some points of a cloud.
+    /// Some points of a cloud, in any order.
     std::vector<Vec3f> into(const PointCloud& cloud, std::span<const Index> points,
                             const RunContext& context) const {
         return into(
@@ -46,8 +49,10 @@ private:
         const Vec3d shift = cloud.origin - center;
         auto points = made_in_blocks<std::vector<Vec3f>>(n, context);
         constexpr std::size_t kBlock = 16'384;
+        constexpr std::size_t kAhead = 16;  // that far the memory is asked for in advance
         parallel_for_blocks(n, kBlock, context, [&](std::size_t begin, std::size_t end) {
             for (std::size_t i = begin; i < end; ++i) {
+                __builtin_prefetch(&cloud.positions[number_of(std::min(i + kAhead, end - 1))]);
                 const Vec3d p = cloud.positions[number_of(i)].template cast<double>() + shift;
                 points[i] = (scale * p).template cast<float>();
             }

@@ -27,10 +27,11 @@ unsigned least_rounds(std::uint64_t points) {
 
 /// Places on the surface of the source, as `measure_error` takes them: at points, where there are
 /// many.
-ErrorSamples take_samples(std::span<const Vec3f> points, const PointTree& tree, std::uint64_t count,
-                          std::uint64_t seed, const RunContext& context) {
-    if (points.size() >= kMany) return take_points_by_area(tree, count, seed, context);
-    return take_surface(tree, FootFinder(points, tree, {}), count, seed, context);
+ErrorSamples take_samples(const FramedSurface& source, std::uint64_t count, std::uint64_t seed,
+                          const RunContext& context) {
+    if (source.points.size() >= kMany)
+        return take_points_by_area(source.tree, count, seed, context);
+    return take_surface(source.tree, source.finder, count, seed, context);
 }
 
 }  // namespace
@@ -40,20 +41,33 @@ MeasuredLevel::MeasuredLevel(std::vector<Vec3f>&& points_, const RunContext& con
       tree(std::make_unique<PointTree>(points, PointTree::Leaves::Given, context)) {}
 
 LevelMeter::LevelMeter(std::vector<Vec3f>&& source, LodErrors errors, const RunContext& context)
-    : source_(std::move(source)), errors_(errors) {
-    const PointTree tree(source_, PointTree::Leaves::Given, context);
+    : points_(std::move(source)), errors_(errors) {
+    const auto made = surface(context);
     context.checkpoint(0.5);
+    const std::vector<Vec3f>& points = made->points;
     spacing_ =
-        mean_gap(tree, source_.size(), kAskedForGap, [&](std::size_t i) { return source_[i]; });
-    const bool is_small = source_.size() < kMany;
+        mean_gap(made->tree, points.size(), kAskedForGap, [&](std::size_t i) { return points[i]; });
+    const bool is_small = points.size() < kMany;
     const unsigned rounds = errors_ == LodErrors::Rough ? kRough
                             : is_small                  ? kOfSmall
-                                       : std::max(kMostly, least_rounds(source_.size()));
-    places_.add(take_samples(source_, tree, rounds * SampleRounds::kRound, 0, context), rounds);
+                                       : std::max(kMostly, least_rounds(points.size()));
+    places_.add(take_samples(*made, rounds * SampleRounds::kRound, 0, context), rounds);
     if (!is_exact()) return;
     const std::uint64_t every =
-        is_small ? SampleRounds::kMostRounds * SampleRounds::kRound : source_.size();
-    every_.add(take_samples(source_, tree, every, 0, context), 1);
+        is_small ? SampleRounds::kMostRounds * SampleRounds::kRound : points.size();
+    every_.add(take_samples(*made, every, 0, context), 1);
+}
+
+std::shared_ptr<const FramedSurface> LevelMeter::surface(const RunContext& context) {
+    if (!surface_)
+        surface_ = std::make_shared<FramedSurface>(std::move(points_), PointTree::Leaves::Given,
+                                                   FootFinder::Options{}, context);
+    return surface_;
+}
+
+void LevelMeter::forget_surface() {
+    if (surface_) points_ = std::move(surface_->points);
+    surface_.reset();
 }
 
 void LevelMeter::measure_roughly(MeasuredLevel& level, const RunContext& context) const {
@@ -67,12 +81,12 @@ void LevelMeter::measure_well(MeasuredLevel& level, const RunContext& context) {
         return measure(level, every_, 1, context);
     }
     constexpr double kSure = 0.016;
-    const bool is_small = source_.size() < kMany;
+    const std::uint64_t points = source().size();
+    const bool is_small = points < kMany;
     // No more places than points of which they are drawn.
-    const unsigned most =
-        is_small ? SampleRounds::kMostRounds
-                 : static_cast<unsigned>(std::min<std::uint64_t>(
-                       SampleRounds::kMostRounds, source_.size() / SampleRounds::kRound));
+    const unsigned most = is_small ? SampleRounds::kMostRounds
+                                   : static_cast<unsigned>(std::min<std::uint64_t>(
+                                         SampleRounds::kMostRounds, points / SampleRounds::kRound));
     const unsigned least = is_small ? kOfSmall : std::min(most, least_rounds(level.points.size()));
     rounds_ = std::max(rounds_, kRough);
     for (;;) {
@@ -126,9 +140,8 @@ void LevelMeter::measure(MeasuredLevel& level, const SampleRounds& places, unsig
 /// Until there are so many rounds of places.
 void LevelMeter::add_places(unsigned at_least, const RunContext& context) {
     if (places_.rounds() >= at_least) return;
-    const PointTree of_source(source_, PointTree::Leaves::Given, context);
     const unsigned so_far = places_.rounds(), more = at_least - so_far;
-    places_.add(take_samples(source_, of_source, more * SampleRounds::kRound,
+    places_.add(take_samples(*surface(context), more * SampleRounds::kRound,
                              so_far * SampleRounds::kRound, context),
                 more);
 }

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "framed_surface.hpp"
 #include "point_tree.hpp"
 #include "sample_rounds.hpp"
 #include "stipple/lod_tiles.hpp"
@@ -39,7 +40,14 @@ public:
     /// @param source  in the order of a curve.
     LevelMeter(std::vector<Vec3f>&& source, LodErrors errors, const RunContext& context);
 
-    const std::vector<Vec3f>& source() const noexcept { return source_; }
+    /// The source's points, in their order.
+    const std::vector<Vec3f>& source() const noexcept {
+        return surface_ ? surface_->points : points_;
+    }
+    /// Their surface: made where it is not there, and kept.
+    std::shared_ptr<const FramedSurface> surface(const RunContext& context);
+    /// Gives back what the surface takes beside its points.
+    void forget_surface();
     double spacing() const noexcept { return spacing_; }  ///< of the source
     /// Of `measure_well`.
     const ErrorSamples& places() const noexcept { return (is_exact() ? every_ : places_).all(); }
@@ -61,7 +69,8 @@ private:
                         const RunContext& context);
     void add_places(unsigned at_least, const RunContext& context);
 
-    std::vector<Vec3f> source_;
+    std::vector<Vec3f> points_;  ///< where there is no surface that has them
+    std::shared_ptr<FramedSurface> surface_;
     LodErrors errors_ = LodErrors::Sure;
     double spacing_ = 0;
     SampleRounds places_;

@@ -2,7 +2,8 @@
 
 #include "chain_order.hpp"
 #include "distance_statistics.hpp"
-#include "first_touch.hpp"
+#include "error_estimate.hpp"
+#include "error_frame.hpp"
 #include "hilbert_order.hpp"
 #include "level_meter.hpp"
 #include "level_rounding.hpp"
@@ -64,12 +65,11 @@ void validate(const LodTileOptions& options) {
         refuse("tiles: max_points", options.max_points, "1..65536");
 }
 
-/// All in a frame where the middle of the source's box lies at 0 and its longest side is between 1
-/// and 2: scaled by a power of two, so that nothing is lost on the way there and back.
+/// All in the source's frame.
 struct LodTiler::State {
     LodTileOptions options;
-    Vec3d center = Vec3d::Zero();
-    double scale = 1;
+    Aabb box;  ///< of the source
+    ErrorFrame frame;
     std::vector<Index> order;  ///< of the source's points, along a curve
     LevelMeter meter;
     LevelRounding rounding;
@@ -77,22 +77,6 @@ struct LodTiler::State {
     unsigned levels = 0;
     std::uint64_t had = 0;  ///< points of the level before, where tiles are additive
     LodFigures figures;
-
-    std::vector<Vec3f> into_frame(const PointCloud& cloud, std::span<const Index> numbers,
-                                  const RunContext& context) const {
-        constexpr std::size_t kAhead = 16;  // that far the memory is asked for in advance
-        const Vec3d shift = cloud.origin - center;
-        auto points = made_in_blocks<std::vector<Vec3f>>(numbers.size(), context);
-        parallel_for_blocks(
-            points.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
-                for (std::size_t i = begin; i < end; ++i) {
-                    __builtin_prefetch(&cloud.positions[numbers[std::min(i + kAhead, end - 1)]]);
-                    const Vec3d p = cloud.positions[numbers[i]].cast<double>();
-                    points[i] = (scale * (p + shift)).cast<float>();
-                }
-            });
-        return points;
-    }
 
     /// What some samples say.
     struct Inside {
@@ -109,12 +93,13 @@ struct LodTiler::State {
               LodFigures& into) const {
         const AttributeError error = summarize("", distances, areas);
         const double p99 = weighted_quantiles(distances, areas, std::array{0.99}).front();
-        into.error = {.mean = error.mean / scale,
-                      .max = error.max / scale,
-                      .p99 = p99 / scale,
-                      .mean_confidence = mean_confidence(distances, areas, error.mean) / scale,
-                      .samples = distances.size()};
-        into.cover_radius = cover / scale;
+        into.error = {
+            .mean = error.mean / frame.scale,
+            .max = error.max / frame.scale,
+            .p99 = p99 / frame.scale,
+            .mean_confidence = mean_confidence(distances, areas, error.mean) / frame.scale,
+            .samples = distances.size()};
+        into.cover_radius = cover / frame.scale;
     }
 
     /// The samples in the cell of each part of the level.
@@ -201,12 +186,12 @@ struct LodTiler::State {
             for (const Index i : chain) at.numbers.push_back(numbers[members[i]]);
         tile.points = members.size();
         tile.bits = grid_taken.bits;
-        tile.step = grid_taken.step / scale;
+        tile.step = grid_taken.step / frame.scale;
         for (int axis = 0; axis < 3; ++axis)
             tile.offset[axis] = static_cast<double>(least[axis]) * tile.step;
         tile.spacing = mean_gap(*level.tree, members.size(), asked,
                                 [&](std::size_t i) { return level.points[members[i]]; }) /
-                       scale;
+                       frame.scale;
         tile.streams = encode_streams(cloud, at.numbers, at.sorted, options.attributes, at.encoder);
     }
 };
@@ -219,26 +204,25 @@ LodTiler::LodTiler(const PointCloud& source, const LodTileOptions& options,
         throw Error(ErrorCode::InvalidArgument, "the cloud has no points: expected at least 1");
     State& state = *state_;
     state.options = options;
-    const Aabb box = bounds(source);
-    state.center = 0.5 * (box.min + box.max);
-    const double side = (box.max - box.min).maxCoeff();
-    if (side > 0) state.scale = std::ldexp(1.0, -std::ilogb(side));
-    state.rounding = {.side = side * state.scale,
+    state.box = bounds(source);
+    state.frame = ErrorFrame(state.box);
+    state.rounding = {.side = (state.box.max - state.box.min).maxCoeff() * state.frame.scale,
                       .tolerance = options.tolerance,
                       .position_bits = options.position_bits};
-    if (options.precision) state.rounding.precision = *options.precision * state.scale;
+    if (options.precision) state.rounding.precision = *options.precision * state.frame.scale;
 
     state.order = hilbert_order(source.positions, context);
     context.checkpoint(0.2);
-    std::vector<Vec3f> points = state.into_frame(source, state.order, context);
+    std::vector<Vec3f> points = state.frame.into(source, state.order, context);
     context.checkpoint(0.3);
     state.meter = LevelMeter(std::move(points), options.errors, context.part(0.3, 1));
+    state.meter.forget_surface();  // while levels are made
 }
 
 LodTiler::~LodTiler() = default;
 
 const Vec3d& LodTiler::center() const noexcept {
-    return state_->center;
+    return state_->frame.center;
 }
 
 std::span<const Index> LodTiler::order() const noexcept {
@@ -247,6 +231,10 @@ std::span<const Index> LodTiler::order() const noexcept {
 
 const LodFigures& LodTiler::figures() const noexcept {
     return state_->figures;
+}
+
+SurfaceError LodTiler::estimate_error(const PointCloud& level, const RunContext& context) {
+    return stipple::estimate_error(state_->meter.surface(context), state_->box, level, context);
 }
 
 void LodTiler::restart() {
@@ -268,12 +256,13 @@ std::vector<LodTile> LodTiler::add_level(const PointCloud& cloud, bool whole,
     if (!known_order.empty() && known_order.size() != cloud.size())
         refuse("points of an order", known_order.size(), "all of the level");
     const bool as_measured = whole && !additive;
+    if (whole) state.meter.forget_surface();  // no level comes after
     std::vector<Index> found_order;
     std::vector<Vec3f> own_points;
     if (!as_measured) {
         if (known_order.empty()) found_order = hilbert_order(cloud.positions, context);
         own_points =
-            state.into_frame(cloud, known_order.empty() ? found_order : known_order, context);
+            state.frame.into(cloud, known_order.empty() ? found_order : known_order, context);
     }
     const std::span<const Index> order = as_measured           ? std::span(state.order)
                                          : known_order.empty() ? found_order

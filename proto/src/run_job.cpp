@@ -194,6 +194,8 @@ private:
         SurfaceError error;
         if (result.positions == cloud.positions) {
             error.diagonal = bounds(cloud).diagonal();  // nothing was changed
+        } else if (tiler_ != nullptr) {
+            error = tiler_->estimate_error(result, context);
         } else {
             error = estimate_error(cloud, result, context);
         }
@@ -390,8 +392,8 @@ private:
         }
     }
 
-    Candidate evaluate(SurfaceErrorMeter& meter, std::size_t number,
-                       std::uint64_t reference_points, const SurfaceErrorOptions& options) {
+    Candidate evaluate(SurfaceErrorMeter& meter, std::size_t number, std::uint64_t reference_points,
+                       const SurfaceErrorOptions& options) {
         const double all = static_cast<double>(spec_.candidate_files.size());
         const double before = static_cast<double>(number);
         const PointCloud cloud = read_candidate(number);

@@ -277,6 +277,23 @@ TEST_F(LodTilesOfLevels, SayTheErrorOfTheWholeLevelToo) {
     }
 }
 
+TEST_F(LodTilesOfLevels, AreOfLevelsWhoseErrorIsSoonEstimated) {
+    for (std::size_t level = 0; level + 1 < levels_.size(); ++level) {
+        const SurfaceError measured = measure_error(cloud_, levels_[level].cloud);
+        const SurfaceError error = tiler_->estimate_error(levels_[level].cloud);
+        EXPECT_NEAR(error.mean() / measured.mean(), 1, 0.1) << level;
+        EXPECT_NEAR(error.backward.mean / measured.backward.mean, 1, 0.1) << level;
+        EXPECT_NEAR(error.mean() / measured.mean(), 1,
+                    1.5 * error.forward.mean_confidence / error.mean());
+        EXPECT_EQ(error.diagonal, measured.diagonal);
+        EXPECT_EQ(error.candidate_diagonal, measured.candidate_diagonal);
+        RunContext three;
+        three.threads = 3;
+        EXPECT_EQ(tiler_->estimate_error(levels_[level].cloud, three).max(), error.max());
+    }
+    EXPECT_THROW(tiler_->estimate_error({}), Error);
+}
+
 TEST_F(LodTilesOfLevels, TakeTheFewestBitsThatKeepTheError) {
     for (std::size_t level = 0; level + 1 < tiles_.size(); ++level) {
         const double exact = measure_error(cloud_, levels_[level].cloud).mean();

@@ -2,6 +2,7 @@
 
 #include "stipple/point_cloud.hpp"
 #include "stipple/run_context.hpp"
+#include "stipple/surface_error.hpp"
 
 #include <array>
 #include <cstddef>
@@ -147,6 +148,10 @@ public:
     std::vector<LodTile> add_level(const PointCloud& cloud, bool whole,
                                    const RunContext& context = {},
                                    std::span<const Index> order = {});
+
+    /// `estimate_error` of a level, as it is before it is rounded, from the source: in less than
+    /// half the time, since the source's surface is at hand.
+    SurfaceError estimate_error(const PointCloud& level, const RunContext& context = {});
 
     /// Forgets all levels: the next is the coarsest again.
     void restart();
