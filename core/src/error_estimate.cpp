@@ -2,13 +2,12 @@
 
 #include "boxed_cloud.hpp"
 #include "distance_statistics.hpp"
-#include "error_frame.hpp"
-#include "error_samples.hpp"
 #include "far_clouds.hpp"
 #include "local_surface.hpp"
 #include "stipple/surface_error.hpp"
 
 #include <algorithm>
+#include <cstdint>
 #include <memory>
 #include <span>
 #include <vector>
@@ -24,12 +23,8 @@ struct Side {
     std::shared_ptr<const LocalSurface::Part> part;
 
     Side(const BoxedCloud& cloud, const ErrorFrame& frame, const SurfaceErrorOptions& options,
-         const RunContext& context)
-        : Side(LocalSurface(cloud, frame, options.samples, finding(options), context), options,
-               context) {}
-
-    Side(LocalSurface&& surface_, const SurfaceErrorOptions& options, const RunContext& context)
-        : surface(std::move(surface_)) {
+         const FootFinder::Options& finding, const RunContext& context)
+        : surface(cloud, frame, options.samples, finding, context) {
         constexpr std::uint64_t kFew = 1'000;  // points, of which the areas of all are soon known
         const PointTree& tree = surface.some().tree;
         if (surface.size() > kFew) {
@@ -50,12 +45,6 @@ struct Side {
             samples.areas[i] = areas[i] / samples.areas[i];
     }
 
-    static FootFinder::Options finding(const SurfaceErrorOptions& options) {
-        return {.k = options.k,
-                .max_iterations = options.max_iterations,
-                .tolerance = options.tolerance};
-    }
-
     /// From points to places beside them.
     void leave_points(const SurfaceErrorOptions& options, const RunContext& context) {
         samples.positions = places_beside(part->points, part->tree, part->finder, samples.positions,
@@ -63,48 +52,20 @@ struct Side {
     }
 };
 
-DirectedError estimate_direction(const Side& from, const Side& to, std::span<const Ball> views,
-                                 const ErrorFrame& frame, const SurfaceErrorOptions& options,
-                                 const RunContext& context) {
-    std::vector<float> lengths(views.size());
-    std::uint64_t failed = 0;
-    const auto found = [&](std::size_t i, const Foot& foot) {
+/// What the feet of samples say, as something finds them: find(found), as `FootFinder::find`.
+template <typename Find>
+DirectedError estimate_direction(const ErrorSamples& samples, const ErrorFrame& frame,
+                                 const RunContext& context, Find&& find) {
+    std::vector<float> lengths(samples.size());
+    std::vector<std::uint8_t> failed(samples.size());
+    find([&](std::size_t i, const Foot& foot) {
         lengths[i] = static_cast<float>(foot.distance / frame.scale);
-        if (!foot.converged && !foot.beyond) ++failed;
-    };
-    to.surface.find(*to.part, views, found, context);
-    DirectedError error =
-        summarize_distances(lengths, from.samples.areas, options.histogram_bins, context);
-    error.samples = views.size();
-    error.not_converged = static_cast<double>(failed) / static_cast<double>(views.size());
-    return error;
-}
-
-/// All but the diagonals.
-SurfaceError estimate_between(Side& S, Side& S_prime, const ErrorFrame& frame,
-                              const SurfaceErrorOptions& options, const RunContext& context) {
-    constexpr std::size_t kForFeet = LocalSurface::kForFeet;
-    // The finer is only looked at where the coarser is known to need it, and gives points.
-    const bool reference_is_finer = S.surface.size() >= S_prime.surface.size();
-    Side &finer = reference_is_finer ? S : S_prime, &coarser = reference_is_finer ? S_prime : S;
-    if (options.sampling != ErrorSampling::Points) {
-        finer.look_at({}, kForFeet, context);
-        finer.leave_points(options, context);
-    }
-    const std::vector<Ball> on_coarser =
-        coarser.surface.views(finer.samples.positions, kForFeet, context);
-    coarser.look_at(on_coarser, kForFeet, context);
-    coarser.leave_points(options, context);
-    const std::vector<Ball> on_finer =
-        finer.surface.views(coarser.samples.positions, kForFeet, context);
-    if (options.sampling == ErrorSampling::Points)
-        finer.look_at(on_finer, LocalSurface::kForAreas, context);
-    context.checkpoint(0.7);
-    SurfaceError error;
-    DirectedError &from_finer = reference_is_finer ? error.forward : error.backward,
-                  &from_coarser = reference_is_finer ? error.backward : error.forward;
-    from_finer = estimate_direction(finer, coarser, on_coarser, frame, options, context);
-    from_coarser = estimate_direction(coarser, finer, on_finer, frame, options, context);
+        failed[i] = !foot.converged && !foot.beyond;
+    });
+    DirectedError error = summarize_distances(lengths, samples.areas, 1, context);
+    error.samples = samples.size();
+    error.not_converged =
+        static_cast<double>(std::ranges::count(failed, 1)) / static_cast<double>(samples.size());
     return error;
 }
 
@@ -127,28 +88,60 @@ SurfaceError estimate_error(const PointCloud& reference, const PointCloud& candi
     const BoxedCloud boxed_reference(reference, "reference"), boxed(candidate, "candidate");
     context.throw_if_stopped();
     if (auto far = measure_far(boxed_reference, boxed, options, context)) return std::move(*far);
+    const FootFinder::Options finding = {
+        .k = options.k, .max_iterations = options.max_iterations, .tolerance = options.tolerance};
     const ErrorFrame frame(boxed_reference);
-    Side S(boxed_reference, frame, options, context);
+    Side S(boxed_reference, frame, options, finding, context);
     context.checkpoint(0.3);
-    Side S_prime(boxed, frame, options, context);
+    Side S_prime(boxed, frame, options, finding, context);
     context.checkpoint(0.4);
-    SurfaceError error = estimate_between(S, S_prime, frame, options, context);
+    constexpr std::size_t kForFeet = LocalSurface::kForFeet;
+    // The finer is only looked at where the coarser is known to need it, and gives points.
+    const bool reference_is_finer = reference.size() >= candidate.size();
+    Side &finer = reference_is_finer ? S : S_prime, &coarser = reference_is_finer ? S_prime : S;
+    if (options.sampling != ErrorSampling::Points) {
+        finer.look_at({}, kForFeet, context);
+        finer.leave_points(options, context);
+    }
+    const std::vector<Ball> on_coarser =
+        coarser.surface.views(finer.samples.positions, kForFeet, context);
+    coarser.look_at(on_coarser, kForFeet, context);
+    coarser.leave_points(options, context);
+    const std::vector<Ball> on_finer =
+        finer.surface.views(coarser.samples.positions, kForFeet, context);
+    if (options.sampling == ErrorSampling::Points)
+        finer.look_at(on_finer, LocalSurface::kForAreas, context);
+    context.checkpoint(0.7);
+    SurfaceError error;
     error.diagonal = boxed_reference.box.diagonal();
     error.candidate_diagonal = boxed.box.diagonal();
+    DirectedError &from_finer = reference_is_finer ? error.forward : error.backward,
+                  &from_coarser = reference_is_finer ? error.backward : error.forward;
+    from_finer = estimate_direction(finer.samples, frame, context, [&](const auto& found) {
+        coarser.surface.find(*coarser.part, on_coarser, found, context);
+    });
+    from_coarser = estimate_direction(coarser.samples, frame, context, [&](const auto& found) {
+        finer.surface.find(*finer.part, on_finer, found, context);
+    });
     return error;
 }
 
-SurfaceError estimate_error(const std::shared_ptr<const FramedSurface>& reference, const Aabb& box,
-                            const PointCloud& candidate, const RunContext& context) {
-    const SurfaceErrorOptions options = quick_options(reference->points.size(), candidate.size());
-    const BoxedCloud boxed(candidate, "candidate");
-    const ErrorFrame frame(box);
-    Side S(LocalSurface(reference), options, context);
-    Side S_prime(boxed, frame, options, context);
-    context.checkpoint(0.3);
-    SurfaceError error = estimate_between(S, S_prime, frame, options, context);
-    error.diagonal = box.diagonal();
-    error.candidate_diagonal = boxed.box.diagonal();
+SurfaceError estimate_error(const FramedSurface& reference, const ErrorSamples& on_reference,
+                            const FramedSurface& candidate, const ErrorFrame& frame,
+                            const RunContext& context) {
+    const SurfaceErrorOptions options =
+        quick_options(reference.points.size(), candidate.points.size());
+    ErrorSamples on_candidate =
+        take_points_by_area(candidate.tree, options.samples, options.seed, context);
+    on_candidate.positions = places_beside(candidate.points, candidate.tree, candidate.finder,
+                                           on_candidate.positions, options.seed, context);
+    SurfaceError error;
+    error.forward = estimate_direction(on_reference, frame, context, [&](const auto& found) {
+        candidate.finder.find(on_reference.positions, found, context);
+    });
+    error.backward = estimate_direction(on_candidate, frame, context, [&](const auto& found) {
+        reference.finder.find(on_candidate.positions, found, context);
+    });
     return error;
 }
 

@@ -70,6 +70,11 @@ void LevelMeter::forget_surface() {
     surface_.reset();
 }
 
+ErrorSamples LevelMeter::some_places() const {
+    constexpr unsigned kSome = 4;
+    return places_.first(kSome);
+}
+
 void LevelMeter::measure_roughly(MeasuredLevel& level, const RunContext& context) const {
     measure(level, places_, kRough, context);
 }

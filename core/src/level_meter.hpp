@@ -49,6 +49,8 @@ public:
     /// Gives back what the surface takes beside its points.
     void forget_surface();
     double spacing() const noexcept { return spacing_; }  ///< of the source
+    /// Some places on it: 4,096, or fewer where errors are rough.
+    ErrorSamples some_places() const;
     /// Of `measure_well`.
     const ErrorSamples& places() const noexcept { return (is_exact() ? every_ : places_).all(); }
 

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
-#include <utility>
 
 namespace stipple {
 
@@ -38,17 +37,14 @@ bool holds(const Ball& ball, const Foot& foot) {
 
 LocalSurface::LocalSurface(const BoxedCloud& cloud, const ErrorFrame& frame, std::size_t places,
                            const FootFinder::Options& options, const RunContext& context)
-    : size_(cloud.cloud.size()), cloud_(&cloud), frame_(&frame), options_(options) {
-    const std::size_t n = size_, stride = stride_for(n);
+    : cloud_(cloud), frame_(frame), options_(options) {
+    const std::size_t n = size(), stride = stride_for(n);
     constexpr std::size_t kFew = 100'000;  // isolated ones may stand for most of the area
     const bool whole = n <= std::max(kFew, 2 * kForFeet * places);
     some_ = std::make_shared<Part>(whole ? frame.into(cloud.cloud, context)
                                          : frame.into(cloud.cloud, one_of_each(stride, n), context),
                                    leaves_for(whole ? n : n / stride, places), options, context);
 }
-
-LocalSurface::LocalSurface(std::shared_ptr<const Part> whole)
-    : size_(whole->points.size()), some_(std::move(whole)) {}
 
 std::vector<Ball> LocalSurface::views(std::span<const Vec3f> places, std::size_t points,
                                       const RunContext& context) const {
@@ -69,24 +65,24 @@ std::vector<Ball> LocalSurface::views(std::span<const Vec3f> places, std::size_t
 std::shared_ptr<const LocalSurface::Part> LocalSurface::gather(std::span<const Ball> balls,
                                                                const RunContext& context) const {
     if (is_whole()) return some_;
-    const PointCloud& cloud = cloud_->cloud;
+    const PointCloud& cloud = cloud_.cloud;
     std::vector<Ball> of_cloud;
     of_cloud.reserve(balls.size());
     for (const Ball& ball : balls) {
         // What floats round away, here and in the frame: rather too many points.
         constexpr float kRounding = 0x1p-20F;
-        const auto per_unit = static_cast<float>(1 / frame_->scale);
-        const Vec3f center = frame_->out_of(ball.center, cloud);
+        const auto per_unit = static_cast<float>(1 / frame_.scale);
+        const Vec3f center = frame_.out_of(ball.center, cloud);
         const float farthest =
             std::max(center.cwiseAbs().maxCoeff(), per_unit * ball.center.cwiseAbs().maxCoeff());
         const float radius = per_unit * ball.radius;
         of_cloud.push_back({center, radius + kRounding * (farthest + radius)});
     }
-    const Vec3f low = (cloud_->box.min - cloud.origin).cast<float>();
-    const auto diagonal = static_cast<float>(cloud_->box.diagonal());
+    const Vec3f low = (cloud_.box.min - cloud.origin).cast<float>();
+    const auto diagonal = static_cast<float>(cloud_.box.diagonal());
     const std::vector<Index> near =
         points_within(of_cloud, cloud.positions, low, diagonal, context);
-    return std::make_shared<Part>(frame_->into(cloud, near, context),
+    return std::make_shared<Part>(frame_.into(cloud, near, context),
                                   leaves_for(near.size(), balls.size()), options_, context);
 }
 

@@ -26,10 +26,8 @@ public:
     ///                most of the cloud, or it has no more than 100,000, all are used.
     LocalSurface(const BoxedCloud& cloud, const ErrorFrame& frame, std::size_t places,
                  const FootFinder::Options& options, const RunContext& context);
-    /// One that is there as a whole.
-    explicit LocalSurface(std::shared_ptr<const Part> whole);
 
-    std::size_t size() const noexcept { return size_; }
+    std::size_t size() const noexcept { return cloud_.cloud.size(); }
     /// Every sixteenth point, of fewer than 131,072 every eighth, or all.
     const Part& some() const noexcept { return *some_; }
     /// Whether `some` are all.
@@ -56,9 +54,8 @@ public:
               const RunContext& context) const;
 
 private:
-    std::size_t size_;
-    const BoxedCloud* cloud_ = nullptr;  ///< none where the surface is whole, as the frame
-    const ErrorFrame* frame_ = nullptr;
+    const BoxedCloud& cloud_;
+    const ErrorFrame& frame_;
     FootFinder::Options options_;
     std::shared_ptr<const Part> some_;
 };

@@ -32,6 +32,11 @@ template <typename T>
     throw Error(ErrorCode::InvalidArgument, text.str());
 }
 
+void check_order(std::span<const Index> order, const PointCloud& level) {
+    if (!order.empty() && order.size() != level.size())
+        refuse("points of an order", order.size(), "all of the level");
+}
+
 /// Cuts the next level where it is to be cut: of additive tiles only the points that no level had.
 /// @param order  of the level's points in the cloud, which begins with `had` points of the level
 /// before.
@@ -233,8 +238,22 @@ const LodFigures& LodTiler::figures() const noexcept {
     return state_->figures;
 }
 
-SurfaceError LodTiler::estimate_error(const PointCloud& level, const RunContext& context) {
-    return stipple::estimate_error(state_->meter.surface(context), state_->box, level, context);
+SurfaceError LodTiler::estimate_error(const PointCloud& level, const RunContext& context,
+                                      std::span<const Index> known_order) {
+    const BoxedCloud boxed(level, "level");
+    check_order(known_order, level);
+    State& state = *state_;
+    const ErrorSamples places = state.meter.some_places();
+    const bool is_known = !known_order.empty();
+    const FramedSurface surface(
+        is_known ? state.frame.into(level, known_order, context) : state.frame.into(level, context),
+        is_known ? PointTree::Leaves::Given : leaves_for(level.size(), places.size()), {}, context);
+    context.checkpoint(0.3);
+    SurfaceError error = stipple::estimate_error(*state.meter.surface(context), places, surface,
+                                                 state.frame, context.part(0.3, 1));
+    error.diagonal = state.box.diagonal();
+    error.candidate_diagonal = boxed.box.diagonal();
+    return error;
 }
 
 void LodTiler::restart() {
@@ -253,8 +272,7 @@ std::vector<LodTile> LodTiler::add_level(const PointCloud& cloud, bool whole,
     const bool additive = state.options.additive;
     if (additive && cloud.size() <= state.had)
         refuse("points of a level", cloud.size(), "more than the level before");
-    if (!known_order.empty() && known_order.size() != cloud.size())
-        refuse("points of an order", known_order.size(), "all of the level");
+    check_order(known_order, cloud);
     const bool as_measured = whole && !additive;
     if (whole) state.meter.forget_surface();  // no level comes after
     std::vector<Index> found_order;

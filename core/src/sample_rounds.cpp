@@ -37,4 +37,13 @@ std::vector<Index> SampleRounds::of_first(unsigned rounds) const {
     return numbers;
 }
 
+ErrorSamples SampleRounds::first(unsigned rounds) const {
+    ErrorSamples some;
+    for (const Index place : of_first(rounds)) {
+        some.positions.push_back(all_.positions[place]);
+        some.areas.push_back(all_.areas[place]);
+    }
+    return some;
+}
+
 }  // namespace stipple

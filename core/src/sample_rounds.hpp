@@ -24,6 +24,8 @@ public:
     /// The numbers of those of the first rounds, along the curve as far as they have numbers of
     /// points.
     std::vector<Index> of_first(unsigned rounds) const;
+    /// The same places themselves, with their areas.
+    ErrorSamples first(unsigned rounds) const;
 
 private:
     ErrorSamples all_;

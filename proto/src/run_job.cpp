@@ -188,14 +188,15 @@ private:
     }
 
     /// How far a result is from the cloud it was made of.
+    /// @param order  of a level, as `LodLevel` has it.
     ErrorFigures result_error(const PointCloud& cloud, const PointCloud& result,
-                              const RunContext& context) {
+                              const RunContext& context, std::span<const Index> order = {}) {
         const Stopwatch watch(cost_.error_seconds);
         SurfaceError error;
         if (result.positions == cloud.positions) {
             error.diagonal = bounds(cloud).diagonal();  // nothing was changed
         } else if (tiler_ != nullptr) {
-            error = tiler_->estimate_error(result, context);
+            error = tiler_->estimate_error(result, context, order);
         } else {
             error = estimate_error(cloud, result, context);
         }
@@ -313,7 +314,8 @@ private:
                     // The level of all points is the source itself.
                     const PointCloud& source = cloud.empty() ? made.cloud : cloud;
                     const double to = std::lerp(encoded(), encoded(made.cloud.size()), kMeasured);
-                    error = result_error(source, made.cloud, in_stage(kEncode).part(encoded(), to));
+                    error = result_error(source, made.cloud, in_stage(kEncode).part(encoded(), to),
+                                         made.order);
                 }
                 encode(std::move(made), job.output, error);
             },

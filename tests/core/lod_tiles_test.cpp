@@ -278,18 +278,25 @@ TEST_F(LodTilesOfLevels, SayTheErrorOfTheWholeLevelToo) {
 }
 
 TEST_F(LodTilesOfLevels, AreOfLevelsWhoseErrorIsSoonEstimated) {
-    for (std::size_t level = 0; level + 1 < levels_.size(); ++level) {
-        const SurfaceError measured = measure_error(cloud_, levels_[level].cloud);
-        const SurfaceError error = tiler_->estimate_error(levels_[level].cloud);
-        EXPECT_NEAR(error.mean() / measured.mean(), 1, 0.1) << level;
-        EXPECT_NEAR(error.backward.mean / measured.backward.mean, 1, 0.1) << level;
-        EXPECT_NEAR(error.mean() / measured.mean(), 1,
-                    1.5 * error.forward.mean_confidence / error.mean());
+    for (std::size_t l = 0; l + 1 < levels_.size(); ++l) {
+        const PointCloud& level = levels_[l].cloud;
+        const SurfaceError measured = measure_error(cloud_, level);
+        const SurfaceError error = tiler_->estimate_error(level);
+        EXPECT_EQ(error.forward.samples, 4096U);
+        EXPECT_NEAR(error.mean() / measured.mean(), 1, 0.03) << l;
+        EXPECT_NEAR(error.forward.p95 / measured.forward.p95, 1, 0.05) << l;
+        EXPECT_LE(error.max(), 1.001 * measured.max());
+        EXPECT_NEAR(error.backward.mean / measured.backward.mean, 1, 0.15) << l;
         EXPECT_EQ(error.diagonal, measured.diagonal);
         EXPECT_EQ(error.candidate_diagonal, measured.candidate_diagonal);
+
         RunContext three;
         three.threads = 3;
-        EXPECT_EQ(tiler_->estimate_error(levels_[level].cloud, three).max(), error.max());
+        EXPECT_EQ(tiler_->estimate_error(level, three).backward.rms, error.backward.rms);
+        std::vector<Index> order(level.size());
+        std::iota(order.begin(), order.end(), Index{0});
+        EXPECT_NEAR(tiler_->estimate_error(level, {}, order).mean() / error.mean(), 1, 1e-6);
+        EXPECT_THROW(tiler_->estimate_error(level, {}, std::span(order).first(3)), Error);
     }
     EXPECT_THROW(tiler_->estimate_error({}), Error);
 }
