@@ -183,6 +183,8 @@ std::string_view to_string(CloudFormat format) noexcept {
             return "drc";
         case CloudFormat::Progressive:
             return "stpc";
+        case CloudFormat::Copc:
+            return "copc.laz";
         case CloudFormat::Glb:
             break;
     }
@@ -197,6 +199,8 @@ std::string_view media_type(CloudFormat format) noexcept {
             return "model/vnd.google.draco";
         case CloudFormat::Progressive:
             return "application/vnd.stipple.progressive";
+        case CloudFormat::Copc:
+            return "application/vnd.laszip+copc";
         case CloudFormat::Glb:
             break;
     }
@@ -208,8 +212,10 @@ CloudFormat cloud_format_from_name(std::string_view name) {
     if (name == "drc" || name == "draco") return CloudFormat::Draco;
     if (name == "glb") return CloudFormat::Glb;
     if (name == "stpc" || name == "stream") return CloudFormat::Progressive;
+    if (name == "copc.laz" || name == "copc") return CloudFormat::Copc;
     throw Error(ErrorCode::UnsupportedFormat,
-                "format " + in_quotes(name) + ": expected ply, drc or, of a pyramid, glb or stpc");
+                "format " + in_quotes(name) +
+                    ": expected ply, drc or, of a pyramid, glb, stpc or copc.laz");
 }
 
 std::optional<CloudFormat> detect_format(std::span<const std::byte> head) noexcept {

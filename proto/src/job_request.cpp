@@ -39,8 +39,9 @@ constexpr std::array kCodings = {
 OutputOptions read_output(JsonObject& object) {
     OutputOptions output{.formats = {CloudFormat::Ply}, .draco = {}};
     if (const auto format = object.find("format")) {
-        output.formats = {format->named(cloud_format_from_name)};
-        if (output.formats.front() == CloudFormat::Glb) format->refuse("ply or drc");
+        const auto named = format->named(cloud_format_from_name);
+        if (named != CloudFormat::Ply && named != CloudFormat::Draco) format->refuse("ply or drc");
+        output.formats = {named};
     }
     if (const auto draco = object.find("draco")) output.draco = read_draco(*draco);
     return output;
@@ -196,8 +197,8 @@ void add_options(Json& json, const CurveJob& job) {
 }
 
 constexpr std::array kPyramidFormats = {CloudFormat::Draco, CloudFormat::Ply, CloudFormat::Glb,
-                                        CloudFormat::Progressive};
-/// Those of a job that names none: the stream takes a contraction of its own.
+                                        CloudFormat::Progressive, CloudFormat::Copc};
+/// Those of a job that names none: the others are of the finest level alone.
 constexpr std::span kUsualFormats = std::span(kPyramidFormats).first(3);
 
 bool wants(const PyramidJob& job, CloudFormat format) {
@@ -208,7 +209,8 @@ bool wants(const PyramidJob& job, CloudFormat format) {
 
 /// Whether any of its files has points on a grid.
 bool has_grid(const PyramidJob& job) {
-    return wants(job, CloudFormat::Glb) || wants(job, CloudFormat::Progressive);
+    return wants(job, CloudFormat::Glb) || wants(job, CloudFormat::Progressive) ||
+           wants(job, CloudFormat::Copc);
 }
 
 std::array<double, 16> read_transform(const JsonValue& value) {
@@ -220,7 +222,7 @@ std::array<double, 16> read_transform(const JsonValue& value) {
 }
 
 void read_tiles(const JsonValue& value, PyramidJob& job) {
-    if (!has_grid(job)) value.refuse("none unless glb or stpc is among the formats");
+    if (!has_grid(job)) value.refuse("none unless glb, stpc or copc.laz is among the formats");
     JsonObject object = value.object();
     LodTileOptions& tiles = job.tiles;
     const auto position_bits = object.find("position_bits");

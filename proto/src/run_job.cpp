@@ -4,6 +4,7 @@
 #include "job_files.hpp"
 #include "job_meters.hpp"
 #include "stipple/cleaning.hpp"
+#include "stipple/copc.hpp"
 #include "stipple/error_bounded.hpp"
 #include "stipple/globe.hpp"
 #include "stipple/neighbors.hpp"
@@ -289,7 +290,7 @@ private:
         if (job.epsg) globe_frame(*job.epsg, 0.5 * (box.min + box.max));  // refuses others' places
         const std::vector<std::uint64_t> sizes = lod_sizes(cloud.size(), job.options);
         points_to_encode_ = std::accumulate(sizes.begin(), sizes.end(), std::uint64_t{0});
-        stream_ = {sizes.back(), job.tiles.position_bits, job.tiles.precision};
+        finest_ = {sizes.back(), job.tiles.position_bits, job.tiles.precision};
 
         const double encoded_before = cost_.encode_seconds;
         const auto start = Clock::now();
@@ -491,8 +492,8 @@ private:
                 line.level->decoded = tiler_->figures();
                 line.level->spacing = tiler_->figures().spacing;
                 if (points == points_of_source_) tiler_.reset();  // no level comes after
-            } else if (format == CloudFormat::Progressive) {
-                if (points == stream_.points) files[i] = {write_stream(made, context)};
+            } else if (format == CloudFormat::Progressive || format == CloudFormat::Copc) {
+                if (points == finest_.points) files[i] = {write_finest(made, format, context)};
             } else {
                 files[i] = {write(made, format, options.draco, context)};
             }
@@ -542,14 +543,18 @@ private:
         }
     }
 
-    /// The finest level as one stream.
-    OutputFile write_stream(const LodLevel& finest, const RunContext& context) {
-        const std::vector<std::byte> bytes = encode_progressive(
-            finest.cloud, {.position_bits = stream_.position_bits, .precision = stream_.precision},
-            context);
-        const std::string name = "cloud.stpc";
+    /// The finest level as one file that viewers read a part of: a stream or an octree.
+    OutputFile write_finest(const LodLevel& finest, CloudFormat format, const RunContext& context) {
+        const auto& [points, position_bits, precision] = finest_;
+        const std::vector<std::byte> bytes =
+            format == CloudFormat::Copc
+                ? encode_copc(finest.cloud, {.precision = precision}, context)
+                : encode_progressive(finest.cloud,
+                                     {.position_bits = position_bits, .precision = precision},
+                                     context);
+        const std::string name = "cloud." + std::string(to_string(format));
         write_whole_file(fs::path(spec_.output_dir) / name, bytes, spec_);
-        return {CloudFormat::Progressive, bytes.size(), sha256_hex(bytes), name};
+        return {format, bytes.size(), sha256_hex(bytes), name};
     }
 
     void report_cost() {
@@ -569,12 +574,12 @@ private:
     JobCost cost_;
     std::unique_ptr<LodTiler> tiler_;  ///< of a pyramid, when it is to have tiles
     std::uint64_t points_of_source_ = 0;
-    struct Stream {
-        std::uint64_t points = 0;  ///< of the finest level, which it has
+    struct Finest {
+        std::uint64_t points = 0;
         unsigned position_bits = 0;
         std::optional<double> precision;
     };
-    Stream stream_;                            ///< of a pyramid
+    Finest finest_;                            ///< level of a pyramid
     std::optional<MeasuredBound> bound_;       ///< of the result, where there was one to keep
     std::optional<ErrorFigures> bound_error_;  ///< by which it was found to be kept
     std::uint64_t points_to_encode_ = 0;

@@ -344,7 +344,8 @@ private:
             case CloudFormat::Draco:
                 return encode_draco(cloud, options_.draco, context_);
             case CloudFormat::Glb:
-            case CloudFormat::Progressive:  // refused by `validate`
+            case CloudFormat::Progressive:  // refused by `validate`, as the next
+            case CloudFormat::Copc:
                 break;
         }
         LodTiler tiler(cloud, {.attributes = true}, context_);
@@ -377,7 +378,8 @@ void validate(const SliceOptions& options) {
     if (options.bytes == 0) refuse("bytes 0: expected at least 1");
     if (options.max_error && !(*options.max_error > 0 && std::isfinite(*options.max_error)))
         refuse("max_error " + number(*options.max_error) + ": expected a length above 0");
-    if (options.format == CloudFormat::Progressive) refuse("format stpc: expected ply, drc or glb");
+    if (options.format == CloudFormat::Progressive || options.format == CloudFormat::Copc)
+        refuse("format " + std::string(to_string(options.format)) + ": expected ply, drc or glb");
     if (options.box &&
         (options.box->empty() || !options.box->min.allFinite() || !options.box->max.allFinite())) {
         refuse("box: expected six finite numbers, x0 <= x1, y0 <= y1 and z0 <= z1");

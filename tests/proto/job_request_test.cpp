@@ -230,6 +230,7 @@ TEST(JobRequest, AStreamIsMadeWhereItIsAskedForByEitherName) {
     EXPECT_EQ(formats(R"("stream")"), std::vector{CloudFormat::Progressive});
     EXPECT_EQ(formats(R"("drc", "stpc")"),
               (std::vector{CloudFormat::Draco, CloudFormat::Progressive}));
+    EXPECT_EQ(formats(R"("copc", "glb")"), (std::vector{CloudFormat::Copc, CloudFormat::Glb}));
     const auto precise = std::get<PyramidJob>(
         job_request_from_json(pyramid_with(R"("formats": ["stpc"], "tiles": {"precision": 0.5})"))
             .job);
@@ -280,8 +281,10 @@ TEST(JobRequest, ThatIsRefusedNamesFieldAndValueAndWhatIsExpected) {
              R"("tiles": {"epsg": 32633, "transform": [1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]})"),
          "tiles.epsg: stands instead of transform: give one of the two"},
         {pyramid_with(R"("formats": ["ply"], "tiles": {})"),
-         "tiles: an object: expected none unless glb or stpc is among the formats"},
+         "tiles: an object: expected none unless glb, stpc or copc.laz is among the formats"},
         {simplify_with(R"("ratio": 0.5, "format": "glb")"), "format: \"glb\": expected ply or drc"},
+        {simplify_with(R"("ratio": 0.5, "format": "stpc")"),
+         "format: \"stpc\": expected ply or drc"},
         {pyramid_with(R"("formats": ["ply", "ply"])"),
          "formats[1]: \"ply\": expected each format once"},
         {R"({"input": ")" + kInput + "\"}", "type: missing: this field is required"},

@@ -1,4 +1,5 @@
 #include "run_job_fixture.hpp"
+#include "stipple/copc.hpp"
 #include "stipple/proto/digest.hpp"
 #include "stipple/proto/tiles.hpp"
 
@@ -43,6 +44,22 @@ TEST_F(RunPyramidJob, WritesTheFinestLevelAsAStream) {
     EXPECT_EQ(file.href, "cloud.stpc");
     EXPECT_EQ(file.sha256, sha256_of_file(folder_ / "out" / file.href));
     EXPECT_EQ(read_cloud(folder_ / "out" / file.href).size(), 2000U);
+}
+
+TEST_F(RunPyramidJob, WritesTheFinestLevelAsAnOctree) {
+    PyramidJob job = levels_of({50, 2000});
+    job.output.formats = {CloudFormat::Ply, CloudFormat::Copc};
+    job.tiles.precision = 0.005;
+    run(spec_for(test::sphere(3000), job));
+    EXPECT_EQ(levels()[0].files.size(), 1U);
+    ASSERT_EQ(levels()[1].files.size(), 2U);
+    const OutputFile file = levels()[1].files.back();
+    EXPECT_EQ(file.format, CloudFormat::Copc);
+    EXPECT_EQ(file.href, "cloud.copc.laz");
+    EXPECT_EQ(file.sha256, sha256_of_file(folder_ / "out" / file.href));
+    const std::vector<std::byte> expected = encode_copc(
+        read_cloud(folder_ / "out" / levels()[1].files.front().href), {.precision = 0.005});
+    EXPECT_EQ(file.sha256, sha256_hex(expected));
 }
 
 TEST_F(RunPyramidJob, WritesTilesNamedByTheirHashes) {

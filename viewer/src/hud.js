@@ -2,7 +2,7 @@ import { byId, element } from './element.js';
 import * as format from './format.js';
 import { meanErrorOf } from './result_session.js';
 
-const kFormats = { drc: 'Draco', ply: 'PLY', stpc: 'Stream' };  // of whole levels; tiles are for other viewers
+const kFormats = { drc: 'Draco', ply: 'PLY', stpc: 'Stream', 'copc.laz': 'COPC' };  // of whole levels; tiles are for other viewers
 const kStages = { queued: 'Waiting', decode: 'Reading', clean: 'Cleaning', simplify: 'Simplifying', upsample: 'Adding points', analyze: 'Analysing', evaluate: 'Measuring', encode: 'Encoding' };
 
 /** The card with the level slider and the figures. */

@@ -239,7 +239,7 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
         ->capture_default_str();
     command
         .add_option("--formats", values.formats,
-                    "of drc, ply, glb (tiles) and stpc (one stream); drc,ply,glb")
+                    "of drc, ply, glb (tiles), stpc (one stream), copc.laz (one octree); drc,ply,glb")
         ->delimiter(',')
         ->type_name("F,F");
     command

@@ -18,13 +18,14 @@ enum class CloudFormat {
     Draco,
     Glb,          ///< tiles of a pyramid (`LodTiler`) as binary glTF: written, never read
     Progressive,  ///< a stream of which every prefix is a cloud (`encode_progressive`)
+    Copc,         ///< an octree in a LAZ file (`encode_copc`): written, never read
 };
 
-/// `ply`, `drc`, `glb`, `stpc`: the name on the wire and the extension of a file.
+/// `ply`, `drc`, `glb`, `stpc`, `copc.laz`: the name on the wire and the extension of a file.
 std::string_view to_string(CloudFormat format) noexcept;
 /// `model/ply`, `model/vnd.google.draco`... as sent in `Content-Type`.
 std::string_view media_type(CloudFormat format) noexcept;
-/// The inverse of `to_string`; also `draco` and `stream`. @throws Error(UnsupportedFormat) naming
+/// The inverse of `to_string`; also `draco`, `stream` and `copc`. @throws Error(UnsupportedFormat) naming
 /// what is offered.
 CloudFormat cloud_format_from_name(std::string_view name);
 /// By the first bytes (`ply`, `DRACO` or `STPC`), never by a file's name; nothing when it is none.

@@ -76,8 +76,8 @@ Reply output_reply(Resources& resources, const Request& request, const std::stri
     const std::string_view extension =
         std::string_view(file_name).substr(std::min(dot, file_name.size()));
     const bool is_picture = extension == ".png";
-    constexpr std::array<std::string_view, 5> kExtensions = {".ply", ".drc", ".glb", ".stpc",
-                                                             ".png"};
+    constexpr std::array<std::string_view, 6> kExtensions = {".ply",  ".drc",      ".glb",
+                                                             ".stpc", ".copc.laz", ".png"};
     if (!proto::is_sha256(sha256) ||
         std::ranges::find(kExtensions, extension) == kExtensions.end()) {
         throw HttpError(404, "no such file: the manifest names those there are");

@@ -1,4 +1,5 @@
-// COPC files in other people's readers: every node by its range of bytes (copc.js), and the file as a whole (LASzip).
+// COPC files in other people's readers: every node by its range of bytes (copc.js), also from a server, and the file as
+// a whole (LASzip).
 //
 //     node copc_test.mjs --bin build/dev/bin --modules node_modules
 import assert from 'node:assert/strict';
@@ -8,6 +9,7 @@ import { createRequire } from 'node:module';
 import { tmpdir } from 'node:os';
 import { join, resolve } from 'node:path';
 import { parseArgs } from 'node:util';
+import { startServer } from '../browser/server.mjs';
 
 const { values: options } = parseArgs({ options: { bin: { type: 'string' }, modules: { type: 'string' } } });
 const { Copc, Las } = createRequire(join(resolve(options.modules), 'from.js'))('copc');
@@ -172,6 +174,40 @@ try {
         const [x, y, z] = ['X', 'Y', 'Z'].map((axis) => result.nodes[0].view.getter(axis)(0));
         assert.ok(Math.abs(y - place(0)[1]) < 1e-6 && Math.abs(z - place(0)[2]) < 1e-6 && Number.isFinite(x), what);
         console.log(`ok      ${what}, ${result.nodes.length} nodes`);
+    }
+    // From a server, as a viewer does: the head, the hierarchy, and of the points those of the root.
+    const server = await startServer(options.bin);
+    try {
+        writePly(ply, points, lidar);
+        const request = async (path, init) => {
+            const reply = await fetch(server.url + path, init);
+            assert.ok(reply.ok, `${path}: ${reply.status}`);
+            return reply.json();
+        };
+        const cloud = await request('/v1/clouds', { method: 'POST', body: readFileSync(ply) });
+        const { id } = await request('/v1/jobs', {
+            method: 'POST', headers: { 'Content-Type': 'application/json' },
+            body: JSON.stringify({ type: 'pyramid', input: cloud.id, formats: ['ply', 'copc.laz'] }),
+        });
+        let job;
+        do job = await request(`/v1/jobs/${id}?wait=20`); while (job.status === 'accepted' || job.status === 'running');
+        assert.equal(job.status, 'successful');
+        const { levels } = await request(`/v1/pyramids/${id}/manifest.json`);
+        const [octree, ...others] = levels.flatMap(({ files }) => files.filter(({ format }) => format === 'copc.laz'));
+        assert.equal(others.length, 0);
+        const url = server.url + octree.href;
+        const found = await Copc.create(url);
+        const { nodes } = await Copc.loadHierarchyPage(url, found.info.rootHierarchyPage);
+        const root = await Copc.loadPointDataView(url, found, nodes['0-0-0-0'], { lazPerf });
+        const number = root.getter('number'), intensity = root.getter('Intensity');
+        assert.ok(root.pointCount > 1000 && root.pointCount < points);
+        for (let i = 0; i < root.pointCount; ++i) assert.equal(intensity(i), lidar[6].value(number(i)));
+        const head = await fetch(url, { method: 'HEAD' });
+        assert.equal(head.headers.get('content-type'), 'application/vnd.laszip+copc');
+        assert.equal(Number(head.headers.get('content-length')), octree.bytes);
+        console.log(`ok      ${root.pointCount} of ${found.header.pointCount} points from a server`);
+    } finally {
+        await server.stop();
     }
 } finally {
     rmSync(folder, { recursive: true, force: true });

@@ -21,7 +21,8 @@ namespace stipple::proto {
 /// How results are encoded.
 struct OutputOptions {
     std::vector<CloudFormat>
-        formats;  ///< pyramid: any, all of them by default; else `ply` or `drc`, `ply` by default
+        formats;  ///< pyramid: any, those of every level by default; else `ply` or `drc`, `ply` by
+                  ///< default
     DracoEncodeOptions draco;
 };
 
