@@ -1,6 +1,7 @@
 #include "stipple/copc.hpp"
 
 #include "chain_order.hpp"
+#include "first_touch.hpp"
 #include "las_fields.hpp"
 #include "laz_chunk.hpp"
 #include "parallel_for.hpp"
@@ -95,6 +96,11 @@ LazPoints points_of_node(const PointCloud& cloud, const LasFields& fields,
     alone.threads = 1;
     LazPoints points;
     points.extra_size = fields.extra_size;
+    points.positions.reserve(order.size());
+    points.intensities.reserve(fields.intensities.empty() ? 0 : order.size());
+    points.classifications.reserve(fields.classifications.empty() ? 0 : order.size());
+    points.colors.reserve(cloud.colors.empty() ? 0 : order.size());
+    points.extras.reserve(order.size() * fields.extra_size);
     for (const Index at : chain_through(places, alone)) {
         const Index i = order[at];
         points.positions.push_back(positions[at]);
@@ -133,7 +139,9 @@ public:
     void append(std::span<const std::byte> bytes) {
         bytes_.insert(bytes_.end(), bytes.begin(), bytes.end());
     }
-    void reserve(std::size_t size) { bytes_.reserve(size); }
+    void reserve(std::size_t size, const RunContext& context) {
+        reserve_in_blocks(bytes_, size, context);
+    }
     std::size_t size() const noexcept { return bytes_.size(); }
     std::vector<std::byte> take() && { return std::move(bytes_); }
 
@@ -230,10 +238,11 @@ std::vector<std::size_t> order_of_file(std::span<const SampledOctree::Node> node
 /// @return  where they are, by the numbers of the nodes.
 std::vector<Chunk> append_chunks(Bytes& file, std::span<const SampledOctree::Node> nodes,
                                  std::span<const std::size_t> order,
-                                 std::vector<std::vector<std::byte>>&& encoded) {
+                                 std::vector<std::vector<std::byte>>&& encoded,
+                                 const RunContext& context) {
     std::size_t bytes = 0;
     for (const std::vector<std::byte>& chunk : encoded) bytes += chunk.size();
-    file.reserve(file.size() + bytes + kEntrySize * nodes.size());  // about all
+    file.reserve(file.size() + bytes + kEntrySize * nodes.size(), context);  // about all
     std::vector<Chunk> chunks(nodes.size());
     for (const std::size_t n : order) {
         chunks[n] = {file.size(), {nodes[n].count, static_cast<std::uint32_t>(encoded[n].size())}};
@@ -401,7 +410,8 @@ std::vector<std::byte> encode_copc(const PointCloud& cloud, const CopcOptions& o
     Bytes file;
     file.put_zeros(head.bytes().size() + kTablePointer);
     const std::vector<std::size_t> order = order_of_file(nodes);
-    const std::vector<Chunk> chunks = append_chunks(file, nodes, order, std::move(encoded));
+    const std::vector<Chunk> chunks =
+        append_chunks(file, nodes, order, std::move(encoded), context);
     const std::uint64_t table = file.size();
     std::vector<LazChunkSize> sizes;
     for (const std::size_t n : order) sizes.push_back(chunks[n].size);

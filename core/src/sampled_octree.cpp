@@ -62,7 +62,7 @@ public:
           context_(context) {
         std::vector<Index> all(positions.size());
         std::iota(all.begin(), all.end(), Index{0});
-        order.reserve(all.size());
+        reserve_in_blocks(order, all.size(), context);
         build(std::move(all), 0, {});
     }
 
@@ -168,7 +168,7 @@ SampledOctree::SampledOctree(const PointCloud& cloud, const OctreeCube& cube,
     Builder built(positions, cube, options, context);
     nodes_ = std::move(built.nodes);
     order_ = std::move(built.order);
-    positions_.reserve(order_.size());
+    reserve_in_blocks(positions_, order_.size(), context);
     for (Index& i : order_) {
         positions_.push_back(positions[i]);
         i = along_curve[i];
