@@ -1,5 +1,6 @@
 #include "stipple/copc.hpp"
 
+#include "byte_writer.hpp"
 #include "chain_order.hpp"
 #include "first_touch.hpp"
 #include "las_fields.hpp"
@@ -8,7 +9,6 @@
 #include "stipple/error.hpp"
 
 #include <algorithm>
-#include <array>
 #include <bit>
 #include <cmath>
 #include <cstring>
@@ -118,52 +118,21 @@ LazPoints points_of_node(const PointCloud& cloud, const LasFields& fields,
 
 // The file.
 
-class Bytes {
-public:
-    template <typename T>
-    void put(T value) {
-        const auto raw = std::bit_cast<std::array<std::byte, sizeof(T)>>(value);
-        bytes_.insert(bytes_.end(), raw.begin(), raw.end());
-    }
-    void put(const Vec3d& v) {
-        for (const double x : v) put(x);
-    }
-    /// In a field of `size` bytes; what is longer is cut off.
-    void put_text(std::string_view text, std::size_t size) {
-        text = text.substr(0, size);
-        const auto raw = std::as_bytes(std::span(text));
-        bytes_.insert(bytes_.end(), raw.begin(), raw.end());
-        put_zeros(size - text.size());
-    }
-    void put_zeros(std::size_t count) { bytes_.insert(bytes_.end(), count, std::byte{0}); }
-    void append(std::span<const std::byte> bytes) {
-        bytes_.insert(bytes_.end(), bytes.begin(), bytes.end());
-    }
-    void reserve(std::size_t size, const RunContext& context) {
-        reserve_in_blocks(bytes_, size, context);
-    }
-    std::size_t size() const noexcept { return bytes_.size(); }
-    std::vector<std::byte> take() && { return std::move(bytes_); }
-
-private:
-    std::vector<std::byte> bytes_;
-};
-
-constexpr std::size_t kHeaderSize = 375, kRecordHead = 54, kExtendedRecordHead = 60;
+constexpr std::size_t kHeaderSize = 375, kExtendedRecordHead = 60;
 constexpr std::size_t kInfoSize = 160, kExtraFieldSize = 192, kEntrySize = 32;
 constexpr std::size_t kTablePointer = 8;  // before the first chunk
 
-void put_record_head(Bytes& to, std::string_view user, std::uint16_t id, std::size_t size,
+void put_record_head(ByteWriter& to, std::string_view user, std::uint16_t id, std::size_t size,
                      std::string_view description) {
     to.put<std::uint16_t>(0);
-    to.put_text(user, 16);
+    to.put_padded(user, 16);
     to.put(id);
     to.put(static_cast<std::uint16_t>(size));
-    to.put_text(description, 32);
+    to.put_padded(description, 32);
 }
 
 /// How readers are to take the chunks apart.
-void put_laszip_record(Bytes& to, bool has_colors, std::size_t extra_size) {
+void put_laszip_record(ByteWriter& to, bool has_colors, std::size_t extra_size) {
     struct Item {
         std::uint16_t type, size;
     };
@@ -188,7 +157,7 @@ void put_laszip_record(Bytes& to, bool has_colors, std::size_t extra_size) {
     }
 }
 
-void put_extra_fields_record(Bytes& to, std::span<const LasExtraField> fields) {
+void put_extra_fields_record(ByteWriter& to, std::span<const LasExtraField> fields) {
     if (fields.empty()) return;
     constexpr std::size_t kMostFields = 0xFFFF / kExtraFieldSize;
     if (fields.size() > kMostFields)
@@ -200,7 +169,7 @@ void put_extra_fields_record(Bytes& to, std::span<const LasExtraField> fields) {
         to.put_zeros(2);
         to.put(field.type);
         to.put<std::uint8_t>(0);  // options
-        to.put_text(field.name, 32);
+        to.put_padded(field.name, 32);
         to.put_zeros(kExtraFieldSize - 36);
     }
 }
@@ -236,17 +205,19 @@ std::vector<std::size_t> order_of_file(std::span<const SampledOctree::Node> node
 }
 
 /// @return  where they are, by the numbers of the nodes.
-std::vector<Chunk> append_chunks(Bytes& file, std::span<const SampledOctree::Node> nodes,
+std::vector<Chunk> append_chunks(ByteWriter& file, std::span<const SampledOctree::Node> nodes,
                                  std::span<const std::size_t> order,
                                  std::vector<std::vector<std::byte>>&& encoded,
                                  const RunContext& context) {
     std::size_t bytes = 0;
     for (const std::vector<std::byte>& chunk : encoded) bytes += chunk.size();
-    file.reserve(file.size() + bytes + kEntrySize * nodes.size(), context);  // about all
+    reserve_in_blocks(file.bytes, file.bytes.size() + bytes + kEntrySize * nodes.size(),
+                      context);  // about all
     std::vector<Chunk> chunks(nodes.size());
     for (const std::size_t n : order) {
-        chunks[n] = {file.size(), {nodes[n].count, static_cast<std::uint32_t>(encoded[n].size())}};
-        file.append(encoded[n]);
+        chunks[n] = {file.bytes.size(),
+                     {nodes[n].count, static_cast<std::uint32_t>(encoded[n].size())}};
+        file.put(encoded[n]);
         std::vector<std::byte>().swap(encoded[n]);
     }
     return chunks;
@@ -276,7 +247,7 @@ private:
     std::uint64_t write_page(std::size_t root) {
         constexpr unsigned kDepths = 5;    // some 1,400 nodes of a surface
         constexpr std::size_t kFew = 256;  // nodes of a branch that need no page of their own
-        Bytes page;
+        ByteWriter page;
         std::vector<std::size_t> left{root};
         for (std::size_t i = 0; i < left.size(); ++i) {
             const SampledOctree::Node& node = nodes_[left[i]];
@@ -291,11 +262,10 @@ private:
             for (const std::int32_t child : node.children)
                 if (child >= 0) left.push_back(static_cast<std::size_t>(child));
         }
-        const std::vector<std::byte> bytes = std::move(page).take();
-        pages_.insert(pages_.end(), bytes.begin(), bytes.end());
-        return bytes.size();
+        pages_.insert(pages_.end(), page.bytes.begin(), page.bytes.end());
+        return page.bytes.size();
     }
-    static void put_entry(Bytes& to, const SampledOctree::Node& node, std::uint64_t offset,
+    static void put_entry(ByteWriter& to, const SampledOctree::Node& node, std::uint64_t offset,
                           std::uint64_t size, std::int32_t points) {
         to.put(static_cast<std::int32_t>(node.depth));
         for (const std::int32_t coordinate : node.place) to.put(coordinate);
@@ -323,28 +293,28 @@ struct Head {
     std::uint64_t hierarchy_record = 0, root_offset = 0, root_size = 0;
 
     std::vector<std::byte> bytes() const {
-        Bytes records;
+        ByteWriter records;
         put_info(records);
         put_laszip_record(records, has_colors, fields.extra_size);
         put_extra_fields_record(records, fields.extras);
-        Bytes head;
-        put_header(head, kHeaderSize + records.size(), fields.extras.empty() ? 2 : 3);
-        head.append(std::move(records).take());
-        return std::move(head).take();
+        ByteWriter head;
+        put_header(head, kHeaderSize + records.bytes.size(), fields.extras.empty() ? 2 : 3);
+        head.put(records.bytes);
+        return std::move(head.bytes);
     }
 
 private:
-    void put_header(Bytes& to, std::size_t points_at, std::uint32_t records) const {
+    void put_header(ByteWriter& to, std::size_t points_at, std::uint32_t records) const {
         constexpr std::uint16_t kWkt = 1U << 4U;  // asked for by formats from 6 on
         constexpr std::uint8_t kCompressed = 1U << 7U;
-        to.put_text("LASF", 4);
+        to.put_padded("LASF", 4);
         to.put_zeros(2);
         to.put(kWkt);
         to.put_zeros(16);  // no project
         to.put<std::uint8_t>(1);
         to.put<std::uint8_t>(4);
-        to.put_text("", 32);
-        to.put_text("stipple", 32);
+        to.put_padded("", 32);
+        to.put_padded("stipple", 32);
         to.put_zeros(4);  // no date, so that the same cloud has the same bytes
         to.put(static_cast<std::uint16_t>(kHeaderSize));
         to.put(static_cast<std::uint32_t>(points_at));
@@ -366,7 +336,7 @@ private:
         to.put(points);  // of the first return
         to.put_zeros(14 * 8);
     }
-    void put_info(Bytes& to) const {
+    void put_info(ByteWriter& to) const {
         const double half = cube.side() / 2;
         put_record_head(to, "copc", 1, kInfoSize, "COPC info");
         to.put((cube.low.array() + half).matrix().eval());
@@ -407,32 +377,31 @@ std::vector<std::byte> encode_copc(const PointCloud& cloud, const CopcOptions& o
               .spacing = octree.cube().side() / options.octree.grid,
               .has_colors = !cloud.colors.empty(),
               .fields = fields};
-    Bytes file;
+    ByteWriter file;
     file.put_zeros(head.bytes().size() + kTablePointer);
     const std::vector<std::size_t> order = order_of_file(nodes);
     const std::vector<Chunk> chunks =
         append_chunks(file, nodes, order, std::move(encoded), context);
-    const std::uint64_t table = file.size();
+    const std::uint64_t table = file.bytes.size();
     std::vector<LazChunkSize> sizes;
     for (const std::size_t n : order) sizes.push_back(chunks[n].size);
-    file.append(encode_laz_chunk_table(sizes));
-    head.hierarchy_record = file.size();
-    const Hierarchy hierarchy(nodes, chunks, file.size() + kExtendedRecordHead);
+    file.put(encode_laz_chunk_table(sizes));
+    head.hierarchy_record = file.bytes.size();
+    const Hierarchy hierarchy(nodes, chunks, file.bytes.size() + kExtendedRecordHead);
     head.root_offset = hierarchy.root_offset();
     head.root_size = hierarchy.root_size();
     file.put<std::uint16_t>(0);
-    file.put_text("copc", 16);
+    file.put_padded("copc", 16);
     file.put<std::uint16_t>(1000);
     file.put<std::uint64_t>(hierarchy.pages().size());
-    file.put_text("EPT hierarchy", 32);
-    file.append(hierarchy.pages());
+    file.put_padded("EPT hierarchy", 32);
+    file.put(hierarchy.pages());
 
-    std::vector<std::byte> bytes = std::move(file).take();
     const std::vector<std::byte> first = head.bytes();
-    std::ranges::copy(first, bytes.begin());
-    std::memcpy(bytes.data() + first.size(), &table, kTablePointer);
+    std::ranges::copy(first, file.bytes.begin());
+    std::memcpy(file.bytes.data() + first.size(), &table, kTablePointer);
     context.checkpoint(1);
-    return bytes;
+    return std::move(file.bytes);
 }
 
 }  // namespace stipple

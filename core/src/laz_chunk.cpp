@@ -1,10 +1,9 @@
 #include "laz_chunk.hpp"
 
+#include "byte_writer.hpp"
 #include "laz_coder.hpp"
 
 #include <algorithm>
-#include <bit>
-#include <cstring>
 #include <span>
 #include <utility>
 
@@ -14,12 +13,6 @@
 namespace stipple {
 
 namespace {
-
-template <typename T>
-void put(std::vector<std::byte>& to, T value) {
-    const auto bytes = std::bit_cast<std::array<std::byte, sizeof(T)>>(value);
-    to.insert(to.end(), bytes.begin(), bytes.end());
-}
 
 using Layer = std::vector<std::byte>;
 
@@ -123,24 +116,23 @@ Layer encode_bytes(std::span<const std::byte> bytes, std::size_t stride) {
     return is_constant ? Layer{} : std::move(layer).finish();
 }
 
-void put_first_point(std::vector<std::byte>& to, const LazPoints& points) {
+void put_first_point(ByteWriter& to, const LazPoints& points) {
     constexpr std::uint8_t kOnlyReturn = 0x11;  // the first of one
-    for (const std::int32_t coordinate : points.positions.front()) put(to, coordinate);
-    put<std::uint16_t>(to, points.intensities.empty() ? 0 : points.intensities.front());
-    put<std::uint8_t>(to, kOnlyReturn);
-    put<std::uint8_t>(to, 0);  // flags
-    put<std::uint8_t>(to, points.classifications.empty() ? 0 : points.classifications.front());
-    put<std::uint8_t>(to, 0);   // user data
-    put<std::int16_t>(to, 0);   // scan angle
-    put<std::uint16_t>(to, 0);  // point source
-    put<double>(to, 0);         // GPS time
+    for (const std::int32_t coordinate : points.positions.front()) to.put(coordinate);
+    to.put<std::uint16_t>(points.intensities.empty() ? 0 : points.intensities.front());
+    to.put<std::uint8_t>(kOnlyReturn);
+    to.put<std::uint8_t>(0);  // flags
+    to.put<std::uint8_t>(points.classifications.empty() ? 0 : points.classifications.front());
+    to.put<std::uint8_t>(0);   // user data
+    to.put<std::int16_t>(0);   // scan angle
+    to.put<std::uint16_t>(0);  // point source
+    to.put<double>(0);         // GPS time
     if (!points.colors.empty()) {
         const Rgba8& c = points.colors.front();
         for (const unsigned channel : {c.r, c.g, c.b})
-            put(to, static_cast<std::uint16_t>(channel << 8U));
+            to.put(static_cast<std::uint16_t>(channel << 8U));
     }
-    const auto extra = static_cast<std::ptrdiff_t>(points.extra_size);
-    to.insert(to.end(), points.extras.begin(), points.extras.begin() + extra);
+    to.put(std::span(points.extras).first(points.extra_size));
 }
 
 }  // namespace
@@ -158,18 +150,18 @@ std::vector<std::byte> encode_laz_chunk(const LazPoints& points) {
     for (std::size_t b = 0; b < points.extra_size; ++b)
         layers.push_back(encode_bytes(std::span(points.extras).subspan(b), points.extra_size));
 
-    std::vector<std::byte> bytes;
-    put_first_point(bytes, points);
-    put(bytes, static_cast<std::uint32_t>(points.positions.size()));
-    for (const Layer& layer : layers) put(bytes, static_cast<std::uint32_t>(layer.size()));
-    for (const Layer& layer : layers) bytes.insert(bytes.end(), layer.begin(), layer.end());
-    return bytes;
+    ByteWriter chunk;
+    put_first_point(chunk, points);
+    chunk.put(static_cast<std::uint32_t>(points.positions.size()));
+    for (const Layer& layer : layers) chunk.put(static_cast<std::uint32_t>(layer.size()));
+    for (const Layer& layer : layers) chunk.put(layer);
+    return std::move(chunk.bytes);
 }
 
 std::vector<std::byte> encode_laz_chunk_table(const std::vector<LazChunkSize>& chunks) {
-    std::vector<std::byte> bytes;
-    put<std::uint32_t>(bytes, 0);  // version
-    put(bytes, static_cast<std::uint32_t>(chunks.size()));
+    ByteWriter table;
+    table.put<std::uint32_t>(0);  // version
+    table.put(static_cast<std::uint32_t>(chunks.size()));
     LazEncoder encoder;
     LazIntegers sizes(32, 2);
     LazChunkSize before{};
@@ -180,9 +172,8 @@ std::vector<std::byte> encode_laz_chunk_table(const std::vector<LazChunkSize>& c
                      static_cast<std::int32_t>(chunk.bytes), 1);
         before = chunk;
     }
-    const std::vector<std::byte> coded = std::move(encoder).finish();
-    bytes.insert(bytes.end(), coded.begin(), coded.end());
-    return bytes;
+    table.put(std::move(encoder).finish());
+    return std::move(table.bytes);
 }
 
 }  // namespace stipple

@@ -1,6 +1,7 @@
 #include "progressive_layout.hpp"
 
 #include "attribute_name.hpp"
+#include "byte_writer.hpp"
 #include "stipple/error.hpp"
 
 #include <array>
@@ -18,23 +19,6 @@ constexpr std::size_t kPreamble = 12;
 constexpr std::size_t kMostHeader = std::size_t{1} << 20U;
 constexpr std::size_t kMostBatches = 64;
 constexpr unsigned kTypes = std::variant_size_v<AttributeValues>, kFloat = 6;
-static_assert(std::endian::native == std::endian::little, "numbers are written as they lie");
-
-class Writer {
-public:
-    template <typename T>
-    void put(T value) {
-        const auto raw = std::bit_cast<std::array<std::byte, sizeof(T)>>(value);
-        bytes.insert(bytes.end(), raw.begin(), raw.end());
-    }
-    void put(std::string_view text) {
-        for (const char c : text) bytes.push_back(static_cast<std::byte>(c));
-    }
-    void put(const Vec3d& v) {
-        for (int axis = 0; axis < 3; ++axis) put(v[axis]);
-    }
-    std::vector<std::byte> bytes;
-};
 
 [[noreturn]] void malformed(const std::string& what) {
     throw Error(ErrorCode::MalformedInput, "progressive stream: " + what);
@@ -140,7 +124,7 @@ std::vector<Channel> ProgressiveLayout::channels() const {
 }
 
 std::vector<std::byte> write_header(const ProgressiveLayout& layout) {
-    Writer out;
+    ByteWriter out;
     out.put(kMagic);
     out.put(kVersion);
     out.put(static_cast<std::uint8_t>((layout.normals ? 1 : 0) | (layout.colors ? 2 : 0) |
