@@ -3,7 +3,6 @@
 #include "draco.hpp"
 #include "in_quotes.hpp"
 #include "ply.hpp"
-#include "stipple/copc.hpp"
 #include "stipple/error.hpp"
 #include "stipple/progressive_cloud.hpp"
 
@@ -159,12 +158,12 @@ PointCloud decode(std::span<const std::byte> bytes, const DecodeLimits& limits,
 
 std::vector<std::byte> encode_for(const fs::path& file, const PointCloud& cloud,
                                   const PlyEncodeOptions& ply, const DracoEncodeOptions& draco,
-                                  const RunContext& context) {
+                                  const CopcOptions& copc, const RunContext& context) {
     std::string extension = file.extension().string();
     for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
     if (extension == ".ply") return encode_ply(cloud, ply, context);
     if (extension == ".drc") return encode_draco(cloud, draco, context);
-    if (extension == ".laz") return encode_copc(cloud, {.precision = draco.precision}, context);
+    if (extension == ".laz") return encode_copc(cloud, copc, context);
     if (extension == ".stpc")
         return encode_progressive(
             cloud, {.position_bits = draco.position_bits, .precision = draco.precision}, context);
@@ -247,8 +246,9 @@ PointCloud read_cloud(const fs::path& file, const DecodeLimits& limits, const Ru
 }
 
 void write_cloud(const PointCloud& cloud, const fs::path& file, const PlyEncodeOptions& ply,
-                 const DracoEncodeOptions& draco, const RunContext& context) {
-    write_whole(file, encode_for(file, cloud, ply, draco, context));
+                 const DracoEncodeOptions& draco, const CopcOptions& copc,
+                 const RunContext& context) {
+    write_whole(file, encode_for(file, cloud, ply, draco, copc, context));
 }
 
 }  // namespace stipple

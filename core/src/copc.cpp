@@ -7,6 +7,7 @@
 #include "laz_chunk.hpp"
 #include "parallel_for.hpp"
 #include "stipple/error.hpp"
+#include "stipple/globe.hpp"
 
 #include <algorithm>
 #include <bit>
@@ -14,6 +15,7 @@
 #include <cstring>
 #include <limits>
 #include <numeric>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -158,7 +160,6 @@ void put_laszip_record(ByteWriter& to, bool has_colors, std::size_t extra_size) 
 }
 
 void put_extra_fields_record(ByteWriter& to, std::span<const LasExtraField> fields) {
-    if (fields.empty()) return;
     constexpr std::size_t kMostFields = 0xFFFF / kExtraFieldSize;
     if (fields.size() > kMostFields)
         throw Error(ErrorCode::InvalidArgument, std::to_string(fields.size()) +
@@ -172,6 +173,13 @@ void put_extra_fields_record(ByteWriter& to, std::span<const LasExtraField> fiel
         to.put_padded(field.name, 32);
         to.put_zeros(kExtraFieldSize - 36);
     }
+}
+
+void put_system_record(ByteWriter& to, unsigned epsg) {
+    const std::string text = well_known_text(epsg);
+    put_record_head(to, "LASF_Projection", 2112, text.size() + 1, "OGC WKT");
+    to.put(text);
+    to.put_zeros(1);
 }
 
 /// Of the points' coordinates as the file has them.
@@ -289,6 +297,7 @@ struct Head {
     double spacing = 0;  ///< of the points of the root
     bool has_colors = false;
     const LasFields& fields;
+    std::optional<unsigned> epsg{};
     /// What is known once the chunks are.
     std::uint64_t hierarchy_record = 0, root_offset = 0, root_size = 0;
 
@@ -296,9 +305,11 @@ struct Head {
         ByteWriter records;
         put_info(records);
         put_laszip_record(records, has_colors, fields.extra_size);
-        put_extra_fields_record(records, fields.extras);
+        if (!fields.extras.empty()) put_extra_fields_record(records, fields.extras);
+        if (epsg) put_system_record(records, *epsg);
+        const unsigned count = 2 + (fields.extras.empty() ? 0 : 1) + (epsg ? 1 : 0);
         ByteWriter head;
-        put_header(head, kHeaderSize + records.bytes.size(), fields.extras.empty() ? 2 : 3);
+        put_header(head, kHeaderSize + records.bytes.size(), count);
         head.put(records.bytes);
         return std::move(head.bytes);
     }
@@ -353,6 +364,7 @@ private:
 std::vector<std::byte> encode_copc(const PointCloud& cloud, const CopcOptions& options,
                                    const RunContext& context) {
     validate(cloud);
+    if (options.epsg) well_known_text(*options.epsg);  // refuses systems that it does not know
     if (cloud.empty())
         throw Error(ErrorCode::InvalidArgument, "the cloud has no points: expected at least 1");
     if (!std::ranges::all_of(cloud.positions, [](const Vec3f& p) { return p.allFinite(); }))
@@ -376,7 +388,8 @@ std::vector<std::byte> encode_copc(const PointCloud& cloud, const CopcOptions& o
               .points = cloud.size(),
               .spacing = octree.cube().side() / options.octree.grid,
               .has_colors = !cloud.colors.empty(),
-              .fields = fields};
+              .fields = fields,
+              .epsg = options.epsg};
     ByteWriter file;
     file.put_zeros(head.bytes().size() + kTablePointer);
     const std::vector<std::size_t> order = order_of_file(nodes);

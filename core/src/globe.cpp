@@ -65,6 +65,33 @@ Vec3d earth_centred(const Zone& zone, const Vec3d& place) {
     return earth_centred(latitude, longitude, place.z());
 }
 
+void check_known(unsigned epsg) {
+    if (is_on_globe(epsg)) return;
+    throw Error(ErrorCode::InvalidArgument,
+                "epsg " + std::to_string(epsg) +
+                    ": expected 4978 (earth-centred), 32601..32660, 32701..32760 (UTM on "
+                    "WGS 84) or 25828..25838 (UTM on ETRS89)");
+}
+
+/// `NAME["title",content,AUTHORITY["EPSG","code"]]`
+std::string node(const char* name, const std::string& title, const std::string& content,
+                 unsigned epsg) {
+    return std::string(name) + "[\"" + title + "\"" + (content.empty() ? "" : "," + content) +
+           ",AUTHORITY[\"EPSG\",\"" + std::to_string(epsg) + "\"]]";
+}
+
+/// Datum and prime meridian.
+std::string datum_text(bool is_etrs) {
+    const std::string meridian = "," + node("PRIMEM", "Greenwich", "0", 8901) + ",";
+    if (is_etrs)
+        return node("DATUM", "European_Terrestrial_Reference_System_1989",
+                    node("SPHEROID", "GRS 1980", "6378137,298.257222101", 7019), 6258) +
+               meridian;
+    return node("DATUM", "WGS_1984", node("SPHEROID", "WGS 84", "6378137,298.257223563", 7030),
+                6326) +
+           meridian;
+}
+
 }  // namespace
 
 bool is_on_globe(unsigned epsg) noexcept {
@@ -72,12 +99,7 @@ bool is_on_globe(unsigned epsg) noexcept {
 }
 
 Eigen::Matrix4d globe_frame(unsigned epsg, const Vec3d& place) {
-    if (!is_on_globe(epsg)) {
-        throw Error(ErrorCode::InvalidArgument,
-                    "epsg " + std::to_string(epsg) +
-                        ": expected 4978 (earth-centred), 32601..32660, 32701..32760 (UTM on "
-                        "WGS 84) or 25828..25838 (UTM on ETRS89)");
-    }
+    check_known(epsg);
     Eigen::Matrix4d frame = Eigen::Matrix4d::Identity();
     if (epsg == kEarthCentred) return frame;
     constexpr double kFar = 1e7;
@@ -95,6 +117,36 @@ Eigen::Matrix4d globe_frame(unsigned epsg, const Vec3d& place) {
     }
     frame.col(3).head<3>() = earth_centred(zone, place) - frame.topLeftCorner<3, 3>() * place;
     return frame;
+}
+
+std::string well_known_text(unsigned epsg) {
+    check_known(epsg);
+    const std::string metre = node("UNIT", "metre", "1", 9001);
+    if (epsg == kEarthCentred) {
+        return node("GEOCCS", "WGS 84",
+                    datum_text(false) + metre +
+                        ",AXIS[\"Geocentric X\",OTHER],AXIS[\"Geocentric Y\",OTHER],"
+                        "AXIS[\"Geocentric Z\",NORTH]",
+                    epsg);
+    }
+    const Zone zone = zone_of(epsg);
+    const bool is_etrs = epsg < 32'600;
+    const std::string datum = is_etrs ? "ETRS89" : "WGS 84";
+    const std::string geographic = node(
+        "GEOGCS", datum, datum_text(is_etrs) + node("UNIT", "degree", "0.0174532925199433", 9122),
+        is_etrs ? 4258 : 4326);
+    const int meridian = 6 * static_cast<int>(zone.number) - 183;
+    return node("PROJCS",
+                datum + " / UTM zone " + std::to_string(zone.number) + (zone.south ? "S" : "N"),
+                geographic +
+                    ",PROJECTION[\"Transverse_Mercator\"],PARAMETER[\"latitude_of_origin\",0],"
+                    "PARAMETER[\"central_meridian\"," +
+                    std::to_string(meridian) +
+                    "],PARAMETER[\"scale_factor\",0.9996],PARAMETER[\"false_easting\",500000],"
+                    "PARAMETER[\"false_northing\"," +
+                    (zone.south ? "10000000" : "0") + "]," + metre +
+                    ",AXIS[\"Easting\",EAST],AXIS[\"Northing\",NORTH]",
+                epsg);
 }
 
 }  // namespace stipple

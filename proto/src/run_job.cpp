@@ -290,7 +290,7 @@ private:
         if (job.epsg) globe_frame(*job.epsg, 0.5 * (box.min + box.max));  // refuses others' places
         const std::vector<std::uint64_t> sizes = lod_sizes(cloud.size(), job.options);
         points_to_encode_ = std::accumulate(sizes.begin(), sizes.end(), std::uint64_t{0});
-        finest_ = {sizes.back(), job.tiles.position_bits, job.tiles.precision};
+        finest_ = {sizes.back(), job.tiles.position_bits, job.tiles.precision, job.epsg};
 
         const double encoded_before = cost_.encode_seconds;
         const auto start = Clock::now();
@@ -545,10 +545,10 @@ private:
 
     /// The finest level as one file that viewers read a part of: a stream or an octree.
     OutputFile write_finest(const LodLevel& finest, CloudFormat format, const RunContext& context) {
-        const auto& [points, position_bits, precision] = finest_;
+        const auto& [points, position_bits, precision, epsg] = finest_;
         const std::vector<std::byte> bytes =
             format == CloudFormat::Copc
-                ? encode_copc(finest.cloud, {.precision = precision}, context)
+                ? encode_copc(finest.cloud, {.precision = precision, .epsg = epsg}, context)
                 : encode_progressive(finest.cloud,
                                      {.position_bits = position_bits, .precision = precision},
                                      context);
@@ -578,6 +578,7 @@ private:
         std::uint64_t points = 0;
         unsigned position_bits = 0;
         std::optional<double> precision;
+        std::optional<unsigned> epsg;
     };
     Finest finest_;                            ///< level of a pyramid
     std::optional<MeasuredBound> bound_;       ///< of the result, where there was one to keep

@@ -238,6 +238,14 @@ TEST(CommandLine, APotreeFolderTakesNoOptionOfLevels) {
 TEST(CommandLine, ConvertGoesByTheEndOfTheName) {
     for (const char* const name : {"a.ply", "a.drc", "a.stpc", "a.laz", "a.copc.laz"})
         EXPECT_EQ(parsed<ConvertCommand>({"convert", "in.ply", name}).output, name);
+    const auto placed = parsed<ConvertCommand>(
+        {"convert", "in.ply", "a.laz", "--epsg", "32633", "--precision", "0.01"});
+    EXPECT_EQ(placed.copc.epsg, 32633U);
+    EXPECT_EQ(placed.copc.precision, 0.01);
+    EXPECT_EQ(refusal({"convert", "in.ply", "a.drc", "--epsg", "32633"}),
+              "--epsg: a.drc tells no coordinate system, a .laz does");
+    EXPECT_NE(refusal({"convert", "in.ply", "a.laz", "--epsg", "4326"}).find("epsg 4326"),
+              std::string::npos);
     EXPECT_EQ(refusal({"convert", "in.ply", "a.las"}),
               "a.las: the name must end with .ply, .drc, .stpc or .laz");
 }

@@ -2,6 +2,7 @@
 
 #include "stipple/codec.hpp"
 #include "stipple/error.hpp"
+#include "stipple/globe.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
@@ -120,6 +121,20 @@ TEST(Copc, KeepsThePrecisionAskedFor) {
     EXPECT_DOUBLE_EQ(step_of(encode_copc(cloud, {.precision = 0.01})), 0.01);
     EXPECT_DOUBLE_EQ(step_of(encode_copc(cloud, {.precision = 0.049})), 0.01);
     EXPECT_DOUBLE_EQ(step_of(encode_copc(cloud, {.precision = 0.05})), 0.1);
+}
+
+TEST(Copc, TellsTheCoordinateSystemItIsGiven) {
+    const std::vector<std::byte> file = encode_copc(test::sphere(100), {.epsg = 32633});
+    const std::string_view text(reinterpret_cast<const char*>(file.data()), file.size());
+    EXPECT_EQ(at<std::uint32_t>(file, 100), 3U);  // records
+    const std::string expected = well_known_text(32633) + '\0';
+    const std::size_t found = text.find(expected);
+    ASSERT_NE(found, std::string_view::npos);
+    EXPECT_EQ(text.substr(found - 52, 15), "LASF_Projection");
+    EXPECT_EQ(at<std::uint16_t>(file, found - 34), expected.size());
+    EXPECT_EQ(at<std::uint32_t>(file, 96), found + expected.size()) << "the points follow";
+    EXPECT_EQ(at<std::uint32_t>(encode_copc(test::sphere(100)), 100), 2U);
+    EXPECT_NE(refusal(test::sphere(10), {.epsg = 4326}).find("epsg 4326"), std::string::npos);
 }
 
 TEST(Copc, RefusesWhatTheFormatCannotHold) {

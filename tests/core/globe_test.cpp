@@ -67,5 +67,17 @@ TEST(GlobeFrame, RefusesSystemsAndPlacesItDoesNotKnow) {
     EXPECT_THROW(globe_frame(32633, Vec3d(std::nan(""), 0, 0)), Error);
 }
 
+TEST(WellKnownText, NamesTheSystemAndItsParameters) {
+    const std::string south = well_known_text(32733);
+    EXPECT_TRUE(south.starts_with("PROJCS[\"WGS 84 / UTM zone 33S\",GEOGCS[\"WGS 84\","));
+    EXPECT_NE(south.find("PARAMETER[\"central_meridian\",15]"), std::string::npos);
+    EXPECT_NE(south.find("PARAMETER[\"false_northing\",10000000]"), std::string::npos);
+    EXPECT_TRUE(south.ends_with("AUTHORITY[\"EPSG\",\"32733\"]]"));
+    EXPECT_TRUE(well_known_text(25828).starts_with("PROJCS[\"ETRS89 / UTM zone 28N\","));
+    EXPECT_NE(well_known_text(32601).find("\"central_meridian\",-177]"), std::string::npos);
+    EXPECT_TRUE(well_known_text(4978).starts_with("GEOCCS[\"WGS 84\","));
+    EXPECT_THROW(well_known_text(4326), Error);
+}
+
 }  // namespace
 }  // namespace stipple

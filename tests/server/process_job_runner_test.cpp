@@ -54,7 +54,7 @@ protected:
 
     fs::path sphere_file(std::size_t points) {
         const fs::path file = folder_ / "in.ply";
-        write_cloud(test::sphere(points), file, {}, {}, {.threads = 1});
+        write_cloud(test::sphere(points), file, {}, {}, {}, {.threads = 1});
         return file;
     }
 

@@ -280,8 +280,20 @@ ConvertCommand convert_command(const Values& values) {
     const fs::path extension = fs::path(values.output).extension();
     if (extension != ".stpc" && extension != ".laz")
         format_of(values.output, ".ply, .drc, .stpc or .laz");
-    return {values.input,  values.output, values.first_points, values.first_bytes,
-            draco(values), ply(values),   values.common};
+    if (values.epsg) {
+        if (extension != ".laz")
+            throw UsageError("--epsg: " + values.output +
+                             " tells no coordinate system, a .laz does");
+        well_known_text(*values.epsg);  // refuses systems that it does not know
+    }
+    return {values.input,
+            values.output,
+            values.first_points,
+            values.first_bytes,
+            draco(values),
+            ply(values),
+            {.precision = values.precision, .epsg = values.epsg},
+            values.common};
 }
 
 SynthesizeCommand synthesize_command(const Values& values) {

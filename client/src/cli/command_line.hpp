@@ -84,6 +84,7 @@ struct ConvertCommand {
     std::optional<std::uint64_t> points, bytes;  ///< of a progressive input: no more than the first
     DracoEncodeOptions draco;
     PlyEncodeOptions ply;
+    CopcOptions copc;
     CommonOptions common;
 };
 

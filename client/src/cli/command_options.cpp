@@ -238,8 +238,9 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
         ->type_name("M")
         ->capture_default_str();
     command
-        .add_option("--formats", values.formats,
-                    "of drc, ply, glb (tiles), stpc (one stream), copc.laz (one octree); drc,ply,glb")
+        .add_option(
+            "--formats", values.formats,
+            "of drc, ply, glb (tiles), stpc (one stream), copc.laz (one octree); drc,ply,glb")
         ->delimiter(',')
         ->type_name("F,F");
     command
@@ -459,6 +460,11 @@ CLI::App& add_convert(CLI::App& app, Values& values) {
         ->transform(whole_number());
     add_draco(command, values);
     add_ply(command, values);
+    command
+        .add_option("--epsg", values.epsg,
+                    "of .laz: the coordinates are of this system, as 32633 (UTM)")
+        ->type_name("CODE")
+        ->transform(whole_number());
     add_common(command, values);
     command.footer(
         "Examples:\n"

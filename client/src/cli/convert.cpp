@@ -97,7 +97,7 @@ void run(const ConvertCommand& command, const Session& session) {
     const std::uint64_t bytes_in = fs::file_size(command.input);
     PlyEncodeOptions ply = command.ply;
     ply.comments = report.comments;
-    write_cloud(cloud, command.output, ply, command.draco,
+    write_cloud(cloud, command.output, ply, command.draco, command.copc,
                 shown_as("encode", 0.5, 1, context, display));
     const auto encoded = Clock::now();
     display.finish();
@@ -130,7 +130,7 @@ void run(const SynthesizeCommand& command, const Session& session) {
     PlyEncodeOptions ply = command.ply;
     ply.comments.push_back("synthetic scan of an ammonite, seed " +
                            std::to_string(command.options.seed));
-    write_cloud(cloud, command.output, ply, command.draco,
+    write_cloud(cloud, command.output, ply, command.draco, {},
                 shown_as("encode", 0.8, 1, context, display));
     display.finish();
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "stipple/copc.hpp"
 #include "stipple/point_cloud.hpp"
 #include "stipple/run_context.hpp"
 
@@ -25,8 +26,8 @@ enum class CloudFormat {
 std::string_view to_string(CloudFormat format) noexcept;
 /// `model/ply`, `model/vnd.google.draco`... as sent in `Content-Type`.
 std::string_view media_type(CloudFormat format) noexcept;
-/// The inverse of `to_string`; also `draco`, `stream` and `copc`. @throws Error(UnsupportedFormat) naming
-/// what is offered.
+/// The inverse of `to_string`; also `draco`, `stream` and `copc`. @throws Error(UnsupportedFormat)
+/// naming what is offered.
 CloudFormat cloud_format_from_name(std::string_view name);
 /// By the first bytes (`ply`, `DRACO` or `STPC`), never by a file's name; nothing when it is none.
 std::optional<CloudFormat> detect_format(std::span<const std::byte> head) noexcept;
@@ -130,6 +131,6 @@ std::vector<std::byte> encode_draco(PointCloud&& cloud, const DracoEncodeOptions
 /// Error(UnsupportedFormat) for another extension, Error(Internal) when it cannot be written.
 void write_cloud(const PointCloud& cloud, const std::filesystem::path& file,
                  const PlyEncodeOptions& ply = {}, const DracoEncodeOptions& draco = {},
-                 const RunContext& context = {});
+                 const CopcOptions& copc = {}, const RunContext& context = {});
 
 }  // namespace stipple

@@ -15,6 +15,8 @@ struct CopcOptions {
     std::optional<double>
         precision{};  ///< the largest error per axis, in input units, > 0: the grid's step is the
                       ///< power of ten next below twice as much. None: see `encode_copc`
+    std::optional<unsigned> epsg{};  ///< the coordinate system, one of `is_on_globe`; none: the
+                                     ///< file tells none
 };
 
 /// A cloud as a Cloud Optimized Point Cloud (COPC 1.0): a LAZ file (LAS 1.4, layered compression)
@@ -29,7 +31,7 @@ struct CopcOptions {
 /// 255) go into the fields that LAS has for them. Normals (`NormalX`, `NormalY`, `NormalZ`), alpha
 /// and all other attributes become extra bytes in their own types under their names, of which LAS
 /// takes 32 characters; one with several components as several. What a cloud does not have is 0;
-/// no coordinate system and no date are told.
+/// no date is told.
 ///
 /// @throws Error(InvalidArgument) for a cloud without points, options out of range, or a precision
 /// for which 30 bits are too few, and for extra bytes beyond what a record can hold (65,535).

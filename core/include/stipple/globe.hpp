@@ -2,6 +2,8 @@
 
 #include "stipple/point_cloud.hpp"
 
+#include <string>
+
 namespace stipple {
 
 /// Whether `globe_frame` knows a coordinate reference system by this number of EPSG: 4978
@@ -18,5 +20,9 @@ bool is_on_globe(unsigned epsg) noexcept;
 /// @throws Error(InvalidArgument) for a system it does not know, or a place that is not finite or
 /// farther than 10,000 km from the origin of a map.
 Eigen::Matrix4d globe_frame(unsigned epsg, const Vec3d& place);
+
+/// A system as files tell it: Well-Known Text 1 (OGC 01-009). @throws Error(InvalidArgument) for
+/// one it does not know.
+std::string well_known_text(unsigned epsg);
 
 }  // namespace stipple

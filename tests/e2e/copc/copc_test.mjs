@@ -12,7 +12,8 @@ import { parseArgs } from 'node:util';
 import { startServer } from '../browser/server.mjs';
 
 const { values: options } = parseArgs({ options: { bin: { type: 'string' }, modules: { type: 'string' } } });
-const { Copc, Las } = createRequire(join(resolve(options.modules), 'from.js'))('copc');
+const from = createRequire(join(resolve(options.modules), 'from.js'));
+const { Copc, Las } = from('copc'), proj4 = from('proj4');
 const lazPerf = await Las.PointData.createLazPerf();
 const folder = mkdtempSync(join(tmpdir(), 'stipple-copc-'));
 const convert = (...args) => execFileSync(join(options.bin, 'stipple'), ['convert', ...args, '--quiet']);
@@ -153,6 +154,19 @@ try {
     assert.ok(coarse.bytes.length < whole.bytes.length);
     console.log('ok      one thread; a precision');
 
+    // The coordinate system, as another program understands it.
+    assert.equal(whole.copc.wkt, undefined);
+    // `cs2cs EPSG:<epsg> EPSG:4326` of PROJ 9.1.
+    for (const [epsg, place, longitude, latitude] of [[25832, [691_607.86, 5_334_760.38], 11.57555599, 48.13722193],
+        [32617, [630_084, 4_833_438], -79.38714287, 43.64256178], [32733, [300_000, 5_500_000], 12.63531921, -40.62663973],
+        [32601, [300_000, 5_500_000], -179.76905775, 49.61941719]]) {
+        convert(ply, file, '--epsg', String(epsg));
+        const { copc } = await read(file);
+        const [x, y] = proj4(copc.wkt, 'WGS84', place);
+        assert.ok(Math.hypot(x - longitude, y - latitude) < 1e-7, `${epsg}: ${x}, ${y}`);
+    }
+    console.log('ok      coordinate systems');
+
     // A deep tree: points ever denser towards a corner.
     const deep = Array.from({ length: 160_000 }, (_, i) => [1, 2, 3].map((salt) => part(i, salt) * 2 ** -Math.floor(i / 8000)));
     writePly(ply, deep.length, ['x', 'y', 'z'].map((name, axis) => ({ name, type: 'float', value: (i) => deep[i][axis] })));
@@ -187,7 +201,7 @@ try {
         const cloud = await request('/v1/clouds', { method: 'POST', body: readFileSync(ply) });
         const { id } = await request('/v1/jobs', {
             method: 'POST', headers: { 'Content-Type': 'application/json' },
-            body: JSON.stringify({ type: 'pyramid', input: cloud.id, formats: ['ply', 'copc.laz'] }),
+            body: JSON.stringify({ type: 'pyramid', input: cloud.id, formats: ['ply', 'copc.laz'], tiles: { epsg: 32610 } }),
         });
         let job;
         do job = await request(`/v1/jobs/${id}?wait=20`); while (job.status === 'accepted' || job.status === 'running');
@@ -197,6 +211,7 @@ try {
         assert.equal(others.length, 0);
         const url = server.url + octree.href;
         const found = await Copc.create(url);
+        assert.match(found.wkt, /^PROJCS\["WGS 84 \/ UTM zone 10N"/);
         const { nodes } = await Copc.loadHierarchyPage(url, found.info.rootHierarchyPage);
         const root = await Copc.loadPointDataView(url, found, nodes['0-0-0-0'], { lazPerf });
         const number = root.getter('number'), intensity = root.getter('Intensity');
@@ -209,6 +224,9 @@ try {
     } finally {
         await server.stop();
     }
+} catch (error) {
+    console.error(error);  // here: laz-perf would print all of itself with it
+    process.exitCode = 1;
 } finally {
     rmSync(folder, { recursive: true, force: true });
 }
