@@ -282,6 +282,25 @@ TEST_F(StippleCli, InspectTellsPointsBoundsAttributesAndHash) {
     EXPECT_NE(outcome.err.find("3,000"), std::string::npos);
 }
 
+TEST_F(StippleCli, ConvertLeavesOutWhatTheFormatCannotHoldAndSaysSo) {
+    std::ofstream(folder_ / "in.ply")
+        << "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
+           "property float z\nend_header\n0 0 0\nnan nan nan\n1 0 0\n0 1 0\n";
+    for (const char* const name : {"out.copc.laz", "out.stpc"}) {
+        const Outcome outcome = stipple("convert in.ply " + std::string(name) + " --json -");
+        ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+        EXPECT_NE(outcome.err.find("removed 1 point without finite coordinates"), std::string::npos)
+            << outcome.err;
+        const json figures = json::parse(outcome.out);
+        EXPECT_EQ(figures["input"]["removed"]["non_finite"], 1);
+        EXPECT_EQ(figures["output"]["points"], 3);
+    }
+    EXPECT_EQ(read_cloud(folder_ / "out.stpc").size(), 3U);
+    const Outcome kept = stipple("convert in.ply out.ply");
+    EXPECT_EQ(kept.err.find("removed"), std::string::npos);
+    EXPECT_EQ(read_cloud(folder_ / "out.ply").size(), 4U);
+}
+
 TEST_F(StippleCli, ConvertThereAndBackKeepsEveryPoint) {
     synthesize("in.ply", 3000);
     ASSERT_EQ(stipple("convert in.ply mid.drc --position-bits 0 --coding sequential").exit_code, 0);

@@ -68,6 +68,16 @@ PointCloud read_first(const ConvertCommand& command, const RunContext& context,
     return decoder.cloud();
 }
 
+/// For a file that holds finite positions alone. @returns how many points go.
+std::uint64_t leave_out_non_finite(PointCloud& cloud) {
+    std::vector<Index> finite;
+    for (std::size_t i = 0; i < cloud.size(); ++i)
+        if (cloud.positions[i].allFinite()) finite.push_back(static_cast<Index>(i));
+    const std::uint64_t others = cloud.size() - finite.size();
+    if (others > 0) cloud = subset(cloud, finite);
+    return others;
+}
+
 ordered_json output_json(const fs::path& file, std::uint64_t points) {
     return {{"points", points},
             {"file", file.string()},
@@ -88,12 +98,17 @@ void run(const ConvertCommand& command, const Session& session) {
     ProgressDisplay display(session.terminal, !command.common.quiet);
     DecodeReport report;
     const auto start = Clock::now();
-    const PointCloud cloud = naming(command.input, [&] {
+    PointCloud cloud = naming(command.input, [&] {
         const RunContext decoding = shown_as("decode", 0, 0.5, context, display);
         if (command.points || command.bytes) return read_first(command, decoding, report);
         return read_cloud(command.input, {}, decoding, &report);
     });
     const auto decoded = Clock::now();
+    const std::uint64_t points_in = cloud.size();
+    const fs::path extension = command.output.extension();
+    proto::CloudStatistics removed;
+    if (extension == ".laz" || extension == ".stpc")
+        removed.non_finite = leave_out_non_finite(cloud);
     const std::uint64_t bytes_in = fs::file_size(command.input);
     PlyEncodeOptions ply = command.ply;
     ply.comments = report.comments;
@@ -104,16 +119,17 @@ void run(const ConvertCommand& command, const Session& session) {
 
     const TextStyle& style = session.terminal.style();
     if (!command.common.quiet)
-        std::cerr << summary_line({cloud.size(), cloud.size(), bytes_in,
-                                   fs::file_size(command.output), seconds_between(start, encoded)},
+        std::cerr << summary_line({points_in, cloud.size(), bytes_in, fs::file_size(command.output),
+                                   seconds_between(start, encoded)},
                                   style)
                   << '\n';
+    if (!command.common.quiet && removed.non_finite > 0)
+        std::cerr << style.dim(losses_line(removed, style)) << '\n';
     ordered_json figures;
-    figures["input"] = {{"points", report.points},
-                        {"file", command.input.string()},
-                        {"bytes", bytes_in},
-                        {"encoding", report.encoding},
-                        {"skipped", report.skipped}};
+    figures["input"] = {
+        {"points", report.points},        {"removed", {{"non_finite", removed.non_finite}}},
+        {"file", command.input.string()}, {"bytes", bytes_in},
+        {"encoding", report.encoding},    {"skipped", report.skipped}};
     figures["output"] = output_json(command.output, cloud.size());
     figures["seconds"] = {{"decode", seconds_between(start, decoded)},
                           {"encode", seconds_between(decoded, encoded)},
