@@ -20,8 +20,8 @@ struct CopcOptions {
 };
 
 /// A cloud as a Cloud Optimized Point Cloud (COPC 1.0): a LAZ file (LAS 1.4, layered compression)
-/// that every reader of LAZ takes, its points in the order of the nodes of a `SampledOctree`, one
-/// chunk each, which readers fetch by ranges of bytes.
+/// as a whole, its points in the order of the nodes of a `SampledOctree`, one chunk each, which
+/// readers fetch by ranges of bytes.
 ///
 /// Positions are integers on a grid whose step is a power of ten in input units: the longest on
 /// which all of them lie already, as coordinates of LiDAR mostly do; else one as short as single
