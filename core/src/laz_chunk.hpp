@@ -28,7 +28,7 @@ inline constexpr std::size_t kLazPointSize = 30, kLazColorSize = 6;
 
 /// A chunk of a LAZ file: the first point as it is, and the others compressed, each field as a
 /// layer of its own (the layered scheme of LASzip 3, items POINT14, RGB14 and BYTE14 in version 3).
-/// The points come in their order, each expected near those before it. About 100 ns a point.
+/// The points come in their order, each expected near those before it.
 std::vector<std::byte> encode_laz_chunk(const LazPoints& points);
 
 /// The numbers of points and of bytes of all chunks of a file, as it has them behind the last.

@@ -1,6 +1,7 @@
 #include "job_files.hpp"
 
 #include "stipple/error.hpp"
+#include "stipple/proto/digest.hpp"
 
 #include <fcntl.h>
 #include <unistd.h>
@@ -63,6 +64,14 @@ void write_whole_file(const fs::path& file, std::span<const std::byte> bytes, co
     if (!out.write(bytes) || !out.close() || ::rename(partial.c_str(), file.c_str()) != 0) {
         throw write_error(file, spec);
     }
+}
+
+OutputFile write_output(const std::string& stem, CloudFormat format,
+                        std::span<const std::byte> bytes, const JobSpec& spec) {
+    const std::string hash = sha256_hex(bytes);
+    const std::string name = (stem.empty() ? hash : stem) + "." + std::string(to_string(format));
+    write_whole_file(fs::path(spec.output_dir) / name, bytes, spec);
+    return {format, bytes.size(), hash, name};
 }
 
 }  // namespace stipple::proto

@@ -1,10 +1,12 @@
 #pragma once
 
+#include "stipple/proto/results.hpp"
 #include "stipple/proto/run_job.hpp"
 
 #include <cstddef>
 #include <filesystem>
 #include <span>
+#include <string>
 
 namespace stipple::proto {
 
@@ -13,5 +15,9 @@ namespace stipple::proto {
 /// system refuses it, as when the disk is full.
 void write_whole_file(const std::filesystem::path& file, std::span<const std::byte> bytes,
                       const JobSpec& spec);
+
+/// A cloud's file in the job's folder: `<stem>.<format>`, whole as above; without a stem its hash.
+OutputFile write_output(const std::string& stem, CloudFormat format,
+                        std::span<const std::byte> bytes, const JobSpec& spec);
 
 }  // namespace stipple::proto

@@ -1,6 +1,7 @@
 #include "stipple/proto/run_job.hpp"
 
 #include "evaluation_notes.hpp"
+#include "job_cloud.hpp"
 #include "job_files.hpp"
 #include "job_meters.hpp"
 #include "stipple/cleaning.hpp"
@@ -22,7 +23,6 @@
 #include <iterator>
 #include <new>
 #include <numeric>
-#include <sstream>
 #include <utility>
 
 namespace stipple::proto {
@@ -35,60 +35,6 @@ using Report = std::function<void(const JobReport&)>;
 
 double seconds_since(Clock::time_point start) {
     return std::chrono::duration<double>(Clock::now() - start).count();
-}
-
-std::string shown(std::uint64_t count, const char* what) {
-    return std::to_string(count) + " " + what;
-}
-
-/// Lengths whose squares, and those of the spacing, single precision can hold.
-void require_squares(double diagonal) {
-    constexpr double kShortest = 1e-15, kLongest = 1e15;
-    if (diagonal == 0 || (diagonal >= kShortest && diagonal <= kLongest)) return;
-    const bool is_short = diagonal < kShortest;
-    std::ostringstream message;
-    message << "the cloud is " << diagonal << " across: expected " << kShortest << " to "
-            << kLongest << ", or a single place; give it in a " << (is_short ? "smaller" : "larger")
-            << " unit" << (is_short ? "" : ", or without points that are far from all others");
-    throw Error(ErrorCode::MalformedInput, message.str());
-}
-
-void require_usable(const PointCloud& cloud, std::uint64_t points, const CleaningReport& removed,
-                    const Aabb& box) {
-    if (!cloud.empty()) return require_squares(box.diagonal());
-    if (points == 0) throw Error(ErrorCode::MalformedInput, "the file holds no points");
-    throw Error(ErrorCode::MalformedInput,
-                "no point is left: of " + shown(points, "in the file ") +
-                    shown(removed.non_finite, "have a NaN or infinite coordinate and ") +
-                    shown(removed.duplicates, "are duplicates"));
-}
-
-bool wants_source_index(const JobRequest& request) {
-    return std::visit(
-        [](const auto& job) {
-            if constexpr (requires { job.added; }) return job.added.source_index;
-            return false;
-        },
-        request.job);
-}
-
-/// Numbers the points as they stand in the file.
-void add_source_index(PointCloud& cloud) {
-    std::vector<std::uint32_t> numbers(cloud.size());
-    std::iota(numbers.begin(), numbers.end(), 0U);
-    set_attribute(cloud, {"source_index", std::move(numbers), 1, Reduction::Nearest});
-}
-
-/// A job's coordinates are those of the file, core's are relative to the origin of the cloud.
-void to_frame_of(const PointCloud& cloud, ParticleSimulationOptions& options) {
-    for (DensityRegion& region : options.regions) {
-        if (auto* sphere = std::get_if<DensityRegion::Sphere>(&region.where)) {
-            sphere->center -= cloud.origin;
-        } else if (auto* box = std::get_if<DensityRegion::Box>(&region.where)) {
-            box->min -= cloud.origin;
-            box->max -= cloud.origin;
-        }
-    }
 }
 
 constexpr std::array kSamplings = {"points", "surface", "particles"};  // as `ErrorSampling`
@@ -290,7 +236,7 @@ private:
         if (job.epsg) globe_frame(*job.epsg, 0.5 * (box.min + box.max));  // refuses others' places
         const std::vector<std::uint64_t> sizes = lod_sizes(cloud.size(), job.options);
         points_to_encode_ = std::accumulate(sizes.begin(), sizes.end(), std::uint64_t{0});
-        finest_ = {sizes.back(), job.tiles.position_bits, job.tiles.precision, job.epsg};
+        finest_points_ = sizes.back();
 
         const double encoded_before = cost_.encode_seconds;
         const auto start = Clock::now();
@@ -493,7 +439,7 @@ private:
                 line.level->spacing = tiler_->figures().spacing;
                 if (points == points_of_source_) tiler_.reset();  // no level comes after
             } else if (format == CloudFormat::Progressive || format == CloudFormat::Copc) {
-                if (points == finest_.points) files[i] = {write_finest(made, format, context)};
+                if (points == finest_points_) files[i] = {write_finest(made, format, context)};
             } else {
                 files[i] = {write(made, format, options.draco, context)};
             }
@@ -523,10 +469,7 @@ private:
         const std::vector<std::byte> bytes =
             format == CloudFormat::Draco ? encode_draco(std::move(made.cloud), options, context)
                                          : encode_ply(made.cloud, {}, context);
-        const std::string name =
-            "level-" + std::to_string(made.level) + "." + std::string(to_string(format));
-        write_whole_file(fs::path(spec_.output_dir) / name, bytes, spec_);
-        return {format, bytes.size(), sha256_hex(bytes), name};
+        return write_output("level-" + std::to_string(made.level), format, bytes, spec_);
     }
 
     /// A file for each tile, named by its hash: so the tileset names it, wherever it is served.
@@ -537,24 +480,24 @@ private:
              tiler_->add_level(made.cloud, whole, context.part(0, 0.9), made.order)) {
             const std::vector<std::byte> bytes = encode_glb(tile);
             tile.streams.clear();
-            const std::string hash = sha256_hex(bytes), name = hash + ".glb";
-            write_whole_file(fs::path(spec_.output_dir) / name, bytes, spec_);
-            files.push_back({CloudFormat::Glb, bytes.size(), hash, name, std::move(tile)});
+            files.push_back(write_output("", CloudFormat::Glb, bytes, spec_));
+            files.back().tile = std::move(tile);
         }
     }
 
     /// The finest level as one file that viewers read a part of: a stream or an octree.
     OutputFile write_finest(const LodLevel& finest, CloudFormat format, const RunContext& context) {
-        const auto& [points, position_bits, precision, epsg] = finest_;
+        const auto& job = std::get<PyramidJob>(spec_.request.job);
+        const LodTileOptions& tiles = job.tiles;
         const std::vector<std::byte> bytes =
             format == CloudFormat::Copc
-                ? encode_copc(finest.cloud, {.precision = precision, .epsg = epsg}, context)
-                : encode_progressive(finest.cloud,
-                                     {.position_bits = position_bits, .precision = precision},
-                                     context);
-        const std::string name = "cloud." + std::string(to_string(format));
-        write_whole_file(fs::path(spec_.output_dir) / name, bytes, spec_);
-        return {format, bytes.size(), sha256_hex(bytes), name};
+                ? encode_copc(finest.cloud, {.precision = tiles.precision, .epsg = job.epsg},
+                              context)
+                : encode_progressive(
+                      finest.cloud,
+                      {.position_bits = tiles.position_bits, .precision = tiles.precision},
+                      context);
+        return write_output("cloud", format, bytes, spec_);
     }
 
     void report_cost() {
@@ -574,13 +517,7 @@ private:
     JobCost cost_;
     std::unique_ptr<LodTiler> tiler_;  ///< of a pyramid, when it is to have tiles
     std::uint64_t points_of_source_ = 0;
-    struct Finest {
-        std::uint64_t points = 0;
-        unsigned position_bits = 0;
-        std::optional<double> precision;
-        std::optional<unsigned> epsg;
-    };
-    Finest finest_;                            ///< level of a pyramid
+    std::uint64_t finest_points_ = 0;          ///< of a pyramid
     std::optional<MeasuredBound> bound_;       ///< of the result, where there was one to keep
     std::optional<ErrorFigures> bound_error_;  ///< by which it was found to be kept
     std::uint64_t points_to_encode_ = 0;
@@ -603,8 +540,8 @@ void run_job(const JobSpec& spec, const Report& report, const RunContext& contex
 
 std::string memory_limit_message(const JobSpec& spec) {
     if (spec.max_memory_bytes == 0) return "the memory of this machine is too small for the cloud";
-    return "the job needs more than its memory limit of " +
-           shown(spec.max_memory_bytes, "bytes: upload a smaller cloud, or raise the limit");
+    return "the job needs more than its memory limit of " + std::to_string(spec.max_memory_bytes) +
+           " bytes: upload a smaller cloud, or raise the limit";
 }
 
 }  // namespace stipple::proto

@@ -44,7 +44,7 @@ public:
 
     /// @param cloud  finite positions; those outside of the cube count as on its border.
     /// @throws Error(InvalidArgument) for a cloud without points or options out of range.
-    /// O(N log N), 0.15 us a point, half of it parallel; the same for any number of threads. 16
+    /// O(N log N), in part parallel; the same for any number of threads. 16
     /// bytes a point, and as many while it is made.
     SampledOctree(const PointCloud& cloud, const OctreeCube& cube,
                   const SampledOctreeOptions& options = {}, const RunContext& context = {});
