@@ -447,7 +447,7 @@ CLI::App& add_inspect(CLI::App& app, Values& values) {
 
 CLI::App& add_convert(CLI::App& app, Values& values) {
     CLI::App& command =
-        *app.add_subcommand("convert", "PLY, Draco, stream, COPC: every point kept");
+        *app.add_subcommand("convert", "PLY, Draco, stream, COPC: every finite point kept");
     add_input(command, values);
     command.add_option("OUT", values.output, "a .ply, .drc, .stpc or .copc.laz file")
         ->required()
