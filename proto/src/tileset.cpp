@@ -4,6 +4,7 @@
 #include "stipple/globe.hpp"
 
 #include <algorithm>
+#include <span>
 
 // Follows: OGC 22-025r4, 3D Tiles 1.1.
 
@@ -86,15 +87,22 @@ public:
 
     /// A file whose root is `root`, and those that it names.
     void write(const std::string& name, double geometric_error, Json&& root) {
-        const Json json = {{"asset", {{"version", "1.1"}, {"generator", "stipple"}}},
-                           {"geometricError", geometric_error},
-                           {"root", std::move(root)}};
-        files_.push_back({name, to_text(json)});
+        write_one(name, geometric_error, std::move(root));
         while (!open_.empty()) {
             const std::size_t top = open_.back();
             open_.pop_back();
-            write(name_of(top), nodes_[top].error, subtree(top));
+            write_one(name_of(top), nodes_[top].error, subtree(top));
         }
+    }
+
+    /// Several trees side by side: here where all fit, else each in a file of its own.
+    Json subtrees(std::span<const std::size_t> tops) {
+        std::size_t tiles = 0;
+        for (const std::size_t top : tops) tiles += nodes_[top].below;
+        Json trees = Json::array();
+        for (const std::size_t top : tops)
+            trees.push_back(tiles <= max_tiles_ ? subtree(top) : tile_json(top, 0));
+        return trees;
     }
 
     /// The tiles from `top` on, as deep as whole levels fit.
@@ -115,6 +123,13 @@ public:
     std::vector<TilesetFile> take() { return std::move(files_); }
 
 private:
+    void write_one(const std::string& name, double geometric_error, Json&& root) {
+        const Json json = {{"asset", {{"version", "1.1"}, {"generator", "stipple"}}},
+                           {"geometricError", geometric_error},
+                           {"root", std::move(root)}};
+        files_.push_back({name, to_text(json)});
+    }
+
     static std::string name_of(std::size_t top) {
         return "tileset-" + std::to_string(top) + ".json";
     }
@@ -185,8 +200,8 @@ std::vector<TilesetFile> tileset_files(const Results& results, std::size_t max_t
     } else {
         root = {{"boundingVolume", box_json(low, high)},
                 {"geometricError", diagonal},
-                {"refine", refine}};
-        for (const std::size_t top : tops) root["children"].push_back(writer.subtree(top));
+                {"refine", refine},
+                {"children", writer.subtrees(tops)}};
     }
     root["transform"] = transform_json(results);
     writer.write("tileset.json", diagonal, std::move(root));

@@ -158,6 +158,33 @@ TEST(Tileset, OfManyTilesGoesOnInFilesOfItsOwn) {
     EXPECT_EQ(tiles(parts), tiles(whole));
 }
 
+TEST(Tileset, OfManyFilesTakesNoStackForEach) {
+    constexpr std::uint32_t kTiles = 50'000;
+    Results results = results_of(test::sphere(1), {1}, 1);
+    for (std::uint32_t i = 0; i < kTiles; ++i) {
+        OutputFile file = results.levels[0].files[0];
+        file.tile->parent = 0;
+        results.levels[0].files.push_back(std::move(file));
+    }
+    EXPECT_EQ(tileset_files(results, 1).size(), kTiles + 1);
+}
+
+TEST(Tileset, WhoseCoarsestLevelIsCutHasNoLargerFilesForThat) {
+    const Results results = results_of(test::sphere(4'000), {2'000, 4'000}, 500);
+    constexpr std::size_t kMost = 4;
+    const auto files = parsed(tileset_files(results, kMost));
+    EXPECT_GT(files.size(), 4U);
+    std::size_t tiles = 0;
+    for (const auto& [name, file] : files) {
+        std::size_t here = 0;
+        walk({}, file["root"], nullptr,
+             [&](const json& tile, const json*) { here += tile.contains("extras") ? 1 : 0; });
+        EXPECT_LE(here, kMost) << name;
+        tiles += here;
+    }
+    EXPECT_EQ(tiles, results.levels[0].files.size() + results.levels[1].files.size());
+}
+
 TEST(Tileset, OfOnePointHasABoxAndErrorsAboveZero) {
     PointCloud cloud;
     cloud.positions = {{1, 2, 3}};
