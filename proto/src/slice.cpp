@@ -277,15 +277,16 @@ private:
                 throw Error(ErrorCode::NotFound, "no point lies in the box");
             require_room(candidate.cloud().size());
             candidate.bytes = encoded(candidate.cloud());
-            return candidate;
+            error->max += rounding_of(candidate).max;
+            if (error->max <= bound) return candidate;
         }
         if (most_points(pyramid_.levels.back()) == 0)
             throw Error(ErrorCode::NotFound, "no point lies in the box");
-        throw Error(
-            ErrorCode::InvalidArgument,
-            "max_error " + number(bound) +
-                (error ? ": expected at least " + number(error->max) + ", that of the finest level"
-                       : ": no error was measured here"));
+        throw Error(ErrorCode::InvalidArgument,
+                    "max_error " + number(bound) +
+                        (error ? ": expected at least " + number(error->max) +
+                                     ", that of the finest level in this format"
+                               : ": no error was measured here"));
     }
 
     /// Of the finest level, and that may be returned.
@@ -321,14 +322,15 @@ private:
 
     Slice sliced(Candidate&& candidate) const {
         const Cut& cut = *candidate.cut;
+        const Distances rounding = rounding_of(candidate);
         Slice slice{.bytes = std::move(candidate.bytes),
                     .points = candidate.cloud().size(),
                     .level = pyramid_.levels[cut.level].level,
                     .error_mean = {},
                     .error_max = {}};
         if (!cut.error) return slice;
-        slice.error_mean = cut.error->mean;
-        slice.error_max = cut.error->max;
+        slice.error_mean = cut.error->mean + rounding.mean;
+        slice.error_max = cut.error->max + rounding.max;
         if (candidate.trimmed) {
             const SurfaceError added = estimate_error(cut.cloud, *candidate.trimmed, context_);
             *slice.error_mean += added.mean();
@@ -348,10 +350,43 @@ private:
             case CloudFormat::Copc:
                 break;
         }
-        LodTiler tiler(cloud, {.attributes = true}, context_);
-        std::vector<LodTile> tiles = tiler.add_level(cloud, true, context_);
-        tiles.at(0).offset += tiler.center();
-        return encode_glb(tiles.at(0));
+        return encode_glb(tile_of(cloud));
+    }
+
+    /// All of a cloud as one tile, in steps so long that it is not cut.
+    LodTile tile_of(const PointCloud& cloud) const {
+        const auto tiles_of = [&](std::optional<double> precision) {
+            LodTiler tiler(cloud, {.precision = precision, .attributes = true}, context_);
+            std::vector<LodTile> tiles = tiler.add_level(cloud, true, context_);
+            tiles.at(0).offset += tiler.center();
+            return tiles;
+        };
+        std::vector<LodTile> tiles = tiles_of(std::nullopt);
+        constexpr double kSteps = 65'000;
+        if (tiles.size() > 1) tiles = tiles_of(0.5 * longest_side(cloud) / kSteps);
+        return std::move(tiles.at(0));
+    }
+
+    static double longest_side(const PointCloud& cloud) {
+        const Aabb box = bounds(cloud);
+        return (box.max - box.min).maxCoeff();
+    }
+
+    /// What rounding adds, at most: steps are the longest that the format may take.
+    Distances rounding_of(const Candidate& candidate) const {
+        double step = 0;
+        if (options_.format == CloudFormat::Glb) {
+            step = decode_glb(candidate.bytes).step;
+        } else if (options_.format == CloudFormat::Draco) {
+            const DracoEncodeOptions& draco = options_.draco;
+            const double steps = std::ldexp(1.0, static_cast<int>(draco.position_bits)) - 1;
+            if (draco.precision)
+                step = 2 * *draco.precision;
+            else if (steps > 0)
+                step = longest_side(candidate.cloud()) / steps;
+        }
+        constexpr double kMean = 0.5;  // of a step at most: the mean over a cube is 0.48
+        return {kMean * step, 0.5 * std::sqrt(3.0) * step};
     }
 
     const Results& pyramid_;

@@ -213,6 +213,27 @@ TEST(Slice, IsOneTileInTheCoordinatesOfTheFileAsGlb) {
     EXPECT_LT((box.max - bounds(far).max).norm(), 0.2);
 }
 
+TEST(Slice, HasAllPointsAsGlbThoughTheyLieFarApart) {
+    PointCloud cloud = test::sphere(2'000);
+    for (std::size_t i = 0; i < cloud.size(); ++i)
+        cloud.positions[i] = 1e-3F * cloud.positions[i] + Vec3f(i % 2 == 0 ? 0.0F : 20.0F, 0, 0);
+    const Pyramid pyramid(cloud, {2'000}, {CloudFormat::Ply});
+    const Slice slice = pyramid.slice({.points = 2'000, .format = CloudFormat::Glb});
+    EXPECT_EQ(decode_tile(decode_glb(slice.bytes)).size(), slice.points);
+}
+
+TEST(Slice, CountsWhatItsFormatRounds) {
+    DracoEncodeOptions coarse;
+    coarse.position_bits = 6;
+    const Slice slice =
+        both().slice({.points = 8'000, .format = CloudFormat::Draco, .draco = coarse});
+    const SurfaceError error = measure_error(source(), cloud_of(slice), {});
+    EXPECT_GE(*slice.error_mean, error.forward.mean);
+    EXPECT_GE(*slice.error_max, error.forward.max);
+    EXPECT_EQ(refusal(both(), {.max_error = 1e-3, .format = CloudFormat::Draco, .draco = coarse}),
+              ErrorCode::InvalidArgument);
+}
+
 TEST(Slice, IsCutFromTilesWhereThereIsNoPly) {
     const Pyramid tiles(source(), {200, 8000}, {CloudFormat::Glb});
     const PointCloud cloud = cloud_of(tiles.slice({.points = 5000}));
