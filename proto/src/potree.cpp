@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstring>
 #include <fstream>
 #include <functional>
@@ -66,17 +67,21 @@ std::string type_name() {
 /// @param order  of the points in the file. @param value  of a point.
 template <typename T, typename Value>
 Column scalar_column(std::string name, std::span<const Index> order, Value value) {
-    T least = value(0), most = least;
+    // JSON has no others than finite numbers.
+    double least = INFINITY, most = -INFINITY;
     for (const Index point : order) {
-        least = std::min(least, value(point));
-        most = std::max(most, value(point));
+        const auto number = static_cast<double>(value(point));
+        if (!std::isfinite(number)) continue;
+        least = std::min(least, number);
+        most = std::max(most, number);
     }
+    if (least > most) least = most = 0;
     return {std::move(name),
             type_name<T>(),
             sizeof(T),
             1,
-            {static_cast<double>(least)},
-            {static_cast<double>(most)},
+            {least},
+            {most},
             [order, value](std::size_t at, std::byte* to) {
                 const T v = value(order[at]);
                 std::memcpy(to, &v, sizeof v);

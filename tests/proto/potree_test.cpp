@@ -174,6 +174,22 @@ TEST(Potree, NamesEveryAttributeWithItsTypeAndRange) {
                                                                   : attribute.name + "_0"));
 }
 
+TEST(Potree, TellsTheRangeOfFiniteValues) {
+    PointCloud cloud = test::sphere(4);
+    const float inf = std::numeric_limits<float>::infinity();
+    cloud.attributes.push_back({"some", std::vector<float>{NAN, 2, -inf, 1}});
+    cloud.attributes.push_back({"none", std::vector<float>(4, NAN)});
+    for (const json& attribute : written(cloud, {}).metadata["attributes"]) {
+        if (attribute["name"] == "some") {
+            EXPECT_EQ(attribute["min"], json::array({1.0}));
+            EXPECT_EQ(attribute["max"], json::array({2.0}));
+        }
+        if (attribute["name"] == "none") {
+            EXPECT_EQ(attribute["min"], json::array({0.0}));
+        }
+    }
+}
+
 TEST(Potree, TakesDegenerateClouds) {
     EXPECT_EQ(written(test::sphere(1), {}).all_points().size(), 1U);
     EXPECT_EQ(
