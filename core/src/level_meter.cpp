@@ -45,8 +45,11 @@ LevelMeter::LevelMeter(std::vector<Vec3f>&& source, LodErrors errors, const RunC
     const auto made = surface(context);
     context.checkpoint(0.5);
     const std::vector<Vec3f>& points = made->points;
-    spacing_ =
-        mean_gap(made->tree, points.size(), kAskedForGap, [&](std::size_t i) { return points[i]; });
+    std::vector<double> all =
+        gaps(made->tree, points.size(), kAskedForGap, [&](std::size_t i) { return points[i]; });
+    const auto middle = all.begin() + static_cast<std::ptrdiff_t>(all.size() / 2);
+    std::ranges::nth_element(all, middle);
+    spacing_ = *middle;
     const bool is_small = points.size() < kMany;
     const unsigned rounds = errors_ == LodErrors::Rough ? kRough
                             : is_small                  ? kOfSmall

@@ -13,6 +13,7 @@
 #include <cmath>
 #include <cstddef>
 #include <memory>
+#include <numeric>
 #include <vector>
 
 namespace stipple {
@@ -48,7 +49,8 @@ public:
     std::shared_ptr<const FramedSurface> surface(const RunContext& context);
     /// Gives back what the surface takes beside its points.
     void forget_surface();
-    double spacing() const noexcept { return spacing_; }  ///< of the source
+    /// The middle one of the source's gaps: a mean would be that of a few points that lie far off.
+    double spacing() const noexcept { return spacing_; }
     /// Some places on it: 4,096, or fewer where errors are rough.
     ErrorSamples some_places() const;
     /// Of `measure_well`.
@@ -83,18 +85,25 @@ private:
 /// So many points tell a spacing.
 constexpr std::size_t kAskedForGap = 256;
 
-/// Mean distance from about `asked` of `count` points of a tree, point_at(i), to the nearest other.
+/// Distances from about `asked` of `count` points of a tree, point_at(i), to the nearest other.
 template <typename PointAt>
-double mean_gap(const PointTree& tree, std::size_t count, std::size_t asked, PointAt&& point_at) {
+std::vector<double> gaps(const PointTree& tree, std::size_t count, std::size_t asked,
+                         PointAt&& point_at) {
     const std::size_t step = std::max<std::size_t>(1, count / asked);
-    double sum = 0;
-    std::size_t answers = 0;
-    for (std::size_t i = 0; i < count; i += step, ++answers) {
+    std::vector<double> gaps;
+    for (std::size_t i = 0; i < count; i += step) {
         std::array<Neighbor, 2> room;
         const auto found = find_nearest(tree, point_at(i), room);
-        sum += std::sqrt(static_cast<double>(found.back().distance_sq));
+        gaps.push_back(std::sqrt(static_cast<double>(found.back().distance_sq)));
     }
-    return sum / static_cast<double>(answers);
+    return gaps;
+}
+
+/// Their mean.
+template <typename PointAt>
+double mean_gap(const PointTree& tree, std::size_t count, std::size_t asked, PointAt&& point_at) {
+    const std::vector<double> all = gaps(tree, count, asked, point_at);
+    return std::accumulate(all.begin(), all.end(), 0.0) / static_cast<double>(all.size());
 }
 
 }  // namespace stipple

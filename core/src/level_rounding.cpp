@@ -92,7 +92,8 @@ MeasuredLevel LevelRounding::round(const std::vector<Vec3f>& points, LevelGrid& 
     };
     const unsigned wanted = bits_for(exact * std::sqrt(2 * tolerance / added), kMostBits);
     // Many points take a while to be measured with a bit less, which here is hopeless.
-    if (wanted > finest.bits && exact > 0 && normals.empty()) return at_finest();
+    const bool hopeless = wanted > finest.bits && exact > 0 && normals.empty();
+    if (hopeless || least >= finest.bits) return at_finest();
     unsigned bits = std::max(least, std::min(wanted, finest.bits - 1));
     MeasuredLevel level = try_bits(bits);
     if (level.mean <= limit) {

@@ -124,6 +124,16 @@ TEST(LodTiles, OfClustersFarApartKeepTheStepThatWasAskedFor) {
     for (const LodTile& tile : tiles) EXPECT_EQ(tile.step, 1.0);
 }
 
+TEST(LodTiles, OfACloudWithAPointFarOffTellItsOtherPointsApart) {
+    // Whether that point is the first of the curve, where gaps are looked at, or the last.
+    for (const float far : {-3e3F, 3e3F}) {
+        PointCloud cloud = test::plane(20'000);
+        const double spacing = mean_spacing(cloud.positions);
+        cloud.positions.push_back({far, 0, 0});
+        for (const LodTile& tile : tiles_of(cloud, {})) EXPECT_LT(tile.step, spacing);
+    }
+}
+
 TEST(LodTiles, OfALevelShareOneGrid) {
     const auto tiles = tiles_of(test::sphere(5'000), {.max_points = 1'000});
     for (const LodTile& tile : tiles) {

@@ -24,11 +24,12 @@ enum class LodErrors {
 };
 
 struct LodTileOptions {
-    unsigned position_bits = 14;  ///< 1..24 for each axis of the longest side: of the finest level,
+    unsigned position_bits = 14;  ///< 2..24 for each axis of the longest side: of the finest level,
                                   ///< and the most that any level takes; more where steps would
                                   ///< else be longer than the spacing of the source
     std::optional<double>
-        precision{};  ///< instead of position_bits: the largest error per axis, in input units
+        precision{};  ///< instead of position_bits: the largest error per axis of the finest level,
+                      ///< input units, as far as 24 bits go; coarser levels take fewer
     double tolerance =
         0.16;  ///< a level takes the fewest bits by which its mean error grows by no more than this
                ///< part, with steps of at most half its spacing; >= 0. A bit less saves a fifth of
