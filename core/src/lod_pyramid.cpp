@@ -125,6 +125,7 @@ std::vector<LodLevel> cut_levels(const PointCloud& cloud, std::span<const Vec3f>
 LevelOf cuts_of(const PointCloud& cloud, ClusterTree& tree, const LodPyramidOptions& options,
                 const RunContext& context) {
     return [&cloud, &tree, &options, context](std::uint64_t points) {
+        if (points == cloud.size()) return copy_of(cloud, context);
         const std::vector<Index> offsets = tree.cut(points, context).offsets;
         return representatives(
             cloud, MemberLists{tree.members().data(), offsets}, options.representative,
@@ -188,6 +189,10 @@ LevelOf snapshots_of(const PointCloud& cloud, std::span<const std::uint64_t> siz
 
 }  // namespace
 
+namespace {
+constexpr std::size_t kMaxLevels = 64;
+}
+
 void validate(const LodPyramidOptions& options) {
     constexpr std::array kWithLevels = {Method::Hierarchical, Method::Multiphase,
                                         Method::Iterative};
@@ -211,7 +216,6 @@ void validate(const LodPyramidOptions& options) {
                    ": expected each to be larger than the one before");
         }
     }
-    constexpr std::size_t kMaxLevels = 64;
     if (options.sizes.size() > kMaxLevels) {
         refuse("levels: " + std::to_string(options.sizes.size()) + " of them: expected at most 64");
     }
@@ -233,6 +237,13 @@ std::vector<std::uint64_t> lod_sizes(std::uint64_t points, const LodPyramidOptio
             // Rounding must not keep a ratio near 1 from ever getting there.
             sizes.push_back(std::max<std::uint64_t>(
                 1, std::min(static_cast<std::uint64_t>(next), sizes.back() - 1)));
+            if (sizes.size() > kMaxLevels) {
+                std::ostringstream text;
+                text << "ratio " << options.ratio << ": makes more than " << kMaxLevels
+                     << " levels from " << points << " points down to " << options.base_points
+                     << ": expected a larger ratio or base_points";
+                refuse(text.str());
+            }
         }
         std::ranges::reverse(sizes);
     } else {

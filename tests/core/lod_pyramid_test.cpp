@@ -49,6 +49,14 @@ TEST(LodSizes, ARatioNearOneComesToAnEnd) {
     EXPECT_EQ(lod_sizes(50, options).size(), 50U);
 }
 
+TEST(LodSizes, RefusesMoreThan64Levels) {
+    LodPyramidOptions options;
+    options.ratio = 1.0001;
+    options.base_points = 1;
+    EXPECT_EQ(lod_sizes(64, options).size(), 64U);
+    EXPECT_THROW(lod_sizes(65, options), Error);
+}
+
 TEST(LodSizes, RefusesListsThatDoNotAscend) {
     for (const Sizes& sizes : {Sizes{0, 5}, Sizes{5, 5}, Sizes{9, 5}}) {
         LodPyramidOptions options;
@@ -196,8 +204,11 @@ INSTANTIATE_TEST_SUITE_P(, LodPyramidWithABase,
 
 TEST(LodPyramid, WithABaseThatAllFitsIsTheCloudAlone) {
     LodPyramidOptions options;
-    options.base_fits = [](const PointCloud&) { return true; };
     const PointCloud cloud = test::sphere(4000);
+    options.base_fits = [&](const PointCloud& level) {
+        EXPECT_TRUE(level.size() < cloud.size() || level.positions == cloud.positions);
+        return true;
+    };
     ASSERT_EQ(build(cloud, options).size(), 1U);
     options.base_fits = [](const PointCloud&) { return false; };
     EXPECT_THROW(build(cloud, options), Error);

@@ -62,8 +62,8 @@ std::vector<std::uint64_t> lod_sizes(std::uint64_t points, const LodPyramidOptio
 /// sampled surface no point is farther from a level than three times its spacing. What the cloud
 /// itself leaves bare, as between the last returns of a LiDAR scan, no level covers.
 ///
-/// @param on_level  called for each level, coarsest first, on the calling thread: as soon as it is
-/// there, for cuts; once the run is over, for snapshots, which are kept until then.
+/// @param on_level  called for each level, coarsest first, on the calling thread, once the run is
+/// over: cuts and snapshots are kept until then.
 /// @throws Error(InvalidArgument) for options out of range, a method that has no levels, a cloud
 /// without points, an order of another number of points, or a single point that `base_fits` does
 /// not take.
