@@ -116,7 +116,8 @@ bool ProgressiveDecoder::State::run_batch(const RunContext& context) {
     const std::size_t enough = whole ? SIZE_MAX : bytes.size() - step_bytes;
     if (!started) start_batch(bytes);
     coder.use(bytes);
-    const std::uint64_t reachable = before + ProgressiveLayout::most_points(bytes.size());
+    const std::uint64_t reachable =
+        before + ProgressiveLayout::most_points(bytes.size(), model.channel_count());
     reserve_in_blocks(points, std::min<std::uint64_t>(now.points, reachable), context);
     const unsigned bits = split();
     for (std::size_t step = 0; visited < points.size(); ++step) {

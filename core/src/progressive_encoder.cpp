@@ -147,8 +147,12 @@ std::vector<std::uint32_t> batch_ends(std::size_t points) {
 /// Chooses how fine the grid of each batch is, and says what error comes of it.
 void plan_batches(const PointCloud& cloud, const NestedOrder& order, std::span<const Cell> cells,
                   double coarseness, ProgressiveLayout& layout, const RunContext& context) {
-    const double side = layout.step * (1U << layout.grid_bits);
-    const PrefixErrors errors(cloud, std::ldexp(1.0, -std::ilogb(side)), context);
+    std::int32_t steps = 0;  // of the longest side
+    for (const Cell& cell : cells) steps = std::max(steps, *std::ranges::max_element(cell));
+    constexpr int kMostOfFloat = 120;
+    const int size = steps == 0 ? 0 : std::ilogb(layout.step * steps);
+    const PrefixErrors errors(
+        cloud, std::ldexp(1.0, std::clamp(-size, -kMostOfFloat, kMostOfFloat)), context);
     unsigned shift = layout.grid_bits - 1U;
     for (const std::uint32_t end : batch_ends(cells.size())) {
         const bool last = end == cells.size();
@@ -273,7 +277,8 @@ std::vector<std::byte> Encoder::batch(const ProgressiveLayout& layout, std::size
     }
     std::vector<std::byte> bytes = coder.finish();
     // A batch of points that took hardly a bit is filled up to what decoders want to see.
-    while (points_.size() - before > ProgressiveLayout::most_points(bytes.size()))
+    while (points_.size() - before >
+           ProgressiveLayout::most_points(bytes.size(), model_.channel_count()))
         bytes.push_back(std::byte{0});
     return bytes;
 }
@@ -305,6 +310,11 @@ std::vector<std::byte> encode_progressive(const PointCloud& cloud,
     std::vector<std::byte> body;
     for (std::size_t b = 0; b < layout.batches.size(); ++b) {
         const std::vector<std::byte> batch = encoder.batch(layout, b, context);
+        if (batch.size() > UINT32_MAX)
+            throw Error(ErrorCode::TooLarge, "progressive stream: a batch of " +
+                                                 std::to_string(batch.size()) +
+                                                 " bytes: expected less than 2^32; leave "
+                                                 "attributes out");
         layout.batches[b].bytes = static_cast<std::uint32_t>(batch.size());
         body.insert(body.end(), batch.begin(), batch.end());
         context.checkpoint(0.8 + 0.2 * layout.batches[b].points / layout.points);

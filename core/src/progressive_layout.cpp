@@ -87,6 +87,7 @@ ProgressiveAttribute read_attribute(Reader& in) {
 void read_batches(Reader& in, std::size_t count, ProgressiveLayout& layout) {
     std::uint32_t points = 0;
     unsigned shift = layout.grid_bits - 1U;
+    const std::size_t channels = layout.channels().size();
     for (std::size_t b = 0; b < count; ++b) {
         ProgressiveLayout::Batch batch;
         batch.points = in.get<std::uint32_t>();
@@ -95,7 +96,7 @@ void read_batches(Reader& in, std::size_t count, ProgressiveLayout& layout) {
         batch.mean_error = in.get<float>();
         require_range("points up to a batch", batch.points, points + 1ULL, layout.points);
         require_range("shift of a batch", batch.shift, 0, shift);
-        if (batch.points - points > ProgressiveLayout::most_points(batch.bytes))
+        if (batch.points - points > ProgressiveLayout::most_points(batch.bytes, channels))
             malformed("a batch of " + std::to_string(batch.bytes) + " bytes cannot hold " +
                       std::to_string(batch.points - points) + " points");
         points = batch.points;
@@ -185,6 +186,10 @@ ProgressiveLayout parse_header(std::span<const std::byte> bytes, const DecodeLim
     layout.colors = (flags & 2) != 0;
     layout.alpha = (flags & 4) != 0;
     layout.double_precision = (flags & 8) != 0;
+    if (layout.alpha && !layout.colors)
+        throw Error(
+            ErrorCode::MalformedInput,
+            "progressive stream: flags " + std::to_string(flags) + ": alpha without colours");
     layout.grid_bits = in.get<std::uint8_t>();
     require_range("bits of the grid", layout.grid_bits, 1, kMostGridBits);
     layout.normal_bits = in.get<std::uint8_t>();

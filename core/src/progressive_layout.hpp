@@ -4,6 +4,7 @@
 #include "stipple/point_cloud.hpp"
 #include "stipple/progressive_cloud.hpp"
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -51,7 +52,10 @@ struct ProgressiveLayout {
     static double middle(unsigned shift) noexcept { return 0.5 * ((1U << shift) - 1U); }
     std::vector<Channel> channels() const;
     /// As many points as a batch of so many bytes may have: a bound for what a decoder allocates.
-    static std::uint64_t most_points(std::uint64_t bytes) noexcept { return 64 + 8 * bytes; }
+    static std::uint64_t most_points(std::uint64_t bytes, std::size_t channels) noexcept {
+        constexpr std::size_t kFew = 16;
+        return 64 + 8 * bytes * kFew / std::max(channels, kFew);
+    }
 };
 
 std::vector<std::byte> write_header(const ProgressiveLayout& layout);

@@ -261,7 +261,9 @@ TEST(ProgressiveCloud, HoldsDegenerateClouds) {
         ASSERT_EQ(decoded.size(), cloud.size());
         EXPECT_LE(farthest(decoded, cloud), 1e-4 * (1 + bounds(cloud).diagonal()));
     }
-    EXPECT_EQ(decode_progressive(encode_progressive(one)).positions, one.positions);
+    for (const auto precision : {std::optional<double>(), std::optional(1e-60)})
+        EXPECT_EQ(decode_progressive(encode_progressive(one, {.precision = precision})).positions,
+                  one.positions);
 }
 
 TEST(ProgressiveCloud, PadsBatchesOfCoincidentPoints) {
@@ -269,6 +271,13 @@ TEST(ProgressiveCloud, PadsBatchesOfCoincidentPoints) {
     const PointCloud decoded =
         decode_progressive(encode_progressive(test::cube(2'000), {.position_bits = 1}));
     EXPECT_EQ(decoded.size(), 2'000U);
+}
+
+TEST(ProgressiveCloud, PadsBatchesOfManyChannelsThatAreTheSame) {
+    PointCloud cloud = test::sphere(2'000);
+    cloud.attributes.push_back({"same", std::vector<std::uint8_t>(200 * cloud.size(), 7), 200});
+    const PointCloud decoded = decode_progressive(encode_progressive(cloud));
+    EXPECT_EQ(decoded.attributes.at(0).values, cloud.attributes[0].values);
 }
 
 TEST(ProgressiveCloud, RefusesWhatItCannotHold) {
