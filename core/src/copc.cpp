@@ -13,10 +13,10 @@
 #include <bit>
 #include <cmath>
 #include <cstring>
-#include <limits>
 #include <numeric>
 #include <optional>
 #include <span>
+#include <sstream>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -49,6 +49,12 @@ double power_of_ten(int exponent) {
     return std::pow(10.0, exponent);
 }
 
+std::string in_words(double value) {
+    std::ostringstream text;
+    text << value;
+    return text.str();
+}
+
 /// The power of ten that a file's steps are of.
 int find_exponent(const PointCloud& cloud, const Aabb& box, const CopcOptions& options,
                   const RunContext& context) {
@@ -56,8 +62,8 @@ int find_exponent(const PointCloud& cloud, const Aabb& box, const CopcOptions& o
     if (options.precision) {
         const double precision = *options.precision;
         if (!(precision > 0) || !std::isfinite(precision))
-            throw Error(ErrorCode::InvalidArgument, "precision " + std::to_string(precision) +
-                                                        ": expected a finite length above 0");
+            throw Error(ErrorCode::InvalidArgument,
+                        "precision " + in_words(precision) + ": expected a finite length above 0");
         return static_cast<int>(std::floor(std::log10(2 * precision)));
     }
     float largest = 0;
@@ -80,9 +86,8 @@ OctreeCube cube_of(const PointCloud& cloud, const CopcOptions& options, const Ru
     const double steps = std::round((box.max - low).maxCoeff() / step);
     if (!(steps < std::ldexp(1.0, kMostBits)))
         throw Error(ErrorCode::InvalidArgument,
-                    "precision " + std::to_string(*options.precision) + ": the cloud is " +
-                        std::to_string(steps) +
-                        " steps wide, more than 2^30: expected a longer one");
+                    "precision " + in_words(*options.precision) + ": the cloud is " +
+                        in_words(steps) + " steps wide, more than 2^30: expected a longer one");
     const auto bits = static_cast<unsigned>(std::bit_width(static_cast<std::uint32_t>(steps)));
     return {low, step, std::max(bits, 1U)};
 }
@@ -223,6 +228,13 @@ std::vector<Chunk> append_chunks(ByteWriter& file, std::span<const SampledOctree
                       context);  // about all
     std::vector<Chunk> chunks(nodes.size());
     for (const std::size_t n : order) {
+        constexpr std::size_t kMost = INT32_MAX;  // as the hierarchy tells it
+        if (encoded[n].size() > kMost)
+            throw Error(ErrorCode::TooLarge, "COPC: " + std::to_string(nodes[n].count) +
+                                                 " points of one place take " +
+                                                 std::to_string(encoded[n].size()) +
+                                                 " bytes: expected at most 2^31 - 1; choose a "
+                                                 "shorter precision");
         chunks[n] = {file.bytes.size(),
                      {nodes[n].count, static_cast<std::uint32_t>(encoded[n].size())}};
         file.put(encoded[n]);

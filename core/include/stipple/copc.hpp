@@ -34,7 +34,8 @@ struct CopcOptions {
 /// no date is told.
 ///
 /// @throws Error(InvalidArgument) for a cloud without points, options out of range, or a precision
-/// for which 30 bits are too few, and for extra bytes beyond what a record can hold (65,535).
+/// for which 30 bits are too few, and for extra bytes beyond what a record (65,499) and its
+/// description (341 of them) can hold.
 /// O(N log N), mostly parallel: about 0.35 us a point, and 15 ns for each extra byte; the same
 /// bytes for any number of threads. 30 bytes a point, and twice the file.
 std::vector<std::byte> encode_copc(const PointCloud& cloud, const CopcOptions& options = {},
