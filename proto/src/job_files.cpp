@@ -38,6 +38,7 @@ public:
     OutputDescriptor(const OutputDescriptor&) = delete;
     OutputDescriptor& operator=(const OutputDescriptor&) = delete;
 
+    bool is_open() const noexcept { return fd_ >= 0; }
     bool write(std::span<const std::byte> bytes) {
         while (!bytes.empty()) {
             const ssize_t n = ::write(fd_, bytes.data(), bytes.size());
@@ -61,9 +62,12 @@ private:
 void write_whole_file(const fs::path& file, std::span<const std::byte> bytes, const JobSpec& spec) {
     const fs::path partial = file.string() + ".partial";
     OutputDescriptor out(partial);
-    if (!out.write(bytes) || !out.close() || ::rename(partial.c_str(), file.c_str()) != 0) {
-        throw write_error(file, spec);
-    }
+    if (out.is_open() && out.write(bytes) && out.close() &&
+        ::rename(partial.c_str(), file.c_str()) == 0)
+        return;
+    const Error error = write_error(file, spec);
+    ::unlink(partial.c_str());
+    throw error;
 }
 
 OutputFile write_output(const std::string& stem, CloudFormat format,

@@ -129,7 +129,7 @@ struct JobSpec {
     JobRequest request;
     std::string input_file;  ///< the cloud's bytes
     std::vector<std::string> candidate_files{};  ///< of an evaluation, in the order of the request
-    std::string output_dir;  ///< exists and is empty; files are named level-<n>.<format>
+    std::string output_dir;  ///< exists and is empty
     DecodeLimits limits;
     std::uint64_t max_memory_bytes = 0;  ///< RLIMIT_AS; 0: none
     std::uint64_t max_cpu_seconds = 0;   ///< RLIMIT_CPU
