@@ -40,7 +40,7 @@ std::string describe_unknown(std::span<const std::byte> bytes) {
     if (head.starts_with("version https:/"))
         hint = "; it is a pointer of Git LFS, not the file: fetch it with 'git lfs pull'";
     return "neither PLY nor Draco: the file starts with " + in_quotes(head) +
-           ", expected 'ply' or 'DRACO'" + hint;
+           ", expected 'ply', 'DRACO' or 'STPC' (a progressive stream)" + hint;
 }
 
 [[noreturn]] void fail_io(const std::string& what, const fs::path& file, int error) {

@@ -49,7 +49,14 @@ void add_addresses(CLI::App& serve, Flags& flags) {
 void add_work(CLI::App& serve, Flags& flags, ServerConfig& config) {
     add(serve, "--data", flags.data, "folder of the store; made when missing")->required();
     add(serve, "--role", flags.role, "all, api or worker")
-        ->transform(CLI::CheckedTransformer(kRoles, CLI::ignore_case));
+        ->transform(CLI::Validator(
+            [](std::string& text) -> std::string {
+                const auto role = kRoles.find(CLI::detail::to_lower(text));
+                if (role == kRoles.end()) return text + ": expected all, api or worker";
+                text = std::to_string(static_cast<int>(role->second));
+                return {};
+            },
+            ""));
     add(serve, "--workers", config.workers, "jobs at a time")->check(CLI::Range(1, 256));
     add(serve, "--threads", config.threads, "threads of a job; 0 is one for each processor")
         ->check(CLI::Range(0, 1024));
@@ -58,7 +65,7 @@ void add_work(CLI::App& serve, Flags& flags, ServerConfig& config) {
 }
 
 void add_limits(CLI::App& serve, Flags& flags, Limits& limits) {
-    const CLI::AsSizeValue bytes(false);
+    const CLI::AsSizeValue bytes(true);
     add(serve, "--max-upload", limits.max_upload_bytes, "bytes of an upload, as in 2GB")
         ->transform(bytes);
     add(serve, "--max-points", limits.decode.max_points, "points of a cloud");

@@ -58,7 +58,11 @@ int healthcheck(const ServerConfig& config) {
     const FileDescriptor fd = connect_to(config.admin);
     const std::string status = fd ? status_line(fd) : std::string();
     const bool ready = status.starts_with("HTTP/1.1 200");
-    std::cout << (ready ? "ready" : status.empty() ? "no answer" : status) << '\n';
+    const std::string where = config.admin.host + ":" + std::to_string(config.admin.port);
+    std::cout << (ready            ? "ready"
+                  : status.empty() ? "no answer from --admin " + where
+                                   : status)
+              << '\n';
     return ready ? 0 : 1;
 }
 

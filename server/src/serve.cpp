@@ -75,6 +75,9 @@ std::vector<std::string> parts_of(Role role) {
 std::vector<FileDescriptor> take_parts(const fs::path& folder, Role role) {
     std::error_code error;
     fs::create_directories(folder, error);
+    if (error)
+        throw Error(ErrorCode::InvalidArgument,
+                    "--data " + folder.string() + ": cannot be made: " + error.message());
     std::vector<FileDescriptor> locks;
     for (const std::string& part : parts_of(role)) {
         const fs::path file = folder / (part + ".lock");
@@ -129,6 +132,16 @@ WorkerPoolOptions worker_options(const ServerConfig& config, Service& service) {
             }};
 }
 
+/// A server, with the flag of its address in front of what is wrong with that.
+template <typename Make>
+auto listening_by(const char* flag, Make&& make) {
+    try {
+        return make();
+    } catch (const Error& error) {
+        throw Error(error.code(), std::string(flag) + ": " + error.what());
+    }
+}
+
 }  // namespace
 
 int serve(const ServerConfig& config) {
@@ -150,9 +163,12 @@ int serve(const ServerConfig& config) {
     http::Admin admin(service, metrics,
                       [&api_server] { return api_server ? api_server->connections() : 0U; });
     if (config.role != Role::Worker) {
-        api_server = std::make_unique<http::GuardedServer>(guard(config, config.listen), api);
+        api_server = listening_by("--listen", [&] {
+            return std::make_unique<http::GuardedServer>(guard(config, config.listen), api);
+        });
     }
-    http::GuardedServer admin_server(admin_guard(config), admin);
+    http::GuardedServer admin_server =
+        listening_by("--admin", [&] { return http::GuardedServer(admin_guard(config), admin); });
 
     std::optional<Housekeeper> housekeeper;
     if (config.role != Role::Worker)
@@ -165,8 +181,9 @@ int serve(const ServerConfig& config) {
         workers.emplace(worker_options(config, service), config.limits, *jobs, *blobs, *runner);
 
     // One line for people and scripts: with port 0 the only way to learn the addresses.
-    std::cout << "stippled is ready: api=http://" << (api_server ? api_server->address() : "none")
-              << " admin=http://" << admin_server.address() << std::endl;
+    std::cout << "stippled is ready: api="
+              << (api_server ? "http://" + api_server->address() : "none") << " admin=http://"
+              << admin_server.address() << std::endl;
     spdlog::info("server.started api={} admin={} data={}",
                  api_server ? api_server->address() : "none", admin_server.address(),
                  config.data.string());
@@ -181,6 +198,9 @@ int serve(const ServerConfig& config) {
 }
 
 int scrub(const ServerConfig& config) {
+    if (!fs::is_directory(config.data / "blobs"))
+        throw Error(ErrorCode::NotFound,
+                    "--data " + config.data.string() + ": no store is there: nothing to compare");
     const auto locks = take_parts(config.data, Role::All);
     const auto blobs = open_blobs(config);
     std::uint64_t whole = 0, bytes = 0, broken = 0;

@@ -33,9 +33,16 @@ void check_format(std::span<const std::byte> head) {
                std::ranges::equal(head.first(magic.size()), magic, {},
                                   [](std::byte byte) { return std::to_integer<unsigned>(byte); });
     };
-    std::string remedy = "expected it to begin with `ply` or `DRACO`";
-    if (begins_with({0x1F, 0x8B}) || begins_with({'P', 'K', 3, 4}) ||
-        begins_with({0x28, 0xB5, 0x2F, 0xFD})) {
+    std::string remedy =
+        "expected it to begin with `ply` and a line break, `DRACO` or `STPC` (a progressive "
+        "stream)";
+    if (begins_with({'p', 'l', 'y'})) {
+        remedy =
+            "it begins with `ply`, but no line break follows: send the bytes as they are, with "
+            "curl "
+            "by --data-binary, since -d takes line breaks out";
+    } else if (begins_with({0x1F, 0x8B}) || begins_with({'P', 'K', 3, 4}) ||
+               begins_with({0x28, 0xB5, 0x2F, 0xFD})) {
         remedy = "it is a packed file: unpack it first";
     } else if (begins_with({'L', 'A', 'S', 'F'})) {
         remedy = "it is a LAS or LAZ file: convert it to PLY first";

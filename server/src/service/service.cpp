@@ -110,7 +110,8 @@ proto::CloudDocument Service::finish_upload(const std::string& tenant, BlobWrite
     if (!format) {
         throw Error(
             ErrorCode::UnsupportedFormat,
-            "the body is neither PLY nor Draco: expected it to start with `ply` or `DRACO`");
+            "the body is neither PLY nor Draco: expected it to begin with `ply` and a line break, "
+            "`DRACO` or `STPC` (a progressive stream)");
     }
     const std::uint64_t bytes = upload.size();
     const std::string id = upload.commit();
