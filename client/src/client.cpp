@@ -11,6 +11,7 @@
 #include <charconv>
 #include <condition_variable>
 #include <fstream>
+#include <functional>
 #include <mutex>
 #include <nlohmann/json.hpp>
 
@@ -33,12 +34,19 @@ void pause(Seconds time, const std::stop_token& stop) {
 }
 
 /// Repeats what may be repeated: when no answer came, or the server asked for a little patience.
+/// @param got_on  since the last attempt: it counts as the first again.
 template <typename Call>
-HttpReply with_retries(const std::stop_token& stop, Call&& call) {
+HttpReply with_retries(
+    const std::stop_token& stop, Call&& call,
+    const std::function<bool()>& got_on = [] { return false; }) {
     constexpr int kAttempts = 4;
-    constexpr Seconds kLongestPause{10.0};
-    Seconds delay{0.1};
+    constexpr Seconds kLongestPause{10.0}, kFirstPause{0.1};
+    Seconds delay = kFirstPause;
     for (int attempt = 1;; ++attempt, delay *= 4) {
+        if (got_on()) {
+            attempt = 1;
+            delay = kFirstPause;
+        }
         try {
             HttpReply reply = call();
             const bool busy = reply.status == 429 || reply.status == 503;
@@ -260,7 +268,9 @@ proto::JobDocument Client::follow(const std::string& id,
                 return !final;
             });
         };
-        expect_ok(with_retries(http.stop_token(), listen), implementation_->where(path));
+        std::uint64_t seen = after;
+        const auto got_on = [&] { return std::exchange(seen, after) != after; };
+        expect_ok(with_retries(http.stop_token(), listen, got_on), implementation_->where(path));
         // A stream that ends with nothing new: the job is over, or the server is going down.
         if (!final && after == before) {
             if (proto::is_final(job(id).status)) break;
