@@ -43,6 +43,9 @@ TEST(ProgressLine, ForeseesNothingBeforeThereIsSomethingToGoBy) {
     EXPECT_EQ(time_note({"decode", 0.5, 0.3}), "300 ms");
     EXPECT_EQ(time_note({"decode", 0.01, 30}), "30 s");
     EXPECT_EQ(time_note({"decode", 0.25, 5}), "15 s left");
+    // Standing still it counts down, and then tells no more what it does not know.
+    EXPECT_EQ(time_note({"decode", 0.25, 6, 1}), "14 s left");
+    EXPECT_EQ(time_note({"decode", 0.25, 25, 20}), "25 s");
 }
 
 TEST(ProgressLine, NeverShowsAHundredPercent) {

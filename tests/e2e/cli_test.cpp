@@ -186,7 +186,7 @@ TEST_F(StippleCli, EvaluateTellsTheErrorWritesMapsAndPictures) {
     const json figures = json::parse(content(folder_ / "one.json"));
     EXPECT_NEAR(figures["mean"].get<double>(), 0.1, 0.002);
     EXPECT_NEAR(figures["relative"]["max"].get<double>(), 0.1 / std::sqrt(12), 0.002);
-    EXPECT_NE(one.err.find("reference to candidate"), std::string::npos);
+    EXPECT_NE(one.out.find("reference to candidate"), std::string::npos);
     for (const char* map : {"map.ply", "map.drc"})
         EXPECT_NE(find_attribute(read_cloud(folder_ / map), "distance"), nullptr) << map;
     EXPECT_EQ(content(folder_ / "map.png").substr(1, 3), "PNG");
@@ -279,7 +279,7 @@ TEST_F(StippleCli, InspectTellsPointsBoundsAttributesAndHash) {
     EXPECT_EQ(figures["sha256"], proto::sha256_of_file(folder_ / "in.ply"));
     EXPECT_EQ(figures["attributes"].size(), 3U);
     EXPECT_GT(figures["spacing"].get<double>(), 0.1);
-    EXPECT_NE(outcome.err.find("3,000"), std::string::npos);
+    EXPECT_NE(outcome.out.find("3,000"), std::string::npos);
 }
 
 TEST_F(StippleCli, ConvertLeavesOutWhatTheFormatCannotHoldAndSaysSo) {
@@ -342,12 +342,63 @@ TEST_F(StippleCli, TheInputIsNeverReplacedByWhatIsMadeOfIt) {
     for (const char* command :
          {"simplify in.ply in.ply -n 5", "upsample in.ply ./in.ply -n 2000",
           "analyze in.ply linked.ply", "analyze in.ply out.ply --feature-lines in.ply",
-          "convert in.ply in.ply --ply-encoding ascii"}) {
+          "convert in.ply in.ply --ply-encoding ascii",
+          "simplify in.ply out.ply -n 5 --json ./in.ply", "inspect in.ply --json in.ply",
+          "evaluate in.ply linked.ply --map in.ply", "curve in.ply --json in.ply"}) {
         const Outcome outcome = stipple(command);
         EXPECT_EQ(outcome.exit_code, 1) << command;
-        EXPECT_NE(outcome.err.find("that is the input"), std::string::npos) << outcome.err;
+        EXPECT_NE(outcome.err.find("that is an input"), std::string::npos) << outcome.err;
         EXPECT_EQ(content(folder_ / "in.ply"), before) << command;
     }
+}
+
+TEST_F(StippleCli, NoOutputTakesThePlaceOfAnother) {
+    synthesize("in.ply", 1000);
+    for (const char* command :
+         {"simplify in.ply out.ply -n 5 --json ./out.ply", "curve in.ply --plot a.svg --json a.svg",
+          "analyze in.ply out.ply --feature-lines out.ply"}) {
+        const Outcome outcome = stipple(command);
+        EXPECT_EQ(outcome.exit_code, 1) << command;
+        EXPECT_NE(outcome.err.find("that is another output"), std::string::npos) << outcome.err;
+        EXPECT_EQ(files(), std::vector<std::string>{"in.ply"}) << command;
+    }
+}
+
+TEST_F(StippleCli, APyramidLeavesNothingOfTheOneThatStoodThere) {
+    synthesize("in.ply", 20'000);
+    const auto names = [&] {
+        std::vector<std::string> sorted;
+        for (const auto& entry : fs::directory_iterator(folder_ / "levels"))
+            sorted.push_back(entry.path().filename().string());
+        std::ranges::sort(sorted);
+        return sorted;
+    };
+    ASSERT_EQ(stipple("pyramid in.ply levels --levels 100,2000").exit_code, 0);
+    std::ofstream(folder_ / "levels/mine.txt") << "of no pyramid";
+    const Outcome of_itself = stipple("pyramid levels/level-1.ply levels");
+    EXPECT_NE(of_itself.err.find("level-1.ply: that is an input"), std::string::npos)
+        << of_itself.err;
+    ASSERT_EQ(stipple("pyramid in.ply levels --levels 100 --formats drc").exit_code, 0);
+    EXPECT_EQ(names(), (std::vector<std::string>{"level-0.drc", "manifest.json", "mine.txt"}));
+    ASSERT_EQ(stipple("pyramid in.ply levels --layout potree").exit_code, 0);
+    EXPECT_EQ(names(), (std::vector<std::string>{"hierarchy.bin", "metadata.json", "mine.txt",
+                                                 "octree.bin"}));
+    std::ofstream(folder_ / "levels/manifest.json") << R"({"name": "a web application"})";
+    const Outcome refused = stipple("pyramid in.ply levels");
+    EXPECT_EQ(refused.exit_code, 1);
+    EXPECT_NE(refused.err.find("choose another folder"), std::string::npos) << refused.err;
+    EXPECT_EQ(names().size(), 5U);
+}
+
+TEST_F(StippleCli, WhatIsLostIsToldWhereNoTerminalIsToo) {
+    std::ofstream(folder_ / "in.ply")
+        << "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
+           "property float z\nend_header\n0 0 0\n1 0 0\nnan 0 0\n0 1 0\n";
+    const Outcome outcome = stipple("simplify in.ply out.ply -n 9");
+    EXPECT_NE(outcome.err.find("removed 1 point without finite coordinates"), std::string::npos)
+        << outcome.err;
+    EXPECT_NE(outcome.err.find("9 points were asked for: there are no more"), std::string::npos)
+        << outcome.err;
 }
 
 TEST_F(StippleCli, APlaceThatCannotBeWrittenIsToldBeforeTheWork) {
@@ -370,6 +421,17 @@ TEST_F(StippleCli, UsageErrorsExitWithTwoAndNameTheRemedy) {
     EXPECT_EQ(outcome.exit_code, 2);
     EXPECT_NE(outcome.err.find("--points"), std::string::npos);
     EXPECT_EQ(stipple("simplify in.ply").exit_code, 2);
+    for (const auto& [arguments, told] : std::vector<std::pair<std::string, std::string>>{
+             {"simplify in.ply out.ply -m voxel", "--voxel-size"},
+             {"simplify in.ply out.ply -n 5 -r 10%", "give one of them"},
+             {"simplify in.ply out.ply -n 5k", "5k: expected a whole number"},
+             {"simplify in.ply out.ply -r half", "half: expected a share"},
+             {"simplify in.ply out.ply -n 5 --server ''", "expected http://HOST:PORT"},
+             {"slice levels out.ply --bytes 5kg", "5kg: expected bytes"}}) {
+        const Outcome refused = stipple(arguments);
+        EXPECT_EQ(refused.exit_code, 2) << arguments;
+        EXPECT_NE(refused.err.find(told), std::string::npos) << refused.err;
+    }
     EXPECT_EQ(stipple("simplify missing.ply out.ply -n 5").exit_code, 1);
     const Outcome many = stipple("simplify in.ply out.ply -n 5 --threads 100000");
     EXPECT_EQ(many.exit_code, 2);
@@ -391,6 +453,10 @@ TEST_F(StippleCli, AnInterruptLeavesNothingBehind) {
     const Outcome outcome =
         stipple("pyramid in.ply levels --threads 1", "timeout --preserve-status -s INT 0.3 ");
     EXPECT_EQ(outcome.exit_code, 130);
+    EXPECT_EQ(files(), std::vector<std::string>{"in.ply"});
+    const Outcome closed =
+        stipple("pyramid in.ply levels --threads 1", "timeout --preserve-status -s HUP 0.3 ");
+    EXPECT_EQ(closed.exit_code, 129);
     EXPECT_EQ(files(), std::vector<std::string>{"in.ply"});
 }
 

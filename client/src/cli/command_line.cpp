@@ -1,6 +1,7 @@
 #include "cli/command_line.hpp"
 
 #include "cli/command_options.hpp"
+#include "cli/files.hpp"
 #include "cli/names.hpp"
 #include "stipple/error.hpp"
 #include "stipple/globe.hpp"
@@ -34,9 +35,7 @@ const Names<PlyEncoding> kPlyEncodings = {{"le", PlyEncoding::BinaryLittleEndian
                                           {"ascii", PlyEncoding::Ascii}};
 
 CloudFormat format_of(const fs::path& file, std::string_view endings = ".ply or .drc") {
-    std::string extension = file.extension().string();
-    std::transform(extension.begin(), extension.end(), extension.begin(),
-                   [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+    const std::string extension = extension_of(file);
     if (extension == ".ply") return CloudFormat::Ply;
     if (extension == ".drc") return CloudFormat::Draco;
     throw UsageError(file.string() + ": the name must end with " + std::string(endings));
@@ -45,6 +44,8 @@ CloudFormat format_of(const fs::path& file, std::string_view endings = ".ply or 
 ServerOptions server(const Values& values) {
     ServerOptions server = values.server;
     const char* const key = std::getenv("STIPPLE_API_KEY");
+    if (values.has_server && server.url.empty())
+        throw UsageError("--server: it is empty: expected http://HOST:PORT");
     if (server.url.empty() && !server.api_key.empty())
         throw UsageError("--api-key without --server: name the server that the key is for");
     if (server.api_key.empty() && key != nullptr) server.api_key = key;
@@ -101,6 +102,15 @@ FileCommand<Job> file_command(const Values& values) {
     return command;
 }
 
+/// What else than a count or a ratio says how many points are left.
+std::string other_target(Method method) {
+    if (method == Method::Voxel) return "--voxel-size S";
+    if (method == Method::Incremental) return "--max-cluster-size N";
+    const bool bounded =
+        std::ranges::find(kErrorBoundedMethods, method) != kErrorBoundedMethods.end();
+    return bounded ? "--max-error E" : "another method";
+}
+
 SimplifyCommand simplify_command(const Values& values, const CLI::App& app) {
     auto command = file_command<proto::SimplifyJob>(values);
     SimplifyOptions& options = command.job.options;
@@ -115,7 +125,12 @@ SimplifyCommand simplify_command(const Values& values, const CLI::App& app) {
     const MethodValues& own = values.of_methods;
     if (!values.points && !values.ratio && values.max_error.empty() && !own.max_cluster_size &&
         !own.max_variation && !own.voxel_size)
-        throw UsageError("how many points? give --points N, --ratio R or --max-error E");
+        throw UsageError("how many points? give --points N, --ratio R or " +
+                         other_target(options.method));
+    if (int{values.points.has_value()} + int{values.ratio.has_value()} +
+            int{!values.max_error.empty()} >
+        1)
+        throw UsageError("--points, --ratio and --max-error: give one of them");
     validate(options);
     return command;
 }
@@ -197,6 +212,7 @@ PyramidCommand pyramid_command(const Values& values, const CLI::App& app) {
     }
     command.job.output.draco = draco(values);
     command.job.tiles = values.tiles;
+    command.job.tiles.precision = values.precision;
     if (!values.transform.empty())
         std::ranges::copy(values.transform, command.job.transform.emplace().begin());
     if (values.epsg) {
@@ -218,7 +234,7 @@ SliceCommand slice_command(const Values& values) {
         const std::vector<double>& b = values.box;
         options.box = Aabb{Vec3d(b[0], b[1], b[2]), Vec3d(b[3], b[4], b[5])};
     }
-    const std::string extension = command.output.extension().string();
+    const std::string extension = extension_of(command.output);
     options.format =
         extension == ".glb" ? CloudFormat::Glb : format_of(values.output, ".ply, .drc or .glb");
     options.draco = draco(values);
@@ -246,7 +262,7 @@ EvaluateCommand evaluate_command(const Values& values) {
     if (values.up.size() != 1) throw UsageError("--up " + values.up + ": expected x, y or z");
     options.up = values.up.front();
     for (const fs::path& map : command.maps) {
-        if (map.extension() == ".png") {
+        if (extension_of(map) == ".png") {
             options.pictures = true;
             continue;
         }
@@ -262,7 +278,7 @@ EvaluateCommand evaluate_command(const Values& values) {
 
 CurveCommand curve_command(const Values& values, const CLI::App& app) {
     CurveCommand command{values.input, values.plot, {}, server(values), values.common};
-    if (!values.plot.empty() && command.plot.extension() != ".svg")
+    if (!values.plot.empty() && extension_of(command.plot) != ".svg")
         throw UsageError(values.plot + ": the name must end with .svg");
     ErrorCurveOptions& options = command.job.options;
     options.simplification.method = method_from_name(values.method);
@@ -277,7 +293,7 @@ CurveCommand curve_command(const Values& values, const CLI::App& app) {
 }
 
 ConvertCommand convert_command(const Values& values) {
-    const fs::path extension = fs::path(values.output).extension();
+    const std::string extension = extension_of(values.output);
     if (extension != ".stpc" && extension != ".laz")
         format_of(values.output, ".ply, .drc, .stpc or .laz");
     if (values.epsg) {

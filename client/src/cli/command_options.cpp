@@ -1,6 +1,6 @@
 #include "cli/command_options.hpp"
 
-#include "cli/whole_number.hpp"
+#include "cli/numbers.hpp"
 
 namespace stipple::cli {
 namespace {
@@ -21,7 +21,8 @@ void add_common(CLI::App& command, Values& values) {
 
 void add_server(CLI::App& command, Values& values) {
     command.add_option("--server", values.server.url, "let this stippled do it: http://HOST:PORT")
-        ->type_name("URL");
+        ->type_name("URL")
+        ->each([&values](const std::string&) { values.has_server = true; });
     command.add_option("--api-key", values.server.api_key, "its key; better in STIPPLE_API_KEY")
         ->type_name("KEY");
 }
@@ -49,7 +50,8 @@ void add_added_attributes(CLI::App& command, Values& values) {
                      "write which point of IN each was, as source_index");
 }
 
-void add_draco(CLI::App& command, Values& values) {
+/// @param precise  what of its files `--precision` is about.
+void add_draco(CLI::App& command, Values& values, const std::string& precise = ".drc") {
     auto* const bits = command
                            .add_option("--position-bits", values.draco.position_bits,
                                        "of .drc: 1..30; 0: exact floats")
@@ -57,7 +59,7 @@ void add_draco(CLI::App& command, Values& values) {
                            ->transform(whole_number());
     command
         .add_option("--precision", values.precision,
-                    "of .drc and .laz: largest error per axis, input units")
+                    "of " + precise + ": largest error per axis, input units")
         ->type_name("E")
         ->excludes(bits);
     command.add_option("--normal-bits", values.draco.normal_bits, "of .drc: 2..30")
@@ -109,8 +111,10 @@ CLI::App& add_simplify(CLI::App& app, Values& values) {
     command.add_option("-n,--points", values.points, "exactly so many points")
         ->type_name("N")
         ->transform(whole_number());
-    command.add_option("-r,--ratio", values.ratio, "this share of the points, in (0, 1]")
-        ->type_name("R");
+    command
+        .add_option("-r,--ratio", values.ratio, "this share of the points, in (0, 1], or as 10%")
+        ->type_name("R")
+        ->transform(share());
     command
         .add_option("--max-error", values.max_error,
                     "as few points as are found within this distance: input units, or as in 0.1% "
@@ -222,11 +226,10 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
     command
         .add_option("--base-bytes", values.base_bytes,
                     "instead: most bytes of its glb, as in 14600 or 15kB")
-        ->transform(CLI::AsSizeValue(true))
         ->type_name("B")
         ->excludes(levels)
         ->excludes(base_points)
-        ->transform(whole_number(true));
+        ->transform(byte_count());
     command
         .add_option("--refine", values.refine,
                     "replace; or add: a level's tiles add points to those above, iterative alone")
@@ -277,7 +280,7 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
     add_representative(command, values.of_methods.representative);
     add_reductions(command, values);
     add_no_error(command, values);
-    add_draco(command, values);
+    add_draco(command, values, ".drc, .laz, .stpc and the finest tiles");
     add_server(command, values);
     add_common(command, values);
     command.footer(
@@ -302,9 +305,11 @@ CLI::App& add_slice(CLI::App& app, Values& values) {
     budget->add_option("-n,--points", values.points, "exactly so many points, or all there are")
         ->type_name("N")
         ->transform(whole_number());
-    budget->add_option("--bytes", values.bytes, "as many points as OUT has room for in B bytes")
+    budget
+        ->add_option("--bytes", values.bytes,
+                     "as many points as OUT has room for in B bytes, as in 500kB")
         ->type_name("B")
-        ->transform(whole_number());
+        ->transform(byte_count());
     budget
         ->add_option("--max-error", values.slice_error,
                      "the coarsest level within this, input units")
@@ -457,8 +462,8 @@ CLI::App& add_convert(CLI::App& app, Values& values) {
         ->transform(whole_number());
     command.add_option("--bytes", values.first_bytes, "of a .stpc: what so many hold")
         ->type_name("B")
-        ->transform(whole_number());
-    add_draco(command, values);
+        ->transform(byte_count());
+    add_draco(command, values, ".drc, .laz and .stpc");
     add_ply(command, values);
     command
         .add_option("--epsg", values.epsg,

@@ -47,6 +47,7 @@ struct Values {
     DracoEncodeOptions draco;
     std::string coding = "auto", ply_encoding = "le";
     ServerOptions server;
+    bool has_server = false;  ///< it may be empty
     CommonOptions common;
 };
 

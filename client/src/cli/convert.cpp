@@ -1,5 +1,6 @@
 #include "cli/commands.hpp"
 #include "cli/files.hpp"
+#include "cli/job_execution.hpp"
 #include "cli/progress_bar.hpp"
 #include "cli/report.hpp"
 #include "cli/units.hpp"
@@ -9,12 +10,14 @@
 #include "stipple/proto/digest.hpp"
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <fstream>
 #include <iostream>
 #include <limits>
 #include <optional>
 #include <span>
+#include <string_view>
 #include <vector>
 
 namespace stipple::cli {
@@ -47,6 +50,14 @@ PointCloud read_first(const ConvertCommand& command, const RunContext& context,
     constexpr std::size_t kPiece = std::size_t{1} << 16U;
     constexpr auto kAll = std::numeric_limits<std::uint64_t>::max();
     std::ifstream file(command.input, std::ios::binary);
+    std::array<char, 4> magic{};
+    file.read(magic.data(), magic.size());
+    if (std::string_view(magic.data(), magic.size()) != "STPC")
+        throw Error(ErrorCode::InvalidArgument,
+                    command.input.string() +
+                        ": no progressive stream, of which --points and --bytes take the first; "
+                        "`stipple simplify` makes fewer points of any cloud");
+    file.seekg(0);
     ProgressiveDecoder decoder({}, command.points.value_or(kAll));
     std::vector<char> piece(kPiece);
     for (std::uint64_t left = command.bytes.value_or(kAll); left > 0 && !decoder.done();) {
@@ -93,7 +104,8 @@ void run(const InfoCommand& command, const Session&) {
 
 void run(const ConvertCommand& command, const Session& session) {
     require_input(command.input);
-    require_apart(command.input, command.output);
+    require_place_of(command.common.json);
+    require_apart({command.input}, {command.output, command.common.json});
     const RunContext context = context_for(command.common, session);
     ProgressDisplay display(session.terminal, !command.common.quiet);
     DecodeReport report;
@@ -104,8 +116,7 @@ void run(const ConvertCommand& command, const Session& session) {
         return read_cloud(command.input, {}, decoding, &report);
     });
     const auto decoded = Clock::now();
-    const std::uint64_t points_in = cloud.size();
-    const fs::path extension = command.output.extension();
+    const std::string extension = extension_of(command.output);
     proto::CloudStatistics removed;
     if (extension == ".laz" || extension == ".stpc")
         removed.non_finite = leave_out_non_finite(cloud);
@@ -119,8 +130,8 @@ void run(const ConvertCommand& command, const Session& session) {
 
     const TextStyle& style = session.terminal.style();
     if (!command.common.quiet)
-        std::cerr << summary_line({points_in, cloud.size(), bytes_in, fs::file_size(command.output),
-                                   seconds_between(start, encoded)},
+        std::cerr << summary_line({report.points, cloud.size(), bytes_in,
+                                   fs::file_size(command.output), seconds_between(start, encoded)},
                                   style)
                   << '\n';
     if (!command.common.quiet && removed.non_finite > 0)
@@ -138,6 +149,8 @@ void run(const ConvertCommand& command, const Session& session) {
 }
 
 void run(const SynthesizeCommand& command, const Session& session) {
+    require_place_of(command.common.json);
+    require_apart({}, {command.output, command.common.json});
     const RunContext context = context_for(command.common, session);
     ProgressDisplay display(session.terminal, !command.common.quiet);
     const auto start = Clock::now();

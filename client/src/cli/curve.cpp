@@ -8,7 +8,7 @@
 #include <algorithm>
 #include <array>
 #include <cstdio>
-#include <iostream>
+#include <string>
 
 namespace stipple::cli {
 namespace {
@@ -33,9 +33,8 @@ ordered_json figures(const CurveCommand& command, const proto::Results& results)
 }
 
 /// In 10^-4 of the diagonal, as the paper has it.
-void print_table(const proto::Results& results) {
-    std::cout << "    points      max      rms     mean   of both directions, from the input: 1e-4 "
-                 "of the diagonal\n";
+std::string table(const proto::Results& results, const TextStyle& style) {
+    std::string text = style.dim("    points      max      rms     mean") + "\n";
     for (const proto::OutputCloud& level : results.levels) {
         const proto::CurveError& error = *level.curve;
         const double unit = error.diagonal > 0 ? 1e4 / error.diagonal : 0;
@@ -44,8 +43,11 @@ void print_table(const proto::Results& results) {
                       with_separators(level.points).c_str(),
                       unit * std::max(error.forward.max, error.backward.max),
                       unit * error.forward.rms, unit * error.forward.mean);
-        std::cout << line.data();
+        text += line.data();
     }
+    return text +
+           style.dim("max of both directions, rms and mean from the input: 1e-4 of the diagonal") +
+           "\n";
 }
 
 }  // namespace
@@ -53,6 +55,7 @@ void print_table(const proto::Results& results) {
 void run(const CurveCommand& command, const Session& session) {
     require_input(command.input);
     require_place_of(command.common.json);
+    require_apart({command.input}, {command.plot, command.common.json});
     const ScratchFolder scratch(command.plot.empty() ? fs::temp_directory_path()
                                                      : folder_of(command.plot));
     ProgressDisplay display(session.terminal, !command.common.quiet);
@@ -68,7 +71,8 @@ void run(const CurveCommand& command, const Session& session) {
         write_text(command.plot, curve_plot(results.levels, title));
     }
     display.finish();
-    if (!command.common.quiet && command.common.json != "-") print_table(results);
+    if (!command.common.quiet && command.common.json != "-")
+        write_out(table(results, session.terminal.output_style()));
     write_json(command.common.json, figures(command, results));
 }
 

@@ -10,23 +10,16 @@
 #include <array>
 #include <chrono>
 #include <cmath>
-#include <iostream>
+#include <ranges>
+#include <sstream>
+#include <utility>
+#include <vector>
 
 namespace stipple::cli {
 namespace {
 
 namespace fs = std::filesystem;
 using nlohmann::ordered_json;
-
-/// `text` in so many columns, to the left or to the right of them.
-std::string left(const std::string& text, std::size_t columns) {
-    const unsigned width = display_width(text);
-    return width < columns ? text + std::string(columns - width, ' ') : text;
-}
-std::string right(const std::string& text, std::size_t columns) {
-    const unsigned width = display_width(text);
-    return width < columns ? std::string(columns - width, ' ') + text : text;
-}
 
 /// A histogram in block characters: the shares of the area in bins from 0 to the maximum.
 std::string blocks(const std::vector<double>& shares, std::size_t columns, bool unicode) {
@@ -47,18 +40,18 @@ std::string blocks(const std::vector<double>& shares, std::size_t columns, bool 
     return text;
 }
 
-void print_row(const TextStyle& style, const std::string& name, const std::string& forward,
-               const std::string& backward) {
-    std::cerr << style.dim(left(name, 10)) << right(forward, 24) << right(backward, 24) << '\n';
+void print_row(std::ostream& out, const TextStyle& style, const std::string& name,
+               const std::string& forward, const std::string& backward) {
+    out << style.dim(in_left(name, 10)) << in_right(forward, 24) << in_right(backward, 24) << '\n';
 }
 
 /// All that is known of one candidate, in both directions.
-void print(const proto::OutputCloud& cloud, const TextStyle& style) {
+void print(std::ostream& out, const proto::OutputCloud& cloud, const TextStyle& style) {
     const SurfaceError& error = cloud.error->error;
     const DirectedError &forward = error.forward, &backward = error.backward;
-    print_row(style, "", "reference to candidate", "candidate to reference");
+    print_row(out, style, "", "reference to candidate", "candidate to reference");
     const auto row = [&](const char* name, double DirectedError::*field) {
-        print_row(style, name, distance_text(forward.*field, error),
+        print_row(out, style, name, distance_text(forward.*field, error),
                   distance_text(backward.*field, error));
     };
     row("mean", &DirectedError::mean);
@@ -67,72 +60,83 @@ void print(const proto::OutputCloud& cloud, const TextStyle& style) {
     row("p95", &DirectedError::p95);
     row("p99", &DirectedError::p99);
     row("max", &DirectedError::max);
-    print_row(style, "0 .. max", blocks(forward.histogram, 20, style.unicode),
+    print_row(out, style, "0 .. max", blocks(forward.histogram, 20, style.unicode),
               blocks(backward.histogram, 20, style.unicode));
-    print_row(style, "samples", with_separators(forward.samples),
+    print_row(out, style, "samples", with_separators(forward.samples),
               with_separators(backward.samples));
     for (std::size_t i = 0; i < forward.attributes.size() && i < backward.attributes.size(); ++i) {
         const auto mean = [](const AttributeError& a) {
             return three_digits(a.mean) + ", at most " + three_digits(a.max);
         };
-        print_row(style, forward.attributes[i].name, mean(forward.attributes[i]),
+        print_row(out, style, forward.attributes[i].name, mean(forward.attributes[i]),
                   mean(backward.attributes[i]));
     }
-    std::cerr << style.dim("input units, and percent of the diagonal, " +
-                           three_digits(error.diagonal))
-              << '\n';
+    out << style.dim("input units, and percent of the diagonal, " + three_digits(error.diagonal))
+        << '\n';
 }
 
 /// A row for each candidate; what is least of a column is set in bold.
-void print_table(const EvaluateCommand& command, const proto::Results& results,
+void print_table(std::ostream& out, const EvaluateCommand& command, const proto::Results& results,
                  const TextStyle& style) {
-    std::size_t names = 9;
-    for (const fs::path& file : command.candidates)
-        names = std::max<std::size_t>(names, display_width(file.filename().string()));
-    std::cerr << style.dim(left("candidate", names) + right("points", 12) + right("mean", 22) +
-                           right("rms", 22) + right("max", 22))
-              << '\n';
-    const auto least = [&](auto&& of) {
-        double value = of(results.levels.front().error->error);
-        for (const proto::OutputCloud& cloud : results.levels)
-            value = std::min(value, of(cloud.error->error));
-        return value;
-    };
-    const auto cell = [&](const SurfaceError& error, auto&& of) {
-        const std::string text = right(distance_text(of(error), error), 22);
-        return of(error) <= least(of) ? style.strong(text) : text;
-    };
-    for (std::size_t i = 0; i < results.levels.size(); ++i) {
-        const SurfaceError& error = results.levels[i].error->error;
-        std::cerr << left(command.candidates[i].filename().string(), names)
-                  << right(with_separators(results.levels[i].points), 12)
-                  << cell(error, [](const SurfaceError& e) { return e.mean(); })
-                  << cell(error, [](const SurfaceError& e) { return e.rms(); })
-                  << cell(error, [](const SurfaceError& e) { return e.max(); }) << '\n';
+    using Of = double (*)(const SurfaceError&);
+    constexpr std::array<std::pair<const char*, Of>, 3> kColumns = {{
+        {"mean", [](const SurfaceError& e) { return e.mean(); }},
+        {"rms", [](const SurfaceError& e) { return e.rms(); }},
+        {"max", [](const SurfaceError& e) { return e.max(); }},
+    }};
+    constexpr std::size_t kGap = 2;
+    const auto& levels = results.levels;
+    std::vector<std::string> names = {"candidate"}, points = {"points"};
+    for (std::size_t i = 0; i < levels.size(); ++i) {
+        names.push_back(command.candidates[i].filename().string());
+        points.push_back(with_separators(levels[i].points));
     }
-    std::cerr << style.dim(
-                     "mean and rms from the reference to the candidate, max of both ways; "
-                     "input units, and percent of the diagonal, " +
-                     three_digits(results.levels.front().error->error.diagonal))
-              << '\n';
+    std::vector<std::string> rows(names.size());
+    const auto widest = [](const std::vector<std::string>& cells) {
+        return std::ranges::max(cells | std::views::transform(display_width));
+    };
+    for (std::size_t i = 0; i < rows.size(); ++i)
+        rows[i] = in_left(names[i], widest(names)) + in_right(points[i], widest(points) + kGap);
+    for (const auto& [name, of] : kColumns) {
+        std::vector<std::string> cells = {name};
+        double least = of(levels.front().error->error);
+        for (const proto::OutputCloud& cloud : levels) {
+            const SurfaceError& error = cloud.error->error;
+            cells.push_back(distance_text(of(error), error));
+            least = std::min(least, of(error));
+        }
+        const std::size_t width = widest(cells) + kGap;
+        for (std::size_t i = 0; i < rows.size(); ++i) {
+            const std::string text = in_right(cells[i], width);
+            const bool best = i > 0 && of(levels[i - 1].error->error) <= least;
+            rows[i] += best ? style.strong(text) : text;
+        }
+    }
+    out << style.dim(rows.front()) << '\n';
+    for (std::size_t i = 1; i < rows.size(); ++i) out << rows[i] << '\n';
+    out << style.dim(
+               "mean and rms from the reference to the candidate, max of both ways;\n"
+               "input units, and percent of the diagonal, " +
+               three_digits(levels.front().error->error.diagonal))
+        << '\n';
 }
 
 void summarise(const EvaluateCommand& command, const proto::Results& results, double seconds,
                const Terminal& terminal) {
-    const TextStyle& style = terminal.style();
+    const TextStyle& style = terminal.output_style();
     const bool one = results.levels.size() == 1;
-    std::cerr << style.strong(counted(results.source->points, "point") + " against " +
-                              (one ? counted(results.levels.front().points, "point")
-                                   : counted(results.levels.size(), "candidate")))
-              << " in " << readable_seconds(seconds) << '\n';
+    std::ostringstream out;
+    out << style.strong(counted(results.source->points, "point") + " against " +
+                        (one ? counted(results.levels.front().points, "point")
+                             : counted(results.levels.size(), "candidate")))
+        << " in " << readable_seconds(seconds) << '\n';
     if (one)
-        print(results.levels.front(), style);
+        print(out, results.levels.front(), style);
     else
-        print_table(command, results, style);
+        print_table(out, command, results, style);
+    write_out(out.str());
     for (std::size_t i = 0; i < results.levels.size(); ++i)
-        for (const std::string& warning : results.levels[i].error->warnings)
-            std::cerr << style.bad("warning:") << ' ' << command.candidates[i].filename().string()
-                      << ": " << warning << '\n';
+        print_warnings(*results.levels[i].error, command.candidates[i], terminal.style());
 }
 
 /// Where the map of a candidate goes: `errors.ply`, or `errors-2.ply` when there are several.
@@ -140,6 +144,20 @@ fs::path numbered(const fs::path& file, std::size_t candidate, std::size_t all) 
     if (all == 1) return file;
     return file.parent_path() /
            (file.stem().string() + "-" + std::to_string(candidate + 1) + file.extension().string());
+}
+
+std::vector<fs::path> inputs_of(const EvaluateCommand& command) {
+    std::vector<fs::path> inputs = command.candidates;
+    inputs.push_back(command.reference);
+    return inputs;
+}
+std::vector<fs::path> outputs_of(const EvaluateCommand& command) {
+    std::vector<fs::path> outputs = {command.common.json};
+    for (const fs::path& map : command.maps) {
+        const std::size_t all = extension_of(map) == ".png" ? 1 : command.candidates.size();
+        for (std::size_t i = 0; i < all; ++i) outputs.push_back(numbered(map, i, all));
+    }
+    return outputs;
 }
 
 /// Puts the maps and pictures where they were asked for, and says so in the figures.
@@ -154,13 +172,13 @@ void publish(const EvaluateCommand& command, const proto::Results& results, cons
         json["maps"].push_back(map.string());
     };
     for (const fs::path& map : command.maps) {
-        if (map.extension() == ".png") {
+        if (extension_of(map) == ".png") {
             place(results.levels.front().pictures.at(0).href, map);
             continue;
         }
         for (std::size_t i = 0; i < all; ++i)
             for (const proto::OutputFile& file : results.levels[i].files)
-                if (map.extension() == "." + std::string(to_string(file.format)))
+                if (extension_of(map) == "." + std::string(to_string(file.format)))
                     place(file.href, numbered(map, i, all));
     }
 }
@@ -218,6 +236,7 @@ void run(const EvaluateCommand& command, const Session& session) {
     }
     require_place_of(command.common.json);
     for (const fs::path& map : command.maps) require_place_of(map);
+    require_apart(inputs_of(command), outputs_of(command));
     const ScratchFolder scratch(fs::temp_directory_path());
     ProgressDisplay display(session.terminal, !command.common.quiet);
     const proto::Results results = measure(command, request, scratch.path(), session, display);

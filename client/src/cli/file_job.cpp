@@ -2,12 +2,14 @@
 #include "cli/files.hpp"
 #include "cli/job_execution.hpp"
 #include "cli/report.hpp"
+#include "cli/units.hpp"
 #include "stipple/codec.hpp"
 #include "stipple/error.hpp"
 #include "stipple/proto/digest.hpp"
 
 #include <chrono>
 #include <iostream>
+#include <limits>
 
 namespace stipple::cli {
 namespace {
@@ -15,10 +17,17 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::ordered_json;
 
+/// With what a job adds to the most attributes that an input may have.
+PointCloud read_output(const fs::path& file, const RunContext& context) {
+    DecodeLimits limits;
+    limits.max_attributes = std::numeric_limits<decltype(limits.max_attributes)>::max();
+    return read_cloud(file, limits, context);
+}
+
 /// Jobs write PLY in little endian; another encoding of the same cloud is made of that.
 void change_encoding(const fs::path& file, const PlyEncodeOptions& options,
-                     proto::OutputFile& output) {
-    write_cloud(read_cloud(file), file, options);
+                     proto::OutputFile& output, const RunContext& context) {
+    write_cloud(read_output(file, context), file, options, {}, {}, context);
     output.bytes = fs::file_size(file);
     output.sha256 = proto::sha256_of_file(file);
 }
@@ -55,11 +64,17 @@ void summarise(const FileCommand<Job>& command, const proto::Results& results, d
     if (cloud.error) std::cerr << style.dim(error_line(*cloud.error, style)) << '\n';
     if (cloud.bound) std::cerr << bound_line(*cloud.bound, cloud.points, style) << '\n';
     const std::string losses = losses_line(*results.source, style);
-    if (terminal.interactive() && !losses.empty()) std::cerr << style.dim(losses) << '\n';
+    if (!losses.empty()) std::cerr << style.dim(losses) << '\n';
+    if constexpr (requires { command.job.options.points; }) {
+        if (command.job.options.points > cloud.points)
+            std::cerr << with_separators(*command.job.options.points)
+                      << " points were asked for: there are no more\n";
+    }
+    if (cloud.error) print_warnings(*cloud.error, command.output, style);
 }
 
 /// Does nothing with what a job made beside its first cloud.
-void ignore(const proto::Results&, const fs::path&, ordered_json&) {}
+void ignore(const proto::Results&, const fs::path&, ordered_json&, const RunContext&) {}
 
 /// @param also  is called with the results, the folder of their files and the figures, before the
 /// output stands in its place.
@@ -67,11 +82,13 @@ template <typename Job, typename Also>
 void run_file_job(const FileCommand<Job>& command, const Session& session, Also&& also) {
     const auto start = std::chrono::steady_clock::now();
     require_input(command.input);
-    require_apart(command.input, command.output);
     require_place_of(command.common.json);
     const ScratchFolder scratch(folder_of(command.output));
     ProgressDisplay display(session.terminal, !command.common.quiet);
     const JobExecution execution{command.server, command.common.threads, session.stop};
+    RunContext context;
+    context.stop = session.stop;
+    context.threads = command.common.threads;
     proto::Results results = naming(command.input, [&] {
         return execute({{}, command.job}, command.input, scratch.path(), execution, display);
     });
@@ -80,9 +97,9 @@ void run_file_job(const FileCommand<Job>& command, const Session& session, Also&
     const fs::path file = scratch.path() / output.href;
     if (output.format == CloudFormat::Ply &&
         command.ply.encoding != PlyEncoding::BinaryLittleEndian)
-        change_encoding(file, command.ply, output);
+        change_encoding(file, command.ply, output, context);
     ordered_json json = figures(command, results);
-    also(results, scratch.path(), json);
+    also(results, scratch.path(), json, context);
     move_into_place(file, command.output);
     display.finish();
 
@@ -93,31 +110,34 @@ void run_file_job(const FileCommand<Job>& command, const Session& session, Also&
 
 /// The feature lines are the second cloud of an analysis, when there are any.
 void write_feature_lines(const AnalyzeCommand& command, const proto::Results& results,
-                         const fs::path& folder, ordered_json& json) {
+                         const fs::path& folder, ordered_json& json, const RunContext& context) {
     PointCloud lines;
     if (results.levels.size() > 1)
-        lines = read_cloud(folder / results.levels[1].files.front().href);
-    write_cloud(lines, command.feature_lines, command.ply, command.job.output.draco);
+        lines = read_output(folder / results.levels[1].files.front().href, context);
+    write_cloud(lines, command.feature_lines, command.ply, command.job.output.draco, {}, context);
     json["feature_lines"] = {{"points", lines.size()}, {"file", command.feature_lines.string()}};
 }
 
 }  // namespace
 
 void run(const SimplifyCommand& command, const Session& session) {
+    require_apart({command.input}, {command.output, command.common.json});
     run_file_job(command, session, ignore);
 }
 
 void run(const UpsampleCommand& command, const Session& session) {
+    require_apart({command.input}, {command.output, command.common.json});
     run_file_job(command, session, ignore);
 }
 
 void run(const AnalyzeCommand& command, const Session& session) {
     const bool lines = !command.feature_lines.empty();
-    require_apart(command.input, command.feature_lines);
+    require_apart({command.input}, {command.output, command.feature_lines, command.common.json});
     require_place_of(command.feature_lines);
-    run_file_job(command, session, [&](const auto& results, const fs::path& folder, auto& json) {
-        if (lines) write_feature_lines(command, results, folder, json);
-    });
+    run_file_job(command, session,
+                 [&](const auto& results, const fs::path& folder, auto& json, const auto& context) {
+                     if (lines) write_feature_lines(command, results, folder, json, context);
+                 });
 }
 
 }  // namespace stipple::cli

@@ -3,16 +3,26 @@
 #include "stipple/error.hpp"
 #include "stipple/proto/results.hpp"
 
+#include <cstddef>
 #include <filesystem>
 #include <string>
+#include <vector>
 
 namespace stipple::cli {
 
-/// @throws Error(NotFound) when there is no such file, or what is there is none.
+/// @throws Error(NotFound) when there is no such file, Error(InvalidArgument) when what is there is
+/// none.
 void require_input(const std::filesystem::path& file);
-/// @throws Error(InvalidArgument) when the output would take the input's place: what was left out
-/// would be lost.
-void require_apart(const std::filesystem::path& input, const std::filesystem::path& output);
+/// @throws Error(InvalidArgument) when an output would take the place of an input or of another
+/// output: what was there would be lost. One without a name, and `-`, has no place.
+void require_apart(const std::vector<std::filesystem::path>& inputs,
+                   const std::vector<std::filesystem::path>& outputs);
+/// @throws Error as `require_input`, and where it cannot be read.
+std::vector<std::byte> read_file(const std::filesystem::path& file);
+/// What the manifest of a pyramid's folder says. @throws Error naming the manifest.
+proto::Results read_manifest(const std::filesystem::path& folder);
+/// `.ply` of `Scan.PLY`.
+std::string extension_of(const std::filesystem::path& file);
 /// Renames within a file system: whoever opens `to` sees the old file or the new one.
 void move_into_place(const std::filesystem::path& from, const std::filesystem::path& to);
 /// The one file of the first cloud that a job made. @throws Error(Internal) when a server sent

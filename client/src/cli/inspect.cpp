@@ -1,5 +1,6 @@
 #include "cli/commands.hpp"
 #include "cli/files.hpp"
+#include "cli/job_execution.hpp"
 #include "cli/progress_bar.hpp"
 #include "cli/report.hpp"
 #include "cli/units.hpp"
@@ -9,11 +10,10 @@
 #include "stipple/proto/digest.hpp"
 
 #include <array>
-#include <cmath>
 #include <cstdio>
 #include <fstream>
-#include <iostream>
 #include <span>
+#include <sstream>
 #include <vector>
 
 namespace stipple::cli {
@@ -45,15 +45,6 @@ std::vector<ProgressiveBatch> batches_of(const fs::path& file) {
     return decoder.batches();
 }
 
-double mean_spacing(const PointCloud& cloud, const RunContext& context) {
-    if (cloud.size() < 2) return 0;
-    const NeighborLists nearest = k_nearest_neighbors(cloud.positions, 1, context);
-    double sum = 0;
-    for (const float distance_sq : nearest.distances_sq)
-        sum += std::sqrt(static_cast<double>(distance_sq));
-    return sum / static_cast<double>(cloud.size());
-}
-
 RunContext stage(const RunContext& context, ProgressDisplay& display, const char* name, double from,
                  double to) {
     RunContext named = context;
@@ -71,7 +62,7 @@ Findings look_at(const fs::path& file, const RunContext& context, ProgressDispla
     findings.statistics =
         proto::describe(cloud, findings.report, removed.non_finite, removed.duplicates);
     if (findings.report.format == CloudFormat::Progressive) findings.batches = batches_of(file);
-    findings.spacing = mean_spacing(cloud, stage(context, display, "measure", 0.6, 1));
+    findings.spacing = mean_spacing(cloud.positions, stage(context, display, "measure", 0.6, 1));
     return findings;
 }
 
@@ -110,45 +101,47 @@ std::string attribute_list(const std::vector<proto::CloudAttribute>& attributes)
     return list;
 }
 
-void print_row(const TextStyle& style, const std::string& name, const std::string& value) {
+void print_row(std::ostream& out, const TextStyle& style, const std::string& name,
+               const std::string& value) {
     constexpr std::size_t kNameColumns = 12;
     if (value.empty()) return;
     const std::string gap(name.size() < kNameColumns ? kNameColumns - name.size() : 1, ' ');
-    std::cerr << style.dim(name) << gap << value << '\n';
+    out << style.dim(name) << gap << value << '\n';
 }
 
-void print(const Findings& findings, const Terminal& terminal) {
-    const TextStyle& style = terminal.style();
+void print(std::ostream& out, const Findings& findings, const TextStyle& style) {
     const proto::CloudStatistics& cloud = findings.statistics;
     const std::string dot = " " + std::string(style.dot()) + " ";
-    print_row(style, "points", style.strong(with_separators(cloud.points)));
-    print_row(style, "encoding",
+    print_row(out, style, "points", style.strong(with_separators(cloud.points)));
+    print_row(out, style, "encoding",
               std::string(to_string(findings.report.format)) + dot + cloud.encoding + dot +
                   readable_bytes(findings.bytes));
-    print_row(style, "attributes", attribute_list(cloud.attributes));
+    print_row(out, style, "attributes", attribute_list(cloud.attributes));
     if (!cloud.bounds.empty()) {
-        print_row(style, "size",
+        print_row(out, style, "size",
                   triple(cloud.bounds.max - cloud.bounds.min, style.unicode ? " × " : " x "));
-        print_row(style, "from", triple(cloud.bounds.min, ", "));
-        print_row(style, "to", triple(cloud.bounds.max, ", "));
-        print_row(style, "spacing", number(findings.spacing));
+        print_row(out, style, "from", triple(cloud.bounds.min, ", "));
+        print_row(out, style, "to", triple(cloud.bounds.max, ", "));
+        print_row(out, style, "spacing", number(findings.spacing));
     }
     if (findings.report.faces > 0)
-        print_row(style, "faces", with_separators(findings.report.faces));
-    print_row(style, "not used", losses_line(cloud, style));
+        print_row(out, style, "faces", with_separators(findings.report.faces));
+    print_row(out, style, "not used", losses_line(cloud, style));
     for (const ProgressiveBatch& batch : findings.batches) {
         print_row(
-            style, readable_bytes(batch.bytes),
+            out, style, readable_bytes(batch.bytes),
             with_separators(batch.points) + " points, mean error " + number(batch.mean_error));
     }
-    for (const std::string& comment : cloud.comments) print_row(style, "comment", comment);
-    print_row(style, "sha-256", findings.sha256);
+    for (const std::string& comment : cloud.comments) print_row(out, style, "comment", comment);
+    print_row(out, style, "sha-256", findings.sha256);
 }
 
 }  // namespace
 
 void run(const InspectCommand& command, const Session& session) {
     require_input(command.input);
+    require_place_of(command.common.json);
+    require_apart({command.input}, {command.common.json});
     RunContext context;
     context.stop = session.stop;
     context.threads = command.common.threads;
@@ -157,7 +150,11 @@ void run(const InspectCommand& command, const Session& session) {
         naming(command.input, [&] { return look_at(command.input, context, display); });
     display.finish();
     const bool figures_alone = command.common.json == "-";
-    if (!command.common.quiet && !figures_alone) print(findings, session.terminal);
+    if (!command.common.quiet && !figures_alone) {
+        std::ostringstream out;
+        print(out, findings, session.terminal.output_style());
+        write_out(out.str());
+    }
     write_json(command.common.json, figures(command.input, findings));
 }
 

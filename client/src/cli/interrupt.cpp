@@ -7,11 +7,17 @@
 namespace stipple::cli {
 namespace {
 
+/// Those of a terminal that closes, too; not those that this process was started to ignore, as by
+/// `nohup`, but for the one that wakes the watcher.
 sigset_t watched_signals() {
     sigset_t signals;
     sigemptyset(&signals);
-    sigaddset(&signals, SIGINT);
     sigaddset(&signals, SIGTERM);
+    for (const int signal : {SIGINT, SIGHUP}) {
+        struct sigaction before {};
+        if (::sigaction(signal, nullptr, &before) == 0 && before.sa_handler != SIG_IGN)
+            sigaddset(&signals, signal);
+    }
     return signals;
 }
 

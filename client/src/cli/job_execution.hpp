@@ -33,7 +33,7 @@ struct JobExecution {
 };
 
 /// Does a job on the cloud in `input`, here or on a server, and leaves the same files in `folder`
-/// either way: level-<n>.<format> and picture.png, named so in the results. @throws Error,
+/// either way, named in the results. @throws Error,
 /// Cancelled.
 proto::Results execute(proto::JobRequest request, const std::filesystem::path& input,
                        const std::filesystem::path& folder, const JobExecution& execution,

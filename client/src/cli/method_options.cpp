@@ -1,7 +1,7 @@
 #include "cli/method_options.hpp"
 
 #include "cli/names.hpp"
-#include "cli/whole_number.hpp"
+#include "cli/numbers.hpp"
 #include "stipple/proto/job_request.hpp"
 
 #include <CLI/CLI.hpp>

@@ -55,8 +55,10 @@ std::string progress_bar(double fraction, unsigned cells, const TextStyle& style
 std::string time_note(const ProgressState& state) {
     constexpr double kEnoughSeconds = 1.0, kEnoughWork = 0.05;
     const bool foreseeable = state.elapsed >= kEnoughSeconds && state.fraction >= kEnoughWork;
-    const double left = state.elapsed * (1.0 - state.fraction) / std::max(state.fraction, 1e-9);
-    if (foreseeable) return readable_seconds(std::max(1.0, std::ceil(left))) + " left";
+    const double to_here = state.elapsed - state.still;
+    const double left =
+        to_here * (1.0 - state.fraction) / std::max(state.fraction, 1e-9) - state.still;
+    if (foreseeable && left > 0) return readable_seconds(std::max(1.0, std::ceil(left))) + " left";
     return readable_seconds(std::floor(state.elapsed * 10) / 10);
 }
 
@@ -89,6 +91,7 @@ ProgressDisplay::~ProgressDisplay() {
 void ProgressDisplay::update(std::string_view stage, double fraction) {
     const std::scoped_lock lock(mutex_);
     state_.stage = stage;
+    if (fraction > state_.fraction) grew_ = seconds_since(start_);
     state_.fraction = fraction;
 }
 
@@ -103,12 +106,13 @@ void ProgressDisplay::redraw_until_stopped(std::stop_token stop) {
         std::unique_lock lock(mutex_);
         changed_.wait_for(lock, stop, time, [] { return false; });
         state = state_;
+        state.elapsed = seconds_since(start_);
+        state.still = state.elapsed - grew_;
         return !stop.stop_requested();
     };
     ProgressState state;
     bool drawn = false;
     for (auto time = kBlink; next_frame(time, state); time = kFrame) {
-        state.elapsed = seconds_since(start_);
         // Cursor hidden while it would flicker; the rest of an older, longer line erased.
         const std::string line = progress_line(state, terminal_.style(), terminal_.columns());
         std::fprintf(stderr, "\033[?25l\r%s\033[K", line.c_str());

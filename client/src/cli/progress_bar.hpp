@@ -17,11 +17,13 @@ struct ProgressState {
     std::string stage;    ///< one word
     double fraction = 0;  ///< of all the work, 0..1
     double elapsed = 0;   ///< seconds
+    double still = 0;     ///< of these since the fraction grew
 };
 
 /// A bar of `cells` columns: eighths of blocks where Unicode is, else `#` and `-`.
 std::string progress_bar(double fraction, unsigned cells, const TextStyle& style);
-/// `12 s left` once there is something to go by, until then what it took so far.
+/// `12 s left` once there is something to go by; until then, and where it takes longer than that,
+/// what it took so far.
 std::string time_note(const ProgressState& state);
 /// The whole line, at most `columns - 1` wide; what finds no room is left out, the bar first.
 std::string progress_line(const ProgressState& state, const TextStyle& style, unsigned columns);
@@ -46,7 +48,8 @@ private:
     const Terminal& terminal_;
     const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
     std::mutex mutex_;
-    ProgressState state_;  // guarded by mutex_
+    ProgressState state_;  // guarded by mutex_, as is the next
+    double grew_ = 0;      // the fraction, so many seconds after the start
     std::condition_variable_any changed_;
     std::jthread painter_;
 };

@@ -8,16 +8,39 @@
 #include "stipple/proto/pyramid_export.hpp"
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <fstream>
 #include <iostream>
 #include <map>
+#include <set>
 
 namespace stipple::cli {
 namespace {
 
 namespace fs = std::filesystem;
 using nlohmann::ordered_json;
+
+constexpr std::array kPotreeFiles = {"octree.bin", "hierarchy.bin", "metadata.json"};
+
+/// The files of the pyramid that stands in a folder, if there is one.
+/// @throws Error(InvalidArgument) where a manifest stands there that is none of a pyramid.
+std::set<fs::path> pyramid_in(const fs::path& folder) {
+    std::set<fs::path> files;
+    const auto is_there = [&](const char* name) { return fs::exists(folder / name); };
+    if (std::ranges::all_of(kPotreeFiles, is_there))
+        for (const char* const name : kPotreeFiles) files.insert(name);
+    if (!is_there("manifest.json")) return files;
+    try {
+        const proto::Results pyramid = read_manifest(folder);
+        for (const proto::ExportFile& file : proto::export_files(pyramid)) files.insert(file.name);
+    } catch (const Error& error) {
+        throw Error(ErrorCode::InvalidArgument,
+                    std::string(error.what()) + ": no pyramid of this version stands in " +
+                        folder.string() + ": choose another folder, or remove the file");
+    }
+    return files;
+}
 
 void make_folder(const fs::path& folder) {
     std::error_code error;
@@ -37,14 +60,20 @@ void publish_text(const std::string& text, const std::string& name, const fs::pa
 }
 
 /// The manifest comes last: while it is missing or old, nobody takes the new files for a whole.
-void publish(const proto::Results& results, const fs::path& scratch, const fs::path& folder) {
+/// @returns their names.
+std::set<fs::path> publish(const proto::Results& results, const fs::path& scratch,
+                           const fs::path& input, const fs::path& folder) {
+    std::set<fs::path> files;
     for (const proto::ExportFile& file : proto::export_files(results)) {
+        require_apart({input}, {folder / file.name});
         if (file.stored) {
             move_into_place(scratch / file.stored->href, folder / file.name);
         } else {
             publish_text(file.text, file.name, scratch, folder);
         }
+        files.insert(file.name);
     }
+    return files;
 }
 
 /// The metadata last, as the manifest above. @returns the bytes of all.
@@ -54,7 +83,7 @@ std::uint64_t publish_potree(const PyramidCommand& command, const proto::Results
         read_cloud(scratch / results.levels.at(0).files.at(0).href, {}, context);
     proto::write_potree(cloud, scratch, {.name = command.input.stem().string()}, context);
     std::uint64_t bytes = 0;
-    for (const char* const name : {"octree.bin", "hierarchy.bin", "metadata.json"}) {
+    for (const char* const name : kPotreeFiles) {
         bytes += fs::file_size(scratch / name);
         move_into_place(scratch / name, command.output_folder / name);
     }
@@ -68,24 +97,32 @@ std::uint64_t bytes_of(const proto::Results& results) {
     return bytes;
 }
 
-std::string right(std::string text, std::size_t columns) {
-    return text.size() < columns ? std::string(columns - text.size(), ' ') + text : text;
-}
+/// A row for each level: its points, the bytes of its files, its error.
+std::string level_table(const proto::Results& results, const TextStyle& style) {
+    constexpr std::size_t kLevel = 5, kPoints = 13, kBytes = 10, kMean = 21, kMax = 10;
+    std::set<CloudFormat> formats;
+    for (const proto::OutputCloud& level : results.levels)
+        for (const proto::OutputFile& file : level.files) formats.insert(file.format);
+    const bool measured = results.levels.front().error.has_value();
 
-/// A row for each level: its points, its files and its error.
-void list_levels(const proto::Results& results) {
+    std::string header = in_right("level", kLevel) + in_right("points", kPoints);
+    for (const CloudFormat format : formats)
+        header += in_right(std::string(to_string(format)), kBytes);
+    if (measured) header += in_right("mean error", kMean) + in_right("max", kMax);
+    std::string text = style.dim(header) + "\n";
     for (const proto::OutputCloud& level : results.levels) {
-        std::cerr << right(std::to_string(level.level), 4)
-                  << right(with_separators(level.points), 14);
+        text += in_right(std::to_string(level.level), kLevel) +
+                in_right(with_separators(level.points), kPoints);
         std::map<CloudFormat, std::uint64_t> bytes;
         for (const proto::OutputFile& file : level.files) bytes[file.format] += file.bytes;
-        for (const auto& [format, sum] : bytes)
-            std::cerr << right(readable_bytes(sum), 11) << ' ' << to_string(format);
+        for (const CloudFormat format : formats)
+            text += in_right(bytes.contains(format) ? readable_bytes(bytes[format]) : "", kBytes);
         if (level.error)
-            std::cerr << "   error " << distance_text(level.error->error.mean(), level.error->error)
-                      << ", at most " << three_digits(level.error->error.max());
-        std::cerr << '\n';
+            text += in_right(distance_text(level.error->error.mean(), level.error->error), kMean) +
+                    in_right(three_digits(level.error->error.max()), kMax);
+        text += "\n";
     }
+    return text;
 }
 
 void summarise(const PyramidCommand& command, const proto::Results& results, std::uint64_t bytes,
@@ -97,8 +134,7 @@ void summarise(const PyramidCommand& command, const proto::Results& results, std
               << " in " << readable_seconds(seconds) << ' ' << style.dot() << ' '
               << readable_bytes(fs::file_size(command.input)) << arrow << readable_bytes(bytes)
               << '\n';
-    if (!terminal.interactive() || command.potree) return;
-    list_levels(results);
+    if (!command.potree) std::cerr << level_table(results, style);
     const std::string losses = losses_line(*results.source, style);
     if (!losses.empty()) std::cerr << style.dim(losses) << '\n';
 }
@@ -125,6 +161,10 @@ void run(const PyramidCommand& command, const Session& session) {
     make_folder(command.output_folder);
     try {
         require_place_of(command.common.json);
+        const std::set<fs::path> before = pyramid_in(command.output_folder);
+        for (const fs::path& file : before)
+            require_apart({command.input, command.common.json}, {command.output_folder / file});
+        require_apart({command.input}, {command.common.json});
         const ScratchFolder scratch(command.output_folder);
         ProgressDisplay display(session.terminal, !command.common.quiet);
         const JobExecution execution{command.server, command.common.threads, session.stop};
@@ -135,14 +175,17 @@ void run(const PyramidCommand& command, const Session& session) {
         if (!results.source || results.levels.empty())
             throw Error(ErrorCode::Internal, "the result of a pyramid job has no levels");
         std::uint64_t bytes = bytes_of(results);
+        std::set<fs::path> files(kPotreeFiles.begin(), kPotreeFiles.end());
         if (command.potree) {
             RunContext context;
             context.stop = session.stop;
             context.threads = command.common.threads;
             bytes = publish_potree(command, results, scratch.path(), context);
         } else {
-            publish(results, scratch.path(), command.output_folder);
+            files = publish(results, scratch.path(), command.input, command.output_folder);
         }
+        for (const fs::path& file : before)
+            if (!files.contains(file)) fs::remove(command.output_folder / file);
         display.finish();
 
         const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;

@@ -96,13 +96,16 @@ void write_text(const fs::path& destination, const std::string& text) {
     }
 }
 
+void write_out(const std::string& text) {
+    std::cout << text << std::flush;
+    if (!std::cout) throw Error(ErrorCode::Internal, "standard output: cannot be written");
+}
+
 void write_json(const std::string& destination, const ordered_json& figures) {
     if (destination.empty()) return;
     const std::string text =
         figures.dump(2, ' ', false, ordered_json::error_handler_t::replace) + "\n";
-    if (destination != "-") return write_text(destination, text);
-    std::cout << text << std::flush;
-    if (!std::cout) throw Error(ErrorCode::Internal, "standard output: cannot be written");
+    return destination == "-" ? write_out(text) : write_text(destination, text);
 }
 
 ordered_json input_json(const fs::path& file, const proto::CloudStatistics& source) {
@@ -132,6 +135,13 @@ std::string error_line(const proto::ErrorFigures& figures, const TextStyle& styl
     return "error: mean " + distance_text(error.mean(), error) + dot + "max " +
            distance_text(error.max(), error) + " of the diagonal, at " +
            counted(error.forward.samples, "sample");
+}
+
+void print_warnings(const proto::ErrorFigures& figures, const fs::path& candidate,
+                    const TextStyle& style) {
+    for (const std::string& warning : figures.warnings)
+        std::cerr << style.bad("warning:") << ' ' << candidate.filename().string() << ": "
+                  << warning << '\n';
 }
 
 ordered_json bounds_json(const Aabb& box) {

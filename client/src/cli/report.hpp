@@ -30,6 +30,10 @@ std::string distance_text(double distance, const SurfaceError& error);
 /// cloud `error: none, nothing was simplified away`.
 std::string error_line(const proto::ErrorFigures& figures, const TextStyle& style);
 
+/// A line for each warning that a measured error came with.
+void print_warnings(const proto::ErrorFigures& figures, const std::filesystem::path& candidate,
+                    const TextStyle& style);
+
 /// `largest distance 0.0412 of 0.05 allowed · forward 0.0398, backward 0.0412, 537,380 samples
 /// (particles) · 31 tries`; of a whole cloud `kept all 60,000 points: with 30,000 the surface at
 /// (0.1, 0.2, 0.3) is off by 0.43, above the bound 0.3`. @param points  of the result.
@@ -38,6 +42,8 @@ std::string bound_line(const proto::MeasuredBound& bound, std::uint64_t points,
 
 /// Whole or not at all. @throws Error naming the file.
 void write_text(const std::filesystem::path& destination, const std::string& text);
+/// To standard output. @throws Error where it takes nothing.
+void write_out(const std::string& text);
 /// To the file of `--json`, whole or not at all; `-` is standard output.
 void write_json(const std::string& destination, const nlohmann::ordered_json& figures);
 /// What came in, for the figures.

@@ -1,13 +1,12 @@
 #include "stipple/proto/slice.hpp"
-
 #include "cli/commands.hpp"
 #include "cli/files.hpp"
 #include "cli/report.hpp"
 #include "cli/units.hpp"
 #include "stipple/client.hpp"
+#include "stipple/proto/pyramid_export.hpp"
 
 #include <chrono>
-#include <fstream>
 #include <iostream>
 
 namespace stipple::cli {
@@ -16,23 +15,17 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::ordered_json;
 
-std::vector<std::byte> read_file(const fs::path& file) {
-    require_input(file);
-    std::vector<std::byte> bytes(fs::file_size(file));
-    std::ifstream stream(file, std::ios::binary);
-    stream.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
-    if (!stream) throw Error(ErrorCode::Internal, file.string() + ": cannot be read");
-    return bytes;
-}
-
 /// From the folder of a pyramid.
 proto::Slice slice_here(const SliceCommand& command, const Session& session) {
     const fs::path folder = command.pyramid;
-    const fs::path manifest = folder / "manifest.json";
-    const std::vector<std::byte> text = read_file(manifest);
-    const proto::Results pyramid = naming(manifest, [&] {
-        return proto::results_from_json({reinterpret_cast<const char*>(text.data()), text.size()});
-    });
+    if (!fs::is_directory(folder))
+        throw Error(ErrorCode::NotFound,
+                    folder.string() + ": no such folder; the id of a job needs --server");
+    const proto::Results pyramid = read_manifest(folder);
+    std::vector<fs::path> files;
+    for (const proto::ExportFile& file : proto::export_files(pyramid))
+        files.push_back(folder / file.name);
+    require_apart(files, {command.output, command.common.json});
     proto::SliceOptions options = command.options;
     options.max_points = UINT32_MAX;  // of a server
     RunContext context;

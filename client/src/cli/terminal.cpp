@@ -14,6 +14,10 @@ std::string_view environment(const char* name) {
     return value == nullptr ? std::string_view() : value;
 }
 
+bool is_interactive(int descriptor) {
+    return ::isatty(descriptor) == 1 && environment("TERM") != "dumb";
+}
+
 std::string painted(bool color, std::string_view code, std::string_view text) {
     if (!color) return std::string(text);
     return "\033[" + std::string(code) + "m" + std::string(text) + "\033[0m";
@@ -40,9 +44,10 @@ bool locale_is_utf8() {
     return name.find("utf-8") != name.npos || name.find("utf8") != name.npos;
 }
 
-Terminal::Terminal() : interactive_(::isatty(STDERR_FILENO) == 1 && environment("TERM") != "dumb") {
-    style_.unicode = locale_is_utf8();
-    style_.color = interactive_ && environment("NO_COLOR").empty();  // https://no-color.org
+Terminal::Terminal() : interactive_(is_interactive(STDERR_FILENO)) {
+    const bool plain = !environment("NO_COLOR").empty();  // https://no-color.org
+    style_ = {locale_is_utf8(), interactive_ && !plain};
+    output_style_ = {style_.unicode, is_interactive(STDOUT_FILENO) && !plain};
 }
 
 unsigned Terminal::columns() const {

@@ -20,19 +20,21 @@ struct TextStyle {
 /// Whether the locale's character set is UTF-8, by LC_ALL, LC_CTYPE and LANG.
 bool locale_is_utf8();
 
-/// What stands behind standard error.
+/// What stands behind standard error, where progress and summaries go, and behind standard output,
+/// where answers do.
 class Terminal {
 public:
     Terminal();
 
     bool interactive() const noexcept { return interactive_; }
     const TextStyle& style() const noexcept { return style_; }
+    const TextStyle& output_style() const noexcept { return output_style_; }
     /// Columns as of now; 80 when nobody knows.
     unsigned columns() const;
 
 private:
     bool interactive_;
-    TextStyle style_;
+    TextStyle style_, output_style_;
 };
 
 /// Columns that `text` takes: one for each code point, none for colours.

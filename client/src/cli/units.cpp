@@ -1,5 +1,7 @@
 #include "cli/units.hpp"
 
+#include "cli/terminal.hpp"
+
 #include <array>
 #include <cmath>
 #include <cstdio>
@@ -70,6 +72,15 @@ std::string readable_share(std::uint64_t part, std::uint64_t whole) {
     const double percent = 100.0 * static_cast<double>(part) / static_cast<double>(whole);
     if (part > 0 && percent < 0.05) return "<0.1 %";
     return short_number(percent) + " %";
+}
+
+std::string in_left(const std::string& text, std::size_t columns) {
+    const unsigned width = display_width(text);
+    return width < columns ? text + std::string(columns - width, ' ') : text;
+}
+std::string in_right(const std::string& text, std::size_t columns) {
+    const unsigned width = display_width(text);
+    return width < columns ? std::string(columns - width, ' ') + text : text;
 }
 
 }  // namespace stipple::cli

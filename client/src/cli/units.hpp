@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <string>
 
@@ -17,5 +18,9 @@ std::string readable_bytes(std::uint64_t bytes);
 std::string readable_seconds(double seconds);
 /// `part` of `whole`: `1.1 %`, `25 %`, `<0.1 %`.
 std::string readable_share(std::uint64_t part, std::uint64_t whole);
+
+/// `text` in so many columns, to the left or to the right of them.
+std::string in_left(const std::string& text, std::size_t columns);
+std::string in_right(const std::string& text, std::size_t columns);
 
 }  // namespace stipple::cli

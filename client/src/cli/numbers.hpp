@@ -1,0 +1,78 @@
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <system_error>
+#include <utility>
+
+// How numbers are read from the command line: each for `transform`, the last of an option.
+
+namespace stipple::cli {
+
+/// CLI11 alone reads -3 as 2^64 - 3, 010 as 8 and more than 2^64 as 2^64 - 1.
+inline CLI::Validator whole_number() {
+    return CLI::Validator(
+        [](std::string& text) -> std::string {
+            std::uint64_t value = 0;
+            const char* const end = text.data() + text.size();
+            const auto [stop, error] = std::from_chars(text.data(), end, value);
+            if (error != std::errc() || stop != end)
+                return text + ": expected a whole number, as in 5000";
+            text = std::to_string(value);
+            return {};
+        },
+        "");
+}
+
+/// `14600`, `15kB`, `1.5 MiB` as bytes.
+inline CLI::Validator byte_count() {
+    return CLI::Validator(
+        [](std::string& text) -> std::string {
+            static constexpr std::array<std::pair<std::string_view, double>, 8> kUnits = {{
+                {"", 1},
+                {"b", 1},
+                {"kb", 1e3},
+                {"mb", 1e6},
+                {"gb", 1e9},
+                {"kib", 1024},
+                {"mib", 1024.0 * 1024},
+                {"gib", 1024.0 * 1024 * 1024},
+            }};
+            double value = 0;
+            const char* const end = text.data() + text.size();
+            const auto [stop, error] = std::from_chars(text.data(), end, value);
+            const std::string unit = CLI::detail::to_lower(CLI::detail::trim_copy({stop, end}));
+            constexpr double kMost = 1e18;
+            for (const auto& [name, bytes] : kUnits) {
+                if (error != std::errc() || unit != name || !(value >= 0) || value * bytes > kMost)
+                    continue;
+                text = std::to_string(static_cast<std::uint64_t>(std::floor(value * bytes)));
+                return {};
+            }
+            return text + ": expected bytes, as in 14600, 15kB or 1.5MiB";
+        },
+        "");
+}
+
+/// `0.1` or `10%`.
+inline CLI::Validator share() {
+    return CLI::Validator(
+        [](std::string& text) -> std::string {
+            double value = 0;
+            const char* const end = text.data() + text.size();
+            const auto [stop, error] = std::from_chars(text.data(), end, value);
+            const std::string_view unit(stop, end);
+            if (error != std::errc() || (!unit.empty() && unit != "%"))
+                return text + ": expected a share, as in 0.1 or 10%";
+            if (!unit.empty()) text = CLI::detail::to_string(value / 100);
+            return {};
+        },
+        "");
+}
+
+}  // namespace stipple::cli
