@@ -39,8 +39,9 @@ struct Slice {
     std::uint64_t points = 0;
     unsigned level = 0;  ///< from which it was cut
     /// Distances from the surface of the source, input units; absent where the pyramid's were not
-    /// measured. Those of the level; of a trimmed cloud what trimming added is measured and added
-    /// (`estimate_error`): no less than its own, by the triangle inequality, as far as was sampled.
+    /// measured. Those of the level, with what the format may round at most; of a trimmed cloud
+    /// what trimming added is measured and added (`estimate_error`): no less than its own, by the
+    /// triangle inequality, as far as was sampled.
     std::optional<double> error_mean, error_max;
 };
 
