@@ -29,7 +29,8 @@ TEST(Config, NumbersHaveNoSign) {
 }
 
 TEST(Config, SizesHaveUnits) {
-    EXPECT_EQ(served({"--max-upload", "3MB"}).limits.max_upload_bytes, 3U << 20U);
+    EXPECT_EQ(served({"--max-upload", "3MB"}).limits.max_upload_bytes, 3'000'000U);
+    EXPECT_EQ(served({"--max-upload", "3MiB"}).limits.max_upload_bytes, 3U << 20U);
     EXPECT_EQ(served({"--max-points", "7"}).limits.decode.max_points, 7U);
 }
 
