@@ -24,15 +24,6 @@ namespace {
 
 constexpr std::size_t kBlock = 4096, kBetweenChecks = 65'536;
 
-/// The i-th random number of a seed, in [0, 1).
-double random_unit(std::uint64_t seed, std::uint64_t i) noexcept {
-    return static_cast<double>(random_bits(seed, i) >> 11U) * 0x1p-53;
-}
-
-Vec3f position(const PointTree& tree, std::size_t at) noexcept {
-    return tree.leaf(at / PointTree::kWidth).position(at % PointTree::kWidth);
-}
-
 /// The i-th random place of a seed in the unit disk.
 Eigen::Vector2f in_disk(std::uint64_t seed, std::uint64_t i) noexcept {
     constexpr std::uint64_t kTries = 32;  // more than a fifth of the square is outside, each time
@@ -229,7 +220,7 @@ std::vector<Vec3f> points_of(const PointTree& tree, const Numbers& numbers,
                              const RunContext& context) {
     auto points = made_in_blocks<std::vector<Vec3f>>(numbers.size(), context);
     for_blocks_in_order(points.size(), context, [&](std::size_t begin, std::size_t end) {
-        for (std::size_t i = begin; i < end; ++i) points[i] = position(tree, numbers[i]);
+        for (std::size_t i = begin; i < end; ++i) points[i] = tree.position(numbers[i]);
     });
     return points;
 }
@@ -312,7 +303,7 @@ ErrorSamples take_points(const PointTree& tree, std::uint64_t count, std::uint64
             for (std::size_t i = begin; i < end; ++i) {
                 const double drawn = step * (static_cast<double>(i) + random_unit(seed, i));
                 const auto at = std::min(n - 1, static_cast<std::size_t>(drawn));
-                samples.positions[i] = position(tree, at);
+                samples.positions[i] = tree.position(at);
             }
         });
     }

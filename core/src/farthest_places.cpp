@@ -19,10 +19,6 @@ constexpr std::size_t kOneOf = 8, kFewest = 4096;  // of those that are left, in
 constexpr std::size_t kBeside = 2;                 // known points before and after one in the tree
 constexpr std::size_t kFarthest = 64, kPointsOfEach = 4, kPlacesOfEach = 16;
 
-Vec3f position(const PointTree& tree, std::size_t at) noexcept {
-    return tree.leaf(at / PointTree::kWidth).position(at % PointTree::kWidth);
-}
-
 double farthest(const MeasuredPlaces& measured) noexcept {
     return *std::ranges::max_element(measured.distances);
 }
@@ -42,9 +38,9 @@ std::vector<Index> which_may_be_farther(const PointTree& tree, std::size_t n,
             while (after != known.end() && after->at < at) ++after;
             const auto first = after - std::min<std::ptrdiff_t>(kBeside, after - known.begin());
             const auto last = after + std::min<std::ptrdiff_t>(kBeside, known.end() - after);
-            const Vec3f p = position(tree, at);
+            const Vec3f p = tree.position(at);
             const bool nearer = std::any_of(first, last, [&](const KnownDistance& other) {
-                return other.distance + (p - position(tree, other.at)).norm() <= max;
+                return other.distance + (p - tree.position(other.at)).norm() <= max;
             });
             if (!nearer) left[begin / kBlock].push_back(static_cast<Index>(at));
         }
@@ -59,7 +55,7 @@ void measure_points(const PointTree& tree, const FootFinder& surface, std::span<
                     std::vector<KnownDistance>& known, MeasuredPlaces& measured,
                     const RunContext& context) {
     const std::size_t before = measured.places.size();
-    for (const Index at : points) measured.places.push_back(position(tree, at));
+    for (const Index at : points) measured.places.push_back(tree.position(at));
     measured.distances.resize(measured.places.size());
     std::vector<KnownDistance> found(points.size());
     surface.find(

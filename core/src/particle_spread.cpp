@@ -26,11 +26,6 @@ double sum_of(std::span<const float> values) {
     });
 }
 
-/// 0 <= x < 1.
-double random_unit(std::uint64_t seed, std::uint64_t i) {
-    return static_cast<double>(random_bits(seed, i) >> 11U) * 0x1p-53;
-}
-
 /// Where particle `rank` of the `of` at a sample starts: on a spiral over the sample's area.
 Vec3f place_around(const SurfaceSamples& samples, Index sample, std::size_t rank, std::size_t of,
                    double turn) {

@@ -48,6 +48,10 @@ public:
     std::size_t size() const noexcept { return size_; }
     std::size_t leaf_count() const noexcept { return leaves_.size(); }
     const Leaf& leaf(std::size_t l) const noexcept { return leaves_[l]; }
+    /// Of a point by its number in the tree: leaf by leaf, lane by lane.
+    Vec3f position(std::size_t at) const noexcept {
+        return leaves_[at / kWidth].position(at % kWidth);
+    }
     std::size_t points_in(std::size_t l) const noexcept {
         return std::min(kWidth, size_ - l * kWidth);
     }

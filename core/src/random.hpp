@@ -23,9 +23,9 @@ inline std::uint64_t high_product(std::uint64_t a, std::uint64_t b) noexcept {
     return static_cast<std::uint64_t>(static_cast<UInt128>(a) * b >> 64U);
 }
 
-/// [0, 1) from random bits.
-inline double unit_from(std::uint64_t bits) noexcept {
-    return static_cast<double>(bits >> 11U) * 0x1p-53;
+/// The i-th random number of a seed, in [0, 1).
+inline double random_unit(std::uint64_t seed, std::uint64_t i) noexcept {
+    return static_cast<double>(random_bits(seed, i) >> 11U) * 0x1p-53;
 }
 
 /// 0..n-1 from random bits; uniform but for a part n / 2^64.

@@ -292,8 +292,7 @@ SurfaceError SurfaceErrorMeter::measure(const PointCloud& candidate, std::uint64
     error.backward =
         measure_direction(S_prime, S, std::move(places), frame, options, context.part(0.8, 1.0));
     for (DirectedError* const direction : {&error.forward, &error.backward}) {
-        for (Vec3f& p : direction->positions)
-            p = (p.cast<double>() / frame.scale + frame.center - S.cloud.origin).cast<float>();
+        for (Vec3f& p : direction->positions) p = frame.out_of(p, S.cloud);
     }
     return error;
 }

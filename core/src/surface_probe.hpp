@@ -49,8 +49,6 @@ public:
     ProbedSurface(const ProbedSurface&) = delete;
     ProbedSurface& operator=(const ProbedSurface&) = delete;
 
-    std::span<const Vec3f> points() const noexcept { return points_; }
-
     /// So many of its points, evenly drawn; all when there are no more.
     std::vector<Vec3f> some_points(std::uint64_t count, const RunContext& context) const;
     /// So many random places.

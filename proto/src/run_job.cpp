@@ -37,8 +37,6 @@ double seconds_since(Clock::time_point start) {
     return std::chrono::duration<double>(Clock::now() - start).count();
 }
 
-constexpr std::array kSamplings = {"points", "surface", "particles"};  // as `ErrorSampling`
-
 MeasuredBound measured(const ErrorBoundedCloud& found) {
     std::optional<FewerTried> too_far;
     if (found.too_far)
@@ -47,7 +45,7 @@ MeasuredBound measured(const ErrorBoundedCloud& found) {
             .forward = found.error.forward.max,
             .backward = found.error.backward.max,
             .samples = found.error.forward.samples,
-            .sampling = kSamplings.at(static_cast<std::size_t>(found.sampling)),
+            .sampling = std::string(to_string(found.sampling)),
             .tries = found.tries,
             .whole = found.whole,
             .too_far = too_far};

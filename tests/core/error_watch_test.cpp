@@ -17,7 +17,7 @@ std::vector<Vec3f> simplified_sphere(std::size_t points) {
 
 TEST(ErrorWatch, KnowsAfterAChangeWhatItWouldFindAnew) {
     const ProbedSurface surface(sphere(2'000).positions, Reading::Confirmed, {});
-    const std::vector<Vec3f> places(surface.points().begin(), surface.points().end());
+    const std::vector<Vec3f> places = surface.some_points(UINT64_MAX, {});
     std::vector<Vec3f> before = simplified_sphere(300), after = before;
     for (Vec3f& p : after)
         if (p.z() > 0.8F) p *= 1.05F;
@@ -37,7 +37,7 @@ TEST(ErrorWatch, KnowsAfterAChangeWhatItWouldFindAnew) {
 
 TEST(ErrorWatch, LooksCloserOnceNothingIsTooFar) {
     const ProbedSurface surface(sphere(2'000).positions, Reading::Confirmed, {});
-    const std::vector<Vec3f> places(surface.points().begin(), surface.points().end());
+    const std::vector<Vec3f> places = surface.some_points(UINT64_MAX, {});
     const std::vector<Vec3f> points = simplified_sphere(60);
     ErrorWatch first(surface, places, 0.02, Reading::Confirmed);
     first.look_at(points, {});
