@@ -13,16 +13,20 @@ StageShares stage_shares(const JobRequest& request) {
     shares[kClean] = 4;
     Stage computed = kSimplify;
     shares[kEncode] = 4;
-    if (std::holds_alternative<PyramidJob>(request.job)) {
+    if (const auto* const pyramid = std::get_if<PyramidJob>(&request.job)) {
         shares[kDecode] = 3;
         shares[kClean] = 2;
-        shares[kEncode] = 65;
+        const Method method = pyramid->options.method;
+        shares[kEncode] = method == Method::Hierarchical ? 65
+                          : method == Method::Multiphase ? 30
+                                                         : 10;
     } else if (std::holds_alternative<UpsampleJob>(request.job)) {
         computed = kUpsample;
     } else if (std::holds_alternative<AnalyzeJob>(request.job)) {
         computed = kAnalyze;
-    } else if (std::holds_alternative<EvaluateJob>(request.job)) {
+    } else if (const auto* const evaluation = std::get_if<EvaluateJob>(&request.job)) {
         computed = kEvaluate;
+        if (evaluation->options.pictures) shares[kEncode] = 70;
     }
     shares[computed] = 100 - shares[kDecode] - shares[kClean] - shares[kEncode];
     return shares;
