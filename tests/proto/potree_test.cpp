@@ -179,7 +179,8 @@ TEST(Potree, TellsTheRangeOfFiniteValues) {
     const float inf = std::numeric_limits<float>::infinity();
     cloud.attributes.push_back({"some", std::vector<float>{NAN, 2, -inf, 1}});
     cloud.attributes.push_back({"none", std::vector<float>(4, NAN)});
-    for (const json& attribute : written(cloud, {}).metadata["attributes"]) {
+    const Folder folder = written(cloud, {});
+    for (const json& attribute : folder.metadata["attributes"]) {
         if (attribute["name"] == "some") {
             EXPECT_EQ(attribute["min"], json::array({1.0}));
             EXPECT_EQ(attribute["max"], json::array({2.0}));
