@@ -45,12 +45,13 @@ export class Pane {
     /** Puts the level's splats, or those of the tiles that are to be seen, where the camera looks. */
     arrange(height) {
         const { camera, home } = this.stage;
-        const { tiles, geometry, spacing, level, coloring } = this.level;
+        const { tiles, whole, geometry, spacing, coloring } = this.level;
         this.scene.clear();
         if (tiles) {
             const offset = tiles.center.clone().sub(home.center);
-            const drawn = tiles.select(camera, { offset, height, finestLevel: level });
+            const drawn = tiles.select(camera, this.level, { offset, height });
             this.showsTiles ||= tiles.isComplete;
+            tiles.note(this.level, this.showsTiles ? drawn.reduce((sum, { points }) => sum + points, 0) : whole.points);
             if (this.showsTiles) {
                 for (const tile of drawn) {
                     colorizeTile(tile, coloring.by, coloring.range, tiles.center);

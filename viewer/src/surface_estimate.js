@@ -6,7 +6,7 @@ export const kLargestRadius = 4;
 const kSmallestRadius = 0.5;
 const kNeighbors = 16;
 const kSpacingNeighbor = 5;     // the sixth nearest: a hexagonal ring
-const kRadiusByDistance = 0.95; // a hexagonal arrangement is closed from 0.58 on, a random one is not before this
+const kRadiusByDistance = 1.15; // a hexagonal arrangement is closed from 0.58 on, a random one from 0.95, and scans have gaps
 const kFull = 32767;
 
 /**
@@ -76,18 +76,18 @@ class Nearest {
 
 /**
  * Points by the cell they lie in, copied in the order of the cells. A row of cells along x is hashed as a whole: its cells are
- * neighbours in memory too. Points of another row that share a bucket are told apart by `rows`.
+ * neighbours in memory too. Points of another row that share a bucket are told apart by `rows`, which are exact.
  */
 class PointGrid {
     constructor(positions, cellSize) {
         const count = positions.length / 3;
-        const buckets = 2 ** Math.ceil(Math.log2(Math.max(2, 2 * count)));
+        const buckets = 2 ** Math.ceil(Math.log2(Math.max(8, 2 * count)));  // no fewer than a search meets of a row
         this.inverseCellSize = 1 / cellSize;
         this.mask = buckets - 1;
         this.starts = new Uint32Array(buckets + 1);
         this.members = new Uint32Array(count);         // the point at each place
         this.positions = new Float32Array(3 * count);
-        this.rows = new Int32Array(count);
+        this.rows = new Float64Array(count);
         const bucketOf = (i) =>
             (rowHash(this.cell(positions[3 * i + 1]), this.cell(positions[3 * i + 2])) + this.cell(positions[3 * i])) & this.mask;
         for (let i = 0; i < count; i += 1) {
@@ -101,7 +101,7 @@ class PointGrid {
             const at = next[bucketOf(i)]++;
             this.members[at] = i;
             this.positions.set(positions.subarray(3 * i, 3 * i + 3), 3 * at);
-            this.rows[at] = rowHash(this.cell(positions[3 * i + 1]), this.cell(positions[3 * i + 2]));
+            this.rows[at] = rowOf(this.cell(positions[3 * i + 1]), this.cell(positions[3 * i + 2]));
         }
     }
 
@@ -124,9 +124,10 @@ class PointGrid {
         nearest.count = 0;
         for (let kz = cz - ring; kz <= cz + ring; kz += 1) {
             for (let ky = cy - ring; ky <= cy + ring; ky += 1) {
-                const row = rowHash(ky, kz);
+                const row = rowOf(ky, kz);
+                const hash = rowHash(ky, kz);
                 for (let kx = cx - ring; kx <= cx + ring; kx += 1) {
-                    const bucket = (row + kx) & mask;
+                    const bucket = (hash + kx) & mask;
                     const end = starts[bucket + 1];
                     for (let other = starts[bucket]; other < end; other += 1) {
                         if (rows[other] === row && other !== at) {
@@ -141,6 +142,9 @@ class PointGrid {
         }
     }
 }
+
+/** Another number for each row, as long as a float tells its cells apart. */
+const rowOf = (y, z) => y * 2 ** 26 + z;
 
 function rowHash(y, z) {
     const hash = Math.imul(y, 0x8da6b343) ^ Math.imul(z, 0xd8163841);

@@ -21,8 +21,7 @@ export class TileStream {
         this.ready = new Set();
         this.points = 0;    // of those
         this.loading = 0;
-        this.isComplete = false;  // whether what was drawn last lacks nothing
-        this.drawnPoints = 0;
+        this.isComplete = false;  // whether what was selected last lacks nothing
         this.now = 0;
         getJson(url, signal).then(({ root }) => {
             this.root = treeOf(root);
@@ -31,23 +30,30 @@ export class TileStream {
     }
 
     /**
-     * What to draw for a camera: tiles with their `cloud` (geometry) and `spacing`.
+     * What to draw of a level for a camera: tiles with their `cloud` (geometry) and `spacing`, nowhere coarser than its `whole`.
      * @param offset  from the tiles' coordinates to those of the camera; @param height  of the picture, pixels
      */
-    select(camera, { offset, height, finestLevel }) {
+    select(camera, level, { offset, height }) {
         if (!this.root) {
             return [];
         }
         this.now += 1;
-        const { drawn, wanted } = select(this.root, { ...viewOf(camera, offset, height), pixels: kPixels, finestLevel, now: this.now });
+        const { drawn, wanted } = select(this.root, {
+            ...viewOf(camera, offset, height), pixels: kPixels, coarsestLevel: level.whole.level, finestLevel: level.level, now: this.now,
+        });
         wanted.slice(0, kAtOnce - this.loading).forEach((tile) => this.load(tile));
-        this.note(drawn.reduce((sum, { points }) => sum + points, 0), wanted.length === 0 && this.loading === 0);
+        const isComplete = wanted.length === 0 && this.loading === 0;
+        if (isComplete !== this.isComplete) {
+            this.isComplete = isComplete;
+            queueMicrotask(this.onDrawn);
+        }
         return drawn;
     }
 
-    note(drawnPoints, isComplete) {
-        if (drawnPoints !== this.drawnPoints || isComplete !== this.isComplete) {
-            Object.assign(this, { drawnPoints, isComplete });
+    /** How many points of a level are drawn: its tiles, or what stands in for them. */
+    note(level, drawnPoints) {
+        if (drawnPoints !== level.drawnPoints) {
+            level.drawnPoints = drawnPoints;
             queueMicrotask(this.onDrawn);
         }
     }

@@ -24,7 +24,8 @@ export function treeOf({ boundingVolume: { box }, geometricError, refine, conten
 /**
  * The tiles that show the whole of what is seen with an error of at most `view.pixels`, as far as they are there: where some of the
  * finer ones are not, the coarser one stands in for all of them.
- * @param view  `sees(tile)`, `errorOf(tile)` in pixels, `pixels`, `finestLevel`, `now`: a number that grows
+ * @param view  `sees(tile)`, `errorOf(tile)` in pixels, `pixels`, the levels `coarsestLevel` and
+ * `finestLevel` to stay between, `now`: a number that grows
  * @returns {{drawn: object[], wanted: object[]}} what to draw, and what to load for it, most wanted first
  */
 export function select(root, view) {
@@ -50,7 +51,8 @@ export function select(root, view) {
         }
         tile.usedAt = view.now;
         const error = view.errorOf(tile);
-        const isFine = tile.children.length === 0 || tile.level >= view.finestLevel || error <= view.pixels;
+        const isFine = tile.children.length === 0 || tile.level >= view.finestLevel ||
+            (tile.level >= view.coarsestLevel && error <= view.pixels);
         if (tile.adds && tile.state === 'ready') {
             return addTo(tile, isFine);
         }

@@ -22,6 +22,19 @@ test('Estimated normals of a sphere point along its radius', async () => {
     });
 });
 
+test('Opposite points of a random sphere are no neighbours', async () => {
+    const { estimateSurface } = await moduleOf('surface_estimate.js');
+    const fraction = (i, step) => (i * step) % 1;
+    const points = Array.from({ length: 20_000 }, (_, i) => {
+        const z = 1 - 2 * fraction(i, 0.7548776662466927), angle = 2 * Math.PI * fraction(i, 0.5698402909980532);
+        const radius = Math.sqrt(1 - z * z);
+        return [radius * Math.cos(angle), radius * Math.sin(angle), z];
+    });
+    const surface = estimateSurface(Float32Array.from(points.flat()), null, 0.5 * Math.sqrt(4 * Math.PI / points.length));
+    const wrong = points.filter((point, i) => Math.abs(point.reduce((sum, x, k) => sum + x * surface[4 * i + k], 0)) < 0.8 * 32767);
+    assert.equal(wrong.length, 0);
+});
+
 test('Of a tree of tiles those are drawn that are fine enough, and coarser ones until all of these are there', async () => {
     const { select, treeOf } = await moduleOf('tile_tree.js');
     const json = (error, children = []) => ({
@@ -30,7 +43,7 @@ test('Of a tree of tiles those are drawn that are fine enough, and coarser ones 
     });
     const root = treeOf(json(8, [json(4), json(3, [json(1), json(1)])]));
     const [left, right] = root.children;
-    const view = { sees: () => true, errorOf: (tile) => tile.error, pixels: 2, finestLevel: 9, now: 1 };
+    const view = { sees: () => true, errorOf: (tile) => tile.error, pixels: 2, coarsestLevel: 0, finestLevel: 9, now: 1 };
     const load = (...tiles) => tiles.forEach((tile) => Object.assign(tile, { state: 'ready', cloud: {} }));
     const chosen = (changes) => select(root, { ...view, ...changes });
 
@@ -43,6 +56,7 @@ test('Of a tree of tiles those are drawn that are fine enough, and coarser ones 
     assert.deepEqual(chosen(), { drawn: [left, ...right.children], wanted: [] });
     assert.deepEqual(chosen({ finestLevel: 1 }).drawn, [left, right]);
     assert.deepEqual(chosen({ pixels: 9 }).drawn, [root]);
+    assert.deepEqual(chosen({ pixels: 9, coarsestLevel: 1 }).drawn, [left, right]);
     assert.deepEqual(chosen({ sees: (tile) => tile !== left }).drawn, right.children);
 });
 
@@ -54,7 +68,7 @@ test('Of tiles that add to each other a tile is drawn with those above it, in sp
     });
     const root = treeOf(json(8, [json(4), json(3, [json(1)])]));
     const [left, right] = root.children, [finest] = right.children;
-    const view = { sees: () => true, errorOf: (tile) => tile.error, pixels: 2, finestLevel: 9, now: 1 };
+    const view = { sees: () => true, errorOf: (tile) => tile.error, pixels: 2, coarsestLevel: 0, finestLevel: 9, now: 1 };
     const load = (...tiles) => tiles.forEach((tile) => Object.assign(tile, { state: 'ready', cloud: {} }));
 
     assert.deepEqual(select(root, view), { drawn: [], wanted: [root] });
