@@ -3,6 +3,9 @@ import { askForKey, authorization } from './api_key.js';
 
 export const kKeyNeeded = 401;
 
+const kFirstPauseMs = 700;
+const kLongestPauseMs = 10_000;
+
 /** A refusal: an RFC 9457 problem document, or its stand-in where there was no reply at all. */
 export class Problem extends Error {
     constructor({ title, detail, status = 0 }) {
@@ -18,7 +21,7 @@ export async function getJson(url, signal) {
 
 export async function getBytes(url, signal) {
     const response = await send(url, { signal });
-    return response.arrayBuffer();
+    return arrival(response.arrayBuffer());
 }
 
 /** The bytes as they come: `take` is called with each piece, and says whether that was enough. */
@@ -34,7 +37,7 @@ export async function readBytes(url, take, signal) {
 
 export const listClouds = async () => (await getJson('/v1/clouds?limit=100')).items;
 export const listJobs = async () => (await getJson('/v1/jobs?limit=100')).items;
-export const getJob = (id, signal) => getJson(`/v1/jobs/${id}`, signal);
+export const getJob = (id, signal) => getJson(pathOf('jobs', id), signal);
 
 let ahead = null;
 
@@ -54,7 +57,7 @@ export function getManifest({ id, type }, signal) {
         ahead = null;
         return manifest;
     }
-    return getJson(type === 'pyramid' ? `/v1/pyramids/${id}/manifest.json?inline=drc` : `/v1/jobs/${id}/results`, signal);
+    return getJson(type === 'pyramid' ? `${pathOf('pyramids', id)}/manifest.json?inline=drc` : `${pathOf('jobs', id)}/results`, signal);
 }
 
 /** @param fields  of the job beside its type and its input */
@@ -72,11 +75,11 @@ async function postJob(job) {
 }
 
 export async function dismissJob(id) {
-    await send(`/v1/jobs/${id}`, { method: 'DELETE' });
+    await send(pathOf('jobs', id), { method: 'DELETE' });
 }
 
 /** The reply whose body tells of a job's events as they come. Not an EventSource: that shows no key. */
-export const openEvents = (id, signal) => send(`/v1/jobs/${id}/events`, { signal });
+export const openEvents = (id, signal) => send(`${pathOf('jobs', id)}/events`, { signal });
 
 export const isFinal = (job) => ['successful', 'failed', 'dismissed'].includes(job.status);
 
@@ -98,13 +101,33 @@ export const unreachable = () => new Problem({
     detail: 'Check that stippled is running and that this machine is online, then try again.',
 });
 
-async function send(url, init = {}) {
-    let response;
-    try {
-        response = await fetch(url, { ...init, headers: { ...init.headers, ...authorization() } });
-    } catch (error) {
-        throw error.name === 'AbortError' ? error : unreachable();
+/** Asks until there is an answer, at growing intervals: `onLost` is told when the server first cannot be reached, or fails. */
+export async function persist(ask, { signal, tries = Infinity, onLost = () => {} }) {
+    for (let tried = 1; ; tried += 1) {
+        try {
+            return await ask();
+        } catch (error) {
+            if (signal.aborted || tried >= tries || !mayPass(error)) {
+                throw error;
+            }
+            if (tried === 1) {
+                onLost(error);
+            }
+        }
+        await pause(Math.min(kLongestPauseMs, kFirstPauseMs * 2 ** (tried - 1)));
     }
+}
+
+export const pause = (ms) => new Promise((resolve) => { setTimeout(resolve, ms); });
+
+/** Whether the same request may succeed a little later. */
+const mayPass = ({ status }) => status === 0 || status === 429 || status >= 500;
+
+/** The ids of links may be anything. */
+const pathOf = (collection, id) => `/v1/${collection}/${encodeURIComponent(id)}`;
+
+async function send(url, init = {}) {
+    const response = await arrival(fetch(url, { ...init, headers: { ...init.headers, ...authorization() } }));
     if (response.ok) {
         return response;
     }
@@ -116,4 +139,13 @@ async function send(url, init = {}) {
     return send(url, init);
 }
 
-const readJson = (response) => response.json();
+const readJson = (response) => arrival(response.json());
+
+/** What the network brings, or the problem that it does not. */
+async function arrival(promise) {
+    try {
+        return await promise;
+    } catch (error) {
+        throw error.name === 'AbortError' ? error : unreachable();
+    }
+}

@@ -14,10 +14,11 @@ export class Comparison {
         byId['compare-mode'].onclick = () => this.setMode(stage.split.mode === 'swipe' ? 'beside' : 'swipe');
         byId.divider.onpointerdown = (event) => this.drag(event);
         byId.divider.onkeydown = (event) => {
-            const step = { ArrowLeft: -kStep, ArrowRight: kStep }[event.key];
-            if (step) {
+            const { at } = stage.split;
+            const to = { ArrowLeft: at - kStep, ArrowRight: at + kStep, Home: 0, End: 1 }[event.key];
+            if (to !== undefined) {
                 event.preventDefault();
-                this.moveTo(stage.split.at + step);
+                this.moveTo(to);
             }
         };
         addEventListener('resize', () => this.place());
@@ -69,7 +70,8 @@ export class Comparison {
     }
 
     place() {
-        byId.divider.style.left = `${this.stage.line()}px`;
+        byId.divider.style.bottom = `${this.stage.insets.bottom}px`;  // its handle in the middle of what is seen
+        document.documentElement.style.setProperty('--split', `${this.stage.line()}px`);
         byId.divider.ariaValueNow = String(Math.round(100 * this.stage.split.at));
     }
 
@@ -82,12 +84,21 @@ export class Comparison {
 
     /** What is left and right: levels, or null. */
     label(left, right) {
-        byId['left-label'].textContent = left ? `${format.compactPoints(left.points)} · ${costOf(left)}` : 'Loading';
-        byId['right-label'].textContent = right ? costOf(right) : 'Loading';
+        byId['left-label'].textContent = left ? figuresOf(left) : 'Loading';
+        byId['right-label'].textContent = right ? figuresOf(right) : 'Loading';
     }
 }
 
-function costOf(level) {
+/** What is drawn, which of a level that comes in tiles may be a part. */
+function drawnOf({ drawnPoints, points }) {
+    return drawnPoints === undefined || drawnPoints === points
+        ? format.compactPoints(points) : `${format.compactCount(drawnPoints)} of ${format.compactPoints(points)}`;
+}
+
+/** A level has a file of its own, or is the first bytes of a stream; of a view of tiles neither bytes nor error are known. */
+function figuresOf(level) {
     const error = meanErrorOf(level);
-    return [format.bytes(level.file.bytes), ...(error >= 0 ? [`error ${format.percent(error)}`] : [])].join(' · ');
+    const bytes = level.file?.bytes ?? level.bytes;
+    const cost = level.tiles ? [] : [format.bytes(bytes), ...(error >= 0 ? [`error ${format.percent(error)}`] : [])];
+    return [drawnOf(level), ...cost].join(' · ');
 }

@@ -12,7 +12,11 @@ export class Hud {
         this.onMap = onMap;
         byId.level.oninput = () => onLevel(Number(byId.level.value) - 1);
         byId.dismiss.onclick = onDismiss;
-        byId['error-bound'].oninput = () => onError(2 ** Number(byId['error-bound'].value));
+        byId['error-bound'].oninput = () => {
+            this.bound = 2 ** -Number(byId['error-bound'].value);  // finer to the right, as levels are
+            this.showBound(this.bound);
+            onError(this.bound);
+        };
     }
 
     open(title) {
@@ -22,15 +26,19 @@ export class Hud {
         byId.dismiss.hidden = true;
         byId.hud.classList.remove('busy');
         byId.files.replaceChildren();
+        byId.files.hidden = false;  // its room is kept until it is known to be empty
         this.actionsOf = null;
-        byId['error-figure'].hidden = true;
+        this.bound = null;      // what was asked for, as long as it is what is shown
+        this.boundLevel = null;
+        byId.legend.hidden = true;
         byId['error-slider'].hidden = true;
-        for (const id of ['activity', 'points', 'level-name', 'bytes', 'first-picture']) {
+        for (const id of ['activity', 'points', 'level-name', 'bytes', 'error', 'first-picture']) {
             byId[id].textContent = id === 'activity' ? 'Opening' : '–';
         }
     }
 
     showJob(job) {
+        byId.title.title = byId.title.textContent;
         if (this.isOfInput !== (job.type !== 'evaluate')) {
             this.isOfInput = job.type !== 'evaluate';
             this.actionsOf = null;
@@ -60,7 +68,7 @@ export class Hud {
             this.showFiles(shown);
             byId.level.value = shown.level + 1;
             byId.level.ariaValueText = `Level ${shown.level + 1}, ${format.points(shown.points)}`;
-            byId.points.textContent = format.count(shown.tiles?.drawnPoints || shown.points);
+            byId.points.textContent = format.share(shown.drawnPoints ?? shown.points, shown.points);
             byId['level-name'].textContent = `${shown.level + 1} of ${levels.length}${isComplete ? '' : '+'}`;
         }
     }
@@ -68,20 +76,31 @@ export class Hud {
     /** The measured error of what is shown, and the bounds to choose from. */
     showErrors(levels, shown) {
         const errors = levels.map(meanErrorOf).filter((error) => error > 0);
-        byId['error-figure'].hidden = !(shown && !shown.tiles && meanErrorOf(shown) >= 0);
+        const isMeasured = shown && !shown.tiles && meanErrorOf(shown) >= 0;
+        byId.error.textContent = isMeasured ? format.percent(meanErrorOf(shown)) : '–';
+        byId['error-figure'].title = isMeasured ? titleOf(shown.error.relative) : '';
         byId['error-slider'].hidden = errors.length < 2;
-        if (!byId['error-figure'].hidden) {
-            const { mean, max } = shown.error.relative;
-            byId.error.textContent = format.percent(mean);
-            byId['error-figure'].title = `Mean distance to the surface of the input ${format.percent(mean)} of its diagonal${max >= 0 ? `, largest ${format.percent(max)}` : ''}`;
-        }
         if (errors.length >= 2) {
-            byId['error-bound'].min = Math.floor(Math.log2(Math.min(...errors)) - 1);
-            byId['error-bound'].max = Math.ceil(Math.log2(Math.max(...errors)));
-            if (shown && document.activeElement !== byId['error-bound']) {
-                byId['error-bound'].value = Math.log2(Math.max(meanErrorOf(shown), 1e-12));
-            }
+            byId['error-bound'].min = Math.floor(-Math.log2(Math.max(...errors)));
+            byId['error-bound'].max = Math.ceil(1 - Math.log2(Math.min(...errors)));
+            this.followLevel(levels, shown);
         }
+    }
+
+    /** The bound stays where it was put until a level is shown that it did not choose. */
+    followLevel(levels, shown) {
+        const wanted = levels.find((level) => meanErrorOf(level) <= this.bound) ?? levels.at(-1);
+        if (shown && (this.bound === null || (shown !== this.boundLevel && shown !== wanted))) {
+            this.bound = null;
+            byId['error-bound'].value = -Math.log2(Math.max(meanErrorOf(shown), 1e-12));
+            this.showBound(meanErrorOf(shown));
+        }
+        this.boundLevel = shown;
+    }
+
+    showBound(error) {
+        byId['error-bound-value'].textContent = error >= 0 ? format.percent(error) : '–';
+        byId['error-bound'].ariaValueText = byId['error-bound-value'].textContent;
     }
 
     /** What can be done with what is shown. Made anew for another level alone: a button that is replaced loses its click. */
@@ -91,12 +110,13 @@ export class Hud {
         }
         this.actionsOf = level;
         const { files, error } = level;
-        const action = (textContent, title, onclick) => element('button', { className: 'quiet', textContent, title, onclick });
+        const action = (textContent, title, onclick) => element('button', { className: 'action', textContent, title, onclick });
         const saved = files.filter(({ format: extension }) => extension in kFormats).map((file) =>
-            action(kFormats[file.format], `Save, ${format.bytes(file.bytes)}`, () => this.onDownload(file)));
+            action(`Save ${kFormats[file.format]}, ${format.bytes(file.bytes)}`, 'Save what is shown', () => this.onDownload(file)));
         const map = error && error.samples > 0 && this.isOfInput
             ? [action('Error map', 'Measure and show where it is how far from the input', this.onMap)] : [];
         byId.files.replaceChildren(...saved, ...map);
+        byId.files.hidden = saved.length + map.length === 0;
     }
 
     showActivity(text) {
@@ -107,3 +127,6 @@ export class Hud {
         byId['first-picture'].textContent = format.milliseconds(ms);
     }
 }
+
+const titleOf = ({ mean, max }) => `Mean distance to the surface of the input ${format.percent(mean)} of its diagonal${
+    max >= 0 ? `, largest ${format.percent(max)}` : ''}`;

@@ -8,7 +8,7 @@ const kStarts = { pyramid: 'Build', simplify: 'Simplify', upsample: 'Add points'
 
 /** The dialog that asks for the parameters of a job. */
 export class JobForm {
-    /** @param onStart  told the type and the fields that were filled in */
+    /** @param onStart  told the type and the fields that were filled in; rejects where the server does, and the form stays */
     constructor({ onStart }) {
         byId['job-types'].replaceChildren(...JOB_FORMS.map(({ type }) => {
             const button = element('button', { type: 'button', textContent: kTitles[type] });
@@ -19,16 +19,33 @@ export class JobForm {
         byId['job-form'].oninput = () => this.showFitting();
         byId['job-form'].onsubmit = (event) => {
             event.preventDefault();
-            byId['job-dialog'].close();
-            onStart({ ...this.subject, type: this.form.type, fields: this.values() });
+            this.start(onStart);
         };
         byId['job-close'].onclick = () => byId['job-dialog'].close();
+    }
+
+    async start(onStart) {
+        byId['job-start'].disabled = true;
+        this.tell('');
+        try {
+            await onStart({ ...this.subject, type: this.form.type, fields: this.values() });
+            byId['job-dialog'].close();
+        } catch (error) {
+            this.tell(error.message);
+        }
+        byId['job-start'].disabled = false;
+    }
+
+    tell(problem) {
+        byId['job-problem'].textContent = problem;
+        byId['job-problem'].hidden = problem === '';
     }
 
     /** @param subject  what the job is for: `{cloud, name}` */
     open(subject) {
         this.subject = subject;
         byId['job-title'].textContent = subject.name;
+        byId['job-title'].title = subject.name;
         this.choose(this.form?.type ?? 'pyramid');
         byId['job-dialog'].showModal();
     }
@@ -41,6 +58,7 @@ export class JobForm {
         byId['job-about'].textContent = this.form.description.replaceAll('`', '');
         byId['job-fields'].replaceChildren(...this.form.fields.map(rowOf));
         byId['job-start'].textContent = kStarts[type];
+        this.tell('');
         this.showFitting();
     }
 

@@ -1,6 +1,6 @@
 import { BufferAttribute, BufferGeometry, Vector3 } from 'three';
 
-import { getBytes, readBytes } from './api.js';
+import { getBytes, persist, readBytes } from './api.js';
 import { decodeAttribute, decodeLevel } from './draco_levels.js';
 import { ProgressiveDecoder } from './progressive_cloud.js';
 import { estimateSurfaceInWorker } from './surface.js';
@@ -13,6 +13,9 @@ const kFirstAttributeId = 3;
 const kHalfAxes = ['major', 'minor'];
 
 const kHeaderPiece = 256;
+
+/** Requests for a level, the last ones half a minute after the first. */
+const kTries = 7;
 
 /** The first batches of a stream are too few points to look at. */
 const kFirstOfStream = 1_000;
@@ -30,8 +33,8 @@ const kMostPoints = 8_000_000;
  *
  * A level in `levels` is its entry of the manifest with `file` (Draco), `attributes` (each can `read` its values), `state` (`listed`,
  * `loading`, `ready`, `large`, `failed`) and, once ready, `geometry`: position, surface (see surface_estimate.js) and perhaps color.
- * A level with many points has `tiles` (a TileStream) instead, and `whole`, the finest level without, whose geometry stands in until
- * the tiles are there.
+ * A level with many points has `tiles` (a TileStream) instead, `drawnPoints`, how many of its points these are now, and `whole`, the
+ * finest level without, whose geometry stands in until the tiles are there.
  */
 export class LevelLoader {
     constructor({ id, onReady, onChange, onTiles, onError, signal }) {
@@ -62,11 +65,13 @@ export class LevelLoader {
             }
             const file = entry.files.find(({ format }) => format === 'drc');
             const hasEllipses = manifest.request.splats === 'ellipse';
+            if (!file) {
+                this.refuse();
+                continue;
+            }
             const level = { ...entry, file, attributes: attributesOf(entry, file), hasEllipses, state: 'listed' };
             this.levels.push(level);
-            if (!level.file) {
-                this.fail(level, new Error(`level ${entry.level} has no Draco file: the pyramid was made without the format "drc"`));
-            } else if (this.levels.length > 1 && level.points > kMostWhole && level.files.some(({ format }) => format === 'glb')) {
+            if (this.levels.length > 1 && level.points > kMostWhole && level.files.some(({ format }) => format === 'glb')) {
                 level.isTiled = true;
             } else if (level.points > kMostPoints) {
                 level.state = 'large';
@@ -139,7 +144,8 @@ export class LevelLoader {
 
     load(level) {
         level.state = 'loading';
-        const bytes = this.fetching.then(() => getBytes(level.file.href, this.signal));
+        const bytes = this.fetching.then(() =>
+            persist(() => getBytes(level.file.href, this.signal), { signal: this.signal, tries: kTries }));
         const before = this.decoding;
         this.fetching = bytes.catch(() => {});
         this.decoding = bytes
@@ -148,7 +154,9 @@ export class LevelLoader {
                 this.loadedBytes += buffer.byteLength;
                 const geometry = await decodeLevel(buffer);
                 // An error map has other points than the candidate that its entry tells of.
-                level.spacing *= Math.sqrt(level.points / geometry.getAttribute('position').count);
+                const points = geometry.getAttribute('position').count;
+                level.spacing *= Math.sqrt(level.points / points);
+                level.points = points;
                 await this.show(level, geometry);
             })
             .catch((error) => this.fail(level, error));
@@ -183,10 +191,20 @@ export class LevelLoader {
             // Draco's coordinates may have an origin of their own, the manifest's are those of the file.
             tiles.center = whole.geometry.boundingBox.getCenter(new Vector3()).add(middleOf(source)).sub(middleOf(whole));
             for (const level of tiled) {
-                Object.assign(level, { whole, geometry: whole.geometry, spacing: whole.spacing, isColored: whole.isColored, state: 'ready' });
+                Object.assign(level, {
+                    whole, geometry: whole.geometry, spacing: whole.spacing, drawnPoints: whole.points, isColored: whole.isColored, state: 'ready',
+                });
                 this.onReady(level);
             }
         });
+    }
+
+    /** Levels in formats that the page cannot show are not listed; one notice says so. */
+    refuse() {
+        if (!this.isRefused) {
+            this.isRefused = true;
+            this.onError(null, new Error('It was made without the format "drc", which this page shows.'));
+        }
     }
 
     fail(level, error) {

@@ -1,6 +1,8 @@
-import { isFinal, listClouds, listJobs } from './api.js';
+import { listClouds, listJobs, pause } from './api.js';
 import { byId, element } from './element.js';
 import * as format from './format.js';
+
+const kPauseMs = 10_000;
 
 /** The lists of clouds and of what was made of them. */
 export class Library {
@@ -9,6 +11,7 @@ export class Library {
         this.clouds = [];
         this.jobs = [];
         this.current = null;
+        this.shownAs = null;  // the lists as they are on the page
     }
 
     async refresh() {
@@ -18,8 +21,35 @@ export class Library {
         this.show();
     }
 
+    /** What others add appears too. */
+    async watch() {
+        const look = () => this.refresh().catch(() => {});  // the next time, then
+        addEventListener('focus', look);
+        for (;;) {
+            await pause(kPauseMs);
+            if (document.visibilityState === 'visible') {
+                await look();
+            }
+        }
+    }
+
+    /** A job that is followed, as it is now. */
+    update(job) {
+        const at = this.jobs.findIndex(({ id }) => id === job.id);
+        if (at >= 0) {
+            this.jobs[at] = job;
+            const note = byId.results.querySelector(`[data-result="${job.id}"] .row-note`);
+            note.textContent = resultNote(job, this.cloudOf(job));
+        }
+    }
+
+    cloudOf(job) {
+        return this.clouds.find(({ id }) => id === inputOf(job));
+    }
+
     setCurrent(jobId) {
         this.current = jobId;
+        this.isFound = false;
         this.show();
     }
 
@@ -29,16 +59,32 @@ export class Library {
             !['failed', 'dismissed'].includes(job.status));
     }
 
+    /** Made anew only where something is different: a row that is replaced loses its click. */
     show() {
+        const shownAs = JSON.stringify([this.clouds, this.jobs, this.current]);
+        if (shownAs === this.shownAs) {
+            this.jobs.forEach((job) => this.update(job));  // time goes on
+            return;
+        }
+        this.shownAs = shownAs;
         byId.results.replaceChildren(...this.jobs.map((job) => this.resultRow(job)));
         byId['results-section'].hidden = this.jobs.length === 0;
         byId.clouds.replaceChildren(...this.clouds.map((cloud) => this.cloudRow(cloud)));
         byId['clouds-section'].hidden = this.clouds.length === 0;
+        this.findCurrent();
+    }
+
+    /** Scrolls to the current row, once: afterwards the person may look elsewhere. */
+    findCurrent() {
+        const row = byId.results.querySelector('[aria-current=true]');
+        if (row && !this.isFound) {
+            this.isFound = true;
+            row.scrollIntoView({ block: 'nearest' });
+        }
     }
 
     resultRow(job) {
-        const cloud = this.clouds.find(({ id }) => id === inputOf(job));
-        const row = this.row(titleOf(job), resultNote(job, cloud), job.status === 'failed');
+        const row = this.row(titleOf(job), resultNote(job, this.cloudOf(job)), job.status === 'failed');
         row.ariaCurrent = String(job.id === this.current);
         row.dataset.result = job.id;
         row.onclick = () => this.onResult(job);
@@ -50,14 +96,14 @@ export class Library {
         const row = this.row(nameOf(cloud), cloudNote(cloud), false);
         row.title = isBuilt ? 'Show its pyramid' : 'Build its pyramid';
         row.onclick = () => this.onCloud(cloud);
-        const more = element('button', { className: 'more', textContent: 'Process', title: 'Simplify, add points, analyse, or build another pyramid' });
+        const more = element('button', { className: 'more', textContent: 'Process', title: 'Simplify, add points, analyse, or build another pyramid', ariaLabel: `Process ${nameOf(cloud)}` });
         more.onclick = () => this.onParameters(cloud);
         return element('li', { className: 'with-more' }, row, more);
     }
 
     row(name, note, isAlarm) {
         return element('button', { className: 'row' }, element('span', { className: 'row-text' },
-            element('span', { className: 'row-name', textContent: name }),
+            element('span', { className: 'row-name', textContent: name, title: name }),
             element('span', { className: isAlarm ? 'row-note alarm' : 'row-note', textContent: note })));
     }
 }
@@ -94,17 +140,20 @@ function hasPicture({ type, request }) {
 /** What kind of result it is, in a few words. */
 export function summaryOf({ type, request, levels_ready: levels }, cloud) {
     switch (type) {
-        case 'simplify': return `${request.points ? format.compactPoints(request.points) : request.max_error ? `Within ${request.max_error}` : 'Simplified'}, ${request.method}`;
+        case 'simplify': return `${request.points ? pointsOf(request, cloud) : request.max_error ? `Within ${request.max_error}` : 'Simplified'}, ${request.method}`;
         case 'upsample': return request.points ? format.compactPoints(request.points) : 'More points';
         case 'analyze': return 'Analysis';
         case 'evaluate': return 'Error map';
         case 'pyramid': {
-            const count = `${levels} ${levels === 1 ? 'level' : 'levels'}`;
+            const count = request.formats.includes('stpc') ? 'stream' : `${levels} ${levels === 1 ? 'level' : 'levels'}`;
             return cloud?.points === undefined ? count : `${format.compactPoints(cloud.points)}, ${count}`;
         }
         default: return type;
     }
 }
+
+/** As many as were asked for, or all there are. */
+const pointsOf = ({ points }, cloud) => format.compactPoints(Math.min(points, cloud?.points ?? points));
 
 function cloudNote(cloud) {
     const kind = `${cloud.format === 'drc' ? 'Draco' : 'PLY'}, ${format.bytes(cloud.bytes)}`;

@@ -4,8 +4,9 @@ import { kGradient } from './coloring.js';
 
 const kDistance = 'distance';  // the attribute of an error map
 const kAlways = [['clay', 'Clay'], ['normal', 'Normals'], ['x', 'Position, x'], ['y', 'Position, y'], ['z', 'Position, z']];
+const kLengths = [kDistance, 'x', 'y', 'z'];  // in the unit of the cloud, whichever that is
 
-/** The card that says how the cloud is drawn: what its colours stand for, how large splats are, how dark its hollows. */
+/** The card that says how the cloud is drawn, and the legend of the values that its colours stand for. */
 export class LookCard {
     constructor({ onColor, onLook }) {
         this.by = null;  // what was chosen, or null: the cloud's own colours where it has some
@@ -50,17 +51,23 @@ export class LookCard {
     choices(level) {
         const own = level.isColored ? [['own', 'Its own']] : [];
         const attributes = level.tiles && !level.tiles.withAttributes ? [] : level.attributes;
-        return [...own, ...kAlways.slice(0, 2), ...attributes.map(({ name }) => [name, name]), ...kAlways.slice(2)];
+        return [...own, ...kAlways.slice(0, 2), ...attributes.map(({ name }) => [name, titleOf(name)]), ...kAlways.slice(2)];
     }
 
     /** @param range  of the values, or null */
     show(level, range) {
-        byId.color.replaceChildren(...this.choices(level).map(([value, textContent]) => element('option', { value, textContent })));
-        byId.color.value = this.colorOf(level);
+        const choices = this.choices(level);
+        const by = this.colorOf(level);
+        byId.color.replaceChildren(...choices.map(([value, textContent]) => element('option', { value, textContent })));
+        byId.color.value = by;
         byId.legend.hidden = !range;
         if (range) {
+            byId['legend-name'].textContent = choices.find(([value]) => value === by)[1] + (kLengths.includes(by) ? ', in units of the cloud' : '');
             byId['legend-low'].textContent = format.quantity(range.low);
             byId['legend-high'].textContent = format.quantity(range.high);
         }
     }
 }
+
+/** An attribute's name as a person would write it. */
+const titleOf = (name) => (name === kDistance ? 'Distance to input' : name.replaceAll('_', ' '));

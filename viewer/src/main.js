@@ -25,18 +25,23 @@ if (linked) {
 preloadDecoder();
 preloadSurface();
 
+const kNotStarted = 'The job could not be started';
+
 /** Bytes of a point in a small file of each kind: a pyramid with large levels needs tiles, which take the server longer to make. */
 const kFewestBytes = { ply: 12, drc: 1.5 };
 
 const stage = new Stage(byId.stage, { onPicture: (level) => session?.pictured(level) });
 const library = new Library({
     onResult: open,
-    onCloud: openCloud,
+    onCloud: (cloud) => openCloud(cloud).catch((error) => showProblem(error, kNotStarted)),
     onParameters: (cloud) => form.open({ cloud: cloud.id, name: nameOf(cloud) }),
 });
 const hud = new Hud({
-    onLevel: (index) => session?.choose(index),
-    onError: (bound) => session?.chooseByError(bound),
+    onLevel: choose,
+    onError: (bound) => {
+        session?.chooseByError(bound);
+        remember();
+    },
     onDismiss: () => dismissJob(session.id).catch(showProblem),
     onDownload: (file) => download(file).catch(showProblem),
     onMap: mapErrors,
@@ -51,28 +56,31 @@ const form = new JobForm({
 const comparison = new Comparison(stage, { onStart: startComparing, onEnd: endComparing, onChoice: compareWith });
 let session = null;
 let other = null;     // another result beside it, or null
+let chosenBefore = null;  // the level on the left before two were compared
 let beside = null;    // the index of a level of the same result beside it, or null: the finest
 let uploading = false;
 
-function open({ id, type }, { remembered = false } = {}) {
+function open({ id, type, chosen = null }, { remembered = false } = {}) {
     askAhead({ id, type });
-    session?.close();
     comparison.end();
+    session?.close();
     if (!remembered) {
         history.pushState(null, '', `/?${type === 'pyramid' ? 'pyramid' : 'job'}=${id}`);
     }
+    byId.compare.disabled = true;
     byId.welcome.hidden = true;
-    byId.dock.classList.remove('open');
+    openSheet(false);
     document.documentElement.dataset.state = 'loading';
     performance.clearMarks();
     let wasFinal = null;
     hud.open('Opening');
-    session = new ResultSession({ id, type }, stage.panes[0], {
+    session = new ResultSession({ id, type, chosen }, stage.panes[0], {
         dress,
         onJob: (job) => {
             byId.title.textContent = titleOf(job);
             document.title = `${titleOf(job)} – stipple`;
             hud.showJob(job);
+            library.update(job);
             if (job.status === 'failed') {
                 showProblem(new Error(job.problem?.detail ?? 'the server gave no reason'), job.problem?.title);
             }
@@ -83,10 +91,44 @@ function open({ id, type }, { remembered = false } = {}) {
         },
         onLevels: showLevels,
         onFirstPicture: (ms) => hud.showFirstPicture(ms),
+        onMissing: leave,
         onError: showProblem,
     });
     library.setCurrent(id);
     placeCloud();
+}
+
+/** What the address names cannot be shown: there is the rest of the library. */
+function leave(error) {
+    session.close();
+    session = null;
+    byId.hud.hidden = true;
+    document.title = 'stipple';
+    document.documentElement.dataset.state = 'settled';
+    library.setCurrent(null);
+    showProblem(error, error.status === 404 ? 'This result is not there' : 'The result could not be opened');
+    library.refresh().then(invite).catch(showProblem);
+}
+
+/** Asks for a cloud where nothing is shown. */
+function invite() {
+    byId.welcome.hidden = session !== null || library.jobs.length > 0;
+    placeCloud();
+}
+
+/** Stays at a level, also when the page is loaded anew. */
+function choose(index) {
+    session?.choose(index);
+    remember();
+}
+
+function remember() {
+    const address = new URL(location.href);
+    address.searchParams.delete('level');
+    if (session?.chosen != null) {
+        address.searchParams.set('level', session.chosen + 1);
+    }
+    history.replaceState(null, '', address);
 }
 
 /** The colours that are wanted now, for a level that is about to be shown. */
@@ -113,7 +155,7 @@ function showLevels({ loader, shown, isComplete, isSettled, job }) {
             hud.showActivity(`Loading ${format.compactCount(next.points)} points`);
         } else if (job.status === 'successful') {
             hud.showActivity(large ? `${format.compactCount(large.points)} more on request`
-                : summaryOf(job) + (shown?.tiles ? ', by view' : ''));
+                : summaryOf(job, library.cloudOf(job)) + (shown?.tiles ? ', by view' : ''));
         }
     }
     document.documentElement.dataset.state = isSettled ? 'settled' : 'loading';
@@ -124,6 +166,7 @@ function showLevels({ loader, shown, isComplete, isSettled, job }) {
 /** On the right the finest level, on the left one that is coarser: what does it lose? */
 function startComparing() {
     beside = null;
+    chosenBefore = session.chosen;
     const { levels } = session.loader;
     if (session.chosen === null && levels.length > 1) {
         session.choose(levels.length - 2);
@@ -135,6 +178,7 @@ function endComparing() {
     other?.close();
     other = null;
     stage.panes[1].clear();
+    session.choose(chosenBefore ?? session.loader.levels.length - 1);
 }
 
 function compareWith(choice) {
@@ -148,6 +192,7 @@ function compareWith(choice) {
             onJob: () => {},
             onLevels: showComparison,
             onFirstPicture: () => {},
+            onMissing: showProblem,
             onError: showProblem,
         });
     }
@@ -168,7 +213,7 @@ function showComparison() {
     const others = library.jobs.filter(({ id, status }) => status === 'successful' && id !== session.id);
     comparison.showChoices([
         { label: 'The same result', choices: levels.map(({ level, points }) => ({ value: `level:${level}`, text: `Level ${level + 1}, ${format.compactCount(points)}` })) },
-        { label: 'Another result', choices: others.map((job) => ({ value: `result:${job.id}`, text: `${titleOf(job)}: ${summaryOf(job)}` })) },
+        { label: 'Another result', choices: others.map((job) => ({ value: `result:${job.id}`, text: `${titleOf(job)}: ${summaryOf(job, library.cloudOf(job))}` })) },
     ], other ? `result:${other.id}` : `level:${right?.level}`);
 }
 
@@ -186,12 +231,8 @@ async function openCloud({ id, format: kind, bytes }) {
 }
 
 async function start(type, cloudId, fields) {
-    try {
-        // What is shown must be Draco; of a pyramid the server makes both.
-        open(await startJob(type, cloudId, type === 'pyramid' ? fields : { format: 'drc', ...fields }));
-    } catch (error) {
-        showProblem(error, 'The job could not be started');
-    }
+    // What is shown must be Draco; of a pyramid the server makes both.
+    open(await startJob(type, cloudId, type === 'pyramid' ? fields : { format: 'drc', ...fields }));
 }
 
 /** Where the surface that is shown is how far from that of the input. */
@@ -216,30 +257,87 @@ async function download({ href, format: extension }) {
     setTimeout(() => URL.revokeObjectURL(url), 60_000);
 }
 
-async function upload(file) {
+/** Adds files one after the other, and opens the last one. */
+async function upload(files) {
     if (uploading) {
         showProblem(new Error('Another file is still on its way; add this one after it.'), 'One at a time');
         return;
     }
     uploading = true;
     byId['upload-progress'].hidden = false;
-    try {
-        const cloud = await uploadCloud(file, (fraction) => {
-            byId['upload-progress'].value = fraction;
-            byId['upload-hint'].textContent = fraction < 1 ? `Sending ${file.name}, ${Math.round(100 * fraction)} %` : 'Storing';
-        });
+    let cloud = null;
+    for (const [at, file] of files.entries()) {
+        cloud = await send(file, files.length > 1 ? `${at + 1} of ${files.length}, ` : '') ?? cloud;
+    }
+    uploading = false;
+    byId['upload-progress'].hidden = true;
+    byId['upload-hint'].textContent = kUploadHint;
+    if (cloud) {
         look.forgetColor();
-        await openCloud(cloud);
-    } catch (error) {
-        showProblem(error, `${file.name} was not accepted`);
-    } finally {
-        uploading = false;
-        byId['upload-progress'].hidden = true;
-        byId['upload-hint'].textContent = kUploadHint;
+        await openCloud(cloud).catch((error) => showProblem(error, kNotStarted));
     }
 }
 
-const isPhone = () => matchMedia('(max-width: 760px)').matches;
+/** The document of the cloud, or null where the file was not accepted. */
+async function send(file, number) {
+    try {
+        return await uploadCloud(file, (fraction) => {
+            byId['upload-progress'].value = fraction;
+            byId['upload-hint'].textContent = fraction < 1 ? `Sending ${number}${file.name}, ${Math.round(100 * fraction)} %` : 'Storing';
+        });
+    } catch (error) {
+        showProblem(error, `${file.name} was not accepted`);
+        return null;
+    }
+}
+
+const kSwipe = 16;
+const kTurn = 1 / 48;
+const kNearer = 1.15;
+const kMoves = {
+    ArrowLeft: [kTurn, 0], ArrowRight: [-kTurn, 0], ArrowUp: [0, kTurn], ArrowDown: [0, -kTurn],
+    '+': [0, 0, kNearer], '=': [0, 0, kNearer], '-': [0, 0, 1 / kNearer],
+};
+const isPhone = () => matchMedia('(max-width: 760px), (max-height: 480px)').matches;
+
+/** On a phone: the lists, which are pulled up from below. */
+function openSheet(isOpen) {
+    byId.dock.classList.toggle('open', isOpen);
+    byId.grip.ariaExpanded = String(isOpen);
+    byId.grip.ariaLabel = `${isOpen ? 'Hide' : 'Show'} clouds and results`;
+}
+
+function closeTopmost() {
+    if (byId.dock.classList.contains('open')) {
+        openSheet(false);
+    } else if (!byId['look-card'].hidden) {
+        look.toggle();
+    } else {
+        comparison.end();
+    }
+}
+
+/** The grip is tapped or swiped. */
+function listenToGrip() {
+    let start = 0;
+    let swiped = 0;
+    byId.grip.onpointerdown = ({ clientY, pointerId }) => {
+        start = clientY;
+        byId.grip.setPointerCapture(pointerId);
+    };
+    byId.grip.onpointerup = ({ clientY }) => {
+        swiped = start - clientY;
+        if (Math.abs(swiped) > kSwipe) {
+            openSheet(swiped > 0);
+        }
+    };
+    byId.grip.onclick = () => {
+        if (Math.abs(swiped) <= kSwipe) {
+            openSheet(!byId.dock.classList.contains('open'));
+        }
+        swiped = 0;
+    };
+}
 
 /** Keeps the cloud in the middle of what the cards leave free. */
 function placeCloud() {
@@ -247,9 +345,12 @@ function placeCloud() {
     const dock = byId.dock.getBoundingClientRect();
     const shown = byId.hud.hidden ? null : byId.hud.getBoundingClientRect();
     const look_ = byId['look-card'].hidden ? null : byId['look-card'].getBoundingClientRect();
+    const labels = byId['left-label'].getBoundingClientRect();  // of a comparison
+    const isFlat = innerHeight <= 480;  // the tools stand at the right then
     stage.setInsets(isPhone()
-        ? { left: 0, right: 0, top: 48, bottom: innerHeight - (shown?.top ?? dock.top) }
-        : { left: library_.right, right: look_ ? innerWidth - look_.left : 0, top: 0, bottom: shown ? innerHeight - shown.top : 0 });
+        ? { left: 0, right: isFlat ? 56 : 0, top: labels.bottom || (isFlat ? 0 : 56), bottom: innerHeight - (shown ? shown.top - byId.grip.offsetHeight : dock.top) }
+        : { left: library_.right, right: look_ ? innerWidth - look_.left : 0, top: labels.bottom, bottom: shown ? innerHeight - shown.top : 0 });
+    comparison.place();
 }
 
 function toggleRotation() {
@@ -266,22 +367,29 @@ function listen() {
     byId['upload-hint'].textContent = kUploadHint;
     byId.choose.onclick = () => byId.file.click();
     byId.file.onchange = () => {
-        [...byId.file.files].slice(0, 1).forEach(upload);
+        upload([...byId.file.files]);
         byId.file.value = '';
     };
     acceptDrops(upload, (isHeld) => { byId.drop.hidden = !isHeld; });
     byId.fit.onclick = () => stage.fit();
     byId.help.onclick = () => byId['help-dialog'].showModal();
     byId.rotate.onclick = toggleRotation;
-    byId.grip.onclick = () => {
-        byId.grip.ariaExpanded = String(byId.dock.classList.toggle('open'));
+    listenToGrip();
+    byId.stage.addEventListener('pointerdown', () => openSheet(false));
+    byId.stage.onkeydown = (event) => {
+        if (event.key in kMoves && !event.ctrlKey && !event.metaKey) {
+            event.preventDefault();
+            stage.turn(...kMoves[event.key]);
+        }
     };
     addEventListener('keydown', (event) => {
         if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest('dialog, select, input[type=number], input[type=text]') ||
             event.target.closest('button, input') && event.key === ' ') {
             return;
         }
-        if (event.key === '?') {
+        if (event.key === 'Escape') {
+            closeTopmost();
+        } else if (event.key === '?') {
             byId['help-dialog'].showModal();
         } else if (event.key === 'f' || event.key === 'F') {
             stage.fit();
@@ -293,23 +401,24 @@ function listen() {
         } else if (event.key === 'l' || event.key === 'L') {
             look.toggle();
         } else if (event.key >= '1' && event.key <= '9') {
-            session?.choose(Number(event.key) - 1);
+            choose(Number(event.key) - 1);
         }
     });
     addEventListener('resize', placeCloud);
     const cards = new ResizeObserver(placeCloud);
-    [byId.hud, byId['look-card']].forEach((card) => cards.observe(card));
+    [byId.hud, byId['look-card'], byId['left-label']].forEach((card) => cards.observe(card));
     addEventListener('popstate', openLinked);
     const light = matchMedia('(prefers-color-scheme: light)');
     light.addEventListener('change', () => dressForTheme(light.matches));
     dressForTheme(light.matches);
 }
 
-/** The result that the address names: `{id, type}`. */
+/** The result that the address names, and its level: `{id, type, chosen}`. */
 function linkedResult() {
     const query = new URLSearchParams(location.search);
     const type = ['pyramid', 'job'].find((name) => query.has(name));
-    return type && { id: query.get(type), type };
+    const level = Number(query.get('level'));
+    return type && { id: query.get(type), type, chosen: Number.isInteger(level) && level > 0 ? level - 1 : null };
 }
 
 /** The result of the address, else the newest one, else the invitation to add a cloud. */
@@ -324,10 +433,10 @@ async function openLinked() {
     if (newest) {
         open(newest, { remembered: true });
     } else {
-        byId.welcome.hidden = false;
-        placeCloud();
+        invite();
     }
 }
 
 listen();
 openLinked().catch(showProblem);
+library.watch();

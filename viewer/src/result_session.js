@@ -7,8 +7,11 @@ import { LevelLoader } from './level_loader.js';
  * finest level there is, or the one that was chosen, on a pane of the stage.
  */
 export class ResultSession {
-    /** @param dress  gives a level its colours before it is shown */
-    constructor({ id, type }, pane, { dress, onJob, onLevels, onFirstPicture, onError }) {
+    /**
+     * @param chosen  the level to stay at, or null for the finest
+     * @param dress  gives a level its colours before it is shown; @param onMissing  told why there is no such job
+     */
+    constructor({ id, type, chosen = null }, pane, { dress, onJob, onLevels, onFirstPicture, onMissing, onError }) {
         this.id = id;
         this.type = type;
         this.pane = pane;
@@ -17,7 +20,7 @@ export class ResultSession {
         this.onError = onError;
         this.onFirstPicture = onFirstPicture;
         this.job = null;
-        this.chosen = null;       // a level, or null for the finest
+        this.chosen = chosen;
         this.isComplete = false;
         this.started = performance.now();
         this.hasPicture = false;
@@ -35,17 +38,26 @@ export class ResultSession {
             },
             onError: (level, error) => {
                 this.tell();
-                onError(error, `Level ${level.level + 1} could not be shown`);
+                onError(error, level ? `Level ${level.level + 1} could not be shown` : 'This result cannot be shown here');
             },
         });
-        const onChange = async (job) => {
-            this.job = job;
-            onJob(job);
-            await this.readManifest();
-            this.tell();  // the levels may all have been there before the job was known
+        const follower = {
+            onJob: (job) => this.take(job, onJob),
+            onLost: (error) => onError(error, 'Connection lost; trying again'),
+            onError: (error) => (this.job ? onError : onMissing)(error),
+            signal: this.abort.signal,
         };
         // The manifest first, and alone: it brings the first picture.
-        this.readManifest().catch(() => {}).then(() => followJob(id, onChange, onError, this.abort.signal));
+        this.readManifest().catch(() => {}).then(() => followJob(id, follower));
+    }
+
+    async take(job, onJob) {
+        this.job = job;
+        this.type = job.type;  // a link may have it wrong
+        onJob(job);
+        const reading = this.readManifest();
+        await (isGivenUp(job) ? reading.catch(() => {}) : reading);  // of that there may be levels, or only the problem
+        this.tell();  // the levels may all have been there before the job was known
     }
 
     close() {
@@ -138,6 +150,8 @@ export class ResultSession {
         }
     }
 }
+
+const isGivenUp = ({ status }) => status === 'failed' || status === 'dismissed';
 
 /** Relative to the size of the cloud; not a number where it was not measured. */
 export const meanErrorOf = (level) => level.error?.relative?.mean ?? NaN;

@@ -2,9 +2,10 @@ import { BufferAttribute, BufferGeometry, MathUtils, PerspectiveCamera, Points, 
 import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
 
 import { Pane } from './pane.js';
-import { SplatMaterials } from './splat_materials.js';
+import { kEllipseOverlap, largestRadiusOf, SplatMaterials } from './splat_materials.js';
 
 const kFieldOfView = 32;
+const kFewPoints = 1000;
 const kMargin = 1.17;          // around a fitted cloud
 const kFittedPoints = 20_000;  // enough to know how large a cloud is
 const kFittedShare = 0.995;
@@ -71,8 +72,12 @@ export class Stage {
 
     /** @param mode  `one`: the first pane alone; `swipe`: the same view of both, with a line at `at`; `beside`: one beside the other */
     setSplit(split) {
+        const isOther = split.mode !== undefined && split.mode !== this.split.mode;
         Object.assign(this.split, split);
         this.controls.zoomToCursor = this.split.mode !== 'beside';
+        if (isOther) {
+            this.refit();
+        }
         this.changed();
     }
 
@@ -108,6 +113,15 @@ export class Stage {
         this.changed();
     }
 
+    /** By keys: to the left and up in turns, nearer by a factor. */
+    turn(left, up, nearer = 1) {
+        this.glide = null;
+        this.isAtHome = false;
+        this.controls.rotateLeft(2 * Math.PI * left);
+        this.controls.rotateUp(2 * Math.PI * up);
+        this.controls.dollyIn(1 / nearer);
+    }
+
     /** Linear colour of clouds that bring none. */
     setTint(red, green, blue) {
         this.materials.uniforms.tint.value.set(red, green, blue);
@@ -117,10 +131,15 @@ export class Stage {
     /** The part of the canvas that panels cover: the cloud is centred in the rest, and fills it unless the camera was moved. */
     setInsets(insets) {
         this.insets = insets;
+        this.refit();
+        this.changed();
+    }
+
+    /** For another room; where the camera was moved, it stays. */
+    refit() {
         if (this.isAtHome) {
             this.fit({ glide: this.glide !== null });
         }
-        this.changed();
     }
 
     /** The whole cloud, from where it is looked at best. */
@@ -131,7 +150,7 @@ export class Stage {
         }
     }
 
-    /** From how far the points (but for strays) are seen between the cards, looking at the centre along `direction`. */
+    /** From how far the splats (but for strays) are seen between the cards, looking at the centre along `direction`. */
     fittingDistance(direction) {
         const [{ height, free }] = this.views();
         const perPixel = 2 * Math.tan(MathUtils.degToRad(kFieldOfView / 2)) / Math.max(1, height);
@@ -139,17 +158,21 @@ export class Stage {
         const slopeY = 0.5 * free.height * perPixel / kMargin;
         const right = new Vector3().crossVectors(this.camera.up, direction).normalize();
         const up = new Vector3().crossVectors(direction, right);
-        const position = this.panes[0].level.geometry.getAttribute('position');
+        const { geometry, spacing } = this.panes[0].level;
+        const position = geometry.getAttribute('position');
+        // Of more points discs are small, and smaller in the finer levels for which the view stays.
+        const radiusOf = position.count <= kFewPoints ? radiiOf(geometry, spacing, this.home.radius) : () => 0;
         const step = Math.ceil(position.count / kFittedPoints);
         const point = new Vector3();
         const needed = [];
         for (let i = 0; i < position.count; i += step) {
             point.fromBufferAttribute(position, i).sub(this.home.center);
-            const aside = Math.max(Math.abs(point.dot(right)) / slopeX, Math.abs(point.dot(up)) / slopeY);
+            const radius = this.look.splatSize * radiusOf(i);
+            const aside = Math.max((Math.abs(point.dot(right)) + radius) / slopeX, (Math.abs(point.dot(up)) + radius) / slopeY);
             needed.push(point.dot(direction) + aside);
         }
         needed.sort((a, b) => a - b);
-        return Math.max(0.5 * this.home.radius, needed[Math.floor(kFittedShare * (needed.length - 1))]);
+        return Math.max(0.5 * this.home.radius, needed[Math.ceil(kFittedShare * (needed.length - 1))]);
     }
 
     /** Turns around the point under the pointer and comes closer to it. */
@@ -303,6 +326,14 @@ export class Stage {
         this.camera.setViewOffset(width, height, shiftX, shiftY, width, height);
         this.camera.updateMatrixWorld();
     }
+}
+
+/** How far the splat of point i reaches. */
+function radiiOf(geometry, spacing, size) {
+    const major = geometry.getAttribute('major');
+    const surface = geometry.getAttribute('surface');
+    return major ? (i) => kEllipseOverlap * Math.hypot(major.getX(i), major.getY(i), major.getZ(i))
+        : (i) => surface.getW(i) * largestRadiusOf(spacing, size);
 }
 
 /** Where a cloud is looked at from. Terrain lies flat, mostly along z; what stands does so along y. */

@@ -34,8 +34,8 @@ function send(file, onProgress) {
     });
 }
 
-/** Calls `onFile` with a file that is dropped anywhere on the page; `onHover` tells when one is held above it. */
-export function acceptDrops(onFile, onHover) {
+/** Calls `onFiles` with the files that are dropped anywhere on the page; `onHover` tells when one is held above it. */
+export function acceptDrops(onFiles, onHover) {
     let depth = 0;  // dragenter and dragleave also come for every child
     const carriesFiles = (event) => event.dataTransfer?.types.includes('Files');
     const hover = (change) => {
@@ -49,7 +49,7 @@ export function acceptDrops(onFile, onHover) {
         if (carriesFiles(event)) {
             event.preventDefault();
             hover(0);
-            [...event.dataTransfer.files].slice(0, 1).forEach(onFile);
+            onFiles([...event.dataTransfer.files]);
         }
     });
 }

@@ -79,6 +79,9 @@ await run({
         await choose(page, { name: 'cut.ply', buffer: truncated() });
         const notice = page.locator('.notice').last();
         await notice.getByText(/malformed|vertex|bytes|points/i).first().waitFor();
+        while (await page.locator('.notice button').count() > 0) {
+            await page.locator('.notice button').first().click();
+        }
         browser.refusalsExpected = false;
     },
 
@@ -99,7 +102,7 @@ await run({
         assert.ok(Math.abs(lit - litByWhole) < 0.02, `${(100 * lit).toFixed(1)} % of the pixels, not ${(100 * litByWhole).toFixed(1)} %`);
         await colorsStandForHeight();
         await page.locator('#stage').dblclick({ position: { x: 640, y: 560 } });  // where only a part is seen
-        await page.waitForFunction((all) => Number(document.getElementById('points').innerText.replaceAll(',', '')) < all, kTorusPoints);
+        await page.waitForFunction((all) => parseInt(document.getElementById('points').innerText.replaceAll(',', ''), 10) < all, kTorusPoints);
     },
 });
 

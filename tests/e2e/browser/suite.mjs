@@ -122,9 +122,9 @@ export function differenceOf(a, b) {
         Math.abs(red - b.data[at]) + Math.abs(green - b.data[at + 1]) + Math.abs(blue - b.data[at + 2]) > 24);
 }
 
-/** The canvas without the cards on it. */
+/** The canvas without the cards and the legend on it. */
 export const stageOf = (page) =>
-    ({ x: 320, y: 70, width: page.viewportSize().width - 330, height: page.viewportSize().height - 170 });
+    ({ x: 320, y: 70, width: page.viewportSize().width - 330, height: page.viewportSize().height - 250 });
 
 /** The share of pixels that the cloud changes. */
 export async function litShare(page, clip = stageOf(page)) {
