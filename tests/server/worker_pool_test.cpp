@@ -110,6 +110,20 @@ TEST_F(WorkerPoolTest, PublishesWhatAJobReportsAndItsSuccess) {
     EXPECT_TRUE(scratch_is_empty());
 }
 
+TEST_F(WorkerPoolTest, TakesAFileOfTwoLevelsOnce) {
+    const JobDocument job = run([](const JobSpec& spec, const auto& report, std::stop_token) {
+        JobReport first = make_level(spec, 0, "the same");
+        JobReport second = first;  // of the file that is written already
+        second.level->level = 1;
+        report(first);
+        report(second);
+        report(cost_report());
+        return Outcome{};
+    });
+    EXPECT_EQ(job.status, JobStatus::Successful);
+    EXPECT_EQ(job.levels_ready, 2U);
+}
+
 TEST_F(WorkerPoolTest, TellsTheJobItsInputItsFolderAndItsLimits) {
     limits_.max_job_memory_bytes = 123;
     limits_.max_job_cpu_seconds = 45;

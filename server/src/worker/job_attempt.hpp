@@ -5,8 +5,10 @@
 #include <atomic>
 #include <chrono>
 #include <cstdint>
+#include <map>
 #include <optional>
 #include <stop_token>
+#include <string>
 
 namespace stipple::server {
 
@@ -55,6 +57,7 @@ private:
     // Of the thread in `run`.
     std::filesystem::path output_;
     std::uint64_t output_bytes_ = 0;
+    std::map<std::string, std::uint64_t> adopted_;  ///< bytes of the files, by their hashes
     std::optional<proto::JobCost> cost_;
     std::optional<proto::Problem> problem_;
 };
