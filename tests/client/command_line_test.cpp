@@ -384,8 +384,7 @@ TEST(CommandLine, WholeNumbersAreDecimalWithoutASign) {
 TEST(CommandLine, NothingFollowsAWholeNumber) {
     for (const std::string value : {"5k", "1e3", "1.5"}) {
         EXPECT_EQ(refusal({"simplify", "i.ply", "o.ply", "-n", value}),
-                  "--points: " + value +
-                      ": expected a whole number, as in 5000 (see --help)");
+                  "--points: " + value + ": expected a whole number, as in 5000 (see --help)");
     }
 }
 
