@@ -46,7 +46,7 @@ struct CloudPage {
 /// Every call throws `Error`: with the code of the server's problem document, or, when no answer
 /// came, with a sentence that names the address and the remedy; and `Cancelled` when stopped. A
 /// call that may be repeated without harm is tried up to four times, within seconds; `submit` is
-/// one of them, the upload of a file is not, because it sends an idempotency key. Redirects are
+/// one of them, because it sends an idempotency key; the upload of a file is not. Redirects are
 /// never followed, so that the API key goes to the address given and nowhere else. Safe to call
 /// from several threads.
 class Client {

@@ -102,13 +102,13 @@ FileCommand<Job> file_command(const Values& values) {
     return command;
 }
 
-/// What else than a count or a ratio says how many points are left.
-std::string other_target(Method method) {
-    if (method == Method::Voxel) return "--voxel-size S";
-    if (method == Method::Incremental) return "--max-cluster-size N";
+/// What says how many points a method leaves.
+std::string targets_of(Method method) {
+    if (method == Method::Voxel) return "--points N, --ratio R or --voxel-size S";
+    if (method == Method::Incremental) return "--points N, --ratio R or --max-cluster-size N";
     const bool bounded =
         std::ranges::find(kErrorBoundedMethods, method) != kErrorBoundedMethods.end();
-    return bounded ? "--max-error E" : "another method";
+    return bounded ? "--points N, --ratio R or --max-error E" : "--points N or --ratio R";
 }
 
 SimplifyCommand simplify_command(const Values& values, const CLI::App& app) {
@@ -125,8 +125,7 @@ SimplifyCommand simplify_command(const Values& values, const CLI::App& app) {
     const MethodValues& own = values.of_methods;
     if (!values.points && !values.ratio && values.max_error.empty() && !own.max_cluster_size &&
         !own.max_variation && !own.voxel_size)
-        throw UsageError("how many points? give --points N, --ratio R or " +
-                         other_target(options.method));
+        throw UsageError("how many points? give " + targets_of(options.method));
     if (int{values.points.has_value()} + int{values.ratio.has_value()} +
             int{!values.max_error.empty()} >
         1)

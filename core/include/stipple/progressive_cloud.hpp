@@ -66,7 +66,7 @@ public:
     /// The next bytes, any number of them. What comes behind the end is not looked at.
     /// @throws Error(MalformedInput) for what is no such stream, Error(UnsupportedFormat) for a
     /// later version, Error(TooLarge) over a limit. Allocates for what came, not for what a header
-    /// claims: at most about 1,000 bytes for each.
+    /// claims: for 8 points a byte at most, for fewer where they have more than 16 channels.
     void feed(std::span<const std::byte> bytes, const RunContext& context = {});
 
     std::uint64_t size() const noexcept;   ///< points that are there
