@@ -24,6 +24,7 @@ namespace stipple {
 
 namespace {
 
+constexpr std::size_t kMaxLevels = 64;
 constexpr std::size_t kBlock = 65'536;
 
 [[noreturn]] void refuse(const std::string& message) {
@@ -188,10 +189,6 @@ LevelOf snapshots_of(const PointCloud& cloud, std::span<const std::uint64_t> siz
 }
 
 }  // namespace
-
-namespace {
-constexpr std::size_t kMaxLevels = 64;
-}
 
 void validate(const LodPyramidOptions& options) {
     constexpr std::array kWithLevels = {Method::Hierarchical, Method::Multiphase,

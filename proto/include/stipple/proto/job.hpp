@@ -12,8 +12,7 @@
 
 namespace stipple::proto {
 
-/// accepted -> running -> successful | failed | dismissed; accepted -> dismissed. As OGC API -
-/// Processes names them.
+/// accepted -> running -> successful | failed | dismissed; accepted -> dismissed. As OGC API - Processes names them.
 enum class JobStatus { Accepted, Running, Successful, Failed, Dismissed };
 std::string_view to_string(JobStatus status) noexcept;
 JobStatus job_status_from_name(std::string_view name);
@@ -26,30 +25,27 @@ struct Link {
 
 /// The job document (a superset of OGC `statusInfo`).
 ///
-///     {"id", "type", "status", "progress": 0..100, "stage", "message", "created", "started",
-///     "finished", "updated",
-///      "request": {…}, "input_name": "scan.ply"?, "levels_ready": 2, "links": [{"rel": "self" |
-///      "results" | "events" | "pyramid", "href", "type"}], "problem": {…} when failed}
+///     {"id", "type", "status", "progress": 0..100, "stage", "message", "created", "started", "finished", "updated",
+///      "request": {…}, "input_name": "scan.ply"?, "levels_ready": 2, "links": [{"rel": "self" | "results" | "events" | "pyramid", "href", "type"}],
+///      "problem": {…} when failed}
 struct JobDocument {
     std::string id;  ///< 32 lower-case hexadecimal digits, drawn at random
     JobRequest request;
     std::optional<std::string> input_name;  ///< of the cloud that is the input, while it is there
     JobStatus status = JobStatus::Accepted;
-    double progress = 0;  ///< 0..100, never decreasing within an attempt
-    std::string stage;    ///< queued, done, or one of `kJobStages`
-    std::string message;  ///< for people
-    std::string created, started, finished,
-        updated;                ///< RFC 3339 UTC with milliseconds; empty when not yet
-    unsigned levels_ready = 0;  ///< outputs that can be fetched already
+    double progress = 0;            ///< 0..100, never decreasing within an attempt
+    std::string stage;              ///< queued, done, or one of `kJobStages`
+    std::string message;            ///< for people
+    std::string created, started, finished, updated;  ///< RFC 3339 UTC with milliseconds; empty when not yet
+    unsigned levels_ready = 0;      ///< outputs that can be fetched already
     std::vector<Link> links;
     std::optional<Problem> problem;
 };
 std::string to_json(const JobDocument& document);
 JobDocument job_document_from_json(std::string_view json);
 
-/// The document of a cloud: {"id", "name"?, "format", "bytes", "created", "points"?, "removed"?,
-/// "bounds"?, "attributes"?, "links"}. What stands after `created` is known once a job has decoded
-/// it.
+/// The document of a cloud: {"id", "name"?, "format", "bytes", "created", "points"?, "removed"?, "bounds"?, "attributes"?, "links"}. What stands after
+/// `created` is known once a job has decoded it.
 struct CloudAttribute {
     std::string name;  ///< `normal`, `color` or as in the file
     std::string type;  ///< `float32`, `uint8`, ...
@@ -59,7 +55,7 @@ struct CloudStatistics {
     std::uint64_t points = 0;      ///< in the file
     std::uint64_t non_finite = 0;  ///< removed before any work
     std::uint64_t duplicates = 0;
-    Aabb bounds;  ///< of what is left
+    Aabb bounds;                   ///< of what is left
     std::vector<CloudAttribute> attributes;
     std::string encoding;               ///< DecodeReport::encoding
     std::vector<std::string> skipped;   ///< DecodeReport::skipped
@@ -80,11 +76,10 @@ std::string to_json(const CloudStatistics& statistics);
 CloudStatistics cloud_statistics_from_json(std::string_view json);
 std::vector<CloudAttribute> attributes_of(const PointCloud& cloud);
 /// What is told of a cloud that was decoded and cleaned.
-CloudStatistics describe(const PointCloud& cleaned, const DecodeReport& report,
-                         std::uint64_t non_finite, std::uint64_t duplicates);
+CloudStatistics describe(const PointCloud& cleaned, const DecodeReport& report, std::uint64_t non_finite,
+                         std::uint64_t duplicates);
 
 /// A page of documents: {"items": […], "next": "<opaque cursor>"?}.
-std::string page_json(const std::vector<std::string>& items,
-                      const std::optional<std::string>& next);
+std::string page_json(const std::vector<std::string>& items, const std::optional<std::string>& next);
 
 }  // namespace stipple::proto

@@ -20,8 +20,9 @@ namespace stipple::proto {
 
 /// How results are encoded.
 struct OutputOptions {
-    std::vector<CloudFormat> formats;  ///< pyramid: any, those of every level by default; else
-                                       ///< `ply` or `drc`, `ply` by default
+    std::vector<CloudFormat>
+        formats;  ///< pyramid: any, those of every level by default; else `ply` or `drc`, `ply` by
+                  ///< default
     DracoEncodeOptions draco;
 };
 
@@ -52,11 +53,10 @@ struct AnalyzeJob {
 struct PyramidJob {
     LodPyramidOptions options;  ///< nested levels have additive tiles (`refine`)
     OutputOptions output;
-    LodTileOptions
-        tiles{};  ///< of `glb`; bits and precision also of `stpc`, precision of `copc.laz`
+    LodTileOptions tiles{};  ///< of `glb`; bits, precision also of `stpc`, precision of `copc.laz`
     std::optional<std::array<double, 16>>
-        transform{};  ///< of the tileset, column by column: from the coordinates of the file to
-                      ///< those of the scene, as to the globe's (ECEF)
+        transform{};    ///< of the tileset, column by column: from the coordinates of the file to
+                        ///< those of the scene, as to the globe's (ECEF)
     std::optional<unsigned>
         epsg{};         ///< instead of a transform: the file's coordinates, put on the globe
                         ///< (`globe_frame`)
@@ -84,10 +84,10 @@ struct CurveJob {
 /// Coordinates (regions, a viewpoint) are those of the file: `run_job` subtracts the origin.
 ///
 ///     {"type": "simplify", "input": "<sha-256>", "method": "multiphase",
-///      "points": 5000 | "ratio": 0.01 | "max_error": 0.05 | "max_error": "0.1%", "seed": 0,
-///      "reductions": {"intensity": "mean"}, "splats": "radius" | "none" | "normal" | "ellipse",
-///      "source_index": false, "error": true, "format": "ply" | "drc", "draco": {"position_bits":
-///      14, "precision": 0.001, "normal_bits": 10, "coding": "auto"}}
+///      "points": 5000 | "ratio": 0.01 | "max_error": 0.05 | "max_error": "0.1%", "seed": 0, "reductions": {"intensity": "mean"},
+///      "splats": "radius" | "none" | "normal" | "ellipse", "source_index": false,
+///      "error": true, "format": "ply" | "drc",
+///      "draco": {"position_bits": 14, "precision": 0.001, "normal_bits": 10, "coding": "auto"}}
 ///
 /// with the fields of its method:
 ///
@@ -139,7 +139,7 @@ std::vector<std::string> inputs_of(const JobRequest& request);
 
 /// The names of the types, in the order of the variant.
 inline constexpr std::array<std::string_view, 6> kJobTypes = {"simplify", "pyramid", "upsample",
-                                                              "analyze",  "curve",   "evaluate"};
+                                                              "analyze", "curve", "evaluate"};
 std::string_view type_name(const JobRequest& request) noexcept;
 /// One form for equal requests (defaults written out, keys sorted), so that its hash identifies the
 /// work.

@@ -9,12 +9,10 @@ namespace stipple::proto {
 
 /// An RFC 9457 problem document: `application/problem+json`.
 ///
-///     {"type": "https://stipple.dev/problems/malformed-input", "title": "Malformed input",
-///     "status": 422,
+///     {"type": "https://stipple.dev/problems/malformed-input", "title": "Malformed input", "status": 422,
 ///      "detail": "line 7: property without a name", "stage": "decode", "retryable": false}
 struct Problem {
-    std::string
-        type;  ///< one of the closed list in openapi.yaml: kProblemBase + a code in kebab-case
+    std::string type;    ///< one of the closed list in openapi.yaml: kProblemBase + a code in kebab-case
     std::string title;   ///< the same for every problem of this type
     int status = 500;    ///< the HTTP status
     std::string detail;  ///< one sentence: what was wrong, the value, the limit, the remedy
@@ -24,13 +22,11 @@ struct Problem {
 
 inline constexpr const char* kProblemBase = "https://stipple.dev/problems/";
 
-/// The problem that stands for an error: type, title and status by its code. 400 invalid-argument,
-/// 422 malformed-input, 415 unsupported-format, 413 too-large, 404 not-found, 409 conflict, 429
-/// queue-full, 500 internal.
+/// The problem that stands for an error: type, title and status by its code. 400 invalid-argument, 422 malformed-input,
+/// 415 unsupported-format, 413 too-large, 404 not-found, 409 conflict, 429 queue-full, 500 internal.
 Problem problem_from(ErrorCode code, std::string detail);
-/// The problem for an HTTP status that no `Error` stands for (401 unauthorized, 403 forbidden, 405
-/// method-not-allowed, 408 request-timeout, 411 length-required, 416 range-not-satisfiable, 431
-/// head-too-large, 503 unavailable, 507 storage-full ...).
+/// The problem for an HTTP status that no `Error` stands for (401 unauthorized, 403 forbidden, 405 method-not-allowed, 408 request-timeout,
+/// 411 length-required, 416 range-not-satisfiable, 431 head-too-large, 503 unavailable, 507 storage-full ...).
 Problem problem_from_status(int status, std::string detail);
 /// The error that a problem stands for, for clients that throw.
 Error error_from(const Problem& problem);

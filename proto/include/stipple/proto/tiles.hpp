@@ -32,11 +32,11 @@ struct TilesetFile {
 ///
 /// The geometric error of a tile is the larger of its maximum error and its spacing, and no less
 /// than those of the tiles below; that of a leaf is its spacing, and that of the whole the diagonal
-/// of the box; none is less than a step. Boxes are those of the tile's points and of the tiles
-/// below, turned by the transform of the root: on the globe they stand upright and fit as they do
-/// elsewhere. Error (mean, max, p99), spacing, cover radius, points, bits and bytes of a tile stand
-/// in its `extras`. The root has the transform from the tiles' coordinates to those of the file, or
-/// to where `PyramidJob::transform` or `epsg` takes these.
+/// of the box; none is less than a step. Boxes are those of the tile's points and of the tiles below, turned by the transform
+/// of the root: on the globe they stand upright and fit as they do elsewhere. Error (mean, max, p99),
+/// spacing, cover radius, points, bits and bytes of a tile stand in its `extras`. The root has the
+/// transform from the tiles' coordinates to those of the file, or to where
+/// `PyramidJob::transform` or `epsg` takes these.
 /// @return none where no level has tiles.
 std::vector<TilesetFile> tileset_files(const Results& results, std::size_t max_tiles = 5'000);
 
