@@ -1,12 +1,13 @@
 // Normals by the plane through the nearest neighbours (Pauly, Gross, Kobbelt 2002, §2), splat sizes by their distance.
 
 /** A splat's radius is stored as a fraction of this many spacings. */
-export const kLargestRadius = 4;
+export const kLargestRadius = 6;
 
 const kSmallestRadius = 0.5;
 const kNeighbors = 16;
 const kSpacingNeighbor = 5;     // the sixth nearest: a hexagonal ring
 const kRadiusByDistance = 1.15; // a hexagonal arrangement is closed from 0.58 on, a random one from 0.95, and scans have gaps
+const kRadiusByReach = 0.6;     // of the farthest neighbour: where the nearest ones stand in a bunch, the surface lies beyond them
 const kFull = 32767;
 
 /**
@@ -47,8 +48,10 @@ function splatRadius(nearest, spacing, largest) {
     if (nearest.count === 0) {
         return spacing;
     }
-    const distance = Math.sqrt(nearest.distanceSq[Math.min(kSpacingNeighbor, nearest.count - 1)]);
-    return Math.min(largest * spacing, Math.max(kSmallestRadius * spacing, kRadiusByDistance * distance));
+    const last = nearest.count - 1;
+    const distance = Math.sqrt(nearest.distanceSq[Math.min(kSpacingNeighbor, last)]);
+    const reach = Math.sqrt(nearest.distanceSq[last]);
+    return Math.min(largest * spacing, Math.max(kSmallestRadius * spacing, kRadiusByDistance * distance, kRadiusByReach * reach));
 }
 
 /** The k points nearest to another so far, by their place in the grid, in ascending order of distance. */

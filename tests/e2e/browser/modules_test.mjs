@@ -35,6 +35,19 @@ test('Opposite points of a random sphere are no neighbours', async () => {
     assert.equal(wrong.length, 0);
 });
 
+test('Splats leave no gap between points that stand in bunches', async () => {
+    const { estimateSurface, kLargestRadius } = await moduleOf('surface_estimate.js');
+    const side = 12, spacing = 0.2;
+    const bunch = Array.from({ length: 7 }, (_, i) => (i === 0 ? [0, 0] : [spacing * Math.cos(i * Math.PI / 3), spacing * Math.sin(i * Math.PI / 3)]));
+    const points = Array.from({ length: side * side }, (_, i) => [i % side, Math.floor(i / side)])
+        .flatMap(([x, y]) => bunch.map(([dx, dy]) => [x + dx, y + dy, 0]));
+    const surface = estimateSurface(Float32Array.from(points.flat()), null, spacing);
+    const radius = (i) => kLargestRadius * spacing * surface[4 * i + 3] / 32767;
+    for (const [x, y] of [[5.5, 5.5], [5.5, 5], [5, 5.5]]) {
+        assert.ok(points.some(([px, py], i) => Math.hypot(px - x, py - y) < radius(i)), `a gap at ${x}, ${y}`);
+    }
+});
+
 test('Of a tree of tiles those are drawn that are fine enough, and coarser ones until all of these are there', async () => {
     const { select, treeOf } = await moduleOf('tile_tree.js');
     const json = (error, children = []) => ({
