@@ -2,6 +2,7 @@
 import { askForKey, authorization } from './api_key.js';
 
 export const kKeyNeeded = 401;
+const kPart = 206;
 
 const kFirstPauseMs = 700;
 const kLongestPauseMs = 10_000;
@@ -24,11 +25,19 @@ export async function getBytes(url, signal) {
     return arrival(response.arrayBuffer());
 }
 
-/** The bytes as they come: `take` is called with each piece, and says whether that was enough. */
-export async function readBytes(url, take, signal) {
-    const reader = (await send(url, { signal })).body.getReader();
-    for (let piece = await reader.read(); !piece.done; piece = await reader.read()) {
-        if (await take(piece.value)) {
+/** The bytes from one on, as they come: `take` is called with each piece, and says whether that was enough. */
+export async function readBytes(url, from, take, signal) {
+    const response = await send(url, { signal, headers: from > 0 ? { Range: `bytes=${from}-` } : {} });
+    const reader = response.body.getReader();
+    let before = response.status === kPart ? 0 : from;  // bytes that are there already
+    for (;;) {
+        const { done, value } = await arrival(reader.read());
+        if (done) {
+            throw unreachable();  // it ended early
+        }
+        const skipped = Math.min(before, value.length);
+        before -= skipped;
+        if (skipped < value.length && await take(value.subarray(skipped))) {
             await reader.cancel();
             return;
         }
@@ -102,12 +111,12 @@ export const unreachable = () => new Problem({
 });
 
 /** Asks until there is an answer, at growing intervals: `onLost` is told when the server first cannot be reached, or fails. */
-export async function persist(ask, { signal, tries = Infinity, onLost = () => {} }) {
+export async function persist(ask, { signal, onLost }) {
     for (let tried = 1; ; tried += 1) {
         try {
             return await ask();
         } catch (error) {
-            if (signal.aborted || tried >= tries || !mayPass(error)) {
+            if (signal.aborted || !mayPass(error)) {
                 throw error;
             }
             if (tried === 1) {

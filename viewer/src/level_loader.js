@@ -14,9 +14,6 @@ const kHalfAxes = ['major', 'minor'];
 
 const kHeaderPiece = 256;
 
-/** Requests for a level, the last ones half a minute after the first. */
-const kTries = 7;
-
 /** The first batches of a stream are too few points to look at. */
 const kFirstOfStream = 1_000;
 
@@ -29,7 +26,7 @@ const kMostPoints = 8_000_000;
 /**
  * Brings the levels of one pyramid in, coarsest first. While one is decoded the next one is under way. `update` may be called
  * again whenever the manifest has grown. Where there is a progressive stream, its batches stand for the levels: they are shown
- * as the bytes come.
+ * as the bytes come. While the server cannot be reached, it is asked again: `onLost` is told.
  *
  * A level in `levels` is its entry of the manifest with `file` (Draco), `attributes` (each can `read` its values), `state` (`listed`,
  * `loading`, `ready`, `large`, `failed`) and, once ready, `geometry`: position, surface (see surface_estimate.js) and perhaps color.
@@ -37,7 +34,7 @@ const kMostPoints = 8_000_000;
  * finest level without, whose geometry stands in until the tiles are there.
  */
 export class LevelLoader {
-    constructor({ id, onReady, onChange, onTiles, onError, signal }) {
+    constructor({ id, onReady, onChange, onTiles, onLost, onError, signal }) {
         this.id = id;
         this.levels = [];
         this.loadedBytes = 0;
@@ -45,6 +42,7 @@ export class LevelLoader {
         this.onChange = onChange;
         this.onError = onError;
         this.onTiles = onTiles;
+        this.patience = { signal, onLost };
         this.signal = signal;
         this.known = 0;
         this.fetching = Promise.resolve();
@@ -58,7 +56,8 @@ export class LevelLoader {
         for (const entry of entries) {
             const stream = entry.files.find((file) => file.format === 'stpc');
             if (stream) {
-                this.follow(stream, entry, manifest.source);
+                this.stream = { file: stream, entry, bounds: manifest.source.bounds };
+                this.follow(this.stream);
             }
             if (hasStream) {
                 continue;
@@ -88,7 +87,7 @@ export class LevelLoader {
     }
 
     /** Shows a stream batch by batch, as far as a browser's memory goes. */
-    async follow(file, entry, { bounds }) {
+    async follow({ file, entry, bounds }) {
         const decoder = new ProgressiveDecoder();
         const diagonal = Math.hypot(...bounds.max.map((high, axis) => high - bounds.min[axis]));
         const take = async (piece) => {
@@ -112,7 +111,7 @@ export class LevelLoader {
         };
         this.isFollowing = true;
         try {
-            await readBytes(file.href, take, this.signal);
+            await persist(() => readBytes(file.href, decoder.taken, take, this.signal), this.patience);
         } catch (error) {
             const missing = this.levels.filter(({ state }) => state === 'loading');
             (missing.length > 0 ? missing : [entry]).forEach((level) => this.fail(level, error));
@@ -142,10 +141,23 @@ export class LevelLoader {
         }
     }
 
+    /** Loads what waits until it is asked for, and once more what failed. */
+    ask(level) {
+        if (level.state !== 'large' && level.state !== 'failed') {
+            return;
+        }
+        if (this.stream) {
+            this.levels.filter(({ state }) => state === 'failed').forEach((failed) => { failed.state = 'loading'; });
+            this.follow(this.stream);
+        } else {
+            this.load(level);
+        }
+    }
+
     load(level) {
         level.state = 'loading';
         const bytes = this.fetching.then(() =>
-            persist(() => getBytes(level.file.href, this.signal), { signal: this.signal, tries: kTries }));
+            persist(() => getBytes(level.file.href, this.signal), this.patience));
         const before = this.decoding;
         this.fetching = bytes.catch(() => {});
         this.decoding = bytes
@@ -170,7 +182,7 @@ export class LevelLoader {
         }
         const tiles = new TileStream(`/v1/pyramids/${this.id}/tileset.json`, {
             withAttributes: request.tiles?.attributes === true,
-            signal: this.signal,
+            patience: this.patience,
             onLoaded: (bytes) => {
                 this.loadedBytes += bytes;
                 this.onTiles({ isNew: true });

@@ -25,6 +25,7 @@ export class ResultSession {
         this.started = performance.now();
         this.hasPicture = false;
         this.abort = new AbortController();
+        const onLost = (error) => onError(error, 'Connection lost; trying again');
         this.loader = new LevelLoader({
             id,
             signal: this.abort.signal,
@@ -36,6 +37,7 @@ export class ResultSession {
                 }
                 this.tell();
             },
+            onLost,
             onError: (level, error) => {
                 this.tell();
                 onError(error, level ? `Level ${level.level + 1} could not be shown` : 'This result cannot be shown here');
@@ -43,7 +45,7 @@ export class ResultSession {
         });
         const follower = {
             onJob: (job) => this.take(job, onJob),
-            onLost: (error) => onError(error, 'Connection lost; trying again'),
+            onLost,
             onError: (error) => (this.job ? onError : onMissing)(error),
             signal: this.abort.signal,
         };
@@ -87,9 +89,7 @@ export class ResultSession {
         const level = this.loader.levels[index];
         if (level) {
             this.chosen = index === this.loader.levels.length - 1 ? null : index;
-            if (level.state === 'large' || level.state === 'failed') {
-                this.loader.load(level);
-            }
+            this.loader.ask(level);
             this.showBest();
         }
     }

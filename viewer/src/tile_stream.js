@@ -1,6 +1,6 @@
 import { Box3, BufferAttribute, BufferGeometry, Frustum, Matrix4 } from 'three';
 
-import { getBytes, getJson } from './api.js';
+import { getBytes, getJson, persist } from './api.js';
 import { readTileInWorker } from './surface.js';
 import { select, treeOf } from './tile_tree.js';
 
@@ -12,10 +12,12 @@ const kMostPoints = 8_000_000;  // kept, drawn or not
 export class TileStream {
     /**
      * @param url  of the tileset; @param withAttributes  whether its tiles have the attributes of the cloud
+     * @param patience  with a server that cannot be reached, see `persist`
      * @param onLoaded  called when there is more to draw, with the bytes that came; @param onDrawn  when something else is drawn
      */
-    constructor(url, { withAttributes, signal, onLoaded, onDrawn, onError }) {
-        Object.assign(this, { url, withAttributes, signal, onLoaded, onDrawn, onError });
+    constructor(url, { withAttributes, patience, onLoaded, onDrawn, onError }) {
+        Object.assign(this, { url, withAttributes, patience, onLoaded, onDrawn, onError });
+        this.signal = patience.signal;
         this.center = null;  // where the middle of the source is, which the tiles' coordinates are relative to
         this.root = null;
         this.ready = new Set();
@@ -23,7 +25,7 @@ export class TileStream {
         this.loading = 0;
         this.isComplete = false;  // whether what was selected last lacks nothing
         this.now = 0;
-        getJson(url, signal).then(({ root }) => {
+        persist(() => getJson(url, this.signal), patience).then(({ root }) => {
             this.root = treeOf(root);
             onLoaded(0);
         }).catch((error) => this.fail(error));
@@ -66,9 +68,10 @@ export class TileStream {
             const address = new URL(tile.uri, new URL(this.url, location.href)).href;
             if (tile.uri.endsWith('.json')) {
                 // A part of the tree that has a file of its own; its root is this tile.
-                Object.assign(tile, treeOf((await getJson(address, this.signal)).root, tile.level));
+                const { root } = await persist(() => getJson(address, this.signal), this.patience);
+                Object.assign(tile, treeOf(root, tile.level));
             } else {
-                const glb = await getBytes(address, this.signal);
+                const glb = await persist(() => getBytes(address, this.signal), this.patience);
                 bytes = glb.byteLength;
                 const read = await readTileInWorker(glb, tile.spacing);
                 tile.cloud = geometryOf(read);

@@ -5,7 +5,7 @@ import assert from 'node:assert/strict';
 
 import { line, onePoint, truncated } from './clouds.mjs';
 import {
-    browser, choose, cloudOf, differenceOf, kTorusPoints, litShare, rest, restingPicture, run, save, scale, settledPyramid, shows,
+    browser, choose, cloudOf, differenceOf, kTorusPoints, litShare, manifestOf, rest, restingPicture, run, save, scale, settledPyramid, shows,
     startJob, torus, visit,
 } from './suite.mjs';
 
@@ -28,6 +28,34 @@ await run({
         await rest(page);
         assert.ok(await litShare(page) > 0.9 * whole);
         await colorsStandForHeight();
+    },
+
+    async 'A stream that is cut, and a level that cannot be reached, go on once the server answers'() {
+        browser.refusalsExpected = true;
+        for (const format of ['stpc', 'drc']) {
+            const pyramid = await startJob({ type: 'pyramid', input: cloud, formats: [format], base_points: 1000 });
+            const { levels } = await manifestOf(pyramid);
+            const { href, bytes } = levels.at(-1).files.find((file) => file.format === format);
+            const asked = [];
+            await page.route((url) => url.pathname === href, async (route) => {
+                asked.push(await route.request().headerValue('range'));
+                if (asked.length > 1) {
+                    await route.continue();
+                } else if (format === 'drc') {
+                    await route.abort('connectionrefused');
+                } else {
+                    const body = (await (await route.fetch()).body()).subarray(0, bytes / 2);
+                    await route.fulfill({ status: 200, body });
+                }
+            });
+            await visit(page, `/?pyramid=${pyramid}`);
+            await shows(page, kTorusPoints);
+            await page.getByText('Connection lost; trying again').waitFor();
+            assert.deepEqual(asked, [null, format === 'drc' ? null : `bytes=${Math.floor(bytes / 2)}-`]);
+            await page.locator('.notice button').click();
+            await page.unrouteAll();
+        }
+        browser.refusalsExpected = false;
     },
 
     async 'Splats that were measured as ellipses cover what round ones do'() {
@@ -101,6 +129,17 @@ await run({
         // Without one of its tiles it would be 0.03 less; 0.003 is chance, since the camera is placed by the level that comes first.
         assert.ok(Math.abs(lit - litByWhole) < 0.02, `${(100 * lit).toFixed(1)} % of the pixels, not ${(100 * litByWhole).toFixed(1)} %`);
         await colorsStandForHeight();
+        browser.refusalsExpected = true;
+        let refused = 0;
+        await page.route('**/*.glb', (route) => {
+            refused += 1;
+            return refused > 6 ? route.continue() : route.abort('connectionrefused');
+        });
+        await page.reload();  // in an outage
+        await settledPyramid(page);
+        await page.unrouteAll();
+        browser.refusalsExpected = false;
+        await shows(page, kTorusPoints);
         await page.locator('#stage').dblclick({ position: { x: 640, y: 560 } });  // where only a part is seen
         await page.waitForFunction((all) => parseInt(document.getElementById('points').innerText.replaceAll(',', ''), 10) < all, kTorusPoints);
     },
