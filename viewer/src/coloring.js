@@ -15,20 +15,25 @@ export const kGradient = `linear-gradient(90deg, ${Array.from({ length: 12 }, (_
 
 /**
  * Gives a level the colours that `by` names: `own` (of the cloud), `clay` (none), `normal`, `x`, `y`, `z`, or an attribute.
+ * @param range  of the values, where it is not to be the level's own
  * @returns {Promise<?{low: number, high: number}>} the values at the ends of the colour map, where there are values
  */
-export async function colorize(level, by, signal) {
+export async function colorize(level, by, { range = null, signal }) {
     const { geometry } = level;
     level.colors ??= startingWith(geometry);
     if (!level.colors.has(by)) {
         const attribute = level.attributes.find(({ name }) => name === by);
         const valueOf = valuesOf(geometry, by, attribute && { ...attribute, values: await attribute.read(signal) });
-        const range = valueOf && rangeOf(geometry.getAttribute('position').count, valueOf);
-        level.colors.set(by, { array: computed(geometry, valueOf, range), range });
+        level.colors.set(by, { valueOf, own: valueOf && rangeOf(geometry.getAttribute('position').count, valueOf) });
     }
-    const { array, range } = level.colors.get(by);
-    setColors(geometry, array);
-    return range;
+    const colors = level.colors.get(by);
+    const wanted = colors.own && (range ?? colors.own);
+    if (!('array' in colors) || colors.range !== wanted) {
+        colors.array = computed(geometry, colors.valueOf, wanted);
+        colors.range = wanted;
+    }
+    setColors(geometry, colors.array);
+    return wanted;
 }
 
 /**
@@ -38,18 +43,18 @@ export async function colorize(level, by, signal) {
 export function colorizeTile({ cloud, attributes }, by, range, origin) {
     cloud.userData.colors ??= startingWith(cloud);
     const { colors } = cloud.userData;
-    if (!colors.has(by)) {
+    if (!colors.has(by) || colors.get(by).range !== range) {
         const axis = kAxes.indexOf(by);
         const start = axis < 0 ? 0 : origin.getComponent(axis);
         const valueOf = valuesOf(cloud, by, attributes[by]);
-        colors.set(by, { array: computed(cloud, valueOf && ((i) => valueOf(i) + start), range) });
+        colors.set(by, { array: computed(cloud, valueOf && ((i) => valueOf(i) + start), range), range });
     }
     setColors(cloud, colors.get(by).array);
 }
 
 const startingWith = (geometry) => new Map([
-    ['own', { array: geometry.getAttribute('color')?.array ?? null, range: null }],
-    ['clay', { array: null, range: null }],
+    ['own', { array: geometry.getAttribute('color')?.array ?? null, own: null, range: null }],
+    ['clay', { array: null, own: null, range: null }],
 ]);
 
 function setColors(geometry, array) {

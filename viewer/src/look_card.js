@@ -54,20 +54,25 @@ export class LookCard {
         return [...own, ...kAlways.slice(0, 2), ...attributes.map(({ name }) => [name, titleOf(name)]), ...kAlways.slice(2)];
     }
 
-    /** @param range  of the values, or null */
-    show(level, range) {
-        const choices = this.choices(level);
-        const by = this.colorOf(level);
-        byId.color.replaceChildren(...choices.map(([value, textContent]) => element('option', { value, textContent })));
+    /** @param levels  that are on the stage, one or left and right, each with its `coloring` */
+    show(levels) {
+        const choices = new Map(levels.flatMap((level) => this.choices(level)));
+        const by = choices.has(this.by) ? this.by : this.colorOf(levels[0]);
+        byId.color.replaceChildren(...[...choices].map(([value, textContent]) => element('option', { value, textContent })));
         byId.color.value = by;
-        byId.legend.hidden = !range;
-        if (range) {
-            byId['legend-name'].textContent = choices.find(([value]) => value === by)[1] + (kLengths.includes(by) ? ', in units of the cloud' : '');
-            byId['legend-low'].textContent = format.quantity(range.low);
-            byId['legend-high'].textContent = format.quantity(range.high);
+        const withValues = levels.filter(({ coloring }) => coloring.range);
+        const told = withValues.find(({ coloring }) => coloring.by === by) ?? withValues[0];
+        byId.legend.hidden = !told;
+        if (told) {
+            const { by: values, range: { low, high } } = told.coloring;
+            const isOfBoth = levels.every(({ coloring }) => coloring.by === values);
+            byId['legend-name'].textContent = [choices.get(values), ...(kLengths.includes(values) ? ['in units of the cloud'] : []),
+                ...(isOfBoth ? [] : [told === levels[0] ? 'left' : 'right'])].join(', ');
+            byId['legend-low'].textContent = format.quantity(low);
+            byId['legend-high'].textContent = format.quantity(high);
         }
     }
 }
 
 /** An attribute's name as a person would write it. */
-const titleOf = (name) => (name === kDistance ? 'Distance to input' : name.replaceAll('_', ' '));
+const titleOf = (name) => (name === kDistance ? 'Distance to input' : (name[0].toUpperCase() + name.slice(1)).replaceAll('_', ' '));

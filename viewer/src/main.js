@@ -7,10 +7,12 @@ import * as format from './format.js';
 import { Hud } from './hud.js';
 import { JobForm } from './job_form.js';
 import { inputOf, Library, nameOf, summaryOf, titleOf } from './library.js';
+import { listenToKeys } from './keys.js';
 import { kMostWhole } from './level_loader.js';
 import { LookCard } from './look_card.js';
 import { showProblem } from './notices.js';
 import { ResultSession } from './result_session.js';
+import { isPhone, Sheet } from './sheet.js';
 import { Stage } from './stage.js';
 import { preloadSurface } from './surface.js';
 import { acceptDrops, uploadCloud } from './upload.js';
@@ -47,17 +49,19 @@ const hud = new Hud({
     onMap: mapErrors,
 });
 const look = new LookCard({
-    onColor: () => [session, other].forEach((shown) => shown?.shown && shown.redress()),
+    onColor: () => session?.shown && session.redress(),  // what is on the right follows
     onLook: (settings) => stage.setLook(settings),
 });
 const form = new JobForm({
     onStart: ({ cloud, type, fields }) => start(type, cloud, fields),
 });
+const sheet = new Sheet();
 const comparison = new Comparison(stage, { onStart: startComparing, onEnd: endComparing, onChoice: compareWith });
 let session = null;
 let other = null;     // another result beside it, or null
 let chosenBefore = null;  // the level on the left before two were compared
 let beside = null;    // the index of a level of the same result beside it, or null: the finest
+let painted = [];     // the level on the right and what its colours were last asked to be
 let uploading = false;
 
 function open({ id, type, chosen = null }, { remembered = false } = {}) {
@@ -69,7 +73,7 @@ function open({ id, type, chosen = null }, { remembered = false } = {}) {
     }
     byId.compare.disabled = true;
     byId.welcome.hidden = true;
-    openSheet(false);
+    sheet.close();
     document.documentElement.dataset.state = 'loading';
     performance.clearMarks();
     let wasFinal = null;
@@ -131,15 +135,26 @@ function remember() {
     history.replaceState(null, '', address);
 }
 
-/** The colours that are wanted now, for a level that is about to be shown. */
+/** The colours that are wanted now, for a level that is about to be shown. Where both sides have the same values, one legend is true of both. */
 async function dress(level, signal) {
     const by = look.colorOf(level);
     level.coloring ??= { by: 'own', range: null };  // as long as others are not there
-    const range = await colorize(level.whole ?? level, by, signal);
-    level.coloring = { by, range };
-    if (level === session?.shown) {
-        look.show(level, range);
+    const range = await colorize(level.whole ?? level, by, { range: rangeBeside(level), signal });
+    if (by !== look.colorOf(level)) {
+        await dress(level, signal);  // chosen meanwhile
+        return;
     }
+    level.coloring = { by, range };
+    const shown = [session?.shown, rightLevel()].filter((side) => side?.coloring);
+    if (shown.includes(level)) {
+        look.show(shown);
+    }
+}
+
+/** For a level on the right: the range of the same values on the left. */
+function rangeBeside(level) {
+    const left = session?.shown;
+    return left && left !== level && left.coloring?.by === look.colorOf(level) ? left.coloring.range : null;
 }
 
 function showLevels({ loader, shown, isComplete, isSettled, job }) {
@@ -177,8 +192,12 @@ function startComparing() {
 function endComparing() {
     other?.close();
     other = null;
+    painted = [];
     stage.panes[1].clear();
     session.choose(chosenBefore ?? session.loader.levels.length - 1);
+    if (session.shown?.coloring) {
+        look.show([session.shown]);
+    }
 }
 
 function compareWith(choice) {
@@ -199,15 +218,23 @@ function compareWith(choice) {
     showComparison();
 }
 
+/** The level on the right of a comparison, once it is there. */
+function rightLevel() {
+    if (!comparison.isOn || other) {
+        return other?.shown;
+    }
+    const { levels } = session.loader;
+    return levels[beside]?.state === 'ready' ? levels[beside] : levels.findLast(({ state }) => state === 'ready');
+}
+
 function showComparison() {
     if (!comparison.isOn) {
         return;
     }
     const { levels } = session.loader;
-    const ready = levels.filter(({ state }) => state === 'ready');
-    const right = other ? other.shown : levels[beside]?.state === 'ready' ? levels[beside] : ready.at(-1);
-    if (!other && right && stage.panes[1].level !== right) {
-        dress(right, session.abort.signal).then(() => stage.panes[1].show(right)).catch(showProblem);
+    const right = rightLevel();
+    if (right) {
+        paintRight(right);
     }
     comparison.label(session.shown, right);
     const others = library.jobs.filter(({ id, status }) => status === 'successful' && id !== session.id);
@@ -215,6 +242,20 @@ function showComparison() {
         { label: 'The same result', choices: levels.map(({ level, points }) => ({ value: `level:${level}`, text: `Level ${level + 1}, ${format.compactCount(points)}` })) },
         { label: 'Another result', choices: others.map((job) => ({ value: `result:${job.id}`, text: `${titleOf(job)}: ${summaryOf(job, library.cloudOf(job))}` })) },
     ], other ? `result:${other.id}` : `level:${right?.level}`);
+}
+
+/** Once for each level, choice of colours and range. */
+function paintRight(level) {
+    const wanted = [level, look.colorOf(level), rangeBeside(level)];
+    if (wanted.every((part, i) => part === painted[i])) {
+        return;
+    }
+    painted = wanted;
+    if (other) {
+        other.redress();
+    } else {
+        dress(level, session.abort.signal).then(() => stage.panes[1].show(level)).catch(showProblem);
+    }
 }
 
 // ---- Jobs and files
@@ -291,52 +332,14 @@ async function send(file, number) {
     }
 }
 
-const kSwipe = 16;
-const kTurn = 1 / 48;
-const kNearer = 1.15;
-const kMoves = {
-    ArrowLeft: [kTurn, 0], ArrowRight: [-kTurn, 0], ArrowUp: [0, kTurn], ArrowDown: [0, -kTurn],
-    '+': [0, 0, kNearer], '=': [0, 0, kNearer], '-': [0, 0, 1 / kNearer],
-};
-const isPhone = () => matchMedia('(max-width: 760px), (max-height: 480px)').matches;
-
-/** On a phone: the lists, which are pulled up from below. */
-function openSheet(isOpen) {
-    byId.dock.classList.toggle('open', isOpen);
-    byId.grip.ariaExpanded = String(isOpen);
-    byId.grip.ariaLabel = `${isOpen ? 'Hide' : 'Show'} clouds and results`;
-}
-
 function closeTopmost() {
-    if (byId.dock.classList.contains('open')) {
-        openSheet(false);
+    if (sheet.isOpen) {
+        sheet.close();
     } else if (!byId['look-card'].hidden) {
         look.toggle();
     } else {
         comparison.end();
     }
-}
-
-/** The grip is tapped or swiped. */
-function listenToGrip() {
-    let start = 0;
-    let swiped = 0;
-    byId.grip.onpointerdown = ({ clientY, pointerId }) => {
-        start = clientY;
-        byId.grip.setPointerCapture(pointerId);
-    };
-    byId.grip.onpointerup = ({ clientY }) => {
-        swiped = start - clientY;
-        if (Math.abs(swiped) > kSwipe) {
-            openSheet(swiped > 0);
-        }
-    };
-    byId.grip.onclick = () => {
-        if (Math.abs(swiped) <= kSwipe) {
-            openSheet(!byId.dock.classList.contains('open'));
-        }
-        swiped = 0;
-    };
 }
 
 /** Keeps the cloud in the middle of what the cards leave free. */
@@ -374,35 +377,17 @@ function listen() {
     byId.fit.onclick = () => stage.fit();
     byId.help.onclick = () => byId['help-dialog'].showModal();
     byId.rotate.onclick = toggleRotation;
-    listenToGrip();
-    byId.stage.addEventListener('pointerdown', () => openSheet(false));
-    byId.stage.onkeydown = (event) => {
-        if (event.key in kMoves && !event.ctrlKey && !event.metaKey) {
-            event.preventDefault();
-            stage.turn(...kMoves[event.key]);
-        }
-    };
-    addEventListener('keydown', (event) => {
-        if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest('dialog, select, input[type=number], input[type=text]') ||
-            event.target.closest('button, input') && event.key === ' ') {
-            return;
-        }
-        if (event.key === 'Escape') {
-            closeTopmost();
-        } else if (event.key === '?') {
-            byId['help-dialog'].showModal();
-        } else if (event.key === 'f' || event.key === 'F') {
-            stage.fit();
-        } else if (event.key === ' ') {
-            event.preventDefault();
-            toggleRotation();
-        } else if (event.key === 'c' || event.key === 'C') {
-            byId.compare.click();
-        } else if (event.key === 'l' || event.key === 'L') {
-            look.toggle();
-        } else if (event.key >= '1' && event.key <= '9') {
-            choose(Number(event.key) - 1);
-        }
+    listenToKeys({
+        onMove: (...move) => stage.turn(...move),
+        onLevel: choose,
+        onKey: {
+            escape: closeTopmost,
+            '?': () => byId['help-dialog'].showModal(),
+            f: () => stage.fit(),
+            ' ': toggleRotation,
+            c: () => byId.compare.click(),
+            l: () => look.toggle(),
+        },
     });
     addEventListener('resize', placeCloud);
     const cards = new ResizeObserver(placeCloud);
