@@ -140,4 +140,23 @@ DirectedError summarize_distances(std::span<const float> distances, std::span<co
     return error;
 }
 
+void limit_largest(std::span<float> weights) {
+    constexpr double kMostOfAll = 0.02, kMostOfFew = 8, kRounding = 1 + 1e-6;
+    const double most = std::max(kMostOfAll, kMostOfFew / static_cast<double>(weights.size()));
+    // Less of the large ones is less of all: until both agree.
+    double limit = std::numeric_limits<double>::infinity();
+    for (;;) {
+        double rest = 0, largest = 0, beyond = 0;  // the last how many
+        for (const double weight : weights) {
+            largest = std::max(largest, std::min(weight, limit));
+            (weight < limit ? rest : beyond) += weight < limit ? weight : 1;
+        }
+        if (rest == 0) return;
+        const double total = beyond == 0 ? rest : rest + beyond * limit;
+        if (most * beyond >= 1 || largest <= kRounding * most * total) break;
+        limit = most * rest / (1 - most * beyond);
+    }
+    for (float& weight : weights) weight = std::min(weight, static_cast<float>(limit));
+}
+
 }  // namespace stipple

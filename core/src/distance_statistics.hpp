@@ -30,4 +30,9 @@ std::vector<double> weighted_quantiles(std::span<const float> values,
                                        std::span<const double> parts,
                                        const RunContext& context = {});
 
+/// Lowers the largest of some weights until none is more than a fiftieth of all, or eight times the
+/// mean where there are few: one of a stray point far off would else be all that counts. O(N) for
+/// each time that lowering some makes others the largest.
+void limit_largest(std::span<float> weights);
+
 }  // namespace stipple

@@ -2,6 +2,7 @@
 // gives back is checked again, since a hostile file decides it.
 
 #include "attribute_name.hpp"
+#include "box_of_most.hpp"
 #include "color_channel.hpp"
 #include "draco.hpp"
 #include "draco_header.hpp"
@@ -171,20 +172,21 @@ void read_positions(const draco::PointCloud& geometry, const PointAttribute& att
         return;
     }
     const std::vector<double> flat = read_as<double>(geometry, attribute);
+    const auto coordinate = [&](std::size_t i) {
+        return Vec3d(flat[3 * i], flat[3 * i + 1], flat[3 * i + 2]);
+    };
+    cloud.positions.resize(flat.size() / 3);
     Aabb box;
-    for (std::size_t i = 0; i < flat.size(); i += 3) {
-        const Vec3d p(flat[i], flat[i + 1], flat[i + 2]);
+    for (std::size_t i = 0; i < cloud.size(); ++i) {
+        const Vec3d p = coordinate(i);
         if (!p.allFinite()) continue;
         box.min = box.min.cwiseMin(p);
         box.max = box.max.cwiseMax(p);
     }
-    cloud.origin = choose_origin(box);
+    cloud.origin = choose_origin(box, some_of(cloud.size(), coordinate));
     cloud.double_precision = true;
-    cloud.positions.resize(flat.size() / 3);
-    for (std::size_t i = 0; i < cloud.size(); ++i) {
-        cloud.positions[i] =
-            (Vec3d(flat[3 * i], flat[3 * i + 1], flat[3 * i + 2]) - cloud.origin).cast<float>();
-    }
+    for (std::size_t i = 0; i < cloud.size(); ++i)
+        cloud.positions[i] = (coordinate(i) - cloud.origin).cast<float>();
 }
 
 void read_wide_colors(const draco::PointCloud& geometry, const PointAttribute& attribute,

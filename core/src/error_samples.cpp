@@ -1,5 +1,6 @@
 #include "error_samples.hpp"
 
+#include "box_of_most.hpp"
 #include "contraction_quadrics.hpp"
 #include "first_touch.hpp"
 #include "nearby_search.hpp"
@@ -79,6 +80,15 @@ std::vector<std::size_t> draw_by_area(std::span<const float> areas, std::span<co
     return drawn;
 }
 
+/// The most that a point can stand for: half the square about most of the tree's points. A stray
+/// point far off would else stand for more than all others.
+float largest_area(const PointTree& tree) {
+    const double side = longest_side(box_of_most(some_of(
+        tree.size(), [&](std::size_t i) { return Vec3d(tree.position(i).cast<double>()); })));
+    return side > 0 ? static_cast<float>(0.5 * side * side)
+                    : std::numeric_limits<float>::infinity();
+}
+
 /// For each leaf of a tree the area of the largest side of its box, and some more, so that none is
 /// zero.
 std::vector<float> leaf_sizes(const PointTree& tree, const RunContext& context) {
@@ -96,6 +106,8 @@ std::vector<float> leaf_sizes(const PointTree& tree, const RunContext& context) 
                                 sizes[l] = std::max({x * y, y * z, z * x});
                             }
                         });
+    const float largest = largest_area(tree);
+    for (float& size : sizes) size = std::min(size, largest);
     const double total = std::accumulate(sizes.begin(), sizes.end(), 0.0);
     const double least = total > 0 ? kLeast * total / static_cast<double>(sizes.size()) : 1.0;
     for (float& size : sizes) size += static_cast<float>(least);
@@ -133,6 +145,7 @@ DrawnLeaves draw_leaves(const PointTree& tree, std::uint64_t count, std::uint64_
 std::vector<float> leaf_areas(const PointTree& tree, const DrawnLeaves& drawn,
                               const RunContext& context) {
     const auto& [leaves, chances] = drawn;
+    const float largest = largest_area(tree);
     auto areas = made_in_blocks<std::vector<float>>(leaves.size() * PointTree::kWidth, context);
     parallel_for_blocks(leaves.size(), kBlock / PointTree::kWidth, context,
                         [&](std::size_t begin, std::size_t end) {
@@ -140,6 +153,8 @@ std::vector<float> leaf_areas(const PointTree& tree, const DrawnLeaves& drawn,
                             for (std::size_t l = begin; l < end; ++l) {
                                 float* const here = &areas[l * PointTree::kWidth];
                                 kernels.spread(tree.view(), leaves[l], here);
+                                for (std::size_t lane = 0; lane < PointTree::kWidth; ++lane)
+                                    here[lane] = std::min(here[lane], largest);
                                 const std::size_t n = tree.points_in(leaves[l]);
                                 std::fill(here + n, here + PointTree::kWidth, 0.0F);
                             }
@@ -279,12 +294,13 @@ void ErrorSamples::append(const ErrorSamples& more) {
 std::vector<float> areas_around(const PointTree& tree, std::span<const Vec3f> points,
                                 const RunContext& context) {
     constexpr std::size_t kEight = 8;
+    const float largest = largest_area(tree);
     auto areas = made_in_blocks<std::vector<float>>(points.size(), context);
     parallel_for_blocks(points.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
         NearestDistances nearest(tree, kEight + 1);
         const auto count = static_cast<double>(std::min(kEight + 1, tree.size()));
         for (std::size_t i = begin; i < end; ++i)
-            areas[i] = static_cast<float>(nearest.find(points[i]).sum / count);
+            areas[i] = std::min(largest, static_cast<float>(nearest.find(points[i]).sum / count));
     });
     if (std::ranges::none_of(areas, [](float a) { return a > 0; })) std::ranges::fill(areas, 1.0F);
     return areas;

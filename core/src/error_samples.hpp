@@ -31,7 +31,8 @@ ErrorSamples take_points(const PointTree& tree, std::uint64_t count, std::uint64
 
 /// The area around each of some points of the tree, up to a common factor; not zero for all. By the
 /// mean of the squared distances to eight neighbours, nearer to the areas of a scan's triangles
-/// than by any single one of them.
+/// than by any single one of them; no more than half the square about most of the points, or a
+/// stray one far off would stand for more than all others.
 std::vector<float> areas_around(const PointTree& tree, std::span<const Vec3f> points,
                                 const RunContext& context);
 

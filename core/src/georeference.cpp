@@ -1,15 +1,17 @@
 #include "georeference.hpp"
 
+#include "box_of_most.hpp"
 #include "stipple/error.hpp"
 
 #include <cmath>
 #include <sstream>
+#include <utility>
 
 namespace stipple {
 
-Vec3d choose_origin(const Aabb& box) {
-    if (box.empty()) return Vec3d::Zero();
-    const double side = (box.max - box.min).maxCoeff();
+Vec3d choose_origin(const Aabb& all, std::vector<Vec3d> some) {
+    if (all.empty()) return Vec3d::Zero();
+    double side = longest_side(all);
     constexpr double kLongestSide = 1e37;
     if (!(side <= kLongestSide)) {
         std::ostringstream message;
@@ -17,6 +19,11 @@ Vec3d choose_origin(const Aabb& box) {
                 << ", the reach of single precision";
         throw Error(ErrorCode::MalformedInput, message.str());
     }
+    constexpr double kFarOff = 64;
+    const Aabb most = box_of_most(std::move(some));
+    const bool few_far_off = longest_side(most) > 0 && side > kFarOff * longest_side(most);
+    const Aabb& box = few_far_off ? most : all;
+    side = longest_side(box);
     const Vec3d center = 0.5 * box.min + 0.5 * box.max;
     if (side == 0) return center;
     const double grid = std::exp2(std::ceil(std::log2(side)));

@@ -3,6 +3,7 @@
 #include "distance_statistics.hpp"
 #include "error_samples.hpp"
 #include "foot_finder.hpp"
+#include "gaps.hpp"
 
 #include <cstdint>
 #include <span>
@@ -45,11 +46,7 @@ LevelMeter::LevelMeter(std::vector<Vec3f>&& source, LodErrors errors, const RunC
     const auto made = surface(context);
     context.checkpoint(0.5);
     const std::vector<Vec3f>& points = made->points;
-    std::vector<double> all =
-        gaps(made->tree, points.size(), kAskedForGap, [&](std::size_t i) { return points[i]; });
-    const auto middle = all.begin() + static_cast<std::ptrdiff_t>(all.size() / 2);
-    std::ranges::nth_element(all, middle);
-    spacing_ = *middle;
+    spacing_ = median_gap(made->tree);
     const bool is_small = points.size() < kMany;
     const unsigned rounds = errors_ == LodErrors::Rough ? kRough
                             : is_small                  ? kOfSmall

@@ -6,14 +6,9 @@
 #include "stipple/lod_tiles.hpp"
 #include "stipple/point_cloud.hpp"
 #include "stipple/run_context.hpp"
-#include "tree_search.hpp"
 
-#include <algorithm>
-#include <array>
-#include <cmath>
 #include <cstddef>
 #include <memory>
-#include <numeric>
 #include <vector>
 
 namespace stipple {
@@ -49,7 +44,7 @@ public:
     std::shared_ptr<const FramedSurface> surface(const RunContext& context);
     /// Gives back what the surface takes beside its points.
     void forget_surface();
-    /// The middle one of the source's gaps: a mean would be that of a few points that lie far off.
+    /// The middle one of the source's gaps.
     double spacing() const noexcept { return spacing_; }
     /// Some places on it: 4,096, or fewer where errors are rough.
     ErrorSamples some_places() const;
@@ -81,29 +76,5 @@ private:
     SampleRounds every_;   ///< one round of all points, where it is to be exact
     unsigned rounds_ = 0;  ///< of places that the level before was measured at
 };
-
-/// So many points tell a spacing.
-constexpr std::size_t kAskedForGap = 256;
-
-/// Distances from about `asked` of `count` points of a tree, point_at(i), to the nearest other.
-template <typename PointAt>
-std::vector<double> gaps(const PointTree& tree, std::size_t count, std::size_t asked,
-                         PointAt&& point_at) {
-    const std::size_t step = std::max<std::size_t>(1, count / asked);
-    std::vector<double> gaps;
-    for (std::size_t i = 0; i < count; i += step) {
-        std::array<Neighbor, 2> room;
-        const auto found = find_nearest(tree, point_at(i), room);
-        gaps.push_back(std::sqrt(static_cast<double>(found.back().distance_sq)));
-    }
-    return gaps;
-}
-
-/// Their mean.
-template <typename PointAt>
-double mean_gap(const PointTree& tree, std::size_t count, std::size_t asked, PointAt&& point_at) {
-    const std::vector<double> all = gaps(tree, count, asked, point_at);
-    return std::accumulate(all.begin(), all.end(), 0.0) / static_cast<double>(all.size());
-}
 
 }  // namespace stipple

@@ -2,6 +2,7 @@
 
 #include "curve_normals.hpp"
 #include "first_touch.hpp"
+#include "gaps.hpp"
 #include "parallel_for.hpp"
 #include "surface_rounding.hpp"
 

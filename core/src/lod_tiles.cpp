@@ -4,6 +4,7 @@
 #include "distance_statistics.hpp"
 #include "error_estimate.hpp"
 #include "error_frame.hpp"
+#include "gaps.hpp"
 #include "hilbert_order.hpp"
 #include "level_meter.hpp"
 #include "level_rounding.hpp"

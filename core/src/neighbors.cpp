@@ -1,5 +1,6 @@
 #include "stipple/neighbors.hpp"
 
+#include "distance_statistics.hpp"
 #include "first_touch.hpp"
 #include "leaf_query.hpp"
 #include "nearest_lists.hpp"
@@ -110,17 +111,18 @@ double mean_spacing(std::span<const Vec3f> points, const RunContext& context) {
     const PointTree tree(points, PointTree::Leaves::Quick, context);
     const std::size_t step = std::max<std::size_t>(1, tree.leaf_count() / kAsked);
     const std::size_t asked = (tree.leaf_count() + step - 1) / step;
-    std::vector<double> sums(asked);
+    std::vector<float> sums(asked);  // of a leaf's gaps
     parallel_for_blocks(asked, kLeavesPerBlock, context, [&](std::size_t begin, std::size_t end) {
         LeafQuery query(tree, points, 1);
         for (std::size_t i = begin; i < end; ++i) {
             query.run(i * step, [&](std::size_t, const Candidates&, const Chosen& chosen) {
                 const auto nearest =
                     std::min_element(chosen.distance_sq, chosen.distance_sq + chosen.count);
-                sums[i] += std::sqrt(static_cast<double>(*nearest));
+                sums[i] += std::sqrt(*nearest);
             });
         }
     });
+    limit_largest(sums);
     double sum = 0;
     std::size_t count = 0;
     for (std::size_t i = 0; i < asked; ++i) {

@@ -1,5 +1,6 @@
 #include "ply_body.hpp"
 
+#include "box_of_most.hpp"
 #include "georeference.hpp"
 #include "parallel_for.hpp"
 #include "stipple/error.hpp"
@@ -134,6 +135,22 @@ Aabb bounds_of_coordinates(const Rows& rows, const PlyLayout& layout, const RunC
     });
 }
 
+template <bool kSwap>
+Vec3d coordinate(const Rows& rows, const PlyLayout& layout, std::size_t row) {
+    Vec3d p = Vec3d::Zero();
+    const std::byte* from = rows.data + row * rows.stride;
+    for (std::size_t i = 0; i < layout.roles.size(); ++i) {
+        const PlyType type = layout.vertex->properties[i].type;
+        if (layout.roles[i].kind == PlyRole::Position) {
+            p[layout.roles[i].component] = with_type(type, [&]<typename T>() {
+                return static_cast<double>(BinaryCursor<kSwap>::template load<T>(from));
+            });
+        }
+        from += size_of(type);
+    }
+    return p;
+}
+
 /// Whether the column and the two after it are the floats of a vector, side by side in the file as
 /// in memory.
 bool is_plain_vector(std::span<const PlyColumn> columns) {
@@ -183,7 +200,10 @@ PointCloud decode_rows(BinaryCursor<kSwap>& cursor, const PlyLayout& layout,
     cursor.advance(layout.vertex->count * rows.stride);
     std::optional<Vec3d> origin;
     if (layout.wide_coordinates())
-        origin = choose_origin(bounds_of_coordinates<kSwap>(rows, layout, context));
+        origin = choose_origin(
+            bounds_of_coordinates<kSwap>(rows, layout, context),
+            some_of(static_cast<std::size_t>(layout.vertex->count),
+                    [&](std::size_t row) { return coordinate<kSwap>(rows, layout, row); }));
     PlyDestination destination(layout, origin);
     for_blocks_of_rows(destination.rows(), context, [&](std::size_t begin, std::size_t end) {
         std::span<const PlyColumn> columns = destination.columns;

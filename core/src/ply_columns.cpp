@@ -1,5 +1,6 @@
 #include "ply_columns.hpp"
 
+#include "box_of_most.hpp"
 #include "georeference.hpp"
 
 #include <array>
@@ -91,7 +92,8 @@ void PlyDestination::place_coordinates() {
         box.min = box.min.cwiseMin(p);
         box.max = box.max.cwiseMax(p);
     }
-    origin_ = choose_origin(box);
+    origin_ = choose_origin(
+        box, some_of(coordinates_.size(), [&](std::size_t i) { return coordinates_[i]; }));
     for (std::size_t i = 0; i < coordinates_.size(); ++i) {
         cloud_.positions[i] = (coordinates_[i] - *origin_).cast<float>();
     }

@@ -9,6 +9,7 @@
 #include "error_samples.hpp"
 #include "first_touch.hpp"
 #include "foot_finder.hpp"
+#include "gaps.hpp"
 #include "nested_order.hpp"
 #include "parallel_for.hpp"
 #include "point_tree.hpp"
@@ -57,7 +58,7 @@ void check(const PointCloud& cloud, const ProgressiveOptions& options) {
 }
 
 void choose_grid(const PointCloud& cloud, const ProgressiveOptions& options,
-                 ProgressiveLayout& layout) {
+                 ProgressiveLayout& layout, const RunContext& context) {
     Vec3f low = cloud.positions.front(), high = low;
     for (const Vec3f& p : cloud.positions) {
         low = low.cwiseMin(p);
@@ -71,7 +72,12 @@ void choose_grid(const PointCloud& cloud, const ProgressiveOptions& options,
         bits = std::max(1.0, std::ceil(std::log2(side / layout.step + 1)));
         if (bits > kMostGridBits) refuse("precision", *options.precision, "what 24 bits can give");
     } else if (side > 0) {
-        layout.step = side / ((1U << options.position_bits) - 1U);
+        // With longer steps than the spacing the points of one part would fall into one place.
+        const double spacing =
+            median_gap(PointTree(cloud.positions, PointTree::Leaves::Loose, context));
+        const double apart = spacing > 0 ? std::ceil(std::log2(side / spacing + 1)) : 0;
+        bits = std::clamp<double>(apart, options.position_bits, kMostGridBits);
+        layout.step = side / (std::exp2(bits) - 1);
     }
     layout.grid_bits = static_cast<std::uint8_t>(bits);
 }
@@ -290,7 +296,7 @@ std::vector<std::byte> encode_progressive(const PointCloud& cloud,
                                           const RunContext& context) {
     check(cloud, options);
     ProgressiveLayout layout;
-    choose_grid(cloud, options, layout);
+    choose_grid(cloud, options, layout, context);
     layout.normals = !cloud.normals.empty();
     layout.colors = !cloud.colors.empty();
     layout.alpha = layout.colors && cloud.has_alpha;

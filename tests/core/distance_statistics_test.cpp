@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 #include <algorithm>
+#include <numeric>
 #include <random>
 #include <utility>
 #include <vector>
@@ -35,6 +36,43 @@ TEST_P(WeightedQuantiles, AreThoseOfTheSortedValues) {
 }
 
 INSTANTIATE_TEST_SUITE_P(OfFewAndMany, WeightedQuantiles, ::testing::Values(1, 5'000, 20'000));
+
+float total(const std::vector<float>& weights) {
+    return std::accumulate(weights.begin(), weights.end(), 0.0F);
+}
+
+TEST(LimitLargest, LeavesWeightsOfWhichNoneIsMuch) {
+    std::vector<float> weights(10'000, 2.0F);
+    weights[5] = 15.0F;
+    std::vector<float> limited = weights;
+    limit_largest(limited);
+    EXPECT_EQ(limited, weights);
+}
+
+TEST(LimitLargest, LeavesNoneMoreThanAFiftiethOfAll) {
+    std::vector<float> weights(10'000, 1.0F);
+    weights[3] = weights[9'000] = 1e30F;
+    weights[4] = 1'000.0F;
+    limit_largest(weights);
+    EXPECT_EQ(weights[0], 1.0F);
+    EXPECT_NEAR(weights[3] / total(weights), 0.02F, 1e-5F);
+    EXPECT_EQ(weights[3], weights[9'000]);
+    EXPECT_EQ(weights[4], weights[3]);
+}
+
+TEST(LimitLargest, LeavesNoneOfFewMoreThanEightTimesTheMean) {
+    std::vector<float> weights(100, 1.0F);
+    weights[42] = 1e6F;
+    limit_largest(weights);
+    EXPECT_NEAR(weights[42] / total(weights), 0.08F, 1e-5F);
+}
+
+TEST(LimitLargest, LeavesTheOnlyOneThereIs) {
+    std::vector<float> weights(10'000, 0.0F);
+    weights[7] = 3.0F;
+    limit_largest(weights);
+    EXPECT_EQ(weights[7], 3.0F);
+}
 
 }  // namespace
 }  // namespace stipple

@@ -151,6 +151,11 @@ TEST(RadiusNeighbors, RefuseARadiusThatIsNone) {
 TEST(MeanSpacing, IsTheStepOfALattice) {
     EXPECT_DOUBLE_EQ(mean_spacing(lattice(7)), 1.0);
 }
+TEST(MeanSpacing, IsNotThatOfOnePointFarOff) {
+    std::vector<Vec3f> points = lattice(20);
+    points.emplace_back(0, 0, 1e6F);
+    EXPECT_NEAR(mean_spacing(points), 1.0, 0.05);
+}
 TEST(MeanSpacing, IsZeroForASinglePoint) {
     EXPECT_EQ(mean_spacing(test::cube(1).positions), 0.0);
 }

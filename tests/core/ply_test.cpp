@@ -114,32 +114,53 @@ TEST_P(PlyRoundTrip, KeepsAnEmptyCloudAndItsProperties) {
     EXPECT_NE(find_attribute(back, "label"), nullptr);
 }
 
+std::string ply_of_doubles(std::span<const Vec3d> points) {
+    std::string file = "ply\nformat binary_little_endian 1.0\nelement vertex " +
+                       std::to_string(points.size()) +
+                       "\nproperty double x\nproperty double y\nproperty double z\nend_header\n";
+    for (const Vec3d& p : points)
+        for (int axis = 0; axis < 3; ++axis) append(file, p[axis]);
+    return file;
+}
+
+double largest_difference(const PointCloud& cloud, std::span<const Vec3d> points) {
+    double largest = 0;
+    for (std::size_t i = 0; i < points.size(); ++i) {
+        const Vec3d back = cloud.origin + cloud.positions[i].cast<double>();
+        largest = std::max(largest, (back - points[i]).cwiseAbs().maxCoeff());
+    }
+    return largest;
+}
+
 TEST_P(PlyRoundTrip, KeepsGeoreferencedCoordinatesWithinFloatPrecisionOfTheExtent) {
-    std::string body;
     std::mt19937_64 random(7);
     std::uniform_real_distribution<double> east(635'000.0, 637'000.0), north(848'000.0, 850'000.0),
         up(400, 600);
-    std::vector<Vec3d> points;
-    std::string file =
-        "ply\nformat binary_little_endian 1.0\nelement vertex 5000\nproperty double x\nproperty "
-        "double y\n"
-        "property double z\nend_header\n";
-    for (int i = 0; i < 5000; ++i) {
-        points.emplace_back(east(random), north(random), up(random));
-        for (int axis = 0; axis < 3; ++axis) append(file, points.back()[axis]);
-    }
-    const PointCloud first = decode(file);
+    std::vector<Vec3d> points(5'000);
+    for (Vec3d& p : points) p = {east(random), north(random), up(random)};
+    const PointCloud first = decode(ply_of_doubles(points));
     EXPECT_TRUE(first.double_precision);
     const auto once = encode_ply(first, {.encoding = GetParam(), .comments = {}});
     const PointCloud second = decode_cloud(once);
     ASSERT_EQ(second.size(), points.size());
-    const double bound = 2048 * 0x1p-23;
-    for (std::size_t i = 0; i < points.size(); ++i) {
-        const Vec3d back = second.origin + second.positions[i].cast<double>();
-        ASSERT_LE((back - points[i]).cwiseAbs().maxCoeff(), bound) << i;
-    }
+    EXPECT_LE(largest_difference(second, points), 2048 * 0x1p-23);
     EXPECT_EQ(encode_ply(second, {.encoding = GetParam(), .comments = {}}), once)
         << "the second round trip changes bits";
+}
+
+TEST_P(PlyRoundTrip, KeepsThemThoughAPointOfNothingSeenLiesAtZero) {
+    std::mt19937_64 random(7);
+    std::uniform_real_distribution<double> off(0, 2);
+    std::vector<Vec3d> points(2'000);
+    for (Vec3d& p : points) p = Vec3d(635'000, 848'000, 400) + Vec3d(off(random), off(random), 0);
+    points[77].setZero();
+    const PointCloud first = decode(ply_of_doubles(points));
+    const PointCloud second =
+        decode_cloud(encode_ply(first, {.encoding = GetParam(), .comments = {}}));
+    ASSERT_EQ(second.size(), points.size());
+    points[77] = second.origin + second.positions[77].cast<double>();
+    EXPECT_LE(points[77].norm(), 1e6 * 0x1p-23);
+    EXPECT_LE(largest_difference(second, points), 4 * 0x1p-23);
 }
 
 std::string name_of_encoding(const testing::TestParamInfo<PlyEncoding>& encoding) {

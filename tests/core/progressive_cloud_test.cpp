@@ -4,6 +4,7 @@
 #include "range_coder.hpp"
 #include "stipple/cleaning.hpp"
 #include "stipple/error.hpp"
+#include "stipple/neighbors.hpp"
 #include "stipple/surface_error.hpp"
 #include "support/support.hpp"
 
@@ -266,11 +267,19 @@ TEST(ProgressiveCloud, HoldsDegenerateClouds) {
                   one.positions);
 }
 
+TEST(ProgressiveCloud, KeepsPointsApartThoughOneIsFarOff) {
+    PointCloud cloud = test::sphere(2'000);
+    cloud.positions.push_back({0, 0, 20'000});
+    const PointCloud decoded = decode_progressive(encode_progressive(cloud));
+    EXPECT_LT(farthest(decoded, cloud), mean_spacing(cloud.positions));
+}
+
 TEST(ProgressiveCloud, PadsBatchesOfCoincidentPoints) {
-    // On a grid of one bit all points come to lie in eight places.
-    const PointCloud decoded =
-        decode_progressive(encode_progressive(test::cube(2'000), {.position_bits = 1}));
+    PointCloud cloud = test::cube(2'000);
+    for (Vec3f& p : cloud.positions) p = p.array().round();
+    const PointCloud decoded = decode_progressive(encode_progressive(cloud, {.position_bits = 1}));
     EXPECT_EQ(decoded.size(), 2'000U);
+    EXPECT_EQ(farthest(decoded, cloud), 0);
 }
 
 TEST(ProgressiveCloud, PadsBatchesOfManyChannelsThatAreTheSame) {

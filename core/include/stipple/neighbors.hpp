@@ -78,7 +78,8 @@ NeighborLists radius_neighbors(std::span<const Vec3f> points, float radius,
                                const RunContext& context = {});
 
 /// Mean distance to the nearest other point, in input units: of all points, or in a large cloud of
-/// about 16,384 of them spread evenly over it. 0 for fewer than two points.
+/// about 16,384 of them spread evenly over it. A few that lie far off hardly count. 0 for fewer than
+/// two points.
 double mean_spacing(std::span<const Vec3f> points, const RunContext& context = {});
 
 }  // namespace stipple

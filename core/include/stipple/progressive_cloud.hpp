@@ -15,7 +15,8 @@ namespace stipple {
 
 /// How a cloud is written as a progressive stream.
 struct ProgressiveOptions {
-    unsigned position_bits = 14;  ///< 1..24 for each axis of the longest side, at the end
+    unsigned position_bits = 14;  ///< 1..24 for each axis of the longest side, at the end; more
+                                  ///< where steps would else be longer than the spacing
     std::optional<double>
         precision{};  ///< instead of position_bits: the largest error per axis at the end, input
                       ///< units; what takes more than 24 bits is refused
