@@ -134,6 +134,33 @@ TEST(LodTiles, OfACloudWithAPointFarOffTellItsOtherPointsApart) {
     }
 }
 
+TEST(LodTiles, TellTheErrorOfTheSurfaceThoughAPointIsFarOff) {
+    PointCloud cloud = test::sphere(50'000);
+    std::vector<Index> some(5'000);
+    for (std::size_t i = 0; i < some.size(); ++i) some[i] = static_cast<Index>(10 * i);
+    const auto mean_error = [&](const PointCloud& source) {
+        LodTiler tiler(source, {.position_bits = 20});
+        tiler.add_level(subset(source, some), false);
+        return tiler.figures().error.mean;
+    };
+    const double alone = mean_error(cloud);
+    cloud.positions.push_back({0, 0, 1e3F});
+    some.push_back(50'000);
+    EXPECT_NEAR(mean_error(cloud) / alone, 1, 0.2);
+}
+
+TEST(LodTiles, AreRefusedWhereThereWouldBeTooMany) {
+    const PointCloud cloud = test::plane(101'000);
+    LodTiler tiler(cloud, {.max_points = 1, .errors = LodErrors::Rough});
+    try {
+        tiler.add_level(cloud, true);
+        FAIL() << "as many tiles as points";
+    } catch (const Error& error) {
+        EXPECT_EQ(error.code(), ErrorCode::TooLarge);
+        EXPECT_NE(std::string(error.what()).find("max_points 1"), std::string::npos);
+    }
+}
+
 TEST(LodTiles, OfALevelShareOneGrid) {
     const auto tiles = tiles_of(test::sphere(5'000), {.max_points = 1'000});
     for (const LodTile& tile : tiles) {
