@@ -24,6 +24,8 @@ namespace {
 using draco::GeometryAttribute;
 
 constexpr unsigned kMostBits = 30;
+constexpr int kMostCodedBits = 26;  // Draco's table for more would take a gigabyte and above; whole
+                                    // bytes are then hardly longer
 
 [[noreturn]] void refuse(const std::string& what) {
     throw Error(ErrorCode::InvalidArgument, what);
@@ -342,6 +344,8 @@ std::vector<std::byte> encode(Cloud& cloud, const DracoEncodeOptions& options,
         const int bits = encoded.quantization_bits[static_cast<std::size_t>(id)];
         if (bits != 0) encoder.SetAttributeQuantization(id, bits);
     }
+    if (std::ranges::max(encoded.quantization_bits) > kMostCodedBits)
+        encoder.SetUseBuiltInAttributeCompression(false);
     context.checkpoint(0.2);
     draco::EncoderBuffer buffer;
     if (const draco::Status status = encoder.EncodeToBuffer(&buffer); !status.ok()) {

@@ -4,8 +4,10 @@
 
 #include <draco/compression/expert_encode.h>
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <cstring>
 #include <map>
 #include <numeric>
@@ -210,6 +212,22 @@ TEST(Draco, KeepsNormalsWithinTheStepOfTheOctahedron) {
         ASSERT_NEAR(back.normals[i].norm(), 1, 1e-5);
         ASSERT_LT((back.normals[i] - cloud.normals[i]).norm(), 4.0 / 1024) << i;
     }
+}
+
+TEST(Draco, TakesNoMoreMemoryForManyBitsThanForFew) {
+    // Draco's own table of symbols would have 2^31 entries, 8 GB.
+    const auto encode_in_a_gigabyte = [] {
+        const rlimit memory{rlim_t{1} << 30, rlim_t{1} << 30};
+        if (!test::kSanitized) ::setrlimit(RLIMIT_AS, &memory);
+        const PointCloud cloud = test::with_attributes(test::sphere(500));
+        const PointCloud back = round_trip(
+            cloud, {.position_bits = 30, .precision = {}, .normal_bits = 30, .attribute_bits = 30});
+        float largest = 0;
+        for (std::size_t i = 0; i < cloud.size(); ++i)
+            largest = std::max(largest, (back.positions[i] - cloud.positions[i]).norm());
+        std::exit(largest < 1e-6F ? 0 : 1);
+    };
+    EXPECT_EXIT(encode_in_a_gigabyte(), testing::ExitedWithCode(0), "");
 }
 
 TEST(Draco, QuantizesFloatAttributesToTheBitsAskedFor) {
