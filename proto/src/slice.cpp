@@ -15,7 +15,7 @@ namespace stipple::proto {
 namespace {
 
 constexpr std::uint64_t kMostGlbPoints = 65'536;
-constexpr int kMostTries = 8;
+constexpr int kMostTries = 12;
 constexpr double kCloseEnough = 0.98;   // of a budget of bytes
 constexpr std::uint64_t kMostRead = 4;  // points, for each that may be returned
 
@@ -81,6 +81,14 @@ PointCloud points_in(PointCloud&& cloud, const Aabb& box) {
     return inside.size() == cloud.size() ? std::move(cloud) : subset(cloud, inside);
 }
 
+/// Brings positions that a method moved out of the box of others back to its faces.
+void keep_within(PointCloud& cloud, const PointCloud& others) {
+    const Aabb box = bounds(others);
+    const Vec3f low = (box.min - others.origin).cast<float>(),
+                high = (box.max - others.origin).cast<float>();
+    for (Vec3f& p : cloud.positions) p = p.cwiseMax(low).cwiseMin(high);
+}
+
 class Slicer {
 public:
     Slicer(const Results& pyramid, const SliceOptions& options, const FileReader& read,
@@ -89,7 +97,8 @@ public:
           job_(std::get<PyramidJob>(pyramid.request.job)),
           options_(options),
           read_(read),
-          context_(context) {
+          context_(context),
+          cuts_(pyramid.levels.size()) {
         const Aabb& source = pyramid.source.value().bounds;
         center_ = 0.5 * (source.min + source.max);
     }
@@ -201,14 +210,14 @@ private:
     /// The coarsest level with so many points in the box, or the finest.
     std::shared_ptr<const Cut> level_with(std::uint64_t points) {
         const std::size_t finest = pyramid_.levels.size() - 1;
-        for (std::size_t i = cut_ ? cut_->level : 0;; ++i) {
-            if (cut_ && cut_->level == i && cut_->cloud.size() >= points) return cut_;
+        for (std::size_t i = 0;; ++i) {
             if (i < finest && most_points(pyramid_.levels[i]) < points) continue;
-            if (!cut_ || cut_->level != i) cut_ = read_level(i);
-            if (cut_->cloud.size() >= points || i == finest) break;
+            if (!cuts_[i]) cuts_[i] = read_level(i);
+            if (cuts_[i]->cloud.size() < points && i < finest) continue;
+            if (cuts_[i]->cloud.empty())
+                throw Error(ErrorCode::NotFound, "no point lies in the box");
+            return cuts_[i];
         }
-        if (cut_->cloud.empty()) throw Error(ErrorCode::NotFound, "no point lies in the box");
-        return cut_;
     }
 
     // Budgets.
@@ -222,27 +231,29 @@ private:
         return candidate;
     }
 
-    /// Tries counts, each by the bytes a point of the one before, and keeps the largest that fits.
+    /// Tries counts, each by what the two before say of the bytes of a point, and keeps the largest
+    /// that fits.
     Candidate within_bytes(double budget) {
         std::optional<Candidate> best;
-        double points = budget / bytes_a_point(budget), too_many = INFINITY;
+        const double most = static_cast<double>(most_points());
+        double points = budget / bytes_a_point(budget), fits = 0, too_many = most + 1;
+        double points_before = 0, bytes_before = 0;
         Candidate tried;
-        for (int i = 0; i < kMostTries; ++i) {
-            const double most = static_cast<double>(most_points());
-            points = std::floor(std::clamp(points, 1.0, most));
+        for (int i = 0; i < kMostTries && too_many - fits > 1; ++i) {
+            const bool at_last = i + 1 == kMostTries && !best;
+            points = at_last ? 1 : std::clamp(std::floor(points), fits + 1, too_many - 1);
             tried = with_points(static_cast<std::uint64_t>(points));
-            const auto size = static_cast<double>(tried.bytes.size());
+            const auto bytes = static_cast<double>(tried.bytes.size());
             const auto got = static_cast<double>(tried.cloud().size());
-            if (size <= budget) {
-                const bool all = got < points || points == most;
-                if (!best || got > static_cast<double>(best->cloud().size()))
-                    best = std::move(tried);
-                if (all || size >= kCloseEnough * budget) break;
-            } else {
-                too_many = got;
-            }
-            points = std::min(got * (1 + kCloseEnough) / 2 * budget / size, too_many - 1);
-            if (points < 1 || (best && points <= static_cast<double>(best->cloud().size()))) break;
+            const bool all = got < points;
+            (bytes <= budget ? fits : too_many) = points;
+            const double more = (bytes - bytes_before) / (got - points_before);
+            points = got + ((1 + kCloseEnough) / 2 * budget - bytes) /
+                               (std::isfinite(more) && more > 0 ? more : bytes / got);
+            points_before = got, bytes_before = bytes;
+            if (bytes > budget) continue;
+            best = std::move(tried);
+            if (all || bytes >= kCloseEnough * budget) break;
         }
         if (best) return std::move(*best);
         throw Error(ErrorCode::InvalidArgument,
@@ -317,7 +328,9 @@ private:
         std::erase_if(options.reductions, [&](const auto& reduction) {
             return find_attribute(cloud, reduction.first) == nullptr;  // tiles may lack it
         });
-        return simplify(cloud, options, context_);
+        PointCloud result = simplify(cloud, options, context_);
+        if (options_.box) keep_within(result, cloud);
+        return result;
     }
 
     Slice sliced(Candidate&& candidate) const {
@@ -356,7 +369,9 @@ private:
     /// All of a cloud as one tile, in steps so long that it is not cut.
     LodTile tile_of(const PointCloud& cloud) const {
         const auto tiles_of = [&](std::optional<double> precision) {
-            LodTiler tiler(cloud, {.precision = precision, .attributes = true}, context_);
+            LodTiler tiler(cloud,
+                           {.precision = precision, .attributes = true, .errors = LodErrors::Rough},
+                           context_);
             std::vector<LodTile> tiles = tiler.add_level(cloud, true, context_);
             tiles.at(0).offset += tiler.center();
             return tiles;
@@ -395,7 +410,7 @@ private:
     const FileReader& read_;
     const RunContext& context_;
     Vec3d center_;
-    std::shared_ptr<const Cut> cut_;  ///< of the last count
+    std::vector<std::shared_ptr<const Cut>> cuts_;  ///< of the levels that were read
 };
 
 }  // namespace

@@ -152,6 +152,16 @@ TEST(Slice, ReadsOnlyTilesThatMeetTheBox) {
     EXPECT_LT(both().bytes_read, all / 2);
 }
 
+TEST(Slice, StaysInTheBoxWhereTheMethodMovesPoints) {
+    Pyramid pyramid(source(), {200, 8000}, {CloudFormat::Ply});
+    std::get<PyramidJob>(pyramid.results.request.job).options.method = Method::Iterative;
+    for (const std::uint64_t points : {3U, 30U, 300U}) {
+        const Slice slice = pyramid.slice({.points = points, .box = kEighth});
+        EXPECT_EQ(slice.points, points);
+        EXPECT_GE(bounds(cloud_of(slice)).min.minCoeff(), 0);
+    }
+}
+
 TEST(Slice, HasAllPointsOfTheBoxWhenThereAreFewer) {
     std::size_t inside = 0;
     for (const Vec3f& p : source().positions) inside += p.minCoeff() >= 0;
@@ -200,6 +210,23 @@ TEST(Slice, FillsItsBytes) {
         EXPECT_EQ(all.points, 8000U);
     }
     EXPECT_EQ(refusal(both(), {.bytes = 20}), ErrorCode::InvalidArgument);
+}
+
+TEST(Slice, FillsFewBytesOfWhichTheHeaderTakesMost) {
+    for (const CloudFormat format : {CloudFormat::Ply, CloudFormat::Draco, CloudFormat::Glb}) {
+        const std::uint64_t one = both().slice({.points = 1, .format = format}).bytes.size();
+        EXPECT_EQ(refusal(both(), {.bytes = one - 1, .format = format}),
+                  ErrorCode::InvalidArgument);
+        for (const std::uint64_t more : {0U, 1U, 60U, 300U}) {
+            const Slice slice = both().slice({.bytes = one + more, .format = format});
+            EXPECT_LE(slice.bytes.size(), one + more);
+            if (slice.points < 8'000) {
+                EXPECT_GT(both().slice({.points = slice.points + 2, .format = format}).bytes.size(),
+                          0.98 * static_cast<double>(one + more))
+                    << to_string(format) << ' ' << more;
+            }
+        }
+    }
 }
 
 TEST(Slice, IsOneTileInTheCoordinatesOfTheFileAsGlb) {
