@@ -204,6 +204,21 @@ TEST(Stippled, AnswersConditionsAndRangesOnImmutableBytes) {
     const HttpReply head = request(server.port(), "HEAD", target);
     EXPECT_EQ(head.status, 200);
     EXPECT_EQ(head.field("Content-Length"), std::to_string(bytes.size()));
+    EXPECT_EQ(request(server.port(), "HEAD", target, {}, {"Range: bytes=0-9"}).status, 200);
+}
+
+TEST(Stippled, ServesAResultUnderItsOwnExtensionAlone) {
+    const StippledProcess server;
+    const HttpReply made =
+        request(server.port(), "POST", "/v1/simplify?points=30&wait=60", as_ply(sphere(300)));
+    ASSERT_EQ(made.status, 200) << made.body;
+    // Link: </v1/jobs/ID>; rel="via"
+    const std::string link = made.field("Link"), tag = made.field("ETag");
+    const std::string file =
+        link.substr(1, link.find('>') - 1) + "/results/" + tag.substr(1, tag.size() - 2);
+    EXPECT_EQ(request(server.port(), "GET", file + ".ply").body, made.body);
+    for (const char* const other : {"", ".", ".drc", ".png", ".ply.gz", ".copc.laz"})
+        EXPECT_EQ(problem_of(request(server.port(), "GET", file + other)), "not-found") << other;
 }
 
 TEST(Stippled, StreamsEventsToTheFinalStatusAndResumesWhereAStreamWasCut) {
@@ -221,6 +236,10 @@ TEST(Stippled, StreamsEventsToTheFinalStatusAndResumesWhereAStreamWasCut) {
     EXPECT_EQ(rest.body.find("\nid: 2\n"), std::string::npos);
     EXPECT_NE(rest.body.find("\nid: 3\n"), std::string::npos) << rest.body;
     EXPECT_EQ(request(server.port(), "GET", "/v1/jobs/" + id + "/events?after=100000").status, 200);
+    EXPECT_EQ(request(server.port(), "GET", "/v1/jobs/" + id + "/events", {},
+                      {"Last-Event-ID: 9223372036854775808"})
+                  .status,
+              400);
     EXPECT_EQ(problem_of(request(server.port(), "GET", "/v1/jobs/nowhere/events")), "not-found");
 }
 
@@ -261,6 +280,14 @@ TEST(Stippled, SimplifiesInOneCall) {
                                     {"Accept: model/vnd.google.draco"});
     ASSERT_EQ(draco.status, 200) << draco.body;
     EXPECT_EQ(draco.body.substr(0, 5), "DRACO");
+    const auto begin_of = [&](const char* query, const char* accept) {
+        return request(server.port(), "POST", std::string("/v1/simplify?wait=60&points=30") + query,
+                       bytes, {std::string("Accept: ") + accept})
+            .body.substr(0, 4);
+    };
+    EXPECT_EQ(begin_of("", "model/ply;q=0.5, model/vnd.google.draco, */*;q=0.1"), "DRAC");
+    EXPECT_EQ(begin_of("", "model/vnd.google.draco;q=0, model/*"), "ply\n");
+    EXPECT_EQ(begin_of("&format=drc", "text/html"), "DRAC");
 
     const HttpReply later = request(server.port(), "POST", "/v1/simplify?points=300&wait=0", bytes);
     EXPECT_EQ(later.status, 201) << later.body;

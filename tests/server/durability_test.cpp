@@ -130,7 +130,7 @@ TEST(Durability, KeepsWhatWasAcknowledgedWhenTheServiceIsKilledAtAnyMoment) {
     }
     for (const std::string& id : acknowledged.levels) {
         const std::string file = service.results("ada", id).levels.at(0).files.at(0).sha256;
-        EXPECT_TRUE(service.outputs().file("ada", id, file, {}).size() > 0) << id;
+        EXPECT_TRUE(service.outputs().file("ada", id, file + ".ply", {}).size() > 0) << id;
     }
     for (const std::string& id : acknowledged.successes) {
         EXPECT_EQ(service.job("ada", id).status, proto::JobStatus::Successful) << id;

@@ -116,6 +116,7 @@ protected:
         jobs_->submit("ada", pyramid_request(put_cloud(*jobs_, "ada", "cloud")), {}, {}, job);
         const Lease lease = jobs_->claim({}, 60s).value();
         file_ = put_blob(*blobs_, bytes);
+        name_ = file_ + "." + std::string(to_string(format));
         proto::OutputCloud level = level_with(0, file_);
         level.files[0].format = format;
         level.files[0].bytes = bytes.size();
@@ -129,11 +130,11 @@ protected:
     /// The file once it comes with this tag; as it last came when that takes too long.
     StoredFile file_tagged(const std::string& job, const std::string& tag) {
         for (int i = 0; i < 1000; ++i) {
-            const StoredFile file = outputs_.file("ada", job, file_, kBrotliFirst);
+            const StoredFile file = outputs_.file("ada", job, name_, kBrotliFirst);
             if (file.tag == tag) return file;
             std::this_thread::sleep_for(10ms);
         }
-        return outputs_.file("ada", job, file_, kBrotliFirst);
+        return outputs_.file("ada", job, name_, kBrotliFirst);
     }
 
     static std::string plain(const StoredFile& file) {
@@ -145,13 +146,13 @@ protected:
     std::unique_ptr<BlobStore> blobs_ = open_file_blob_store(folder_ / "blobs");
     std::unique_ptr<JobStore> jobs_ = open_sqlite_job_store(folder_ / "jobs.sqlite");
     Outputs outputs_{*jobs_, *blobs_};
-    std::string file_;
+    std::string file_, name_;  ///< its hash, and that with the extension
 };
 
 TEST_F(OutputsTest, PacksATileInTheBackgroundBestAtLast) {
     const std::string text = verse(2000);
     const std::string job = pyramid_with(text);
-    const StoredFile first = outputs_.file("ada", job, file_, kBrotliFirst);
+    const StoredFile first = outputs_.file("ada", job, name_, kBrotliFirst);
     EXPECT_EQ(plain(first), text);
     EXPECT_TRUE(first.negotiated);
 
@@ -161,10 +162,10 @@ TEST_F(OutputsTest, PacksATileInTheBackgroundBestAtLast) {
     EXPECT_EQ(plain(best), text);
     EXPECT_FALSE(blobs_->copy(file_, kQuickBrotli.name));
 
-    const StoredFile gzipped = outputs_.file("ada", job, file_, kGzipFirst);
+    const StoredFile gzipped = outputs_.file("ada", job, name_, kGzipFirst);
     EXPECT_EQ(gzipped.tag, file_ + "-gz6");
     EXPECT_EQ(plain(gzipped), text);
-    const StoredFile identity = outputs_.file("ada", job, file_, {});
+    const StoredFile identity = outputs_.file("ada", job, name_, {});
     EXPECT_EQ(identity.tag, file_);
     EXPECT_EQ(plain(identity), text);
 }
@@ -179,27 +180,27 @@ TEST_F(OutputsTest, PacksWhatWasAnnouncedBeforeAnyoneAsks) {
 
 TEST_F(OutputsTest, SendsPlainWhatDoesNotPackAndNeverTriesAgain) {
     const std::string job = pyramid_with(noise(20'000));
-    EXPECT_EQ(outputs_.file("ada", job, file_, kBrotliFirst).tag, file_);
+    EXPECT_EQ(outputs_.file("ada", job, name_, kBrotliFirst).tag, file_);
     for (int i = 0; i < 1000 && !blobs_->copy(file_, kBestBrotli.name); ++i)
         std::this_thread::sleep_for(10ms);
     ASSERT_TRUE(blobs_->copy(file_, kBestBrotli.name));
     EXPECT_TRUE(blobs_->copy(file_, kBestBrotli.name)->empty());
-    EXPECT_EQ(outputs_.file("ada", job, file_, kBrotliFirst).tag, file_);
+    EXPECT_EQ(outputs_.file("ada", job, name_, kBrotliFirst).tag, file_);
 }
 
 TEST_F(OutputsTest, NeverPacksDraco) {
     const std::string job = pyramid_with(verse(1000), CloudFormat::Draco);
-    const StoredFile file = outputs_.file("ada", job, file_, kBrotliFirst);
+    const StoredFile file = outputs_.file("ada", job, name_, kBrotliFirst);
     EXPECT_FALSE(file.negotiated);
     EXPECT_EQ(file.coding, Coding::Identity);
 }
 
 TEST_F(OutputsTest, ServesNothingOfAJobThatWasRemoved) {
     const std::string job = pyramid_with("tile");
-    EXPECT_EQ(plain(outputs_.file("ada", job, file_, {})), "tile");
-    expect_error(ErrorCode::NotFound, "no such job", [&] { outputs_.file("bob", job, file_, {}); });
+    EXPECT_EQ(plain(outputs_.file("ada", job, name_, {})), "tile");
+    expect_error(ErrorCode::NotFound, "no such job", [&] { outputs_.file("bob", job, name_, {}); });
     jobs_->dismiss("ada", job);
-    expect_error(ErrorCode::NotFound, "no such job", [&] { outputs_.file("ada", job, file_, {}); });
+    expect_error(ErrorCode::NotFound, "no such job", [&] { outputs_.file("ada", job, name_, {}); });
     EXPECT_EQ(outputs_.results("ada", job), nullptr);
 }
 

@@ -145,7 +145,7 @@ TEST_F(ServiceTest, ServesResultsWhileTheJobRuns) {
     EXPECT_FALSE(results.complete);
     EXPECT_EQ(results.levels.at(0).files.at(0).href,
               "/v1/pyramids/" + job.id + "/" + file + ".ply");
-    EXPECT_EQ(service_.outputs().file("ada", job.id, file, {}).size(), 5U);
+    EXPECT_EQ(service_.outputs().file("ada", job.id, file + ".ply", {}).size(), 5U);
     jobs_->succeed(lease, {});
     EXPECT_TRUE(service_.results("ada", job.id).complete);
 }
@@ -154,7 +154,7 @@ TEST_F(ServiceTest, ServesNoBlobThatTheJobDoesNotList) {
     const JobDocument job = submit_simplify();
     jobs_->publish_level(claim(), level_with(0, put_blob(*blobs_, "level")));
     expect_error(ErrorCode::NotFound, "no such result", [&] {
-        service_.outputs().file("ada", job.id, put_blob(*blobs_, "of another"), {});
+        service_.outputs().file("ada", job.id, put_blob(*blobs_, "of another") + ".ply", {});
     });
 }
 

@@ -27,23 +27,20 @@ std::optional<std::uint64_t> parse_number(std::string_view text) {
 /// What identity is worth beside codings that are named.
 constexpr double kLeastQuality = 0.0005;
 
-/// The `q` of an item of a list, 1 where none is given; nothing when the list has no such item.
+/// The quality of a name in a list; nothing when the list does not have it.
 std::optional<double> quality_of(std::string_view list, std::string_view name) {
     while (!list.empty()) {
         const auto comma = list.find(',');
-        const std::string_view item = list.substr(0, comma);
+        const ListItem item = list_item(list.substr(0, comma));
+        if (equal_ignoring_case(item.name, name)) return item.quality;
         list = comma == list.npos ? std::string_view() : list.substr(comma + 1);
-        const auto semicolon = std::min(item.find(';'), item.size());
-        if (!equal_ignoring_case(trimmed(item.substr(0, semicolon)), name)) continue;
-        std::string_view weight = trimmed(item.substr(std::min(semicolon + 1, item.size())));
-        if (!equal_ignoring_case(weight.substr(0, 2), "q=")) return 1;
-        weight.remove_prefix(2);
-        double quality = 0;
-        const auto [end, error] =
-            std::from_chars(weight.data(), weight.data() + weight.size(), quality);
-        return error == std::errc() && quality >= 0 && quality <= 1 ? quality : 0;
     }
     return std::nullopt;
+}
+
+/// Of a HEAD a range says nothing.
+bool wants_range(const Request& request) {
+    return request.method == "GET" && request.headers.find("Range");
 }
 
 Reply not_modified(Reply reply) {
@@ -53,6 +50,19 @@ Reply not_modified(Reply reply) {
 }
 
 }  // namespace
+
+ListItem list_item(std::string_view text) {
+    const auto semicolon = std::min(text.find(';'), text.size());
+    ListItem item{trimmed(text.substr(0, semicolon)), 1};
+    std::string_view weight = trimmed(text.substr(std::min(semicolon + 1, text.size())));
+    if (!equal_ignoring_case(weight.substr(0, 2), "q=")) return item;
+    weight.remove_prefix(2);
+    double quality = 0;
+    const auto [end, error] =
+        std::from_chars(weight.data(), weight.data() + weight.size(), quality);
+    item.quality = error == std::errc() && quality >= 0 && quality <= 1 ? quality : 0;
+    return item;
+}
 
 std::optional<ByteRange> parse_range(std::string_view field, std::uint64_t size) {
     constexpr std::string_view kUnit = "bytes=";
@@ -119,7 +129,7 @@ std::vector<Coding> accepted_codings(const Request& request) {
 }
 
 std::vector<Coding> accepted_file_codings(const Request& request) {
-    if (request.headers.find("Range")) return {Coding::Identity};
+    if (wants_range(request)) return {Coding::Identity};
     return accepted_codings(request);
 }
 
@@ -145,7 +155,7 @@ Reply file_reply(const Request& request, StoredFile file, std::string_view media
 
     const auto field = request.headers.find("Range");
     const auto only_if = request.headers.find("If-Range");
-    if (!field || (only_if && *only_if != '"' + file.tag + '"')) return reply;
+    if (!wants_range(request) || (only_if && *only_if != '"' + file.tag + '"')) return reply;
     if (const auto range = parse_range(*field, size)) {
         reply.status = 206;
         reply.headers.set("Content-Range", "bytes " + std::to_string(range->offset) + "-" +

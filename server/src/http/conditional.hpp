@@ -19,6 +19,14 @@ struct ByteRange {
 };
 std::optional<ByteRange> parse_range(std::string_view field, std::uint64_t size);
 
+/// An item of a list like `Accept`: what it names, and its `q`, 1 where none is given, 0 for one
+/// that is no number of 0..1.
+struct ListItem {
+    std::string_view name;
+    double quality = 1;
+};
+ListItem list_item(std::string_view text);
+
 /// Whether `If-None-Match` names this tag (in quotes).
 bool none_match_names(std::string_view field, std::string_view etag);
 

@@ -7,7 +7,6 @@
 #include "stipple/proto/digest.hpp"
 
 #include <algorithm>
-#include <array>
 #include <charconv>
 
 namespace stipple::server::http {
@@ -41,13 +40,18 @@ Reply job_reply(int status, const proto::JobDocument& job) {
 std::uint64_t first_wanted(const Request& request) {
     const auto resumed = request.headers.find("Last-Event-ID");
     if (!resumed) return query_count(request, "after", 0, INT64_MAX).value_or(0);
-    std::uint64_t id = 0;
+    std::int64_t id = 0;
     const auto [end, error] =
         std::from_chars(resumed->data(), resumed->data() + resumed->size(), id);
-    if (error != std::errc() || end != resumed->data() + resumed->size()) {
+    if (error != std::errc() || end != resumed->data() + resumed->size() || id < 0)
         throw HttpError(400, "Last-Event-ID is not the id of an event");
-    }
-    return id;
+    return static_cast<std::uint64_t>(id);
+}
+
+std::string_view media_type_of(std::string_view file_name) {
+    const std::string_view extension = file_name.substr(file_name.find('.') + 1);
+    return extension == kPictureExtension ? "image/png"
+                                          : media_type(cloud_format_from_name(extension));
 }
 
 }  // namespace
@@ -71,24 +75,11 @@ proto::JobDocument wait_for_job(Resources& resources, const Request& request, co
 
 Reply output_reply(Resources& resources, const Request& request, const std::string& job_id,
                    const std::string& file_name) {
-    const auto dot = file_name.find('.');
-    const std::string sha256 = file_name.substr(0, dot);
-    const std::string_view extension =
-        std::string_view(file_name).substr(std::min(dot, file_name.size()));
-    const bool is_picture = extension == ".png";
-    constexpr std::array<std::string_view, 6> kExtensions = {".ply",  ".drc",      ".glb",
-                                                             ".stpc", ".copc.laz", ".png"};
-    if (!proto::is_sha256(sha256) ||
-        std::ranges::find(kExtensions, extension) == kExtensions.end()) {
-        throw HttpError(404, "no such file: the manifest names those there are");
-    }
     auto permit = resources.downloads.take();
-    Reply reply = file_reply(
-        request,
-        resources.service.outputs().file(request.tenant, job_id, sha256,
-                                         accepted_file_codings(request)),
-        is_picture ? "image/png" : media_type(cloud_format_from_name(extension.substr(1))),
-        immutable(resources.with_keys));
+    StoredFile file = resources.service.outputs().file(request.tenant, job_id, file_name,
+                                                       accepted_file_codings(request));
+    Reply reply = file_reply(request, std::move(file), media_type_of(file_name),
+                             immutable(resources.with_keys));
     reply.permit = std::move(permit);
     return reply;
 }
@@ -138,6 +129,8 @@ Reply list_jobs(Resources& resources, Request& request) {
         throw HttpError(400,
                         "type: expected simplify, pyramid, upsample, analyze, curve or evaluate");
     }
+    if (filter.input && !proto::is_sha256(*filter.input))
+        throw HttpError(400, "input: expected the id of a cloud, 64 hexadecimal digits");
     if (filter.status) (void)proto::job_status_from_name(*filter.status);
     std::optional<std::string> next;
     std::vector<std::string> items;

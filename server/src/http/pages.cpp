@@ -32,8 +32,10 @@ Reply embedded(const Request& request, const openapi::File& file) {
 }
 
 bool takes_brotli(const Request& request) {
+    // Of those that there are: gzip is not among them.
     const auto codings = accepted_codings(request);
-    return !codings.empty() && codings.front() == Coding::Brotli;
+    const auto first = std::ranges::find_if(codings, [](Coding c) { return c != Coding::Gzip; });
+    return first != codings.end() && *first == Coding::Brotli;
 }
 
 const viewer::File* find_file(std::string_view path) {

@@ -1,3 +1,4 @@
+#include "http/conditional.hpp"
 #include "http/query.hpp"
 #include "http/routes.hpp"
 #include "http/upload.hpp"
@@ -12,6 +13,7 @@ namespace stipple::server::http {
 namespace {
 
 using namespace std::chrono_literals;
+using namespace std::string_view_literals;
 using Json = nlohmann::json;
 
 constexpr auto kDefaultWait = 20s;
@@ -56,23 +58,27 @@ void copy_fields(const Request& request, std::span<const Field> fields, Json& ou
     }
 }
 
-/// The format that `Accept` names first; PLY when it takes anything.
+/// The format that `Accept` wants most, of equals the first; PLY when it takes anything.
 CloudFormat accepted_format(const Request& request) {
     std::string_view accept = request.headers.find("Accept").value_or("*/*");
+    std::optional<CloudFormat> wanted;
+    double most = 0;
     while (!accept.empty()) {
         const auto comma = accept.find(',');
-        const std::string_view item = accept.substr(0, comma);
-        const std::string_view type = trimmed(item.substr(0, item.find(';')));
-        for (const CloudFormat format : {CloudFormat::Ply, CloudFormat::Draco}) {
-            if (equal_ignoring_case(type, media_type(format))) return format;
-        }
-        if (type == "*/*" || equal_ignoring_case(type, "model/*") ||
-            equal_ignoring_case(type, "application/octet-stream")) {
-            return CloudFormat::Ply;
-        }
+        const ListItem item = list_item(accept.substr(0, comma));
         accept = comma == accept.npos ? std::string_view() : accept.substr(comma + 1);
+        std::optional<CloudFormat> named;
+        for (const std::string_view type :
+             {"*/*"sv, "model/*"sv, "application/*"sv, "application/octet-stream"sv})
+            if (equal_ignoring_case(item.name, type)) named = CloudFormat::Ply;
+        for (const CloudFormat format : {CloudFormat::Ply, CloudFormat::Draco})
+            if (equal_ignoring_case(item.name, media_type(format))) named = format;
+        if (!named || item.quality <= most) continue;
+        wanted = named;
+        most = item.quality;
     }
-    throw HttpError(406, "Accept names neither model/ply nor model/vnd.google.draco");
+    if (!wanted) throw HttpError(406, "Accept names neither model/ply nor model/vnd.google.draco");
+    return *wanted;
 }
 
 std::vector<std::string_view> query_names() {
@@ -87,8 +93,8 @@ proto::JobRequest read_query(const Request& request) {
     allow_query(request, query_names());
     Json json = {{"type", "simplify"}, {"input", std::string(64, '0')}};
     copy_fields(request, kJobFields, json);
-    json["format"] =
-        request.query_value("format").value_or(std::string(to_string(accepted_format(request))));
+    const auto format = request.query_value("format");
+    json["format"] = format ? *format : std::string(to_string(accepted_format(request)));
     Json draco = Json::object();
     copy_fields(request, kDracoFields, draco);
     if (!draco.empty()) json["draco"] = std::move(draco);
@@ -100,7 +106,8 @@ Reply result_reply(Resources& resources, const Request& request, const proto::Jo
     const proto::OutputCloud& cloud = results.levels.at(0);
     const proto::OutputFile& file = cloud.files.at(0);
     auto permit = resources.downloads.take();
-    StoredFile stored = resources.service.outputs().file(request.tenant, job.id, file.sha256, {});
+    StoredFile stored = resources.service.outputs().file(
+        request.tenant, job.id, file.sha256 + "." + std::string(to_string(file.format)), {});
     const std::uint64_t size = stored.size();
     Reply reply{.status = 200,
                 .headers = {},

@@ -53,7 +53,7 @@ void fill_links(proto::OutputCloud& level, const std::string& job_id, bool pyram
     for (proto::OutputFile& file : level.files)
         file.href = folder + file.sha256 + "." + std::string(to_string(file.format));
     for (proto::PictureFile& picture : level.pictures)
-        picture.href = folder + picture.sha256 + ".png";
+        picture.href = folder + picture.sha256 + "." + std::string(kPictureExtension);
 }
 
 std::uint64_t StoredFile::size() const noexcept {
@@ -63,6 +63,7 @@ std::uint64_t StoredFile::size() const noexcept {
 
 struct Outputs::Job {
     struct Listed {
+        std::string_view extension;
         std::uint64_t bytes = 0;
         bool packs = false;
     };
@@ -77,9 +78,10 @@ struct Outputs::Job {
         for (proto::OutputCloud& level : results.levels) {
             fill_links(level, id, is_pyramid(results));
             for (const proto::OutputFile& file : level.files)
-                files.emplace(file.sha256, Listed{file.bytes, packs(file.format)});
+                files.emplace(file.sha256,
+                              Listed{to_string(file.format), file.bytes, packs(file.format)});
             for (const proto::PictureFile& picture : level.pictures)
-                files.emplace(picture.sha256, Listed{picture.bytes, false});
+                files.emplace(picture.sha256, Listed{kPictureExtension, picture.bytes, false});
         }
     }
 };
@@ -145,11 +147,15 @@ std::shared_ptr<const Outputs::Job> Outputs::remembered(const std::string& key,
 }
 
 StoredFile Outputs::file(const std::string& tenant, const std::string& job_id,
-                         const std::string& sha256, std::span<const Coding> accepted) {
+                         const std::string& name, std::span<const Coding> accepted) {
     const auto job = find(tenant, job_id);
     if (!job) throw no_such("job: " + job_id);
+    const auto dot = std::min(name.find('.'), name.size());
+    const std::string sha256 = name.substr(0, dot);
     const auto listed = job->files.find(sha256);
-    if (listed == job->files.end()) throw no_such("result: " + job_id + "/" + sha256);
+    if (listed == job->files.end() ||
+        name.substr(dot) != "." + std::string(listed->second.extension))
+        throw no_such("result: " + job_id + "/" + name);
     const bool negotiated = listed->second.packs && listed->second.bytes <= kMaxPackedSource;
     for (const Coding coding : accepted) {
         if (!negotiated || coding == Coding::Identity) break;

@@ -17,6 +17,8 @@
 
 namespace stipple::server {
 
+inline constexpr std::string_view kPictureExtension = "png";
+
 /// Fills in where the files of a level are served.
 void fill_links(proto::OutputCloud& level, const std::string& job_id, bool pyramid);
 
@@ -41,9 +43,10 @@ public:
     std::shared_ptr<const proto::Results> results(const std::string& tenant, const std::string& id);
 
     /// A file that a job lists, in the first coding of `accepted` that it has. Where it has none of
-    /// them, and while its packed copies are still made, plain. @throws Error(NotFound) when the
-    /// job does not list it.
-    StoredFile file(const std::string& tenant, const std::string& job_id, const std::string& sha256,
+    /// them, and while its packed copies are still made, plain.
+    /// @param name  its hash and the extension of its format. @throws Error(NotFound) when the job
+    /// does not list it.
+    StoredFile file(const std::string& tenant, const std::string& job_id, const std::string& name,
                     std::span<const Coding> accepted);
 
     /// `manifest.json`, `tileset.json` or another file of the tileset of a pyramid.
