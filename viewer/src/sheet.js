@@ -2,7 +2,7 @@ import { byId } from './element.js';
 
 const kSwipe = 16;
 
-export const isPhone = () => matchMedia('(max-width: 760px), (max-height: 480px)').matches;
+export const isPhone = () => matchMedia('(max-width: 840px), (max-height: 480px)').matches;
 
 /** On a phone: the lists, which are pulled up from below by a grip that is tapped or swiped. */
 export class Sheet {
