@@ -204,6 +204,7 @@ function compareWith(choice) {
     const [kind, value] = choice.split(':');
     other?.close();
     other = null;
+    painted = [];
     beside = kind === 'level' ? Number(value) : null;
     if (kind === 'result') {
         other = new ResultSession(library.jobs.find(({ id }) => id === value), stage.panes[1], {

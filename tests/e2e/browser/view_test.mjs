@@ -132,6 +132,13 @@ await run({
         await page.keyboard.press('c');
         await page.locator('#right-label').getByText('B').waitFor();
         const own = await rightOf();
+        await page.locator('#compare-with').evaluate((select, to) => {
+            for (const value of [to, select.value]) {  // there and back, before the other result is there
+                select.value = value;
+                select.dispatchEvent(new Event('change'));
+            }
+        }, `result:${torusPyramid}`);
+        assert.equal(differenceOf(own, await rightOf()), 0);
         await page.keyboard.press('l');
         await page.locator('#color').selectOption('y');
         await page.locator('#legend-name').getByText('Position, y').waitFor();
