@@ -25,7 +25,7 @@ namespace {
 
 constexpr std::uint32_t kMostPoints = 65'536;  // a tile is sorted without a look at the stop token
 constexpr std::size_t kBlock = 8'192;
-constexpr std::uint64_t kMostTiles = 100'000;  // whose manifest has 50 MB
+constexpr std::uint64_t kMostTiles = 30'000;  // whose manifest has 15 MB
 
 template <typename T>
 [[noreturn]] void refuse(const char* name, T value, const char* expected) {

@@ -150,7 +150,7 @@ TEST(LodTiles, TellTheErrorOfTheSurfaceThoughAPointIsFarOff) {
 }
 
 TEST(LodTiles, AreRefusedWhereThereWouldBeTooMany) {
-    const PointCloud cloud = test::plane(101'000);
+    const PointCloud cloud = test::plane(31'000);
     LodTiler tiler(cloud, {.max_points = 1, .errors = LodErrors::Rough});
     try {
         tiler.add_level(cloud, true);

@@ -34,7 +34,8 @@ struct LodTileOptions {
         0.16;  ///< a level takes the fewest bits by which its mean error grows by no more than this
                ///< part, with steps of at most half its spacing; >= 0. A bit less saves a fifth of
                ///< the bytes: more than it takes to make up for such an error by more points
-    std::uint32_t max_points = 65'536;  ///< of a tile, 1..65,536; a level with more is cut
+    std::uint32_t max_points = 65'536;  ///< of a tile, 1..65,536; a level with more is cut;
+                                        ///< a pyramid has at most 30,000 tiles
     bool attributes = false;            ///< scalar attributes too, beside normals and colours
     LodErrors errors = LodErrors::Sure;
     bool additive = false;  ///< a tile has only the points that no coarser level has: a level is
@@ -145,7 +146,8 @@ public:
     /// @param order  of its points along a curve, where it is known (`LodLevel::order`); empty: it
     /// is found.
     /// @throws Error(InvalidArgument) for a cloud without points, for one that has no more than the
-    /// level before where tiles are additive, and for an order of another number of points.
+    /// level before where tiles are additive, and for an order of another number of points;
+    /// Error(TooLarge) where the tiles become more than a pyramid has.
     std::vector<LodTile> add_level(const PointCloud& cloud, bool whole,
                                    const RunContext& context = {},
                                    std::span<const Index> order = {});

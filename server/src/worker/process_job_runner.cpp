@@ -31,8 +31,8 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using Outcome = JobRunner::Outcome;
 
-constexpr std::size_t kMaxLineBytes = 64 << 20;  // a level of as many tiles as a pyramid may have
-constexpr std::size_t kMaxOutputBytes = 128 << 20;
+constexpr std::size_t kMaxLineBytes = 16 << 20;  // a level of as many tiles as a pyramid may have
+constexpr std::size_t kMaxOutputBytes = 64 << 20;
 constexpr std::chrono::milliseconds kGrace{50};  // between SIGTERM and SIGKILL
 constexpr int kSpecDescriptor = 3;
 constexpr const char* kSpecPath = "/proc/self/fd/3";
