@@ -23,18 +23,6 @@ constexpr std::array kReductions = {
     Named<Reduction>{Reduction::Mode, "mode"},
 };
 
-/// Written so that it reads back as the same number.
-std::string percent_text(double part) {
-    for (int digits = 1; digits < 20; ++digits) {
-        std::ostringstream text;
-        text << std::setprecision(digits) << 100 * part << '%';
-        if (part_of_diagonal(text.str()) == part) return text.str();
-    }
-    std::ostringstream text;
-    text << std::setprecision(20) << 100 * part << '%';
-    return text.str();
-}
-
 void take_bounds(JsonObject& object, auto& options) {
     take(object, "max_cluster_size", options.max_cluster_size);
     take(object, "max_variation", options.max_variation);
@@ -225,6 +213,17 @@ void take_max_error(JsonObject& object, SimplifyOptions& options) {
 void add_max_error(Json& json, const SimplifyOptions& options) {
     add(json, "max_error", options.max_error);
     if (options.max_error_rel) json["max_error"] = percent_text(*options.max_error_rel);
+}
+
+std::string percent_text(double part) {
+    for (int digits = 1; digits < 20; ++digits) {
+        std::ostringstream text;
+        text << std::setprecision(digits) << 100 * part << '%';
+        if (part_of_diagonal(text.str()) == part) return text.str();
+    }
+    std::ostringstream text;
+    text << std::setprecision(20) << 100 * part << '%';
+    return text.str();
 }
 
 double part_of_diagonal(std::string_view text) {

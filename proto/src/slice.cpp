@@ -106,7 +106,10 @@ public:
     Slice run() {
         if (options_.points) return sliced(with_points(*options_.points));
         if (options_.bytes) return sliced(within_bytes(static_cast<double>(*options_.bytes)));
-        return sliced(within_error(*options_.max_error));
+        return sliced(within_error(options_.max_error
+                                       ? *options_.max_error
+                                       : *options_.max_error_rel *
+                                             pyramid_.source.value().bounds.diagonal()));
     }
 
 private:
@@ -420,14 +423,15 @@ void validate(const SliceOptions& options) {
         throw Error(ErrorCode::InvalidArgument, what);
     };
     if (int{options.points.has_value()} + options.bytes.has_value() +
-            options.max_error.has_value() !=
+            options.max_error.has_value() + options.max_error_rel.has_value() !=
         1) {
         refuse("expected exactly one of points, bytes and max_error");
     }
     if (options.points == 0) refuse("points 0: expected at least 1");
     if (options.bytes == 0) refuse("bytes 0: expected at least 1");
-    if (options.max_error && !(*options.max_error > 0 && std::isfinite(*options.max_error)))
-        refuse("max_error " + number(*options.max_error) + ": expected a length above 0");
+    for (const auto& bound : {options.max_error, options.max_error_rel})
+        if (bound && !(*bound > 0 && std::isfinite(*bound)))
+            refuse("max_error " + number(*bound) + ": expected a length above 0");
     if (options.format == CloudFormat::Progressive || options.format == CloudFormat::Copc)
         refuse("format " + std::string(to_string(options.format)) + ": expected ply, drc or glb");
     if (options.box &&
@@ -441,6 +445,8 @@ std::string slice_query(const SliceOptions& options) {
     if (options.points) query += "&points=" + std::to_string(*options.points);
     if (options.bytes) query += "&bytes=" + std::to_string(*options.bytes);
     if (options.max_error) query += "&max_error=" + Json(*options.max_error).dump();
+    if (options.max_error_rel)
+        query += "&max_error=" + percent_text(*options.max_error_rel) + "25";  // %25: %
     if (options.box) {
         const auto& [low, high] = *options.box;
         const Json numbers = {low.x(), low.y(), low.z(), high.x(), high.y(), high.z()};

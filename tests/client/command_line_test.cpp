@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <algorithm>
 #include <map>
+#include <sstream>
 
 namespace stipple::cli {
 namespace {
@@ -261,6 +262,9 @@ TEST(CommandLine, SliceTakesOneBudgetAndABox) {
     EXPECT_EQ(parsed<SliceCommand>({"slice", "levels", "out.drc", "--max-error", "0.5"})
                   .options.max_error,
               0.5);
+    EXPECT_EQ(parsed<SliceCommand>({"slice", "levels", "out.drc", "--max-error", "0.5%"})
+                  .options.max_error_rel,
+              0.005);
     EXPECT_NE(refusal({"slice", "levels", "out.ply"}), "accepted");
     EXPECT_NE(refusal({"slice", "levels", "out.ply", "--points", "1", "--bytes", "1"}), "accepted");
     EXPECT_NE(refusal({"slice", "levels", "out.ply", "--points", "1", "--box", "1,2"}), "accepted");
@@ -400,6 +404,15 @@ TEST(CommandLine, HelpOfACurveHasNoTargets) {
     EXPECT_NE(text.find("--representative"), std::string::npos);
     EXPECT_EQ(text.find("--max-cluster-size"), std::string::npos);
     EXPECT_EQ(text.find("--voxel-size"), std::string::npos);
+}
+
+TEST(CommandLine, HelpFitsATerminalOf80ColumnsButForLongExamples) {
+    for (const char* command : {"simplify", "upsample", "analyze", "curve", "pyramid", "slice",
+                                "evaluate", "inspect", "convert", "synthesize"}) {
+        std::istringstream lines(parsed<InfoCommand>({command, "--help"}).text);
+        for (std::string line; std::getline(lines, line) && !line.starts_with("Example");)
+            EXPECT_LE(line.size(), 80U) << line;
+    }
 }
 
 TEST(CommandLine, HelpOfACommandShowsExamples) {

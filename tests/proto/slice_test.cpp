@@ -184,6 +184,15 @@ TEST(Slice, TakesTheCoarsestLevelWithinAnError) {
     EXPECT_EQ(both().slice({.max_error = 1e-9}).points, 8000U);
 }
 
+TEST(Slice, TakesAnErrorAsAPartOfTheDiagonal) {
+    const double diagonal = both().results.source->bounds.diagonal();
+    const double error = both().results.levels[2].error->error.max() + 1e-9;
+    EXPECT_EQ(both().slice({.max_error_rel = error / diagonal}).level,
+              both().slice({.max_error = error}).level);
+    EXPECT_EQ(refusal(both(), {.max_error = 1.0, .max_error_rel = 0.1}),
+              ErrorCode::InvalidArgument);
+}
+
 TEST(Slice, TakesTheErrorOfTilesWhereThatOfLevelsWasNotMeasured) {
     Pyramid pyramid = both();
     for (OutputCloud& level : pyramid.results.levels) level.error.reset();
@@ -319,6 +328,7 @@ TEST(Slice, HasAQueryThatSaysAllOfIt) {
     EXPECT_EQ(slice_query({.points = 5, .format = CloudFormat::Draco}), "format=drc&points=5");
     EXPECT_EQ(slice_query({.max_error = 0.5, .box = Aabb{Vec3d(0, -1, 2.5), Vec3d(1, 1, 3)}}),
               "format=ply&max_error=0.5&box=0.0,-1.0,2.5,1.0,1.0,3.0");
+    EXPECT_EQ(slice_query({.max_error_rel = 0.003}), "format=ply&max_error=0.3%25");
 }
 
 TEST(PyramidExport, NamesEachFileOnceRelativeAndTheManifestLast) {

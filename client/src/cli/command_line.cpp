@@ -11,6 +11,7 @@
 #include <cstdlib>
 #include <map>
 #include <memory>
+#include <sstream>
 
 namespace stipple::cli {
 namespace {
@@ -76,7 +77,8 @@ std::map<std::string, Reduction> reductions(const Values& values) {
 }
 
 /// A number of input units, or a percentage of the diagonal.
-void set_max_error(const std::string& text, SimplifyOptions& options) {
+template <typename Options>
+void set_max_error(const std::string& text, Options& options) {
     if (text.empty()) return;
     double value = 0;
     const char* const end = text.data() + text.size();
@@ -228,7 +230,7 @@ SliceCommand slice_command(const Values& values) {
     proto::SliceOptions& options = command.options;
     options.points = values.points;
     options.bytes = values.bytes;
-    options.max_error = values.slice_error;
+    set_max_error(values.max_error, options);
     if (!values.box.empty()) {
         const std::vector<double>& b = values.box;
         options.box = Aabb{Vec3d(b[0], b[1], b[2]), Vec3d(b[3], b[4], b[5])};
@@ -360,6 +362,27 @@ Command parse(CLI::App& app, Values& values, const std::vector<std::string>& arg
     return InfoCommand{app.help()};
 }
 
+/// Help for a terminal of 80 columns.
+class HelpFormatter : public CLI::Formatter {
+public:
+    HelpFormatter() { column_width(kColumn); }
+    std::string make_option_desc(const CLI::Option* option) const override {
+        std::istringstream words(CLI::Formatter::make_option_desc(option));
+        std::string text, word;
+        std::size_t at = 0;
+        while (words >> word) {
+            const bool fits = at + 1 + word.size() <= kWidth;
+            if (at > 0) text += fits ? ' ' : '\n';
+            at = at > 0 && fits ? at + 1 + word.size() : word.size();
+            text += word;
+        }
+        return text;
+    }
+
+private:
+    static constexpr std::size_t kColumn = 32, kWidth = 78 - kColumn;  // groups are indented
+};
+
 std::string one_line(std::string text) {
     std::replace(text.begin(), text.end(), '\n', ' ');
     return text;
@@ -370,7 +393,7 @@ std::string one_line(std::string text) {
 Command parse_command_line(const std::vector<std::string>& arguments) {
     CLI::App app("stipple: smaller point clouds that still describe the same surface.", "stipple");
     app.set_version_flag("--version", "stipple " STIPPLE_VERSION);
-    app.get_formatter()->column_width(32);
+    app.formatter(std::make_shared<HelpFormatter>());
     app.require_subcommand(0, 1);
     app.footer(
         "Examples:\n"

@@ -311,8 +311,8 @@ CLI::App& add_slice(CLI::App& app, Values& values) {
         ->type_name("B")
         ->transform(byte_count());
     budget
-        ->add_option("--max-error", values.slice_error,
-                     "the coarsest level within this, input units")
+        ->add_option("--max-error", values.max_error,
+                     "the coarsest level within this: input units, or as in 0.1% of the diagonal")
         ->type_name("E");
     budget->require_option(1);
     command

@@ -16,7 +16,7 @@ struct Values {
     std::string input, output, method{to_string(SimplifyOptions{}.method)};
     std::optional<std::uint64_t> points;
     std::optional<std::uint64_t> bytes;
-    std::optional<double> ratio, precision, slice_error;
+    std::optional<double> ratio, precision;
     std::vector<double> box;
     std::string max_error, plot;
     std::vector<std::uint64_t> curve_points;

@@ -72,8 +72,12 @@ proto::SliceOptions read_slice_query(const Request& request) {
     allow_query(request, {"points", "bytes", "max_error", "box", "format"});
     proto::SliceOptions options{.points = query_count(request, "points", 1, UINT32_MAX),
                                 .bytes = query_count(request, "bytes", 1, INT64_MAX),
-                                .max_error = query_number(request, "max_error"),
                                 .box = query_box(request)};
+    const auto bound = request.query_value("max_error");
+    if (bound && bound->ends_with('%'))
+        options.max_error_rel = proto::part_of_diagonal(*bound);
+    else
+        options.max_error = query_number(request, "max_error");
     if (const auto format = request.query_value("format"))
         options.format = cloud_format_from_name(*format);
     validate(options);

@@ -151,6 +151,8 @@ JobRequest evaluation_from_json(std::string_view json);
 
 /// `0.1%` as a part of the diagonal: 0.001. @throws Error(InvalidArgument) for other text.
 double part_of_diagonal(std::string_view text);
+/// Such text for a part, which reads back as the same number.
+std::string percent_text(double part);
 
 /// A field of a simplify request that not every method has.
 struct MethodField {

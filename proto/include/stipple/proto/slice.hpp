@@ -20,6 +20,8 @@ struct SliceOptions {
                                             ///< less where there are points for it
     std::optional<double> max_error{};      ///< > 0, input units: the coarsest level whose maximum
                                             ///< error is within it, whole
+    std::optional<double> max_error_rel{};  ///< > 0: the same, as a part of the diagonal of the
+                                            ///< source's box
     std::optional<Aabb> box{};  ///< in the coordinates of the file; its faces belong to it
     CloudFormat format = CloudFormat::Ply;  ///< not a progressive stream
     DracoEncodeOptions draco{};
