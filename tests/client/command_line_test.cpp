@@ -244,7 +244,7 @@ TEST(CommandLine, ConvertGoesByTheEndOfTheName) {
     EXPECT_EQ(placed.copc.epsg, 32633U);
     EXPECT_EQ(placed.copc.precision, 0.01);
     EXPECT_EQ(refusal({"convert", "in.ply", "a.drc", "--epsg", "32633"}),
-              "--epsg: a.drc tells no coordinate system, a .laz does");
+              "--epsg: belongs to .laz, not to .drc: leave it out, or give OUT another ending");
     EXPECT_NE(refusal({"convert", "in.ply", "a.laz", "--epsg", "4326"}).find("epsg 4326"),
               std::string::npos);
     EXPECT_EQ(refusal({"convert", "in.ply", "a.las"}),
@@ -397,6 +397,16 @@ TEST(CommandLine, ThreadsHaveALimit) {
               1024U);
     EXPECT_NE(refusal({"inspect", "i.ply", "--threads", "1025"}).find("0 to 1024"),
               std::string::npos);
+}
+
+TEST(CommandLine, RefusesOptionsOfAnotherFormat) {
+    EXPECT_EQ(refusal({"simplify", "i.ply", "o.ply", "-n", "5", "--position-bits", "12"}),
+              "--position-bits: belongs to .drc, not to .ply: leave it out, or give OUT another "
+              "ending");
+    EXPECT_NE(refusal({"convert", "i.ply", "o.drc", "--ply-encoding", "ascii"}).find(".ply"),
+              std::string::npos);
+    EXPECT_EQ(parsed<ConvertCommand>({"convert", "i.ply", "o.stpc", "--precision", "0.1"}).output,
+              "o.stpc");
 }
 
 TEST(CommandLine, HelpOfACurveHasNoTargets) {

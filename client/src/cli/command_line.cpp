@@ -7,6 +7,7 @@
 #include "stipple/globe.hpp"
 
 #include <algorithm>
+#include <array>
 #include <charconv>
 #include <cstdlib>
 #include <map>
@@ -297,12 +298,7 @@ ConvertCommand convert_command(const Values& values) {
     const std::string extension = extension_of(values.output);
     if (extension != ".stpc" && extension != ".laz")
         format_of(values.output, ".ply, .drc, .stpc or .laz");
-    if (values.epsg) {
-        if (extension != ".laz")
-            throw UsageError("--epsg: " + values.output +
-                             " tells no coordinate system, a .laz does");
-        well_known_text(*values.epsg);  // refuses systems that it does not know
-    }
+    if (values.epsg) well_known_text(*values.epsg);  // refuses systems that it does not know
     return {values.input,
             values.output,
             values.first_points,
@@ -335,6 +331,28 @@ std::vector<std::string> reversed(std::vector<std::string> arguments) {
     return arguments;
 }
 
+/// An option of another format than that of the output would change nothing.
+void require_options_of_format(const CLI::App& command, const fs::path& output) {
+    struct FormatOption {
+        const char* name;
+        std::vector<std::string_view> extensions;
+    };
+    static const std::array kOptions = {FormatOption{"--position-bits", {".drc"}},
+                                        FormatOption{"--normal-bits", {".drc"}},
+                                        FormatOption{"--coding", {".drc"}},
+                                        FormatOption{"--precision", {".drc", ".laz", ".stpc"}},
+                                        FormatOption{"--ply-encoding", {".ply"}},
+                                        FormatOption{"--epsg", {".laz"}}};
+    for (const auto& [name, extensions] : kOptions) {
+        const CLI::Option* const option = command.get_option_no_throw(name);
+        if (option == nullptr || option->count() == 0) continue;
+        const std::string extension = extension_of(output);
+        if (std::ranges::find(extensions, extension) != extensions.end()) continue;
+        throw UsageError(std::string(name) + ": belongs to " + std::string(extensions.front()) +
+                         ", not to " + extension + ": leave it out, or give OUT another ending");
+    }
+}
+
 Command parse(CLI::App& app, Values& values, const std::vector<std::string>& arguments) {
     const CLI::App& simplify = add_simplify(app, values);
     const CLI::App& upsample = add_upsample(app, values);
@@ -348,6 +366,9 @@ Command parse(CLI::App& app, Values& values, const std::vector<std::string>& arg
     const CLI::App& synthesize = add_synthesize(app, values);
     require_command(app, arguments);
     app.parse(reversed(arguments));
+    for (const CLI::App* const command :
+         {&simplify, &upsample, &analyze, &slice, &convert, &synthesize})
+        if (command->parsed()) require_options_of_format(*command, values.output);
 
     if (simplify.parsed()) return simplify_command(values, simplify);
     if (upsample.parsed()) return upsample_command(values);
