@@ -200,6 +200,11 @@ TEST_F(StippleCli, EvaluateTellsTheErrorWritesMapsAndPictures) {
     EXPECT_TRUE(fs::exists(folder_ / "m-1.ply"));
     EXPECT_TRUE(fs::exists(folder_ / "m-2.ply"));
 
+    EXPECT_EQ(one.out.find("against itself"), std::string::npos);
+    EXPECT_NE(stipple("evaluate in.ply in.ply").out.find("against itself"), std::string::npos);
+    EXPECT_EQ(stipple("evaluate in.ply in.ply --basis samples").out.find("against itself"),
+              std::string::npos);
+
     EXPECT_EQ(stipple("evaluate in.ply").exit_code, 2);
     EXPECT_EQ(stipple("evaluate in.ply larger.ply --k 3").exit_code, 2);
     EXPECT_EQ(stipple("evaluate in.ply nothing.ply").exit_code, 1);

@@ -134,6 +134,13 @@ void summarise(const EvaluateCommand& command, const proto::Results& results, do
         print(out, results.levels.front(), style);
     else
         print_table(out, command, results, style);
+    const auto& job = std::get<proto::EvaluateJob>(results.request.job);
+    if (std::ranges::find(job.candidates, results.request.input) != job.candidates.end() &&
+        job.options.measure.surface != ErrorSurface::Samples)
+        out << style.dim(
+                   "a cloud against itself: no better is its surface known between the points;\n"
+                   "--basis samples takes the points alone")
+            << '\n';
     write_out(out.str());
     for (std::size_t i = 0; i < results.levels.size(); ++i)
         print_warnings(*results.levels[i].error, command.candidates[i], terminal.style());
