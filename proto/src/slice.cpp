@@ -238,7 +238,7 @@ private:
     /// that fits.
     Candidate within_bytes(double budget) {
         std::optional<Candidate> best;
-        const double most = static_cast<double>(most_points());
+        const double most = static_cast<double>(std::max<std::uint64_t>(1, most_points()));
         double points = budget / bytes_a_point(budget), fits = 0, too_many = most + 1;
         double points_before = 0, bytes_before = 0;
         Candidate tried;

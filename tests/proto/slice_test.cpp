@@ -317,6 +317,8 @@ TEST(Slice, RefusesWhatCannotBe) {
               ErrorCode::InvalidArgument);
     EXPECT_EQ(refusal(both(), {.points = 1, .box = Aabb{Vec3d(5, 5, 5), Vec3d(6, 6, 6)}}),
               ErrorCode::NotFound);
+    EXPECT_EQ(refusal(both(), {.bytes = 5'000, .box = Aabb{Vec3d(5, 5, 5), Vec3d(6, 6, 6)}}),
+              ErrorCode::NotFound);
     EXPECT_EQ(refusal(both(), {.points = 3000, .max_points = 2000}), ErrorCode::TooLarge);
     EXPECT_EQ(refusal(both(), {.max_error = 1e-9, .max_points = 2000}), ErrorCode::TooLarge);
     Pyramid unfinished = both();

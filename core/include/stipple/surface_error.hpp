@@ -103,7 +103,9 @@ void validate(const SurfaceErrorOptions& options);
 /// than the way between two points, so that most need not be looked at. On the other cloud, as on
 /// both with other `sampling`, there are as many places as points, at least 40,000, and the maximum
 /// is looked for at 4,096 more around the farthest. With fewer samples than points those that stand
-/// for large areas are drawn more often; of fewer than 2,048 the largest distances stay as found.
+/// for large areas are drawn more often; of fewer than 2,048 the largest distances stay as found. No
+/// point stands for more than half the square about most of the points: one far off all others
+/// would else decide the mean.
 ///
 /// With the linear basis S and S' both lie inside curved parts by about h^2 kappa / 2, the coarser
 /// one more: compare candidates with `Quadratic` as well before one is called better.
