@@ -24,8 +24,8 @@ namespace {
 using draco::GeometryAttribute;
 
 constexpr unsigned kMostBits = 30;
-constexpr int kMostCodedBits = 26;  // Draco's table for more would take a gigabyte and above; whole
-                                    // bytes are then hardly longer
+constexpr int kMostCodedBits = 26;  // Draco's table of symbols for more takes a gigabyte and above:
+                                    // they are stored in whole bytes
 
 [[noreturn]] void refuse(const std::string& what) {
     throw Error(ErrorCode::InvalidArgument, what);

@@ -25,7 +25,7 @@ namespace {
 
 constexpr std::uint32_t kMostPoints = 65'536;  // a tile is sorted without a look at the stop token
 constexpr std::size_t kBlock = 8'192;
-constexpr std::uint64_t kMostTiles = 30'000;  // whose manifest has 15 MB
+constexpr std::uint32_t kMostTiles = 30'000;  // whose manifest has 15 MB
 
 template <typename T>
 [[noreturn]] void refuse(const char* name, T value, const char* expected) {
@@ -82,7 +82,6 @@ struct LodTiler::State {
     LevelRounding rounding;
     TileTree tree;
     unsigned levels = 0;
-    std::uint64_t tile_count = 0;
     std::uint64_t had = 0;  ///< points of the level before, where tiles are additive
     LodFigures figures;
 
@@ -262,7 +261,6 @@ SurfaceError LodTiler::estimate_error(const PointCloud& level, const RunContext&
 void LodTiler::restart() {
     state_->tree = {};
     state_->levels = 0;
-    state_->tile_count = 0;
     state_->had = 0;
     state_->meter.restart();
 }
@@ -303,14 +301,13 @@ std::vector<LodTile> LodTiler::add_level(const PointCloud& cloud, bool whole,
     const std::vector<TileTree::Part> parts =
         cut_level(state.tree, level.points, order, state.had,
                   {state.options.max_points, static_cast<float>(kMostSteps * grid.step)}, context);
-    state.tile_count += parts.size();
-    if (state.tile_count > kMostTiles) {
-        throw Error(ErrorCode::TooLarge, "the pyramid has " + std::to_string(state.tile_count) +
-                                             " tiles or more, with " + "max_points " +
-                                             std::to_string(state.options.max_points) +
-                                             " and position_bits " + std::to_string(grid.bits) +
-                                             ": expected at most " + std::to_string(kMostTiles) +
-                                             "; allow a tile more points, or take fewer bits");
+    if (state.tree.part_count() > kMostTiles) {
+        throw Error(
+            ErrorCode::TooLarge,
+            "the pyramid has " + std::to_string(state.tree.part_count()) +
+                " tiles or more, with max_points " + std::to_string(state.options.max_points) +
+                " and position_bits " + std::to_string(grid.bits) + ": expected at most " +
+                std::to_string(kMostTiles) + "; allow a tile more points, or take fewer bits");
     }
     context.checkpoint(0.5);
     std::vector<LodTile> tiles(parts.size());

@@ -35,6 +35,9 @@ public:
     std::vector<Part> add_level(std::span<const Vec3f> points, const Limits& limits,
                                 const RunContext& context);
 
+    /// Of all levels.
+    std::uint32_t part_count() const noexcept { return parts_; }
+
     /// Whether there is more than one cell.
     bool is_cut() const noexcept { return cells_.size() > 1; }
 

@@ -152,9 +152,10 @@ StoredFile Outputs::file(const std::string& tenant, const std::string& job_id,
     if (!job) throw no_such("job: " + job_id);
     const auto dot = std::min(name.find('.'), name.size());
     const std::string sha256 = name.substr(0, dot);
+    const std::string_view extension =
+        std::string_view(name).substr(std::min(dot + 1, name.size()));
     const auto listed = job->files.find(sha256);
-    if (listed == job->files.end() ||
-        name.substr(dot) != "." + std::string(listed->second.extension))
+    if (listed == job->files.end() || listed->second.extension != extension)
         throw no_such("result: " + job_id + "/" + name);
     const bool negotiated = listed->second.packs && listed->second.bytes <= kMaxPackedSource;
     for (const Coding coding : accepted) {
