@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 #include <list>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <thread>
 
 namespace stipple::test {
@@ -64,6 +65,21 @@ TEST(Attack, TooManyHeadersAreRefused) {
     EXPECT_EQ(status_for(server, "GET /" + std::string(3000, 'a') + " HTTP/1.1\r\nHost: h\r\n\r\n"),
               414);
     expect_well(server);
+}
+
+TEST(Attack, WhatIsRefusedBeforeItIsARequestHasAnIdAsEveryReply) {
+    const StippledProcess server;
+    std::set<std::string> ids;
+    for (const char* bytes : {"GET / HTTP/1.1\r\n\r\n", "GET / HTTP/9\r\nHost: h\r\n\r\n",
+                              "POST / HTTP/1.1\r\nHost: h\r\nContent-Length: -3\r\n\r\n"}) {
+        RawConnection connection(server.port());
+        connection.send(bytes);
+        const HttpReply reply = connection.receive(kGenerous);
+        EXPECT_GE(reply.status, 400) << bytes;
+        ids.insert(reply.field("X-Request-Id"));
+    }
+    EXPECT_EQ(ids.size(), 3U);
+    EXPECT_FALSE(ids.contains(""));
 }
 
 TEST(Attack, AnEndlessChunkedBodyIsCutOffAtTheLimit) {

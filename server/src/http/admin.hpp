@@ -20,7 +20,7 @@ public:
     Reply handle(Request& request) override;
     void answered(const Request&, int) override {}
     void served(const Request&, const Served&) override {}
-    void refused(int, std::string_view) override {}
+    void refused(std::string_view, int, std::string_view) override {}
 
 private:
     Reply ready();

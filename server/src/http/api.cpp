@@ -1,7 +1,5 @@
 #include "http/api.hpp"
 
-#include "stipple/proto/digest.hpp"
-
 #include <spdlog/spdlog.h>
 #include <algorithm>
 
@@ -21,8 +19,7 @@ std::string request_id(const Request& request) {
         return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') ||
                c == '.' || c == '_' || c == '-';
     });
-    return !given.empty() && given.size() <= 64 && plain ? std::string(given)
-                                                         : proto::random_hex(8);
+    return !given.empty() && given.size() <= 64 && plain ? std::string(given) : new_request_id();
 }
 
 /// `example.org:8080` of `https://example.org:8080`.
@@ -189,9 +186,9 @@ void Api::served(const Request& request, const Served& outcome) {
                  1000 * outcome.seconds.count(), outcome.complete ? "" : " client=gone");
 }
 
-void Api::refused(int status, std::string_view detail) {
+void Api::refused(std::string_view id, int status, std::string_view detail) {
     metrics_.request_refused(std::to_string(status));
-    spdlog::debug("http.refused status={} reason=\"{}\"", status, detail);
+    spdlog::debug("http.refused id={} status={} reason=\"{}\"", id, status, detail);
 }
 
 }  // namespace stipple::server::http

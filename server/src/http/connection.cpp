@@ -292,15 +292,17 @@ private:
 };
 
 void refuse(ClientSocket& socket, Application& application, const HttpError& error) {
-    application.refused(error.problem.status, error.problem.detail);
-    socket.write_all(last_words(error.problem));
+    socket.write_all(refusal(application, error.problem));
     socket.close_gently();
 }
 
 }  // namespace
 
-std::string last_words(const proto::Problem& problem) {
-    const Reply reply = problem_reply(HttpError(problem));
+std::string refusal(Application& application, const proto::Problem& problem) {
+    const std::string id = new_request_id();
+    application.refused(id, problem.status, problem.detail);
+    Reply reply = problem_reply(HttpError(problem));
+    reply.headers.set("X-Request-Id", id);
     const auto& body = std::get<std::string>(reply.content);
     std::string message =
         "HTTP/1.1 " + std::to_string(problem.status) + " " + problem.title + "\r\n";

@@ -28,14 +28,16 @@ public:
     /// The reply was sent, as far as the client took it.
     virtual void served(const Request& request, const Served& outcome) = 0;
     /// A request refused before it was one: too slow, too large, malformed.
-    virtual void refused(int status, std::string_view detail) = 0;
+    /// @param id  by which the reply names it, as `Request::id`.
+    virtual void refused(std::string_view id, int status, std::string_view detail) = 0;
 };
 
 /// Serves the requests of one connection, one after the other, until either side closes it.
 void serve_connection(ClientSocket& socket, Application& application, const StopEvent& drain,
                       std::stop_token stop);
 
-/// A whole HTTP message with this problem, which also ends the connection.
-std::string last_words(const proto::Problem& problem);
+/// A whole HTTP message that refuses with this problem, under an id of its own, and ends the
+/// connection. The application is told.
+std::string refusal(Application& application, const proto::Problem& problem);
 
 }  // namespace stipple::server::http

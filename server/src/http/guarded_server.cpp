@@ -165,8 +165,7 @@ void GuardedServer::turn_away(FileDescriptor fd) {
     proto::Problem problem =
         proto::problem_from_status(503, "too many connections: try again in a second");
     problem.retry_after = 1;
-    application_.refused(503, problem.detail);
-    const std::string words = last_words(problem);
+    const std::string words = refusal(application_, problem);
     // A new connection's buffer takes so little at once; one that does not is not worth waiting
     // for.
     if (::send(fd.get(), words.data(), words.size(), MSG_NOSIGNAL | MSG_DONTWAIT) < 0) return;

@@ -1,5 +1,7 @@
 #include "http/message.hpp"
 
+#include "stipple/proto/digest.hpp"
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -60,6 +62,10 @@ std::string read_all(RequestBody& body, std::size_t max_bytes) {
 std::optional<std::string> Request::query_value(std::string_view name) const {
     const auto found = query.find(name);
     return found == query.end() ? std::nullopt : std::optional(found->second);
+}
+
+std::string new_request_id() {
+    return proto::random_hex(8);
 }
 
 Reply json_reply(int status, std::string json) {

@@ -112,6 +112,9 @@ using FixedBytes = std::span<const std::byte>;
 using StreamWriter = std::function<void(std::string_view piece)>;  ///< @throws Disconnected
 using Stream = std::function<void(const StreamWriter& write)>;
 
+/// An id that no other request has, for those that bring none.
+std::string new_request_id();
+
 struct Reply {
     int status = 200;
     Headers headers;
