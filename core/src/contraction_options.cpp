@@ -69,6 +69,10 @@ void check_contraction(const PointCloud& cloud, const IterativeSimplificationOpt
     }
     if (options.max_displacement) check_weight("max_displacement", *options.max_displacement);
     check_weight("color_weight", options.color_weight);
+    if (options.color_weight > 0 && cloud.colors.empty()) {
+        throw Error(ErrorCode::InvalidArgument,
+                    "color_weight: the cloud has no colours: leave it out");
+    }
     for (const auto& [name, weight] : options.attribute_weights) {
         check_weight("attribute_weights: " + name, weight);
         if (find_attribute(cloud, name) == nullptr) {
@@ -83,10 +87,9 @@ Features::Features(const PointCloud& cloud, const IterativeSimplificationOptions
     const auto is_set = [](const auto& entry) { return entry.second > 0; };
     if (options.color_weight == 0 && std::ranges::none_of(options.attribute_weights, is_set))
         return;
-    if (options.color_weight == 0 && options.attribute_weights.empty()) return;
     const double diagonal = bounds(cloud).diagonal();
     std::vector<std::vector<float>> columns;
-    if (options.color_weight > 0 && !cloud.colors.empty()) {
+    if (options.color_weight > 0) {
         const double scale = options.color_weight * diagonal / 255;
         for (const auto channel : {&Rgba8::r, &Rgba8::g, &Rgba8::b}) {
             std::vector<float>& column = columns.emplace_back();

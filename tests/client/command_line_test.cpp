@@ -403,6 +403,13 @@ TEST(CommandLine, RefusesOptionsOfAnotherFormat) {
     EXPECT_EQ(refusal({"simplify", "i.ply", "o.ply", "-n", "5", "--position-bits", "12"}),
               "--position-bits: belongs to .drc, not to .ply: leave it out, or give OUT another "
               "ending");
+    EXPECT_EQ(refusal({"evaluate", "a.ply", "b.ply", "--map", "e.ply", "--views", "top"}),
+              "--views: belongs to .png: leave it out, or ask for a --map that ends with .png");
+    EXPECT_NE(refusal({"evaluate", "a.ply", "b.ply", "--position-bits", "12"}).find(".drc"),
+              std::string::npos);
+    EXPECT_EQ(refusal({"evaluate", "a.ply", "b.ply", "--map", "e.drc", "--map", "e.png", "--up",
+                       "y", "--position-bits", "12"}),
+              "accepted");
     EXPECT_NE(refusal({"convert", "i.ply", "o.drc", "--ply-encoding", "ascii"}).find(".ply"),
               std::string::npos);
     EXPECT_EQ(parsed<ConvertCommand>({"convert", "i.ply", "o.stpc", "--precision", "0.1"}).output,

@@ -12,6 +12,7 @@
 #include <cstdlib>
 #include <map>
 #include <memory>
+#include <set>
 #include <sstream>
 
 namespace stipple::cli {
@@ -331,8 +332,8 @@ std::vector<std::string> reversed(std::vector<std::string> arguments) {
     return arguments;
 }
 
-/// An option of another format than that of the output would change nothing.
-void require_options_of_format(const CLI::App& command, const fs::path& output) {
+/// An option of another format than those of the outputs would change nothing.
+void require_options_of_formats(const CLI::App& command, const std::vector<std::string>& outputs) {
     struct FormatOption {
         const char* name;
         std::vector<std::string_view> extensions;
@@ -342,14 +343,22 @@ void require_options_of_format(const CLI::App& command, const fs::path& output) 
                                         FormatOption{"--coding", {".drc"}},
                                         FormatOption{"--precision", {".drc", ".laz", ".stpc"}},
                                         FormatOption{"--ply-encoding", {".ply"}},
-                                        FormatOption{"--epsg", {".laz"}}};
+                                        FormatOption{"--epsg", {".laz"}},
+                                        FormatOption{"--views", {".png"}},
+                                        FormatOption{"--up", {".png"}}};
+    std::set<std::string, std::less<>> given;
+    for (const fs::path output : outputs) given.insert(extension_of(output));
     for (const auto& [name, extensions] : kOptions) {
         const CLI::Option* const option = command.get_option_no_throw(name);
         if (option == nullptr || option->count() == 0) continue;
-        const std::string extension = extension_of(output);
-        if (std::ranges::find(extensions, extension) != extensions.end()) continue;
-        throw UsageError(std::string(name) + ": belongs to " + std::string(extensions.front()) +
-                         ", not to " + extension + ": leave it out, or give OUT another ending");
+        if (std::ranges::any_of(extensions, [&](auto own) { return given.contains(own); }))
+            continue;
+        const std::string own(extensions.front());
+        throw UsageError(
+            std::string(name) + ": belongs to " + own +
+            (command.get_name() == "evaluate"
+                 ? ": leave it out, or ask for a --map that ends with " + own
+                 : ", not to " + *given.begin() + ": leave it out, or give OUT another ending"));
     }
 }
 
@@ -368,7 +377,8 @@ Command parse(CLI::App& app, Values& values, const std::vector<std::string>& arg
     app.parse(reversed(arguments));
     for (const CLI::App* const command :
          {&simplify, &upsample, &analyze, &slice, &convert, &synthesize})
-        if (command->parsed()) require_options_of_format(*command, values.output);
+        if (command->parsed()) require_options_of_formats(*command, {values.output});
+    if (evaluate.parsed()) require_options_of_formats(evaluate, values.maps);
 
     if (simplify.parsed()) return simplify_command(values, simplify);
     if (upsample.parsed()) return upsample_command(values);

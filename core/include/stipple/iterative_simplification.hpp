@@ -28,7 +28,8 @@ struct IterativeSimplificationOptions {
         max_displacement{};   ///< input units, >= 0: no new point is farther from the tangent plane
                               ///< of the input point nearest to it; 0 puts all on the surface
     double color_weight = 0;  ///< what a colour difference of full range costs, as a part of the
-                              ///< bounding-box diagonal, >= 0; 0: shape alone
+                              ///< bounding-box diagonal, >= 0; 0: shape alone; of a cloud
+                              ///< that has colours
     std::map<std::string, double>
         attribute_weights{};  ///< the same for other attributes, by name, per range of values
     std::map<std::string, Reduction>
