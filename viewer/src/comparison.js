@@ -1,6 +1,6 @@
 import { byId, element } from './element.js';
 import * as format from './format.js';
-import { meanErrorOf } from './result_session.js';
+import { drawnErrorOf } from './result_session.js';
 
 const kStep = 0.02;
 
@@ -90,15 +90,14 @@ export class Comparison {
 }
 
 /** What is drawn, which of a level that comes in tiles may be a part. */
-function drawnOf({ drawnPoints, points }) {
-    return drawnPoints === undefined || drawnPoints === points
-        ? format.compactPoints(points) : `${format.compactCount(drawnPoints)} of ${format.compactPoints(points)}`;
+function drawnOf({ drawn, points }) {
+    return !drawn || drawn.points === points
+        ? format.compactPoints(points) : `${format.compactCount(drawn.points)} of ${format.compactPoints(points)}`;
 }
 
-/** A level has a file of its own, or is the first bytes of a stream; of a view of tiles neither bytes nor error are known. */
+/** A level has a file of its own, or is the first bytes of a stream; the bytes of a view of tiles are not known. */
 function figuresOf(level) {
-    const error = meanErrorOf(level);
-    const bytes = level.file?.bytes ?? level.bytes;
-    const cost = level.tiles ? [] : [format.bytes(bytes), ...(error >= 0 ? [`error ${format.percent(error)}`] : [])];
-    return [drawnOf(level), ...cost].join(' · ');
+    const error = drawnErrorOf(level);
+    const bytes = level.tiles ? [] : [format.bytes(level.file?.bytes ?? level.bytes)];
+    return [drawnOf(level), ...bytes, ...(error ? [`error ${format.percent(error.mean)}`] : [])].join(' · ');
 }

@@ -1,6 +1,6 @@
 import { byId, element } from './element.js';
 import * as format from './format.js';
-import { meanErrorOf } from './result_session.js';
+import { drawnErrorOf, meanErrorOf } from './result_session.js';
 
 const kFormats = { drc: 'Draco', ply: 'PLY', stpc: 'Stream', 'copc.laz': 'COPC' };  // of whole levels; tiles are for other viewers
 const kStages = { queued: 'Waiting', decode: 'Reading', clean: 'Cleaning', simplify: 'Simplifying', upsample: 'Adding points', analyze: 'Analysing', evaluate: 'Measuring', encode: 'Encoding' };
@@ -68,7 +68,7 @@ export class Hud {
             this.showFiles(shown);
             byId.level.value = shown.level + 1;
             byId.level.ariaValueText = `Level ${shown.level + 1}, ${format.points(shown.points)}`;
-            byId.points.textContent = format.share(shown.drawnPoints ?? shown.points, shown.points);
+            byId.points.textContent = format.share(shown.drawn?.points ?? shown.points, shown.points);
             byId['level-name'].textContent = `${shown.level + 1} of ${levels.length}${isComplete ? '' : '+'}`;
         }
     }
@@ -76,9 +76,9 @@ export class Hud {
     /** The measured error of what is shown, and the bounds to choose from. */
     showErrors(levels, shown) {
         const errors = levels.map(meanErrorOf).filter((error) => error > 0);
-        const isMeasured = shown && !shown.tiles && meanErrorOf(shown) >= 0;
-        byId.error.textContent = isMeasured ? format.percent(meanErrorOf(shown)) : '–';
-        byId['error-figure'].title = isMeasured ? titleOf(shown.error.relative) : '';
+        const error = shown && drawnErrorOf(shown);
+        byId.error.textContent = error ? format.percent(error.mean) : '–';
+        byId['error-figure'].title = error ? titleOf(error) + (shown.tiles ? '. Of what is drawn: finer where the camera is closer' : '') : '';
         byId['error-slider'].hidden = errors.length < 2;
         if (errors.length >= 2) {
             byId['error-bound'].min = Math.floor(-Math.log2(Math.max(...errors)));

@@ -30,7 +30,7 @@ const kMostPoints = 8_000_000;
  *
  * A level in `levels` is its entry of the manifest with `file` (Draco), `attributes` (each can `read` its values), `state` (`listed`,
  * `loading`, `ready`, `large`, `failed`) and, once ready, `geometry`: position, surface (see surface_estimate.js) and perhaps color.
- * A level with many points has `tiles` (a TileStream) instead, `drawnPoints`, how many of its points these are now, and `whole`, the
+ * A level with many points has `tiles` (a TileStream) instead, `drawn`, the `points` and the `error` of what is seen of it now, and `whole`, the
  * finest level without, whose geometry stands in until the tiles are there.
  */
 export class LevelLoader {
@@ -204,7 +204,7 @@ export class LevelLoader {
             tiles.center = whole.geometry.boundingBox.getCenter(new Vector3()).add(middleOf(source)).sub(middleOf(whole));
             for (const level of tiled) {
                 Object.assign(level, {
-                    whole, geometry: whole.geometry, spacing: whole.spacing, drawnPoints: whole.points, isColored: whole.isColored, state: 'ready',
+                    whole, geometry: whole.geometry, spacing: whole.spacing, drawn: { points: whole.points }, isColored: whole.isColored, state: 'ready',
                 });
                 this.onReady(level);
             }

@@ -51,7 +51,7 @@ export class Pane {
             const offset = tiles.center.clone().sub(home.center);
             const drawn = tiles.select(camera, this.level, { offset, height });
             this.showsTiles ||= tiles.isComplete;
-            tiles.note(this.level, this.showsTiles ? drawn.reduce((sum, { points }) => sum + points, 0) : whole.points);
+            tiles.note(this.level, this.showsTiles ? drawn : null);
             if (this.showsTiles) {
                 for (const tile of drawn) {
                     colorizeTile(tile, coloring.by, coloring.range, tiles.center);

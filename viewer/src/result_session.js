@@ -153,5 +153,9 @@ export class ResultSession {
 
 const isGivenUp = ({ status }) => status === 'failed' || status === 'dismissed';
 
-/** Relative to the size of the cloud; not a number where it was not measured. */
-export const meanErrorOf = (level) => level.error?.relative?.mean ?? NaN;
+/** Relative to the size of the cloud, in the form that is loaded; not a number where it was not measured. */
+export const meanErrorOf = ({ tiles, decoded, error }) =>
+    (tiles && decoded && error ? decoded.error.mean / error.diagonal : error?.relative?.mean) ?? NaN;
+
+/** `mean` and `max` of what is seen of a level, relative to the size of the cloud; nothing where it was not measured. */
+export const drawnErrorOf = (level) => (level.drawn ? level.drawn.error : level.error?.relative);

@@ -2,7 +2,7 @@ import { Box3, BufferAttribute, BufferGeometry, Frustum, Matrix4 } from 'three';
 
 import { getBytes, getJson, persist } from './api.js';
 import { readTileInWorker } from './surface.js';
-import { select, treeOf } from './tile_tree.js';
+import { errorOfTiles, select, treeOf } from './tile_tree.js';
 
 const kPixels = 2;              // of error
 const kAtOnce = 6;              // requests on their way
@@ -52,10 +52,12 @@ export class TileStream {
         return drawn;
     }
 
-    /** How many points of a level are drawn: its tiles, or what stands in for them. */
-    note(level, drawnPoints) {
-        if (drawnPoints !== level.drawnPoints) {
-            level.drawnPoints = drawnPoints;
+    /** What is drawn of a level: tiles, or, null, the coarser level that stands in for them. */
+    note(level, tiles) {
+        const points = tiles ? tiles.reduce((sum, tile) => sum + tile.points, 0) : level.whole.points;
+        const error = tiles && level.error ? errorOfTiles(tiles, level.error.diagonal) : level.whole.error?.relative;
+        if (points !== level.drawn.points || error?.mean !== level.drawn.error?.mean) {
+            level.drawn = { points, error };
             queueMicrotask(this.onDrawn);
         }
     }

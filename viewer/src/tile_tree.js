@@ -3,7 +3,7 @@
 /**
  * A tile from its JSON, with all below. `center` and `half` of its box are relative to the middle of the source's bounds.
  * Its error is what 99 % of its surface stay below: the geometric error of 3D Tiles is the largest one, that of a few stray
- * points of a noisy scan. `state`: `listed`, `loading`, `ready` or `failed`. `shownSpacing`: between the points that are drawn there.
+ * points of a noisy scan. `measured` is that of all its points, `surface` about the area that they stand for. `state`: `listed`, `loading`, `ready` or `failed`. `shownSpacing`: between the points that are drawn there.
  */
 export function treeOf({ boundingVolume: { box }, geometricError, refine, content, extras, children = [] }, level = 0) {
     return {
@@ -14,10 +14,27 @@ export function treeOf({ boundingVolume: { box }, geometricError, refine, conten
         error: extras ? Math.max(extras.error?.p99 ?? 0, extras.spacing) : geometricError,
         spacing: extras?.spacing,
         shownSpacing: extras?.spacing,
+        measured: extras?.error,
+        surface: extras ? extras.points * extras.spacing ** 2 : 0,
         uri: content?.uri ?? null,
         children: children.map((child) => treeOf(child, level + 1)),
         state: content ? 'listed' : 'ready',
         usedAt: 0,
+    };
+}
+
+/**
+ * How far tiles that replace others are from the input, in parts of its diagonal: `mean` over their surface, and `max`.
+ * Null for what was not measured, and for tiles that add to others: these tell the error of all that is there with them.
+ */
+export function errorOfTiles(tiles, diagonal) {
+    const surface = tiles.reduce((sum, tile) => sum + tile.surface, 0);
+    if (!(surface > 0) || tiles.some(({ adds, measured }) => adds || !(measured?.mean >= 0))) {
+        return null;
+    }
+    return {
+        mean: tiles.reduce((sum, tile) => sum + tile.surface * tile.measured.mean, 0) / surface / diagonal,
+        max: tiles.reduce((largest, { measured }) => Math.max(largest, measured.max), 0) / diagonal,
     };
 }
 

@@ -73,6 +73,18 @@ test('Of a tree of tiles those are drawn that are fine enough, and coarser ones 
     assert.deepEqual(chosen({ sees: (tile) => tile !== left }).drawn, right.children);
 });
 
+test('The error of tiles is the mean over their surface, and the largest of any', async () => {
+    const { errorOfTiles, treeOf } = await moduleOf('tile_tree.js');
+    const tile = (points, spacing, error, refine = 'REPLACE') => treeOf({
+        boundingVolume: { box: [0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1] }, refine, extras: { points, spacing, error },
+    });
+    const coarse = tile(100, 2, { mean: 4, max: 9 }), fine = tile(400, 0.5, { mean: 1, max: 12 });
+    assert.deepEqual(errorOfTiles([coarse, fine], 10), { mean: (400 * 4 + 100 * 1) / 500 / 10, max: 1.2 });
+    assert.equal(errorOfTiles([], 10), null);
+    assert.equal(errorOfTiles([coarse, tile(100, 2)], 10), null);
+    assert.equal(errorOfTiles([coarse, tile(100, 2, { mean: 1, max: 1 }, 'ADD')], 10), null);
+});
+
 test('Of tiles that add to each other a tile is drawn with those above it, in splats as small as theirs', async () => {
     const { select, treeOf } = await moduleOf('tile_tree.js');
     const json = (error, children = []) => ({
