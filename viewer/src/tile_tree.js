@@ -3,7 +3,8 @@
 /**
  * A tile from its JSON, with all below. `center` and `half` of its box are relative to the middle of the source's bounds.
  * Its error is what 99 % of its surface stay below: the geometric error of 3D Tiles is the largest one, that of a few stray
- * points of a noisy scan. `measured` is that of all its points, `surface` about the area that they stand for. `state`: `listed`, `loading`, `ready` or `failed`. `shownSpacing`: between the points that are drawn there.
+ * points of a noisy scan. `measured` is that of all its points, `surface` about the area that they stand for. `state`: `listed`,
+ * `loading`, `ready` or `failed`. `shownSpacing`: between the points that are drawn there.
  */
 export function treeOf({ boundingVolume: { box }, geometricError, refine, content, extras, children = [] }, level = 0) {
     return {
