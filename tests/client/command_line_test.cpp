@@ -387,8 +387,27 @@ TEST(CommandLine, WholeNumbersAreDecimalWithoutASign) {
 
 TEST(CommandLine, NothingFollowsAWholeNumber) {
     for (const std::string value : {"5k", "1e3", "1.5"}) {
-        EXPECT_EQ(refusal({"simplify", "i.ply", "o.ply", "-n", value}),
-                  "--points: " + value + ": expected a whole number, as in 5000 (see --help)");
+        EXPECT_EQ(refusal({"simplify", "i.ply", "o.ply", "-n", "5", "--seed", value}),
+                  "--seed: " + value + ": expected a whole number, as in 5000 (see --help)");
+    }
+}
+
+TEST(CommandLine, PointsAreCountedInThousandsAndMillionsToo) {
+    const auto points = [](const char* text) {
+        return parsed<SimplifyCommand>({"simplify", "i.ply", "o.ply", "-n", text})
+            .job.options.points;
+    };
+    EXPECT_EQ(points("10k"), 10'000U);
+    EXPECT_EQ(points("1.001k"), 1'001U);
+    EXPECT_EQ(points("1.5M"), 1'500'000U);
+    EXPECT_EQ(points("18446744073709551615"), UINT64_MAX);
+    EXPECT_EQ(parsed<PyramidCommand>({"pyramid", "i.ply", "o", "--levels", "500,1k,2.5k"})
+                  .job.options.sizes,
+              (std::vector<std::uint64_t>{500, 1'000, 2'500}));
+    for (const std::string value : {"1e3", "1.5", "1e3k", "0.0001k", "0k", "5K", "5m", "5 k", "k",
+                                    "5kB", "nank", "infM", "99999999999999M", "-5k"}) {
+        EXPECT_EQ(refusal({"simplify", "i.ply", "o.ply", "--points=" + value}),
+                  "--points: " + value + ": expected points, as in 5000, 10k or 1.5M (see --help)");
     }
 }
 

@@ -429,7 +429,7 @@ TEST_F(StippleCli, UsageErrorsExitWithTwoAndNameTheRemedy) {
     for (const auto& [arguments, told] : std::vector<std::pair<std::string, std::string>>{
              {"simplify in.ply out.ply -m voxel", "--voxel-size"},
              {"simplify in.ply out.ply -n 5 -r 10%", "give one of them"},
-             {"simplify in.ply out.ply -n 5k", "5k: expected a whole number"},
+             {"simplify in.ply out.ply -n 5kg", "5kg: expected points"},
              {"simplify in.ply out.ply -r half", "half: expected a share"},
              {"simplify in.ply out.ply -n 5 --server ''", "expected http://HOST:PORT"},
              {"slice levels out.ply --bytes 5kg", "5kg: expected bytes"}}) {

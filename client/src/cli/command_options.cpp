@@ -108,9 +108,9 @@ CLI::App& add_simplify(CLI::App& app, Values& values) {
     command.add_option("-m,--method", values.method, methods())
         ->type_name("M")
         ->capture_default_str();
-    command.add_option("-n,--points", values.points, "exactly so many points")
+    command.add_option("-n,--points", values.points, "exactly so many points: 5000, 10k, 1.5M")
         ->type_name("N")
-        ->transform(whole_number());
+        ->transform(point_count());
     command
         .add_option("-r,--ratio", values.ratio, "this share of the points, in (0, 1], or as 10%")
         ->type_name("R")
@@ -147,7 +147,7 @@ CLI::App& add_upsample(CLI::App& app, Values& values) {
     add_output(command, values);
     command.add_option("-n,--points", values.points, "exactly so many points, more than IN has")
         ->type_name("N")
-        ->transform(whole_number());
+        ->transform(point_count());
     command.add_option("-r,--ratio", values.ratio, "so many times the points, above 1")
         ->type_name("R");
     add_particle_options(command, values.of_methods);
@@ -209,11 +209,10 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
         ->required()
         ->type_name("FOLDER");
     auto* const levels =
-        command
-            .add_option("--levels", values.levels, "points of each level, as in 1000,10000,100000")
+        command.add_option("--levels", values.levels, "points of each level, as in 1000,10k,100k")
             ->delimiter(',')
             ->type_name("A,B,C")
-            ->transform(whole_number());
+            ->transform(point_count());
     command.add_option("--ratio", values.pyramid.ratio, "from a level to the next, in (1, 64]; 4")
         ->type_name("R")
         ->excludes(levels);
@@ -222,7 +221,7 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
                                               "most points of the coarsest; 10000")
                                   ->type_name("N")
                                   ->excludes(levels)
-                                  ->transform(whole_number());
+                                  ->transform(point_count());
     command
         .add_option("--base-bytes", values.base_bytes,
                     "instead: most bytes of its glb, as in 14600 or 15kB")
@@ -258,7 +257,7 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
         ->transform(whole_number());
     command.add_option("--tile-points", values.tiles.max_points, "most points of a tile; 65536")
         ->type_name("N")
-        ->transform(whole_number());
+        ->transform(point_count());
     command.add_flag("--tile-attributes", values.tiles.attributes,
                      "scalar attributes in the tiles, too");
     command.add_flag_callback(
@@ -304,7 +303,7 @@ CLI::App& add_slice(CLI::App& app, Values& values) {
     auto* const budget = command.add_option_group("budget", "what is wanted: one of these");
     budget->add_option("-n,--points", values.points, "exactly so many points, or all there are")
         ->type_name("N")
-        ->transform(whole_number());
+        ->transform(point_count());
     budget
         ->add_option("--bytes", values.bytes,
                      "as many points as OUT has room for in B bytes, as in 500kB")
@@ -355,7 +354,7 @@ CLI::App& add_evaluate(CLI::App& app, Values& values) {
             "distances on each surface; 0: 40000, or one a point, and the maximum of all points")
         ->type_name("N")
         ->capture_default_str()
-        ->transform(whole_number());
+        ->transform(point_count());
     command
         .add_option("--sampling", values.sampling,
                     "where: points, surface (random places) or particles (as the paper has it)")
@@ -408,12 +407,12 @@ CLI::App& add_curve(CLI::App& app, Values& values) {
                     "multiphase, hierarchical, iterative or particles")
         ->type_name("M")
         ->capture_default_str();
-    auto* const points = command
-                             .add_option("-n,--points", values.curve_points,
-                                         "at these counts, as in 1000,5000,20000")
-                             ->delimiter(',')
-                             ->type_name("A,B,C")
-                             ->transform(whole_number());
+    auto* const points =
+        command
+            .add_option("-n,--points", values.curve_points, "at these counts, as in 1000,5000,20k")
+            ->delimiter(',')
+            ->type_name("A,B,C")
+            ->transform(point_count());
     command
         .add_option("--count", values.curve_count,
                     "at so many, from half of the points (a million at most) to a "
@@ -459,7 +458,7 @@ CLI::App& add_convert(CLI::App& app, Values& values) {
         ->type_name("FILE");
     command.add_option("--points", values.first_points, "of a .stpc: the first so many")
         ->type_name("N")
-        ->transform(whole_number());
+        ->transform(point_count());
     command.add_option("--bytes", values.first_bytes, "of a .stpc: what so many hold")
         ->type_name("B")
         ->transform(byte_count());
@@ -486,7 +485,7 @@ CLI::App& add_synthesize(CLI::App& app, Values& values) {
     command.add_option("OUT", values.output, "a .ply or .drc file")->required()->type_name("FILE");
     command.add_option("-n,--points", values.synthetic.points, "exactly so many; 1000000")
         ->type_name("N")
-        ->transform(whole_number());
+        ->transform(point_count());
     command.add_option("--seed", values.synthetic.seed, "another seed, other samples; 1")
         ->type_name("S")
         ->transform(whole_number());
