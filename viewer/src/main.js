@@ -268,7 +268,8 @@ async function openCloud({ id, format: kind, bytes }) {
         open(known);
     } else {
         const isLarge = bytes > kMostWhole * kFewestBytes[kind];
-        await start('pyramid', id, isLarge ? { formats: ['drc', 'glb'], tiles: { attributes: true } } : { formats: ['drc'] });
+        // What is small is there within a second by the method of less error, too.
+        await start('pyramid', id, isLarge ? { formats: ['drc', 'glb'], tiles: { attributes: true } } : { formats: ['drc'], method: 'multiphase' });
     }
 }
 
