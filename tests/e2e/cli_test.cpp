@@ -272,6 +272,10 @@ TEST_F(StippleCli, CurveDrawsAndTellsTheErrorAtEachCount) {
     const std::string picture = content(folder_ / "c.svg");
     EXPECT_TRUE(picture.starts_with("<svg"));
     EXPECT_TRUE(picture.ends_with("</svg>\n"));
+    EXPECT_EQ(outcome.err.find("left out"), std::string::npos);
+    EXPECT_NE(stipple("curve in.ply --points 100,2k,5000")
+                  .err.find("left out 2,000, 5,000: the cloud has 2,000 points"),
+              std::string::npos);
 }
 
 TEST_F(StippleCli, InspectTellsPointsBoundsAttributesAndHash) {

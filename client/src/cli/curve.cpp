@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <array>
 #include <cstdio>
+#include <iostream>
 #include <string>
 
 namespace stipple::cli {
@@ -30,6 +31,21 @@ ordered_json figures(const CurveCommand& command, const proto::Results& results)
     }
     if (results.cost) add_cost(json, *results.cost);
     return json;
+}
+
+/// Counts that were asked for and that the cloud has not more points than; empty when there are
+/// none.
+std::string left_out_line(const CurveCommand& command, const proto::Results& results) {
+    std::vector<std::string> counts;
+    for (const std::uint64_t count : command.job.options.points) {
+        if (std::ranges::find(results.levels, count, &proto::OutputCloud::points) ==
+            results.levels.end())
+            counts.push_back(with_separators(count));
+    }
+    if (counts.empty()) return {};
+    const proto::CloudStatistics& source = *results.source;
+    return "left out " + joined(counts, ", ") + ": the cloud has " +
+           counted(source.points - source.duplicates - source.non_finite, "point");
 }
 
 /// In 10^-4 of the diagonal, as the paper has it.
@@ -71,6 +87,10 @@ void run(const CurveCommand& command, const Session& session) {
         write_text(command.plot, curve_plot(results.levels, title));
     }
     display.finish();
+    const TextStyle& style = session.terminal.style();
+    if (const std::string left_out = left_out_line(command, results);
+        !command.common.quiet && !left_out.empty())
+        std::cerr << style.dim(left_out) << '\n';
     if (!command.common.quiet && command.common.json != "-")
         write_out(table(results, session.terminal.output_style()));
     write_json(command.common.json, figures(command, results));

@@ -44,6 +44,13 @@ std::string counted(std::uint64_t count, const std::string& one, const std::stri
     return with_separators(count) + " " + (noun.empty() ? one + "s" : noun);
 }
 
+std::string joined(const std::vector<std::string>& parts, std::string_view separator) {
+    std::string text;
+    for (const std::string& part : parts)
+        text += (text.empty() ? "" : std::string(separator)) + part;
+    return text;
+}
+
 std::string readable_bytes(std::uint64_t bytes) {
     static constexpr std::array<const char*, 5> kUnits = {" B", " kB", " MB", " GB", " TB"};
     auto value = static_cast<double>(bytes);

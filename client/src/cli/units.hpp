@@ -3,6 +3,8 @@
 #include <cstddef>
 #include <cstdint>
 #include <string>
+#include <string_view>
+#include <vector>
 
 namespace stipple::cli {
 
@@ -12,6 +14,8 @@ std::string three_digits(double value);
 std::string with_separators(std::uint64_t count);
 /// `1 point`, `1,000 points`: plurals by an `s`, or as given.
 std::string counted(std::uint64_t count, const std::string& one, const std::string& many = {});
+/// `a, b, c` with a separator of `, `.
+std::string joined(const std::vector<std::string>& parts, std::string_view separator);
 /// `310 B`, `60 kB`, `10.4 MB`: three digits at most, powers of 1000.
 std::string readable_bytes(std::uint64_t bytes);
 /// `0.4 ms`, `42 ms`, `1.8 s`, `12 s`, `3 min 20 s`, `2 h 5 min`.
