@@ -3,6 +3,7 @@
 // are widened, and the metadata says what they were.
 
 #include "attribute_name.hpp"
+#include "box_of_most.hpp"
 #include "chain_order.hpp"
 #include "in_quotes.hpp"
 #include "parallel_for.hpp"
@@ -94,6 +95,22 @@ unsigned bits_for(double precision, const Extent& extent) {
         refuse(text.str());
     }
     return std::max(1U, static_cast<unsigned>(bits));
+}
+
+/// A few points far off would leave the others a few steps of the grid: then the bits are those of
+/// the box about most points. 0, exact floats, where the decoder's single precision would not hold
+/// so many.
+unsigned bits_for_most(std::span<const Vec3f> positions, const Extent& extent,
+                       const DracoEncodeOptions& options) {
+    constexpr double kFar = 16;
+    constexpr unsigned kMostOfFloat = 22;
+    const double most = longest_side(box_of_most(some_of(
+        positions.size(), [&](std::size_t i) { return Vec3d(positions[i].cast<double>()); })));
+    if (!(most > 0) || extent.side <= kFar * most) return options.position_bits;
+    const auto more = static_cast<unsigned>(std::ceil(std::log2(extent.side / most)));
+    const unsigned bits = options.position_bits + more;
+    if (bits <= kMostOfFloat) return bits;
+    return options.coding == DracoCoding::KdTree ? std::min(bits, kMostBits) : 0;
 }
 
 // ---- The cloud as Draco holds it
@@ -325,7 +342,8 @@ std::vector<std::byte> encode(Cloud& cloud, const DracoEncodeOptions& options,
     unsigned position_bits = options.position_bits;
     if (position_bits != 0 || options.precision) {
         const Extent extent = extent_of(cloud.positions);
-        if (options.precision) position_bits = bits_for(*options.precision, extent);
+        position_bits = options.precision ? bits_for(*options.precision, extent)
+                                          : bits_for_most(cloud.positions, extent, options);
     }
     if (cloud.empty()) position_bits = 0;
     context.checkpoint(0);

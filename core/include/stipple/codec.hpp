@@ -98,7 +98,8 @@ enum class DracoCoding {
 struct DracoEncodeOptions {
     DracoCoding coding = DracoCoding::Auto;
     unsigned position_bits =
-        14;  ///< 1..30 bits per axis of the longest side; 0: unquantised floats
+        14;  ///< 1..30 bits per axis of the longest side, of the box about most points where a few
+             ///< lie far off; 0: unquantised floats
     std::optional<double>
         precision;  ///< instead of position_bits: the largest error per axis, in input units
     unsigned normal_bits = 10;  ///< 2..30, octahedral
