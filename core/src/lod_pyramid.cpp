@@ -165,7 +165,7 @@ std::vector<PointCloud> snapshots(const PointCloud& cloud, std::span<const std::
 }
 
 LevelOf prefixes_of(const PointCloud& cloud, const RunContext& context) {
-    return [&cloud, order = nested_order(cloud.positions, context).points](std::uint64_t points) {
+    return [&cloud, order = nested_order(cloud.positions, context)](std::uint64_t points) {
         return subset(cloud, std::span(order).first(points));
     };
 }

@@ -9,7 +9,7 @@
 
 namespace stipple {
 
-NestedOrder nested_order(std::span<const Vec3f> positions, const RunContext& context) {
+std::vector<Index> nested_order(std::span<const Vec3f> positions, const RunContext& context) {
     std::vector<ContractionPair> sequence;
     reserve_in_blocks(sequence, positions.size(), context);
     constexpr std::array<std::uint64_t, 1> kOne = {1};
@@ -19,17 +19,12 @@ NestedOrder nested_order(std::span<const Vec3f> positions, const RunContext& con
         [&](ContractionSnapshot&& snapshot) { left = snapshot.samples.front(); }, context);
 
     const std::size_t n = positions.size();
-    NestedOrder order{{left}, {0}};
-    order.points.reserve(n);
-    order.parents.reserve(n);
-    auto place = made_in_blocks<std::vector<Index>>(n, context);  // by point
+    std::vector<Index> order;
+    reserve_in_blocks(order, n, context);
+    order.push_back(left);
     for_blocks_in_order(n, context, [&](std::size_t begin, std::size_t end) {
-        for (std::size_t i = std::max<std::size_t>(begin, 1); i < end; ++i) {
-            const auto [stayed, went] = sequence[n - 1 - i];
-            order.points.push_back(went);
-            order.parents.push_back(place[stayed]);
-            place[went] = static_cast<Index>(i);
-        }
+        for (std::size_t i = std::max<std::size_t>(begin, 1); i < end; ++i)
+            order.push_back(sequence[n - 1 - i].second);
     });
     return order;
 }

@@ -1,9 +1,8 @@
 // Follows: Pauly, Gross, Kobbelt 2002, §3.2, whose contractions run backwards here; the idea of one
 // order for all resolutions from Hoppe's progressive meshes (1996).
 //
-// A point is coded where it comes from: a batch visits the points that are there in their order,
-// new ones too, and writes those attached to each with it. The first half of the points are the
-// earlier batches', which cover all of the surface: so does what a part of a batch adds.
+// A batch visits the points that are there in their order, which is that of nothing in space: what
+// a part of a batch adds is spread over all of the surface.
 
 #include "distance_statistics.hpp"
 #include "error_samples.hpp"
@@ -14,9 +13,10 @@
 #include "parallel_for.hpp"
 #include "point_tree.hpp"
 #include "progressive_layout.hpp"
-#include "progressive_model.hpp"
 #include "progressive_values.hpp"
+#include "progressive_walk.hpp"
 #include "stipple/error.hpp"
+#include "stipple/neighbors.hpp"
 #include "stipple/progressive_cloud.hpp"
 
 #include <algorithm>
@@ -150,141 +150,172 @@ std::vector<std::uint32_t> batch_ends(std::size_t points) {
     return ends;
 }
 
+Cell coarser(const Cell& cell, unsigned shift) {
+    return {cell[0] >> shift, cell[1] >> shift, cell[2] >> shift};
+}
+
 /// Chooses how fine the grid of each batch is, and says what error comes of it.
-void plan_batches(const PointCloud& cloud, const NestedOrder& order, std::span<const Cell> cells,
-                  double coarseness, ProgressiveLayout& layout, const RunContext& context) {
+void plan_batches(const PointCloud& cloud, std::span<const Cell> cells, double coarseness,
+                  ProgressiveLayout& layout, const RunContext& context) {
     std::int32_t steps = 0;  // of the longest side
     for (const Cell& cell : cells) steps = std::max(steps, *std::ranges::max_element(cell));
     constexpr int kMostOfFloat = 120;
     const int size = steps == 0 ? 0 : std::ilogb(layout.step * steps);
     const PrefixErrors errors(
         cloud, std::ldexp(1.0, std::clamp(-size, -kMostOfFloat, kMostOfFloat)), context);
+    const auto error_of = [&](std::size_t end, unsigned shift) {
+        return errors.mean(end, [&](std::size_t i) {
+            const Cell& cell = cells[i];
+            const Vec3d low(cell[0] >> shift << shift, cell[1] >> shift << shift,
+                            cell[2] >> shift << shift);
+            return Vec3d(layout.low + layout.step * (low + Vec3d::Constant(layout.middle(shift))));
+        });
+    };
+    const auto add = [&](std::uint32_t end, unsigned shift, double error) {
+        layout.batches.push_back({.points = end,
+                                  .shift = static_cast<std::uint8_t>(shift),
+                                  .mean_error = static_cast<float>(error)});
+    };
     unsigned shift = layout.grid_bits - 1U;
     for (const std::uint32_t end : batch_ends(cells.size())) {
-        const bool last = end == cells.size();
-        const auto exact = [&](std::size_t i) {
-            return Vec3d(cloud.positions[order.points[i]].cast<double>());
-        };
-        const double bound = last ? 0 : coarseness * errors.mean(end, exact);
-        while (shift > 0 && !(layout.step * (1U << shift) <= bound)) --shift;
-        const auto decoded = [&](std::size_t i) {
-            const Vec3d cell((cells[i][0] >> shift) << shift, (cells[i][1] >> shift) << shift,
-                             (cells[i][2] >> shift) << shift);
-            return Vec3d(layout.low + layout.step * (cell + Vec3d::Constant(layout.middle(shift))));
-        };
-        layout.batches.push_back({.points = end,
-                                  .bytes = 0,
-                                  .shift = static_cast<std::uint8_t>(shift),
-                                  .mean_error = static_cast<float>(errors.mean(end, decoded))});
+        const double least = error_of(end, 0);
+        if (end == cells.size()) shift = 0;
+        double error = shift == 0 ? least : error_of(end, shift);
+        while (shift > 0 && !(error <= (1 + coarseness) * least && coarseness > 0)) {
+            --shift;
+            error = error_of(end, shift);
+        }
+        add(end, shift, error);
         context.checkpoint(static_cast<double>(end) / static_cast<double>(cells.size()));
     }
 }
 
 constexpr std::size_t kBetweenLooks = 16'384;  // at the stop token
 
-/// Of each point those attached to it, in the order in which they come: a list for each.
-struct Attached {
-    static constexpr Index kNone = ~Index{0};
-    std::vector<Index> next;   ///< after this one, of the same parent
-    std::vector<Index> first;  ///< not yet coded
+// Neighbours are looked for in blocks of three points, new ones asked for in cells of hardly more
+// than one: of finer cells more would be asked, of coarser ones less would be known.
+constexpr double kBlocksOfPoints = 1.0 / 3, kCellsOfPoints = 0.9;
 
-    Attached(std::span<const Index> parents, const RunContext& context)
-        : next(made_in_blocks<std::vector<Index>>(parents.size(), context)),
-          first(made_in_blocks<std::vector<Index>>(parents.size(), context)) {
-        for_blocks_in_order(parents.size(), context, [&](std::size_t begin, std::size_t end) {
-            for (std::size_t i = begin; i < end; ++i) next[i] = first[i] = kNone;
-        });
-        for (auto i = static_cast<Index>(parents.size()); --i > 0;) {
-            if (i % kBetweenLooks == 0) context.throw_if_stopped();
-            next[i] = first[parents[i]];
-            first[parents[i]] = i;
-        }
-    }
-};
-
+/// What the encoder's side of the walk knows.
 class Encoder {
 public:
-    Encoder(std::span<const Cell> cells, std::span<std::uint32_t> values, const NestedOrder& order,
-            const ProgressiveLayout& layout, const RunContext& context)
-        : cells_(cells),
-          values_(values),
-          attached_(order.parents, context),
-          model_(layout.channels()) {
-        reserve_in_blocks(points_, cells.size(), context);
-        reserve_in_blocks(numbers_, cells.size(), context);
-    }
+    Encoder(std::span<const Cell> cells, std::span<std::uint32_t> values,
+            const ProgressiveLayout& layout)
+        : cells_(cells), values_(values), walk_(layout.channels()) {}
 
-    std::vector<std::byte> batch(const ProgressiveLayout& layout, std::size_t number,
+    std::vector<std::byte> batch(ProgressiveLayout& layout, std::size_t number,
                                  const RunContext& context);
 
-private:
-    Cell at(Index i, unsigned shift) const {
-        return {cells_[i][0] >> shift, cells_[i][1] >> shift, cells_[i][2] >> shift};
+    // What the walk asks.
+    RangeEncoder coder;
+    void begin_round(std::size_t known, std::size_t target);
+    bool lies_in(const Cell& cell, unsigned lift);
+    void begin_far();
+    bool has_far(std::size_t parent);
+    Cell next_cell() const { return waiting_[coming_ - first_]; }
+    void added(std::size_t parent);
+    Cell fine_cell(std::size_t point) const {
+        return coarser(cells_[point == 0 ? 0 : numbers_[point]], shift_);
     }
-    void start(RangeEncoder& coder, unsigned shift, unsigned bits);
-    void attach(RangeEncoder& coder, std::size_t parent, unsigned shift);
 
-    std::span<const Cell> cells_;
+private:
+    std::span<const Cell> cells_;  ///< on the finest grid
     std::span<std::uint32_t> values_;
-    Attached attached_;
-    ProgressiveModel model_;
-    std::vector<TracedPoint> points_;  ///< those that were coded, as the decoder has them
-    std::vector<Index> numbers_;       ///< which these are
+    ProgressiveWalk walk_;
+    std::vector<Index> numbers_;  ///< which the points are that were coded
+
+    unsigned shift_ = 0, lift_ = 0;  ///< of the batch
+
+    // Of a round: the points that are to come, and which of them have.
+    Index first_ = 0;
+    std::vector<Cell> waiting_;
+    std::vector<bool> came_;
+    CellBlocks by_cell_;
+    Index coming_ = 0;                          ///< the number of the point that is added next
+    std::vector<std::pair<Index, Index>> far_;  ///< parent, number; in the order of the walk
+    std::size_t next_far_ = 0;
 };
 
-void Encoder::start(RangeEncoder& coder, unsigned shift, unsigned bits) {
-    TracedPoint root{};
-    root.cell = at(0, shift);
-    model_.code_root(coder, root.cell, bits - shift);
-    const std::size_t count = model_.channel_count();
-    model_.code_channels(coder, std::vector<std::uint32_t>(count), values_.first(count));
-    points_.push_back(root);
-    numbers_.push_back(0);
+void Encoder::begin_round(std::size_t known, std::size_t target) {
+    first_ = static_cast<Index>(known);
+    waiting_.clear();
+    for (std::size_t i = known; i < target; ++i) waiting_.push_back(coarser(cells_[i], shift_));
+    came_.assign(waiting_.size(), false);
+    by_cell_ = CellBlocks(waiting_, lift_);
 }
 
-/// The next of those attached to a point.
-void Encoder::attach(RangeEncoder& coder, std::size_t parent, unsigned shift) {
-    Index& i = attached_.first[numbers_[parent]];
-    const Cell cell = at(i, shift), &from = points_[parent].cell;
-    const TracedPoint child = model_.attach(
-        coder, points_[parent], {cell[0] - from[0], cell[1] - from[1], cell[2] - from[2]});
-    const std::size_t count = model_.channel_count();
-    model_.code_channels(coder, values_.subspan(numbers_[parent] * count, count),
-                         values_.subspan(i * count, count));
-    points_.push_back(child);
-    numbers_.push_back(i);
-    i = attached_.next[i];
+bool Encoder::lies_in(const Cell& cell, unsigned /*lift*/) {
+    bool found = false;
+    by_cell_.for_each_in(cell, waiting_, [&](Index i) {
+        if (came_[i]) return true;
+        found = true;
+        came_[i] = true;
+        coming_ = first_ + i;
+        return false;
+    });
+    return found;
 }
 
-std::vector<std::byte> Encoder::batch(const ProgressiveLayout& layout, std::size_t number,
-                                      const RunContext& context) {
-    const ProgressiveLayout::Batch& batch = layout.batches[number];
-    const unsigned shift = batch.shift,
-                   split = number == 0 ? 0 : layout.batches[number - 1].shift - shift;
-    RangeEncoder coder;
-    if (number == 0) start(coder, shift, layout.grid_bits);
-    const std::size_t before = number == 0 ? 0 : points_.size();
-    for (std::size_t i = 0; i < points_.size(); ++i) {
-        if (i % kBetweenLooks == 0) context.throw_if_stopped();
-        if (split > 0 && i < before) {
-            const Cell fine = at(numbers_[i], shift);
-            const std::int32_t mask = (1 << split) - 1;
-            model_.refine(coder, points_[i], split,
-                          {fine[0] & mask, fine[1] & mask, fine[2] & mask});
-        }
-        unsigned attached = 0;
-        while (points_.size() < batch.points &&
-               model_.code_more(coder, points_[i], attached,
-                                attached_.first[numbers_[i]] < batch.points)) {
-            attach(coder, i, shift);
-            ++attached;
-        }
-        model_.visited(points_[i], attached);
+void Encoder::begin_far() {
+    const auto place = [](const Cell& cell) {
+        return Vec3f(Eigen::Vector3i(cell[0], cell[1], cell[2]).cast<float>());
+    };
+    std::vector<Vec3f> known;
+    for (Index i = 0; i < first_; ++i) known.push_back(place(walk_.cell(i).first));
+    const NeighborSearch search(known, {.threads = 1});
+    far_.clear();
+    next_far_ = 0;
+    for (Index i = 0; i < waiting_.size(); ++i) {
+        if (came_[i]) continue;
+        std::array<Neighbor, 1> room;
+        search.nearest(place(waiting_[i]), room);
+        far_.emplace_back(room[0].index, first_ + i);
     }
+    std::ranges::sort(far_);
+}
+
+bool Encoder::has_far(std::size_t parent) {
+    if (next_far_ == far_.size() || far_[next_far_].first != parent) return false;
+    coming_ = far_[next_far_++].second;
+    return true;
+}
+
+void Encoder::added(std::size_t parent) {
+    const std::size_t count = walk_.model().channel_count();
+    const std::vector<std::uint32_t> zeros(numbers_.empty() ? count
+                                                            : 0);  // the first has no parent
+    numbers_.push_back(coming_);
+    const auto from =
+        std::span<const std::uint32_t>(values_).subspan(numbers_[parent] * count, count);
+    walk_.model().code_channels(coder, zeros.empty() ? from : zeros,
+                                values_.subspan(coming_ * count, count));
+}
+
+std::vector<std::byte> Encoder::batch(ProgressiveLayout& layout, std::size_t number,
+                                      const RunContext& context) {
+    ProgressiveLayout::Batch& batch = layout.batches[number];
+    shift_ = batch.shift;
+    coder = {};
+    const std::size_t before = walk_.size();
+    if (number == 0) {
+        batch.block_bits = kMostGridBits;  // few points: all in one block
+        walk_.start(*this, layout);
+    } else {
+        std::vector<Cell> cells;
+        for (std::size_t i = 0; i < before; ++i) cells.push_back(walk_.cell(i).first);
+        const unsigned planes = layout.batches[number - 1].shift - batch.shift;
+        batch.block_bits = static_cast<std::uint8_t>(block_bits_for(cells, kBlocksOfPoints) + 1);
+        lift_ = std::min<unsigned>(block_bits_for(cells, kCellsOfPoints) + planes,
+                                   layout.grid_bits - batch.shift);
+        batch.lift = static_cast<std::uint8_t>(lift_);
+        walk_.begin_batch(*this, layout, number);
+    }
+    for (std::size_t steps = 0; walk_.step(*this); ++steps)
+        if (steps % kBetweenLooks == 0) context.throw_if_stopped();
     std::vector<std::byte> bytes = coder.finish();
     // A batch of points that took hardly a bit is filled up to what decoders want to see.
-    while (points_.size() - before >
-           ProgressiveLayout::most_points(bytes.size(), model_.channel_count()))
+    while (walk_.size() - before >
+           ProgressiveLayout::most_points(bytes.size(), walk_.model().channel_count()))
         bytes.push_back(std::byte{0});
     return bytes;
 }
@@ -307,12 +338,12 @@ std::vector<std::byte> encode_progressive(const PointCloud& cloud,
     layout.attributes = describe_attributes(cloud, options.attribute_bits);
 
     context.checkpoint(0);
-    const NestedOrder order = nested_order(cloud.positions, context.part(0, 0.5));
-    const std::vector<Cell> cells = cells_of(cloud, order.points, layout, context);
-    plan_batches(cloud, order, cells, options.coarseness, layout, context.part(0.5, 0.8));
+    const std::vector<Index> order = nested_order(cloud.positions, context.part(0, 0.5));
+    const std::vector<Cell> cells = cells_of(cloud, order, layout, context);
+    plan_batches(cloud, cells, options.coarseness, layout, context.part(0.5, 0.8));
 
-    std::vector<std::uint32_t> values = pack_channels(cloud, order.points, layout, context);
-    Encoder encoder(cells, values, order, layout, context);
+    std::vector<std::uint32_t> values = pack_channels(cloud, order, layout, context);
+    Encoder encoder(cells, values, layout);
     std::vector<std::byte> body;
     for (std::size_t b = 0; b < layout.batches.size(); ++b) {
         const std::vector<std::byte> batch = encoder.batch(layout, b, context);

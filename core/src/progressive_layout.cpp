@@ -14,7 +14,7 @@ namespace stipple {
 namespace {
 
 constexpr std::string_view kMagic = "STPC";
-constexpr std::uint8_t kVersion = 1;
+constexpr std::uint8_t kVersion = 2;
 constexpr std::size_t kPreamble = 12;
 constexpr std::size_t kMostHeader = std::size_t{1} << 20U;
 constexpr std::size_t kMostBatches = 64;
@@ -93,9 +93,13 @@ void read_batches(Reader& in, std::size_t count, ProgressiveLayout& layout) {
         batch.points = in.get<std::uint32_t>();
         batch.bytes = in.get<std::uint32_t>();
         batch.shift = in.get<std::uint8_t>();
+        batch.lift = in.get<std::uint8_t>();
+        batch.block_bits = in.get<std::uint8_t>();
         batch.mean_error = in.get<float>();
-        require_range("points up to a batch", batch.points, points + 1ULL, layout.points);
+        require_range("points up to a batch", batch.points, std::max(points, 1U), layout.points);
         require_range("shift of a batch", batch.shift, 0, shift);
+        require_range("lift of a batch", batch.lift, 0, layout.grid_bits - batch.shift);
+        require_range("bits of the blocks of a batch", batch.block_bits, 0, kMostGridBits);
         if (batch.points - points > ProgressiveLayout::most_points(batch.bytes, channels))
             malformed("a batch of " + std::to_string(batch.bytes) + " bytes cannot hold " +
                       std::to_string(batch.points - points) + " points");
@@ -153,6 +157,8 @@ std::vector<std::byte> write_header(const ProgressiveLayout& layout) {
         out.put(batch.points);
         out.put(batch.bytes);
         out.put(batch.shift);
+        out.put(batch.lift);
+        out.put(batch.block_bits);
         out.put(batch.mean_error);
     }
     const auto length =
@@ -168,7 +174,7 @@ std::optional<std::size_t> header_length(std::span<const std::byte> bytes) {
     if (bytes.size() < kPreamble) return std::nullopt;
     if (const auto version = in.get<std::uint8_t>(); version != kVersion) {
         throw Error(ErrorCode::UnsupportedFormat,
-                    "progressive stream of version " + std::to_string(version) + ": expected 1");
+                    "progressive stream of version " + std::to_string(version) + ": expected 2");
     }
     in.text(3);
     const auto length = in.get<std::uint32_t>();

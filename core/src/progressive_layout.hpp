@@ -32,10 +32,12 @@ struct ProgressiveAttribute {
 /// What the header of a progressive stream says.
 struct ProgressiveLayout {
     struct Batch {
-        std::uint32_t points = 0;  ///< up to its end, the earlier ones included
-        std::uint32_t bytes = 0;   ///< of itself
-        std::uint8_t shift = 0;    ///< bits of the grid that are not there yet
-        float mean_error = 0;      ///< input units
+        std::uint32_t points = 0;     ///< up to its end, the earlier ones included
+        std::uint32_t bytes = 0;      ///< of itself
+        std::uint8_t shift = 0;       ///< bits of the grid that are not there yet at its end
+        std::uint8_t lift = 0;        ///< bits that cells which are asked for new points lack, more
+        std::uint8_t block_bits = 0;  ///< of the blocks in which neighbours are looked for
+        float mean_error = 0;         ///< input units
     };
 
     bool normals = false, colors = false, alpha = false, double_precision = false;

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "cell_surface.hpp"
 #include "range_coder.hpp"
 
 #include <algorithm>
@@ -12,12 +13,10 @@
 #include <utility>
 #include <vector>
 
-// What the two sides of a progressive cloud know, and the probabilities that follow from it. One
-// text for both: `Coder` is `RangeEncoder` or `RangeDecoder`, and every value goes through it.
+// Probabilities of everything that a progressive stream says, learned on the way. One text for both
+// sides: `Coder` is `RangeEncoder` or `RangeDecoder`, and every value goes through it.
 
 namespace stipple {
-
-using Cell = std::array<std::int32_t, 3>;
 
 /// A signed number is coded as how many bits it has, its sign, the bit below the highest, and the
 /// rest as it is.
@@ -27,6 +26,7 @@ struct SizeModel {
 struct DetailModel {
     std::array<AdaptiveBit, 32> larger;  ///< bits beyond 15
     std::array<AdaptiveBit, 33> second;  ///< by size
+    AdaptiveBit sign;
 };
 
 template <typename Coder, std::size_t N>
@@ -34,7 +34,7 @@ unsigned code_tree(Coder& coder, std::array<AdaptiveBit, N>& nodes, unsigned val
     unsigned node = 1;
     for (unsigned bit = N / 2; bit > 0; bit /= 2)
         node = 2 * node + (coder.bit(nodes[node], (value & bit) != 0) ? 1 : 0);
-    return node - N;
+    return node - static_cast<unsigned>(N);
 }
 
 template <typename Coder>
@@ -49,8 +49,8 @@ std::uint32_t code_direct(Coder& coder, std::uint32_t value, unsigned count) {
 
 /// A number of up to `most` bits, at most 32, and its sign.
 template <typename Coder>
-std::int64_t code_signed(Coder& coder, SizeModel& sizes, DetailModel& details, AdaptiveBit& sign,
-                         std::int64_t value, unsigned most) {
+std::int64_t code_signed(Coder& coder, SizeModel& sizes, DetailModel& details, std::int64_t value,
+                         unsigned most) {
     constexpr unsigned kMore = 15;
     const auto magnitude = static_cast<std::uint64_t>(std::abs(value));
     auto size = static_cast<unsigned>(std::bit_width(magnitude));
@@ -58,7 +58,7 @@ std::int64_t code_signed(Coder& coder, SizeModel& sizes, DetailModel& details, A
     size = code_tree(coder, sizes.nodes, std::min(size, kMore));
     if (size == kMore) size = std::min(kMore + code_tree(coder, details.larger, more), most);
     if (size == 0) return 0;
-    const bool negative = coder.bit(sign, value < 0);
+    const bool negative = coder.bit(details.sign, value < 0);
     std::int64_t result = 1;
     if (size >= 2) {
         const unsigned rest = size - 2;
@@ -69,18 +69,6 @@ std::int64_t code_signed(Coder& coder, SizeModel& sizes, DetailModel& details, A
     return negative ? -result : result;
 }
 
-/// What is known of a point that is there.
-struct TracedPoint {
-    Cell cell;    ///< on the grid of the batch
-    Cell toward;  ///< from it to the point that was last attached to it, or to its
-                  ///< parent
-    std::array<float, 3> normal = {0, 0, 1};  ///< of the surface, as far as offsets tell; unit
-    std::uint8_t roughness;                   ///< bits of the last miss of the tangent plane
-    std::int8_t bend;                         ///< sign of that miss along the normal
-    std::uint8_t idle;  ///< 0: new in this batch; 1: something was attached last time; else how
-                        ///< many batches ago, plus 1
-};
-
 /// A further number of each point: a channel of a colour, one of the two of a normal, a component
 /// of an attribute.
 struct Channel {
@@ -88,7 +76,14 @@ struct Channel {
     bool follows;   ///< belongs to the channel before it
 };
 
-/// Probabilities of everything that a stream says, learned on the way.
+/// A cell of some steps of the grid a side that may hold points, and what their probability goes
+/// by.
+struct Candidate {
+    Cell middle;      ///< in half steps
+    CellPlane plane;  ///< of the surface, from the middle
+    std::uint16_t context;
+};
+
 class ProgressiveModel {
 public:
     explicit ProgressiveModel(std::vector<Channel> channels)
@@ -102,77 +97,78 @@ public:
             c = static_cast<std::int32_t>(code_direct(coder, static_cast<std::uint32_t>(c), bits));
     }
 
-    /// Splits the cell of a point: `below` is where it lies within, in 2^bits parts for each axis.
+    /// Which cells around a point are asked for others: those of 2^lift steps a side near its plane
+    /// that are nearer to it than to its neighbours.
+    /// @param places  of the points, in half steps.
+    static void find_candidates(Index number, const CellNeighbors& neighbors,
+                                const CellTangent& tangent, std::span<const Cell> places,
+                                unsigned lift, std::vector<Candidate>& found);
+
+    /// Whether one more point lies in a cell that has got `found`.
+    /// @param nearest  how far from its middle the nearest lies that came in this round, in its
+    /// sides.
     template <typename Coder>
-    void refine(Coder& coder, TracedPoint& point, unsigned bits, const Cell& below) {
-        for (unsigned plane = bits; plane-- > 0;) {
-            std::uint32_t octant = 0;
-            for (int axis = 0; axis < 3; ++axis)
-                octant = 2 * octant + (static_cast<std::uint32_t>(below[axis]) >> plane & 1U);
-            octant = coder.direct(octant, 3);
-            for (int axis = 0; axis < 3; ++axis) {
-                point.cell[axis] =
-                    2 * point.cell[axis] + static_cast<std::int32_t>(octant >> (2 - axis) & 1U);
-            }
-        }
-        for (std::int32_t& t : point.toward) t *= 1 << bits;
-        point.roughness = static_cast<std::uint8_t>(std::min(point.roughness + bits, kRoughest));
+    bool code_candidate(Coder& coder, const Candidate& candidate, double nearest, unsigned found,
+                        bool there) {
+        if (found > 0)
+            return coder.bit(
+                more_[candidate.context / (kDistances * kHeights)][std::min(found, 2U) - 1], there);
+        const unsigned near = nearest < 0.7 ? 0 : nearest < 1.0 ? 1 : nearest < 1.5 ? 2 : 3;
+        return coder.bit(candidate_[candidate.context][near], there);
     }
 
-    /// Whether one more is attached to the point, which has got `attached` in this batch.
+    /// Whether one more point is told by its offset from one that has got `told` so.
     template <typename Coder>
-    bool code_more(Coder& coder, const TracedPoint& point, unsigned attached, bool more) {
-        return coder.bit(more_[std::min(attached, 2U)][point.idle][scale_of(longest(point.toward))],
+    bool code_far(Coder& coder, const CellTangent& tangent, unsigned told, bool more) {
+        return coder.bit(far_[std::min(told, 2U)][spacing_scale(tangent)]
+                             [bin(16 * tangent.plane.roughness / tangent.spacing, 4)],
                          more);
     }
 
-    /// What a point remembers of a batch.
-    static void visited(TracedPoint& point, unsigned attached) noexcept {
-        point.idle = static_cast<std::uint8_t>(attached > 0 ? 1 : std::clamp(point.idle + 1, 2, 4));
+    /// The offset of a point, in steps: in the tangent plane, then from it.
+    template <typename Coder>
+    Cell code_offset(Coder& coder, const CellTangent& tangent, Cell offset) {
+        const auto& [n, height, roughness, a] = tangent.plane;
+        const unsigned b = (a + 1) % 3, c = (a + 2) % 3, scale = spacing_scale(tangent);
+        const auto code = [&](SizeModel& sizes, DetailModel& details, std::int32_t value) {
+            return static_cast<std::int32_t>(
+                code_signed(coder, sizes, details, value, kPositionBits));
+        };
+        offset[b] = code(first_[scale], detail_[0], offset[b]);
+        const unsigned relative = std::clamp<int>(
+            static_cast<int>(scale_of(offset[b])) - static_cast<int>(scale) + 5, 0, kRelative - 1);
+        offset[c] = code(second_[scale][relative], detail_[1], offset[c]);
+        const double along = 0.5 * height - (n[b] * offset[b] + n[c] * offset[c]);
+        const auto expected = static_cast<std::int32_t>(std::floor(0.5 + along / n[a]));
+        const unsigned distance =
+            std::min(scale_of(std::max(std::abs(offset[b]), std::abs(offset[c]))), kAcross - 1);
+        offset[a] = expected + code(across_[bin(2 * roughness, kAcross)][distance], detail_[2],
+                                    offset[a] - expected);
+        return offset;
     }
 
-    /// A point attached to `parent`, `offset` away.
+    /// The bits of a point whose cell is split, `planes` for each axis.
+    /// @param plane  of the surface, from the middle of the cell, in half steps of the finer grid.
+    /// @param fine  the cell on that grid.
     template <typename Coder>
-    TracedPoint attach(Coder& coder, TracedPoint& parent, Cell offset) {
-        const std::array<float, 3> n = parent.normal;
-        const int a = main_axis(n), b = (a + 1) % 3, c = (a + 2) % 3;
-        const std::int32_t reach = longest(parent.toward);
-        const unsigned scale = scale_of(reach);
+    Cell split(Coder& coder, const CellPlane& plane, unsigned planes, const Cell& fine) {
+        return code_bits(
+            coder, plane, planes, fine, across_split_, [&](unsigned, double, double size) -> auto& {
+                return along_split_[rough_class(plane, size) / 2];
+            });
+    }
 
-        offset[b] = static_cast<std::int32_t>(
-            code_signed(coder, first_[scale], detail_[0],
-                        first_sign_[side_of(parent.toward[b], reach)], offset[b], kPositionBits));
-        const unsigned ratio = std::min(scale_of(std::abs(offset[b])), kScales - 1);
-        const unsigned relative =
-            std::clamp<int>(static_cast<int>(ratio) - static_cast<int>(scale) + 5, 0, 7);
-        offset[c] = static_cast<std::int32_t>(
-            code_signed(coder, second_[scale][relative], detail_[1],
-                        second_sign_[side_of(parent.toward[c], reach)], offset[c], kPositionBits));
-        // Where the tangent plane is, and how far from it the point.
-        const double along = double{n[b]} * offset[b] + double{n[c]} * offset[c];
-        const auto expected = static_cast<std::int32_t>(std::floor(0.5 - along / double{n[a]}));
-        const unsigned distance = scale_of(std::max(std::abs(offset[b]), std::abs(offset[c])));
-        const bool upward = n[a] > 0;
-        const auto miss = static_cast<std::int32_t>(code_signed(
-            coder, across_[parent.roughness][std::min(distance, 15U)], detail_[2],
-            bend_[parent.bend + 1][upward ? 1 : 0], offset[a] - expected, kPositionBits));
-        offset[a] = expected + miss;
-
-        TracedPoint child{};
-        for (int axis = 0; axis < 3; ++axis) {
-            child.cell[axis] = parent.cell[axis] + offset[axis];
-            child.toward[axis] = -offset[axis];
-        }
-        parent.toward = offset;
-        parent.roughness = static_cast<std::uint8_t>(
-            std::min(static_cast<unsigned>(std::bit_width(static_cast<unsigned>(std::abs(miss)))),
-                     kRoughest));
-        parent.bend = static_cast<std::int8_t>(miss == 0 ? 0 : (miss > 0) == upward ? 1 : -1);
-        turn(parent.normal, offset);
-        child.normal = parent.normal;
-        child.roughness = parent.roughness;
-        child.bend = parent.bend;
-        return child;
+    /// The same of a point that came in a candidate.
+    /// @param parent  the place around which it was asked for.
+    template <typename Coder>
+    Cell place_within(Coder& coder, const Candidate& candidate, const Cell& parent, unsigned planes,
+                      const Cell& fine) {
+        return code_bits(
+            coder, candidate.plane, planes, fine,
+            across_new_, [&](unsigned axis, double moved, double size) -> auto& {
+                const double way = parent[axis] - candidate.middle[axis];
+                return along_new_[bin(4 + 4 * (way - moved) / size, kToward)];
+            });
     }
 
     /// The channels of a point, by those of its parent.
@@ -187,7 +183,7 @@ public:
             const auto wrapped =
                 static_cast<std::int32_t>((values[c] - parent[c]) << unused) >> unused;
             const std::int64_t difference =
-                code_signed(coder, model.sizes[before], model.detail, model.sign, wrapped, 32);
+                code_signed(coder, model.sizes[before], model.detail, wrapped, 32);
             values[c] = (parent[c] + static_cast<std::uint32_t>(difference)) << unused >> unused;
             before = std::min(7U, static_cast<unsigned>(std::bit_width(
                                       static_cast<std::uint64_t>(std::abs(difference)))));
@@ -195,62 +191,90 @@ public:
     }
 
 private:
-    static constexpr unsigned kScales = 32;
-    static constexpr unsigned kRoughest = 7;
+    static constexpr unsigned kScales = 32, kRelative = 8, kAcross = 16;
     static constexpr unsigned kPositionBits = 25;  // no sum of what it gives overflows
+    static constexpr unsigned kSpacingClasses = 6, kDistances = 11, kHeights = 6;
+    static constexpr unsigned kAcrossPlane = 24, kRough = 8, kAlong = 8, kToward = 8;
+
+    /// Of bits along the surface and across it, by how far it is from the middle.
+    using AlongModel = std::array<AdaptiveBit, kAlong>;
+    using AcrossModel = std::array<std::array<AdaptiveBit, kAcrossPlane>, kRough>;
 
     struct ChannelModel {
         std::array<SizeModel, 8> sizes;  ///< by the size of the channel before
         DetailModel detail;
-        AdaptiveBit sign;
     };
 
-    static std::int32_t longest(const Cell& v) noexcept {
-        return std::max({std::abs(v[0]), std::abs(v[1]), std::abs(v[2])});
+    /// The whole part of a number, 0 for negative ones and what is none, at most count - 1.
+    static unsigned bin(double value, unsigned count) noexcept {
+        if (!(value > 0)) return 0;
+        return value < count ? static_cast<unsigned>(value) : count - 1;
     }
+
+    /// Of a mean distance of neighbours, in sides of the cells that are asked.
+    static unsigned spacing_class(double spacing) noexcept {
+        constexpr std::array<double, kSpacingClasses - 1> kFrom = {0.9, 1.2, 1.6, 2.2, 3};
+        unsigned from = 0;
+        while (from < kFrom.size() && spacing >= kFrom[from]) ++from;
+        return from;
+    }
+
+    static unsigned rough_class(const CellPlane& plane, double size) noexcept {
+        return bin(8 * plane.roughness / size, kRough);
+    }
+
+    /// One plane after the other, of each the axes along the surface first.
+    template <typename Coder>
+    static Cell code_bits(Coder& coder, const CellPlane& plane, unsigned planes, const Cell& fine,
+                          AcrossModel& across, auto&& along);
 
     /// Two to an octave.
     static unsigned scale_of(std::int32_t length) noexcept {
-        if (length < 2) return static_cast<unsigned>(length);
-        const auto l = static_cast<unsigned>(length);
+        const auto l = static_cast<unsigned>(std::abs(length));
+        if (l < 2) return l;
         const auto size = static_cast<unsigned>(std::bit_width(l));
         return std::min(2 * size - 2 + (l >> (size - 2) & 1U), kScales - 1);
     }
-
-    static unsigned side_of(std::int32_t component, std::int32_t reach) noexcept {
-        if (2 * std::int64_t{std::abs(component)} <= reach) return 1;
-        return component > 0 ? 2 : 0;
-    }
-
-    static int main_axis(const std::array<float, 3>& n) noexcept {
-        const float x = std::abs(n[0]), y = std::abs(n[1]), z = std::abs(n[2]);
-        if (z >= x && z >= y) return 2;
-        return y >= x ? 1 : 0;
-    }
-
-    /// Turns a normal so that it is across an offset, less for short ones, which say little.
-    static void turn(std::array<float, 3>& normal, const Cell& offset) noexcept {
-        const double x = offset[0], y = offset[1], z = offset[2];
-        constexpr double kRounding = 2;
-        const double t =
-            (normal[0] * x + normal[1] * y + normal[2] * z) / (x * x + y * y + z * z + kRounding);
-        const double nx = normal[0] - t * x, ny = normal[1] - t * y, nz = normal[2] - t * z;
-        const double length_sq = nx * nx + ny * ny + nz * nz;
-        if (!(length_sq > 1e-6)) return;  // the offset went along the normal
-        const double scale = 1 / std::sqrt(length_sq);
-        normal = {static_cast<float>(nx * scale), static_cast<float>(ny * scale),
-                  static_cast<float>(nz * scale)};
+    static unsigned spacing_scale(const CellTangent& tangent) noexcept {
+        return scale_of(static_cast<std::int32_t>(0.5 * tangent.spacing));
     }
 
     std::vector<Channel> channels_;
-    std::array<std::array<std::array<AdaptiveBit, kScales>, 5>, 3> more_;
+    std::array<std::array<AdaptiveBit, 2>, kSpacingClasses> more_;
+    std::array<std::array<AdaptiveBit, 4>, kSpacingClasses * kDistances * kHeights> candidate_;
+    std::array<std::array<std::array<AdaptiveBit, 4>, kScales>, 3> far_;
     std::array<SizeModel, kScales> first_;
-    std::array<std::array<SizeModel, 8>, kScales> second_;
-    std::array<std::array<SizeModel, 16>, kRoughest + 1> across_;
+    std::array<std::array<SizeModel, kRelative>, kScales> second_;
+    std::array<std::array<SizeModel, kAcross>, kAcross> across_;
     std::array<DetailModel, 3> detail_;
-    std::array<AdaptiveBit, 3> first_sign_, second_sign_;
-    std::array<std::array<AdaptiveBit, 2>, 3> bend_;
+    AlongModel along_split_[kRough / 2], along_new_[kToward];
+    AcrossModel across_split_, across_new_;
     std::vector<ChannelModel> of_channel_;
 };
+
+template <typename Coder>
+Cell ProgressiveModel::code_bits(Coder& coder, const CellPlane& plane, unsigned planes,
+                                 const Cell& fine, AcrossModel& across, auto&& along) {
+    const std::array<double, 3>& n = plane.normal;
+    std::array<double, 3> moved{};  // from the middle of the first cell to that of the present one
+    Cell bits{};
+    for (unsigned p = planes; p-- > 0;) {
+        const auto quarter = static_cast<double>(1U << p), size = 4 * quarter;
+        for (unsigned turn = 1; turn <= 3; ++turn) {
+            const unsigned axis = (plane.axis + turn) % 3;
+            const double height =
+                (plane.offset - (n[0] * moved[0] + n[1] * moved[1] + n[2] * moved[2])) / size;
+            AdaptiveBit& model =
+                axis == plane.axis
+                    ? across[rough_class(plane, size)]
+                            [bin(12 + 12 * height / n[axis], kAcrossPlane)]
+                    : along(axis, moved[axis], size)[bin(4 + 6 * height * n[axis], kAlong)];
+            const bool bit = coder.bit(model, (fine[axis] >> p & 1) != 0);
+            bits[axis] = 2 * bits[axis] + (bit ? 1 : 0);
+            moved[axis] += bit ? quarter : -quarter;
+        }
+    }
+    return bits;
+}
 
 }  // namespace stipple

@@ -14,6 +14,10 @@ const kHalfAxes = ['major', 'minor'];
 
 const kHeaderPiece = 256;
 
+/** A stream is decoded piece by piece, so that the page can be drawn between: bytes, milliseconds. */
+const kPieceOfStream = 2_048;
+const kBetweenFrames = 20;
+
 /** The first batches of a stream are too few points to look at. */
 const kFirstOfStream = 1_000;
 
@@ -90,15 +94,20 @@ export class LevelLoader {
     async follow({ file, entry, bounds }) {
         const decoder = new ProgressiveDecoder();
         const diagonal = Math.hypot(...bounds.max.map((high, axis) => high - bounds.min[axis]));
+        let looked = performance.now();
         const take = async (piece) => {
             this.loadedBytes += piece.length;
             for (let rest = piece; rest.length > 0;) {
                 // Not beyond the end of a batch, where all points are equally exact; the header comes first.
                 const next = decoder.batches.find(({ bytes }) => bytes > decoder.taken);
                 const end = next?.bytes ?? decoder.taken + kHeaderPiece;
-                const part = rest.subarray(0, end - decoder.taken);
+                const part = rest.subarray(0, Math.min(end - decoder.taken, kPieceOfStream));
                 decoder.feed(part);
                 rest = rest.subarray(part.length);
+                if (performance.now() - looked > kBetweenFrames) {
+                    await new Promise((resolve) => setTimeout(resolve)); // the page goes on meanwhile
+                    looked = performance.now();
+                }
                 if (this.levels.length === 0 && decoder.total > 0) {
                     this.levels.push(...levelsOf(decoder, entry, diagonal));
                 }

@@ -1,13 +1,21 @@
 /**
  * Decoder of progressive streams (docs/progressive-stream.md): every prefix of the bytes is a good cloud of fewer points. The
- * same numbers, bit by bit, as the decoder of the C++ library. No dependencies.
+ * same numbers, bit by bit, as the decoder of the C++ library.
  */
+
+import { bin, CellSurface, kCandidateContexts, kMostNeighbors, kSpacingClasses, spacingsOf } from './cell_surface.js';
 
 const kMagic = 0x43505453; // STPC
 const kMemory = 63;
+const kMostGridBits = 24;
 const kPositionBits = 25;
 const kScales = 32;
-const kRoughest = 7;
+const kRelative = 8;
+const kAcross = 16;
+const kAcrossPlane = 24;
+const kRough = 8;
+const kAlong = 8;
+const kToward = 8;
 const kTypes = [Int8Array, Uint8Array, Int16Array, Uint16Array, Int32Array, Uint32Array, Float32Array, Float64Array];
 const kTypeBits = [8, 8, 16, 16, 32, 32, 32, 32];
 const kFloat = 6;
@@ -94,14 +102,14 @@ class RangeDecoder {
 
 /** Numbers with a sign: trees of 16 bits for the sizes, and what is common to them. */
 class SignedModel {
-    constructor(trees, signs) {
+    constructor(trees) {
         this.sizes = new Bits(16 * trees);
         this.larger = new Bits(32);
         this.second = new Bits(33);
-        this.sign = new Bits(signs);
+        this.sign = new Bits(1);
     }
 
-    decode(coder, tree, sign, most) {
+    decode(coder, tree, most) {
         let size = coder.tree(this.sizes, 16 * tree, 16);
         if (size === 15) {
             size = Math.min(15 + coder.tree(this.larger, 0, 32), most);
@@ -109,7 +117,7 @@ class SignedModel {
         if (size === 0) {
             return 0;
         }
-        const negative = coder.bit(this.sign, sign);
+        const negative = coder.bit(this.sign, 0);
         let value = 1;
         if (size >= 2) {
             const second = coder.bit(this.second, size);
@@ -119,6 +127,7 @@ class SignedModel {
     }
 }
 
+/** Two to an octave. */
 function scaleOf(length) {
     if (length < 2) {
         return length;
@@ -127,11 +136,103 @@ function scaleOf(length) {
     return Math.min(2 * size - 2 + ((length >>> (size - 2)) & 1), kScales - 1);
 }
 
-function sideOf(component, reach) {
-    if (2 * Math.abs(component) <= reach) {
-        return 1;
+function enlarged(Type, length, old) {
+    const array = new Type(length);
+    if (old) {
+        array.set(old);
     }
-    return component > 0 ? 2 : 0;
+    return array;
+}
+
+/** Probabilities of where points are. */
+class PlaceModel {
+    constructor() {
+        this.candidates = new Bits(4 * kCandidateContexts);
+        this.more = new Bits(2 * kSpacingClasses);
+        this.fars = new Bits(3 * kScales * 4);
+        this.first = new SignedModel(kScales);
+        this.second = new SignedModel(kScales * kRelative);
+        this.across = new SignedModel(kAcross * kAcross);
+        this.alongSplit = new Bits((kRough / 2) * kAlong);
+        this.alongNew = new Bits(kToward * kAlong);
+        this.acrossSplit = new Bits(kRough * kAcrossPlane);
+        this.acrossNew = new Bits(kRough * kAcrossPlane);
+        this.moved = [0, 0, 0];
+        this.found = [0, 0, 0]; // the bits of a place
+    }
+
+    /** Whether one more point lies in a cell that has got `found`; `nearest`: how far off the nearest that came lies, in sides. */
+    candidate(coder, context, nearest, found) {
+        if (found > 0) {
+            return coder.bit(this.more, 2 * spacingsOf(context) + Math.min(found, 2) - 1) === 1;
+        }
+        const near = nearest < 0.7 ? 0 : nearest < 1.0 ? 1 : nearest < 1.5 ? 2 : 3;
+        return coder.bit(this.candidates, 4 * context + near) === 1;
+    }
+
+    /** Whether one more point is told by its offset from one that has got `told` so. */
+    far(coder, { spacing, plane }, told) {
+        const scale = scaleOf(Math.floor(0.5 * spacing));
+        const context = (Math.min(told, 2) * kScales + scale) * 4 + bin((16 * plane.roughness) / spacing, 4);
+        return coder.bit(this.fars, context) === 1;
+    }
+
+    /** The offset of a point, in steps: in the tangent plane, then from it. */
+    offset(coder, { spacing, plane }) {
+        const { normal, axis: a } = plane;
+        const b = (a + 1) % 3;
+        const c = (a + 2) % 3;
+        const scale = scaleOf(Math.floor(0.5 * spacing));
+        const offset = [0, 0, 0];
+        offset[b] = this.first.decode(coder, scale, kPositionBits);
+        const relative = Math.min(Math.max(scaleOf(Math.abs(offset[b])) - scale + 5, 0), kRelative - 1);
+        offset[c] = this.second.decode(coder, kRelative * scale + relative, kPositionBits);
+        const along = 0.5 * plane.offset - (normal[b] * offset[b] + normal[c] * offset[c]);
+        const expected = Math.floor(0.5 + along / normal[a]);
+        const distance = Math.min(scaleOf(Math.max(Math.abs(offset[b]), Math.abs(offset[c]))), kAcross - 1);
+        const rough = bin(2 * plane.roughness, kAcross);
+        offset[a] = expected + this.across.decode(coder, kAcross * rough + distance, kPositionBits);
+        return offset;
+    }
+
+    /** The bits of a point whose cell is split; the plane is seen from its middle. */
+    split(coder, plane, planes) {
+        return this.bits(coder, plane, plane.offset, planes, null);
+    }
+
+    /** The same of a point that came in a cell, `way` from its middle to the point around which it was asked for. */
+    placeWithin(coder, plane, offset, planes, way) {
+        return this.bits(coder, plane, offset, planes, way);
+    }
+
+    /** One plane of bits after the other, of each the axes along the surface first. */
+    bits(coder, { normal: n, roughness, axis: a }, offset, planes, way) {
+        const { moved, found: bits } = this;
+        moved.fill(0);
+        bits.fill(0);
+        for (let p = planes - 1; p >= 0; --p) {
+            const quarter = 2 ** p;
+            const size = 4 * quarter;
+            const rough = bin((8 * roughness) / size, kRough);
+            for (let turn = 1; turn <= 3; ++turn) {
+                const axis = (a + turn) % 3;
+                const height = (offset - (n[0] * moved[0] + n[1] * moved[1] + n[2] * moved[2])) / size;
+                let bit;
+                if (axis === a) {
+                    const context = rough * kAcrossPlane + bin(12 + (12 * height) / n[axis], kAcrossPlane);
+                    bit = coder.bit(way ? this.acrossNew : this.acrossSplit, context);
+                } else {
+                    const context = bin(4 + 6 * height * n[axis], kAlong);
+                    bit = way
+                        ? coder.bit(this.alongNew, bin(4 + (4 * (way[axis] - moved[axis])) / size, kToward) * kAlong + context)
+                        : coder.bit(this.alongSplit, (rough >> 1) * kAlong + context);
+                }
+                bits[axis] = 2 * bits[axis] + bit;
+                moved[axis] += bit ? quarter : -quarter;
+            }
+        }
+        return bits;
+    }
 }
 
 /** Takes a stream piece by piece; the cloud grows with it. */
@@ -147,6 +248,8 @@ export class ProgressiveDecoder {
         this.batch = 0;
         this.started = false;
         this.coder = new RangeDecoder();
+        this.way = [0, 0, 0];
+        this.cell = [0, 0, 0];
     }
 
     get done() {
@@ -178,8 +281,8 @@ export class ProgressiveDecoder {
         if (view.byteLength < 12) {
             return false;
         }
-        if (view.getUint32(0, true) !== kMagic || view.getUint8(4) !== 1) {
-            throw new Error('this is no progressive stream of version 1');
+        if (view.getUint32(0, true) !== kMagic || view.getUint8(4) !== 2) {
+            throw new Error('this is no progressive stream of version 2');
         }
         const length = view.getUint32(8, true);
         if (view.byteLength < length) {
@@ -199,41 +302,15 @@ export class ProgressiveDecoder {
             return { points: batch.points, bytes, step: layout.step * 2 ** batch.shift, meanError: batch.meanError };
         });
         this.total = layout.points;
-        this.room = 0;
-        this.more = new Bits(3 * 5 * kScales);
-        this.offsets = [
-            new SignedModel(kScales, 3),
-            new SignedModel(kScales * 8, 3),
-            new SignedModel((kRoughest + 1) * 16, 6),
-        ];
-        this.channelModels = layout.channels.map(() => new SignedModel(8, 1));
+        this.model = new PlaceModel();
+        this.channelModels = layout.channels.map(() => new SignedModel(8));
         this.grow(256);
     }
 
     grow(points) {
-        const enlarged = (Type, each, old) => {
-            const array = new Type(points * each);
-            if (old) {
-                array.set(old);
-            }
-            return array;
-        };
         this.room = points;
-        this.cells = enlarged(Int32Array, 3, this.cells);
-        this.towards = enlarged(Int32Array, 3, this.towards);
-        this.normals = enlarged(Float32Array, 3, this.normals);
-        this.roughness = enlarged(Uint8Array, 1, this.roughness);
-        this.bend = enlarged(Int8Array, 1, this.bend);
-        this.idle = enlarged(Uint8Array, 1, this.idle);
-        this.values = enlarged(Uint32Array, this.layout.channels.length, this.values);
-    }
-
-    /** A new point; what is known of it is filled in by the caller. */
-    add() {
-        if (this.size === this.room) {
-            this.grow(2 * this.room);
-        }
-        return this.size++;
+        this.places = enlarged(Int32Array, 3 * points, this.places);
+        this.values = enlarged(Uint32Array, this.layout.channels.length * points, this.values);
     }
 
     runBatch() {
@@ -252,119 +329,196 @@ export class ProgressiveDecoder {
         }
         coder.bytes = this.pending;
         coder.end = end;
-        const split = this.batch === 0 ? 0 : layout.batches[this.batch - 1].shift - now.shift;
-        while (this.visited < this.size) {
-            if (coder.at > enough || this.size >= this.mostPoints) {
-                return false;
+        while (coder.at <= enough && this.size < this.mostPoints) {
+            if (!this.step()) {
+                return whole;
             }
-            const i = this.visited;
-            if (!this.refined && split > 0 && i < this.before) {
-                this.refine(i, split);
-            }
-            this.refined = true;
-            if (this.size < now.points && this.hasMore(i)) {
-                this.attach(i);
-                ++this.attached;
-                continue;
-            }
-            this.idle[i] = this.attached > 0 ? 1 : Math.min(Math.max(this.idle[i] + 1, 2), 4);
-            ++this.visited;
-            this.attached = 0;
-            this.refined = false;
         }
-        if (this.size < now.points) {
-            throw new Error(`a batch ends at point ${this.size}, before ${now.points}`);
-        }
-        return whole;
+        return false;
     }
 
     startBatch(end) {
+        const { batches, gridBits } = this.layout;
+        const now = batches[this.batch];
         this.coder.start(this.pending, end);
         this.started = true;
-        this.before = this.size;
-        this.visited = 0;
-        this.attached = 0;
-        this.refined = false;
+        this.planes = this.batch === 0 ? 0 : batches[this.batch - 1].shift - now.shift;
+        this.most = 2 ** (gridBits - now.shift); // cells along an axis
         if (this.batch === 0) {
-            const bits = this.layout.gridBits - this.layout.batches[0].shift;
-            const i = this.add();
             for (let axis = 0; axis < 3; ++axis) {
-                this.cells[axis] = this.coder.wide(bits);
+                this.places[axis] = 2 * this.coder.wide(gridBits - now.shift) + 1;
             }
-            this.normals[2] = 1;
-            this.decodeChannels(i, -1);
+            this.size = 1;
+            this.decodeChannels(0, -1);
+        }
+        this.findSurface();
+        if (this.planes === 0) {
+            this.beginRound();
+        } else {
+            this.beginSplitting();
         }
     }
 
-    refine(i, bits) {
-        const { cells, towards } = this;
-        for (let plane = 0; plane < bits; ++plane) {
-            const octant = this.coder.direct(3);
-            for (let axis = 0; axis < 3; ++axis) {
-                cells[3 * i + axis] = 2 * cells[3 * i + axis] + ((octant >> (2 - axis)) & 1);
-            }
+    findSurface() {
+        this.known = this.size;
+        this.surface = new CellSurface(this.places, this.known, this.layout.batches[this.batch].blockBits);
+    }
+
+    beginSplitting() {
+        this.step = this.split;
+        this.visited = 0;
+        this.coarse = this.places.slice(0, 3 * this.size);
+        this.surface.places = this.coarse;
+        for (let i = 0; i < 3 * this.size; ++i) {
+            this.places[i] *= 2 ** this.planes;
         }
+    }
+
+    /** Splits the cells of the points that are there. */
+    split() {
+        const { places, coarse, surface, planes } = this;
+        if (this.visited === this.known) {
+            this.beginRound();
+            return true;
+        }
+        const i = this.visited;
+        surface.findNeighbors(i);
+        surface.fitPlane(places, i, false);
+        const bits = this.model.split(this.coder, surface.plane, planes);
         for (let axis = 0; axis < 3; ++axis) {
-            towards[3 * i + axis] *= 2 ** bits;
+            places[3 * i + axis] = 2 * ((coarse[3 * i + axis] >> 1) * 2 ** planes + bits[axis]) + 1;
         }
-        this.roughness[i] = Math.min(this.roughness[i] + bits, kRoughest);
+        ++this.visited;
+        return true;
     }
 
-    reach(i) {
-        const t = this.towards;
-        return Math.max(Math.abs(t[3 * i]), Math.abs(t[3 * i + 1]), Math.abs(t[3 * i + 2]));
+    /** The points that are there get up to as many more. */
+    beginRound() {
+        this.step = this.lookAround;
+        this.visited = 0;
+        this.open = false;
+        this.target = Math.min(this.layout.batches[this.batch].points, 2 * this.known);
+        this.children = new Uint32Array(2 * this.known); // of each, those in cells around it: the first, and behind the last
     }
 
-    hasMore(i) {
-        const context = (Math.min(this.attached, 2) * 5 + this.idle[i]) * kScales + scaleOf(this.reach(i));
-        return this.coder.bit(this.more, context) === 1;
+    endRound() {
+        if (this.size === this.layout.batches[this.batch].points) {
+            return false;
+        }
+        this.findSurface();
+        this.beginRound();
+        return true;
     }
 
-    /** A point attached to another: in the tangent plane by two offsets, and how far from it. */
-    attach(parent) {
-        const { coder } = this;
-        const child = this.add();
-        const { cells, towards, normals } = this;
-        const p = 3 * parent;
-        const a = mainAxis(normals, p);
-        const b = (a + 1) % 3;
-        const c = (a + 2) % 3;
-        const reach = this.reach(parent);
-        const scale = scaleOf(reach);
-        const [first, second, across] = this.offsets;
+    openVisit() {
+        this.surface.places = this.places; // which may have grown
+        this.surface.findNeighbors(this.visited);
+        this.surface.findTangent(this.visited);
+        this.found = 0;
+        this.open = true;
+    }
 
-        const offsetB = first.decode(coder, scale, sideOf(towards[p + b], reach), kPositionBits);
-        const relative = Math.min(Math.max(scaleOf(Math.abs(offsetB)) - scale + 5, 0), 7);
-        const offsetC = second.decode(coder, 8 * scale + relative, sideOf(towards[p + c], reach), kPositionBits);
-        const along = normals[p + b] * offsetB + normals[p + c] * offsetC;
-        const expected = Math.floor(0.5 - along / normals[p + a]);
-        const distance = Math.min(scaleOf(Math.max(Math.abs(offsetB), Math.abs(offsetC))), 15);
-        const upward = normals[p + a] > 0;
-        const miss = across.decode(coder, 16 * this.roughness[parent] + distance,
-            2 * (this.bend[parent] + 1) + (upward ? 1 : 0), kPositionBits);
-        const offsetA = expected + miss;
+    closeVisit() {
+        this.open = false;
+        ++this.visited;
+        return true;
+    }
 
-        const offset = [0, 0, 0];
-        offset[a] = offsetA;
-        offset[b] = offsetB;
-        offset[c] = offsetC;
-        const most = 2 ** (this.layout.gridBits - this.layout.batches[this.batch].shift);
+    /** Points in the cells around those that were there. */
+    lookAround() {
+        const { coder, model, surface, visited: i } = this;
+        const { lift } = this.layout.batches[this.batch];
+        if (this.size === this.target) {
+            return this.endRound();
+        }
+        if (i === this.known) {
+            this.visited = 0;
+            this.step = this.lookFarther;
+            return true;
+        }
+        if (!this.open) {
+            this.openVisit();
+            surface.findCandidates(i, lift);
+            this.next = 0;
+            this.children[2 * i] = this.children[2 * i + 1] = this.size;
+        }
+        if (this.next === surface.candidateCount) {
+            return this.closeVisit();
+        }
+        const c = this.next;
+        const nearest = this.found > 0 ? 0 : this.nearestNew(3 * c, lift);
+        if (!model.candidate(coder, surface.candidateContexts[c], nearest, this.found)) {
+            ++this.next;
+            this.found = 0;
+            return true;
+        }
+        const { way, cell } = this;
         for (let axis = 0; axis < 3; ++axis) {
-            const cell = cells[p + axis] + offset[axis];
-            if (cell < 0 || cell >= most) {
-                throw new Error(`point ${child} lies outside of the grid`);
-            }
-            cells[3 * child + axis] = cell;
-            towards[3 * child + axis] = -offset[axis];
-            towards[p + axis] = offset[axis];
+            const middle = surface.candidateMiddles[3 * c + axis];
+            way[axis] = this.places[3 * i + axis] - middle;
+            cell[axis] = (middle >> (lift + 1)) * 2 ** lift;
         }
-        turn(normals, p, offset);
-        this.roughness[parent] = Math.min(bitWidth(Math.abs(miss)), kRoughest);
-        this.bend[parent] = miss === 0 ? 0 : miss > 0 === upward ? 1 : -1;
-        normals.copyWithin(3 * child, p, p + 3);
-        this.roughness[child] = this.roughness[parent];
-        this.bend[child] = this.bend[parent];
-        this.decodeChannels(child, parent);
+        const bits = model.placeWithin(coder, surface.plane, surface.candidateOffsets[c], lift, way);
+        this.add(cell[0] + bits[0], cell[1] + bits[1], cell[2] + bits[2]);
+        ++this.children[2 * i + 1];
+        ++this.found;
+        return true;
+    }
+
+    /** How far from a candidate, of which the middle stands at `at`, the nearest lies that came in this round, in its sides. */
+    nearestNew(at, lift) {
+        const { children, places, surface, visited } = this;
+        const x = surface.candidateMiddles[at];
+        const y = surface.candidateMiddles[at + 1];
+        const z = surface.candidateMiddles[at + 2];
+        let nearest = Infinity;
+        for (let n = -1; n < surface.counts[visited]; ++n) {
+            const parent = n < 0 ? visited : surface.neighbors[kMostNeighbors * visited + n];
+            for (let i = children[2 * parent]; i < children[2 * parent + 1]; ++i) {
+                const dx = places[3 * i] - x;
+                const dy = places[3 * i + 1] - y;
+                const dz = places[3 * i + 2] - z;
+                nearest = Math.min(nearest, dx * dx + dy * dy + dz * dz);
+            }
+        }
+        return Math.sqrt(nearest) / 2 ** (lift + 1);
+    }
+
+    /** The others, by their offsets. */
+    lookFarther() {
+        if (this.size === this.target) {
+            return this.endRound();
+        }
+        if (this.visited === this.known) {
+            throw new Error(`a batch ends at point ${this.size}, before ${this.target}`);
+        }
+        if (!this.open) {
+            this.openVisit();
+        }
+        if (!this.model.far(this.coder, this.surface, this.found)) {
+            return this.closeVisit();
+        }
+        const from = 3 * this.visited;
+        const offset = this.model.offset(this.coder, this.surface);
+        const cell = offset.map((way, axis) => (this.places[from + axis] >> 1) + way);
+        this.add(cell[0], cell[1], cell[2]);
+        ++this.found;
+        return true;
+    }
+
+    add(x, y, z) {
+        const { most } = this;
+        if (x < 0 || x >= most || y < 0 || y >= most || z < 0 || z >= most) {
+            throw new Error(`point ${this.size} lies outside of the grid`);
+        }
+        if (this.size === this.room) {
+            this.grow(2 * this.room);
+        }
+        const i = this.size++;
+        this.places[3 * i] = 2 * x + 1;
+        this.places[3 * i + 1] = 2 * y + 1;
+        this.places[3 * i + 2] = 2 * z + 1;
+        this.decodeChannels(i, this.visited);
     }
 
     decodeChannels(i, parent) {
@@ -372,7 +526,7 @@ export class ProgressiveDecoder {
         let before = 0;
         for (let c = 0; c < channels.length; ++c) {
             const { bits, follows } = channels[c];
-            const difference = this.channelModels[c].decode(this.coder, follows ? before : 0, 0, 32);
+            const difference = this.channelModels[c].decode(this.coder, follows ? before : 0, 32);
             const old = parent < 0 ? 0 : this.values[parent * channels.length + c];
             const unused = 32 - bits;
             this.values[i * channels.length + c] = ((old + difference) << unused) >>> unused;
@@ -380,25 +534,19 @@ export class ProgressiveDecoder {
         }
     }
 
-    shiftOf(i) {
-        const { batches } = this.layout;
-        if (this.batch === batches.length) {
-            return 0;
-        }
-        const fine = this.started && (i >= this.before || i < this.visited || (i === this.visited && this.refined));
-        return batches[fine || this.batch === 0 ? this.batch : this.batch - 1].shift;
-    }
-
     /** Where the points are, relative to `layout.origin`: 3 floats for each. */
     positions() {
-        const { low, step } = this.layout;
+        const { low, step, batches } = this.layout;
         const positions = new Float32Array(3 * this.size);
+        const splitting = this.started && this.step === this.split;
         for (let i = 0; i < this.size; ++i) {
-            const shift = this.shiftOf(i);
+            const isFine = !splitting || i < this.visited;
+            const { shift } = batches[this.started && (isFine || this.batch === 0) ? this.batch : this.batch - 1];
             const middle = 0.5 * (2 ** shift - 1);
+            const from = isFine ? this.places : this.coarse;
             for (let axis = 0; axis < 3; ++axis) {
-                const cell = this.cells[3 * i + axis] * 2 ** shift;
-                positions[3 * i + axis] = low[axis] + step * (cell + middle);
+                const at = 3 * i + axis;
+                positions[at] = low[axis] + step * ((from[at] >> 1) * 2 ** shift + middle);
             }
         }
         return positions;
@@ -469,32 +617,6 @@ export class ProgressiveDecoder {
     }
 }
 
-function mainAxis(normals, at) {
-    const x = Math.abs(normals[at]);
-    const y = Math.abs(normals[at + 1]);
-    const z = Math.abs(normals[at + 2]);
-    if (z >= x && z >= y) {
-        return 2;
-    }
-    return y >= x ? 1 : 0;
-}
-
-/** Turns a normal so that it is across an offset, less for short ones, which say little. */
-function turn(normals, at, [x, y, z]) {
-    const n = [normals[at], normals[at + 1], normals[at + 2]];
-    const t = (n[0] * x + n[1] * y + n[2] * z) / (x * x + y * y + z * z + 2);
-    const nx = n[0] - t * x;
-    const ny = n[1] - t * y;
-    const nz = n[2] - t * z;
-    const lengthSq = nx * nx + ny * ny + nz * nz;
-    if (lengthSq > 1e-6) {
-        const scale = 1 / Math.sqrt(lengthSq);
-        normals[at] = nx * scale;
-        normals[at + 1] = ny * scale;
-        normals[at + 2] = nz * scale;
-    }
-}
-
 /** From the unfolded octahedron. */
 function unpackNormal(u, v, middle, normals, at) {
     if (u > 2 * middle || v > 2 * middle) {
@@ -556,7 +678,7 @@ function readHeader(view) {
         add(attribute.components * (attribute.type === kDouble ? 2 : 1), attribute.bits || kTypeBits[attribute.type]);
         layout.attributes.push(attribute);
     }
-    if (layout.gridBits < 1 || layout.gridBits > 24) {
+    if (layout.gridBits < 1 || layout.gridBits > kMostGridBits) {
         throw new Error(`the grid has ${layout.gridBits} bits`);
     }
     let shift = layout.gridBits - 1;
@@ -565,13 +687,20 @@ function readHeader(view) {
             throw new Error(`batch ${layout.batches.length} has a coarser grid than may be`);
         }
         shift = view.getUint8(at + 8);
+        const lift = view.getUint8(at + 9);
+        const blockBits = view.getUint8(at + 10);
+        if (lift + shift > layout.gridBits || blockBits > kMostGridBits) {
+            throw new Error(`batch ${layout.batches.length} has cells of ${lift} and blocks of ${blockBits} bits`);
+        }
         layout.batches.push({
             points: view.getUint32(at, true),
             bytes: view.getUint32(at + 4, true),
-            shift: view.getUint8(at + 8),
-            meanError: view.getFloat32(at + 9, true),
+            shift,
+            lift,
+            blockBits,
+            meanError: view.getFloat32(at + 11, true),
         });
-        at += 13;
+        at += 15;
     }
     return layout;
 }

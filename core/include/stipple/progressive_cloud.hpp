@@ -24,8 +24,9 @@ struct ProgressiveOptions {
     unsigned attribute_bits = 16;  ///< 1..32 for floats, over the range of each attribute; 0:
                                    ///< without loss, as are integers, doubles and values that are
                                    ///< not finite
-    double coarseness = 5;  ///< of the steps of the grid on the way, as a part of the mean error
-                            ///< of the points that are there; >= 0, 0: all bits at once
+    double coarseness = 0.3;  ///< how much the steps of the grid on the way may add to the mean
+                              ///< error of the points that are there, as a part of it; >= 0, 0:
+                              ///< all bits at once
 };
 
 /// A part of a progressive stream, at whose end all points have the same precision.
@@ -40,10 +41,9 @@ struct ProgressiveBatch {
 /// Writes a cloud as a stream of which every prefix is a good cloud of fewer points.
 ///
 /// The points come in the order in which contraction to one end point (§3.2) took them away, last
-/// first, so that the first n are about what `iterative_simplification` keeps of n. Each is coded
-/// by its offset from the point into which it was contracted, in the tangent plane that earlier
-/// offsets span. The grid becomes finer as points come: a batch begins by splitting the cells of
-/// the points that are there. docs/progressive-stream.md has the format.
+/// first, so that the first n are about what `iterative_simplification` keeps of n. Each batch
+/// splits the cells of the points that are there, then asks the cells around each of them, near the
+/// plane of its neighbours, for new ones. docs/progressive-stream.md has the format.
 ///
 /// @param cloud  finite positions, no two alike (`clean`), at least one point.
 /// @throws Error(InvalidArgument) for an empty cloud or an option out of range; Error(TooLarge)

@@ -3,7 +3,7 @@
 //     node stream_test.mjs --bin build/dev/bin --viewer viewer
 import assert from 'node:assert/strict';
 import { execFileSync } from 'node:child_process';
-import { copyFileSync, mkdtempSync, readFileSync, rmSync } from 'node:fs';
+import { copyFileSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
 import { tmpdir } from 'node:os';
 import { join, resolve } from 'node:path';
 import { pathToFileURL } from 'node:url';
@@ -13,9 +13,12 @@ const { values: options } = parseArgs({ options: { bin: { type: 'string' }, view
 const folder = mkdtempSync(join(tmpdir(), 'stipple-stream-'));
 const run = (...args) => execFileSync(join(options.bin, 'stipple'), [...args, '--quiet'], { stdio: ['ignore', 'pipe', 'inherit'] });
 
-// By another name, so that node takes it for a module wherever it lies.
-copyFileSync(resolve(options.viewer, 'src/progressive_cloud.js'), join(folder, 'progressive_cloud.mjs'));
-const { ProgressiveDecoder } = await import(pathToFileURL(join(folder, 'progressive_cloud.mjs')));
+// Beside a package.json by which node takes them for modules.
+writeFileSync(join(folder, 'package.json'), '{"type": "module"}');
+for (const name of ['progressive_cloud.js', 'cell_surface.js']) {
+    copyFileSync(resolve(options.viewer, 'src', name), join(folder, name));
+}
+const { ProgressiveDecoder } = await import(pathToFileURL(join(folder, 'progressive_cloud.js')));
 
 const sizes = { char: 1, uchar: 1, int8: 1, uint8: 1, short: 2, ushort: 2, int16: 2, uint16: 2, int: 4, uint: 4, int32: 4, uint32: 4, float: 4, float32: 4, double: 8, float64: 8 };
 
@@ -69,19 +72,22 @@ try {
         }
         console.log(`ok      ${points} points`);
     }
-    // Grids that cannot be are refused by the header: their bits, and a batch coarser than the one before it.
+    // Grids that cannot be are refused by the header: their bits, a batch coarser than the one before it, cells and blocks.
     const withByte = (at, value) => {
         const broken = Buffer.from(bytes.subarray(0, 6000));
         broken[at] = value;
         return broken;
     };
-    const header = bytes.readUInt32LE(8), batches = bytes.readUInt16LE(18), batchBytes = 13, bitsAt = 6, shiftAt = 8;
+    const header = bytes.readUInt32LE(8), batches = bytes.readUInt16LE(18), batchBytes = 15, bitsAt = 6, shiftAt = 8;
     for (const bits of [0, 25, 255]) {
         assert.throws(() => new ProgressiveDecoder(1).feed(withByte(bitsAt, bits)), /^Error: the grid has/);
     }
     for (const batch of [0, batches - 1]) {
         const at = header - (batches - batch) * batchBytes + shiftAt;
         assert.throws(() => new ProgressiveDecoder(1).feed(withByte(at, 200)), /^Error: batch \d+ has a coarser grid/);
+        for (const more of [1, 2]) {
+            assert.throws(() => new ProgressiveDecoder(1).feed(withByte(at + more, 200)), /^Error: batch \d+ has cells of/);
+        }
     }
     console.log('ok      grids that cannot be');
     // Hostile bytes end in an error or in fewer points, not in a hang.

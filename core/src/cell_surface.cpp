@@ -1,0 +1,183 @@
+#include "cell_surface.hpp"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+
+namespace stipple {
+
+namespace {
+
+constexpr unsigned kMostOfBlock = 32;
+constexpr unsigned kSpacingNeighbors = 6;
+
+/// A symmetric matrix: xx xy xz yy yz zz.
+using Symmetric = std::array<double, 6>;
+
+Symmetric squared(const Symmetric& m) noexcept {
+    return {m[0] * m[0] + m[1] * m[1] + m[2] * m[2], m[0] * m[1] + m[1] * m[3] + m[2] * m[4],
+            m[0] * m[2] + m[1] * m[4] + m[2] * m[5], m[1] * m[1] + m[3] * m[3] + m[4] * m[4],
+            m[1] * m[2] + m[3] * m[4] + m[4] * m[5], m[2] * m[2] + m[4] * m[4] + m[5] * m[5]};
+}
+
+/// The eigenvector of the least eigenvalue: the cofactors' largest, found by squaring them.
+std::array<double, 3> least_axis(const Symmetric& m) noexcept {
+    constexpr int kSquarings = 3;
+    Symmetric c = {m[3] * m[5] - m[4] * m[4], m[2] * m[4] - m[1] * m[5], m[1] * m[4] - m[2] * m[3],
+                   m[0] * m[5] - m[2] * m[2], m[1] * m[2] - m[0] * m[4], m[0] * m[3] - m[1] * m[1]};
+    for (int i = 0; i < kSquarings; ++i) {
+        const double scale = 1 / (c[0] + c[3] + c[5]);
+        for (double& v : c) v *= scale;
+        c = squared(c);
+    }
+    std::array<double, 3> axis;
+    if (c[0] >= c[3] && c[0] >= c[5]) {
+        axis = {c[0], c[1], c[2]};
+    } else if (c[3] >= c[5]) {
+        axis = {c[1], c[3], c[4]};
+    } else {
+        axis = {c[2], c[4], c[5]};
+    }
+    const double length = std::sqrt(axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2]);
+    for (double& v : axis) v /= length;
+    return axis;
+}
+
+unsigned longest_axis(const std::array<double, 3>& v) noexcept {
+    const double x = std::abs(v[0]), y = std::abs(v[1]), z = std::abs(v[2]);
+    if (z >= x && z >= y) return 2;
+    return y >= x ? 1 : 0;
+}
+
+/// The plane that lies closest to some places, and to the one that they are seen from, if asked.
+CellPlane plane_of(const Cell& from, std::span<const Index> others, std::span<const Cell> places,
+                   bool with_itself) {
+    const double count = static_cast<double>(others.size()) + (with_itself ? 1 : 0);
+    std::array<double, 3> mean{};
+    for (const Index n : others)
+        for (int axis = 0; axis < 3; ++axis) mean[axis] += places[n][axis] - from[axis];
+    if (count > 0)
+        for (double& m : mean) m /= count;
+
+    Symmetric moments{};
+    const auto add = [&](const Cell& place) {
+        const double x = place[0] - from[0] - mean[0], y = place[1] - from[1] - mean[1],
+                     z = place[2] - from[2] - mean[2];
+        const Symmetric products = {x * x, x * y, x * z, y * y, y * z, z * z};
+        for (int i = 0; i < 6; ++i) moments[i] += products[i];
+    };
+    if (with_itself) add(from);
+    for (const Index n : others) add(places[n]);
+
+    // Places in a line or in a point have a plane, too, and cofactors of which something is left.
+    constexpr double kLeast = 1e-3, kLeastOfAll = 1e-7;
+    const double of = std::max(count, 1.0);
+    const double lift = kLeast * of + kLeastOfAll * (moments[0] + moments[3] + moments[5]);
+    Symmetric lifted = moments;
+    for (const int diagonal : {0, 3, 5}) lifted[diagonal] += lift;
+    CellPlane plane;
+    plane.normal = least_axis(lifted);
+    const auto& [x, y, z] = plane.normal;
+    const double square = x * (moments[0] * x + 2 * moments[1] * y + 2 * moments[2] * z) +
+                          y * (moments[3] * y + 2 * moments[4] * z) + z * moments[5] * z;
+    plane.roughness = std::sqrt(std::max(0.0, square / of));
+    plane.offset = x * mean[0] + y * mean[1] + z * mean[2];
+    plane.axis = longest_axis(plane.normal);
+    return plane;
+}
+
+}  // namespace
+
+CellBlocks::CellBlocks(std::span<const Cell> cells, unsigned edge_bits)
+    : edge_bits_(edge_bits),
+      bucket_bits_(static_cast<unsigned>(std::bit_width(cells.size()))),
+      begin_((std::size_t{1} << bucket_bits_) + 1),
+      numbers_(cells.size()) {
+    for (const Cell& cell : cells) ++begin_[bucket_of(block_of(cell)) + 1];
+    for (std::size_t b = 1; b < begin_.size(); ++b) begin_[b] += begin_[b - 1];
+    for (auto i = static_cast<Index>(cells.size()); i-- > 0;)
+        numbers_[--begin_[bucket_of(block_of(cells[i])) + 1]] = i;
+    // What was where a bucket ends is now where it begins.
+    std::shift_left(begin_.begin(), begin_.end(), 1);
+    begin_.back() = static_cast<Index>(cells.size());
+}
+
+std::uint32_t CellBlocks::bucket_of(const Cell& block) const noexcept {
+    const std::uint32_t mixed = static_cast<std::uint32_t>(block[0]) * 73'856'093U ^
+                                static_cast<std::uint32_t>(block[1]) * 19'349'663U ^
+                                static_cast<std::uint32_t>(block[2]) * 83'492'791U;
+    return bucket_bits_ == 0 ? 0 : mixed * 0x9E37'79B1U >> (32U - bucket_bits_);
+}
+
+unsigned block_bits_for(std::span<const Cell> cells, double share) {
+    constexpr unsigned kMost = 24;
+    unsigned bits = 0;
+    for (; bits < kMost; ++bits) {
+        const CellBlocks blocks(cells, bits + 1);
+        std::size_t occupied = 0;
+        for (Index i = 0; i < cells.size(); ++i) {
+            blocks.for_each_in(blocks.block_of(cells[i]), cells, [&](Index first) {
+                occupied += first == i ? 1 : 0;
+                return false;
+            });
+        }
+        if (static_cast<double>(occupied) < share * static_cast<double>(cells.size())) break;
+    }
+    return bits;
+}
+
+CellNeighbors find_neighbors(Index number, std::span<const Cell> cells, const CellBlocks& blocks) {
+    const Cell& cell = cells[number];
+    const Cell middle = blocks.block_of(cell);
+    CellNeighbors found;
+    std::array<std::int64_t, kMostCellNeighbors> distances;
+    const auto take = [&](Index other) {
+        const std::int64_t d = distance_sq(cells[other], cell);
+        if (d == 0) {
+            if (other < number) found.shadow = true;
+            return;
+        }
+        if (found.count == kMostCellNeighbors && d >= distances[found.count - 1U]) return;
+        unsigned at = found.count;
+        while (at > 0 && distances[at - 1] > d) --at;
+        for (unsigned same = at; same > 0 && distances[same - 1] == d; --same)
+            if (cells[found.numbers[same - 1]] == cells[other]) return;
+        if (found.count < kMostCellNeighbors) ++found.count;
+        for (unsigned to = found.count - 1U; to > at; --to) {
+            distances[to] = distances[to - 1];
+            found.numbers[to] = found.numbers[to - 1];
+        }
+        distances[at] = d;
+        found.numbers[at] = other;
+    };
+    for (int x = -1; x <= 1; ++x) {
+        for (int y = -1; y <= 1; ++y) {
+            for (int z = -1; z <= 1; ++z) {
+                unsigned seen = 0;
+                blocks.for_each_in({middle[0] + x, middle[1] + y, middle[2] + z}, cells,
+                                   [&](Index other) {
+                                       take(other);
+                                       return ++seen < kMostOfBlock;
+                                   });
+            }
+        }
+    }
+    return found;
+}
+
+CellPlane neighbor_plane(Index number, const CellNeighbors& neighbors,
+                         std::span<const Cell> places) {
+    return plane_of(places[number], neighbors.list(), places, false);
+}
+
+CellTangent tangent_of(Index number, const CellNeighbors& neighbors, std::span<const Cell> places) {
+    const Cell& from = places[number];
+    CellTangent tangent{plane_of(from, neighbors.list(), places, true), 0};
+    const unsigned six = std::min<unsigned>(kSpacingNeighbors, neighbors.count);
+    for (const Index n : neighbors.list().first(six))
+        tangent.spacing += std::sqrt(static_cast<double>(distance_sq(places[n], from)));
+    if (six > 0) tangent.spacing /= six;
+    return tangent;
+}
+
+}  // namespace stipple
