@@ -372,6 +372,25 @@ std::uint32_t within(const PointTree::View& tree, const float* q, float radius_s
     return count;
 }
 
+std::uint32_t around(const PointTree::View& tree, const float* q, float radius_sq,
+                     std::uint32_t most, float* x, float* y, float* z) noexcept {
+    std::uint32_t count = 0;
+    each_leaf(tree, q, q, radius_sq, [&](std::uint32_t number) {
+        const PointTree::Leaf& leaf = tree.leaves[number];
+        const Float8 dx = load(reinterpret_cast<const float*>(&leaf.x)) - q[0];
+        const Float8 dy = load(reinterpret_cast<const float*>(&leaf.y)) - q[1];
+        const Float8 dz = load(reinterpret_cast<const float*>(&leaf.z)) - q[2];
+        const std::uint32_t near = lane_bits(dx * dx + dy * dy + dz * dz <= radius_sq);
+        const Packing packing{near};
+        packing.store(dx, x + count);
+        packing.store(dy, y + count);
+        packing.store(dz, z + count);
+        count += static_cast<std::uint32_t>(__builtin_popcount(near));
+        return count <= most;
+    });
+    return count;
+}
+
 /// Squared distances of the children of a node to q, 0 inside.
 [[gnu::always_inline]] inline Float8 child_distances_sq(const PointTree::Node& node,
                                                         const float* q) noexcept {
