@@ -43,7 +43,8 @@ struct Patch {
     }
     std::size_t room() const noexcept { return points.size() / 3; }
     float* axis(std::size_t a) noexcept { return points.data() + a * room(); }
-    PlaneLanes::Candidates candidates() noexcept {
+    const float* axis(std::size_t a) const noexcept { return points.data() + a * room(); }
+    PlaneLanes::Candidates candidates() const noexcept {
         return {axis(0), axis(1), axis(2),
                 static_cast<std::uint32_t>((size + kLanes - 1) / kLanes)};
     }
@@ -169,7 +170,7 @@ struct Walker {
     Patch* patch = nullptr;
     bool own_patch = false;  ///< made for x just now, so that it holds what it must
     unsigned iteration = 0;
-    double last_step = 0, least_step = 0;
+    double last_step = 0, least_step = 0, last_distance = 0;
     Vec3d earlier = Vec3d::Zero();  ///< where it was some steps ago
 
     Foot best;    ///< of this start
@@ -269,6 +270,22 @@ private:
         set(lanes_.query, lane, (w.q - patch.center).cast<float>());
     }
 
+    /// The sample nearest to q, at a known distance: mostly one of the patch.
+    void find_sample_near(Walker& w) const {
+        const Patch& patch = *w.patch;
+        const Vec3f q = (w.q - patch.center).cast<float>();
+        if (static_cast<double>(q.norm()) + w.to_sample > patch.radius) return find_sample(w);
+        const float *const x = patch.axis(0), *const y = patch.axis(1), *const z = patch.axis(2);
+        std::size_t nearest = 0;
+        float nearest_sq = std::numeric_limits<float>::infinity();
+        for (std::size_t i = 0; i < patch.size; ++i) {
+            const float distance_sq = (Vec3f(x[i], y[i], z[i]) - q).squaredNorm();
+            nearest = distance_sq < nearest_sq ? i : nearest;
+            nearest_sq = std::min(nearest_sq, distance_sq);
+        }
+        w.sample = patch.center + Vec3f(x[nearest], y[nearest], z[nearest]).cast<double>();
+    }
+
     void find_sample(Walker& w) const {
         Neighbor nearest;
         find_nearest(tree_, w.q.cast<float>(), {&nearest, 1});
@@ -339,7 +356,13 @@ private:
         w.best.converged =
             step <= options_.tolerance * h ||
             (shrinking < 0.5 && step * shrinking <= options_.tolerance * h * (1.0 - shrinking));
+        // Where the way goes along the surface the distance is known long before the foot is.
+        const double distance = std::abs(static_cast<double>(lanes_.height[lane]));
+        const double along = step / w.last_step, change = std::abs(distance - w.last_distance);
+        w.best.converged |= w.iteration > 1 && along < 1 &&
+                            change * along <= options_.sure_part * distance * (1 - along);
         w.last_step = step;
+        w.last_distance = distance;
         if (w.best.converged || ++w.iteration == options_.max_iterations ||
             goes_round(w, foot, step, h))
             return finish_start(lane);
@@ -362,7 +385,7 @@ private:
             constexpr double kNear = 0.25;  // of h: the start from the sample would end here too
             if (w.best.distance <= kNear * w.best.h && w.best.on_surface())
                 return emit(lane, w.best);
-            find_sample(w);
+            find_sample_near(w);
             w.direct = w.best;
             w.from_sample = true;
             return start(lane, w.sample);

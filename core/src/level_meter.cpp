@@ -28,12 +28,12 @@ unsigned least_rounds(std::uint64_t points) {
 }
 
 /// Where errors are sure, rounds that are drawn at once: as many as scans with much noise need,
-/// where areas of all leaves are looked at for few anyway.
+/// where few would have all leaves looked at anyway.
 unsigned drawn_rounds(const PointTree& tree, unsigned least) {
     constexpr unsigned kOfNoisy = 32;
     constexpr std::uint64_t kLooked = 8;  // leaves, for each place
-    return tree.leaf_count() <= kLooked * least * SampleRounds::kRound ? std::max(least, kOfNoisy)
-                                                                       : least;
+    if (tree.leaf_count() > kLooked * least * SampleRounds::kRound) return least;
+    return std::max(least, kOfNoisy);
 }
 
 }  // namespace
@@ -137,7 +137,12 @@ void LevelMeter::measure(MeasuredLevel& level, const SampleRounds& places, unsig
             number_of.push_back(static_cast<Index>(i));
         }
     }
-    FootFinder(level.points, *level.tree, {.across_sample = true})
+    // Of walks through trees most go on for long with little change; of those that have come to no
+    // end after so many steps few ever do.
+    constexpr unsigned kSteps = 16;
+    constexpr double kSurePart = 0.005;
+    FootFinder(level.points, *level.tree,
+               {.max_iterations = kSteps, .sure_part = kSurePart, .across_sample = true})
         .find(
             others,
             [&](std::size_t i, const Foot& foot) {
