@@ -108,14 +108,24 @@ const std::array<std::uint16_t, 256>& linear_codes() {
 TileStream color_stream(const PointCloud& cloud, std::span<const Index> members,
                         VertexEncoder& encoder) {
     constexpr unsigned kWider = 257;  // 16 bits from 8
-    TileStream stream = make_stream<std::uint16_t>(
-        "COLOR_0", Type::Uint16, cloud.has_alpha ? 4 : 3, members.size(), encoder,
-        [&](std::size_t i, unsigned c) {
-            const Rgba8& color = cloud.colors[members[i]];
-            if (c == 3) return static_cast<std::uint16_t>(kWider * color.a);
-            return linear_codes()[std::array{color.r, color.g, color.b}[c]];
+    TileStream stream{.name = "COLOR_0",
+                      .type = Type::Uint16,
+                      .components = cloud.has_alpha ? 4U : 3U,
+                      .normalized = true,
+                      .stride = 8};
+    const std::array<std::uint16_t, 256>& codes = linear_codes();
+    const unsigned alpha = cloud.has_alpha ? kWider : 0;
+    stream.bytes = encoder.encode(
+        members.size(), stream.stride, [&](std::size_t begin, std::size_t end, std::byte* to) {
+            for (const Index i : members.subspan(begin, end - begin)) {
+                const Rgba8& color = cloud.colors[i];
+                const std::array<std::uint16_t, 4> vertex = {
+                    codes[color.r], codes[color.g], codes[color.b],
+                    static_cast<std::uint16_t>(alpha * color.a)};
+                std::memcpy(to, vertex.data(), sizeof vertex);
+                to += sizeof vertex;
+            }
         });
-    stream.normalized = true;
     return stream;
 }
 
