@@ -14,7 +14,9 @@
 #include <cassert>
 #include <cmath>
 #include <functional>
+#include <mutex>
 #include <numeric>
+#include <utility>
 
 // Follows: Pauly, Gross, Kobbelt 2002, §3.1; Shaffer and Garland 2001 (the same partition with a
 // queue, for meshes).
@@ -213,6 +215,34 @@ void keep_first(std::vector<SplitRank>& ranks, std::size_t count, const RunConte
     ranks.resize(count);
 }
 
+/// Rooms of one size, each used by one job after the other: new memory takes as long to get as a
+/// third of what is done in it.
+class Rooms {
+public:
+    explicit Rooms(std::size_t samples) : samples_(samples) {}
+
+    template <typename Use>
+    void use(Use&& use) {
+        Samples room = take();
+        use(room.all());
+        const std::lock_guard lock(mutex_);
+        free_.push_back(std::move(room));
+    }
+
+private:
+    Samples take() {
+        const std::lock_guard lock(mutex_);
+        if (free_.empty()) return Samples(samples_);
+        Samples room = std::move(free_.back());
+        free_.pop_back();
+        return room;
+    }
+
+    std::size_t samples_;
+    std::mutex mutex_;
+    std::vector<Samples> free_;
+};
+
 bool is_resident(std::size_t points) noexcept {
     return points <= kResident;
 }
@@ -321,6 +351,9 @@ void ClusterTree::grow_leaves(const SplitRule& rule, const RunContext& context) 
         jobs.back().points += node.size;
         place += node.size;
     }
+    std::size_t largest = 0;
+    for (const Job& job : jobs) largest = std::max(largest, job.points);
+    Rooms rooms(2 * largest);
     std::vector<Nodes> grown;
     for (std::size_t j = 0; j < jobs.size(); ++j) grown.emplace_back(&large_memory_resource());
     const auto grow_job = [&](std::size_t j) {
@@ -329,8 +362,9 @@ void ClusterTree::grow_leaves(const SplitRule& rule, const RunContext& context) 
         for (std::size_t i = job.begin; i < job.end; ++i) grown[j].push_back(nodes_[leaves[i]]);
         if (room_.size > 0)
             return grow_in(room_.part(2 * job.place, 2 * (job.place + job.points)), grown[j]);
-        Samples own(2 * job.points);
-        grow_in(own.all(), grown[j]);
+        rooms.use([&](const MutableSampleSpan& room) {
+            grow_in(room.part(0, 2 * job.points), grown[j]);
+        });
     };
     with_threads(context, [&] {
         parallel_for_blocks_with_progress(jobs.size(), 1, context,

@@ -8,10 +8,9 @@
 
 namespace stipple {
 
-/// The normals of the surface at the points of a tree, by their numbers, of any sign: each by the
-/// twelve nearest of those in its leaf and the two beside it on the curve. Some 95 ns a point, less
-/// than half of what all the nearest take, and as good to round points by; up where there is no
-/// plane.
+/// The normals of the surface at the points of a tree, by their numbers, of any sign: each by those
+/// in its leaf and the two beside it on the curve, the nearest with most weight. A tenth of the time
+/// that all the nearest take, and as good to round points by; up where there is no plane.
 /// Parallel.
 std::vector<Vec3f> curve_normals(const PointTree& tree, const RunContext& context);
 

@@ -2,6 +2,7 @@
 
 #include "boxed_cloud.hpp"
 #include "distance_statistics.hpp"
+#include "error_samples.hpp"
 #include "far_clouds.hpp"
 #include "local_surface.hpp"
 #include "stipple/surface_error.hpp"
@@ -56,17 +57,13 @@ struct Side {
 template <typename Find>
 DirectedError estimate_direction(const ErrorSamples& samples, const ErrorFrame& frame,
                                  const RunContext& context, Find&& find) {
-    std::vector<float> lengths(samples.size());
-    std::vector<std::uint8_t> failed(samples.size());
+    std::vector<float> distances(samples.size());
+    std::vector<std::uint8_t> endless(samples.size());
     find([&](std::size_t i, const Foot& foot) {
-        lengths[i] = static_cast<float>(foot.distance / frame.scale);
-        failed[i] = !foot.converged && !foot.beyond;
+        distances[i] = static_cast<float>(foot.distance);
+        endless[i] = !foot.converged && !foot.beyond;
     });
-    DirectedError error = summarize_distances(lengths, samples.areas, 1, context);
-    error.samples = samples.size();
-    error.not_converged =
-        static_cast<double>(std::ranges::count(failed, 1)) / static_cast<double>(samples.size());
-    return error;
+    return summarize_places(distances, samples.areas, endless, frame, context);
 }
 
 }  // namespace
@@ -126,23 +123,29 @@ SurfaceError estimate_error(const PointCloud& reference, const PointCloud& candi
     return error;
 }
 
-SurfaceError estimate_error(const FramedSurface& reference, const ErrorSamples& on_reference,
-                            const FramedSurface& candidate, const ErrorFrame& frame,
-                            const RunContext& context) {
-    const SurfaceErrorOptions options =
-        quick_options(reference.points.size(), candidate.points.size());
-    ErrorSamples on_candidate =
-        take_points_by_area(candidate.tree, options.samples, options.seed, context);
-    on_candidate.positions = places_beside(candidate.points, candidate.tree, candidate.finder,
-                                           on_candidate.positions, options.seed, context);
-    SurfaceError error;
-    error.forward = estimate_direction(on_reference, frame, context, [&](const auto& found) {
-        candidate.finder.find(on_reference.positions, found, context);
-    });
-    error.backward = estimate_direction(on_candidate, frame, context, [&](const auto& found) {
-        reference.finder.find(on_candidate.positions, found, context);
-    });
+DirectedError summarize_places(std::span<const float> distances, std::span<const float> areas,
+                               std::span<const std::uint8_t> endless, const ErrorFrame& frame,
+                               const RunContext& context) {
+    std::vector<float> lengths(distances.begin(), distances.end());
+    for (float& length : lengths)
+        length = static_cast<float>(static_cast<double>(length) / frame.scale);
+    DirectedError error = summarize_distances(lengths, areas, 1, context);
+    error.not_converged =
+        static_cast<double>(std::ranges::count(endless, 1)) / static_cast<double>(endless.size());
     return error;
+}
+
+DirectedError estimate_backward(const FramedSurface& reference, std::span<const Vec3f> candidate,
+                                const PointTree& tree, const ErrorFrame& frame,
+                                const RunContext& context) {
+    const SurfaceErrorOptions options = quick_options(reference.points.size(), candidate.size());
+    ErrorSamples samples = take_points_by_area(tree, options.samples, options.seed, context);
+    samples.positions =
+        places_beside(candidate, tree, FootFinder(candidate, tree, FootFinder::Options{}),
+                      samples.positions, options.seed, context);
+    return estimate_direction(samples, frame, context, [&](const auto& found) {
+        reference.finder.find(samples.positions, found, context);
+    });
 }
 
 }  // namespace stipple

@@ -1,19 +1,28 @@
 #pragma once
 
 #include "error_frame.hpp"
-#include "error_samples.hpp"
 #include "framed_surface.hpp"
+#include "point_tree.hpp"
 #include "stipple/run_context.hpp"
 #include "stipple/surface_error.hpp"
 
+#include <cstdint>
+#include <span>
+
 namespace stipple {
 
-/// `estimate_error` where both surfaces are there as a whole, and places on the reference: for the
-/// levels of a pyramid.
+/// One of the directions of `estimate_error`, by what was found at places: their distances in a
+/// frame, the areas that they stand for, and from which no walk came to an end.
+DirectedError summarize_places(std::span<const float> distances, std::span<const float> areas,
+                               std::span<const std::uint8_t> endless, const ErrorFrame& frame,
+                               const RunContext& context);
+
+/// The direction of `estimate_error` from a candidate, with its tree, to a reference that is there
+/// as a whole: for the levels of a pyramid.
 ///
-/// @param frame  of both. @return  without the diagonals.
-SurfaceError estimate_error(const FramedSurface& reference, const ErrorSamples& on_reference,
-                            const FramedSurface& candidate, const ErrorFrame& frame,
-                            const RunContext& context);
+/// @param frame  of both.
+DirectedError estimate_backward(const FramedSurface& reference, std::span<const Vec3f> candidate,
+                                const PointTree& tree, const ErrorFrame& frame,
+                                const RunContext& context);
 
 }  // namespace stipple

@@ -49,6 +49,15 @@ inline Float4 larger(Float4 a, Float4 b) noexcept {
 #endif
 }
 
+/// The smaller of two in each lane; the second where they are equal.
+inline Float4 smaller(Float4 a, Float4 b) noexcept {
+#if defined(__SSE2__)
+    return _mm_min_ps(a, b);
+#else
+    return a < b ? a : b;
+#endif
+}
+
 /// The four lanes of a comparison as bits, the first lowest.
 inline unsigned lane_bits(Int4 mask) noexcept {
 #if defined(__SSE2__)

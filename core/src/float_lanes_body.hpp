@@ -8,6 +8,8 @@ using Int8 = std::int32_t __attribute__((vector_size(32)));
 using Unsigned8 = std::uint32_t __attribute__((vector_size(32)));
 using Double8 = double __attribute__((vector_size(64)));
 using Long8 = std::int64_t __attribute__((vector_size(64)));
+using Double4 = double __attribute__((vector_size(32)));
+using Long4 = std::int64_t __attribute__((vector_size(32)));
 
 [[gnu::always_inline]] inline Float8 load(const Floats& from) noexcept {
     Float8 v;
@@ -45,6 +47,21 @@ inline Double8 square_root(Double8 v) noexcept {
     return root;
 }
 
+[[gnu::always_inline]] inline Double4 square_root(Double4 v) noexcept {
+    Double4 root;
+#if defined(STIPPLE_KERNELS_AVX2)
+    root = reinterpret_cast<Double4>(_mm256_sqrt_pd(reinterpret_cast<__m256d>(v)));
+#elif defined(__SSE2__)
+    __m128d half[2];
+    __builtin_memcpy(half, &v, sizeof v);
+    for (__m128d& h : half) h = _mm_sqrt_pd(h);
+    __builtin_memcpy(&root, half, sizeof v);
+#else
+    for (std::size_t lane = 0; lane < 4; ++lane) root[lane] = __builtin_sqrt(v[lane]);
+#endif
+    return root;
+}
+
 /// exp(-u) for 0 <= u < 80, to 1e-6 of it; anything beyond.
 [[gnu::always_inline]] inline Float8 gaussian(Float8 u) noexcept {
     constexpr float kShift = 0x1.8p23F;  // brings the integer part to the end of the mantissa
@@ -61,17 +78,18 @@ inline Double8 square_root(Double8 v) noexcept {
 
 /// The smallest root of the characteristic polynomial -t^3 + t^2 - c1 t + c0 (the trace is 1) by
 /// Laguerre's method from 0: all roots are real, so it climbs to the first without passing it.
-inline Double8 smallest_eigenvalue(Double8 c1, Double8 c0) noexcept {
-    const Double8 tiny = Double8{} + 1e-30;
-    Double8 t{};
+template <typename V>
+[[gnu::always_inline]] inline V smallest_eigenvalue(V c1, V c0) noexcept {
+    const V tiny = V{} + 1e-30;
+    V t{};
     for (int i = 0; i < 4; ++i) {
-        const Double8 p = c0 - t * (c1 - t * (1.0 - t));
-        const Double8 slope = c1 - t * (2.0 - 3.0 * t);  // -p'
-        const Double8 bend = 2.0 - 6.0 * t;              // p''
-        const Double8 inside = 4.0 * slope * slope - 6.0 * p * bend;
-        const Double8 down = slope + square_root(inside > 0.0 ? inside : Double8{});
-        const Double8 step = 3.0 * p / (down > tiny ? down : tiny);
-        t += step > 0.0 ? step : Double8{};
+        const V p = c0 - t * (c1 - t * (1.0 - t));
+        const V slope = c1 - t * (2.0 - 3.0 * t);  // -p'
+        const V bend = 2.0 - 6.0 * t;              // p''
+        const V inside = 4.0 * slope * slope - 6.0 * p * bend;
+        const V down = slope + square_root(inside > 0.0 ? inside : V{});
+        const V step = 3.0 * p / (down > tiny ? down : tiny);
+        t += step > 0.0 ? step : V{};
     }
     return t;
 }

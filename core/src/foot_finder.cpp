@@ -1,6 +1,6 @@
 #include "foot_finder.hpp"
 
-#include "nearby_search.hpp"
+#include "nearest_kernels.hpp"
 #include "parallel_for.hpp"
 #include "plane_kernels.hpp"
 #include "quadratic_foot.hpp"
@@ -29,11 +29,11 @@ constexpr double kReaching = 20;  // the surface reaches as far as so many point
 /// All points within a radius of some place.
 struct Patch {
     Vec3d center = Vec3d::Zero();
-    double radius = -1;            ///< infinite where these are all points there are
-    double neighborhood = 0;       ///< about the radius of the k nearest to the center
-    Vec3d origin = Vec3d::Zero();  ///< a point of it: what coordinates are relative to
-    std::vector<Vec3f> points;     ///< relative to it
-    std::size_t number = 0;        ///< tells it from those before it
+    double radius = -1;        ///< infinite where these are all points there are
+    double neighborhood = 0;   ///< about the radius of the k nearest to the center
+    std::vector<float> points;  ///< relative to it: all x, all y and all z, with room for as many
+    std::size_t size = 0;
+    unsigned uses = 0;  ///< by walkers, or as what the next may share
 
     /// Whether the neighbourhood of a place is probably within it: its radius is at most that
     /// around the center and all of the way, and mostly much less.
@@ -41,51 +41,124 @@ struct Patch {
         constexpr double kLonger = 1.3;
         return neighborhood + kLonger * (place - center).norm() <= radius;
     }
+    std::size_t room() const noexcept { return points.size() / 3; }
+    float* axis(std::size_t a) noexcept { return points.data() + a * room(); }
+    const float* axis(std::size_t a) const noexcept { return points.data() + a * room(); }
+    PlaneLanes::Candidates candidates() const noexcept {
+        return {axis(0), axis(1), axis(2),
+                static_cast<std::uint32_t>((size + kLanes - 1) / kLanes)};
+    }
 };
 
-/// Makes the patches of one thread.
+/// Makes the patches of one thread. How far the last had to reach says where the next begins.
 class PatchMaker {
 public:
-    PatchMaker(std::span<const Vec3f> points, const PointTree& tree, unsigned k, std::size_t room)
-        : points_(points), k_(k), search_(tree, k, room) {}
+    /// @param most  points that a patch is better not to have.
+    PatchMaker(std::span<const Vec3f> points, const PointTree& tree, unsigned k, std::size_t most)
+        : points_(points),
+          tree_(tree),
+          kernels_(nearest_kernels()),
+          k_(k),
+          most_(most),
+          nearest_(most) {}
+
+    /// Of any patch.
+    std::size_t room() const noexcept { return kAtMost * most_; }
 
     void make(const Vec3d& place, Patch& patch) {
         const Vec3f at = place.cast<float>();
-        set(at, search_.find(at), patch);
+        if (!find_wider(at, patch)) take_nearest(at, most_, patch);
     }
     /// Where points are about as near and dense as around the last place; else false.
     bool make_near(const Vec3d& place, Patch& patch) {
         const Vec3f at = place.cast<float>();
-        const std::span<const Neighbor> found = search_.find_near(at);
-        if (!found.empty()) set(at, found, patch);
-        return !found.empty();
+        if (find_near(at, patch)) return true;
+        if (2 * patch.size < k_) return false;
+        const double before = radius_;
+        radius_ *= growth(patch.size);
+        if (find_near(at, patch)) return true;
+        radius_ = before;
+        return false;
     }
 
 private:
-    void set(const Vec3f& at, std::span<const Neighbor> found, Patch& patch) {
-        Neighbor nearest = found.front();
-        float farthest_sq = 0;
-        for (const Neighbor& neighbor : found) {
-            farthest_sq = std::max(farthest_sq, neighbor.distance_sq);
-            if (neighbor.distance_sq <= nearest.distance_sq && neighbor < nearest)
-                nearest = neighbor;
+    static constexpr std::size_t kAtMost = 3;  // times `most`
+    static constexpr double kExact = 0.99999;  // a radius less the rounding of squared distances
+    static constexpr double kFilled = 0.6;     // of `most` by the next patch, if all goes well
+
+    /// By how much a radius with so many points is to grow.
+    double growth(std::size_t size) const {
+        return std::sqrt(kFilled * static_cast<double>(most_) / static_cast<double>(size));
+    }
+
+    bool find_near(const Vec3f& at, Patch& patch) {
+        constexpr std::size_t kBehind = kLanes;  // that may be written to
+        patch.size = 0;
+        patch.points.resize(3 * (room() + kBehind));
+        const auto radius_sq = static_cast<float>(radius_ * radius_);
+        if (!(radius_sq > 0) || !(radius_sq < std::numeric_limits<float>::infinity())) return false;
+        patch.size =
+            kernels_.around(tree_.view(), at.data(), radius_sq, static_cast<std::uint32_t>(room()),
+                            patch.axis(0), patch.axis(1), patch.axis(2));
+        if (patch.size > room()) {  // it got crowded
+            take_nearest(at, k_, patch);
+            return true;
         }
-        const Vec3f origin = points_[nearest.index];
-        patch.number = ++number_;
+        if (patch.size < k_) return false;
+        const bool all = patch.size == tree_.size();
+        finish(at, radius_, all, patch);
+        // On a surface the number of points grows as the square of the radius.
+        radius_ *= growth(patch.size);
+        return true;
+    }
+
+    /// The same, a few times wider where there are some, but too few.
+    bool find_wider(const Vec3f& at, Patch& patch) {
+        constexpr unsigned kTries = 3;
+        constexpr double kWider = 2;
+        const double before = radius_;
+        for (unsigned i = 0; i < kTries; ++i) {
+            if (find_near(at, patch)) return true;
+            if (patch.size == 0) break;
+            radius_ *= std::min(kWider, growth(patch.size));
+        }
+        radius_ = before;
+        return false;
+    }
+
+    /// Without a radius to begin with.
+    void take_nearest(const Vec3f& at, std::size_t count, Patch& patch) {
+        const std::span<const Neighbor> found =
+            find_nearest(tree_, at, std::span(nearest_).first(count));
+        patch.size = 0;
+        for (const Neighbor& neighbor : found) {
+            const Vec3f way = points_[neighbor.index] - at;
+            for (std::size_t a = 0; a < 3; ++a)
+                patch.axis(a)[patch.size] = way[static_cast<Eigen::Index>(a)];
+            ++patch.size;
+        }
+        const double farthest = std::sqrt(static_cast<double>(found.back().distance_sq));
+        finish(at, farthest, found.size() == tree_.size(), patch);
+        // From afar the radius says nothing of the spacing.
+        if (4.0F * found.front().distance_sq <= found.back().distance_sq)
+            radius_ = std::sqrt(kFilled) * farthest;
+    }
+
+    void finish(const Vec3f& at, double radius, bool all, Patch& patch) const {
         patch.center = at.cast<double>();
-        patch.radius = search_.reach();
-        const double size = static_cast<double>(found.size());
-        patch.neighborhood = std::sqrt(static_cast<double>(farthest_sq) * k_ / size);
-        patch.origin = origin.cast<double>();
-        patch.points.clear();
-        for (const Neighbor& neighbor : found)
-            patch.points.push_back(points_[neighbor.index] - origin);
+        patch.radius = all ? std::numeric_limits<double>::infinity() : radius * kExact;
+        patch.neighborhood = radius * std::sqrt(k_ / static_cast<double>(patch.size));
+        for (std::size_t a = 0; a < 3; ++a)
+            std::fill_n(patch.axis(a) + patch.size, kLanes, PlaneLanes::kNowhere);
     }
 
     std::span<const Vec3f> points_;
+    const PointTree& tree_;
+    const NearestKernels& kernels_;
     unsigned k_;
-    NearbySearch search_;
-    std::size_t number_ = 0;
+    std::size_t most_;
+    std::vector<Neighbor> nearest_;
+    double radius_ = 0;
 };
 
 /// A query on its way.
@@ -94,12 +167,10 @@ struct Walker {
 
     std::size_t query = kNone;
     Vec3d q, x;
-    std::size_t patch = 0, patch_size = 0;  ///< number and size of that in the lane
-    Vec3d center, origin;
-    double radius = 0;
+    Patch* patch = nullptr;
     bool own_patch = false;  ///< made for x just now, so that it holds what it must
     unsigned iteration = 0;
-    double last_step = 0, least_step = 0;
+    double last_step = 0, least_step = 0, last_distance = 0;
     Vec3d earlier = Vec3d::Zero();  ///< where it was some steps ago
 
     Foot best;    ///< of this start
@@ -124,11 +195,13 @@ public:
           end_(end),
           found_(found),
           k_(static_cast<unsigned>(std::min<std::size_t>(options.k, points.size()))),
-          lanes_(k_, std::min<std::size_t>(points.size(), 2 * k_ + 8)),
           reach_(std::sqrt(std::max(1.0, kReaching / k_))),
-          maker_(points, tree, k_, lanes_.candidates.size()),
+          maker_(points, tree, k_, std::min<std::size_t>(points.size(), 2 * k_ + 8)),
+          lanes_(k_, maker_.room()),
           quadratic_(points, tree, options),
-          kernel_(plane_kernel()) {}
+          kernel_(plane_kernel()) {
+        ++shared_->uses;
+    }
 
     void run(const RunContext& context) {
         for (std::size_t lane = 0; lane < kLanes; ++lane) begin_query(lane);
@@ -148,19 +221,69 @@ private:
         Walker& w = walkers_[lane];
         if (w.query != Walker::kNone) --busy_;
         w.query = Walker::kNone;
-        if (next_ == end_) return;
+        if (next_ == end_) {
+            lanes_.candidates[lane] = {};
+            return;
+        }
         ++busy_;
         w.query = next_++;
         w.q = queries_[w.query].cast<double>();
         w.direct = {};
-        w.from_sample = !shared_.holds(w.q) && !maker_.make_near(w.q, shared_);
+        w.from_sample = !shared_->holds(w.q) && !share([&](Patch& patch) {
+            return maker_.make_near(w.q, patch);
+        });
         if (w.from_sample) {
             find_sample(w);
-            maker_.make(w.sample, shared_);
-            w.from_sample = w.to_sample > reach_ * shared_.neighborhood;
+            share([&](Patch& patch) {
+                maker_.make(w.sample, patch);
+                return true;
+            });
+            w.from_sample = w.to_sample > reach_ * shared_->neighborhood;
         }
-        if (w.patch != shared_.number) fill(lane, shared_);
+        give(lane, *shared_);
         start(lane, w.from_sample ? w.sample : w.q);
+    }
+
+    /// One that nobody uses: there is one more of them than can be in use.
+    Patch& unused_patch() {
+        return *std::ranges::find(patches_, 0U, &Patch::uses);
+    }
+
+    /// What make(patch) makes is shared from now on, unless it answers false.
+    template <typename Make>
+    bool share(Make&& make) {
+        Patch& patch = unused_patch();
+        if (!make(patch)) return false;
+        --shared_->uses;
+        shared_ = &patch;
+        ++shared_->uses;
+        return true;
+    }
+
+    void give(std::size_t lane, Patch& patch) {
+        Walker& w = walkers_[lane];
+        if (w.patch != nullptr) --w.patch->uses;
+        w.patch = &patch;
+        ++patch.uses;
+        lanes_.candidates[lane] = patch.candidates();
+        lanes_.radius_guess_sq[lane] = static_cast<float>(patch.neighborhood * patch.neighborhood);
+        set(lanes_.query, lane, (w.q - patch.center).cast<float>());
+    }
+
+    /// The sample nearest to q, at a known distance: mostly one of the patch.
+    void find_sample_near(Walker& w) const {
+        const Patch& patch = *w.patch;
+        const Vec3f q = (w.q - patch.center).cast<float>();
+        if (static_cast<double>(q.norm()) + w.to_sample > patch.radius) return find_sample(w);
+        const float *const x = patch.axis(0), *const y = patch.axis(1), *const z = patch.axis(2);
+        std::size_t nearest = 0;
+        float nearest_sq = std::numeric_limits<float>::infinity();
+        for (std::size_t i = 0; i < patch.size; ++i) {
+            const float distance_sq = (Vec3f(x[i], y[i], z[i]) - q).squaredNorm();
+            nearest = distance_sq < nearest_sq ? i : nearest;
+            nearest_sq = std::min(nearest_sq, distance_sq);
+        }
+        w.sample = patch.center + Vec3f(x[nearest], y[nearest], z[nearest]).cast<double>();
     }
 
     void find_sample(Walker& w) const {
@@ -177,40 +300,22 @@ private:
         w.last_step = w.least_step = std::numeric_limits<double>::infinity();
         w.best = {};
         w.earlier = x;
-        set(lanes_.query, lane, (w.q - w.origin).cast<float>());
         place(lane, x);
     }
 
     void place(std::size_t lane, const Vec3d& x) {
         Walker& w = walkers_[lane];
         w.x = x;
-        set(lanes_.place, lane, (x - w.origin).cast<float>());
-    }
-
-    /// Puts the points of a patch into a lane.
-    void fill(std::size_t lane, const Patch& patch) {
-        Walker& w = walkers_[lane];
-        w.patch = patch.number;
-        w.center = patch.center;
-        w.origin = patch.origin;
-        w.radius = patch.radius;
-        const std::size_t before = std::exchange(w.patch_size, patch.points.size());
-        lanes_.rows = 0;
-        for (const Walker& other : walkers_) lanes_.rows = std::max(lanes_.rows, other.patch_size);
-        for (std::size_t j = 0; j < w.patch_size; ++j)
-            set(lanes_.candidates[j], lane, patch.points[j]);
-        for (std::size_t j = w.patch_size; j < before; ++j)
-            set(lanes_.candidates[j], lane, Vec3f::Constant(PlaneLanes::kNowhere));
-        lanes_.radius_guess_sq[lane] = static_cast<float>(patch.neighborhood * patch.neighborhood);
-        set(lanes_.query, lane, (w.q - w.origin).cast<float>());
+        set(lanes_.place, lane, (x - w.patch->center).cast<float>());
     }
 
     void advance(std::size_t lane) {
         Walker& w = walkers_[lane];
         const double r = std::sqrt(static_cast<double>(lanes_.radius_sq[lane]));
-        if (!w.own_patch && (w.x - w.center).norm() + r > w.radius) {
-            maker_.make(w.x, own_);
-            fill(lane, own_);
+        if (!w.own_patch && (w.x - w.patch->center).norm() + r > w.patch->radius) {
+            Patch& own = unused_patch();
+            maker_.make(w.x, own);
+            give(lane, own);
             w.own_patch = true;
             return place(lane, w.x);
         }
@@ -227,7 +332,7 @@ private:
         constexpr double kLost = 0.5;
         if (!lanes_.flat[lane] || (w.iteration > 0 && nearness > kLost)) return finish_start(lane);
 
-        const Vec3d foot = w.origin + get(lanes_.foot, lane);
+        const Vec3d foot = w.patch->center + get(lanes_.foot, lane);
         const double step = std::sqrt(static_cast<double>(lanes_.step_sq[lane]));
         const double h = r / 3.0;
         if (options_.across_sample && w.from_sample && w.iteration == 0)
@@ -251,7 +356,13 @@ private:
         w.best.converged =
             step <= options_.tolerance * h ||
             (shrinking < 0.5 && step * shrinking <= options_.tolerance * h * (1.0 - shrinking));
+        // Where the way goes along the surface the distance is known long before the foot is.
+        const double distance = std::abs(static_cast<double>(lanes_.height[lane]));
+        const double along = step / w.last_step, change = std::abs(distance - w.last_distance);
+        w.best.converged |= w.iteration > 1 && along < 1 &&
+                            change * along <= options_.sure_part * distance * (1 - along);
         w.last_step = step;
+        w.last_distance = distance;
         if (w.best.converged || ++w.iteration == options_.max_iterations ||
             goes_round(w, foot, step, h))
             return finish_start(lane);
@@ -274,7 +385,7 @@ private:
             constexpr double kNear = 0.25;  // of h: the start from the sample would end here too
             if (w.best.distance <= kNear * w.best.h && w.best.on_surface())
                 return emit(lane, w.best);
-            find_sample(w);
+            find_sample_near(w);
             w.direct = w.best;
             w.from_sample = true;
             return start(lane, w.sample);
@@ -323,12 +434,13 @@ private:
     std::size_t next_, end_;
     const std::function<void(std::size_t, const Foot&)>& found_;
     unsigned k_;
-    PlaneLanes lanes_;
     double reach_;  ///< of the surface around a sample, over the radius of its neighbourhood
     PatchMaker maker_;
+    PlaneLanes lanes_;
     QuadraticFoot quadratic_;
     PlaneKernel kernel_;
-    Patch shared_, own_;
+    std::array<Patch, kLanes + 2> patches_;  ///< those of the lanes, a shared and an unused one
+    Patch* shared_ = &patches_.front();
     std::array<Walker, kLanes> walkers_;
     std::size_t busy_ = 0;
 };

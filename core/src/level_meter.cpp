@@ -16,6 +16,7 @@ namespace {
 constexpr std::uint64_t kMany = 40'000;  // points of a source
 
 constexpr unsigned kRough = 2;     // rounds that tell two roundings of the same points apart
+constexpr unsigned kSome = 4;      // that tell the error of a level before it is rounded
 constexpr unsigned kMostly = 12;   // that scans of surfaces need
 constexpr unsigned kOfSmall = 32;  // of a small source
 
@@ -26,13 +27,13 @@ unsigned least_rounds(std::uint64_t points) {
                                                            SampleRounds::kMostRounds));
 }
 
-/// Places on the surface of the source, as `measure_error` takes them: at points, where there are
-/// many.
-ErrorSamples take_samples(const FramedSurface& source, std::uint64_t count, std::uint64_t seed,
-                          const RunContext& context) {
-    if (source.points.size() >= kMany)
-        return take_points_by_area(source.tree, count, seed, context);
-    return take_surface(source.tree, source.finder, count, seed, context);
+/// Where errors are sure, rounds that are drawn at once: as many as scans with much noise need,
+/// where few would have all leaves looked at anyway.
+unsigned drawn_rounds(const PointTree& tree, unsigned least) {
+    constexpr unsigned kOfNoisy = 32;
+    constexpr std::uint64_t kLooked = 8;  // leaves, for each place
+    if (tree.leaf_count() > kLooked * least * SampleRounds::kRound) return least;
+    return std::max(least, kOfNoisy);
 }
 
 }  // namespace
@@ -48,14 +49,17 @@ LevelMeter::LevelMeter(std::vector<Vec3f>&& source, LodErrors errors, const RunC
     const std::vector<Vec3f>& points = made->points;
     spacing_ = median_gap(made->tree);
     const bool is_small = points.size() < kMany;
-    const unsigned rounds = errors_ == LodErrors::Rough ? kRough
-                            : is_small                  ? kOfSmall
-                                       : std::max(kMostly, least_rounds(points.size()));
-    places_.add(take_samples(*made, rounds * SampleRounds::kRound, 0, context), rounds);
+    const unsigned rounds =
+        errors_ == LodErrors::Rough ? kRough
+        : is_small                  ? kOfSmall
+                   : drawn_rounds(made->tree, std::max(kMostly, least_rounds(points.size())));
+    draw(rounds, context);
+    need_places(std::min(kSome, rounds), context);
     if (!is_exact()) return;
-    const std::uint64_t every =
-        is_small ? SampleRounds::kMostRounds * SampleRounds::kRound : points.size();
-    every_.add(take_samples(*made, every, 0, context), 1);
+    constexpr std::uint64_t kEvery = SampleRounds::kMostRounds * SampleRounds::kRound;
+    every_.add(is_small ? take_surface(made->tree, made->finder, kEvery, 0, context)
+                        : take_points(made->tree, points.size(), 0, context),
+               1);
 }
 
 std::shared_ptr<const FramedSurface> LevelMeter::surface(const RunContext& context) {
@@ -70,13 +74,12 @@ void LevelMeter::forget_surface() {
     surface_.reset();
 }
 
-ErrorSamples LevelMeter::some_places() const {
-    constexpr unsigned kSome = 4;
-    return places_.first(kSome);
-}
-
 void LevelMeter::measure_roughly(MeasuredLevel& level, const RunContext& context) const {
     measure(level, places_, kRough, context);
+}
+
+void LevelMeter::measure_at_some(MeasuredLevel& level, const RunContext& context) const {
+    measure(level, places_, std::min(kSome, places_.rounds()), context);
 }
 
 void LevelMeter::measure_well(MeasuredLevel& level, const RunContext& context) {
@@ -95,7 +98,7 @@ void LevelMeter::measure_well(MeasuredLevel& level, const RunContext& context) {
     const unsigned least = is_small ? kOfSmall : std::min(most, least_rounds(level.points.size()));
     rounds_ = std::max(rounds_, kRough);
     for (;;) {
-        add_places(rounds_, context);
+        need_places(rounds_, context);
         measure(level, places_, rounds_, context);
         const double wanted = kSure * level.mean;
         const double unsure = mean_confidence(level.distances, level.areas, level.mean);
@@ -113,10 +116,12 @@ void LevelMeter::measure(MeasuredLevel& level, const SampleRounds& places, unsig
     const std::vector<Index> known_places = std::exchange(level.places, {});
     const std::vector<float> distances = std::exchange(level.distances, {});
     const std::vector<float> covers = std::exchange(level.covers, {});
+    const std::vector<std::uint8_t> endless = std::exchange(level.endless, {});
     level.places = places.of_first(rounds);
     const std::size_t count = level.places.size();
     level.distances.resize(count);
     level.covers.resize(count);
+    level.endless.resize(count);
     level.areas.resize(count);
     std::vector<Vec3f> others;
     std::vector<Index> number_of;
@@ -125,30 +130,53 @@ void LevelMeter::measure(MeasuredLevel& level, const SampleRounds& places, unsig
         level.areas[i] = places.all().areas[place];
         if (known < known_places.size() && known_places[known] == place) {
             level.distances[i] = distances[known];
+            level.endless[i] = endless[known];
             level.covers[i] = covers[known++];
         } else {
             others.push_back(places.all().positions[place]);
             number_of.push_back(static_cast<Index>(i));
         }
     }
-    FootFinder(level.points, *level.tree, {.across_sample = true})
+    // Of walks through trees most go on for long with little change; of those that have come to no
+    // end after so many steps few ever do.
+    constexpr unsigned kSteps = 16;
+    constexpr double kSurePart = 0.005;
+    FootFinder(level.points, *level.tree,
+               {.max_iterations = kSteps, .sure_part = kSurePart, .across_sample = true})
         .find(
             others,
             [&](std::size_t i, const Foot& foot) {
                 level.distances[number_of[i]] = static_cast<float>(foot.distance);
                 level.covers[number_of[i]] = static_cast<float>(foot.to_sample);
+                level.endless[number_of[i]] = !foot.converged && !foot.beyond;
             },
             context);
     level.mean = summarize("", level.distances, level.areas).mean;
 }
 
-/// Until there are so many rounds of places.
-void LevelMeter::add_places(unsigned at_least, const RunContext& context) {
-    if (places_.rounds() >= at_least) return;
-    const unsigned so_far = places_.rounds(), more = at_least - so_far;
-    places_.add(take_samples(*surface(context), more * SampleRounds::kRound,
-                             so_far * SampleRounds::kRound, context),
-                more);
+/// Draws more rounds of places on the surface of the source, as `measure_error` takes them: at
+/// points, where there are many.
+void LevelMeter::draw(unsigned rounds, const RunContext& context) {
+    const std::uint64_t count = rounds * SampleRounds::kRound,
+                        seed = places_.rounds() * SampleRounds::kRound;
+    const auto source = surface(context);
+    if (source->points.size() >= kMany) {
+        places_.add(draw_points_by_area(source->tree, count, seed, context), rounds);
+    } else {
+        places_.add(take_surface(source->tree, source->finder, count, seed, context), rounds);
+        weighed_ = places_.rounds();  // all stand for as much
+    }
+}
+
+/// Until there are so many rounds of places with their areas.
+void LevelMeter::need_places(unsigned rounds, const RunContext& context) {
+    if (places_.rounds() < rounds) draw(rounds - places_.rounds(), context);
+    if (weighed_ >= rounds) return;
+    const std::vector<Index> places = places_.between(weighed_, rounds);
+    std::vector<Vec3f> positions;
+    for (const Index place : places) positions.push_back(places_.all().positions[place]);
+    places_.weigh(places, areas_around(surface(context)->tree, positions, context));
+    weighed_ = rounds;
 }
 
 }  // namespace stipple

@@ -8,6 +8,7 @@
 #include "stipple/run_context.hpp"
 
 #include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <vector>
 
@@ -22,6 +23,7 @@ struct MeasuredLevel {
     std::vector<float> distances;  ///< of each
     std::vector<float> covers;     ///< from each to the nearest point
     std::vector<float> areas;      ///< that each stands for
+    std::vector<std::uint8_t> endless;  ///< whether no walk from there came to an end
     double mean = 0;
 
     MeasuredLevel() = default;
@@ -46,13 +48,14 @@ public:
     void forget_surface();
     /// The middle one of the source's gaps.
     double spacing() const noexcept { return spacing_; }
-    /// Some places on it: 4,096, or fewer where errors are rough.
-    ErrorSamples some_places() const;
     /// Of `measure_well`.
     const ErrorSamples& places() const noexcept { return (is_exact() ? every_ : places_).all(); }
 
     /// Well enough to compare two roundings of the same points.
     void measure_roughly(MeasuredLevel& level, const RunContext& context) const;
+
+    /// At 4,096 places, or fewer where errors are rough.
+    void measure_at_some(MeasuredLevel& level, const RunContext& context) const;
 
     /// As well as errors are to be known. Sure ones at one place for 128 points, and at more for
     /// this level and those after it while chance would decide: of as many rounds as the spread of
@@ -66,7 +69,8 @@ private:
     bool is_exact() const noexcept { return errors_ == LodErrors::Exact; }
     static void measure(MeasuredLevel& level, const SampleRounds& places, unsigned rounds,
                         const RunContext& context);
-    void add_places(unsigned at_least, const RunContext& context);
+    void draw(unsigned rounds, const RunContext& context);
+    void need_places(unsigned rounds, const RunContext& context);
 
     std::vector<Vec3f> points_;  ///< where there is no surface that has them
     std::shared_ptr<FramedSurface> surface_;
@@ -74,7 +78,8 @@ private:
     double spacing_ = 0;
     SampleRounds places_;
     SampleRounds every_;   ///< one round of all points, where it is to be exact
-    unsigned rounds_ = 0;  ///< of places that the level before was measured at
+    unsigned weighed_ = 0;  ///< rounds of places whose areas are known: what takes the time
+    unsigned rounds_ = 0;   ///< of places that the level before was measured at
 };
 
 }  // namespace stipple

@@ -62,15 +62,11 @@ LevelGrid LevelRounding::finest_grid(const LevelMeter& meter) const {
     return {step, static_cast<unsigned>(std::max<double>(bits, kLeastBits))};
 }
 
-MeasuredLevel LevelRounding::round(const std::vector<Vec3f>& points, LevelGrid& taken,
+MeasuredLevel LevelRounding::round(MeasuredLevel& unrounded, LevelGrid& taken,
                                    const LevelMeter& meter, const RunContext& context) const {
     const LevelGrid finest = finest_grid(meter);
-    const auto measured = [&](std::vector<Vec3f>&& rounded_points) {
-        MeasuredLevel level(std::move(rounded_points), context);
-        meter.measure_roughly(level, context);
-        return level;
-    };
-    const MeasuredLevel unrounded = measured(std::vector<Vec3f>(points));
+    const std::vector<Vec3f>& points = unrounded.points;
+    meter.measure_roughly(unrounded, context);
     const double exact = unrounded.mean;
     // Where there are more points they are not worth the time: those who load them have waited
     // already.
@@ -78,7 +74,9 @@ MeasuredLevel LevelRounding::round(const std::vector<Vec3f>& points, LevelGrid& 
     const std::vector<Vec3f> normals =
         points.size() <= kMost ? curve_normals(*unrounded.tree, context) : std::vector<Vec3f>();
     const auto try_bits = [&](unsigned bits) {
-        return measured(rounded(points, normals, grid(bits), context));
+        MeasuredLevel level(rounded(points, normals, grid(bits), context), context);
+        meter.measure_roughly(level, context);
+        return level;
     };
     // The variance of what rounding adds, in squared steps, once the surface's fit has smoothed
     // it: measured.

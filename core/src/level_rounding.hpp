@@ -44,7 +44,9 @@ struct LevelRounding {
 
     /// The fewest bits by which the mean error grows by no more than the tolerance, and by which
     /// points stay apart: two steps to a spacing.
-    MeasuredLevel round(const std::vector<Vec3f>& points, LevelGrid& taken, const LevelMeter& meter,
+    ///
+    /// @param unrounded  is measured.
+    MeasuredLevel round(MeasuredLevel& unrounded, LevelGrid& taken, const LevelMeter& meter,
                         const RunContext& context) const;
 
 private:

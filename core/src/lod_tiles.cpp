@@ -84,6 +84,46 @@ struct LodTiler::State {
     unsigned levels = 0;
     std::uint64_t had = 0;  ///< points of the level before, where tiles are additive
     LodFigures figures;
+    std::optional<SurfaceError> level_error;
+
+    /// From the source, as far as the diagonals and `unrounded` tell; none: it is the source.
+    SurfaceError error_of(const PointCloud& level, MeasuredLevel* unrounded,
+                          const RunContext& context) {
+        SurfaceError error;
+        error.diagonal = box.diagonal();
+        error.candidate_diagonal = bounds(level).diagonal();
+        if (unrounded == nullptr) return error;
+        meter.measure_at_some(*unrounded, context);
+        error.forward = summarize_places(unrounded->distances, unrounded->areas,
+                                         unrounded->endless, frame, context);
+        error.backward = estimate_backward(*meter.surface(context), unrounded->points,
+                                           *unrounded->tree, frame, context);
+        return error;
+    }
+
+    /// @param points  of the level, in order; none: it is the source, as it is measured.
+    /// @param grid  the finest; becomes the one that is taken.
+    MeasuredLevel rounded_level(const PointCloud& cloud, std::vector<Vec3f>&& points, bool whole,
+                                LevelGrid& grid, const RunContext& context) {
+        const bool as_measured = points.empty(), all_bits = whole || options.additive;
+        const auto at_finest = [&](const std::vector<Vec3f>& all) {
+            return MeasuredLevel(rounded(all, grid, context), context);
+        };
+        if (as_measured) {
+            if (options.level_errors) level_error = error_of(cloud, nullptr, context);
+            meter.forget_surface();  // no level comes after
+            return at_finest(meter.source());
+        }
+        if (all_bits && !options.level_errors) return at_finest(points);
+        MeasuredLevel unrounded(std::move(points), context);
+        if (!all_bits) {
+            MeasuredLevel level = rounding.round(unrounded, grid, meter, context);
+            if (options.level_errors) level_error = error_of(cloud, &unrounded, context);
+            return level;
+        }
+        level_error = error_of(cloud, &unrounded, context);
+        return at_finest(unrounded.points);
+    }
 
     /// What some samples say.
     struct Inside {
@@ -240,22 +280,8 @@ const LodFigures& LodTiler::figures() const noexcept {
     return state_->figures;
 }
 
-SurfaceError LodTiler::estimate_error(const PointCloud& level, const RunContext& context,
-                                      std::span<const Index> known_order) {
-    const BoxedCloud boxed(level, "level");
-    check_order(known_order, level);
-    State& state = *state_;
-    const ErrorSamples places = state.meter.some_places();
-    const bool is_known = !known_order.empty();
-    const FramedSurface surface(
-        is_known ? state.frame.into(level, known_order, context) : state.frame.into(level, context),
-        is_known ? PointTree::Leaves::Given : leaves_for(level.size(), places.size()), {}, context);
-    context.checkpoint(0.3);
-    SurfaceError error = stipple::estimate_error(*state.meter.surface(context), places, surface,
-                                                 state.frame, context.part(0.3, 1));
-    error.diagonal = state.box.diagonal();
-    error.candidate_diagonal = boxed.box.diagonal();
-    return error;
+const std::optional<SurfaceError>& LodTiler::level_error() const noexcept {
+    return state_->level_error;
 }
 
 void LodTiler::restart() {
@@ -276,7 +302,6 @@ std::vector<LodTile> LodTiler::add_level(const PointCloud& cloud, bool whole,
         refuse("points of a level", cloud.size(), "more than the level before");
     check_order(known_order, cloud);
     const bool as_measured = whole && !additive;
-    if (whole) state.meter.forget_surface();  // no level comes after
     std::vector<Index> found_order;
     std::vector<Vec3f> own_points;
     if (!as_measured) {
@@ -287,12 +312,9 @@ std::vector<LodTile> LodTiler::add_level(const PointCloud& cloud, bool whole,
     const std::span<const Index> order = as_measured           ? std::span(state.order)
                                          : known_order.empty() ? found_order
                                                                : known_order;
-    const std::vector<Vec3f>& points = as_measured ? state.meter.source() : own_points;
     context.checkpoint(0.1);
     LevelGrid grid = state.rounding.finest_grid(state.meter);
-    MeasuredLevel level = whole || additive
-                              ? MeasuredLevel(rounded(points, grid, context), context)
-                              : state.rounding.round(points, grid, state.meter, context);
+    MeasuredLevel level = state.rounded_level(cloud, std::move(own_points), whole, grid, context);
     context.checkpoint(0.3);
     state.meter.measure_well(level, context);
     context.checkpoint(0.4);

@@ -68,6 +68,10 @@ struct NearestKernels {
     std::uint32_t (*within)(const PointTree::View& tree, const float* from, float radius_sq,
                             std::uint32_t most, float* distances_sq, Index* indices) noexcept;
 
+    /// The same points, relative to the place, coordinate by coordinate.
+    std::uint32_t (*around)(const PointTree::View& tree, const float* from, float radius_sq,
+                            std::uint32_t most, float* x, float* y, float* z) noexcept;
+
     /// For each point of a leaf the mean of the squared distances to the eight nearest of the
     /// points in this leaf and the two beside it on the curve, all finite; anything for points that
     /// the leaf is short of.

@@ -128,11 +128,11 @@ inline std::uint32_t near_children(const PointTree::Node& node, const float* low
 }
 
 /// Calls visit(number) for the leaves within a distance of a box, in the order of the tree, until
-/// one answers false.
+/// one answers false: of any number.
 template <typename Visit>
-[[gnu::always_inline]] inline bool each_leaf(const PointTree::View& tree, const float* low,
-                                             const float* high, float limit_sq,
-                                             Visit&& visit) noexcept {
+[[gnu::always_inline]] inline bool each_of_many_leaves(const PointTree::View& tree,
+                                                       const float* low, const float* high,
+                                                       float limit_sq, Visit&& visit) noexcept {
     // Depth first: of each level the node that is open, and its children still to be visited.
     constexpr unsigned kDepth = 12;
     std::uint32_t node[kDepth], open[kDepth];
@@ -155,6 +155,38 @@ template <typename Visit>
         }
         if (!visit(child)) return false;
     }
+}
+
+/// The same, level by level where they are few: no branch depends on which children are near, and
+/// nobody could foretell it.
+template <typename Visit>
+[[gnu::always_inline]] inline bool each_leaf(const PointTree::View& tree, const float* low,
+                                             const float* high, float limit_sq,
+                                             Visit&& visit) noexcept {
+    constexpr std::uint32_t kFew = 128;
+    std::uint32_t numbers[2][kFew + kLanes];
+    std::uint32_t *here = numbers[0], *below = numbers[1];
+    std::uint32_t count = 1;
+    here[0] = 0;
+    for (std::uint32_t level = tree.level_count; level-- > 0;) {
+        std::uint32_t children = 0;
+        for (std::uint32_t i = 0; i < count; ++i) {
+            if (children > kFew)
+                return each_of_many_leaves(tree, low, high, limit_sq, visit);
+            const std::uint32_t near =
+                near_children(tree.levels[level][here[i]], low, high, limit_sq);
+            const auto first = static_cast<std::int32_t>(here[i] * kLanes);
+            Packing{near}.store(Int8{0, 1, 2, 3, 4, 5, 6, 7} + first, below + children);
+            children += static_cast<std::uint32_t>(__builtin_popcount(near));
+        }
+        count = children;
+        std::uint32_t* const done = here;
+        here = below;
+        below = done;
+    }
+    for (std::uint32_t i = 0; i < count; ++i)
+        if (!visit(here[i])) return false;
+    return true;
 }
 
 bool gather(const PointTree::View& tree, const float* low, const float* high, float limit_sq,
@@ -366,6 +398,25 @@ std::uint32_t within(const PointTree::View& tree, const float* q, float radius_s
         const Packing packing{near};
         packing.store(d, distances_sq + count);
         packing.store(load(reinterpret_cast<const Index*>(&leaf.index)), indices + count);
+        count += static_cast<std::uint32_t>(__builtin_popcount(near));
+        return count <= most;
+    });
+    return count;
+}
+
+std::uint32_t around(const PointTree::View& tree, const float* q, float radius_sq,
+                     std::uint32_t most, float* x, float* y, float* z) noexcept {
+    std::uint32_t count = 0;
+    each_leaf(tree, q, q, radius_sq, [&](std::uint32_t number) {
+        const PointTree::Leaf& leaf = tree.leaves[number];
+        const Float8 dx = load(reinterpret_cast<const float*>(&leaf.x)) - q[0];
+        const Float8 dy = load(reinterpret_cast<const float*>(&leaf.y)) - q[1];
+        const Float8 dz = load(reinterpret_cast<const float*>(&leaf.z)) - q[2];
+        const std::uint32_t near = lane_bits(dx * dx + dy * dy + dz * dz <= radius_sq);
+        const Packing packing{near};
+        packing.store(dx, x + count);
+        packing.store(dy, y + count);
+        packing.store(dz, z + count);
         count += static_cast<std::uint32_t>(__builtin_popcount(near));
         return count <= most;
     });

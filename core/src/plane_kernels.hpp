@@ -9,7 +9,7 @@ namespace stipple {
 
 /// Eight places x, each with candidates of its own for its neighbourhood; the planes of weighted
 /// least squares there (§2.2, h = r / 3); and a query's way across each. Everything of one lane is
-/// relative to a point near its candidates, so that floats are exact enough.
+/// relative to a place near its candidates, so that floats are exact enough.
 struct PlaneLanes {
     static constexpr std::size_t kLanes = 8;
     static constexpr float kNowhere = 1e15F;  ///< a coordinate of a candidate that is missing
@@ -17,21 +17,20 @@ struct PlaneLanes {
     struct alignas(32) Row {
         Floats x, y, z;
     };
-    struct alignas(32) Distances {
-        Floats sq;
+    /// Coordinate by coordinate: groups of eight, the last filled up with what is missing. At least
+    /// k are there; a lane without groups is left out.
+    struct Candidates {
+        const float *x = nullptr, *y = nullptr, *z = nullptr;
+        std::uint32_t groups = 0;
     };
 
     /// @param k  size of a neighbourhood. @param capacity  candidates of a lane, at least k.
-    PlaneLanes(unsigned k_, std::size_t capacity) : k(k_), candidates(capacity), scratch(capacity) {
-        for (Row& row : candidates) {
-            for (Floats* const axis : {&row.x, &row.y, &row.z}) axis->fill(kNowhere);
-        }
-    }
+    PlaneLanes(unsigned k_, std::size_t capacity)
+        : k(k_), scratch((capacity + kLanes - 1) / kLanes * kLanes) {}
 
     unsigned k;
-    std::size_t rows = 0;  ///< how many candidates there are to look at; the others are missing
-    std::vector<Row> candidates;
-    std::vector<Distances> scratch;
+    std::array<Candidates, kLanes> candidates{};
+    std::vector<float> scratch;
     Row place{}, query{};
     Floats radius_guess_sq{};  ///< of the neighbourhood: anything, but a good one saves time
 

@@ -1,11 +1,15 @@
 #include "point_tree.hpp"
 
 #include "first_touch.hpp"
+#include "float4.hpp"
 #include "hilbert_order.hpp"
 #include "parallel_for.hpp"
 
 #include <algorithm>
+#include <array>
 #include <bit>
+#include <cstring>
+#include <numeric>
 
 namespace stipple {
 
@@ -49,6 +53,66 @@ PointTree::Node empty_node() noexcept {
     return node;
 }
 
+constexpr std::size_t kWidth = PointTree::kWidth;
+
+/// Of each of four the least or largest of its lanes, as `choose` has it of two.
+template <typename Choose>
+Float4 folded(const Float4* four, const Choose& choose) noexcept {
+    const auto halves = [&](Float4 a, Float4 b) {
+        return choose(__builtin_shufflevector(a, b, 0, 1, 4, 5),
+                      __builtin_shufflevector(a, b, 2, 3, 6, 7));
+    };
+    const Float4 first = halves(four[0], four[1]), second = halves(four[2], four[3]);
+    return choose(__builtin_shufflevector(first, second, 0, 2, 4, 6),
+                  __builtin_shufflevector(first, second, 1, 3, 5, 7));
+}
+
+/// The leaves of a node, eight at most, and their boxes.
+class LeafWriter {
+public:
+    /// @param points  the coordinates of eight, one point after the other.
+    void write(std::size_t child, const float* points, PointTree::Leaf& leaf) noexcept {
+        std::array<std::array<Float4, 2>, 3> axes;
+        for (std::size_t half = 0; half < 2; ++half) {
+            std::array<Float4, 3> v;  // x y z x, y z x y, z x y z
+            std::memcpy(v.data(), points + 12 * half, sizeof v);
+            axes[0][half] =
+                __builtin_shufflevector(__builtin_shufflevector(v[0], v[1], 0, 3, 6, 6), v[2],  //
+                                        0, 1, 2, 5);
+            axes[1][half] =
+                __builtin_shufflevector(__builtin_shufflevector(v[0], v[1], 1, 4, 7, 7), v[2],  //
+                                        0, 1, 2, 6);
+            axes[2][half] =
+                __builtin_shufflevector(__builtin_shufflevector(v[0], v[1], 2, 5, 5, 5), v[2],  //
+                                        0, 1, 4, 7);
+        }
+        std::memcpy(&leaf.x, axes[0].data(), sizeof leaf.x);
+        std::memcpy(&leaf.y, axes[1].data(), sizeof leaf.y);
+        std::memcpy(&leaf.z, axes[2].data(), sizeof leaf.z);
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            low_[axis][child] = smaller(axes[axis][0], axes[axis][1]);
+            high_[axis][child] = larger(axes[axis][0], axes[axis][1]);
+        }
+    }
+
+    /// The boxes of the first `children` leaves; the others are empty.
+    void boxes(std::size_t children, PointTree::Node& node) noexcept {
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            for (std::size_t child = children; child < kWidth; ++child) {
+                low_[axis][child] = splat(kInfinity);
+                high_[axis][child] = splat(-kInfinity);
+            }
+            for (std::size_t half = 0; half < 2; ++half) {
+                store(&node.low[axis][4 * half], folded(&low_[axis][4 * half], smaller));
+                store(&node.high[axis][4 * half], folded(&high_[axis][4 * half], larger));
+            }
+        }
+    }
+
+private:
+    std::array<std::array<Float4, kWidth>, 3> low_, high_;  ///< of two points each
+};
+
 struct Numbered {
     Vec3f position;
     Index number;
@@ -58,7 +122,7 @@ struct Numbered {
 /// again and again. A surface runs in and out of the cells of the curve, whose own stretches of
 /// eight points are scattered.
 void tidy(std::span<Numbered> stretch, const RunContext& context) {
-    constexpr std::size_t kLeaf = PointTree::kWidth, kMany = 8'192;
+    constexpr std::size_t kLeaf = kWidth, kMany = 8'192;
     if (stretch.size() <= kLeaf) return;
     if (stretch.size() > kMany) context.throw_if_stopped();
     Box box;
@@ -103,26 +167,30 @@ PointTree::PointTree(std::span<const Vec3f> points, Leaves leaves, const RunCont
     std::vector<Node>* level = &levels_.emplace_back();
     resize_in_blocks(*level, (leaves_.size() + kWidth - 1) / kWidth, context);
     parallel_for_blocks(level->size(), 256, context, [&](std::size_t begin, std::size_t end) {
+        LeafWriter leaf_writer;
         for (std::size_t n = begin; n < end; ++n) {
-            Node& node = (*level)[n] = empty_node();
-            const std::size_t last = std::min((n + 1) * kWidth, leaves_.size());
-            for (std::size_t l = n * kWidth; l < last; ++l) {
-                Box box;
-                for (std::size_t lane = 0; lane < kWidth; ++lane) {
-                    const bool missing = lane >= points_in(l);
-                    const std::size_t at = l * kWidth + lane;
-                    const Index i = missing         ? kNone
-                                    : order.empty() ? static_cast<Index>(at)
-                                                    : order[at];
-                    const Vec3f p = missing ? Vec3f::Constant(kInfinity) : points[i];
-                    leaves_[l].x[lane] = p.x();
-                    leaves_[l].y[lane] = p.y();
-                    leaves_[l].z[lane] = p.z();
-                    leaves_[l].index[lane] = i;
-                    if (!missing) box.add(p);
+            const std::size_t first = n * kWidth, last = std::min(first + kWidth, leaves_.size());
+            for (std::size_t l = first; l < last; ++l) {
+                const std::size_t count = points_in(l);
+                if (order.empty() && count == kWidth) {
+                    leaf_writer.write(l - first, points[l * kWidth].data(), leaves_[l]);
+                    std::iota(leaves_[l].index.begin(), leaves_[l].index.end(),
+                              static_cast<Index>(l * kWidth));
+                    continue;
                 }
-                set_child(node, l % kWidth, box);
+                std::array<Vec3f, kWidth> eight;
+                for (std::size_t lane = 0; lane < kWidth; ++lane) {
+                    const std::size_t at = l * kWidth + std::min(lane, count - 1);
+                    leaves_[l].index[lane] = order.empty() ? static_cast<Index>(at) : order[at];
+                    eight[lane] = points[leaves_[l].index[lane]];
+                }
+                leaf_writer.write(l - first, eight.front().data(), leaves_[l]);
+                for (std::size_t lane = count; lane < kWidth; ++lane) {
+                    leaves_[l].x[lane] = leaves_[l].y[lane] = leaves_[l].z[lane] = kInfinity;
+                    leaves_[l].index[lane] = kNone;
+                }
             }
+            leaf_writer.boxes(last - first, (*level)[n]);
         }
     });
     while (level->size() > 1) {

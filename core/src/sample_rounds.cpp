@@ -30,20 +30,16 @@ void SampleRounds::add(const ErrorSamples& more, unsigned rounds) {
                                [&](Index place) { return all_.numbers[place]; });
 }
 
-std::vector<Index> SampleRounds::of_first(unsigned rounds) const {
+std::vector<Index> SampleRounds::between(unsigned first, unsigned end) const {
     std::vector<Index> numbers;
     for (const Index place : along_curve_)
-        if (round_of_[place] < rounds) numbers.push_back(place);
+        if (round_of_[place] >= first && round_of_[place] < end) numbers.push_back(place);
     return numbers;
 }
 
-ErrorSamples SampleRounds::first(unsigned rounds) const {
-    ErrorSamples some;
-    for (const Index place : of_first(rounds)) {
-        some.positions.push_back(all_.positions[place]);
-        some.areas.push_back(all_.areas[place]);
-    }
-    return some;
+void SampleRounds::weigh(std::span<const Index> numbers, std::span<const float> areas) {
+    for (std::size_t i = 0; i < numbers.size(); ++i)
+        all_.areas[numbers[i]] = areas[i] / all_.areas[numbers[i]];
 }
 
 }  // namespace stipple

@@ -4,6 +4,7 @@
 #include "stipple/point_cloud.hpp"
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
 namespace stipple {
@@ -21,11 +22,12 @@ public:
     /// @param more  of so many rounds, no more than `kMostRounds` with those that there are.
     void add(const ErrorSamples& more, unsigned rounds);
 
-    /// The numbers of those of the first rounds, along the curve as far as they have numbers of
-    /// points.
-    std::vector<Index> of_first(unsigned rounds) const;
-    /// The same places themselves, with their areas.
-    ErrorSamples first(unsigned rounds) const;
+    /// The numbers of those of some rounds, along the curve as far as they have numbers of points.
+    std::vector<Index> between(unsigned first, unsigned end) const;
+    std::vector<Index> of_first(unsigned rounds) const { return between(0, rounds); }
+
+    /// Divides the areas of some places by those by which they were drawn.
+    void weigh(std::span<const Index> numbers, std::span<const float> areas);
 
 private:
     ErrorSamples all_;

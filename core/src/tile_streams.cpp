@@ -4,6 +4,7 @@
 #include "stipple/error.hpp"
 
 #include <meshoptimizer.h>
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <string>
@@ -62,6 +63,16 @@ TileStream position_stream(std::span<const GridPoint> points, VertexEncoder& enc
     return stream;
 }
 
+/// Calls visit(value) for some values, whose memory is asked for in advance.
+template <typename T, typename Visit>
+void for_each_of(std::span<const T> values, std::span<const Index> numbers, Visit&& visit) {
+    constexpr std::size_t kAhead = 16;
+    for (std::size_t i = 0; i < numbers.size(); ++i) {
+        __builtin_prefetch(&values[numbers[std::min(i + kAhead, numbers.size() - 1)]]);
+        visit(values[numbers[i]]);
+    }
+}
+
 TileStream normal_stream(std::span<const Vec3f> normals, std::span<const Index> members,
                          VertexEncoder& encoder) {
     TileStream stream{.name = "NORMAL",
@@ -74,11 +85,11 @@ TileStream normal_stream(std::span<const Vec3f> normals, std::span<const Index> 
     stream.bytes = encoder.encode(
         members.size(), stream.stride, [&](std::size_t begin, std::size_t end, std::byte* to) {
             vectors.clear();
-            for (const Index i : members.subspan(begin, end - begin)) {
-                const bool some = normals[i].allFinite() && normals[i].squaredNorm() > 0;
-                const Vec3f n = some ? normals[i].normalized() : Vec3f::UnitZ();
+            for_each_of(normals, members.subspan(begin, end - begin), [&](const Vec3f& normal) {
+                const bool some = normal.allFinite() && normal.squaredNorm() > 0;
+                const Vec3f n = some ? normal.normalized() : Vec3f::UnitZ();
                 vectors.push_back({n.x(), n.y(), n.z(), 0});
-            }
+            });
             meshopt_encodeFilterOct(to, vectors.size(), stream.stride, 8, vectors.front().data());
         });
     return stream;
@@ -108,14 +119,24 @@ const std::array<std::uint16_t, 256>& linear_codes() {
 TileStream color_stream(const PointCloud& cloud, std::span<const Index> members,
                         VertexEncoder& encoder) {
     constexpr unsigned kWider = 257;  // 16 bits from 8
-    TileStream stream = make_stream<std::uint16_t>(
-        "COLOR_0", Type::Uint16, cloud.has_alpha ? 4 : 3, members.size(), encoder,
-        [&](std::size_t i, unsigned c) {
-            const Rgba8& color = cloud.colors[members[i]];
-            if (c == 3) return static_cast<std::uint16_t>(kWider * color.a);
-            return linear_codes()[std::array{color.r, color.g, color.b}[c]];
+    TileStream stream{.name = "COLOR_0",
+                      .type = Type::Uint16,
+                      .components = cloud.has_alpha ? 4U : 3U,
+                      .normalized = true,
+                      .stride = 8};
+    const std::array<std::uint16_t, 256>& codes = linear_codes();
+    const unsigned alpha = cloud.has_alpha ? kWider : 0;
+    stream.bytes = encoder.encode(
+        members.size(), stream.stride, [&](std::size_t begin, std::size_t end, std::byte* to) {
+            const auto write = [&](const Rgba8& color) {
+                const std::array<std::uint16_t, 4> vertex = {
+                    codes[color.r], codes[color.g], codes[color.b],
+                    static_cast<std::uint16_t>(alpha * color.a)};
+                std::memcpy(to, vertex.data(), sizeof vertex);
+                to += sizeof vertex;
+            };
+            for_each_of(std::span<const Rgba8>(cloud.colors), members.subspan(begin, end - begin), write);
         });
-    stream.normalized = true;
     return stream;
 }
 

@@ -1,6 +1,7 @@
 #include "tile_tree.hpp"
 
 #include "first_touch.hpp"
+#include "float4.hpp"
 #include "parallel_for.hpp"
 
 #include <algorithm>
@@ -28,15 +29,38 @@ float of_key(Index key) noexcept {
     return std::bit_cast<float>((key & kSign) != 0 ? key & ~kSign : ~key);
 }
 
+struct Box {
+    Vec3f low, high;
+};
+
+/// By four lanes, of which the last holds what lies behind a point.
+Box box_of(std::span<const Vec3f> points, std::span<const Index> members) {
+    Box box{points[members.front()], points[members.front()]};
+    const auto add = [&](const Vec3f& p) {
+        box.low = box.low.cwiseMin(p);
+        box.high = box.high.cwiseMax(p);
+    };
+    const auto last = static_cast<Index>(points.size() - 1);  // nothing lies behind it
+    Float4 low = {box.low.x(), box.low.y(), box.low.z(), 0}, high = low;
+    for (const Index i : members) {
+        if (i == last) {
+            add(points[i]);
+            continue;
+        }
+        const Float4 p = load(points[i].data());
+        low = smaller(low, p);
+        high = larger(high, p);
+    }
+    add({low[0], low[1], low[2]});
+    add({high[0], high[1], high[2]});
+    return box;
+}
+
 /// A plane with points below it and points on or above it.
 /// @param room  for as many numbers.
 Cut cut_of(std::span<const Vec3f> points, std::span<const Index> members,
            const TileTree::Limits& limits, std::span<Index> room) {
-    Vec3f low = points[members.front()], high = low;
-    for (const Index i : members) {
-        low = low.cwiseMin(points[i]);
-        high = high.cwiseMax(points[i]);
-    }
+    const auto [low, high] = box_of(points, members);
     int axis = 0;
     const float side = (high - low).maxCoeff(&axis);
     const bool wide = side > limits.side;

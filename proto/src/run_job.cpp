@@ -119,7 +119,8 @@ private:
             bound_ = measured(found);
             if (!found.whole) {
                 bound_error_ = without_histograms(std::move(found.error),
-                                                  {.sampling = found.sampling}, cloud, found.cloud);
+                                                  {.sampling = found.sampling}, cloud.size(),
+                                                  found.cloud.size());
             }
             return std::move(found.cloud);
         });
@@ -133,27 +134,24 @@ private:
     }
 
     /// How far a result is from the cloud it was made of.
-    /// @param order  of a level, as `LodLevel` has it.
     ErrorFigures result_error(const PointCloud& cloud, const PointCloud& result,
-                              const RunContext& context, std::span<const Index> order = {}) {
+                              const RunContext& context) {
         const Stopwatch watch(cost_.error_seconds);
         SurfaceError error;
         if (result.positions == cloud.positions) {
             error.diagonal = bounds(cloud).diagonal();  // nothing was changed
-        } else if (tiler_ != nullptr) {
-            error = tiler_->estimate_error(result, context, order);
         } else {
             error = estimate_error(cloud, result, context);
         }
         return without_histograms(std::move(error), quick_options(cloud.size(), result.size()),
-                                  cloud, result);
+                                  cloud.size(), result.size());
     }
 
     static ErrorFigures without_histograms(SurfaceError error, const SurfaceErrorOptions& options,
-                                           const PointCloud& cloud, const PointCloud& result) {
+                                           std::uint64_t of_cloud, std::uint64_t of_result) {
         error.forward.histogram.clear();
         error.backward.histogram.clear();
-        return error_figures(error, options, cloud.size(), result.size());
+        return error_figures(error, options, of_cloud, of_result);
     }
 
     template <typename Job, typename Compute>
@@ -242,6 +240,7 @@ private:
             const Stopwatch watch(cost_.encode_seconds);
             LodTileOptions tiles = job.tiles;
             tiles.additive = job.options.nested;
+            tiles.level_errors = job.error;
             if (!job.error && tiles.errors == LodErrors::Sure) tiles.errors = LodErrors::Rough;
             tiler_ = std::make_unique<LodTiler>(cloud, tiles, in_stage(kEncode).part(0, kTiler));
             points_of_source_ = cloud.size();
@@ -255,12 +254,11 @@ private:
             std::move(cloud), levels,
             [&](LodLevel&& made) {
                 std::optional<ErrorFigures> error;
-                if (job.error) {
+                if (job.error && tiler_ == nullptr) {
                     // The level of all points is the source itself.
                     const PointCloud& source = cloud.empty() ? made.cloud : cloud;
                     const double to = std::lerp(encoded(), encoded(made.cloud.size()), kMeasured);
-                    error = result_error(source, made.cloud, in_stage(kEncode).part(encoded(), to),
-                                         made.order);
+                    error = result_error(source, made.cloud, in_stage(kEncode).part(encoded(), to));
                 }
                 encode(std::move(made), job.output, error);
             },
@@ -433,6 +431,10 @@ private:
             from += share;
             if (format == CloudFormat::Glb) {
                 write_tiles(made, context, files[i]);
+                if (const std::optional<SurfaceError>& of_level = tiler_->level_error())
+                    line.level->error =
+                        without_histograms(*of_level, quick_options(points_of_source_, points),
+                                           points_of_source_, points);
                 line.level->decoded = tiler_->figures();
                 line.level->spacing = tiler_->figures().spacing;
                 if (points == points_of_source_) tiler_.reset();  // no level comes after

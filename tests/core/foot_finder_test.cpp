@@ -7,6 +7,7 @@
 #include <gtest/gtest.h>
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <random>
@@ -162,20 +163,23 @@ TEST(PlaneKernels, GiveTheSameBits) {
     std::uniform_real_distribution<float> unit(-1, 1);
     for (int round = 0; round < 200; ++round) {
         PlaneLanes lanes(6 + static_cast<unsigned>(round % 30), 64);
-        lanes.rows = 40 + static_cast<std::size_t>(round % 20);
-        for (std::size_t j = 0; j < lanes.rows; ++j) {
-            for (std::size_t lane = 0; lane < PlaneLanes::kLanes; ++lane) {
-                // A grid in some lanes: equal distances.
-                const float step = lane % 2 == 0 ? 0.0F : 0.25F;
-                const auto place = [&] {
-                    const float v = unit(random);
-                    return step > 0 ? step * std::round(v / step) : v;
-                };
-                lanes.candidates[j].x[lane] = place();
-                lanes.candidates[j].y[lane] = place();
-                lanes.candidates[j].z[lane] = 0.1F * place();
+        const std::size_t size = 40 + static_cast<std::size_t>(round % 20);
+        std::array<std::array<std::vector<float>, 3>, PlaneLanes::kLanes> candidates;
+        for (std::size_t lane = 0; lane < PlaneLanes::kLanes; ++lane) {
+            // A grid in some lanes: equal distances.
+            const float step = lane % 2 == 0 ? 0.0F : 0.25F;
+            auto& [x, y, z] = candidates[lane];
+            for (std::vector<float>* const axis : {&x, &y, &z}) {
+                for (std::size_t j = 0; j < size; ++j) {
+                    const float v = (axis == &z ? 0.1F : 1.0F) * unit(random);
+                    axis->push_back(step > 0 ? step * std::round(v / step) : v);
+                }
+                axis->resize((size + 7) / 8 * 8, PlaneLanes::kNowhere);
             }
+            lanes.candidates[lane] = {x.data(), y.data(), z.data(),
+                                      static_cast<std::uint32_t>(x.size() / 8)};
         }
+        if (round % 7 == 0) lanes.candidates[5] = {};
         for (std::size_t lane = 0; lane < PlaneLanes::kLanes; ++lane) {
             lanes.place.x[lane] = lane == 3 ? 0.0F : unit(random);
             lanes.query.z[lane] = unit(random);
@@ -195,9 +199,17 @@ TEST(PlaneKernels, GiveTheSameBits) {
             EXPECT_EQ(other.flat, plain.flat);
         }
         for (std::size_t lane = 0; lane < PlaneLanes::kLanes; ++lane) {
+            if (lanes.candidates[lane].groups == 0) {
+                EXPECT_FALSE(plain.flat[lane]);
+                continue;
+            }
+            const auto& [x, y, z] = candidates[lane];
             std::vector<float> distances;
-            for (std::size_t j = 0; j < lanes.rows; ++j)
-                distances.push_back(plain.scratch[j].sq[lane]);
+            for (std::size_t j = 0; j < size; ++j) {
+                const Vec3f way(x[j] - lanes.place.x[lane], y[j] - lanes.place.y[lane],
+                                z[j] - lanes.place.z[lane]);
+                distances.push_back(way.x() * way.x() + way.y() * way.y() + way.z() * way.z());
+            }
             std::ranges::sort(distances);
             EXPECT_EQ(plain.radius_sq[lane], distances[lanes.k - 1]);
             EXPECT_EQ(plain.nearest_sq[lane], distances.front());

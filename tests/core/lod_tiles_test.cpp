@@ -315,10 +315,14 @@ TEST_F(LodTilesOfLevels, SayTheErrorOfTheWholeLevelToo) {
 }
 
 TEST_F(LodTilesOfLevels, AreOfLevelsWhoseErrorIsSoonEstimated) {
+    RunContext three;
+    three.threads = 3;
+    LodTiler tiler(cloud_, {.level_errors = true}), other(cloud_, {.level_errors = true}, three);
     for (std::size_t l = 0; l + 1 < levels_.size(); ++l) {
         const PointCloud& level = levels_[l].cloud;
         const SurfaceError measured = measure_error(cloud_, level);
-        const SurfaceError error = tiler_->estimate_error(level);
+        tiler.add_level(level, false);
+        const SurfaceError error = tiler.level_error().value();
         EXPECT_EQ(error.forward.samples, 4096U);
         EXPECT_NEAR(error.mean() / measured.mean(), 1, 0.03) << l;
         EXPECT_NEAR(error.forward.p95 / measured.forward.p95, 1, 0.05) << l;
@@ -327,15 +331,14 @@ TEST_F(LodTilesOfLevels, AreOfLevelsWhoseErrorIsSoonEstimated) {
         EXPECT_EQ(error.diagonal, measured.diagonal);
         EXPECT_EQ(error.candidate_diagonal, measured.candidate_diagonal);
 
-        RunContext three;
-        three.threads = 3;
-        EXPECT_EQ(tiler_->estimate_error(level, three).backward.rms, error.backward.rms);
-        std::vector<Index> order(level.size());
-        std::iota(order.begin(), order.end(), Index{0});
-        EXPECT_NEAR(tiler_->estimate_error(level, {}, order).mean() / error.mean(), 1, 1e-6);
-        EXPECT_THROW(tiler_->estimate_error(level, {}, std::span(order).first(3)), Error);
+        other.add_level(level, false, three);
+        EXPECT_EQ(other.level_error()->forward.rms, error.forward.rms);
+        EXPECT_EQ(other.level_error()->backward.rms, error.backward.rms);
     }
-    EXPECT_THROW(tiler_->estimate_error({}), Error);
+    tiler.add_level(cloud_, true);
+    EXPECT_EQ(tiler.level_error()->max(), 0);
+    EXPECT_EQ(tiler.level_error()->diagonal, bounds(cloud_).diagonal());
+    EXPECT_FALSE(tiler_->level_error());
 }
 
 TEST_F(LodTilesOfLevels, TakeTheFewestBitsThatKeepTheError) {

@@ -90,11 +90,18 @@ TEST_P(Kernels, FindAllWithinADistance) {
         std::array<Index, kMost + 8> indices;
         const std::uint32_t count = all[GetParam()].within(tree.view(), q.data(), radius_sq, kMost,
                                                            distances_sq.data(), indices.data());
+        std::array<std::array<float, kMost + 8>, 3> ways;
+        EXPECT_EQ(all[GetParam()].around(tree.view(), q.data(), radius_sq, kMost, ways[0].data(),
+                                         ways[1].data(), ways[2].data()),
+                  count);
         if (expected.size() > kMost) {
             EXPECT_GT(count, kMost);
             continue;
         }
-        for (std::uint32_t i = 0; i < count; ++i) found.emplace_back(indices[i], distances_sq[i]);
+        for (std::uint32_t i = 0; i < count; ++i) {
+            found.emplace_back(indices[i], distances_sq[i]);
+            EXPECT_EQ(q + Vec3f(ways[0][i], ways[1][i], ways[2][i]), points[indices[i]]);
+        }
         std::ranges::sort(found);
         EXPECT_EQ(found, expected) << radius_sq;
     }

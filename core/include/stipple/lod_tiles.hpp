@@ -38,6 +38,8 @@ struct LodTileOptions {
                                         ///< a pyramid has at most 30,000 tiles
     bool attributes = false;            ///< scalar attributes too, beside normals and colours
     LodErrors errors = LodErrors::Sure;
+    bool level_errors = false;  ///< the error of each level as it is before it is rounded, too:
+                                ///< `LodTiler::level_error`
     bool additive = false;  ///< a tile has only the points that no coarser level has: a level is
                             ///< all tiles down to it. Levels are nested, and all take all bits
 };
@@ -152,19 +154,17 @@ public:
                                    const RunContext& context = {},
                                    std::span<const Index> order = {});
 
-    /// The error of a level, as it is before it is rounded, from the source, as `estimate_error`
-    /// tells it; better, by 4,096 places on the source (2,048 where errors may be rough), and in
-    /// half the time, since they and its surface are at hand.
-    ///
-    /// @param order  as in `add_level`.
-    SurfaceError estimate_error(const PointCloud& level, const RunContext& context = {},
-                                std::span<const Index> order = {});
-
     /// Forgets all levels: the next is the coarsest again.
     void restart();
 
     /// Of the level added last, over all its tiles.
     const LodFigures& figures() const noexcept;
+
+    /// How far the level added last, as it is before it is rounded, is from the source, as
+    /// `estimate_error` tells it; better, by 4,096 places on the source (2,048 where errors may be
+    /// rough), and in a small part of the time, since its tree is at hand and half of the places
+    /// are asked to round it anyway. Zero for the source itself; nothing unless asked for.
+    const std::optional<SurfaceError>& level_error() const noexcept;
 
 private:
     struct State;
