@@ -314,6 +314,14 @@ void ClusterTree::split_large(const SplitRule& rule, const RunContext& context) 
             sides.right =
                 moments_of_many(points_, members.subspan(front), plane.reference, context);
         }
+        for (SampleMoments* const side : {&sides.left, &sides.right}) {
+            const bool is_left = side == &sides.left;
+            const auto nearer = nearer_reference(*side, plane.reference);
+            if (!nearer) continue;
+            *side = moments_of_many(
+                points_, is_left ? members.first(side->count) : members.last(side->count), *nearer,
+                context);
+        }
         add_halves(nodes_, id, static_cast<Index>(sides.left.count), plane.reference);
         open.push_back({nodes_[id].left + 1, sides.right});
         open.push_back({nodes_[id].left, sides.left});

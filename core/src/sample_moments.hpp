@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <optional>
 
 namespace stipple {
 
@@ -26,13 +27,31 @@ inline SampleMoments moments_from(const SampleSums& s, std::size_t count, const 
              s[7] - n * y * z, s[8] - n * z * z}};
 }
 
+/// Where the moments of samples are to be taken anew from, if these stand too far from the
+/// reference for how they spread: of two clusters far apart each does from the plane between them.
+/// Sums of float products keep some six digits of the squared way.
+inline std::optional<std::array<float, 3>> nearer_reference(
+    const SampleMoments& moments, const std::array<float, 3>& reference) noexcept {
+    constexpr double kLeastSpread = 1e-4;
+    const Vec3d way = moments.centroid - Vec3d(reference[0], reference[1], reference[2]);
+    const double least = kLeastSpread * static_cast<double>(moments.count) * way.squaredNorm();
+    if (!(moments.scatter.trace() < least)) return std::nullopt;
+    const Vec3f nearer = moments.centroid.cast<float>();
+    return std::array{nearer.x(), nearer.y(), nearer.z()};
+}
+
 /// Of at least one sample, relative to `reference`, which should be near their centroid: then large
-/// coordinates cost no accuracy.
+/// coordinates cost no accuracy. Where it is not, about their centroid.
 inline SampleMoments moments_about(const SampleSpan& samples,
                                    const std::array<float, 3>& reference) {
-    return moments_from(cluster_kernels().sums(samples, reference), samples.size,
-                        {static_cast<double>(reference[0]), static_cast<double>(reference[1]),
-                         static_cast<double>(reference[2])});
+    const auto about = [&](const std::array<float, 3>& r) {
+        return moments_from(
+            cluster_kernels().sums(samples, r), samples.size,
+            {static_cast<double>(r[0]), static_cast<double>(r[1]), static_cast<double>(r[2])});
+    };
+    const SampleMoments moments = about(reference);
+    const auto nearer = nearer_reference(moments, reference);
+    return nearer ? about(*nearer) : moments;
 }
 
 /// Surface variation (Eq. 5) of what spreads so.

@@ -108,6 +108,21 @@ TEST(ClusterTree, HalvesWhatRoundingLeavesOnOneSide) {
     EXPECT_EQ(cut.offsets, numbers_to(301));
 }
 
+TEST(ClusterTree, SplitsTwoThatAreFarApartAlike) {
+    // 300,000 points each, so that both ways of taking moments have to do with them; and 2,000.
+    for (const std::size_t half : {2'000U, 300'000U}) {
+        std::vector<Vec3f> points = test::sphere(half).positions;
+        for (std::size_t i = 0; i < half; ++i) points.emplace_back(points[i] + Vec3f(1e5F, 0, 0));
+        ClusterTree tree(points);
+        const Cut cut = tree.cut(200, {});
+        std::size_t near = 0;
+        for (std::size_t i = 0; i + 1 < cut.offsets.size(); ++i)
+            near += points[tree.members()[cut.offsets[i]]].x() < 5e4F ? 1 : 0;
+        EXPECT_GT(near, 60U);
+        EXPECT_LT(near, 140U);
+    }
+}
+
 TEST(ClusterTree, StopsWhenAsked) {
     const auto points = test::sphere(300'000).positions;
     std::stop_source source;
