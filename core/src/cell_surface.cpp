@@ -109,20 +109,24 @@ std::uint32_t CellBlocks::bucket_of(const Cell& block) const noexcept {
     return bucket_bits_ == 0 ? 0 : mixed * 0x9E37'79B1U >> (32U - bucket_bits_);
 }
 
+std::vector<Index> first_in_blocks(std::span<const Cell> cells, unsigned edge_bits) {
+    const CellBlocks blocks(cells, edge_bits);
+    std::vector<Index> firsts;
+    for (Index i = 0; i < cells.size(); ++i) {
+        blocks.for_each_in(blocks.block_of(cells[i]), cells, [&](Index first) {
+            if (first == i) firsts.push_back(i);
+            return false;
+        });
+    }
+    return firsts;
+}
+
 unsigned block_bits_for(std::span<const Cell> cells, double share) {
     constexpr unsigned kMost = 24;
+    const double least = share * static_cast<double>(cells.size());
     unsigned bits = 0;
-    for (; bits < kMost; ++bits) {
-        const CellBlocks blocks(cells, bits + 1);
-        std::size_t occupied = 0;
-        for (Index i = 0; i < cells.size(); ++i) {
-            blocks.for_each_in(blocks.block_of(cells[i]), cells, [&](Index first) {
-                occupied += first == i ? 1 : 0;
-                return false;
-            });
-        }
-        if (static_cast<double>(occupied) < share * static_cast<double>(cells.size())) break;
-    }
+    while (bits < kMost && static_cast<double>(first_in_blocks(cells, bits + 1).size()) >= least)
+        ++bits;
     return bits;
 }
 

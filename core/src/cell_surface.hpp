@@ -47,6 +47,9 @@ private:
     std::vector<Index> begin_, numbers_;  ///< of each bucket
 };
 
+/// Of each block that holds one of the cells the first, in their order.
+std::vector<Index> first_in_blocks(std::span<const Cell> cells, unsigned edge_bits);
+
 /// The bits of the largest blocks of which at least that share of the number of cells hold one.
 unsigned block_bits_for(std::span<const Cell> cells, double share);
 

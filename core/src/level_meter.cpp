@@ -5,7 +5,9 @@
 #include "foot_finder.hpp"
 #include "gaps.hpp"
 
+#include <algorithm>
 #include <cstdint>
+#include <iterator>
 #include <span>
 #include <utility>
 
@@ -39,8 +41,15 @@ unsigned drawn_rounds(const PointTree& tree, unsigned least) {
 }  // namespace
 
 MeasuredLevel::MeasuredLevel(std::vector<Vec3f>&& points_, const RunContext& context)
-    : points(std::move(points_)),
-      tree(std::make_unique<PointTree>(points, PointTree::Leaves::Given, context)) {}
+    : points(std::move(points_)) {
+    // In a crowd at one place every search for the nearest few looks at all of it.
+    std::size_t places_taken = points.empty() ? 0 : 1;
+    for (std::size_t i = 1; i < points.size(); ++i)
+        places_taken += points[i] != points[i - 1] ? 1 : 0;
+    if (2 * places_taken < points.size())
+        std::ranges::unique_copy(points, std::back_inserter(apart));
+    tree = std::make_unique<PointTree>(samples(), PointTree::Leaves::Given, context);
+}
 
 LevelMeter::LevelMeter(std::vector<Vec3f>&& source, LodErrors errors, const RunContext& context)
     : points_(std::move(source)), errors_(errors) {
@@ -141,7 +150,7 @@ void LevelMeter::measure(MeasuredLevel& level, const SampleRounds& places, unsig
     // end after so many steps few ever do.
     constexpr unsigned kSteps = 16;
     constexpr double kSurePart = 0.005;
-    FootFinder(level.points, *level.tree,
+    FootFinder(level.samples(), *level.tree,
                {.max_iterations = kSteps, .sure_part = kSurePart, .across_sample = true})
         .find(
             others,

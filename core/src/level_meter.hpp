@@ -17,14 +17,17 @@ namespace stipple {
 /// Points of a level, in the order of a curve, and how far the source is from their surface.
 struct MeasuredLevel {
     std::vector<Vec3f> points;
-    std::unique_ptr<PointTree> tree;
+    std::vector<Vec3f> apart;  ///< one for each place, where most have others at theirs; else none
+    std::unique_ptr<PointTree> tree;  ///< of those, or of all
     std::vector<Index>
         places;  ///< numbers of those where it is measured, as `SampleRounds` has them
-    std::vector<float> distances;  ///< of each
-    std::vector<float> covers;     ///< from each to the nearest point
-    std::vector<float> areas;      ///< that each stands for
+    std::vector<float> distances;       ///< of each
+    std::vector<float> covers;          ///< from each to the nearest point
+    std::vector<float> areas;           ///< that each stands for
     std::vector<std::uint8_t> endless;  ///< whether no walk from there came to an end
     double mean = 0;
+
+    std::span<const Vec3f> samples() const noexcept { return apart.empty() ? points : apart; }
 
     MeasuredLevel() = default;
     MeasuredLevel(std::vector<Vec3f>&& points, const RunContext& context);
@@ -77,7 +80,7 @@ private:
     LodErrors errors_ = LodErrors::Sure;
     double spacing_ = 0;
     SampleRounds places_;
-    SampleRounds every_;   ///< one round of all points, where it is to be exact
+    SampleRounds every_;    ///< one round of all points, where it is to be exact
     unsigned weighed_ = 0;  ///< rounds of places whose areas are known: what takes the time
     unsigned rounds_ = 0;   ///< of places that the level before was measured at
 };

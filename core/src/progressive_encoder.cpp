@@ -164,10 +164,12 @@ void plan_batches(const PointCloud& cloud, std::span<const Cell> cells, double c
     const PrefixErrors errors(
         cloud, std::ldexp(1.0, std::clamp(-size, -kMostOfFloat, kMostOfFloat)), context);
     const auto error_of = [&](std::size_t end, unsigned shift) {
-        return errors.mean(end, [&](std::size_t i) {
-            const Cell& cell = cells[i];
-            const Vec3d low(cell[0] >> shift << shift, cell[1] >> shift << shift,
-                            cell[2] >> shift << shift);
+        // In a crowd in one cell every search for the nearest few would look at all of it.
+        const std::vector<Index> apart = first_in_blocks(cells.first(end), shift);
+        const bool is_crowded = 2 * apart.size() < end;
+        return errors.mean(is_crowded ? apart.size() : end, [&](std::size_t i) {
+            const Cell cell = coarser(cells[is_crowded ? apart[i] : i], shift);
+            const Vec3d low(cell[0] << shift, cell[1] << shift, cell[2] << shift);
             return Vec3d(layout.low + layout.step * (low + Vec3d::Constant(layout.middle(shift))));
         });
     };

@@ -48,6 +48,12 @@ TEST(CellBlocks, AreAsLargeAsAShareOfTheCellsAllows) {
     EXPECT_EQ(block_bits_for(cells, 0.2), 3U);
 }
 
+TEST(CellBlocks, HaveAFirstCellEach) {
+    const std::vector<Cell> cells = {{0, 0, 0}, {5, 5, 5}, {1, 1, 1}, {4, 4, 4}, {5, 5, 5}};
+    EXPECT_EQ(first_in_blocks(cells, 0), (std::vector<Index>{0, 1, 2, 3}));
+    EXPECT_EQ(first_in_blocks(cells, 2), (std::vector<Index>{0, 1}));
+}
+
 TEST(CellNeighbors, AreTheNearestOfOtherPlaces) {
     const std::vector<Cell> cells = scattered(400, 12, 2);  // some of them the same
     const CellBlocks blocks(cells, 2);
