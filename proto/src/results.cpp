@@ -2,6 +2,8 @@
 
 #include "json_parts.hpp"
 
+#include <algorithm>
+
 namespace stipple::proto {
 
 namespace {
@@ -331,6 +333,22 @@ std::optional<Method> method_of(const JobRequest& request) noexcept {
     if (const auto* curve = std::get_if<CurveJob>(&request.job))
         return curve->options.simplification.method;
     return std::get<SimplifyJob>(request.job).options.method;
+}
+
+void raise_tile_errors(Results& pyramid) {
+    std::vector<LodTile*> tiles;
+    for (OutputCloud& level : pyramid.levels)
+        for (OutputFile& file : level.files)
+            if (file.tile) tiles.push_back(&*file.tile);
+    // Parents stand before their children.
+    for (std::size_t i = tiles.size(); i-- > 0;) {
+        const LodTile& tile = *tiles[i];
+        if (!tile.parent) continue;
+        TileError& above = tiles.at(*tile.parent)->error;
+        above.mean = std::max(above.mean, tile.error.mean);
+        above.max = std::max(above.max, tile.error.max);
+        above.p99 = std::max(above.p99, tile.error.p99);
+    }
 }
 
 std::string to_json(const Results& results) {

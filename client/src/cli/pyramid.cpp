@@ -168,12 +168,13 @@ void run(const PyramidCommand& command, const Session& session) {
         const ScratchFolder scratch(command.output_folder);
         ProgressDisplay display(session.terminal, !command.common.quiet);
         const JobExecution execution{command.server, command.common.threads, session.stop};
-        const proto::Results results = naming(command.input, [&] {
+        proto::Results results = naming(command.input, [&] {
             const proto::JobRequest request{proto::sha256_of_file(command.input), command.job};
             return execute(request, command.input, scratch.path(), execution, display);
         });
         if (!results.source || results.levels.empty())
             throw Error(ErrorCode::Internal, "the result of a pyramid job has no levels");
+        raise_tile_errors(results);
         std::uint64_t bytes = bytes_of(results);
         std::set<fs::path> files(kPotreeFiles.begin(), kPotreeFiles.end());
         if (command.potree) {

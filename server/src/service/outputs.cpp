@@ -75,6 +75,7 @@ struct Outputs::Job {
 
     Job(std::string job_id, proto::Results&& made)
         : id(std::move(job_id)), results(std::move(made)) {
+        raise_tile_errors(results);
         for (proto::OutputCloud& level : results.levels) {
             fill_links(level, id, is_pyramid(results));
             for (const proto::OutputFile& file : level.files)

@@ -116,6 +116,10 @@ struct Results {
 };
 /// The method by which a job makes points; none when it makes none.
 std::optional<Method> method_of(const JobRequest& request) noexcept;
+/// Raises the mean, the maximum and the 99 % of each tile's error to those of the tiles below it. Each
+/// tile is measured at places of its own, and by few of them chance can make a finer one's larger;
+/// what is published is no smaller above than below, along every path.
+void raise_tile_errors(Results& pyramid);
 std::string to_json(const Results& results);
 /// What an evaluation found, the reply to `POST /v1/evaluations` and the figures of `stipple
 /// evaluate`: of one candidate its error with `candidate` {id, points} and `files`; of several
