@@ -203,9 +203,10 @@ Json level_json(const OutputCloud& cloud) {
     Json json = {{"level", cloud.level},
                  {"points", cloud.points},
                  {"spacing", cloud.spacing},
-                 {"bounds", bounds_json(cloud.bounds)},
-                 {"attributes", attributes_json(cloud.attributes)},
-                 {"files", files_json(cloud)}};
+                 {"bounds", bounds_json(cloud.bounds)}};
+    if (cloud.origin) json["origin"] = vector_json(*cloud.origin);
+    json["attributes"] = attributes_json(cloud.attributes);
+    json["files"] = files_json(cloud);
     if (cloud.error) json["error"] = error_json(*cloud.error);
     if (cloud.decoded) json["decoded"] = decoded_json(*cloud.decoded);
     if (!cloud.pictures.empty()) json["pictures"] = pictures_json(cloud);
@@ -221,6 +222,7 @@ OutputCloud read_level(const JsonValue& value) {
     cloud.points = object["points"].integer();
     cloud.spacing = object["spacing"].number();
     cloud.bounds = read_bounds(object["bounds"]);
+    if (const auto origin = object.find("origin")) cloud.origin = read_vector(*origin);
     cloud.attributes = read_attributes(object["attributes"]);
     cloud.files = object["files"].list_of(read_file);
     for (OutputFile& file : cloud.files)

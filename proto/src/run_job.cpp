@@ -375,6 +375,7 @@ private:
             candidate.level.error->range = range;
             maps.push_back(colored_by_distance(candidate.samples, origin, range));
             candidate.level.attributes = attributes_of(maps.back());
+            candidate.level.origin = maps.back().origin;
             candidate.samples = {};
             for (const CloudFormat format : job.output.formats) {
                 LodLevel map{candidate.level.level, maps.back(), 0};
@@ -424,6 +425,7 @@ private:
                       .bounds = bounds(made.cloud),
                       .files = {},
                       .error = error,
+                      .origin = made.cloud.origin,
                       .attributes = attributes_of(made.cloud),
                       .bound = bound_};
         std::vector<std::vector<OutputFile>> files(options.formats.size());

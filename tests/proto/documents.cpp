@@ -158,6 +158,7 @@ proto::OutputCloud output_cloud() {
                        tile()}},
             .error = error_figures(),
             .decoded = LodFigures{{0.25, 1, 0.5, 0.125, 900}, 0.5, 0.75},
+            .origin = Vec3d(0.5, -1, 2),
             .attributes = {{"color", "uint8", 3}, {"radius", "float32", 1}}};
 }
 

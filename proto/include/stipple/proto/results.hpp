@@ -66,6 +66,7 @@ struct OutputCloud {
     std::vector<OutputFile> files;  ///< one per format; of `glb` one per tile
     std::optional<ErrorFigures> error{};      ///< as an approximation of the input, where measured
     std::optional<LodFigures> decoded{};      ///< of its tiles as they decode, all together
+    std::optional<Vec3d> origin{};  ///< `PointCloud::origin`: positions of its Draco file are relative to it
     std::vector<CloudAttribute> attributes{};  ///< as `CloudStatistics`: the order of generic attributes in the files
     std::optional<MeasuredBound> bound{};      ///< of a job with `max_error`
     std::optional<CurveError> curve{};         ///< of a job that makes a curve; it has no files then
@@ -89,7 +90,7 @@ struct JobCost {
 ///     {"schema": "stipple-results/1" | "stipple-pyramid/1" | "stipple-evaluation/1", "complete": true, "request": {…},
 ///      "source": {cloud statistics, "sha256"}, "method": "multiphase",
 ///      "levels": [{"level": 0, "points": 8396, "spacing": 0.5, "bounds": {"min": [x, y, z], "max": […]},
-///                  "attributes": [{"name", "type", "components"}],
+///                  "origin": [x, y, z], "attributes": [{"name", "type", "components"}],
 ///                  "files": [{"format": "drc", "bytes": 20000, "sha256": "…", "href": "…"},
 ///                            {"format": "glb", …, "tile": {"parent": 0, "points": 8396, "bits": 9, "step": 0.01,
 ///                             "offset": [x, y, z], "last": [511, 400, 300], "error": {"mean", "max", "p99", "mean_confidence", "samples"},
