@@ -43,6 +43,18 @@ std::set<fs::path> pyramid_in(const fs::path& folder) {
     return files;
 }
 
+/// @throws Error(InvalidArgument) for `s3://bucket/x`, which would become a folder of that name.
+void require_no_address(const fs::path& folder) {
+    const std::string text = folder.string();
+    const auto colon = text.find("://");
+    if (colon == text.npos || text.find('/') < colon) return;
+    throw Error(ErrorCode::InvalidArgument,
+                text +
+                    ": a pyramid is written into a folder: name one, then copy it, as `aws s3 "
+                    "sync FOLDER " +
+                    text + "` does for a bucket");
+}
+
 void make_folder(const fs::path& folder) {
     std::error_code error;
     fs::create_directories(folder, error);
@@ -166,6 +178,7 @@ ordered_json figures(const PyramidCommand& command, const proto::Results& result
 
 void run(const PyramidCommand& command, const Session& session) {
     const auto start = std::chrono::steady_clock::now();
+    require_no_address(command.output_folder);
     require_input(command.input);
     const bool made = !fs::exists(command.output_folder);
     make_folder(command.output_folder);
