@@ -88,6 +88,13 @@ TEST_F(ServedPyramid, SendsTilesPackedUnderATagOfTheirOwn) {
     EXPECT_EQ(with(packed.field("ETag"), "gzip"), 200);
     EXPECT_EQ(with(plain.field("ETag"), "br"), 200);
 
+    const HttpReply same =
+        get(tile, {"Accept-Encoding: br", "If-None-Match: " + packed.field("ETag")});
+    EXPECT_EQ(same.field("Content-Length"), "");
+    EXPECT_EQ(same.field("Content-Encoding"), "");
+    EXPECT_EQ(same.field("ETag"), packed.field("ETag"));
+    EXPECT_EQ(same.field("Vary"), "Accept-Encoding");
+
     const HttpReply part = get(tile, {"Accept-Encoding: br", "Range: bytes=4-11"});
     EXPECT_EQ(part.status, 206);
     EXPECT_EQ(part.field("Content-Encoding"), "");
