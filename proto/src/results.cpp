@@ -82,7 +82,15 @@ Json file_json(const OutputFile& file) {
                  {"sha256", file.sha256},
                  {"href", file.href}};
     if (file.tile) json["tile"] = tile_json(*file.tile);
+    if (file.error) json["error"] = {{"mean", file.error->mean}, {"max", file.error->max}};
     return json;
+}
+
+FileError read_file_error(const JsonValue& value) {
+    JsonObject object = value.object();
+    const FileError error{object["mean"].number(), object["max"].number()};
+    object.finish();
+    return error;
 }
 
 OutputFile read_file(const JsonValue& value) {
@@ -93,6 +101,7 @@ OutputFile read_file(const JsonValue& value) {
     file.sha256 = object["sha256"].text();
     file.href = object["href"].text();
     if (const auto tile = object.find("tile")) file.tile = read_tile(*tile);
+    if (const auto error = object.find("error")) file.error = read_file_error(*error);
     object.finish();
     return file;
 }

@@ -1,5 +1,6 @@
 #include "stipple/proto/run_job.hpp"
 
+#include "draco_rounding.hpp"
 #include "evaluation_notes.hpp"
 #include "job_cloud.hpp"
 #include "job_files.hpp"
@@ -442,6 +443,9 @@ private:
                 if (points == finest_points_) files[i] = {write_finest(made, format, context)};
             } else {
                 files[i] = {write(made, format, options.draco, context)};
+                if (format == CloudFormat::Draco && error)
+                    files[i].front().error =
+                        draco_error(error->error, options.draco, line.level->bounds);
             }
         };
         for (const bool draco : {false, true})
@@ -452,6 +456,14 @@ private:
         points_encoded_ += points;
         meter_.advance(kEncode, encoded());
         report_(line);
+    }
+
+    /// That of a cloud, with what its Draco file rounds.
+    static FileError draco_error(const SurfaceError& error, const DracoEncodeOptions& draco,
+                                 const Aabb& box) {
+        const double side = (box.max - box.min).maxCoeff();
+        const FileError added = error_of_step(longest_step(draco, side));
+        return {error.mean() + added.mean, error.max() + added.max};
     }
 
     /// How much of `encode` is done once `more` points are.

@@ -110,6 +110,14 @@ std::uint64_t bytes_of(const proto::Results& results) {
     return bytes;
 }
 
+/// That of what is loaded: of the Draco file, else of the tiles, else of the points as they are.
+proto::FileError loaded_error(const proto::OutputCloud& level) {
+    for (const proto::OutputFile& file : level.files)
+        if (file.error) return *file.error;
+    if (level.decoded) return {level.decoded->error.mean, level.decoded->error.max};
+    return {level.error->error.mean(), level.error->error.max()};
+}
+
 /// A row for each level: its points, the bytes of its files, its error.
 std::string level_table(const proto::Results& results, const TextStyle& style) {
     constexpr std::size_t kGap = 2;
@@ -136,10 +144,10 @@ std::string level_table(const proto::Results& results, const TextStyle& style) {
     }
     if (results.levels.front().error) {
         add_column("mean error", [](const auto& level) {
-            return level.error ? distance_text(level.error->error.mean(), level.error->error) : "";
+            return level.error ? distance_text(loaded_error(level).mean, level.error->error) : "";
         });
         add_column("max", [](const auto& level) {
-            return level.error ? three_digits(level.error->error.max()) : "";
+            return level.error ? three_digits(loaded_error(level).max) : "";
         });
     }
     std::string text = style.dim(rows.front()) + "\n";

@@ -10,6 +10,12 @@
 
 namespace stipple::proto {
 
+/// How far what a file holds may be from the input, in input units: no farther, in the mean and at
+/// the farthest place.
+struct FileError {
+    double mean = 0, max = 0;
+};
+
 /// One encoded file of a result.
 struct OutputFile {
     CloudFormat format = CloudFormat::Ply;
@@ -17,6 +23,7 @@ struct OutputFile {
     std::string sha256;  ///< of the bytes; also the strong ETag
     std::string href;    ///< where it is served: absolute path on the server, relative file name in an exported folder
     std::optional<LodTile> tile{};  ///< of a `glb`: what it holds, without the streams
+    std::optional<FileError> error{};  ///< of a `drc`, where that of its cloud was measured: with what rounding may add
 };
 
 /// A picture: PNG.
@@ -91,7 +98,7 @@ struct JobCost {
 ///      "source": {cloud statistics, "sha256"}, "method": "multiphase",
 ///      "levels": [{"level": 0, "points": 8396, "spacing": 0.5, "bounds": {"min": [x, y, z], "max": […]},
 ///                  "origin": [x, y, z], "attributes": [{"name", "type", "components"}],
-///                  "files": [{"format": "drc", "bytes": 20000, "sha256": "…", "href": "…"},
+///                  "files": [{"format": "drc", "bytes": 20000, "sha256": "…", "href": "…", "error": {"mean", "max"}},
 ///                            {"format": "glb", …, "tile": {"parent": 0, "points": 8396, "bits": 9, "step": 0.01,
 ///                             "offset": [x, y, z], "last": [511, 400, 300], "error": {"mean", "max", "p99", "mean_confidence", "samples"},
 ///                             "spacing": 0.5, "cover_radius": 0.9}}],
