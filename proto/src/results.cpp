@@ -3,6 +3,7 @@
 #include "json_parts.hpp"
 
 #include <algorithm>
+#include <span>
 
 namespace stipple::proto {
 
@@ -32,8 +33,11 @@ void read_figures(JsonObject& object, LodFigures& figures) {
     figures.cover_radius = object["cover_radius"].number();
 }
 
-Json decoded_json(const LodFigures& figures) {
+/// All tiles of a level have the same bits.
+Json decoded_json(const LodFigures& figures, std::span<const OutputFile> files) {
     Json json;
+    const auto tile = std::ranges::find_if(files, [](const auto& file) { return !!file.tile; });
+    if (tile != files.end()) json["bits"] = tile->tile->bits;
     put_figures(json, figures);
     return json;
 }
@@ -41,6 +45,7 @@ Json decoded_json(const LodFigures& figures) {
 LodFigures read_decoded(const JsonValue& value) {
     JsonObject object = value.object();
     LodFigures figures;
+    if (const auto bits = object.find("bits")) bits->small_integer();
     read_figures(object, figures);
     object.finish();
     return figures;
@@ -217,7 +222,7 @@ Json level_json(const OutputCloud& cloud) {
     json["attributes"] = attributes_json(cloud.attributes);
     json["files"] = files_json(cloud);
     if (cloud.error) json["error"] = error_json(*cloud.error);
-    if (cloud.decoded) json["decoded"] = decoded_json(*cloud.decoded);
+    if (cloud.decoded) json["decoded"] = decoded_json(*cloud.decoded, cloud.files);
     if (!cloud.pictures.empty()) json["pictures"] = pictures_json(cloud);
     if (cloud.bound) json["bound"] = bound_json(*cloud.bound);
     if (cloud.curve) json["curve"] = curve_json(*cloud.curve);

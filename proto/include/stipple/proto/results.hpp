@@ -102,7 +102,7 @@ struct JobCost {
 ///                            {"format": "glb", …, "tile": {"parent": 0, "points": 8396, "bits": 9, "step": 0.01,
 ///                             "offset": [x, y, z], "last": [511, 400, 300], "error": {"mean", "max", "p99", "mean_confidence", "samples"},
 ///                             "spacing": 0.5, "cover_radius": 0.9}}],
-///                  "decoded": {"error": {as that of a tile}, "spacing", "cover_radius"},
+///                  "decoded": {"bits" of its tiles, "error": {as that of a tile}, "spacing", "cover_radius"},
 ///                  "error": {as in evaluation.hpp},
 ///                  "bound": {"max_error": 0.1, "forward": 0.08, "backward": 0.09, "samples": 400000, "sampling": "particles",
 ///                            "tries": 30, "whole": false},
