@@ -101,14 +101,51 @@ Json extras_json(const Node& node) {
             {"coverRadius", tile.cover_radius}};
 }
 
+/// What `metadata_json` says, in the terms of the 3D Metadata Specification.
+Json schema_json() {
+    const auto scalar = [](const char* type, const char* description) {
+        return Json{{"type", "SCALAR"}, {"componentType", type}, {"description", description}};
+    };
+    const Json length = {{"type", "SCALAR"}, {"componentType", "FLOAT64"}};
+    return {{"id", "stipple"},
+            {"classes",
+             {{"lod",
+               {{"properties",
+                 {{"deltaAvg", scalar("FLOAT64", "Mean distance from the input's surface")},
+                  {"deltaMax", length},
+                  {"deltaP99", length},
+                  {"spacing", length},
+                  {"coverRadius", length},
+                  {"points", scalar("UINT32", "Of the tile")},
+                  {"bits", scalar("UINT8", "For each axis of the longest side of the input")},
+                  {"method", {{"type", "STRING"}}}}}}}}}};
+}
+
+/// The same as `extras_json`, for viewers that style by metadata.
+Json metadata_json(const Node& node, std::string_view method) {
+    const LodTile& tile = *node.tile;
+    return {{"class", "lod"},
+            {"properties",
+             {{"deltaAvg", tile.error.mean},
+              {"deltaMax", tile.error.max},
+              {"deltaP99", tile.error.p99},
+              {"spacing", tile.spacing},
+              {"coverRadius", tile.cover_radius},
+              {"points", tile.points},
+              {"bits", tile.bits},
+              {"method", method}}}};
+}
+
 /// Writes trees of tiles, each file with no more than so many.
 class Writer {
 public:
-    Writer(const std::vector<Node>& nodes, const TilesetOptions& options, const char* refine)
+    Writer(const std::vector<Node>& nodes, const TilesetOptions& options, const char* refine,
+           std::string_view method)
         : nodes_(nodes),
           max_tiles_(options.max_tiles),
           query_(tileset_query(options)),
-          refine_(refine) {}
+          refine_(refine),
+          method_(method) {}
 
     /// A file whose root is `root`, and those that it names.
     void write(const std::string& name, double geometric_error, Json&& root) {
@@ -150,6 +187,7 @@ public:
 private:
     void write_one(const std::string& name, double geometric_error, Json&& root) {
         const Json json = {{"asset", {{"version", "1.1"}, {"generator", "stipple"}}},
+                           {"schema", schema_json()},
                            {"geometricError", geometric_error},
                            {"root", std::move(root)}};
         files_.push_back({name, to_text(json)});
@@ -172,6 +210,7 @@ private:
         }
         const bool is_inlined = node.file->href.starts_with("data:");
         json["content"] = {{"uri", is_inlined ? node.file->href : node.file->sha256 + ".glb"}};
+        json["metadata"] = metadata_json(node, method_);
         json["extras"] = extras_json(node);
         for (const std::size_t c : node.children)
             json["children"].push_back(tile_json(c, depth - 1));
@@ -182,6 +221,7 @@ private:
     std::size_t max_tiles_;
     std::string query_;  ///< of files that are named
     const char* refine_;
+    std::string_view method_;
     std::vector<TilesetFile> files_;
     std::vector<std::size_t> open_;  ///< roots of files still to be written
 };
@@ -249,7 +289,8 @@ std::vector<TilesetFile> tileset_files(const Results& results, const TilesetOpti
 
     const bool adds = std::get<PyramidJob>(results.request.job).options.nested;
     const char* const refine = adds ? "ADD" : "REPLACE";
-    Writer writer(nodes, options, refine);
+    const std::string_view method = to_string(method_of(results.request).value());
+    Writer writer(nodes, options, refine, method);
     Json root;
     if (tops.size() == 1) {
         root = writer.subtree(tops[0]);

@@ -5,6 +5,7 @@
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
+#include <functional>
 #include <nlohmann/json.hpp>
 #include <set>
 
@@ -181,6 +182,36 @@ TEST(Tileset, OfAnotherErrorCarriesItOnToTheFilesThatItNames) {
         EXPECT_EQ(file.json.find(".glb?"), std::string::npos);
     }
     EXPECT_GT(named, 0U);
+}
+
+TEST(Tileset, TellsItsFiguresAsMetadataThatFitsTheSchemaOfItsFile) {
+    const Results results = results_of(test::sphere(20'000), {500, 5'000, 20'000}, 1'000);
+    const auto files = parsed(tileset_files(results, {.max_tiles = 5}));
+    EXPECT_GT(files.size(), 1U);
+    for (const auto& [name, file] : files) {
+        const json& known = file["schema"]["classes"]["lod"]["properties"];
+        EXPECT_EQ(known.size(), 8U) << name;
+        const std::function<void(const json&)> check = [&](const json& tile) {
+            if (tile.contains("extras")) {
+                const json& extras = tile["extras"];
+                const json& metadata = tile["metadata"];
+                EXPECT_EQ(metadata["class"], "lod");
+                const json& said = metadata["properties"];
+                EXPECT_EQ(said.size(), known.size());
+                for (const auto& [property, value] : said.items())
+                    EXPECT_TRUE(known.contains(property)) << property;
+                EXPECT_EQ(said["deltaAvg"], extras["error"]["mean"]);
+                EXPECT_EQ(said["deltaMax"], extras["error"]["max"]);
+                EXPECT_EQ(said["deltaP99"], extras["error"]["p99"]);
+                for (const char* const same : {"spacing", "coverRadius", "points", "bits"})
+                    EXPECT_EQ(said[same], extras[same]);
+                EXPECT_EQ(said["method"], to_string(PyramidJob{}.options.method));
+            }
+            if (tile.contains("children"))
+                for (const json& child : tile["children"]) check(child);
+        };
+        check(file["root"]);
+    }
 }
 
 TEST(Tileset, OfAdditiveTilesSaysSoInEveryFile) {

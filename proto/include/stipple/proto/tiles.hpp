@@ -65,7 +65,8 @@ std::string tileset_query(const TilesetOptions& options);
 /// than a quarter of a step, by which rounding alone moves a point in the mean. That of the whole is
 /// at least the diagonal of the box. Boxes are those of the tile's points and of the tiles below, turned by the transform
 /// of the root: on the globe they stand upright and fit as they do elsewhere. Error (mean, max, p99),
-/// spacing, cover radius, points, bits and bytes of a tile stand in its `extras`. The root has the
+/// spacing, cover radius, points, bits and bytes of a tile stand in its `extras` and, without the bytes, as metadata
+/// of the class `lod` of the schema in each file. The root has the
 /// transform from the tiles' coordinates to those of the file, or to where
 /// `PyramidJob::transform` or `epsg` takes these.
 /// @return none where no level has tiles.
