@@ -2,6 +2,9 @@
 
 #include "json_parts.hpp"
 
+#include <algorithm>
+#include <span>
+
 namespace stipple::proto {
 
 namespace {
@@ -30,8 +33,11 @@ void read_figures(JsonObject& object, LodFigures& figures) {
     figures.cover_radius = object["cover_radius"].number();
 }
 
-Json decoded_json(const LodFigures& figures) {
+/// All tiles of a level have the same bits.
+Json decoded_json(const LodFigures& figures, std::span<const OutputFile> files) {
     Json json;
+    const auto tile = std::ranges::find_if(files, [](const auto& file) { return !!file.tile; });
+    if (tile != files.end()) json["bits"] = tile->tile->bits;
     put_figures(json, figures);
     return json;
 }
@@ -39,6 +45,7 @@ Json decoded_json(const LodFigures& figures) {
 LodFigures read_decoded(const JsonValue& value) {
     JsonObject object = value.object();
     LodFigures figures;
+    if (const auto bits = object.find("bits")) bits->small_integer();
     read_figures(object, figures);
     object.finish();
     return figures;
@@ -80,7 +87,15 @@ Json file_json(const OutputFile& file) {
                  {"sha256", file.sha256},
                  {"href", file.href}};
     if (file.tile) json["tile"] = tile_json(*file.tile);
+    if (file.error) json["error"] = {{"mean", file.error->mean}, {"max", file.error->max}};
     return json;
+}
+
+FileError read_file_error(const JsonValue& value) {
+    JsonObject object = value.object();
+    const FileError error{object["mean"].number(), object["max"].number()};
+    object.finish();
+    return error;
 }
 
 OutputFile read_file(const JsonValue& value) {
@@ -91,6 +106,7 @@ OutputFile read_file(const JsonValue& value) {
     file.sha256 = object["sha256"].text();
     file.href = object["href"].text();
     if (const auto tile = object.find("tile")) file.tile = read_tile(*tile);
+    if (const auto error = object.find("error")) file.error = read_file_error(*error);
     object.finish();
     return file;
 }
@@ -201,11 +217,12 @@ Json level_json(const OutputCloud& cloud) {
     Json json = {{"level", cloud.level},
                  {"points", cloud.points},
                  {"spacing", cloud.spacing},
-                 {"bounds", bounds_json(cloud.bounds)},
-                 {"attributes", attributes_json(cloud.attributes)},
-                 {"files", files_json(cloud)}};
+                 {"bounds", bounds_json(cloud.bounds)}};
+    if (cloud.origin) json["origin"] = vector_json(*cloud.origin);
+    json["attributes"] = attributes_json(cloud.attributes);
+    json["files"] = files_json(cloud);
     if (cloud.error) json["error"] = error_json(*cloud.error);
-    if (cloud.decoded) json["decoded"] = decoded_json(*cloud.decoded);
+    if (cloud.decoded) json["decoded"] = decoded_json(*cloud.decoded, cloud.files);
     if (!cloud.pictures.empty()) json["pictures"] = pictures_json(cloud);
     if (cloud.bound) json["bound"] = bound_json(*cloud.bound);
     if (cloud.curve) json["curve"] = curve_json(*cloud.curve);
@@ -219,6 +236,7 @@ OutputCloud read_level(const JsonValue& value) {
     cloud.points = object["points"].integer();
     cloud.spacing = object["spacing"].number();
     cloud.bounds = read_bounds(object["bounds"]);
+    if (const auto origin = object.find("origin")) cloud.origin = read_vector(*origin);
     cloud.attributes = read_attributes(object["attributes"]);
     cloud.files = object["files"].list_of(read_file);
     for (OutputFile& file : cloud.files)
@@ -331,6 +349,22 @@ std::optional<Method> method_of(const JobRequest& request) noexcept {
     if (const auto* curve = std::get_if<CurveJob>(&request.job))
         return curve->options.simplification.method;
     return std::get<SimplifyJob>(request.job).options.method;
+}
+
+void raise_tile_errors(Results& pyramid) {
+    std::vector<LodTile*> tiles;
+    for (OutputCloud& level : pyramid.levels)
+        for (OutputFile& file : level.files)
+            if (file.tile) tiles.push_back(&*file.tile);
+    // Parents stand before their children.
+    for (std::size_t i = tiles.size(); i-- > 0;) {
+        const LodTile& tile = *tiles[i];
+        if (!tile.parent) continue;
+        TileError& above = tiles.at(*tile.parent)->error;
+        above.mean = std::max(above.mean, tile.error.mean);
+        above.max = std::max(above.max, tile.error.max);
+        above.p99 = std::max(above.p99, tile.error.p99);
+    }
 }
 
 std::string to_json(const Results& results) {

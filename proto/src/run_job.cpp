@@ -1,5 +1,6 @@
 #include "stipple/proto/run_job.hpp"
 
+#include "draco_rounding.hpp"
 #include "evaluation_notes.hpp"
 #include "job_cloud.hpp"
 #include "job_files.hpp"
@@ -373,6 +374,7 @@ private:
             candidate.level.error->range = range;
             maps.push_back(colored_by_distance(candidate.samples, origin, range));
             candidate.level.attributes = attributes_of(maps.back());
+            candidate.level.origin = maps.back().origin;
             candidate.samples = {};
             for (const CloudFormat format : job.output.formats) {
                 LodLevel map{candidate.level.level, maps.back(), 0};
@@ -422,6 +424,7 @@ private:
                       .bounds = bounds(made.cloud),
                       .files = {},
                       .error = error,
+                      .origin = made.cloud.origin,
                       .attributes = attributes_of(made.cloud),
                       .bound = bound_};
         std::vector<std::vector<OutputFile>> files(options.formats.size());
@@ -442,6 +445,9 @@ private:
                 if (points == finest_points_) files[i] = {write_finest(made, format, context)};
             } else {
                 files[i] = {write(made, format, options.draco, context)};
+                if (format == CloudFormat::Draco && error)
+                    files[i].front().error =
+                        draco_error(error->error, options.draco, line.level->bounds);
             }
         };
         for (const bool draco : {false, true})
@@ -452,6 +458,14 @@ private:
         points_encoded_ += points;
         meter_.advance(kEncode, encoded());
         report_(line);
+    }
+
+    /// That of a cloud, with what its Draco file rounds.
+    static FileError draco_error(const SurfaceError& error, const DracoEncodeOptions& draco,
+                                 const Aabb& box) {
+        const double side = (box.max - box.min).maxCoeff();
+        const FileError added = error_of_step(longest_step(draco, side));
+        return {error.mean() + added.mean, error.max() + added.max};
     }
 
     /// How much of `encode` is done once `more` points are.

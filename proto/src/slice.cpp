@@ -1,5 +1,6 @@
 #include "stipple/proto/slice.hpp"
 
+#include "draco_rounding.hpp"
 #include "json_reader.hpp"
 #include "stipple/error.hpp"
 #include "stipple/proto/tiles.hpp"
@@ -396,15 +397,10 @@ private:
         if (options_.format == CloudFormat::Glb) {
             step = decode_glb(candidate.bytes).step;
         } else if (options_.format == CloudFormat::Draco) {
-            const DracoEncodeOptions& draco = options_.draco;
-            const double steps = std::ldexp(1.0, static_cast<int>(draco.position_bits)) - 1;
-            if (draco.precision)
-                step = 2 * *draco.precision;
-            else if (steps > 0)
-                step = longest_side(candidate.cloud()) / steps;
+            step = longest_step(options_.draco, longest_side(candidate.cloud()));
         }
-        constexpr double kMean = 0.5;  // of a step at most: the mean over a cube is 0.48
-        return {kMean * step, 0.5 * std::sqrt(3.0) * step};
+        const FileError added = error_of_step(step);
+        return {added.mean, added.max};
     }
 
     const Results& pyramid_;

@@ -1,9 +1,13 @@
 #include "stipple/proto/tiles.hpp"
 
 #include "json_reader.hpp"
+#include "names.hpp"
+#include "stipple/error.hpp"
 #include "stipple/globe.hpp"
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <span>
 
 // Follows: OGC 22-025r4, 3D Tiles 1.1.
@@ -11,6 +15,11 @@
 namespace stipple::proto {
 
 namespace {
+
+constexpr std::array<Named<TilesetError>, 4> kErrorNames{{{TilesetError::Max, "max"},
+                                                          {TilesetError::Mean, "avg"},
+                                                          {TilesetError::P99, "p99"},
+                                                          {TilesetError::Spacing, "spacing"}}};
 
 /// A tile and what lies below it.
 struct Node {
@@ -22,7 +31,24 @@ struct Node {
     double error = 0;
 };
 
-std::vector<Node> nodes_of(const Results& results) {
+/// The geometric error of a tile, without those below.
+double own_error(const LodTile& tile, bool is_leaf, TilesetError error) {
+    const double least = 0.25 * tile.step;
+    switch (error) {
+        case TilesetError::Mean:
+            return std::max(tile.error.mean, least);
+        case TilesetError::P99:
+            return std::max(tile.error.p99, least);
+        case TilesetError::Spacing:
+            return std::max(tile.spacing, least);
+        case TilesetError::Max:
+            break;
+    }
+    const double gap = std::max(tile.spacing, tile.step);
+    return is_leaf ? gap : std::max(gap, tile.error.max);
+}
+
+std::vector<Node> nodes_of(const Results& results, const TilesetOptions& options) {
     std::vector<Node> nodes;
     for (const OutputCloud& level : results.levels) {
         for (const OutputFile& file : level.files) {
@@ -31,19 +57,15 @@ std::vector<Node> nodes_of(const Results& results) {
             // Half a step around: nothing that a viewer rounds lies outside, and no side is zero.
             const Vec3d last(tile.last[0], tile.last[1], tile.last[2]);
             const Vec3d half = Vec3d::Constant(0.5 * tile.step);
-            nodes.push_back({&file,
-                             &tile,
-                             {},
-                             1,
-                             tile.offset - half,
-                             tile.offset + tile.step * last + half,
-                             std::max(tile.spacing, tile.step)});
+            nodes.push_back(
+                {&file, &tile, {}, 1, tile.offset - half, tile.offset + tile.step * last + half});
         }
     }
     // Parents stand before their children.
     for (std::size_t i = nodes.size(); i-- > 0;) {
         Node& node = nodes[i];
-        if (!node.children.empty()) node.error = std::max(node.error, node.tile->error.max);
+        node.error =
+            options.error_scale * own_error(*node.tile, node.children.empty(), options.error);
         std::ranges::reverse(node.children);
         for (const std::size_t c : node.children) node.error = std::max(node.error, nodes[c].error);
         if (!node.tile->parent) continue;
@@ -79,11 +101,51 @@ Json extras_json(const Node& node) {
             {"coverRadius", tile.cover_radius}};
 }
 
+/// What `metadata_json` says, in the terms of the 3D Metadata Specification.
+Json schema_json() {
+    const auto scalar = [](const char* type, const char* description) {
+        return Json{{"type", "SCALAR"}, {"componentType", type}, {"description", description}};
+    };
+    const Json length = {{"type", "SCALAR"}, {"componentType", "FLOAT64"}};
+    return {{"id", "stipple"},
+            {"classes",
+             {{"lod",
+               {{"properties",
+                 {{"deltaAvg", scalar("FLOAT64", "Mean distance from the input's surface")},
+                  {"deltaMax", length},
+                  {"deltaP99", length},
+                  {"spacing", length},
+                  {"coverRadius", length},
+                  {"points", scalar("UINT32", "Of the tile")},
+                  {"bits", scalar("UINT8", "For each axis of the longest side of the input")},
+                  {"method", {{"type", "STRING"}}}}}}}}}};
+}
+
+/// The same as `extras_json`, for viewers that style by metadata.
+Json metadata_json(const Node& node, std::string_view method) {
+    const LodTile& tile = *node.tile;
+    return {{"class", "lod"},
+            {"properties",
+             {{"deltaAvg", tile.error.mean},
+              {"deltaMax", tile.error.max},
+              {"deltaP99", tile.error.p99},
+              {"spacing", tile.spacing},
+              {"coverRadius", tile.cover_radius},
+              {"points", tile.points},
+              {"bits", tile.bits},
+              {"method", method}}}};
+}
+
 /// Writes trees of tiles, each file with no more than so many.
 class Writer {
 public:
-    Writer(const std::vector<Node>& nodes, std::size_t max_tiles, const char* refine)
-        : nodes_(nodes), max_tiles_(max_tiles), refine_(refine) {}
+    Writer(const std::vector<Node>& nodes, const TilesetOptions& options, const char* refine,
+           std::string_view method)
+        : nodes_(nodes),
+          max_tiles_(options.max_tiles),
+          query_(tileset_query(options)),
+          refine_(refine),
+          method_(method) {}
 
     /// A file whose root is `root`, and those that it names.
     void write(const std::string& name, double geometric_error, Json&& root) {
@@ -125,6 +187,7 @@ public:
 private:
     void write_one(const std::string& name, double geometric_error, Json&& root) {
         const Json json = {{"asset", {{"version", "1.1"}, {"generator", "stipple"}}},
+                           {"schema", schema_json()},
                            {"geometricError", geometric_error},
                            {"root", std::move(root)}};
         files_.push_back({name, to_text(json)});
@@ -141,12 +204,13 @@ private:
                      {"geometricError", node.error},
                      {"refine", refine_}};
         if (depth == 0) {
-            json["content"] = {{"uri", name_of(i)}};
+            json["content"] = {{"uri", name_of(i) + query_}};
             open_.push_back(i);
             return json;
         }
         const bool is_inlined = node.file->href.starts_with("data:");
         json["content"] = {{"uri", is_inlined ? node.file->href : node.file->sha256 + ".glb"}};
+        json["metadata"] = metadata_json(node, method_);
         json["extras"] = extras_json(node);
         for (const std::size_t c : node.children)
             json["children"].push_back(tile_json(c, depth - 1));
@@ -155,7 +219,9 @@ private:
 
     const std::vector<Node>& nodes_;
     std::size_t max_tiles_;
+    std::string query_;  ///< of files that are named
     const char* refine_;
+    std::string_view method_;
     std::vector<TilesetFile> files_;
     std::vector<std::size_t> open_;  ///< roots of files still to be written
 };
@@ -174,8 +240,38 @@ Json transform_json(const Results& results) {
 
 }  // namespace
 
-std::vector<TilesetFile> tileset_files(const Results& results, std::size_t max_tiles) {
-    const std::vector<Node> nodes = nodes_of(results);
+std::string_view to_string(TilesetError error) noexcept {
+    return name_of(kErrorNames, error);
+}
+
+TilesetError tileset_error_from_name(std::string_view name) {
+    try {
+        return by_name(kErrorNames, name);
+    } catch (const Error& error) {
+        throw Error(error.code(), std::string("error ") + error.what());
+    }
+}
+
+void validate(const TilesetOptions& options) {
+    const double scale = options.error_scale;
+    if (scale >= TilesetOptions::kLeastScale && scale <= TilesetOptions::kMostScale) return;
+    throw Error(ErrorCode::InvalidArgument,
+                "errorScale " + Json(scale).dump() + ": expected 1e-6..1e6");
+}
+
+std::string tileset_query(const TilesetOptions& options) {
+    std::string query;
+    if (options.error != TilesetError::Max)
+        query = "error=" + std::string(to_string(options.error));
+    if (options.error_scale != 1)
+        query +=
+            (query.empty() ? "errorScale=" : "&errorScale=") + Json(options.error_scale).dump();
+    return query.empty() ? query : "?" + query;
+}
+
+std::vector<TilesetFile> tileset_files(const Results& results, const TilesetOptions& options) {
+    validate(options);
+    const std::vector<Node> nodes = nodes_of(results, options);
     if (nodes.empty()) return {};
     std::vector<std::size_t> tops;
     for (std::size_t i = 0; i < nodes.size(); ++i)
@@ -193,7 +289,8 @@ std::vector<TilesetFile> tileset_files(const Results& results, std::size_t max_t
 
     const bool adds = std::get<PyramidJob>(results.request.job).options.nested;
     const char* const refine = adds ? "ADD" : "REPLACE";
-    Writer writer(nodes, std::max<std::size_t>(max_tiles, 1), refine);
+    const std::string_view method = to_string(method_of(results.request).value());
+    Writer writer(nodes, options, refine, method);
     Json root;
     if (tops.size() == 1) {
         root = writer.subtree(tops[0]);

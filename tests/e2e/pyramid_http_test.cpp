@@ -88,6 +88,13 @@ TEST_F(ServedPyramid, SendsTilesPackedUnderATagOfTheirOwn) {
     EXPECT_EQ(with(packed.field("ETag"), "gzip"), 200);
     EXPECT_EQ(with(plain.field("ETag"), "br"), 200);
 
+    const HttpReply same =
+        get(tile, {"Accept-Encoding: br", "If-None-Match: " + packed.field("ETag")});
+    EXPECT_EQ(same.field("Content-Length"), "");
+    EXPECT_EQ(same.field("Content-Encoding"), "");
+    EXPECT_EQ(same.field("ETag"), packed.field("ETag"));
+    EXPECT_EQ(same.field("Vary"), "Accept-Encoding");
+
     const HttpReply part = get(tile, {"Accept-Encoding: br", "Range: bytes=4-11"});
     EXPECT_EQ(part.status, 206);
     EXPECT_EQ(part.field("Content-Encoding"), "");
@@ -106,6 +113,38 @@ TEST_F(ServedPyramid, SendsDocumentsPackedAndAsksThemToBeAskedAbout) {
             get(name, {"Accept-Encoding: br", "If-None-Match: " + packed.field("ETag")}).status,
             304)
             << name;
+    }
+}
+
+TEST_F(ServedPyramid, TellsItsTilesetByTheErrorThatIsAskedFor) {
+    const HttpReply plain = get("/tileset.json");
+    std::map<std::string, std::string> tags{{plain.field("ETag"), ""}};
+    const Json tile = Json::parse(plain.body).at("root");
+    const auto error_of = [](const HttpReply& reply) {
+        return Json::parse(reply.body).at("root").at("geometricError").get<double>();
+    };
+    // Where spacings are the larger, as here, error=spacing is the same as the default.
+    for (const std::string query : {"error=avg", "error=p99", "errorScale=2",
+                                    "error=avg&errorScale=2", "error=avg&inline=glb"}) {
+        const HttpReply reply = get("/tileset.json?" + query);
+        ASSERT_EQ(reply.status, 200) << query;
+        EXPECT_TRUE(tags.emplace(reply.field("ETag"), query).second) << query;
+        EXPECT_EQ(Json::parse(reply.body).at("root").at("extras"), tile.at("extras")) << query;
+        EXPECT_EQ(get("/tileset.json?" + query, {"If-None-Match: " + reply.field("ETag")}).status,
+                  304);
+    }
+    const double spacing = tile.at("extras").at("spacing");
+    EXPECT_GE(error_of(get("/tileset.json?error=spacing")), spacing);
+    EXPECT_DOUBLE_EQ(error_of(get("/tileset.json?errorScale=2")), 2 * error_of(plain));
+    EXPECT_LT(error_of(get("/tileset.json?error=avg")), error_of(plain));
+    EXPECT_EQ(get("/tileset.json?error=max").field("ETag"), plain.field("ETag"));
+    for (const std::string wrong :
+         {"/tileset.json?error=mean", "/tileset.json?errorScale=0", "/tileset.json?errorScale=-1",
+          "/tileset.json?errorScale=inf", "/tileset.json?errorscale=2", "/tileset.json?inline=drc",
+          "/manifest.json?error=avg", "/manifest.json?inlined=drc"}) {
+        const HttpReply reply = get(wrong);
+        EXPECT_EQ(reply.status, 400) << wrong;
+        EXPECT_EQ(reply.field("Content-Type"), "application/problem+json") << wrong;
     }
 }
 

@@ -152,12 +152,18 @@ proto::OutputCloud output_cloud() {
             .points = 400,
             .spacing = 0.25,
             .bounds = {Vec3d(-1, -2.5, 0.1), Vec3d(1, 2.5, 3)},
-            .files = {{CloudFormat::Draco, 900, std::string(64, 'c'), "level-1.drc"},
+            .files = {{CloudFormat::Draco,
+                       900,
+                       std::string(64, 'c'),
+                       "level-1.drc",
+                       {},
+                       proto::FileError{0.1875, 1.125}},
                       {CloudFormat::Ply, 4900, std::string(64, 'd'), "level-1.ply"},
                       {CloudFormat::Glb, 1200, std::string(64, 'e'), std::string(64, 'e') + ".glb",
                        tile()}},
             .error = error_figures(),
             .decoded = LodFigures{{0.25, 1, 0.5, 0.125, 900}, 0.5, 0.75},
+            .origin = Vec3d(0.5, -1, 2),
             .attributes = {{"color", "uint8", 3}, {"radius", "float32", 1}}};
 }
 

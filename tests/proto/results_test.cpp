@@ -10,6 +10,32 @@ namespace {
 
 using test::golden;
 
+TEST(TileErrors, AreRaisedToThoseOfTheTilesBelow) {
+    Results pyramid;
+    const auto add = [&](std::optional<std::uint32_t> parent, double mean, double max, double p99) {
+        OutputFile file{CloudFormat::Glb, 1, "", "", LodTile{}};
+        file.tile->parent = parent;
+        file.tile->error = {.mean = mean, .max = max, .p99 = p99, .samples = 9};
+        pyramid.levels.emplace_back().files = {{CloudFormat::Ply, 1, "", ""}, std::move(file)};
+    };
+    add({}, 1, 5, 2);
+    add(0, 0.5, 6, 2);
+    add(0, 0.25, 1, 0.5);
+    add(1, 0.75, 1, 3);
+    add(2, 0.125, 0.5, 0.25);
+    raise_tile_errors(pyramid);
+    const auto error = [&](std::size_t i) { return pyramid.levels[i].files[1].tile->error; };
+    EXPECT_EQ(error(0).mean, 1);
+    EXPECT_EQ(error(0).max, 6);
+    EXPECT_EQ(error(0).p99, 3);
+    EXPECT_EQ(error(1).mean, 0.75);
+    EXPECT_EQ(error(1).max, 6);
+    EXPECT_EQ(error(1).p99, 3);
+    EXPECT_EQ(error(2).mean, 0.25);
+    EXPECT_EQ(error(3).mean, 0.75);
+    EXPECT_EQ(error(0).samples, 9U);
+}
+
 TEST(Results, TravelAsTheGoldenFileSays) {
     const std::string text = to_json(test::pyramid_results());
     EXPECT_EQ(text, golden("pyramid_results.json"));

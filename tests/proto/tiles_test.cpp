@@ -5,6 +5,7 @@
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
+#include <functional>
 #include <nlohmann/json.hpp>
 #include <set>
 
@@ -127,10 +128,96 @@ TEST(Tileset, NamesEveryTileOnceWithItsChildrenInsideAndNoLargerErrors) {
     EXPECT_LT(half.maxCoeff(), 1.2);
 }
 
+TEST(Tileset, TellsTheErrorThatIsAskedFor) {
+    const Results results = results_of(test::sphere(20'000), {500, 5'000, 20'000}, 1'000);
+    const auto measured = [](const json& tile, TilesetError error) -> double {
+        const json& extras = tile["extras"];
+        if (error == TilesetError::Spacing) return extras["spacing"];
+        return extras["error"][error == TilesetError::Mean ? "mean" : "p99"];
+    };
+    for (const TilesetError error :
+         {TilesetError::Mean, TilesetError::P99, TilesetError::Spacing}) {
+        for (const double scale : {0.25, 1.0, 3.0}) {
+            const auto files =
+                parsed(tileset_files(results, {.error = error, .error_scale = scale}));
+            const json& whole = files.at("tileset.json");
+            walk(files, whole["root"], nullptr, [&](const json& tile, const json* parent) {
+                double expected = scale * measured(tile, error);
+                if (tile.contains("children"))
+                    for (const json& child : tile["children"])
+                        expected = std::max(expected, child["geometricError"].get<double>());
+                EXPECT_GE(tile["geometricError"], expected);
+                EXPECT_GT(tile["geometricError"], 0.0);
+                const double step = results.levels[tile["extras"]["level"].get<std::size_t>()]
+                                        .files.front()
+                                        .tile->step;
+                EXPECT_LE(tile["geometricError"], std::max(expected, 0.25 * scale * step) + 1e-12);
+                if (parent == nullptr) return;
+                EXPECT_LE(tile["geometricError"], (*parent)["geometricError"]);
+            });
+            const json& box = whole["root"]["boundingVolume"]["box"];
+            EXPECT_GE(whole["geometricError"].get<double>(),
+                      2 * Vec3d(box[3], box[7], box[11]).norm() - 1e-12);
+        }
+    }
+    EXPECT_EQ(tileset_files(results, {.error = TilesetError::Max}).front().json,
+              tileset_files(results).front().json);
+    for (const double wrong : {0.0, -1.0, 1e7, std::nan("")})
+        EXPECT_THROW(tileset_files(results, {.error_scale = wrong}), Error) << wrong;
+}
+
+TEST(Tileset, OfAnotherErrorCarriesItOnToTheFilesThatItNames) {
+    const Results results = results_of(test::sphere(20'000), {500, 5'000, 20'000}, 1'000);
+    const TilesetOptions options{.max_tiles = 5, .error = TilesetError::Mean, .error_scale = 0.5};
+    EXPECT_EQ(tileset_query(options), "?error=avg&errorScale=0.5");
+    EXPECT_EQ(tileset_query({.error_scale = 2}), "?errorScale=2.0");
+    EXPECT_EQ(tileset_query({}), "");
+    std::size_t named = 0;
+    for (const TilesetFile& file : tileset_files(results, options)) {
+        const std::string query = ".json?error=avg&errorScale=0.5\"";
+        for (std::size_t at = 0; (at = file.json.find(".json", at)) != std::string::npos; ++at) {
+            EXPECT_EQ(file.json.substr(at, query.size()), query);
+            ++named;
+        }
+        EXPECT_EQ(file.json.find(".glb?"), std::string::npos);
+    }
+    EXPECT_GT(named, 0U);
+}
+
+TEST(Tileset, TellsItsFiguresAsMetadataThatFitsTheSchemaOfItsFile) {
+    const Results results = results_of(test::sphere(20'000), {500, 5'000, 20'000}, 1'000);
+    const auto files = parsed(tileset_files(results, {.max_tiles = 5}));
+    EXPECT_GT(files.size(), 1U);
+    for (const auto& [name, file] : files) {
+        const json& known = file["schema"]["classes"]["lod"]["properties"];
+        EXPECT_EQ(known.size(), 8U) << name;
+        const std::function<void(const json&)> check = [&](const json& tile) {
+            if (tile.contains("extras")) {
+                const json& extras = tile["extras"];
+                const json& metadata = tile["metadata"];
+                EXPECT_EQ(metadata["class"], "lod");
+                const json& said = metadata["properties"];
+                EXPECT_EQ(said.size(), known.size());
+                for (const auto& [property, value] : said.items())
+                    EXPECT_TRUE(known.contains(property)) << property;
+                EXPECT_EQ(said["deltaAvg"], extras["error"]["mean"]);
+                EXPECT_EQ(said["deltaMax"], extras["error"]["max"]);
+                EXPECT_EQ(said["deltaP99"], extras["error"]["p99"]);
+                for (const char* const same : {"spacing", "coverRadius", "points", "bits"})
+                    EXPECT_EQ(said[same], extras[same]);
+                EXPECT_EQ(said["method"], to_string(PyramidJob{}.options.method));
+            }
+            if (tile.contains("children"))
+                for (const json& child : tile["children"]) check(child);
+        };
+        check(file["root"]);
+    }
+}
+
 TEST(Tileset, OfAdditiveTilesSaysSoInEveryFile) {
     const Results results = results_of(test::sphere(10'000), {500, 2'500, 10'000}, 1'000, true);
     std::uint64_t points = 0;
-    const auto files = parsed(tileset_files(results, 5));
+    const auto files = parsed(tileset_files(results, {.max_tiles = 5}));
     EXPECT_GT(files.size(), 1U);
     walk(files, files.at("tileset.json")["root"], nullptr,
          [&](const json& tile, const json* parent) {
@@ -143,7 +230,8 @@ TEST(Tileset, OfAdditiveTilesSaysSoInEveryFile) {
 
 TEST(Tileset, OfManyTilesGoesOnInFilesOfItsOwn) {
     const Results results = results_of(test::sphere(20'000), {500, 5'000, 20'000}, 1'000);
-    const auto whole = parsed(tileset_files(results)), parts = parsed(tileset_files(results, 10));
+    const auto whole = parsed(tileset_files(results)),
+               parts = parsed(tileset_files(results, {.max_tiles = 10}));
     EXPECT_GT(parts.size(), 5U);
     const auto tiles = [](const std::map<std::string, json>& files) {
         std::map<std::string, double> errors;
@@ -166,13 +254,13 @@ TEST(Tileset, OfManyFilesTakesNoStackForEach) {
         file.tile->parent = 0;
         results.levels[0].files.push_back(std::move(file));
     }
-    EXPECT_EQ(tileset_files(results, 1).size(), kTiles + 1);
+    EXPECT_EQ(tileset_files(results, {.max_tiles = 1}).size(), kTiles + 1);
 }
 
 TEST(Tileset, WhoseCoarsestLevelIsCutHasNoLargerFilesForThat) {
     const Results results = results_of(test::sphere(4'000), {2'000, 4'000}, 500);
     constexpr std::size_t kMost = 4;
-    const auto files = parsed(tileset_files(results, kMost));
+    const auto files = parsed(tileset_files(results, {.max_tiles = kMost}));
     EXPECT_GT(files.size(), 4U);
     std::size_t tiles = 0;
     for (const auto& [name, file] : files) {

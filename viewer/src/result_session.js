@@ -154,8 +154,14 @@ export class ResultSession {
 const isGivenUp = ({ status }) => status === 'failed' || status === 'dismissed';
 
 /** Relative to the size of the cloud, in the form that is loaded; not a number where it was not measured. */
-export const meanErrorOf = ({ tiles, decoded, error }) =>
-    (tiles && decoded && error ? decoded.error.mean / error.diagonal : error?.relative?.mean) ?? NaN;
+export const meanErrorOf = (level) =>
+    (level.tiles && level.decoded && level.error ? level.decoded.error.mean / level.error.diagonal : wholeErrorOf(level)?.mean) ?? NaN;
+
+/** Of a level loaded as a whole, with what its file rounds; `error.diagonal` is 0 where all points coincide. */
+function wholeErrorOf({ files, error }) {
+    const rounded = files?.find(({ format }) => format === 'drc')?.error;
+    return rounded && error?.diagonal > 0 ? { mean: rounded.mean / error.diagonal, max: rounded.max / error.diagonal } : error?.relative;
+}
 
 /** `mean` and `max` of what is seen of a level, relative to the size of the cloud; nothing where it was not measured. */
-export const drawnErrorOf = (level) => (level.drawn ? level.drawn.error : level.error?.relative);
+export const drawnErrorOf = (level) => (level.drawn ? level.drawn.error : wholeErrorOf(level));

@@ -12,8 +12,9 @@
 #include <chrono>
 #include <fstream>
 #include <iostream>
-#include <map>
+#include <ranges>
 #include <set>
+#include <vector>
 
 namespace stipple::cli {
 namespace {
@@ -40,6 +41,18 @@ std::set<fs::path> pyramid_in(const fs::path& folder) {
                         folder.string() + ": choose another folder, or remove the file");
     }
     return files;
+}
+
+/// @throws Error(InvalidArgument) for `s3://bucket/x`, which would become a folder of that name.
+void require_no_address(const fs::path& folder) {
+    const std::string text = folder.string();
+    const auto colon = text.find("://");
+    if (colon == text.npos || text.find('/') < colon) return;
+    throw Error(ErrorCode::InvalidArgument,
+                text +
+                    ": a pyramid is written into a folder: name one, then copy it, as `aws s3 "
+                    "sync FOLDER " +
+                    text + "` does for a bucket");
 }
 
 void make_folder(const fs::path& folder) {
@@ -97,31 +110,48 @@ std::uint64_t bytes_of(const proto::Results& results) {
     return bytes;
 }
 
+/// That of what is loaded: of the Draco file, else of the tiles, else of the points as they are.
+proto::FileError loaded_error(const proto::OutputCloud& level) {
+    for (const proto::OutputFile& file : level.files)
+        if (file.error) return *file.error;
+    if (level.decoded) return {level.decoded->error.mean, level.decoded->error.max};
+    return {level.error->error.mean(), level.error->error.max()};
+}
+
 /// A row for each level: its points, the bytes of its files, its error.
 std::string level_table(const proto::Results& results, const TextStyle& style) {
-    constexpr std::size_t kLevel = 5, kPoints = 13, kBytes = 10, kMean = 21, kMax = 10;
+    constexpr std::size_t kGap = 2;
+    std::vector<std::string> rows(results.levels.size() + 1);
+    const auto add_column = [&](const std::string& title, auto&& text_of) {
+        std::vector<std::string> cells = {title};
+        for (const proto::OutputCloud& level : results.levels) cells.push_back(text_of(level));
+        const std::size_t width = std::ranges::max(cells | std::views::transform(display_width));
+        const std::size_t gap = rows.front().empty() ? 0 : kGap;
+        for (std::size_t i = 0; i < rows.size(); ++i) rows[i] += in_right(cells[i], width + gap);
+    };
+    add_column("level", [](const auto& level) { return std::to_string(level.level); });
+    add_column("points", [](const auto& level) { return with_separators(level.points); });
     std::set<CloudFormat> formats;
     for (const proto::OutputCloud& level : results.levels)
         for (const proto::OutputFile& file : level.files) formats.insert(file.format);
-    const bool measured = results.levels.front().error.has_value();
-
-    std::string header = in_right("level", kLevel) + in_right("points", kPoints);
-    for (const CloudFormat format : formats)
-        header += in_right(std::string(to_string(format)), kBytes);
-    if (measured) header += in_right("mean error", kMean) + in_right("max", kMax);
-    std::string text = style.dim(header) + "\n";
-    for (const proto::OutputCloud& level : results.levels) {
-        text += in_right(std::to_string(level.level), kLevel) +
-                in_right(with_separators(level.points), kPoints);
-        std::map<CloudFormat, std::uint64_t> bytes;
-        for (const proto::OutputFile& file : level.files) bytes[file.format] += file.bytes;
-        for (const CloudFormat format : formats)
-            text += in_right(bytes.contains(format) ? readable_bytes(bytes[format]) : "", kBytes);
-        if (level.error)
-            text += in_right(distance_text(level.error->error.mean(), level.error->error), kMean) +
-                    in_right(three_digits(level.error->error.max()), kMax);
-        text += "\n";
+    for (const CloudFormat format : formats) {
+        add_column(std::string(to_string(format)), [&](const proto::OutputCloud& level) {
+            std::uint64_t bytes = 0;
+            for (const proto::OutputFile& file : level.files)
+                if (file.format == format) bytes += file.bytes;
+            return bytes > 0 ? readable_bytes(bytes) : "";
+        });
     }
+    if (results.levels.front().error) {
+        add_column("mean error", [](const auto& level) {
+            return level.error ? distance_text(loaded_error(level).mean, level.error->error) : "";
+        });
+        add_column("max", [](const auto& level) {
+            return level.error ? three_digits(loaded_error(level).max) : "";
+        });
+    }
+    std::string text = style.dim(rows.front()) + "\n";
+    for (std::size_t i = 1; i < rows.size(); ++i) text += rows[i] + "\n";
     return text;
 }
 
@@ -156,6 +186,7 @@ ordered_json figures(const PyramidCommand& command, const proto::Results& result
 
 void run(const PyramidCommand& command, const Session& session) {
     const auto start = std::chrono::steady_clock::now();
+    require_no_address(command.output_folder);
     require_input(command.input);
     const bool made = !fs::exists(command.output_folder);
     make_folder(command.output_folder);
@@ -168,12 +199,13 @@ void run(const PyramidCommand& command, const Session& session) {
         const ScratchFolder scratch(command.output_folder);
         ProgressDisplay display(session.terminal, !command.common.quiet);
         const JobExecution execution{command.server, command.common.threads, session.stop};
-        const proto::Results results = naming(command.input, [&] {
+        proto::Results results = naming(command.input, [&] {
             const proto::JobRequest request{proto::sha256_of_file(command.input), command.job};
             return execute(request, command.input, scratch.path(), execution, display);
         });
         if (!results.source || results.levels.empty())
             throw Error(ErrorCode::Internal, "the result of a pyramid job has no levels");
+        raise_tile_errors(results);
         std::uint64_t bytes = bytes_of(results);
         std::set<fs::path> files(kPotreeFiles.begin(), kPotreeFiles.end());
         if (command.potree) {

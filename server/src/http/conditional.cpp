@@ -46,6 +46,7 @@ bool wants_range(const Request& request) {
 Reply not_modified(Reply reply) {
     reply.status = 304;
     reply.content = std::string();
+    reply.headers.remove("Content-Encoding");  // it has no content
     return reply;
 }
 

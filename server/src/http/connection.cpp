@@ -65,10 +65,22 @@ public:
     bool wait_writable() const { return is_writable(); }
     time_t duration() const { return 0; }
 
+    /// The reply ends with its head, whatever its length: the library would say 0, which is not
+    /// that of the content that a 304 stands for (RFC 9110, 8.6).
+    void leave_out_length() noexcept { tells_length_ = false; }
     /// A stream is sent piece by piece as it comes.
     void gather(bool whole_reply) noexcept { gathers_ = whole_reply; }
     /// Sends what was gathered: of a small reply head and content at once, in one packet.
     void flush() {
+        if (!tells_length_) {
+            constexpr std::string_view kField = "Content-Length: 0\r\n";
+            const auto at = gathered_.find(kField);
+            if (at < gathered_.find("\r\n\r\n")) {
+                gathered_.erase(at, kField.size());
+                written_ -= kField.size();
+            }
+            tells_length_ = true;
+        }
         send(gathered_);
         gathered_.clear();
     }
@@ -93,7 +105,7 @@ private:
     std::size_t read_ = 0;
     ClientSocket& socket_;
     std::string gathered_;
-    bool gathers_ = true;
+    bool gathers_ = true, tells_length_ = true;
     std::uint64_t written_ = 0;
     bool broken_ = false;
 };
@@ -271,6 +283,7 @@ private:
                 stream_.give_up();  // the library would make a reply of the exception
             }
         }
+        if (reply.status == 204 || reply.status == 304) stream_.leave_out_length();
         stream_.gather(!std::holds_alternative<Stream>(reply.content));
         status_ = reply.status;
         application_.answered(request_, status_);

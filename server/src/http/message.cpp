@@ -31,9 +31,13 @@ void Headers::add(std::string name, std::string value) {
 }
 
 void Headers::set(std::string_view name, std::string value) {
+    remove(name);
+    add(std::string(name), std::move(value));
+}
+
+void Headers::remove(std::string_view name) {
     std::erase_if(fields_,
                   [&](const auto& field) { return equal_ignoring_case(field.first, name); });
-    add(std::string(name), std::move(value));
 }
 
 std::optional<std::string_view> Headers::find(std::string_view name) const noexcept {

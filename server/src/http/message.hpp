@@ -26,6 +26,7 @@ public:
     void add(std::string name, std::string value);
     /// Replaces every field of this name.
     void set(std::string_view name, std::string value);
+    void remove(std::string_view name);
     /// The value of the first field of this name.
     std::optional<std::string_view> find(std::string_view name) const noexcept;
     std::size_t count(std::string_view name) const noexcept;

@@ -18,19 +18,33 @@ namespace stipple::server::http {
 
 namespace {
 
-/// A document of a pyramid: it grows while the job runs.
-/// @param inlined  the format that `inline` may ask for
-Reply document_reply(Resources& resources, const Request& request, const std::string& name,
-                     CloudFormat inlined) {
+/// `inline`, which may ask for one format.
+std::optional<CloudFormat> query_inline(const Request& request, CloudFormat format) {
     const auto wanted = request.query_value("inline");
-    if (wanted && *wanted != to_string(inlined)) {
+    if (!wanted) return std::nullopt;
+    if (*wanted != to_string(format)) {
         throw HttpError(400, "inline \"" + wanted->substr(0, 60) + "\": expected " +
-                                 std::string(to_string(inlined)));
+                                 std::string(to_string(format)));
     }
+    return format;
+}
+
+/// A document of a pyramid: it grows while the job runs.
+Reply document_reply(Resources& resources, const Request& request, const std::string& name,
+                     const DocumentOptions& options) {
     StoredFile file = resources.service.outputs().document(
-        request.tenant, request.path_value("id"), name, accepted_file_codings(request),
-        wanted ? std::optional(inlined) : std::nullopt);
+        request.tenant, request.path_value("id"), name, accepted_file_codings(request), options);
     return file_reply(request, std::move(file), "application/json", "no-cache");
+}
+
+Reply tileset_reply(Resources& resources, const Request& request, const std::string& name) {
+    allow_query(request, {"inline", "error", "errorScale"});
+    DocumentOptions options{.inlined = query_inline(request, CloudFormat::Glb)};
+    if (const auto error = request.query_value("error"))
+        options.tileset.error = proto::tileset_error_from_name(*error);
+    options.tileset.error_scale = query_number(request, "errorScale").value_or(1);
+    validate(options.tileset);
+    return document_reply(resources, request, name, options);
 }
 
 /// A pyramid as far as it is made.
@@ -183,11 +197,13 @@ Reply get_pyramid_archive(Resources& resources, Request& request) {
 }
 
 Reply get_manifest(Resources& resources, Request& request) {
-    return document_reply(resources, request, "manifest.json", CloudFormat::Draco);
+    allow_query(request, {"inline"});
+    return document_reply(resources, request, "manifest.json",
+                          {.inlined = query_inline(request, CloudFormat::Draco)});
 }
 
 Reply get_tileset(Resources& resources, Request& request) {
-    return document_reply(resources, request, "tileset.json", CloudFormat::Glb);
+    return tileset_reply(resources, request, "tileset.json");
 }
 
 Reply get_stream(Resources& resources, Request& request) {
@@ -204,8 +220,7 @@ Reply get_stream(Resources& resources, Request& request) {
 
 Reply get_pyramid_file(Resources& resources, Request& request) {
     const std::string& file = request.path_value("file");
-    if (file.starts_with("tileset-"))
-        return document_reply(resources, request, file, CloudFormat::Glb);
+    if (file.starts_with("tileset-")) return tileset_reply(resources, request, file);
     return output_reply(resources, request, request.path_value("id"), file);
 }
 

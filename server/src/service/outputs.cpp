@@ -2,7 +2,6 @@
 
 #include "stipple/error.hpp"
 #include "stipple/proto/digest.hpp"
-#include "stipple/proto/tiles.hpp"
 
 #include <algorithm>
 #include <array>
@@ -36,9 +35,10 @@ Bytes shared(std::string_view text) {
 }
 
 std::string document_key(const std::string& job_id, const std::string& name,
-                         std::optional<CloudFormat> inlined) {
-    const std::string key = job_id + "/" + name;
-    return inlined ? key + "?inline=" + std::string(to_string(*inlined)) : key;
+                         const DocumentOptions& options) {
+    std::string key = job_id + "/" + name + proto::tileset_query(options.tileset);
+    if (options.inlined) key += "#" + std::string(to_string(*options.inlined));
+    return key;
 }
 
 StoredFile stored(OutputCache::File file, Coding coding, bool negotiated) {
@@ -75,6 +75,7 @@ struct Outputs::Job {
 
     Job(std::string job_id, proto::Results&& made)
         : id(std::move(job_id)), results(std::move(made)) {
+        raise_tile_errors(results);
         for (proto::OutputCloud& level : results.levels) {
             fill_links(level, id, is_pyramid(results));
             for (const proto::OutputFile& file : level.files)
@@ -203,19 +204,19 @@ std::optional<OutputCache::File> Outputs::packed(const std::string& sha256, Codi
 
 StoredFile Outputs::document(const std::string& tenant, const std::string& job_id,
                              const std::string& name, std::span<const Coding> accepted,
-                             std::optional<CloudFormat> inlined) {
+                             const DocumentOptions& options) {
     const auto job = find(tenant, job_id);
     if (!job || !is_pyramid(job->results)) throw no_such("pyramid: " + job_id);
     if (!job->results.complete)
-        return stored(plain_document(*job, name, inlined), Coding::Identity, true);
+        return stored(plain_document(*job, name, options), Coding::Identity, true);
 
-    const std::string key = document_key(job_id, name, inlined);
+    const std::string key = document_key(job_id, name, options);
     for (const Coding coding : accepted) {
         if (coding == Coding::Identity) break;
         const std::string packed_key = key + "." + std::string(to_string(coding));
         auto file = cache_.find(packed_key);
         if (!file) {
-            const OutputCache::File plain = plain_document(*job, name, inlined);
+            const OutputCache::File plain = plain_document(*job, name, options);
             const Packing& packing = coding == Coding::Brotli ? kQuickBrotli : kGzip;
             file.emplace(OutputCache::File{{}, plain.tag + "-" + std::string(packing.name)});
             if (auto bytes = pack(*plain.bytes, packing))
@@ -224,23 +225,23 @@ StoredFile Outputs::document(const std::string& tenant, const std::string& job_i
         }
         if (file->bytes) return stored(std::move(*file), coding, true);
     }
-    return stored(plain_document(*job, name, inlined), Coding::Identity, true);
+    return stored(plain_document(*job, name, options), Coding::Identity, true);
 }
 
 OutputCache::File Outputs::plain_document(const Job& job, const std::string& name,
-                                          std::optional<CloudFormat> inlined) {
-    const std::string key = document_key(job.id, name, inlined);
+                                          const DocumentOptions& options) {
+    const std::string key = document_key(job.id, name, options);
     if (job.results.complete) {
         if (auto file = cache_.find(key)) return *file;
     }
     const proto::Results changed =
-        inlined ? with_coarsest_inside(job.results, *inlined) : proto::Results{};
-    const proto::Results& results = inlined ? changed : job.results;
+        options.inlined ? with_coarsest_inside(job.results, *options.inlined) : proto::Results{};
+    const proto::Results& results = options.inlined ? changed : job.results;
     std::optional<std::string> text;
     if (name == "manifest.json") {
         text = proto::to_json(results);
     } else {
-        for (proto::TilesetFile& file : proto::tileset_files(results))
+        for (proto::TilesetFile& file : proto::tileset_files(results, options.tileset))
             if (file.name == name) text = std::move(file.json);
     }
     if (!text) throw no_such("tileset: this pyramid has no tiles, or none yet");

@@ -4,6 +4,8 @@
 #include "service/packer.hpp"
 #include "store/job_store.hpp"
 
+#include "stipple/proto/tiles.hpp"
+
 #include <atomic>
 #include <cstdint>
 #include <map>
@@ -32,6 +34,14 @@ struct StoredFile {
     std::uint64_t size() const noexcept;
 };
 
+/// How a document of a pyramid is written.
+struct DocumentOptions {
+    /// Of the coarsest level, the file of this format is a `data:` URI in it, when it has at most
+    /// 64 KiB: the first picture costs one request.
+    std::optional<CloudFormat> inlined{};
+    proto::TilesetOptions tileset{};
+};
+
 /// What jobs made, as it is sent: finished jobs are read from the store once, small files and
 /// packed copies are kept in memory, and a request for a tile of a finished pyramid asks no
 /// database. Bounded: 64 jobs, 64 MiB of files. Safe to call from any thread.
@@ -50,12 +60,10 @@ public:
                     std::span<const Coding> accepted);
 
     /// `manifest.json`, `tileset.json` or another file of the tileset of a pyramid.
-    /// @param inlined  of the coarsest level, the file of this format is a `data:` URI in it, when
-    /// it has at most 64 KiB: the first picture costs one request.
     /// @throws Error(NotFound).
     StoredFile document(const std::string& tenant, const std::string& job_id,
                         const std::string& name, std::span<const Coding> accepted,
-                        std::optional<CloudFormat> inlined = {});
+                        const DocumentOptions& options = {});
 
     /// The bytes of a listed file. @throws Error(Internal) when they are missing.
     std::shared_ptr<const BlobReader> open(const std::string& sha256) const;
@@ -74,7 +82,7 @@ private:
     std::shared_ptr<const Job> remembered(const std::string& key, const std::string& tenant,
                                           const std::string& id);
     OutputCache::File plain_document(const Job& job, const std::string& name,
-                                     std::optional<CloudFormat> inlined);
+                                     const DocumentOptions& options);
     proto::Results with_coarsest_inside(proto::Results results, CloudFormat format) const;
     std::optional<OutputCache::File> packed(const std::string& sha256, Coding coding);
 

@@ -20,6 +20,7 @@ import { compare, pictureOf } from './reference.mjs';
 const kSkipped = 77;
 const kSize = 640;
 const kViewers = ['tiles_renderer', 'cesium', 'draco_loader', 'loaders_gl_tiles', 'loaders_gl_draco'];
+const kLevels = ['draco_loader', 'loaders_gl_draco'];  // that read one level
 const kAdding = ['tiles_renderer', 'cesium', 'loaders_gl_tiles'];  // that read tiles
 const { values: options } = parseArgs({
     options: { bin: { type: 'string' }, modules: { type: 'string' }, readme: { type: 'string' }, artifacts: { type: 'string' } },
@@ -45,6 +46,7 @@ const large = pictureOf(cloud, view, kSize, 7);
 const server = await startServer(options.bin);
 const job = await pyramidOf(ply(cloud, true));
 const adding = await pyramidOf(ply(cloud, true), { refine: 'add' });
+const double = await pyramidOf(ply(cloud, true, { type: 'double' }));
 const bundles = Object.fromEntries(await Promise.all([...kViewers, 'cesium_globe'].map(
     async (name) => [name, await bundled(name, { readme: options.readme, modules })])));
 const exported = mkdtempSync(join(tmpdir(), 'stipple-viewers-'));
@@ -52,6 +54,7 @@ const pages = await servePages(bundles, modules, { '/v1/pyramids/exported/': exp
 
 let failed = 0;
 for (const name of kViewers) await check(name, () => checkPicture(name, job));
+for (const name of kLevels) await check(`${name}, double coordinates`, () => checkPicture(name, double));
 for (const name of kAdding) await check(`${name}, tiles that add`, () => checkPicture(name, adding));
 await check('tiles_renderer, a folder of files', checkExported);
 await check('cesium, on the globe', checkOnGlobe);

@@ -10,6 +10,12 @@
 
 namespace stipple::proto {
 
+/// How far what a file holds may be from the input, in input units: no farther, in the mean and at
+/// the farthest place.
+struct FileError {
+    double mean = 0, max = 0;
+};
+
 /// One encoded file of a result.
 struct OutputFile {
     CloudFormat format = CloudFormat::Ply;
@@ -17,6 +23,7 @@ struct OutputFile {
     std::string sha256;  ///< of the bytes; also the strong ETag
     std::string href;    ///< where it is served: absolute path on the server, relative file name in an exported folder
     std::optional<LodTile> tile{};  ///< of a `glb`: what it holds, without the streams
+    std::optional<FileError> error{};  ///< of a `drc`, where that of its cloud was measured: with what rounding may add
 };
 
 /// A picture: PNG.
@@ -66,6 +73,7 @@ struct OutputCloud {
     std::vector<OutputFile> files;  ///< one per format; of `glb` one per tile
     std::optional<ErrorFigures> error{};      ///< as an approximation of the input, where measured
     std::optional<LodFigures> decoded{};      ///< of its tiles as they decode, all together
+    std::optional<Vec3d> origin{};  ///< `PointCloud::origin`: positions of its Draco file are relative to it
     std::vector<CloudAttribute> attributes{};  ///< as `CloudStatistics`: the order of generic attributes in the files
     std::optional<MeasuredBound> bound{};      ///< of a job with `max_error`
     std::optional<CurveError> curve{};         ///< of a job that makes a curve; it has no files then
@@ -89,12 +97,12 @@ struct JobCost {
 ///     {"schema": "stipple-results/1" | "stipple-pyramid/1" | "stipple-evaluation/1", "complete": true, "request": {…},
 ///      "source": {cloud statistics, "sha256"}, "method": "multiphase",
 ///      "levels": [{"level": 0, "points": 8396, "spacing": 0.5, "bounds": {"min": [x, y, z], "max": […]},
-///                  "attributes": [{"name", "type", "components"}],
-///                  "files": [{"format": "drc", "bytes": 20000, "sha256": "…", "href": "…"},
+///                  "origin": [x, y, z], "attributes": [{"name", "type", "components"}],
+///                  "files": [{"format": "drc", "bytes": 20000, "sha256": "…", "href": "…", "error": {"mean", "max"}},
 ///                            {"format": "glb", …, "tile": {"parent": 0, "points": 8396, "bits": 9, "step": 0.01,
 ///                             "offset": [x, y, z], "last": [511, 400, 300], "error": {"mean", "max", "p99", "mean_confidence", "samples"},
 ///                             "spacing": 0.5, "cover_radius": 0.9}}],
-///                  "decoded": {"error": {as that of a tile}, "spacing", "cover_radius"},
+///                  "decoded": {"bits" of its tiles, "error": {as that of a tile}, "spacing", "cover_radius"},
 ///                  "error": {as in evaluation.hpp},
 ///                  "bound": {"max_error": 0.1, "forward": 0.08, "backward": 0.09, "samples": 400000, "sampling": "particles",
 ///                            "tries": 30, "whole": false},
@@ -116,6 +124,10 @@ struct Results {
 };
 /// The method by which a job makes points; none when it makes none.
 std::optional<Method> method_of(const JobRequest& request) noexcept;
+/// Raises the mean, the maximum and the 99 % of each tile's error to those of the tiles below it. Each
+/// tile is measured at places of its own, and by few of them chance can make a finer one's larger;
+/// what is published is no smaller above than below, along every path.
+void raise_tile_errors(Results& pyramid);
 std::string to_json(const Results& results);
 /// What an evaluation found, the reply to `POST /v1/evaluations` and the figures of `stipple
 /// evaluate`: of one candidate its error with `candidate` {id, points} and `files`; of several

@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace stipple::proto {
@@ -25,19 +26,50 @@ struct TilesetFile {
     std::string json;
 };
 
+/// What the geometric error of a tile follows.
+enum class TilesetError {
+    Max,      ///< the larger of its maximum error and its spacing; of a leaf its spacing
+    Mean,     ///< `avg`: its mean error
+    P99,      ///< its error at 99 % of the surface
+    Spacing,  ///< its spacing
+};
+std::string_view to_string(TilesetError error) noexcept;
+/// @throws Error(InvalidArgument) for another name than `max`, `avg`, `p99`, `spacing`.
+TilesetError tileset_error_from_name(std::string_view name);
+
+/// How a tileset is written.
+struct TilesetOptions {
+    static constexpr double kLeastScale = 1e-6, kMostScale = 1e6;
+
+    std::size_t max_tiles = 5'000;  ///< of a file, at least 1
+    TilesetError error = TilesetError::Max;
+    double error_scale = 1;  ///< times that, kLeastScale..kMostScale: above 1 viewers load more
+
+    friend bool operator==(const TilesetOptions&, const TilesetOptions&) = default;
+};
+/// @throws Error(InvalidArgument) naming the field, its value and the limit.
+void validate(const TilesetOptions& options);
+
+/// The options in an address, as `?error=avg&errorScale=2`; empty of the defaults. `max_tiles` is
+/// not told.
+std::string tileset_query(const TilesetOptions& options);
+
 /// The pyramid as a 3D Tiles 1.1 tileset: an explicit tree of the tiles of `results.levels`, with
 /// REPLACE refinement, or ADD where its tiles are additive; the same while levels are still to
 /// come. Addresses of tiles are relative, by their hash, or the `data:` URI that is their `href`. A
-/// tree of more than `max_tiles` goes on in files of its own, which the first names.
+/// tree of more than `max_tiles` goes on in files of its own, which the first names, with
+/// `tileset_query`.
 ///
-/// The geometric error of a tile is the larger of its maximum error and its spacing, and no less
-/// than those of the tiles below; that of a leaf is its spacing, and that of the whole the diagonal
-/// of the box; none is less than a step. Boxes are those of the tile's points and of the tiles below, turned by the transform
+/// The geometric error of a tile is what `options` say, and no less than those of the tiles below;
+/// by default that of a leaf is its spacing and none is less than a step; of the others none is less
+/// than a quarter of a step, by which rounding alone moves a point in the mean. That of the whole is
+/// at least the diagonal of the box. Boxes are those of the tile's points and of the tiles below, turned by the transform
 /// of the root: on the globe they stand upright and fit as they do elsewhere. Error (mean, max, p99),
-/// spacing, cover radius, points, bits and bytes of a tile stand in its `extras`. The root has the
+/// spacing, cover radius, points, bits and bytes of a tile stand in its `extras` and, without the bytes, as metadata
+/// of the class `lod` of the schema in each file. The root has the
 /// transform from the tiles' coordinates to those of the file, or to where
 /// `PyramidJob::transform` or `epsg` takes these.
 /// @return none where no level has tiles.
-std::vector<TilesetFile> tileset_files(const Results& results, std::size_t max_tiles = 5'000);
+std::vector<TilesetFile> tileset_files(const Results& results, const TilesetOptions& options = {});
 
 }  // namespace stipple::proto

@@ -1,17 +1,19 @@
 import { setLoaderOptions } from '@loaders.gl/core';
 import { BufferAttribute, BufferGeometry, Points, PointsMaterial } from 'three';
-import { show } from 'readme:loaders.gl, one level?levels,attributes';
+import { show } from 'readme:loaders.gl, one level?levels,origin,attributes';
 
 import { job, server, tell } from './asked.js';
 import { camera, renderer, scene } from './three_scene.js';
 
 // Offline: its own copies of what it would fetch from a CDN.
 setLoaderOptions({ core: { worker: false }, modules: { 'draco_wasm_wrapper.js': '/draco/draco_wasm_wrapper.js', 'draco_decoder.wasm': '/draco/draco_decoder.wasm' } });
-const { levels, attributes } = await show({ server, job });
+const { levels, origin, attributes } = await show({ server, job });
 const geometry = new BufferGeometry();
 geometry.setAttribute('position', attributeOf(attributes.POSITION));
 if (attributes.COLOR_0) geometry.setAttribute('color', attributeOf(attributes.COLOR_0));
-scene.add(new Points(geometry, new PointsMaterial({ size: 2 * levels.at(-1).spacing, vertexColors: Boolean(attributes.COLOR_0) })));
+const points = new Points(geometry, new PointsMaterial({ size: 2 * levels.at(-1).spacing, vertexColors: Boolean(attributes.COLOR_0) }));
+points.position.set(...origin);
+scene.add(points);
 renderer.render(scene, camera);
 tell({ points: geometry.getAttribute('position').count });
 
