@@ -1,5 +1,6 @@
 #pragma once
 
+#include "box_of_most.hpp"
 #include "boxed_cloud.hpp"
 #include "first_touch.hpp"
 #include "parallel_for.hpp"
@@ -15,7 +16,8 @@
 namespace stipple {
 
 /// Brings clouds to where floats are at their best, and back: the middle of the reference's box
-/// lies at 0, and its diagonal is between 1 and 2.
+/// lies at 0, and its diagonal is between 1 and 2. Where a few points lie far off, the middle is that
+/// of the box about most: about 0 floats are at their best.
 struct ErrorFrame {
     Vec3d center = Vec3d::Zero();
     double scale = 1;  ///< a power of two, so that nothing is lost on the way there and back
@@ -25,7 +27,17 @@ struct ErrorFrame {
         const double diagonal = reference.diagonal();
         if (diagonal > 0) scale = std::ldexp(1.0, -std::ilogb(diagonal));
     }
-    explicit ErrorFrame(const BoxedCloud& reference) : ErrorFrame(reference.box) {}
+    ErrorFrame(const Aabb& reference, const PointCloud& cloud) : ErrorFrame(reference) {
+        constexpr double kFarOff = 64;  // as `choose_origin` has it
+        const Aabb most = box_of_most(some_of(cloud.size(), [&](std::size_t i) -> Vec3d {
+            return cloud.origin + cloud.positions[i].cast<double>();
+        }));
+        const double side = longest_side(most);
+        if (side > 0 && longest_side(reference) > kFarOff * side)
+            center = 0.5 * (most.min + most.max);
+    }
+    explicit ErrorFrame(const BoxedCloud& reference)
+        : ErrorFrame(reference.box, reference.cloud) {}
 
     std::vector<Vec3f> into(const PointCloud& cloud, const RunContext& context) const {
         return into(

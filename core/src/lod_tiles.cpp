@@ -252,7 +252,7 @@ LodTiler::LodTiler(const PointCloud& source, const LodTileOptions& options,
     State& state = *state_;
     state.options = options;
     state.box = bounds(source);
-    state.frame = ErrorFrame(state.box);
+    state.frame = ErrorFrame(state.box, source);
     state.rounding = {.side = (state.box.max - state.box.min).maxCoeff() * state.frame.scale,
                       .tolerance = options.tolerance,
                       .position_bits = options.position_bits};
