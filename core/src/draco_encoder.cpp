@@ -5,13 +5,16 @@
 #include "attribute_name.hpp"
 #include "box_of_most.hpp"
 #include "chain_order.hpp"
+#include "gaps.hpp"
 #include "in_quotes.hpp"
 #include "parallel_for.hpp"
+#include "point_tree.hpp"
 #include "stipple/codec.hpp"
 #include "stipple/error.hpp"
 
 #include <draco/compression/expert_encode.h>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstring>
@@ -97,19 +100,45 @@ unsigned bits_for(double precision, const Extent& extent) {
     return std::max(1U, static_cast<unsigned>(bits));
 }
 
-/// A few points far off would leave the others a few steps of the grid: then the bits are those of
-/// the box about most points. 0, exact floats, where the decoder's single precision would not hold
-/// so many.
+/// Whether a grid leaves points that are spread over all of a cloud few places: fewer than half as
+/// many as a curve through its box would have.
+bool crowds(std::vector<Vec3d> some, double side, unsigned bits) {
+    if (some.size() < 2) return false;
+    Vec3d low = some.front();
+    for (const Vec3d& p : some) low = low.cwiseMin(p);
+    const double last = std::exp2(bits) - 1;
+    std::vector<std::array<double, 3>> places;
+    for (const Vec3d& p : some) {
+        const Vec3d at = ((p - low) * (last / side)).array().round();
+        places.push_back({at.x(), at.y(), at.z()});
+    }
+    std::ranges::sort(places);
+    const auto repeated = std::ranges::unique(places);
+    const double distinct = static_cast<double>(places.size() - repeated.size());
+    return 2 * distinct < std::min(static_cast<double>(some.size()), last + 1);
+}
+
+/// A few points far off, or parts far apart, would leave the others a few steps of the grid: then
+/// the bits are those of the box about most points, and of steps no longer than the spacing. 0,
+/// exact floats, where the decoder's single precision would not hold so many.
 unsigned bits_for_most(std::span<const Vec3f> positions, const Extent& extent,
-                       const DracoEncodeOptions& options) {
+                       const DracoEncodeOptions& options, const RunContext& context) {
     constexpr double kFar = 16;
     constexpr unsigned kMostOfFloat = 22;
-    const double most = longest_side(box_of_most(some_of(
-        positions.size(), [&](std::size_t i) { return Vec3d(positions[i].cast<double>()); })));
-    if (!(most > 0) || extent.side <= kFar * most) return options.position_bits;
-    const auto more = static_cast<unsigned>(std::ceil(std::log2(extent.side / most)));
-    const unsigned bits = options.position_bits + more;
-    if (bits <= kMostOfFloat) return bits;
+    const std::vector<Vec3d> some = some_of(
+        positions.size(), [&](std::size_t i) { return Vec3d(positions[i].cast<double>()); });
+    const double most = longest_side(box_of_most(some));
+    if (!(most > 0)) return options.position_bits;
+    unsigned bits = options.position_bits;
+    if (extent.side > kFar * most) {
+        bits += static_cast<unsigned>(std::ceil(std::log2(extent.side / most)));
+    } else if (crowds(some, extent.side, bits)) {
+        const double spacing = median_gap(PointTree(positions, PointTree::Leaves::Loose, context));
+        if (spacing > 0)
+            bits = std::max(
+                bits, static_cast<unsigned>(std::ceil(std::log2(extent.side / spacing + 1))));
+    }
+    if (bits <= std::max(kMostOfFloat, options.position_bits)) return bits;
     return options.coding == DracoCoding::KdTree ? std::min(bits, kMostBits) : 0;
 }
 
@@ -343,7 +372,7 @@ std::vector<std::byte> encode(Cloud& cloud, const DracoEncodeOptions& options,
     if (position_bits != 0 || options.precision) {
         const Extent extent = extent_of(cloud.positions);
         position_bits = options.precision ? bits_for(*options.precision, extent)
-                                          : bits_for_most(cloud.positions, extent, options);
+                                          : bits_for_most(cloud.positions, extent, options, context);
     }
     if (cloud.empty()) position_bits = 0;
     context.checkpoint(0);

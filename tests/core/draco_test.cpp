@@ -6,12 +6,14 @@
 #include <gtest/gtest.h>
 #include <sys/resource.h>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdlib>
 #include <cstring>
 #include <map>
 #include <numeric>
 #include <random>
+#include <set>
 #include <utility>
 
 namespace stipple {
@@ -216,6 +218,17 @@ TEST_P(DracoCodings, KeepsTheOthersWhereTheyAreWhenAPointLiesFarOff) {
         const bool rounded = GetParam() == DracoCoding::KdTree && far > 1e6F;
         EXPECT_LE(worst, rounded ? 0.5 : 7e-4) << far;
     }
+}
+
+TEST_P(DracoCodings, TellsThePointsOfPartsFarApartFromEachOther) {
+    PointCloud cloud = test::sphere(2'000);
+    const std::size_t half = cloud.size();
+    for (std::size_t i = 0; i < half; ++i)
+        cloud.positions.push_back(cloud.positions[i] + Vec3f(3e4F, 0, 0));
+    const PointCloud back = round_trip(cloud, {.position_bits = 11, .coding = GetParam()});
+    std::set<std::array<float, 3>> places;
+    for (const Vec3f& p : back.positions) places.insert({p.x(), p.y(), p.z()});
+    EXPECT_GT(places.size(), cloud.size() / 2);
 }
 
 INSTANTIATE_TEST_SUITE_P(Codings, DracoCodings,
