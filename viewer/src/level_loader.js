@@ -130,7 +130,7 @@ export class LevelLoader {
     }
 
     async show(level, geometry) {
-        level.geometry = await prepare(geometry, level.spacing);
+        level.geometry = await prepare(geometry, level, this.signal);
         if (level.hasEllipses) {
             await this.readEllipses(level);
         }
@@ -279,10 +279,11 @@ function geometryOf(decoder) {
 }
 
 /** Splat sizes and missing normals, in the one attribute that the shader reads. */
-async function prepare(geometry, spacing) {
+async function prepare(geometry, level, signal) {
     const position = geometry.getAttribute('position');
     const normals = geometry.getAttribute('normal')?.array ?? null;
-    const { positions, surface } = await estimateSurfaceInWorker(position.array, normals, spacing);
+    const { positions, surface, spacing } = await estimateSurfaceInWorker(position.array, normals, level.spacing, signal);
+    level.spacing = spacing;
     geometry.setAttribute('position', new BufferAttribute(positions, 3));
     geometry.setAttribute('surface', new BufferAttribute(surface, 4, true));
     geometry.deleteAttribute('normal');

@@ -11,21 +11,47 @@ export function preloadSurface() {
     }
 }
 
-/** `estimateSurface` beside the page. Takes `positions` over and gives it back. */
-export function estimateSurfaceInWorker(positions, normals, spacing) {
-    return ask({ positions, normals, spacing }, positions.buffer);
+/**
+ * `estimateSurface` beside the page, by `robustSpacing`, which it gives too. Takes `positions` over and gives it back. When the
+ * signal says that nobody waits any more, the work ends.
+ */
+export function estimateSurfaceInWorker(positions, normals, spacing, signal) {
+    return ask({ positions, normals, spacing }, positions.buffer, signal);
 }
 
 /** The same of the points in a glb, with their colours or null and their attributes. Takes `glb` over. */
-export const readTileInWorker = (glb, spacing) => ask({ glb, spacing }, glb);
+export const readTileInWorker = (glb, spacing, signal) => ask({ glb, spacing }, glb, signal);
 
-function ask(message, buffer) {
-    const { worker, waiting } = leastBusy();
-    return new Promise((resolve, reject) => {
-        lastId += 1;
-        waiting.set(lastId, { resolve, reject });
-        worker.postMessage({ id: lastId, ...message }, [buffer]);
-    });
+async function ask(message, buffer, signal) {
+    signal?.throwIfAborted();
+    const self = leastBusy();
+    const id = lastId += 1;
+    const giveUp = () => {
+        const { reject } = self.waiting.get(id);
+        self.waiting.delete(id);
+        if (self.waiting.size === 0) {
+            end(self);
+        }
+        reject(signal.reason);
+    };
+    signal?.addEventListener('abort', giveUp, { once: true });
+    try {
+        return await new Promise((resolve, reject) => {
+            self.waiting.set(id, { resolve, reject });
+            self.worker.postMessage({ id, ...message }, [buffer]);
+        });
+    } finally {
+        signal?.removeEventListener('abort', giveUp);
+    }
+}
+
+/** Whatever it is at: a worker cannot be told to stop. */
+function end(self) {
+    self.worker.terminate();
+    const at = workers.indexOf(self);
+    if (at >= 0) {
+        workers.splice(at, 1);
+    }
 }
 
 function leastBusy() {
@@ -42,21 +68,20 @@ function started() {
     const waiting = new Map();
     const self = { worker, waiting };
     const fail = (id, reason) => {
-        waiting.get(id).reject(new Error(reason));
+        waiting.get(id)?.reject(new Error(reason));
         waiting.delete(id);
     };
     worker.onmessage = ({ data }) => {
         if (data.failure) {
             fail(data.id, data.failure);
         } else {
-            waiting.get(data.id).resolve(data);
+            waiting.get(data.id)?.resolve(data);  // unless it was given up
             waiting.delete(data.id);
         }
     };
     worker.onerror = () => {
         [...waiting.keys()].forEach((id) => fail(id, 'estimating the surface ran out of memory'));
-        worker.terminate();
-        workers.splice(workers.indexOf(self), 1);
+        end(self);
     };
     return self;
 }

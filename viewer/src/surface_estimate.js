@@ -9,6 +9,33 @@ const kSpacingNeighbor = 5;     // the sixth nearest: a hexagonal ring
 const kRadiusByDistance = 1.15; // a hexagonal arrangement is closed from 0.58 on, a random one from 0.95, and scans have gaps
 const kRadiusByReach = 0.6;     // of the farthest neighbour: where the nearest ones stand in a bunch, the surface lies beyond them
 const kFull = 32767;
+const kMostMet = 1024;          // points looked at for one: of more in one place, those that come first are enough
+const kAskedForGap = 31;        // points that tell a spacing
+const kFarOff = 4;              // median gaps: a longer spacing is that of a few points far off
+
+/**
+ * A spacing that a few points far off do not stretch: a mean of theirs would put all others into one cell.
+ * @returns {number} `spacing`, or the middle one of some points' distances to the nearest in another place, where that is far less
+ */
+export function robustSpacing(positions, spacing) {
+    const count = positions.length / 3;
+    const gaps = [];
+    for (let asked = 0; asked < kAskedForGap; asked += 1) {
+        const at = 3 * Math.floor((asked + 0.5) * count / kAskedForGap);
+        const x = positions[at], y = positions[at + 1], z = positions[at + 2];
+        let least = Infinity;
+        for (let i = 0; i < positions.length; i += 3) {
+            const dx = positions[i] - x, dy = positions[i + 1] - y, dz = positions[i + 2] - z;
+            const distanceSq = dx * dx + dy * dy + dz * dz;
+            if (distanceSq > 0 && distanceSq < least) {
+                least = distanceSq;
+            }
+        }
+        gaps.push(Math.sqrt(least));
+    }
+    const median = gaps.sort((a, b) => a - b)[kAskedForGap >> 1];
+    return spacing > kFarOff * median ? median : spacing;
+}
 
 /**
  * @param {Float32Array} positions  x y z of each point
@@ -125,13 +152,15 @@ class PointGrid {
         const x = positions[3 * at], y = positions[3 * at + 1], z = positions[3 * at + 2];
         const cx = this.cell(x), cy = this.cell(y), cz = this.cell(z);
         nearest.count = 0;
+        let left = kMostMet;
         for (let kz = cz - ring; kz <= cz + ring; kz += 1) {
             for (let ky = cy - ring; ky <= cy + ring; ky += 1) {
                 const row = rowOf(ky, kz);
                 const hash = rowHash(ky, kz);
                 for (let kx = cx - ring; kx <= cx + ring; kx += 1) {
                     const bucket = (hash + kx) & mask;
-                    const end = starts[bucket + 1];
+                    const end = Math.min(starts[bucket + 1], starts[bucket] + left);
+                    left -= end - starts[bucket];
                     for (let other = starts[bucket]; other < end; other += 1) {
                         if (rows[other] === row && other !== at) {
                             const dx = positions[3 * other] - x;

@@ -75,7 +75,8 @@ export class TileStream {
             } else {
                 const glb = await persist(() => getBytes(address, this.signal), this.patience);
                 bytes = glb.byteLength;
-                const read = await readTileInWorker(glb, tile.spacing);
+                const read = await readTileInWorker(glb, tile.spacing, this.signal);
+                tile.spacing = read.spacing;
                 tile.cloud = geometryOf(read);
                 tile.attributes = read.attributes;
                 tile.points = tile.cloud.getAttribute('position').count;

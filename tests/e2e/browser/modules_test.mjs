@@ -22,6 +22,17 @@ test('Estimated normals of a sphere point along its radius', async () => {
     });
 });
 
+test('A point far off does not stretch the spacing, and many points in one place take no time', async () => {
+    const { estimateSurface, robustSpacing } = await moduleOf('surface_estimate.js');
+    const points = Float32Array.from([...spherePoints(20_000), [1e8, 0, 0]].flat());
+    const spacing = robustSpacing(points, 5000);
+    assert.ok(spacing > 0.01 && spacing < 0.06, `spacing ${spacing}`);
+    assert.equal(robustSpacing(points, 0.02), 0.02);
+    const start = performance.now();
+    estimateSurface(new Float32Array(3 * 50_000), null, 1);
+    assert.ok(performance.now() - start < 15_000);
+});
+
 test('Opposite points of a random sphere are no neighbours', async () => {
     const { estimateSurface } = await moduleOf('surface_estimate.js');
     const fraction = (i, step) => (i * step) % 1;
