@@ -186,9 +186,14 @@ struct LodTiler::State {
                     as_level(tiles[t]);
             });
         }
+        // Few points far off can have a tile of their own, whose spacing is the way to the others.
+        constexpr std::size_t kFew = 8;
+        const bool all_few =
+            std::ranges::all_of(tiles, [](const LodTile& tile) { return tile.points < kFew; });
         figures.spacing = 0;
         std::uint64_t points = 0;
         for (const LodTile& tile : tiles) {
+            if (tile.points < kFew && !all_few) continue;
             figures.spacing += tile.spacing * static_cast<double>(tile.points);
             points += tile.points;
         }
