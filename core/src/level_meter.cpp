@@ -43,10 +43,7 @@ unsigned drawn_rounds(const PointTree& tree, unsigned least) {
 MeasuredLevel::MeasuredLevel(std::vector<Vec3f>&& points_, const RunContext& context)
     : points(std::move(points_)) {
     // In a crowd at one place every search for the nearest few looks at all of it.
-    std::size_t places_taken = points.empty() ? 0 : 1;
-    for (std::size_t i = 1; i < points.size(); ++i)
-        places_taken += points[i] != points[i - 1] ? 1 : 0;
-    if (2 * places_taken < points.size())
+    if (is_crowd(points.size(), [&](std::size_t i) -> const Vec3f& { return points[i]; }))
         std::ranges::unique_copy(points, std::back_inserter(apart));
     tree = std::make_unique<PointTree>(samples(), PointTree::Leaves::Given, context);
 }

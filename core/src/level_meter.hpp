@@ -14,6 +14,15 @@
 
 namespace stipple {
 
+/// Whether most points, in the order of a curve, have another one at their place.
+template <typename PointAt>
+bool is_crowd(std::size_t count, PointAt&& point_at) {
+    std::size_t places = 0;
+    for (std::size_t i = 0; i < count; ++i)
+        places += i == 0 || point_at(i) != point_at(i - 1) ? 1 : 0;
+    return 2 * places < count;
+}
+
 /// Points of a level, in the order of a curve, and how far the source is from their surface.
 struct MeasuredLevel {
     std::vector<Vec3f> points;

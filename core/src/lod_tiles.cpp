@@ -94,8 +94,8 @@ struct LodTiler::State {
         error.candidate_diagonal = bounds(level).diagonal();
         if (unrounded == nullptr) return error;
         meter.measure_at_some(*unrounded, context);
-        error.forward = summarize_places(unrounded->distances, unrounded->areas,
-                                         unrounded->endless, frame, context);
+        error.forward = summarize_places(unrounded->distances, unrounded->areas, unrounded->endless,
+                                         frame, context);
         error.backward = estimate_backward(*meter.surface(context), unrounded->points,
                                            *unrounded->tree, frame, context);
         return error;
@@ -241,9 +241,10 @@ struct LodTiler::State {
         tile.step = grid_taken.step / frame.scale;
         for (int axis = 0; axis < 3; ++axis)
             tile.offset[axis] = static_cast<double>(least[axis]) * tile.step;
-        tile.spacing = mean_gap(*level.tree, members.size(), asked,
-                                [&](std::size_t i) { return level.points[members[i]]; }) /
-                       frame.scale;
+        const auto point_at = [&](std::size_t i) { return level.points[members[i]]; };
+        tile.spacing = is_crowd(members.size(), point_at)
+                           ? 0
+                           : mean_gap(*level.tree, members.size(), asked, point_at) / frame.scale;
         tile.streams = encode_streams(cloud, at.numbers, at.sorted, options.attributes, at.encoder);
     }
 };
