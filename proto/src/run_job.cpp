@@ -445,9 +445,10 @@ private:
                 if (points == finest_points_) files[i] = {write_finest(made, format, context)};
             } else {
                 files[i] = {write(made, format, options.draco, context)};
-                if (format == CloudFormat::Draco && error)
+                if (const auto& of_level = line.level->error;
+                    format == CloudFormat::Draco && of_level)
                     files[i].front().error =
-                        draco_error(error->error, options.draco, line.level->bounds);
+                        draco_error(of_level->error, options.draco, line.level->bounds);
             }
         };
         for (const bool draco : {false, true})

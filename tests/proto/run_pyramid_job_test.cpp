@@ -203,6 +203,10 @@ TEST_P(PyramidOfDegenerate, HasNoEmptyTileNoBoxOfNoSizeAndFiniteFigures) {
             EXPECT_EQ(fs::file_size(folder_ / "out" / file.href), file.bytes);
             if (file.format != CloudFormat::Glb) {
                 EXPECT_EQ(read_cloud(folder_ / "out" / file.href).size(), level.points);
+                if (file.format == CloudFormat::Draco && level.error) {
+                    ASSERT_TRUE(file.error);
+                    EXPECT_GE(file.error->mean, level.error->error.mean());
+                }
                 continue;
             }
             EXPECT_GE(file.tile->points, 1U);
