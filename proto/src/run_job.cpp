@@ -448,7 +448,7 @@ private:
                 if (const auto& of_level = line.level->error;
                     format == CloudFormat::Draco && of_level)
                     files[i].front().error =
-                        draco_error(of_level->error, options.draco, line.level->bounds);
+                        draco_error(of_level->error, options.draco, *line.level);
             }
         };
         for (const bool draco : {false, true})
@@ -461,12 +461,16 @@ private:
         report_(line);
     }
 
-    /// That of a cloud, with what its Draco file rounds.
-    static FileError draco_error(const SurfaceError& error, const DracoEncodeOptions& draco,
-                                 const Aabb& box) {
-        const double side = (box.max - box.min).maxCoeff();
-        const FileError added = error_of_step(longest_step(draco, side));
-        return {error.mean() + added.mean, error.max() + added.max};
+    /// That of a level, with what its Draco file rounds; nothing where steps would be longer than
+    /// its spacing: the file then has shorter ones, or exact floats.
+    static std::optional<FileError> draco_error(const SurfaceError& error,
+                                                const DracoEncodeOptions& draco,
+                                                const OutputCloud& level) {
+        const double step =
+            longest_step(draco, (level.bounds.max - level.bounds.min).maxCoeff());
+        if (step > level.spacing) return std::nullopt;
+        const FileError added = error_of_step(step);
+        return FileError{error.mean() + added.mean, error.max() + added.max};
     }
 
     /// How much of `encode` is done once `more` points are.
