@@ -19,7 +19,7 @@ struct ProgressiveDecoder::State {
     // What the walk asks; the bits tell.
     RangeDecoder coder;
     static void begin_round(std::size_t /*known*/, std::size_t /*target*/) {}
-    static bool lies_in(const Cell& /*cell*/, unsigned /*lift*/) { return false; }
+    static bool lies_in(const Cell& /*cell*/) { return false; }
     static void begin_far() {}
     static bool has_far(std::size_t /*parent*/) { return false; }
     static Cell next_cell() { return {}; }

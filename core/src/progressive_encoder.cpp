@@ -211,7 +211,7 @@ public:
     // What the walk asks.
     RangeEncoder coder;
     void begin_round(std::size_t known, std::size_t target);
-    bool lies_in(const Cell& cell, unsigned lift);
+    bool lies_in(const Cell& cell);
     void begin_far();
     bool has_far(std::size_t parent);
     Cell next_cell() const { return waiting_[coming_ - first_]; }
@@ -246,7 +246,7 @@ void Encoder::begin_round(std::size_t known, std::size_t target) {
     by_cell_ = CellBlocks(waiting_, lift_);
 }
 
-bool Encoder::lies_in(const Cell& cell, unsigned /*lift*/) {
+bool Encoder::lies_in(const Cell& cell) {
     bool found = false;
     by_cell_.for_each_in(cell, waiting_, [&](Index i) {
         if (came_[i]) return true;

@@ -18,7 +18,7 @@ namespace stipple {
 ///     coder                 RangeEncoder or RangeDecoder
 ///     fine_cell(i)          where a point lies on the grid of the batch
 ///     begin_round(k, n)     points k up to n are to come
-///     lies_in(cell, lift)   whether one of them that has not come lies in a cell of 2^lift steps,
+///     lies_in(cell)         whether one of them that has not come lies in a cell of 2^lift steps,
 ///                           which is then the next to come
 ///     begin_far()           from now on those that are left are told by offsets
 ///     has_far(i)            whether one of these is told by its offset from point i, ...
@@ -196,7 +196,7 @@ bool ProgressiveWalk::look_around(Side& side) {
                          middle[2] >> (lift_ + 1)};
     const double nearest = visit_.found > 0 ? 0 : nearest_new(middle);
     if (!model_.code_candidate(side.coder, candidate, nearest, visit_.found,
-                               side.lies_in(lifted, lift_))) {
+                               side.lies_in(lifted))) {
         ++visit_.next;
         visit_.found = 0;
         return true;
