@@ -149,8 +149,9 @@ void pyramid(Session& session, const std::string& name, const std::string& model
             contestants.push_back(
                 {.name = "its finest cut alone", .run = [=, &model]() -> std::any {
                      const std::uint64_t finest = sizes[sizes.size() - 2];
-                     return hierarchical_clustering(
-                         model.cloud, exactly(finest, options.representative), on_threads(threads));
+                     return hierarchical_clustering(model.cloud,
+                                                    exactly(finest, Representative::Nearest),
+                                                    on_threads(threads));
                  }});
         session.contest({.name = name,
                          .threads = threads,

@@ -7,6 +7,7 @@
 #include "nested_order.hpp"
 #include "parallel_for.hpp"
 #include "representatives.hpp"
+#include "snapshots.hpp"
 #include "stipple/error.hpp"
 #include "stipple/neighbors.hpp"
 
@@ -31,8 +32,6 @@ constexpr std::size_t kBlock = 65'536;
     throw Error(ErrorCode::InvalidArgument, message);
 }
 
-using LevelOf = std::function<PointCloud(std::uint64_t points)>;
-
 /// Sizes that the coarsest level may have where it is to fit, smallest first.
 std::vector<std::uint64_t> sizes_to_try(std::uint64_t points, const LodPyramidOptions& options) {
     constexpr double kSmaller = 0.9;
@@ -49,9 +48,10 @@ std::vector<std::uint64_t> sizes_to_try(std::uint64_t points, const LodPyramidOp
 std::vector<std::uint64_t> with_fitting_base(std::span<const std::uint64_t> sizes,
                                              std::span<const std::uint64_t> tries,
                                              const LodPyramidOptions& options,
-                                             const LevelOf& level_of) {
+                                             const CloudOfSize& level_of,
+                                             const RunContext& context) {
     const auto too_large = std::ranges::partition_point(
-        tries, [&](std::uint64_t size) { return options.base_fits(level_of(size)); });
+        tries, [&](std::uint64_t size) { return options.base_fits(level_of(size, context)); });
     if (too_large == tries.begin()) refuse("base_fits: expected to take a level of one point");
     std::vector<std::uint64_t> fitting{*std::prev(too_large)};
     const double least = std::sqrt(options.ratio) * static_cast<double>(fitting[0]);
@@ -95,8 +95,9 @@ std::vector<LodLevel> cut_levels(const PointCloud& cloud, std::span<const Vec3f>
                                  std::span<const Index> order, ClusterTree& tree,
                                  std::span<const std::uint64_t> sizes,
                                  const LodPyramidOptions& options, const RunContext& context) {
+    const Representative representative = options.simplification.hierarchical.representative;
     const std::vector<Reduction> reductions =
-        reductions_for(cloud, options.reductions, options.representative);
+        reductions_for(cloud, options.simplification.reductions, representative);
     const std::vector<std::uint64_t> finest_first(sizes.rbegin(), sizes.rend());
     constexpr double kCut = 0.6, kGathered = 0.7;
     const std::vector<Cut> cuts = tree.cuts(finest_first, context.part(0, kCut));
@@ -116,21 +117,20 @@ std::vector<LodLevel> cut_levels(const PointCloud& cloud, std::span<const Vec3f>
             kGathered, 1.0, static_cast<double>(levels.size()) / static_cast<double>(cuts.size())));
         LodLevel& level = levels.emplace_back();
         level.cloud = representatives(cloud, MemberLists{ordered.index, cut->offsets, ordered},
-                                      options.representative, reductions, context);
+                                      representative, reductions, context);
         if (!order.empty())
             level.order = by_first_member(tree.members(), cut->offsets, cloud.size(), context);
     }
     return levels;
 }
 
-LevelOf cuts_of(const PointCloud& cloud, ClusterTree& tree, const LodPyramidOptions& options,
-                const RunContext& context) {
-    return [&cloud, &tree, &options, context](std::uint64_t points) {
+CloudOfSize cuts_of(const PointCloud& cloud, ClusterTree& tree, const SimplifyOptions& options) {
+    return [&cloud, &tree, &options](std::uint64_t points, const RunContext& context) {
         if (points == cloud.size()) return copy_of(cloud, context);
+        const Representative representative = options.hierarchical.representative;
         const std::vector<Index> offsets = tree.cut(points, context).offsets;
-        return representatives(
-            cloud, MemberLists{tree.members().data(), offsets}, options.representative,
-            reductions_for(cloud, options.reductions, options.representative), context);
+        return representatives(cloud, MemberLists{tree.members().data(), offsets}, representative,
+                               reductions_for(cloud, options.reductions, representative), context);
     };
 }
 
@@ -147,63 +147,65 @@ std::vector<Vec3f> in_order(std::span<const Vec3f> points, std::span<const Index
     return sorted;
 }
 
-/// Coarsest first.
-std::vector<PointCloud> snapshots(const PointCloud& cloud, std::span<const std::uint64_t> sizes,
-                                  const LodPyramidOptions& options, const RunContext& context) {
-    const std::vector<std::uint64_t> finest_first(sizes.rbegin(), sizes.rend());
-    std::vector<PointCloud> levels;
-    const auto keep = [&levels](PointCloud&& made) { levels.push_back(std::move(made)); };
-    IterativeSimplificationOptions contraction;
-    contraction.reductions = options.reductions;
-    if (options.method == Method::Iterative) {
-        iterative_snapshots(cloud, finest_first, contraction, keep, context);
-    } else {
-        multiphase_snapshots(cloud, finest_first, {.contraction = contraction}, keep, context);
-    }
-    std::ranges::reverse(levels);
-    return levels;
-}
-
-LevelOf prefixes_of(const PointCloud& cloud, const RunContext& context) {
-    return [&cloud, order = nested_order(cloud.positions, context)](std::uint64_t points) {
-        return subset(cloud, std::span(order).first(points));
+CloudOfSize prefixes_of(const PointCloud& cloud, const RunContext& context) {
+    return [&cloud, order = nested_order(cloud.positions, context)](std::uint64_t points,
+                                                                    const RunContext& run) {
+        return subset(cloud, std::span(order).first(points), run);
     };
 }
 
 /// Those of `sizes` and, where the base is to fit, of `tries`.
-LevelOf snapshots_of(const PointCloud& cloud, std::span<const std::uint64_t> sizes,
-                     std::span<const std::uint64_t> tries, const LodPyramidOptions& options,
-                     const RunContext& context) {
+CloudOfSize snapshots_of(const PointCloud& cloud, std::span<const std::uint64_t> sizes,
+                         std::span<const std::uint64_t> tries, const SimplifyOptions& options,
+                         const RunContext& context) {
     std::vector<std::uint64_t> all;
     std::ranges::set_union(sizes, tries, std::back_inserter(all));
-    std::map<std::uint64_t, PointCloud> levels;
     if (all.back() == cloud.size()) all.pop_back();
-    if (!all.empty()) {
-        std::vector<PointCloud> made = snapshots(cloud, all, options, context);
-        for (std::size_t i = 0; i < all.size(); ++i) levels[all[i]] = std::move(made[i]);
-    }
-    return [&cloud, context, levels = std::move(levels)](std::uint64_t points) {
-        return points == cloud.size() ? copy_of(cloud, context)
-                                      : copy_of(levels.at(points), context);
+    std::ranges::reverse(all);
+    std::map<std::uint64_t, PointCloud> levels;
+    make_snapshots(
+        cloud, options, all,
+        [&levels](PointCloud&& made) {
+            const std::uint64_t points = made.size();
+            levels[points] = std::move(made);
+        },
+        context);
+    return [&cloud, levels = std::move(levels)](std::uint64_t points, const RunContext& run) {
+        return copy_of(points == cloud.size() ? cloud : levels.at(points), run);
+    };
+}
+
+/// Each made when it is asked for, but the whole cloud.
+CloudOfSize own_runs_of(const PointCloud& cloud, const SimplifyOptions& options,
+                        const RunContext& context) {
+    return [&cloud, run = runs_of(cloud, options, context)](std::uint64_t points,
+                                                            const RunContext& level) {
+        return points == cloud.size() ? copy_of(cloud, level) : run(points, level);
     };
 }
 
 }  // namespace
 
 void validate(const LodPyramidOptions& options) {
-    constexpr std::array kWithLevels = {Method::Hierarchical, Method::Multiphase,
-                                        Method::Iterative};
-    if (std::ranges::find(kWithLevels, options.method) == kWithLevels.end()) {
-        refuse("method " + std::string(to_string(options.method)) +
-               ": expected hierarchical, multiphase or iterative for a pyramid");
-    }
-    if (options.nested && options.method != Method::Iterative) {
-        refuse("method " + std::string(to_string(options.method)) +
-               ": expected iterative for nested levels");
-    }
-    if (options.nested && !options.reductions.empty()) {
-        refuse("reductions: " + options.reductions.begin()->first +
-               ": points of nested levels keep their attributes");
+    SimplifyOptions method = options.simplification;
+    if (method.points || method.ratio || method.max_error || method.max_error_rel)
+        refuse("target: a pyramid has none: give levels, or ratio and base_points");
+    method.points = 1;
+    validate(method);
+    if (options.nested) {
+        if (method.method != Method::Iterative) {
+            refuse("method " + std::string(to_string(method.method)) +
+                   ": expected iterative for nested levels");
+        }
+        if (!method.reductions.empty()) {
+            refuse("reductions: " + method.reductions.begin()->first +
+                   ": points of nested levels keep their attributes");
+        }
+        if (method.iterative != IterativeSimplificationOptions{}) {
+            refuse(
+                "nested levels: their order follows the shape alone: expected no k, placement, "
+                "max_displacement, color_weight or attribute_weights");
+        }
     }
     for (std::size_t i = 0; i < options.sizes.size(); ++i) {
         if (options.sizes[i] == 0) refuse("levels: 0 points: expected at least 1");
@@ -265,8 +267,11 @@ void build(const PointCloud& cloud, const std::function<PointCloud()>& whole,
         refuse("order of " + std::to_string(options.order.size()) + " points: expected all " +
                std::to_string(cloud.size()));
     }
-    const bool cuts = options.method == Method::Hierarchical;
-    const double begin = options.spacing ? 0.7 : 0.95;  // all levels are there
+    const SimplifyOptions& method = options.simplification;
+    const bool cuts = method.method == Method::Hierarchical;
+    const bool at_once = options.nested || has_snapshots(method.method);
+    // Where levels are made one after the other, the coarsest is there before the finest is begun.
+    const double prepared = !at_once ? 0.1 : options.spacing ? 0.7 : 0.95;
     context.checkpoint(0.0);
 
     std::vector<Vec3f> sorted;
@@ -274,39 +279,49 @@ void build(const PointCloud& cloud, const std::function<PointCloud()>& whole,
     // The base is tried by clusters of the cloud's own points, and so it is cut.
     const std::span<const Index> order = cuts && !fits ? options.order : std::span<const Index>();
     std::unique_ptr<ClusterTree> tree;
-    LevelOf level_of;
+    CloudOfSize level_of;
+    const RunContext preparing = context.part(0, prepared);
     if (options.nested) {
-        level_of = prefixes_of(cloud, context.part(0, begin));
-    } else if (!cuts) {
-        level_of = snapshots_of(cloud, sizes, tries, options, context.part(0, begin));
-    } else {
+        level_of = prefixes_of(cloud, preparing);
+    } else if (cuts) {
         if (!order.empty()) points = sorted = in_order(points, order, context);
         tree = std::make_unique<ClusterTree>(points);
-        level_of = cuts_of(cloud, *tree, options, context.part(0, 0.6 * begin));
+        level_of = cuts_of(cloud, *tree, method);
+    } else if (at_once) {
+        level_of = snapshots_of(cloud, sizes, tries, method, preparing);
+    } else {
+        level_of = own_runs_of(cloud, method, preparing);
     }
-    if (fits) sizes = with_fitting_base(sizes, tries, options, level_of);
+    const RunContext quietly{.stop = context.stop, .progress = {}, .threads = context.threads};
+    if (fits) sizes = with_fitting_base(sizes, tries, options, level_of, quietly);
 
     unsigned level = 0;
     const double all =
         static_cast<double>(std::accumulate(sizes.begin(), sizes.end(), std::uint64_t{0}));
     double emitted = 0;
+    const auto progress = [&](double points_done) {
+        return std::lerp(prepared, 1.0, points_done / all);
+    };
     const auto emit = [&](LodLevel&& next) {
-        if (options.spacing) next.spacing = mean_spacing(next.cloud.positions, context);
+        if (options.spacing) next.spacing = mean_spacing(next.cloud.positions, quietly);
         emitted += static_cast<double>(next.cloud.size());
         next.level = level++;
         on_level(std::move(next));
-        context.checkpoint(std::lerp(begin, 1.0, emitted / all));
+        context.checkpoint(progress(emitted));
     };
     std::span<const std::uint64_t> made(sizes);  // all but the whole cloud, which is there
     if (made.back() == cloud.size() && !options.nested) made = made.first(made.size() - 1);
     if (!cuts) {
-        for (const std::uint64_t size : made) emit({.cloud = level_of(size)});
+        for (const std::uint64_t size : made) {
+            const double to = progress(emitted + static_cast<double>(size));
+            emit({.cloud = level_of(size, context.part(progress(emitted), to))});
+        }
         level_of = {};
         if (made.size() < sizes.size()) emit({.cloud = whole()});
         return;
     }
     std::vector<LodLevel> levels =
-        cut_levels(cloud, points, order, *tree, made, options, context.part(0, begin));
+        cut_levels(cloud, points, order, *tree, made, options, preparing);
     tree.reset();  // not needed while levels are encoded
     std::vector<Vec3f>().swap(sorted);
     for (LodLevel& next : levels) emit(std::move(next));

@@ -6,6 +6,7 @@
 #include "parallel_for.hpp"
 #include "particle_density.hpp"
 #include "particle_relaxation.hpp"
+#include "particle_simulator.hpp"
 #include "particle_spread.hpp"
 #include "particle_surface.hpp"
 #include "representatives.hpp"
@@ -59,11 +60,14 @@ template <typename... Parts>
     throw Error(ErrorCode::InvalidArgument, message.str());
 }
 
+void check_count(std::uint64_t particles) {
+    constexpr auto kMost = std::numeric_limits<Index>::max();
+    if (particles == 0 || particles > kMost)
+        refuse("target_size ", particles, ": expected 1..", kMost);
+}
+
 void check(const ParticleSimulationOptions& options, const PointCloud& cloud) {
     if (cloud.empty()) refuse("the cloud has no points: expected at least 1");
-    constexpr auto kMost = std::numeric_limits<Index>::max();
-    if (options.target_size == 0 || options.target_size > kMost)
-        refuse("target_size ", options.target_size, ": expected 1..", kMost);
     if (!(options.adaptivity >= 0 && options.adaptivity <= 1))
         refuse("adaptivity ", options.adaptivity, ": expected 0..1");
     if (!(options.max_grading >= 1 && std::isfinite(options.max_grading)))
@@ -74,21 +78,23 @@ void check(const ParticleSimulationOptions& options, const PointCloud& cloud) {
     validate(options.regions, cloud);
 }
 
-/// The numbers of the points that stand for the surface, along a space-filling curve: all of them,
-/// or, for a uniform simplification, as many as particles can tell apart.
-std::vector<Index> choose_samples(const PointCloud& cloud, const ParticleSimulationOptions& options,
-                                  const RunContext& context) {
-    std::vector<Index> order = hilbert_order(cloud.positions, context);
-    const std::size_t n = order.size();
+/// How many points stand for the surface: all of them, or, for a uniform simplification, as many as
+/// particles can tell apart.
+std::size_t sample_count(std::size_t points, std::size_t particles,
+                         const ParticleSimulationOptions& options) {
     const bool uniform = options.adaptivity == 0 && options.regions.empty();
-    const std::size_t count =
-        uniform ? std::min<std::size_t>(n, kSamplesPerParticle * options.target_size) : n;
-    if (count == n) return order;
+    return uniform ? std::min(points, kSamplesPerParticle * particles) : points;
+}
+
+/// Every so many-th, that `count` are left.
+std::vector<Index> thinned(std::span<const Index> order, std::size_t count,
+                           const RunContext& context) {
+    const std::size_t n = order.size();
+    auto chosen = made_in_blocks<std::vector<Index>>(count, context);
     for_blocks_in_order(count, context, [&](std::size_t begin, std::size_t end) {
-        for (std::size_t i = begin; i < end; ++i) order[i] = order[(2 * i + 1) * n / (2 * count)];
+        for (std::size_t i = begin; i < end; ++i) chosen[i] = order[(2 * i + 1) * n / (2 * count)];
     });
-    order.resize(count);
-    return order;
+    return chosen;
 }
 
 /// The spacing of particles at each sample, up to a common factor.
@@ -221,7 +227,7 @@ std::vector<float> areas_of(const SurfaceSamples& samples, const RunContext& con
 /// The ground of the points, and later of particles in their place.
 class Simulation {
 public:
-    Simulation(std::unique_ptr<const Ground> ground, const MlsSurface& mls,
+    Simulation(std::shared_ptr<const Ground> ground, const MlsSurface& mls,
                const ParticleFrame& frame, const ParticleSimulationOptions& options,
                const RunContext& context)
         : mls_(mls),
@@ -267,7 +273,7 @@ private:
         const bool are_finer = particles_->positions().size() > ground_->samples.size();
         if (!are_finer) return particles_->split(most);
         particles_->settle();
-        std::unique_ptr<const Ground> finer = ground_of_particles();
+        std::shared_ptr<const Ground> finer = ground_of_particles();
         if (!particles_->split(most)) return false;
         SpreadParticles start;
         const std::span<const Vec3f> positions = particles_->positions();
@@ -286,7 +292,7 @@ private:
         return true;
     }
 
-    std::unique_ptr<const Ground> ground_of_particles() const {
+    std::shared_ptr<const Ground> ground_of_particles() const {
         const std::span<const Vec3f> positions = particles_->positions();
         PointCloud cloud;
         resize_in_blocks(cloud.positions, positions.size(), context_);
@@ -301,7 +307,7 @@ private:
         });
         SurfaceSamples samples = sample_surface(cloud, std::move(numbers), frame_, context_);
         std::vector<float> areas = areas_of(samples, context_);
-        return std::make_unique<const Ground>(std::move(samples), std::move(areas),
+        return std::make_shared<const Ground>(std::move(samples), std::move(areas),
                                               std::move(spacing), mls_, frame_, context_);
     }
 
@@ -309,7 +315,7 @@ private:
     ParticleFrame frame_;
     const ParticleSimulationOptions& options_;
     RunContext context_;
-    std::unique_ptr<const Ground> ground_;
+    std::shared_ptr<const Ground> ground_;
     std::optional<ParticleRelaxation> particles_;
 };
 
@@ -321,14 +327,13 @@ struct Sources {
 /// With fewer particles than points, as many of the nearest points as there are to a particle, at
 /// most; else the four nearest, the nearer the more often: each by Franke and Little's weight,
 /// which is large at a point and 0 at the next farther one, so that values change smoothly.
-Sources find_sources(const PointCloud& cloud, const std::vector<Vec3f>& positions,
-                     const RunContext& context) {
+Sources find_sources(const NeighborSearch& search, std::size_t points,
+                     const std::vector<Vec3f>& positions, const RunContext& context) {
     constexpr std::size_t kInterpolated = 4, kAveraged = 16;
     constexpr float kTimes = 8;
-    const std::size_t share = cloud.size() / positions.size();
+    const std::size_t share = points / positions.size();
     const bool interpolate = share < kInterpolated;
     const std::size_t wanted = interpolate ? kInterpolated + 1 : std::min(share, kAveraged);
-    const NeighborSearch search(cloud.positions, context);
     Sources sources;
     resize_in_blocks(sources.nearest, positions.size(), context);
     resize_in_blocks(sources.offsets, positions.size() + 1, context);
@@ -367,50 +372,99 @@ Sources find_sources(const PointCloud& cloud, const std::vector<Vec3f>& position
     return sources;
 }
 
-/// The cloud of the particles, with attributes where there are any.
-PointCloud with_attributes(const PointCloud& cloud, std::vector<Vec3f> positions,
-                           std::span<const Reduction> reductions, const RunContext& context) {
-    Sources sources;
-    if (!cloud.normals.empty() || !cloud.colors.empty() || !cloud.attributes.empty())
-        sources = find_sources(cloud, positions, context);
-    return merged_cloud(cloud, std::move(positions), {sources.members.data(), sources.offsets},
-                        sources.nearest, reductions, false, context);
-}
-
 }  // namespace
 
-PointCloud particle_simulation(const PointCloud& cloud, const ParticleSimulationOptions& options,
-                               const RunContext& context) {
-    check(options, cloud);
-    const auto count = static_cast<std::size_t>(options.target_size);
-    const std::vector<Reduction> reductions =
-        reductions_for(cloud, options.reductions, Representative::Centroid);
-    context.checkpoint(0.0);
-    const ParticleFrame frame(cloud.positions);
-    if (frame.scale == 0) return subset(cloud, std::vector<Index>(count, 0), context);
+struct ParticleSimulator::Implementation {
+    const PointCloud& cloud;
+    ParticleSimulationOptions options;
+    std::vector<Reduction> reductions;
+    ParticleFrame frame;
+    // Of points that do not all coincide.
+    std::vector<Index> order;  ///< along a space-filling curve
+    std::optional<MlsSurface> mls;
+    std::shared_ptr<const Ground> ground;  ///< of the last run
+    std::optional<NeighborSearch> search;  ///< once attributes were taken from points nearby
 
-    SurfaceSamples samples =
-        sample_surface(cloud, choose_samples(cloud, options, context), frame, context);
+    Implementation(const PointCloud& cloud_, const ParticleSimulationOptions& options_,
+                   const RunContext& context)
+        : cloud(cloud_),
+          options(options_),
+          reductions(reductions_for(cloud, options.reductions, Representative::Centroid)),
+          frame(cloud.positions) {
+        if (frame.scale == 0) return;
+        order = hilbert_order(cloud.positions, context);
+        mls.emplace(cloud.positions, MlsOptions{}, context);
+    }
+
+    /// For so many particles.
+    const std::shared_ptr<const Ground>& ground_for(std::size_t count, const RunContext& context) {
+        const std::size_t wanted = sample_count(cloud.size(), count, options);
+        if (ground != nullptr && ground->samples.size() == wanted) return ground;
+        ground = nullptr;
+        SurfaceSamples samples =
+            sample_surface(cloud, wanted == order.size() ? order : thinned(order, wanted, context),
+                           frame, context);
+        context.checkpoint(0.6);
+        std::vector<float> areas = areas_of(samples, context);
+        std::vector<float> spacing = relative_spacing(cloud, samples, areas, options, context);
+        context.checkpoint(0.8);
+        ground = std::make_shared<const Ground>(std::move(samples), std::move(areas),
+                                                std::move(spacing), *mls, frame, context);
+        return ground;
+    }
+
+    /// Where the attributes of particles are from; nothing where there are none.
+    Sources sources_of(const std::vector<Vec3f>& positions, const RunContext& context) {
+        if (cloud.normals.empty() && cloud.colors.empty() && cloud.attributes.empty()) return {};
+        if (!search) search.emplace(cloud.positions, context);
+        return find_sources(*search, cloud.size(), positions, context);
+    }
+};
+
+ParticleSimulator::ParticleSimulator(const PointCloud& cloud,
+                                     const ParticleSimulationOptions& options,
+                                     const RunContext& context) {
+    check(options, cloud);
+    implementation_ = std::make_unique<Implementation>(cloud, options, context);
+}
+
+ParticleSimulator::~ParticleSimulator() = default;
+
+PointCloud ParticleSimulator::run(std::uint64_t particles, const RunContext& context) {
+    check_count(particles);
+    Implementation& of = *implementation_;
+    const auto count = static_cast<std::size_t>(particles);
+    context.checkpoint(0.0);
+    if (of.frame.scale == 0) return subset(of.cloud, std::vector<Index>(count, 0), context);
+
+    ParticleSimulationOptions options = of.options;
+    options.target_size = particles;
+    Simulation simulation(of.ground_for(count, context.part(0.0, 0.2)), *of.mls, of.frame, options,
+                          context);
     context.checkpoint(0.2);
-    std::vector<float> areas = areas_of(samples, context);
-    std::vector<float> spacing = relative_spacing(cloud, samples, areas, options, context);
-    context.checkpoint(0.25);
-    const MlsSurface mls(cloud.positions, {}, context);
-    Simulation simulation(std::make_unique<const Ground>(std::move(samples), std::move(areas),
-                                                         std::move(spacing), mls, frame, context),
-                          mls, frame, options, context);
-    context.checkpoint(0.3);
-    ParticleRelaxation& particles = simulation.spread_evenly(context.part(0.3, 0.7));
-    part(particles, options, context.part(0.7, 0.95));
+    ParticleRelaxation& relaxed = simulation.spread_evenly(context.part(0.2, 0.65));
+    part(relaxed, options, context.part(0.65, 0.95));
     std::vector<Vec3f> positions;
     positions.reserve(count);
     for_blocks_in_order(count, context, [&](std::size_t begin, std::size_t end) {
-        for (const Vec3f& p : particles.positions().subspan(begin, end - begin))
-            positions.push_back(frame.outside(p).cast<float>());
+        for (const Vec3f& p : relaxed.positions().subspan(begin, end - begin))
+            positions.push_back(of.frame.outside(p).cast<float>());
     });
-    PointCloud result = with_attributes(cloud, std::move(positions), reductions, context);
+    const Sources sources = of.sources_of(positions, context);
+    PointCloud result =
+        merged_cloud(of.cloud, std::move(positions), {sources.members.data(), sources.offsets},
+                     sources.nearest, of.reductions, false, context);
     context.checkpoint(1.0);
     return result;
+}
+
+PointCloud particle_simulation(const PointCloud& cloud, const ParticleSimulationOptions& options,
+                               const RunContext& context) {
+    constexpr double kShared = 0.1;
+    check_count(options.target_size);
+    context.checkpoint(0.0);
+    ParticleSimulator simulator(cloud, options, context.part(0.0, kShared));
+    return simulator.run(options.target_size, context.part(kShared, 1.0));
 }
 
 }  // namespace stipple

@@ -1,10 +1,11 @@
 #include "snapshots.hpp"
 
 #include "cluster_tree.hpp"
+#include "particle_simulator.hpp"
 #include "representatives.hpp"
-#include "stipple/error_bounded.hpp"
 #include "stipple/iterative_simplification.hpp"
 
+#include <memory>
 #include <numeric>
 #include <utility>
 #include <vector>
@@ -29,10 +30,14 @@ void make_cuts(const PointCloud& cloud, const SimplifyOptions& options,
 
 }  // namespace
 
+bool has_snapshots(Method method) noexcept {
+    return method == Method::Hierarchical || method == Method::Multiphase ||
+           method == Method::Iterative;
+}
+
 void make_snapshots(const PointCloud& cloud, const SimplifyOptions& options,
                     std::span<const std::uint64_t> sizes,
                     const std::function<void(PointCloud&&)>& on_cloud, const RunContext& context) {
-    require_error_bounded(options.method);
     if (sizes.empty()) return;
     IterativeSimplificationOptions contraction = options.iterative;
     contraction.reductions = options.reductions;
@@ -47,16 +52,35 @@ void make_snapshots(const PointCloud& cloud, const SimplifyOptions& options,
         default:
             break;
     }
-    SimplifyOptions one = options;
-    one.ratio = one.max_error_rel = one.max_error = std::nullopt;
+    constexpr double kPrepared = 0.1;
+    const CloudOfSize run = runs_of(cloud, options, context.part(0.0, kPrepared));
     const auto all =
         static_cast<double>(std::accumulate(sizes.begin(), sizes.end(), std::uint64_t{0}));
-    double done = 0;  // the time that a simulation takes grows with its points
+    double done = kPrepared;  // the time that a run takes grows with its points
     for (const std::uint64_t size : sizes) {
-        one.points = size;
-        const double before = std::exchange(done, done + static_cast<double>(size) / all);
-        on_cloud(simplify(cloud, one, context.part(before, done)));
+        const double share = static_cast<double>(size) / all;
+        const double before = std::exchange(done, done + (1.0 - kPrepared) * share);
+        on_cloud(run(size, context.part(before, done)));
     }
+}
+
+CloudOfSize runs_of(const PointCloud& cloud, const SimplifyOptions& options,
+                    const RunContext& context) {
+    if (options.method == Method::Particles) {
+        ParticleSimulationOptions particles = options.particles;
+        particles.reductions = options.reductions;
+        particles.seed = options.seed;
+        const auto simulator = std::make_shared<ParticleSimulator>(cloud, particles, context);
+        return [simulator](std::uint64_t size, const RunContext& run) {
+            return simulator->run(size, run);
+        };
+    }
+    SimplifyOptions one = options;
+    one.ratio = one.max_error_rel = one.max_error = std::nullopt;
+    return [&cloud, one](std::uint64_t size, const RunContext& run) mutable {
+        one.points = size;
+        return simplify(cloud, one, run);
+    };
 }
 
 }  // namespace stipple

@@ -16,7 +16,7 @@ StageShares stage_shares(const JobRequest& request) {
     if (const auto* const pyramid = std::get_if<PyramidJob>(&request.job)) {
         shares[kDecode] = 3;
         shares[kClean] = 2;
-        const Method method = pyramid->options.method;
+        const Method method = pyramid->options.simplification.method;
         shares[kEncode] = method == Method::Hierarchical ? 65
                           : method == Method::Multiphase ? 30
                                                          : 10;

@@ -299,14 +299,13 @@ PyramidJob read_pyramid(JsonObject& object) {
     LodPyramidOptions& options = job.options;
     read_sizes(object, job);
     take(object, "refine", kRefinements, options.nested);
-    if (options.nested) options.method = Method::Iterative;
-    if (const auto method = object.find("method")) {
-        options.method = method->named(method_from_name);
-    }
-    if (options.method == Method::Hierarchical) {
-        take(object, "representative", kRepresentatives, options.representative);
-    }
-    take_reductions(object, options.reductions);
+    SimplifyOptions& method = options.simplification;
+    if (options.nested) method.method = Method::Iterative;
+    if (const auto name = object.find("method")) method.method = name->named(method_from_name);
+    refuse_fields_of_other_methods(object, method.method);
+    take_own_options(object, method);
+    take(object, "seed", method.seed);
+    if (method.method != Method::Random) take_reductions(object, method.reductions);
     take(object, "error", job.error);
 
     job.output.formats.assign(kUsualFormats.begin(), kUsualFormats.end());
@@ -335,11 +334,11 @@ void add_options(Json& json, const PyramidJob& job) {
         json["levels"] = options.sizes;
     }
     json["refine"] = name_of(kRefinements, options.nested);
-    json["method"] = to_string(options.method);
-    if (options.method == Method::Hierarchical) {
-        json["representative"] = name_of(kRepresentatives, options.representative);
-    }
-    json["reductions"] = reductions_json(options.reductions);
+    const SimplifyOptions& method = options.simplification;
+    json["method"] = to_string(method.method);
+    add_own_options(json, method);
+    json["seed"] = method.seed;
+    if (method.method != Method::Random) json["reductions"] = reductions_json(method.reductions);
     json["error"] = job.error;
     json["formats"] = Json::array();
     for (const CloudFormat format : kPyramidFormats)

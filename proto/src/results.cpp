@@ -344,7 +344,8 @@ std::optional<Method> method_of(const JobRequest& request) noexcept {
     if (std::holds_alternative<AnalyzeJob>(request.job) ||
         std::holds_alternative<EvaluateJob>(request.job))
         return std::nullopt;
-    if (const auto* pyramid = std::get_if<PyramidJob>(&request.job)) return pyramid->options.method;
+    if (const auto* pyramid = std::get_if<PyramidJob>(&request.job))
+        return pyramid->options.simplification.method;
     if (std::holds_alternative<UpsampleJob>(request.job)) return Method::Particles;
     if (const auto* curve = std::get_if<CurveJob>(&request.job))
         return curve->options.simplification.method;

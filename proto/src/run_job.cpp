@@ -119,9 +119,9 @@ private:
             ErrorBoundedCloud found = simplify_within_error(cloud, options, context);
             bound_ = measured(found);
             if (!found.whole) {
-                bound_error_ = without_histograms(std::move(found.error),
-                                                  {.sampling = found.sampling}, cloud.size(),
-                                                  found.cloud.size());
+                bound_error_ =
+                    without_histograms(std::move(found.error), {.sampling = found.sampling},
+                                       cloud.size(), found.cloud.size());
             }
             return std::move(found.cloud);
         });
@@ -248,6 +248,7 @@ private:
             encode_begin_ = kTiler;
         }
         LodPyramidOptions levels = job.options;
+        to_frame_of(cloud, levels.simplification.particles);
         levels.spacing = tiler_ == nullptr;  // else the tiles say it
         if (tiler_ != nullptr) levels.order = tiler_->order();
         if (job.base_bytes) fit_base(levels, *job.base_bytes);
@@ -466,8 +467,7 @@ private:
     static std::optional<FileError> draco_error(const SurfaceError& error,
                                                 const DracoEncodeOptions& draco,
                                                 const OutputCloud& level) {
-        const double step =
-            longest_step(draco, (level.bounds.max - level.bounds.min).maxCoeff());
+        const double step = longest_step(draco, (level.bounds.max - level.bounds.min).maxCoeff());
         if (step > level.spacing) return std::nullopt;
         const FileError added = error_of_step(step);
         return FileError{error.mean() + added.mean, error.max() + added.max};

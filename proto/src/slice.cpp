@@ -1,6 +1,7 @@
 #include "stipple/proto/slice.hpp"
 
 #include "draco_rounding.hpp"
+#include "job_cloud.hpp"
 #include "json_reader.hpp"
 #include "stipple/error.hpp"
 #include "stipple/proto/tiles.hpp"
@@ -88,6 +89,21 @@ void keep_within(PointCloud& cloud, const PointCloud& others) {
     const Vec3f low = (box.min - others.origin).cast<float>(),
                 high = (box.max - others.origin).cast<float>();
     for (Vec3f& p : cloud.positions) p = p.cwiseMax(low).cwiseMin(high);
+}
+
+/// What the options say of attributes that the cloud lacks, as tiles may, is left out.
+void leave_out_missing(const PointCloud& cloud, SimplifyOptions& options) {
+    const auto is_missing = [&cloud](const std::string& name) {
+        return find_attribute(cloud, name) == nullptr;
+    };
+    const auto is_named = [&](const auto& entry) { return is_missing(entry.first); };
+    std::erase_if(options.reductions, is_named);
+    std::erase_if(options.iterative.attribute_weights, is_named);
+    if (cloud.colors.empty()) options.iterative.color_weight = 0;
+    std::erase_if(options.particles.regions, [&](const DensityRegion& region) {
+        const auto* const scalar = std::get_if<DensityRegion::Scalar>(&region.where);
+        return scalar != nullptr && is_missing(scalar->attribute);
+    });
 }
 
 class Slicer {
@@ -326,12 +342,10 @@ private:
     // Clouds.
 
     PointCloud simplified(const PointCloud& cloud, std::uint64_t points) const {
-        SimplifyOptions options{.method = job_.options.method, .points = points};
-        options.hierarchical.representative = job_.options.representative;
-        options.reductions = job_.options.reductions;
-        std::erase_if(options.reductions, [&](const auto& reduction) {
-            return find_attribute(cloud, reduction.first) == nullptr;  // tiles may lack it
-        });
+        SimplifyOptions options = job_.options.simplification;
+        options.points = points;
+        to_frame_of(cloud, options.particles);
+        leave_out_missing(cloud, options);
         PointCloud result = simplify(cloud, options, context_);
         if (options_.box) keep_within(result, cloud);
         return result;

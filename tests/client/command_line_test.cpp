@@ -194,6 +194,21 @@ TEST(CommandLine, DashIsStandardOutputForTheFigures) {
     EXPECT_EQ(parsed<InspectCommand>({"inspect", "in.ply", "--json", "-"}).common.json, "-");
 }
 
+TEST(CommandLine, PyramidTakesEveryMethodWithItsOwnOptions) {
+    for (const Method method : kMethods) {
+        const std::string name(to_string(method));
+        EXPECT_EQ(parsed<PyramidCommand>({"pyramid", "in.ply", "out", "-m", name})
+                      .job.options.simplification.method,
+                  method);
+    }
+    const auto particles = parsed<PyramidCommand>(
+        {"pyramid", "in.ply", "out", "-m", "particles", "--adaptivity", "0.5", "--seed", "7"});
+    EXPECT_EQ(particles.job.options.simplification.particles.adaptivity, 0.5);
+    EXPECT_EQ(particles.job.options.simplification.seed, 7U);
+    EXPECT_NE(refusal({"pyramid", "in.ply", "out", "--adaptivity", "0.5"}), "accepted");
+    EXPECT_NE(refusal({"pyramid", "in.ply", "out", "--max-cluster-size", "9"}), "accepted");
+}
+
 TEST(CommandLine, PyramidTakesALadderOrARatio) {
     const auto ladder = parsed<PyramidCommand>({"pyramid", "in.ply", "out", "--levels", "10,100"});
     EXPECT_EQ(ladder.job.options.sizes, (std::vector<std::uint64_t>{10, 100}));
@@ -203,16 +218,11 @@ TEST(CommandLine, PyramidTakesALadderOrARatio) {
     EXPECT_EQ(ratio.job.options.base_points, 50U);
     EXPECT_EQ(ratio.job.output.formats.size(), 3U);
     EXPECT_NE(refusal({"pyramid", "in.ply", "out", "--levels", "10", "--ratio", "2"}), "accepted");
-    EXPECT_EQ(ratio.job.options.method, Method::Hierarchical);
-    EXPECT_EQ(
-        parsed<PyramidCommand>({"pyramid", "in.ply", "out", "-m", "iterative"}).job.options.method,
-        Method::Iterative);
-    EXPECT_NE(refusal({"pyramid", "in.ply", "out", "-m", "random"}).find("random"),
-              std::string::npos);
+    EXPECT_EQ(ratio.job.options.simplification.method, Method::Hierarchical);
     const auto added = parsed<PyramidCommand>(
         {"pyramid", "in.ply", "out", "--refine", "add", "--base-bytes", "15kB"});
     EXPECT_TRUE(added.job.options.nested);
-    EXPECT_EQ(added.job.options.method, Method::Iterative);
+    EXPECT_EQ(added.job.options.simplification.method, Method::Iterative);
     EXPECT_EQ(added.job.base_bytes, 15'000U);
     EXPECT_NE(refusal({"pyramid", "in.ply", "out", "--refine", "more"}), "accepted");
     EXPECT_NE(refusal({"pyramid", "in.ply", "out", "--refine", "add", "-m", "multiphase"}),

@@ -31,7 +31,7 @@ PointCloud scan() {
 }
 
 LodPyramidOptions pyramid_of(Method method) {
-    return {.sizes = {50, 500}, .method = method};
+    return {.sizes = {50, 500}, .simplification = {.method = method}};
 }
 
 const Operation kOperations[] = {

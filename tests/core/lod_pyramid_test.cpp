@@ -85,22 +85,56 @@ TEST(LodPyramid, GivesEveryLevelCoarsestFirstWithExactCounts) {
 }
 
 TEST(LodPyramid, ALevelIsWhatSimplifyGivesForItsCount) {
-    const PointCloud cloud = test::sphere(4000, 0.02);
-    LodPyramidOptions options;
-    options.sizes = {17, 300, 1111};
-    for (const LodLevel& level : build(cloud, options)) {
-        SimplifyOptions simplify_options;
-        simplify_options.method = Method::Hierarchical;
-        simplify_options.points = level.cloud.size();
-        EXPECT_EQ(level.cloud.positions, simplify(cloud, simplify_options).positions);
+    const PointCloud cloud = test::with_attributes(test::sphere(4000, 0.02));
+    for (const Method method : kMethods) {
+        if (method == Method::Multiphase) continue;  // its samples are as many as the finest needs
+        LodPyramidOptions options;
+        options.simplification.method = method;
+        options.simplification.seed = 5;
+        options.simplification.iterative.color_weight = 0.1;
+        options.simplification.particles.adaptivity = 0.5;
+        options.simplification.incremental.max_variation = 0.05;
+        options.sizes = {17, 300, 1111};
+        for (const LodLevel& level : build(cloud, options)) {
+            SimplifyOptions alone = options.simplification;
+            alone.points = level.cloud.size();
+            EXPECT_EQ(encode_ply(level.cloud), encode_ply(simplify(cloud, alone)))
+                << to_string(method);
+        }
     }
 }
 
-TEST(LodPyramid, OfEveryMethodWithLevelsHasExactCountsAndProgressThatNeverGoesBack) {
+TEST(LodPyramid, OfParticlesGivesEachLevelBeforeTheNextIsBegun) {
+    std::vector<double> progress;
+    LodPyramidOptions options;
+    options.simplification.method = Method::Particles;
+    options.sizes = {20, 200, 2000};
+    double now = 0;
+    build_lod_pyramid(test::sphere(4000), options, [&](LodLevel&&) { progress.push_back(now); },
+                      {.progress = [&](double fraction) { now = fraction; }});
+    ASSERT_EQ(progress.size(), 3U);
+    EXPECT_LT(progress[0], 0.2);
+    EXPECT_LT(progress[1], 0.3);
+}
+
+TEST(LodPyramid, RefusesTargetsAndBoundsOfItsMethod) {
+    LodPyramidOptions options;
+    options.simplification.points = 5;
+    EXPECT_THROW(validate(options), Error);
+    options.simplification.points = {};
+    options.simplification.hierarchical.max_variation = 0.1;
+    EXPECT_THROW(validate(options), Error);
+    options.simplification.method = Method::Voxel;
+    EXPECT_NO_THROW(validate(options));
+    options.simplification.voxel.voxel_size = 1;
+    EXPECT_THROW(validate(options), Error);
+}
+
+TEST(LodPyramid, OfEveryMethodHasExactCountsAndProgressThatNeverGoesBack) {
     const PointCloud cloud = test::with_attributes(test::sphere(4000));
-    for (const Method method : {Method::Hierarchical, Method::Multiphase, Method::Iterative}) {
+    for (const Method method : kMethods) {
         LodPyramidOptions options;
-        options.method = method;
+        options.simplification.method = method;
         options.sizes = {1, 60, 700, 4000};
         double last = 0;
         const auto levels = build(cloud, options, {.progress = [&](double fraction) {
@@ -118,24 +152,11 @@ TEST(LodPyramid, OfEveryMethodWithLevelsHasExactCountsAndProgressThatNeverGoesBa
     }
 }
 
-TEST(LodPyramid, OfIterativeHasTheLevelsOfSimplify) {
-    const PointCloud cloud = test::sphere(3000, 0.02);
-    LodPyramidOptions options;
-    options.method = Method::Iterative;
-    options.sizes = {40, 500};
-    for (const LodLevel& level : build(cloud, options)) {
-        SimplifyOptions alone;
-        alone.method = Method::Iterative;
-        alone.points = level.cloud.size();
-        EXPECT_EQ(level.cloud.positions, simplify(cloud, alone).positions);
-    }
-}
-
 TEST(LodPyramid, WithNestedLevelsBeginsEachWithThePointsOfTheOneAbove) {
     const PointCloud cloud = test::with_attributes(test::sphere(3000, 0.02));
     LodPyramidOptions options;
     options.nested = true;
-    options.method = Method::Iterative;
+    options.simplification.method = Method::Iterative;
     options.sizes = {40, 500, 3000};
     const auto levels = build(cloud, options);
     ASSERT_EQ(levels.size(), 3U);
@@ -159,9 +180,12 @@ TEST(LodPyramid, WithNestedLevelsIsOfIterativeAloneAndReducesNothing) {
     LodPyramidOptions options;
     options.nested = true;
     EXPECT_THROW(validate(options), Error);
-    options.method = Method::Iterative;
+    options.simplification.method = Method::Iterative;
     EXPECT_NO_THROW(validate(options));
-    options.reductions = {{"intensity", Reduction::Mean}};
+    options.simplification.iterative.color_weight = 0.1;
+    EXPECT_THROW(validate(options), Error);
+    options.simplification.iterative = {};
+    options.simplification.reductions = {{"intensity", Reduction::Mean}};
     EXPECT_THROW(validate(options), Error);
 }
 
@@ -170,7 +194,7 @@ class LodPyramidWithABase : public testing::TestWithParam<Method> {};
 TEST_P(LodPyramidWithABase, BeginsWithTheLargestThatFits) {
     const PointCloud cloud = test::sphere(4000, 0.02);
     LodPyramidOptions options;
-    options.method = GetParam();
+    options.simplification.method = GetParam();
     options.base_points = 900;  // below the next level: what is tried changes no other
     std::size_t asked = 0;
     std::vector<Vec3f> fitting;
@@ -197,9 +221,7 @@ TEST_P(LodPyramidWithABase, BeginsWithTheLargestThatFits) {
     EXPECT_EQ(levels[0].cloud.positions, build(cloud, options)[0].cloud.positions);
 }
 
-INSTANTIATE_TEST_SUITE_P(, LodPyramidWithABase,
-                         testing::Values(Method::Hierarchical, Method::Multiphase,
-                                         Method::Iterative),
+INSTANTIATE_TEST_SUITE_P(, LodPyramidWithABase, testing::ValuesIn(kMethods),
                          [](const auto& method) { return std::string(to_string(method.param)); });
 
 TEST(LodPyramid, WithABaseThatAllFitsIsTheCloudAlone) {
@@ -214,14 +236,6 @@ TEST(LodPyramid, WithABaseThatAllFitsIsTheCloudAlone) {
     EXPECT_THROW(build(cloud, options), Error);
     options.base_fits = [&](const PointCloud& level) { return level.size() < cloud.size(); };
     EXPECT_EQ(build(cloud, options).back().cloud.positions, cloud.positions);
-}
-
-TEST(LodPyramid, RefusesMethodsWithoutLevels) {
-    for (const Method method : {Method::Incremental, Method::Particles, Method::Voxel}) {
-        LodPyramidOptions options;
-        options.method = method;
-        EXPECT_THROW(validate(options), Error);
-    }
 }
 
 /// A cube with rounded edges: flat but for a few percent of its surface.
@@ -251,7 +265,8 @@ class LodPyramidOfFlatParts
 TEST_P(LodPyramidOfFlatParts, HasNoHoleWiderThanItsBound) {
     const auto& [method, shape] = GetParam();
     const PointCloud cloud = shape(20'000);
-    for (const LodLevel& level : build(cloud, {.base_points = 500, .method = method})) {
+    for (const LodLevel& level :
+         build(cloud, {.base_points = 500, .simplification = {.method = method}})) {
         const NeighborSearch search(level.cloud.positions);
         double cover = 0;
         for (const Vec3f& p : cloud.positions) {
@@ -265,7 +280,8 @@ TEST_P(LodPyramidOfFlatParts, HasNoHoleWiderThanItsBound) {
 
 INSTANTIATE_TEST_SUITE_P(, LodPyramidOfFlatParts,
                          testing::Combine(testing::Values(Method::Hierarchical, Method::Multiphase,
-                                                          Method::Iterative),
+                                                          Method::Iterative, Method::Incremental,
+                                                          Method::Particles, Method::Voxel),
                                           testing::Values(rounded_cube, hills_on_a_plane)));
 
 TEST(LodPyramid, IsTheSameForAnyNumberOfThreads) {
@@ -339,10 +355,11 @@ TEST(LodPyramid, RefusesAnOrderOfAnotherNumberOfPoints) {
 
 TEST(LodPyramid, OfACloudThatIsGivenAwayHasTheSameLevels) {
     const PointCloud cloud = test::with_attributes(test::sphere(2000));
-    for (const Method method : {Method::Hierarchical, Method::Multiphase, Method::Iterative}) {
+    for (const Method method : kMethods) {
         for (const bool nested : {false, true}) {
             if (nested && method != Method::Iterative) continue;
-            const LodPyramidOptions options{.base_points = 200, .method = method, .nested = nested};
+            const LodPyramidOptions options{
+                .base_points = 200, .simplification = {.method = method}, .nested = nested};
             const std::vector<LodLevel> expected = build(cloud, options);
             PointCloud given = cloud;
             const PointCloud& spent = given;

@@ -415,13 +415,15 @@ protected:
         cloud_ = numbered(test::sphere(8'000, 0.002));
         LodTiler tiler(cloud_, {.max_points = 1'000, .attributes = true, .additive = true});
         center_ = tiler.center();
-        build_lod_pyramid(cloud_, {.base_points = 500, .method = Method::Iterative, .nested = true},
-                          [&](LodLevel&& level) {
-                              const bool whole = level.cloud.size() == cloud_.size();
-                              tiles_.push_back(tiler.add_level(level.cloud, whole));
-                              figures_.push_back(tiler.figures());
-                              sizes_.push_back(level.cloud.size());
-                          });
+        build_lod_pyramid(
+            cloud_,
+            {.base_points = 500, .simplification = {.method = Method::Iterative}, .nested = true},
+            [&](LodLevel&& level) {
+                const bool whole = level.cloud.size() == cloud_.size();
+                tiles_.push_back(tiler.add_level(level.cloud, whole));
+                figures_.push_back(tiler.figures());
+                sizes_.push_back(level.cloud.size());
+            });
     }
 
     PointCloud down_to(std::size_t level) const {

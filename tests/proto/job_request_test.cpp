@@ -191,19 +191,27 @@ TEST(JobRequest, TakesEveryFieldOfAPyramidJob) {
     EXPECT_EQ(type_name(request), "pyramid");
     const auto& job = std::get<PyramidJob>(request.job);
     EXPECT_EQ(job.options.sizes, (std::vector<std::uint64_t>{1000, 10000}));
-    EXPECT_EQ(job.options.method, Method::Hierarchical);
-    EXPECT_EQ(job.options.representative, Representative::Centroid);
+    EXPECT_EQ(job.options.simplification.method, Method::Hierarchical);
+    EXPECT_EQ(job.options.simplification.hierarchical.representative, Representative::Centroid);
     EXPECT_EQ(job.output.formats, std::vector{CloudFormat::Ply});
     EXPECT_EQ(job.output.draco.precision, 0.5);
 }
 
-TEST(JobRequest, OfAPyramidTakesAMethodThatHasLevels) {
+TEST(JobRequest, OfAPyramidTakesEveryMethodWithItsOwnOptions) {
     const JobRequest request = job_request_from_json(pyramid_with(R"("method": "iterative")"));
-    EXPECT_EQ(std::get<PyramidJob>(request.job).options.method, Method::Iterative);
-    EXPECT_NE(refusal(pyramid_with(R"("method": "random")")), "");
-    EXPECT_EQ(refusal(pyramid_with(R"("method": "iterative", "representative": "nearest")"))
-                  .substr(0, 30),
-              "representative: unknown field:");
+    EXPECT_EQ(std::get<PyramidJob>(request.job).options.simplification.method, Method::Iterative);
+    for (const Method method : kMethods)
+        EXPECT_EQ(refusal(pyramid_with("\"method\": \"" + std::string(to_string(method)) + '"')),
+                  "");
+    const JobRequest particles = job_request_from_json(
+        pyramid_with(R"("method": "particles", "adaptivity": 0.5, "seed": 7)"));
+    const auto& options = std::get<PyramidJob>(particles.job).options.simplification;
+    EXPECT_EQ(options.particles.adaptivity, 0.5);
+    EXPECT_EQ(options.seed, 7U);
+    EXPECT_EQ(to_json(job_request_from_json(to_json(particles))), to_json(particles));
+    EXPECT_NE(refusal(pyramid_with(R"("method": "voxel", "voxel_size": 0.5)")), "");
+    EXPECT_EQ(refusal(pyramid_with(R"("method": "iterative", "representative": "nearest")")),
+              "representative: belongs to hierarchical, incremental and voxel, not to iterative");
 }
 
 TEST(JobRequest, HasTheDefaultsOfCore) {
@@ -332,7 +340,7 @@ TEST(JobRequest, ThatAsksForAnUnknownFieldIsRefusedByItsName) {
     EXPECT_EQ(refusal(simplify_with(R"("point": 5)")).substr(0, 41),
               "point: unknown field: expected one of att");
     // A field of the other type is as unknown.
-    EXPECT_EQ(refusal(pyramid_with(R"("seed": 1)")).substr(0, 20), "seed: unknown field:");
+    EXPECT_EQ(refusal(pyramid_with(R"("points": 1)")).substr(0, 22), "points: unknown field:");
 }
 
 TEST(JobRequest, ThatHasAFieldOfAnotherMethodIsToldWhose) {

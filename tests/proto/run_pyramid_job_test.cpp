@@ -98,9 +98,9 @@ TEST_F(RunPyramidJob, MeasuresTilesAtFewPlacesWhereNoErrorIsAskedFor) {
 }
 
 TEST_F(RunPyramidJob, BeginsAPyramidWithTheTileThatFits) {
-    for (const Method method : {Method::Hierarchical, Method::Multiphase}) {
+    for (const Method method : {Method::Hierarchical, Method::Multiphase, Method::Particles}) {
         PyramidJob job;
-        job.options.method = method;
+        job.options.simplification.method = method;
         job.base_bytes = 6'000;
         job.output.formats = {CloudFormat::Glb};
         reports_.clear();
@@ -122,7 +122,7 @@ TEST_F(RunPyramidJob, HasNoPyramidWhoseTileCannotFit) {
 
 TEST_F(RunPyramidJob, AddsPointsFromLevelToLevelWhereAsked) {
     PyramidJob job;
-    job.options.method = Method::Iterative;
+    job.options.simplification.method = Method::Iterative;
     job.options.nested = true;
     job.options.base_points = 500;
     job.output.formats = {CloudFormat::Glb, CloudFormat::Ply};
@@ -180,7 +180,7 @@ class PyramidOfDegenerate : public RunJob,
 TEST_P(PyramidOfDegenerate, HasNoEmptyTileNoBoxOfNoSizeAndFiniteFigures) {
     const auto& [method, shape] = GetParam();
     PyramidJob job;
-    job.options.method = method;
+    job.options.simplification.method = method;
     job.options.base_points = 20;
     job.tiles.max_points = 64;
     job.output.formats = {CloudFormat::Glb, CloudFormat::Draco, CloudFormat::Ply};
@@ -234,7 +234,7 @@ TEST_P(PyramidOfDegenerate, HasNoEmptyTileNoBoxOfNoSizeAndFiniteFigures) {
 INSTANTIATE_TEST_SUITE_P(
     , PyramidOfDegenerate,
     testing::Combine(
-        testing::Values(Method::Hierarchical, Method::Multiphase, Method::Iterative),
+        testing::ValuesIn(kMethods),
         testing::Values(Degenerate{"OnePoint",
                                    [] {
                                        return at({{5, 6, 7}});

@@ -27,7 +27,7 @@ struct Pyramid {
         PyramidJob job;
         job.options.sizes = std::move(sizes);
         job.options.nested = adds;
-        if (adds) job.options.method = Method::Iterative;
+        if (adds) job.options.simplification.method = Method::Iterative;
         job.tiles = {.max_points = max_points, .additive = adds};
         results = {.request = {std::string(64, 'a'), job},
                    .source = CloudStatistics{},
@@ -154,7 +154,8 @@ TEST(Slice, ReadsOnlyTilesThatMeetTheBox) {
 
 TEST(Slice, StaysInTheBoxWhereTheMethodMovesPoints) {
     Pyramid pyramid(source(), {200, 8000}, {CloudFormat::Ply});
-    std::get<PyramidJob>(pyramid.results.request.job).options.method = Method::Iterative;
+    std::get<PyramidJob>(pyramid.results.request.job).options.simplification.method =
+        Method::Iterative;
     for (const std::uint64_t points : {3U, 30U, 300U}) {
         const Slice slice = pyramid.slice({.points = points, .box = kEighth});
         EXPECT_EQ(slice.points, points);

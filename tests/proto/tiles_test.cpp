@@ -20,7 +20,7 @@ Results results_of(const PointCloud& cloud, std::vector<std::uint64_t> sizes,
     PyramidJob job;
     job.options.sizes = std::move(sizes);
     job.options.nested = adds;
-    if (adds) job.options.method = Method::Iterative;
+    if (adds) job.options.simplification.method = Method::Iterative;
     job.tiles.max_points = max_points;
     job.tiles.additive = adds;
     Results results{.request = {std::string(64, 'a'), job},
@@ -205,7 +205,7 @@ TEST(Tileset, TellsItsFiguresAsMetadataThatFitsTheSchemaOfItsFile) {
                 EXPECT_EQ(said["deltaP99"], extras["error"]["p99"]);
                 for (const char* const same : {"spacing", "coverRadius", "points", "bits"})
                     EXPECT_EQ(said[same], extras[same]);
-                EXPECT_EQ(said["method"], to_string(PyramidJob{}.options.method));
+                EXPECT_EQ(said["method"], to_string(PyramidJob{}.options.simplification.method));
             }
             if (tile.contains("children"))
                 for (const json& child : tile["children"]) check(child);

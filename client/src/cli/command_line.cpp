@@ -195,17 +195,17 @@ PyramidCommand pyramid_command(const Values& values, const CLI::App& app) {
     LodPyramidOptions& options = command.job.options;
     options = values.pyramid;
     options.sizes = values.levels;
-    options.method = method_from_name(values.pyramid_method);
+    SimplifyOptions& method = options.simplification;
+    method.method = method_from_name(values.pyramid_method);
     if (values.refine != "replace" && values.refine != "add")
         throw UsageError("--refine " + values.refine + ": expected replace or add");
     options.nested = values.refine == "add";
-    if (options.nested && app.count("--method") == 0) options.method = Method::Iterative;
+    if (options.nested && app.count("--method") == 0) method.method = Method::Iterative;
+    refuse_options_of_other_methods(app, method.method);
+    set_method_options(values.of_methods, method);
+    method.reductions = reductions(values);
+    method.seed = values.seed;
     command.job.base_bytes = values.base_bytes;
-    if (options.method != Method::Hierarchical && app.count("--representative") > 0)
-        throw UsageError("--representative belongs to hierarchical, not to " +
-                         std::string(to_string(options.method)));
-    options.representative = representative_from_name(values.of_methods.representative);
-    options.reductions = reductions(values);
     command.job.error = !values.no_error;
     std::vector<CloudFormat>& formats = command.job.output.formats;
     for (const std::string& name : values.formats) {

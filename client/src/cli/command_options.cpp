@@ -92,6 +92,18 @@ void add_encoding(CLI::App& command, Values& values) {
     add_common(command, values);
 }
 
+void add_seed(CLI::App& command, Values& values) {
+    command.add_option("--seed", values.seed, "of methods that draw at random")
+        ->type_name("S")
+        ->capture_default_str()
+        ->transform(whole_number());
+}
+
+/// Of what is refused since the command has its own counts.
+void hide(CLI::App& command, std::initializer_list<const char*> bounds) {
+    for (const char* const bound : bounds) command.get_option(bound)->group("");
+}
+
 std::string methods() {
     std::string names;
     for (const Method method : kMethods)
@@ -120,10 +132,7 @@ CLI::App& add_simplify(CLI::App& app, Values& values) {
                     "as few points as are found within this distance: input units, or as in 0.1% "
                     "of the diagonal")
         ->type_name("E");
-    command.add_option("--seed", values.seed, "of methods that draw at random")
-        ->type_name("S")
-        ->capture_default_str()
-        ->transform(whole_number());
+    add_seed(command, values);
     add_reductions(command, values);
     add_added_attributes(command, values);
     add_encoding(command, values);
@@ -236,9 +245,10 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
         ->capture_default_str();
     command
         .add_option("-m,--method", values.pyramid_method,
-                    "hierarchical; multiphase or iterative: less error, more time")
+                    "hierarchical; multiphase, iterative: less error, more time; or any other")
         ->type_name("M")
         ->capture_default_str();
+    add_seed(command, values);
     command
         .add_option(
             "--formats", values.formats,
@@ -276,12 +286,13 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
         ->excludes("--transform")
         ->type_name("CODE")
         ->transform(whole_number());
-    add_representative(command, values.of_methods.representative);
     add_reductions(command, values);
     add_no_error(command, values);
     add_draco(command, values, ".drc, .laz, .stpc and the finest tiles");
     add_server(command, values);
     add_common(command, values);
+    add_method_options(command, values.of_methods);
+    hide(command, {"--max-cluster-size", "--voxel-size"});
     command.footer(
         "Examples:\n"
         "  stipple pyramid scan.ply levels/\n"
@@ -422,15 +433,11 @@ CLI::App& add_curve(CLI::App& app, Values& values) {
         ->excludes(points)
         ->transform(whole_number());
     command.add_option("--plot", values.plot, "draw it, as a .svg file")->type_name("FILE");
-    command.add_option("--seed", values.seed, "of methods that draw at random")
-        ->type_name("S")
-        ->capture_default_str()
-        ->transform(whole_number());
+    add_seed(command, values);
     add_server(command, values);
     add_common(command, values);
     add_method_options(command, values.of_methods);
-    for (const char* target : {"--max-cluster-size", "--max-variation", "--voxel-size"})
-        command.get_option(target)->group("");  // refused: a curve is of counts
+    hide(command, {"--max-cluster-size", "--max-variation", "--voxel-size"});
     command.footer(
         "Examples:\n"
         "  stipple curve scan.ply --plot curve.svg\n"

@@ -42,7 +42,7 @@ struct Values {
     std::string layout = "levels";
     std::optional<std::uint64_t> base_bytes;
     std::string refine = "replace";
-    std::string pyramid_method{to_string(LodPyramidOptions{}.method)};
+    std::string pyramid_method{to_string(LodPyramidOptions{}.simplification.method)};
     SyntheticScanOptions synthetic;
     DracoEncodeOptions draco;
     std::string coding = "auto", ply_encoding = "le";

@@ -123,12 +123,6 @@ std::optional<Place> read_place(const std::string& kind, const std::vector<std::
 
 }  // namespace
 
-void add_representative(CLI::App& command, std::string& representative) {
-    command.add_option("--representative", representative, "nearest, surface or centroid")
-        ->type_name("KIND")
-        ->capture_default_str();
-}
-
 void add_method_options(CLI::App& command, MethodValues& values) {
     const auto group = [&command](const std::string& name) {
         command.option_defaults()->group(name);
@@ -141,7 +135,9 @@ void add_method_options(CLI::App& command, MethodValues& values) {
         .add_option("--voxel-size", values.voxel_size,
                     "of voxel, instead of a target: edge of a cube, input units")
         ->type_name("L");
-    add_representative(command, values.representative);
+    command.add_option("--representative", values.representative, "nearest, surface or centroid")
+        ->type_name("KIND")
+        ->capture_default_str();
     group("Of particles");
     add_particle_options(command, values);
     group("Options");
@@ -191,7 +187,7 @@ ParticleSimulationOptions particle_options(const MethodValues& values) {
 }
 
 void set_method_options(const MethodValues& values, SimplifyOptions& options) {
-    const Representative representative = representative_from_name(values.representative);
+    const auto representative = named(kRepresentatives, values.representative, "--representative");
     options.hierarchical.max_cluster_size = values.max_cluster_size;
     options.hierarchical.max_variation = values.max_variation;
     options.hierarchical.representative = representative;
@@ -211,10 +207,6 @@ void set_method_options(const MethodValues& values, SimplifyOptions& options) {
         options.iterative.attribute_weights[text.substr(0, equals)] = *weight;
     }
     options.particles = particle_options(values);
-}
-
-Representative representative_from_name(const std::string& name) {
-    return named(kRepresentatives, name, "--representative");
 }
 
 DensityRegion read_region(const std::string& text) {

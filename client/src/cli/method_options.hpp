@@ -29,7 +29,6 @@ struct MethodValues {
 void add_method_options(CLI::App& command, MethodValues& values);
 /// Those of `particles` alone, which are those of `upsample`.
 void add_particle_options(CLI::App& command, MethodValues& values);
-void add_representative(CLI::App& command, std::string& representative);
 
 /// @throws UsageError naming an option on the command line that belongs to other methods.
 void refuse_options_of_other_methods(const CLI::App& command, Method method);
@@ -37,7 +36,6 @@ void refuse_options_of_other_methods(const CLI::App& command, Method method);
 void set_method_options(const MethodValues& values, SimplifyOptions& options);
 /// @throws UsageError.
 ParticleSimulationOptions particle_options(const MethodValues& values);
-Representative representative_from_name(const std::string& name);
 
 /// `sphere:X,Y,Z,R:DENSITY`, `box:X0,Y0,Z0,X1,Y1,Z1:DENSITY` or `attribute:NAME,LOW,HIGH:DENSITY`,
 /// each with `:TRANSITION` after it or not. @throws UsageError.

@@ -177,7 +177,7 @@ ordered_json figures(const PyramidCommand& command, const proto::Results& result
     json["output"] = {{"folder", command.output_folder.string()},
                       {"levels", ordered_json::parse(proto::to_json(results)).at("levels")},
                       {"bytes", bytes}};
-    json["method"] = to_string(command.job.options.method);
+    json["method"] = to_string(command.job.options.simplification.method);
     if (results.cost) add_cost(json, *results.cost);
     return json;
 }

@@ -34,6 +34,8 @@ struct IterativeSimplificationOptions {
         attribute_weights{};  ///< the same for other attributes, by name, per range of values
     std::map<std::string, Reduction>
         reductions{};  ///< by attribute name, instead of the attribute's own
+
+    bool operator==(const IterativeSimplificationOptions&) const = default;
 };
 
 /// Iterative simplification (§3.2): point pairs are contracted, those of the least quadric error

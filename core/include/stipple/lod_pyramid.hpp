@@ -21,14 +21,12 @@ struct LodPyramidOptions {
     std::function<bool(const PointCloud&)>
         base_fits{};  ///< where set, levels by ratio begin with the largest that it takes, of those
                       ///< tried: `base_points` or the whole cloud, then each 10 % smaller
-    Method method =
-        Method::Hierarchical;  ///< or `multiphase` or `iterative`: less error, more time
-    Representative representative = Representative::Nearest;  ///< of `hierarchical`
-    std::map<std::string, Reduction>
-        reductions{};     ///< by attribute name, instead of the attribute's own
+    SimplifyOptions simplification{
+        .method = Method::Hierarchical};  ///< method and its options; without a target.
+                                          ///< `multiphase` and `iterative`: less error, more time
     bool nested = false;  ///< each level begins with the points of the one above, as they are:
                           ///< prefixes of one order, contraction to an end point backwards. Only
-                          ///< `iterative`, and without `reductions`
+                          ///< `iterative`, whose options and `reductions` are not read
     bool spacing = true;  ///< of each level is measured; where its tiles say it, that is time lost
     std::span<const Index> order{};  ///< of all points along a curve, where it is known
                                      ///< (`LodTiler::order`): of millions a tree then grows sooner,
@@ -54,19 +52,23 @@ void validate(const LodPyramidOptions& options);
 /// repeats, never empty.
 std::vector<std::uint64_t> lod_sizes(std::uint64_t points, const LodPyramidOptions& options);
 
-/// Levels of detail of a cleaned cloud, all from one run: cuts of the tree of
-/// `hierarchical_clustering`, or `multiphase_snapshots` or `iterative_snapshots`. The level of all
-/// points is the cloud itself; of nested levels it is so in their order.
+/// Levels of detail of a cleaned cloud, from one run of a method: cuts of the tree of
+/// `hierarchical_clustering`, `multiphase_snapshots` or `iterative_snapshots`. Of the other methods
+/// each level is what `simplify` makes of the cloud: the coarser, the sooner; particles move on one
+/// surface, and are spread anew for each level, since parts that get none at first would stay bare
+/// if they were split. The level of all points is the cloud itself; of nested levels it is so in
+/// their order.
 ///
 /// Levels have more points where the surface bends, yet no holes where it is flat: of an evenly
-/// sampled surface no point is farther from a level than three times its spacing. What the cloud
-/// itself leaves bare, as between the last returns of a LiDAR scan, no level covers.
+/// sampled surface no point is farther from a level than three times its spacing, but for
+/// `random`'s. What the cloud itself leaves bare, as between the last returns of a LiDAR scan, no
+/// level covers.
 ///
-/// @param on_level  called for each level, coarsest first, on the calling thread, once the run is
-/// over: cuts and snapshots are kept until then.
-/// @throws Error(InvalidArgument) for options out of range, a method that has no levels, a cloud
-/// without points, an order of another number of points, or a single point that `base_fits` does
-/// not take.
+/// @param on_level  called for each level, coarsest first, on the calling thread: of cuts and
+/// snapshots once the run is over, which are kept until then; of the other methods before the next
+/// level is begun.
+/// @throws Error(InvalidArgument) for options out of range, a target, a cloud without points, an
+/// order of another number of points, or a single point that `base_fits` does not take.
 /// All cuts of the dragon take 1.1 to 1.2 times as long as its finest alone
 /// (`pyramid/dragon/ratio-4` of stipple-bench), without their spacing. 16 bytes a point beside the
 /// tree; with an order, 4 for each point of the levels.
