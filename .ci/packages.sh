@@ -7,7 +7,7 @@ packages_of() {
     case $1 in
         build) echo g++ cmake ninja-build pkg-config \
             libcpp-httplib-dev nlohmann-json3-dev libeigen3-dev libnanoflann-dev libdraco-dev libspdlog-dev \
-            libmeshoptimizer-dev libcairo2-dev fonts-dejavu-core libtbb-dev libsqlite3-dev zlib1g-dev libbrotli-dev libssl-dev libcli11-dev prometheus-cpp-dev libseccomp-dev libyaml-cpp-dev libgtest-dev ;;
+            libmeshoptimizer-dev libcairo2-dev fonts-dejavu-core libtbb-dev libsqlite3-dev zlib1g-dev libbrotli-dev libssl-dev libcurl4-openssl-dev libcli11-dev prometheus-cpp-dev libseccomp-dev libyaml-cpp-dev libgtest-dev ;;
         viewer) echo nodejs npm ca-certificates ;;
         test) echo chromium ;;
         container) echo debootstrap buildah podman runc curl ;;

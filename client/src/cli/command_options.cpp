@@ -214,7 +214,9 @@ CLI::App& add_analyze(CLI::App& app, Values& values) {
 CLI::App& add_pyramid(CLI::App& app, Values& values) {
     CLI::App& command = *app.add_subcommand("pyramid", "levels of detail, coarse to fine");
     add_input(command, values);
-    command.add_option("OUTDIR", values.output, "folder for the levels and manifest.json")
+    command
+        .add_option("OUTDIR", values.output,
+                    "folder for the levels and manifest.json, or s3://BUCKET/PREFIX")
         ->required()
         ->type_name("FOLDER");
     auto* const levels =
@@ -297,6 +299,7 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
         "Examples:\n"
         "  stipple pyramid scan.ply levels/\n"
         "  stipple pyramid scan.ply levels/ --levels 1000,10000,100000 --formats drc\n"
+        "  stipple pyramid scan.ply s3://bucket/levels/ --method multiphase\n"
         "  stipple pyramid scan.ply levels/ --server http://127.0.0.1:8080");
     return command;
 }

@@ -1,3 +1,4 @@
+#include "cli/bucket.hpp"
 #include "cli/commands.hpp"
 #include "cli/files.hpp"
 #include "cli/job_execution.hpp"
@@ -10,10 +11,13 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
+#include <cstdlib>
 #include <fstream>
 #include <iostream>
+#include <optional>
 #include <ranges>
 #include <set>
+#include <span>
 #include <vector>
 
 namespace stipple::cli {
@@ -43,16 +47,15 @@ std::set<fs::path> pyramid_in(const fs::path& folder) {
     return files;
 }
 
-/// @throws Error(InvalidArgument) for `s3://bucket/x`, which would become a folder of that name.
-void require_no_address(const fs::path& folder) {
-    const std::string text = folder.string();
+/// @throws Error(InvalidArgument) for `https://example.org/x`, which would become a folder of that
+/// name.
+void require_no_address(const std::string& text) {
     const auto colon = text.find("://");
     if (colon == text.npos || text.find('/') < colon) return;
     throw Error(ErrorCode::InvalidArgument,
                 text +
-                    ": a pyramid is written into a folder: name one, then copy it, as `aws s3 "
-                    "sync FOLDER " +
-                    text + "` does for a bucket");
+                    ": expected a folder, or s3://BUCKET/PREFIX with AWS_ENDPOINT_URL for a "
+                    "store other than that of AWS");
 }
 
 void make_folder(const fs::path& folder) {
@@ -73,10 +76,10 @@ void publish_text(const std::string& text, const std::string& name, const fs::pa
 }
 
 /// The manifest comes last: while it is missing or old, nobody takes the new files for a whole.
-/// @returns their names.
-std::set<fs::path> publish(const proto::Results& results, const fs::path& scratch,
-                           const fs::path& input, const fs::path& folder) {
-    std::set<fs::path> files;
+/// @returns their names, in this order.
+std::vector<fs::path> publish(const proto::Results& results, const fs::path& scratch,
+                              const fs::path& input, const fs::path& folder) {
+    std::vector<fs::path> files;
     for (const proto::ExportFile& file : proto::export_files(results)) {
         require_apart({input}, {folder / file.name});
         if (file.stored) {
@@ -84,22 +87,58 @@ std::set<fs::path> publish(const proto::Results& results, const fs::path& scratc
         } else {
             publish_text(file.text, file.name, scratch, folder);
         }
-        files.insert(file.name);
+        files.emplace_back(file.name);
     }
     return files;
 }
 
-/// The metadata last, as the manifest above. @returns the bytes of all.
-std::uint64_t publish_potree(const PyramidCommand& command, const proto::Results& results,
-                             const fs::path& scratch, const RunContext& context) {
+/// The metadata last, as the manifest above. @returns their names, in this order.
+std::vector<fs::path> publish_potree(const proto::Results& results, const fs::path& scratch,
+                                     const fs::path& input, const fs::path& folder,
+                                     const RunContext& context) {
     const PointCloud cloud =
         read_cloud(scratch / results.levels.at(0).files.at(0).href, {}, context);
-    proto::write_potree(cloud, scratch, {.name = command.input.stem().string()}, context);
-    std::uint64_t bytes = 0;
-    for (const char* const name : kPotreeFiles) {
-        bytes += fs::file_size(scratch / name);
-        move_into_place(scratch / name, command.output_folder / name);
+    proto::write_potree(cloud, scratch, {.name = input.stem().string()}, context);
+    for (const char* const name : kPotreeFiles) move_into_place(scratch / name, folder / name);
+    return {kPotreeFiles.begin(), kPotreeFiles.end()};
+}
+
+BucketObject object_of(const fs::path& file, const fs::path& folder) {
+    const std::string name = file.string(), extension = extension_of(file);
+    std::string media_type = "application/octet-stream";
+    if (extension == ".json") {
+        media_type = "application/json";
+    } else if (extension != ".bin") {
+        const std::string format = extension == ".laz" ? "copc.laz" : extension.substr(1);
+        media_type = stipple::media_type(cloud_format_from_name(format));
     }
+    // The name of a tile is the hash of its bytes; other names may stand for other bytes one day.
+    const bool never_changes = proto::is_sha256(file.stem().string());
+    return {folder / file, name, media_type,
+            never_changes ? "public, max-age=31536000, immutable" : "no-cache"};
+}
+
+/// What the folder holds, into a bucket, the last file last.
+void put(const BucketAddress& bucket, const BucketAccess& access, const fs::path& folder,
+         std::span<const fs::path> files, const std::stop_token& stop, ProgressDisplay& display) {
+    std::vector<BucketObject> objects;
+    std::uint64_t all = 0, sent = 0;
+    for (const fs::path& file : files) {
+        objects.push_back(object_of(file, folder));
+        all += fs::file_size(objects.back().file);
+    }
+    const auto on_bytes = [&](std::uint64_t bytes) {
+        display.update("upload", static_cast<double>(sent + bytes) / static_cast<double>(all));
+    };
+    const std::span<const BucketObject> last = std::span(objects).last(1);
+    put_objects(bucket, access, std::span(objects).first(objects.size() - 1), on_bytes, stop);
+    sent = all - fs::file_size(last.front().file);
+    put_objects(bucket, access, last, on_bytes, stop);
+}
+
+std::uint64_t bytes_of(const fs::path& folder, std::span<const fs::path> files) {
+    std::uint64_t bytes = 0;
+    for (const fs::path& file : files) bytes += fs::file_size(folder / file);
     return bytes;
 }
 
@@ -186,17 +225,27 @@ ordered_json figures(const PyramidCommand& command, const proto::Results& result
 
 void run(const PyramidCommand& command, const Session& session) {
     const auto start = std::chrono::steady_clock::now();
-    require_no_address(command.output_folder);
+    const std::optional<BucketAddress> bucket = bucket_address(command.output_folder.string());
+    if (!bucket) require_no_address(command.output_folder.string());
     require_input(command.input);
-    const bool made = !fs::exists(command.output_folder);
-    make_folder(command.output_folder);
+    // Into a bucket it goes from a folder that is gone in the end.
+    std::optional<BucketAccess> access;
+    std::optional<ScratchFolder> staging;
+    if (bucket) {
+        access = bucket_access([](const char* name) { return std::getenv(name); });
+        require_bucket(*bucket, *access);
+        staging.emplace(fs::temp_directory_path());
+    }
+    const fs::path folder = bucket ? staging->path() : command.output_folder;
+    const bool made = !fs::exists(folder);
+    make_folder(folder);
     try {
         require_place_of(command.common.json);
-        const std::set<fs::path> before = pyramid_in(command.output_folder);
+        const std::set<fs::path> before = pyramid_in(folder);
         for (const fs::path& file : before)
-            require_apart({command.input, command.common.json}, {command.output_folder / file});
+            require_apart({command.input, command.common.json}, {folder / file});
         require_apart({command.input}, {command.common.json});
-        const ScratchFolder scratch(command.output_folder);
+        const ScratchFolder scratch(folder);
         ProgressDisplay display(session.terminal, !command.common.quiet);
         const JobExecution execution{command.server, command.common.threads, session.stop};
         proto::Results results = naming(command.input, [&] {
@@ -206,18 +255,15 @@ void run(const PyramidCommand& command, const Session& session) {
         if (!results.source || results.levels.empty())
             throw Error(ErrorCode::Internal, "the result of a pyramid job has no levels");
         raise_tile_errors(results);
-        std::uint64_t bytes = bytes_of(results);
-        std::set<fs::path> files(kPotreeFiles.begin(), kPotreeFiles.end());
-        if (command.potree) {
-            RunContext context;
-            context.stop = session.stop;
-            context.threads = command.common.threads;
-            bytes = publish_potree(command, results, scratch.path(), context);
-        } else {
-            files = publish(results, scratch.path(), command.input, command.output_folder);
-        }
+        const RunContext context{.stop = session.stop, .threads = command.common.threads};
+        const std::vector<fs::path> files =
+            command.potree ? publish_potree(results, scratch.path(), command.input, folder, context)
+                           : publish(results, scratch.path(), command.input, folder);
+        const std::set<fs::path> kept(files.begin(), files.end());
         for (const fs::path& file : before)
-            if (!files.contains(file)) fs::remove(command.output_folder / file);
+            if (!kept.contains(file)) fs::remove(folder / file);
+        const std::uint64_t bytes = command.potree ? bytes_of(folder, files) : bytes_of(results);
+        if (bucket) put(*bucket, *access, folder, files, session.stop, display);
         display.finish();
 
         const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
@@ -226,7 +272,7 @@ void run(const PyramidCommand& command, const Session& session) {
         write_json(command.common.json, figures(command, results, bytes));
     } catch (...) {
         std::error_code not_empty;
-        if (made) fs::remove(command.output_folder, not_empty);
+        if (made) fs::remove(folder, not_empty);
         throw;
     }
 }
