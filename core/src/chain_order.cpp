@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <limits>
 #include <numeric>
 
 namespace stipple {
@@ -28,6 +29,17 @@ struct Place {
     std::uint8_t low_x, low_y, low_z, block;
 };
 
+constexpr int kColoredSlots = 256;
+constexpr int kChannels = 6;  // x, y, z, red, green, blue
+
+/// The same, of points with colours.
+struct ColoredWindow {
+    alignas(32) float channel[kChannels][kColoredSlots];
+};
+struct ColoredPlace {
+    float channel[kChannels];
+};
+
 #define STIPPLE_KERNELS_BODY "chain_order_body.hpp"
 #include "kernel_sets_of_body.hpp"
 
@@ -43,6 +55,14 @@ NearestSlots nearest_slots() {
 NearestSlots nearest_in_block() {
     static const std::vector<NearestSlots> available =
         with_avx2<NearestSlots>(plain::nearest_in_block, avx2::nearest_in_block);
+    return quickest(available);
+}
+
+using CheapestSlot = int (*)(const ColoredWindow& window, const ColoredPlace& from) noexcept;
+
+CheapestSlot cheapest_slot() {
+    static const std::vector<CheapestSlot> available =
+        with_avx2<CheapestSlot>(plain::cheapest_slot, avx2::cheapest_slot);
     return quickest(available);
 }
 
@@ -123,6 +143,30 @@ void chain(std::size_t count, const CoordinateAt& coordinate_at, NearestSlots ne
         });
 }
 
+/// Calls next(number) with each of the places in turn.
+template <typename Next>
+void chain(std::span<const ColoredPlace> places, Next&& next) {
+    const CheapestSlot cheapest = cheapest_slot();
+    constexpr float kNowhere = 1e18F;  // farther than any point, by position and by colour
+    ColoredWindow window;
+    std::array<Index, kColoredSlots> numbers{};
+    Index waiting = 0;
+    const auto fill = [&](int slot) {
+        const bool some = waiting < places.size();
+        for (int c = 0; c < kChannels; ++c)
+            window.channel[c][slot] = some ? places[waiting].channel[c] : kNowhere;
+        numbers[static_cast<std::size_t>(slot)] = waiting++;
+    };
+    for (int slot = 0; slot < kColoredSlots; ++slot) fill(slot);
+    Index at = 0;
+    for (std::size_t i = 0; i < places.size(); ++i) {
+        const int slot = cheapest(window, places[at]);
+        at = numbers[static_cast<std::size_t>(slot)];
+        next(at);
+        fill(slot);
+    }
+}
+
 }  // namespace
 
 std::vector<Index> chain_order(std::span<const GridPoint> points) {
@@ -174,8 +218,13 @@ std::span<const Index> BlockChain::order(std::span<const GridPoint> points) {
     return order_;
 }
 
+namespace {
+
+constexpr std::size_t kPiece = 65'536;
+
+}  // namespace
+
 std::vector<Index> chain_through(std::span<const Vec3f> points, const RunContext& context) {
-    constexpr std::size_t kPiece = 65'536;
     constexpr double kSteps = 65'535;
     const std::vector<Index> curve = hilbert_order(points, context);
     std::vector<Index> order(points.size());
@@ -197,6 +246,27 @@ std::vector<Index> chain_through(std::span<const Vec3f> points, const RunContext
         }
         std::ranges::transform(chain_order(places), order.begin() + static_cast<long>(begin),
                                [&](Index i) { return piece[i]; });
+    });
+    return order;
+}
+
+std::vector<Index> chain_through(std::span<const Vec3f> points, double step,
+                                 std::span<const Rgba8> colors, const RunContext& context) {
+    const std::vector<Index> curve = hilbert_order(points, context);
+    std::vector<Index> order(points.size());
+    parallel_for_blocks(points.size(), kPiece, context, [&](std::size_t begin, std::size_t end) {
+        const std::span<const Index> piece = std::span(curve).subspan(begin, end - begin);
+        const Vec3d low = points[piece.front()].cast<double>();
+        std::vector<ColoredPlace> places(piece.size());
+        for (std::size_t i = 0; i < piece.size(); ++i) {
+            const Vec3d at = (points[piece[i]].cast<double>() - low) / step;
+            const Rgba8& color = colors[piece[i]];
+            places[i] = {{static_cast<float>(at.x()), static_cast<float>(at.y()),
+                          static_cast<float>(at.z()), static_cast<float>(color.r),
+                          static_cast<float>(color.g), static_cast<float>(color.b)}};
+        }
+        std::size_t to = begin;
+        chain(places, [&](Index i) { order[to++] = piece[i]; });
     });
     return order;
 }

@@ -22,6 +22,29 @@ void nearest_slots(const Window* windows, const Place* from, int* slots, int cha
     for (int c = 0; c < chains; ++c) slots[c] = nearest_slot(windows[c], from[c]);
 }
 
+/// The slot of the fewest bits: of the least product of the sums of differences, each plus one; the
+/// first of several.
+int cheapest_slot(const ColoredWindow& window, const ColoredPlace& from) noexcept {
+    alignas(32) float cost[kColoredSlots];
+    for (int slot = 0; slot < kColoredSlots; ++slot) {
+        float sums[] = {1, 1};
+        for (int c = 0; c < kChannels; ++c) {
+            const float d = window.channel[c][slot] - from.channel[c];
+            sums[c / 3] += d < 0 ? -d : d;
+        }
+        cost[slot] = sums[0] * sums[1];
+    }
+    // Of positive floats the bits are in the same order.
+    alignas(32) std::int32_t bits[kColoredSlots];
+    __builtin_memcpy(bits, cost, sizeof bits);
+    std::int32_t least = kNone;
+    for (int slot = 0; slot < kColoredSlots; ++slot)
+        least = bits[slot] < least ? bits[slot] : least;
+    for (int slot = 0; slot < kColoredSlots; ++slot)
+        if (bits[slot] == least) return slot;
+    return 0;
+}
+
 using Bytes = std::uint8_t __attribute__((vector_size(32)));
 
 [[gnu::always_inline]] inline Bytes load(const std::uint8_t* from) noexcept {

@@ -135,8 +135,8 @@ unsigned bits_for_most(std::span<const Vec3f> positions, const Extent& extent,
     } else if (crowds(some, extent.side, bits)) {
         const double spacing = median_gap(PointTree(positions, PointTree::Leaves::Loose, context));
         if (spacing > 0)
-            bits = std::max(
-                bits, static_cast<unsigned>(std::ceil(std::log2(extent.side / spacing + 1))));
+            bits = std::max(bits,
+                            static_cast<unsigned>(std::ceil(std::log2(extent.side / spacing + 1))));
     }
     if (bits <= std::max(kMostOfFloat, options.position_bits)) return bits;
     return options.coding == DracoCoding::KdTree ? std::min(bits, kMostBits) : 0;
@@ -358,6 +358,17 @@ draco::PointCloudEncodingMethod method_for(const Encoded& encoded, DracoCoding c
     return kd_tree ? draco::POINT_CLOUD_KD_TREE_ENCODING : draco::POINT_CLOUD_SEQUENTIAL_ENCODING;
 }
 
+/// In which differences from one point to the next take few bits.
+std::vector<Index> order_of(const PointCloud& cloud, unsigned position_bits,
+                            const RunContext& context) {
+    const double side = extent_of(cloud.positions).side;
+    // Floats as they are have no differences that count.
+    if (cloud.colors.empty() || position_bits == 0 || side == 0)
+        return chain_through(cloud.positions, context);
+    return chain_through(cloud.positions, side / (std::exp2(position_bits) - 1), cloud.colors,
+                         context);
+}
+
 /// @param cloud  is spent unless it is const.
 template <typename Cloud>
 std::vector<std::byte> encode(Cloud& cloud, const DracoEncodeOptions& options,
@@ -371,8 +382,9 @@ std::vector<std::byte> encode(Cloud& cloud, const DracoEncodeOptions& options,
     unsigned position_bits = options.position_bits;
     if (position_bits != 0 || options.precision) {
         const Extent extent = extent_of(cloud.positions);
-        position_bits = options.precision ? bits_for(*options.precision, extent)
-                                          : bits_for_most(cloud.positions, extent, options, context);
+        position_bits = options.precision
+                            ? bits_for(*options.precision, extent)
+                            : bits_for_most(cloud.positions, extent, options, context);
     }
     if (cloud.empty()) position_bits = 0;
     context.checkpoint(0);
@@ -380,7 +392,7 @@ std::vector<std::byte> encode(Cloud& cloud, const DracoEncodeOptions& options,
     Encoded encoded;
     {
         std::vector<Index> order;
-        if (sorted) order = chain_through(cloud.positions, context);
+        if (sorted) order = order_of(cloud, position_bits, context);
         fill(cloud, order, options, position_bits, encoded, context);
     }
     draco::ExpertEncoder encoder(encoded.geometry);

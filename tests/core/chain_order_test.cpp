@@ -2,6 +2,8 @@
 
 #include "hilbert_order.hpp"
 #include "kernel_sets.hpp"
+#include "random.hpp"
+#include "stipple/codec.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
@@ -122,6 +124,72 @@ TEST(ChainOrder, ByBlocksGoesToTheNearestOfTheNext128) {
             ASSERT_EQ(left.erase(order[i]), 1U);
         }
     }
+}
+
+/// Points of a sphere with colours in two fields and noise.
+PointCloud colored_sphere(std::size_t count) {
+    PointCloud cloud = test::sphere(count, 0.01);
+    std::uint64_t drawn = 0;
+    for (const Vec3f& p : cloud.positions) {
+        const bool light = std::sin(60 * p.x()) + std::sin(50 * p.y()) > 0;
+        const auto channel = [&] {
+            return static_cast<std::uint8_t>((light ? 180 : 40) + random_bits(7, drawn++) % 10);
+        };
+        cloud.colors.push_back({channel(), channel(), channel(), 255});
+    }
+    return cloud;
+}
+
+TEST(ChainOrder, WithColorsVisitsEveryPointOnceTheSameForAllThreadsAndMachines) {
+    for (const std::size_t count : {1, 2, 255, 256, 257, 3'000, 70'000}) {
+        const PointCloud cloud = colored_sphere(count);
+        const auto order_on = [&](unsigned threads) {
+            return chain_through(cloud.positions, 1e-4, cloud.colors, {.threads = threads});
+        };
+        const std::vector<Index> order = order_on(1);
+        EXPECT_EQ(order_on(3), order);
+        {
+            const PlainKernelsOnly plain;
+            EXPECT_EQ(order_on(1), order);
+        }
+        EXPECT_EQ(std::set<Index>(order.begin(), order.end()).size(), count);
+        EXPECT_EQ(order.size(), count);
+    }
+}
+
+TEST(ChainOrder, WithColorsGoesToTheCheapestOfTheNext256) {
+    const PointCloud cloud = colored_sphere(2'000);
+    constexpr double kStep = 1e-3;
+    const std::vector<Index> curve = hilbert_order(cloud.positions, {});
+    const std::vector<Index> order = chain_through(cloud.positions, kStep, cloud.colors, {});
+    const auto bits = [&](Index a, Index b) {
+        const Vec3d d = (cloud.positions[a] - cloud.positions[b]).cast<double>() / kStep;
+        const Rgba8 &p = cloud.colors[a], &q = cloud.colors[b];
+        const int change = std::abs(p.r - q.r) + std::abs(p.g - q.g) + std::abs(p.b - q.b);
+        return std::log2(1 + d.cwiseAbs().sum()) + std::log2(1 + change);
+    };
+    std::set<Index> left;
+    std::size_t next = 0;
+    for (std::size_t i = 0; i < order.size(); ++i) {
+        while (left.size() < 256 && next < curve.size()) left.insert(curve[next++]);
+        if (i > 0) {
+            double least = 1e30;
+            for (const Index other : left) least = std::min(least, bits(other, order[i - 1]));
+            ASSERT_NEAR(bits(order[i], order[i - 1]), least, 1e-3) << i;
+        }
+        ASSERT_EQ(left.erase(order[i]), 1U);
+    }
+}
+
+TEST(ChainOrder, WithColorsMakesDracoFilesSmallerThanByTheNearest) {
+    const PointCloud cloud = colored_sphere(20'000);
+    DracoEncodeOptions options;
+    options.coding = DracoCoding::Sequential;
+    const PointCloud by_nearest = subset(cloud, chain_through(cloud.positions, {}));
+    const std::size_t nearest = encode_draco(by_nearest, options).size();
+    options.sorted = true;
+    EXPECT_LT(static_cast<double>(encode_draco(cloud, options).size()),
+              0.98 * static_cast<double>(nearest));
 }
 
 TEST(ChainOrder, GoesToTheNearestOfThoseThatComeNext) {
