@@ -49,6 +49,10 @@ void check(const DracoEncodeOptions& options) {
     check_range("compression_level", options.compression_level, 0, 10, false);
 }
 
+bool are_finite(std::span<const Vec3f> vectors) {
+    return std::ranges::all_of(vectors, [](const Vec3f& v) { return v.allFinite(); });
+}
+
 template <typename Vectors>
 void require_finite(const Vectors& vectors, const char* what) {
     const auto found = std::ranges::find_if(vectors, [](const Vec3f& v) { return !v.allFinite(); });
@@ -375,8 +379,7 @@ std::vector<std::byte> encode(Cloud& cloud, const DracoEncodeOptions& options,
                               const RunContext& context) {
     check(options);
     validate(cloud);
-    const bool sorted = options.sorted && options.coding != DracoCoding::KdTree && !cloud.empty();
-    if (options.position_bits != 0 || options.precision || sorted)
+    if (options.position_bits != 0 || options.precision)
         require_finite(cloud.positions, "the position");
     require_finite(cloud.normals, "the normal");
     unsigned position_bits = options.position_bits;
@@ -391,8 +394,10 @@ std::vector<std::byte> encode(Cloud& cloud, const DracoEncodeOptions& options,
 
     Encoded encoded;
     {
+        const bool bare = cloud.normals.empty() && cloud.colors.empty() && cloud.attributes.empty();
         std::vector<Index> order;
-        if (sorted) order = order_of(cloud, position_bits, context);
+        if (options.coding == DracoCoding::Auto && !bare && are_finite(cloud.positions))
+            order = order_of(cloud, position_bits, context);
         fill(cloud, order, options, position_bits, encoded, context);
     }
     draco::ExpertEncoder encoder(encoded.geometry);

@@ -188,8 +188,11 @@ private:
         }
         meter_.advance(kAnalyze, 1);
         points_to_encode_ = cloud.size() + lines.size();
-        encode(level(0, std::move(cloud)), job.output);
-        if (!lines.empty()) encode(level(1, std::move(lines)), job.output);
+        // Points stay in the order of the file, and those of a line one after the other.
+        OutputOptions output = job.output;
+        if (output.draco.coding == DracoCoding::Auto) output.draco.coding = DracoCoding::Sequential;
+        encode(level(0, std::move(cloud)), output);
+        if (!lines.empty()) encode(level(1, std::move(lines)), output);
     }
 
     /// Figures alone, in the order in which they come, the finest first; numbered from the
@@ -483,10 +486,8 @@ private:
     /// Spends the level where it is written as Draco.
     OutputFile write(LodLevel& made, CloudFormat format, const DracoEncodeOptions& draco,
                      const RunContext& context) {
-        DracoEncodeOptions options = draco;
-        options.sorted = std::holds_alternative<PyramidJob>(spec_.request.job);
         const std::vector<std::byte> bytes =
-            format == CloudFormat::Draco ? encode_draco(std::move(made.cloud), options, context)
+            format == CloudFormat::Draco ? encode_draco(std::move(made.cloud), draco, context)
                                          : encode_ply(made.cloud, {}, context);
         return write_output("level-" + std::to_string(made.level), format, bytes, spec_);
     }

@@ -363,6 +363,13 @@ TEST_F(RunJob, AnalyzeFindsTheLinesWhereTwoPlanesMeet) {
     EXPECT_EQ(std::get<std::vector<std::uint32_t>>(line->values).front(), 0U);
     for (const Vec3f& p : lines.positions) EXPECT_NEAR(p.x(), 0.5F, 0.05F);
 
+    job.output.formats = {CloudFormat::Draco};  // which keeps points of a line in their order, too
+    run(spec_for(roof, job));
+    const PointCloud decoded = read_cloud(folder_ / "out" / "level-1.drc");
+    ASSERT_EQ(decoded.size(), lines.size());
+    for (std::size_t i = 0; i < lines.size(); ++i)
+        EXPECT_LT((decoded.positions[i] - lines.positions[i]).norm(), 1e-3F) << i;
+
     reports_.clear();
     run(spec_for(test::plane(1000), job));  // without any
     EXPECT_EQ(levels().size(), 1U);

@@ -65,7 +65,7 @@ void add_draco(CLI::App& command, Values& values, const std::string& precise = "
     command.add_option("--normal-bits", values.draco.normal_bits, "of .drc: 2..30")
         ->type_name("B")
         ->transform(whole_number());
-    command.add_option("--coding", values.coding, "of .drc: auto (default), sequential or kd-tree")
+    command.add_option("--coding", values.coding, "of .drc: auto (default), sequential, which keeps the order, or kd-tree")
         ->type_name("C");
 }
 
