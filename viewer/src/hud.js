@@ -3,6 +3,9 @@ import * as format from './format.js';
 import { drawnErrorOf, meanErrorOf } from './result_session.js';
 
 const kFormats = { drc: 'Draco', ply: 'PLY', stpc: 'Stream', 'copc.laz': 'COPC' };  // of whole levels; tiles are for other viewers
+/** Of a bound, so that the slider's end at the coarsest level stands for its own error. */
+const kSlack = 1 + 1e-9;
+
 const kStages = { queued: 'Waiting', decode: 'Reading', clean: 'Cleaning', simplify: 'Simplifying', upsample: 'Adding points', analyze: 'Analysing', evaluate: 'Measuring', encode: 'Encoding' };
 
 /** The card with the level slider and the figures. */
@@ -13,7 +16,7 @@ export class Hud {
         byId.level.oninput = () => onLevel(Number(byId.level.value) - 1);
         byId.dismiss.onclick = onDismiss;
         byId['error-bound'].oninput = () => {
-            this.bound = 2 ** -Number(byId['error-bound'].value);  // finer to the right, as levels are
+            this.bound = kSlack * 2 ** -Number(byId['error-bound'].value);  // finer to the right, as levels are
             this.showBound(this.bound);
             onError(this.bound);
         };
@@ -75,31 +78,37 @@ export class Hud {
 
     /** The measured error of what is shown, and the bounds to choose from. */
     showErrors(levels, shown) {
-        const errors = levels.map(meanErrorOf).filter((error) => error > 0);
+        const errors = levels.map(meanErrorOf).filter((error) => error >= 0);
+        const [least, most] = [Math.min(...errors.filter((error) => error > 0)), Math.max(...errors)];
         const error = shown && drawnErrorOf(shown);
         byId.error.textContent = error ? format.percent(error.mean) : '–';
+        byId['error-name'].textContent = shown?.tiles ? 'Error in view' : 'Error';
         byId['error-figure'].title = error ? titleOf(error) + (shown.tiles ? '. Of what is drawn: finer where the camera is closer' : '') : '';
-        byId['error-slider'].hidden = errors.length < 2;
-        if (errors.length >= 2) {
-            byId['error-bound'].min = Math.floor(-Math.log2(Math.max(...errors)));
-            byId['error-bound'].max = Math.ceil(1 - Math.log2(Math.min(...errors)));
+        byId['error-slider'].hidden = !(least < most);
+        if (least < most) {
+            byId['error-bound'].min = -Math.log2(most);
+            byId['error-bound'].max = -Math.log2(least) + (errors.includes(0) ? 1 : 0);  // one octave for none at all
             this.followLevel(levels, shown);
         }
     }
 
-    /** The bound stays where it was put until a level is shown that it did not choose. */
+    /**
+     * The bound stays where it was put until a level is shown that it did not choose. Of tiles there is none then: how fine they
+     * are is up to the view.
+     */
     followLevel(levels, shown) {
         const wanted = levels.find((level) => meanErrorOf(level) <= this.bound) ?? levels.at(-1);
         if (shown && (this.bound === null || (shown !== this.boundLevel && shown !== wanted))) {
             this.bound = null;
             byId['error-bound'].value = -Math.log2(Math.max(meanErrorOf(shown), 1e-12));
-            this.showBound(meanErrorOf(shown));
+            this.showBound(shown.tiles ? null : meanErrorOf(shown));
         }
         this.boundLevel = shown;
     }
 
+    /** @param error  null: as the view asks */
     showBound(error) {
-        byId['error-bound-value'].textContent = error >= 0 ? format.percent(error) : '–';
+        byId['error-bound-value'].textContent = error === null ? 'by view' : error >= 0 ? format.percent(error) : '–';
         byId['error-bound'].ariaValueText = byId['error-bound-value'].textContent;
     }
 

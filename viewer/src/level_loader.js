@@ -213,7 +213,7 @@ export class LevelLoader {
             tiles.center = whole.geometry.boundingBox.getCenter(new Vector3()).add(middleOf(source)).sub(middleOf(whole));
             for (const level of tiled) {
                 Object.assign(level, {
-                    whole, geometry: whole.geometry, spacing: whole.spacing, drawn: { points: whole.points }, isColored: whole.isColored, state: 'ready',
+                    whole, geometry: whole.geometry, spacing: whole.spacing, drawn: { points: whole.points }, bound: null, isColored: whole.isColored, state: 'ready',
                 });
                 this.onReady(level);
             }

@@ -32,7 +32,8 @@ export class TileStream {
     }
 
     /**
-     * What to draw of a level for a camera: tiles with their `cloud` (geometry) and `spacing`, nowhere coarser than its `whole`.
+     * What to draw of a level for a camera: tiles with their `cloud` (geometry) and `spacing`, nowhere coarser than its `whole`. With
+     * a `bound` of the level, relative to the cloud's size, the tiles are as fine as that asks, on every level.
      * @param offset  from the tiles' coordinates to those of the camera; @param height  of the picture, pixels
      */
     select(camera, level, { offset, height }) {
@@ -40,11 +41,16 @@ export class TileStream {
             return [];
         }
         this.now += 1;
+        const { bound } = level;
         const { drawn, wanted } = select(this.root, {
-            ...viewOf(camera, offset, height), pixels: kPixels, coarsestLevel: level.whole.level, finestLevel: level.level, now: this.now,
+            ...viewOf(camera, offset, height), pixels: kPixels, coarsestLevel: level.whole.level, now: this.now,
+            ...(bound === null ? { finestLevel: level.level } : { finestLevel: Infinity, bound: bound * level.error.diagonal }),
         });
-        wanted.slice(0, kAtOnce - this.loading).forEach((tile) => this.load(tile));
-        const isComplete = wanted.length === 0 && this.loading === 0;
+        const isWanting = wanted.length > 0 && this.makeRoom();
+        if (isWanting) {
+            wanted.slice(0, kAtOnce - this.loading).forEach((tile) => this.load(tile));
+        }
+        const isComplete = !isWanting && this.loading === 0;
         if (isComplete !== this.isComplete) {
             this.isComplete = isComplete;
             queueMicrotask(this.onDrawn);
@@ -81,7 +87,8 @@ export class TileStream {
                 tile.attributes = read.attributes;
                 tile.points = tile.cloud.getAttribute('position').count;
                 tile.state = 'ready';
-                this.keep(tile);
+                this.ready.add(tile);
+                this.points += tile.points;
             }
         } catch (error) {
             tile.state = 'failed';
@@ -93,10 +100,8 @@ export class TileStream {
         }
     }
 
-    /** Gives up what was not seen for longest, by either of two panes, where too much is kept. */
-    keep(tile) {
-        this.ready.add(tile);
-        this.points += tile.points;
+    /** Gives up what was not seen for longest, by either of two panes, where too much is kept; whether there is room for more. */
+    makeRoom() {
         const unseen = this.points > kMostPoints
             ? [...this.ready].filter(({ usedAt }) => usedAt < this.now - 1).sort((a, b) => a.usedAt - b.usedAt) : [];
         for (const old of unseen) {
@@ -108,6 +113,7 @@ export class TileStream {
                 old.state = 'listed';
             }
         }
+        return this.points <= kMostPoints;
     }
 
     fail(error) {

@@ -143,6 +143,37 @@ await run({
         await page.locator('#stage').dblclick({ position: { x: 640, y: 560 } });  // where only a part is seen
         await page.waitForFunction((all) => parseInt(document.getElementById('points').innerText.replaceAll(',', ''), 10) < all, kTorusPoints);
     },
+
+    async 'A bound of the error holds for the tiles that are drawn, and its slider goes from the coarsest level to the finest'() {
+        const pyramid = await startJob({
+            type: 'pyramid', input: cloud, base_points: 3000, formats: ['drc', 'glb'], tiles: { max_points: 2000 },
+        });
+        const { levels } = await manifestOf(pyramid);
+        await page.goto(`${browser.url}/?pyramid=${pyramid}&whole=10000`);
+        await settledPyramid(page);
+        const figure = async (id) => parseFloat(await page.locator(`#${id}`).innerText());
+        const moveBound = (end) => page.locator('#error-bound').evaluate((input, to) => {
+            input.value = input[to];
+            input.dispatchEvent(new Event('input'));
+        }, end);
+        const [value, end] = await page.locator('#error-bound').evaluate((input) => [input.value, input.max].map(Number));
+        assert.ok(Math.abs(value - end) < 1e-6, `${value}, not ${end}`);
+        await page.locator('#stage').focus();
+        for (let step = 0; step < 12; step += 1) {
+            await page.keyboard.press('-');
+        }
+        await page.locator('#points').getByText(' of ').waitFor();  // from far away coarse tiles are enough
+        assert.equal(await page.locator('#error-bound-value').innerText(), 'by view');
+        const byView = await figure('error');
+        await moveBound('max');
+        await shows(page, kTorusPoints);
+        const asked = await figure('error-bound-value');
+        assert.ok(asked < byView, `${asked} of ${byView}`);
+        assert.ok(await figure('error') <= asked, `${await figure('error')} of ${asked}`);
+        await moveBound('min');
+        await shows(page, levels[0].points);
+        assert.equal(await figure('error'), await figure('error-bound-value'));
+    },
 });
 
 /** The torus looks the same by its attribute `height` and by z, which that is, and otherwise than by its own colours. */

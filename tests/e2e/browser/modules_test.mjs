@@ -82,6 +82,9 @@ test('Of a tree of tiles those are drawn that are fine enough, and coarser ones 
     assert.deepEqual(chosen({ pixels: 9 }).drawn, [root]);
     assert.deepEqual(chosen({ pixels: 9, coarsestLevel: 1 }).drawn, [left, right]);
     assert.deepEqual(chosen({ sees: (tile) => tile !== left }).drawn, right.children);
+    right.measured.mean = 5;
+    assert.deepEqual(chosen({ pixels: 9, coarsestLevel: 1, bound: 4 }).drawn, [left, ...right.children]);
+    assert.deepEqual(chosen({ pixels: 9, coarsestLevel: 1, bound: 5 }).drawn, [left, right]);
 });
 
 test('The error of tiles is the mean over their surface, and the largest of any', async () => {
