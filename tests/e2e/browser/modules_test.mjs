@@ -59,6 +59,30 @@ test('Splats leave no gap between points that stand in bunches', async () => {
     }
 });
 
+test('A splat reaches where the cells of its neighbours meet, and not much farther', async () => {
+    const { estimateSurface, kLargestRadius } = await moduleOf('surface_estimate.js');
+    const side = 40;
+    const points = Array.from({ length: side * side }, (_, i) => [i % side + 0.5 * (Math.floor(i / side) % 2), Math.sqrt(0.75) * Math.floor(i / side), 0]);
+    const surface = estimateSurface(Float32Array.from(points.flat()), null, 1);
+    const middle = side * side / 2 + side / 2;
+    const radius = kLargestRadius * surface[4 * middle + 3] / 32767;
+    assert.ok(radius > Math.sqrt(1 / 3) && radius < 1, `radius ${radius}`);  // of hexagons of width 1
+});
+
+test('Where neighbours lie all around, as in leaves, a normal says that it is in doubt, given or not', async () => {
+    const { estimateSurface } = await moduleOf('surface_estimate.js');
+    const fraction = (i, step) => (i * step) % 1;
+    const inside = Array.from({ length: 4000 }, (_, i) => [fraction(i, 0.8191725), fraction(i, 0.6710436), fraction(i, 0.5497005)]);
+    const up = Float32Array.from({ length: 3 * inside.length }, (_, k) => (k % 3 === 2 ? 1 : 0));
+    const meanLength = (points, normals, spacing) => {
+        const surface = estimateSurface(Float32Array.from(points.flat()), normals, spacing);
+        return points.reduce((sum, _, i) => sum + Math.hypot(...surface.subarray(4 * i, 4 * i + 3)) / 32767, 0) / points.length;
+    };
+    assert.ok(meanLength(inside, up, 0.05) < 0.35);
+    assert.ok(meanLength(inside, null, 0.05) < 0.7);
+    assert.ok(meanLength(spherePoints(3000), null, 0.06) > 0.99);
+});
+
 test('Of a tree of tiles those are drawn that are fine enough, and coarser ones until all of these are there', async () => {
     const { select, treeOf } = await moduleOf('tile_tree.js');
     const json = (error, children = []) => ({
