@@ -2,7 +2,7 @@ import { byId, element } from './element.js';
 import * as format from './format.js';
 import { drawnErrorOf, meanErrorOf } from './result_session.js';
 
-const kFormats = { drc: 'Draco', ply: 'PLY', stpc: 'Stream', 'copc.laz': 'COPC' };  // of whole levels; tiles are for other viewers
+const kFormats = { drc: 'Draco', ply: 'PLY', stpc: 'Stream', 'copc.laz': 'COPC', png: 'Picture' };  // of whole levels; tiles are for other viewers
 /** Of a bound, so that the slider's end at the coarsest level stands for its own error. */
 const kSlack = 1 + 1e-9;
 
@@ -118,11 +118,15 @@ export class Hud {
             return;
         }
         this.actionsOf = level;
-        const { files, error } = level;
+        const { files, error, ply } = level;
         const action = (textContent, title, onclick) => element('button', { className: 'action', textContent, title, onclick });
         const saved = files.filter(({ format: extension }) => extension in kFormats).map((file) =>
             action(`Save ${kFormats[file.format]}, ${format.bytes(file.bytes)}`, 'Save what is shown', () => this.onDownload(file)));
-        const map = error && error.samples > 0 && this.isOfInput
+        if (ply) {
+            saved.unshift(action(`Save ${kFormats.ply}`, 'Save what is shown', () => this.onDownload({ format: 'ply', ply })));
+        }
+        // Of a level with a file the figures tell whether it was measured, of one without its mean, which is 0 for the input itself.
+        const map = this.isOfInput && (ply ? meanErrorOf(level) > 0 : error?.samples > 0)
             ? [action('Error map', 'Measure and show where it is how far from the input', this.onMap)] : [];
         byId.files.replaceChildren(...saved, ...map);
         byId.files.hidden = saved.length + map.length === 0;

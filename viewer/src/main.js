@@ -30,7 +30,7 @@ preloadSurface();
 const kNotStarted = 'The job could not be started';
 
 /** Bytes of a point in a small file of each kind: a pyramid with large levels needs tiles, which take the server longer to make. */
-const kFewestBytes = { ply: 12, drc: 1.5 };
+const kFewestBytes = { ply: 12, drc: 1.5, stpc: 1.5 };
 
 const stage = new Stage(byId.stage, { onPicture: (level) => session?.pictured(level) });
 const library = new Library({
@@ -281,7 +281,7 @@ async function start(type, cloudId, fields) {
 /** Where the surface that is shown is how far from that of the input. */
 async function mapErrors() {
     try {
-        const map = await startEvaluation(inputOf(session.job), session.shown.file.sha256);
+        const map = await startEvaluation(inputOf(session.job), await hashOf(session.shown));
         look.forgetColor();
         if (!isPhone()) {
             look.open();  // its legend says what the colours are
@@ -292,11 +292,18 @@ async function mapErrors() {
     }
 }
 
+/** What the server knows a level by. One without a file becomes a cloud of its own. */
+async function hashOf({ file, ply, points }) {
+    return file?.sha256 ?? (await uploadCloud(new File([await ply()], fileName({ points }, 'ply')), () => {})).id;
+}
+
+const fileName = (shown, extension) => `${byId.title.textContent.replace(/\.(ply|drc)$/i, '')}-${shown?.points ?? 'points'}.${extension}`;
+
 /** By the page, since a link shows the server no key. */
-async function download({ href, format: extension }) {
-    const url = URL.createObjectURL(new Blob([await getBytes(href)]));
-    const stem = byId.title.textContent.replace(/\.(ply|drc)$/i, '');
-    element('a', { href: url, download: `${stem}-${session.shown?.points ?? 'points'}.${extension}` }).click();
+async function download({ href, ply, format: extension }) {
+    const name = fileName(session.shown, extension);
+    const url = URL.createObjectURL(new Blob([await (ply ? ply() : getBytes(href))]));
+    element('a', { href: url, download: name }).click();
     setTimeout(() => URL.revokeObjectURL(url), 60_000);
 }
 

@@ -166,9 +166,9 @@ const isGivenUp = ({ status }) => status === 'failed' || status === 'dismissed';
 export const meanErrorOf = (level) =>
     (level.tiles && level.decoded && level.error ? level.decoded.error.mean / level.error.diagonal : wholeErrorOf(level)?.mean) ?? NaN;
 
-/** Of a level loaded as a whole, with what its file rounds; `error.diagonal` is 0 where all points coincide. */
-function wholeErrorOf({ files, error }) {
-    const rounded = files?.find(({ format }) => format === 'drc')?.error;
+/** Of a level loaded as a whole, with what its files round; `error.diagonal` is 0 where all points coincide. */
+function wholeErrorOf({ file, source, decoded, error }) {
+    const rounded = file ? file.error : source && decoded?.error;
     return rounded && error?.diagonal > 0 ? { mean: rounded.mean / error.diagonal, max: rounded.max / error.diagonal } : error?.relative;
 }
 

@@ -1,10 +1,12 @@
-import { Box3, BufferAttribute, BufferGeometry, Frustum, Matrix4 } from 'three';
+import { Box3, Frustum, Matrix4 } from 'three';
 
 import { getBytes, getJson, persist } from './api.js';
-import { readTileInWorker } from './surface.js';
+import { geometryOf } from './level_files.js';
+import { readFilesInWorker } from './surface.js';
 import { errorOfTiles, select, treeOf } from './tile_tree.js';
 
 const kPixels = 2;              // of error
+const kLargestInTiles = 3;      // radius of a splat, spacings: beyond the border of a tile lie points of another
 const kAtOnce = 6;              // requests on their way
 const kMostPoints = 8_000_000;  // kept, drawn or not
 
@@ -81,7 +83,8 @@ export class TileStream {
             } else {
                 const glb = await persist(() => getBytes(address, this.signal), this.patience);
                 bytes = glb.byteLength;
-                const read = await readTileInWorker(glb, tile.spacing, this.signal);
+                const what = { files: [glb], kind: 'glb', offset: [0, 0, 0], largest: kLargestInTiles };
+                const read = await readFilesInWorker(what, tile.spacing, this.signal);
                 tile.spacing = read.spacing;
                 tile.cloud = geometryOf(read);
                 tile.attributes = read.attributes;
@@ -143,14 +146,4 @@ function viewOf(camera, offset, height) {
         sees: (tile) => frustum.intersectsBox(boxOf(tile)),
         errorOf: (tile) => tile.error * pixelsPerUnit / Math.max(boxOf(tile).distanceToPoint(eye), 1e-9 * tile.error),
     };
-}
-
-function geometryOf({ positions, surface, colors }) {
-    const geometry = new BufferGeometry();
-    geometry.setAttribute('position', new BufferAttribute(positions, 3));
-    geometry.setAttribute('surface', new BufferAttribute(surface, 4, true));
-    if (colors) {
-        geometry.setAttribute('color', new BufferAttribute(colors, 4, true));
-    }
-    return geometry;
 }

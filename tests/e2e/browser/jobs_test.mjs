@@ -2,6 +2,7 @@
 //
 //     node jobs_test.mjs --bin build/dev/bin --modules FOLDER --artifacts FOLDER [--scale 1]
 import assert from 'node:assert/strict';
+import { readFileSync } from 'node:fs';
 
 import { line, onePoint, truncated } from './clouds.mjs';
 import {
@@ -28,6 +29,53 @@ await run({
         await rest(page);
         assert.ok(await litShare(page) > 0.9 * whole);
         await colorsStandForHeight();
+    },
+
+    async 'What is shown of a stream is saved as a cloud, whose measured error is the one that is told'() {
+        await visit(page, `/?pyramid=${await startJob({ type: 'pyramid', input: cloud, formats: ['stpc'] })}`);
+        await page.locator('#level').fill('2');
+        await shows(page, kTorusPoints / 8);
+        const told = parseFloat(await page.locator('#error').innerText());
+        const [download] = await Promise.all([page.waitForEvent('download'), page.locator('#files').getByText('Save PLY').click()]);
+        assert.match(download.suggestedFilename(), /^torus-3750\.ply$/);
+        const header = readFileSync(await download.path(), 'latin1').split('end_header')[0];
+        assert.ok(['element vertex 3750', 'property float x', 'property uchar red', 'property float height']
+            .every((line) => header.includes(`\n${line}\n`)), header);
+        await page.locator('#files').getByText('Error map').click();
+        await page.waitForFunction(() => document.getElementById('color').value === 'distance');
+        const [{ error }] = (await manifestOf(await settledPyramid(page))).levels;
+        const measured = 100 * error.relative.mean;
+        assert.ok(Math.abs(measured - told) < 0.1 * told, `told ${told} %, measured ${measured} %`);
+        await page.keyboard.press('l');
+    },
+
+    async 'A pyramid of tiles alone, and one of PLY files, are shown level by level, where one of Draco files stands'() {
+        const levels = { levels: [2000, 8000, kTorusPoints] };
+        const [drc, ...others] = await Promise.all([['drc'], ['ply'], ['glb']].map((formats) =>
+            startJob({ type: 'pyramid', input: cloud, formats, ...levels, ...(formats[0] === 'glb' ? { tiles: { max_points: 3000, attributes: true } } : {}) })));
+        await visit(page, `/?pyramid=${drc}`);
+        await page.keyboard.press('2');
+        await shows(page, levels.levels[1]);
+        const picture = await restingPicture(page);
+        for (const pyramid of others) {
+            await visit(page, `/?pyramid=${pyramid}`);
+            await page.keyboard.press('2');
+            await shows(page, levels.levels[1]);
+            const share = differenceOf(picture, await restingPicture(page));
+            assert.ok(share < 0.05, `${share} of the pixels differ`);  // by the bits of either
+            assert.ok(parseFloat(await page.locator('#error').innerText()) > 0);
+            await colorsStandForHeight();
+            await page.keyboard.press('c');
+            await page.locator('#right-label').getByText('30K points').waitFor();
+            await page.locator('#compare-with').selectOption(`result:${drc}`);
+            await page.locator('#right-label').getByText('error').waitFor();
+            await page.locator('#compare-with').selectOption('level:0');
+            await page.locator('#right-label').getByText('2,000 points').waitFor();
+            await page.keyboard.press('c');
+        }
+        await save(page, 'tiles-alone');
+        const [download] = await Promise.all([page.waitForEvent('download'), page.locator('#files').getByText('Save PLY').click()]);
+        assert.match(readFileSync(await download.path(), 'latin1'), /^ply\n[^]*element vertex 8000\n/);
     },
 
     async 'A stream that is cut, and a level that cannot be reached, go on once the server answers'() {

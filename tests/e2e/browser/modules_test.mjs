@@ -59,6 +59,24 @@ test('Splats leave no gap between points that stand in bunches', async () => {
     }
 });
 
+test('A PLY file that is written is read as it was, doubles and attributes of several values too', async () => {
+    const { plyOf, readPly } = await moduleOf('ply_cloud.js');
+    const cloud = {
+        count: 2, origin: [5e6, 0, -3], positions: Float32Array.of(0.25, 1, 2, 3, 4, 5, 9, 9, 9), normals: Float32Array.of(0, 0, 1, 0, 1, 0),
+        colors: Uint8Array.of(1, 2, 3, 4, 5, 6), colorComponents: 3,
+        attributes: [
+            { name: 'axis', type: 'float32', components: 3, values: [0, 1, 2, 3, 4, 5] }, { name: 'class', type: 'uint16', components: 1, values: [7, 65_535] },
+        ],
+    };
+    const read = readPly(plyOf(cloud).buffer);
+    assert.deepEqual([...read.positions], [5e6 + 0.25, 1, -1, 5e6 + 3, 4, 2]);
+    assert.deepEqual(read.normals, cloud.normals);
+    assert.deepEqual([...read.colors], [1, 2, 3, 255, 4, 5, 6, 255]);
+    assert.deepEqual(Object.keys(read.attributes), ['axis', 'class']);
+    assert.deepEqual([...read.attributes.axis.values, ...read.attributes.class.values], [0, 1, 2, 3, 4, 5, 7, 65_535]);
+    assert.throws(() => readPly(plyOf(cloud).buffer.slice(0, -1)), /ends before/);
+});
+
 test('A splat reaches where the cells of its neighbours meet, and not much farther', async () => {
     const { estimateSurface, kLargestRadius } = await moduleOf('surface_estimate.js');
     const side = 40;
