@@ -69,8 +69,8 @@ export function getManifest({ id, type }, signal) {
     return getJson(type === 'pyramid' ? `${pathOf('pyramids', id)}/manifest.json?inline=drc` : `${pathOf('jobs', id)}/results`, signal);
 }
 
-/** @param fields  of the job beside its type and its input */
-export const startJob = (type, cloudId, fields) => postJob({ type, input: cloudId, ...fields });
+/** @param fields  of the job beside its type and the cloud that it is about */
+export const startJob = (type, cloudId, fields) => postJob({ type, [type === 'evaluate' ? 'reference' : 'input']: cloudId, ...fields });
 
 /** The distances of two clouds, by their hashes, as a coloured cloud. */
 export const startEvaluation = (reference, candidate) => postJob({ type: 'evaluate', reference, candidate, map: ['drc'] });

@@ -36,7 +36,7 @@ const stage = new Stage(byId.stage, { onPicture: (level) => session?.pictured(le
 const library = new Library({
     onResult: open,
     onCloud: (cloud) => openCloud(cloud).catch((error) => showProblem(error, kNotStarted)),
-    onParameters: (cloud) => form.open({ cloud: cloud.id, name: nameOf(cloud) }),
+    onParameters: (cloud) => form.open({ cloud: cloud.id, name: nameOf(cloud), attributes: attributesOf(cloud), others: othersThan(cloud) }),
 });
 const hud = new Hud({
     onLevel: choose,
@@ -274,8 +274,18 @@ async function openCloud({ id, format: kind, bytes }) {
 }
 
 async function start(type, cloudId, fields) {
-    // What is shown must be Draco; of a pyramid the server makes both.
-    open(await startJob(type, cloudId, type === 'pyramid' ? fields : { format: 'drc', ...fields }));
+    open(await startJob(type, cloudId, type === 'evaluate' ? { map: ['drc'], ...fields } : fields));
+    look.forgetColor();
+}
+
+/** Those beside the colours and normals, where they are known. */
+const attributesOf = ({ attributes = [] }) => attributes.map(({ name }) => name).filter((name) => name !== 'normal' && name !== 'color');
+
+/** What a cloud can be compared with: other clouds, and levels of what is shown. */
+function othersThan({ id }) {
+    const levels = (session?.loader.levels ?? []).filter(({ file }) => file).map(({ file, points }) =>
+        ({ id: file.sha256, name: `${byId.title.textContent}, ${format.compactPoints(points)}` }));
+    return [...levels, ...library.clouds.map((cloud) => ({ id: cloud.id, name: nameOf(cloud) }))].filter((other) => other.id !== id);
 }
 
 /** Where the surface that is shown is how far from that of the input. */

@@ -6,7 +6,7 @@ import { readFileSync } from 'node:fs';
 
 import { line, onePoint, truncated } from './clouds.mjs';
 import {
-    browser, choose, cloudOf, differenceOf, kTorusPoints, litShare, manifestOf, rest, restingPicture, run, save, scale, settledPyramid, shows,
+    browser, choose, cloudOf, differenceOf, kTorusPoints, litShare, manifestOf, rest, restingPicture, run, save, scale, server, settledPyramid, shows,
     startJob, torus, visit,
 } from './suite.mjs';
 
@@ -119,8 +119,8 @@ await run({
     },
 
     async 'A form made from the contract starts a job, whose result is shown, saved and measured'() {
-        await page.getByRole('button', { name: 'Process' }).last().click();
-        await page.locator('#job-types').getByText('Simplify').click();
+        await openForm('Simplify');
+        assert.equal(await page.locator('[name=oversampling]').isVisible(), true);
         await page.locator('[name=method]').selectOption('voxel');
         assert.equal(await page.locator('[name=oversampling]').isVisible(), false);
         await page.locator('[name=points]').fill('1234');
@@ -135,6 +135,67 @@ await run({
         await save(page, 'error-map');
         assert.ok(parseFloat(await page.locator('#legend-high').innerText()) > 0);
         await page.keyboard.press('l');
+    },
+
+    async 'The form has every field of the contract, nested ones and lists too'() {
+        const contract = await (await fetch(`${server.url}/openapi.yaml`)).text();
+        const propertiesOf = (schema) => [...contract.split(`\n    ${schema}:\n`)[1].split('\n      additionalProperties:')[0]
+            .matchAll(/^ {8}(\w+):/gm)].map(([, name]) => name);
+        const given = ['type', 'input', 'reference', 'candidate'];
+        for (const [type, ...schemas] of [['Pyramid', 'PyramidRequest', 'TileOptions', 'DracoOptions'], ['Simplify', 'SimplifyRequest', 'DracoOptions'],
+            ['Compare', 'EvaluateRequest', 'DracoOptions']]) {
+            await openForm(type);
+            const names = new Set(await page.locator('#job-fields').evaluate((fields) => [
+                ...[...fields.querySelectorAll('[name]')].map(({ name }) => name),
+                ...[...fields.querySelectorAll('summary, legend')].map(({ innerText }) => innerText.trim().toLowerCase().replaceAll(' ', '_'))]));
+            const wanted = schemas.flatMap(propertiesOf).filter((name) => !given.includes(name));
+            assert.ok(wanted.length > 15, `${wanted}`);
+            assert.deepEqual(wanted.filter((name) => !names.has(name)), []);
+            await page.locator('#job-close').click();
+        }
+    },
+
+    async 'Formats that are ticked, groups, regions and candidates reach the server as they were filled in'() {
+        await openForm('Pyramid');
+        for (const format of ['drc', 'ply']) {
+            await page.locator(`[name=formats][value=${format}]`).uncheck();
+        }
+        await page.locator('[name=levels]').fill('1000, 5000');
+        await page.locator('[name=reductions]').fill('height: max');
+        await page.locator('summary').getByText('tiles').click();
+        await page.locator('[name=max_points]').fill('3000');
+        await page.locator('[name=attributes]').check();
+        await save(page, 'form-pyramid');
+        holds(await started(), {
+            formats: ['glb'], levels: [1000, 5000], reductions: { height: 'max' }, tiles: { max_points: 3000, attributes: true, exact_errors: false },
+        });
+        await shows(page, 5000);
+
+        await openForm('Simplify');
+        await page.locator('[name=method]').selectOption('particles');
+        await page.locator('[name=points]').fill('900');
+        await page.locator('#job-fields').getByText('Add a region').click();
+        await page.locator('summary').getByText('sphere').click();
+        await page.locator('[name=center]').fill('1, 0, 0');
+        await page.locator('[name=density]').fill('3');
+        browser.refusalsExpected = true;
+        await page.locator('#job-start').click();
+        await page.locator('#job-problem').getByText('radius').waitFor();  // in the words of the server
+        browser.refusalsExpected = false;
+        await page.locator('[name=radius]').fill('0.5');
+        const request = await started();
+        holds(request, { method: 'particles', points: 900, format: 'drc' });
+        holds(request.regions[0], { sphere: { center: [1, 0, 0], radius: 0.5 }, density: 3 });
+        await shows(page, 900);
+
+        await openForm('Compare');
+        await page.locator('#job-fields label').getByText('900 points').click();
+        const { candidates, candidate, map } = await started();
+        const [{ files }] = (await manifestOf(await settledPyramid(page))).levels;
+        assert.deepEqual(map, ['drc']);
+        assert.equal((candidates ?? [candidate]).length, 1);
+        assert.ok(files.some(({ format }) => format === 'drc'));
+        await page.locator('#legend').getByText('Distance to input').waitFor();
     },
 
     async 'One point and a line are shown'() {
@@ -223,6 +284,28 @@ await run({
         assert.equal(await figure('error'), await figure('error-bound-value'));
     },
 });
+
+/** Whether an object has these parts, whatever else it has. */
+function holds(whole, parts) {
+    const picked = (value, like) => (like && typeof like === 'object' && !Array.isArray(like) && value
+        ? Object.fromEntries(Object.keys(like).map((key) => [key, picked(value[key], like[key])])) : value);
+    assert.deepEqual(picked(whole, parts), parts);
+}
+
+/** The form for the cloud of the torus, all of it unfolded. */
+async function openForm(type) {
+    await page.getByRole('button', { name: 'Process' }).last().click();
+    await page.locator('#job-types').getByText(type).click();
+    await page.locator('.more-fields > summary').click();
+}
+
+/** What the job that the form starts was asked for, with what the server adds. */
+async function started() {
+    const before = await page.locator('[aria-current=true]').getAttribute('data-result');
+    await page.locator('#job-start').click();
+    const id = await settledPyramid(page, before);
+    return (await (await fetch(`${server.url}/v1/jobs/${id}`)).json()).request;
+}
 
 /** The torus looks the same by its attribute `height` and by z, which that is, and otherwise than by its own colours. */
 async function colorsStandForHeight() {
