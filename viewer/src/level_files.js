@@ -9,7 +9,7 @@ import { estimateSurfaceInWorker, readFilesInWorker } from './surface.js';
 const kFirstAttributeId = 3;
 
 /**
- * What a level is read from: `files`, `attributes` (each can `read` its values), `load(buffers, spacing, signal)`: geometry with surface and the
+ * What a level is read from: `files`, `attributes` (each can `read` its values), `load(buffers, level, signal)`: geometry with surface and the
  * spacing as it is; `file`: that of the whole level, where there is one.
  * @param manifest  of the pyramid or the job; @param number  of the level
  * @returns null where it has no file that can be shown
@@ -39,9 +39,8 @@ function ofDraco(file, attributes) {
         file,
         files: [file],
         attributes: attributes.map((attribute, i) => ({ ...attribute, read: (signal) => read(kFirstAttributeId + i, signal) })),
-        async load([buffer], spacing, signal) {
-            const geometry = await decodeLevel(buffer);
-            return withSurface(geometry, spacing, signal);
+        async load([buffer], level, signal) {
+            return withSurface(await decodeLevel(buffer), level, signal);
         },
     };
 }
@@ -52,8 +51,8 @@ function ofFiles(files, attributes, { kind, offset }) {
     return {
         files,
         attributes: attributes.map((attribute) => ({ ...attribute, read: async () => read[attribute.name].values })),
-        async load(buffers, spacing, signal) {
-            const cloud = await readFilesInWorker({ files: buffers, kind, offset }, spacing, signal);
+        async load(buffers, level, signal) {
+            const cloud = await readFilesInWorker({ files: buffers, kind, offset }, level, signal);
             read = cloud.attributes;
             return { geometry: bounded(geometryOf(cloud)), spacing: cloud.spacing };
         },
@@ -61,10 +60,10 @@ function ofFiles(files, attributes, { kind, offset }) {
 }
 
 /** Splat sizes and missing normals, in the one attribute that the shader reads. */
-export async function withSurface(geometry, told, signal) {
+export async function withSurface(geometry, level, signal) {
     const position = geometry.getAttribute('position');
     const normals = geometry.getAttribute('normal')?.array ?? null;
-    const { positions, surface, spacing } = await estimateSurfaceInWorker(position.array, normals, told, signal);
+    const { positions, surface, spacing } = await estimateSurfaceInWorker(position.array, normals, level, signal);
     geometry.setAttribute('position', new BufferAttribute(positions, 3));
     geometry.setAttribute('surface', new BufferAttribute(surface, 4, true));
     geometry.deleteAttribute('normal');

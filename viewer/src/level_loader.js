@@ -118,7 +118,7 @@ export class LevelLoader {
                 }
                 const level = this.levels.find(({ bytes }) => bytes === decoder.taken);
                 if (level) {
-                    await this.show(level, await withSurface(geometryOf(decoder), level.spacing, this.signal));
+                    await this.show(level, await withSurface(geometryOf(decoder), level, this.signal));
                 }
             }
             return decoder.taken >= this.levels.at(-1)?.bytes;
@@ -178,11 +178,8 @@ export class LevelLoader {
             .then(async (buffers) => {
                 await before;
                 this.loadedBytes += buffers.reduce((sum, { byteLength }) => sum + byteLength, 0);
-                const loaded = await level.source.load(buffers, level.spacing, this.signal);
-                // An error map has other points than the candidate that its entry tells of.
-                const points = loaded.geometry.getAttribute('position').count;
-                loaded.spacing *= Math.sqrt(level.points / points);
-                level.points = points;
+                const loaded = await level.source.load(buffers, level, this.signal);
+                level.points = loaded.geometry.getAttribute('position').count;
                 await this.show(level, loaded);
             })
             .catch((error) => this.fail(level, error));

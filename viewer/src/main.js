@@ -178,11 +178,17 @@ function showLevels({ loader, shown, isComplete, isSettled, job }) {
 
 // ---- Two at once
 
-/** On the right the finest level, on the left one that is coarser: what does it lose? */
+/** On the right the finest level, on the left one that is coarser: what does it lose? Of a single level: another result of its cloud. */
 function startComparing() {
     beside = null;
     chosenBefore = session.chosen;
     const { levels } = session.loader;
+    const sibling = levels.length === 1 && library.jobs.find(({ id, status, ...job }) =>
+        status === 'successful' && id !== session.id && session.job && inputOf(job) === inputOf(session.job));
+    if (sibling) {
+        compareWith(`result:${sibling.id}`);
+        return;
+    }
     if (session.chosen === null && levels.length > 1) {
         session.choose(levels.length - 2);
     }

@@ -4,10 +4,11 @@ import { readPly } from './ply_cloud.js';
 import { estimateSurface, robustSpacing } from './surface_estimate.js';
 
 /** Of points, or of those in files. */
-onmessage = async ({ data: { id, files, kind, offset, largest, spacing: told, ...given } }) => {
+onmessage = async ({ data: { id, files, kind, offset, largest, spacing: told, points, ...given } }) => {
     try {
         const { positions, normals, colors = null, attributes = {} } = files ? joined(await Promise.all(files.map(readers[kind])), offset) : given;
-        const spacing = robustSpacing(positions, told);
+        // An error map has other points than the candidate whose spacing is told.
+        const spacing = robustSpacing(positions, told * Math.sqrt(points / (positions.length / 3)));
         const surface = estimateSurface(positions, normals, spacing, largest);
         const arrays = [positions, surface, ...(colors ? [colors] : []), ...Object.values(attributes).map(({ values }) => values)];
         postMessage({ id, positions, surface, spacing, colors, attributes }, arrays.map(({ buffer }) => buffer));

@@ -84,7 +84,7 @@ export class TileStream {
                 const glb = await persist(() => getBytes(address, this.signal), this.patience);
                 bytes = glb.byteLength;
                 const what = { files: [glb], kind: 'glb', offset: [0, 0, 0], largest: kLargestInTiles };
-                const read = await readFilesInWorker(what, tile.spacing, this.signal);
+                const read = await readFilesInWorker(what, { spacing: tile.spacing, points: tile.count }, this.signal);
                 tile.spacing = read.spacing;
                 tile.cloud = geometryOf(read);
                 tile.attributes = read.attributes;

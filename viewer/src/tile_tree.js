@@ -13,6 +13,7 @@ export function treeOf({ boundingVolume: { box }, geometricError, refine, conten
         center: box.slice(0, 3),
         half: [box[3], box[7], box[11]],
         error: extras ? Math.max(extras.error?.p99 ?? 0, extras.spacing) : geometricError,
+        count: extras?.points,
         spacing: extras?.spacing,
         shownSpacing: extras?.spacing,
         measured: extras?.error,

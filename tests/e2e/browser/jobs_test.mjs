@@ -133,6 +133,12 @@ await run({
         await page.waitForFunction(() => document.getElementById('color').value === 'distance');
         await rest(page);
         await save(page, 'error-map');
+        for (const [x, y] of [[640, 560], [780, 330]]) {  // close to the surface, which has no gaps there
+            await page.locator('#stage').dblclick({ position: { x, y } });
+            await restingPicture(page);
+        }
+        await save(page, 'error-map-close');
+        assert.ok(await litShare(page, { x: 700, y: 280, width: 100, height: 100 }) > 0.99);
         assert.ok(parseFloat(await page.locator('#legend-high').innerText()) > 0);
         await page.keyboard.press('l');
     },
