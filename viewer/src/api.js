@@ -83,8 +83,13 @@ async function postJob(job) {
     }));
 }
 
+/** An unfinished one ends, one that has ended is removed with its results. */
 export async function dismissJob(id) {
     await send(pathOf('jobs', id), { method: 'DELETE' });
+}
+
+export async function removeCloud(id) {
+    await send(pathOf('clouds', id), { method: 'DELETE' });
 }
 
 /** The reply whose body tells of a job's events as they come. Not an EventSource: that shows no key. */

@@ -1,4 +1,4 @@
-import { byId, element } from './element.js';
+import { actOnSecondClick, byId, element } from './element.js';
 import * as format from './format.js';
 import { drawnErrorOf, meanErrorOf } from './result_session.js';
 
@@ -10,11 +10,9 @@ const kStages = { queued: 'Waiting', decode: 'Reading', clean: 'Cleaning', simpl
 
 /** The card with the level slider and the figures. */
 export class Hud {
-    constructor({ onLevel, onError, onDismiss, onDownload, onMap }) {
-        this.onDownload = onDownload;
-        this.onMap = onMap;
+    constructor({ onLevel, onError, onDismiss, onDownload, onMap, onRemove }) {
+        Object.assign(this, { onDownload, onMap, onRemove, onDismiss });
         byId.level.oninput = () => onLevel(Number(byId.level.value) - 1);
-        byId.dismiss.onclick = onDismiss;
         byId['error-bound'].oninput = () => {
             this.bound = kSlack * 2 ** -Number(byId['error-bound'].value);  // finer to the right, as levels are
             this.showBound(this.bound);
@@ -31,6 +29,7 @@ export class Hud {
         byId.files.replaceChildren();
         byId.files.hidden = false;  // its room is kept until it is known to be empty
         this.actionsOf = null;
+        this.isOver = false;
         this.bound = null;      // what was asked for, as long as it is what is shown
         this.boundLevel = null;
         byId.legend.hidden = true;
@@ -49,7 +48,11 @@ export class Hud {
         const isBusy = job.status === 'accepted' || job.status === 'running';
         byId.hud.classList.toggle('busy', isBusy);
         byId.progress.value = job.progress;
-        byId.dismiss.hidden = !isBusy;
+        const isGivenUp = job.status === 'failed' || job.status === 'dismissed';
+        byId.dismiss.hidden = !isBusy && !isGivenUp;
+        byId.dismiss.textContent = isBusy ? 'Cancel' : 'Remove';
+        byId.dismiss.onclick = isBusy ? this.onDismiss : this.onRemove;
+        this.isOver = !isBusy;
         if (isBusy) {
             const stage = job.status === 'accepted' ? 'Waiting' : kStages[job.stage] ?? 'Working';
             byId.activity.textContent = `${stage}, ${Math.round(job.progress)} %`;
@@ -114,10 +117,11 @@ export class Hud {
 
     /** What can be done with what is shown. Made anew for another level alone: a button that is replaced loses its click. */
     showFiles(level) {
-        if (level === this.actionsOf) {
+        if (level === this.actionsOf && this.isOver === this.actionsOver) {
             return;
         }
         this.actionsOf = level;
+        this.actionsOver = this.isOver;
         const { files, error, ply } = level;
         const action = (textContent, title, onclick) => element('button', { className: 'action', textContent, title, onclick });
         const saved = files.filter(({ format: extension }) => extension in kFormats).map((file) =>
@@ -128,8 +132,10 @@ export class Hud {
         // Of a level with a file the figures tell whether it was measured, of one without its mean, which is 0 for the input itself.
         const map = this.isOfInput && (ply ? meanErrorOf(level) > 0 : error?.samples > 0)
             ? [action('Error map', 'Measure and show where it is how far from the input', this.onMap)] : [];
-        byId.files.replaceChildren(...saved, ...map);
-        byId.files.hidden = saved.length + map.length === 0;
+        const remove = this.isOver ? [action('Remove', 'Remove this result from the server')] : [];
+        remove.forEach((button) => actOnSecondClick(button, this.onRemove));
+        byId.files.replaceChildren(...saved, ...map, ...remove);
+        byId.files.hidden = saved.length + map.length + remove.length === 0;
     }
 
     showActivity(text) {

@@ -1,4 +1,4 @@
-import { byId, element } from './element.js';
+import { actOnSecondClick, byId, element } from './element.js';
 import { fieldOf, valuesOf } from './job_fields.js';
 
 /* global JOB_FORMS: the types of jobs and their fields, from openapi.yaml by build.mjs */
@@ -21,8 +21,11 @@ const kPresets = { format: 'drc', map: ['drc'] };
 
 /** The dialog that asks for the parameters of a job. */
 export class JobForm {
-    /** @param onStart  told the type and the fields that were filled in; rejects where the server does, and the form stays */
-    constructor({ onStart }) {
+    /**
+     * @param onStart  told the type and the fields that were filled in; rejects where the server does, and the form stays
+     * @param onRemove  told the cloud
+     */
+    constructor({ onStart, onRemove }) {
         byId['job-types'].replaceChildren(...JOB_FORMS.map(({ type }) => {
             const button = element('button', { type: 'button', textContent: kTitles[type] });
             button.dataset.type = type;
@@ -41,6 +44,10 @@ export class JobForm {
             }
         }, true);
         byId['job-close'].onclick = () => byId['job-dialog'].close();
+        actOnSecondClick(byId['job-remove'], () => {
+            byId['job-dialog'].close();
+            onRemove(this.subject.cloud);
+        });
     }
 
     async start(onStart) {

@@ -1,4 +1,4 @@
-import { askAhead, dismissJob, getBytes, isFinal, startEvaluation, startJob } from './api.js';
+import { askAhead, dismissJob, getBytes, isFinal, removeCloud, startEvaluation, startJob } from './api.js';
 import { colorize } from './coloring.js';
 import { Comparison } from './comparison.js';
 import { preloadDecoder } from './draco_levels.js';
@@ -47,6 +47,7 @@ const hud = new Hud({
     onDismiss: () => dismissJob(session.id).catch(showProblem),
     onDownload: (file) => download(file).catch(showProblem),
     onMap: mapErrors,
+    onRemove: () => removeResult().catch(showProblem),
 });
 const look = new LookCard({
     onColor: () => session?.shown && session.redress(),  // what is on the right follows
@@ -54,6 +55,7 @@ const look = new LookCard({
 });
 const form = new JobForm({
     onStart: ({ cloud, type, fields }) => start(type, cloud, fields),
+    onRemove: (cloud) => removeCloud(cloud).then(() => library.refresh()).catch(showProblem),
 });
 const sheet = new Sheet();
 const comparison = new Comparison(stage, { onStart: startComparing, onEnd: endComparing, onChoice: compareWith });
@@ -102,14 +104,27 @@ function open({ id, type, chosen = null }, { remembered = false } = {}) {
     placeCloud();
 }
 
-/** What the address names cannot be shown: there is the rest of the library. */
-function leave(error) {
+function closeResult() {
     session.close();
     session = null;
     byId.hud.hidden = true;
     document.title = 'stipple';
     document.documentElement.dataset.state = 'settled';
     library.setCurrent(null);
+}
+
+/** Takes what is shown from the server, and shows the newest that is left. */
+async function removeResult() {
+    await dismissJob(session.id);
+    comparison.end();
+    closeResult();
+    history.replaceState(null, '', '/');
+    await openLinked();
+}
+
+/** What the address names cannot be shown: there is the rest of the library. */
+function leave(error) {
+    closeResult();
     showProblem(error, error.status === 404 ? 'This result is not there' : 'The result could not be opened');
     library.refresh().then(invite).catch(showProblem);
 }
@@ -287,9 +302,10 @@ async function start(type, cloudId, fields) {
 /** Those beside the colours and normals, where they are known. */
 const attributesOf = ({ attributes = [] }) => attributes.map(({ name }) => name).filter((name) => name !== 'normal' && name !== 'color');
 
-/** What a cloud can be compared with: other clouds, and levels of what is shown. */
+/** What a cloud can be compared with: other clouds, and levels of what is shown, if it was made from it. */
 function othersThan({ id }) {
-    const levels = (session?.loader.levels ?? []).filter(({ file }) => file).map(({ file, points }) =>
+    const isOfIt = session?.job && session.job.type !== 'evaluate' && inputOf(session.job) === id;
+    const levels = (isOfIt ? session.loader.levels : []).filter(({ file }) => file).map(({ file, points }) =>
         ({ id: file.sha256, name: `${byId.title.textContent}, ${format.compactPoints(points)}` }));
     return [...levels, ...library.clouds.map((cloud) => ({ id: cloud.id, name: nameOf(cloud) }))].filter((other) => other.id !== id);
 }

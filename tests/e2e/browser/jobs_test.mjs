@@ -228,6 +228,29 @@ await run({
         browser.refusalsExpected = false;
     },
 
+    async 'A result and a cloud are removed, each when that is asked for twice'() {
+        const items = async (what) => (await (await fetch(`${server.url}/v1/${what}?limit=100`)).json()).items;
+        const list = async (what) => (await items(what)).map(({ id }) => id);
+        const job = await startJob({ type: 'simplify', input: cloud, points: 700, format: 'drc' });
+        await visit(page, `/?job=${job}`);
+        await shows(page, 700);
+        const remove = page.locator('#files').getByRole('button').last();
+        await remove.click();
+        assert.ok((await list('jobs')).includes(job));
+        await remove.click();
+        const next = await settledPyramid(page, job);
+        assert.ok(!(await list('jobs')).includes(job));
+        assert.equal(next, (await items('jobs')).find(({ status }) => status === 'successful').id);
+
+        const before = await list('clouds');
+        await page.getByRole('button', { name: 'Process' }).first().click();
+        await page.locator('#job-remove').click();
+        assert.deepEqual(await list('clouds'), before);
+        await page.locator('#job-remove').click();
+        await page.waitForFunction((count) => document.querySelectorAll('#clouds > li').length === count, before.length - 1);
+        assert.deepEqual(await list('clouds'), before.slice(1));
+    },
+
     async 'Large levels come tile by tile, as far as the view asks for them'() {
         const pyramid = await startJob({
             type: 'pyramid', input: cloud, base_points: 3000, formats: ['drc', 'glb'], tiles: { max_points: 2000, attributes: true },
