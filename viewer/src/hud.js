@@ -1,6 +1,6 @@
 import { actOnSecondClick, byId, element } from './element.js';
 import * as format from './format.js';
-import { drawnErrorOf, meanErrorOf } from './result_session.js';
+import { drawnErrorOf, meanErrorOf } from './level_error.js';
 
 const kFormats = { drc: 'Draco', ply: 'PLY', stpc: 'Stream', 'copc.laz': 'COPC', png: 'Picture' };  // of whole levels; tiles are for other viewers
 /** Of a bound, so that the slider's end at the coarsest level stands for its own error. */

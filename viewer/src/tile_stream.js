@@ -1,6 +1,7 @@
 import { Box3, Frustum, Matrix4 } from 'three';
 
 import { getBytes, getJson, persist } from './api.js';
+import { wholeErrorOf } from './level_error.js';
 import { geometryOf } from './level_files.js';
 import { readFilesInWorker } from './surface.js';
 import { errorOfTiles, select, treeOf } from './tile_tree.js';
@@ -63,7 +64,7 @@ export class TileStream {
     /** What is drawn of a level: tiles, or, null, the coarser level that stands in for them. */
     note(level, tiles) {
         const points = tiles ? tiles.reduce((sum, tile) => sum + tile.points, 0) : level.whole.points;
-        const error = tiles && level.error ? errorOfTiles(tiles, level.error.diagonal) : level.whole.error?.relative;
+        const error = tiles && level.error ? errorOfTiles(tiles, level.error.diagonal) : wholeErrorOf(level.whole);
         if (points !== level.drawn.points || error?.mean !== level.drawn.error?.mean) {
             level.drawn = { points, error };
             queueMicrotask(this.onDrawn);
