@@ -69,8 +69,8 @@ export function getManifest({ id, type }, signal) {
     return getJson(type === 'pyramid' ? `${pathOf('pyramids', id)}/manifest.json?inline=drc` : `${pathOf('jobs', id)}/results`, signal);
 }
 
-/** @param fields  of the job beside its type and its input */
-export const startJob = (type, cloudId, fields) => postJob({ type, input: cloudId, ...fields });
+/** @param fields  of the job beside its type and the cloud that it is about */
+export const startJob = (type, cloudId, fields) => postJob({ type, [type === 'evaluate' ? 'reference' : 'input']: cloudId, ...fields });
 
 /** The distances of two clouds, by their hashes, as a coloured cloud. */
 export const startEvaluation = (reference, candidate) => postJob({ type: 'evaluate', reference, candidate, map: ['drc'] });
@@ -83,8 +83,13 @@ async function postJob(job) {
     }));
 }
 
+/** An unfinished one ends, one that has ended is removed with its results. */
 export async function dismissJob(id) {
     await send(pathOf('jobs', id), { method: 'DELETE' });
+}
+
+export async function removeCloud(id) {
+    await send(pathOf('clouds', id), { method: 'DELETE' });
 }
 
 /** The reply whose body tells of a job's events as they come. Not an EventSource: that shows no key. */

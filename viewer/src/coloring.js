@@ -2,7 +2,6 @@
 import { interpolateViridis } from 'd3-scale-chromatic';
 import { BufferAttribute } from 'three';
 
-const kFull = 32767;
 const kOutliers = 0.01;  // share at either end of the values that the range leaves out
 const kSampled = 20_000;
 const kAxes = ['x', 'y', 'z'];
@@ -91,8 +90,9 @@ function colorsOfNormals(surface) {
     const count = surface.length / 4;
     const array = new Uint8Array(4 * count);
     for (let i = 0; i < count; i += 1) {
+        const length = Math.hypot(surface[4 * i], surface[4 * i + 1], surface[4 * i + 2]) || 1;
         for (let k = 0; k < 3; k += 1) {
-            array[4 * i + k] = 127.5 + 127.5 * surface[4 * i + k] / kFull;
+            array[4 * i + k] = 127.5 + 127.5 * surface[4 * i + k] / length;
         }
         array[4 * i + 3] = 255;
     }

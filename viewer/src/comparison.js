@@ -1,6 +1,6 @@
 import { byId, element } from './element.js';
 import * as format from './format.js';
-import { drawnErrorOf } from './result_session.js';
+import { drawnErrorOf } from './level_error.js';
 
 const kStep = 0.02;
 

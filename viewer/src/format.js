@@ -7,8 +7,8 @@ export const count = (n) => kCounts.format(n);
 /** 134.3K is 134K: for places too narrow for every digit. */
 export const compactCount = (n) => (n < 10_000 ? count(n) : kCompact.format(n));
 export const compactPoints = (n) => `${compactCount(n)} ${n === 1 ? 'point' : 'points'}`;
-/** `312K of 2M`, and all as one number with every digit. */
-export const share = (part, all) => (part === all ? count(all) : `${compactCount(part)} of ${compactCount(all)}`);
+/** `312K of 2M`, and all, or more, as one number with every digit. */
+export const share = (part, all) => (part >= all ? count(part) : `${compactCount(part)} of ${compactCount(all)}`);
 export const points = (n) => `${count(n)} ${n === 1 ? 'point' : 'points'}`;
 
 export function bytes(n) {

@@ -1,19 +1,20 @@
-import { byId, element } from './element.js';
+import { actOnSecondClick, byId, element } from './element.js';
 import * as format from './format.js';
-import { drawnErrorOf, meanErrorOf } from './result_session.js';
+import { drawnErrorOf, meanErrorOf } from './level_error.js';
 
-const kFormats = { drc: 'Draco', ply: 'PLY', stpc: 'Stream', 'copc.laz': 'COPC' };  // of whole levels; tiles are for other viewers
+const kFormats = { drc: 'Draco', ply: 'PLY', stpc: 'Stream', 'copc.laz': 'COPC', png: 'Picture' };  // of whole levels; tiles are for other viewers
+/** Of a bound, so that the slider's end at the coarsest level stands for its own error. */
+const kSlack = 1 + 1e-9;
+
 const kStages = { queued: 'Waiting', decode: 'Reading', clean: 'Cleaning', simplify: 'Simplifying', upsample: 'Adding points', analyze: 'Analysing', evaluate: 'Measuring', encode: 'Encoding' };
 
 /** The card with the level slider and the figures. */
 export class Hud {
-    constructor({ onLevel, onError, onDismiss, onDownload, onMap }) {
-        this.onDownload = onDownload;
-        this.onMap = onMap;
+    constructor({ onLevel, onError, onDismiss, onDownload, onMap, onRemove }) {
+        Object.assign(this, { onDownload, onMap, onRemove, onDismiss });
         byId.level.oninput = () => onLevel(Number(byId.level.value) - 1);
-        byId.dismiss.onclick = onDismiss;
         byId['error-bound'].oninput = () => {
-            this.bound = 2 ** -Number(byId['error-bound'].value);  // finer to the right, as levels are
+            this.bound = kSlack * 2 ** -Number(byId['error-bound'].value);  // finer to the right, as levels are
             this.showBound(this.bound);
             onError(this.bound);
         };
@@ -28,6 +29,7 @@ export class Hud {
         byId.files.replaceChildren();
         byId.files.hidden = false;  // its room is kept until it is known to be empty
         this.actionsOf = null;
+        this.isOver = false;
         this.bound = null;      // what was asked for, as long as it is what is shown
         this.boundLevel = null;
         byId.legend.hidden = true;
@@ -46,7 +48,11 @@ export class Hud {
         const isBusy = job.status === 'accepted' || job.status === 'running';
         byId.hud.classList.toggle('busy', isBusy);
         byId.progress.value = job.progress;
-        byId.dismiss.hidden = !isBusy;
+        const isGivenUp = job.status === 'failed' || job.status === 'dismissed';
+        byId.dismiss.hidden = !isBusy && !isGivenUp;
+        byId.dismiss.textContent = isBusy ? 'Cancel' : 'Remove';
+        byId.dismiss.onclick = isBusy ? this.onDismiss : this.onRemove;
+        this.isOver = !isBusy;
         if (isBusy) {
             const stage = job.status === 'accepted' ? 'Waiting' : kStages[job.stage] ?? 'Working';
             byId.activity.textContent = `${stage}, ${Math.round(job.progress)} %`;
@@ -75,48 +81,61 @@ export class Hud {
 
     /** The measured error of what is shown, and the bounds to choose from. */
     showErrors(levels, shown) {
-        const errors = levels.map(meanErrorOf).filter((error) => error > 0);
+        const errors = levels.map(meanErrorOf).filter((error) => error >= 0);
+        const [least, most] = [Math.min(...errors.filter((error) => error > 0)), Math.max(...errors)];
         const error = shown && drawnErrorOf(shown);
         byId.error.textContent = error ? format.percent(error.mean) : '–';
+        byId['error-name'].textContent = shown?.tiles ? 'Error in view' : 'Error';
         byId['error-figure'].title = error ? titleOf(error) + (shown.tiles ? '. Of what is drawn: finer where the camera is closer' : '') : '';
-        byId['error-slider'].hidden = errors.length < 2;
-        if (errors.length >= 2) {
-            byId['error-bound'].min = Math.floor(-Math.log2(Math.max(...errors)));
-            byId['error-bound'].max = Math.ceil(1 - Math.log2(Math.min(...errors)));
+        byId['error-slider'].hidden = !(least < most);
+        if (least < most) {
+            byId['error-bound'].min = -Math.log2(most);
+            byId['error-bound'].max = -Math.log2(least) + (errors.includes(0) ? 1 : 0);  // one octave for none at all
             this.followLevel(levels, shown);
         }
     }
 
-    /** The bound stays where it was put until a level is shown that it did not choose. */
+    /**
+     * The bound stays where it was put until a level is shown that it did not choose. Of tiles there is none then: how fine they
+     * are is up to the view.
+     */
     followLevel(levels, shown) {
         const wanted = levels.find((level) => meanErrorOf(level) <= this.bound) ?? levels.at(-1);
         if (shown && (this.bound === null || (shown !== this.boundLevel && shown !== wanted))) {
             this.bound = null;
             byId['error-bound'].value = -Math.log2(Math.max(meanErrorOf(shown), 1e-12));
-            this.showBound(meanErrorOf(shown));
+            this.showBound(shown.tiles ? null : meanErrorOf(shown));
         }
         this.boundLevel = shown;
     }
 
+    /** @param error  null: as the view asks */
     showBound(error) {
-        byId['error-bound-value'].textContent = error >= 0 ? format.percent(error) : '–';
+        byId['error-bound-value'].textContent = error === null ? 'by view' : error >= 0 ? format.percent(error) : '–';
         byId['error-bound'].ariaValueText = byId['error-bound-value'].textContent;
     }
 
     /** What can be done with what is shown. Made anew for another level alone: a button that is replaced loses its click. */
     showFiles(level) {
-        if (level === this.actionsOf) {
+        if (level === this.actionsOf && this.isOver === this.actionsOver) {
             return;
         }
         this.actionsOf = level;
-        const { files, error } = level;
+        this.actionsOver = this.isOver;
+        const { files, error, ply } = level;
         const action = (textContent, title, onclick) => element('button', { className: 'action', textContent, title, onclick });
         const saved = files.filter(({ format: extension }) => extension in kFormats).map((file) =>
             action(`Save ${kFormats[file.format]}, ${format.bytes(file.bytes)}`, 'Save what is shown', () => this.onDownload(file)));
-        const map = error && error.samples > 0 && this.isOfInput
+        if (ply) {
+            saved.unshift(action(`Save ${kFormats.ply}`, 'Save what is shown', () => this.onDownload({ format: 'ply', ply })));
+        }
+        // Of a level with a file the figures tell whether it was measured, of one without its mean, which is 0 for the input itself.
+        const map = this.isOfInput && (ply ? meanErrorOf(level) > 0 : error?.samples > 0)
             ? [action('Error map', 'Measure and show where it is how far from the input', this.onMap)] : [];
-        byId.files.replaceChildren(...saved, ...map);
-        byId.files.hidden = saved.length + map.length === 0;
+        const remove = this.isOver ? [action('Remove', 'Remove this result from the server')] : [];
+        remove.forEach((button) => actOnSecondClick(button, this.onRemove));
+        byId.files.replaceChildren(...saved, ...map, ...remove);
+        byId.files.hidden = saved.length + map.length + remove.length === 0;
     }
 
     showActivity(text) {

@@ -1,15 +1,31 @@
-import { byId, element } from './element.js';
+import { actOnSecondClick, byId, element } from './element.js';
+import { fieldOf, valuesOf } from './job_fields.js';
 
 /* global JOB_FORMS: the types of jobs and their fields, from openapi.yaml by build.mjs */
-const kTitles = { pyramid: 'Build a pyramid', simplify: 'Simplify', upsample: 'Add points', analyze: 'Analyse' };
+const kTitles = { pyramid: 'Pyramid', simplify: 'Simplify', evaluate: 'Compare', upsample: 'Add points', analyze: 'Analyse' };
+const kStarts = { pyramid: 'Build the pyramid', simplify: 'Simplify', evaluate: 'Measure the error', upsample: 'Add points', analyze: 'Analyse' };
 const kMethods = JOB_FORMS.flatMap(({ fields }) => fields).find(({ name, choices }) => name === 'method' && choices.includes('random')).choices;
 const kOwners = new RegExp(`^Of ((?:all|${kMethods.join('|')})(?:(?:, | and | but )(?:${kMethods.join('|')}))*)[.,;]? ?`);
-const kStarts = { pyramid: 'Build', simplify: 'Simplify', upsample: 'Add points', analyze: 'Analyse' };
+
+/** Asked for first; the rest is folded away. */
+const kFirst = {
+    pyramid: ['method', 'levels', 'ratio', 'base_points', 'formats'],
+    simplify: ['method', 'points', 'ratio', 'max_error'],
+    evaluate: ['candidates', 'map', 'pictures'],
+    upsample: ['points', 'ratio'],
+    analyze: ['k', 'orient', 'feature_lines'],
+};
+
+/** What the page asks for where the contract leaves it open, or would make what it cannot show. */
+const kPresets = { format: 'drc', map: ['drc'] };
 
 /** The dialog that asks for the parameters of a job. */
 export class JobForm {
-    /** @param onStart  told the type and the fields that were filled in; rejects where the server does, and the form stays */
-    constructor({ onStart }) {
+    /**
+     * @param onStart  told the type and the fields that were filled in; rejects where the server does, and the form stays
+     * @param onRemove  told the cloud
+     */
+    constructor({ onStart, onRemove }) {
         byId['job-types'].replaceChildren(...JOB_FORMS.map(({ type }) => {
             const button = element('button', { type: 'button', textContent: kTitles[type] });
             button.dataset.type = type;
@@ -21,14 +37,24 @@ export class JobForm {
             event.preventDefault();
             this.start(onStart);
         };
+        // What is wrong is shown also where it was folded away.
+        byId['job-form'].addEventListener('invalid', ({ target }) => {
+            for (let fold = target.closest('details'); fold; fold = fold.parentElement.closest('details')) {
+                fold.open = true;
+            }
+        }, true);
         byId['job-close'].onclick = () => byId['job-dialog'].close();
+        actOnSecondClick(byId['job-remove'], () => {
+            byId['job-dialog'].close();
+            onRemove(this.subject.cloud);
+        });
     }
 
     async start(onStart) {
         byId['job-start'].disabled = true;
         this.tell('');
         try {
-            await onStart({ ...this.subject, type: this.form.type, fields: this.values() });
+            await onStart({ cloud: this.subject.cloud, type: this.form.type, fields: valuesOf(this.fields, this.parts) });
             byId['job-dialog'].close();
         } catch (error) {
             this.tell(error.message);
@@ -41,7 +67,7 @@ export class JobForm {
         byId['job-problem'].hidden = problem === '';
     }
 
-    /** @param subject  what the job is for: `{cloud, name}` */
+    /** @param subject  what the job is for: `{cloud, name, attributes, others}`, the last `{id, name}` of what it can be compared with */
     open(subject) {
         this.subject = subject;
         byId['job-title'].textContent = subject.name;
@@ -56,27 +82,28 @@ export class JobForm {
             button.ariaPressed = String(button.dataset.type === type);
         }
         byId['job-about'].textContent = this.form.description.replaceAll('`', '');
-        byId['job-fields'].replaceChildren(...this.form.fields.map(rowOf));
+        const context = { clouds: this.subject.others, attributes: this.subject.attributes };
+        this.fields = this.form.fields.map((field) => ({ ...field, about: field.description.replace(kOwners, '').trim(), preset: kPresets[field.name] }));
+        this.parts = this.fields.map((field) => fieldOf(field, context));
+        const isFirst = ({ name }) => kFirst[type].includes(name);
+        const rows = (wanted) => this.parts.filter((_, i) => isFirst(this.fields[i]) === wanted).map(({ row }) => row);
+        const order = (row) => kFirst[type].indexOf(this.fields[this.parts.findIndex((part) => part.row === row)].name);
+        byId['job-fields'].replaceChildren(
+            ...rows(true).sort((a, b) => order(a) - order(b)),
+            element('details', { className: 'group more-fields' }, element('summary', { textContent: 'More' }), ...rows(false)));
+        byId['job-fields'].scrollTop = 0;
         byId['job-start'].textContent = kStarts[type];
         this.tell('');
         this.showFitting();
     }
 
-    /** Only the fields of the method that is chosen. */
+    /** Only the fields of the method that is chosen. What is not seen is not checked either. */
     showFitting() {
         const method = byId['job-form'].elements.method?.value;
-        for (const row of byId['job-fields'].children) {
-            row.hidden = !isOf(method, row.dataset.about);
-        }
-    }
-
-    /** What was filled in and belongs to the method; the rest is left to the server. */
-    values() {
-        const entries = this.form.fields
-            .map((field) => [field, byId['job-form'].elements[field.name]])
-            .filter(([, input]) => !input.closest('.field').hidden)
-            .map(([field, input]) => [field.name, valueOf(field, input)]);
-        return Object.fromEntries(entries.filter(([, value]) => value !== undefined));
+        this.parts.forEach(({ row }, i) => {
+            row.hidden = !isOf(method, this.fields[i].description);
+            row.querySelectorAll('input, select').forEach((input) => { input.disabled = row.hidden; });
+        });
     }
 }
 
@@ -84,50 +111,4 @@ export class JobForm {
 function isOf(method, about) {
     const owners = kOwners.exec(about)?.[1].split(/, | and | but /);
     return !method || !owners || owners.includes(method) !== owners.includes('all');
-}
-
-function rowOf(field) {
-    const row = element('label', { className: 'field' },
-        element('span', { className: 'field-name', textContent: field.name.replaceAll('_', ' ') }),
-        inputOf(field),
-        element('span', { className: 'field-about', textContent: field.description.replace(kOwners, '').trim() }));
-    row.dataset.about = field.description;
-    return row;
-}
-
-function inputOf({ name, kind, choices, default: standard, minimum, maximum, exclusiveMinimum }) {
-    if (kind === 'choice') {
-        const select = element('select', { name }, ...choices.map((value) => element('option', { value, textContent: value })));
-        select.value = standard ?? choices[0];
-        return select;
-    }
-    if (kind === 'boolean') {
-        return element('input', { name, type: 'checkbox', checked: standard === true });
-    }
-    if (kind === 'integers') {
-        return element('input', { name, type: 'text', placeholder: '1000, 10000, …', pattern: ' *\\d+( *, *\\d+)* *', inputMode: 'numeric' });
-    }
-    if (kind === 'quantity') {
-        return element('input', { name, type: 'text', placeholder: '0.05 or 0.1%', pattern: ' *[\\d.eE+\\-]+ *%? *' });
-    }
-    return element('input', {
-        name, type: 'number', step: kind === 'integer' ? '1' : 'any', placeholder: standard ?? '',
-        min: minimum ?? exclusiveMinimum ?? '', max: maximum ?? '',
-    });
-}
-
-function valueOf({ kind, default: standard }, input) {
-    if (kind === 'boolean') {
-        return input.checked === (standard === true) ? undefined : input.checked;
-    }
-    if (input.value.trim() === '' || input.value === standard) {
-        return undefined;
-    }
-    const text = input.value.replaceAll(' ', '');
-    switch (kind) {
-        case 'choice': return text;
-        case 'integers': return text.split(',').map(Number);
-        case 'quantity': return text.endsWith('%') ? text : Number(text);
-        default: return Number(text);
-    }
 }

@@ -1,16 +1,16 @@
 import { BufferAttribute, BufferGeometry, Vector3 } from 'three';
 
 import { getBytes, persist, readBytes } from './api.js';
-import { decodeAttribute, decodeLevel } from './draco_levels.js';
+import { middleOf, sourceOf, withSurface } from './level_files.js';
+import { plyOf } from './ply_cloud.js';
 import { ProgressiveDecoder } from './progressive_cloud.js';
-import { estimateSurfaceInWorker } from './surface.js';
 import { TileStream } from './tile_stream.js';
-
-/** Unique ids of attributes in our Draco files: those of position, normal and colour are less. */
-const kFirstAttributeId = 3;
 
 /** Attributes of results with `splats: ellipse`. */
 const kHalfAxes = ['major', 'minor'];
+
+/** Of attributes, as in openapi.yaml. */
+const kTypesOfStream = ['int8', 'uint8', 'int16', 'uint16', 'int32', 'uint32', 'float32', 'float64'];
 
 const kHeaderPiece = 256;
 
@@ -32,8 +32,9 @@ const kMostPoints = 8_000_000;
  * again whenever the manifest has grown. Where there is a progressive stream, its batches stand for the levels: they are shown
  * as the bytes come. While the server cannot be reached, it is asked again: `onLost` is told.
  *
- * A level in `levels` is its entry of the manifest with `file` (Draco), `attributes` (each can `read` its values), `state` (`listed`,
- * `loading`, `ready`, `large`, `failed`) and, once ready, `geometry`: position, surface (see surface_estimate.js) and perhaps color.
+ * A level in `levels` is its entry of the manifest with its `source` and `file` (see level_files.js), `attributes` (each can `read` its
+ * values), `state` (`listed`, `loading`, `ready`, `large`, `failed`) and, once ready, `geometry`: position, surface (see
+ * surface_estimate.js) and perhaps color. Where it has no file to be saved, `ply` gives one.
  * A level with many points has `tiles` (a TileStream) instead, `drawn`, the `points` and the `error` of what is seen of it now, and `whole`, the
  * finest level without, whose geometry stands in until the tiles are there.
  */
@@ -56,8 +57,9 @@ export class LevelLoader {
     update(manifest) {
         const hasStream = manifest.request.formats?.includes('stpc');
         const entries = manifest.levels.slice(this.known);
+        const first = this.known;
         this.known += entries.length;
-        for (const entry of entries) {
+        for (const [i, entry] of entries.entries()) {
             const stream = entry.files.find((file) => file.format === 'stpc');
             if (stream) {
                 this.stream = { file: stream, entry, bounds: manifest.source.bounds };
@@ -66,13 +68,16 @@ export class LevelLoader {
             if (hasStream) {
                 continue;
             }
-            const file = entry.files.find(({ format }) => format === 'drc');
+            const source = sourceOf(manifest, first + i);
             const hasEllipses = manifest.request.splats === 'ellipse';
-            if (!file) {
+            if (!source) {
                 this.refuse();
                 continue;
             }
-            const level = { ...entry, file, attributes: attributesOf(entry, file), hasEllipses, state: 'listed' };
+            const { file, attributes } = source;
+            const ply = file ? null : () => getBytes(`/v1/pyramids/${this.id}/slice?points=${entry.points}`);
+            const bytes = source.files.reduce((sum, part) => sum + part.bytes, 0);
+            const level = { ...entry, source, file, bytes, attributes, ply, hasEllipses, state: 'listed' };
             this.levels.push(level);
             if (this.levels.length > 1 && level.points > kMostWhole && level.files.some(({ format }) => format === 'glb')) {
                 level.isTiled = true;
@@ -113,7 +118,7 @@ export class LevelLoader {
                 }
                 const level = this.levels.find(({ bytes }) => bytes === decoder.taken);
                 if (level) {
-                    await this.show(level, geometryOf(decoder));
+                    await this.show(level, await withSurface(geometryOf(decoder), level, this.signal));
                 }
             }
             return decoder.taken >= this.levels.at(-1)?.bytes;
@@ -129,8 +134,8 @@ export class LevelLoader {
         this.onChange();
     }
 
-    async show(level, geometry) {
-        level.geometry = await prepare(geometry, level, this.signal);
+    async show(level, { geometry, spacing }) {
+        Object.assign(level, { geometry, spacing });
         if (level.hasEllipses) {
             await this.readEllipses(level);
         }
@@ -165,20 +170,17 @@ export class LevelLoader {
 
     load(level) {
         level.state = 'loading';
-        const bytes = this.fetching.then(() =>
-            persist(() => getBytes(level.file.href, this.signal), this.patience));
+        const bytes = this.fetching.then(() => Promise.all(level.source.files.map(({ href }) =>
+            persist(() => getBytes(href, this.signal), this.patience))));
         const before = this.decoding;
         this.fetching = bytes.catch(() => {});
         this.decoding = bytes
-            .then(async (buffer) => {
+            .then(async (buffers) => {
                 await before;
-                this.loadedBytes += buffer.byteLength;
-                const geometry = await decodeLevel(buffer);
-                // An error map has other points than the candidate that its entry tells of.
-                const points = geometry.getAttribute('position').count;
-                level.spacing *= Math.sqrt(level.points / points);
-                level.points = points;
-                await this.show(level, geometry);
+                this.loadedBytes += buffers.reduce((sum, { byteLength }) => sum + byteLength, 0);
+                const loaded = await level.source.load(buffers, level, this.signal);
+                level.points = loaded.geometry.getAttribute('position').count;
+                await this.show(level, loaded);
             })
             .catch((error) => this.fail(level, error));
     }
@@ -213,7 +215,7 @@ export class LevelLoader {
             tiles.center = whole.geometry.boundingBox.getCenter(new Vector3()).add(middleOf(source)).sub(middleOf(whole));
             for (const level of tiled) {
                 Object.assign(level, {
-                    whole, geometry: whole.geometry, spacing: whole.spacing, drawn: { points: whole.points }, isColored: whole.isColored, state: 'ready',
+                    whole, geometry: whole.geometry, spacing: whole.spacing, drawn: { points: whole.points }, bound: null, isColored: whole.isColored, state: 'ready',
                 });
                 this.onReady(level);
             }
@@ -224,7 +226,7 @@ export class LevelLoader {
     refuse() {
         if (!this.isRefused) {
             this.isRefused = true;
-            this.onError(null, new Error('It was made without the format "drc", which this page shows.'));
+            this.onError(null, new Error('It was made in formats for other programs alone; this page shows "drc", "ply", "glb" and "stpc".'));
         }
     }
 
@@ -243,8 +245,6 @@ export class LevelLoader {
     }
 }
 
-const middleOf = ({ bounds: { min, max } }) => new Vector3(...min).add(new Vector3(...max)).multiplyScalar(0.5);
-
 /** A level for each batch of a stream that is worth a look. */
 function levelsOf(decoder, entry, diagonal) {
     const least = Math.min(kFirstOfStream, decoder.total);
@@ -260,7 +260,23 @@ function levelsOf(decoder, entry, diagonal) {
         error: { relative: { mean: batch.meanError / diagonal } },
         spacing: entry.spacing * Math.sqrt(entry.points / batch.points),
         state: 'loading',
-    }));
+    })).map((level) => Object.assign(level, { ply: async () => plyOfStream(decoder, level) }));
+}
+
+/** What is shown of a stream as a file: its places are those of then, what else points have does not change. */
+function plyOfStream(decoder, { geometry, points }) {
+    const { origin, alpha, attributes } = decoder.layout;
+    return plyOf({
+        count: points,
+        origin,
+        positions: geometry.getAttribute('position').array,
+        normals: decoder.pointNormals(),
+        colors: decoder.colors(),
+        colorComponents: alpha ? 4 : 3,
+        attributes: attributes.map(({ name, type, components }, number) => ({
+            name, components, type: kTypesOfStream[type], values: decoder.attribute(number, points),
+        })),
+    });
 }
 
 /** The points of a stream so far. */
@@ -276,25 +292,4 @@ function geometryOf(decoder) {
         geometry.setAttribute('color', new BufferAttribute(colors, decoder.layout.alpha ? 4 : 3, true));
     }
     return geometry;
-}
-
-/** Splat sizes and missing normals, in the one attribute that the shader reads. */
-async function prepare(geometry, level, signal) {
-    const position = geometry.getAttribute('position');
-    const normals = geometry.getAttribute('normal')?.array ?? null;
-    const { positions, surface, spacing } = await estimateSurfaceInWorker(position.array, normals, level.spacing, signal);
-    level.spacing = spacing;
-    geometry.setAttribute('position', new BufferAttribute(positions, 3));
-    geometry.setAttribute('surface', new BufferAttribute(surface, 4, true));
-    geometry.deleteAttribute('normal');
-    geometry.computeBoundingBox();
-    geometry.computeBoundingSphere();
-    return geometry;
-}
-
-function attributesOf({ attributes }, file) {
-    const read = async (id, signal) => decodeAttribute(await getBytes(file.href, signal), id);
-    return attributes
-        .filter(({ name }) => name !== 'normal' && name !== 'color')
-        .map((attribute, i) => ({ ...attribute, read: (signal) => read(kFirstAttributeId + i, signal) }));
 }

@@ -127,13 +127,13 @@ export const nameOf = ({ id, name }) => name ?? `Cloud ${id.slice(0, 7)}`;
 /** What a result is called: as the cloud that it was made from. */
 export const titleOf = (job) => nameOf({ id: inputOf(job), name: job.input_name });
 
-/** Figures alone cannot be shown here, nor files in other formats, which jobs of other clients may have asked for. */
+/** Figures alone cannot be shown here, nor COPC. */
 function hasPicture({ type, request }) {
     switch (type) {
         case 'curve': return false;
-        case 'evaluate': return request.map.includes('drc');
-        case 'pyramid': return request.formats.some((format) => format === 'drc' || format === 'stpc');
-        default: return request.format === 'drc';
+        case 'evaluate': return request.map.length > 0;
+        case 'pyramid': return request.formats.some((format) => format !== 'copc.laz');
+        default: return true;
     }
 }
 

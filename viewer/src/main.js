@@ -1,4 +1,4 @@
-import { askAhead, dismissJob, getBytes, isFinal, startEvaluation, startJob } from './api.js';
+import { askAhead, dismissJob, getBytes, isFinal, removeCloud, startEvaluation, startJob } from './api.js';
 import { colorize } from './coloring.js';
 import { Comparison } from './comparison.js';
 import { preloadDecoder } from './draco_levels.js';
@@ -30,13 +30,13 @@ preloadSurface();
 const kNotStarted = 'The job could not be started';
 
 /** Bytes of a point in a small file of each kind: a pyramid with large levels needs tiles, which take the server longer to make. */
-const kFewestBytes = { ply: 12, drc: 1.5 };
+const kFewestBytes = { ply: 12, drc: 1.5, stpc: 1.5 };
 
 const stage = new Stage(byId.stage, { onPicture: (level) => session?.pictured(level) });
 const library = new Library({
     onResult: open,
     onCloud: (cloud) => openCloud(cloud).catch((error) => showProblem(error, kNotStarted)),
-    onParameters: (cloud) => form.open({ cloud: cloud.id, name: nameOf(cloud) }),
+    onParameters: (cloud) => form.open({ cloud: cloud.id, name: nameOf(cloud), attributes: attributesOf(cloud), others: othersThan(cloud) }),
 });
 const hud = new Hud({
     onLevel: choose,
@@ -47,6 +47,7 @@ const hud = new Hud({
     onDismiss: () => dismissJob(session.id).catch(showProblem),
     onDownload: (file) => download(file).catch(showProblem),
     onMap: mapErrors,
+    onRemove: () => removeResult().catch(showProblem),
 });
 const look = new LookCard({
     onColor: () => session?.shown && session.redress(),  // what is on the right follows
@@ -54,6 +55,7 @@ const look = new LookCard({
 });
 const form = new JobForm({
     onStart: ({ cloud, type, fields }) => start(type, cloud, fields),
+    onRemove: (cloud) => removeCloud(cloud).then(() => library.refresh()).catch(showProblem),
 });
 const sheet = new Sheet();
 const comparison = new Comparison(stage, { onStart: startComparing, onEnd: endComparing, onChoice: compareWith });
@@ -102,14 +104,27 @@ function open({ id, type, chosen = null }, { remembered = false } = {}) {
     placeCloud();
 }
 
-/** What the address names cannot be shown: there is the rest of the library. */
-function leave(error) {
+function closeResult() {
     session.close();
     session = null;
     byId.hud.hidden = true;
     document.title = 'stipple';
     document.documentElement.dataset.state = 'settled';
     library.setCurrent(null);
+}
+
+/** Takes what is shown from the server, and shows the newest that is left. */
+async function removeResult() {
+    await dismissJob(session.id);
+    comparison.end();
+    closeResult();
+    history.replaceState(null, '', '/');
+    await openLinked();
+}
+
+/** What the address names cannot be shown: there is the rest of the library. */
+function leave(error) {
+    closeResult();
     showProblem(error, error.status === 404 ? 'This result is not there' : 'The result could not be opened');
     library.refresh().then(invite).catch(showProblem);
 }
@@ -178,11 +193,17 @@ function showLevels({ loader, shown, isComplete, isSettled, job }) {
 
 // ---- Two at once
 
-/** On the right the finest level, on the left one that is coarser: what does it lose? */
+/** On the right the finest level, on the left one that is coarser: what does it lose? Of a single level: another result of its cloud. */
 function startComparing() {
     beside = null;
     chosenBefore = session.chosen;
     const { levels } = session.loader;
+    const sibling = levels.length === 1 && library.jobs.find(({ id, status, ...job }) =>
+        status === 'successful' && id !== session.id && session.job && inputOf(job) === inputOf(session.job));
+    if (sibling) {
+        compareWith(`result:${sibling.id}`);
+        return;
+    }
     if (session.chosen === null && levels.length > 1) {
         session.choose(levels.length - 2);
     }
@@ -274,14 +295,25 @@ async function openCloud({ id, format: kind, bytes }) {
 }
 
 async function start(type, cloudId, fields) {
-    // What is shown must be Draco; of a pyramid the server makes both.
-    open(await startJob(type, cloudId, type === 'pyramid' ? fields : { format: 'drc', ...fields }));
+    open(await startJob(type, cloudId, type === 'evaluate' ? { map: ['drc'], ...fields } : fields));
+    look.forgetColor();
+}
+
+/** Those beside the colours and normals, where they are known. */
+const attributesOf = ({ attributes = [] }) => attributes.map(({ name }) => name).filter((name) => name !== 'normal' && name !== 'color');
+
+/** What a cloud can be compared with: other clouds, and levels of what is shown, if it was made from it. */
+function othersThan({ id }) {
+    const isOfIt = session?.job && session.job.type !== 'evaluate' && inputOf(session.job) === id;
+    const levels = (isOfIt ? session.loader.levels : []).filter(({ file }) => file).map(({ file, points }) =>
+        ({ id: file.sha256, name: `${byId.title.textContent}, ${format.compactPoints(points)}` }));
+    return [...levels, ...library.clouds.map((cloud) => ({ id: cloud.id, name: nameOf(cloud) }))].filter((other) => other.id !== id);
 }
 
 /** Where the surface that is shown is how far from that of the input. */
 async function mapErrors() {
     try {
-        const map = await startEvaluation(inputOf(session.job), session.shown.file.sha256);
+        const map = await startEvaluation(inputOf(session.job), await hashOf(session.shown));
         look.forgetColor();
         if (!isPhone()) {
             look.open();  // its legend says what the colours are
@@ -292,11 +324,18 @@ async function mapErrors() {
     }
 }
 
+/** What the server knows a level by. One without a file becomes a cloud of its own. */
+async function hashOf({ file, ply, points }) {
+    return file?.sha256 ?? (await uploadCloud(new File([await ply()], fileName({ points }, 'ply')), () => {})).id;
+}
+
+const fileName = (shown, extension) => `${byId.title.textContent.replace(/\.(ply|drc)$/i, '')}-${shown?.points ?? 'points'}.${extension}`;
+
 /** By the page, since a link shows the server no key. */
-async function download({ href, format: extension }) {
-    const url = URL.createObjectURL(new Blob([await getBytes(href)]));
-    const stem = byId.title.textContent.replace(/\.(ply|drc)$/i, '');
-    element('a', { href: url, download: `${stem}-${session.shown?.points ?? 'points'}.${extension}` }).click();
+async function download({ href, ply, format: extension }) {
+    const name = fileName(session.shown, extension);
+    const url = URL.createObjectURL(new Blob([await (ply ? ply() : getBytes(href))]));
+    element('a', { href: url, download: name }).click();
     setTimeout(() => URL.revokeObjectURL(url), 60_000);
 }
 

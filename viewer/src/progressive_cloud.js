@@ -3,138 +3,16 @@
  * same numbers, bit by bit, as the decoder of the C++ library.
  */
 
-import { bin, CellSurface, kCandidateContexts, kMostNeighbors, kSpacingClasses, spacingsOf } from './cell_surface.js';
+import { CellSurface, kMostNeighbors } from './cell_surface.js';
+import { PlaceModel } from './place_model.js';
+import { RangeDecoder, SignedModel } from './range_decoder.js';
 
 const kMagic = 0x43505453; // STPC
-const kMemory = 63;
 const kMostGridBits = 24;
-const kPositionBits = 25;
-const kScales = 32;
-const kRelative = 8;
-const kAcross = 16;
-const kAcrossPlane = 24;
-const kRough = 8;
-const kAlong = 8;
-const kToward = 8;
 const kTypes = [Int8Array, Uint8Array, Int16Array, Uint16Array, Int32Array, Uint32Array, Float32Array, Float64Array];
 const kTypeBits = [8, 8, 16, 16, 32, 32, 32, 32];
 const kFloat = 6;
 const kDouble = 7;
-
-const bitWidth = (value) => 32 - Math.clz32(value);
-
-/** Of each bit how probable a 0 is, of 2^16, and how many were seen. */
-class Bits {
-    constructor(count) {
-        this.zero = new Uint16Array(count).fill(1 << 15);
-        this.seen = new Uint8Array(count);
-    }
-}
-
-/** A binary range decoder, which reads zeros behind the end. */
-class RangeDecoder {
-    start(bytes, end) {
-        this.bytes = bytes;
-        this.at = 0;
-        this.end = end;
-        this.range = 0xffffffff;
-        this.code = 0;
-        for (let i = 0; i < 4; ++i) {
-            this.code = ((this.code << 8) | this.next()) >>> 0;
-        }
-    }
-
-    next() {
-        return this.at < this.end ? this.bytes[this.at++] : 0;
-    }
-
-    bit(bits, i) {
-        const probability = bits.zero[i];
-        const rate = bitWidth(bits.seen[i] + 1);
-        const zero = (this.range >>> 16) * probability;
-        const value = this.code >= zero ? 1 : 0;
-        if (value) {
-            this.code -= zero;
-            this.range -= zero;
-            bits.zero[i] = probability - (probability >> rate);
-        } else {
-            this.range = zero;
-            bits.zero[i] = probability + ((65535 - probability) >> rate);
-        }
-        if (bits.seen[i] < kMemory) {
-            ++bits.seen[i];
-        }
-        this.normalize();
-        return value;
-    }
-
-    /** Up to 16 bits as they are. */
-    direct(count) {
-        this.range >>>= count;
-        const value = Math.min(Math.floor(this.code / this.range), 2 ** count - 1);
-        this.code = (this.code - value * this.range) >>> 0;
-        this.normalize();
-        return value;
-    }
-
-    /** Up to 32 bits. */
-    wide(count) {
-        const high = count > 16 ? this.direct(count - 16) * 65536 : 0;
-        const low = Math.min(count, 16);
-        return low > 0 ? high + this.direct(low) : high;
-    }
-
-    normalize() {
-        while (this.range < 0x1000000) {
-            this.range = (this.range << 8) >>> 0;
-            this.code = ((this.code << 8) | this.next()) >>> 0;
-        }
-    }
-
-    tree(bits, first, size) {
-        let node = 1;
-        while (node < size) {
-            node = 2 * node + this.bit(bits, first + node);
-        }
-        return node - size;
-    }
-}
-
-/** Numbers with a sign: trees of 16 bits for the sizes, and what is common to them. */
-class SignedModel {
-    constructor(trees) {
-        this.sizes = new Bits(16 * trees);
-        this.larger = new Bits(32);
-        this.second = new Bits(33);
-        this.sign = new Bits(1);
-    }
-
-    decode(coder, tree, most) {
-        let size = coder.tree(this.sizes, 16 * tree, 16);
-        if (size === 15) {
-            size = Math.min(15 + coder.tree(this.larger, 0, 32), most);
-        }
-        if (size === 0) {
-            return 0;
-        }
-        const negative = coder.bit(this.sign, 0);
-        let value = 1;
-        if (size >= 2) {
-            const second = coder.bit(this.second, size);
-            value = (2 + second) * 2 ** (size - 2) + coder.wide(size - 2);
-        }
-        return negative ? -value : value;
-    }
-}
-
-/** Two to an octave. */
-function scaleOf(length) {
-    if (length < 2) {
-        return length;
-    }
-    const size = bitWidth(length);
-    return Math.min(2 * size - 2 + ((length >>> (size - 2)) & 1), kScales - 1);
-}
 
 function enlarged(Type, length, old) {
     const array = new Type(length);
@@ -142,97 +20,6 @@ function enlarged(Type, length, old) {
         array.set(old);
     }
     return array;
-}
-
-/** Probabilities of where points are. */
-class PlaceModel {
-    constructor() {
-        this.candidates = new Bits(4 * kCandidateContexts);
-        this.more = new Bits(2 * kSpacingClasses);
-        this.fars = new Bits(3 * kScales * 4);
-        this.first = new SignedModel(kScales);
-        this.second = new SignedModel(kScales * kRelative);
-        this.across = new SignedModel(kAcross * kAcross);
-        this.alongSplit = new Bits((kRough / 2) * kAlong);
-        this.alongNew = new Bits(kToward * kAlong);
-        this.acrossSplit = new Bits(kRough * kAcrossPlane);
-        this.acrossNew = new Bits(kRough * kAcrossPlane);
-        this.moved = [0, 0, 0];
-        this.found = [0, 0, 0]; // the bits of a place
-    }
-
-    /** Whether one more point lies in a cell that has got `found`; `nearest`: how far off the nearest that came lies, in sides. */
-    candidate(coder, context, nearest, found) {
-        if (found > 0) {
-            return coder.bit(this.more, 2 * spacingsOf(context) + Math.min(found, 2) - 1) === 1;
-        }
-        const near = nearest < 0.7 ? 0 : nearest < 1.0 ? 1 : nearest < 1.5 ? 2 : 3;
-        return coder.bit(this.candidates, 4 * context + near) === 1;
-    }
-
-    /** Whether one more point is told by its offset from one that has got `told` so. */
-    far(coder, { spacing, plane }, told) {
-        const scale = scaleOf(Math.floor(0.5 * spacing));
-        const context = (Math.min(told, 2) * kScales + scale) * 4 + bin((16 * plane.roughness) / spacing, 4);
-        return coder.bit(this.fars, context) === 1;
-    }
-
-    /** The offset of a point, in steps: in the tangent plane, then from it. */
-    offset(coder, { spacing, plane }) {
-        const { normal, axis: a } = plane;
-        const b = (a + 1) % 3;
-        const c = (a + 2) % 3;
-        const scale = scaleOf(Math.floor(0.5 * spacing));
-        const offset = [0, 0, 0];
-        offset[b] = this.first.decode(coder, scale, kPositionBits);
-        const relative = Math.min(Math.max(scaleOf(Math.abs(offset[b])) - scale + 5, 0), kRelative - 1);
-        offset[c] = this.second.decode(coder, kRelative * scale + relative, kPositionBits);
-        const along = 0.5 * plane.offset - (normal[b] * offset[b] + normal[c] * offset[c]);
-        const expected = Math.floor(0.5 + along / normal[a]);
-        const distance = Math.min(scaleOf(Math.max(Math.abs(offset[b]), Math.abs(offset[c]))), kAcross - 1);
-        const rough = bin(2 * plane.roughness, kAcross);
-        offset[a] = expected + this.across.decode(coder, kAcross * rough + distance, kPositionBits);
-        return offset;
-    }
-
-    /** The bits of a point whose cell is split; the plane is seen from its middle. */
-    split(coder, plane, planes) {
-        return this.bits(coder, plane, plane.offset, planes, null);
-    }
-
-    /** The same of a point that came in a cell, `way` from its middle to the point around which it was asked for. */
-    placeWithin(coder, plane, offset, planes, way) {
-        return this.bits(coder, plane, offset, planes, way);
-    }
-
-    /** One plane of bits after the other, of each the axes along the surface first. */
-    bits(coder, { normal: n, roughness, axis: a }, offset, planes, way) {
-        const { moved, found: bits } = this;
-        moved.fill(0);
-        bits.fill(0);
-        for (let p = planes - 1; p >= 0; --p) {
-            const quarter = 2 ** p;
-            const size = 4 * quarter;
-            const rough = bin((8 * roughness) / size, kRough);
-            for (let turn = 1; turn <= 3; ++turn) {
-                const axis = (a + turn) % 3;
-                const height = (offset - (n[0] * moved[0] + n[1] * moved[1] + n[2] * moved[2])) / size;
-                let bit;
-                if (axis === a) {
-                    const context = rough * kAcrossPlane + bin(12 + (12 * height) / n[axis], kAcrossPlane);
-                    bit = coder.bit(way ? this.acrossNew : this.acrossSplit, context);
-                } else {
-                    const context = bin(4 + 6 * height * n[axis], kAlong);
-                    bit = way
-                        ? coder.bit(this.alongNew, bin(4 + (4 * (way[axis] - moved[axis])) / size, kToward) * kAlong + context)
-                        : coder.bit(this.alongSplit, (rough >> 1) * kAlong + context);
-                }
-                bits[axis] = 2 * bits[axis] + bit;
-                moved[axis] += bit ? quarter : -quarter;
-            }
-        }
-        return bits;
-    }
 }
 
 /** Takes a stream piece by piece; the cloud grows with it. */

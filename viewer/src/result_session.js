@@ -1,5 +1,6 @@
 import { getManifest } from './api.js';
 import { followJob } from './job_follower.js';
+import { meanErrorOf } from './level_error.js';
 import { LevelLoader } from './level_loader.js';
 
 /**
@@ -21,6 +22,7 @@ export class ResultSession {
         this.onFirstPicture = onFirstPicture;
         this.job = null;
         this.chosen = chosen;
+        this.bound = null;  // of the error of what is seen, or null: as the level or the view has it
         this.isComplete = false;
         this.started = performance.now();
         this.hasPicture = false;
@@ -85,9 +87,10 @@ export class ResultSession {
     }
 
     /** Stays at a level; the last one listed means the finest, whatever still comes. */
-    choose(index) {
+    choose(index, { bound = null } = {}) {
         const level = this.loader.levels[index];
         if (level) {
+            this.bound = bound;
             this.chosen = index === this.loader.levels.length - 1 ? null : index;
             this.loader.ask(level);
             this.showBest();
@@ -97,6 +100,10 @@ export class ResultSession {
     showBest() {
         const ready = this.loader.levels.filter((level) => level.state === 'ready');
         const best = ready.findLast((level) => this.chosen === null || level.level <= this.chosen) ?? ready[0];
+        if (best?.tiles && best.bound !== this.bound) {
+            best.bound = this.bound;
+            this.pane.stage.changed();
+        }
         if (best && best !== this.shown) {
             this.shown = best;
             this.redress();
@@ -120,10 +127,13 @@ export class ResultSession {
         }
     }
 
-    /** Shows the coarsest level whose measured mean error is within a bound, and the finest where there is none. */
+    /**
+     * Shows the coarsest level whose measured mean error is within a bound, and the finest where there is none. Where it comes in
+     * tiles, the bound holds for each that is drawn.
+     */
     chooseByError(bound) {
         const index = this.loader.levels.findIndex((level) => meanErrorOf(level) <= bound);
-        this.choose(index < 0 ? this.loader.levels.length - 1 : index);
+        this.choose(index < 0 ? this.loader.levels.length - 1 : index, { bound });
     }
 
     /** The stage has drawn a level. */
@@ -152,16 +162,3 @@ export class ResultSession {
 }
 
 const isGivenUp = ({ status }) => status === 'failed' || status === 'dismissed';
-
-/** Relative to the size of the cloud, in the form that is loaded; not a number where it was not measured. */
-export const meanErrorOf = (level) =>
-    (level.tiles && level.decoded && level.error ? level.decoded.error.mean / level.error.diagonal : wholeErrorOf(level)?.mean) ?? NaN;
-
-/** Of a level loaded as a whole, with what its file rounds; `error.diagonal` is 0 where all points coincide. */
-function wholeErrorOf({ files, error }) {
-    const rounded = files?.find(({ format }) => format === 'drc')?.error;
-    return rounded && error?.diagonal > 0 ? { mean: rounded.mean / error.diagonal, max: rounded.max / error.diagonal } : error?.relative;
-}
-
-/** `mean` and `max` of what is seen of a level, relative to the size of the cloud; nothing where it was not measured. */
-export const drawnErrorOf = (level) => (level.drawn ? level.drawn.error : wholeErrorOf(level));

@@ -6,7 +6,7 @@ import { kLargestRadius } from './surface_estimate.js';
 // radius, then the colours of those in front of it, blended by their distance to the splat's centre. `resolve_pass.js` divides.
 
 const kVertexShader = /* glsl */ `
-    attribute vec4 surface;        // normal; radius as a fraction of the largest
+    attribute vec4 surface;        // normal, shorter where it is in doubt; radius as a fraction of the largest
     #ifdef HAS_COLOR
     attribute vec4 color;          // sRGB
     #endif
@@ -25,7 +25,12 @@ const kVertexShader = /* glsl */ `
     varying vec3 splatNormal;
     varying float splatRadius;
     varying float splatDepth;
+    varying float splatSoftness;   // how far behind the front others still blend with it, in radii
+    varying float splatBulge;      // how far its middle stands before its rim, in radii
     varying vec3 splatColor;
+
+    const float kSoftness = 0.8;
+    const float kSoftnessOfBalls = 1.2;
 
     vec3 fromSrgb(vec3 c) {
         return mix(c / 12.92, pow((c + 0.055) / 1.055, vec3(2.4)), step(0.04045, c));
@@ -52,9 +57,9 @@ const kVertexShader = /* glsl */ `
     void main() {
         vec4 center = modelViewMatrix * vec4(position, 1.0);
         vec3 toEye = normalize(-center.xyz);
-        vec3 n = normalMatrix * surface.xyz;
-        bool oriented = dot(n, n) > 0.01;
-        n = oriented ? normalize(n) : vec3(0.0);
+        float trust = clamp(length(surface.xyz), 0.0, 1.0);
+        bool oriented = trust > 0.01;
+        vec3 n = oriented ? normalize(normalMatrix * surface.xyz) : vec3(0.0);
         if (dot(n, toEye) < 0.0) {
             n = -n;  // scans turn their normals either way: the side that is seen is the outside
         }
@@ -63,9 +68,18 @@ const kVertexShader = /* glsl */ `
     #else
         vec3 albedo = tint;
     #endif
+    #ifdef ELLIPTIC
         splatNormal = n;
-        // Near the silhouette the side is a guess: there the light of both sides meets halfway.
-        float certainty = smoothstep(0.0, 0.4, dot(n, toEye));
+        splatSoftness = kSoftness;
+        splatBulge = 0.0;
+    #else
+        // A splat that cannot know its plane faces the viewer, as a ball would.
+        splatNormal = normalize(mix(toEye, n, oriented ? trust : 0.0));
+        splatSoftness = mix(kSoftnessOfBalls, kSoftness, trust);
+        splatBulge = 1.0 - trust;
+    #endif
+        // Near the silhouette the side is a guess, and in leaves the normal is: there the light of both sides meets halfway.
+        float certainty = smoothstep(0.0, 0.4, dot(n, toEye)) * mix(0.4, 1.0, trust);
         vec3 front = lit(albedo, n, toEye);
         vec3 either = 0.5 * (front + lit(albedo, -n, toEye));
         splatColor = oriented ? mix(either, front, certainty) : albedo * 0.9;
@@ -95,6 +109,8 @@ const kFragmentShader = /* glsl */ `
     varying vec3 splatNormal;
     varying float splatRadius;
     varying float splatDepth;
+    varying float splatSoftness;
+    varying float splatBulge;
     varying vec3 splatColor;
     #ifdef ELLIPTIC
     varying vec3 splatMajor;
@@ -116,8 +132,11 @@ const kFragmentShader = /* glsl */ `
             discard;
         }
         float depth = splatDepth + slope * splatRadius;
+    #ifndef ELLIPTIC
+        depth += splatBulge * sqrt(max(0.0, 1.0 - dot(p, p))) * splatRadius;
+    #endif
     #ifdef DEPTH_PASS
-        depth -= 0.6 * splatRadius;
+        depth -= splatSoftness * splatRadius;
         gl_FragColor = vec4(0.0);
     #else
         float weight = (1.0 - distanceSq) * (1.0 - distanceSq) + 1e-3;

@@ -13,16 +13,19 @@ export function preloadSurface() {
 
 /**
  * `estimateSurface` beside the page, by `robustSpacing`, which it gives too. Takes `positions` over and gives it back. When the
- * signal says that nobody waits any more, the work ends.
+ * signal says that nobody waits any more, the work ends. The `spacing` that is told is that of so many `points`.
  */
-export function estimateSurfaceInWorker(positions, normals, spacing, signal) {
-    return ask({ positions, normals, spacing }, positions.buffer, signal);
+export function estimateSurfaceInWorker(positions, normals, { spacing, points }, signal) {
+    return ask({ positions, normals, spacing, points }, [positions.buffer], signal);
 }
 
-/** The same of the points in a glb, with their colours or null and their attributes. Takes `glb` over. */
-export const readTileInWorker = (glb, spacing, signal) => ask({ glb, spacing }, glb, signal);
+/**
+ * The same of the points in files, with their colours or null and their attributes. Takes the files over.
+ * @param what  `files`, all of one `kind` (`ply`, `glb`); `offset`, which is added to their positions; `largest`: radius of a splat, spacings
+ */
+export const readFilesInWorker = (what, { spacing, points }, signal) => ask({ ...what, spacing, points }, what.files, signal);
 
-async function ask(message, buffer, signal) {
+async function ask(message, buffers, signal) {
     signal?.throwIfAborted();
     const self = leastBusy();
     const id = lastId += 1;
@@ -38,7 +41,7 @@ async function ask(message, buffer, signal) {
     try {
         return await new Promise((resolve, reject) => {
             self.waiting.set(id, { resolve, reject });
-            self.worker.postMessage({ id, ...message }, [buffer]);
+            self.worker.postMessage({ id, ...message }, buffers);
         });
     } finally {
         signal?.removeEventListener('abort', giveUp);

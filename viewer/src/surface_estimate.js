@@ -1,4 +1,6 @@
-// Normals by the plane through the nearest neighbours (Pauly, Gross, Kobbelt 2002, §2), splat sizes by their distance.
+// Normals by the plane through the nearest neighbours (Pauly, Gross, Kobbelt 2002, §2), splat sizes by the cell that a point has
+// among them in its tangent plane (as the Voronoi cells of Dyer, Zhang, Möller 2009): where three cells meet, three discs have to.
+// Where the neighbours do not lie about a plane, as in leaves, a splat is a round one that faces the viewer: its normal is shorter.
 
 /** A splat's radius is stored as a fraction of this many spacings. */
 export const kLargestRadius = 6;
@@ -6,9 +8,22 @@ export const kLargestRadius = 6;
 const kSmallestRadius = 0.5;
 const kNeighbors = 16;
 const kSpacingNeighbor = 5;     // the sixth nearest: a hexagonal ring
-const kRadiusByDistance = 1.15; // a hexagonal arrangement is closed from 0.58 on, a random one from 0.95, and scans have gaps
-const kRadiusByReach = 0.6;     // of the farthest neighbour: where the nearest ones stand in a bunch, the surface lies beyond them
+const kOverlap = 1.25;          // of discs beyond where cells meet: what overlaps blends
+const kRadiusByDistance = 0.95; // and no smaller than this by the sixth nearest: scans have gaps where their strips meet
+const kOpenByReach = 0.6;       // where a cell is open, as at a border, by the farthest neighbour; where points stand in bunches, too
+const kLine = 0.15;             // how wide a horn or a wire is by its length, as moments, which is open, too; the corner of a sheet: 0.22
+const kWindow = 0.56;           // of the farthest neighbour: corners of a cell farther off than half may be those of points unseen
+const kInWindow = 0.9;          // between an octagon's inner and outer circle
+const kBlobByDistance = 0.5;    // of a splat that faces the viewer
+const kLargestBlob = 2.5;       // spacings: what stands alone is no surface
+const kSteepest = 3;            // slope at which a neighbour belongs to another sheet
+const kFlat = 0.22;             // roughness (height above the plane, by distance) up to which a normal is true
+const kRough = 0.5;             // and from which it tells nothing; of points all around it is 0.58
+const kLeastNormal = 0.12;      // the length that says so: its direction still lights a little
 const kFull = 32767;
+const kCorners = 8;             // of a cell that no neighbour bounds
+const kCornersX = Float64Array.from({ length: kCorners }, (_, k) => Math.cos(2 * Math.PI * k / kCorners));
+const kCornersY = Float64Array.from({ length: kCorners }, (_, k) => Math.sin(2 * Math.PI * k / kCorners));
 const kMostMet = 1024;          // points looked at for one: of more in one place, those that come first are enough
 const kAskedForGap = 31;        // points that tell a spacing
 const kFarOff = 4;              // median gaps: a longer spacing is that of a few points far off
@@ -42,7 +57,7 @@ export function robustSpacing(positions, spacing) {
  * @param {?Float32Array} normals  kept as they are; null: estimated, of either sign
  * @param {number} spacing  mean distance to the nearest other point
  * @param {number} largest  radius of a splat, spacings: at the border of a tile the neighbours are in another
- * @returns {Int16Array} of each point: normal (0 0 0 where it has none) and radius, as fractions of 32767
+ * @returns {Int16Array} of each point: normal (0 0 0 where it has none, shorter where it is in doubt) and radius, as fractions of 32767
  */
 export function estimateSurface(positions, normals, spacing, largest = kLargestRadius) {
     const count = positions.length / 3;
@@ -58,27 +73,144 @@ export function estimateSurface(positions, normals, spacing, largest = kLargestR
         }
         return surface;
     }
+    const cell = new TangentCell();
     const grid = new PointGrid(positions, 2.5 * spacing);
     const nearest = new Nearest(kNeighbors);
     for (let at = 0; at < count; at += 1) {
         const i = grid.members[at];
         grid.nearestTo(at, nearest);
-        surface[4 * i + 3] = kFull * splatRadius(nearest, spacing, largest) / (kLargestRadius * spacing);
         if (!normals && nearest.count >= 3) {
             storePlaneNormal(surface, i, grid.positions, at, nearest);
         }
+        const radius = splatRadius(surface, i, grid.positions, at, nearest, cell, spacing);
+        const stored = Math.min(largest * spacing, Math.max(kSmallestRadius * spacing, radius ?? spacing));
+        surface[4 * i + 3] = kFull * stored / (kLargestRadius * spacing);
     }
     return surface;
 }
 
-function splatRadius(nearest, spacing, largest) {
+/** Null of a point without neighbours. The normal of a point is made shorter where it is in doubt. */
+function splatRadius(surface, i, positions, at, nearest, cell, spacing) {
     if (nearest.count === 0) {
-        return spacing;
+        return null;
     }
     const last = nearest.count - 1;
     const distance = Math.sqrt(nearest.distanceSq[Math.min(kSpacingNeighbor, last)]);
-    const reach = Math.sqrt(nearest.distanceSq[last]);
-    return Math.min(largest * spacing, Math.max(kSmallestRadius * spacing, kRadiusByDistance * distance, kRadiusByReach * reach));
+    const farthest = Math.sqrt(nearest.distanceSq[last]);
+    const x = surface[4 * i] / kFull, y = surface[4 * i + 1] / kFull, z = surface[4 * i + 2] / kFull;
+    if (x === 0 && y === 0 && z === 0) {
+        return kOpenByReach * farthest;
+    }
+    cell.measure(x, y, z, positions, at, nearest);
+    const open = cell.isOpen && cell.width > kLine ? kOpenByReach * farthest : 0;
+    const radius = Math.max(kOverlap * cell.reach, kRadiusByDistance * distance, open);
+    const doubt = Math.min(1, Math.max(0, (cell.roughness - kFlat) / (kRough - kFlat)));
+    const length = 1 - doubt * (1 - kLeastNormal);
+    for (let k = 0; k < 3; k += 1) {
+        surface[4 * i + k] *= length;
+    }
+    return radius + doubt * (Math.min(radius, kBlobByDistance * distance, kLargestBlob * spacing) - radius);
+}
+
+/** The Voronoi cell of a point among its neighbours, laid into its tangent plane. */
+class TangentCell {
+    constructor() {
+        const most = kCorners + kNeighbors;
+        this.x = new Float64Array(most);
+        this.y = new Float64Array(most);
+        this.count = 0;
+        this.clippedX = new Float64Array(most);
+        this.clippedY = new Float64Array(most);
+        // What was measured last:
+        this.reach = 0;       // how far its farthest corner lies
+        this.isOpen = false;  // whether neighbours on some side are missing
+        this.roughness = 0;   // of the neighbours: their heights by their distances
+        this.width = 1;       // of those in the plane, by their length: second moments around the point
+    }
+
+    measure(nx, ny, nz, positions, at, nearest) {
+        // Two axes across a unit normal (Duff and others 2017).
+        const sign = nz < 0 ? -1 : 1;
+        const a = -1 / (sign + nz), b = nx * ny * a;
+        const ux = 1 + sign * nx * nx * a, uy = sign * b, uz = -sign * nx;
+        const vx = b, vy = sign + ny * ny * a, vz = -ny;
+        const window = kWindow * Math.sqrt(nearest.distanceSq[nearest.count - 1]);
+        this.start(window);
+        let farthest = window;
+        let heights = 0, distances = 0;
+        let uu = 0, uv = 0, vv = 0;
+        for (let n = 0; n < nearest.count; n += 1) {
+            const from = 3 * nearest.index[n];
+            const dx = positions[from] - positions[3 * at];
+            const dy = positions[from + 1] - positions[3 * at + 1];
+            const dz = positions[from + 2] - positions[3 * at + 2];
+            const height = nx * dx + ny * dy + nz * dz;
+            heights += height * height;
+            distances += nearest.distanceSq[n];
+            const u = ux * dx + uy * dy + uz * dz, v = vx * dx + vy * dy + vz * dz;
+            const across = Math.sqrt(u * u + v * v);
+            uu += u * u;
+            uv += u * v;
+            vv += v * v;
+            const half = 0.5 * Math.sqrt(nearest.distanceSq[n]);  // along the surface, which may fall away
+            if (half < farthest && Math.abs(height) < kSteepest * across) {
+                this.clip(u / across, v / across, half);
+                farthest = this.farthest();
+            }
+        }
+        this.roughness = distances > 0 ? Math.sqrt(heights / distances) : 0;
+        const spread = Math.hypot(uu - vv, 2 * uv);
+        this.width = uu + vv > 0 ? (uu + vv - spread) / (uu + vv + spread) : 1;
+        this.isOpen = farthest > kInWindow * window;
+        this.reach = this.isOpen ? this.farthest(kInWindow * window) : farthest;
+    }
+
+    start(radius) {
+        this.count = kCorners;
+        for (let k = 0; k < kCorners; k += 1) {
+            this.x[k] = radius * kCornersX[k];
+            this.y[k] = radius * kCornersY[k];
+        }
+    }
+
+    /** Keeps what lies up to `limit` along a direction. */
+    clip(u, v, limit) {
+        const { x, y, clippedX, clippedY, count } = this;
+        let kept = 0;
+        let before = u * x[count - 1] + v * y[count - 1] - limit;
+        for (let k = 0, last = count - 1; k < count; last = k, k += 1) {
+            const beyond = u * x[k] + v * y[k] - limit;
+            if ((beyond > 0) !== (before > 0)) {
+                const t = before / (before - beyond);
+                clippedX[kept] = x[last] + t * (x[k] - x[last]);
+                clippedY[kept] = y[last] + t * (y[k] - y[last]);
+                kept += 1;
+            }
+            if (beyond <= 0) {
+                clippedX[kept] = x[k];
+                clippedY[kept] = y[k];
+                kept += 1;
+            }
+            before = beyond;
+        }
+        this.x = clippedX;
+        this.y = clippedY;
+        this.clippedX = x;
+        this.clippedY = y;
+        this.count = kept;
+    }
+
+    /** Of the corners within a distance. */
+    farthest(within = Infinity) {
+        let mostSq = 0;
+        for (let k = 0; k < this.count; k += 1) {
+            const distanceSq = this.x[k] * this.x[k] + this.y[k] * this.y[k];
+            if (distanceSq > mostSq && distanceSq < within * within) {
+                mostSq = distanceSq;
+            }
+        }
+        return Math.sqrt(mostSq);
+    }
 }
 
 /** The k points nearest to another so far, by their place in the grid, in ascending order of distance. */

@@ -1,10 +1,13 @@
-import { Box3, BufferAttribute, BufferGeometry, Frustum, Matrix4 } from 'three';
+import { Box3, Frustum, Matrix4 } from 'three';
 
 import { getBytes, getJson, persist } from './api.js';
-import { readTileInWorker } from './surface.js';
+import { wholeErrorOf } from './level_error.js';
+import { geometryOf } from './level_files.js';
+import { readFilesInWorker } from './surface.js';
 import { errorOfTiles, select, treeOf } from './tile_tree.js';
 
 const kPixels = 2;              // of error
+const kLargestInTiles = 3;      // radius of a splat, spacings: beyond the border of a tile lie points of another
 const kAtOnce = 6;              // requests on their way
 const kMostPoints = 8_000_000;  // kept, drawn or not
 
@@ -32,7 +35,8 @@ export class TileStream {
     }
 
     /**
-     * What to draw of a level for a camera: tiles with their `cloud` (geometry) and `spacing`, nowhere coarser than its `whole`.
+     * What to draw of a level for a camera: tiles with their `cloud` (geometry) and `spacing`, nowhere coarser than its `whole`. With
+     * a `bound` of the level, relative to the cloud's size, the tiles are as fine as that asks, on every level.
      * @param offset  from the tiles' coordinates to those of the camera; @param height  of the picture, pixels
      */
     select(camera, level, { offset, height }) {
@@ -40,11 +44,16 @@ export class TileStream {
             return [];
         }
         this.now += 1;
+        const { bound } = level;
         const { drawn, wanted } = select(this.root, {
-            ...viewOf(camera, offset, height), pixels: kPixels, coarsestLevel: level.whole.level, finestLevel: level.level, now: this.now,
+            ...viewOf(camera, offset, height), pixels: kPixels, coarsestLevel: level.whole.level, now: this.now,
+            ...(bound === null ? { finestLevel: level.level } : { finestLevel: Infinity, bound: bound * level.error.diagonal }),
         });
-        wanted.slice(0, kAtOnce - this.loading).forEach((tile) => this.load(tile));
-        const isComplete = wanted.length === 0 && this.loading === 0;
+        const isWanting = wanted.length > 0 && this.makeRoom();
+        if (isWanting) {
+            wanted.slice(0, kAtOnce - this.loading).forEach((tile) => this.load(tile));
+        }
+        const isComplete = !isWanting && this.loading === 0;
         if (isComplete !== this.isComplete) {
             this.isComplete = isComplete;
             queueMicrotask(this.onDrawn);
@@ -55,7 +64,7 @@ export class TileStream {
     /** What is drawn of a level: tiles, or, null, the coarser level that stands in for them. */
     note(level, tiles) {
         const points = tiles ? tiles.reduce((sum, tile) => sum + tile.points, 0) : level.whole.points;
-        const error = tiles && level.error ? errorOfTiles(tiles, level.error.diagonal) : level.whole.error?.relative;
+        const error = tiles && level.error ? errorOfTiles(tiles, level.error.diagonal) : wholeErrorOf(level.whole);
         if (points !== level.drawn.points || error?.mean !== level.drawn.error?.mean) {
             level.drawn = { points, error };
             queueMicrotask(this.onDrawn);
@@ -75,13 +84,15 @@ export class TileStream {
             } else {
                 const glb = await persist(() => getBytes(address, this.signal), this.patience);
                 bytes = glb.byteLength;
-                const read = await readTileInWorker(glb, tile.spacing, this.signal);
+                const what = { files: [glb], kind: 'glb', offset: [0, 0, 0], largest: kLargestInTiles };
+                const read = await readFilesInWorker(what, { spacing: tile.spacing, points: tile.count }, this.signal);
                 tile.spacing = read.spacing;
                 tile.cloud = geometryOf(read);
                 tile.attributes = read.attributes;
                 tile.points = tile.cloud.getAttribute('position').count;
                 tile.state = 'ready';
-                this.keep(tile);
+                this.ready.add(tile);
+                this.points += tile.points;
             }
         } catch (error) {
             tile.state = 'failed';
@@ -93,10 +104,8 @@ export class TileStream {
         }
     }
 
-    /** Gives up what was not seen for longest, by either of two panes, where too much is kept. */
-    keep(tile) {
-        this.ready.add(tile);
-        this.points += tile.points;
+    /** Gives up what was not seen for longest, by either of two panes, where too much is kept; whether there is room for more. */
+    makeRoom() {
         const unseen = this.points > kMostPoints
             ? [...this.ready].filter(({ usedAt }) => usedAt < this.now - 1).sort((a, b) => a.usedAt - b.usedAt) : [];
         for (const old of unseen) {
@@ -108,6 +117,7 @@ export class TileStream {
                 old.state = 'listed';
             }
         }
+        return this.points <= kMostPoints;
     }
 
     fail(error) {
@@ -137,14 +147,4 @@ function viewOf(camera, offset, height) {
         sees: (tile) => frustum.intersectsBox(boxOf(tile)),
         errorOf: (tile) => tile.error * pixelsPerUnit / Math.max(boxOf(tile).distanceToPoint(eye), 1e-9 * tile.error),
     };
-}
-
-function geometryOf({ positions, surface, colors }) {
-    const geometry = new BufferGeometry();
-    geometry.setAttribute('position', new BufferAttribute(positions, 3));
-    geometry.setAttribute('surface', new BufferAttribute(surface, 4, true));
-    if (colors) {
-        geometry.setAttribute('color', new BufferAttribute(colors, 4, true));
-    }
-    return geometry;
 }

@@ -13,6 +13,7 @@ export function treeOf({ boundingVolume: { box }, geometricError, refine, conten
         center: box.slice(0, 3),
         half: [box[3], box[7], box[11]],
         error: extras ? Math.max(extras.error?.p99 ?? 0, extras.spacing) : geometricError,
+        count: extras?.points,
         spacing: extras?.spacing,
         shownSpacing: extras?.spacing,
         measured: extras?.error,
@@ -43,7 +44,7 @@ export function errorOfTiles(tiles, diagonal) {
  * The tiles that show the whole of what is seen with an error of at most `view.pixels`, as far as they are there: where some of the
  * finer ones are not, the coarser one stands in for all of them.
  * @param view  `sees(tile)`, `errorOf(tile)` in pixels, `pixels`, the levels `coarsestLevel` and
- * `finestLevel` to stay between, `now`: a number that grows
+ * `finestLevel` to stay between, `now`: a number that grows; `bound`, where there is one, of the mean error of every tile
  * @returns {{drawn: object[], wanted: object[]}} what to draw, and what to load for it, most wanted first
  */
 export function select(root, view) {
@@ -70,7 +71,7 @@ export function select(root, view) {
         tile.usedAt = view.now;
         const error = view.errorOf(tile);
         const isFine = tile.children.length === 0 || tile.level >= view.finestLevel ||
-            (tile.level >= view.coarsestLevel && error <= view.pixels);
+            (tile.level >= view.coarsestLevel && error <= view.pixels && !(tile.measured?.mean > view.bound));
         if (tile.adds && tile.state === 'ready') {
             return addTo(tile, isFine);
         }

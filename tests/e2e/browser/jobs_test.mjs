@@ -2,10 +2,11 @@
 //
 //     node jobs_test.mjs --bin build/dev/bin --modules FOLDER --artifacts FOLDER [--scale 1]
 import assert from 'node:assert/strict';
+import { readFileSync } from 'node:fs';
 
 import { line, onePoint, truncated } from './clouds.mjs';
 import {
-    browser, choose, cloudOf, differenceOf, kTorusPoints, litShare, manifestOf, rest, restingPicture, run, save, scale, settledPyramid, shows,
+    browser, choose, cloudOf, differenceOf, kTorusPoints, litShare, manifestOf, rest, restingPicture, run, save, scale, server, settledPyramid, shows,
     startJob, torus, visit,
 } from './suite.mjs';
 
@@ -28,6 +29,53 @@ await run({
         await rest(page);
         assert.ok(await litShare(page) > 0.9 * whole);
         await colorsStandForHeight();
+    },
+
+    async 'What is shown of a stream is saved as a cloud, whose measured error is the one that is told'() {
+        await visit(page, `/?pyramid=${await startJob({ type: 'pyramid', input: cloud, formats: ['stpc'] })}`);
+        await page.locator('#level').fill('2');
+        await shows(page, kTorusPoints / 8);
+        const told = parseFloat(await page.locator('#error').innerText());
+        const [download] = await Promise.all([page.waitForEvent('download'), page.locator('#files').getByText('Save PLY').click()]);
+        assert.match(download.suggestedFilename(), /^torus-3750\.ply$/);
+        const header = readFileSync(await download.path(), 'latin1').split('end_header')[0];
+        assert.ok(['element vertex 3750', 'property float x', 'property uchar red', 'property float height']
+            .every((line) => header.includes(`\n${line}\n`)), header);
+        await page.locator('#files').getByText('Error map').click();
+        await page.waitForFunction(() => document.getElementById('color').value === 'distance');
+        const [{ error }] = (await manifestOf(await settledPyramid(page))).levels;
+        const measured = 100 * error.relative.mean;
+        assert.ok(Math.abs(measured - told) < 0.1 * told, `told ${told} %, measured ${measured} %`);
+        await page.keyboard.press('l');
+    },
+
+    async 'A pyramid of tiles alone, and one of PLY files, are shown level by level, where one of Draco files stands'() {
+        const levels = { levels: [2000, 8000, kTorusPoints] };
+        const [drc, ...others] = await Promise.all([['drc'], ['ply'], ['glb']].map((formats) =>
+            startJob({ type: 'pyramid', input: cloud, formats, ...levels, ...(formats[0] === 'glb' ? { tiles: { max_points: 3000, attributes: true } } : {}) })));
+        await visit(page, `/?pyramid=${drc}`);
+        await page.keyboard.press('2');
+        await shows(page, levels.levels[1]);
+        const picture = await restingPicture(page);
+        for (const pyramid of others) {
+            await visit(page, `/?pyramid=${pyramid}`);
+            await page.keyboard.press('2');
+            await shows(page, levels.levels[1]);
+            const share = differenceOf(picture, await restingPicture(page));
+            assert.ok(share < 0.05, `${share} of the pixels differ`);  // by the bits of either
+            assert.ok(parseFloat(await page.locator('#error').innerText()) > 0);
+            await colorsStandForHeight();
+            await page.keyboard.press('c');
+            await page.locator('#right-label').getByText('30K points').waitFor();
+            await page.locator('#compare-with').selectOption(`result:${drc}`);
+            await page.locator('#right-label').getByText('error').waitFor();
+            await page.locator('#compare-with').selectOption('level:0');
+            await page.locator('#right-label').getByText('2,000 points').waitFor();
+            await page.keyboard.press('c');
+        }
+        await save(page, 'tiles-alone');
+        const [download] = await Promise.all([page.waitForEvent('download'), page.locator('#files').getByText('Save PLY').click()]);
+        assert.match(readFileSync(await download.path(), 'latin1'), /^ply\n[^]*element vertex 8000\n/);
     },
 
     async 'A stream that is cut, and a level that cannot be reached, go on once the server answers'() {
@@ -71,8 +119,8 @@ await run({
     },
 
     async 'A form made from the contract starts a job, whose result is shown, saved and measured'() {
-        await page.getByRole('button', { name: 'Process' }).last().click();
-        await page.locator('#job-types').getByText('Simplify').click();
+        await openForm('Simplify');
+        assert.equal(await page.locator('[name=oversampling]').isVisible(), true);
         await page.locator('[name=method]').selectOption('voxel');
         assert.equal(await page.locator('[name=oversampling]').isVisible(), false);
         await page.locator('[name=points]').fill('1234');
@@ -85,8 +133,75 @@ await run({
         await page.waitForFunction(() => document.getElementById('color').value === 'distance');
         await rest(page);
         await save(page, 'error-map');
+        for (const [x, y] of [[640, 560], [780, 330]]) {  // close to the surface, which has no gaps there
+            await page.locator('#stage').dblclick({ position: { x, y } });
+            await restingPicture(page);
+        }
+        await save(page, 'error-map-close');
+        assert.ok(await litShare(page, { x: 700, y: 280, width: 100, height: 100 }) > 0.99);
         assert.ok(parseFloat(await page.locator('#legend-high').innerText()) > 0);
         await page.keyboard.press('l');
+    },
+
+    async 'The form has every field of the contract, nested ones and lists too'() {
+        const contract = await (await fetch(`${server.url}/openapi.yaml`)).text();
+        const propertiesOf = (schema) => [...contract.split(`\n    ${schema}:\n`)[1].split('\n      additionalProperties:')[0]
+            .matchAll(/^ {8}(\w+):/gm)].map(([, name]) => name);
+        const given = ['type', 'input', 'reference', 'candidate'];
+        for (const [type, ...schemas] of [['Pyramid', 'PyramidRequest', 'TileOptions', 'DracoOptions'], ['Simplify', 'SimplifyRequest', 'DracoOptions'],
+            ['Compare', 'EvaluateRequest', 'DracoOptions']]) {
+            await openForm(type);
+            const names = new Set(await page.locator('#job-fields').evaluate((fields) => [
+                ...[...fields.querySelectorAll('[name]')].map(({ name }) => name),
+                ...[...fields.querySelectorAll('summary, legend')].map(({ innerText }) => innerText.trim().toLowerCase().replaceAll(' ', '_'))]));
+            const wanted = schemas.flatMap(propertiesOf).filter((name) => !given.includes(name));
+            assert.ok(wanted.length > 15, `${wanted}`);
+            assert.deepEqual(wanted.filter((name) => !names.has(name)), []);
+            await page.locator('#job-close').click();
+        }
+    },
+
+    async 'Formats that are ticked, groups, regions and candidates reach the server as they were filled in'() {
+        await openForm('Pyramid');
+        for (const format of ['drc', 'ply']) {
+            await page.locator(`[name=formats][value=${format}]`).uncheck();
+        }
+        await page.locator('[name=levels]').fill('1000, 5000');
+        await page.locator('[name=reductions]').fill('height: max');
+        await page.locator('summary').getByText('tiles').click();
+        await page.locator('[name=max_points]').fill('3000');
+        await page.locator('[name=attributes]').check();
+        await save(page, 'form-pyramid');
+        holds(await started(), {
+            formats: ['glb'], levels: [1000, 5000], reductions: { height: 'max' }, tiles: { max_points: 3000, attributes: true, exact_errors: false },
+        });
+        await shows(page, 5000);
+
+        await openForm('Simplify');
+        await page.locator('[name=method]').selectOption('particles');
+        await page.locator('[name=points]').fill('900');
+        await page.locator('#job-fields').getByText('Add a region').click();
+        await page.locator('summary').getByText('sphere').click();
+        await page.locator('[name=center]').fill('1, 0, 0');
+        await page.locator('[name=density]').fill('3');
+        browser.refusalsExpected = true;
+        await page.locator('#job-start').click();
+        await page.locator('#job-problem').getByText('radius').waitFor();  // in the words of the server
+        browser.refusalsExpected = false;
+        await page.locator('[name=radius]').fill('0.5');
+        const request = await started();
+        holds(request, { method: 'particles', points: 900, format: 'drc' });
+        holds(request.regions[0], { sphere: { center: [1, 0, 0], radius: 0.5 }, density: 3 });
+        await shows(page, 900);
+
+        await openForm('Compare');
+        await page.locator('#job-fields label').getByText('900 points').click();
+        const { candidates, candidate, map } = await started();
+        const [{ files }] = (await manifestOf(await settledPyramid(page))).levels;
+        assert.deepEqual(map, ['drc']);
+        assert.equal((candidates ?? [candidate]).length, 1);
+        assert.ok(files.some(({ format }) => format === 'drc'));
+        await page.locator('#legend').getByText('Distance to input').waitFor();
     },
 
     async 'One point and a line are shown'() {
@@ -111,6 +226,29 @@ await run({
             await page.locator('.notice button').first().click();
         }
         browser.refusalsExpected = false;
+    },
+
+    async 'A result and a cloud are removed, each when that is asked for twice'() {
+        const items = async (what) => (await (await fetch(`${server.url}/v1/${what}?limit=100`)).json()).items;
+        const list = async (what) => (await items(what)).map(({ id }) => id);
+        const job = await startJob({ type: 'simplify', input: cloud, points: 700, format: 'drc' });
+        await visit(page, `/?job=${job}`);
+        await shows(page, 700);
+        const remove = page.locator('#files').getByRole('button').last();
+        await remove.click();
+        assert.ok((await list('jobs')).includes(job));
+        await remove.click();
+        const next = await settledPyramid(page, job);
+        assert.ok(!(await list('jobs')).includes(job));
+        assert.equal(next, (await items('jobs')).find(({ status }) => status === 'successful').id);
+
+        const before = await list('clouds');
+        await page.getByRole('button', { name: 'Process' }).first().click();
+        await page.locator('#job-remove').click();
+        assert.deepEqual(await list('clouds'), before);
+        await page.locator('#job-remove').click();
+        await page.waitForFunction((count) => document.querySelectorAll('#clouds > li').length === count, before.length - 1);
+        assert.deepEqual(await list('clouds'), before.slice(1));
     },
 
     async 'Large levels come tile by tile, as far as the view asks for them'() {
@@ -143,7 +281,60 @@ await run({
         await page.locator('#stage').dblclick({ position: { x: 640, y: 560 } });  // where only a part is seen
         await page.waitForFunction((all) => parseInt(document.getElementById('points').innerText.replaceAll(',', ''), 10) < all, kTorusPoints);
     },
+
+    async 'A bound of the error holds for the tiles that are drawn, and its slider goes from the coarsest level to the finest'() {
+        const pyramid = await startJob({
+            type: 'pyramid', input: cloud, base_points: 3000, formats: ['drc', 'glb'], tiles: { max_points: 2000 },
+        });
+        const { levels } = await manifestOf(pyramid);
+        await page.goto(`${browser.url}/?pyramid=${pyramid}&whole=10000`);
+        await settledPyramid(page);
+        const figure = async (id) => parseFloat(await page.locator(`#${id}`).innerText());
+        const moveBound = (end) => page.locator('#error-bound').evaluate((input, to) => {
+            input.value = input[to];
+            input.dispatchEvent(new Event('input'));
+        }, end);
+        const [value, end] = await page.locator('#error-bound').evaluate((input) => [input.value, input.max].map(Number));
+        assert.ok(Math.abs(value - end) < 1e-6, `${value}, not ${end}`);
+        await page.locator('#stage').focus();
+        for (let step = 0; step < 12; step += 1) {
+            await page.keyboard.press('-');
+        }
+        await page.locator('#points').getByText(' of ').waitFor();  // from far away coarse tiles are enough
+        assert.equal(await page.locator('#error-bound-value').innerText(), 'by view');
+        const byView = await figure('error');
+        await moveBound('max');
+        await shows(page, kTorusPoints);
+        const asked = await figure('error-bound-value');
+        assert.ok(asked < byView, `${asked} of ${byView}`);
+        assert.ok(await figure('error') <= asked, `${await figure('error')} of ${asked}`);
+        await moveBound('min');
+        await shows(page, levels[0].points);
+        assert.equal(await figure('error'), await figure('error-bound-value'));
+    },
 });
+
+/** Whether an object has these parts, whatever else it has. */
+function holds(whole, parts) {
+    const picked = (value, like) => (like && typeof like === 'object' && !Array.isArray(like) && value
+        ? Object.fromEntries(Object.keys(like).map((key) => [key, picked(value[key], like[key])])) : value);
+    assert.deepEqual(picked(whole, parts), parts);
+}
+
+/** The form for the cloud of the torus, all of it unfolded. */
+async function openForm(type) {
+    await page.getByRole('button', { name: 'Process' }).last().click();
+    await page.locator('#job-types').getByText(type).click();
+    await page.locator('.more-fields > summary').click();
+}
+
+/** What the job that the form starts was asked for, with what the server adds. */
+async function started() {
+    const before = await page.locator('[aria-current=true]').getAttribute('data-result');
+    await page.locator('#job-start').click();
+    const id = await settledPyramid(page, before);
+    return (await (await fetch(`${server.url}/v1/jobs/${id}`)).json()).request;
+}
 
 /** The torus looks the same by its attribute `height` and by z, which that is, and otherwise than by its own colours. */
 async function colorsStandForHeight() {

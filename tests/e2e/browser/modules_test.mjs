@@ -59,6 +59,48 @@ test('Splats leave no gap between points that stand in bunches', async () => {
     }
 });
 
+test('A PLY file that is written is read as it was, doubles and attributes of several values too', async () => {
+    const { plyOf, readPly } = await moduleOf('ply_cloud.js');
+    const cloud = {
+        count: 2, origin: [5e6, 0, -3], positions: Float32Array.of(0.25, 1, 2, 3, 4, 5, 9, 9, 9), normals: Float32Array.of(0, 0, 1, 0, 1, 0),
+        colors: Uint8Array.of(1, 2, 3, 4, 5, 6), colorComponents: 3,
+        attributes: [
+            { name: 'axis', type: 'float32', components: 3, values: [0, 1, 2, 3, 4, 5] }, { name: 'class', type: 'uint16', components: 1, values: [7, 65_535] },
+        ],
+    };
+    const read = readPly(plyOf(cloud).buffer);
+    assert.deepEqual([...read.positions], [5e6 + 0.25, 1, -1, 5e6 + 3, 4, 2]);
+    assert.deepEqual(read.normals, cloud.normals);
+    assert.deepEqual([...read.colors], [1, 2, 3, 255, 4, 5, 6, 255]);
+    assert.deepEqual(Object.keys(read.attributes), ['axis', 'class']);
+    assert.deepEqual([...read.attributes.axis.values, ...read.attributes.class.values], [0, 1, 2, 3, 4, 5, 7, 65_535]);
+    assert.throws(() => readPly(plyOf(cloud).buffer.slice(0, -1)), /ends before/);
+});
+
+test('A splat reaches where the cells of its neighbours meet, and not much farther', async () => {
+    const { estimateSurface, kLargestRadius } = await moduleOf('surface_estimate.js');
+    const side = 40;
+    const points = Array.from({ length: side * side }, (_, i) => [i % side + 0.5 * (Math.floor(i / side) % 2), Math.sqrt(0.75) * Math.floor(i / side), 0]);
+    const surface = estimateSurface(Float32Array.from(points.flat()), null, 1);
+    const middle = side * side / 2 + side / 2;
+    const radius = kLargestRadius * surface[4 * middle + 3] / 32767;
+    assert.ok(radius > Math.sqrt(1 / 3) && radius < 1, `radius ${radius}`);  // of hexagons of width 1
+});
+
+test('Where neighbours lie all around, as in leaves, a normal says that it is in doubt, given or not', async () => {
+    const { estimateSurface } = await moduleOf('surface_estimate.js');
+    const fraction = (i, step) => (i * step) % 1;
+    const inside = Array.from({ length: 4000 }, (_, i) => [fraction(i, 0.8191725), fraction(i, 0.6710436), fraction(i, 0.5497005)]);
+    const up = Float32Array.from({ length: 3 * inside.length }, (_, k) => (k % 3 === 2 ? 1 : 0));
+    const meanLength = (points, normals, spacing) => {
+        const surface = estimateSurface(Float32Array.from(points.flat()), normals, spacing);
+        return points.reduce((sum, _, i) => sum + Math.hypot(...surface.subarray(4 * i, 4 * i + 3)) / 32767, 0) / points.length;
+    };
+    assert.ok(meanLength(inside, up, 0.05) < 0.35);
+    assert.ok(meanLength(inside, null, 0.05) < 0.7);
+    assert.ok(meanLength(spherePoints(3000), null, 0.06) > 0.99);
+});
+
 test('Of a tree of tiles those are drawn that are fine enough, and coarser ones until all of these are there', async () => {
     const { select, treeOf } = await moduleOf('tile_tree.js');
     const json = (error, children = []) => ({
@@ -82,6 +124,9 @@ test('Of a tree of tiles those are drawn that are fine enough, and coarser ones 
     assert.deepEqual(chosen({ pixels: 9 }).drawn, [root]);
     assert.deepEqual(chosen({ pixels: 9, coarsestLevel: 1 }).drawn, [left, right]);
     assert.deepEqual(chosen({ sees: (tile) => tile !== left }).drawn, right.children);
+    right.measured.mean = 5;
+    assert.deepEqual(chosen({ pixels: 9, coarsestLevel: 1, bound: 4 }).drawn, [left, ...right.children]);
+    assert.deepEqual(chosen({ pixels: 9, coarsestLevel: 1, bound: 5 }).drawn, [left, right]);
 });
 
 test('The error of tiles is the mean over their surface, and the largest of any', async () => {

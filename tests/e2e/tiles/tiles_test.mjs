@@ -9,6 +9,7 @@ import { tmpdir } from 'node:os';
 import { join, resolve } from 'node:path';
 import { pathToFileURL } from 'node:url';
 import { parseArgs } from 'node:util';
+import { gunzipSync } from 'node:zlib';
 
 const { values: options } = parseArgs({
     options: { bin: { type: 'string' }, modules: { type: 'string' }, schema: { type: 'string' }, scans: { type: 'string' } },
@@ -47,10 +48,16 @@ const clouds = {
     'two clusters': written('clusters', range(4000).map((i) => [(i % 2) * 1e6 + Math.sin(i), Math.cos(1.7 * i), Math.sin(0.3 * i)])),
     'a coloured scan': synthesized('--points', '60000'),
 };
-for (const scan of ['models/igea.ply', 'colour/frag_115.ply', 'lidar/small_gicp_target.ply']) {
+for (const scan of ['models/igea.ply', 'models/dragon_vrip.ply.gz', 'colour/frag_115.ply', 'lidar/small_gicp_target.ply', 'lidar/autzen_stadium_tile.ply.gz']) {
     const file = options.scans && join(options.scans, scan);
-    if (file && existsSync(file)) clouds[scan] = file;
+    if (file && existsSync(file)) clouds[scan] = scan.endsWith('.gz') ? unpacked(file) : file;
     else console.log(`SKIPPED: ${scan} is not here`);
+}
+
+function unpacked(packed) {
+    const file = join(folder, `${Object.keys(clouds).length}.ply`);
+    writeFileSync(file, gunzipSync(readFileSync(packed)));
+    return file;
 }
 
 /** Calls visit(tile, box of the parent) for every tile of a tileset. */

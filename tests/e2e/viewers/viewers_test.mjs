@@ -1,19 +1,21 @@
 // Pyramids of a real server as other people's viewers draw them, with the lines that the README shows. Exits 0, 1, or 77 (skipped)
 // where a browser is missing.
 //
-//     node viewers_test.mjs --bin build/dev/bin --modules FOLDER --readme README.md --artifacts FOLDER
+//     node viewers_test.mjs --bin build/dev/bin --modules FOLDER --readme README.md --artifacts FOLDER [--scans FOLDER]
 import assert from 'node:assert/strict';
 import { execFileSync } from 'node:child_process';
 import { createHash } from 'node:crypto';
-import { mkdirSync, mkdtempSync, rmSync, writeFileSync } from 'node:fs';
+import { existsSync, mkdirSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
 import { createRequire } from 'node:module';
 import { tmpdir } from 'node:os';
-import { join, resolve } from 'node:path';
+import { basename, join, resolve } from 'node:path';
 import { parseArgs } from 'node:util';
+import { gunzipSync } from 'node:zlib';
 
 import { Browser, findChromium } from '../browser/browser.mjs';
 import { coloredTorusPoints, ply } from '../browser/clouds.mjs';
 import { startServer } from '../browser/server.mjs';
+import { readPly } from '../../../viewer/src/ply_cloud.js';
 import { bundled, servePages } from './pages.mjs';
 import { compare, pictureOf } from './reference.mjs';
 
@@ -22,8 +24,21 @@ const kSize = 640;
 const kViewers = ['tiles_renderer', 'cesium', 'draco_loader', 'loaders_gl_tiles', 'loaders_gl_draco'];
 const kLevels = ['draco_loader', 'loaders_gl_draco'];  // that read one level
 const kAdding = ['tiles_renderer', 'cesium', 'loaders_gl_tiles'];  // that read tiles
+
+/** Scans that are drawn too, where they are there; `leastAlike`: colours that are nearly grey have no strongest channel. */
+const kScans = [
+    { file: 'models/igea.ply' },
+    { file: 'models/dragon_vrip.ply.gz' },
+    { file: 'colour/frag_115.ply', leastAlike: 0.8 },
+    { file: 'lidar/autzen_stadium_tile.ply.gz', isTerrain: true, leastAlike: 0.8 },
+];
+const kScanLevels = [3000, 10_000, 30_000];  // as many as a processor draws at once
+const kOfScans = ['tiles_renderer', 'cesium', 'draco_loader', 'loaders_gl_tiles'];
+
 const { values: options } = parseArgs({
-    options: { bin: { type: 'string' }, modules: { type: 'string' }, readme: { type: 'string' }, artifacts: { type: 'string' } },
+    options: {
+        bin: { type: 'string' }, modules: { type: 'string' }, readme: { type: 'string' }, artifacts: { type: 'string' }, scans: { type: 'string' },
+    },
 });
 
 const chromium = findChromium();
@@ -39,9 +54,7 @@ mkdirSync(options.artifacts, { recursive: true });
 const kCentre = [310, -200, 95];
 const cloud = coloredTorusPoints(60_000).map(([x, y, z, ...color]) =>
     [kCentre[0] + x, kCentre[1] + 0.8 * y - 0.6 * z, kCentre[2] + 0.6 * y + 0.8 * z, ...color]);
-const view = { eye: [311.3, -202.4, 97], target: kCentre, up: [0, 0, 1], fov: 50 };
-const small = pictureOf(cloud, view, kSize, 1);
-const large = pictureOf(cloud, view, kSize, 7);
+const torus = pictured(cloud, { eye: [311.3, -202.4, 97], target: kCentre, up: [0, 0, 1], fov: 50 });
 
 const server = await startServer(options.bin);
 const job = await pyramidOf(ply(cloud, true));
@@ -59,6 +72,9 @@ for (const name of kAdding) await check(`${name}, tiles that add`, () => checkPi
 await check('tiles_renderer, a folder of files', checkExported);
 await check('cesium, on the globe', checkOnGlobe);
 await check('inlined', checkInlined);
+for (const scan of kScans) {
+    await checkScan(scan);
+}
 pages.close();
 rmSync(exported, { recursive: true });
 await server.stop();
@@ -83,17 +99,54 @@ async function checkExported() {
 
 /** Whether a viewer draws all points of the cloud where they are. */
 async function checkPicture(name, pyramid, site = server.url) {
-    const { drawn, pixels } = await shown(name, pyramid, site);
+    const { drawn, pixels } = await shown(name, pyramid, { site });
     // Points of coarse tiles that stay are as large as the gaps were between them alone.
-    return judge(drawn.points, compare(pixels, small, large), pyramid === adding ? { mostSpilled: 0.01 } : {});
+    return judge(drawn.points, compare(pixels, torus.small, torus.large), pyramid === adding ? { mostSpilled: 0.01 } : {});
 }
 
-function judge(points, seen, { leastCovered = 0.9, mostSpilled = 0.005 } = {}) {
+function judge(points, seen, { all = cloud.length, leastCovered = 0.9, mostSpilled = 0.005, leastAlike = 0.97 } = {}) {
     const share = (value) => `${(100 * value).toFixed(1)} %`;
     const what = `${points} points, covered ${share(seen.covered)}, spilled ${share(seen.spilled)}, alike ${share(seen.alike)}`;
-    assert.equal(points, cloud.length, what);
-    assert.ok(seen.covered > leastCovered && seen.spilled < mostSpilled && seen.alike > 0.97, what);
+    assert.equal(points, all, what);
+    assert.ok(seen.covered > leastCovered && seen.spilled < mostSpilled && seen.alike > leastAlike, what);
     return what;
+}
+
+/** What a cloud looks like from somewhere, with small and with large points. */
+function pictured(points, view, reach = 1) {
+    return { view, small: pictureOf(points, view, kSize, reach), large: pictureOf(points, view, kSize, 7) };
+}
+
+/** A scan of somebody's in other people's viewers. */
+async function checkScan({ file, isTerrain, ...thresholds }) {
+    const path = options.scans && join(options.scans, file);
+    if (!path || !existsSync(path)) {
+        console.log(`SKIPPED ${file}: it is not here`);
+        return;
+    }
+    const bytes = file.endsWith('.gz') ? gunzipSync(readFileSync(path)) : readFileSync(path);
+    const pyramid = await pyramidOf(bytes, { base_points: undefined, levels: kScanLevels, formats: ['drc', 'glb', 'ply'] });
+    const { source: { bounds: { min, max } }, levels } = await (await fetch(`${server.url}/v1/pyramids/${pyramid}/manifest.json`)).json();
+    const { href } = levels.at(-1).files.find(({ format }) => format === 'ply');
+    const { positions, colors } = readPly(await (await fetch(server.url + href)).arrayBuffer());
+    const points = Array.from({ length: positions.length / 3 }, (_, i) =>
+        [...positions.subarray(3 * i, 3 * i + 3), ...(colors ? colors.subarray(4 * i, 4 * i + 3) : [255, 255, 255])]);
+    const target = min.map((x, k) => (x + max[k]) / 2);
+    const reach = 1.1 * Math.hypot(...max.map((x, k) => x - min[k]));
+    const [from, up] = isTerrain ? [[-0.4, -0.48, 0.78], [0.5, 0.6, 0.625]] : [[0.28, 0, 0.96], [0, 1, 0]];  // across each other, as Cesium asks
+    const eye = target.map((x, k) => x + reach * from[k]);
+    const scan = pictured(points, { eye, target, up, fov: 50 }, 0);  // at least the pixel where each point stands
+    const checks = kOfScans.map((name) => () => check(`${name}, ${file}`, async () => {
+        const { drawn, pixels } = await shown(name, pyramid, { view: scan.view, picture: `${name}-${basename(file).split('.')[0]}` });
+        return judge(drawn.points, compare(pixels, scan.small, scan.large), {
+            all: points.length, ...thresholds,
+            // Points are as small as a pixel, which rounding moves. Cesium's eye-dome lighting blackens the far side that shows through.
+            leastCovered: name === 'cesium' ? 0.65 : 0.8,
+        });
+    }));
+    while (checks.length > 0) {
+        await Promise.all(checks.splice(0, 2).map((run) => run()));
+    }
 }
 
 /** A cloud with UTM coordinates stands upright in its place on the earth, where Cesium's camera flies to it. */
@@ -103,7 +156,7 @@ async function checkOnGlobe() {
     const placed = cloud.map(([x, y, z, ...color]) =>
         [easting + x - kCentre[0], northing + y - kCentre[1], height + z - kCentre[2], ...color]);
     const pyramid = await pyramidOf(ply(placed, true, { type: 'double' }), { tiles: { max_points: 16_000, epsg: 32733 } });
-    const { drawn, pixels } = await shown('cesium_globe', pyramid);
+    const { drawn, pixels } = await shown('cesium_globe', pyramid, {});
     const away = Math.hypot(...drawn.center.map((x, k) => x - onEarth[k]));
     assert.ok(away < 0.5, `the tileset is ${away} m from its place`);
 
@@ -155,7 +208,7 @@ async function checkInlined() {
 }
 
 /** What a viewer draws, in a browser of its own: its picture, and what its page says. */
-async function shown(name, pyramid, site = server.url) {
+async function shown(name, pyramid, { site = server.url, view = torus.view, picture = `${name}${pyramid === adding ? '-adding' : ''}` }) {
     const browser = await Browser.launch(playwright, chromium, pages.url, server.url);
     browser.faultLevels = ['error'];
     try {
@@ -164,7 +217,7 @@ async function shown(name, pyramid, site = server.url) {
         const told = await page.waitForFunction(() => window.drawn, undefined, { timeout: 60_000 }).catch((error) => {
             throw new Error([error.message, ...browser.faults].join('\n'));
         });
-        await page.screenshot({ path: join(options.artifacts, `viewers-${name}${pyramid === adding ? '-adding' : ''}.png`) });
+        await page.screenshot({ path: join(options.artifacts, `viewers-${picture}.png`) });
         const pixels = await browser.pixels(page, { x: 0, y: 0, width: kSize, height: kSize });
         assert.deepEqual(browser.faults, []);
         return { drawn: await told.jsonValue(), pixels };

@@ -1,0 +1,14 @@
+// How far a level is from the input, as the manifest tells it of what is loaded.
+
+/** Relative to the size of the cloud, in the form that is loaded; not a number where it was not measured. */
+export const meanErrorOf = (level) =>
+    (level.tiles && level.decoded && level.error ? level.decoded.error.mean / level.error.diagonal : wholeErrorOf(level)?.mean) ?? NaN;
+
+/** Of a level loaded as a whole, with what its files round; `error.diagonal` is 0 where all points coincide. */
+export function wholeErrorOf({ file, source, decoded, error }) {
+    const rounded = file ? file.error : source && decoded?.error;
+    return rounded && error?.diagonal > 0 ? { mean: rounded.mean / error.diagonal, max: rounded.max / error.diagonal } : error?.relative;
+}
+
+/** `mean` and `max` of what is seen of a level, relative to the size of the cloud; nothing where it was not measured. */
+export const drawnErrorOf = (level) => (level.drawn ? level.drawn.error : wholeErrorOf(level));
