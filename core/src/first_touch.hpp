@@ -16,6 +16,14 @@ void resize_in_blocks(Vector& values, std::size_t n, const RunContext& context) 
     for_blocks_in_order(n, context, [&](std::size_t, std::size_t end) { values.resize(end); });
 }
 
+/// `values.resize(n)` of an empty vector, in huge pages where that is worth it.
+template <typename Vector>
+void resize_in_huge_pages(Vector& values, std::size_t n) {
+    values.reserve(n);
+    prefer_huge_pages(values.data(), n * sizeof(values[0]));
+    values.resize(n);
+}
+
 /// `values.reserve(n)` that stops when asked to.
 template <typename Vector>
 void reserve_in_blocks(Vector& values, std::size_t n, const RunContext& context) {

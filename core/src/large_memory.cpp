@@ -115,10 +115,11 @@ void prefer_huge_pages(void* data, std::size_t bytes) noexcept {
 #if defined(MADV_HUGEPAGE)
     constexpr std::size_t kWorthIt = 2 * kHugePage;
     if (bytes < kWorthIt) return;
+    // What lies beside it is the same allocator's, and shares the huge pages of the ends.
     const auto address = reinterpret_cast<std::uintptr_t>(data);
-    const std::size_t skipped = (kHugePage - address % kHugePage) % kHugePage;
-    ::madvise(static_cast<std::byte*>(data) + skipped, (bytes - skipped) / kHugePage * kHugePage,
-              MADV_HUGEPAGE);
+    const std::size_t before = address % kHugePage;
+    ::madvise(static_cast<std::byte*>(data) - before,
+              (before + bytes + kHugePage - 1) / kHugePage * kHugePage, MADV_HUGEPAGE);
 #else
     static_cast<void>(data), static_cast<void>(bytes);
 #endif

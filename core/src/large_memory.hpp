@@ -71,8 +71,8 @@ private:
 /// Memory of that kind for standard containers.
 std::pmr::memory_resource& large_memory_resource() noexcept;
 
-/// Asks for huge pages for the whole ones within new memory, not touched yet: for arrays that are
-/// had from elsewhere.
+/// Asks for huge pages for new memory, not touched yet, and for what shares the first and the last
+/// of them: for arrays that are had from elsewhere.
 void prefer_huge_pages(void* data, std::size_t bytes) noexcept;
 
 /// Gives the system back the whole pages within memory that no longer holds anything but is not

@@ -23,7 +23,7 @@ constexpr unsigned kMostly = 12;   // that scans of surfaces need
 constexpr unsigned kOfSmall = 32;  // of a small source
 
 /// To measure a level of so many points by: one place for 128 of them at least.
-unsigned least_rounds(std::uint64_t points) {
+unsigned rounds_for(std::uint64_t points) {
     constexpr std::uint64_t kOfRound = 128 * SampleRounds::kRound;
     return static_cast<unsigned>(std::clamp<std::uint64_t>((points + kOfRound - 1) / kOfRound, 8,
                                                            SampleRounds::kMostRounds));
@@ -58,7 +58,7 @@ LevelMeter::LevelMeter(std::vector<Vec3f>&& source, LodErrors errors, const RunC
     const unsigned rounds =
         errors_ == LodErrors::Rough ? kRough
         : is_small                  ? kOfSmall
-                   : drawn_rounds(made->tree, std::max(kMostly, least_rounds(points.size())));
+                   : drawn_rounds(made->tree, std::max(kMostly, rounds_for(points.size())));
     draw(rounds, context);
     need_places(std::min(kSome, rounds), context);
     if (!is_exact()) return;
@@ -88,6 +88,22 @@ void LevelMeter::measure_at_some(MeasuredLevel& level, const RunContext& context
     measure(level, places_, std::min(kSome, places_.rounds()), context);
 }
 
+/// No more places than points of which they are drawn.
+unsigned LevelMeter::most_rounds() const noexcept {
+    const std::uint64_t points = source().size();
+    if (points < kMany) return SampleRounds::kMostRounds;
+    return static_cast<unsigned>(
+        std::min<std::uint64_t>(SampleRounds::kMostRounds, points / SampleRounds::kRound));
+}
+
+unsigned LevelMeter::least_rounds(std::uint64_t points) const {
+    return source().size() < kMany ? kOfSmall : std::min(most_rounds(), rounds_for(points));
+}
+
+void LevelMeter::place_for(std::uint64_t points, const RunContext& context) {
+    if (errors_ == LodErrors::Sure) need_places(std::max(rounds_, least_rounds(points)), context);
+}
+
 void LevelMeter::measure_well(MeasuredLevel& level, const RunContext& context) {
     if (errors_ == LodErrors::Rough) return measure_roughly(level, context);
     if (is_exact()) {
@@ -95,13 +111,7 @@ void LevelMeter::measure_well(MeasuredLevel& level, const RunContext& context) {
         return measure(level, every_, 1, context);
     }
     constexpr double kSure = 0.016;
-    const std::uint64_t points = source().size();
-    const bool is_small = points < kMany;
-    // No more places than points of which they are drawn.
-    const unsigned most = is_small ? SampleRounds::kMostRounds
-                                   : static_cast<unsigned>(std::min<std::uint64_t>(
-                                         SampleRounds::kMostRounds, points / SampleRounds::kRound));
-    const unsigned least = is_small ? kOfSmall : std::min(most, least_rounds(level.points.size()));
+    const unsigned most = most_rounds(), least = least_rounds(level.points.size());
     rounds_ = std::max(rounds_, kRough);
     for (;;) {
         need_places(rounds_, context);

@@ -69,6 +69,10 @@ public:
     /// At 4,096 places, or fewer where errors are rough.
     void measure_at_some(MeasuredLevel& level, const RunContext& context) const;
 
+    /// Has the places that `measure_well` needs of a level of so many points at least: what they
+    /// take of the surface, which may be forgotten then.
+    void place_for(std::uint64_t points, const RunContext& context);
+
     /// As well as errors are to be known. Sure ones at one place for 128 points, and at more for
     /// this level and those after it while chance would decide: of as many rounds as the spread of
     /// those that there are calls for.
@@ -83,6 +87,8 @@ private:
                         const RunContext& context);
     void draw(unsigned rounds, const RunContext& context);
     void need_places(unsigned rounds, const RunContext& context);
+    unsigned most_rounds() const noexcept;
+    unsigned least_rounds(std::uint64_t points) const;
 
     std::vector<Vec3f> points_;  ///< where there is no surface that has them
     std::shared_ptr<FramedSurface> surface_;

@@ -62,7 +62,7 @@ LevelGrid LevelRounding::finest_grid(const LevelMeter& meter) const {
     return {step, static_cast<unsigned>(std::max<double>(bits, kLeastBits))};
 }
 
-MeasuredLevel LevelRounding::round(MeasuredLevel& unrounded, LevelGrid& taken,
+MeasuredLevel LevelRounding::round(MeasuredLevel&& unrounded, LevelGrid& taken,
                                    const LevelMeter& meter, const RunContext& context) const {
     const LevelGrid finest = finest_grid(meter);
     const std::vector<Vec3f>& points = unrounded.points;
@@ -87,6 +87,7 @@ MeasuredLevel LevelRounding::round(MeasuredLevel& unrounded, LevelGrid& taken,
                                     finest.bits);
     const auto at_finest = [&] {
         taken = finest;
+        unrounded.tree.reset();  // two trees of a large level would take as much as its source
         return MeasuredLevel(rounded(points, normals, finest, context), context);
     };
     const unsigned wanted = bits_for(exact * std::sqrt(2 * tolerance / added), kMostBits);

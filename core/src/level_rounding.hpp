@@ -44,9 +44,7 @@ struct LevelRounding {
 
     /// The fewest bits by which the mean error grows by no more than the tolerance, and by which
     /// points stay apart: two steps to a spacing.
-    ///
-    /// @param unrounded  is measured.
-    MeasuredLevel round(MeasuredLevel& unrounded, LevelGrid& taken, const LevelMeter& meter,
+    MeasuredLevel round(MeasuredLevel&& unrounded, LevelGrid& taken, const LevelMeter& meter,
                         const RunContext& context) const;
 
 private:

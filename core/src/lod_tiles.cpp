@@ -111,17 +111,16 @@ struct LodTiler::State {
         };
         if (as_measured) {
             if (options.level_errors) level_error = error_of(cloud, nullptr, context);
+            meter.place_for(meter.source().size(), context);
             meter.forget_surface();  // no level comes after
             return at_finest(meter.source());
         }
         if (all_bits && !options.level_errors) return at_finest(points);
         MeasuredLevel unrounded(std::move(points), context);
-        if (!all_bits) {
-            MeasuredLevel level = rounding.round(unrounded, grid, meter, context);
-            if (options.level_errors) level_error = error_of(cloud, &unrounded, context);
-            return level;
-        }
-        level_error = error_of(cloud, &unrounded, context);
+        // Before there is the rounded one, too.
+        if (options.level_errors) level_error = error_of(cloud, &unrounded, context);
+        if (!all_bits) return rounding.round(std::move(unrounded), grid, meter, context);
+        unrounded.tree.reset();
         return at_finest(unrounded.points);
     }
 

@@ -171,8 +171,7 @@ template <typename Visit>
     for (std::uint32_t level = tree.level_count; level-- > 0;) {
         std::uint32_t children = 0;
         for (std::uint32_t i = 0; i < count; ++i) {
-            if (children > kFew)
-                return each_of_many_leaves(tree, low, high, limit_sq, visit);
+            if (children > kFew) return each_of_many_leaves(tree, low, high, limit_sq, visit);
             const std::uint32_t near =
                 near_children(tree.levels[level][here[i]], low, high, limit_sq);
             const auto first = static_cast<std::int32_t>(here[i] * kLanes);
@@ -498,6 +497,23 @@ struct Ranking {
     }
 };
 
+/// Whether a child of a node has points that are nearer than one of those found, or as near and of
+/// a lower number: from afar, and in a crowd in one place, most points are equally far.
+inline bool may_add_to(const Ranking& found, const PointTree::Node& node, std::uint32_t lane,
+                       const float* q) noexcept {
+    const float* const lows = reinterpret_cast<const float*>(&node.low) + lane;
+    const float* const highs = reinterpret_cast<const float*>(&node.high) + lane;
+    float gaps[3];
+    for (std::uint32_t axis = 0; axis < 3; ++axis) {
+        const float below = lows[axis * kLanes] - q[axis], above = q[axis] - highs[axis * kLanes];
+        const float outside = below > above ? below : above;
+        gaps[axis] = outside > 0 ? outside : 0;
+    }
+    const float distance_sq = gaps[0] * gaps[0] + gaps[1] * gaps[1] + gaps[2] * gaps[2];
+    const Index lowest = reinterpret_cast<const Index*>(&node.lowest)[lane];
+    return Ranking::key_of(distance_sq, lowest) <= found.key[found.k - 1];
+}
+
 bool nearest(const PointTree::View& tree, const float* q, std::uint32_t k,
              std::int64_t* keys) noexcept {
     Ranking found(keys, k);
@@ -516,8 +532,10 @@ bool nearest(const PointTree::View& tree, const float* q, std::uint32_t k,
             continue;
         }
         open[level].take(next);
-        const std::uint32_t child =
-            node[level] * kLanes + static_cast<std::uint32_t>(next & LaneQueue::kLaneBits);
+        const auto lane = static_cast<std::uint32_t>(next & LaneQueue::kLaneBits);
+        const bool may_tie = (next | LaneQueue::kLaneBits) == LaneQueue::limit_of(found.limit_sq);
+        if (may_tie && !may_add_to(found, tree.levels[level][node[level]], lane, q)) continue;
+        const std::uint32_t child = node[level] * kLanes + lane;
         if (level > 0) {
             node[--level] = child;
             open[level] = {LaneQueue::of(child_distances_sq(tree.levels[level][child], q))};
@@ -529,8 +547,8 @@ bool nearest(const PointTree::View& tree, const float* q, std::uint32_t k,
         LaneQueue points = {LaneQueue::of(d)};
         for (std::int32_t point = points.least(); point <= LaneQueue::limit_of(found.limit_sq);
              point = points.least()) {
-            const auto lane = static_cast<std::uint32_t>(point & LaneQueue::kLaneBits);
-            found.add(Ranking::key_of(d[lane], index[lane]));
+            const auto at = static_cast<std::uint32_t>(point & LaneQueue::kLaneBits);
+            found.add(Ranking::key_of(d[at], index[at]));
             points.take(point);
         }
     }

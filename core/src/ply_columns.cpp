@@ -1,16 +1,22 @@
 #include "ply_columns.hpp"
 
 #include "box_of_most.hpp"
+#include "first_touch.hpp"
 #include "georeference.hpp"
 
 #include <array>
+#include <utility>
 
 namespace stipple {
 
 namespace {
 
 AttributeValues values_of(PlyType type, std::size_t count) {
-    return with_type(type, [&]<typename T>() { return AttributeValues(std::vector<T>(count)); });
+    return with_type(type, [&]<typename T>() {
+        std::vector<T> values;
+        resize_in_huge_pages(values, count);
+        return AttributeValues(std::move(values));
+    });
 }
 
 }  // namespace
@@ -38,10 +44,10 @@ PointCloud PlyDestination::finish(DecodeReport& report) {
 
 void PlyDestination::allocate() {
     const auto n = static_cast<std::size_t>(layout_.vertex->count);
-    cloud_.positions.resize(n);
-    if (wide_ && !origin_) coordinates_.resize(n);
-    if (layout_.has(PlyRole::Normal)) cloud_.normals.resize(n);
-    if (layout_.has(PlyRole::Color)) cloud_.colors.resize(n);
+    resize_in_huge_pages(cloud_.positions, n);
+    if (wide_ && !origin_) resize_in_huge_pages(coordinates_, n);
+    if (layout_.has(PlyRole::Normal)) resize_in_huge_pages(cloud_.normals, n);
+    if (layout_.has(PlyRole::Color)) resize_in_huge_pages(cloud_.colors, n);
     if (has_wide_colors()) wide_colors_.resize(n, kOpaque);
     cloud_.has_alpha = layout_.has(PlyRole::Color, 3);
     for (std::size_t i = 0; i < layout_.roles.size(); ++i) {

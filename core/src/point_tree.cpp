@@ -38,6 +38,10 @@ void set_child(PointTree::Node& node, std::size_t child, const Box& box) noexcep
     }
 }
 
+Index lowest_of(const std::array<Index, PointTree::kWidth>& indices) noexcept {
+    return *std::ranges::min_element(indices);
+}
+
 Box box_of(const PointTree::Node& node) noexcept {
     Box box;
     for (std::size_t child = 0; child < PointTree::kWidth; ++child) {
@@ -50,6 +54,7 @@ Box box_of(const PointTree::Node& node) noexcept {
 PointTree::Node empty_node() noexcept {
     PointTree::Node node;
     for (std::size_t child = 0; child < PointTree::kWidth; ++child) set_child(node, child, {});
+    node.lowest.fill(PointTree::kNone);
     return node;
 }
 
@@ -176,6 +181,7 @@ PointTree::PointTree(std::span<const Vec3f> points, Leaves leaves, const RunCont
                     leaf_writer.write(l - first, points[l * kWidth].data(), leaves_[l]);
                     std::iota(leaves_[l].index.begin(), leaves_[l].index.end(),
                               static_cast<Index>(l * kWidth));
+                    (*level)[n].lowest[l - first] = static_cast<Index>(l * kWidth);
                     continue;
                 }
                 std::array<Vec3f, kWidth> eight;
@@ -189,14 +195,19 @@ PointTree::PointTree(std::span<const Vec3f> points, Leaves leaves, const RunCont
                     leaves_[l].x[lane] = leaves_[l].y[lane] = leaves_[l].z[lane] = kInfinity;
                     leaves_[l].index[lane] = kNone;
                 }
+                (*level)[n].lowest[l - first] = lowest_of(leaves_[l].index);
             }
             leaf_writer.boxes(last - first, (*level)[n]);
+            for (std::size_t l = last; l < first + kWidth; ++l)
+                (*level)[n].lowest[l - first] = kNone;
         }
     });
     while (level->size() > 1) {
         std::vector<Node> above((level->size() + kWidth - 1) / kWidth, empty_node());
-        for (std::size_t n = 0; n < level->size(); ++n)
+        for (std::size_t n = 0; n < level->size(); ++n) {
             set_child(above[n / kWidth], n % kWidth, box_of((*level)[n]));
+            above[n / kWidth].lowest[n % kWidth] = lowest_of((*level)[n].lowest);
+        }
         level = &levels_.emplace_back(std::move(above));
     }
     for (std::size_t l = 0; l < levels_.size(); ++l) {

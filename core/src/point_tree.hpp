@@ -30,9 +30,11 @@ public:
         Vec3f position(std::size_t lane) const noexcept { return {x[lane], y[lane], z[lane]}; }
     };
 
-    /// The boxes of eight children; one that is missing is empty, infinitely far from everything.
+    /// The boxes of eight children and the lowest index in each; one that is missing is empty,
+    /// infinitely far from everything.
     struct alignas(32) Node {
         std::array<std::array<float, kWidth>, 3> low, high;
+        std::array<Index, kWidth> lowest;
     };
 
     enum class Leaves {

@@ -1,5 +1,6 @@
 #include "level_meter.hpp"
 
+#include "hilbert_order.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
@@ -19,6 +20,21 @@ TEST(MeasuredLevel, IsSearchedForOnePointOfEachPlaceWhereMostHaveOthers) {
     few[1] = few[0];
     const MeasuredLevel even(std::move(few), {});
     EXPECT_EQ(even.samples().size(), 1'000U);
+}
+
+TEST(LevelMeter, MakesNoSurfaceAnewForALevelThatItHasPlacesFor) {
+    std::vector<Vec3f> points;
+    const std::vector<Vec3f> scan = test::sphere(50'000).positions;
+    for (const Index i : hilbert_order(scan, {})) points.push_back(scan[i]);
+    for (const bool has_places : {false, true}) {
+        LevelMeter meter(std::vector<Vec3f>(points), LodErrors::Sure, {});
+        if (has_places) meter.place_for(points.size(), {});
+        meter.forget_surface();
+        const std::vector<Vec3f>* const own = &meter.source();  // a surface has its own
+        MeasuredLevel level(std::vector<Vec3f>(points), {});
+        meter.measure_well(level, {});
+        EXPECT_EQ(&meter.source() == own, has_places);
+    }
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cstring>
 #include <numeric>
 #include <random>
@@ -104,6 +105,37 @@ TEST_P(Kernels, FindAllWithinADistance) {
         }
         std::ranges::sort(found);
         EXPECT_EQ(found, expected) << radius_sq;
+    }
+}
+
+/// The first eight of many points in one place, seen from afar, of a tree whose other leaves say
+/// that their points are nearer than their boxes do: so they are seen to be looked at.
+TEST_P(Kernels, LookAtNoMoreOfACrowdThanIsAskedFor) {
+    const auto all = available_nearest_kernels();
+    if (GetParam() >= all.size()) GTEST_SKIP() << "this machine has no more instruction sets";
+    constexpr std::uint32_t kAsked = 8;
+    const Vec3f place(1, 2, 3);
+    const PointTree tree(std::vector<Vec3f>(5'000, place), PointTree::Leaves::Quick, {});
+    std::vector<PointTree::Leaf> leaves;
+    for (std::size_t l = 0; l < tree.leaf_count(); ++l) leaves.push_back(tree.leaf(l));
+    for (const Vec3f& q : {Vec3f(1, 2, 3), Vec3f(0, 0, 0)}) {
+        for (std::size_t l = 1; l < leaves.size(); ++l) {
+            leaves[l].x.fill(q.x());
+            leaves[l].y.fill(q.y());
+            leaves[l].z.fill(q.z());
+            leaves[l].index.fill(0);
+        }
+        PointTree::View view = tree.view();
+        view.leaves = leaves.data();
+        std::array<std::int64_t, 1 + kAsked + 3> room;
+        std::int64_t* const keys = room.data() + 1;
+        ASSERT_TRUE(all[GetParam()].nearest(view, q.data(), kAsked, keys));
+        for (std::uint32_t i = 0; i < kAsked; ++i) {
+            EXPECT_EQ(static_cast<Index>(keys[i]), i);
+            const auto bits =
+                static_cast<std::uint32_t>(static_cast<std::uint64_t>(keys[i]) >> 32U);
+            EXPECT_EQ(std::bit_cast<float>(bits), (place - q).squaredNorm());
+        }
     }
 }
 

@@ -77,6 +77,12 @@ TEST(NeighborSearch, IsExactAcrossDensitiesAndOutliers) {
     for (const Vec3f& p : test::cube(5, 3).positions) points.push_back(p * 1e18F);
     expect_exact(points);
 }
+TEST(NeighborSearch, IsExactFromWhereMostPointsAreEquallyFar) {
+    std::vector<Vec3f> points;
+    for (const Vec3f& p : test::cube(1500).positions)
+        points.push_back((p * 4.0F).array().round() * 1e-7F);
+    expect_exact(points);
+}
 TEST(NeighborSearch, IsExactWhereSquaredDistancesUnderflowOrOverflow) {
     std::vector<Vec3f> points;
     for (const Vec3f& p : test::cube(100).positions) points.push_back(p * 1e-22F);
