@@ -120,8 +120,12 @@ TEST(OpenApi, ListsExactlyTheFieldsOfEveryRequest) {
               fields_of("upsample", R"(,"points":9)", {"ratio"}));
     EXPECT_EQ(documented_fields("AnalyzeRequest"),
               fields_of("analyze", "", {"viewpoint", "feature_lines"}));
-    EXPECT_EQ(documented_fields("PyramidRequest"),
-              fields_of("pyramid", "", {"levels", "base_bytes"}));
+    std::set<std::string> pyramid = {"max_displacement", "max_variation"};
+    for (const Method method : kMethods) {
+        pyramid.merge(fields_of("pyramid", R"(,"method":")" + std::string(to_string(method)) + '"',
+                                {"levels", "base_bytes"}));
+    }
+    EXPECT_EQ(documented_fields("PyramidRequest"), pyramid);
     EXPECT_EQ(documented_fields("EvaluateRequest"),
               fields_of("evaluate", kCandidate, {"candidate", "range"}));
 }
