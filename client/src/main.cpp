@@ -6,23 +6,11 @@
 #include <algorithm>
 #include <iostream>
 
-#if defined(__GLIBC__)
-#include <malloc.h>
-#endif
-
 namespace {
 
 using namespace stipple::cli;
 
 constexpr int kRuntimeFailure = 1, kUsageFailure = 2, kSignalBase = 128;
-
-/// What a step of the work frees is kept for the next one: the system would have to clear it anew.
-void keep_freed_memory() {
-#if defined(__GLIBC__)
-    ::mallopt(M_MMAP_THRESHOLD, 32 << 20);
-    ::mallopt(M_TRIM_THRESHOLD, 256 << 20);
-#endif
-}
 
 /// One line, whatever a file may have smuggled into the message.
 int fail(const Terminal& terminal, std::string message, int exit_code) {
@@ -35,7 +23,6 @@ int fail(const Terminal& terminal, std::string message, int exit_code) {
 }  // namespace
 
 int main(int argc, char** argv) {
-    keep_freed_memory();
     const InterruptWatch interrupt;
     const Session session{Terminal(), interrupt.token()};
     try {
