@@ -4,7 +4,7 @@
  * A tile from its JSON, with all below. `center` and `half` of its box are relative to the middle of the source's bounds.
  * Its error is what 99 % of its surface stay below: the geometric error of 3D Tiles is the largest one, that of a few stray
  * points of a noisy scan. `measured` is that of all its points, `surface` about the area that they stand for. `state`: `listed`,
- * `loading`, `ready` or `failed`. `shownSpacing`: between the points that are drawn there.
+ * `loading`, `ready` or `failed`. `shownSpacing`: between the points that are drawn there. `isLast`: whether somewhere in it no tile adds to it.
  */
 export function treeOf({ boundingVolume: { box }, geometricError, refine, content, extras, children = [] }, level = 0) {
     return {
@@ -22,21 +22,23 @@ export function treeOf({ boundingVolume: { box }, geometricError, refine, conten
         children: children.map((child) => treeOf(child, level + 1)),
         state: content ? 'listed' : 'ready',
         usedAt: 0,
+        isLast: true,
     };
 }
 
 /**
- * How far tiles that replace others are from the input, in parts of its diagonal: `mean` over their surface, and `max`.
- * Null for what was not measured, and for tiles that add to others: these tell the error of all that is there with them.
+ * How far what is drawn is from the input, in parts of its diagonal: `mean` over the surface, and `max`; null for what was not measured. Of tiles
+ * that add to others each tells the error of all that is there with it, so that those count to which somewhere nothing is added.
  */
 export function errorOfTiles(tiles, diagonal) {
-    const surface = tiles.reduce((sum, tile) => sum + tile.surface, 0);
-    if (!(surface > 0) || tiles.some(({ adds, measured }) => adds || !(measured?.mean >= 0))) {
+    const last = tiles.filter(({ isLast }) => isLast);
+    const surface = last.reduce((sum, tile) => sum + tile.surface, 0);
+    if (!(surface > 0) || last.some(({ measured }) => !(measured?.mean >= 0))) {
         return null;
     }
     return {
-        mean: tiles.reduce((sum, tile) => sum + tile.surface * tile.measured.mean, 0) / surface / diagonal,
-        max: tiles.reduce((largest, { measured }) => Math.max(largest, measured.max), 0) / diagonal,
+        mean: last.reduce((sum, tile) => sum + tile.surface * tile.measured.mean, 0) / surface / diagonal,
+        max: last.reduce((largest, { measured }) => Math.max(largest, measured.max), 0) / diagonal,
     };
 }
 
@@ -55,10 +57,13 @@ export function select(root, view) {
     function addTo(tile, isFine) {
         drawn.push(...(tile.cloud ? [tile] : []));
         tile.shownSpacing = tile.spacing;
+        tile.isLast = isFine;
         if (!isFine) {
             tile.children.forEach(visit);
-            const added = tile.children.filter(view.sees).map((child) => (child.cloud ? child.shownSpacing : tile.spacing));
+            const seen = tile.children.filter(view.sees);
+            const added = seen.map((child) => (child.cloud ? child.shownSpacing : tile.spacing));
             tile.shownSpacing = Math.min(tile.spacing, Math.max(0, ...added) || tile.spacing);
+            tile.isLast = seen.length === 0 || seen.some(({ cloud }) => !cloud);
         }
         return true;
     }

@@ -138,7 +138,9 @@ test('The error of tiles is the mean over their surface, and the largest of any'
     assert.deepEqual(errorOfTiles([coarse, fine], 10), { mean: (400 * 4 + 100 * 1) / 500 / 10, max: 1.2 });
     assert.equal(errorOfTiles([], 10), null);
     assert.equal(errorOfTiles([coarse, tile(100, 2)], 10), null);
-    assert.equal(errorOfTiles([coarse, tile(100, 2, { mean: 1, max: 1 }, 'ADD')], 10), null);
+    // Of tiles that add to others those that have nothing added to them, all above included.
+    const above = Object.assign(tile(100, 2, { mean: 8, max: 20 }, 'ADD'), { isLast: false });
+    assert.deepEqual(errorOfTiles([above, tile(100, 1, { mean: 2, max: 5 }, 'ADD')], 10), { mean: 0.2, max: 0.5 });
 });
 
 test('Of tiles that add to each other a tile is drawn with those above it, in splats as small as theirs', async () => {
@@ -156,9 +158,13 @@ test('Of tiles that add to each other a tile is drawn with those above it, in sp
     load(root);
     assert.deepEqual(select(root, view), { drawn: [root], wanted: [left, right] });
     assert.equal(root.shownSpacing, 0.8);
+    load(left);
+    select(root, view);
+    assert.deepEqual([root.isLast, left.isLast], [true, true]);  // in a part of it nothing is added yet
     load(left, right, finest);
     assert.deepEqual(select(root, view), { drawn: [root, left, right, finest], wanted: [] });
     assert.deepEqual([root, left, right, finest].map((tile) => tile.shownSpacing), [0.4, 0.4, 0.1, 0.1]);
+    assert.deepEqual([root, left, right, finest].map((tile) => tile.isLast), [false, true, false, true]);
     assert.deepEqual(select(root, { ...view, finestLevel: 1 }).drawn, [root, left, right]);
     assert.deepEqual(select(root, { ...view, pixels: 9 }).drawn, [root]);
 });
