@@ -190,6 +190,23 @@ void validate(const LodPyramidOptions& options) {
     SimplifyOptions method = options.simplification;
     if (method.points || method.ratio || method.max_error || method.max_error_rel)
         refuse("target: a pyramid has none: give levels, or ratio and base_points");
+    const auto refuse_bound = [](bool is_there, const std::string& name) {
+        if (is_there) refuse(name + ": levels have counts instead: remove it");
+    };
+    switch (method.method) {
+        case Method::Hierarchical:
+            refuse_bound(method.hierarchical.max_cluster_size.has_value(), "max_cluster_size");
+            refuse_bound(method.hierarchical.max_variation.has_value(), "max_variation");
+            break;
+        case Method::Incremental:
+            refuse_bound(method.incremental.max_cluster_size.has_value(), "max_cluster_size");
+            break;
+        case Method::Voxel:
+            refuse_bound(method.voxel.voxel_size.has_value(), "voxel_size");
+            break;
+        default:
+            break;
+    }
     method.points = 1;
     validate(method);
     if (options.nested) {

@@ -65,7 +65,9 @@ void add_draco(CLI::App& command, Values& values, const std::string& precise = "
     command.add_option("--normal-bits", values.draco.normal_bits, "of .drc: 2..30")
         ->type_name("B")
         ->transform(whole_number());
-    command.add_option("--coding", values.coding, "of .drc: auto (default), sequential, which keeps the order, or kd-tree")
+    command
+        .add_option("--coding", values.coding,
+                    "of .drc: auto (default), sequential, which keeps the order, or kd-tree")
         ->type_name("C");
 }
 
@@ -295,6 +297,8 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
     add_common(command, values);
     add_method_options(command, values.of_methods);
     hide(command, {"--max-cluster-size", "--voxel-size"});
+    command.get_option("--max-variation")
+        ->description("of incremental: growth stops at this surface variation, in (0, 1/3]");
     command.footer(
         "Examples:\n"
         "  stipple pyramid scan.ply levels/\n"
