@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <limits>
 #include <numeric>
 
 namespace stipple {
@@ -16,7 +15,8 @@ namespace {
 constexpr int kSlots = 128;
 constexpr int kAtOnce = 4;  // chains
 constexpr int kNone = 0x7FFFFFFF;
-constexpr int kGone = 1 << 20;  // a coordinate farther from all points than any of them
+constexpr std::size_t kPiece = 65'536;  // points of a long chain that are taken at once
+constexpr int kGone = 1 << 20;          // a coordinate farther from all points than any of them
 
 /// Points that are left, from among which the next one is taken.
 struct Window {
@@ -217,12 +217,6 @@ std::span<const Index> BlockChain::order(std::span<const GridPoint> points) {
     for (Index& i : order_) i = grouped_[i];
     return order_;
 }
-
-namespace {
-
-constexpr std::size_t kPiece = 65'536;
-
-}  // namespace
 
 std::vector<Index> chain_through(std::span<const Vec3f> points, const RunContext& context) {
     constexpr double kSteps = 65'535;

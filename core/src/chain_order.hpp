@@ -51,7 +51,7 @@ std::vector<Index> chain_through(std::span<const Vec3f> points, const RunContext
 /// The same where colours are coded beside the coordinates, both by their differences: from each
 /// point to that of the next 256 along the curve whose differences take the fewest bits: of which
 /// the sum for the coordinates, in steps of the grid, times that for the channels is least, each
-/// plus one. Draco files are up to an eighth smaller than by the nearest.
+/// plus one. Draco files are up to a seventh smaller than by the nearest.
 ///
 /// @param step  of the grid, in units of the points; above 0.
 /// @param colors  one for each point.

@@ -363,14 +363,11 @@ draco::PointCloudEncodingMethod method_for(const Encoded& encoded, DracoCoding c
 }
 
 /// In which differences from one point to the next take few bits.
-std::vector<Index> order_of(const PointCloud& cloud, unsigned position_bits,
-                            const RunContext& context) {
-    const double side = extent_of(cloud.positions).side;
-    // Floats as they are have no differences that count.
-    if (cloud.colors.empty() || position_bits == 0 || side == 0)
-        return chain_through(cloud.positions, context);
-    return chain_through(cloud.positions, side / (std::exp2(position_bits) - 1), cloud.colors,
-                         context);
+/// @param step  of the grid; 0: none, floats as they are, which have no differences that count.
+std::vector<Index> order_of(const PointCloud& cloud, double step, const RunContext& context) {
+    return cloud.colors.empty() || step == 0
+               ? chain_through(cloud.positions, context)
+               : chain_through(cloud.positions, step, cloud.colors, context);
 }
 
 /// @param cloud  is spent unless it is const.
@@ -383,11 +380,13 @@ std::vector<std::byte> encode(Cloud& cloud, const DracoEncodeOptions& options,
         require_finite(cloud.positions, "the position");
     require_finite(cloud.normals, "the normal");
     unsigned position_bits = options.position_bits;
+    double step = 0;
     if (position_bits != 0 || options.precision) {
         const Extent extent = extent_of(cloud.positions);
         position_bits = options.precision
                             ? bits_for(*options.precision, extent)
                             : bits_for_most(cloud.positions, extent, options, context);
+        if (position_bits != 0) step = extent.side / (std::exp2(position_bits) - 1);
     }
     if (cloud.empty()) position_bits = 0;
     context.checkpoint(0);
@@ -397,7 +396,7 @@ std::vector<std::byte> encode(Cloud& cloud, const DracoEncodeOptions& options,
         const bool bare = cloud.normals.empty() && cloud.colors.empty() && cloud.attributes.empty();
         std::vector<Index> order;
         if (options.coding == DracoCoding::Auto && !bare && are_finite(cloud.positions))
-            order = order_of(cloud, position_bits, context);
+            order = order_of(cloud, step, context);
         fill(cloud, order, options, position_bits, encoded, context);
     }
     draco::ExpertEncoder encoder(encoded.geometry);

@@ -422,6 +422,15 @@ TEST(Draco, InItsOwnOrderIsSmallerAndHoldsTheSamePoints) {
               encode_draco(cloud, chained, {.threads = 4}));
 }
 
+TEST(Draco, KeepsExactFloatsThatSpreadBeyondSinglePrecision) {
+    PointCloud cloud;
+    constexpr float kFar = 3e38F;
+    cloud.positions = {{-kFar, 0, 0}, {kFar, 1, 2}, {0, kFar, -kFar}};
+    cloud.colors.assign(3, Rgba8{1, 2, 3, 255});
+    const PointCloud back = round_trip(cloud, {.position_bits = 0, .precision = {}});
+    EXPECT_EQ(sorted(rows_of(back)), sorted(rows_of(cloud)));
+}
+
 TEST(Draco, SpendsACloudForTheSameBytes) {
     for (const DracoCoding coding : {DracoCoding::Auto, DracoCoding::Sequential}) {
         PointCloud cloud = cloud_of_integers(500);

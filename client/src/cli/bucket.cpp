@@ -48,15 +48,12 @@ T required(T pointer) {
 
 /// Percent-encoded but for slashes.
 std::string encoded(std::string_view key) {
-    std::string text;
-    for (const char c : key) {
-        if (c == '/') {
-            text += c;
-            continue;
-        }
-        const std::unique_ptr<char, FreeText> part(required(curl_easy_escape(nullptr, &c, 1)));
-        text += part.get();
-    }
+    constexpr std::string_view kSlash = "%2F";
+    const std::unique_ptr<char, FreeText> all(
+        required(curl_easy_escape(nullptr, key.data(), static_cast<int>(key.size()))));
+    std::string text(all.get());
+    for (std::size_t at = text.find(kSlash); at != text.npos; at = text.find(kSlash, at))
+        text.replace(at, kSlash.size(), "/");
     return text;
 }
 

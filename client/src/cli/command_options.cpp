@@ -101,7 +101,7 @@ void add_seed(CLI::App& command, Values& values) {
         ->transform(whole_number());
 }
 
-/// Of what is refused since the command has its own counts.
+/// Leaves bounds out of the help: they are refused, for the command has counts of its own.
 void hide(CLI::App& command, std::initializer_list<const char*> bounds) {
     for (const char* const bound : bounds) command.get_option(bound)->group("");
 }
