@@ -122,8 +122,8 @@ public:
         for (std::size_t i = 0; i < tiles_.size(); ++i) by_uri_[tiles_[i].uri] = i;
         const json tileset = json::parse(text_of(folder_ / "tileset.json"));
         walk(tileset["root"], nullptr);
-        findings_.expect(seen_ == by_uri_.size(), "tiles that the tileset does not name",
-                         std::to_string(seen_) + " of " + std::to_string(by_uri_.size()));
+        findings_.expect(seen_ == tiles_.size(), "tiles that the tileset does not name",
+                         std::to_string(seen_) + " of " + std::to_string(tiles_.size()));
     }
 
     void measure(const SurfaceDistanceOptions& options) {

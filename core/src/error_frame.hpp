@@ -16,8 +16,8 @@
 namespace stipple {
 
 /// Brings clouds to where floats are at their best, and back: the middle of the reference's box
-/// lies at 0, and its diagonal is between 1 and 2. Where a few points lie far off, the middle is that
-/// of the box about most: about 0 floats are at their best.
+/// lies at 0, and its diagonal is between 1 and 2. Where a few points lie far off, the middle is
+/// that of the box about most: about 0 floats are at their best.
 struct ErrorFrame {
     Vec3d center = Vec3d::Zero();
     double scale = 1;  ///< a power of two, so that nothing is lost on the way there and back
@@ -36,8 +36,7 @@ struct ErrorFrame {
         if (side > 0 && longest_side(reference) > kFarOff * side)
             center = 0.5 * (most.min + most.max);
     }
-    explicit ErrorFrame(const BoxedCloud& reference)
-        : ErrorFrame(reference.box, reference.cloud) {}
+    explicit ErrorFrame(const BoxedCloud& reference) : ErrorFrame(reference.box, reference.cloud) {}
 
     std::vector<Vec3f> into(const PointCloud& cloud, const RunContext& context) const {
         return into(
@@ -49,7 +48,11 @@ struct ErrorFrame {
         return into(
             cloud, points.size(), [&](std::size_t i) { return points[i]; }, context);
     }
-    /// A place in the frame as a position of a cloud, without its origin.
+    /// A position of a cloud, without its origin, as a place in the frame.
+    Vec3f into(const Vec3f& position, const PointCloud& cloud) const {
+        return (scale * (position.cast<double>() + (cloud.origin - center))).cast<float>();
+    }
+    /// The way back.
     Vec3f out_of(const Vec3f& place, const PointCloud& cloud) const {
         return (place.cast<double>() / scale + center - cloud.origin).cast<float>();
     }

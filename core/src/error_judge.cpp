@@ -60,44 +60,34 @@ ErrorJudge::ErrorJudge(const PointCloud& cloud, double bound, const RunContext& 
     : cloud_(cloud),
       bound_(bound),
       quietly_{.stop = context.stop, .progress = {}, .threads = context.threads},
-      center_(0.5 * (bounds(cloud).min + bounds(cloud).max) - cloud.origin),
-      scale_(std::ldexp(1.0, -std::ilogb(bounds(cloud).diagonal()))),
-      surface_(into_frame(cloud.positions), Reading::Confirmed, quietly_),
+      frame_(bounds(cloud), cloud),
+      surface_(frame_.into(cloud, quietly_), Reading::Confirmed, quietly_),
       points_(points_of_surface()) {
     const std::size_t step = std::max<std::size_t>(1, points_.size() / kGlance);
     for (std::size_t i = 0; i < points_.size(); i += step) some_points_.push_back(points_[i]);
 }
 
 void ErrorJudge::remember(std::uint64_t points, const Vec3f& place, double distance) {
-    const double in_units = distance / scale_;
+    const double in_units = distance / frame_.scale;
     if (in_units <= bound_ || (too_far_ && points <= too_far_->points)) return;
     too_far_ = {.points = points,
-                .place = cloud_.origin + center_ + place.cast<double>() / scale_,
+                .place = frame_.center + place.cast<double>() / frame_.scale,
                 .distance = in_units};
 }
 
 std::vector<Vec3f> ErrorJudge::points_of_surface() {
-    const double margin = kMargin * bound_ * scale_;
-    const Probes own =
-        surface_.measure(surface_.some_points(cloud_.size(), quietly_), surface_, margin, quietly_);
+    const Probes own = surface_.measure(surface_.some_points(cloud_.size(), quietly_), surface_,
+                                        margin(), quietly_);
     std::vector<Vec3f> points;
     for (std::size_t i = 0; i < own.places.size(); ++i)
-        if (own.distances[i] <= margin) points.push_back(own.places[i]);
+        if (own.distances[i] <= margin()) points.push_back(own.places[i]);
     if (!can_be_kept(points.size())) remember(cloud_.size(), own.farthest(), own.max());
-    return points;
-}
-
-std::vector<Vec3f> ErrorJudge::into_frame(std::span<const Vec3f> positions) const {
-    std::vector<Vec3f> points(positions.size());
-    for (std::size_t i = 0; i < points.size(); ++i)
-        points[i] = (scale_ * (positions[i].cast<double>() - center_)).cast<float>();
     return points;
 }
 
 std::vector<Vec3f> ErrorJudge::out_of_frame(std::span<const Vec3f> places) const {
     std::vector<Vec3f> points(places.size());
-    for (std::size_t i = 0; i < points.size(); ++i)
-        points[i] = (places[i].cast<double>() / scale_ + center_).cast<float>();
+    for (std::size_t i = 0; i < points.size(); ++i) points[i] = frame_.out_of(places[i], cloud_);
     return points;
 }
 
@@ -113,15 +103,14 @@ void ErrorJudge::read(Reading reading) {
 
 ErrorJudge::Finding ErrorJudge::glance(const PointCloud& candidate) {
     ++tries_;
-    const ProbedSurface other(into_frame(candidate.positions), Reading::Confirmed, quietly_);
-    const double margin = kMargin * bound_ * scale_;
-    const Probes forward = surface_.measure(some_points_, other, margin, quietly_);
+    const ProbedSurface other(frame_.into(candidate, quietly_), Reading::Confirmed, quietly_);
+    const Probes forward = surface_.measure(some_points_, other, margin(), quietly_);
     const Probes backward =
-        other.measure(other.random_places(kGlance, quietly_), surface_, margin, quietly_);
+        other.measure(other.random_places(kGlance, quietly_), surface_, margin(), quietly_);
     Finding finding;
-    finding.max = std::max(forward.max(), backward.max()) / (bound_ * scale_);
+    finding.max = std::max(forward.max(), backward.max()) / (bound_ * frame_.scale);
     for (const Probes* const probes : {&forward, &backward}) {
-        append(finding.places, out_of_frame(probes->places_above(margin)));
+        append(finding.places, out_of_frame(probes->places_above(margin())));
         remember(candidate.size(), probes->farthest(), probes->max());
     }
     finding.share = static_cast<double>(finding.places.size()) /
@@ -139,16 +128,16 @@ ErrorJudge::Finding ErrorJudge::watch(const PointCloud& candidate) {
                 static_cast<unsigned>(std::clamp<std::size_t>(kManyPlaces / cloud_.size(), 1, 10));
             append(places, surface_.places_around(places, 1, each, 0, quietly_).places);
         }
-        watch_.emplace(surface_, std::move(places), kMargin * bound_ * scale_, reading_);
+        watch_.emplace(surface_, std::move(places), margin(), reading_);
     }
-    watch_->look_at(into_frame(candidate.positions), quietly_);
+    watch_->look_at(frame_.into(candidate, quietly_), quietly_);
     remember(candidate.size(), watch_->farthest_place(), watch_->max());
     return found_by_watch();
 }
 
 ErrorJudge::Finding ErrorJudge::found_by_watch() const {
     return {.places = out_of_frame(watch_->places_too_far()),
-            .max = watch_->max() / (bound_ * scale_)};
+            .max = watch_->max() / (bound_ * frame_.scale)};
 }
 
 ErrorJudge::Finding ErrorJudge::measure(ErrorBoundedCloud& candidate) {
@@ -156,7 +145,7 @@ ErrorJudge::Finding ErrorJudge::measure(ErrorBoundedCloud& candidate) {
     if (careful_ && reading_ == Reading::Confirmed) {
         // First what mostly decides, and takes less time than what is measured then.
         watch_->look_again(kUnevenAgain, tries_, quietly_);
-        if (watch_->max() > kWithin * bound_ * scale_) return found_by_watch();
+        if (watch_->max() > kWithin * bound_ * frame_.scale) return found_by_watch();
     }
     if (!meter_) {
         const SurfaceErrorOptions options = {
@@ -192,7 +181,7 @@ ErrorJudge::Finding ErrorJudge::measured(ErrorBoundedCloud& candidate, std::uint
                     .max = candidate.error.max() / bound_};
     append(finding.places, places_above(kMargin * bound_, backward));
     if (finding.max <= kWithin) {
-        const ProbedSurface other(into_frame(candidate.cloud.positions), reading_, quietly_);
+        const ProbedSurface other(frame_.into(candidate.cloud, quietly_), reading_, quietly_);
         look_closer(surface_, places_above(kRaised * bound_, forward, kMostRaised), other, finding);
         look_closer(other, places_above(kRaised * bound_, backward, kMostRaised), surface_,
                     finding);
@@ -206,16 +195,17 @@ ErrorJudge::Finding ErrorJudge::measured(ErrorBoundedCloud& candidate, std::uint
 
 void ErrorJudge::look_closer(const ProbedSurface& from, std::span<const Vec3f> raised,
                              const ProbedSurface& other, Finding& finding) const {
-    const double margin = kMargin * bound_ * scale_;
-    std::vector<Vec3f> centers = into_frame(raised);
+    std::vector<Vec3f> centers;
+    for (const Vec3f& place : raised) centers.push_back(frame_.into(place, cloud_));
     float spread = kSpread;
     for (unsigned round = 0; round < kRounds; ++round, spread /= 2) {
         const Probes probes =
             from.measure(from.places_around(centers, spread, kEach, round, quietly_).places, other,
-                         margin, quietly_);
-        finding.max = std::max(finding.max, static_cast<double>(probes.max()) / (bound_ * scale_));
-        append(finding.places, out_of_frame(probes.places_above(margin)));
-        const std::vector<Vec3f> high = probes.places_above(kHigh * bound_ * scale_);
+                         margin(), quietly_);
+        finding.max =
+            std::max(finding.max, static_cast<double>(probes.max()) / (bound_ * frame_.scale));
+        append(finding.places, out_of_frame(probes.places_above(margin())));
+        const std::vector<Vec3f> high = probes.places_above(kHigh * bound_ * frame_.scale);
         centers.clear();
         for (std::size_t i = 0; i < high.size(); i += 1 + high.size() / kMostRaised)
             centers.push_back(high[i]);

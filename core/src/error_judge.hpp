@@ -1,5 +1,6 @@
 #pragma once
 
+#include "error_frame.hpp"
 #include "error_watch.hpp"
 #include "stipple/error_bounded.hpp"
 #include "stipple/point_cloud.hpp"
@@ -70,14 +71,15 @@ private:
     /// At many places around raised ones; adds to what was found.
     void look_closer(const ProbedSurface& from, std::span<const Vec3f> raised,
                      const ProbedSurface& other, Finding& finding) const;
-    std::vector<Vec3f> into_frame(std::span<const Vec3f> positions) const;
+    /// Places of the frame as positions of the cloud.
     std::vector<Vec3f> out_of_frame(std::span<const Vec3f> places) const;
+    /// What is nearly too far, in the frame.
+    double margin() const noexcept { return kMargin * bound_ * frame_.scale; }
 
     const PointCloud& cloud_;
     double bound_;
     RunContext quietly_;
-    Vec3d center_;
-    double scale_;
+    ErrorFrame frame_;
     ProbedSurface surface_;
     std::optional<TooFar> too_far_;
     std::vector<Vec3f> points_;       ///< of the cloud that are of its surface

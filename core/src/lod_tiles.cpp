@@ -72,10 +72,11 @@ void validate(const LodTileOptions& options) {
         refuse("tiles: max_points", options.max_points, "1..65536");
 }
 
-/// All in the source's frame.
+/// All in the source's frame, but what is told of tiles.
 struct LodTiler::State {
     LodTileOptions options;
-    Aabb box;  ///< of the source
+    Aabb box;      ///< of the source
+    Vec3d middle;  ///< of that
     ErrorFrame frame;
     std::vector<Index> order;  ///< of the source's points, along a curve
     LevelMeter meter;
@@ -238,8 +239,9 @@ struct LodTiler::State {
         tile.points = members.size();
         tile.bits = grid_taken.bits;
         tile.step = grid_taken.step / frame.scale;
+        const Vec3d shift = frame.center - middle;
         for (int axis = 0; axis < 3; ++axis)
-            tile.offset[axis] = static_cast<double>(least[axis]) * tile.step;
+            tile.offset[axis] = static_cast<double>(least[axis]) * tile.step + shift[axis];
         const auto point_at = [&](std::size_t i) { return level.points[members[i]]; };
         tile.spacing = is_crowd(members.size(), point_at)
                            ? 0
@@ -257,6 +259,7 @@ LodTiler::LodTiler(const PointCloud& source, const LodTileOptions& options,
     State& state = *state_;
     state.options = options;
     state.box = bounds(source);
+    state.middle = 0.5 * (state.box.min + state.box.max);
     state.frame = ErrorFrame(state.box, source);
     state.rounding = {.side = (state.box.max - state.box.min).maxCoeff() * state.frame.scale,
                       .tolerance = options.tolerance,
@@ -274,7 +277,7 @@ LodTiler::LodTiler(const PointCloud& source, const LodTileOptions& options,
 LodTiler::~LodTiler() = default;
 
 const Vec3d& LodTiler::center() const noexcept {
-    return state_->frame.center;
+    return state_->middle;
 }
 
 std::span<const Index> LodTiler::order() const noexcept {

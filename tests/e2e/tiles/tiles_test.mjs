@@ -46,6 +46,7 @@ const clouds = {
     'a line': written('line', range(3000).map((i) => [i, 0, 0])),
     'a plane': written('plane', range(4000).map((i) => [i % 63, Math.floor(i / 63), 5])),
     'two clusters': written('clusters', range(4000).map((i) => [(i % 2) * 1e6 + Math.sin(i), Math.cos(1.7 * i), Math.sin(0.3 * i)])),
+    'a point far off': written('far', [...range(3000).map((i) => [Math.sin(i), Math.cos(1.7 * i), Math.sin(0.3 * i)]), [1e4, 0, 0]]),
     'a coloured scan': synthesized('--points', '60000'),
 };
 for (const scan of ['models/igea.ply', 'models/dragon_vrip.ply.gz', 'colour/frag_115.ply', 'lidar/small_gicp_target.ply', 'lidar/autzen_stadium_tile.ply.gz']) {
@@ -98,6 +99,15 @@ async function check(tile, bytes) {
     assert.equal(points, tile.extras.points);
 }
 
+/** The tiles together are where the cloud is. */
+function checkPlace({ transform }, tiles, { bounds: { min, max }, finest }) {
+    for (const k of [0, 1, 2]) {
+        const near = (told, is) => assert.ok(Math.abs(told - is) <= finest + 1e-9 * (max[k] - min[k]), `axis ${k}: ${told}, not ${is}`);
+        near(transform[12 + k] + Math.min(...tiles.map((tile) => bounds(tile).low[k])), min[k]);
+        near(transform[12 + k] + Math.max(...tiles.map((tile) => bounds(tile).high[k])), max[k]);
+    }
+}
+
 let failed = 0;
 for (const [name, file] of Object.entries(clouds)) {
     try {
@@ -106,12 +116,17 @@ for (const [name, file] of Object.entries(clouds)) {
         const manifest = JSON.parse(readFileSync(join(out, 'manifest.json'), 'utf8'));
         assert.ok(fitsSchema(manifest), JSON.stringify(fitsSchema.errors, null, 1));
         const tiles = [];
-        walk(JSON.parse(readFileSync(join(out, 'tileset.json'), 'utf8')).root, null, (tile, parent) => {
+        const { root } = JSON.parse(readFileSync(join(out, 'tileset.json'), 'utf8'));
+        walk(root, null, (tile, parent) => {
             assert.ok(tile.geometricError > 0 && bounds(tile).side > 0);
             if (parent) assert.ok(tile.geometricError <= parent.geometricError);
             if (tile.content) tiles.push(tile);
         });
-        assert.equal(tiles.length, readdirSync(out).filter((entry) => entry.endsWith('.glb')).length);
+        // A point alone is the same tile of each level.
+        const files = new Set(tiles.map((tile) => tile.content.uri));
+        assert.equal(files.size, readdirSync(out).filter((entry) => entry.endsWith('.glb')).length);
+        const finest = tiles.filter(({ children }) => !children);
+        checkPlace(root, finest, { ...manifest.source, finest: 1.5 * Math.max(...manifest.levels.at(-1).files.map(({ tile }) => tile?.step ?? 0)) });
         for (const tile of tiles) await check(tile, readFileSync(join(out, tile.content.uri)));
         console.log(`ok    ${name}: ${tiles.length} tiles`);
         rmSync(out, { recursive: true });
