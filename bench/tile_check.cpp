@@ -149,8 +149,10 @@ private:
             if (!file.tile) continue;
             const std::string uri = proto::file_name(level, file);
             const std::vector<std::byte> bytes = bytes_of(folder_ / uri);
-            tiles_.push_back(
-                {uri, *file.tile, bytes.size(), decode_tile(proto::decode_glb(bytes), center_)});
+            // From the tile's own place: from the middle floats may not tell all of its grid.
+            LodTile tile = proto::decode_glb(bytes);
+            const Vec3d place = center_ + std::exchange(tile.offset, Vec3d::Zero());
+            tiles_.push_back({uri, *file.tile, bytes.size(), decode_tile(tile, place)});
         }
     }
 
@@ -188,7 +190,7 @@ private:
     /// A tile lies in its box and in those above; its mean error is no larger than that above.
     void check_path(const Tile& tile) {
         for (const Vec3f& p : tile.points.positions) {
-            const Vec3d place = p.cast<double>();
+            const Vec3d place = tile.points.origin - center_ + p.cast<double>();
             findings_.expect(
                 std::ranges::all_of(boxes_, [&](const Aabb& box) { return inside(place, box); }),
                 "a point lies outside of a box", tile.uri);
@@ -207,8 +209,9 @@ private:
         std::size_t bytes = 0, count = 0;
         for (std::size_t t = 0; t < tiles_.size(); ++t) {
             if (!is_of(tiles_[t], level)) continue;
-            const auto& points = tiles_[t].points.positions;
-            all.positions.insert(all.positions.end(), points.begin(), points.end());
+            const Vec3d shift = tiles_[t].points.origin - center_;
+            for (const Vec3f& p : tiles_[t].points.positions)
+                all.positions.push_back((p.cast<double>() + shift).cast<float>());
             tile_of.resize(all.size(), t);
             bytes += tiles_[t].bytes;
             ++count;

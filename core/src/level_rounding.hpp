@@ -32,7 +32,9 @@ struct LevelGrid {
 
 /// Rounds the points of levels to grids. Lengths are those of the meter.
 struct LevelRounding {
-    static constexpr unsigned kLeastBits = 2, kMostBits = 24;  ///< of each axis
+    /// Of each axis. About the middle floats tell more apart than their 24 bits do of the whole;
+    /// the numbers of a grid, which may have its 0 at one end, are those of `LevelGrid::at`.
+    static constexpr unsigned kLeastBits = 2, kMostBits = 29;
 
     double side = 0;                     ///< of the source's box, the longest
     double tolerance = 0;                ///< `LodTileOptions`

@@ -62,8 +62,8 @@ std::vector<TileTree::Part> cut_level(TileTree& tree, std::span<const Vec3f> poi
 }  // namespace
 
 void validate(const LodTileOptions& options) {
-    if (options.position_bits < LevelRounding::kLeastBits ||
-        options.position_bits > LevelRounding::kMostBits)
+    constexpr unsigned kMostAsked = 24;  // where no points are far off floats have no more
+    if (options.position_bits < LevelRounding::kLeastBits || options.position_bits > kMostAsked)
         refuse("tiles: position_bits", options.position_bits, "2..24");
     if (options.precision && !(*options.precision > 0 && std::isfinite(*options.precision)))
         refuse("tiles: precision", *options.precision, "a finite length above 0");

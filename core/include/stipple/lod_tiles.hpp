@@ -29,7 +29,7 @@ struct LodTileOptions {
                                   ///< else be longer than the spacing of the source
     std::optional<double>
         precision{};  ///< instead of position_bits: the largest error per axis of the finest level,
-                      ///< input units, as far as 24 bits go; coarser levels take fewer
+                      ///< input units, as far as 29 bits go; coarser levels take fewer
     double tolerance =
         0.16;  ///< a level takes the fewest bits by which its mean error grows by no more than this
                ///< part, with steps of at most half its spacing; >= 0. A bit less saves a fifth of
@@ -87,9 +87,9 @@ struct TileStream {
 /// A piece of a level: points on the grid of the level, sorted and compressed.
 ///
 /// A point q of the stream `POSITION` (three unsigned 16-bit numbers) lies at offset + step * q,
-/// relative to `LodTiler::center`. Offsets are whole multiples of the step, but for what all have in
-/// common where a few points lie far off; and the step is that of the level: the same place has the
-/// same coordinates in all its tiles.
+/// relative to `LodTiler::center`. Offsets are whole multiples of the step, but for what all have
+/// in common where a few points lie far off; and the step is that of the level: the same place has
+/// the same coordinates in all its tiles.
 struct LodTile : LodFigures {
     unsigned level = 0;
     std::optional<std::uint32_t> parent{};  ///< number of a tile of a coarser level, counted over
@@ -137,8 +137,8 @@ public:
     LodTiler(const LodTiler&) = delete;
     LodTiler& operator=(const LodTiler&) = delete;
 
-    /// The place to which tiles are relative, in the coordinates of the source's file: the middle of
-    /// the source's bounds.
+    /// The place to which tiles are relative, in the coordinates of the source's file: the middle
+    /// of the source's bounds.
     const Vec3d& center() const noexcept;
 
     /// The numbers of the source's points in the order of a curve, as long as the tiler lives.
