@@ -5,6 +5,7 @@ import { preloadDecoder } from './draco_levels.js';
 import { byId, element } from './element.js';
 import * as format from './format.js';
 import { Hud } from './hud.js';
+import { followJob } from './job_follower.js';
 import { JobForm } from './job_form.js';
 import { inputOf, Library, nameOf, summaryOf, titleOf } from './library.js';
 import { listenToKeys } from './keys.js';
@@ -313,7 +314,7 @@ function othersThan({ id }) {
 /** Where the surface that is shown is how far from that of the input. */
 async function mapErrors() {
     try {
-        const map = await startEvaluation(inputOf(session.job), await hashOf(session.shown));
+        const map = await startMap(inputOf(session.job), session.shown);
         look.forgetColor();
         if (!isPhone()) {
             look.open();  // its legend says what the colours are
@@ -324,9 +325,22 @@ async function mapErrors() {
     }
 }
 
-/** What the server knows a level by. One without a file becomes a cloud of its own. */
-async function hashOf({ file, ply, points }) {
-    return file?.sha256 ?? (await uploadCloud(new File([await ply()], fileName({ points }, 'ply')), () => {})).id;
+/** A level without a file becomes a cloud of its own, for as long as it is measured. */
+async function startMap(reference, { file, ply, points }) {
+    if (file) {
+        return startEvaluation(reference, file.sha256);
+    }
+    const { id, isNew } = await uploadCloud(new File([await ply()], fileName({ points }, 'ply')), () => {});
+    const remove = () => isNew && removeCloud(id).then(() => library.refresh()).catch(showProblem);
+    try {
+        const map = await startEvaluation(reference, id);
+        const removeOnceOver = (job) => isFinal(job) && remove();  // until then it is needed
+        followJob(map.id, { onJob: removeOnceOver, onLost: () => {}, onError: remove, signal: new AbortController().signal });
+        return map;
+    } catch (error) {
+        remove();
+        throw error;
+    }
 }
 
 const fileName = (shown, extension) => `${byId.title.textContent.replace(/\.(ply|drc)$/i, '')}-${shown?.points ?? 'points'}.${extension}`;

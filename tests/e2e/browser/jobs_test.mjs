@@ -41,8 +41,12 @@ await run({
         const header = readFileSync(await download.path(), 'latin1').split('end_header')[0];
         assert.ok(['element vertex 3750', 'property float x', 'property uchar red', 'property float height']
             .every((line) => header.includes(`\n${line}\n`)), header);
+        const clouds = await idsOf('clouds');
+        const removed = page.waitForResponse((response) => response.request().method() === 'DELETE' && response.ok());
         await page.locator('#files').getByText('Error map').click();
         await page.waitForFunction(() => document.getElementById('color').value === 'distance');
+        await removed;
+        assert.deepEqual(await idsOf('clouds'), clouds);  // without what was measured
         const [{ error }] = (await manifestOf(await settledPyramid(page))).levels;
         const measured = 100 * error.relative.mean;
         assert.ok(Math.abs(measured - told) < 0.1 * told, `told ${told} %, measured ${measured} %`);
@@ -229,26 +233,24 @@ await run({
     },
 
     async 'A result and a cloud are removed, each when that is asked for twice'() {
-        const items = async (what) => (await (await fetch(`${server.url}/v1/${what}?limit=100`)).json()).items;
-        const list = async (what) => (await items(what)).map(({ id }) => id);
         const job = await startJob({ type: 'simplify', input: cloud, points: 700, format: 'drc' });
         await visit(page, `/?job=${job}`);
         await shows(page, 700);
         const remove = page.locator('#files').getByRole('button').last();
         await remove.click();
-        assert.ok((await list('jobs')).includes(job));
+        assert.ok((await idsOf('jobs')).includes(job));
         await remove.click();
         const next = await settledPyramid(page, job);
-        assert.ok(!(await list('jobs')).includes(job));
-        assert.equal(next, (await items('jobs')).find(({ status }) => status === 'successful').id);
+        assert.ok(!(await idsOf('jobs')).includes(job));
+        assert.equal(next, (await listOf('jobs')).find(({ status }) => status === 'successful').id);
 
-        const before = await list('clouds');
+        const before = await idsOf('clouds');
         await page.getByRole('button', { name: 'Process' }).first().click();
         await page.locator('#job-remove').click();
-        assert.deepEqual(await list('clouds'), before);
+        assert.deepEqual(await idsOf('clouds'), before);
         await page.locator('#job-remove').click();
         await page.waitForFunction((count) => document.querySelectorAll('#clouds > li').length === count, before.length - 1);
-        assert.deepEqual(await list('clouds'), before.slice(1));
+        assert.deepEqual(await idsOf('clouds'), before.slice(1));
     },
 
     async 'Large levels come tile by tile, as far as the view asks for them'() {
@@ -313,6 +315,15 @@ await run({
         assert.equal(await figure('error'), await figure('error-bound-value'));
     },
 });
+
+/** Of the server: `clouds` or `jobs`. */
+async function listOf(what) {
+    return (await (await fetch(`${server.url}/v1/${what}?limit=100`)).json()).items;
+}
+
+async function idsOf(what) {
+    return (await listOf(what)).map(({ id }) => id);
+}
 
 /** Whether an object has these parts, whatever else it has. */
 function holds(whole, parts) {
