@@ -36,8 +36,8 @@ export class LookCard {
         this.by = null;
     }
 
-    open() {
-        if (byId['look-card'].hidden) {
+    setOpen(isOpen) {
+        if (byId['look-card'].hidden === isOpen) {
             this.toggle();
         }
     }

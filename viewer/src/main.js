@@ -12,6 +12,7 @@ import { listenToKeys } from './keys.js';
 import { kMostWhole } from './level_loader.js';
 import { LookCard } from './look_card.js';
 import { showProblem } from './notices.js';
+import { Report } from './report.js';
 import { ResultSession } from './result_session.js';
 import { isPhone, Sheet } from './sheet.js';
 import { Stage } from './stage.js';
@@ -48,11 +49,24 @@ const hud = new Hud({
     onDismiss: () => dismissJob(session.id).catch(showProblem),
     onDownload: (file) => download(file).catch(showProblem),
     onMap: mapErrors,
+    onFigures: () => {
+        look.setOpen(false);
+        if (report.isOpen) {
+            report.hide();
+        } else {
+            showReport();
+        }
+    },
     onRemove: () => removeResult().catch(showProblem),
 });
 const look = new LookCard({
     onColor: () => session?.shown && session.redress(),  // what is on the right follows
     onLook: (settings) => stage.setLook(settings),
+});
+const report = new Report({
+    onDownload: (file) => download(file).catch(showProblem),
+    onSimplify: (points) => start('simplify', inputOf(session.job), { ...ofMethod(session.job.request), points, format: 'drc' }).catch((error) => showProblem(error, kNotStarted)),
+    onPyramid: () => startPyramid(library.cloudOf(session.job)).catch((error) => showProblem(error, kNotStarted)),
 });
 const form = new JobForm({
     onStart: ({ cloud, type, fields }) => start(type, cloud, fields),
@@ -70,6 +84,7 @@ let uploading = false;
 function open({ id, type, chosen = null }, { remembered = false } = {}) {
     askAhead({ id, type });
     comparison.end();
+    report.hide();
     session?.close();
     if (!remembered) {
         history.pushState(null, '', `/?${type === 'pyramid' ? 'pyramid' : 'job'}=${id}`);
@@ -106,6 +121,7 @@ function open({ id, type, chosen = null }, { remembered = false } = {}) {
 }
 
 function closeResult() {
+    report.hide();
     session.close();
     session = null;
     byId.hud.hidden = true;
@@ -173,8 +189,12 @@ function rangeBeside(level) {
     return left && left !== level && left.coloring?.by === look.colorOf(level) ? left.coloring.range : null;
 }
 
-function showLevels({ loader, shown, isComplete, isSettled, job }) {
+function showLevels({ id, loader, shown, isComplete, isSettled, job, manifest }) {
     hud.showLevels(loader.levels, shown, loader.loadedBytes, isComplete);
+    if (job && manifest?.levels.length > 0 && loader.levels.length === 0 && !manifest.request.formats?.includes('stpc')) {
+        showReport();
+        hud.showPlain({ id, levels: manifest.levels });
+    }
     byId.compare.disabled = !shown;
     if (comparison.isOn) {
         showComparison();
@@ -192,6 +212,15 @@ function showLevels({ loader, shown, isComplete, isSettled, job }) {
     document.documentElement.dataset.state = isSettled ? 'settled' : 'loading';
 }
 
+/** What is told beside the picture, or without one. */
+function showReport() {
+    const { job, manifest, loader } = session;
+    report.show({
+        job, manifest, name: titleOf(job), canClose: loader.levels.length > 0,
+        nameOf: (id) => library.clouds.find((cloud) => cloud.id === id)?.name,
+    });
+}
+
 // ---- Two at once
 
 /** On the right the finest level, on the left one that is coarser: what does it lose? Of a single level: another result of its cloud. */
@@ -199,8 +228,7 @@ function startComparing() {
     beside = null;
     chosenBefore = session.chosen;
     const { levels } = session.loader;
-    const sibling = levels.length === 1 && library.jobs.find(({ id, status, ...job }) =>
-        status === 'successful' && id !== session.id && session.job && inputOf(job) === inputOf(session.job));
+    const sibling = levels.length === 1 && library.othersWithPicture(session.id).find((job) => session.job && inputOf(job) === inputOf(session.job));
     if (sibling) {
         compareWith(`result:${sibling.id}`);
         return;
@@ -260,7 +288,7 @@ function showComparison() {
         paintRight(right);
     }
     comparison.label(session.shown, right);
-    const others = library.jobs.filter(({ id, status }) => status === 'successful' && id !== session.id);
+    const others = library.othersWithPicture(session.id);
     comparison.showChoices([
         { label: 'The same result', choices: levels.map(({ level, points }) => ({ value: `level:${level}`, text: `Level ${level + 1}, ${format.compactCount(points)}` })) },
         { label: 'Another result', choices: others.map((job) => ({ value: `result:${job.id}`, text: `${titleOf(job)}: ${summaryOf(job, library.cloudOf(job))}` })) },
@@ -284,15 +312,25 @@ function paintRight(level) {
 // ---- Jobs and files
 
 /** The newest pyramid of a cloud, or a new one. */
-async function openCloud({ id, format: kind, bytes }) {
-    const known = library.pyramidOf(id);
+async function openCloud(cloud) {
+    const known = library.pyramidOf(cloud.id);
     if (known) {
         open(known);
     } else {
-        const isLarge = bytes > kMostWhole * kFewestBytes[kind];
-        // What is small is there within a second by the method of less error, too.
-        await start('pyramid', id, isLarge ? { formats: ['drc', 'glb'], tiles: { attributes: true } } : { formats: ['drc'], method: 'multiphase' });
+        await startPyramid(cloud);
     }
+}
+
+/** One to look at. */
+async function startPyramid({ id, format: kind, bytes }) {
+    const isLarge = bytes > kMostWhole * kFewestBytes[kind];
+    // What is small is there within a second by the method of less error, too.
+    await start('pyramid', id, isLarge ? { formats: ['drc', 'glb'], tiles: { attributes: true } } : { formats: ['drc'], method: 'multiphase' });
+}
+
+/** What a curve was asked for and a simplification can be. */
+function ofMethod({ type, input, count, points, ...fields }) {
+    return fields;
 }
 
 async function start(type, cloudId, fields) {
@@ -317,7 +355,7 @@ async function mapErrors() {
         const map = await startMap(inputOf(session.job), session.shown);
         look.forgetColor();
         if (!isPhone()) {
-            look.open();  // its legend says what the colours are
+            look.setOpen(true);  // its legend says what the colours are
         }
         open(map);
     } catch (error) {
@@ -343,7 +381,7 @@ async function startMap(reference, { file, ply, points }) {
     }
 }
 
-const fileName = (shown, extension) => `${byId.title.textContent.replace(/\.(ply|drc)$/i, '')}-${shown?.points ?? 'points'}.${extension}`;
+const fileName = (shown, extension) => `${[byId.title.textContent.replace(/\.(ply|drc)$/i, ''), shown?.points].filter(Boolean).join('-')}.${extension}`;
 
 /** By the page, since a link shows the server no key. */
 async function download({ href, ply, format: extension }) {
@@ -392,6 +430,8 @@ function closeTopmost() {
         sheet.close();
     } else if (!byId['look-card'].hidden) {
         look.toggle();
+    } else if (report.isOpen && session?.shown) {
+        report.hide();
     } else {
         comparison.end();
     }
@@ -409,6 +449,7 @@ function placeCloud() {
         ? { left: 0, right: isFlat ? 56 : 0, top: labels.bottom || (isFlat ? 0 : 56), bottom: innerHeight - (shown ? shown.top - byId.grip.offsetHeight : dock.top) }
         : { left: library_.right, right: look_ ? innerWidth - look_.left : 0, top: labels.bottom, bottom: shown ? innerHeight - shown.top : 0 });
     comparison.place();
+    document.documentElement.style.setProperty('--covered', `${stage.insets.bottom}px`);
 }
 
 function toggleRotation() {

@@ -23,6 +23,7 @@ export class ResultSession {
         this.job = null;
         this.chosen = chosen;
         this.bound = null;  // of the error of what is seen, or null: as the level or the view has it
+        this.manifest = null;  // as far as it has come
         this.isComplete = false;
         this.started = performance.now();
         this.hasPicture = false;
@@ -42,7 +43,7 @@ export class ResultSession {
             onLost,
             onError: (level, error) => {
                 this.tell();
-                onError(error, level ? `Level ${level.level + 1} could not be shown` : 'This result cannot be shown here');
+                onError(error, `Level ${level.level + 1} could not be shown`);
             },
         });
         const follower = {
@@ -79,9 +80,9 @@ export class ResultSession {
     async readNews() {
         const isNews = !this.job || this.job.levels_ready > this.loader.known || this.job.status === 'successful';
         if (isNews && !this.isComplete) {
-            const manifest = await getManifest(this, this.abort.signal);
-            this.isComplete = manifest.complete;
-            this.loader.update(manifest);
+            this.manifest = await getManifest(this, this.abort.signal);
+            this.isComplete = this.manifest.complete;
+            this.loader.update(this.manifest);
             this.tell();
         }
     }
