@@ -4,6 +4,7 @@ import { drawnErrorOf, meanErrorOf } from './level_error.js';
 
 /** Of a bound, so that the slider's end at the coarsest level stands for its own error. */
 const kSlack = 1 + 1e-9;
+const kNoError = 1e-12;  // for a logarithm
 
 const kStages = { queued: 'Waiting', decode: 'Reading', clean: 'Cleaning', simplify: 'Simplifying', upsample: 'Adding points', analyze: 'Analysing', evaluate: 'Measuring', encode: 'Encoding' };
 
@@ -13,9 +14,7 @@ export class Hud {
         Object.assign(this, { onDownload, onMap, onFigures, onRemove, onDismiss });
         byId.level.oninput = () => onLevel(Number(byId.level.value) - 1);
         byId['error-bound'].oninput = () => {
-            this.bound = kSlack * 2 ** -Number(byId['error-bound'].value);  // finer to the right, as levels are
-            this.showBound(this.bound);
-            onError(this.bound);
+            onError(kSlack * 2 ** -Number(byId['error-bound'].value));  // finer to the right, as levels are
         };
     }
 
@@ -29,8 +28,6 @@ export class Hud {
         byId.files.hidden = false;  // its room is kept until it is known to be empty
         this.actionsOf = null;
         this.isOver = false;
-        this.bound = null;      // what was asked for, as long as it is what is shown
-        this.boundLevel = null;
         byId.legend.hidden = true;
         byId['error-slider'].hidden = true;
         for (const id of ['activity', 'points', 'level-name', 'bytes', 'error', 'first-picture']) {
@@ -60,15 +57,18 @@ export class Hud {
         }
     }
 
-    /** @param levels  of the LevelLoader; @param shown  the one on the stage, or null */
-    showLevels(levels, shown, loadedBytes, isComplete) {
+    /**
+     * @param levels  of the LevelLoader; @param shown  the one on the stage, or null
+     * @param bound  of the error, where that was asked for, or null
+     */
+    showLevels(levels, shown, loadedBytes, isComplete, bound) {
         byId.level.max = Math.max(1, levels.length);
         byId.level.disabled = levels.length < 2;
         byId.segments.replaceChildren(...levels.map((level) => element('li', {
             className: shown && level.level <= shown.level ? 'shown' : level.state,
         })));
         byId.bytes.textContent = format.bytes(loadedBytes);
-        this.showErrors(levels, shown);
+        this.showErrors(levels, shown, bound);
         if (shown) {
             this.showFiles(shown);
             byId.level.value = shown.level + 1;
@@ -79,7 +79,7 @@ export class Hud {
     }
 
     /** The measured error of what is shown, and the bounds to choose from. */
-    showErrors(levels, shown) {
+    showErrors(levels, shown, bound) {
         const errors = levels.map(meanErrorOf).filter((error) => error >= 0);
         const [least, most] = [Math.min(...errors.filter((error) => error > 0)), Math.max(...errors)];
         const error = shown && drawnErrorOf(shown);
@@ -90,27 +90,18 @@ export class Hud {
         if (least < most) {
             byId['error-bound'].min = -Math.log2(most);
             byId['error-bound'].max = -Math.log2(least) + (errors.includes(0) ? 1 : 0);  // one octave for none at all
-            this.followLevel(levels, shown);
+            this.showBound(shown, bound);
         }
     }
 
-    /**
-     * The bound stays where it was put until a level is shown that it did not choose. Of tiles there is none then: how fine they
-     * are is up to the view.
-     */
-    followLevel(levels, shown) {
-        const wanted = levels.find((level) => meanErrorOf(level) <= this.bound) ?? levels.at(-1);
-        if (shown && (this.bound === null || (shown !== this.boundLevel && shown !== wanted))) {
-            this.bound = null;
-            byId['error-bound'].value = -Math.log2(Math.max(meanErrorOf(shown), 1e-12));
-            this.showBound(shown.tiles ? null : meanErrorOf(shown));
+    /** Without a bound, of a level its own error. Of tiles there is none then: how fine they are is up to the view. */
+    showBound(shown, bound) {
+        if (!shown && bound === null) {
+            return;
         }
-        this.boundLevel = shown;
-    }
-
-    /** @param error  null: as the view asks */
-    showBound(error) {
-        byId['error-bound-value'].textContent = error === null ? 'by view' : error >= 0 ? format.percent(error) : '–';
+        const error = bound ?? meanErrorOf(shown);
+        byId['error-bound'].value = -Math.log2(Math.max(bound === null ? error : error / kSlack, kNoError));
+        byId['error-bound-value'].textContent = bound === null && shown.tiles ? 'by view' : error >= 0 ? format.percent(error) : '–';
         byId['error-bound'].ariaValueText = byId['error-bound-value'].textContent;
     }
 

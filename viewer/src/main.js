@@ -1,4 +1,5 @@
 import { askAhead, dismissJob, getBytes, isFinal, removeCloud, startEvaluation, startJob } from './api.js';
+import { readAddress, writeAddress } from './address.js';
 import { colorize } from './coloring.js';
 import { Comparison } from './comparison.js';
 import { preloadDecoder } from './draco_levels.js';
@@ -22,19 +23,22 @@ import { acceptDrops, uploadCloud } from './upload.js';
 const kUploadHint = matchMedia('(pointer: coarse)').matches
     ? 'Choose a .ply or .drc file' : 'Drop a .ply or .drc anywhere, or choose a file';
 
-const linked = linkedResult();
+const linked = readAddress();
 if (linked) {
     askAhead(linked);
 }
 preloadDecoder();
 preloadSurface();
 
+const kSoonMs = 100;
+const kAlone = { right: null, layout: null, at: null };
+const kAsNew = { chosen: null, bound: null, view: null, color: null, splatSize: null, shading: null, ...kAlone };
 const kNotStarted = 'The job could not be started';
 
 /** Bytes of a point in a small file of each kind: a pyramid with large levels needs tiles, which take the server longer to make. */
 const kFewestBytes = { ply: 12, drc: 1.5, stpc: 1.5 };
 
-const stage = new Stage(byId.stage, { onPicture: (level) => session?.pictured(level) });
+const stage = new Stage(byId.stage, { onPicture: (level) => session?.pictured(level), onRest: remember });
 const library = new Library({
     onResult: open,
     onCloud: (cloud) => openCloud(cloud).catch((error) => showProblem(error, kNotStarted)),
@@ -60,8 +64,16 @@ const hud = new Hud({
     onRemove: () => removeResult().catch(showProblem),
 });
 const look = new LookCard({
-    onColor: () => session?.shown && session.redress(),  // what is on the right follows
-    onLook: (settings) => stage.setLook(settings),
+    onColor: () => {
+        if (session?.shown) {
+            session.redress();  // what is on the right follows
+        }
+        remember();
+    },
+    onLook: (settings) => {
+        stage.setLook(settings);
+        remember();
+    },
 });
 const report = new Report({
     onDownload: (file) => download(file).catch(showProblem),
@@ -73,16 +85,23 @@ const form = new JobForm({
     onRemove: (cloud) => removeCloud(cloud).then(() => library.refresh()).catch(showProblem),
 });
 const sheet = new Sheet();
-const comparison = new Comparison(stage, { onStart: startComparing, onEnd: endComparing, onChoice: compareWith });
+const comparison = new Comparison(stage, { onStart: startComparing, onEnd: endComparing, onChoice: compareWith, onLayout: remember });
 let session = null;
 let other = null;     // another result beside it, or null
-let chosenBefore = null;  // the level on the left before two were compared
+let comparing = null;  // how two are to be compared once there is something to see, or null
+let stayedAt = null;  // the level or the bound on the left before two were compared
 let beside = null;    // the index of a level of the same result beside it, or null: the finest
 let painted = [];     // the level on the right and what its colours were last asked to be
 let uploading = false;
+let remembering = null;
 
-function open({ id, type, chosen = null }, { remembered = false } = {}) {
+/** @param linked  how it is looked at, if the address says so */
+function open({ id, type }, { remembered = false, linked = kAsNew } = {}) {
+    const { chosen, bound, view, color, splatSize, shading, right, layout, at } = linked;
     askAhead({ id, type });
+    if (!remembered) {
+        rememberNow();  // what is left, for who comes back
+    }
     comparison.end();
     report.hide();
     session?.close();
@@ -96,7 +115,12 @@ function open({ id, type, chosen = null }, { remembered = false } = {}) {
     performance.clearMarks();
     let wasFinal = null;
     hud.open('Opening');
-    session = new ResultSession({ id, type, chosen }, stage.panes[0], {
+    stage.startView = view;
+    comparing = right && { right, layout, at };
+    if (remembered) {
+        look.restore({ color, splatSize, shading });
+    }
+    session = new ResultSession({ id, type, chosen, bound }, stage.panes[0], {
         dress,
         onJob: (job) => {
             byId.title.textContent = titleOf(job);
@@ -158,13 +182,22 @@ function choose(index) {
     remember();
 }
 
+/** Soon, and once for what comes together: browsers count. */
 function remember() {
-    const address = new URL(location.href);
-    address.searchParams.delete('level');
-    if (session?.chosen != null) {
-        address.searchParams.set('level', session.chosen + 1);
+    remembering ??= setTimeout(rememberNow, kSoonMs);
+}
+
+function rememberNow() {
+    clearTimeout(remembering);
+    remembering = null;
+    if (session && session.id === (readAddress()?.id ?? session.id)) {
+        const { id, type, chosen, bound, loader } = session;
+        const right = other ? `result:${other.id}` : `level:${beside ?? loader.levels.length - 1}`;
+        writeAddress({
+            id, type, chosen, bound, view: stage.view, ...look.chosen,
+            ...(comparison.isOn ? { right, ...comparison.layout } : comparing ?? kAlone),
+        });
     }
-    history.replaceState(null, '', address);
 }
 
 /** The colours that are wanted now, for a level that is about to be shown. Where both sides have the same values, one legend is true of both. */
@@ -189,13 +222,16 @@ function rangeBeside(level) {
     return left && left !== level && left.coloring?.by === look.colorOf(level) ? left.coloring.range : null;
 }
 
-function showLevels({ id, loader, shown, isComplete, isSettled, job, manifest }) {
-    hud.showLevels(loader.levels, shown, loader.loadedBytes, isComplete);
+function showLevels({ id, loader, shown, bound, isComplete, isSettled, job, manifest }) {
+    hud.showLevels(loader.levels, shown, loader.loadedBytes, isComplete, bound);
     if (job && manifest?.levels.length > 0 && loader.levels.length === 0 && !manifest.request.formats?.includes('stpc')) {
         showReport();
         hud.showPlain({ id, levels: manifest.levels });
     }
     byId.compare.disabled = !shown;
+    if (shown?.coloring && comparing) {
+        comparison.start(comparing);
+    }
     if (comparison.isOn) {
         showComparison();
     }
@@ -225,15 +261,21 @@ function showReport() {
 
 /** On the right the finest level, on the left one that is coarser: what does it lose? Of a single level: another result of its cloud. */
 function startComparing() {
+    const right = comparing?.right;
+    comparing = null;
     beside = null;
-    chosenBefore = session.chosen;
+    stayedAt = { chosen: session.chosen, bound: session.bound };
+    if (right) {
+        compareWith(right);
+        return;
+    }
     const { levels } = session.loader;
     const sibling = levels.length === 1 && library.othersWithPicture(session.id).find((job) => session.job && inputOf(job) === inputOf(session.job));
     if (sibling) {
         compareWith(`result:${sibling.id}`);
         return;
     }
-    if (session.chosen === null && levels.length > 1) {
+    if (session.wanted === levels.at(-1) && levels.length > 1) {
         session.choose(levels.length - 2);
     }
     showComparison();
@@ -244,7 +286,7 @@ function endComparing() {
     other = null;
     painted = [];
     stage.panes[1].clear();
-    session.choose(chosenBefore ?? session.loader.levels.length - 1);
+    session.stayAt(stayedAt);
     if (session.shown?.coloring) {
         look.show([session.shown]);
     }
@@ -257,7 +299,7 @@ function compareWith(choice) {
     painted = [];
     beside = kind === 'level' ? Number(value) : null;
     if (kind === 'result') {
-        other = new ResultSession(library.jobs.find(({ id }) => id === value), stage.panes[1], {
+        other = new ResultSession(library.jobs.find(({ id }) => id === value) ?? { id: value, type: 'job' }, stage.panes[1], {
             dress,
             onJob: () => {},
             onLevels: showComparison,
@@ -267,6 +309,7 @@ function compareWith(choice) {
         });
     }
     showComparison();
+    remember();
 }
 
 /** The level on the right of a comparison, once it is there. */
@@ -494,19 +537,11 @@ function listen() {
     dressForTheme(light.matches);
 }
 
-/** The result that the address names, and its level: `{id, type, chosen}`. */
-function linkedResult() {
-    const query = new URLSearchParams(location.search);
-    const type = ['pyramid', 'job'].find((name) => query.has(name));
-    const level = Number(query.get('level'));
-    return type && { id: query.get(type), type, chosen: Number.isInteger(level) && level > 0 ? level - 1 : null };
-}
-
 /** The result of the address, else the newest one, else the invitation to add a cloud. */
 async function openLinked() {
-    const result = linkedResult();
+    const result = readAddress();
     if (result) {
-        open(result, { remembered: true });
+        open(result, { remembered: true, linked: result });
         return;
     }
     await library.refresh();
