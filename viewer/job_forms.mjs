@@ -5,6 +5,7 @@ import { join } from 'node:path';
 
 const kTypes = {
     pyramid: 'PyramidRequest', simplify: 'SimplifyRequest', evaluate: 'EvaluateRequest', upsample: 'UpsampleRequest', analyze: 'AnalyzeRequest',
+    curve: 'CurveRequest',
 };
 const kGiven = ['type', 'input', 'reference', 'candidate'];  // by the page itself; what is one candidate is one of `candidates`
 

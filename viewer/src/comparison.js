@@ -6,9 +6,9 @@ const kStep = 0.02;
 
 /** Two results with one camera: what is on the right, the line between them, the labels above. */
 export class Comparison {
-    /** @param onChoice  told which of `choices` is wanted on the right */
-    constructor(stage, { onStart, onEnd, onChoice }) {
-        Object.assign(this, { stage, onStart, onEnd, onChoice });
+    /** @param onChoice  told which of `choices` is wanted on the right; @param onLayout  that they lie otherwise */
+    constructor(stage, { onStart, onEnd, onChoice, onLayout }) {
+        Object.assign(this, { stage, onStart, onEnd, onChoice, onLayout });
         byId.compare.onclick = () => (this.isOn ? this.end() : this.start());
         byId['compare-with'].onchange = () => onChoice(byId['compare-with'].value);
         byId['compare-mode'].onclick = () => this.setMode(stage.split.mode === 'swipe' ? 'beside' : 'swipe');
@@ -28,11 +28,18 @@ export class Comparison {
         return this.stage.split.mode !== 'one';
     }
 
-    start() {
+    start({ layout = null, at = null } = {}) {
         byId.compare.ariaPressed = 'true';
         document.body.classList.add('comparing');
-        this.setMode('swipe');
+        this.setMode(layout ?? 'swipe');
+        this.moveTo(at ?? 0.5);
         this.onStart();
+    }
+
+    /** How they lie; null: as at the start, or not at all. */
+    get layout() {
+        const { mode, at } = this.stage.split;
+        return { layout: mode === 'beside' ? mode : null, at: mode === 'swipe' && at !== 0.5 ? Number(at.toFixed(3)) : null };
     }
 
     end() {
@@ -51,6 +58,7 @@ export class Comparison {
         byId.divider.hidden = mode === 'one';
         byId['compare-bar'].hidden = mode === 'one';
         this.place();
+        this.onLayout();
     }
 
     drag(event) {
@@ -67,6 +75,7 @@ export class Comparison {
     moveTo(at) {
         this.stage.setSplit({ at: Math.min(0.98, Math.max(0.02, at)) });
         this.place();
+        this.onLayout();
     }
 
     place() {

@@ -1,4 +1,7 @@
-// Numbers as people read them.
+// Numbers as people read them, and what files are called.
+
+/** By their formats, of whole levels; tiles are for other viewers. */
+export const kKinds = { drc: 'Draco', ply: 'PLY', stpc: 'Stream', 'copc.laz': 'COPC', png: 'Picture' };
 
 const kCounts = new Intl.NumberFormat('en');
 const kCompact = new Intl.NumberFormat('en', { notation: 'compact', maximumSignificantDigits: 3 });
@@ -24,7 +27,7 @@ export function bytes(n) {
 /** With three significant digits, and a minus sign as wide as a digit. */
 export const quantity = (x) => (x === 0 || (Math.abs(x) >= 1e-4 && Math.abs(x) < 1e6)
     ? x.toLocaleString('en', { maximumSignificantDigits: 3 }) : x.toExponential(1)).replaceAll('-', '\u2212');
-export const percent = (share) => `${quantity(100 * share)} %`;
+export const percent = (share) => `${quantity(100 * share)}\u00a0%`;
 
 export const milliseconds = (ms) => (ms < 9_950 ? `${Math.round(ms)} ms` : `${(ms / 1000).toFixed(1)} s`);
 

@@ -2,21 +2,19 @@ import { actOnSecondClick, byId, element } from './element.js';
 import * as format from './format.js';
 import { drawnErrorOf, meanErrorOf } from './level_error.js';
 
-const kFormats = { drc: 'Draco', ply: 'PLY', stpc: 'Stream', 'copc.laz': 'COPC', png: 'Picture' };  // of whole levels; tiles are for other viewers
 /** Of a bound, so that the slider's end at the coarsest level stands for its own error. */
 const kSlack = 1 + 1e-9;
+const kNoError = 1e-12;  // for a logarithm
 
 const kStages = { queued: 'Waiting', decode: 'Reading', clean: 'Cleaning', simplify: 'Simplifying', upsample: 'Adding points', analyze: 'Analysing', evaluate: 'Measuring', encode: 'Encoding' };
 
 /** The card with the level slider and the figures. */
 export class Hud {
-    constructor({ onLevel, onError, onDismiss, onDownload, onMap, onRemove }) {
-        Object.assign(this, { onDownload, onMap, onRemove, onDismiss });
+    constructor({ onLevel, onError, onDismiss, onDownload, onMap, onFigures, onRemove }) {
+        Object.assign(this, { onDownload, onMap, onFigures, onRemove, onDismiss });
         byId.level.oninput = () => onLevel(Number(byId.level.value) - 1);
         byId['error-bound'].oninput = () => {
-            this.bound = kSlack * 2 ** -Number(byId['error-bound'].value);  // finer to the right, as levels are
-            this.showBound(this.bound);
-            onError(this.bound);
+            onError(kSlack * 2 ** -Number(byId['error-bound'].value));  // finer to the right, as levels are
         };
     }
 
@@ -25,13 +23,11 @@ export class Hud {
         byId.title.textContent = title;
         byId.segments.replaceChildren();
         byId.dismiss.hidden = true;
-        byId.hud.classList.remove('busy');
+        byId.hud.classList.remove('busy', 'plain');
         byId.files.replaceChildren();
         byId.files.hidden = false;  // its room is kept until it is known to be empty
         this.actionsOf = null;
         this.isOver = false;
-        this.bound = null;      // what was asked for, as long as it is what is shown
-        this.boundLevel = null;
         byId.legend.hidden = true;
         byId['error-slider'].hidden = true;
         for (const id of ['activity', 'points', 'level-name', 'bytes', 'error', 'first-picture']) {
@@ -41,8 +37,8 @@ export class Hud {
 
     showJob(job) {
         byId.title.title = byId.title.textContent;
-        if (this.isOfInput !== (job.type !== 'evaluate')) {
-            this.isOfInput = job.type !== 'evaluate';
+        if (this.type !== job.type) {
+            this.type = job.type;
             this.actionsOf = null;
         }
         const isBusy = job.status === 'accepted' || job.status === 'running';
@@ -61,15 +57,18 @@ export class Hud {
         }
     }
 
-    /** @param levels  of the LevelLoader; @param shown  the one on the stage, or null */
-    showLevels(levels, shown, loadedBytes, isComplete) {
+    /**
+     * @param levels  of the LevelLoader; @param shown  the one on the stage, or null
+     * @param bound  of the error, where that was asked for, or null
+     */
+    showLevels(levels, shown, loadedBytes, isComplete, bound) {
         byId.level.max = Math.max(1, levels.length);
         byId.level.disabled = levels.length < 2;
         byId.segments.replaceChildren(...levels.map((level) => element('li', {
             className: shown && level.level <= shown.level ? 'shown' : level.state,
         })));
         byId.bytes.textContent = format.bytes(loadedBytes);
-        this.showErrors(levels, shown);
+        this.showErrors(levels, shown, bound);
         if (shown) {
             this.showFiles(shown);
             byId.level.value = shown.level + 1;
@@ -80,7 +79,7 @@ export class Hud {
     }
 
     /** The measured error of what is shown, and the bounds to choose from. */
-    showErrors(levels, shown) {
+    showErrors(levels, shown, bound) {
         const errors = levels.map(meanErrorOf).filter((error) => error >= 0);
         const [least, most] = [Math.min(...errors.filter((error) => error > 0)), Math.max(...errors)];
         const error = shown && drawnErrorOf(shown);
@@ -91,27 +90,18 @@ export class Hud {
         if (least < most) {
             byId['error-bound'].min = -Math.log2(most);
             byId['error-bound'].max = -Math.log2(least) + (errors.includes(0) ? 1 : 0);  // one octave for none at all
-            this.followLevel(levels, shown);
+            this.showBound(shown, bound);
         }
     }
 
-    /**
-     * The bound stays where it was put until a level is shown that it did not choose. Of tiles there is none then: how fine they
-     * are is up to the view.
-     */
-    followLevel(levels, shown) {
-        const wanted = levels.find((level) => meanErrorOf(level) <= this.bound) ?? levels.at(-1);
-        if (shown && (this.bound === null || (shown !== this.boundLevel && shown !== wanted))) {
-            this.bound = null;
-            byId['error-bound'].value = -Math.log2(Math.max(meanErrorOf(shown), 1e-12));
-            this.showBound(shown.tiles ? null : meanErrorOf(shown));
+    /** Without a bound, of a level its own error. Of tiles there is none then: how fine they are is up to the view. */
+    showBound(shown, bound) {
+        if (!shown && bound === null) {
+            return;
         }
-        this.boundLevel = shown;
-    }
-
-    /** @param error  null: as the view asks */
-    showBound(error) {
-        byId['error-bound-value'].textContent = error === null ? 'by view' : error >= 0 ? format.percent(error) : '–';
+        const error = bound ?? meanErrorOf(shown);
+        byId['error-bound'].value = -Math.log2(Math.max(bound === null ? error : error / kSlack, kNoError));
+        byId['error-bound-value'].textContent = bound === null && shown.tiles ? 'by view' : error >= 0 ? format.percent(error) : '–';
         byId['error-bound'].ariaValueText = byId['error-bound-value'].textContent;
     }
 
@@ -123,19 +113,36 @@ export class Hud {
         this.actionsOf = level;
         this.actionsOver = this.isOver;
         const { files, error, ply } = level;
-        const action = (textContent, title, onclick) => element('button', { className: 'action', textContent, title, onclick });
-        const saved = files.filter(({ format: extension }) => extension in kFormats).map((file) =>
-            action(`Save ${kFormats[file.format]}, ${format.bytes(file.bytes)}`, 'Save what is shown', () => this.onDownload(file)));
+        const saved = files.filter(({ format: extension }) => extension in format.kKinds).map((file) =>
+            action(`Save ${format.kKinds[file.format]}, ${format.bytes(file.bytes)}`, 'Save what is shown', () => this.onDownload(file)));
         if (ply) {
-            saved.unshift(action(`Save ${kFormats.ply}`, 'Save what is shown', () => this.onDownload({ format: 'ply', ply })));
+            saved.unshift(action(`Save ${format.kKinds.ply}`, 'Save what is shown', () => this.onDownload({ format: 'ply', ply })));
         }
         // Of a level with a file the figures tell whether it was measured, of one without its mean, which is 0 for the input itself.
-        const map = this.isOfInput && (ply ? meanErrorOf(level) > 0 : error?.samples > 0)
-            ? [action('Error map', 'Measure and show where it is how far from the input', this.onMap)] : [];
+        const map = this.type === 'evaluate' ? [action('Figures', 'What was measured', this.onFigures)]
+            : (ply ? meanErrorOf(level) > 0 : error?.samples > 0)
+                ? [action('Error map', 'Measure and show where it is how far from the input', this.onMap)] : [];
+        this.showActions(...saved, ...map);
+    }
+
+    /** Of a result without a picture: what is told of it is elsewhere. */
+    showPlain({ id, levels }) {
+        byId.hud.classList.add('plain');
+        if (this.actionsOf === id && this.isOver === this.actionsOver) {
+            return;
+        }
+        this.actionsOf = id;
+        this.actionsOver = this.isOver;
+        const pictures = levels.flatMap(({ pictures: some = [] }) => some).map((picture) =>
+            action(`Save ${format.kKinds.png}, ${format.bytes(picture.bytes)}`, 'Save the picture', () => this.onDownload({ ...picture, format: 'png' })));
+        this.showActions(...pictures, action('Save figures', 'Save all that was measured, as JSON', () => this.onDownload({ href: `/v1/jobs/${id}/results`, format: 'json' })));
+    }
+
+    showActions(...actions) {
         const remove = this.isOver ? [action('Remove', 'Remove this result from the server')] : [];
         remove.forEach((button) => actOnSecondClick(button, this.onRemove));
-        byId.files.replaceChildren(...saved, ...map, ...remove);
-        byId.files.hidden = saved.length + map.length + remove.length === 0;
+        byId.files.replaceChildren(...actions, ...remove);
+        byId.files.hidden = actions.length + remove.length === 0;
     }
 
     showActivity(text) {
@@ -146,6 +153,8 @@ export class Hud {
         byId['first-picture'].textContent = format.milliseconds(ms);
     }
 }
+
+const action = (textContent, title, onclick) => element('button', { className: 'action', textContent, title, onclick });
 
 const titleOf = ({ mean, max }) => `Mean distance to the surface of the input ${format.percent(mean)} of its diagonal${
     max >= 0 ? `, largest ${format.percent(max)}` : ''}`;

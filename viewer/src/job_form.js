@@ -2,8 +2,8 @@ import { actOnSecondClick, byId, element } from './element.js';
 import { fieldOf, valuesOf } from './job_fields.js';
 
 /* global JOB_FORMS: the types of jobs and their fields, from openapi.yaml by build.mjs */
-const kTitles = { pyramid: 'Pyramid', simplify: 'Simplify', evaluate: 'Compare', upsample: 'Add points', analyze: 'Analyse' };
-const kStarts = { pyramid: 'Build the pyramid', simplify: 'Simplify', evaluate: 'Measure the error', upsample: 'Add points', analyze: 'Analyse' };
+const kTitles = { pyramid: 'Pyramid', simplify: 'Simplify', evaluate: 'Compare', upsample: 'Add points', analyze: 'Analyse', curve: 'Curve' };
+const kStarts = { pyramid: 'Build the pyramid', simplify: 'Simplify', evaluate: 'Measure the error', upsample: 'Add points', analyze: 'Analyse', curve: 'Measure the curve' };
 const kMethods = JOB_FORMS.flatMap(({ fields }) => fields).find(({ name, choices }) => name === 'method' && choices.includes('random')).choices;
 const kOwners = new RegExp(`^Of ((?:all|${kMethods.join('|')})(?:(?:, | and | but )(?:${kMethods.join('|')}))*)[.,;]? ?`);
 
@@ -14,6 +14,7 @@ const kFirst = {
     evaluate: ['candidates', 'map', 'pictures'],
     upsample: ['points', 'ratio'],
     analyze: ['k', 'orient', 'feature_lines'],
+    curve: ['method', 'count', 'points'],
 };
 
 /** What the page asks for where the contract leaves it open, or would make what it cannot show. */

@@ -27,8 +27,11 @@ export function sourceOf({ levels, request, source }, number) {
     }
     // Of tiles that add to each other those above belong to it; the coordinates of all are told from the middle of the source.
     const tiles = levels.slice(request.refine === 'add' ? 0 : number, number + 1).flatMap(({ files }) => files.filter(({ format }) => format === 'glb'));
+    if (tiles.length === 0) {
+        return null;
+    }
     const offset = middleOf(source).sub(new Vector3(...entry.origin)).toArray();
-    return tiles.length === 0 ? null : ofFiles(tiles, request.tiles?.attributes ? attributes : [], { kind: 'glb', offset });
+    return ofFiles(tiles, request.tiles?.attributes ? attributes : [], { kind: 'glb', offset });
 }
 
 export const middleOf = ({ bounds: { min, max } }) => new Vector3(...min).add(new Vector3(...max)).multiplyScalar(0.5);

@@ -32,7 +32,7 @@ const kMostPoints = 8_000_000;
  * again whenever the manifest has grown. Where there is a progressive stream, its batches stand for the levels: they are shown
  * as the bytes come. While the server cannot be reached, it is asked again: `onLost` is told.
  *
- * A level in `levels` is its entry of the manifest with its `source` and `file` (see level_files.js), `attributes` (each can `read` its
+ * What has no file that can be drawn is not among the `levels`. One that is there is its entry of the manifest with its `source` and `file` (see level_files.js), `attributes` (each can `read` its
  * values), `state` (`listed`, `loading`, `ready`, `large`, `failed`) and, once ready, `geometry`: position, surface (see
  * surface_estimate.js) and perhaps color. Where it has no file to be saved, `ply` gives one.
  * A level with many points has `tiles` (a TileStream) instead, `drawn`, the `points` and the `error` of what is seen of it now, and `whole`, the
@@ -71,8 +71,7 @@ export class LevelLoader {
             const source = sourceOf(manifest, first + i);
             const hasEllipses = manifest.request.splats === 'ellipse';
             if (!source) {
-                this.refuse();
-                continue;
+                continue;  // figures alone, or files for other programs
             }
             const { file, attributes } = source;
             const ply = file ? null : () => getBytes(`/v1/pyramids/${this.id}/slice?points=${entry.points}`);
@@ -220,14 +219,6 @@ export class LevelLoader {
                 this.onReady(level);
             }
         });
-    }
-
-    /** Levels in formats that the page cannot show are not listed; one notice says so. */
-    refuse() {
-        if (!this.isRefused) {
-            this.isRefused = true;
-            this.onError(null, new Error('It was made in formats for other programs alone; this page shows "drc", "ply", "glb" and "stpc".'));
-        }
     }
 
     fail(level, error) {

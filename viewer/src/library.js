@@ -17,7 +17,7 @@ export class Library {
     async refresh() {
         const [clouds, jobs] = await Promise.all([listClouds(), listJobs()]);
         this.clouds = clouds;
-        this.jobs = jobs.filter(hasPicture);
+        this.jobs = jobs;
         this.show();
     }
 
@@ -53,10 +53,15 @@ export class Library {
         this.show();
     }
 
-    /** The newest pyramid of a cloud that is there or on its way. */
+    /** The newest pyramid of a cloud that is there or on its way, to look at. */
     pyramidOf(cloudId) {
-        return this.jobs.find((job) => job.type === 'pyramid' && inputOf(job) === cloudId &&
+        return this.jobs.find((job) => job.type === 'pyramid' && hasPicture(job) && inputOf(job) === cloudId &&
             !['failed', 'dismissed'].includes(job.status));
+    }
+
+    /** What a result can be compared with by eye. */
+    othersWithPicture(jobId) {
+        return this.jobs.filter((job) => job.status === 'successful' && hasPicture(job) && job.id !== jobId);
     }
 
     /** Made anew only where something is different: a row that is replaced loses its click. */
@@ -127,7 +132,7 @@ export const nameOf = ({ id, name }) => name ?? `Cloud ${id.slice(0, 7)}`;
 /** What a result is called: as the cloud that it was made from. */
 export const titleOf = (job) => nameOf({ id: inputOf(job), name: job.input_name });
 
-/** Figures alone cannot be shown here, nor COPC. */
+/** Figures alone have none, nor can COPC be drawn here. */
 function hasPicture({ type, request }) {
     switch (type) {
         case 'curve': return false;
@@ -143,12 +148,13 @@ export function summaryOf({ type, request, levels_ready: levels }, cloud) {
         case 'simplify': return `${request.points ? pointsOf(request, cloud) : request.max_error ? `Within ${request.max_error}` : 'Simplified'}, ${request.method}`;
         case 'upsample': return request.points ? format.compactPoints(request.points) : 'More points';
         case 'analyze': return 'Analysis';
-        case 'evaluate': return 'Error map';
+        case 'evaluate': return request.map.length > 0 ? 'Error map' : 'Distances';
+        case 'curve': return `Error by points, ${request.method}`;
         case 'pyramid': {
-            const count = request.formats.includes('stpc') ? 'stream' : `${levels} ${levels === 1 ? 'level' : 'levels'}`;
+            const count = request.formats.includes('stpc') ? 'stream' : request.formats.join() === 'copc.laz' ? 'COPC'
+                : `${levels} ${levels === 1 ? 'level' : 'levels'}`;
             return cloud?.points === undefined ? count : `${format.compactPoints(cloud.points)}, ${count}`;
         }
-        default: return type;
     }
 }
 

@@ -15,15 +15,25 @@ export class LookCard {
             this.by = byId.color.value;
             onColor();
         };
-        const tell = () => onLook({ splatSize: 2 ** Number(byId['splat-size'].value), shading: Number(byId.shading.value) });
-        byId['splat-size'].oninput = tell;
-        byId.shading.oninput = tell;
+        this.tell = () => onLook({ splatSize: 2 ** Number(byId['splat-size'].value), shading: Number(byId.shading.value) });
+        byId['splat-size'].oninput = this.tell;
+        byId.shading.oninput = this.tell;
         byId.look.onclick = () => this.toggle();
-        byId['look-reset'].onclick = () => {
-            byId['splat-size'].value = 0;
-            byId.shading.value = 1;
-            tell();
-        };
+        byId['look-reset'].onclick = () => this.restore({ color: this.by });
+    }
+
+    /** What was chosen; null: as it is anyway. */
+    get chosen() {
+        const splatSize = Number((2 ** Number(byId['splat-size'].value)).toPrecision(3));
+        const shading = Number(byId.shading.value);
+        return { color: this.by, splatSize: splatSize === 1 ? null : splatSize, shading: shading === 1 ? null : shading };
+    }
+
+    restore({ color, splatSize = null, shading = null }) {
+        this.by = color;
+        byId['splat-size'].value = Math.log2(splatSize ?? 1);
+        byId.shading.value = shading ?? 1;
+        this.tell();
     }
 
     toggle() {
@@ -36,8 +46,8 @@ export class LookCard {
         this.by = null;
     }
 
-    open() {
-        if (byId['look-card'].hidden) {
+    setOpen(isOpen) {
+        if (byId['look-card'].hidden === isOpen) {
             this.toggle();
         }
     }

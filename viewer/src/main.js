@@ -1,16 +1,19 @@
 import { askAhead, dismissJob, getBytes, isFinal, removeCloud, startEvaluation, startJob } from './api.js';
+import { readAddress, writeAddress } from './address.js';
 import { colorize } from './coloring.js';
 import { Comparison } from './comparison.js';
 import { preloadDecoder } from './draco_levels.js';
 import { byId, element } from './element.js';
 import * as format from './format.js';
 import { Hud } from './hud.js';
+import { followJob } from './job_follower.js';
 import { JobForm } from './job_form.js';
 import { inputOf, Library, nameOf, summaryOf, titleOf } from './library.js';
 import { listenToKeys } from './keys.js';
 import { kMostWhole } from './level_loader.js';
 import { LookCard } from './look_card.js';
 import { showProblem } from './notices.js';
+import { Report } from './report.js';
 import { ResultSession } from './result_session.js';
 import { isPhone, Sheet } from './sheet.js';
 import { Stage } from './stage.js';
@@ -20,19 +23,22 @@ import { acceptDrops, uploadCloud } from './upload.js';
 const kUploadHint = matchMedia('(pointer: coarse)').matches
     ? 'Choose a .ply or .drc file' : 'Drop a .ply or .drc anywhere, or choose a file';
 
-const linked = linkedResult();
+const linked = readAddress();
 if (linked) {
     askAhead(linked);
 }
 preloadDecoder();
 preloadSurface();
 
+const kSoonMs = 100;
+const kAlone = { right: null, layout: null, at: null };
+const kAsNew = { chosen: null, bound: null, view: null, color: null, splatSize: null, shading: null, ...kAlone };
 const kNotStarted = 'The job could not be started';
 
 /** Bytes of a point in a small file of each kind: a pyramid with large levels needs tiles, which take the server longer to make. */
 const kFewestBytes = { ply: 12, drc: 1.5, stpc: 1.5 };
 
-const stage = new Stage(byId.stage, { onPicture: (level) => session?.pictured(level) });
+const stage = new Stage(byId.stage, { onPicture: (level) => session?.pictured(level), onRest: remember });
 const library = new Library({
     onResult: open,
     onCloud: (cloud) => openCloud(cloud).catch((error) => showProblem(error, kNotStarted)),
@@ -47,28 +53,57 @@ const hud = new Hud({
     onDismiss: () => dismissJob(session.id).catch(showProblem),
     onDownload: (file) => download(file).catch(showProblem),
     onMap: mapErrors,
+    onFigures: () => {
+        look.setOpen(false);
+        if (report.isOpen) {
+            report.hide();
+        } else {
+            showReport();
+        }
+    },
     onRemove: () => removeResult().catch(showProblem),
 });
 const look = new LookCard({
-    onColor: () => session?.shown && session.redress(),  // what is on the right follows
-    onLook: (settings) => stage.setLook(settings),
+    onColor: () => {
+        if (session?.shown) {
+            session.redress();  // what is on the right follows
+        }
+        remember();
+    },
+    onLook: (settings) => {
+        stage.setLook(settings);
+        remember();
+    },
+});
+const report = new Report({
+    onDownload: (file) => download(file).catch(showProblem),
+    onSimplify: (points) => start('simplify', inputOf(session.job), { ...ofMethod(session.job.request), points, format: 'drc' }).catch((error) => showProblem(error, kNotStarted)),
+    onPyramid: () => startPyramid(library.cloudOf(session.job)).catch((error) => showProblem(error, kNotStarted)),
 });
 const form = new JobForm({
     onStart: ({ cloud, type, fields }) => start(type, cloud, fields),
     onRemove: (cloud) => removeCloud(cloud).then(() => library.refresh()).catch(showProblem),
 });
 const sheet = new Sheet();
-const comparison = new Comparison(stage, { onStart: startComparing, onEnd: endComparing, onChoice: compareWith });
+const comparison = new Comparison(stage, { onStart: startComparing, onEnd: endComparing, onChoice: compareWith, onLayout: remember });
 let session = null;
 let other = null;     // another result beside it, or null
-let chosenBefore = null;  // the level on the left before two were compared
+let comparing = null;  // how two are to be compared once there is something to see, or null
+let stayedAt = null;  // the level or the bound on the left before two were compared
 let beside = null;    // the index of a level of the same result beside it, or null: the finest
 let painted = [];     // the level on the right and what its colours were last asked to be
 let uploading = false;
+let remembering = null;
 
-function open({ id, type, chosen = null }, { remembered = false } = {}) {
+/** @param linked  how it is looked at, if the address says so */
+function open({ id, type }, { remembered = false, linked = kAsNew } = {}) {
+    const { chosen, bound, view, color, splatSize, shading, right, layout, at } = linked;
     askAhead({ id, type });
+    if (!remembered) {
+        rememberNow();  // what is left, for who comes back
+    }
     comparison.end();
+    report.hide();
     session?.close();
     if (!remembered) {
         history.pushState(null, '', `/?${type === 'pyramid' ? 'pyramid' : 'job'}=${id}`);
@@ -80,7 +115,12 @@ function open({ id, type, chosen = null }, { remembered = false } = {}) {
     performance.clearMarks();
     let wasFinal = null;
     hud.open('Opening');
-    session = new ResultSession({ id, type, chosen }, stage.panes[0], {
+    stage.startView = view;
+    comparing = right && { right, layout, at };
+    if (remembered) {
+        look.restore({ color, splatSize, shading });
+    }
+    session = new ResultSession({ id, type, chosen, bound }, stage.panes[0], {
         dress,
         onJob: (job) => {
             byId.title.textContent = titleOf(job);
@@ -105,6 +145,7 @@ function open({ id, type, chosen = null }, { remembered = false } = {}) {
 }
 
 function closeResult() {
+    report.hide();
     session.close();
     session = null;
     byId.hud.hidden = true;
@@ -141,13 +182,22 @@ function choose(index) {
     remember();
 }
 
+/** Soon, and once for what comes together: browsers count. */
 function remember() {
-    const address = new URL(location.href);
-    address.searchParams.delete('level');
-    if (session?.chosen != null) {
-        address.searchParams.set('level', session.chosen + 1);
+    remembering ??= setTimeout(rememberNow, kSoonMs);
+}
+
+function rememberNow() {
+    clearTimeout(remembering);
+    remembering = null;
+    if (session && session.id === (readAddress()?.id ?? session.id)) {
+        const { id, type, chosen, bound, loader } = session;
+        const right = other ? `result:${other.id}` : `level:${beside ?? loader.levels.length - 1}`;
+        writeAddress({
+            id, type, chosen, bound, view: stage.view, ...look.chosen,
+            ...(comparison.isOn ? { right, ...comparison.layout } : comparing ?? kAlone),
+        });
     }
-    history.replaceState(null, '', address);
 }
 
 /** The colours that are wanted now, for a level that is about to be shown. Where both sides have the same values, one legend is true of both. */
@@ -172,9 +222,16 @@ function rangeBeside(level) {
     return left && left !== level && left.coloring?.by === look.colorOf(level) ? left.coloring.range : null;
 }
 
-function showLevels({ loader, shown, isComplete, isSettled, job }) {
-    hud.showLevels(loader.levels, shown, loader.loadedBytes, isComplete);
+function showLevels({ id, loader, shown, bound, isComplete, isSettled, job, manifest }) {
+    hud.showLevels(loader.levels, shown, loader.loadedBytes, isComplete, bound);
+    if (job && manifest?.levels.length > 0 && loader.levels.length === 0 && !manifest.request.formats?.includes('stpc')) {
+        showReport();
+        hud.showPlain({ id, levels: manifest.levels });
+    }
     byId.compare.disabled = !shown;
+    if (shown?.coloring && comparing) {
+        comparison.start(comparing);
+    }
     if (comparison.isOn) {
         showComparison();
     }
@@ -191,20 +248,34 @@ function showLevels({ loader, shown, isComplete, isSettled, job }) {
     document.documentElement.dataset.state = isSettled ? 'settled' : 'loading';
 }
 
+/** What is told beside the picture, or without one. */
+function showReport() {
+    const { job, manifest, loader } = session;
+    report.show({
+        job, manifest, name: titleOf(job), canClose: loader.levels.length > 0,
+        nameOf: (id) => library.clouds.find((cloud) => cloud.id === id)?.name,
+    });
+}
+
 // ---- Two at once
 
 /** On the right the finest level, on the left one that is coarser: what does it lose? Of a single level: another result of its cloud. */
 function startComparing() {
+    const right = comparing?.right;
+    comparing = null;
     beside = null;
-    chosenBefore = session.chosen;
+    stayedAt = { chosen: session.chosen, bound: session.bound };
+    if (right) {
+        compareWith(right);
+        return;
+    }
     const { levels } = session.loader;
-    const sibling = levels.length === 1 && library.jobs.find(({ id, status, ...job }) =>
-        status === 'successful' && id !== session.id && session.job && inputOf(job) === inputOf(session.job));
+    const sibling = levels.length === 1 && library.othersWithPicture(session.id).find((job) => session.job && inputOf(job) === inputOf(session.job));
     if (sibling) {
         compareWith(`result:${sibling.id}`);
         return;
     }
-    if (session.chosen === null && levels.length > 1) {
+    if (session.wanted === levels.at(-1) && levels.length > 1) {
         session.choose(levels.length - 2);
     }
     showComparison();
@@ -215,7 +286,7 @@ function endComparing() {
     other = null;
     painted = [];
     stage.panes[1].clear();
-    session.choose(chosenBefore ?? session.loader.levels.length - 1);
+    session.stayAt(stayedAt);
     if (session.shown?.coloring) {
         look.show([session.shown]);
     }
@@ -228,7 +299,7 @@ function compareWith(choice) {
     painted = [];
     beside = kind === 'level' ? Number(value) : null;
     if (kind === 'result') {
-        other = new ResultSession(library.jobs.find(({ id }) => id === value), stage.panes[1], {
+        other = new ResultSession(library.jobs.find(({ id }) => id === value) ?? { id: value, type: 'job' }, stage.panes[1], {
             dress,
             onJob: () => {},
             onLevels: showComparison,
@@ -238,6 +309,7 @@ function compareWith(choice) {
         });
     }
     showComparison();
+    remember();
 }
 
 /** The level on the right of a comparison, once it is there. */
@@ -259,7 +331,7 @@ function showComparison() {
         paintRight(right);
     }
     comparison.label(session.shown, right);
-    const others = library.jobs.filter(({ id, status }) => status === 'successful' && id !== session.id);
+    const others = library.othersWithPicture(session.id);
     comparison.showChoices([
         { label: 'The same result', choices: levels.map(({ level, points }) => ({ value: `level:${level}`, text: `Level ${level + 1}, ${format.compactCount(points)}` })) },
         { label: 'Another result', choices: others.map((job) => ({ value: `result:${job.id}`, text: `${titleOf(job)}: ${summaryOf(job, library.cloudOf(job))}` })) },
@@ -283,15 +355,25 @@ function paintRight(level) {
 // ---- Jobs and files
 
 /** The newest pyramid of a cloud, or a new one. */
-async function openCloud({ id, format: kind, bytes }) {
-    const known = library.pyramidOf(id);
+async function openCloud(cloud) {
+    const known = library.pyramidOf(cloud.id);
     if (known) {
         open(known);
     } else {
-        const isLarge = bytes > kMostWhole * kFewestBytes[kind];
-        // What is small is there within a second by the method of less error, too.
-        await start('pyramid', id, isLarge ? { formats: ['drc', 'glb'], tiles: { attributes: true } } : { formats: ['drc'], method: 'multiphase' });
+        await startPyramid(cloud);
     }
+}
+
+/** One to look at. */
+async function startPyramid({ id, format: kind, bytes }) {
+    const isLarge = bytes > kMostWhole * kFewestBytes[kind];
+    // What is small is there within a second by the method of less error, too.
+    await start('pyramid', id, isLarge ? { formats: ['drc', 'glb'], tiles: { attributes: true } } : { formats: ['drc'], method: 'multiphase' });
+}
+
+/** What a curve was asked for and a simplification can be. */
+function ofMethod({ type, input, count, points, ...fields }) {
+    return fields;
 }
 
 async function start(type, cloudId, fields) {
@@ -313,10 +395,10 @@ function othersThan({ id }) {
 /** Where the surface that is shown is how far from that of the input. */
 async function mapErrors() {
     try {
-        const map = await startEvaluation(inputOf(session.job), await hashOf(session.shown));
+        const map = await startMap(inputOf(session.job), session.shown);
         look.forgetColor();
         if (!isPhone()) {
-            look.open();  // its legend says what the colours are
+            look.setOpen(true);  // its legend says what the colours are
         }
         open(map);
     } catch (error) {
@@ -324,12 +406,25 @@ async function mapErrors() {
     }
 }
 
-/** What the server knows a level by. One without a file becomes a cloud of its own. */
-async function hashOf({ file, ply, points }) {
-    return file?.sha256 ?? (await uploadCloud(new File([await ply()], fileName({ points }, 'ply')), () => {})).id;
+/** A level without a file becomes a cloud of its own, for as long as it is measured. */
+async function startMap(reference, { file, ply, points }) {
+    if (file) {
+        return startEvaluation(reference, file.sha256);
+    }
+    const { id, isNew } = await uploadCloud(new File([await ply()], fileName({ points }, 'ply')), () => {});
+    const remove = () => isNew && removeCloud(id).then(() => library.refresh()).catch(showProblem);
+    try {
+        const map = await startEvaluation(reference, id);
+        const removeOnceOver = (job) => isFinal(job) && remove();  // until then it is needed
+        followJob(map.id, { onJob: removeOnceOver, onLost: () => {}, onError: remove, signal: new AbortController().signal });
+        return map;
+    } catch (error) {
+        remove();
+        throw error;
+    }
 }
 
-const fileName = (shown, extension) => `${byId.title.textContent.replace(/\.(ply|drc)$/i, '')}-${shown?.points ?? 'points'}.${extension}`;
+const fileName = (shown, extension) => `${[byId.title.textContent.replace(/\.(ply|drc)$/i, ''), shown?.points].filter(Boolean).join('-')}.${extension}`;
 
 /** By the page, since a link shows the server no key. */
 async function download({ href, ply, format: extension }) {
@@ -378,6 +473,8 @@ function closeTopmost() {
         sheet.close();
     } else if (!byId['look-card'].hidden) {
         look.toggle();
+    } else if (report.isOpen && session?.shown) {
+        report.hide();
     } else {
         comparison.end();
     }
@@ -395,6 +492,7 @@ function placeCloud() {
         ? { left: 0, right: isFlat ? 56 : 0, top: labels.bottom || (isFlat ? 0 : 56), bottom: innerHeight - (shown ? shown.top - byId.grip.offsetHeight : dock.top) }
         : { left: library_.right, right: look_ ? innerWidth - look_.left : 0, top: labels.bottom, bottom: shown ? innerHeight - shown.top : 0 });
     comparison.place();
+    document.documentElement.style.setProperty('--covered', `${stage.insets.bottom}px`);
 }
 
 function toggleRotation() {
@@ -439,19 +537,11 @@ function listen() {
     dressForTheme(light.matches);
 }
 
-/** The result that the address names, and its level: `{id, type, chosen}`. */
-function linkedResult() {
-    const query = new URLSearchParams(location.search);
-    const type = ['pyramid', 'job'].find((name) => query.has(name));
-    const level = Number(query.get('level'));
-    return type && { id: query.get(type), type, chosen: Number.isInteger(level) && level > 0 ? level - 1 : null };
-}
-
 /** The result of the address, else the newest one, else the invitation to add a cloud. */
 async function openLinked() {
-    const result = linkedResult();
+    const result = readAddress();
     if (result) {
-        open(result, { remembered: true });
+        open(result, { remembered: true, linked: result });
         return;
     }
     await library.refresh();

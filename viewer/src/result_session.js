@@ -9,10 +9,10 @@ import { LevelLoader } from './level_loader.js';
  */
 export class ResultSession {
     /**
-     * @param chosen  the level to stay at, or null for the finest
+     * @param chosen  the level to stay at, or null for the finest; @param bound  of the error, which chooses instead, or null
      * @param dress  gives a level its colours before it is shown; @param onMissing  told why there is no such job
      */
-    constructor({ id, type, chosen = null }, pane, { dress, onJob, onLevels, onFirstPicture, onMissing, onError }) {
+    constructor({ id, type, chosen = null, bound = null }, pane, { dress, onJob, onLevels, onFirstPicture, onMissing, onError }) {
         this.id = id;
         this.type = type;
         this.pane = pane;
@@ -22,7 +22,8 @@ export class ResultSession {
         this.onFirstPicture = onFirstPicture;
         this.job = null;
         this.chosen = chosen;
-        this.bound = null;  // of the error of what is seen, or null: as the level or the view has it
+        this.bound = bound;  // of the error of what is seen, or null: as the level or the view has it
+        this.manifest = null;  // as far as it has come
         this.isComplete = false;
         this.started = performance.now();
         this.hasPicture = false;
@@ -42,7 +43,7 @@ export class ResultSession {
             onLost,
             onError: (level, error) => {
                 this.tell();
-                onError(error, level ? `Level ${level.level + 1} could not be shown` : 'This result cannot be shown here');
+                onError(error, `Level ${level.level + 1} could not be shown`);
             },
         });
         const follower = {
@@ -79,27 +80,47 @@ export class ResultSession {
     async readNews() {
         const isNews = !this.job || this.job.levels_ready > this.loader.known || this.job.status === 'successful';
         if (isNews && !this.isComplete) {
-            const manifest = await getManifest(this, this.abort.signal);
-            this.isComplete = manifest.complete;
-            this.loader.update(manifest);
+            this.manifest = await getManifest(this, this.abort.signal);
+            this.isComplete = this.manifest.complete;
+            this.loader.update(this.manifest);
             this.tell();
         }
     }
 
     /** Stays at a level; the last one listed means the finest, whatever still comes. */
-    choose(index, { bound = null } = {}) {
-        const level = this.loader.levels[index];
-        if (level) {
-            this.bound = bound;
-            this.chosen = index === this.loader.levels.length - 1 ? null : index;
-            this.loader.ask(level);
-            this.showBest();
+    choose(index) {
+        const { levels } = this.loader;
+        if (levels[index]) {
+            this.loader.ask(levels[index]);
+            this.stayAt({ chosen: index === levels.length - 1 ? null : index, bound: null });
         }
+    }
+
+    /**
+     * Shows the coarsest level whose measured mean error is within a bound, and the finest where there is none. Where it comes in
+     * tiles, the bound holds for each that is drawn.
+     */
+    chooseByError(bound) {
+        this.stayAt({ chosen: null, bound });
+        this.loader.ask(this.wanted);
+    }
+
+    stayAt({ chosen, bound }) {
+        this.chosen = chosen;
+        this.bound = bound;
+        this.showBest();
+    }
+
+    /** The level that was asked for, of those that are listed so far. */
+    get wanted() {
+        const { levels } = this.loader;
+        const level = this.bound === null ? levels[this.chosen] : levels.find((other) => meanErrorOf(other) <= this.bound);
+        return level ?? levels.at(-1);
     }
 
     showBest() {
         const ready = this.loader.levels.filter((level) => level.state === 'ready');
-        const best = ready.findLast((level) => this.chosen === null || level.level <= this.chosen) ?? ready[0];
+        const best = ready.findLast((level) => level.level <= this.wanted.level) ?? ready[0];
         if (best?.tiles && best.bound !== this.bound) {
             best.bound = this.bound;
             this.pane.stage.changed();
@@ -125,15 +146,6 @@ export class ResultSession {
             this.pane.show(level);
             this.tell();
         }
-    }
-
-    /**
-     * Shows the coarsest level whose measured mean error is within a bound, and the finest where there is none. Where it comes in
-     * tiles, the bound holds for each that is drawn.
-     */
-    chooseByError(bound) {
-        const index = this.loader.levels.findIndex((level) => meanErrorOf(level) <= bound);
-        this.choose(index < 0 ? this.loader.levels.length - 1 : index, { bound });
     }
 
     /** The stage has drawn a level. */

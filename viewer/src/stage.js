@@ -13,13 +13,16 @@ const kGlideMs = 650;
 const kRestMs = 140;           // without a change: draw once more, finer
 const kPickPixels = 14;
 const kTurnsPerSecond = 1 / 40;
+const kViewDigits = 6;
+const kStill = 3e-5;           // of its distance, what the camera may move in a picture at rest
 
 /**
  * The canvas: one cloud, or two with one camera, either side of a line; pictures only when something has changed.
  * `panes` show the clouds; the first one places the camera.
  */
 export class Stage {
-    constructor(canvas, { onPicture }) {
+    constructor(canvas, { onPicture, onRest }) {
+        this.onRest = onRest;
         this.canvas = canvas;
         this.renderer = new WebGLRenderer({ canvas, alpha: true, antialias: false, powerPreference: 'high-performance' });
         this.renderer.autoClear = false;
@@ -28,6 +31,7 @@ export class Stage {
         this.autoRotate = false;
         this.glide = null;
         this.isAtHome = false;  // looks from where a cloud is shown first, and was not moved
+        this.startView = null;  // from where the next cloud is looked at first, or null: from home
         this.renewControls();
         this.materials = new SplatMaterials();
         this.panes = [new Pane(this, onPicture), new Pane(this, () => {})];
@@ -66,8 +70,28 @@ export class Stage {
             this.camera.up.copy(this.home.up);
             this.renewControls();
             this.fit({ glide: false });
+            if (this.startView) {
+                this.lookFrom(this.startView);
+                this.startView = null;
+            }
             this.controls.update();
         }
+    }
+
+    /** From where it is looked at, null: from home. Places of the camera and of what it turns around, from the cloud's middle in its radii. */
+    get view() {
+        if (!this.home || this.isAtHome) {
+            return this.startView;
+        }
+        return [...this.camera.position, ...this.controls.target].map((x) => Number((x / this.home.radius).toPrecision(kViewDigits)));
+    }
+
+    lookFrom(view) {
+        const [position, target] = [view.slice(0, 3), view.slice(3)].map((place) => new Vector3(...place).multiplyScalar(this.home.radius));
+        this.camera.position.copy(position);
+        this.controls.target.copy(target);
+        this.isAtHome = false;
+        this.changed();
     }
 
     /** @param mode  `one`: the first pane alone; `swipe`: the same view of both, with a line at `at`; `beside`: one beside the other */
@@ -236,7 +260,12 @@ export class Stage {
         if (this.glide) {
             this.advanceGlide();
         }
-        this.controls.update();
+        const { camera: { position }, controls } = this;
+        const before = position.clone();
+        controls.update();
+        if (before.distanceTo(position) > kStill * position.distanceTo(controls.target)) {
+            this.changed();  // also by steps that the controls do not tell of
+        }
         if (this.dirty) {
             this.dirty = false;
             this.draw(1);
@@ -244,6 +273,7 @@ export class Stage {
             this.resting = true;
             this.draw(2);
             document.documentElement.dataset.picture = 'rest';
+            this.onRest();
             if (!this.isWarm) {
                 this.isWarm = true;
                 this.warmUp({ colored: true });

@@ -1,7 +1,9 @@
 import { kKeyNeeded, problemFrom, unreachable } from './api.js';
 import { askForKey, authorization } from './api_key.js';
 
-/** Sends a file; resolves to the document of its cloud. */
+const kCreated = 201;
+
+/** Sends a file; resolves to the document of its cloud, with `isNew`: whether the server did not have it already. */
 export async function uploadCloud(file, onProgress) {
     try {
         return await send(file, onProgress);
@@ -24,7 +26,7 @@ function send(file, onProgress) {
         request.upload.onprogress = ({ loaded, total }) => onProgress(total > 0 ? loaded / total : 1);
         request.onload = () => {
             if (request.status >= 200 && request.status < 300) {
-                resolve(JSON.parse(request.responseText));
+                resolve({ ...JSON.parse(request.responseText), isNew: request.status === kCreated });
             } else {
                 reject(problemFrom(request.status, request.statusText, request.responseText));
             }

@@ -41,8 +41,12 @@ await run({
         const header = readFileSync(await download.path(), 'latin1').split('end_header')[0];
         assert.ok(['element vertex 3750', 'property float x', 'property uchar red', 'property float height']
             .every((line) => header.includes(`\n${line}\n`)), header);
+        const clouds = await idsOf('clouds');
+        const removed = page.waitForResponse((response) => response.request().method() === 'DELETE' && response.ok());
         await page.locator('#files').getByText('Error map').click();
         await page.waitForFunction(() => document.getElementById('color').value === 'distance');
+        await removed;
+        assert.deepEqual(await idsOf('clouds'), clouds);  // without what was measured
         const [{ error }] = (await manifestOf(await settledPyramid(page))).levels;
         const measured = 100 * error.relative.mean;
         assert.ok(Math.abs(measured - told) < 0.1 * told, `told ${told} %, measured ${measured} %`);
@@ -106,6 +110,62 @@ await run({
         browser.refusalsExpected = false;
     },
 
+    async 'Distances that were measured without a map are told as figures, of each candidate and of attributes'() {
+        const candidates = await Promise.all([2000, 500].map(async (points) =>
+            (await manifestOf(await startJob({ type: 'simplify', input: cloud, points, format: 'drc' }))).levels[0].files[0].sha256));
+        const evaluation = await startJob({ type: 'evaluate', reference: cloud, candidates, labels: ['fine', 'coarse'], attributes: true, pictures: true });
+        await visit(page, `/?job=${evaluation}`);
+        const { levels } = await manifestOf(evaluation);
+        const [distances, attributes] = await page.locator('#report table').all();
+        const textsOf = async (rows) => (await rows.allInnerTexts()).map((text) => text.split('\t').map((cell) => cell.trim()));
+        const rows = await textsOf(distances.locator('tbody tr'));
+        assert.deepEqual(rows.filter((cells) => cells.length === 1), [['fine, 2,000 points'], ['coarse, 500 points']]);
+        const told = rows.filter((cells) => cells.length > 1).map((cells) => cells.slice(1, 3).map(Number));
+        const measured = levels.flatMap(({ error }) => [error.forward, error.backward].map(({ relative }) => [relative.mean, relative.max]));
+        told.flat().forEach((value, i) => assert.ok(Math.abs(value - 100 * measured.flat()[i]) < 0.006 * value, `${value}`));
+        assert.ok((await textsOf(attributes.locator('tbody tr'))).some(([name]) => name === 'color, from the reference'));
+        await page.waitForFunction((width) => document.querySelector('#report img')?.naturalWidth === width, levels[0].pictures[0].width);
+        await save(page, 'figures');
+        assert.equal(await page.locator('#level').isVisible(), false);
+        const [download] = await Promise.all([page.waitForEvent('download'), page.locator('#files').getByText('Save figures').click()]);
+        assert.deepEqual(JSON.parse(readFileSync(await download.path(), 'utf8')).levels, levels);
+    },
+
+    async 'The curve of the error is read by keys and by a pointer, as a table too, and a cloud of that many points is made'() {
+        const curve = await startJob({ type: 'curve', input: cloud, points: [300, 1000, 3000, 10_000] });
+        await visit(page, `/?job=${curve}`);
+        const { levels } = await manifestOf(curve);
+        const chart = page.getByRole('slider', { name: 'Points on the curve of the error' });
+        await chart.press('Home');
+        const { points, curve: { forward, diagonal } } = levels[0];
+        const [, mean] = /mean error ([\d.]+)/.exec(await chart.getAttribute('aria-valuetext'));
+        assert.ok(Math.abs(mean - 100 * forward.mean / diagonal) < 0.006 * mean, mean);
+        assert.equal(await chart.getAttribute('aria-valuenow'), String(points));
+        const { x, y, width } = await chart.boundingBox();
+        await page.mouse.move(x + width - 15, y + 80);
+        assert.equal(await chart.getAttribute('aria-valuenow'), '10000');
+        await chart.press('ArrowLeft');
+        await save(page, 'curve');
+        await page.getByText('As a table').click();
+        assert.equal(await page.locator('#report tbody tr').count(), levels.length);
+        await page.getByRole('button', { name: 'Simplify to 3,000 points' }).click();
+        await shows(page, 3000);
+        assert.equal(await page.locator('#report').isVisible(), false);
+    },
+
+    async 'A pyramid for other programs offers its files, and one to look at'() {
+        const pyramid = await startJob({ type: 'pyramid', input: cloud, levels: [2000, 9000], formats: ['copc.laz'] });
+        await visit(page, `/?pyramid=${pyramid}`);
+        await page.getByText('for other programs').waitFor();
+        await save(page, 'files');
+        const [file] = (await manifestOf(pyramid)).levels.at(-1).files;
+        const [download] = await Promise.all([page.waitForEvent('download'), page.getByRole('button', { name: 'Save COPC' }).click()]);
+        assert.equal(readFileSync(await download.path()).length, file.bytes);
+        assert.match(download.suggestedFilename(), /\.copc\.laz$/);
+        await page.getByRole('button', { name: 'Build one to look at' }).click();
+        await shows(page, kTorusPoints);
+    },
+
     async 'Splats that were measured as ellipses cover what round ones do'() {
         const simplified = { type: 'simplify', input: cloud, points: 3000, format: 'drc' };
         const lit = [];
@@ -149,7 +209,7 @@ await run({
             .matchAll(/^ {8}(\w+):/gm)].map(([, name]) => name);
         const given = ['type', 'input', 'reference', 'candidate'];
         for (const [type, ...schemas] of [['Pyramid', 'PyramidRequest', 'TileOptions', 'DracoOptions'], ['Simplify', 'SimplifyRequest', 'DracoOptions'],
-            ['Compare', 'EvaluateRequest', 'DracoOptions']]) {
+            ['Compare', 'EvaluateRequest', 'DracoOptions'], ['Curve', 'CurveRequest']]) {
             await openForm(type);
             const names = new Set(await page.locator('#job-fields').evaluate((fields) => [
                 ...[...fields.querySelectorAll('[name]')].map(({ name }) => name),
@@ -229,26 +289,24 @@ await run({
     },
 
     async 'A result and a cloud are removed, each when that is asked for twice'() {
-        const items = async (what) => (await (await fetch(`${server.url}/v1/${what}?limit=100`)).json()).items;
-        const list = async (what) => (await items(what)).map(({ id }) => id);
         const job = await startJob({ type: 'simplify', input: cloud, points: 700, format: 'drc' });
         await visit(page, `/?job=${job}`);
         await shows(page, 700);
         const remove = page.locator('#files').getByRole('button').last();
         await remove.click();
-        assert.ok((await list('jobs')).includes(job));
+        assert.ok((await idsOf('jobs')).includes(job));
         await remove.click();
         const next = await settledPyramid(page, job);
-        assert.ok(!(await list('jobs')).includes(job));
-        assert.equal(next, (await items('jobs')).find(({ status }) => status === 'successful').id);
+        assert.ok(!(await idsOf('jobs')).includes(job));
+        assert.equal(next, (await listOf('jobs')).find(({ status }) => status === 'successful').id);
 
-        const before = await list('clouds');
+        const before = await idsOf('clouds');
         await page.getByRole('button', { name: 'Process' }).first().click();
         await page.locator('#job-remove').click();
-        assert.deepEqual(await list('clouds'), before);
+        assert.deepEqual(await idsOf('clouds'), before);
         await page.locator('#job-remove').click();
         await page.waitForFunction((count) => document.querySelectorAll('#clouds > li').length === count, before.length - 1);
-        assert.deepEqual(await list('clouds'), before.slice(1));
+        assert.deepEqual(await idsOf('clouds'), before.slice(1));
     },
 
     async 'Large levels come tile by tile, as far as the view asks for them'() {
@@ -313,6 +371,15 @@ await run({
         assert.equal(await figure('error'), await figure('error-bound-value'));
     },
 });
+
+/** Of the server: `clouds` or `jobs`. */
+async function listOf(what) {
+    return (await (await fetch(`${server.url}/v1/${what}?limit=100`)).json()).items;
+}
+
+async function idsOf(what) {
+    return (await listOf(what)).map(({ id }) => id);
+}
 
 /** Whether an object has these parts, whatever else it has. */
 function holds(whole, parts) {

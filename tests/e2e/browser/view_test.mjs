@@ -148,6 +148,53 @@ await run({
         await page.locator('#color').evaluate((select) => { select.value = 'clay'; select.dispatchEvent(new Event('change')); });
     },
 
+    async 'The address has how it is looked at, so that a reload shows the same'() {
+        const stays = async (...names) => {
+            const told = () => Object.fromEntries(names.map((name) => [name, new URL(page.url()).searchParams.get(name)]));
+            await page.waitForFunction((wanted) => wanted.every((name) => new URL(location.href).searchParams.has(name)), names);
+            const picture = await restingPicture(page);
+            const before = told();
+            await page.reload();
+            await settledPyramid(page);
+            await rest(page);
+            assert.ok(differenceOf(picture, await restingPicture(page)) < 0.01, names.join());
+            assert.deepEqual(told(), before);
+        };
+        await page.goto(`${browser.url}/?pyramid=${torusPyramid}`);
+        await settledPyramid(page);
+        const { levels } = await manifestOf(torusPyramid);
+        const setInput = (id, value) => page.locator(id).evaluate((input, to) => {
+            input.value = input[to] || to;
+            input.dispatchEvent(new Event('input'));
+        }, value);
+        await setInput('#error-bound', 'min');
+        await shows(page, levels[0].points);
+        await setInput('#splat-size', '-0.5');
+        await setInput('#shading', '2');
+        await page.locator('#color').evaluate((select) => { select.value = 'y'; select.dispatchEvent(new Event('change')); });
+        await page.locator('#stage').press('ArrowLeft');
+        await page.locator('#stage').press('+');
+        await stays('error', 'splat', 'shading', 'color', 'view');
+        assert.equal(await page.locator('#points').innerText(), levels[0].points.toLocaleString('en'));
+        await page.keyboard.press('c');
+        await page.locator('#divider').press('ArrowRight');
+        await stays('beside', 'at', 'view');
+        const scanned = await page.locator('#compare-with option').evaluateAll((options) => options.find(({ value }) => value.startsWith('result:')).value);
+        await page.locator('#compare-with').selectOption(scanned);
+        await page.getByRole('button', { name: 'Side by side' }).click();
+        await page.locator('#right-label').getByText('points').waitFor();
+        await page.waitForFunction((value) => location.search.includes(`with=${value}`) && location.search.includes('layout=beside'), scanned.split(':')[1]);
+        await page.reload();
+        await settledPyramid(page);
+        await page.waitForFunction((value) => document.getElementById('compare-with').value === value, scanned);
+        await page.getByRole('button', { name: 'Swipe' }).waitFor();
+        await page.keyboard.press('c');
+        await page.waitForFunction(() => !new URL(location.href).searchParams.has('with'));
+        await page.locator('#level').fill(String(levels.length));
+        await page.locator('#results').getByText(scan.name).first().click();
+        await settledPyramid(page, torusPyramid);
+    },
+
     async 'Going back shows the result before'() {
         await page.goBack();
         assert.equal(await settledPyramid(page), torusPyramid);
