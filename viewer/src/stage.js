@@ -1,4 +1,4 @@
-import { BufferAttribute, BufferGeometry, MathUtils, PerspectiveCamera, Points, Vector3, WebGLRenderer } from 'three';
+import { Box3, BufferAttribute, BufferGeometry, MathUtils, PerspectiveCamera, Points, Sphere, Vector3, WebGLRenderer } from 'three';
 import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
 
 import { Pane } from './pane.js';
@@ -14,6 +14,10 @@ const kRestMs = 140;           // without a change: draw once more, finer
 const kPickPixels = 14;
 const kTurnsPerSecond = 1 / 40;
 const kViewDigits = 6;
+const kAskedForMost = 1000;    // points that tell where most are
+const kFewShare = 0.05;        // of them at either end of an axis, ...
+const kFarOff = 8;             // ... where the whole is so many times as long as without them
+const kAround = 0.1;           // of the side of most: what is likely to be theirs, too
 const kStill = 3e-5;           // of its distance, what the camera may move in a picture at rest
 
 /**
@@ -190,7 +194,11 @@ export class Stage {
         const point = new Vector3();
         const needed = [];
         for (let i = 0; i < position.count; i += step) {
-            point.fromBufferAttribute(position, i).sub(this.home.center);
+            point.fromBufferAttribute(position, i);
+            if (this.home.box?.containsPoint(point) === false) {
+                continue;
+            }
+            point.sub(this.home.center);
             const radius = this.look.splatSize * radiusOf(i);
             const aside = Math.max((Math.abs(point.dot(right)) + radius) / slopeX, (Math.abs(point.dot(up)) + radius) / slopeY);
             needed.push(point.dot(direction) + aside);
@@ -348,11 +356,11 @@ export class Stage {
 
     /** Turns the camera's picture into that of a view. Depth is spent on the cloud alone. */
     aim({ width, height, shiftX, shiftY }) {
-        const radius = 1.05 * (this.home?.radius ?? 1);
+        const radius = 1.05 * (this.home?.radius ?? 1), reach = 1.05 * (this.home?.reach ?? 1);
         const distance = this.camera.position.length();
         this.camera.aspect = width / height;
         this.camera.near = Math.max(distance - radius, 2e-3 * radius);
-        this.camera.far = Math.max(distance + radius, 2 * this.camera.near);
+        this.camera.far = Math.max(distance + reach, 2 * this.camera.near);
         this.camera.setViewOffset(width, height, shiftX, shiftY, width, height);
         this.camera.updateMatrixWorld();
     }
@@ -366,17 +374,40 @@ function radiiOf(geometry, spacing, size) {
         : (i) => surface.getW(i) * largestRadiusOf(spacing, size);
 }
 
-/** Where a cloud is looked at from. Terrain lies flat, mostly along z; what stands does so along y. */
+/** The box of most of a cloud where a few points lie far off, else null: by all the others would be a dot. */
+function boxWithoutStrays(geometry) {
+    const whole = geometry.boundingBox;
+    const position = geometry.getAttribute('position');
+    const step = Math.ceil(position.count / kAskedForMost);
+    const most = new Box3();
+    ['x', 'y', 'z'].forEach((axis, k) => {
+        const values = Float32Array.from({ length: Math.ceil(position.count / step) }, (_, i) => position.getComponent(i * step, k)).sort();
+        const few = Math.floor(values.length * kFewShare);
+        [most.min[axis], most.max[axis]] = [values[few], values[values.length - 1 - few]];
+    });
+    const longest = (box) => Math.max(...box.getSize(new Vector3()));
+    const side = longest(most);
+    return side > 0 && longest(whole) > kFarOff * side ? most.expandByScalar(kAround * side).intersect(whole) : null;
+}
+
+/**
+ * Where a cloud is looked at from. Terrain lies flat, mostly along z; what stands does so along y. `box` is null or what alone is looked at,
+ * `radius` that of what is, and `reach` how far points are from its centre.
+ */
 function homeView(geometry) {
-    const { center, radius } = geometry.boundingSphere;
-    const size = geometry.boundingBox.getSize(new Vector3());
+    const box = boxWithoutStrays(geometry);
+    const whole = geometry.boundingSphere;
+    const { center, radius } = box?.getBoundingSphere(new Sphere()) ?? whole;
+    const size = (box ?? geometry.boundingBox).getSize(new Vector3());
     const liesAlongZ = size.z < 0.5 * Math.min(size.x, size.y);
     const liesAlongY = size.y < 0.5 * Math.min(size.x, size.z);
     const direction = liesAlongZ ? new Vector3(-0.45, -1, 0.75)
         : liesAlongY ? new Vector3(0.4, 0.75, 1) : new Vector3(0.32, 0.2, 1);
     return {
+        box,
         center: center.clone(),
         radius: radius || 1,
+        reach: center.distanceTo(whole.center) + whole.radius,
         up: liesAlongZ ? new Vector3(0, 0, 1) : new Vector3(0, 1, 0),
         direction: direction.normalize(),
     };

@@ -4,7 +4,7 @@
 import assert from 'node:assert/strict';
 import { readFileSync } from 'node:fs';
 
-import { line, onePoint, truncated } from './clouds.mjs';
+import { line, onePoint, ply, spherePoints, truncated } from './clouds.mjs';
 import {
     browser, choose, cloudOf, differenceOf, kTorusPoints, litShare, manifestOf, rest, restingPicture, run, save, scale, server, settledPyramid, shows,
     startJob, torus, visit,
@@ -273,6 +273,18 @@ await run({
             await rest(page);
             assert.ok(await litShare(page) > 0, name);
         }
+    },
+
+    async 'A cloud fills the picture though a point is far off, by whole levels and by tiles'() {
+        const before = await settledPyramid(page);
+        await choose(page, { name: 'far.ply', buffer: ply([...spherePoints(3000), [-5000, 0, 0]], false) });
+        const pyramid = await settledPyramid(page, before);
+        await rest(page);
+        assert.ok(await litShare(page) > 0.15, 'whole');
+        const tiles = await startJob({ type: 'pyramid', input: await cloudOf(pyramid), formats: ['glb'] });
+        await visit(page, `/?pyramid=${tiles}`);
+        await rest(page);
+        assert.ok(await litShare(page) > 0.15, 'tiles');
     },
 
     async 'A refused file and a broken one are explained in the words of the server'() {
