@@ -1,7 +1,7 @@
 // Numbers as people read them, and what files are called.
 
 /** By their formats, of whole levels; tiles are for other viewers. */
-export const kKinds = { drc: 'Draco', ply: 'PLY', stpc: 'Stream', 'copc.laz': 'COPC', png: 'Picture' };
+export const kKinds = { drc: 'Draco', ply: 'PLY', stpc: 'stream', 'copc.laz': 'COPC', png: 'picture' };
 
 const kCounts = new Intl.NumberFormat('en');
 const kCompact = new Intl.NumberFormat('en', { notation: 'compact', maximumSignificantDigits: 3 });

@@ -108,7 +108,7 @@ function open({ id, type }, { remembered = false, linked = kAsNew } = {}) {
     if (!remembered) {
         history.pushState(null, '', `/?${type === 'pyramid' ? 'pyramid' : 'job'}=${id}`);
     }
-    byId.compare.disabled = true;
+    setTools(false);
     byId.welcome.hidden = true;
     sheet.close();
     document.documentElement.dataset.state = 'loading';
@@ -228,7 +228,7 @@ function showLevels({ id, loader, shown, bound, isComplete, isSettled, job, mani
         showReport();
         hud.showPlain({ id, levels: manifest.levels });
     }
-    byId.compare.disabled = !shown;
+    setTools(Boolean(shown));
     if (shown?.coloring && comparing) {
         comparison.start(comparing);
     }
@@ -246,6 +246,13 @@ function showLevels({ id, loader, shown, bound, isComplete, isSettled, job, mani
         }
     }
     document.documentElement.dataset.state = isSettled ? 'settled' : 'loading';
+}
+
+/** What can be done to a picture, where there is one. */
+function setTools(hasPicture) {
+    for (const id of ['compare', 'fit', 'rotate']) {
+        byId[id].disabled = !hasPicture;
+    }
 }
 
 /** What is told beside the picture, or without one. */

@@ -16,7 +16,7 @@ const kTurnsPerSecond = 1 / 40;
 const kViewDigits = 6;
 const kAskedForMost = 1000;    // points that tell where most are
 const kFewShare = 0.05;        // of them at either end of an axis, ...
-const kFarOff = 8;             // ... where the whole is so many times as long as without them
+const kFarOff = 3;             // ... where the whole is so many times as long as without them
 const kAround = 0.1;           // of the side of most: what is likely to be theirs, too
 const kStill = 3e-5;           // of its distance, what the camera may move in a picture at rest
 
