@@ -13,6 +13,7 @@
 #include <memory>
 #include <numeric>
 #include <set>
+#include <utility>
 
 namespace stipple {
 namespace {
@@ -140,6 +141,26 @@ TEST(LodTiles, OfACloudWithAPointFarOffTellItsOtherPointsApart) {
         const double spacing = mean_spacing(cloud.positions);
         cloud.positions.push_back({far, 0, 0});
         for (const LodTile& tile : tiles_of(cloud, {})) EXPECT_LT(tile.step, spacing);
+    }
+}
+
+TEST(LodTiles, KeepThePrecisionThatWasAskedForThoughAPointIsFarOff) {
+    constexpr double kPrecision = 0.001;  // 26 bits of the whole
+    PointCloud cloud = test::sphere(20'000);
+    cloud.positions.push_back({1e5F, 0, 0});
+    cloud = numbered(std::move(cloud));
+    LodTiler tiler(cloud, {.precision = kPrecision, .attributes = true});
+    for (LodTile& tile : tiler.add_level(cloud, true)) {
+        // From the tile's own place: from the middle of the bounds floats tell 0.004 apart.
+        const Vec3d place = tiler.center() + std::exchange(tile.offset, Vec3d::Zero());
+        const PointCloud decoded = decode_tile(tile);
+        const std::vector<std::size_t> numbers = numbers_of(decoded);
+        for (std::size_t i = 0; i < numbers.size(); ++i) {
+            const Vec3d was = cloud.positions[numbers[i]].cast<double>();
+            const Vec3d is = place + decoded.positions[i].cast<double>();
+            const double rounding = 1e-6 * was.norm();
+            ASSERT_LE((was - is).cwiseAbs().maxCoeff(), kPrecision + rounding);
+        }
     }
 }
 

@@ -95,9 +95,9 @@ let painted = [];     // the level on the right and what its colours were last a
 let uploading = false;
 let remembering = null;
 
-/** @param linked  how it is looked at, if the address says so */
-function open({ id, type }, { remembered = false, linked = kAsNew } = {}) {
-    const { chosen, bound, view, color, splatSize, shading, right, layout, at } = linked;
+/** @param remembered  whether the address names it already; @param how  it is looked at, as the address has it */
+function open({ id, type }, { remembered = false, how = kAsNew } = {}) {
+    const { chosen, bound, view, color, splatSize, shading, right, layout, at } = how;
     askAhead({ id, type });
     if (!remembered) {
         rememberNow();  // what is left, for who comes back
@@ -548,7 +548,7 @@ function listen() {
 async function openLinked() {
     const result = readAddress();
     if (result) {
-        open(result, { remembered: true, linked: result });
+        open(result, { remembered: true, how: result });
         return;
     }
     await library.refresh();

@@ -354,7 +354,7 @@ export class Stage {
         }
     }
 
-    /** Turns the camera's picture into that of a view. Depth is spent on the cloud alone. */
+    /** Turns the camera's picture into that of a view. Depth is spent on the cloud alone, near it on what is looked at. */
     aim({ width, height, shiftX, shiftY }) {
         const radius = 1.05 * (this.home?.radius ?? 1), reach = 1.05 * (this.home?.reach ?? 1);
         const distance = this.camera.position.length();
