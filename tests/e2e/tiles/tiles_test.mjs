@@ -108,11 +108,14 @@ function checkPlace({ transform }, tiles, { min, max }, rounding) {
     }
 }
 
+const pyramids = Object.entries(clouds).map(([name, file]) => ({ name, file, by: [] }));
+for (const method of ['hierarchical', 'incremental', 'iterative', 'particles', 'voxel', 'random'])
+    pyramids.push({ name: `a plane, ${method}`, file: clouds['a plane'], by: ['--method', method] });
 let failed = 0;
-for (const [name, file] of Object.entries(clouds)) {
+for (const { name, file, by } of pyramids) {
     try {
         const out = join(folder, 'pyramid');
-        run('pyramid', file, out, '--base-points', '1000', '--tile-points', '8000', '--tile-attributes', '--quiet');
+        run('pyramid', file, out, '--base-points', '1000', '--tile-points', '8000', '--tile-attributes', '--quiet', ...by);
         const manifest = JSON.parse(readFileSync(join(out, 'manifest.json'), 'utf8'));
         assert.ok(fitsSchema(manifest), JSON.stringify(fitsSchema.errors, null, 1));
         const tiles = [];
