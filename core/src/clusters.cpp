@@ -281,11 +281,10 @@ PointCloud merged_cloud(const PointCloud& cloud, std::vector<Vec3f> positions,
     return result;
 }
 
-PointCloud merged_cloud(const PointCloud& cloud, const Clusters& clusters,
-                        std::vector<Vec3f> positions,
+PointCloud merged_cloud(const PointCloud& cloud, std::vector<Vec3f> positions,
+                        const MemberLists& lists,
                         const std::map<std::string, Reduction>& reductions,
                         const RunContext& context) {
-    const MemberLists lists = {clusters.members.data(), clusters.offsets};
     std::vector<Index> nearest;
     if (!cloud.normals.empty() || !cloud.attributes.empty())
         nearest = nearest_members(cloud.positions, lists, positions, context);

@@ -61,23 +61,22 @@ PointCloud cloud_of(const PointCloud& cloud, ContractionSnapshot&& snapshot,
                     const IterativeSimplificationOptions& options,
                     const std::optional<NeighborSearch>& search, const RunContext& context) {
     const Clusters clusters = clusters_of(snapshot, context);
+    const MemberLists lists = {clusters.members.data(), clusters.offsets};
     if (options.placement == Placement::Optimal) {
         const SurfaceFit fit = fit_of(cloud.size(), snapshot.positions.size());
         for (unsigned step = 0; step < kFits; ++step) {
-            fit_surface(snapshot.positions, cloud.positions,
-                        {clusters.members.data(), clusters.offsets}, fit, context);
+            fit_surface(snapshot.positions, cloud.positions, lists, fit, context);
             return_freed_memory();
         }
         if (search) {
             bound_displacement(snapshot.positions, cloud.positions, *search,
                                *options.max_displacement, context);
         }
-        return merged_cloud(cloud, clusters, std::move(snapshot.positions), options.reductions,
+        return merged_cloud(cloud, std::move(snapshot.positions), lists, options.reductions,
                             context);
     }
     const auto reductions = reductions_for(cloud, options.reductions, Representative::Nearest);
-    return merged_cloud(cloud, std::move(snapshot.positions),
-                        {clusters.members.data(), clusters.offsets}, snapshot.samples, reductions,
+    return merged_cloud(cloud, std::move(snapshot.positions), lists, snapshot.samples, reductions,
                         true, context);
 }
 

@@ -4,6 +4,7 @@
 #include "cluster_tree.hpp"
 #include "first_touch.hpp"
 #include "gather.hpp"
+#include "multiphase_runs.hpp"
 #include "nested_order.hpp"
 #include "parallel_for.hpp"
 #include "representatives.hpp"
@@ -154,17 +155,14 @@ CloudOfSize prefixes_of(const PointCloud& cloud, const RunContext& context) {
     };
 }
 
-/// Those of `sizes` and, where the base is to fit, of `tries`.
+/// @param sizes  ascending.
 CloudOfSize snapshots_of(const PointCloud& cloud, std::span<const std::uint64_t> sizes,
-                         std::span<const std::uint64_t> tries, const SimplifyOptions& options,
-                         const RunContext& context) {
-    std::vector<std::uint64_t> all;
-    std::ranges::set_union(sizes, tries, std::back_inserter(all));
-    if (all.back() == cloud.size()) all.pop_back();
-    std::ranges::reverse(all);
+                         const SimplifyOptions& options, const RunContext& context) {
+    std::vector<std::uint64_t> finest_first(sizes.rbegin(), sizes.rend());
+    if (finest_first.front() == cloud.size()) finest_first.erase(finest_first.begin());
     std::map<std::uint64_t, PointCloud> levels;
     make_snapshots(
-        cloud, options, all,
+        cloud, options, finest_first,
         [&levels](PointCloud&& made) {
             const std::uint64_t points = made.size();
             levels[points] = std::move(made);
@@ -173,6 +171,14 @@ CloudOfSize snapshots_of(const PointCloud& cloud, std::span<const std::uint64_t>
     return [&cloud, levels = std::move(levels)](std::uint64_t points, const RunContext& run) {
         return copy_of(points == cloud.size() ? cloud : levels.at(points), run);
     };
+}
+
+CloudOfSize multiphase_runs_of(const PointCloud& cloud, std::span<const std::uint64_t> sizes,
+                               const SimplifyOptions& options, const RunContext& context) {
+    MultiphaseOptions multiphase = {options.oversampling, options.iterative};
+    multiphase.contraction.reductions = options.reductions;
+    const auto runs = std::make_shared<MultiphaseRuns>(cloud, sizes, multiphase, context);
+    return [runs](std::uint64_t points, const RunContext& run) { return runs->run(points, run); };
 }
 
 /// Each made when it is asked for, but the whole cloud.
@@ -286,9 +292,10 @@ void build(const PointCloud& cloud, const std::function<PointCloud()>& whole,
     }
     const SimplifyOptions& method = options.simplification;
     const bool cuts = method.method == Method::Hierarchical;
-    const bool at_once = options.nested || has_snapshots(method.method);
+    const bool at_once = options.nested || cuts || method.method == Method::Iterative;
+    const bool runs_of_one_tree = method.method == Method::Multiphase;
     // Where levels are made one after the other, the coarsest is there before the finest is begun.
-    const double prepared = !at_once ? 0.1 : options.spacing ? 0.7 : 0.95;
+    const double prepared = runs_of_one_tree ? 0.3 : !at_once ? 0.1 : options.spacing ? 0.7 : 0.95;
     context.checkpoint(0.0);
 
     std::vector<Vec3f> sorted;
@@ -298,14 +305,18 @@ void build(const PointCloud& cloud, const std::function<PointCloud()>& whole,
     std::unique_ptr<ClusterTree> tree;
     CloudOfSize level_of;
     const RunContext preparing = context.part(0, prepared);
+    std::vector<std::uint64_t> any_of;  // these sizes may be asked for
+    std::ranges::set_union(sizes, tries, std::back_inserter(any_of));
     if (options.nested) {
         level_of = prefixes_of(cloud, preparing);
     } else if (cuts) {
         if (!order.empty()) points = sorted = in_order(points, order, context);
         tree = std::make_unique<ClusterTree>(points);
         level_of = cuts_of(cloud, *tree, method);
+    } else if (runs_of_one_tree) {
+        level_of = multiphase_runs_of(cloud, any_of, method, preparing);
     } else if (at_once) {
-        level_of = snapshots_of(cloud, sizes, tries, method, preparing);
+        level_of = snapshots_of(cloud, any_of, method, preparing);
     } else {
         level_of = own_runs_of(cloud, method, preparing);
     }

@@ -46,9 +46,8 @@ PointCloud merged_cloud(const PointCloud& cloud, std::vector<Vec3f> positions,
 
 /// The same for methods that place points freely: attributes are reduced by their own policy, or as
 /// `reductions` says by name.
-/// @param clusters  as many as positions; a member may be in several, none is empty.
-PointCloud merged_cloud(const PointCloud& cloud, const Clusters& clusters,
-                        std::vector<Vec3f> positions,
+PointCloud merged_cloud(const PointCloud& cloud, std::vector<Vec3f> positions,
+                        const MemberLists& lists,
                         const std::map<std::string, Reduction>& reductions,
                         const RunContext& context);
 

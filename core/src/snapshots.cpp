@@ -30,11 +30,6 @@ void make_cuts(const PointCloud& cloud, const SimplifyOptions& options,
 
 }  // namespace
 
-bool has_snapshots(Method method) noexcept {
-    return method == Method::Hierarchical || method == Method::Multiphase ||
-           method == Method::Iterative;
-}
-
 void make_snapshots(const PointCloud& cloud, const SimplifyOptions& options,
                     std::span<const std::uint64_t> sizes,
                     const std::function<void(PointCloud&&)>& on_cloud, const RunContext& context) {

@@ -10,12 +10,8 @@
 
 namespace stipple {
 
-/// Whether one run of the method gives clouds of many sizes: cuts of a tree, or states of
-/// a contraction.
-bool has_snapshots(Method method) noexcept;
-
-/// The clouds of many sizes by the method of `options`, from one run where it has snapshots,
-/// else by `runs_of`. The target of the options is not read.
+/// The clouds of many sizes by the method of `options`, from one run where it is cuts of a
+/// tree or states of a contraction, else by `runs_of`. The target of the options is not read.
 ///
 /// @param sizes  descending, each in 1..N - 1.
 /// @param on_cloud  called for each size, in their order, on the calling thread.

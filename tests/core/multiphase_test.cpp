@@ -1,5 +1,6 @@
 #include "stipple/multiphase.hpp"
 
+#include "multiphase_runs.hpp"
 #include "stipple/error.hpp"
 #include "stipple/hierarchical_clustering.hpp"
 #include "stipple/mls.hpp"
@@ -235,6 +236,21 @@ TEST(MultiphaseSnapshots, OfTheLargestSizeIsWhatMultiphaseGives) {
     EXPECT_EQ(clouds[1].positions, cloud.positions);
     EXPECT_EQ(clouds[2].positions, multiphase(cloud, to(400)).positions);
     EXPECT_EQ(clouds[2].colors, multiphase(cloud, to(400)).colors);
+}
+
+TEST(MultiphaseRuns, EachIsWhatMultiphaseGives) {
+    const PointCloud cloud = test::with_attributes(test::sphere(5000, 0.02));
+    const std::vector<std::uint64_t> sizes = {20, 5000, 4000, 100};
+    const MultiphaseRuns runs(cloud, sizes, {}, {});
+    for (const std::uint64_t size : sizes) {
+        const PointCloud run = runs.run(size, {}), alone = multiphase(cloud, to(size));
+        ASSERT_EQ(run.size(), alone.size());
+        EXPECT_EQ(run.colors, alone.colors) << size;
+        // A tree that has grown further lists a cluster's points in another order: sums round
+        // otherwise.
+        for (std::size_t i = 0; i < run.size(); ++i)
+            EXPECT_LT((run.positions[i] - alone.positions[i]).norm(), 1e-5F) << size;
+    }
 }
 
 TEST(Multiphase, RefusesOptionsOutOfRange) {

@@ -45,7 +45,8 @@ struct MultiphaseOptions {
 PointCloud multiphase(const PointCloud& cloud, const MultiphaseOptions& options,
                       const RunContext& context = {});
 
-/// The clouds of many sizes from one run, with the m * N samples of the largest.
+/// The clouds of many sizes from one run, with the m * N samples of the largest: a much
+/// smaller one has about a tenth more error than by a run of its own.
 ///
 /// @param sizes  each at least 1; `contraction.target_size` is not read.
 /// @param on_cloud  called for each size, in their order, on the calling thread.
