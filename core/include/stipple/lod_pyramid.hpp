@@ -21,9 +21,8 @@ struct LodPyramidOptions {
     std::function<bool(const PointCloud&)>
         base_fits{};  ///< where set, levels by ratio begin with the largest that it takes, of those
                       ///< tried: `base_points` or the whole cloud, then each 10 % smaller
-    SimplifyOptions simplification{
-        .method = Method::Hierarchical};  ///< method and its options; without a target.
-                                          ///< `multiphase` and `iterative`: less error, more time
+    SimplifyOptions simplification{};  ///< method and its options; without a target.
+                                       ///< `hierarchical`: more error, less time
     bool nested = false;  ///< each level begins with the points of the one above, as they are:
                           ///< prefixes of one order, contraction to an end point backwards. Only
                           ///< `iterative`, whose options and `reductions` are not read
@@ -53,8 +52,8 @@ void validate(const LodPyramidOptions& options);
 std::vector<std::uint64_t> lod_sizes(std::uint64_t points, const LodPyramidOptions& options);
 
 /// Levels of detail of a cleaned cloud, from one run of a method: cuts of the tree of
-/// `hierarchical_clustering`, `multiphase_snapshots` or `iterative_snapshots`. Of the other methods
-/// each level is what `simplify` makes of the cloud: the coarser, the sooner; particles move on one
+/// `hierarchical_clustering`, contractions of such cuts by `multiphase`, or `iterative_snapshots`.
+/// Of the other methods each level is what `simplify` makes of the cloud; particles move on one
 /// surface, and are spread anew for each level, since parts that get none at first would stay bare
 /// if they were split. The level of all points is the cloud itself; of nested levels it is so in
 /// their order.
@@ -64,9 +63,9 @@ std::vector<std::uint64_t> lod_sizes(std::uint64_t points, const LodPyramidOptio
 /// `random`'s. What the cloud itself leaves bare, as between the last returns of a LiDAR scan, no
 /// level covers.
 ///
-/// @param on_level  called for each level, coarsest first, on the calling thread: of cuts and
-/// snapshots once the run is over, which are kept until then; of the other methods before the next
-/// level is begun.
+/// @param on_level  called for each level, coarsest first, on the calling thread: of cuts and of
+/// `iterative` once the run is over, which are kept until then; of the other methods before the
+/// next level is begun.
 /// @throws Error(InvalidArgument) for options out of range, a target, a cloud without points, an
 /// order of another number of points, or a single point that `base_fits` does not take.
 /// All cuts of the dragon take 1.1 to 1.2 times as long as its finest alone
