@@ -11,7 +11,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <deque>
 
 // Follows: Pauly, Gross, Kobbelt 2002, §2.2 (the surface) and §4 (its distance); Levenberg 1944 (a
 // step towards the least sum of squares, damped); Hestenes and Stiefel 1952 (conjugate gradients
@@ -28,6 +27,8 @@ constexpr float kReach = 3.0F;  // in h
 constexpr std::size_t kBlock = 32;
 /// Members asked of the points of a patch, at least; fewer than twice as many.
 constexpr std::size_t kPatch = 16'384;
+
+constexpr std::size_t kMostFitters = 128;  // each has a number for every leaf
 
 constexpr int kIterations = 3;
 
@@ -191,63 +192,76 @@ private:
     float damping_ = 0;
 };
 
-/// Fits points patch by patch, each with the wishes for those around it too, which then are
-/// dropped: so their memory is bounded.
-class Fitter {
-public:
+/// What is fitted to what, the same for every patch.
+struct Task {
     /// @param scale  times the input, that is where the points are.
-    Fitter(std::span<const Vec3f> points, std::span<const Vec3f> input, float scale,
-           const MemberLists& members, const SurfaceFit& options, const RunContext& context)
-        : points_(points),
-          input_(input),
-          scale_(scale),
-          members_(members),
-          options_(options),
-          asked_(options.asked),
-          context_(context),
-          tree_(points, options.in_order ? PointTree::Leaves::Given : PointTree::Leaves::Compact,
-                context),
-          slot_(points.size()),
-          place_(tree_.leaf_count(), PointTree::kNone) {
+    Task(std::span<const Vec3f> points_, std::span<const Vec3f> input_, float scale_,
+         const MemberLists& members_, const SurfaceFit& options_, const RunContext& context)
+        : points(points_),
+          input(input_),
+          scale(scale_),
+          members(members_),
+          options(options_),
+          tree(points, options.in_order ? PointTree::Leaves::Given : PointTree::Leaves::Compact,
+               context),
+          slot(points.size()) {
         parallel_for_blocks(
-            tree_.leaf_count(), 512, context, [&](std::size_t begin, std::size_t end) {
+            tree.leaf_count(), 512, context, [&](std::size_t begin, std::size_t end) {
                 for (std::size_t l = begin; l < end; ++l)
-                    for (std::size_t lane = 0; lane < tree_.points_in(l); ++lane)
-                        slot_[tree_.leaf(l).index[lane]] = static_cast<Index>(kWidth * l + lane);
+                    for (std::size_t lane = 0; lane < tree.points_in(l); ++lane)
+                        slot[tree.leaf(l).index[lane]] = static_cast<Index>(kWidth * l + lane);
             });
     }
 
-    std::vector<Vec3f> fitted() {
-        std::vector<Vec3f> result(points_.begin(), points_.end());
-        const std::size_t leaves = tree_.leaf_count(),
-                          patches = std::max<std::size_t>(1, kWidth * leaves * asked_ / kPatch);
-        for (std::size_t patch = 0; patch < patches; ++patch) {
-            for (std::size_t l = patch * leaves / patches; l < (patch + 1) * leaves / patches; ++l)
-                place(l);
-            const std::size_t own = leaves_.size();
-            ask_for(0, own);
-            ask_for(own, leaves_.size());
-            weigh_quadratic(groups_, kWidth * leaves_.size(), options_.close);
-            const auto moved =
-                Agreement(groups_, kWidth * leaves_.size(), options_.damping).moves(context_);
-            for (std::size_t l = 0; l < own; ++l) {
-                for (std::size_t lane = 0; lane < tree_.points_in(leaves_[l]); ++lane) {
-                    const Float4 move = moved[kWidth * l + lane];
-                    result[tree_.leaf(leaves_[l]).index[lane]] +=
-                        bounded(Vec3f(move[0], move[1], move[2]), groups_[l].reach_sq[lane]);
-                }
+    std::span<const Vec3f> points, input;
+    float scale;
+    const MemberLists& members;
+    const SurfaceFit& options;
+    PointTree tree;
+    std::vector<Index> slot;  ///< in the tree, by point
+};
+
+/// Fits the points of a patch, with the wishes for those around it too, which then are dropped: so
+/// the memory of all is bounded. One after the other in the same memory.
+class PatchFitter {
+public:
+    PatchFitter(const Task& task, const RunContext& context)
+        : task_(task), context_(context), place_(task.tree.leaf_count(), PointTree::kNone) {}
+
+    /// Moves the points of the leaves `begin .. end`.
+    void fit(std::size_t begin, std::size_t end, std::span<Vec3f> points) {
+        for (std::size_t l = begin; l < end; ++l) place(l);
+        const std::size_t own = leaves_.size();
+        ask_for(0, own, own_wishes_);
+        ask_for(own, leaves_.size(), wishes_around_);
+        const std::size_t size = kWidth * leaves_.size();
+        weigh_quadratic(groups_, size, task_.options.close);
+        const auto moved = Agreement(groups_, size, task_.options.damping).moves(context_);
+        for (std::size_t l = 0; l < own; ++l) {
+            for (std::size_t lane = 0; lane < task_.tree.points_in(leaves_[l]); ++lane) {
+                const Float4 move = moved[kWidth * l + lane];
+                points[task_.tree.leaf(leaves_[l]).index[lane]] +=
+                    bounded(Vec3f(move[0], move[1], move[2]), groups_[l].reach_sq[lane]);
             }
-            for (const Index l : leaves_) place_[l] = PointTree::kNone;
-            leaves_.clear();
-            groups_.clear();
-            wishes_.clear();
         }
-        return result;
+        for (const Index l : leaves_) place_[l] = PointTree::kNone;
+        leaves_.clear();
+        groups_.clear();
     }
 
 private:
+    /// Room for the wishes of some groups, each a number of `FitAnswers`.
+    struct Wishes {
+        LargeArray<FitAnswers> memory;
+
+        std::span<FitAnswers> of(std::size_t count) {
+            if (memory.size() < count) memory = LargeArray<FitAnswers>(count);
+            return std::span(memory.data(), count);
+        }
+    };
+
     Vec3f bounded(const Vec3f& move, float reach_sq) const {
-        const float most = options_.farthest_move / kReach * std::sqrt(reach_sq);
+        const float most = task_.options.farthest_move / kReach * std::sqrt(reach_sq);
         return move.squaredNorm() > most * most ? move.normalized() * most : move;
     }
 
@@ -261,17 +275,16 @@ private:
     }
 
     /// Adds groups for the leaves `begin .. end` of the patch, and the leaves they are about.
-    void ask_for(std::size_t begin, std::size_t end) {
+    void ask_for(std::size_t begin, std::size_t end, Wishes& room) {
         groups_.resize(end);
-        const std::size_t size = asked_ * (end - begin);
-        wishes_.emplace_back(size * sizeof(FitAnswers));
-        const std::span wishes(static_cast<FitAnswers*>(wishes_.back().data()), size);
+        const unsigned asked = task_.options.asked;
+        const std::span wishes = room.of(asked * (end - begin));
         parallel_for_blocks(end - begin, kBlock, context_,
                             [&](std::size_t first, std::size_t last) {
-                                LeafQuery query(tree_, points_, kNeighbors - 1);
+                                LeafQuery query(task_.tree, task_.points, kNeighbors - 1);
                                 for (std::size_t i = first; i < last; ++i) {
                                     Group& group = groups_[begin + i];
-                                    const auto answers = wishes.subspan(asked_ * i, asked_);
+                                    const auto answers = wishes.subspan(asked * i, asked);
                                     group.wishes.answers = answers.data();
                                     group.wishes.count = answers.size();
                                     ask(leaves_[begin + i], query, group, answers);
@@ -280,7 +293,7 @@ private:
         for (Group& group : std::span(groups_).subspan(begin)) {
             for (Numbers& row : group.neighbors) {
                 for (Index& number : row) {
-                    const Index slot = slot_[number];
+                    const Index slot = task_.slot[number];
                     number = static_cast<Index>(kWidth * place(slot / kWidth) + slot % kWidth);
                 }
             }
@@ -289,7 +302,7 @@ private:
 
     /// Fills the group of a leaf; neighbours by their indices.
     void ask(std::size_t l, LeafQuery& query, Group& group, std::span<FitAnswers> answers) const {
-        const PointTree::Leaf& leaf = tree_.leaf(l);
+        const PointTree::Leaf& leaf = task_.tree.leaf(l);
         for (Numbers& row : group.neighbors) row.fill(leaf.index[0]);
         FitLanes lanes{};
         FitLanes::Floats& reach_sq = group.reach_sq;
@@ -314,15 +327,15 @@ private:
             }
         });
         const FitKernel& kernel = fit_kernel();
-        for (unsigned a = 0; a < asked_; ++a) {
-            for (std::size_t lane = 0; lane < tree_.points_in(l); ++lane) {
-                const auto list = members_.of(leaf.index[lane]);
-                const std::size_t count = std::min<std::size_t>(asked_, list.size());
+        for (unsigned a = 0; a < task_.options.asked; ++a) {
+            for (std::size_t lane = 0; lane < task_.tree.points_in(l); ++lane) {
+                const auto list = task_.members.of(leaf.index[lane]);
+                const std::size_t count = std::min<std::size_t>(task_.options.asked, list.size());
                 lanes.per_h[lane] = 0;
                 if (a >= count) continue;
                 // As evenly through the list as can be.
                 const Index member = list[(2 * a + 1) * list.size() / (2 * count)];
-                const Vec3f at = scale_ * input_[member] - leaf.position(lane);
+                const Vec3f at = task_.scale * task_.input[member] - leaf.position(lane);
                 if (!(at.squaredNorm() < reach_sq[lane])) continue;
                 set(lanes.place, lane, at);
                 lanes.per_h[lane] = kReach / std::sqrt(reach_sq[lane]);
@@ -331,18 +344,12 @@ private:
         }
     }
 
-    std::span<const Vec3f> points_, input_;
-    float scale_;
-    const MemberLists& members_;
-    SurfaceFit options_;
-    unsigned asked_;
+    const Task& task_;
     const RunContext& context_;
-    PointTree tree_;
-    std::vector<Index> slot_;         ///< in the tree, by point
-    std::vector<Index> leaves_;       ///< of the patch, then those around it
-    std::vector<Index> place_;        ///< among those, by leaf; else kNone
-    std::vector<Group> groups_;       ///< of these leaves, but those at the end, which ask nothing
-    std::deque<LargeMemory> wishes_;  ///< of these groups
+    std::vector<Index> leaves_;  ///< of the patch, then those around it
+    std::vector<Index> place_;   ///< among those, by leaf; else kNone
+    std::vector<Group> groups_;  ///< of these leaves, but those at the end, which ask nothing
+    Wishes own_wishes_, wishes_around_;  ///< of these groups
 };
 
 }  // namespace
@@ -353,7 +360,16 @@ void fit_surface(std::vector<Vec3f>& points, std::span<const Vec3f> input,
     // Of a size of about 1, so that no square under- or overflows.
     const auto scale = static_cast<float>(contraction_scale(points, context));
     for (Vec3f& p : points) p *= scale;
-    points = Fitter(points, input, scale, members, options, context).fitted();
+    const std::vector<Vec3f> before = points;
+    const Task task(before, input, scale, members, options, context);
+    const std::size_t leaves = task.tree.leaf_count(),
+                      patches = std::max<std::size_t>(1, kWidth * leaves * options.asked / kPatch),
+                      together = 1 + patches / kMostFitters;
+    parallel_for_blocks(patches, together, context, [&](std::size_t begin, std::size_t end) {
+        PatchFitter fitter(task, context);
+        for (std::size_t patch = begin; patch < end; ++patch)
+            fitter.fit(patch * leaves / patches, (patch + 1) * leaves / patches, points);
+    });
     for (Vec3f& p : points) p /= scale;
 }
 
