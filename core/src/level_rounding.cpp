@@ -8,15 +8,21 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
+#include <utility>
 
 namespace stipple {
 
 namespace {
 
 constexpr std::size_t kBlock = 8'192;
+constexpr double kCloser = 1.04;  // what a step is to be longer by, to be worth a try
+// Parts of the tolerance: to be sure, in spite of places measured at by chance, and to aim at.
+constexpr double kSure = 0.9, kAim = 0.8;
+constexpr unsigned kMostTries = 4;
 
 /// @param normals  of the surface, where they are known.
-std::vector<Vec3f> rounded(std::span<const Vec3f> points, std::span<const Vec3f> normals,
+std::vector<Vec3f> rounded(std::span<const Vec3f> points, std::span<const NormalAndBend> normals,
                            const LevelGrid& grid, const RunContext& context) {
     if (normals.empty()) return rounded(points, grid, context);
     auto decoded = made_in_blocks<std::vector<Vec3f>>(points.size(), context);
@@ -38,28 +44,22 @@ std::vector<Vec3f> rounded(std::span<const Vec3f> points, const LevelGrid& grid,
     return decoded;
 }
 
-LevelGrid LevelRounding::grid(unsigned bits) const {
-    if (side == 0) return {1, bits};
-    return {side / static_cast<double>((std::uint64_t{1} << bits) - 2), bits};
+LevelGrid LevelRounding::grid(double step) const {
+    if (side == 0) return {1, kLeastBits};
+    const double bits = std::ceil(std::log2(side / step + 2));
+    return {step, static_cast<unsigned>(std::max<double>(bits, kLeastBits))};
 }
 
-/// For steps no longer than `step`, from 2 to `most`.
-unsigned LevelRounding::bits_for(double step, unsigned most) const {
-    if (!(step > 0)) return most;
-    const double bits = std::ceil(std::log2(side / step + 2));
-    return static_cast<unsigned>(std::clamp<double>(bits, kLeastBits, most));
+double LevelRounding::step_of(unsigned bits) const {
+    return side / static_cast<double>((std::uint64_t{1} << bits) - 2);
 }
 
 LevelGrid LevelRounding::finest_grid(const LevelMeter& meter) const {
-    if (!precision || side == 0) {
-        // With longer steps than the spacing the points of one part would fall into one place.
-        const unsigned apart = meter.spacing() > 0 ? bits_for(meter.spacing(), kMostBits) : 0;
-        return grid(std::max(position_bits, apart));
-    }
-    const double step = 2 * *precision;
-    const double bits = std::ceil(std::log2(side / step + 2));
-    if (bits > kMostBits) return grid(kMostBits);
-    return {step, static_cast<unsigned>(std::max<double>(bits, kLeastBits))};
+    if (side == 0) return {1, position_bits};
+    if (precision) return grid(std::max(2 * *precision, step_of(kMostBits)));
+    // With longer steps than the spacing the points of one part would fall into one place.
+    const double longest = meter.spacing() > 0 ? meter.spacing() : side;
+    return grid(std::max(std::min(step_of(position_bits), longest), step_of(kMostBits)));
 }
 
 MeasuredLevel LevelRounding::round(MeasuredLevel&& unrounded, LevelGrid& taken,
@@ -71,47 +71,41 @@ MeasuredLevel LevelRounding::round(MeasuredLevel&& unrounded, LevelGrid& taken,
     // Where there are more points they are not worth the time: those who load them have waited
     // already.
     constexpr std::size_t kMost = 131'072;
-    const std::vector<Vec3f> normals =
-        points.size() <= kMost ? curve_normals(*unrounded.tree, context) : std::vector<Vec3f>();
-    const auto try_bits = [&](unsigned bits) {
-        MeasuredLevel level(rounded(points, normals, grid(bits), context), context);
-        meter.measure_roughly(level, context);
-        return level;
-    };
+    std::vector<NormalAndBend> normals;
+    if (points.size() <= kMost) normals = curve_normals(*unrounded.tree, context);
+    const double gap = mean_gap(*unrounded.tree, points.size(), kAskedForGap,
+                                [&](std::size_t i) { return points[i]; });
+    double longest = std::min(0.5 * gap, step_of(kLeastBits));  // of the steps that may do
+    double fits = finest.step;                                  // a step that does
     // The variance of what rounding adds, in squared steps, once the surface's fit has smoothed
     // it: measured.
     const double added = normals.empty() ? 0.025 : 0.0025;
-    const double limit = (1 + tolerance) * exact;
-    const unsigned least = bits_for(0.5 * mean_gap(*unrounded.tree, points.size(), kAskedForGap,
-                                                   [&](std::size_t i) { return points[i]; }),
-                                    finest.bits);
-    const auto at_finest = [&] {
-        taken = finest;
-        unrounded.tree.reset();  // two trees of a large level would take as much as its source
-        return MeasuredLevel(rounded(points, normals, finest, context), context);
-    };
-    const unsigned wanted = bits_for(exact * std::sqrt(2 * tolerance / added), kMostBits);
-    // Many points take a while to be measured with a bit less, which here is hopeless.
-    const bool hopeless = wanted > finest.bits && exact > 0 && normals.empty();
-    if (hopeless || least >= finest.bits) return at_finest();
-    unsigned bits = std::max(least, std::min(wanted, finest.bits - 1));
-    MeasuredLevel level = try_bits(bits);
-    if (level.mean <= limit) {
-        // A bit less doubles the steps: four times the variance, and three times what it adds to
-        // the mean at least.
-        constexpr double kAtLeast = 3;
-        while (bits > least && exact + kAtLeast * (level.mean - exact) <= limit) {
-            MeasuredLevel fewer = try_bits(bits - 1);
-            if (fewer.mean > limit) break;
-            level = std::move(fewer);
-            --bits;
+    const double likely = exact * std::sqrt(2 * tolerance / added);
+    // Many points take a while to be measured where rounding is hopeless.
+    const bool hopeless = likely < finest.step && exact > 0 && normals.empty();
+    std::optional<MeasuredLevel> best;
+    double step = exact > 0 ? std::max(likely, kCloser * fits) : longest;
+    for (unsigned tries = 0; !hopeless && tries < kMostTries; ++tries) {
+        step = std::min(step, longest);
+        if (step < kCloser * fits) break;
+        MeasuredLevel level(rounded(points, normals, grid(step), context), context);
+        meter.measure_roughly(level, context);
+        // As a part of what is tolerated; it grows with the square of the step, or a little less.
+        const double share = level.mean > exact ? (level.mean - exact) / (tolerance * exact) : 0;
+        if (share > kSure) {
+            longest = step / kCloser;
+            step *= std::max(0.25, std::pow(kAim / share, 0.6));
+        } else {
+            best = std::move(level);
+            taken = grid(step);
+            fits = step;
+            step *= std::min(4.0, std::sqrt(kAim / share));
         }
-    } else {
-        while (level.mean > limit && ++bits < finest.bits) level = try_bits(bits);
     }
-    if (bits >= finest.bits) return at_finest();
-    taken = grid(bits);
-    return level;
+    if (best) return std::move(*best);
+    taken = finest;
+    unrounded.tree.reset();  // two trees of a large level would take as much as its source
+    return MeasuredLevel(rounded(points, normals, finest, context), context);
 }
 
 }  // namespace stipple

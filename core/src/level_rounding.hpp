@@ -44,14 +44,14 @@ struct LevelRounding {
     /// That of the finest level; no level's is finer.
     LevelGrid finest_grid(const LevelMeter& meter) const;
 
-    /// The fewest bits by which the mean error grows by no more than the tolerance, and by which
-    /// points stay apart: two steps to a spacing.
+    /// By about the longest steps by which the mean error grows by no more than the tolerance, and
+    /// by which points stay apart: two of them to a spacing.
     MeasuredLevel round(MeasuredLevel&& unrounded, LevelGrid& taken, const LevelMeter& meter,
                         const RunContext& context) const;
 
 private:
-    LevelGrid grid(unsigned bits) const;
-    unsigned bits_for(double step, unsigned most) const;
+    LevelGrid grid(double step) const;
+    double step_of(unsigned bits) const;
 };
 
 /// Each to the nearest place of the grid.

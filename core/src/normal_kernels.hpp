@@ -13,9 +13,11 @@ struct NormalKernel {
 
     /// For each of the eight points of a leaf the unit normal of the surface there, by the points
     /// in this leaf and the two beside it on the curve, all finite: of the plane of weighted least
-    /// squares, up where there is none; anything for points that the leaf is short of.
+    /// squares, up where there is none; and the mean curvature, above 0 where the surface bends
+    /// towards the normal, 0 where there is no plane. Anything for points that the leaf is short
+    /// of.
     void (*leaf_normals)(const PointTree::View& tree, std::uint32_t leaf, float* x, float* y,
-                         float* z) noexcept;
+                         float* z, float* curvature) noexcept;
 };
 
 /// What this machine can run, the plainest first.

@@ -55,8 +55,14 @@ struct Covariance {
     return t;
 }
 
-/// The eigenvector of the smallest eigenvalue, up where it is not to be told.
-[[gnu::always_inline]] inline Vector normal_of(const Covariance& s) noexcept {
+/// A normal, up where it is not to be told.
+struct Normal {
+    Vector n;
+    Int8 is_told;
+};
+
+/// The eigenvector of the smallest eigenvalue.
+[[gnu::always_inline]] inline Normal normal_of(const Covariance& s) noexcept {
     const Float8 minor_x = s.yy * s.zz - s.yz * s.yz, minor_y = s.xx * s.zz - s.xz * s.xz,
                  minor_z = s.xx * s.yy - s.xy * s.xy;
     const Float8 c1 = minor_x + minor_y + minor_z;
@@ -76,11 +82,11 @@ struct Covariance {
     const Float8 length_sq = n.length_sq(), one = Float8{} + 1.0F;
     const Int8 flat = (length_sq > kParallel) & (c1 > kLine);
     const Float8 by = 1.0F / square_root(flat ? length_sq : one);
-    return {flat ? n.x * by : Float8{}, flat ? n.y * by : Float8{}, flat ? n.z * by : one};
+    return {{flat ? n.x * by : Float8{}, flat ? n.y * by : Float8{}, flat ? n.z * by : one}, flat};
 }
 
-void leaf_normals(const PointTree::View& tree, std::uint32_t leaf, float* x, float* y,
-                  float* z) noexcept {
+void leaf_normals(const PointTree::View& tree, std::uint32_t leaf, float* x, float* y, float* z,
+                  float* curvature) noexcept {
     constexpr std::uint32_t kLeaves = 3;
     constexpr float kInfinity = __builtin_inff();
     const std::uint32_t all = tree.child_counts[0];
@@ -143,8 +149,15 @@ void leaf_normals(const PointTree::View& tree, std::uint32_t leaf, float* x, flo
     const Float8 trace = s.xx + s.yy + s.zz;
     const Float8 norm = 1.0F / (trace > least ? trace : least);
     for (Float8* const entry : {&s.xx, &s.xy, &s.xz, &s.yy, &s.yz, &s.zz}) *entry *= norm;
-    const Vector n = normal_of(s);
+    const auto [n, is_told] = normal_of(s);
+    // Points around one on a paraboloid are as high over it, on average, as half their mean squared
+    // distance times the curvature.
+    const Float8 height = n.x * mx + n.y * my + n.z * mz;
+    const Float8 mean_sq = trace + mx * mx + my * my + mz * mz;
+    const Float8 bend = 2.0F * height / (mean_sq > least ? mean_sq : least);
+    const Float8 told_bend = is_told ? bend : Float8{};
     __builtin_memcpy(x, &n.x, sizeof n.x);
     __builtin_memcpy(y, &n.y, sizeof n.y);
     __builtin_memcpy(z, &n.z, sizeof n.z);
+    __builtin_memcpy(curvature, &told_bend, sizeof told_bend);
 }

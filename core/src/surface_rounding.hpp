@@ -1,5 +1,6 @@
 #pragma once
 
+#include "curve_normals.hpp"
 #include "stipple/point_cloud.hpp"
 
 #include <span>
@@ -7,11 +8,15 @@
 namespace stipple {
 
 /// Moves each point to one of the 27 places of a grid around it: to where the way across the
-/// surface is shortest, and the whole way short as well. It moves by a step and a half at most.
+/// surface is shortest, and the whole way short as well. It moves by two steps at most.
 ///
-/// @param normals  of the surface at the points, unit vectors.
+/// Points that move along a curved surface by chance make the one through all of them sag, by about
+/// the curvature times the square of a step: that much they are put farther out before, but half a
+/// step at most.
+///
+/// @param normals  of the surface at the points.
 /// @param step  of the grid, which goes through 0. @param to  room for as many points.
-void round_to_surface(std::span<const Vec3f> points, std::span<const Vec3f> normals, double step,
-                      Vec3f* to) noexcept;
+void round_to_surface(std::span<const Vec3f> points, std::span<const NormalAndBend> normals,
+                      double step, Vec3f* to) noexcept;
 
 }  // namespace stipple

@@ -16,7 +16,7 @@
 namespace stipple {
 namespace {
 
-std::vector<Vec3f> normals_of(const PointCloud& cloud, unsigned threads = 1) {
+std::vector<NormalAndBend> normals_of(const PointCloud& cloud, unsigned threads = 1) {
     RunContext context;
     context.threads = threads;
     return curve_normals(PointTree(cloud.positions, PointTree::Leaves::Quick, context), context);
@@ -24,28 +24,34 @@ std::vector<Vec3f> normals_of(const PointCloud& cloud, unsigned threads = 1) {
 
 TEST(CurveNormals, AreThoseOfASphere) {
     const PointCloud cloud = test::sphere(20'003);
-    const std::vector<Vec3f> normals = normals_of(cloud);
+    const std::vector<NormalAndBend> normals = normals_of(cloud);
     ASSERT_EQ(normals.size(), cloud.size());
-    double off = 0;
+    double off = 0, bend = 0;
     for (std::size_t i = 0; i < normals.size(); ++i) {
-        EXPECT_NEAR(normals[i].norm(), 1, 1e-5);
-        const double cosine = std::abs(normals[i].dot(cloud.positions[i]));
-        EXPECT_GT(cosine, 0.95) << i;  // where the curve leaves a corner, from one side
-        off += std::acos(std::min(1.0, cosine)) / static_cast<double>(normals.size());
+        const auto& [normal, curvature] = normals[i];
+        EXPECT_NEAR(normal.norm(), 1, 1e-5);
+        const double cosine = normal.dot(cloud.positions[i]);
+        EXPECT_GT(std::abs(cosine), 0.95) << i;  // where the curve leaves a corner, from one side
+        off += std::acos(std::min(1.0, std::abs(cosine))) / static_cast<double>(normals.size());
+        bend += (cosine > 0 ? -curvature : curvature) / static_cast<double>(normals.size());
     }
     EXPECT_LT(off, 0.02);  // a degree
+    EXPECT_NEAR(bend, 0.6, 0.1);
 }
 
 TEST(CurveNormals, AreUpWhereThereIsNoPlane) {
     for (const std::size_t n : {1U, 2U, 40U})
-        for (const Vec3f& normal : normals_of(test::line(n)))
-            EXPECT_EQ(normal, Vec3f(Vec3f::UnitZ())) << n;
+        for (const NormalAndBend& up : normals_of(test::line(n)))
+            EXPECT_EQ(up, NormalAndBend()) << n;
 }
 
 TEST(CurveNormals, OfThreePointsAreThatOfTheirPlane) {
     PointCloud cloud;
     cloud.positions = {{5, 1, 0}, {5, 0, 1}, {5, -1, -1}};
-    for (const Vec3f& normal : normals_of(cloud)) EXPECT_NEAR(std::abs(normal.x()), 1, 1e-5);
+    for (const auto& [normal, bend] : normals_of(cloud)) {
+        EXPECT_NEAR(std::abs(normal.x()), 1, 1e-5);
+        EXPECT_NEAR(bend, 0, 1e-5);
+    }
 }
 
 /// As the kernels have it, in doubles and one point at a time: of the first leaf, by the first
@@ -55,14 +61,15 @@ Vec3d slow_normal(const PointTree& tree, std::size_t lane) {
     const std::size_t count = std::min<std::size_t>(tree.size(), 3 * PointTree::kWidth);
     double mean_sq = 0;
     for (std::size_t i = 0; i < count; ++i)
-        mean_sq += (tree.position(i).cast<double>() - at).squaredNorm() /
-                   static_cast<double>(count);
+        mean_sq +=
+            (tree.position(i).cast<double>() - at).squaredNorm() / static_cast<double>(count);
     double w = 0;
     Vec3d mean = Vec3d::Zero();
     Eigen::Matrix3d products = Eigen::Matrix3d::Zero();
     for (std::size_t i = 0; i < count; ++i) {
         const Vec3d d = tree.position(i).cast<double>() - at;
-        const double weight = std::exp(-9 * d.squaredNorm() * static_cast<double>(count) / (14.4 * mean_sq));
+        const double weight =
+            std::exp(-9 * d.squaredNorm() * static_cast<double>(count) / (14.4 * mean_sq));
         w += weight;
         mean += weight * d;
         products += weight * d * d.transpose();
@@ -80,16 +87,18 @@ TEST(NormalKernels, GiveTheSameBitsAndThePlaneOfTheSlowForm) {
         const PointCloud cloud = test::sphere(n, 0.01);
         const PointTree tree(cloud.positions, PointTree::Leaves::Quick, {});
         for (std::uint32_t leaf = 0; leaf < tree.leaf_count(); ++leaf) {
-            Floats x, y, z;
-            kernels.front().leaf_normals(tree.view(), leaf, x.data(), y.data(), z.data());
+            Floats x, y, z, bend;
+            kernels.front().leaf_normals(tree.view(), leaf, x.data(), y.data(), z.data(),
+                                         bend.data());
             for (const NormalKernel& kernel : kernels) {
-                Floats other_x, other_y, other_z;
+                Floats other_x, other_y, other_z, other_bend;
                 kernel.leaf_normals(tree.view(), leaf, other_x.data(), other_y.data(),
-                                    other_z.data());
+                                    other_z.data(), other_bend.data());
                 for (std::size_t lane = 0; lane < tree.points_in(leaf); ++lane) {
                     EXPECT_EQ(other_x[lane], x[lane]) << kernel.name;
                     EXPECT_EQ(other_y[lane], y[lane]);
                     EXPECT_EQ(other_z[lane], z[lane]);
+                    EXPECT_EQ(other_bend[lane], bend[lane]);
                     if (leaf > 0) continue;
                     const Vec3d normal(x[lane], y[lane], z[lane]);
                     EXPECT_NEAR(std::abs(normal.dot(slow_normal(tree, lane))), 1, 1e-3);
