@@ -206,7 +206,7 @@ TEST(CommandLine, PyramidTakesEveryMethodWithItsOwnOptions) {
     EXPECT_EQ(particles.job.options.simplification.particles.adaptivity, 0.5);
     EXPECT_EQ(particles.job.options.simplification.seed, 7U);
     EXPECT_NE(refusal({"pyramid", "in.ply", "out", "--adaptivity", "0.5"}), "accepted");
-    EXPECT_EQ(refusal({"pyramid", "in.ply", "out", "-m", "incremental", "--max-cluster-size", "9"}),
+    EXPECT_EQ(refusal({"pyramid", "in.ply", "out", "--max-cluster-size", "9"}),
               "max_cluster_size: levels have counts instead: remove it");
     EXPECT_EQ(refusal({"pyramid", "in.ply", "out", "-m", "voxel", "--voxel-size", "1"}),
               "voxel_size: levels have counts instead: remove it");
@@ -223,7 +223,7 @@ TEST(CommandLine, PyramidTakesALadderOrARatio) {
     EXPECT_EQ(ratio.job.options.base_points, 50U);
     EXPECT_EQ(ratio.job.output.formats.size(), 3U);
     EXPECT_NE(refusal({"pyramid", "in.ply", "out", "--levels", "10", "--ratio", "2"}), "accepted");
-    EXPECT_EQ(ratio.job.options.simplification.method, Method::Multiphase);
+    EXPECT_EQ(ratio.job.options.simplification.method, Method::Hierarchical);
     const auto added = parsed<PyramidCommand>(
         {"pyramid", "in.ply", "out", "--refine", "add", "--base-bytes", "15kB"});
     EXPECT_TRUE(added.job.options.nested);

@@ -186,8 +186,7 @@ TEST(JobRequest, TakesEveryFieldOfAnAnalyzeJob) {
 
 TEST(JobRequest, TakesEveryFieldOfAPyramidJob) {
     const JobRequest request = job_request_from_json(pyramid_with(
-        R"("levels": [1000, 1e4], "method": "hierarchical", "representative": "centroid",
-           "formats": ["ply"],
+        R"("levels": [1000, 1e4], "representative": "centroid", "formats": ["ply"],
            "draco": {"precision": 0.5})"));
     EXPECT_EQ(type_name(request), "pyramid");
     const auto& job = std::get<PyramidJob>(request.job);

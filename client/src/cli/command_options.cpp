@@ -249,7 +249,7 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
         ->capture_default_str();
     command
         .add_option("-m,--method", values.pyramid_method,
-                    "multiphase; hierarchical: half the time, more error; or any other")
+                    "hierarchical; multiphase, iterative: less error, more time; or any other")
         ->type_name("M")
         ->capture_default_str();
     add_seed(command, values);

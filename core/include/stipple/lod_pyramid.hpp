@@ -21,8 +21,9 @@ struct LodPyramidOptions {
     std::function<bool(const PointCloud&)>
         base_fits{};  ///< where set, levels by ratio begin with the largest that it takes, of those
                       ///< tried: `base_points` or the whole cloud, then each 10 % smaller
-    SimplifyOptions simplification{};  ///< method and its options; without a target.
-                                       ///< `hierarchical`: more error, less time
+    SimplifyOptions simplification{
+        .method = Method::Hierarchical};  ///< method and its options; without a target.
+                                          ///< `multiphase` and `iterative`: less error, more time
     bool nested = false;  ///< each level begins with the points of the one above, as they are:
                           ///< prefixes of one order, contraction to an end point backwards. Only
                           ///< `iterative`, whose options and `reductions` are not read
