@@ -9,7 +9,8 @@
 namespace stipple {
 
 /// The normal of a surface at a point, and its mean curvature: above 0 where it bends towards the
-/// normal. Planes through points that are more to one side see about half of it.
+/// normal. About half of it: planes through points to one side are tilted. Little where it is
+/// noise.
 struct NormalAndBend {
     Vec3f normal = Vec3f::UnitZ();
     float bend = 0;

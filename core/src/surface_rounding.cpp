@@ -51,7 +51,7 @@ struct Block {
 
 void round_to_surface(std::span<const Vec3f> points, std::span<const NormalAndBend> normals,
                       double step, Vec3f* to) noexcept {
-    constexpr double kOutwards = 2;  // least error: the curvatures are about half of what they are
+    constexpr double kOutwards = 2.5;  // of the curvature, which is told by half
     constexpr double kFarthest = 0.5;  // in steps
     Block block;
     for (std::size_t begin = 0; begin < points.size(); begin += kAtOnce) {
