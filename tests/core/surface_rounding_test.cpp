@@ -54,8 +54,8 @@ TEST(SurfaceRounding, GoesOutOfACurvedSurfaceByHalfAStepAtMost) {
     const std::vector<NormalAndBend> normals = {
         {Vec3f::UnitZ(), -0.1F}, {Vec3f::UnitZ(), -9}, {-Vec3f::UnitZ(), 9}};
     std::vector<Vec3f> rounded(3);
-    round_to_surface(points, normals, 0.8, rounded.data());  // of 4.8, 5.6, 6.4
-    EXPECT_NEAR(rounded[0].z(), 4.8, 1e-6);                  // from 5.128
+    round_to_surface(points, normals, 0.8, rounded.data());  // to 4.8, 5.6, ...
+    EXPECT_NEAR(rounded[0].z(), 4.8, 1e-6);                  // from 5.16
     EXPECT_NEAR(rounded[1].z(), 5.6, 1e-6);                  // from 5.4
     EXPECT_NEAR(rounded[2].z(), 5.6, 1e-6);
 }

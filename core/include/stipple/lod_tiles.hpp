@@ -30,10 +30,10 @@ struct LodTileOptions {
     std::optional<double>
         precision{};  ///< instead of position_bits: the largest error per axis of the finest level,
                       ///< input units, as far as 29 bits go; coarser levels take fewer
-    double tolerance =
-        0.16;  ///< a level takes the fewest bits by which its mean error grows by no more than this
-               ///< part, with steps of at most half its spacing; >= 0. A bit less saves a fifth of
-               ///< the bytes: more than it takes to make up for such an error by more points
+    double tolerance = 0.16;  ///< a level takes about the longest steps by which its mean error
+                              ///< grows by no more than this part, of at most half its spacing; >=
+                              ///< 0. Steps twice as long save a fifth of the bytes: more than it
+                              ///< takes to make up for such an error by more points
     std::uint32_t max_points = 65'536;  ///< of a tile, 1..65,536; a level with more is cut;
                                         ///< a pyramid has at most 30,000 tiles
     bool attributes = false;            ///< scalar attributes too, beside normals and colours
