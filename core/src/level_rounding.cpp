@@ -78,7 +78,7 @@ MeasuredLevel LevelRounding::round(MeasuredLevel&& unrounded, LevelGrid& taken,
     double longest = std::min(0.5 * gap, step_of(kLeastBits));  // of the steps that may do
     double fits = finest.step;                                  // a step that does
     // The variance of what rounding adds, in squared steps, once the surface's fit has smoothed
-    // it: measured.
+    // it: measured before points were put out of curved parts. It only tells where to begin.
     const double added = normals.empty() ? 0.025 : 0.0025;
     const double likely = exact * std::sqrt(2 * tolerance / added);
     // Many points take a while to be measured where rounding is hopeless.

@@ -37,8 +37,9 @@ struct SurfaceFit {
 /// @param input  what the members are numbers of: points on the surface, or near.
 /// @param members  of each point; a list is never empty.
 /// Members count only where they are within the reach of their point's 20 nearest. About 0.5 us for
-/// each point and each of them, parallel; 60 bytes a point, and for up to 12,000 points at a time,
-/// or 6,000 where more than 4 members are asked, 200 bytes and 500 for each member asked.
+/// each point and each of them, parallel; 70 bytes a point, and on each thread for up to 12,000
+/// points at a time, or 6,000 where more than 4 members are asked, 200 bytes and 500 for each
+/// member asked.
 void fit_surface(std::vector<Vec3f>& points, std::span<const Vec3f> input,
                  const MemberLists& members, const SurfaceFit& options, const RunContext& context);
 

@@ -41,7 +41,8 @@ struct MultiphaseOptions {
 /// @throws Error(InvalidArgument) for an empty cloud or an option out of range, as
 /// `iterative_simplification`.
 /// Expected O(P log N), parallel; beyond the cloud 8 bytes a point, or 4, 250 for each of the m * N
-/// samples and up to 2,200 for each of the N, but 12,000 of them at most: whichever is more.
+/// samples and up to 2,200 for each of the N, but 12,000 of them a thread at most: whichever is
+/// more.
 PointCloud multiphase(const PointCloud& cloud, const MultiphaseOptions& options,
                       const RunContext& context = {});
 

@@ -109,7 +109,7 @@ function checkPlace({ transform }, tiles, { min, max }, rounding) {
 }
 
 const pyramids = Object.entries(clouds).map(([name, file]) => ({ name, file, by: [] }));
-for (const method of ['hierarchical', 'incremental', 'iterative', 'particles', 'voxel', 'random'])
+for (const method of ['multiphase', 'iterative', 'particles', 'incremental', 'voxel', 'random'])
     pyramids.push({ name: `a plane, ${method}`, file: clouds['a plane'], by: ['--method', method] });
 let failed = 0;
 for (const { name, file, by } of pyramids) {

@@ -117,7 +117,8 @@ struct CurveJob {
 ///
 ///     {"type": "pyramid", "input": …, "levels": [1000, 10000] | "ratio": 4, "base_points": 10000 |
 ///      "base_bytes": 15000 (glb), "refine": "replace" | "add" (iterative alone, its default),
-///      "method": …, the fields of the method, "reductions": …, "error": true, "formats": ["drc", "ply", "glb"], "draco": …,
+///      "method": …, the fields of the method, "reductions": …, "error": true,
+///      "formats": ["drc", "ply", "glb"], "draco": …,
 ///      "tiles": {"position_bits": 14, "precision": 0.001, "max_points": 65536,
 ///                "attributes": false, "exact_errors": false,
 ///                "transform": [16 numbers] | "epsg": 32633} (glb)}
