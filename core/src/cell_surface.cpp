@@ -92,11 +92,15 @@ CellBlocks::CellBlocks(std::span<const Cell> cells, unsigned edge_bits)
     : edge_bits_(edge_bits),
       bucket_bits_(static_cast<unsigned>(std::bit_width(cells.size()))),
       begin_((std::size_t{1} << bucket_bits_) + 1),
-      numbers_(cells.size()) {
+      numbers_(cells.size()),
+      cells_(cells.size()) {
     for (const Cell& cell : cells) ++begin_[bucket_of(block_of(cell)) + 1];
     for (std::size_t b = 1; b < begin_.size(); ++b) begin_[b] += begin_[b - 1];
-    for (auto i = static_cast<Index>(cells.size()); i-- > 0;)
-        numbers_[--begin_[bucket_of(block_of(cells[i])) + 1]] = i;
+    for (auto i = static_cast<Index>(cells.size()); i-- > 0;) {
+        const Index at = --begin_[bucket_of(block_of(cells[i])) + 1];
+        numbers_[at] = i;
+        cells_[at] = cells[i];
+    }
     // What was where a bucket ends is now where it begins.
     std::shift_left(begin_.begin(), begin_.end(), 1);
     begin_.back() = static_cast<Index>(cells.size());
@@ -113,7 +117,7 @@ std::vector<Index> first_in_blocks(std::span<const Cell> cells, unsigned edge_bi
     const CellBlocks blocks(cells, edge_bits);
     std::vector<Index> firsts;
     for (Index i = 0; i < cells.size(); ++i) {
-        blocks.for_each_in(blocks.block_of(cells[i]), cells, [&](Index first) {
+        blocks.for_each_in(blocks.block_of(cells[i]), [&](Index first, const Cell&) {
             if (first == i) firsts.push_back(i);
             return false;
         });
@@ -135,8 +139,8 @@ CellNeighbors find_neighbors(Index number, std::span<const Cell> cells, const Ce
     const Cell middle = blocks.block_of(cell);
     CellNeighbors found;
     std::array<std::int64_t, kMostCellNeighbors> distances;
-    const auto take = [&](Index other) {
-        const std::int64_t d = distance_sq(cells[other], cell);
+    const auto take = [&](Index other, const Cell& place) {
+        const std::int64_t d = distance_sq(place, cell);
         if (d == 0) {
             if (other < number) found.shadow = true;
             return;
@@ -145,7 +149,7 @@ CellNeighbors find_neighbors(Index number, std::span<const Cell> cells, const Ce
         unsigned at = found.count;
         while (at > 0 && distances[at - 1] > d) --at;
         for (unsigned same = at; same > 0 && distances[same - 1] == d; --same)
-            if (cells[found.numbers[same - 1]] == cells[other]) return;
+            if (cells[found.numbers[same - 1]] == place) return;
         if (found.count < kMostCellNeighbors) ++found.count;
         for (unsigned to = found.count - 1U; to > at; --to) {
             distances[to] = distances[to - 1];
@@ -158,9 +162,9 @@ CellNeighbors find_neighbors(Index number, std::span<const Cell> cells, const Ce
         for (int y = -1; y <= 1; ++y) {
             for (int z = -1; z <= 1; ++z) {
                 unsigned seen = 0;
-                blocks.for_each_in({middle[0] + x, middle[1] + y, middle[2] + z}, cells,
-                                   [&](Index other) {
-                                       take(other);
+                blocks.for_each_in({middle[0] + x, middle[1] + y, middle[2] + z},
+                                   [&](Index other, const Cell& place) {
+                                       take(other, place);
                                        return ++seen < kMostOfBlock;
                                    });
             }

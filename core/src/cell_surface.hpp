@@ -32,19 +32,24 @@ public:
         return {cell[0] >> edge_bits_, cell[1] >> edge_bits_, cell[2] >> edge_bits_};
     }
 
-    /// The cells in a block, by their numbers, least first, until `each` says false.
-    void for_each_in(const Cell& block, std::span<const Cell> cells, auto&& each) const {
+    /// The cells in a block and their numbers, least first, until `each` says false.
+    void for_each_in(const Cell& block, auto&& each) const {
         if (begin_.empty()) return;
         const std::uint32_t bucket = bucket_of(block);
         for (Index at = begin_[bucket]; at < begin_[bucket + 1]; ++at)
-            if (block_of(cells[numbers_[at]]) == block && !each(numbers_[at])) return;
+            if (block_of(cells_[at]) == block && !each(numbers_[at], cells_[at])) return;
     }
+
+    /// The cells' numbers, those of a block together.
+    std::span<const Index> numbers() const noexcept { return numbers_; }
 
 private:
     std::uint32_t bucket_of(const Cell& block) const noexcept;
 
     unsigned edge_bits_ = 0, bucket_bits_ = 0;
-    std::vector<Index> begin_, numbers_;  ///< of each bucket
+    std::vector<Index> begin_;    ///< of each bucket
+    std::vector<Index> numbers_;  ///< of the cells, bucket by bucket
+    std::vector<Cell> cells_;     ///< as the numbers have them
 };
 
 /// Of each block that holds one of the cells the first, in their order.

@@ -3,6 +3,7 @@
 #include "progressive_layout.hpp"
 #include "progressive_values.hpp"
 #include "progressive_walk.hpp"
+#include "sharpening.hpp"
 #include "stipple/error.hpp"
 #include "stipple/progressive_cloud.hpp"
 
@@ -153,14 +154,21 @@ PointCloud ProgressiveDecoder::cloud(const RunContext& context) const {
     cloud.origin = layout.origin;
     cloud.double_precision = layout.double_precision;
     resize_in_blocks(cloud.positions, state.walk.size(), context);
+    auto places = made_in_blocks<std::vector<Cell>>(cloud.size(), context);
     for_blocks_in_order(cloud.size(), context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {
             const auto [cell, shift] = state.cell_of(i);
-            for (int axis = 0; axis < 3; ++axis) {
-                const double low = cell[axis] << shift;
-                cloud.positions[i][axis] = static_cast<float>(
-                    layout.low[axis] + layout.step * (low + ProgressiveLayout::middle(shift)));
-            }
+            places[i] = ProgressiveLayout::place(cell, shift);
+        }
+    });
+    const double sharpening = layout.sharpening(state.batch, cloud.size());
+    std::vector<Vec3d> ways;
+    if (sharpening > 0)
+        ways = ways_to_surface(places, layout.sharpening_block_bits(state.batch), context);
+    for_blocks_in_order(cloud.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+            const Vec3d way = ways.empty() ? Vec3d::Zero() : Vec3d(-sharpening * ways[i]);
+            cloud.positions[i] = layout.position(places[i], way).cast<float>();
         }
     });
     unpack_channels(state.values, layout, cloud, context);

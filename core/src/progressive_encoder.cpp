@@ -15,6 +15,7 @@
 #include "progressive_layout.hpp"
 #include "progressive_values.hpp"
 #include "progressive_walk.hpp"
+#include "sharpening.hpp"
 #include "stipple/error.hpp"
 #include "stipple/neighbors.hpp"
 #include "stipple/progressive_cloud.hpp"
@@ -101,7 +102,8 @@ std::vector<Cell> cells_of(const PointCloud& cloud, std::span<const Index> point
 /// How far the surface of the whole is from that of its first points.
 class PrefixErrors {
 public:
-    PrefixErrors(const PointCloud& cloud, double unit, const RunContext& context)
+    PrefixErrors(const PointCloud& cloud, double unit, std::uint64_t samples,
+                 const RunContext& context)
         : unit_(unit), context_(context) {
         auto points = made_in_blocks<std::vector<Vec3f>>(cloud.size(), context);
         const auto scale = static_cast<float>(unit);
@@ -109,10 +111,9 @@ public:
             for (std::size_t i = begin; i < end; ++i) points[i] = cloud.positions[i] * scale;
         });
         const PointTree tree(points, PointTree::Leaves::Quick, context);
-        constexpr std::uint64_t kSamples = 16'384;
-        samples_ = points.size() < 2 * kSamples
-                       ? take_surface(tree, FootFinder(points, tree, {}), kSamples, 0, context)
-                       : take_points(tree, kSamples, 0, context);
+        samples_ = points.size() < 2 * samples
+                       ? take_surface(tree, FootFinder(points, tree, {}), samples, 0, context)
+                       : take_points(tree, samples, 0, context);
     }
 
     double mean(std::size_t count, const auto& position) const {
@@ -154,49 +155,140 @@ Cell coarser(const Cell& cell, unsigned shift) {
     return {cell[0] >> shift, cell[1] >> shift, cell[2] >> shift};
 }
 
-/// Chooses how fine the grid of each batch is, and says what error comes of it.
-void plan_batches(const PointCloud& cloud, std::span<const Cell> cells, double coarseness,
-                  ProgressiveLayout& layout, const RunContext& context) {
+// Neighbours are looked for in blocks of three points, new ones asked for in cells of hardly more
+// than one: of finer cells more would be asked, of coarser ones less would be known.
+constexpr double kBlocksOfPoints = 1.0 / 3, kCellsOfPoints = 0.9;
+
+/// Chooses how fine the grid of each batch is and how much its points are put out, and says what
+/// error comes of it.
+class BatchPlanner {
+public:
+    BatchPlanner(const PointCloud& cloud, std::span<const Cell> cells,
+                 const ProgressiveLayout& layout, const RunContext& context)
+        : cells_(cells),
+          layout_(layout),
+          context_(context),
+          errors_(cloud, unit(cells, layout), 16'384, context),
+          quick_errors_(cloud, unit(cells, layout), 4'096, context) {}
+
+    std::vector<ProgressiveLayout::Batch> batches(double coarseness) const;
+
+private:
+    /// The first points as decoders have them.
+    struct Prefix {
+        std::vector<Cell> places;
+        std::vector<Vec3d> ways;  ///< to their surface
+    };
+    static double unit(std::span<const Cell> cells, const ProgressiveLayout& layout);
+    std::vector<Cell> places_of(std::size_t count, unsigned shift) const;
+    Prefix prefix(std::size_t count, unsigned shift, unsigned block_bits) const;
+    double mean(const PrefixErrors& errors, const Prefix& prefix, unsigned sharpening) const;
+    unsigned best_sharpening(const Prefix& prefix, unsigned from) const;
+
+    std::span<const Cell> cells_;  ///< on the finest grid, in the order of the stream
+    const ProgressiveLayout& layout_;
+    const RunContext& context_;
+    PrefixErrors errors_, quick_errors_;
+};
+
+/// Brings positions to a size of about 1.
+double BatchPlanner::unit(std::span<const Cell> cells, const ProgressiveLayout& layout) {
     std::int32_t steps = 0;  // of the longest side
     for (const Cell& cell : cells) steps = std::max(steps, *std::ranges::max_element(cell));
     constexpr int kMostOfFloat = 120;
     const int size = steps == 0 ? 0 : std::ilogb(layout.step * steps);
-    const PrefixErrors errors(
-        cloud, std::ldexp(1.0, std::clamp(-size, -kMostOfFloat, kMostOfFloat)), context);
-    const auto error_of = [&](std::size_t end, unsigned shift) {
-        // In a crowd in one cell every search for the nearest few would look at all of it.
-        const std::vector<Index> apart = first_in_blocks(cells.first(end), shift);
-        const bool is_crowded = 2 * apart.size() < end;
-        return errors.mean(is_crowded ? apart.size() : end, [&](std::size_t i) {
-            const Cell cell = coarser(cells[is_crowded ? apart[i] : i], shift);
-            const Vec3d low(cell[0] << shift, cell[1] << shift, cell[2] << shift);
-            return Vec3d(layout.low + layout.step * (low + Vec3d::Constant(layout.middle(shift))));
-        });
+    return std::ldexp(1.0, std::clamp(-size, -kMostOfFloat, kMostOfFloat));
+}
+
+std::vector<Cell> BatchPlanner::places_of(std::size_t count, unsigned shift) const {
+    const std::span<const Cell> cells = cells_.first(count);
+    // In a crowd in one cell every search for the nearest few would look at all of it.
+    const std::vector<Index> apart = first_in_blocks(cells, shift);
+    const bool is_crowded = 2 * apart.size() < count;
+    std::vector<Cell> places;
+    places.reserve(is_crowded ? apart.size() : count);
+    const auto add = [&](const Cell& cell) {
+        places.push_back(ProgressiveLayout::place(coarser(cell, shift), shift));
     };
-    const auto add = [&](std::uint32_t end, unsigned shift, double error) {
-        layout.batches.push_back({.points = end,
-                                  .shift = static_cast<std::uint8_t>(shift),
-                                  .mean_error = static_cast<float>(error)});
-    };
-    unsigned shift = layout.grid_bits - 1U;
-    for (const std::uint32_t end : batch_ends(cells.size())) {
-        const double least = error_of(end, 0);
-        if (end == cells.size()) shift = 0;
-        double error = shift == 0 ? least : error_of(end, shift);
-        while (shift > 0 && !(error <= (1 + coarseness) * least && coarseness > 0)) {
-            --shift;
-            error = error_of(end, shift);
-        }
-        add(end, shift, error);
-        context.checkpoint(static_cast<double>(end) / static_cast<double>(cells.size()));
+    if (is_crowded) {
+        for (const Index i : apart) add(cells[i]);
+    } else {
+        for (const Cell& cell : cells) add(cell);
     }
+    return places;
+}
+
+BatchPlanner::Prefix BatchPlanner::prefix(std::size_t count, unsigned shift,
+                                          unsigned block_bits) const {
+    Prefix prefix{places_of(count, shift), {}};
+    prefix.ways = ways_to_surface(prefix.places, std::max(block_bits, shift) + 1, context_);
+    return prefix;
+}
+
+double BatchPlanner::mean(const PrefixErrors& errors, const Prefix& prefix,
+                          unsigned sharpening) const {
+    const double part = -static_cast<double>(sharpening) / ProgressiveLayout::kSharpeningUnit;
+    return errors.mean(prefix.places.size(), [&](std::size_t i) {
+        const Vec3d way = sharpening == 0 ? Vec3d::Zero() : Vec3d(part * prefix.ways[i]);
+        return layout_.position(prefix.places[i], way);
+    });
+}
+
+/// From one on as long as the error becomes less.
+unsigned BatchPlanner::best_sharpening(const Prefix& prefix, unsigned from) const {
+    constexpr int kStep = ProgressiveLayout::kSharpeningUnit / 8, kMost = 127;
+    unsigned best = from;
+    double least = mean(quick_errors_, prefix, from);
+    for (const int step : {-kStep, kStep}) {
+        for (int next = static_cast<int>(best) + step; next >= 0 && next <= kMost; next += step) {
+            const double error = mean(quick_errors_, prefix, static_cast<unsigned>(next));
+            if (error >= least) break;
+            best = static_cast<unsigned>(next);
+            least = error;
+        }
+        if (best != from) break;
+    }
+    return best;
+}
+
+std::vector<ProgressiveLayout::Batch> BatchPlanner::batches(double coarseness) const {
+    constexpr unsigned kUsualSharpening = 32;
+    std::vector<ProgressiveLayout::Batch> batches;
+    unsigned shift = layout_.grid_bits - 1U, sharpening = kUsualSharpening;
+    unsigned blocks = kMostGridBits;  // of the first few points: all in one block
+    unsigned cells = 0;
+    for (const std::uint32_t end : batch_ends(cells_.size())) {
+        const unsigned before = shift;
+        const unsigned next_blocks = block_bits_for(cells_.first(end), kBlocksOfPoints);
+        Prefix shown;
+        if (end == cells_.size()) {
+            shift = sharpening = 0;
+            shown.places = places_of(end, shift);
+        } else {
+            const double least = mean(quick_errors_, prefix(end, 0, next_blocks), sharpening);
+            shown = prefix(end, shift, next_blocks);
+            while (shift > 0 && !(coarseness > 0 && mean(quick_errors_, shown, sharpening) <=
+                                                        (1 + coarseness) * least))
+                shown = prefix(end, --shift, next_blocks);
+            sharpening = best_sharpening(shown, sharpening);
+        }
+        const unsigned lift = std::min(std::max(cells, before) - shift, layout_.grid_bits - shift);
+        batches.push_back(
+            {.points = end,
+             .shift = static_cast<std::uint8_t>(shift),
+             .lift = static_cast<std::uint8_t>(batches.empty() ? 0 : lift),
+             .block_bits = static_cast<std::uint8_t>(
+                 batches.empty() ? kMostGridBits : std::max(blocks, before) - before + 1),
+             .sharpening = static_cast<std::uint8_t>(sharpening),
+             .mean_error = static_cast<float>(mean(errors_, shown, sharpening))});
+        blocks = next_blocks;
+        cells = block_bits_for(cells_.first(end), kCellsOfPoints);
+        context_.checkpoint(static_cast<double>(end) / static_cast<double>(cells_.size()));
+    }
+    return batches;
 }
 
 constexpr std::size_t kBetweenLooks = 16'384;  // at the stop token
-
-// Neighbours are looked for in blocks of three points, new ones asked for in cells of hardly more
-// than one: of finer cells more would be asked, of coarser ones less would be known.
-constexpr double kBlocksOfPoints = 1.0 / 3, kCellsOfPoints = 0.9;
 
 /// What the encoder's side of the walk knows.
 class Encoder {
@@ -205,7 +297,7 @@ public:
             const ProgressiveLayout& layout)
         : cells_(cells), values_(values), walk_(layout.channels()) {}
 
-    std::vector<std::byte> batch(ProgressiveLayout& layout, std::size_t number,
+    std::vector<std::byte> batch(const ProgressiveLayout& layout, std::size_t number,
                                  const RunContext& context);
 
     // What the walk asks.
@@ -248,7 +340,7 @@ void Encoder::begin_round(std::size_t known, std::size_t target) {
 
 bool Encoder::lies_in(const Cell& cell) {
     bool found = false;
-    by_cell_.for_each_in(cell, waiting_, [&](Index i) {
+    by_cell_.for_each_in(cell, [&](Index i, const Cell&) {
         if (came_[i]) return true;
         found = true;
         came_[i] = true;
@@ -293,23 +385,15 @@ void Encoder::added(std::size_t parent) {
                                 values_.subspan(coming_ * count, count));
 }
 
-std::vector<std::byte> Encoder::batch(ProgressiveLayout& layout, std::size_t number,
+std::vector<std::byte> Encoder::batch(const ProgressiveLayout& layout, std::size_t number,
                                       const RunContext& context) {
-    ProgressiveLayout::Batch& batch = layout.batches[number];
-    shift_ = batch.shift;
+    shift_ = layout.batches[number].shift;
+    lift_ = layout.batches[number].lift;
     coder = {};
     const std::size_t before = walk_.size();
     if (number == 0) {
-        batch.block_bits = kMostGridBits;  // few points: all in one block
         walk_.start(*this, layout);
     } else {
-        std::vector<Cell> cells;
-        for (std::size_t i = 0; i < before; ++i) cells.push_back(walk_.cell(i).first);
-        const unsigned planes = layout.batches[number - 1].shift - batch.shift;
-        batch.block_bits = static_cast<std::uint8_t>(block_bits_for(cells, kBlocksOfPoints) + 1);
-        lift_ = std::min<unsigned>(block_bits_for(cells, kCellsOfPoints) + planes,
-                                   layout.grid_bits - batch.shift);
-        batch.lift = static_cast<std::uint8_t>(lift_);
         walk_.begin_batch(*this, layout, number);
     }
     for (std::size_t steps = 0; walk_.step(*this); ++steps)
@@ -342,7 +426,8 @@ std::vector<std::byte> encode_progressive(const PointCloud& cloud,
     context.checkpoint(0);
     const std::vector<Index> order = nested_order(cloud.positions, context.part(0, 0.5));
     const std::vector<Cell> cells = cells_of(cloud, order, layout, context);
-    plan_batches(cloud, cells, options.coarseness, layout, context.part(0.5, 0.8));
+    const RunContext planning = context.part(0.5, 0.8);
+    layout.batches = BatchPlanner(cloud, cells, layout, planning).batches(options.coarseness);
 
     std::vector<std::uint32_t> values = pack_channels(cloud, order, layout, context);
     Encoder encoder(cells, values, layout);

@@ -14,7 +14,7 @@ namespace stipple {
 namespace {
 
 constexpr std::string_view kMagic = "STPC";
-constexpr std::uint8_t kVersion = 2;
+constexpr std::uint8_t kVersion = 3;
 constexpr std::size_t kPreamble = 12;
 constexpr std::size_t kMostHeader = std::size_t{1} << 20U;
 constexpr std::size_t kMostBatches = 64;
@@ -95,6 +95,7 @@ void read_batches(Reader& in, std::size_t count, ProgressiveLayout& layout) {
         batch.shift = in.get<std::uint8_t>();
         batch.lift = in.get<std::uint8_t>();
         batch.block_bits = in.get<std::uint8_t>();
+        batch.sharpening = in.get<std::uint8_t>();
         batch.mean_error = in.get<float>();
         require_range("points up to a batch", batch.points, std::max(points, 1U), layout.points);
         require_range("shift of a batch", batch.shift, 0, shift);
@@ -107,7 +108,8 @@ void read_batches(Reader& in, std::size_t count, ProgressiveLayout& layout) {
         shift = batch.shift;
         layout.batches.push_back(batch);
     }
-    if (points != layout.points || shift != 0) malformed("the batches do not add up to the whole");
+    if (points != layout.points || shift != 0 || layout.batches.back().sharpening != 0)
+        malformed("the batches do not add up to the whole");
 }
 
 }  // namespace
@@ -126,6 +128,21 @@ std::vector<Channel> ProgressiveLayout::channels() const {
                   attribute.bits > 0 ? attribute.bits : kBits[attribute.type]);
     }
     return channels;
+}
+
+double ProgressiveLayout::sharpening(std::size_t number, std::size_t count) const noexcept {
+    if (number == batches.size()) return 0;
+    const Batch& now = batches[number];
+    const Batch before = number == 0 ? Batch{} : batches[number - 1];
+    if (count == before.points) return static_cast<double>(before.sharpening) / kSharpeningUnit;
+    const double part = static_cast<double>(count - before.points) / (now.points - before.points);
+    return (before.sharpening + part * (now.sharpening - before.sharpening)) / kSharpeningUnit;
+}
+
+unsigned ProgressiveLayout::sharpening_block_bits(std::size_t number) const noexcept {
+    constexpr unsigned kMost = 30;
+    const unsigned shift = batches[number == 0 ? 0 : number - 1].shift;
+    return std::min(batches[number].block_bits + shift, kMost);
 }
 
 std::vector<std::byte> write_header(const ProgressiveLayout& layout) {
@@ -159,6 +176,7 @@ std::vector<std::byte> write_header(const ProgressiveLayout& layout) {
         out.put(batch.shift);
         out.put(batch.lift);
         out.put(batch.block_bits);
+        out.put(batch.sharpening);
         out.put(batch.mean_error);
     }
     const auto length =
@@ -174,7 +192,7 @@ std::optional<std::size_t> header_length(std::span<const std::byte> bytes) {
     if (bytes.size() < kPreamble) return std::nullopt;
     if (const auto version = in.get<std::uint8_t>(); version != kVersion) {
         throw Error(ErrorCode::UnsupportedFormat,
-                    "progressive stream of version " + std::to_string(version) + ": expected 2");
+                    "progressive stream of version " + std::to_string(version) + ": expected 3");
     }
     in.text(3);
     const auto length = in.get<std::uint32_t>();

@@ -37,8 +37,11 @@ struct ProgressiveLayout {
         std::uint8_t shift = 0;       ///< bits of the grid that are not there yet at its end
         std::uint8_t lift = 0;        ///< bits that cells which are asked for new points lack, more
         std::uint8_t block_bits = 0;  ///< of the blocks in which neighbours are looked for
-        float mean_error = 0;         ///< input units
+        std::uint8_t sharpening = 0;  ///< of the points at its end, in `kSharpeningUnit`ths
+        float mean_error = 0;         ///< of them as they are shown, input units
     };
+
+    static constexpr int kSharpeningUnit = 64;
 
     bool normals = false, colors = false, alpha = false, double_precision = false;
     std::uint8_t grid_bits = 0;
@@ -50,8 +53,18 @@ struct ProgressiveLayout {
     std::vector<ProgressiveAttribute> attributes;
     std::vector<Batch> batches;
 
-    /// Where cell 0 of a grid that lacks `shift` bits has its middle.
-    static double middle(unsigned shift) noexcept { return 0.5 * ((1U << shift) - 1U); }
+    /// The middle of a cell of the grid that lacks `shift` bits, in half steps of the whole grid.
+    static Cell place(const Cell& cell, unsigned shift) noexcept {
+        return {(2 * cell[0] + 1) << shift, (2 * cell[1] + 1) << shift, (2 * cell[2] + 1) << shift};
+    }
+    /// Where a place is, or what is so far from it, in half steps.
+    Vec3d position(const Cell& place, const Vec3d& way = Vec3d::Zero()) const noexcept {
+        return low + step * 0.5 * (Vec3d(place[0] - 1, place[1] - 1, place[2] - 1) + way);
+    }
+    /// Of points on the way in or before batch `number`, how much they are put out.
+    double sharpening(std::size_t number, std::size_t count) const noexcept;
+    /// Of the blocks in which their places are looked for, in half steps of the whole grid.
+    unsigned sharpening_block_bits(std::size_t number) const noexcept;
     std::vector<Channel> channels() const;
     /// As many points as a batch of so many bytes may have: a bound for what a decoder allocates.
     static std::uint64_t most_points(std::uint64_t bytes, std::size_t channels) noexcept {

@@ -29,13 +29,14 @@ TEST(CellBlocks, FindTheCellsOfABlockInOrder) {
             std::vector<Index> expected, found;
             for (Index i = 0; i < cells.size(); ++i)
                 if (blocks.block_of(cells[i]) == blocks.block_of(cell)) expected.push_back(i);
-            blocks.for_each_in(blocks.block_of(cell), cells, [&](Index i) {
+            blocks.for_each_in(blocks.block_of(cell), [&](Index i, const Cell& place) {
+                EXPECT_EQ(place, cells[i]);
                 found.push_back(i);
                 return true;
             });
             ASSERT_EQ(found, expected);
         }
-        blocks.for_each_in({-1, 0, 0}, cells, [](Index) { return ADD_FAILURE(), false; });
+        blocks.for_each_in({-1, 0, 0}, [](Index, const Cell&) { return ADD_FAILURE(), false; });
     }
 }
 

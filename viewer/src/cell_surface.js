@@ -76,6 +76,27 @@ function leastAxis(xx, xy, xz, yy, yz, zz, axis) {
     axis[2] = z / length;
 }
 
+/**
+ * The ways from places to where the surface through them passes, 3 numbers each: along the normal to the mean of a place and
+ * its neighbours; none where there are fewer than three.
+ */
+export function waysToSurface(places, count, blockBits) {
+    const surface = new CellSurface(places, count, blockBits);
+    const ways = new Float64Array(3 * count);
+    for (const i of surface.numbers) {
+        surface.findNeighbors(i);
+        if (surface.counts[i] < 3) {
+            continue;
+        }
+        surface.fitPlane(places, i, true);
+        const { normal, offset } = surface.plane;
+        for (let axis = 0; axis < 3; ++axis) {
+            ways[3 * i + axis] = offset * normal[axis];
+        }
+    }
+    return ways;
+}
+
 /** Of the first `count` places (3 numbers each), by the blocks of 2^blockBits a side in which they lie. */
 export class CellSurface {
     constructor(places, count, blockBits) {

@@ -3,12 +3,15 @@
  * same numbers, bit by bit, as the decoder of the C++ library.
  */
 
-import { CellSurface, kMostNeighbors } from './cell_surface.js';
+import { CellSurface, kMostNeighbors, waysToSurface } from './cell_surface.js';
 import { PlaceModel } from './place_model.js';
 import { RangeDecoder, SignedModel } from './range_decoder.js';
 
 const kMagic = 0x43505453; // STPC
+const kVersion = 3;
 const kMostGridBits = 24;
+const kSharpeningUnit = 64;
+const kMostBlockBits = 30;
 const kTypes = [Int8Array, Uint8Array, Int16Array, Uint16Array, Int32Array, Uint32Array, Float32Array, Float64Array];
 const kTypeBits = [8, 8, 16, 16, 32, 32, 32, 32];
 const kFloat = 6;
@@ -68,8 +71,8 @@ export class ProgressiveDecoder {
         if (view.byteLength < 12) {
             return false;
         }
-        if (view.getUint32(0, true) !== kMagic || view.getUint8(4) !== 2) {
-            throw new Error('this is no progressive stream of version 2');
+        if (view.getUint32(0, true) !== kMagic || view.getUint8(4) !== kVersion) {
+            throw new Error(`this is no progressive stream of version ${kVersion}`);
         }
         const length = view.getUint32(8, true);
         if (view.byteLength < length) {
@@ -321,19 +324,54 @@ export class ProgressiveDecoder {
         }
     }
 
-    /** Where the points are, relative to `layout.origin`: 3 floats for each. */
-    positions() {
-        const { low, step, batches } = this.layout;
-        const positions = new Float32Array(3 * this.size);
+    /** The middles of the points' cells, in half steps of the whole grid. */
+    shownPlaces() {
+        const { batches } = this.layout;
+        const shown = new Int32Array(3 * this.size);
         const splitting = this.started && this.step === this.split;
         for (let i = 0; i < this.size; ++i) {
             const isFine = !splitting || i < this.visited;
             const { shift } = batches[this.started && (isFine || this.batch === 0) ? this.batch : this.batch - 1];
-            const middle = 0.5 * (2 ** shift - 1);
             const from = isFine ? this.places : this.coarse;
+            for (let at = 3 * i; at < 3 * i + 3; ++at) {
+                shown[at] = from[at] * 2 ** shift;
+            }
+        }
+        return shown;
+    }
+
+    /** How much the points are put out of their surface. */
+    sharpening() {
+        const { batches } = this.layout;
+        if (this.batch === batches.length) {
+            return 0;
+        }
+        const now = batches[this.batch];
+        const before = this.batch === 0 ? { points: 0, sharpening: 0 } : batches[this.batch - 1];
+        if (this.size === before.points) {
+            return before.sharpening / kSharpeningUnit;
+        }
+        const part = (this.size - before.points) / (now.points - before.points);
+        return (before.sharpening + part * (now.sharpening - before.sharpening)) / kSharpeningUnit;
+    }
+
+    /** Where the points are, relative to `layout.origin`: 3 floats for each. */
+    positions() {
+        const { low, step, batches } = this.layout;
+        const places = this.shownPlaces();
+        const sharpening = this.sharpening();
+        let ways;
+        if (sharpening > 0) {
+            const { shift } = batches[Math.max(this.batch - 1, 0)];
+            const blockBits = Math.min(batches[this.batch].blockBits + shift, kMostBlockBits);
+            ways = waysToSurface(places, this.size, blockBits);
+        }
+        const positions = new Float32Array(3 * this.size);
+        for (let i = 0; i < this.size; ++i) {
             for (let axis = 0; axis < 3; ++axis) {
                 const at = 3 * i + axis;
-                positions[at] = low[axis] + step * ((from[at] >> 1) * 2 ** shift + middle);
+                const way = ways ? -sharpening * ways[at] : 0;
+                positions[at] = low[axis] + step * 0.5 * (places[at] - 1 + way);
             }
         }
         return positions;
@@ -485,9 +523,10 @@ function readHeader(view) {
             shift,
             lift,
             blockBits,
-            meanError: view.getFloat32(at + 11, true),
+            sharpening: view.getUint8(at + 11),
+            meanError: view.getFloat32(at + 12, true),
         });
-        at += 15;
+        at += 16;
     }
     return layout;
 }

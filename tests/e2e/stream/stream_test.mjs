@@ -78,7 +78,7 @@ try {
         broken[at] = value;
         return broken;
     };
-    const header = bytes.readUInt32LE(8), batches = bytes.readUInt16LE(18), batchBytes = 15, bitsAt = 6, shiftAt = 8;
+    const header = bytes.readUInt32LE(8), batches = bytes.readUInt16LE(18), batchBytes = 16, bitsAt = 6, shiftAt = 8;
     for (const bits of [0, 25, 255]) {
         assert.throws(() => new ProgressiveDecoder(1).feed(withByte(bitsAt, bits)), /^Error: the grid has/);
     }

@@ -1,0 +1,31 @@
+#include "sharpening.hpp"
+
+#include "first_touch.hpp"
+#include "parallel_for.hpp"
+
+#include <cstddef>
+
+namespace stipple {
+
+std::vector<Vec3d> ways_to_surface(std::span<const Cell> places, unsigned block_bits,
+                                   const RunContext& context) {
+    constexpr std::size_t kBlock = 4'096;
+    constexpr unsigned kLeastNeighbors = 3;
+    const CellBlocks blocks(places, block_bits);
+    auto ways = made_in_blocks<std::vector<Vec3d>>(places.size(), context);
+    parallel_for_blocks(places.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+        // Those of a block look at the same ones.
+        for (const Index i : blocks.numbers().subspan(begin, end - begin)) {
+            const CellNeighbors neighbors = find_neighbors(i, places, blocks);
+            if (neighbors.count < kLeastNeighbors) {
+                ways[i].setZero();
+                continue;
+            }
+            const CellPlane plane = tangent_of(i, neighbors, places).plane;
+            for (int axis = 0; axis < 3; ++axis) ways[i][axis] = plane.offset * plane.normal[axis];
+        }
+    });
+    return ways;
+}
+
+}  // namespace stipple
