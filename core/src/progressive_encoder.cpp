@@ -21,7 +21,9 @@
 #include "stipple/progressive_cloud.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <optional>
 #include <sstream>
 
 namespace stipple {
@@ -234,25 +236,26 @@ double BatchPlanner::mean(const PrefixErrors& errors, const Prefix& prefix,
     });
 }
 
-/// From one on as long as the error becomes less.
+/// The least that has about the least error: of what is put out farther than that asks, surfaces of
+/// quadratic basis become worse.
 unsigned BatchPlanner::best_sharpening(const Prefix& prefix, unsigned from) const {
-    constexpr int kStep = ProgressiveLayout::kSharpeningUnit / 8, kMost = 127;
-    unsigned best = from;
-    double least = mean(quick_errors_, prefix, from);
-    for (const int step : {-kStep, kStep}) {
-        for (int next = static_cast<int>(best) + step; next >= 0 && next <= kMost; next += step) {
-            const double error = mean(quick_errors_, prefix, static_cast<unsigned>(next));
-            if (error >= least) break;
-            best = static_cast<unsigned>(next);
-            least = error;
-        }
-        if (best != from) break;
-    }
-    return best;
+    constexpr unsigned kStep = ProgressiveLayout::kSharpeningUnit / 8, kSteps = 16;
+    constexpr double kAbout = 1 + 1.0 / 32;
+    std::array<std::optional<double>, kSteps> errors;
+    const auto error_of = [&](unsigned step) {
+        if (!errors[step]) errors[step] = mean(quick_errors_, prefix, step * kStep);
+        return *errors[step];
+    };
+    unsigned best = from / kStep;
+    while (best + 1 < kSteps && error_of(best + 1) < error_of(best)) ++best;
+    while (best > 0 && error_of(best - 1) < error_of(best)) --best;
+    unsigned least = best;
+    while (least > 0 && error_of(least - 1) <= kAbout * error_of(best)) --least;
+    return least * kStep;
 }
 
 std::vector<ProgressiveLayout::Batch> BatchPlanner::batches(double coarseness) const {
-    constexpr unsigned kUsualSharpening = 32;
+    constexpr unsigned kUsualSharpening = 24;
     std::vector<ProgressiveLayout::Batch> batches;
     unsigned shift = layout_.grid_bits - 1U, sharpening = kUsualSharpening;
     unsigned blocks = kMostGridBits;  // of the first few points: all in one block
