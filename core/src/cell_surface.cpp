@@ -1,14 +1,18 @@
 #include "cell_surface.hpp"
 
+#include "first_touch.hpp"
+#include "parallel_for.hpp"
+
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <limits>
+#include <optional>
 
 namespace stipple {
 
 namespace {
 
-constexpr unsigned kMostOfBlock = 32;
 constexpr unsigned kSpacingNeighbors = 6;
 
 /// A symmetric matrix: xx xy xz yy yz zz.
@@ -86,6 +90,82 @@ CellPlane plane_of(const Cell& from, std::span<const Index> others, std::span<co
     return plane;
 }
 
+/// The cells around a block, as far as they are looked at.
+class Surroundings {
+public:
+    explicit Surroundings(const CellBlocks& blocks) : blocks_(blocks) {}
+
+    void gather(const Cell& block);
+    CellNeighbors nearest_of(Index number, const Cell& cell) const;
+
+private:
+    static constexpr unsigned kMostOfBlock = 32, kMost = 27 * kMostOfBlock;
+
+    bool is_same(unsigned a, unsigned b) const noexcept {
+        return x_[a] == x_[b] && y_[a] == y_[b] && z_[a] == z_[b];
+    }
+
+    const CellBlocks& blocks_;
+    std::optional<Cell> block_;
+    unsigned count_ = 0;
+    std::array<Index, kMost> numbers_;
+    std::array<double, kMost> x_, y_, z_;
+};
+
+void Surroundings::gather(const Cell& block) {
+    if (block_ == block) return;
+    block_ = block;
+    count_ = 0;
+    for (int x = -1; x <= 1; ++x) {
+        for (int y = -1; y <= 1; ++y) {
+            for (int z = -1; z <= 1; ++z) {
+                const unsigned last = count_ + kMostOfBlock;
+                blocks_.for_each_in({block[0] + x, block[1] + y, block[2] + z},
+                                    [&](Index number, const Cell& cell) {
+                                        numbers_[count_] = number;
+                                        x_[count_] = cell[0];
+                                        y_[count_] = cell[1];
+                                        z_[count_] = cell[2];
+                                        return ++count_ < last;
+                                    });
+            }
+        }
+    }
+}
+
+CellNeighbors Surroundings::nearest_of(Index number, const Cell& cell) const {
+    // Squares of whole numbers below 2^25 add up without rounding.
+    std::array<double, kMost> squares;
+    const double cx = cell[0], cy = cell[1], cz = cell[2];
+    for (unsigned i = 0; i < count_; ++i) {
+        const double x = x_[i] - cx, y = y_[i] - cy, z = z_[i] - cz;
+        squares[i] = x * x + y * y + z * z;
+    }
+    CellNeighbors found;
+    std::array<unsigned, kMostCellNeighbors> ranks;
+    double farthest = std::numeric_limits<double>::infinity();  // what others are to be nearer than
+    const auto take = [&](unsigned i) {
+        unsigned at = found.count;
+        while (at > 0 && squares[ranks[at - 1]] > squares[i]) --at;
+        for (unsigned same = at; same > 0 && squares[ranks[same - 1]] == squares[i]; --same)
+            if (is_same(ranks[same - 1], i)) return;
+        if (found.count < kMostCellNeighbors) ++found.count;
+        for (unsigned to = found.count - 1U; to > at; --to) ranks[to] = ranks[to - 1];
+        ranks[at] = i;
+        if (found.count == kMostCellNeighbors) farthest = squares[ranks.back()];
+    };
+    for (unsigned i = 0; i < count_; ++i) {
+        if (squares[i] >= farthest) continue;
+        if (squares[i] > 0) {
+            take(i);
+        } else if (numbers_[i] < number) {
+            found.shadow = true;
+        }
+    }
+    for (unsigned n = 0; n < found.count; ++n) found.numbers[n] = numbers_[ranks[n]];
+    return found;
+}
+
 }  // namespace
 
 CellBlocks::CellBlocks(std::span<const Cell> cells, unsigned edge_bits)
@@ -134,42 +214,18 @@ unsigned block_bits_for(std::span<const Cell> cells, double share) {
     return bits;
 }
 
-CellNeighbors find_neighbors(Index number, std::span<const Cell> cells, const CellBlocks& blocks) {
-    const Cell& cell = cells[number];
-    const Cell middle = blocks.block_of(cell);
-    CellNeighbors found;
-    std::array<std::int64_t, kMostCellNeighbors> distances;
-    const auto take = [&](Index other, const Cell& place) {
-        const std::int64_t d = distance_sq(place, cell);
-        if (d == 0) {
-            if (other < number) found.shadow = true;
-            return;
+std::vector<CellNeighbors> find_neighbors(std::span<const Cell> cells, const CellBlocks& blocks,
+                                          const RunContext& context) {
+    constexpr std::size_t kBlock = 4'096;
+    auto found = made_in_blocks<std::vector<CellNeighbors>>(cells.size(), context);
+    parallel_for_blocks(cells.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+        // Cells of a block look at the same ones.
+        Surroundings surroundings(blocks);
+        for (const Index i : blocks.numbers().subspan(begin, end - begin)) {
+            surroundings.gather(blocks.block_of(cells[i]));
+            found[i] = surroundings.nearest_of(i, cells[i]);
         }
-        if (found.count == kMostCellNeighbors && d >= distances[found.count - 1U]) return;
-        unsigned at = found.count;
-        while (at > 0 && distances[at - 1] > d) --at;
-        for (unsigned same = at; same > 0 && distances[same - 1] == d; --same)
-            if (cells[found.numbers[same - 1]] == place) return;
-        if (found.count < kMostCellNeighbors) ++found.count;
-        for (unsigned to = found.count - 1U; to > at; --to) {
-            distances[to] = distances[to - 1];
-            found.numbers[to] = found.numbers[to - 1];
-        }
-        distances[at] = d;
-        found.numbers[at] = other;
-    };
-    for (int x = -1; x <= 1; ++x) {
-        for (int y = -1; y <= 1; ++y) {
-            for (int z = -1; z <= 1; ++z) {
-                unsigned seen = 0;
-                blocks.for_each_in({middle[0] + x, middle[1] + y, middle[2] + z},
-                                   [&](Index other, const Cell& place) {
-                                       take(other, place);
-                                       return ++seen < kMostOfBlock;
-                                   });
-            }
-        }
-    }
+    });
     return found;
 }
 

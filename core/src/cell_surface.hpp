@@ -1,6 +1,7 @@
 #pragma once
 
 #include "stipple/point_cloud.hpp"
+#include "stipple/run_context.hpp"
 
 #include <array>
 #include <cstdint>
@@ -69,9 +70,10 @@ struct CellNeighbors {
     std::span<const Index> list() const noexcept { return {numbers.data(), count}; }
 };
 
-/// Looked for in the 27 blocks around, among the first 32 cells of each; of cells that are the same
-/// the first counts.
-CellNeighbors find_neighbors(Index number, std::span<const Cell> cells, const CellBlocks& blocks);
+/// Of each cell, looked for in the 27 blocks around, among the first 32 cells of each; of cells
+/// that are the same the first counts. Parallel.
+std::vector<CellNeighbors> find_neighbors(std::span<const Cell> cells, const CellBlocks& blocks,
+                                          const RunContext& context);
 
 /// The plane that lies closest to some places.
 struct CellPlane {

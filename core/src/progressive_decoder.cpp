@@ -45,7 +45,7 @@ struct ProgressiveDecoder::State {
 
     bool take_header();
     bool run_batch(const RunContext& context);
-    void start_batch(std::span<const std::byte> bytes);
+    void start_batch(std::span<const std::byte> bytes, const RunContext& context);
     void end_batch();
 };
 
@@ -73,13 +73,14 @@ bool ProgressiveDecoder::State::take_header() {
     return true;
 }
 
-void ProgressiveDecoder::State::start_batch(std::span<const std::byte> bytes) {
+void ProgressiveDecoder::State::start_batch(std::span<const std::byte> bytes,
+                                            const RunContext& context) {
     coder.start(bytes);
     started = true;
     if (batch == 0) {
-        walk.start(*this, layout);
+        walk.start(*this, layout, context);
     } else {
-        walk.begin_batch(*this, layout, batch);
+        walk.begin_batch(*this, layout, batch, context);
     }
 }
 
@@ -101,11 +102,11 @@ bool ProgressiveDecoder::State::run_batch(const RunContext& context) {
     if (!whole && bytes.size() < step_bytes) return false;
     const std::size_t enough = whole ? SIZE_MAX : bytes.size() - step_bytes;
     coder.use(bytes);
-    if (!started) start_batch(bytes);
+    if (!started) start_batch(bytes, context);
     for (std::size_t steps = 0; coder.position() <= enough && walk.size() < most_points; ++steps) {
         constexpr std::size_t kBetweenLooks = 65'536;
         if (steps % kBetweenLooks == 0) context.throw_if_stopped();
-        if (!walk.step(*this)) return whole;
+        if (!walk.step(*this, context)) return whole;
     }
     return false;
 }

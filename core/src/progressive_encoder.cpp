@@ -395,11 +395,11 @@ std::vector<std::byte> Encoder::batch(const ProgressiveLayout& layout, std::size
     coder = {};
     const std::size_t before = walk_.size();
     if (number == 0) {
-        walk_.start(*this, layout);
+        walk_.start(*this, layout, context);
     } else {
-        walk_.begin_batch(*this, layout, number);
+        walk_.begin_batch(*this, layout, number, context);
     }
-    for (std::size_t steps = 0; walk_.step(*this); ++steps)
+    for (std::size_t steps = 0; walk_.step(*this, context); ++steps)
         if (steps % kBetweenLooks == 0) context.throw_if_stopped();
     std::vector<std::byte> bytes = coder.finish();
     // A batch of points that took hardly a bit is filled up to what decoders want to see.

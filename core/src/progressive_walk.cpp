@@ -1,17 +1,17 @@
 #include "progressive_walk.hpp"
 
+#include "parallel_for.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
 namespace stipple {
 
-void ProgressiveWalk::find_blocks() {
+/// By where the points are when a round or a batch begins.
+void ProgressiveWalk::find_neighbors(const RunContext& context) {
     known_ = places_.size();
-    blocks_ = CellBlocks(places_, block_bits_);
-    CellNeighbors unknown;
-    unknown.count = std::numeric_limits<std::uint8_t>::max();
-    neighbors_.assign(known_, unknown);
+    neighbors_ = stipple::find_neighbors(places_, CellBlocks(places_, block_bits_), context);
 }
 
 void ProgressiveWalk::begin_splitting() {
@@ -26,25 +26,31 @@ void ProgressiveWalk::begin_round() {
     phase_ = Phase::Near;
     visited_ = 0;
     visit_.open = false;
+    views_.clear();
     target_ = std::min(points_, 2 * known_);
     children_.assign(known_, {0, 0});
 }
 
-/// By where the points were when the round or the batch began.
-const CellNeighbors& ProgressiveWalk::neighbors_of(Index i) {
-    CellNeighbors& neighbors = neighbors_[i];
-    if (neighbors.count > kMostCellNeighbors) {
-        const std::vector<Cell>& places = phase_ == Phase::Split ? coarse_ : places_;
-        neighbors = find_neighbors(i, std::span(places).first(known_), blocks_);
+/// What is seen from the next few points does not depend on what is found meanwhile: many threads
+/// look ahead.
+void ProgressiveWalk::open_visit(const RunContext& context) {
+    constexpr std::size_t kAhead = 2'048, kBlock = 128;
+    if (visited_ < first_view_ || visited_ >= first_view_ + views_.size()) {
+        first_view_ = visited_;
+        views_.resize(std::min(kAhead, known_ - visited_));
+        parallel_for_blocks(
+            views_.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+                for (std::size_t v = begin; v < end; ++v) {
+                    const auto i = static_cast<Index>(first_view_ + v);
+                    View& view = views_[v];
+                    view.tangent = tangent_of(i, neighbors_[i], places_);
+                    if (phase_ == Phase::Far) continue;
+                    ProgressiveModel::find_candidates(i, neighbors_[i], view.tangent, places_,
+                                                      lift_, view.candidates);
+                }
+            });
     }
-    return neighbors;
-}
-
-void ProgressiveWalk::open_visit() {
-    const auto i = static_cast<Index>(visited_);
-    visit_.tangent = tangent_of(i, neighbors_of(i), places_);
-    visit_.found = 0;
-    visit_.open = true;
+    visit_ = {.open = true};
 }
 
 /// How far from the middle of a cell the nearest lies that came in this round, in its sides.

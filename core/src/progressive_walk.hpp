@@ -41,23 +41,24 @@ public:
 
     /// The first point of all, and the first batch.
     template <typename Side>
-    void start(Side& side, const ProgressiveLayout& layout) {
+    void start(Side& side, const ProgressiveLayout& layout, const RunContext& context) {
         Cell root = side.fine_cell(0);
         model_.code_root(side.coder, root, layout.grid_bits - layout.batches[0].shift);
         places_.push_back(middle_of(root));
         side.added(0);
-        begin_batch(side, layout, 0);
+        begin_batch(side, layout, 0, context);
     }
 
     template <typename Side>
-    void begin_batch(Side& side, const ProgressiveLayout& layout, std::size_t number) {
+    void begin_batch(Side& side, const ProgressiveLayout& layout, std::size_t number,
+                     const RunContext& context) {
         const ProgressiveLayout::Batch& batch = layout.batches[number];
         points_ = batch.points;
         lift_ = batch.lift;
         block_bits_ = batch.block_bits;
         planes_ = number == 0 ? 0 : layout.batches[number - 1].shift - batch.shift;
         most_ = 1 << (layout.grid_bits - batch.shift);
-        find_blocks();
+        find_neighbors(context);
         if (planes_ == 0) {
             begin_round(side);
         } else {
@@ -69,14 +70,14 @@ public:
     /// @return false where the batch is over.
     /// @throws Error(MalformedInput) for what no encoder says.
     template <typename Side>
-    bool step(Side& side) {
+    bool step(Side& side, const RunContext& context) {
         switch (phase_) {
             case Phase::Split:
                 return split(side);
             case Phase::Near:
-                return look_around(side);
+                return look_around(side, context);
             case Phase::Far:
-                return look_farther(side);
+                return look_farther(side, context);
         }
         return false;
     }
@@ -84,11 +85,14 @@ public:
 private:
     enum class Phase : std::uint8_t { Split, Near, Far };
 
-    /// Of a point that is looked around.
-    struct Visit {
-        bool open = false;
+    /// What is known of a point before it is looked around.
+    struct View {
         CellTangent tangent;
         std::vector<Candidate> candidates;
+    };
+    /// How far it has been looked around.
+    struct Visit {
+        bool open = false;
         std::size_t next = 0;  ///< of the candidates
         unsigned found = 0;    ///< in that one, or by offsets
     };
@@ -97,7 +101,7 @@ private:
         return {2 * cell[0] + 1, 2 * cell[1] + 1, 2 * cell[2] + 1};
     }
 
-    void find_blocks();
+    void find_neighbors(const RunContext& context);
     void begin_splitting();
     void begin_round();
     template <typename Side>
@@ -106,9 +110,9 @@ private:
         side.begin_round(known_, target_);
     }
     template <typename Side>
-    bool end_round(Side& side);
-    const CellNeighbors& neighbors_of(Index i);
-    void open_visit();
+    bool end_round(Side& side, const RunContext& context);
+    void open_visit(const RunContext& context);
+    const View& view() const { return views_[visited_ - first_view_]; }
     void close_visit() {
         visit_.open = false;
         ++visited_;
@@ -118,9 +122,9 @@ private:
     template <typename Side>
     bool split(Side& side);
     template <typename Side>
-    bool look_around(Side& side);
+    bool look_around(Side& side, const RunContext& context);
     template <typename Side>
-    bool look_farther(Side& side);
+    bool look_farther(Side& side, const RunContext& context);
     template <typename Side>
     void add(Side& side, const Cell& cell);
 
@@ -135,11 +139,12 @@ private:
 
     // Of a round.
     Phase phase_ = Phase::Near;
-    std::size_t known_ = 0, target_ = 0;  ///< points at its begin and end
-    CellBlocks blocks_;                   ///< of those at its begin
-    std::vector<CellNeighbors> neighbors_;
+    std::size_t known_ = 0, target_ = 0;             ///< points at its begin and end
+    std::vector<CellNeighbors> neighbors_;           ///< of those at its begin
     std::vector<std::pair<Index, Index>> children_;  ///< of each, those in cells around it
     std::size_t visited_ = 0;
+    std::vector<View> views_;  ///< of some points from one on
+    std::size_t first_view_ = 0;
     Visit visit_;
 };
 
@@ -150,7 +155,7 @@ bool ProgressiveWalk::split(Side& side) {
         return true;
     }
     const auto i = static_cast<Index>(visited_);
-    const CellPlane plane = neighbor_plane(i, neighbors_of(i), places_);
+    const CellPlane plane = neighbor_plane(i, neighbors_[i], places_);
     const Cell fine = side.fine_cell(i);
     const Cell bits = model_.split(side.coder, plane, planes_, fine);
     Cell cell;
@@ -162,16 +167,16 @@ bool ProgressiveWalk::split(Side& side) {
 }
 
 template <typename Side>
-bool ProgressiveWalk::end_round(Side& side) {
+bool ProgressiveWalk::end_round(Side& side, const RunContext& context) {
     if (places_.size() == points_) return false;
-    find_blocks();
+    find_neighbors(context);
     begin_round(side);
     return true;
 }
 
 template <typename Side>
-bool ProgressiveWalk::look_around(Side& side) {
-    if (places_.size() == target_) return end_round(side);
+bool ProgressiveWalk::look_around(Side& side, const RunContext& context) {
+    if (places_.size() == target_) return end_round(side, context);
     if (visited_ == known_) {
         phase_ = Phase::Far;
         visited_ = 0;
@@ -179,18 +184,15 @@ bool ProgressiveWalk::look_around(Side& side) {
         return true;
     }
     if (!visit_.open) {
-        open_visit();
-        const auto i = static_cast<Index>(visited_);
-        ProgressiveModel::find_candidates(i, neighbors_of(i), visit_.tangent, places_, lift_,
-                                          visit_.candidates);
-        visit_.next = 0;
-        children_[i] = {static_cast<Index>(places_.size()), static_cast<Index>(places_.size())};
+        open_visit(context);
+        const auto first = static_cast<Index>(places_.size());
+        children_[visited_] = {first, first};
     }
-    if (visit_.next == visit_.candidates.size()) {
+    if (visit_.next == view().candidates.size()) {
         close_visit();
         return true;
     }
-    const Candidate& candidate = visit_.candidates[visit_.next];
+    const Candidate& candidate = view().candidates[visit_.next];
     const Cell& middle = candidate.middle;
     const Cell lifted = {middle[0] >> (lift_ + 1), middle[1] >> (lift_ + 1),
                          middle[2] >> (lift_ + 1)};
@@ -211,20 +213,20 @@ bool ProgressiveWalk::look_around(Side& side) {
 }
 
 template <typename Side>
-bool ProgressiveWalk::look_farther(Side& side) {
-    if (places_.size() == target_) return end_round(side);
+bool ProgressiveWalk::look_farther(Side& side, const RunContext& context) {
+    if (places_.size() == target_) return end_round(side, context);
     if (visited_ == known_) {
         throw Error(ErrorCode::MalformedInput, "progressive stream: a batch ends at point " +
                                                    std::to_string(places_.size()) + ": expected " +
                                                    std::to_string(target_));
     }
-    if (!visit_.open) open_visit();
-    if (!model_.code_far(side.coder, visit_.tangent, visit_.found, side.has_far(visited_))) {
+    if (!visit_.open) open_visit(context);
+    if (!model_.code_far(side.coder, view().tangent, visit_.found, side.has_far(visited_))) {
         close_visit();
         return true;
     }
     const Cell from = cell(visited_).first, to = side.next_cell();
-    const Cell offset = model_.code_offset(side.coder, visit_.tangent,
+    const Cell offset = model_.code_offset(side.coder, view().tangent,
                                            {to[0] - from[0], to[1] - from[1], to[2] - from[2]});
     add(side, {from[0] + offset[0], from[1] + offset[1], from[2] + offset[2]});
     ++visit_.found;

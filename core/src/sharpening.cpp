@@ -11,17 +11,17 @@ std::vector<Vec3d> ways_to_surface(std::span<const Cell> places, unsigned block_
                                    const RunContext& context) {
     constexpr std::size_t kBlock = 4'096;
     constexpr unsigned kLeastNeighbors = 3;
-    const CellBlocks blocks(places, block_bits);
+    const std::vector<CellNeighbors> neighbors =
+        find_neighbors(places, CellBlocks(places, block_bits), context);
     auto ways = made_in_blocks<std::vector<Vec3d>>(places.size(), context);
     parallel_for_blocks(places.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
-        // Those of a block look at the same ones.
-        for (const Index i : blocks.numbers().subspan(begin, end - begin)) {
-            const CellNeighbors neighbors = find_neighbors(i, places, blocks);
-            if (neighbors.count < kLeastNeighbors) {
+        for (std::size_t i = begin; i < end; ++i) {
+            if (neighbors[i].count < kLeastNeighbors) {
                 ways[i].setZero();
                 continue;
             }
-            const CellPlane plane = tangent_of(i, neighbors, places).plane;
+            const auto number = static_cast<Index>(i);
+            const CellPlane plane = tangent_of(number, neighbors[i], places).plane;
             for (int axis = 0; axis < 3; ++axis) ways[i][axis] = plane.offset * plane.normal[axis];
         }
     });

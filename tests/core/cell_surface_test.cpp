@@ -57,9 +57,10 @@ TEST(CellBlocks, HaveAFirstCellEach) {
 
 TEST(CellNeighbors, AreTheNearestOfOtherPlaces) {
     const std::vector<Cell> cells = scattered(400, 12, 2);  // some of them the same
-    const CellBlocks blocks(cells, 2);
+    const std::vector<CellNeighbors> all = find_neighbors(cells, CellBlocks(cells, 2), {});
+    ASSERT_EQ(all.size(), cells.size());
     for (Index i = 0; i < cells.size(); ++i) {
-        const CellNeighbors found = find_neighbors(i, cells, blocks);
+        const CellNeighbors& found = all[i];
         std::vector<std::int64_t> expected;
         bool shadow = false;
         for (Index j = 0; j < cells.size(); ++j) {
@@ -81,10 +82,10 @@ TEST(CellTangent, OfAPlaneIsThePlane) {
     std::vector<Cell> cells;  // z = x / 2, around (20, 20, 10)
     for (std::int32_t x = 16; x <= 24; x += 2)
         for (std::int32_t y = 18; y <= 22; ++y) cells.push_back({x, y, x / 2});
-    const CellBlocks blocks(cells, 24);
     const auto middle =
         static_cast<Index>(std::ranges::find(cells, Cell{20, 20, 10}) - cells.begin());
-    const CellTangent tangent = tangent_of(middle, find_neighbors(middle, cells, blocks), cells);
+    const std::vector<CellNeighbors> all = find_neighbors(cells, CellBlocks(cells, 24), {});
+    const CellTangent tangent = tangent_of(middle, all[middle], cells);
     const double length = std::sqrt(1.25);
     const double sign = tangent.plane.normal[2] > 0 ? 1 : -1;
     EXPECT_NEAR(sign * tangent.plane.normal[0], -0.5 / length, 1e-3);
@@ -100,7 +101,7 @@ TEST(CellTangent, OfPlacesInALineOrAloneIsFinite) {
     const std::vector<Cell> line = {{0, 0, 0}, {1 << 20, 0, 0}, {1 << 21, 0, 0}, {1 << 22, 0, 0}};
     for (const std::size_t count : {1U, 2U, 4U}) {
         const std::span<const Cell> cells = std::span(line).first(count);
-        const CellNeighbors neighbors = find_neighbors(0, cells, CellBlocks(cells, 24));
+        const CellNeighbors neighbors = find_neighbors(cells, CellBlocks(cells, 24), {}).front();
         for (const CellPlane& plane :
              {tangent_of(0, neighbors, cells).plane, neighbor_plane(0, neighbors, cells)}) {
             const auto& [x, y, z] = plane.normal;
