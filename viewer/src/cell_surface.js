@@ -7,6 +7,7 @@ export const kMostNeighbors = 8;
 const kMostOfBlock = 32;
 const kSpacingNeighbors = 6;
 const kUnknown = 255;
+const kBetweenStops = 4096;
 const kDistances = 11;
 const kHeights = 6;
 export const kSpacingClasses = 6;
@@ -78,12 +79,16 @@ function leastAxis(xx, xy, xz, yy, yz, zz, axis) {
 
 /**
  * The ways from places to where the surface through them passes, 3 numbers each: along the normal to the mean of a place and
- * its neighbours; none where there are fewer than three.
+ * its neighbours; none where there are fewer than three. A generator, which stops now and then for what cannot wait.
  */
-export function waysToSurface(places, count, blockBits) {
+export function* waysToSurface(places, count, blockBits) {
     const surface = new CellSurface(places, count, blockBits);
     const ways = new Float64Array(3 * count);
-    for (const i of surface.numbers) {
+    for (let n = 0; n < count; ++n) {
+        if (n % kBetweenStops === 0) {
+            yield;
+        }
+        const i = surface.numbers[n];
         surface.findNeighbors(i);
         if (surface.counts[i] < 3) {
             continue;

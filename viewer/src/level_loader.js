@@ -99,6 +99,12 @@ export class LevelLoader {
         const decoder = new ProgressiveDecoder();
         const diagonal = Math.hypot(...bounds.max.map((high, axis) => high - bounds.min[axis]));
         let looked = performance.now();
+        const pause = async () => {
+            if (performance.now() - looked > kBetweenFrames) {
+                await new Promise((resolve) => setTimeout(resolve)); // the page goes on meanwhile
+                looked = performance.now();
+            }
+        };
         const take = async (piece) => {
             this.loadedBytes += piece.length;
             for (let rest = piece; rest.length > 0;) {
@@ -108,16 +114,13 @@ export class LevelLoader {
                 const part = rest.subarray(0, Math.min(end - decoder.taken, kPieceOfStream));
                 decoder.feed(part);
                 rest = rest.subarray(part.length);
-                if (performance.now() - looked > kBetweenFrames) {
-                    await new Promise((resolve) => setTimeout(resolve)); // the page goes on meanwhile
-                    looked = performance.now();
-                }
+                await pause();
                 if (this.levels.length === 0 && decoder.total > 0) {
                     this.levels.push(...levelsOf(decoder, entry, diagonal));
                 }
                 const level = this.levels.find(({ bytes }) => bytes === decoder.taken);
                 if (level) {
-                    await this.show(level, await withSurface(geometryOf(decoder), level, this.signal));
+                    await this.show(level, await withSurface(await geometryOf(decoder, pause), level, this.signal));
                 }
             }
             return decoder.taken >= this.levels.at(-1)?.bytes;
@@ -271,9 +274,15 @@ function plyOfStream(decoder, { geometry, points }) {
 }
 
 /** The points of a stream so far. */
-function geometryOf(decoder) {
+async function geometryOf(decoder, pause) {
+    const work = decoder.findPositions();
+    let step = work.next();
+    while (!step.done) {
+        await pause();
+        step = work.next();
+    }
     const geometry = new BufferGeometry();
-    geometry.setAttribute('position', new BufferAttribute(decoder.positions(), 3));
+    geometry.setAttribute('position', new BufferAttribute(step.value, 3));
     const normals = decoder.pointNormals();
     if (normals) {
         geometry.setAttribute('normal', new BufferAttribute(normals, 3));

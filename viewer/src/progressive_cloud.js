@@ -357,6 +357,16 @@ export class ProgressiveDecoder {
 
     /** Where the points are, relative to `layout.origin`: 3 floats for each. */
     positions() {
+        const work = this.findPositions();
+        let step = work.next();
+        while (!step.done) {
+            step = work.next();
+        }
+        return step.value;
+    }
+
+    /** The same, as a generator that stops now and then for what cannot wait. */
+    *findPositions() {
         const { low, step, batches } = this.layout;
         const places = this.shownPlaces();
         const sharpening = this.sharpening();
@@ -364,7 +374,7 @@ export class ProgressiveDecoder {
         if (sharpening > 0) {
             const { shift } = batches[Math.max(this.batch - 1, 0)];
             const blockBits = Math.min(batches[this.batch].blockBits + shift, kMostBlockBits);
-            ways = waysToSurface(places, this.size, blockBits);
+            ways = yield* waysToSurface(places, this.size, blockBits);
         }
         const positions = new Float32Array(3 * this.size);
         for (let i = 0; i < this.size; ++i) {
