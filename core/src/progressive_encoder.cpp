@@ -23,7 +23,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <optional>
+#include <map>
 #include <sstream>
 
 namespace stipple {
@@ -104,8 +104,7 @@ std::vector<Cell> cells_of(const PointCloud& cloud, std::span<const Index> point
 /// How far the surface of the whole is from that of its first points.
 class PrefixErrors {
 public:
-    PrefixErrors(const PointCloud& cloud, double unit, std::uint64_t samples,
-                 const RunContext& context)
+    PrefixErrors(const PointCloud& cloud, double unit, const RunContext& context)
         : unit_(unit), context_(context) {
         auto points = made_in_blocks<std::vector<Vec3f>>(cloud.size(), context);
         const auto scale = static_cast<float>(unit);
@@ -113,33 +112,46 @@ public:
             for (std::size_t i = begin; i < end; ++i) points[i] = cloud.positions[i] * scale;
         });
         const PointTree tree(points, PointTree::Leaves::Quick, context);
-        samples_ = points.size() < 2 * samples
+        const auto take = [&](std::uint64_t samples) {
+            return points.size() < 2 * samples
                        ? take_surface(tree, FootFinder(points, tree, {}), samples, 0, context)
                        : take_points(tree, samples, 0, context);
+        };
+        constexpr std::uint64_t kSamples = 16'384, kFew = 4'096;
+        samples_ = take(kSamples);
+        few_samples_ = take(kFew);
     }
 
     double mean(std::size_t count, const auto& position) const {
+        return mean_at(samples_, count, position);
+    }
+    /// In a quarter of the places: to compare.
+    double quick_mean(std::size_t count, const auto& position) const {
+        return mean_at(few_samples_, count, position);
+    }
+
+private:
+    double mean_at(const ErrorSamples& samples, std::size_t count, const auto& position) const {
         auto points = made_in_blocks<std::vector<Vec3f>>(count, context_);
         for_blocks_in_order(count, context_, [&](std::size_t begin, std::size_t end) {
             for (std::size_t i = begin; i < end; ++i)
                 points[i] = (position(i) * unit_).template cast<float>();
         });
         const PointTree tree(points, PointTree::Leaves::Quick, context_);
-        std::vector<float> distances(samples_.size());
+        std::vector<float> distances(samples.size());
         FootFinder(points, tree, {})
             .find(
-                samples_.positions,
+                samples.positions,
                 [&](std::size_t i, const Foot& foot) {
                     distances[i] = static_cast<float>(foot.distance);
                 },
                 context_);
-        return summarize("", distances, samples_.areas).mean / unit_;
+        return summarize("", distances, samples.areas).mean / unit_;
     }
 
-private:
     double unit_;  ///< brings positions to a size of about 1
     const RunContext& context_;
-    ErrorSamples samples_;
+    ErrorSamples samples_, few_samples_;
 };
 
 /// Ends of batches: each has twice the points of the one before.
@@ -170,8 +182,7 @@ public:
         : cells_(cells),
           layout_(layout),
           context_(context),
-          errors_(cloud, unit(cells, layout), 16'384, context),
-          quick_errors_(cloud, unit(cells, layout), 4'096, context) {}
+          errors_(cloud, unit(cells, layout), context) {}
 
     std::vector<ProgressiveLayout::Batch> batches(double coarseness) const;
 
@@ -179,18 +190,23 @@ private:
     /// The first points as decoders have them.
     struct Prefix {
         std::vector<Cell> places;
-        std::vector<Vec3d> ways;  ///< to their surface
+        std::vector<Vec3d> ways;                  ///< to their surface
+        std::map<unsigned, double> quick_errors;  ///< of sharpenings that were tried
     };
+
     static double unit(std::span<const Cell> cells, const ProgressiveLayout& layout);
     std::vector<Cell> places_of(std::size_t count, unsigned shift) const;
     Prefix prefix(std::size_t count, unsigned shift, unsigned block_bits) const;
-    double mean(const PrefixErrors& errors, const Prefix& prefix, unsigned sharpening) const;
-    unsigned best_sharpening(const Prefix& prefix, unsigned from) const;
+    /// Where its point i is shown.
+    Vec3d position(const Prefix& prefix, unsigned sharpening, std::size_t i) const;
+    double error(const Prefix& prefix, unsigned sharpening) const;
+    double quick_error(Prefix& prefix, unsigned sharpening) const;
+    unsigned best_sharpening(Prefix& prefix, unsigned from) const;
 
     std::span<const Cell> cells_;  ///< on the finest grid, in the order of the stream
     const ProgressiveLayout& layout_;
     const RunContext& context_;
-    PrefixErrors errors_, quick_errors_;
+    PrefixErrors errors_;
 };
 
 /// Brings positions to a size of about 1.
@@ -222,70 +238,85 @@ std::vector<Cell> BatchPlanner::places_of(std::size_t count, unsigned shift) con
 
 BatchPlanner::Prefix BatchPlanner::prefix(std::size_t count, unsigned shift,
                                           unsigned block_bits) const {
-    Prefix prefix{places_of(count, shift), {}};
+    Prefix prefix{places_of(count, shift), {}, {}};
     prefix.ways = ways_to_surface(prefix.places, std::max(block_bits, shift) + 1, context_);
     return prefix;
 }
 
-double BatchPlanner::mean(const PrefixErrors& errors, const Prefix& prefix,
-                          unsigned sharpening) const {
-    const double part = -static_cast<double>(sharpening) / ProgressiveLayout::kSharpeningUnit;
-    return errors.mean(prefix.places.size(), [&](std::size_t i) {
-        const Vec3d way = sharpening == 0 ? Vec3d::Zero() : Vec3d(part * prefix.ways[i]);
-        return layout_.position(prefix.places[i], way);
-    });
+Vec3d BatchPlanner::position(const Prefix& prefix, unsigned sharpening, std::size_t i) const {
+    const double part = static_cast<double>(sharpening) / ProgressiveLayout::kSharpeningUnit;
+    const Vec3d way = sharpening == 0 ? Vec3d::Zero() : Vec3d(-part * prefix.ways[i]);
+    return layout_.position(prefix.places[i], way);
+}
+
+double BatchPlanner::error(const Prefix& prefix, unsigned sharpening) const {
+    return errors_.mean(prefix.places.size(),
+                        [&](std::size_t i) { return position(prefix, sharpening, i); });
+}
+
+double BatchPlanner::quick_error(Prefix& prefix, unsigned sharpening) const {
+    const auto [at, is_new] = prefix.quick_errors.try_emplace(sharpening);
+    if (is_new) {
+        at->second = errors_.quick_mean(
+            prefix.places.size(), [&](std::size_t i) { return position(prefix, sharpening, i); });
+    }
+    return at->second;
 }
 
 /// The least that has about the least error: of what is put out farther than that asks, surfaces of
 /// quadratic basis become worse.
-unsigned BatchPlanner::best_sharpening(const Prefix& prefix, unsigned from) const {
-    constexpr unsigned kStep = ProgressiveLayout::kSharpeningUnit / 8, kSteps = 16;
+unsigned BatchPlanner::best_sharpening(Prefix& prefix, unsigned from) const {
+    constexpr unsigned kStep = ProgressiveLayout::kSharpeningUnit / 8, kMost = 15 * kStep;
     constexpr double kAbout = 1 + 1.0 / 32;
-    std::array<std::optional<double>, kSteps> errors;
-    const auto error_of = [&](unsigned step) {
-        if (!errors[step]) errors[step] = mean(quick_errors_, prefix, step * kStep);
-        return *errors[step];
-    };
-    unsigned best = from / kStep;
-    while (best + 1 < kSteps && error_of(best + 1) < error_of(best)) ++best;
-    while (best > 0 && error_of(best - 1) < error_of(best)) --best;
+    const auto error_of = [&](unsigned sharpening) { return quick_error(prefix, sharpening); };
+    unsigned best = from;
+    while (best < kMost && error_of(best + kStep) < error_of(best)) best += kStep;
+    while (best > 0 && error_of(best - kStep) < error_of(best)) best -= kStep;
     unsigned least = best;
-    while (least > 0 && error_of(least - 1) <= kAbout * error_of(best)) --least;
-    return least * kStep;
+    while (least > 0 && error_of(least - kStep) <= kAbout * error_of(best)) least -= kStep;
+    return least;
 }
 
 std::vector<ProgressiveLayout::Batch> BatchPlanner::batches(double coarseness) const {
     constexpr unsigned kUsualSharpening = 24;
     std::vector<ProgressiveLayout::Batch> batches;
     unsigned shift = layout_.grid_bits - 1U, sharpening = kUsualSharpening;
-    unsigned blocks = kMostGridBits;  // of the first few points: all in one block
-    unsigned cells = 0;
+    unsigned blocks = 0, cells = 0;  // bits of those of the batch before
     for (const std::uint32_t end : batch_ends(cells_.size())) {
+        const bool is_last = end == cells_.size();
         const unsigned before = shift;
-        const unsigned next_blocks = block_bits_for(cells_.first(end), kBlocksOfPoints);
+        const unsigned next_blocks =
+            is_last ? 0 : block_bits_for(cells_.first(end), kBlocksOfPoints);
         Prefix shown;
-        if (end == cells_.size()) {
+        if (is_last) {
             shift = sharpening = 0;
             shown.places = places_of(end, shift);
         } else {
-            const double least = mean(quick_errors_, prefix(end, 0, next_blocks), sharpening);
-            shown = prefix(end, shift, next_blocks);
-            while (shift > 0 && !(coarseness > 0 && mean(quick_errors_, shown, sharpening) <=
-                                                        (1 + coarseness) * least))
-                shown = prefix(end, --shift, next_blocks);
+            Prefix finest = prefix(end, 0, next_blocks);
+            const double most = (1 + coarseness) * quick_error(finest, sharpening);
+            const auto on_grid = [&] {
+                return shift == 0 ? std::move(finest) : prefix(end, shift, next_blocks);
+            };
+            shown = on_grid();
+            while (shift > 0 && !(coarseness > 0 && quick_error(shown, sharpening) <= most)) {
+                --shift;
+                shown = on_grid();
+            }
             sharpening = best_sharpening(shown, sharpening);
         }
-        const unsigned lift = std::min(std::max(cells, before) - shift, layout_.grid_bits - shift);
-        batches.push_back(
-            {.points = end,
-             .shift = static_cast<std::uint8_t>(shift),
-             .lift = static_cast<std::uint8_t>(batches.empty() ? 0 : lift),
-             .block_bits = static_cast<std::uint8_t>(
-                 batches.empty() ? kMostGridBits : std::max(blocks, before) - before + 1),
-             .sharpening = static_cast<std::uint8_t>(sharpening),
-             .mean_error = static_cast<float>(mean(errors_, shown, sharpening))});
+        ProgressiveLayout::Batch batch{.points = end,
+                                       .shift = static_cast<std::uint8_t>(shift),
+                                       .block_bits = kMostGridBits,  // few points: all in one block
+                                       .sharpening = static_cast<std::uint8_t>(sharpening),
+                                       .mean_error = static_cast<float>(error(shown, sharpening))};
+        if (!batches.empty()) {
+            batch.lift = static_cast<std::uint8_t>(
+                std::min(std::max(cells, before) - shift, layout_.grid_bits - shift));
+            batch.block_bits = static_cast<std::uint8_t>(std::max(blocks, before) - before + 1);
+        }
+        batches.push_back(batch);
         blocks = next_blocks;
-        cells = block_bits_for(cells_.first(end), kCellsOfPoints);
+        if (!is_last) cells = block_bits_for(cells_.first(end), kCellsOfPoints);
         context_.checkpoint(static_cast<double>(end) / static_cast<double>(cells_.size()));
     }
     return batches;

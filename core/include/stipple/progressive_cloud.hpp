@@ -35,7 +35,7 @@ struct ProgressiveBatch {
     std::uint64_t bytes = 0;   ///< the same, header included
     double step = 0;           ///< of the grid of its points, input units
     double mean_error = 0;     ///< from the surface of the whole cloud to that of the points so far
-                               ///< (§4, linear basis), as decoded, input units
+                               ///< (§4, linear basis), as they are shown, input units
 };
 
 /// Writes a cloud as a stream of which every prefix is a good cloud of fewer points.
@@ -76,7 +76,9 @@ public:
     bool done() const noexcept;            ///< no further byte is needed
     const std::vector<ProgressiveBatch>& batches() const noexcept;  ///< empty before the header
 
-    /// The points so far, in the order of the stream, each in the middle of its cell. O(n).
+    /// The points so far, in the order of the stream: as long as not all are there, put out of what
+    /// is bent, so that the surface through them is where that of the whole is; in the end each
+    /// where it was, within half a step for each axis. O(n).
     PointCloud cloud(const RunContext& context = {}) const;
 
 private:
