@@ -4,6 +4,8 @@
 #include "contraction.hpp"
 #include "contraction_options.hpp"
 #include "curvature_contraction.hpp"
+#include "first_touch.hpp"
+#include "iterative_levels.hpp"
 #include "large_memory.hpp"
 #include "parallel_for.hpp"
 #include "representatives.hpp"
@@ -13,6 +15,7 @@
 #include "surface_fit.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -22,6 +25,8 @@
 namespace stipple {
 
 namespace {
+
+constexpr std::size_t kBlock = 65'536;
 
 /// Steps in which points are fitted to the surface.
 constexpr unsigned kFits = 3;
@@ -80,6 +85,66 @@ PointCloud cloud_of(const PointCloud& cloud, ContractionSnapshot&& snapshot,
                         true, context);
 }
 
+/// Gives the levels that are the whole cloud. @return the other sizes.
+/// @throws Error(InvalidArgument) for an option or a size out of range.
+std::span<const std::uint64_t> smaller(const PointCloud& cloud,
+                                       std::span<const std::uint64_t> sizes,
+                                       const IterativeSimplificationOptions& options,
+                                       const std::function<void(PointCloud&&)>& on_cloud,
+                                       const RunContext& context) {
+    check_contraction(cloud, options);
+    for (std::size_t i = 0; i < sizes.size(); ++i) {
+        const std::uint64_t most = i == 0 ? cloud.size() : sizes[i - 1];
+        if (sizes[i] < 1 || sizes[i] > most) {
+            throw Error(ErrorCode::InvalidArgument, "size " + std::to_string(sizes[i]) +
+                                                        ": expected 1.." + std::to_string(most) +
+                                                        ", descending");
+        }
+    }
+    for (; !sizes.empty() && sizes.front() == cloud.size(); sizes = sizes.subspan(1))
+        on_cloud(copy_of(cloud, context));
+    return sizes;
+}
+
+void contract(const PointCloud& cloud, std::span<const std::uint64_t> sizes,
+              const IterativeSimplificationOptions& options,
+              const std::function<void(ContractionSnapshot&&)>& on_snapshot,
+              const RunContext& context) {
+    const Features features(cloud, options);
+    const ContractionOptions contraction = {.k = options.k,
+                                            .placement = options.placement,
+                                            .features = features.values,
+                                            .channels = features.channels};
+    if (options.placement == Placement::Optimal)
+        contract_by_curvature(cloud.positions, sizes, contraction, on_snapshot, context);
+    else
+        contract(cloud.positions, {}, sizes, contraction, on_snapshot, context);
+}
+
+/// The points that displacements are measured to, where they are bounded.
+std::optional<NeighborSearch> search_for(const PointCloud& cloud,
+                                         const IterativeSimplificationOptions& options,
+                                         const RunContext& context) {
+    if (!options.max_displacement || options.placement != Placement::Optimal) return {};
+    return std::make_optional<NeighborSearch>(cloud.positions, context);
+}
+
+/// A level of which coarser ones are made.
+struct Base {
+    PointCloud cloud;                ///< its points where they were before they were fitted
+    std::vector<Index> survivor_of;  ///< for each point of the input, that which stands for it
+};
+
+/// For each point of the input, what stands for its survivor.
+std::vector<Index> followed(std::span<const Index> survivor_of, std::span<const Index> later,
+                            const RunContext& context) {
+    auto last = made_in_blocks<std::vector<Index>>(survivor_of.size(), context);
+    parallel_for_blocks(last.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) last[i] = later[survivor_of[i]];
+    });
+    return last;
+}
+
 }  // namespace
 
 PointCloud iterative_simplification(const PointCloud& cloud,
@@ -103,33 +168,60 @@ void iterative_snapshots(const PointCloud& cloud, std::span<const std::uint64_t>
                          const IterativeSimplificationOptions& options,
                          const std::function<void(PointCloud&&)>& on_cloud,
                          const RunContext& context) {
-    check_contraction(cloud, options);
-    for (std::size_t i = 0; i < sizes.size(); ++i) {
-        const std::uint64_t most = i == 0 ? cloud.size() : sizes[i - 1];
-        if (sizes[i] < 1 || sizes[i] > most) {
-            throw Error(ErrorCode::InvalidArgument, "size " + std::to_string(sizes[i]) +
-                                                        ": expected 1.." + std::to_string(most) +
-                                                        ", descending");
-        }
-    }
-    for (; !sizes.empty() && sizes.front() == cloud.size(); sizes = sizes.subspan(1))
-        on_cloud(copy_of(cloud, context));
+    sizes = smaller(cloud, sizes, options, on_cloud, context);
     if (sizes.empty()) return;
-    const Features features(cloud, options);
-    std::optional<NeighborSearch> search;
-    if (options.max_displacement && options.placement == Placement::Optimal)
-        search.emplace(cloud.positions, context);
-    const ContractionOptions contraction = {.k = options.k,
-                                            .placement = options.placement,
-                                            .features = features.values,
-                                            .channels = features.channels};
+    const std::optional<NeighborSearch> search = search_for(cloud, options, context);
     const auto on_snapshot = [&](ContractionSnapshot&& snapshot) {
         on_cloud(cloud_of(cloud, std::move(snapshot), options, search, context));
     };
-    if (options.placement == Placement::Optimal)
-        contract_by_curvature(cloud.positions, sizes, contraction, on_snapshot, context);
-    else
-        contract(cloud.positions, {}, sizes, contraction, on_snapshot, context);
+    contract(cloud, sizes, options, on_snapshot, context);
+}
+
+void iterative_levels(const PointCloud& cloud, std::span<const std::uint64_t> sizes,
+                      const IterativeSimplificationOptions& options,
+                      const std::function<void(PointCloud&&)>& on_cloud,
+                      const RunContext& context) {
+    // One run gives subsets anyway.
+    if (options.placement == Placement::EndPoint)
+        return iterative_snapshots(cloud, sizes, options, on_cloud, context);
+    sizes = smaller(cloud, sizes, options, on_cloud, context);
+    if (sizes.empty()) return;
+    constexpr std::uint64_t kPerSurvivor = 3;  // points of a base for one of its levels, at least
+    constexpr double kOfBase = 0.7;            // of what is left to do
+    const std::optional<NeighborSearch> search = search_for(cloud, options, context);
+    Base base, next;
+    double done = 0;
+    while (!sizes.empty()) {
+        const bool of_input = base.cloud.empty();
+        const PointCloud& from = of_input ? cloud : base.cloud;
+        const auto first_at_most = [&](std::uint64_t most) {
+            return std::ranges::find_if(sizes, [&](std::uint64_t size) { return size <= most; });
+        };
+        const auto next_base = first_at_most(from.size() / kPerSurvivor);
+        const auto rest =
+            next_base == sizes.end() ? next_base : first_at_most(*next_base / kPerSurvivor);
+        const auto on_snapshot = [&](ContractionSnapshot&& snapshot) {
+            if (!of_input)
+                snapshot.survivor_of = followed(base.survivor_of, snapshot.survivor_of, context);
+            const bool is_next = rest != sizes.end() && snapshot.positions.size() == *next_base;
+            std::vector<Vec3f> positions;
+            if (is_next) {
+                positions = snapshot.positions;
+                next.survivor_of = snapshot.survivor_of;
+            }
+            PointCloud level = cloud_of(cloud, std::move(snapshot), options, search, context);
+            if (is_next) {
+                next.cloud = copy_of(level, context);
+                next.cloud.positions = std::move(positions);
+            }
+            on_cloud(std::move(level));
+        };
+        const double until = rest == sizes.end() ? 1 : std::lerp(done, 1.0, kOfBase);
+        contract(from, {sizes.begin(), rest}, options, on_snapshot, context.part(done, until));
+        done = until;
+        sizes = {rest, sizes.end()};
+        base = std::exchange(next, {});
+    }
 }
 
 }  // namespace stipple

@@ -4,6 +4,7 @@
 #include "cluster_tree.hpp"
 #include "first_touch.hpp"
 #include "gather.hpp"
+#include "iterative_levels.hpp"
 #include "multiphase_runs.hpp"
 #include "nested_order.hpp"
 #include "parallel_for.hpp"
@@ -156,13 +157,15 @@ CloudOfSize prefixes_of(const PointCloud& cloud, const RunContext& context) {
 }
 
 /// @param sizes  ascending.
-CloudOfSize snapshots_of(const PointCloud& cloud, std::span<const std::uint64_t> sizes,
-                         const SimplifyOptions& options, const RunContext& context) {
+CloudOfSize contracted_levels_of(const PointCloud& cloud, std::span<const std::uint64_t> sizes,
+                                 const SimplifyOptions& options, const RunContext& context) {
     std::vector<std::uint64_t> finest_first(sizes.rbegin(), sizes.rend());
     if (finest_first.front() == cloud.size()) finest_first.erase(finest_first.begin());
+    IterativeSimplificationOptions iterative = options.iterative;
+    iterative.reductions = options.reductions;
     std::map<std::uint64_t, PointCloud> levels;
-    make_snapshots(
-        cloud, options, finest_first,
+    iterative_levels(
+        cloud, finest_first, iterative,
         [&levels](PointCloud&& made) {
             const std::uint64_t points = made.size();
             levels[points] = std::move(made);
@@ -316,7 +319,7 @@ void build(const PointCloud& cloud, const std::function<PointCloud()>& whole,
     } else if (runs_of_one_tree) {
         level_of = multiphase_runs_of(cloud, any_of, method, preparing);
     } else if (at_once) {
-        level_of = snapshots_of(cloud, any_of, method, preparing);
+        level_of = contracted_levels_of(cloud, any_of, method, preparing);
     } else {
         level_of = own_runs_of(cloud, method, preparing);
     }

@@ -53,7 +53,8 @@ void validate(const LodPyramidOptions& options);
 std::vector<std::uint64_t> lod_sizes(std::uint64_t points, const LodPyramidOptions& options);
 
 /// Levels of detail of a cleaned cloud, from one run of a method: cuts of the tree of
-/// `hierarchical_clustering`, contractions of such cuts by `multiphase`, or `iterative_snapshots`.
+/// `hierarchical_clustering`, contractions of such cuts by `multiphase`, or contractions of each
+/// other by `iterative`, a level of one with at least three times its points where there is one.
 /// Of the other methods each level is what `simplify` makes of the cloud; particles move on one
 /// surface, and are spread anew for each level, since parts that get none at first would stay bare
 /// if they were split. The level of all points is the cloud itself; of nested levels it is so in
