@@ -3,6 +3,8 @@
 #include "cloud_copy.hpp"
 #include "cluster_splitting.hpp"
 #include "first_touch.hpp"
+#include "incremental_levels.hpp"
+#include "level_bases.hpp"
 #include "parallel_for.hpp"
 #include "random.hpp"
 #include "region_growing.hpp"
@@ -180,6 +182,36 @@ std::vector<Index> chosen_regions(const Grown& grown, std::size_t count,
     return chosen;
 }
 
+/// Clusters of clusters, as clusters of their points.
+Clusters joined(const Clusters& small, const Clusters& of_small, const RunContext& context) {
+    Clusters large{made_in_blocks<std::vector<Index>>(small.members.size(), context),
+                   {of_small.offsets}};
+    auto to = large.members.begin();
+    for_blocks_in_order(of_small.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+            large.offsets[i] = static_cast<Index>(to - large.members.begin());
+            for (const Index cluster : of_small.of(i))
+                to = std::ranges::copy(small.of(cluster), to).out;
+        }
+    });
+    large.offsets.back() = static_cast<Index>(large.members.size());
+    return large;
+}
+
+/// A level of which coarser ones are made.
+struct Base {
+    std::vector<Vec3f> points;
+    Clusters clusters;  ///< of the input's points, one for each
+};
+
+/// Of points, exactly as many clusters as are wanted.
+Clusters clusters_of(std::span<const Vec3f> points, const IncrementalClusteringOptions& options,
+                     const RunContext& context) {
+    Clusters clusters = incremental_clusters(points, options, context);
+    if (options.target_size) split_clusters(points, *options.target_size, clusters, context);
+    return clusters;
+}
+
 }  // namespace
 
 Clusters incremental_clusters(std::span<const Vec3f> points,
@@ -201,14 +233,45 @@ PointCloud incremental_clustering(const PointCloud& cloud,
     if (options.target_size && *options.target_size >= cloud.size()) return copy_of(cloud, context);
     const std::vector<Reduction> reductions =
         reductions_for(cloud, options.reductions, options.representative);
-    Clusters clusters = incremental_clusters(cloud.positions, options, context.part(0.0, 0.8));
-    if (options.target_size)
-        split_clusters(cloud.positions, *options.target_size, clusters, context);
+    const Clusters clusters = clusters_of(cloud.positions, options, context.part(0.0, 0.8));
     context.checkpoint(0.85);
     PointCloud result = representatives(cloud, {clusters.members.data(), clusters.offsets},
                                         options.representative, reductions, context);
     context.checkpoint(1.0);
     return result;
+}
+
+void incremental_levels(const PointCloud& cloud, std::span<const std::uint64_t> sizes,
+                        const IncrementalClusteringOptions& options,
+                        const std::function<void(PointCloud&&)>& on_cloud,
+                        const RunContext& context) {
+    constexpr double kOfBase = 0.7;  // of what is left to do
+    const std::vector<Reduction> reductions =
+        reductions_for(cloud, options.reductions, options.representative);
+    for (; !sizes.empty() && sizes.front() == cloud.size(); sizes = sizes.subspan(1))
+        on_cloud(copy_of(cloud, context));
+    const RunContext quietly{.stop = context.stop, .progress = {}, .threads = context.threads};
+    std::optional<Base> base;  // else the cloud
+    for (double done = 0; !sizes.empty();) {
+        const std::span<const Vec3f> points = base ? base->points : cloud.positions;
+        const LevelsOfBase levels =
+            options.max_variation ? LevelsOfBase{sizes} : levels_of_base(points.size(), sizes);
+        std::optional<Base> next;
+        for (const std::uint64_t size : levels.sizes) {
+            IncrementalClusteringOptions one = options;
+            one.target_size = size;
+            Clusters clusters = clusters_of(points, one, quietly);
+            if (base) clusters = joined(base->clusters, clusters, context);
+            PointCloud level = representatives(cloud, {clusters.members.data(), clusters.offsets},
+                                               options.representative, reductions, context);
+            if (size == levels.next_base) next = {level.positions, std::move(clusters)};
+            on_cloud(std::move(level));
+        }
+        done = levels.next_base == 0 ? 1 : std::lerp(done, 1.0, kOfBase);
+        context.checkpoint(done);
+        sizes = sizes.subspan(levels.sizes.size());
+        base = std::move(next);
+    }
 }
 
 }  // namespace stipple

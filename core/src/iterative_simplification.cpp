@@ -7,6 +7,7 @@
 #include "first_touch.hpp"
 #include "iterative_levels.hpp"
 #include "large_memory.hpp"
+#include "level_bases.hpp"
 #include "parallel_for.hpp"
 #include "representatives.hpp"
 #include "stipple/clusters.hpp"
@@ -186,24 +187,17 @@ void iterative_levels(const PointCloud& cloud, std::span<const std::uint64_t> si
         return iterative_snapshots(cloud, sizes, options, on_cloud, context);
     sizes = smaller(cloud, sizes, options, on_cloud, context);
     if (sizes.empty()) return;
-    constexpr std::uint64_t kPerSurvivor = 3;  // points of a base for one of its levels, at least
-    constexpr double kOfBase = 0.7;            // of what is left to do
+    constexpr double kOfBase = 0.7;  // of what is left to do
     const std::optional<NeighborSearch> search = search_for(cloud, options, context);
     Base base, next;
-    double done = 0;
-    while (!sizes.empty()) {
-        const bool of_input = base.cloud.empty();
-        const PointCloud& from = of_input ? cloud : base.cloud;
-        const auto first_at_most = [&](std::uint64_t most) {
-            return std::ranges::find_if(sizes, [&](std::uint64_t size) { return size <= most; });
-        };
-        const auto next_base = first_at_most(from.size() / kPerSurvivor);
-        const auto rest =
-            next_base == sizes.end() ? next_base : first_at_most(*next_base / kPerSurvivor);
+    for (double done = 0; !sizes.empty();) {
+        const bool is_cloud = base.cloud.empty();
+        const PointCloud& from = is_cloud ? cloud : base.cloud;
+        const LevelsOfBase levels = levels_of_base(from.size(), sizes);
         const auto on_snapshot = [&](ContractionSnapshot&& snapshot) {
-            if (!of_input)
+            if (!is_cloud)
                 snapshot.survivor_of = followed(base.survivor_of, snapshot.survivor_of, context);
-            const bool is_next = rest != sizes.end() && snapshot.positions.size() == *next_base;
+            const bool is_next = snapshot.positions.size() == levels.next_base;
             std::vector<Vec3f> positions;
             if (is_next) {
                 positions = snapshot.positions;
@@ -216,10 +210,10 @@ void iterative_levels(const PointCloud& cloud, std::span<const std::uint64_t> si
             }
             on_cloud(std::move(level));
         };
-        const double until = rest == sizes.end() ? 1 : std::lerp(done, 1.0, kOfBase);
-        contract(from, {sizes.begin(), rest}, options, on_snapshot, context.part(done, until));
-        done = until;
-        sizes = {rest, sizes.end()};
+        const double before =
+            std::exchange(done, levels.next_base == 0 ? 1 : std::lerp(done, 1.0, kOfBase));
+        contract(from, levels.sizes, options, on_snapshot, context.part(before, done));
+        sizes = sizes.subspan(levels.sizes.size());
         base = std::exchange(next, {});
     }
 }

@@ -4,6 +4,7 @@
 #include "cluster_tree.hpp"
 #include "first_touch.hpp"
 #include "gather.hpp"
+#include "incremental_levels.hpp"
 #include "iterative_levels.hpp"
 #include "multiphase_runs.hpp"
 #include "nested_order.hpp"
@@ -156,21 +157,27 @@ CloudOfSize prefixes_of(const PointCloud& cloud, const RunContext& context) {
     };
 }
 
+/// Levels made of each other.
 /// @param sizes  ascending.
-CloudOfSize contracted_levels_of(const PointCloud& cloud, std::span<const std::uint64_t> sizes,
-                                 const SimplifyOptions& options, const RunContext& context) {
+CloudOfSize levels_of_levels(const PointCloud& cloud, std::span<const std::uint64_t> sizes,
+                             const SimplifyOptions& options, const RunContext& context) {
     std::vector<std::uint64_t> finest_first(sizes.rbegin(), sizes.rend());
     if (finest_first.front() == cloud.size()) finest_first.erase(finest_first.begin());
-    IterativeSimplificationOptions iterative = options.iterative;
-    iterative.reductions = options.reductions;
     std::map<std::uint64_t, PointCloud> levels;
-    iterative_levels(
-        cloud, finest_first, iterative,
-        [&levels](PointCloud&& made) {
-            const std::uint64_t points = made.size();
-            levels[points] = std::move(made);
-        },
-        context);
+    const auto keep = [&levels](PointCloud&& made) {
+        const std::uint64_t points = made.size();
+        levels[points] = std::move(made);
+    };
+    if (options.method == Method::Iterative) {
+        IterativeSimplificationOptions iterative = options.iterative;
+        iterative.reductions = options.reductions;
+        iterative_levels(cloud, finest_first, iterative, keep, context);
+    } else {
+        IncrementalClusteringOptions incremental = options.incremental;
+        incremental.reductions = options.reductions;
+        incremental.seed = options.seed;
+        incremental_levels(cloud, finest_first, incremental, keep, context);
+    }
     return [&cloud, levels = std::move(levels)](std::uint64_t points, const RunContext& run) {
         return copy_of(points == cloud.size() ? cloud : levels.at(points), run);
     };
@@ -295,7 +302,9 @@ void build(const PointCloud& cloud, const std::function<PointCloud()>& whole,
     }
     const SimplifyOptions& method = options.simplification;
     const bool cuts = method.method == Method::Hierarchical;
-    const bool at_once = options.nested || cuts || method.method == Method::Iterative;
+    const bool of_each_other =
+        method.method == Method::Iterative || method.method == Method::Incremental;
+    const bool at_once = options.nested || cuts || of_each_other;
     const bool runs_of_one_tree = method.method == Method::Multiphase;
     // Where levels are made one after the other, the coarsest is there before the finest is begun.
     const double prepared = runs_of_one_tree ? 0.3 : !at_once ? 0.1 : options.spacing ? 0.7 : 0.95;
@@ -318,8 +327,8 @@ void build(const PointCloud& cloud, const std::function<PointCloud()>& whole,
         level_of = cuts_of(cloud, *tree, method);
     } else if (runs_of_one_tree) {
         level_of = multiphase_runs_of(cloud, any_of, method, preparing);
-    } else if (at_once) {
-        level_of = contracted_levels_of(cloud, any_of, method, preparing);
+    } else if (of_each_other) {
+        level_of = levels_of_levels(cloud, any_of, method, preparing);
     } else {
         level_of = own_runs_of(cloud, method, preparing);
     }

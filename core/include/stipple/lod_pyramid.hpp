@@ -53,12 +53,12 @@ void validate(const LodPyramidOptions& options);
 std::vector<std::uint64_t> lod_sizes(std::uint64_t points, const LodPyramidOptions& options);
 
 /// Levels of detail of a cleaned cloud, from one run of a method: cuts of the tree of
-/// `hierarchical_clustering`, contractions of such cuts by `multiphase`, or contractions of each
-/// other by `iterative`, a level of one with at least three times its points where there is one.
-/// Of the other methods each level is what `simplify` makes of the cloud; particles move on one
-/// surface, and are spread anew for each level, since parts that get none at first would stay bare
-/// if they were split. The level of all points is the cloud itself; of nested levels it is so in
-/// their order.
+/// `hierarchical_clustering`, contractions of such cuts by `multiphase`, or levels of levels by
+/// `iterative` and `incremental`: each is made of one with at least three times its points where
+/// there is one, and stands for the cloud's points all the same. Of the other methods each level is
+/// what `simplify` makes of the cloud; particles move on one surface, and are spread anew for each
+/// level, since parts that get none at first would stay bare if they were split. The level of all
+/// points is the cloud itself; of nested levels it is so in their order.
 ///
 /// Levels have more points where the surface bends, yet no holes where it is flat: of an evenly
 /// sampled surface no point is farther from a level than three times its spacing, but for
@@ -66,8 +66,8 @@ std::vector<std::uint64_t> lod_sizes(std::uint64_t points, const LodPyramidOptio
 /// level covers.
 ///
 /// @param on_level  called for each level, coarsest first, on the calling thread: of cuts and of
-/// `iterative` once the run is over, which are kept until then; of the other methods before the
-/// next level is begun.
+/// levels of levels once the run is over, which are kept until then; of the other methods before
+/// the next level is begun.
 /// @throws Error(InvalidArgument) for options out of range, a target, a cloud without points, an
 /// order of another number of points, or a single point that `base_fits` does not take.
 /// All cuts of the dragon take 1.1 to 1.2 times as long as its finest alone
