@@ -43,10 +43,10 @@ SurfaceFit fit_of(std::size_t input, std::size_t size) {
 }
 
 /// The samples of each survivor, in their order.
-Clusters clusters_of(const ContractionSnapshot& snapshot, const RunContext& context) {
-    const std::vector<Index>& survivor_of = snapshot.survivor_of;
+Clusters clusters_of(std::span<const Index> survivor_of, std::size_t survivors,
+                     const RunContext& context) {
     Clusters clusters;
-    clusters.offsets.assign(snapshot.positions.size() + 1, 0);
+    clusters.offsets.assign(survivors + 1, 0);
     const auto for_samples = [&](auto&& body) {
         for_blocks_in_order(survivor_of.size(), context, [&](std::size_t begin, std::size_t end) {
             for (std::size_t i = begin; i < end; ++i) body(i);
@@ -62,18 +62,24 @@ Clusters clusters_of(const ContractionSnapshot& snapshot, const RunContext& cont
     return clusters;
 }
 
+/// Fits the survivors to the surface of what they were contracted from.
+void fit(ContractionSnapshot& snapshot, std::span<const Vec3f> from, const Clusters& clusters,
+         const RunContext& context) {
+    const SurfaceFit how = fit_of(from.size(), snapshot.positions.size());
+    const MemberLists lists = {clusters.members.data(), clusters.offsets};
+    for (unsigned step = 0; step < kFits; ++step) {
+        fit_surface(snapshot.positions, from, lists, how, context);
+        return_freed_memory();
+    }
+}
+
+/// @param clusters  of the cloud's points, one for each survivor.
 /// @param search  of the cloud's points, where displacements are bounded.
 PointCloud cloud_of(const PointCloud& cloud, ContractionSnapshot&& snapshot,
-                    const IterativeSimplificationOptions& options,
+                    const Clusters& clusters, const IterativeSimplificationOptions& options,
                     const std::optional<NeighborSearch>& search, const RunContext& context) {
-    const Clusters clusters = clusters_of(snapshot, context);
     const MemberLists lists = {clusters.members.data(), clusters.offsets};
     if (options.placement == Placement::Optimal) {
-        const SurfaceFit fit = fit_of(cloud.size(), snapshot.positions.size());
-        for (unsigned step = 0; step < kFits; ++step) {
-            fit_surface(snapshot.positions, cloud.positions, lists, fit, context);
-            return_freed_memory();
-        }
         if (search) {
             bound_displacement(snapshot.positions, cloud.positions, *search,
                                *options.max_displacement, context);
@@ -173,7 +179,11 @@ void iterative_snapshots(const PointCloud& cloud, std::span<const std::uint64_t>
     if (sizes.empty()) return;
     const std::optional<NeighborSearch> search = search_for(cloud, options, context);
     const auto on_snapshot = [&](ContractionSnapshot&& snapshot) {
-        on_cloud(cloud_of(cloud, std::move(snapshot), options, search, context));
+        const Clusters clusters =
+            clusters_of(snapshot.survivor_of, snapshot.positions.size(), context);
+        if (options.placement == Placement::Optimal)
+            fit(snapshot, cloud.positions, clusters, context);
+        on_cloud(cloud_of(cloud, std::move(snapshot), clusters, options, search, context));
     };
     contract(cloud, sizes, options, on_snapshot, context);
 }
@@ -195,15 +205,19 @@ void iterative_levels(const PointCloud& cloud, std::span<const std::uint64_t> si
         const PointCloud& from = is_cloud ? cloud : base.cloud;
         const LevelsOfBase levels = levels_of_base(from.size(), sizes);
         const auto on_snapshot = [&](ContractionSnapshot&& snapshot) {
-            if (!is_cloud)
-                snapshot.survivor_of = followed(base.survivor_of, snapshot.survivor_of, context);
-            const bool is_next = snapshot.positions.size() == levels.next_base;
+            const std::size_t count = snapshot.positions.size();
+            const bool is_next = count == levels.next_base;
             std::vector<Vec3f> positions;
-            if (is_next) {
-                positions = snapshot.positions;
-                next.survivor_of = snapshot.survivor_of;
+            if (is_next) positions = snapshot.positions;
+            Clusters clusters = clusters_of(snapshot.survivor_of, count, context);
+            fit(snapshot, from.positions, clusters, context);
+            if (!is_cloud) {
+                snapshot.survivor_of = followed(base.survivor_of, snapshot.survivor_of, context);
+                clusters = clusters_of(snapshot.survivor_of, count, context);
             }
-            PointCloud level = cloud_of(cloud, std::move(snapshot), options, search, context);
+            if (is_next) next.survivor_of = snapshot.survivor_of;
+            PointCloud level =
+                cloud_of(cloud, std::move(snapshot), clusters, options, search, context);
             if (is_next) {
                 next.cloud = copy_of(level, context);
                 next.cloud.positions = std::move(positions);
