@@ -277,7 +277,7 @@ export class Stage {
         if (this.dirty) {
             this.dirty = false;
             this.draw(1);
-        } else if (!this.resting && performance.now() - this.changedAt > kRestMs) {
+        } else if (!this.resting && performance.now() - this.changedAt > kRestMs && !this.endsInertia()) {
             this.resting = true;
             this.draw(2);
             document.documentElement.dataset.picture = 'rest';
@@ -287,6 +287,14 @@ export class Stage {
                 this.warmUp({ colored: true });
             }
         }
+    }
+
+    /** Takes what is left of a damped movement in one step, which nobody sees: where frames are slow, it would go on for seconds. @return whether there was any */
+    endsInertia() {
+        this.controls.enableDamping = false;
+        this.controls.update();
+        this.controls.enableDamping = true;
+        return this.dirty;
     }
 
     advanceGlide() {
