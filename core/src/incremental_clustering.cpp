@@ -19,6 +19,7 @@
 #include <limits>
 #include <optional>
 #include <sstream>
+#include <utility>
 #include <vector>
 
 // Follows: Pauly, Gross, Kobbelt 2002, §3.1. The paper reaches a given number of clusters by trial;
@@ -250,24 +251,26 @@ void incremental_levels(const PointCloud& cloud, std::span<const std::uint64_t> 
         reductions_for(cloud, options.reductions, options.representative);
     for (; !sizes.empty() && sizes.front() == cloud.size(); sizes = sizes.subspan(1))
         on_cloud(copy_of(cloud, context));
-    const RunContext quietly{.stop = context.stop, .progress = {}, .threads = context.threads};
     std::optional<Base> base;  // else the cloud
     for (double done = 0; !sizes.empty();) {
         const std::span<const Vec3f> points = base ? base->points : cloud.positions;
         const LevelsOfBase levels =
             options.max_variation ? LevelsOfBase{sizes} : levels_of_base(points.size(), sizes);
+        const double until = levels.next_base == 0 ? 1 : std::lerp(done, 1.0, kOfBase);
+        const double each = (until - done) / static_cast<double>(levels.sizes.size());
         std::optional<Base> next;
         for (const std::uint64_t size : levels.sizes) {
             IncrementalClusteringOptions one = options;
             one.target_size = size;
-            Clusters clusters = clusters_of(points, one, quietly);
+            const double before = std::exchange(done, done + each);
+            Clusters clusters = clusters_of(points, one, context.part(before, done));
             if (base) clusters = joined(base->clusters, clusters, context);
             PointCloud level = representatives(cloud, {clusters.members.data(), clusters.offsets},
                                                options.representative, reductions, context);
             if (size == levels.next_base) next = {level.positions, std::move(clusters)};
             on_cloud(std::move(level));
         }
-        done = levels.next_base == 0 ? 1 : std::lerp(done, 1.0, kOfBase);
+        done = until;
         context.checkpoint(done);
         sizes = sizes.subspan(levels.sizes.size());
         base = std::move(next);
