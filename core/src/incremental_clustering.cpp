@@ -186,7 +186,7 @@ std::vector<Index> chosen_regions(const Grown& grown, std::size_t count,
 /// Clusters of clusters, as clusters of their points.
 Clusters joined(const Clusters& small, const Clusters& of_small, const RunContext& context) {
     Clusters large{made_in_blocks<std::vector<Index>>(small.members.size(), context),
-                   {of_small.offsets}};
+                   of_small.offsets};
     auto to = large.members.begin();
     for_blocks_in_order(of_small.size(), context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {
@@ -246,35 +246,34 @@ void incremental_levels(const PointCloud& cloud, std::span<const std::uint64_t> 
                         const IncrementalClusteringOptions& options,
                         const std::function<void(PointCloud&&)>& on_cloud,
                         const RunContext& context) {
-    constexpr double kOfBase = 0.7;  // of what is left to do
     const std::vector<Reduction> reductions =
         reductions_for(cloud, options.reductions, options.representative);
     for (; !sizes.empty() && sizes.front() == cloud.size(); sizes = sizes.subspan(1))
         on_cloud(copy_of(cloud, context));
     std::optional<Base> base;  // else the cloud
-    for (double done = 0; !sizes.empty();) {
+    const auto make = [&](const LevelsOfBase& levels, const RunContext& run) {
         const std::span<const Vec3f> points = base ? base->points : cloud.positions;
-        const LevelsOfBase levels =
-            options.max_variation ? LevelsOfBase{sizes} : levels_of_base(points.size(), sizes);
-        const double until = levels.next_base == 0 ? 1 : std::lerp(done, 1.0, kOfBase);
-        const double each = (until - done) / static_cast<double>(levels.sizes.size());
+        const double each = 1.0 / static_cast<double>(levels.sizes.size());
         std::optional<Base> next;
+        double done = 0;
         for (const std::uint64_t size : levels.sizes) {
             IncrementalClusteringOptions one = options;
             one.target_size = size;
-            const double before = std::exchange(done, done + each);
-            Clusters clusters = clusters_of(points, one, context.part(before, done));
+            const double before = std::exchange(done, std::min(1.0, done + each));
+            Clusters clusters = clusters_of(points, one, run.part(before, done));
             if (base) clusters = joined(base->clusters, clusters, context);
             PointCloud level = representatives(cloud, {clusters.members.data(), clusters.offsets},
                                                options.representative, reductions, context);
             if (size == levels.next_base) next = {level.positions, std::move(clusters)};
             on_cloud(std::move(level));
         }
-        done = until;
-        context.checkpoint(done);
-        sizes = sizes.subspan(levels.sizes.size());
         base = std::move(next);
-    }
+    };
+    if (options.max_variation)
+        make({sizes}, context);
+    else
+        for_each_base(cloud.size(), sizes, context, make);
+    context.checkpoint(1.0);
 }
 
 }  // namespace stipple

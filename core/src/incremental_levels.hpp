@@ -12,9 +12,8 @@ namespace stipple {
 
 /// Levels of `incremental_clustering`, finest first. One that has a finer one with enough points
 /// (`levels_of_base`) has clusters of its clusters, by its points, represented by all that they
-/// have of the cloud; about as near to the surface as clusters of the cloud. With `max_variation`
-/// all are of the cloud, whose variation it bounds. Levels that are each a quarter of the one
-/// before take 1.2 times as long as the finest.
+/// have of the cloud; about as near to the surface as clusters of the cloud (bench/README.md,
+/// "Levels by method"). With `max_variation` all are of the cloud, whose variation it bounds.
 ///
 /// @param sizes  descending, each in 1..N; `options.target_size` is not read.
 /// @param on_cloud  called for each size, on the calling thread.

@@ -16,7 +16,6 @@
 #include "surface_fit.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -73,25 +72,6 @@ void fit(ContractionSnapshot& snapshot, std::span<const Vec3f> from, const Clust
     }
 }
 
-/// @param clusters  of the cloud's points, one for each survivor.
-/// @param search  of the cloud's points, where displacements are bounded.
-PointCloud cloud_of(const PointCloud& cloud, ContractionSnapshot&& snapshot,
-                    const Clusters& clusters, const IterativeSimplificationOptions& options,
-                    const std::optional<NeighborSearch>& search, const RunContext& context) {
-    const MemberLists lists = {clusters.members.data(), clusters.offsets};
-    if (options.placement == Placement::Optimal) {
-        if (search) {
-            bound_displacement(snapshot.positions, cloud.positions, *search,
-                               *options.max_displacement, context);
-        }
-        return merged_cloud(cloud, std::move(snapshot.positions), lists, options.reductions,
-                            context);
-    }
-    const auto reductions = reductions_for(cloud, options.reductions, Representative::Nearest);
-    return merged_cloud(cloud, std::move(snapshot.positions), lists, snapshot.samples, reductions,
-                        true, context);
-}
-
 /// Gives the levels that are the whole cloud. @return the other sizes.
 /// @throws Error(InvalidArgument) for an option or a size out of range.
 std::span<const std::uint64_t> smaller(const PointCloud& cloud,
@@ -128,20 +108,6 @@ void contract(const PointCloud& cloud, std::span<const std::uint64_t> sizes,
         contract(cloud.positions, {}, sizes, contraction, on_snapshot, context);
 }
 
-/// The points that displacements are measured to, where they are bounded.
-std::optional<NeighborSearch> search_for(const PointCloud& cloud,
-                                         const IterativeSimplificationOptions& options,
-                                         const RunContext& context) {
-    if (!options.max_displacement || options.placement != Placement::Optimal) return {};
-    return std::make_optional<NeighborSearch>(cloud.positions, context);
-}
-
-/// A level of which coarser ones are made.
-struct Base {
-    PointCloud cloud;                ///< its points where they were before they were fitted
-    std::vector<Index> survivor_of;  ///< for each point of the input, that which stands for it
-};
-
 /// For each point of the input, what stands for its survivor.
 std::vector<Index> followed(std::span<const Index> survivor_of, std::span<const Index> later,
                             const RunContext& context) {
@@ -151,6 +117,75 @@ std::vector<Index> followed(std::span<const Index> survivor_of, std::span<const 
     });
     return last;
 }
+
+/// Contracts a cloud to levels, and one of these to more.
+class LevelMaker {
+public:
+    /// All but the context stay; none changes.
+    LevelMaker(const PointCloud& cloud, const IterativeSimplificationOptions& options,
+               const std::function<void(PointCloud&&)>& on_cloud, const RunContext& context)
+        : cloud_(cloud), options_(options), on_cloud_(on_cloud) {
+        if (options.max_displacement && options.placement == Placement::Optimal)
+            search_.emplace(cloud.positions, context);
+    }
+
+    /// Makes the levels of a base: the cloud, and after that the next base of those before.
+    void make(const LevelsOfBase& levels, const RunContext& context) {
+        const PointCloud& from = base_ ? base_->cloud : cloud_;
+        std::optional<Base> next;
+        const auto on_snapshot = [&](ContractionSnapshot&& snapshot) {
+            const bool is_next = snapshot.positions.size() == levels.next_base;
+            std::vector<Vec3f> unfitted;
+            if (is_next) unfitted = snapshot.positions;
+            PointCloud level = level_of(snapshot, from.positions, context);
+            if (is_next) {
+                next = {copy_of(level, context), std::move(snapshot.survivor_of)};
+                next->cloud.positions = std::move(unfitted);
+            }
+            on_cloud_(std::move(level));
+        };
+        contract(from, levels.sizes, options_, on_snapshot, context);
+        base_ = std::move(next);
+    }
+
+private:
+    struct Base {
+        PointCloud cloud;                ///< a level, its points where they were before the fit
+        std::vector<Index> survivor_of;  ///< for each point of the cloud, that which stands for it
+    };
+
+    /// Takes the positions; what is left says what stands for each point of the cloud.
+    PointCloud level_of(ContractionSnapshot& snapshot, std::span<const Vec3f> from,
+                        const RunContext& context) const {
+        const std::size_t survivors = snapshot.positions.size();
+        Clusters clusters = clusters_of(snapshot.survivor_of, survivors, context);
+        if (options_.placement == Placement::Optimal) fit(snapshot, from, clusters, context);
+        if (base_) {
+            snapshot.survivor_of = followed(base_->survivor_of, snapshot.survivor_of, context);
+            clusters = clusters_of(snapshot.survivor_of, survivors, context);
+        }
+        const MemberLists lists = {clusters.members.data(), clusters.offsets};
+        if (options_.placement == Placement::EndPoint) {
+            const auto reductions =
+                reductions_for(cloud_, options_.reductions, Representative::Nearest);
+            return merged_cloud(cloud_, std::move(snapshot.positions), lists, snapshot.samples,
+                                reductions, true, context);
+        }
+        if (search_) {
+            bound_displacement(snapshot.positions, cloud_.positions, *search_,
+                               *options_.max_displacement, context);
+        }
+        return merged_cloud(cloud_, std::move(snapshot.positions), lists, options_.reductions,
+                            context);
+    }
+
+    const PointCloud& cloud_;
+    const IterativeSimplificationOptions& options_;
+    const std::function<void(PointCloud&&)>& on_cloud_;
+    std::optional<NeighborSearch> search_;  ///< of the cloud's points, where displacements are
+                                            ///< bounded
+    std::optional<Base> base_;              ///< none: the cloud
+};
 
 }  // namespace
 
@@ -177,15 +212,7 @@ void iterative_snapshots(const PointCloud& cloud, std::span<const std::uint64_t>
                          const RunContext& context) {
     sizes = smaller(cloud, sizes, options, on_cloud, context);
     if (sizes.empty()) return;
-    const std::optional<NeighborSearch> search = search_for(cloud, options, context);
-    const auto on_snapshot = [&](ContractionSnapshot&& snapshot) {
-        const Clusters clusters =
-            clusters_of(snapshot.survivor_of, snapshot.positions.size(), context);
-        if (options.placement == Placement::Optimal)
-            fit(snapshot, cloud.positions, clusters, context);
-        on_cloud(cloud_of(cloud, std::move(snapshot), clusters, options, search, context));
-    };
-    contract(cloud, sizes, options, on_snapshot, context);
+    LevelMaker(cloud, options, on_cloud, context).make({sizes}, context);
 }
 
 void iterative_levels(const PointCloud& cloud, std::span<const std::uint64_t> sizes,
@@ -197,39 +224,10 @@ void iterative_levels(const PointCloud& cloud, std::span<const std::uint64_t> si
         return iterative_snapshots(cloud, sizes, options, on_cloud, context);
     sizes = smaller(cloud, sizes, options, on_cloud, context);
     if (sizes.empty()) return;
-    constexpr double kOfBase = 0.7;  // of what is left to do
-    const std::optional<NeighborSearch> search = search_for(cloud, options, context);
-    Base base, next;
-    for (double done = 0; !sizes.empty();) {
-        const bool is_cloud = base.cloud.empty();
-        const PointCloud& from = is_cloud ? cloud : base.cloud;
-        const LevelsOfBase levels = levels_of_base(from.size(), sizes);
-        const auto on_snapshot = [&](ContractionSnapshot&& snapshot) {
-            const std::size_t count = snapshot.positions.size();
-            const bool is_next = count == levels.next_base;
-            std::vector<Vec3f> positions;
-            if (is_next) positions = snapshot.positions;
-            Clusters clusters = clusters_of(snapshot.survivor_of, count, context);
-            fit(snapshot, from.positions, clusters, context);
-            if (!is_cloud) {
-                snapshot.survivor_of = followed(base.survivor_of, snapshot.survivor_of, context);
-                clusters = clusters_of(snapshot.survivor_of, count, context);
-            }
-            if (is_next) next.survivor_of = snapshot.survivor_of;
-            PointCloud level =
-                cloud_of(cloud, std::move(snapshot), clusters, options, search, context);
-            if (is_next) {
-                next.cloud = copy_of(level, context);
-                next.cloud.positions = std::move(positions);
-            }
-            on_cloud(std::move(level));
-        };
-        const double before =
-            std::exchange(done, levels.next_base == 0 ? 1 : std::lerp(done, 1.0, kOfBase));
-        contract(from, levels.sizes, options, on_snapshot, context.part(before, done));
-        sizes = sizes.subspan(levels.sizes.size());
-        base = std::exchange(next, {});
-    }
+    LevelMaker maker(cloud, options, on_cloud, context);
+    for_each_base(
+        cloud.size(), sizes, context,
+        [&](const LevelsOfBase& levels, const RunContext& run) { maker.make(levels, run); });
 }
 
 }  // namespace stipple

@@ -4,6 +4,12 @@
 
 namespace stipple {
 
+namespace {
+
+constexpr std::uint64_t kPointsOfBase = 3;  // for one of a level, at least
+
+}  // namespace
+
 LevelsOfBase levels_of_base(std::uint64_t base, std::span<const std::uint64_t> sizes) {
     const auto first_for = [sizes](std::uint64_t points) {
         return std::ranges::find_if(

@@ -277,7 +277,7 @@ export class Stage {
         if (this.dirty) {
             this.dirty = false;
             this.draw(1);
-        } else if (!this.resting && performance.now() - this.changedAt > kRestMs && !this.endsInertia()) {
+        } else if (!this.resting && performance.now() - this.changedAt > kRestMs && !this.finishInertia()) {
             this.resting = true;
             this.draw(2);
             document.documentElement.dataset.picture = 'rest';
@@ -289,8 +289,8 @@ export class Stage {
         }
     }
 
-    /** Takes what is left of a damped movement in one step, which nobody sees: where frames are slow, it would go on for seconds. @return whether there was any */
-    endsInertia() {
+    /** Takes what is left of a damped movement, too little to be seen, in one step: where frames are slow it would go on for seconds. @return whether there was any */
+    finishInertia() {
         this.controls.enableDamping = false;
         this.controls.update();
         this.controls.enableDamping = true;
