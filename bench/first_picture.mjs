@@ -63,8 +63,11 @@ async function pyramidOf(file) {
         (await fetch(server.url + path, { method: 'POST', headers: { 'Content-Type': type }, body })).json();
     const { id: input } = await post('/v1/clouds', file, 'application/octet-stream');
     const { id } = await post('/v1/jobs', JSON.stringify({ type: 'pyramid', input }), 'application/json');
-    for (let status = 'running'; status !== 'successful';) {
-        ({ status } = await (await fetch(`${server.url}/v1/jobs/${id}?wait=20`)).json());
+    for (let job = {}; job.status !== 'successful';) {
+        job = await (await fetch(`${server.url}/v1/jobs/${id}?wait=20`)).json();
+        if (!['accepted', 'running', 'successful'].includes(job.status)) {
+            throw new Error(`no pyramid: ${job.message ?? job.detail}`);
+        }
     }
     return { id, manifest: await (await fetch(`${server.url}/v1/jobs/${id}/results`)).json() };
 }

@@ -15,6 +15,7 @@
 #include <atomic>
 #include <cerrno>
 #include <csignal>
+#include <cstring>
 #include <iostream>
 
 namespace stipple::server {
@@ -142,11 +143,24 @@ auto listening_by(const char* flag, Make&& make) {
     }
 }
 
+/// The program that does each job, beside this one.
+fs::path job_program() {
+    const fs::path program = fs::read_symlink("/proc/self/exe").parent_path() / "stipple-job";
+    if (::access(program.c_str(), X_OK) != 0) {
+        throw Error(ErrorCode::NotFound, program.string() + ": " + std::strerror(errno) +
+                                             ": it does the jobs: expected beside stippled; "
+                                             "without it only --role api can be served");
+    }
+    return program;
+}
+
 }  // namespace
 
 int serve(const ServerConfig& config) {
     spdlog::set_level(spdlog::level::from_str(config.log_level));
     StopSignal stop;
+    std::unique_ptr<JobRunner> runner;
+    if (config.role != Role::Api) runner = make_process_job_runner(job_program());
     const auto locks = take_parts(config.data, config.role);
     const auto keys = config.api_keys ? http::ApiKeys::read(*config.api_keys) : http::ApiKeys();
     const auto blobs = open_blobs(config);
@@ -174,8 +188,6 @@ int serve(const ServerConfig& config) {
     if (config.role != Role::Worker)
         housekeeper.emplace(HousekeeperOptions{.retention = config.limits.retention}, *jobs,
                             *blobs);
-    const auto runner =
-        make_process_job_runner(fs::read_symlink("/proc/self/exe").parent_path() / "stipple-job");
     std::optional<WorkerPool> workers;
     if (config.role != Role::Api)
         workers.emplace(worker_options(config, service), config.limits, *jobs, *blobs, *runner);

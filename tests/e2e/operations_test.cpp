@@ -10,7 +10,9 @@
 #include <sys/mount.h>
 #include <sys/socket.h>
 #include <unistd.h>
+#include <cstdlib>
 #include <fstream>
+#include <iterator>
 #include <random>
 #include <thread>
 
@@ -105,6 +107,19 @@ TEST(Roles, ASecondOfTheSameKindIsRefused) {
     EXPECT_THROW(StippledProcess(as("api", data)), std::runtime_error);
     EXPECT_THROW(StippledProcess({"--data", data.path().string()}), std::runtime_error);
     EXPECT_NO_THROW(StippledProcess(as("worker", data)));
+}
+
+TEST(Stippled, DoesNotStartWithoutTheProgramThatDoesItsJobs) {
+    const TemporaryFolder folder;
+    fs::copy_file(test::program("stippled"), folder / "stippled");
+    const std::string at = folder.path().string();
+    const std::string command = "timeout 60 " + at + "/stippled serve --listen 127.0.0.1:0 " +
+                                "--admin 127.0.0.1:0 --data " + at + "/data 2> " + at + "/log";
+    EXPECT_EQ(WEXITSTATUS(std::system(command.c_str())), 1);
+    std::ifstream log(folder / "log");
+    const std::string said{std::istreambuf_iterator<char>(log), {}};
+    EXPECT_NE(said.find(at + "/stipple-job: "), std::string::npos) << said;
+    EXPECT_NE(said.find("--role api"), std::string::npos) << said;
 }
 
 TEST(Stippled, ListensOnAnAddressOfVersion6) {
