@@ -83,14 +83,15 @@ export class Pane {
     }
 
     draw(view, ratio, samples) {
+        if (!this.level) {
+            return;  // the canvas is clear
+        }
         const { renderer, camera, look } = this.stage;
         const pixels = (length) => Math.round(length * ratio);
         this.resolve.setSize(pixels(view.width), pixels(view.height), samples);
         this.drawSplats(view, ratio * samples);
         this.resolve.render(renderer, camera, { view, ratio, reach: 1.2 * ratio * samples, shading: look.shading });
-        if (this.level) {
-            this.onPicture(this.level);
-        }
+        this.onPicture(this.level);
     }
 
     /** @param scale  samples to a pixel of the page */
@@ -102,7 +103,7 @@ export class Pane {
         renderer.setRenderTarget(target);
         renderer.setClearColor(0x000000, 0);
         renderer.clear();
-        if (!this.level || !home) {
+        if (!home) {
             return;
         }
         this.arrange(height * renderer.getPixelRatio());
