@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 // A linear moving least squares surface lies inside of a curved one by a part of |H| s^2, with H
 // the mean curvature and s the distance of the points. Of all ways to spread a number of points,
@@ -22,7 +23,11 @@ namespace {
 constexpr std::size_t kBlock = 512;
 constexpr std::uint64_t kSamplesPerSurvivor = 8;
 constexpr unsigned kNeighbors = 12, kRelaxations = 1;
-constexpr double kProgressToSamples = 0.8;
+
+/// Shares of the progress: of the contraction to samples; and of what is made of them, to where
+/// each is held, contracted, shared out and taken by the caller.
+constexpr double kOfSamples = 0.15;
+constexpr double kToHeld = 0.1, kToContracted = 0.4, kToRelaxed = 0.45;
 
 /// The weight of the squared distance to a sample, as a part of that of its planes, where the
 /// surface bends as it does on average; and the most it can be.
@@ -93,6 +98,7 @@ ContractionSnapshot contracted(ContractionSnapshot&& found, float scale, std::ui
     SharedSamples samples{std::move(found.positions), std::move(found.quadrics), {}};
     multiply(samples.positions, scale, context);
     hold_curved(samples, found.survivor_of.size(), context);
+    context.checkpoint(kToHeld);
     ContractionSnapshot result;
     // Their largest coordinate can be smaller than that of the input.
     const auto larger = static_cast<float>(contraction_scale(samples.positions, context));
@@ -109,9 +115,11 @@ ContractionSnapshot contracted(ContractionSnapshot&& found, float scale, std::ui
                         });
     contract(
         samples.positions, samples.quadrics, std::span(&count, 1), {.k = k},
-        [&](ContractionSnapshot&& s) { result = std::move(s); }, context);
+        [&](ContractionSnapshot&& s) { result = std::move(s); },
+        context.part(kToHeld, kToContracted));
     samples.survivor_of = std::move(result.survivor_of);
     relax(samples, result.positions, kRelaxations, context);
+    context.checkpoint(kToRelaxed);
     multiply(result.positions, 1 / (larger * scale), context);
     result.survivor_of = std::move(found.survivor_of);
     for_blocks_in_order(result.survivor_of.size(), context,
@@ -150,22 +158,34 @@ Bends bends_of(std::span<const Vec3f> points, const RunContext& context) {
 }
 
 void contract_by_curvature(std::span<const Vec3f> positions, std::span<const std::uint64_t> counts,
-                           const ContractionOptions& options,
-                           const std::function<void(ContractionSnapshot&&)>& on_snapshot,
+                           const ContractionOptions& options, const OnContracted& on_snapshot,
                            const RunContext& context) {
     std::vector<std::uint64_t> sample_counts;
     for (const std::uint64_t count : counts)
         sample_counts.push_back(
             std::min<std::uint64_t>(positions.size(), kSamplesPerSurvivor * count));
+    const auto all = static_cast<double>(
+        std::accumulate(sample_counts.begin(), sample_counts.end(), std::uint64_t{0}));
     const auto scale = static_cast<float>(contraction_scale(positions, context));
-    const RunContext silent{context.stop, {}, context.threads};
+    double found = 0, made = 0;  // samples, and snapshots of them: how far both are, in turns
+    const auto telling = [&](double& of, double from, double to) -> RunContext {
+        const auto tell = [&, from, to](double fraction) {
+            of = std::lerp(from, to, fraction);
+            context.checkpoint(std::lerp(made, found, kOfSamples));
+        };
+        return {context.stop, tell, context.threads};
+    };
     std::size_t at = 0;
     contract(
         positions, {}, sample_counts, options,
         [&](ContractionSnapshot&& samples) {
-            on_snapshot(contracted(std::move(samples), scale, counts[at++], options.k, silent));
+            const double after = made + static_cast<double>(sample_counts[at]) / all;
+            const RunContext run = telling(made, made, after);
+            on_snapshot(contracted(std::move(samples), scale, counts[at], options.k, run),
+                        run.part(kToRelaxed, 1));
+            ++at;
         },
-        context.part(0, kProgressToSamples));
+        telling(found, 0, 1));
 }
 
 }  // namespace stipple

@@ -4,6 +4,9 @@
 
 namespace stipple {
 
+/// Takes a snapshot, and tells its own progress with it.
+using OnContracted = std::function<void(ContractionSnapshot&&, const RunContext&)>;
+
 /// Point-pair contraction (§3.2) that leaves more points where the surface bends.
 ///
 /// Contracts to 8 samples for each survivor; measures how much the surface through these bends,
@@ -14,8 +17,7 @@ namespace stipple {
 /// @throws as `contract`. What that costs, and for each snapshot of n points the same again for 8 n
 /// points, one after the other, with 200 bytes more for each of them.
 void contract_by_curvature(std::span<const Vec3f> positions, std::span<const std::uint64_t> counts,
-                           const ContractionOptions& options,
-                           const std::function<void(ContractionSnapshot&&)>& on_snapshot,
+                           const ContractionOptions& options, const OnContracted& on_snapshot,
                            const RunContext& context);
 
 /// How much the surface bends at each of some points, and how much of it they stand for.

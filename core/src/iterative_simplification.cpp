@@ -69,6 +69,7 @@ void fit(ContractionSnapshot& snapshot, std::span<const Vec3f> from, const Clust
     for (unsigned step = 0; step < kFits; ++step) {
         fit_surface(snapshot.positions, from, lists, how, context);
         return_freed_memory();
+        context.checkpoint(static_cast<double>(step + 1) / kFits);
     }
 }
 
@@ -94,8 +95,7 @@ std::span<const std::uint64_t> smaller(const PointCloud& cloud,
 }
 
 void contract(const PointCloud& cloud, std::span<const std::uint64_t> sizes,
-              const IterativeSimplificationOptions& options,
-              const std::function<void(ContractionSnapshot&&)>& on_snapshot,
+              const IterativeSimplificationOptions& options, const OnContracted& on_snapshot,
               const RunContext& context) {
     const Features features(cloud, options);
     const ContractionOptions contraction = {.k = options.k,
@@ -105,7 +105,12 @@ void contract(const PointCloud& cloud, std::span<const std::uint64_t> sizes,
     if (options.placement == Placement::Optimal)
         contract_by_curvature(cloud.positions, sizes, contraction, on_snapshot, context);
     else
-        contract(cloud.positions, {}, sizes, contraction, on_snapshot, context);
+        contract(
+            cloud.positions, {}, sizes, contraction,
+            [&](ContractionSnapshot&& snapshot) {
+                on_snapshot(std::move(snapshot), {context.stop, {}, context.threads});
+            },
+            context);
 }
 
 /// For each point of the input, what stands for its survivor.
@@ -133,11 +138,11 @@ public:
     void make(const LevelsOfBase& levels, const RunContext& context) {
         const PointCloud& from = base_ ? base_->cloud : cloud_;
         std::optional<Base> next;
-        const auto on_snapshot = [&](ContractionSnapshot&& snapshot) {
+        const auto on_snapshot = [&](ContractionSnapshot&& snapshot, const RunContext& run) {
             const bool is_next = snapshot.positions.size() == levels.next_base;
             std::vector<Vec3f> unfitted;
             if (is_next) unfitted = snapshot.positions;
-            PointCloud level = level_of(snapshot, from.positions, context);
+            PointCloud level = level_of(snapshot, from.positions, run);
             if (is_next) {
                 next = {copy_of(level, context), std::move(snapshot.survivor_of)};
                 next->cloud.positions = std::move(unfitted);

@@ -63,7 +63,7 @@ TEST(CurvatureContraction, PutsMorePointsOnTheSphereThatBendsMore) {
     const auto points = large_and_small(16'000);
     const std::uint64_t count = 850;
     contract_by_curvature(points, std::span(&count, 1), {},
-                          [](ContractionSnapshot&& s) {
+                          [](ContractionSnapshot&& s, const RunContext&) {
                               ASSERT_EQ(s.positions.size(), 850U);
                               const auto on_small = std::ranges::count_if(
                                   s.positions, [](const Vec3f& p) { return p.x() > 5; });
@@ -77,7 +77,7 @@ TEST(CurvatureContraction, GivesEverySampleASurvivorAndEverySurvivorASample) {
     const std::vector<std::uint64_t> counts = {3000, 1000, 50, 1};
     std::size_t at = 0;
     contract_by_curvature(points, counts, {},
-                          [&](ContractionSnapshot&& s) {
+                          [&](ContractionSnapshot&& s, const RunContext&) {
                               EXPECT_EQ(s.positions.size(), counts[at++]);
                               ASSERT_EQ(s.survivor_of.size(), points.size());
                               const std::set<Index> used(s.survivor_of.begin(),

@@ -314,6 +314,21 @@ TEST(IterativeSimplification, SaysWhatIsWrongWithAnOption) {
     EXPECT_THROW(snapshots({5, 0}), Error);
 }
 
+TEST(IterativeSimplification, TellsItsProgressAllAlong) {
+    const PointCloud cloud = test::sphere(20'000);
+    for (const std::vector<std::uint64_t>& sizes :
+         {std::vector<std::uint64_t>{5000}, {2000, 500, 20}}) {
+        double last = 0;
+        const auto tell = [&](double fraction) {
+            EXPECT_GE(fraction, last);
+            EXPECT_LT(fraction, last + 0.2) << "of " << sizes[0];
+            last = fraction;
+        };
+        iterative_snapshots(cloud, sizes, {}, [](PointCloud&&) {}, {.progress = tell});
+        EXPECT_GT(last, 0.8);
+    }
+}
+
 TEST(IterativeSimplification, StopsWhenAskedTo) {
     std::stop_source source;
     RunContext context;
