@@ -2,6 +2,7 @@
 
 #include "contraction_quadrics.hpp"
 #include "contraction_relaxation.hpp"
+#include "first_touch.hpp"
 #include "gaussian.hpp"
 #include "nearest_lists.hpp"
 #include "parallel_for.hpp"
@@ -92,27 +93,46 @@ void multiply(std::vector<Vec3f>& points, float factor, const RunContext& contex
     });
 }
 
+/// What the survivors stand for, with all of the samples that each has.
+std::vector<StoredQuadric> quadrics_of(std::span<const Vec3f> survivors,
+                                       const SharedSamples& samples, const RunContext& context) {
+    auto sums = made_in_blocks<std::vector<Quadric>>(survivors.size(), context);
+    for_blocks_in_order(samples.positions.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+            const Index to = samples.survivor_of[i];
+            sums[to] =
+                sums[to] + referred_to(Quadric(samples.quadrics[i]),
+                                       (survivors[to] - samples.positions[i]).cast<double>());
+        }
+    });
+    auto quadrics = made_in_blocks<std::vector<StoredQuadric>>(survivors.size(), context);
+    parallel_for_blocks(sums.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) quadrics[i] = StoredQuadric(sums[i]);
+    });
+    return quadrics;
+}
+
+void tell_in_unit(std::vector<StoredQuadric>& quadrics, float factor, const RunContext& context) {
+    parallel_for_blocks(quadrics.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) quadrics[i] = in_unit(quadrics[i], factor);
+    });
+}
+
 /// @param scale  at which the samples' quadrics are.
-ContractionSnapshot contracted(ContractionSnapshot&& found, float scale, std::uint64_t count,
-                               unsigned k, const RunContext& context) {
+/// @param points  that the samples stand for.
+/// @param is_next  whether the quadrics of the survivors are wanted.
+ContractionSnapshot contracted(ContractionSnapshot&& found, float scale, std::size_t points,
+                               std::uint64_t count, unsigned k, bool is_next,
+                               const RunContext& context) {
     SharedSamples samples{std::move(found.positions), std::move(found.quadrics), {}};
     multiply(samples.positions, scale, context);
-    hold_curved(samples, found.survivor_of.size(), context);
+    hold_curved(samples, points, context);
     context.checkpoint(kToHeld);
     ContractionSnapshot result;
     // Their largest coordinate can be smaller than that of the input.
     const auto larger = static_cast<float>(contraction_scale(samples.positions, context));
     multiply(samples.positions, larger, context);
-    parallel_for_blocks(samples.quadrics.size(), kBlock, context,
-                        [&](std::size_t begin, std::size_t end) {
-                            for (std::size_t i = begin; i < end; ++i) {
-                                StoredQuadric& q = samples.quadrics[i];
-                                q.x *= larger;
-                                q.y *= larger;
-                                q.z *= larger;
-                                q.c *= larger * larger;
-                            }
-                        });
+    tell_in_unit(samples.quadrics, larger, context);
     contract(
         samples.positions, samples.quadrics, std::span(&count, 1), {.k = k},
         [&](ContractionSnapshot&& s) { result = std::move(s); },
@@ -120,7 +140,13 @@ ContractionSnapshot contracted(ContractionSnapshot&& found, float scale, std::ui
     samples.survivor_of = std::move(result.survivor_of);
     relax(samples, result.positions, kRelaxations, context);
     context.checkpoint(kToRelaxed);
+    result.quadrics.clear();
+    if (is_next) result.quadrics = quadrics_of(result.positions, samples, context);
     multiply(result.positions, 1 / (larger * scale), context);
+    if (is_next) {
+        const auto own = static_cast<float>(contraction_scale(result.positions, context));
+        tell_in_unit(result.quadrics, own / (larger * scale), context);
+    }
     result.survivor_of = std::move(found.survivor_of);
     for_blocks_in_order(result.survivor_of.size(), context,
                         [&](std::size_t begin, std::size_t end) {
@@ -128,6 +154,16 @@ ContractionSnapshot contracted(ContractionSnapshot&& found, float scale, std::ui
                                 result.survivor_of[i] = samples.survivor_of[result.survivor_of[i]];
                         });
     return result;
+}
+
+/// As a contraction to all of them.
+ContractionSnapshot all_of(const CurvatureInput& input, const RunContext& context) {
+    ContractionSnapshot all;
+    all.positions.assign(input.positions.begin(), input.positions.end());
+    all.quadrics.assign(input.quadrics.begin(), input.quadrics.end());
+    all.survivor_of = made_in_blocks<std::vector<Index>>(input.positions.size(), context);
+    std::iota(all.survivor_of.begin(), all.survivor_of.end(), Index{0});
+    return all;
 }
 
 }  // namespace
@@ -157,16 +193,17 @@ Bends bends_of(std::span<const Vec3f> points, const RunContext& context) {
     return bends;
 }
 
-void contract_by_curvature(std::span<const Vec3f> positions, std::span<const std::uint64_t> counts,
+void contract_by_curvature(const CurvatureInput& input, std::span<const std::uint64_t> counts,
                            const ContractionOptions& options, const OnContracted& on_snapshot,
                            const RunContext& context) {
+    const std::size_t n = input.positions.size();
+    const std::size_t points = input.points == 0 ? n : input.points;
     std::vector<std::uint64_t> sample_counts;
     for (const std::uint64_t count : counts)
-        sample_counts.push_back(
-            std::min<std::uint64_t>(positions.size(), kSamplesPerSurvivor * count));
+        sample_counts.push_back(std::min<std::uint64_t>(n, kSamplesPerSurvivor * count));
     const auto all = static_cast<double>(
         std::accumulate(sample_counts.begin(), sample_counts.end(), std::uint64_t{0}));
-    const auto scale = static_cast<float>(contraction_scale(positions, context));
+    const auto scale = static_cast<float>(contraction_scale(input.positions, context));
     double found = 0, made = 0;  // samples, and snapshots of them: how far both are, in turns
     const auto telling = [&](double& of, double from, double to) -> RunContext {
         const auto tell = [&, from, to](double fraction) {
@@ -176,16 +213,20 @@ void contract_by_curvature(std::span<const Vec3f> positions, std::span<const std
         return {context.stop, tell, context.threads};
     };
     std::size_t at = 0;
-    contract(
-        positions, {}, sample_counts, options,
-        [&](ContractionSnapshot&& samples) {
-            const double after = made + static_cast<double>(sample_counts[at]) / all;
-            const RunContext run = telling(made, made, after);
-            on_snapshot(contracted(std::move(samples), scale, counts[at], options.k, run),
-                        run.part(kToRelaxed, 1));
-            ++at;
-        },
-        telling(found, 0, 1));
+    const auto make = [&](ContractionSnapshot&& samples) {
+        const double after = made + static_cast<double>(sample_counts[at]) / all;
+        const RunContext run = telling(made, made, after);
+        on_snapshot(contracted(std::move(samples), scale, points, counts[at], options.k,
+                               counts[at] == input.next, run),
+                    run.part(kToRelaxed, 1));
+        ++at;
+    };
+    // All are samples where they are few enough: then quadrics are all that a contraction adds.
+    while (!input.quadrics.empty() && at < counts.size() && sample_counts[at] == n)
+        make(all_of(input, context));
+    if (at == counts.size()) return;
+    contract(input.positions, input.quadrics, std::span(sample_counts).subspan(at), options, make,
+             telling(found, 0, 1));
 }
 
 }  // namespace stipple

@@ -94,25 +94,6 @@ std::span<const std::uint64_t> smaller(const PointCloud& cloud,
     return sizes;
 }
 
-void contract(const PointCloud& cloud, std::span<const std::uint64_t> sizes,
-              const IterativeSimplificationOptions& options, const OnContracted& on_snapshot,
-              const RunContext& context) {
-    const Features features(cloud, options);
-    const ContractionOptions contraction = {.k = options.k,
-                                            .placement = options.placement,
-                                            .features = features.values,
-                                            .channels = features.channels};
-    if (options.placement == Placement::Optimal)
-        contract_by_curvature(cloud.positions, sizes, contraction, on_snapshot, context);
-    else
-        contract(
-            cloud.positions, {}, sizes, contraction,
-            [&](ContractionSnapshot&& snapshot) {
-                on_snapshot(std::move(snapshot), {context.stop, {}, context.threads});
-            },
-            context);
-}
-
 /// For each point of the input, what stands for its survivor.
 std::vector<Index> followed(std::span<const Index> survivor_of, std::span<const Index> later,
                             const RunContext& context) {
@@ -136,32 +117,51 @@ public:
 
     /// Makes the levels of a base: the cloud, and after that the next base of those before.
     void make(const LevelsOfBase& levels, const RunContext& context) {
-        const PointCloud& from = base_ ? base_->cloud : cloud_;
         std::optional<Base> next;
         const auto on_snapshot = [&](ContractionSnapshot&& snapshot, const RunContext& run) {
             const bool is_next = snapshot.positions.size() == levels.next_base;
-            std::vector<Vec3f> unfitted;
-            if (is_next) unfitted = snapshot.positions;
-            PointCloud level = level_of(snapshot, from.positions, run);
-            if (is_next) {
-                next = {copy_of(level, context), std::move(snapshot.survivor_of)};
-                next->cloud.positions = std::move(unfitted);
-            }
+            if (is_next) next = {snapshot.positions, std::move(snapshot.quadrics), {}};
+            PointCloud level = level_of(snapshot, run);
+            if (is_next) next->survivor_of = std::move(snapshot.survivor_of);
             on_cloud_(std::move(level));
         };
-        contract(from, levels.sizes, options_, on_snapshot, context);
+        contract(levels, on_snapshot, context);
         base_ = std::move(next);
     }
 
 private:
     struct Base {
-        PointCloud cloud;                ///< a level, its points where they were before the fit
+        std::vector<Vec3f> positions;  ///< of a level, before they were fitted
+        std::vector<StoredQuadric> quadrics;
         std::vector<Index> survivor_of;  ///< for each point of the cloud, that which stands for it
     };
 
+    void contract(const LevelsOfBase& levels, const OnContracted& on_snapshot,
+                  const RunContext& context) const {
+        ContractionOptions options = {.k = options_.k, .placement = options_.placement};
+        if (base_) {
+            return contract_by_curvature(
+                {base_->positions, base_->quadrics, cloud_.size(), levels.next_base}, levels.sizes,
+                options, on_snapshot, context);
+        }
+        const Features features(cloud_, options_);
+        options.features = features.values;
+        options.channels = features.channels;
+        if (options_.placement == Placement::Optimal) {
+            return contract_by_curvature({.positions = cloud_.positions, .next = levels.next_base},
+                                         levels.sizes, options, on_snapshot, context);
+        }
+        stipple::contract(
+            cloud_.positions, {}, levels.sizes, options,
+            [&](ContractionSnapshot&& snapshot) {
+                on_snapshot(std::move(snapshot), {context.stop, {}, context.threads});
+            },
+            context);
+    }
+
     /// Takes the positions; what is left says what stands for each point of the cloud.
-    PointCloud level_of(ContractionSnapshot& snapshot, std::span<const Vec3f> from,
-                        const RunContext& context) const {
+    PointCloud level_of(ContractionSnapshot& snapshot, const RunContext& context) const {
+        const std::span<const Vec3f> from = base_ ? base_->positions : cloud_.positions;
         const std::size_t survivors = snapshot.positions.size();
         Clusters clusters = clusters_of(snapshot.survivor_of, survivors, context);
         if (options_.placement == Placement::Optimal) fit(snapshot, from, clusters, context);

@@ -83,6 +83,16 @@ inline Quadric referred_to(const Quadric& q, const Vec3d& y) noexcept {
     return moved;
 }
 
+/// The same function where lengths are told in another unit, in which they are `factor` times as
+/// large; its weights stay.
+inline StoredQuadric in_unit(StoredQuadric q, float factor) noexcept {
+    q.x *= factor;
+    q.y *= factor;
+    q.z *= factor;
+    q.c *= factor * factor;
+    return q;
+}
+
 /// Where the quadric is least, by Cholesky's method; false where that is not one well-defined point
 /// (a plane or a line of such places). A point term of small weight makes it one.
 inline bool minimiser(const Quadric& q, Vec3d& y) noexcept {

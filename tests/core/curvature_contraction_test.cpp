@@ -3,6 +3,7 @@
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <set>
 #include <vector>
@@ -62,7 +63,7 @@ TEST(Bends, AreZeroWhereThereIsNoSurface) {
 TEST(CurvatureContraction, PutsMorePointsOnTheSphereThatBendsMore) {
     const auto points = large_and_small(16'000);
     const std::uint64_t count = 850;
-    contract_by_curvature(points, std::span(&count, 1), {},
+    contract_by_curvature({points}, std::span(&count, 1), {},
                           [](ContractionSnapshot&& s, const RunContext&) {
                               ASSERT_EQ(s.positions.size(), 850U);
                               const auto on_small = std::ranges::count_if(
@@ -76,7 +77,7 @@ TEST(CurvatureContraction, GivesEverySampleASurvivorAndEverySurvivorASample) {
     const auto points = test::sphere(3000, 0.01).positions;
     const std::vector<std::uint64_t> counts = {3000, 1000, 50, 1};
     std::size_t at = 0;
-    contract_by_curvature(points, counts, {},
+    contract_by_curvature({points}, counts, {},
                           [&](ContractionSnapshot&& s, const RunContext&) {
                               EXPECT_EQ(s.positions.size(), counts[at++]);
                               ASSERT_EQ(s.survivor_of.size(), points.size());
@@ -87,6 +88,35 @@ TEST(CurvatureContraction, GivesEverySampleASurvivorAndEverySurvivorASample) {
                           },
                           {});
     EXPECT_EQ(at, counts.size());
+}
+
+TEST(CurvatureContraction, GivesTheNextInputTheQuadricsOfAllThatItsPointsStandFor) {
+    const auto points = test::sphere(8000).positions;
+    const std::vector<std::uint64_t> counts = {2000, 400};
+    ContractionSnapshot base;
+    contract_by_curvature({.positions = points, .next = 2000}, counts, {},
+                          [&](ContractionSnapshot&& s, const RunContext&) {
+                              EXPECT_EQ(s.quadrics.size(), s.positions.size() == 2000 ? 2000U : 0U);
+                              if (s.positions.size() == 2000) base = std::move(s);
+                          },
+                          {});
+    ASSERT_EQ(base.quadrics.size(), 2000U);
+    // Of planes that touch the sphere: much steeper across it than along it.
+    for (std::size_t i = 0; i < base.quadrics.size(); ++i) {
+        const Quadric q(base.quadrics[i]);
+        const Vec3d out = base.positions[i].cast<double>().normalized();
+        const Vec3d along = out.unitOrthogonal();
+        const Quadric form = {q.xx, q.xy, q.xz, q.yy, q.yz, q.zz};
+        EXPECT_GT(value(form, out), 10 * value(form, along));
+    }
+    const std::uint64_t count = 400;
+    contract_by_curvature({base.positions, base.quadrics, points.size()}, std::span(&count, 1), {},
+                          [&](ContractionSnapshot&& s, const RunContext&) {
+                              ASSERT_EQ(s.positions.size(), 400U);
+                              ASSERT_EQ(s.survivor_of.size(), 2000U);
+                              for (const Vec3f& p : s.positions) EXPECT_NEAR(p.norm(), 1, 0.02);
+                          },
+                          {});
 }
 
 }  // namespace

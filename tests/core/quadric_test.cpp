@@ -44,6 +44,15 @@ TEST(Quadric, OfPointsIsLeastAtTheirCentroid) {
     EXPECT_NEAR(value(q, y), 45 + 3 * 5, 1e-12);
 }
 
+TEST(Quadric, IsTheSameFunctionInAnotherUnit) {
+    Quadric q;
+    add_plane(q, Vec3d(1, 2, -2) / 3, {0.5, 0, 1}, 3);
+    add_point(q, {0.25, -1, 2}, 0.5);
+    const Quadric large(in_unit(StoredQuadric(q), 4));
+    for (const Vec3d& y : {Vec3d(0, 0, 0), Vec3d(1, 2, 3), Vec3d(-0.5, 0.25, 8)})
+        EXPECT_NEAR(value(large, 4 * y), 16 * value(q, y), 1e-5 * value(large, 4 * y));
+}
+
 TEST(Quadric, IsTheSameFunctionFromAnotherReference) {
     Quadric q;
     add_plane(q, Vec3d(2, 1, 2) / 3, {1, 2, 3}, 4);
