@@ -93,7 +93,7 @@ void multiply(std::vector<Vec3f>& points, float factor, const RunContext& contex
     });
 }
 
-/// What the survivors stand for, with all of the samples that each has.
+/// Of the survivors: each the sum over its samples, relative to its own position.
 std::vector<StoredQuadric> quadrics_of(std::span<const Vec3f> survivors,
                                        const SharedSamples& samples, const RunContext& context) {
     auto sums = made_in_blocks<std::vector<Quadric>>(survivors.size(), context);
@@ -112,7 +112,7 @@ std::vector<StoredQuadric> quadrics_of(std::span<const Vec3f> survivors,
     return quadrics;
 }
 
-void tell_in_unit(std::vector<StoredQuadric>& quadrics, float factor, const RunContext& context) {
+void change_unit(std::vector<StoredQuadric>& quadrics, float factor, const RunContext& context) {
     parallel_for_blocks(quadrics.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) quadrics[i] = in_unit(quadrics[i], factor);
     });
@@ -132,7 +132,7 @@ ContractionSnapshot contracted(ContractionSnapshot&& found, float scale, std::si
     // Their largest coordinate can be smaller than that of the input.
     const auto larger = static_cast<float>(contraction_scale(samples.positions, context));
     multiply(samples.positions, larger, context);
-    tell_in_unit(samples.quadrics, larger, context);
+    change_unit(samples.quadrics, larger, context);
     contract(
         samples.positions, samples.quadrics, std::span(&count, 1), {.k = k},
         [&](ContractionSnapshot&& s) { result = std::move(s); },
@@ -141,12 +141,12 @@ ContractionSnapshot contracted(ContractionSnapshot&& found, float scale, std::si
     relax(samples, result.positions, kRelaxations, context);
     context.checkpoint(kToRelaxed);
     result.quadrics.clear();
-    if (is_next) result.quadrics = quadrics_of(result.positions, samples, context);
-    multiply(result.positions, 1 / (larger * scale), context);
     if (is_next) {
-        const auto own = static_cast<float>(contraction_scale(result.positions, context));
-        tell_in_unit(result.quadrics, own / (larger * scale), context);
+        result.quadrics = quadrics_of(result.positions, samples, context);
+        change_unit(result.quadrics,
+                    static_cast<float>(contraction_scale(result.positions, context)), context);
     }
+    multiply(result.positions, 1 / (larger * scale), context);
     result.survivor_of = std::move(found.survivor_of);
     for_blocks_in_order(result.survivor_of.size(), context,
                         [&](std::size_t begin, std::size_t end) {

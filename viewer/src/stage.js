@@ -1,4 +1,4 @@
-import { Box3, BufferAttribute, BufferGeometry, MathUtils, PerspectiveCamera, Points, Sphere, Vector2, Vector3, WebGLRenderer } from 'three';
+import { Box3, BufferAttribute, BufferGeometry, MathUtils, PerspectiveCamera, Points, Sphere, Vector3, WebGLRenderer } from 'three';
 import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
 
 import { Pane } from './pane.js';
@@ -350,7 +350,8 @@ export class Stage {
             return;
         }
         const ratio = Math.min(devicePixelRatio, 2);
-        this.setSize(this.canvas.clientWidth, this.canvas.clientHeight, ratio);
+        this.renderer.setPixelRatio(ratio);
+        this.renderer.setSize(this.canvas.clientWidth, this.canvas.clientHeight, false);
         this.renderer.setRenderTarget(null);
         this.renderer.setScissorTest(false);
         this.renderer.setClearColor(0x000000, 0);
@@ -358,15 +359,6 @@ export class Stage {
         for (const view of views) {
             this.aim(view);
             view.pane.draw(view, ratio, samples);
-        }
-    }
-
-    /** Of the canvas: its picture is made anew by each call of the renderer's. */
-    setSize(width, height, ratio) {
-        const now = this.renderer.getSize(new Vector2());
-        if (now.x !== width || now.y !== height || this.renderer.getPixelRatio() !== ratio) {
-            this.renderer.setPixelRatio(ratio);
-            this.renderer.setSize(width, height, false);
         }
     }
 

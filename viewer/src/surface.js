@@ -78,7 +78,7 @@ function started() {
         if (data.failure) {
             fail(data.id, data.failure);
         } else {
-            waiting.get(data.id)?.resolve(data);  // unless it was given up
+            waiting.get(data.id)?.resolve(data);  // unless it was given up, or is practice
             waiting.delete(data.id);
         }
     };
