@@ -1,6 +1,7 @@
 #include "stipple/proto/results.hpp"
 
 #include "json_parts.hpp"
+#include "stipple/proto/digest.hpp"
 
 #include <algorithm>
 #include <span>
@@ -98,12 +99,18 @@ FileError read_file_error(const JsonValue& value) {
     return error;
 }
 
+/// Names files, so it must be nothing else.
+std::string read_sha256(const JsonValue& value) {
+    if (!is_sha256(value.text())) value.refuse("64 lower-case hexadecimal digits");
+    return value.text();
+}
+
 OutputFile read_file(const JsonValue& value) {
     JsonObject object = value.object();
     OutputFile file;
     file.format = object["format"].named(cloud_format_from_name);
     file.bytes = object["bytes"].integer();
-    file.sha256 = object["sha256"].text();
+    file.sha256 = read_sha256(object["sha256"]);
     file.href = object["href"].text();
     if (const auto tile = object.find("tile")) file.tile = read_tile(*tile);
     if (const auto error = object.find("error")) file.error = read_file_error(*error);
@@ -125,7 +132,7 @@ PictureFile read_picture(const JsonValue& value) {
     picture.width = object["width"].small_integer();
     picture.height = object["height"].small_integer();
     picture.bytes = object["bytes"].integer();
-    picture.sha256 = object["sha256"].text();
+    picture.sha256 = read_sha256(object["sha256"]);
     picture.href = object["href"].text();
     object.finish();
     return picture;

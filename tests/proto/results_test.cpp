@@ -69,6 +69,16 @@ TEST(Results, ThatAreMalformedAreRefusedByThePathOfTheField) {
               "levels[0].files[1].bytes: \"many\": expected an integer of at least 0");
 }
 
+TEST(Results, WhoseFilesHaveNoHashAreRefused) {
+    auto json = nlohmann::json::parse(to_json(test::pyramid_results()));
+    for (const char* name : {"../../etc/passwd", "/home/ada/scan", "ABCDEF", ""}) {
+        json["levels"][0]["files"][0]["sha256"] = name;
+        EXPECT_EQ(test::refusal(results_from_json, json.dump(), ErrorCode::MalformedInput),
+                  "levels[0].files[0].sha256: \"" + std::string(name) +
+                      "\": expected 64 lower-case hexadecimal digits");
+    }
+}
+
 TEST(Results, EveryFieldIsNeeded) {
     const auto whole = nlohmann::json::parse(to_json(test::pyramid_results()));
     for (const auto& [name, value] : whole.items()) {

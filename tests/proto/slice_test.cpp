@@ -2,6 +2,7 @@
 
 #include "stipple/error.hpp"
 #include "stipple/lod_pyramid.hpp"
+#include "stipple/proto/digest.hpp"
 #include "stipple/proto/pyramid_export.hpp"
 #include "stipple/proto/tiles.hpp"
 #include "stipple/surface_error.hpp"
@@ -66,7 +67,7 @@ struct Pyramid {
 
     void add(OutputCloud& level, CloudFormat format, std::vector<std::byte> bytes,
              std::optional<LodTile> tile) {
-        const std::string name = std::to_string(files.size());
+        const std::string name = sha256_hex(bytes);
         level.files.push_back({format, bytes.size(), name, name, std::move(tile)});
         files[name] = std::move(bytes);
     }
@@ -304,7 +305,7 @@ TEST(Slice, RefusalsTellTheValueAndTheLimitHoweverSmall) {
     EXPECT_TRUE(error.starts_with("max_error 1e-09: expected at least ")) << error;
     const std::string bytes = refusal_text(both(), {.bytes = 3});
     EXPECT_TRUE(bytes.starts_with("bytes 3: expected at least ")) << bytes;
-    EXPECT_TRUE(bytes.ends_with(", for points 1")) << bytes;
+    EXPECT_TRUE(bytes.ends_with(", for 1 point")) << bytes;
 }
 
 TEST(Slice, RefusesWhatCannotBe) {
