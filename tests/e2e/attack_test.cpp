@@ -3,7 +3,11 @@
 #include "support/stippled_process.hpp"
 
 #include <gtest/gtest.h>
+#include <sys/resource.h>
+#include <unistd.h>
+#include <fstream>
 #include <list>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <set>
 #include <thread>
@@ -181,6 +185,30 @@ TEST(Attack, ConnectionsAboveTheCapAreToldSo) {
         std::this_thread::sleep_for(20ms);
     }
     FAIL() << "places of clients that left are not given back";
+}
+
+TEST(Attack, ConnectionsForWhichThereIsNoThreadAreToldSo) {
+    const StippledProcess server;
+    std::ifstream pages("/proc/" + std::to_string(server.pid()) + "/statm");
+    std::uint64_t taken = 0;
+    pages >> taken;
+    // Room for the stacks of a few threads.
+    const rlim_t bytes =
+        taken * static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE)) + 32 * kMebibyte;
+    const rlimit room{bytes, RLIM_INFINITY};
+    ASSERT_EQ(::prlimit(server.pid(), RLIMIT_AS, &room, nullptr), 0);
+    std::list<RawConnection> many;
+    std::map<int, int> replies;
+    for (int i = 0; i < 30; ++i) {
+        many.emplace_back(server.port());
+        many.back().send("GET /v1/limits HTTP/1.1\r\nHost: h\r\n\r\n");
+        ++replies[many.back().receive(kGenerous).status];
+    }
+    EXPECT_GT(replies[200], 0);
+    EXPECT_GT(replies[503], 0);
+    EXPECT_EQ(replies[200] + replies[503], 30);
+    many.clear();
+    expect_well(server);
 }
 
 TEST(Attack, NineHundredIdleConnectionsFailNoHealthCheck) {

@@ -10,6 +10,7 @@
 #include <array>
 #include <cerrno>
 #include <cstring>
+#include <system_error>
 
 namespace stipple::server::http {
 
@@ -84,6 +85,7 @@ GuardedServer::GuardedServer(const GuardedServerOptions& options, Application& a
       port_(port_of(listener_)) {
     const bool v6 = options.host.find(':') != std::string::npos;
     address_ = (v6 ? "[" + options.host + "]" : options.host) + ":" + std::to_string(port_);
+    have_thread();  // one at least, where others have taken all that there are
     acceptor_ = std::jthread([this] { accept_loop(); });
 }
 
@@ -143,12 +145,28 @@ void GuardedServer::accept_one() {
     const int on = 1;
     ::setsockopt(fd.get(), IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
 
-    std::string name = name_of(address).first;
+    const std::string name = name_of(address).first;
     if (!admit(name)) return turn_away(std::move(fd));
+    if (!have_thread()) {
+        leave(name);
+        return turn_away(std::move(fd));
+    }
     const std::lock_guard lock(mutex_);
-    waiting_.push_back({std::move(fd), std::move(name)});
-    if (idle_ < waiting_.size()) threads_.emplace_back([this] { serve_loop(); });
+    waiting_.push_back({std::move(fd), name});
     arrived_.notify_one();
+}
+
+/// Whether there is an idle thread for one connection more; starts one where there is none, as far
+/// as the system lets it.
+bool GuardedServer::have_thread() {
+    const std::lock_guard lock(mutex_);
+    if (idle_ > waiting_.size()) return true;
+    try {
+        threads_.emplace_back([this] { serve_loop(); });
+    } catch (const std::system_error&) {
+        return false;
+    }
+    return true;
 }
 
 bool GuardedServer::admit(const std::string& address) {

@@ -24,8 +24,8 @@ struct GuardedServerOptions {
 };
 
 /// Accepts connections and serves each on a thread of its own; there are never more connections
-/// than threads, so none waits for another. Above a cap a connection is answered 503 by the
-/// accepting thread, before a byte of it is read.
+/// than threads, so none waits for another. Above a cap, or where the system gives no thread more,
+/// a connection is answered 503 by the accepting thread, before a byte of it is read.
 class GuardedServer {
 public:
     /// Listens at once: @throws Error(InvalidArgument) naming the address when that fails.
@@ -54,6 +54,7 @@ private:
     void accept_loop();
     void accept_one();
     bool admit(const std::string& address);
+    bool have_thread();
     void turn_away(FileDescriptor fd);
     void serve_loop();
     void leave(const std::string& address);
