@@ -93,6 +93,7 @@ private:
     void map(int fd, std::size_t size, const fs::path& file) {
         // Every page is needed: taken all at once, it costs a fraction of the faults one by one.
         void* const at = ::mmap(nullptr, size, PROT_READ, MAP_PRIVATE | MAP_POPULATE, fd, 0);
+        if (at == MAP_FAILED && errno == ENOMEM) throw std::bad_alloc();
         if (at == MAP_FAILED) fail_io("cannot map", file, errno);
         mapped_ = at;
         size_ = size;

@@ -49,11 +49,18 @@ void limit(int resource, const char* name, rlim_t soft, rlim_t hard) {
     }
 }
 
-/// The input is mapped, not loaded: it lies in the address space but is no memory of the job's.
+/// Inputs are mapped, not loaded, candidates one after the other: they lie in the address space but
+/// are no memory of the job's.
 std::uint64_t mapped_bytes(const proto::JobSpec& spec) {
-    std::error_code missing;  // is told by whoever opens the file
-    const auto size = std::filesystem::file_size(spec.input_file, missing);
-    return missing ? 0 : size;
+    const auto size_of = [](const std::string& file) -> std::uint64_t {
+        std::error_code missing;  // is told by whoever opens the file
+        const auto size = std::filesystem::file_size(file, missing);
+        return missing ? 0 : size;
+    };
+    std::uint64_t largest_candidate = 0;
+    for (const std::string& file : spec.candidate_files)
+        largest_candidate = std::max(largest_candidate, size_of(file));
+    return size_of(spec.input_file) + largest_candidate;
 }
 
 class Filter {

@@ -95,7 +95,16 @@ void add_guards(CLI::App& serve, Flags& flags, ServerConfig& config) {
     serve.add_flag("--insecure-no-auth", config.insecure_no_auth,
                    "serve others than this machine without API keys");
     add(serve, "--cors-origin", config.cors_origins,
-        "site whose scripts may use the API, as https://example.org; may be repeated");
+        "site whose scripts may use the API, as https://example.org; may be repeated")
+        ->check(CLI::Validator(
+            [](const std::string& text) {
+                return text == "*" || text.find("://") != text.npos
+                           ? std::string()
+                           : text + ": expected https://example.org or the like";
+            },
+            ""));
+    add(serve, "--host-name", config.host_names,
+        "domain that leads to a server for this machine alone, as by a proxy; may be repeated");
     add(serve, "--log-level", config.log_level, "debug, info, warn or error")
         ->check(CLI::IsMember({"debug", "info", "warn", "error"}));
 }
@@ -160,6 +169,7 @@ std::optional<Command> parse_command_line(int argc, const char* const* argv) {
     app.require_subcommand(1);
     app.set_config("--config", "",
                    "file with the flags, as `[serve]` and `listen=\"127.0.0.1:8080\"`");
+    app.allow_config_extras(CLI::config_extras_mode::error);
     app.fallthrough();
 
     CLI::App& serve = *app.add_subcommand("serve", "Run the service");

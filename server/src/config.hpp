@@ -22,8 +22,8 @@ bool is_loopback(const ListenAddress& address);
 
 enum class Role { All, Api, Worker };
 
-/// What `stippled serve` runs with: from flags, the environment (`STIPPLE_LISTEN` for `--listen`)
-/// and a file (`--config`), in this order. Checked once, here.
+/// What `stippled serve` runs with: from flags, a file (`--config`) and the environment
+/// (`STIPPLE_LISTEN` for `--listen`), in this order. Checked once, here.
 struct ServerConfig {
     ListenAddress listen{"127.0.0.1", 8080};
     ListenAddress admin{"127.0.0.1", 8081};
@@ -42,6 +42,7 @@ struct ServerConfig {
     std::optional<std::filesystem::path> api_keys;
     bool insecure_no_auth = false;
     std::vector<std::string> cors_origins;
+    std::vector<std::string> host_names;  ///< by which a server for this machine alone is reached
     std::string log_level = "info";
 };
 

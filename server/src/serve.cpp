@@ -171,6 +171,8 @@ int serve(const ServerConfig& config) {
     http::Metrics metrics;
     http::Api api({.keys = keys,
                    .cors_origins = config.cors_origins,
+                   .local = !config.api_keys && is_loopback(config.listen),
+                   .host_names = config.host_names,
                    .max_connections = config.max_connections},
                   service, metrics);
     std::unique_ptr<http::GuardedServer> api_server;

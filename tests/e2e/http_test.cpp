@@ -235,7 +235,7 @@ TEST(Stippled, StreamsEventsToTheFinalStatusAndResumesWhereAStreamWasCut) {
         request(server.port(), "GET", "/v1/jobs/" + id + "/events", {}, {"Last-Event-ID: 2"});
     EXPECT_EQ(rest.body.find("\nid: 2\n"), std::string::npos);
     EXPECT_NE(rest.body.find("\nid: 3\n"), std::string::npos) << rest.body;
-    EXPECT_EQ(request(server.port(), "GET", "/v1/jobs/" + id + "/events?after=100000").status, 200);
+    EXPECT_EQ(request(server.port(), "GET", "/v1/jobs/" + id + "/events?after=100000").status, 204);
     EXPECT_EQ(request(server.port(), "GET", "/v1/jobs/" + id + "/events", {},
                       {"Last-Event-ID: 9223372036854775808"})
                   .status,
@@ -444,6 +444,12 @@ TEST(Stippled, RefusesByAProblemThatSaysWhy) {
     EXPECT_EQ(ask("GET", "/v1/jobs?limit=0"), "invalid-argument");
     EXPECT_EQ(ask("GET", "/v1/jobs?status=odd"), "invalid-argument");
     EXPECT_EQ(ask("GET", "/v1/jobs?limit=1&limit=2"), "invalid-argument");
+    EXPECT_EQ(ask("GET", "/v1/jobs/0?wiat=1"), "invalid-argument");
+    EXPECT_EQ(ask("GET", "/v1/jobs/0/events?afetr=1"), "invalid-argument");
+    EXPECT_EQ(ask("DELETE", "/v1/jobs/0?only=finished"), "invalid-argument");
+    EXPECT_EQ(ask("DELETE", "/v1/clouds/0?force=1"), "invalid-argument");
+    EXPECT_EQ(ask("POST", "/v1/simplify?points=1&format=ply&position_bits=9", "ply"),
+              "invalid-argument");
     EXPECT_EQ(ask("POST", "/v1/clouds?title=scan", "ply"), "invalid-argument");
     EXPECT_EQ(ask("POST", "/v1/clouds?name=", "ply"), "invalid-argument");
     EXPECT_EQ(ask("POST", "/v1/clouds?name=a%0Ab", "ply"), "invalid-argument");
@@ -456,6 +462,43 @@ TEST(Stippled, RefusesByAProblemThatSaysWhy) {
                   {"Content-Type: application/json", "Origin: http://evil.example"}),
               "forbidden");
     EXPECT_EQ(request(server.port(), "PUT", "/v1/jobs").field("Allow"), "POST, GET, HEAD, OPTIONS");
+}
+
+TEST(Stippled, CancelsNoJobThatHasEnded) {
+    const StippledProcess server;
+    const std::string id = submit(server, pyramid_of(upload(server, as_ply(sphere(2000)))));
+    EXPECT_EQ(finished(server, id).at("status"), "successful");
+    const std::string job = "/v1/jobs/" + id;
+    EXPECT_EQ(problem_of(request(server.port(), "DELETE", job + "?only=unfinished")), "conflict");
+    EXPECT_EQ(request(server.port(), "GET", job).status, 200);
+    EXPECT_EQ(request(server.port(), "DELETE", job).status, 200);
+    EXPECT_EQ(request(server.port(), "GET", job).status, 404);
+}
+
+/// What a browser says of the server after the owner of a domain had it lead to this machine.
+TEST(Stippled, AnswersToNoDomainButThoseItWasToldOf) {
+    const StippledProcess server({"--host-name", "scans.example"});
+    const auto status_as = [&](const std::string& host) {
+        RawConnection connection(server.port());
+        connection.send("GET /v1/clouds HTTP/1.1\r\nHost: " + host + "\r\n\r\n");
+        return connection.receive().status;
+    };
+    for (const char* host : {"localhost:8080", "127.0.0.1", "[::1]:8080", "viewer.localhost",
+                             "stippled:8080", "Scans.example:80"})
+        EXPECT_EQ(status_as(host), 200) << host;
+    for (const char* host : {"evil.example", "evil.example:8080", "127.0.0.1.evil.example"})
+        EXPECT_EQ(status_as(host), 421) << host;
+}
+
+TEST(Stippled, TellsCachesThatWhatItSharesDependsOnTheSite) {
+    const StippledProcess server({"--cors-origin", "https://app.example"});
+    const HttpReply own = request(server.port(), "GET", "/v1/clouds");
+    EXPECT_EQ(own.field("Vary"), "Origin");
+    EXPECT_EQ(own.field("Access-Control-Allow-Origin"), "");
+    const HttpReply shared =
+        request(server.port(), "GET", "/v1/clouds", {}, {"Origin: https://app.example"});
+    EXPECT_EQ(shared.field("Vary"), "Origin");
+    EXPECT_EQ(shared.field("Access-Control-Allow-Origin"), "https://app.example");
 }
 
 TEST(Stippled, ServesItsContractItsDocsAndItsLimits) {

@@ -1,8 +1,10 @@
 #include "config.hpp"
 
 #include "stipple/error.hpp"
+#include "support/support.hpp"
 
 #include <gtest/gtest.h>
+#include <fstream>
 #include <string>
 #include <vector>
 
@@ -32,6 +34,22 @@ TEST(Config, SizesHaveUnits) {
     EXPECT_EQ(served({"--max-upload", "3MB"}).limits.max_upload_bytes, 3'000'000U);
     EXPECT_EQ(served({"--max-upload", "3MiB"}).limits.max_upload_bytes, 3U << 20U);
     EXPECT_EQ(served({"--max-points", "7"}).limits.decode.max_points, 7U);
+}
+
+TEST(Config, AFileWithAnUnknownFlagIsRefused) {
+    const test::TemporaryFolder folder;
+    const std::string file = (folder.path() / "stippled.ini").string();
+    std::ofstream(file) << "[serve]\nmax-points=5\n";
+    EXPECT_EQ(served({"--config", file.c_str()}).limits.decode.max_points, 5U);
+    std::ofstream(file) << "[serve]\nmax-pionts=5\n";
+    EXPECT_NE(refusal({"--config", file.c_str()}).find("max-pionts"), std::string::npos);
+}
+
+TEST(Config, ASiteHasAScheme) {
+    EXPECT_EQ(served({"--cors-origin", "https://example.org"}).cors_origins.size(), 1U);
+    EXPECT_EQ(served({"--cors-origin", "*"}).cors_origins.size(), 1U);
+    EXPECT_NE(refusal({"--cors-origin", "example.org"}).find("expected https://example.org"),
+              std::string::npos);
 }
 
 }  // namespace

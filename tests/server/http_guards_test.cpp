@@ -180,6 +180,14 @@ TEST(IfNoneMatch, FindsATagInAList) {
     EXPECT_FALSE(none_match_names(R"("a", "c")", R"("b")"));
 }
 
+TEST(ListItem, HasItsQualityAmongOtherParameters) {
+    EXPECT_EQ(list_item(" model/ply ; version=1 ; Q=0.1").name, "model/ply");
+    EXPECT_EQ(list_item("model/ply;version=1;q=0.1").quality, 0.1);
+    EXPECT_EQ(list_item("gzip;q=0").quality, 0);
+    EXPECT_EQ(list_item("gzip;version=1").quality, 1);
+    EXPECT_EQ(list_item("gzip;q=many").quality, 0);
+}
+
 TEST(Permits, AreRefusedAboveTheirNumberAndComeBack) {
     Permits permits("tests", 1);
     auto first = permits.take();

@@ -232,6 +232,21 @@ TEST_P(JobQueueContract, QueuesRunningJobsAgainWhenItRecovers) {
     EXPECT_FALSE(store_->holds(lost));
 }
 
+TEST_P(JobQueueContract, FailsAJobThatTakesItsWorkersDownAgainAndAgain) {
+    const JobDocument job = submit();
+    for (int attempt = 1; attempt < 10; ++attempt) {
+        EXPECT_EQ(claim().job_id, job.id);
+        store_->recover();
+    }
+    EXPECT_EQ(find(job.id).status, JobStatus::Accepted);
+    claim();
+    store_->recover();
+    const JobDocument failed = find(job.id);
+    EXPECT_EQ(failed.status, JobStatus::Failed);
+    EXPECT_EQ(failed.problem->detail,
+              "its worker was lost in 10 attempts: it may need more memory than there is");
+}
+
 INSTANTIATE_TEST_SUITE_P(Stores, JobQueueContract, backends(),
                          [](const auto& instance) { return std::string(instance.param.name); });
 

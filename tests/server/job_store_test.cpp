@@ -206,6 +206,19 @@ TEST_P(JobStoreContract, FiltersJobsByTypeStatusAndInput) {
     EXPECT_EQ(ids({.type = "pyramid", .status = "running", .input = {}}), Ids{});
 }
 
+TEST_P(JobStoreContract, CancelsNoJobThatHasEnded) {
+    const JobDocument job = submit("ada", "key");
+    EXPECT_FALSE(store_->cancel("bob", job.id));
+    EXPECT_EQ(store_->cancel("ada", job.id)->status, JobStatus::Dismissed);
+    expect_error(ErrorCode::Conflict, "has ended already: it is dismissed",
+                 [&] { store_->cancel("ada", job.id); });
+    const JobDocument other = submit("ada", "other");
+    store_->succeed(claim(), {});
+    expect_error(ErrorCode::Conflict, "has ended already: it is successful",
+                 [&] { store_->cancel("ada", other.id); });
+    EXPECT_TRUE(store_->find_job("ada", other.id));
+}
+
 TEST_P(JobStoreContract, RemovesAFinishedJobThatIsDismissed) {
     const JobDocument job = submit("ada", "key");
     store_->succeed(claim(), {});

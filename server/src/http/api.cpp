@@ -28,6 +28,23 @@ std::string_view authority_of(std::string_view origin) noexcept {
     return scheme == origin.npos ? origin : origin.substr(scheme + 3);
 }
 
+/// `example.org` of `example.org:8080`.
+std::string_view name_in(std::string_view host) noexcept {
+    return host.starts_with('[') ? host : host.substr(0, host.find(':'));
+}
+
+/// Whether the name is one that somebody can own: neither an address nor `localhost` nor without a
+/// dot.
+bool is_domain(std::string_view name) noexcept {
+    constexpr std::string_view kLocal = ".localhost";
+    const auto is_of_address = [](char c) { return (c >= '0' && c <= '9') || c == '.'; };
+    if (name.starts_with('[') || name.find('.') == name.npos) return false;
+    if (name.size() > kLocal.size() &&
+        equal_ignoring_case(name.substr(name.size() - kLocal.size()), kLocal))
+        return false;
+    return !std::ranges::all_of(name, is_of_address);
+}
+
 HttpError unauthorized(const char* why) {
     Headers headers;
     headers.add("WWW-Authenticate", "Bearer");
@@ -100,12 +117,27 @@ Reply Api::answer(Request& request) {
             proto::problem_from_status(405, request.method + ": this path takes " + match.allow),
             std::move(headers));
     }
+    refuse_foreign_names(request);
     authorize(*match.route, request);
     refuse_foreign_sites(*match.route, request);
     request.path_values = std::move(match.values);
     Reply reply = match.route->handle(resources_, request);
     share(*match.route, request, reply);
     return reply;
+}
+
+/// The owner of a domain can have it lead a browser here, to which the pages of that domain and
+/// this server are one site then (DNS rebinding).
+void Api::refuse_foreign_names(const Request& request) const {
+    const std::string_view host = name_in(request.headers.find("Host").value_or(""));
+    const auto is_host = [host](const std::string& name) {
+        return equal_ignoring_case(name, host);
+    };
+    if (!options_.local || !is_domain(host) || std::ranges::any_of(options_.host_names, is_host))
+        return;
+    throw HttpError(421, "host " + std::string(host.substr(0, 100)) +
+                             ": this server is for its own machine: start it with --host-name for "
+                             "this name");
 }
 
 void Api::authorize(const Route& route, Request& request) const {
@@ -142,11 +174,11 @@ void Api::share(const Route& route, const Request& request, Reply& reply) const 
     const auto origin = request.headers.find("Origin");
     if (route.sharing == Sharing::Everyone) {
         reply.headers.set("Access-Control-Allow-Origin", "*");
-    } else if (origin && listed(*origin)) {
-        reply.headers.set("Access-Control-Allow-Origin", std::string(*origin));
-        reply.headers.add("Vary", "Origin");
     } else {
-        return;
+        // Also where this one is not shared: a cache would give it to who may have it shared.
+        if (!options_.cors_origins.empty()) reply.headers.add("Vary", "Origin");
+        if (!origin || !listed(*origin)) return;
+        reply.headers.set("Access-Control-Allow-Origin", std::string(*origin));
     }
     reply.headers.set("Access-Control-Expose-Headers", kExposed);
     reply.headers.set("Timing-Allow-Origin",

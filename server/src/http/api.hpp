@@ -11,7 +11,9 @@ namespace stipple::server::http {
 struct ApiOptions {
     ApiKeys keys;
     std::vector<std::string>
-        cors_origins;  ///< whose scripts may use the API: `https://example.org`, or `*`
+        cors_origins;    ///< whose scripts may use the API: `https://example.org`, or `*`
+    bool local = false;  ///< for this machine alone: domains in `Host` must be among the next
+    std::vector<std::string> host_names;
     unsigned max_connections = 512;
 };
 
@@ -29,6 +31,7 @@ public:
 private:
     Reply answer(Request& request);
     void authorize(const Route& route, Request& request) const;
+    void refuse_foreign_names(const Request& request) const;
     void refuse_foreign_sites(const Route& route, const Request& request) const;
     void share(const Route& route, const Request& request, Reply& reply) const;
     Reply preflight(const RouteMatch& match, const Request& request) const;

@@ -95,11 +95,13 @@ Reply list_clouds(Resources& resources, Request& request) {
 }
 
 Reply get_cloud(Resources& resources, Request& request) {
+    allow_query(request, {});
     return json_reply(
         200, proto::to_json(resources.service.cloud(request.tenant, request.path_value("id"))));
 }
 
 Reply remove_cloud(Resources& resources, Request& request) {
+    allow_query(request, {});
     const proto::CloudDocument cloud =
         resources.service.cloud(request.tenant, request.path_value("id"));
     resources.service.remove_cloud(request.tenant, cloud.id);

@@ -53,15 +53,22 @@ Reply not_modified(Reply reply) {
 }  // namespace
 
 ListItem list_item(std::string_view text) {
-    const auto semicolon = std::min(text.find(';'), text.size());
-    ListItem item{trimmed(text.substr(0, semicolon)), 1};
-    std::string_view weight = trimmed(text.substr(std::min(semicolon + 1, text.size())));
-    if (!equal_ignoring_case(weight.substr(0, 2), "q=")) return item;
-    weight.remove_prefix(2);
-    double quality = 0;
-    const auto [end, error] =
-        std::from_chars(weight.data(), weight.data() + weight.size(), quality);
-    item.quality = error == std::errc() && quality >= 0 && quality <= 1 ? quality : 0;
+    const auto take_part = [&text] {
+        const auto semicolon = std::min(text.find(';'), text.size());
+        const std::string_view part = trimmed(text.substr(0, semicolon));
+        text.remove_prefix(std::min(semicolon + 1, text.size()));
+        return part;
+    };
+    ListItem item{take_part(), 1};
+    while (!text.empty()) {
+        std::string_view weight = take_part();
+        if (!equal_ignoring_case(weight.substr(0, 2), "q=")) continue;
+        weight.remove_prefix(2);
+        double quality = 0;
+        const auto [end, error] =
+            std::from_chars(weight.data(), weight.data() + weight.size(), quality);
+        item.quality = error == std::errc() && quality >= 0 && quality <= 1 ? quality : 0;
+    }
     return item;
 }
 

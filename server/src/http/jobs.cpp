@@ -85,6 +85,7 @@ Reply output_reply(Resources& resources, const Request& request, const std::stri
 }
 
 Reply submit_job(Resources& resources, Request& request) {
+    allow_query(request, {});
     const proto::JobRequest wanted = proto::job_request_from_json(read_json(request));
     std::optional<std::string> key;
     if (const auto field = request.headers.find("Idempotency-Key")) key = *field;
@@ -142,18 +143,31 @@ Reply list_jobs(Resources& resources, Request& request) {
 }
 
 Reply get_job(Resources& resources, Request& request) {
+    allow_query(request, {"wait"});
     const auto wait = query_wait(request, resources.service.limits(), 0ms);
     return job_reply(200, wait_for_job(resources, request, request.path_value("id"), wait));
 }
 
 Reply dismiss_job(Resources& resources, Request& request) {
-    return job_reply(200, resources.service.dismiss(request.tenant, request.path_value("id")));
+    allow_query(request, {"only"});
+    const std::string& id = request.path_value("id");
+    const auto only = request.query_value("only");
+    if (only && *only != "unfinished") throw HttpError(400, "only: expected unfinished");
+    return job_reply(200, only ? resources.service.cancel(request.tenant, id)
+                               : resources.service.dismiss(request.tenant, id));
 }
 
 Reply follow_job(Resources& resources, Request& request) {
+    allow_query(request, {"after"});
     if (request.version == "HTTP/1.0") throw HttpError(505, "an event stream needs HTTP/1.1");
     const std::uint64_t after = first_wanted(request);
     const proto::JobDocument job = resources.service.job(request.tenant, request.path_value("id"));
+    if (proto::is_final(job.status) &&
+        resources.service.events(request.tenant, job.id, after, 0ms, request.stop).empty()) {
+        Reply nothing_more;
+        nothing_more.status = 204;  // after any other an EventSource asks again
+        return nothing_more;
+    }
     Reply reply{.status = 200,
                 .headers = {},
                 .media_type = "text/event-stream",
@@ -165,6 +179,7 @@ Reply follow_job(Resources& resources, Request& request) {
 }
 
 Reply get_results(Resources& resources, Request& request) {
+    allow_query(request, {});
     const proto::JobDocument job = resources.service.job(request.tenant, request.path_value("id"));
     if (job.status == proto::JobStatus::Failed && job.problem) throw HttpError(*job.problem);
     Reply reply =

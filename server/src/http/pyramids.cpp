@@ -181,6 +181,7 @@ Reply get_slice(Resources& resources, Request& request) {
 }
 
 Reply get_pyramid_archive(Resources& resources, Request& request) {
+    allow_query(request, {});
     if (request.version == "HTTP/1.0") throw HttpError(505, "an archive needs HTTP/1.1");
     const std::string& id = request.path_value("id");
     auto pyramid = whole_pyramid(resources, request);

@@ -43,8 +43,8 @@ void allow_query(const Request& request, std::span<const std::string_view> names
         std::string offered;
         for (const std::string_view known : names)
             offered += (offered.empty() ? "" : ", ") + std::string(known);
-        throw HttpError(
-            400, "unknown query parameter \"" + name.substr(0, 60) + "\": expected " + offered);
+        throw HttpError(400, "unknown query parameter \"" + name.substr(0, 60) + "\": expected " +
+                                 (offered.empty() ? "none" : offered));
     }
 }
 

@@ -97,6 +97,10 @@ proto::JobRequest read_query(const Request& request) {
     json["format"] = format ? *format : std::string(to_string(accepted_format(request)));
     Json draco = Json::object();
     copy_fields(request, kDracoFields, draco);
+    if (!draco.empty() &&
+        cloud_format_from_name(json["format"].get<std::string>()) != CloudFormat::Draco) {
+        throw HttpError(400, draco.begin().key() + ": belongs to format drc");
+    }
     if (!draco.empty()) json["draco"] = std::move(draco);
     return proto::job_request_from_json(json.dump(-1, ' ', false, Json::error_handler_t::replace));
 }

@@ -101,7 +101,8 @@ std::shared_ptr<const proto::Results> Outputs::results(const std::string& tenant
     return job ? std::shared_ptr<const proto::Results>(job, &job->results) : nullptr;
 }
 
-/// A finished job changes no more; it can only be removed, which the version of the store tells.
+/// A successful job changes no more; it can only be removed. What became of others is read again
+/// once the version of the store is another.
 std::shared_ptr<const Outputs::Job> Outputs::find(const std::string& tenant,
                                                   const std::string& id) {
     const std::string key = tenant + '\0' + id;
@@ -110,17 +111,15 @@ std::shared_ptr<const Outputs::Job> Outputs::find(const std::string& tenant,
     const std::uint64_t version = jobs_.version();
     auto results = jobs_.results(tenant, id);
     if (!results) return nullptr;
-    const bool complete = results->complete;
     auto job = std::make_shared<const Job>(id, std::move(*results));
     job->seen = version;
-    if (!complete) return job;
 
-    const std::lock_guard lock(finished_mutex_);
+    const std::lock_guard lock(recent_mutex_);
     job->used = ++uses_;
-    finished_.insert_or_assign(key, job);
-    if (finished_.size() > kMaxJobs) {
-        finished_.erase(std::ranges::min_element(
-            finished_, {}, [](const auto& entry) { return entry.second->used.load(); }));
+    recent_.insert_or_assign(key, job);
+    if (recent_.size() > kMaxJobs) {
+        recent_.erase(std::ranges::min_element(
+            recent_, {}, [](const auto& entry) { return entry.second->used.load(); }));
     }
     return job;
 }
@@ -130,20 +129,21 @@ std::shared_ptr<const Outputs::Job> Outputs::remembered(const std::string& key,
                                                         const std::string& id) {
     std::shared_ptr<const Job> job;
     {
-        const std::lock_guard lock(finished_mutex_);
-        const auto found = finished_.find(key);
-        if (found == finished_.end()) return nullptr;
+        const std::lock_guard lock(recent_mutex_);
+        const auto found = recent_.find(key);
+        if (found == recent_.end()) return nullptr;
         job = found->second;
         job->used = ++uses_;
     }
     const std::uint64_t version = jobs_.version();
     if (job->seen == version) return job;
+    if (!job->results.complete) return nullptr;
     if (jobs_.find_job(tenant, id)) {
         job->seen = version;
         return job;
     }
-    const std::lock_guard lock(finished_mutex_);
-    finished_.erase(key);
+    const std::lock_guard lock(recent_mutex_);
+    recent_.erase(key);
     return nullptr;
 }
 

@@ -42,7 +42,7 @@ struct DocumentOptions {
     proto::TilesetOptions tileset{};
 };
 
-/// What jobs made, as it is sent: finished jobs are read from the store once, small files and
+/// What jobs made, as it is sent: successful jobs are read from the store once, small files and
 /// packed copies are kept in memory, and a request for a tile of a finished pyramid asks no
 /// database. Bounded: 64 jobs, 64 MiB of files. Safe to call from any thread.
 class Outputs {
@@ -89,8 +89,8 @@ private:
     JobStore& jobs_;
     BlobStore& blobs_;
     OutputCache cache_;
-    std::mutex finished_mutex_;  ///< for both below
-    std::map<std::string, std::shared_ptr<const Job>, std::less<>> finished_;
+    std::mutex recent_mutex_;  ///< for both below
+    std::map<std::string, std::shared_ptr<const Job>, std::less<>> recent_;
     std::uint64_t uses_ = 0;
     Packer packer_;  ///< last: its threads tell the cache
 };

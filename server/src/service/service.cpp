@@ -208,6 +208,12 @@ proto::JobDocument Service::dismiss(const std::string& tenant, const std::string
     return with_links(std::move(*document));
 }
 
+proto::JobDocument Service::cancel(const std::string& tenant, const std::string& id) {
+    auto document = jobs_.cancel(tenant, id);
+    if (!document) throw no_such("job", id);
+    return with_links(std::move(*document));
+}
+
 std::vector<JobEvent> Service::events(const std::string& tenant, const std::string& id,
                                       std::uint64_t after, std::chrono::milliseconds wait,
                                       std::stop_token stop) {

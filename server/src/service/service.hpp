@@ -73,6 +73,8 @@ public:
                                          std::optional<std::string>& next);
     /// The document after it: `dismissed`, or as it last was when a finished job is removed.
     proto::JobDocument dismiss(const std::string& tenant, const std::string& id);
+    /// The document of a job that is dismissed. @throws Error(Conflict) for one that has ended.
+    proto::JobDocument cancel(const std::string& tenant, const std::string& id);
     /// Events after `after`; waits up to `wait` for the first of them.
     std::vector<JobEvent> events(const std::string& tenant, const std::string& id,
                                  std::uint64_t after, std::chrono::milliseconds wait,

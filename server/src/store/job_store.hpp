@@ -94,6 +94,9 @@ public:
     /// missing.
     virtual std::optional<proto::JobDocument> dismiss(const std::string& tenant,
                                                       const std::string& id) = 0;
+    /// Unfinished: dismissed. @throws Error(Conflict) for one that is final, which stays.
+    virtual std::optional<proto::JobDocument> cancel(const std::string& tenant,
+                                                     const std::string& id) = 0;
     virtual std::vector<JobEvent> events_after(const std::string& tenant, const std::string& id,
                                                std::uint64_t after) = 0;
     virtual std::optional<proto::Results> results(const std::string& tenant,

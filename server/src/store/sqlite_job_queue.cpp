@@ -15,6 +15,7 @@ namespace {
 constexpr std::int64_t kProgressPeriodMs = 250;
 constexpr double kProgressStep = 1.0;  // percent
 constexpr std::int64_t kCrashesToFail = 2;
+constexpr std::uint64_t kMostAttempts = 10;  // of a job whose workers are lost with it
 
 }  // namespace
 
@@ -73,9 +74,21 @@ void SqliteJobStore::requeue_expired() {
             "SELECT row FROM jobs WHERE status = 'running' AND lease_until < ?1", now_ms());
         while (rows.next()) expired.push_back(rows.integer(0));
     }
-    for (const std::int64_t row : expired) {
-        requeue(row, "its worker went silent: waiting for another");
+    for (const std::int64_t row : expired)
+        requeue_lost(row, "its worker went silent: waiting for another");
+}
+
+/// A job may be what takes its workers down, as by the memory that all of a machine share.
+void SqliteJobStore::requeue_lost(std::int64_t row, const std::string& message) {
+    {
+        Rows rows = writer_.query("SELECT lease_token FROM jobs WHERE row = ?1", row);
+        rows.next();
+        if (rows.count(0) < kMostAttempts) return requeue(row, message);
     }
+    finish_failed(row,
+                  proto::problem_from(ErrorCode::Internal,
+                                      "its worker was lost in " + std::to_string(kMostAttempts) +
+                                          " attempts: it may need more memory than there is"));
 }
 
 bool SqliteJobStore::renew(const Lease& lease, std::chrono::seconds lease_time) {
@@ -213,6 +226,11 @@ void SqliteJobStore::finish(std::int64_t row, JobStatus status, const std::strin
     add_status_event(row, status);
 }
 
+proto::JobDocument SqliteJobStore::dismissed(std::int64_t row) {
+    finish(row, JobStatus::Dismissed, "dismissed by request");
+    return document(row);
+}
+
 void SqliteJobStore::finish_failed(std::int64_t row, const proto::Problem& problem) {
     writer_.run("UPDATE jobs SET problem = ?1 WHERE row = ?2", to_json(problem), row);
     finish(row, JobStatus::Failed, problem.detail);
@@ -227,7 +245,8 @@ void SqliteJobStore::recover() {
             Rows rows = writer_.query("SELECT row FROM jobs WHERE status = 'running'");
             while (rows.next()) running.push_back(rows.integer(0));
         }
-        for (const std::int64_t row : running) requeue(row, "the service restarted: waiting again");
+        for (const std::int64_t row : running)
+            requeue_lost(row, "the service restarted: waiting again");
         return running.size();
     });
 }

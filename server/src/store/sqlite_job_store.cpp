@@ -329,8 +329,25 @@ std::optional<JobDocument> SqliteJobStore::dismiss(const std::string& tenant,
             writer_.run("DELETE FROM jobs WHERE row = ?1", row);
             return before;
         }
-        finish(row, JobStatus::Dismissed, "dismissed by request");
-        return document(row);
+        return dismissed(row);
+    });
+}
+
+std::optional<JobDocument> SqliteJobStore::cancel(const std::string& tenant,
+                                                  const std::string& id) {
+    return write([&]() -> std::optional<JobDocument> {
+        std::int64_t row = 0;
+        {
+            Rows rows = writer_.query(kFindJob.c_str(), tenant, id);
+            if (!rows.next()) return std::nullopt;
+            row = rows.integer(kJobRowColumn);
+            const JobStatus status = document_of(rows).status;
+            if (is_final(status)) {
+                throw Error(ErrorCode::Conflict, "job " + id + " has ended already: it is " +
+                                                     std::string(to_string(status)));
+            }
+        }
+        return dismissed(row);
     });
 }
 

@@ -43,6 +43,8 @@ public:
                                               std::optional<std::string>& next) override;
     std::optional<proto::JobDocument> dismiss(const std::string& tenant,
                                               const std::string& id) override;
+    std::optional<proto::JobDocument> cancel(const std::string& tenant,
+                                             const std::string& id) override;
     std::vector<JobEvent> events_after(const std::string& tenant, const std::string& id,
                                        std::uint64_t after) override;
     std::optional<proto::Results> results(const std::string& tenant,
@@ -92,7 +94,9 @@ private:
     Lease start(std::int64_t row, std::chrono::seconds lease_time);
     void requeue(std::int64_t row, const std::string& message);
     void requeue_expired();
+    void requeue_lost(std::int64_t row, const std::string& message);
     void finish(std::int64_t row, proto::JobStatus status, const std::string& message);
+    proto::JobDocument dismissed(std::int64_t row);
     void finish_failed(std::int64_t row, const proto::Problem& problem);
 
     void look_out_for_others(const std::stop_token& stop);

@@ -54,12 +54,8 @@ void JobAttempt::run(JobRunner& runner) noexcept try {
     try {
         const ScratchFolder folder(options_.scratch / lease_.job_id);
         run_in(folder.path(), runner);
-    } catch (const Error& error) {
-        fail(proto::problem_from(error.code(), error.what()));
     } catch (const std::exception& error) {
-        spdlog::error("job.broken id={} error=\"{}\"", lease_.job_id, error.what());
-        fail(proto::problem_from(ErrorCode::Internal,
-                                 "the service could not run the job; its log says why"));
+        fail(problem_of(error));
     }
 } catch (const std::exception& error) {
     // Not even the failure could be written: the lease runs out, and the job is tried again.
@@ -102,14 +98,22 @@ void JobAttempt::on_report(const proto::JobReport& report) {
     if (stop_.stop_requested()) return;
     try {
         handle(report);
-    } catch (const Error& error) {
-        problem_ = proto::problem_from(error.code(), error.what());
     } catch (const std::exception& error) {
-        spdlog::error("job.broken id={} error=\"{}\"", lease_.job_id, error.what());
-        problem_ = proto::problem_from(ErrorCode::Internal,
-                                       "the service could not keep a result; its log says why");
+        problem_ = problem_of(error);
     }
     if (problem_) stop_.request_stop();
+}
+
+/// What the caller can use of a failure of the service itself: its words may name folders.
+proto::Problem JobAttempt::problem_of(const std::exception& failure) const {
+    const auto* const error = dynamic_cast<const Error*>(&failure);
+    if (error != nullptr && error->code() != ErrorCode::Internal)
+        return proto::problem_from(error->code(), error->what());
+    spdlog::error("job.broken id={} error=\"{}\"", lease_.job_id, failure.what());
+    const bool is_full = std::string_view(failure.what()).starts_with("storage full");
+    return proto::problem_from(ErrorCode::Internal,
+                               is_full ? "storage full: its operator has to make room"
+                                       : "the service could not do the job; its log says why");
 }
 
 void JobAttempt::handle(const proto::JobReport& report) {

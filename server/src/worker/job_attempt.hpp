@@ -35,6 +35,7 @@ private:
     proto::JobSpec spec_for(const std::vector<std::shared_ptr<const BlobReader>>& inputs,
                             const std::filesystem::path& output) const;
     void on_report(const proto::JobReport& report);
+    proto::Problem problem_of(const std::exception& failure) const;
     void handle(const proto::JobReport& report);
     proto::OutputCloud adopt_files(proto::OutputCloud level);
     void conclude(const JobRunner::Outcome& outcome);
