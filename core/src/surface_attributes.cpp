@@ -52,8 +52,11 @@ void validate(const SurfaceAttributeOptions& options) {
     };
     require(options.k == 0 || (options.k >= 3 && options.k <= 64),
             "k " + std::to_string(options.k) + ": expected 3..64, or 0 to choose");
-    require((options.signs == NormalSigns::Viewpoint) == options.viewpoint.has_value(),
-            "viewpoint: expected where normals turn towards one, and only there");
+    const bool turns = options.signs == NormalSigns::Viewpoint;
+    require(!turns || options.viewpoint,
+            "viewpoint: missing: expected x, y and z, towards which normals are to turn");
+    require(turns || !options.viewpoint,
+            "viewpoint: expected none unless normals are to turn towards it");
     require(!options.viewpoint || options.viewpoint->array().isFinite().all(),
             "viewpoint: expected finite coordinates");
     if (!options.feature_lines) return;

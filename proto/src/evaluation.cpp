@@ -130,8 +130,8 @@ ErrorFigures error_figures(const SurfaceError& error, const SurfaceErrorOptions&
     for (const DirectedError* const direction : {&error.forward, &error.backward}) {
         if (direction->not_converged <= kMany) continue;
         warn(
-            "of more than 5 % of the samples no fixed point was found: the surface is not smooth "
-            "at the scale of its points");
+            "no foot on the surface was found for more than 5 % of the samples, as in noise and "
+            "leaves, or where points are few: their distances may be too long");
         break;
     }
     return figures;
@@ -200,7 +200,8 @@ EvaluateJob read_evaluate(JsonObject& object) {
     const auto one = object.find("candidate");
     const auto several = object.find("candidates");
     if (one.has_value() == several.has_value())
-        throw object.error("candidates", "expected this, or candidate for a single one");
+        throw object.error("candidates",
+                           "expected either candidates or candidate, for a single one");
     job.candidates = one ? std::vector{one->text()} : several->list_of(text_of);
     if (job.candidates.empty() || job.candidates.size() > kMostCandidates)
         throw object.error("candidates", "expected 1 to " + std::to_string(kMostCandidates));

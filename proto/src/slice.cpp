@@ -278,8 +278,9 @@ private:
         if (best) return std::move(*best);
         throw Error(ErrorCode::InvalidArgument,
                     "bytes " + std::to_string(*options_.bytes) + ": expected at least " +
-                        std::to_string(tried.bytes.size()) + ", for points " +
-                        std::to_string(tried.cloud().size()));
+                        std::to_string(tried.bytes.size()) + ", for " +
+                        std::to_string(tried.cloud().size()) +
+                        (tried.cloud().size() == 1 ? " point" : " points"));
     }
 
     /// What the files of the coarsest level with so many bytes take for a point, where there are

@@ -324,7 +324,9 @@ TEST(JobRequest, ThatIsRefusedNamesFieldAndValueAndWhatIsExpected) {
         {request_with("analyze", R"("feature_lines": true)"),
          "feature_lines: true: expected an object"},
         {request_with("analyze", R"("viewpoint": [0, 0, 0])"),
-         "viewpoint: expected where normals turn towards one, and only there"},
+         "viewpoint: expected none unless normals are to turn towards it"},
+        {request_with("analyze", R"("orient": "viewpoint")"),
+         "viewpoint: missing: expected x, y and z, towards which normals are to turn"},
         {"[]", "JSON: a list of 0: expected an object"},
         {"", "JSON: not well-formed at byte 1"},
         {R"({"type": "simplify")", "JSON: not well-formed at byte 20"},
@@ -446,7 +448,8 @@ TEST(JobRequest, ToEvaluateIsRefusedByNameAndValue) {
                              ErrorCode::InvalidArgument);
     };
     const std::string candidate = R"("candidate": ")" + kInput + "\"";
-    EXPECT_EQ(refused(R"("seed": 1)"), "candidates: expected this, or candidate for a single one");
+    EXPECT_EQ(refused(R"("seed": 1)"),
+              "candidates: expected either candidates or candidate, for a single one");
     EXPECT_EQ(refused(R"("candidates": [])"), "candidates: expected 1 to 16");
     EXPECT_EQ(refused(R"("candidate": "x")"),
               "candidates: expected ids of clouds: 64 lower-case hexadecimal digits");
