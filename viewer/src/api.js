@@ -3,6 +3,7 @@ import { askForKey, authorization } from './api_key.js';
 
 export const kKeyNeeded = 401;
 const kPart = 206;
+const kConflict = 409;
 
 const kFirstPauseMs = 700;
 const kLongestPauseMs = 10_000;
@@ -83,8 +84,17 @@ async function postJob(job) {
     }));
 }
 
-/** An unfinished one ends, one that has ended is removed with its results. */
-export async function dismissJob(id) {
+/** One that has ended meanwhile stays as it is. */
+export async function cancelJob(id) {
+    await send(`${pathOf('jobs', id)}?only=unfinished`, { method: 'DELETE' }).catch((error) => {
+        if (error.status !== kConflict) {
+            throw error;
+        }
+    });
+}
+
+/** With its results. */
+export async function removeJob(id) {
     await send(pathOf('jobs', id), { method: 'DELETE' });
 }
 

@@ -23,6 +23,7 @@ export function askForKey(reason) {
             resolve();
         };
         byId['key-dialog'].oncancel = (event) => event.preventDefault();  // nothing can be shown without one
+        byId['key-dialog'].onclose = () => asking && byId['key-dialog'].showModal();  // a second Escape cannot be prevented
         byId['key-dialog'].showModal();
     });
     return asking;

@@ -14,15 +14,15 @@ export const kGradient = `linear-gradient(90deg, ${Array.from({ length: 12 }, (_
 
 /**
  * Gives a level the colours that `by` names: `own` (of the cloud), `clay` (none), `normal`, `x`, `y`, `z`, or an attribute.
- * @param range  of the values, where it is not to be the level's own
+ * @param way  what is added to coordinates, a Vector3; @param range  of the values, where it is not to be the level's own
  * @returns {Promise<?{low: number, high: number}>} the values at the ends of the colour map, where there are values
  */
-export async function colorize(level, by, { range = null, signal }) {
+export async function colorize(level, by, { way, range = null, signal }) {
     const { geometry } = level;
     level.colors ??= startingWith(geometry);
     if (!level.colors.has(by)) {
         const attribute = level.attributes.find(({ name }) => name === by);
-        const valueOf = valuesOf(geometry, by, attribute && { ...attribute, values: await attribute.read(signal) });
+        const valueOf = valuesOf(geometry, by, way, attribute && { ...attribute, values: await attribute.read(signal) });
         level.colors.set(by, { valueOf, own: valueOf && rangeOf(geometry.getAttribute('position').count, valueOf) });
     }
     const colors = level.colors.get(by);
@@ -37,16 +37,13 @@ export async function colorize(level, by, { range = null, signal }) {
 
 /**
  * The same for a tile, on the colour map of a whole level, so that all tiles have one.
- * @param origin  what the tile's coordinates are relative to, in those of that level
+ * @param origin  what the tile's coordinates are relative to, in those of the colour map
  */
 export function colorizeTile({ cloud, attributes }, by, range, origin) {
     cloud.userData.colors ??= startingWith(cloud);
     const { colors } = cloud.userData;
     if (!colors.has(by) || colors.get(by).range !== range) {
-        const axis = kAxes.indexOf(by);
-        const start = axis < 0 ? 0 : origin.getComponent(axis);
-        const valueOf = valuesOf(cloud, by, attributes[by]);
-        colors.set(by, { array: computed(cloud, valueOf && ((i) => valueOf(i) + start), range), range });
+        colors.set(by, { array: computed(cloud, valuesOf(cloud, by, origin, attributes[by]), range), range });
     }
     setColors(cloud, colors.get(by).array);
 }
@@ -64,15 +61,20 @@ function setColors(geometry, array) {
     }
 }
 
-/** What is shown of point i; null for normals, which are colours by themselves. */
-function valuesOf(geometry, by, attribute) {
+/** What is shown of point i, coordinates from `origin`; null for normals, which are colours by themselves. */
+function valuesOf(geometry, by, origin, attribute) {
     if (by === 'normal') {
         return null;
     }
     const axis = kAxes.indexOf(by);
-    const { values, components } = axis < 0 ? attribute ?? kNoValues : { values: geometry.getAttribute('position').array, components: 3 };
-    if (axis >= 0 || components === 1) {
-        return (i) => values[components * i + Math.max(axis, 0)];
+    if (axis >= 0) {
+        const { array } = geometry.getAttribute('position');
+        const start = origin.getComponent(axis);
+        return (i) => array[3 * i + axis] + start;
+    }
+    const { values, components } = attribute ?? kNoValues;
+    if (components === 1) {
+        return (i) => values[i];
     }
     return (i) => {
         let sum = 0;

@@ -10,8 +10,9 @@ const kStages = { queued: 'Waiting', decode: 'Reading', clean: 'Cleaning', simpl
 
 /** The card with the level slider and the figures. */
 export class Hud {
-    constructor({ onLevel, onError, onDismiss, onDownload, onMap, onFigures, onRemove }) {
-        Object.assign(this, { onDownload, onMap, onFigures, onRemove, onDismiss });
+    constructor({ onLevel, onError, onCancel, onDownload, onMap, onFigures, onRemove }) {
+        Object.assign(this, { onDownload, onMap, onFigures, onRemove });
+        byId.dismiss.onclick = onCancel;
         byId.level.oninput = () => onLevel(Number(byId.level.value) - 1);
         byId['error-bound'].oninput = () => {
             onError(kSlack * 2 ** -Number(byId['error-bound'].value));  // finer to the right, as levels are
@@ -45,10 +46,11 @@ export class Hud {
         byId.hud.classList.toggle('busy', isBusy);
         byId.progress.value = job.progress;
         const isGivenUp = job.status === 'failed' || job.status === 'dismissed';
-        byId.dismiss.hidden = !isBusy && !isGivenUp;
-        byId.dismiss.textContent = isBusy ? 'Cancel' : 'Remove';
-        byId.dismiss.onclick = isBusy ? this.onDismiss : this.onRemove;
+        byId.dismiss.hidden = !isBusy;
         this.isOver = !isBusy;
+        if (isGivenUp && !this.actionsOf) {
+            this.showActions();  // also without a level it can be removed
+        }
         if (isBusy) {
             const stage = job.status === 'accepted' ? 'Waiting' : kStages[job.stage] ?? 'Working';
             byId.activity.textContent = `${stage}, ${Math.round(job.progress)} %`;

@@ -34,4 +34,4 @@ export function listenToKeys({ onMove, onLevel, onKey }) {
 
 /** Whether what has the focus takes the key itself. */
 const isFor = ({ target, key }) => target.closest('dialog, select, input[type=number], input[type=text]') ||
-    (key === ' ' && target.closest('button, input'));
+    (key === ' ' && target.closest('a, button, input, summary, [role=slider]'));

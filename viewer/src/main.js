@@ -1,4 +1,4 @@
-import { askAhead, dismissJob, getBytes, isFinal, removeCloud, startEvaluation, startJob } from './api.js';
+import { askAhead, cancelJob, getBytes, isFinal, removeCloud, removeJob, startEvaluation, startJob } from './api.js';
 import { readAddress, writeAddress } from './address.js';
 import { colorize } from './coloring.js';
 import { Comparison } from './comparison.js';
@@ -50,7 +50,7 @@ const hud = new Hud({
         session?.chooseByError(bound);
         remember();
     },
-    onDismiss: () => dismissJob(session.id).catch(showProblem),
+    onCancel: () => cancelJob(session.id).catch(showProblem),
     onDownload: (file) => download(file).catch(showProblem),
     onMap: mapErrors,
     onFigures: () => {
@@ -145,19 +145,25 @@ function open({ id, type }, { remembered = false, how = kAsNew } = {}) {
 }
 
 function closeResult() {
+    comparison.end();
     report.hide();
     session.close();
     session = null;
+    setTools(false);
     byId.hud.hidden = true;
     document.title = 'stipple';
     document.documentElement.dataset.state = 'settled';
     library.setCurrent(null);
 }
 
-/** Takes what is shown from the server, and shows the newest that is left. */
+/** Takes what is shown from the server, and shows the newest that is left, unless another was opened meanwhile. */
 async function removeResult() {
-    await dismissJob(session.id);
-    comparison.end();
+    const removed = session;
+    await removeJob(removed.id);
+    if (session !== removed) {
+        await library.refresh();
+        return;
+    }
     closeResult();
     history.replaceState(null, '', '/');
     await openLinked();
@@ -204,7 +210,7 @@ function rememberNow() {
 async function dress(level, signal) {
     const by = look.colorOf(level);
     level.coloring ??= { by: 'own', range: null };  // as long as others are not there
-    const range = await colorize(level.whole ?? level, by, { range: rangeBeside(level), signal });
+    const range = await colorize(level.whole ?? level, by, { way: stage.wayTo(level), range: rangeBeside(level), signal });
     if (by !== look.colorOf(level)) {
         await dress(level, signal);  // chosen meanwhile
         return;
@@ -538,20 +544,24 @@ function listen() {
     addEventListener('resize', placeCloud);
     const cards = new ResizeObserver(placeCloud);
     [byId.hud, byId['look-card'], byId['left-label']].forEach((card) => cards.observe(card));
-    addEventListener('popstate', openLinked);
+    addEventListener('popstate', () => openLinked().catch(showProblem));
     const light = matchMedia('(prefers-color-scheme: light)');
     light.addEventListener('change', () => dressForTheme(light.matches));
     dressForTheme(light.matches);
 }
 
-/** The result of the address, else the newest one, else the invitation to add a cloud. */
+/** The result of the address, else the newest one, unless another was opened meanwhile, else the invitation to add a cloud. */
 async function openLinked() {
     const result = readAddress();
     if (result) {
         open(result, { remembered: true, how: result });
         return;
     }
+    const before = session;
     await library.refresh();
+    if (session !== before) {
+        return;
+    }
     const newest = library.jobs.find((job) => job.status === 'successful');
     if (newest) {
         open(newest, { remembered: true });

@@ -20,12 +20,14 @@ export class Pane {
         return this === this.stage.panes[0];
     }
 
-    /** Empties it for another cloud. */
+    /** Empties it for another cloud. The second one may not be needed again: its target is large, and made anew when it is drawn. */
     clear() {
         this.scene.clear();
         this.level = null;
         if (this.isFirst) {
             this.stage.placeFor(null);
+        } else {
+            this.resolve.target.dispose();
         }
         this.stage.changed();
     }
@@ -36,7 +38,7 @@ export class Pane {
         this.showsTiles &&= level === this.level;
         this.level = level;
         if (this.isFirst && isNew) {
-            this.stage.placeFor(level.geometry);
+            this.stage.placeFor(level);
             this.stage.draw(1);  // not a frame later: the next level may be decoded by then
         }
         this.stage.changed();
@@ -45,22 +47,24 @@ export class Pane {
     /** Puts the level's splats, or those of the tiles that are to be seen, where the camera looks. */
     arrange(height) {
         const { camera, home } = this.stage;
-        const { tiles, whole, geometry, spacing, coloring } = this.level;
+        const { tiles, geometry, spacing, coloring } = this.level;
+        const way = this.stage.wayTo(this.level);
         this.scene.clear();
         if (tiles) {
-            const offset = tiles.center.clone().sub(home.center);
+            const origin = tiles.center.clone().add(way);
+            const offset = origin.clone().sub(home.center);
             const drawn = tiles.select(camera, this.level, { offset, height });
             this.showsTiles ||= tiles.isComplete;
             tiles.note(this.level, this.showsTiles ? drawn : null);
             if (this.showsTiles) {
                 for (const tile of drawn) {
-                    colorizeTile(tile, coloring.by, coloring.range, tiles.center);
+                    colorizeTile(tile, coloring.by, coloring.range, origin);
                     this.scene.add(this.splatsOf(tile.cloud, tile.shownSpacing, offset));
                 }
                 return;
             }
         }
-        this.scene.add(this.splatsOf(geometry, spacing, home.center.clone().negate()));
+        this.scene.add(this.splatsOf(geometry, spacing, way.sub(home.center)));
     }
 
     splatsOf(geometry, spacing, position) {

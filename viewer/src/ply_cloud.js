@@ -20,8 +20,9 @@ export function readPly(buffer) {
     const view = new DataView(buffer, start);
     let stride = 0;
     for (const property of properties) {
-        property.at = stride + (property.isList ? 1 : 0);
-        property.components = property.isList ? view.getUint8(stride) : 1;  // as many for every point
+        const [size, kind] = kTypes[property.countType] ?? [0];
+        property.at = stride + size;
+        property.components = kind ? view[`get${kind}`](stride, true) : 1;  // as many for every point
         stride = property.at + property.components * kTypes[property.type][0];
     }
     if (view.byteLength < count * stride) {
@@ -72,8 +73,9 @@ function readHeader(buffer) {
         throw new Error('this is no PLY file as stipple writes it');
     }
     const [, count, lines] = /\nelement vertex (\d+)\n((?:property .*\n)*)/.exec(text);
+    const typeOf = (word) => kNames[word] ?? word;
     const properties = lines.trim().split('\n').map((line) => line.split(' ')).map((words) => ({
-        isList: words[1] === 'list', type: words.at(-2), name: words.at(-1),
+        countType: words[1] === 'list' ? typeOf(words[2]) : null, type: typeOf(words.at(-2)), name: words.at(-1),
     }));
     return { count: Number(count), properties, start: end + kEnd.length };
 }

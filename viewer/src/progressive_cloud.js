@@ -51,11 +51,7 @@ export class ProgressiveDecoder {
         if (this.done) {
             return;
         }
-        const joined = new Uint8Array(this.pending.length + bytes.length);
-        joined.set(this.pending);
-        joined.set(bytes, this.pending.length);
-        this.taken += bytes.length;
-        this.pending = joined;
+        this.append(bytes);
         if (this.total === 0 && !this.takeHeader()) {
             return;
         }
@@ -64,6 +60,20 @@ export class ProgressiveDecoder {
             this.started = false;
             ++this.batch;
         }
+    }
+
+    /** Behind what is pending, in room that doubles: pieces may be small, and batches large. */
+    append(bytes) {
+        const { length } = this.pending;
+        let { buffer, byteOffset } = this.pending;
+        if (byteOffset + length + bytes.length > buffer.byteLength) {
+            const room = new Uint8Array(Math.max(2 * length, length + bytes.length));
+            room.set(this.pending);
+            ({ buffer, byteOffset } = room);
+        }
+        this.pending = new Uint8Array(buffer, byteOffset, length + bytes.length);
+        this.pending.set(bytes, length);
+        this.taken += bytes.length;
     }
 
     takeHeader() {

@@ -14,6 +14,7 @@ const kRestMs = 140;           // without a change: draw once more, finer
 const kPickPixels = 14;
 const kTurnsPerSecond = 1 / 40;
 const kViewDigits = 6;
+const kApart = 100;            // reaches of a cloud: another farther off has no coordinates in common with it
 const kAskedForMost = 1000;    // points that tell where most are
 const kFewShare = 0.05;        // of them at either end of an axis, ...
 const kFarOff = 3;             // ... where the whole is so many times as long as without them
@@ -68,8 +69,8 @@ export class Stage {
     }
 
     /** Where the camera is at home changes with the cloud of the first pane. */
-    placeFor(geometry) {
-        this.home = geometry && homeView(geometry);
+    placeFor(level) {
+        this.home = level && { origin: level.origin, ...homeView(level.geometry) };
         if (this.home) {
             this.camera.up.copy(this.home.up);
             this.renewControls();
@@ -80,6 +81,15 @@ export class Stage {
             }
             this.controls.update();
         }
+    }
+
+    /**
+     * From the origin of the cloud of the first pane to that of a level, which may be of another cloud. In doubles: origins are large.
+     * None where they are so far apart that the coordinates of one must mean something else: nothing could be compared there.
+     */
+    wayTo({ origin = [0, 0, 0] }) {
+        const way = new Vector3(...origin).sub(new Vector3(...(this.home?.origin ?? origin)));
+        return way.length() > kApart * this.home?.reach ? way.set(0, 0, 0) : way;
     }
 
     /** From where it is looked at, null: from home. Places of the camera and of what it turns around, from the cloud's middle in its radii. */

@@ -146,7 +146,11 @@ await run({
         assert.equal(await chart.getAttribute('aria-valuenow'), '10000');
         await chart.press('ArrowLeft');
         await save(page, 'curve');
-        await page.getByText('As a table').click();
+        for (const focused of [chart, page.getByText('As a table')]) {
+            await focused.press(' ');
+            assert.equal(await page.locator('#rotate').getAttribute('aria-pressed'), 'false');
+        }
+        assert.equal(await page.locator('#report tbody').isVisible(), true);
         assert.equal(await page.locator('#report tbody tr').count(), levels.length);
         await page.getByRole('button', { name: 'Simplify to 3,000 points' }).click();
         await shows(page, 3000);
@@ -294,6 +298,10 @@ await run({
         await choose(page, { name: 'cut.ply', buffer: truncated() });
         const notice = page.locator('.notice').last();
         await notice.getByText(/malformed|vertex|bytes|points/i).first().waitFor();
+        await page.locator('#activity').getByText('Failed').waitFor();
+        await page.locator('#files').getByText('Remove').click();
+        await page.locator('#files').getByText('Really?').click();
+        await settledPyramid(page);
         while (await page.locator('.notice button').count() > 0) {
             await page.locator('.notice button').first().click();
         }
@@ -319,6 +327,80 @@ await run({
         await page.locator('#job-remove').click();
         await page.waitForFunction((count) => document.querySelectorAll('#clouds > li').length === count, before.length - 1);
         assert.deepEqual(await idsOf('clouds'), before.slice(1));
+    },
+
+    async 'What is opened while a result is removed stays'() {
+        const [gone, next] = await Promise.all([710, 720].map((points) => startJob({ type: 'simplify', input: cloud, points, format: 'drc' })));
+        await visit(page, `/?job=${gone}`);
+        await page.route(`**/v1/jobs/${gone}`, async (route) => {
+            if (route.request().method() === 'DELETE') {
+                await visit(page, `/?job=${next}`);
+            }
+            await route.continue();
+        });
+        const remove = page.locator('#files').getByRole('button').last();
+        await remove.click();
+        await remove.click();
+        await page.waitForFunction((id) => !document.querySelector(`[data-result="${id}"]`), gone);
+        assert.equal(await settledPyramid(page), next);
+        assert.equal(new URL(page.url()).searchParams.get('job'), next);
+        await page.unrouteAll();
+    },
+
+    async 'Once nothing is left there is nothing to compare'() {
+        await visit(page, `/?job=${await startJob({ type: 'simplify', input: cloud, points: 730, format: 'drc' })}`);
+        await page.route(({ pathname }) => pathname === '/v1/jobs', (route) => route.fulfill({ json: { items: [] } }));
+        const remove = page.locator('#files').getByRole('button').last();
+        await remove.click();
+        await remove.click();
+        await page.getByText('Drop a point cloud here').waitFor();
+        await page.keyboard.press('c');
+        assert.equal(await page.locator('#compare').isEnabled(), false);
+        assert.equal(await page.locator('#divider').isVisible(), false);
+        await page.unrouteAll();
+    },
+
+    async 'Cancel leaves a job alone that has ended meanwhile'() {
+        const job = await startJob({ type: 'simplify', input: cloud, points: 740, format: 'drc' });
+        await page.route(`**/v1/jobs/${job}`, async (route) => {
+            if (route.request().method() === 'GET') {
+                const response = await route.fetch();
+                await route.fulfill({ response, json: { ...await response.json(), status: 'running' } });
+            } else {
+                await route.continue();
+            }
+        });
+        await visit(page, `/?job=${job}`);
+        browser.refusalsExpected = true;
+        const refused = page.waitForResponse((response) => response.request().method() === 'DELETE');
+        await page.locator('#dismiss').dblclick();
+        assert.equal((await refused).status(), 409);
+        await page.unrouteAll({ behavior: 'wait' });
+        await page.locator('#dismiss').waitFor({ state: 'hidden' });
+        browser.refusalsExpected = false;
+        assert.ok((await idsOf('jobs')).includes(job));
+        assert.equal(await page.locator('.notice').count(), 0);
+    },
+
+    async 'Clouds with origins of their own are compared where they lie'() {
+        const sphere = spherePoints(3000).map((point) => point.map((x) => x + 101.5));
+        const pyramids = [await settledPyramid(page)];
+        for (const more of [[], [[103.2, 101.5, 101.5]]]) {
+            await choose(page, { name: 'sphere.ply', buffer: ply([...sphere, ...more], false, { type: 'double' }) });
+            pyramids.push(await settledPyramid(page, pyramids.at(-1)));
+        }
+        const [, left, right] = pyramids;
+        const [from, to] = await Promise.all([left, right].map(async (id) => (await manifestOf(id)).levels[0].origin));
+        assert.notDeepEqual(from, to);
+        await visit(page, `/?pyramid=${left}`);
+        await page.keyboard.press('c');
+        await page.locator('#right-label').getByText('3,000 points').waitFor();
+        const picture = await restingPicture(page);
+        await page.locator('#compare-with').selectOption(`result:${right}`);
+        await page.locator('#right-label').getByText('3,001 points').waitFor();
+        const share = differenceOf(picture, await restingPicture(page));
+        assert.ok(share < 0.02, `${share} of the pixels differ`);
+        await page.keyboard.press('c');
     },
 
     async 'Large levels come tile by tile, as far as the view asks for them'() {

@@ -11,6 +11,7 @@ import { spherePoints } from './clouds.mjs';
 
 const { values: options } = parseArgs({ options: { viewer: { type: 'string' } }, strict: false });
 const moduleOf = (name) => import(pathToFileURL(resolve(options.viewer, 'src', name)));
+const floatOf = (value) => Buffer.from(Float32Array.of(value).buffer);
 
 test('Estimated normals of a sphere point along its radius', async () => {
     const { estimateSurface } = await moduleOf('surface_estimate.js');
@@ -75,6 +76,40 @@ test('A PLY file that is written is read as it was, doubles and attributes of se
     assert.deepEqual(Object.keys(read.attributes), ['axis', 'class']);
     assert.deepEqual([...read.attributes.axis.values, ...read.attributes.class.values], [0, 1, 2, 3, 4, 5, 7, 65_535]);
     assert.throws(() => readPly(plyOf(cloud).buffer.slice(0, -1)), /ends before/);
+});
+
+test('Lists of a PLY file are read whatever integers count them', async () => {
+    const { readPly } = await moduleOf('ply_cloud.js');
+    const counts = { char: 'Int8', uint8: 'UInt8', short: 'Int16LE', uint16: 'UInt16LE', int: 'Int32LE', uint32: 'UInt32LE' };
+    for (const [type, kind] of Object.entries(counts)) {
+        const header = ['ply', 'format binary_little_endian 1.0', 'element vertex 2', ...['x', 'y', 'z'].map((name) => `property float ${name}`),
+            `property list ${type} float embedding`, 'property ushort class', 'end_header', ''].join('\n');
+        const row = ([x, y, z, a, b, number]) => {
+            const count = Buffer.alloc(parseInt(kind.match(/\d+/)[0], 10) / 8);
+            count[`write${kind}`](2);
+            return [...[x, y, z].map(floatOf), count, floatOf(a), floatOf(b), Buffer.from(Uint16Array.of(number).buffer)];
+        };
+        const { buffer } = Uint8Array.from(Buffer.concat([Buffer.from(header), ...row([1, 2, 3, 4, 5, 6]), ...row([7, 8, 9, 10, 11, 12])]));
+        const { positions, attributes } = readPly(buffer);
+        assert.deepEqual([...positions], [1, 2, 3, 7, 8, 9], type);
+        assert.deepEqual(attributes.embedding, { values: Float32Array.of(4, 5, 10, 11), components: 2 }, type);
+        assert.deepEqual([...attributes.class.values], [6, 12], type);
+    }
+});
+
+test('A stream is taken in small pieces without being copied for each', async () => {
+    const { ProgressiveDecoder } = await moduleOf('progressive_cloud.js');
+    const stream = new Uint8Array(2 ** 20);  // its header never ends
+    const decoder = new ProgressiveDecoder();
+    stream.set([0x53, 0x54, 0x50, 0x43, 3, 0, 0, 0, 255, 255, 255, 255]);
+    let copies = 0;
+    for (let at = 0; at < stream.length; at += 2048) {
+        const { buffer } = decoder.pending;
+        decoder.feed(stream.subarray(at, at + 2048));
+        copies += decoder.pending.buffer === buffer ? 0 : 1;
+    }
+    assert.ok(copies < 20, `${copies} copies`);
+    assert.deepEqual(decoder.pending, stream);
 });
 
 test('A splat reaches where the cells of its neighbours meet, and not much farther', async () => {

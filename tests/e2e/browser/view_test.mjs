@@ -113,6 +113,7 @@ await run({
     },
 
     async 'Two levels are compared by a line that is moved, and side by side'() {
+        await countTextures(page);
         await page.keyboard.press('c');
         await page.locator('#right-label').getByText('B').waitFor();
         await page.locator('#compare-with').selectOption('level:0');
@@ -125,6 +126,8 @@ await run({
         assert.ok(differenceOf(half, await restingPicture(page)) > 0.05);
         await page.keyboard.press('c');
         assert.equal(await page.locator('#divider').isVisible(), false);
+        await restingPicture(page);
+        assert.equal(await page.evaluate(() => window.textures), 0);  // those of the right are gone
     },
 
     async 'Both sides of a comparison have the colours that are chosen, and one legend'() {
@@ -241,6 +244,9 @@ await run({
             for (const [entry, reason] of [['wrong', 'an API key is needed'], [key, 'this API key is not known']]) {
                 await stranger.getByText(reason).waitFor();
                 await save(stranger, 'key');
+                for (let press = 0; press < 3; press += 1) {
+                    await stranger.keyboard.press('Escape');  // there is no way around it
+                }
                 await stranger.locator('#key').fill(entry);
                 await stranger.getByRole('button', { name: 'Continue' }).click();
             }
@@ -255,6 +261,20 @@ await run({
         }
     },
 });
+
+/** Counts in `window.textures` how many there are more than now. */
+function countTextures(target) {
+    return target.evaluate(() => {
+        window.textures = 0;
+        for (const [name, more] of [['createTexture', 1], ['deleteTexture', -1]]) {
+            const call = WebGL2RenderingContext.prototype[name];
+            WebGL2RenderingContext.prototype[name] = function counting(...parameters) {
+                window.textures += more;
+                return call.apply(this, parameters);
+            };
+        }
+    });
+}
 
 /** A file dragged in from outside, as the browser would report it. */
 async function drop(target, { name, buffer }) {
