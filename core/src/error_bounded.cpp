@@ -256,6 +256,7 @@ ErrorBoundedCloud simplify_within_error(const PointCloud& cloud, const SimplifyO
     else
         result = whole(cloud, bound, 0);
     result.bound = bound;
+    result.points_off_surface = judge.points_off_surface();
     result.tries = judge.tries();
     if (result.whole) result.too_far = judge.too_far();
     context.checkpoint(1.0);

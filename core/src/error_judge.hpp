@@ -30,6 +30,8 @@ public:
     /// Whether nearly all points of the cloud are safely within the bound of its own surface: else
     /// that is not known well enough to tell. The few that are not are no places of it.
     bool can_be_kept() const noexcept { return can_be_kept(points_.size()); }
+    /// How many are not.
+    std::uint64_t points_off_surface() const noexcept { return cloud_.size() - points_.size(); }
 
     /// How candidates are read from now on, but for glances; `Confirmed` before.
     void read(Reading reading);

@@ -162,6 +162,7 @@ Json bound_json(const MeasuredBound& bound) {
                  {"backward", bound.backward},   {"samples", bound.samples},
                  {"sampling", bound.sampling},   {"tries", bound.tries},
                  {"whole", bound.whole}};
+    if (bound.points_off_surface > 0) json["points_off_surface"] = bound.points_off_surface;
     if (bound.too_far)
         json["too_far"] = {{"points", bound.too_far->points},
                            {"place", vector_json(bound.too_far->place)},
@@ -187,6 +188,8 @@ MeasuredBound read_bound(const JsonValue& value) {
     bound.backward = object["backward"].number();
     bound.samples = object["samples"].integer();
     bound.sampling = object["sampling"].text();
+    if (const auto off = object.find("points_off_surface"))
+        bound.points_off_surface = off->integer();
     bound.tries = object["tries"].small_integer();
     bound.whole = object["whole"].boolean();
     if (const auto too_far = object.find("too_far")) bound.too_far = read_too_far(*too_far);

@@ -47,6 +47,7 @@ MeasuredBound measured(const ErrorBoundedCloud& found) {
             .backward = found.error.backward.max,
             .samples = found.error.forward.samples,
             .sampling = std::string(to_string(found.sampling)),
+            .points_off_surface = found.points_off_surface,
             .tries = found.tries,
             .whole = found.whole,
             .too_far = too_far};

@@ -94,6 +94,7 @@ TEST_F(RunJob, SaysWhatKeptABoundedErrorFromFewerPoints) {
     EXPECT_EQ(bound.too_far->points, 1000U);
     EXPECT_NEAR((bound.too_far->place - Vec3d(0, 0, 100)).norm(), 1.05, 1e-4);
     EXPECT_GT(bound.too_far->distance, 0.02);
+    EXPECT_GE(bound.points_off_surface, 50U);
     JobReport report;
     report.level = levels().front();
     EXPECT_EQ(to_json(job_report_from_json(to_json(report))), to_json(report));

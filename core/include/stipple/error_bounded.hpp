@@ -34,7 +34,9 @@ struct ErrorBoundedCloud {
     double bound = 0;      ///< what was asked for, in input units
     SurfaceError error{};  ///< as measured last, with the samples that found most
     ErrorSampling sampling = ErrorSampling::Surface;  ///< of that measurement
-    unsigned tries = 0;                               ///< clouds that were measured
+    std::uint64_t points_off_surface = 0;  ///< of the input, farther from its own surface than the
+                                           ///< bound: not counted
+    unsigned tries = 0;                    ///< clouds that were measured
     bool whole = false;  ///< it is the input itself: no smaller cloud was found within the bound
     std::optional<TooFar> too_far{};  ///< of a whole one: of the clouds tried that had distances
                                       ///< above the bound, that with most points

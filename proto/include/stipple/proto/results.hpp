@@ -46,6 +46,7 @@ struct MeasuredBound {
     double forward = 0, backward = 0;  ///< largest distances, from the input's surface and from the result's
     std::uint64_t samples = 0;         ///< on the surface of the input
     std::string sampling;              ///< `points`, `surface` or `particles`
+    std::uint64_t points_off_surface = 0;  ///< of the input, farther from its own surface: not counted
     unsigned tries = 0;                ///< clouds that were measured
     bool whole = false;                ///< no smaller cloud was found within the bound: it is the input itself
     std::optional<FewerTried> too_far{};  ///< of a whole one; of those tried that with most points
