@@ -189,6 +189,11 @@ std::optional<Command> parse_command_line(int argc, const char* const* argv) {
     } catch (const CLI::Success& help) {
         app.exit(help);
         return std::nullopt;
+    } catch (const CLI::ConfigError& error) {
+        constexpr std::string_view kUnknown = "INI was not able to parse ";
+        std::string what = error.what();
+        if (what.starts_with(kUnknown)) what = what.substr(kUnknown.size()) + ": no such flag";
+        throw Error(ErrorCode::InvalidArgument, "--config: " + what);
     } catch (const CLI::ParseError& error) {
         throw Error(ErrorCode::InvalidArgument, error.what());
     }

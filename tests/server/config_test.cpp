@@ -42,7 +42,7 @@ TEST(Config, AFileWithAnUnknownFlagIsRefused) {
     std::ofstream(file) << "[serve]\nmax-points=5\n";
     EXPECT_EQ(served({"--config", file.c_str()}).limits.decode.max_points, 5U);
     std::ofstream(file) << "[serve]\nmax-pionts=5\n";
-    EXPECT_NE(refusal({"--config", file.c_str()}).find("max-pionts"), std::string::npos);
+    EXPECT_EQ(refusal({"--config", file.c_str()}), "--config: serve.max-pionts: no such flag");
 }
 
 TEST(Config, ASiteHasAScheme) {
