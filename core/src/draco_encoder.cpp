@@ -80,6 +80,11 @@ Extent extent_of(std::span<const Vec3f> positions) {
     const double side = (high.cast<double>() - low.cast<double>()).maxCoeff();
     if (side > double{std::numeric_limits<float>::max()})
         refuse("the positions spread beyond single precision");
+    constexpr double kShortest = 1e-30;  // of which a step is no subnormal number
+    if (side > 0 && side < kShortest)
+        refuse(
+            "the positions spread less far than Draco's arithmetic can tell; position_bits 0 "
+            "keeps them exactly");
     return {side, std::max(low.cwiseAbs().maxCoeff(), high.cwiseAbs().maxCoeff())};
 }
 

@@ -4,6 +4,7 @@
 #include "stipple/error.hpp"
 
 #include <cmath>
+#include <limits>
 #include <sstream>
 #include <utility>
 
@@ -17,6 +18,14 @@ Vec3d choose_origin(const Aabb& all, std::vector<Vec3d> some) {
         std::ostringstream message;
         message << "the coordinates spread over " << side << ": expected at most " << kLongestSide
                 << ", the reach of single precision";
+        throw Error(ErrorCode::MalformedInput, message.str());
+    }
+    constexpr double kShortestSide = std::numeric_limits<float>::min();
+    if (side > 0 && side < kShortestSide) {
+        std::ostringstream message;
+        message << "the coordinates spread over " << side << ": expected at least " << kShortestSide
+                << ", the least of single precision, or a single place; give them "
+                << "in a smaller unit";
         throw Error(ErrorCode::MalformedInput, message.str());
     }
     constexpr double kFarOff = 64;

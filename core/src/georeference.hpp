@@ -17,7 +17,7 @@ namespace stipple {
 /// as most of `some` lie in, theirs is taken; the few are then as precise as floats are there.
 ///
 /// @param box  of the finite coordinates. @param some  of them, as `some_of` takes them.
-/// @throws Error(MalformedInput) when the side of the box is beyond single precision.
+/// @throws Error(MalformedInput) when the side of the box is beyond single precision, or below it.
 Vec3d choose_origin(const Aabb& box, std::vector<Vec3d> some);
 
 }  // namespace stipple

@@ -72,7 +72,9 @@ MeasuredLevel LevelRounding::round(MeasuredLevel&& unrounded, LevelGrid& taken,
     // already.
     constexpr std::size_t kMost = 131'072;
     std::vector<NormalAndBend> normals;
-    if (points.size() <= kMost) normals = curve_normals(*unrounded.tree, context);
+    // A tree of a crowd has one point of each place alone.
+    if (points.size() <= kMost && unrounded.apart.empty())
+        normals = curve_normals(*unrounded.tree, context);
     const double gap = mean_gap(*unrounded.tree, points.size(), kAskedForGap,
                                 [&](std::size_t i) { return points[i]; });
     double longest = std::min(0.5 * gap, step_of(kLeastBits));  // of the steps that may do

@@ -97,7 +97,7 @@ struct LodTiler::State {
         meter.measure_at_some(*unrounded, context);
         error.forward = summarize_places(unrounded->distances, unrounded->areas, unrounded->endless,
                                          frame, context);
-        error.backward = estimate_backward(*meter.surface(context), unrounded->points,
+        error.backward = estimate_backward(*meter.surface(context), unrounded->samples(),
                                            *unrounded->tree, frame, context);
         return error;
     }
@@ -106,7 +106,9 @@ struct LodTiler::State {
     /// @param grid  the finest; becomes the one that is taken.
     MeasuredLevel rounded_level(const PointCloud& cloud, std::vector<Vec3f>&& points, bool whole,
                                 LevelGrid& grid, const RunContext& context) {
-        const bool as_measured = points.empty(), all_bits = whole || options.additive;
+        const bool as_measured = points.empty();
+        const bool is_precise = options.precision && options.finest_points == cloud.size();
+        const bool all_bits = whole || options.additive || is_precise;
         const auto at_finest = [&](const std::vector<Vec3f>& all) {
             return MeasuredLevel(rounded(all, grid, context), context);
         };

@@ -9,6 +9,7 @@
 #include <array>
 #include <limits>
 #include <span>
+#include <sstream>
 #include <utility>
 
 namespace stipple {
@@ -17,6 +18,17 @@ Reduction default_reduction(const AttributeValues& values) noexcept {
     const bool floating = std::holds_alternative<std::vector<float>>(values) ||
                           std::holds_alternative<std::vector<double>>(values);
     return floating ? Reduction::Mean : Reduction::Nearest;
+}
+
+void require_squares(double diagonal) {
+    constexpr double kShortest = 1e-15, kLongest = 1e15;
+    if (diagonal == 0 || (diagonal >= kShortest && diagonal <= kLongest)) return;
+    const bool is_short = diagonal < kShortest;
+    std::ostringstream message;
+    message << "the cloud is " << diagonal << " across: expected " << kShortest << " to "
+            << kLongest << ", or a single place; give it in a " << (is_short ? "smaller" : "larger")
+            << " unit" << (is_short ? "" : ", or without points that are far from all others");
+    throw Error(ErrorCode::MalformedInput, message.str());
 }
 
 void validate(const PointCloud& cloud) {

@@ -446,6 +446,7 @@ std::vector<std::byte> encode_progressive(const PointCloud& cloud,
                                           const ProgressiveOptions& options,
                                           const RunContext& context) {
     check(cloud, options);
+    require_squares(bounds(cloud).diagonal());
     ProgressiveLayout layout;
     choose_grid(cloud, options, layout, context);
     layout.normals = !cloud.normals.empty();

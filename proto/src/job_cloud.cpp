@@ -3,7 +3,6 @@
 #include "stipple/error.hpp"
 
 #include <numeric>
-#include <sstream>
 #include <string>
 #include <utility>
 #include <variant>
@@ -15,18 +14,6 @@ namespace {
 
 std::string shown(std::uint64_t count, const char* what) {
     return std::to_string(count) + " " + what;
-}
-
-/// Lengths whose squares, and those of the spacing, single precision can hold.
-void require_squares(double diagonal) {
-    constexpr double kShortest = 1e-15, kLongest = 1e15;
-    if (diagonal == 0 || (diagonal >= kShortest && diagonal <= kLongest)) return;
-    const bool is_short = diagonal < kShortest;
-    std::ostringstream message;
-    message << "the cloud is " << diagonal << " across: expected " << kShortest << " to "
-            << kLongest << ", or a single place; give it in a " << (is_short ? "smaller" : "larger")
-            << " unit" << (is_short ? "" : ", or without points that are far from all others");
-    throw Error(ErrorCode::MalformedInput, message.str());
 }
 
 }  // namespace

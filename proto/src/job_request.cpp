@@ -7,6 +7,7 @@
 #include "stipple/globe.hpp"
 #include "stipple/proto/digest.hpp"
 
+#include <Eigen/LU>
 #include <algorithm>
 #include <array>
 
@@ -218,6 +219,8 @@ std::array<double, 16> read_transform(const JsonValue& value) {
     std::array<double, 16> transform{};
     if (numbers.size() != transform.size()) value.refuse("16 numbers, column by column");
     for (std::size_t i = 0; i < numbers.size(); ++i) transform[i] = numbers[i].number();
+    if (const std::string_view expected = transform_expected(transform); !expected.empty())
+        value.refuse(expected);
     return transform;
 }
 
@@ -407,6 +410,19 @@ std::vector<CloudFormat> read_formats(const JsonValue& value, std::span<const Cl
 
 std::string_view type_name(const JobRequest& request) noexcept {
     return kJobTypes[request.job.index()];
+}
+
+std::string_view transform_expected(const std::array<double, 16>& transform) noexcept {
+    constexpr double kMost = 1e100;  // of which products are finite
+    const Eigen::Map<const Eigen::Matrix4d> m(transform.data());
+    if (!(m.array().abs() <= kMost).all()) return "finite numbers of at most 1e100";
+    if (m.row(3) != Eigen::RowVector4d(0, 0, 0, 1))
+        return "0, 0, 0 and 1 as the last number of its columns";
+    const Eigen::Matrix3d linear = m.topLeftCorner<3, 3>();
+    const double largest = linear.cwiseAbs().maxCoeff();
+    if (!(largest > 0) || (linear / largest).determinant() == 0)
+        return "a transform that keeps three dimensions";
+    return {};
 }
 
 std::vector<std::string> inputs_of(const JobRequest& request) {

@@ -245,6 +245,7 @@ private:
             const Stopwatch watch(cost_.encode_seconds);
             LodTileOptions tiles = job.tiles;
             tiles.additive = job.options.nested;
+            tiles.finest_points = finest_points_;
             tiles.level_errors = job.error;
             if (!job.error && tiles.errors == LodErrors::Sure) tiles.errors = LodErrors::Rough;
             tiler_ = std::make_unique<LodTiler>(cloud, tiles, in_stage(kEncode).part(0, kTiler));

@@ -1,6 +1,7 @@
 #include "level_meter.hpp"
 
 #include "hilbert_order.hpp"
+#include "level_rounding.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
@@ -20,6 +21,17 @@ TEST(MeasuredLevel, IsSearchedForOnePointOfEachPlaceWhereMostHaveOthers) {
     few[1] = few[0];
     const MeasuredLevel even(std::move(few), {});
     EXPECT_EQ(even.samples().size(), 1'000U);
+}
+
+TEST(LevelRounding, TakesACrowdToTheGridAsItIs) {
+    std::vector<Vec3f> crowd(300, Vec3f(0.1F, 0.2F, 0.3F));
+    for (const Vec3f& p : test::sphere(100).positions) crowd.push_back(p);
+    const LevelMeter meter(std::vector<Vec3f>(test::sphere(2'000).positions), LodErrors::Sure, {});
+    const LevelRounding rounding{.side = 2, .tolerance = 0.16, .position_bits = 14};
+    LevelGrid taken{1, 1};
+    const MeasuredLevel level =
+        rounding.round(MeasuredLevel(std::vector<Vec3f>(crowd), {}), taken, meter, {});
+    EXPECT_EQ(level.points, rounded(crowd, taken, {}));
 }
 
 TEST(LevelMeter, MakesNoSurfaceAnewForALevelThatItHasPlacesFor) {

@@ -144,6 +144,25 @@ TEST(LodTiles, OfACloudWithAPointFarOffTellItsOtherPointsApart) {
     }
 }
 
+TEST(LodTiles, OfTheFinestLevelKeepThePrecisionThatWasAskedFor) {
+    constexpr double kPrecision = 1e-4;
+    const PointCloud cloud = numbered(test::sphere(8'000));
+    std::vector<Index> some(2'000);
+    std::iota(some.begin(), some.end(), 0U);
+    const PointCloud level = subset(cloud, some);
+    LodTiler tiler(cloud, {.precision = kPrecision, .finest_points = 2'000, .attributes = true});
+    for (LodTile& tile : tiler.add_level(level, false)) {
+        const Vec3d place = tiler.center() + std::exchange(tile.offset, Vec3d::Zero());
+        const PointCloud decoded = decode_tile(tile);
+        const std::vector<std::size_t> numbers = numbers_of(decoded);
+        for (std::size_t i = 0; i < numbers.size(); ++i) {
+            const Vec3d was = cloud.positions[numbers[i]].cast<double>();
+            const Vec3d is = place + decoded.positions[i].cast<double>();
+            ASSERT_LE((was - is).cwiseAbs().maxCoeff(), 1.01 * kPrecision);
+        }
+    }
+}
+
 TEST(LodTiles, KeepThePrecisionThatWasAskedForThoughAPointIsFarOff) {
     constexpr double kPrecision = 0.001;  // 26 bits of the whole
     PointCloud cloud = test::sphere(20'000);

@@ -377,6 +377,14 @@ TEST(PlyReader, RejectsAHeaderThatPromisesMorePointsThanTheFileHolds) {
         std::string::npos);
 }
 
+TEST(PlyReader, RefusesCoordinatesThatSinglePrecisionTakesForOnePlace) {
+    const std::string doubles =
+        "element vertex 2\nproperty double x\nproperty double y\nproperty double z\n";
+    EXPECT_NE(message_of(ascii(doubles, "1e-50 0 0\n0 1e-200 0\n")).find("spread over 1e-50"),
+              std::string::npos);
+    EXPECT_EQ(decode(ascii(doubles, "1e-50 1e9 0\n1e-50 1e9 0\n")).size(), 2U);
+}
+
 TEST(PlyReader, NamesTheLimitThatACloudIsOver) {
     const std::string file = ascii("element vertex 3\n" + kXyz + "property int a\nproperty int b\n",
                                    "0 0 0 1 2\n1 0 0 1 2\n2 0 0 1 2\n");

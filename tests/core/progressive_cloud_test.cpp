@@ -137,6 +137,18 @@ TEST(ProgressiveCloud, HoldsEveryPointWithinHalfAStep) {
     EXPECT_LE(farthest(cloud, decoded), 0.52 * step);
 }
 
+TEST(ProgressiveCloud, RefusesACloudWhoseSquaresAreNothing) {
+    PointCloud cloud = test::sphere(100);
+    for (Vec3f& p : cloud.positions) p *= 1e-40F;
+    try {
+        encode_progressive(cloud);
+        ADD_FAILURE() << "nothing was refused";
+    } catch (const Error& error) {
+        EXPECT_EQ(error.code(), ErrorCode::MalformedInput);
+        EXPECT_NE(std::string(error.what()).find("1e-15 to 1e+15"), std::string::npos);
+    }
+}
+
 TEST(ProgressiveCloud, KeepsThePrecisionAskedFor) {
     const PointCloud cloud = test::cube(1'000);
     const PointCloud decoded = decode_progressive(encode_progressive(cloud, {.precision = 1e-3}));

@@ -283,6 +283,12 @@ TEST(JobRequest, ThatIsRefusedNamesFieldAndValueAndWhatIsExpected) {
          "tiles.position_bits: 1: expected an integer of 2 to 24"},
         {pyramid_with(R"("tiles": {"transform": [1, 0]})"),
          "tiles.transform: a list of 2: expected 16 numbers, column by column"},
+        {pyramid_with(R"("tiles": {"transform": [1,0,0,0,0,1,0,0,0,0,1,0,1e300,0,0,1]})"),
+         "tiles.transform: a list of 16: expected finite numbers of at most 1e100"},
+        {pyramid_with(R"("tiles": {"transform": [1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,0]})"),
+         "tiles.transform: a list of 16: expected 0, 0, 0 and 1 as the last number of its columns"},
+        {pyramid_with(R"("tiles": {"transform": [1,0,0,0,0,1,0,0,0,0,0,0,0,0,0,1]})"),
+         "tiles.transform: a list of 16: expected a transform that keeps three dimensions"},
         {pyramid_with(R"("tiles": {"epsg": 4326})"),
          "tiles.epsg: 4326: expected 4978, 32601..32660, 32701..32760 or 25828..25838"},
         {pyramid_with(

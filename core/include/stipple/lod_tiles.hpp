@@ -30,6 +30,8 @@ struct LodTileOptions {
     std::optional<double>
         precision{};  ///< instead of position_bits: the largest error per axis of the finest level,
                       ///< input units, as far as 29 bits go; coarser levels take fewer
+    std::uint64_t finest_points = 0;  ///< of that level, if it is to have the precision though it
+                                      ///< is not the whole source
     double tolerance = 0.16;  ///< a level takes about the longest steps by which its mean error
                               ///< grows by no more than this part, of at most half its spacing; >=
                               ///< 0. Steps twice as long save a fifth of the bytes: more than it

@@ -83,6 +83,10 @@ struct PointCloud {
 /// that does not.
 void validate(const PointCloud& cloud);
 
+/// Checks that single precision holds the squares of a cloud's lengths. @param diagonal  of its
+/// box; 0 will do. @throws Error(MalformedInput) below 1e-15 or above 1e15.
+void require_squares(double diagonal);
+
 /// Bounds of the finite positions, in the unit of the input, origin added. O(N).
 Aabb bounds(const PointCloud& cloud);
 

@@ -136,6 +136,8 @@ struct JobRequest {
 };
 /// Every id that a request names, the input first.
 std::vector<std::string> inputs_of(const JobRequest& request);
+/// What is expected of `PyramidJob::transform` and not so; empty where nothing is wrong.
+std::string_view transform_expected(const std::array<double, 16>& transform) noexcept;
 
 /// The names of the types, in the order of the variant.
 inline constexpr std::array<std::string_view, 6> kJobTypes = {"simplify", "pyramid", "upsample",
