@@ -64,8 +64,11 @@ HttpReply with_retries(
 /// ours.
 HttpReply expect_ok(HttpReply reply, const std::string& where) {
     if (reply.ok()) return reply;
-    if (reply.content_type.starts_with("application/problem+json"))
-        throw proto::error_from(proto::problem_from_json(reply.body));
+    if (reply.content_type.starts_with("application/problem+json")) {
+        const Error error = proto::error_from(proto::problem_from_json(reply.body));
+        if (reply.status == 401) throw Unauthorized(error.what());
+        throw error;
+    }
     throw Error(ErrorCode::Internal, where + ": answered with status " +
                                          std::to_string(reply.status) +
                                          " and no problem document: is it a stippled server?");
@@ -346,10 +349,23 @@ void Client::download(const proto::OutputFile& file, const fs::path& destination
 }
 
 void Client::dismiss(const std::string& id) {
+    const std::string path = "/v1/jobs/" + checked_id(id) + "?only=unfinished";
     const HttpConnection& http = implementation_->http();
+    HttpReply reply = with_retries(http.stop_token(), [&] { return http.remove(path); });
+    constexpr int kEnded = 409;  // also by this request, when its first reply was lost
+    if (reply.status != kEnded) expect_ok(std::move(reply), implementation_->where(path));
+}
+
+void Client::remove(const std::string& id) {
     const std::string path = "/v1/jobs/" + checked_id(id);
-    expect_ok(with_retries(http.stop_token(), [&] { return http.remove(path); }),
-              implementation_->where(path));
+    const HttpConnection& http = implementation_->http();
+    unsigned attempts = 0;
+    HttpReply reply = with_retries(http.stop_token(), [&] {
+        ++attempts;
+        return http.remove(path);
+    });
+    const bool gone = attempts > 1 && reply.status == 404;
+    if (!gone) expect_ok(std::move(reply), implementation_->where(path));
 }
 
 std::string Client::limits() {

@@ -1,7 +1,11 @@
 #include "http_connection.hpp"
 
 #include <httplib.h>
+#include <poll.h>
+#include <sys/socket.h>
+#include <algorithm>
 #include <array>
+#include <cctype>
 #include <charconv>
 
 namespace stipple {
@@ -45,16 +49,39 @@ std::string what_happened(httplib::Error error, std::chrono::seconds waited) {
         case httplib::Error::SSLLoadingCerts:
         case httplib::Error::SSLServerVerification:
             return "no trusted TLS connection";
+        case httplib::Error::Canceled:
+            return "the file became shorter while it was being sent";
         default:
             return httplib::to_string(error);
     }
 }
 
+std::string remedy(httplib::Error error) {
+    if (error == httplib::Error::Canceled) return "send it again once it is whole";
+    if (error == httplib::Error::Write)
+        return "it may take no request of this size (GET /v1/limits)";
+    return "is stippled running there? (stippled serve)";
+}
+
+/// Waits until the socket takes more, or a reply comes. @returns whether one has begun that no
+/// other follows; those of 1xx only go before it.
+bool replies_early(int socket, std::chrono::milliseconds patience) {
+    constexpr std::size_t kClassOfStatus = 9;  // `HTTP/1.1 413`
+    pollfd waited{socket, POLLIN | POLLOUT, 0};
+    ::poll(&waited, 1, static_cast<int>(patience.count()));
+    std::array<char, kClassOfStatus + 1> head{};
+    const ssize_t got = ::recv(socket, head.data(), head.size(), MSG_PEEK | MSG_DONTWAIT);
+    return got == static_cast<ssize_t>(head.size()) && head[kClassOfStatus] != '1';
+}
+
 }  // namespace
 
 std::optional<std::string> HttpReply::field(std::string_view name) const {
+    const auto same = [](unsigned char a, unsigned char b) {
+        return std::tolower(a) == std::tolower(b);
+    };
     for (const auto& [field, value] : headers)
-        if (field == name) return value;
+        if (std::ranges::equal(field, name, same)) return value;
     return std::nullopt;
 }
 
@@ -85,8 +112,8 @@ HttpReply HttpConnection::perform(const std::string& path, std::chrono::seconds 
         if (ended_by_caller_is_fine && result.error() == httplib::Error::Canceled)
             return HttpReply{200, {}, {}, {}, {}};
         throw ConnectionError(url_.text() + path + ": " +
-                              what_happened(result.error(), timeout_ + extra_time) +
-                              ": is stippled running there? (stippled serve)");
+                              what_happened(result.error(), timeout_ + extra_time) + ": " +
+                              remedy(result.error()));
     }
     return reply_of(*result);
 }
@@ -128,16 +155,33 @@ HttpReply HttpConnection::post(const std::string& path, const HttpHeaders& heade
 
 HttpReply HttpConnection::post(const std::string& path, std::uint64_t bytes,
                                const Source& source) const {
-    std::vector<char> buffer(std::size_t{1} << 18);
-    const auto provide = [&](std::size_t offset, std::size_t length, httplib::DataSink& sink) {
-        if (stop_.stop_requested()) return false;
-        const std::size_t size = source(offset, buffer.data(), std::min(length, buffer.size()));
-        return size > 0 && sink.write(buffer.data(), size);
+    // What a writable socket takes without a wait, in which a reply would be missed.
+    std::vector<char> buffer(std::size_t{1} << 14);
+    const bool plain = url_.scheme == "http";  // over TLS what can be read may be no reply
+    const auto send = [&](httplib::DataSink& sink, int socket) {
+        for (std::uint64_t sent = 0; sent < bytes;) {
+            const std::size_t room = std::min<std::uint64_t>(bytes - sent, buffer.size());
+            const std::size_t size = stop_.stop_requested() ? 0 : source(sent, buffer.data(), room);
+            if (size == 0) return false;
+            if (!sink.write(buffer.data(), size)) return true;  // the library knows why
+            sent += size;
+            // A server that refuses the file need not read it, and may close in a moment.
+            if (plain && sent < bytes && replies_early(socket, timeout_)) return true;
+        }
+        return true;
     };
+    // The library reads no reply before all the content that it knows of is sent: it knows of the
+    // first byte.
+    const std::size_t known_bytes = std::min<std::uint64_t>(bytes, 1);
+    HttpHeaders length;
+    if (bytes > 0) length.emplace_back("Content-Length", std::to_string(bytes));
     // The server answers once all is hashed and durable: give the disk the time that the wire had.
     constexpr std::chrono::seconds kTimeToStore{120};
     return perform(path, kTimeToStore, false, [&](httplib::Client& client) {
-        return client.Post(path, with(common_headers_, {}), bytes, provide,
+        const auto provide = [&](std::size_t, std::size_t, httplib::DataSink& sink) {
+            return send(sink, client.socket());
+        };
+        return client.Post(path, with(common_headers_, length), known_bytes, provide,
                            "application/octet-stream");
     });
 }

@@ -23,7 +23,7 @@ struct HttpReply {
     std::optional<double> retry_after;  ///< seconds
     HttpHeaders headers{};
 
-    /// The value of a field, whose name is compared as it is written; nothing when there is none.
+    /// The value of a field, whatever the case of its name; nothing when there is none.
     std::optional<std::string> field(std::string_view name) const;
     bool ok() const noexcept { return status >= 200 && status < 300; }
 };
@@ -57,6 +57,7 @@ public:
                   const Receiver& receiver) const;
     HttpReply post(const std::string& path, const HttpHeaders& headers,
                    const std::string& body) const;
+    /// Ends early where the reply comes before all is sent.
     HttpReply post(const std::string& path, std::uint64_t bytes, const Source& source) const;
     HttpReply remove(const std::string& path) const;
 

@@ -4,6 +4,7 @@
 #include "stipple/error.hpp"
 
 #include <algorithm>
+#include <csignal>
 #include <iostream>
 
 namespace {
@@ -23,6 +24,8 @@ int fail(const Terminal& terminal, std::string message, int exit_code) {
 }  // namespace
 
 int main(int argc, char** argv) {
+    // A server or a reader that closes early is an error like others.
+    std::signal(SIGPIPE, SIG_IGN);
     const InterruptWatch interrupt;
     const Session session{Terminal(), interrupt.token()};
     try {

@@ -264,6 +264,8 @@ TEST(CommandLine, ConvertGoesByTheEndOfTheName) {
               std::string::npos);
     EXPECT_EQ(refusal({"convert", "in.ply", "a.las"}),
               "a.las: the name must end with .ply, .drc, .stpc or .laz");
+    EXPECT_NE(parsed<InfoCommand>({"convert", "--help"}).text.find(".ply, .drc, .stpc or .laz"),
+              std::string::npos);
 }
 
 TEST(CommandLine, SliceTakesOneBudgetAndABox) {
@@ -370,6 +372,20 @@ TEST(CommandLine, AnUnknownCommandIsToldThoseThereAre) {
     EXPECT_NE(message.find("simplify"), std::string::npos) << message;
 }
 
+TEST(CommandLine, AnUnknownOptionIsToldTheOneNearIt) {
+    EXPECT_EQ(refusal({"simplify", "i.ply", "o.ply", "--pionts", "5000"}),
+              "--pionts: no such option: did you mean --points?");
+    EXPECT_EQ(refusal({"simplify", "i.ply", "o.ply", "--max-eror=1%"}),
+              "--max-eror: no such option: did you mean --max-error?");
+    EXPECT_EQ(refusal({"slice", "levels", "o.ply", "--bites", "5"}),
+              "--bites: no such option: did you mean --bytes?");
+    EXPECT_EQ(refusal({"simplify", "i.ply", "o.ply", "--verbose", "-n", "5"}),
+              "--verbose: no such option (see --help)");
+    EXPECT_EQ(refusal({"curve", "i.ply", "--voxel-sise", "5"}),  // it has no --voxel-size either
+              "--voxel-sise: no such option (see --help)");
+    EXPECT_EQ(refusal({"--versoin"}), "--versoin: no such option: did you mean --version?");
+}
+
 TEST(CommandLine, WholeNumbersAreDecimalWithoutASign) {
     const std::map<std::string, std::vector<std::string>> options = {
         {"--points", {"simplify", "i.ply", "o.ply"}},
@@ -457,13 +473,32 @@ TEST(CommandLine, HelpOfACurveHasNoTargets) {
     EXPECT_EQ(text.find("--voxel-size"), std::string::npos);
 }
 
-TEST(CommandLine, HelpFitsATerminalOf80ColumnsButForLongExamples) {
+TEST(CommandLine, HelpFitsATerminalOf80Columns) {
     for (const char* command : {"simplify", "upsample", "analyze", "curve", "pyramid", "slice",
                                 "evaluate", "inspect", "convert", "synthesize"}) {
         std::istringstream lines(parsed<InfoCommand>({command, "--help"}).text);
-        for (std::string line; std::getline(lines, line) && !line.starts_with("Example");)
-            EXPECT_LE(line.size(), 80U) << line;
+        for (std::string line; std::getline(lines, line);) EXPECT_LE(line.size(), 80U) << line;
     }
+}
+
+TEST(CommandLine, HelpGroupsOptionsUnderTheMethodsThatHaveThem) {
+    const auto group_of = [](const char* command, const std::string& option) {
+        std::istringstream lines(parsed<InfoCommand>({command, "--help"}).text);
+        std::string group;
+        for (std::string line; std::getline(lines, line);) {
+            if (line.starts_with("  " + option + ' ')) return group;
+            if (!line.starts_with(' ') && line.ends_with(':')) group = line;
+        }
+        return std::string();
+    };
+    EXPECT_EQ(group_of("simplify", "--max-cluster-size"), "Of hierarchical and incremental:");
+    EXPECT_EQ(group_of("simplify", "--max-variation"), "Of hierarchical and incremental:");
+    EXPECT_EQ(group_of("simplify", "--voxel-size"), "Of voxel:");
+    EXPECT_EQ(group_of("simplify", "--representative"), "Of hierarchical, incremental and voxel:");
+    EXPECT_EQ(group_of("simplify", "--reduce"), "Options:");
+    EXPECT_EQ(group_of("curve", "--representative"), "Of hierarchical:");
+    EXPECT_EQ(group_of("curve", "--adaptivity"), "Of particles:");
+    EXPECT_EQ(group_of("pyramid", "--max-variation"), "Of incremental:");
 }
 
 TEST(CommandLine, HelpOfACommandShowsExamples) {

@@ -34,6 +34,21 @@ TEST(BoundLine, SaysThatNoSmallerCloudWasFoundWhereNothingElseIsKnown) {
               "kept all 1 point: no smaller cloud was found within 0.3");
 }
 
+TEST(BoundLine, SaysHowManyPointsAreNotCounted) {
+    proto::MeasuredBound bound{.max_error = 0.3,
+                               .forward = 0.2,
+                               .backward = 0.1,
+                               .samples = 200,
+                               .sampling = "surface",
+                               .tries = 7};
+    EXPECT_TRUE(bound_line(bound, 10, {}).ends_with("7 tries"));
+    bound.points_off_surface = 3;
+    EXPECT_TRUE(
+        bound_line(bound, 10, {})
+            .ends_with(
+                "not counted: 3 points of the input, farther than that from the surface of all"));
+}
+
 TEST(ErrorLine, HasNoFiguresWhereNothingWasSimplifiedAway) {
     proto::ErrorFigures figures;
     EXPECT_EQ(error_line(figures, {}), "error: none, nothing was simplified away");
@@ -43,7 +58,7 @@ TEST(ErrorLine, HasNoFiguresWhereNothingWasSimplifiedAway) {
     figures.error.forward.samples = 200;
     const std::string line = error_line(figures, {});
     EXPECT_TRUE(line.starts_with("error: mean 0.01 (0.1 %)")) << line;
-    EXPECT_TRUE(line.ends_with("max 0.5 (5 %) of the diagonal, at 200 samples")) << line;
+    EXPECT_TRUE(line.ends_with("max at least 0.5 (5 %) of the diagonal, at 200 samples")) << line;
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 #include "stipple/codec.hpp"
 #include "stipple/proto/digest.hpp"
 #include "stipple/simplify.hpp"
+#include "support/stippled_process.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
@@ -129,6 +130,18 @@ TEST_F(StippleCli, AnalyzeAddsThePropertiesOfTheSurface) {
     for (const char* attribute :
          {"intensity", "variation", "density", "anisotropy", "feature_weight"})
         EXPECT_NE(find_attribute(cloud, attribute), nullptr) << attribute;
+}
+
+TEST_F(StippleCli, AnalyzeTellsHowManyFeatureLinesItFound) {
+    synthesize("in.ply", 20'000);
+    const Outcome some = stipple("analyze in.ply out.ply --feature-lines lines.ply");
+    const std::size_t points = read_cloud(folder_ / "lines.ply").size();
+    EXPECT_GT(points, 0U);
+    EXPECT_NE(some.err.find(" feature lines of "), std::string::npos) << some.err;
+    write_cloud(test::sphere(3000), folder_ / "smooth.ply");
+    const Outcome none = stipple("analyze smooth.ply out.ply --feature-lines lines.ply");
+    EXPECT_NE(none.err.find("no feature lines were found"), std::string::npos) << none.err;
+    EXPECT_TRUE(stipple("analyze smooth.ply out.ply --feature-lines lines.ply -q").err.empty());
 }
 
 TEST_F(StippleCli, SimplifyGivesTheSameBytesOnOneAndTwoThreads) {
@@ -302,20 +315,36 @@ TEST_F(StippleCli, InspectTellsPointsBoundsAttributesAndHash) {
 TEST_F(StippleCli, ConvertLeavesOutWhatTheFormatCannotHoldAndSaysSo) {
     std::ofstream(folder_ / "in.ply")
         << "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
-           "property float z\nend_header\n0 0 0\nnan nan nan\n1 0 0\n0 1 0\n";
-    for (const char* const name : {"out.copc.laz", "out.stpc"}) {
+           "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+           "0 0 0\nnan nan nan\n1 0 0\n0 1 0\n3 0 2 3\n";
+    for (const char* const name : {"out.copc.laz", "out.stpc", "out.drc"}) {
         const Outcome outcome = stipple("convert in.ply " + std::string(name) + " --json -");
         ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
         EXPECT_NE(outcome.err.find("removed 1 point without finite coordinates"), std::string::npos)
+            << outcome.err;
+        EXPECT_NE(outcome.err.find("left out face.vertex_indices"), std::string::npos)
             << outcome.err;
         const json figures = json::parse(outcome.out);
         EXPECT_EQ(figures["input"]["removed"]["non_finite"], 1);
         EXPECT_EQ(figures["output"]["points"], 3);
     }
-    EXPECT_EQ(read_cloud(folder_ / "out.stpc").size(), 3U);
+    for (const char* const name : {"out.stpc", "out.drc"})
+        EXPECT_EQ(read_cloud(folder_ / name).size(), 3U) << name;
     const Outcome kept = stipple("convert in.ply out.ply");
     EXPECT_EQ(kept.err.find("removed"), std::string::npos);
+    EXPECT_NE(kept.err.find("left out face.vertex_indices"), std::string::npos) << kept.err;
     EXPECT_EQ(read_cloud(folder_ / "out.ply").size(), 4U);
+}
+
+TEST_F(StippleCli, ConvertTellsHowManyPointsTheWholeOfACutStreamHas) {
+    synthesize("in.ply", 3000);
+    ASSERT_EQ(stipple("convert in.ply in.stpc").exit_code, 0);
+    fs::resize_file(folder_ / "in.stpc", fs::file_size(folder_ / "in.stpc") / 2);
+    const Outcome all = stipple("convert in.stpc all.ply");
+    EXPECT_TRUE(all.err.starts_with("3,000 ")) << all.err;
+    EXPECT_LT(read_cloud(folder_ / "all.ply").size(), 3000U);
+    ASSERT_EQ(stipple("convert in.stpc first.ply --points 3000").exit_code, 0);
+    EXPECT_EQ(content(folder_ / "all.ply"), content(folder_ / "first.ply"));
 }
 
 TEST_F(StippleCli, ConvertThereAndBackKeepsEveryPoint) {
@@ -462,6 +491,31 @@ TEST_F(StippleCli, AServerThatIsNotThereIsNamedWithTheRemedy) {
     EXPECT_NE(outcome.err.find("http://127.0.0.1:1"), std::string::npos);
     EXPECT_NE(outcome.err.find("stippled serve"), std::string::npos);
     EXPECT_EQ(files(), std::vector<std::string>{"in.ply"});
+}
+
+TEST_F(StippleCli, WhatAServerSaysBeforeItHasTheWholeFileIsTold) {
+    const test::StippledProcess server({"--max-upload", "1MB"});
+    write_cloud(test::sphere(2'000'000), folder_ / "in.ply");
+    const Outcome outcome = stipple("simplify in.ply out.ply -n 5 --server " + server.url());
+    EXPECT_EQ(outcome.exit_code, 1);
+    EXPECT_NE(outcome.err.find("at most 1000000 are taken"), std::string::npos) << outcome.err;
+}
+
+TEST_F(StippleCli, AServerThatWantsAKeyIsToldWithTheOptionForIt) {
+    std::ofstream(folder_ / "keys.json")
+        << R"([{"tenant": "ada", "scopes": ["read"], "key_sha256": ")" << std::string(64, '0')
+        << R"("}])";
+    const test::StippledProcess server({"--api-keys", (folder_ / "keys.json").string()});
+    synthesize("in.ply", 100);
+    for (const char* const key : {"", " --api-key unknown"}) {
+        for (const char* const command : {"simplify in.ply out.ply", "slice 0123 out.ply"}) {
+            const Outcome outcome =
+                stipple(std::string(command) + " -n 5 --server " + server.url() + key);
+            EXPECT_EQ(outcome.exit_code, 1);
+            EXPECT_NE(outcome.err.find("--api-key or in STIPPLE_API_KEY"), std::string::npos)
+                << outcome.err;
+        }
+    }
 }
 
 TEST_F(StippleCli, AnInterruptLeavesNothingBehind) {

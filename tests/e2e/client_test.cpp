@@ -153,6 +153,21 @@ TEST(Client, ATinyFileThatAsksForAllMemoryEndsItsJobWhileOthersGoOn) {
     }
 }
 
+TEST(Client, AFinishedJobIsLeftByADismissalAndGoneOnceItIsRemoved) {
+    const test::StippledProcess server;
+    const test::TemporaryFolder folder;
+    write_cloud(test::sphere(1000), folder / "in.ply");
+    Client client(server.url());
+    const auto job =
+        client.wait(client.submit(pyramid_request(client.upload(folder / "in.ply").id)).id);
+    ASSERT_EQ(job.status, proto::JobStatus::Successful);
+    client.dismiss(job.id);
+    EXPECT_EQ(client.job(job.id).status, proto::JobStatus::Successful);
+    client.remove(job.id);
+    EXPECT_THROW(client.job(job.id), Error);
+    EXPECT_THROW(client.remove(job.id), Error);
+}
+
 TEST(Client, ARunningJobIsGoneSoonAfterItIsDismissed) {
     const test::StippledProcess server;
     const test::TemporaryFolder folder;

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "stipple/error.hpp"
 #include "stipple/proto/job.hpp"
 #include "stipple/proto/results.hpp"
 #include "stipple/proto/slice.hpp"
@@ -36,6 +37,13 @@ struct CloudPage {
     std::optional<std::string> next;  ///< where the next page begins; nothing after the last
 };
 
+/// The server wants an API key, or does not know the one that it got.
+class Unauthorized : public Error {
+public:
+    explicit Unauthorized(const std::string& message)
+        : Error(ErrorCode::InvalidArgument, message) {}
+};
+
 /// Asks a `stippled` server over HTTP.
 ///
 ///     stipple::Client client("http://127.0.0.1:8080");
@@ -48,7 +56,8 @@ struct CloudPage {
 /// call that may be repeated without harm is tried up to four times, within seconds; `submit` is
 /// one of them, because it sends an idempotency key; the upload of a file is not. Redirects are
 /// never followed, so that the API key goes to the address given and nowhere else. Safe to call
-/// from several threads.
+/// from several threads. A program that uses it ignores SIGPIPE, which a server that closes early
+/// would end it by.
 class Client {
 public:
     using ByteProgress = std::function<void(std::uint64_t done, std::uint64_t total)>;
@@ -88,8 +97,10 @@ public:
     /// What was cut is told, without its bytes. @throws Error also for options out of range.
     proto::Slice slice(const std::string& pyramid_id, const proto::SliceOptions& options,
                        const std::filesystem::path& destination);
-    /// Stops a job that runs; removes one that is final.
+    /// Stops a job that waits or runs; one that is final stays as it is.
     void dismiss(const std::string& id);
+    /// Removes a final job and its results; stops one that waits or runs.
+    void remove(const std::string& id);
     /// `GET /v1/limits`: JSON as openapi.yaml describes it.
     std::string limits();
 

@@ -10,10 +10,13 @@
 #include <array>
 #include <charconv>
 #include <cstdlib>
+#include <iterator>
 #include <map>
 #include <memory>
+#include <numeric>
 #include <set>
 #include <sstream>
+#include <utility>
 
 namespace stipple::cli {
 namespace {
@@ -216,8 +219,12 @@ PyramidCommand pyramid_command(const Values& values, const CLI::App& app) {
     command.job.output.draco = draco(values);
     command.job.tiles = values.tiles;
     command.job.tiles.precision = values.precision;
-    if (!values.transform.empty())
-        std::ranges::copy(values.transform, command.job.transform.emplace().begin());
+    if (!values.transform.empty()) {
+        auto& transform = command.job.transform.emplace();
+        std::ranges::copy(values.transform, transform.begin());
+        const std::string_view expected = proto::transform_expected(transform);
+        if (!expected.empty()) throw UsageError("--transform: expected " + std::string(expected));
+    }
     if (values.epsg) {
         command.job.epsg = values.epsg;
         globe_frame(*values.epsg, Vec3d::Zero());  // refuses systems that it does not know
@@ -297,8 +304,7 @@ CurveCommand curve_command(const Values& values, const CLI::App& app) {
 
 ConvertCommand convert_command(const Values& values) {
     const std::string extension = extension_of(values.output);
-    if (extension != ".stpc" && extension != ".laz")
-        format_of(values.output, ".ply, .drc, .stpc or .laz");
+    if (extension != ".stpc" && extension != ".laz") format_of(values.output, kConvertEndings);
     if (values.epsg) well_known_text(*values.epsg);  // refuses systems that it does not know
     return {values.input,
             values.output,
@@ -324,6 +330,55 @@ void require_command(const CLI::App& app, const std::vector<std::string>& argume
         names += (names.empty() ? "" : ", ") + command->get_name();
     }
     throw UsageError(arguments.front() + ": no such command: expected one of " + names);
+}
+
+/// Characters to put in, take out or change until one word is the other.
+std::size_t edit_distance(std::string_view a, std::string_view b) {
+    std::vector<std::size_t> row(b.size() + 1);
+    std::iota(row.begin(), row.end(), std::size_t{0});
+    for (std::size_t i = 0; i < a.size(); ++i) {
+        std::size_t diagonal = std::exchange(row[0], i + 1);
+        for (std::size_t j = 0; j < b.size(); ++j) {
+            const std::size_t changed = diagonal + (a[i] == b[j] ? 0 : 1);
+            diagonal = row[j + 1];
+            row[j + 1] = std::min({row[j] + 1, diagonal + 1, changed});
+        }
+    }
+    return row.back();
+}
+
+/// The long option, of those in the help, that was probably meant; empty when none is near.
+std::string option_near(const CLI::App& command, const std::string& name) {
+    std::vector<const CLI::Option*> options = command.get_options();
+    for (const CLI::App* const group : command.get_subcommands({}))
+        std::ranges::copy(group->get_options(), std::back_inserter(options));
+    const std::size_t letters = name.size() - 2;
+    std::size_t distance = 1 + std::min<std::size_t>(2, letters / 3);
+    std::string nearest;
+    for (const CLI::Option* const option : options) {
+        for (const std::string& known : option->get_lnames()) {
+            const std::size_t edits = edit_distance(name, "--" + known);
+            if (option->get_group().empty() || edits >= distance) continue;
+            nearest = "--" + known;
+            distance = edits;
+        }
+    }
+    return nearest;
+}
+
+/// CLI11 would list all that it could not place, last things first, or name only what is missing.
+void require_known_options(const CLI::App& app, const std::vector<std::string>& arguments) {
+    const auto commands = app.get_subcommands(
+        [&](const CLI::App* command) { return command->check_name(arguments.front()); });
+    const CLI::App& command = commands.empty() ? app : *commands.front();
+    for (const std::string& argument : arguments) {
+        if (argument == "--") return;
+        const std::string name = argument.substr(0, argument.find('='));
+        if (!name.starts_with("--") || command.get_option_no_throw(name) != nullptr) continue;
+        const std::string near = option_near(command, name);
+        throw UsageError(name + ": no such option" +
+                         (near.empty() ? " (see --help)" : ": did you mean " + near + "?"));
+    }
 }
 
 /// CLI11 takes arguments from the back.
@@ -441,6 +496,7 @@ Command parse_command_line(const std::vector<std::string>& arguments) {
     } catch (const CLI::CallForVersion& version) {
         return InfoCommand{std::string(version.what()) + "\n"};
     } catch (const CLI::ParseError& error) {
+        require_known_options(app, arguments);
         throw UsageError(one_line(error.what()) + " (see --help)");
     } catch (const Error& error) {  // an option that the library refuses
         throw UsageError(error.what());

@@ -138,16 +138,16 @@ CLI::App& add_simplify(CLI::App& app, Values& values) {
     add_reductions(command, values);
     add_added_attributes(command, values);
     add_encoding(command, values);
-    add_method_options(command, values.of_methods);
+    add_method_options(command, values.of_methods, kMethods);
     command.footer(
         "Examples:\n"
         "  stipple simplify scan.ply small.ply --points 5000\n"
         "  stipple simplify scan.ply small.drc --ratio 0.01 --precision 0.001\n"
         "  stipple simplify scan.ply small.ply --max-error 0.1%\n"
-        "  stipple simplify scan.ply small.ply --method iterative -n 5000 --color-weight 0.1\n"
-        "  stipple simplify scan.ply small.ply --method hierarchical --max-variation 0.02\n"
-        "  stipple simplify scan.ply even.ply --method particles -n 5000 --region "
-        "sphere:0,0,0,1:4\n"
+        "  stipple simplify scan.ply small.ply -m iterative -n 5000 --color-weight 0.1\n"
+        "  stipple simplify scan.ply small.ply -m hierarchical --max-variation 0.02\n"
+        "  stipple simplify scan.ply even.ply -m particles -n 5000 \\\n"
+        "      --region sphere:0,0,0,1:4\n"
         "  stipple simplify scan.ply small.drc -n 5000 --server http://127.0.0.1:8080");
     return command;
 }
@@ -295,9 +295,10 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
     add_draco(command, values, ".drc, .laz, .stpc and the finest tiles");
     add_server(command, values);
     add_common(command, values);
-    add_method_options(command, values.of_methods);
+    add_method_options(command, values.of_methods, kMethods);
     hide(command, {"--max-cluster-size", "--voxel-size"});
     command.get_option("--max-variation")
+        ->group("Of incremental")
         ->description("of incremental: growth stops at this surface variation, in (0, 1/3]");
     command.footer(
         "Examples:\n"
@@ -345,8 +346,8 @@ CLI::App& add_slice(CLI::App& app, Values& values) {
         "Examples:\n"
         "  stipple slice levels/ preview.ply --points 20000\n"
         "  stipple slice levels/ door.glb --bytes 500000 --box 0,0,0,2,1,2.5\n"
-        "  stipple slice 0123456789abcdef0123456789abcdef small.drc --max-error 0.05 "
-        "--server http://127.0.0.1:8080");
+        "  stipple slice 0123456789abcdef0123456789abcdef small.drc --max-error 0.05 \\\n"
+        "      --server http://127.0.0.1:8080");
     return command;
 }
 
@@ -443,12 +444,12 @@ CLI::App& add_curve(CLI::App& app, Values& values) {
     add_seed(command, values);
     add_server(command, values);
     add_common(command, values);
-    add_method_options(command, values.of_methods);
-    hide(command, {"--max-cluster-size", "--max-variation", "--voxel-size"});
+    add_method_options(command, values.of_methods, kErrorBoundedMethods);
+    hide(command, {"--max-cluster-size", "--max-variation"});
     command.footer(
         "Examples:\n"
         "  stipple curve scan.ply --plot curve.svg\n"
-        "  stipple curve scan.ply --method iterative --points 1000,5000,20000 --json curve.json");
+        "  stipple curve scan.ply -m iterative --points 1000,5000,20k --json curve.json");
     return command;
 }
 
@@ -467,7 +468,7 @@ CLI::App& add_convert(CLI::App& app, Values& values) {
     CLI::App& command =
         *app.add_subcommand("convert", "PLY, Draco, stream, COPC: every finite point kept");
     add_input(command, values);
-    command.add_option("OUT", values.output, "a .ply, .drc, .stpc or .copc.laz file")
+    command.add_option("OUT", values.output, "a " + std::string(kConvertEndings) + " (COPC) file")
         ->required()
         ->type_name("FILE");
     command.add_option("--points", values.first_points, "of a .stpc: the first so many")

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace stipple::cli {
@@ -50,6 +51,9 @@ struct Values {
     bool has_server = false;  ///< it may be empty
     CommonOptions common;
 };
+
+/// What a file that `convert` writes may end with.
+inline constexpr std::string_view kConvertEndings = ".ply, .drc, .stpc or .laz";
 
 // What each command takes, and what its help says.
 

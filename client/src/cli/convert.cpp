@@ -44,20 +44,20 @@ RunContext shown_as(const char* stage, double from, double to, RunContext contex
     return context.part(from, to);
 }
 
-/// What the first bytes or points of a stream hold, without a look at the rest of the file.
-PointCloud read_first(const ConvertCommand& command, const RunContext& context,
-                      DecodeReport& report) {
+bool is_stream(const fs::path& file) {
+    if (!fs::is_regular_file(file)) return false;  // of a pipe the first bytes would be gone
+    std::array<char, 4> magic{};
+    std::ifstream(file, std::ios::binary).read(magic.data(), magic.size());
+    return std::string_view(magic.data(), magic.size()) == "STPC";
+}
+
+/// What a stream, which may have been cut, or its first bytes or points hold, without a look at the
+/// rest of the file.
+PointCloud read_stream(const ConvertCommand& command, const RunContext& context,
+                       DecodeReport& report) {
     constexpr std::size_t kPiece = std::size_t{1} << 16U;
     constexpr auto kAll = std::numeric_limits<std::uint64_t>::max();
     std::ifstream file(command.input, std::ios::binary);
-    std::array<char, 4> magic{};
-    file.read(magic.data(), magic.size());
-    if (std::string_view(magic.data(), magic.size()) != "STPC")
-        throw Error(ErrorCode::InvalidArgument,
-                    command.input.string() +
-                        ": no progressive stream, of which --points and --bytes take the first; "
-                        "`stipple simplify` makes fewer points of any cloud");
-    file.seekg(0);
     ProgressiveDecoder decoder({}, command.points.value_or(kAll));
     std::vector<char> piece(kPiece);
     for (std::uint64_t left = command.bytes.value_or(kAll); left > 0 && !decoder.done();) {
@@ -68,8 +68,11 @@ PointCloud read_first(const ConvertCommand& command, const RunContext& context,
         decoder.feed(std::as_bytes(std::span(piece).first(got)), context);
         left -= got;
     }
+    const bool cut_here = command.points || command.bytes;
     if (decoder.size() == 0)
-        throw Error(ErrorCode::InvalidArgument, "--bytes or --points reach no point of the stream");
+        throw Error(cut_here ? ErrorCode::InvalidArgument : ErrorCode::MalformedInput,
+                    cut_here ? "--bytes or --points reach no point of the stream"
+                             : "the stream ends before its first point");
     report = {.format = CloudFormat::Progressive,
               .encoding = "progressive",
               .points = decoder.total(),
@@ -77,6 +80,17 @@ PointCloud read_first(const ConvertCommand& command, const RunContext& context,
               .skipped = {},
               .comments = {}};
     return decoder.cloud();
+}
+
+PointCloud read_input(const ConvertCommand& command, const RunContext& context,
+                      DecodeReport& report) {
+    if (is_stream(command.input)) return read_stream(command, context, report);
+    if (command.points || command.bytes)
+        throw Error(ErrorCode::InvalidArgument,
+                    command.input.string() +
+                        ": no progressive stream, of which --points and --bytes take the first; "
+                        "`stipple simplify` makes fewer points of any cloud");
+    return read_cloud(command.input, {}, context, &report);
 }
 
 /// For a file that holds finite positions alone. @returns how many points go.
@@ -111,15 +125,12 @@ void run(const ConvertCommand& command, const Session& session) {
     DecodeReport report;
     const auto start = Clock::now();
     PointCloud cloud = naming(command.input, [&] {
-        const RunContext decoding = shown_as("decode", 0, 0.5, context, display);
-        if (command.points || command.bytes) return read_first(command, decoding, report);
-        return read_cloud(command.input, {}, decoding, &report);
+        return read_input(command, shown_as("decode", 0, 0.5, context, display), report);
     });
     const auto decoded = Clock::now();
-    const std::string extension = extension_of(command.output);
-    proto::CloudStatistics removed;
-    if (extension == ".laz" || extension == ".stpc")
-        removed.non_finite = leave_out_non_finite(cloud);
+    proto::CloudStatistics losses;
+    if (extension_of(command.output) != ".ply") losses.non_finite = leave_out_non_finite(cloud);
+    losses.skipped = report.skipped;
     const std::uint64_t bytes_in = fs::file_size(command.input);
     PlyEncodeOptions ply = command.ply;
     ply.comments = report.comments;
@@ -134,11 +145,11 @@ void run(const ConvertCommand& command, const Session& session) {
                                    fs::file_size(command.output), seconds_between(start, encoded)},
                                   style)
                   << '\n';
-    if (!command.common.quiet && removed.non_finite > 0)
-        std::cerr << style.dim(losses_line(removed, style)) << '\n';
+    if (const std::string lost = losses_line(losses, style); !command.common.quiet && !lost.empty())
+        print_line(style.dim(lost), session.terminal);
     ordered_json figures;
     figures["input"] = {
-        {"points", report.points},        {"removed", {{"non_finite", removed.non_finite}}},
+        {"points", report.points},        {"removed", {{"non_finite", losses.non_finite}}},
         {"file", command.input.string()}, {"bytes", bytes_in},
         {"encoding", report.encoding},    {"skipped", report.skipped}};
     figures["output"] = output_json(command.output, cloud.size());

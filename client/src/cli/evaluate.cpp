@@ -143,7 +143,7 @@ void summarise(const EvaluateCommand& command, const proto::Results& results, do
             << '\n';
     write_out(out.str());
     for (std::size_t i = 0; i < results.levels.size(); ++i)
-        print_warnings(*results.levels[i].error, command.candidates[i], terminal.style());
+        print_warnings(*results.levels[i].error, command.candidates[i], terminal);
 }
 
 /// Where the map of a candidate goes: `errors.ply`, or `errors-2.ply` when there are several.

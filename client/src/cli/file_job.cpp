@@ -10,6 +10,9 @@
 #include <chrono>
 #include <iostream>
 #include <limits>
+#include <set>
+#include <string>
+#include <variant>
 
 namespace stipple::cli {
 namespace {
@@ -57,20 +60,20 @@ void summarise(const FileCommand<Job>& command, const proto::Results& results, d
                const Terminal& terminal) {
     const proto::OutputCloud& cloud = results.levels.front();
     const TextStyle& style = terminal.style();
-    std::cerr << summary_line({results.source->points, cloud.points, fs::file_size(command.input),
-                               cloud.files.front().bytes, seconds},
-                              style)
-              << '\n';
-    if (cloud.error) std::cerr << style.dim(error_line(*cloud.error, style)) << '\n';
-    if (cloud.bound) std::cerr << bound_line(*cloud.bound, cloud.points, style) << '\n';
+    print_line(summary_line({results.source->points, cloud.points, fs::file_size(command.input),
+                             cloud.files.front().bytes, seconds},
+                            style),
+               terminal);
+    if (cloud.error) print_line(style.dim(error_line(*cloud.error, style)), terminal);
+    if (cloud.bound) print_line(bound_line(*cloud.bound, cloud.points, style), terminal);
     const std::string losses = losses_line(*results.source, style);
-    if (!losses.empty()) std::cerr << style.dim(losses) << '\n';
+    if (!losses.empty()) print_line(style.dim(losses), terminal);
     if constexpr (requires { command.job.options.points; }) {
         if (command.job.options.points > cloud.points)
             std::cerr << with_separators(*command.job.options.points)
                       << " points were asked for: there are no more\n";
     }
-    if (cloud.error) print_warnings(*cloud.error, command.output, style);
+    if (cloud.error) print_warnings(*cloud.error, command.output, terminal);
 }
 
 /// Does nothing with what a job made beside its first cloud.
@@ -109,13 +112,33 @@ void run_file_job(const FileCommand<Job>& command, const Session& session, Also&
 }
 
 /// The feature lines are the second cloud of an analysis, when there are any.
-void write_feature_lines(const AnalyzeCommand& command, const proto::Results& results,
-                         const fs::path& folder, ordered_json& json, const RunContext& context) {
+PointCloud write_feature_lines(const AnalyzeCommand& command, const proto::Results& results,
+                               const fs::path& folder, ordered_json& json,
+                               const RunContext& context) {
     PointCloud lines;
     if (results.levels.size() > 1)
         lines = read_output(folder / results.levels[1].files.front().href, context);
     write_cloud(lines, command.feature_lines, command.ply, command.job.output.draco, {}, context);
     json["feature_lines"] = {{"points", lines.size()}, {"file", command.feature_lines.string()}};
+    return lines;
+}
+
+/// How many lines there are, by the number of its line that each point has.
+std::size_t count_lines(const PointCloud& points) {
+    const Attribute* const numbers = find_attribute(points, "line");
+    if (numbers == nullptr) return 0;
+    return std::visit(
+        [](const auto& values) { return std::set<double>(values.begin(), values.end()).size(); },
+        numbers->values);
+}
+
+std::string feature_line(const PointCloud& lines, const AnalyzeCommand& command) {
+    const std::string file = command.feature_lines.filename().string();
+    if (lines.empty())
+        return "no feature lines were found: " + file +
+               " has no points; a smaller --feature-variation may find some";
+    return counted(count_lines(lines), "feature line") + " of " + counted(lines.size(), "point") +
+           ": " + file;
 }
 
 }  // namespace
@@ -131,13 +154,17 @@ void run(const UpsampleCommand& command, const Session& session) {
 }
 
 void run(const AnalyzeCommand& command, const Session& session) {
-    const bool lines = !command.feature_lines.empty();
+    const bool wanted = !command.feature_lines.empty();
+    PointCloud lines;
     require_apart({command.input}, {command.output, command.feature_lines, command.common.json});
     require_place_of(command.feature_lines);
     run_file_job(command, session,
                  [&](const auto& results, const fs::path& folder, auto& json, const auto& context) {
-                     if (lines) write_feature_lines(command, results, folder, json, context);
+                     if (wanted)
+                         lines = write_feature_lines(command, results, folder, json, context);
                  });
+    if (wanted && !command.common.quiet)
+        print_line(session.terminal.style().dim(feature_line(lines, command)), session.terminal);
 }
 
 }  // namespace stipple::cli

@@ -1,6 +1,5 @@
 #include "cli/job_execution.hpp"
 
-#include "stipple/client.hpp"
 #include "stipple/error.hpp"
 #include "stipple/proto/digest.hpp"
 #include "stipple/proto/pyramid_export.hpp"
@@ -146,9 +145,10 @@ ScratchFolder::~ScratchFolder() {
 
 proto::Results execute(proto::JobRequest request, const fs::path& input, const fs::path& folder,
                        const JobExecution& execution, ProgressDisplay& display) {
-    return execution.server.url.empty()
-               ? execute_here(request, input, folder, execution, display)
-               : execute_there(std::move(request), input, folder, execution, display);
+    if (execution.server.url.empty())
+        return execute_here(request, input, folder, execution, display);
+    return naming_key(
+        [&] { return execute_there(std::move(request), input, folder, execution, display); });
 }
 
 fs::path folder_of(const fs::path& file) {

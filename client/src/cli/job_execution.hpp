@@ -2,10 +2,12 @@
 
 #include "cli/command_line.hpp"
 #include "cli/progress_bar.hpp"
+#include "stipple/client.hpp"
 #include "stipple/proto/results.hpp"
 
 #include <filesystem>
 #include <stop_token>
+#include <string>
 #include <vector>
 
 namespace stipple::cli {
@@ -38,6 +40,18 @@ struct JobExecution {
 proto::Results execute(proto::JobRequest request, const std::filesystem::path& input,
                        const std::filesystem::path& folder, const JobExecution& execution,
                        ProgressDisplay& display);
+
+/// Calls `work`, which asks a server, and says how a key is given where the server wants another.
+template <typename Work>
+auto naming_key(Work&& work) {
+    try {
+        return work();
+    } catch (const Unauthorized& error) {
+        throw Error(error.code(),
+                    std::string(error.what()) +
+                        ": give one that it knows with --api-key or in STIPPLE_API_KEY");
+    }
+}
 
 /// The folder in which `file` stands, as a path that can be opened.
 std::filesystem::path folder_of(const std::filesystem::path& file);

@@ -2,6 +2,7 @@
 
 #include "cli/names.hpp"
 #include "cli/numbers.hpp"
+#include "cli/units.hpp"
 #include "stipple/proto/job_request.hpp"
 
 #include <CLI/CLI.hpp>
@@ -29,9 +30,7 @@ std::string option_of(std::string_view field) {
 }
 
 void add_contraction(CLI::App& command, MethodValues& values) {
-    command
-        .add_option("--oversampling", values.oversampling,
-                    "of multiphase: so many clusters a point, 1..1000")
+    command.add_option("--oversampling", values.oversampling, "so many clusters a point, 1..1000")
         ->type_name("M")
         ->capture_default_str();
     command.add_option("--k", values.contraction.k, "neighbours to contract with, 3..32")
@@ -68,6 +67,24 @@ void add_clustering(CLI::App& command, MethodValues& values) {
         .add_option("--max-variation", values.max_variation,
                     "instead: surface variation, in (0, 1/3]; of incremental also beside a target")
         ->type_name("S");
+    command
+        .add_option("--voxel-size", values.voxel_size,
+                    "instead of a target: edge of a cube, input units")
+        ->type_name("L");
+    command.add_option("--representative", values.representative, "nearest, surface or centroid")
+        ->type_name("KIND")
+        ->capture_default_str();
+}
+
+/// `Of hierarchical, incremental and voxel`; empty, which hides an option, when it is of none.
+std::string owners(const proto::MethodField& field, std::span<const Method> methods) {
+    std::vector<std::string> names;
+    for (const Method method : methods)
+        if (field.has(method)) names.emplace_back(to_string(method));
+    if (names.empty()) return "";
+    const std::string last = names.back();
+    names.pop_back();
+    return "Of " + (names.empty() ? "" : joined(names, ", ") + " and ") + last;
 }
 
 std::vector<std::string> split(const std::string& text, char separator) {
@@ -123,24 +140,13 @@ std::optional<Place> read_place(const std::string& kind, const std::vector<std::
 
 }  // namespace
 
-void add_method_options(CLI::App& command, MethodValues& values) {
-    const auto group = [&command](const std::string& name) {
-        command.option_defaults()->group(name);
-    };
-    group("Of multiphase and iterative");
+void add_method_options(CLI::App& command, MethodValues& values, std::span<const Method> methods) {
     add_contraction(command, values);
-    group("Of hierarchical, incremental and voxel");
     add_clustering(command, values);
-    command
-        .add_option("--voxel-size", values.voxel_size,
-                    "of voxel, instead of a target: edge of a cube, input units")
-        ->type_name("L");
-    command.add_option("--representative", values.representative, "nearest, surface or centroid")
-        ->type_name("KIND")
-        ->capture_default_str();
-    group("Of particles");
     add_particle_options(command, values);
-    group("Options");
+    for (const proto::MethodField& field : proto::method_fields())
+        if (field.name != "reductions")  // of all that make points of several
+            command.get_option(option_of(field.name))->group(owners(field, methods));
 }
 
 void add_particle_options(CLI::App& command, MethodValues& values) {

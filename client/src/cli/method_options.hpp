@@ -4,6 +4,7 @@
 #include "stipple/surface_attributes.hpp"
 
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -26,7 +27,8 @@ struct MethodValues {
 };
 
 /// Adds a group of options for each method, or for several that share them.
-void add_method_options(CLI::App& command, MethodValues& values);
+/// @param methods  that the command takes.
+void add_method_options(CLI::App& command, MethodValues& values, std::span<const Method> methods);
 /// Those of `particles` alone, which are those of `upsample`.
 void add_particle_options(CLI::App& command, MethodValues& values);
 

@@ -5,6 +5,8 @@
 #include "stipple/proto/digest.hpp"
 
 #include <algorithm>
+#include <cerrno>
+#include <csignal>
 #include <fstream>
 #include <iomanip>
 #include <iostream>
@@ -72,7 +74,11 @@ std::string bound_line(const proto::MeasuredBound& bound, std::uint64_t points,
            three_digits(bound.max_error) + " allowed" + dot + "forward " +
            three_digits(bound.forward) + ", backward " + three_digits(bound.backward) + ", " +
            counted(bound.samples, "sample") + " (" + bound.sampling + ")" + dot +
-           counted(bound.tries, "try", "tries");
+           counted(bound.tries, "try", "tries") +
+           (bound.points_off_surface == 0
+                ? ""
+                : dot + "not counted: " + counted(bound.points_off_surface, "point") +
+                      " of the input, farther than that from the surface of all");
 }
 
 void write_text(const fs::path& destination, const std::string& text) {
@@ -91,6 +97,10 @@ void write_text(const fs::path& destination, const std::string& text) {
 
 void write_out(const std::string& text) {
     std::cout << text << std::flush;
+    if (!std::cout && errno == EPIPE) {  // as when nobody had asked for the signal to be ignored
+        std::signal(SIGPIPE, SIG_DFL);
+        std::raise(SIGPIPE);
+    }
     if (!std::cout) throw Error(ErrorCode::Internal, "standard output: cannot be written");
 }
 
@@ -125,16 +135,21 @@ std::string error_line(const proto::ErrorFigures& figures, const TextStyle& styl
     const SurfaceError& error = figures.error;
     if (error.forward.samples == 0) return "error: none, nothing was simplified away";
     const std::string dot = " " + std::string(style.dot()) + " ";
-    return "error: mean " + distance_text(error.mean(), error) + dot + "max " +
+    return "error: mean " + distance_text(error.mean(), error) + dot + "max at least " +
            distance_text(error.max(), error) + " of the diagonal, at " +
            counted(error.forward.samples, "sample");
 }
 
+void print_line(const std::string& text, const Terminal& terminal) {
+    std::cerr << (terminal.interactive() ? wrapped(text, terminal.columns()) : text) << '\n';
+}
+
 void print_warnings(const proto::ErrorFigures& figures, const fs::path& candidate,
-                    const TextStyle& style) {
+                    const Terminal& terminal) {
     for (const std::string& warning : figures.warnings)
-        std::cerr << style.bad("warning:") << ' ' << candidate.filename().string() << ": "
-                  << warning << '\n';
+        print_line(
+            terminal.style().bad("warning:") + " " + candidate.filename().string() + ": " + warning,
+            terminal);
 }
 
 ordered_json bounds_json(const Aabb& box) {

@@ -30,9 +30,11 @@ std::string distance_text(double distance, const SurfaceError& error);
 /// cloud `error: none, nothing was simplified away`.
 std::string error_line(const proto::ErrorFigures& figures, const TextStyle& style);
 
+/// To standard error; on a terminal that is narrower than the text, more than one line.
+void print_line(const std::string& text, const Terminal& terminal);
 /// A line for each warning that a measured error came with.
 void print_warnings(const proto::ErrorFigures& figures, const std::filesystem::path& candidate,
-                    const TextStyle& style);
+                    const Terminal& terminal);
 
 /// `largest distance 0.0412 of 0.05 allowed · forward 0.0398, backward 0.0412, 537,380 samples
 /// (particles) · 31 tries`; of a whole cloud `kept all 60,000 points: with 30,000 the surface at

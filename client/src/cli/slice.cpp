@@ -1,9 +1,9 @@
 #include "stipple/proto/slice.hpp"
 #include "cli/commands.hpp"
 #include "cli/files.hpp"
+#include "cli/job_execution.hpp"
 #include "cli/report.hpp"
 #include "cli/units.hpp"
-#include "stipple/client.hpp"
 #include "stipple/proto/pyramid_export.hpp"
 
 #include <chrono>
@@ -47,7 +47,8 @@ proto::Slice slice_there(const SliceCommand& command, const Session& session) {
     Client client(command.server.url, {.api_key = command.server.api_key,
                                        .stop = session.stop,
                                        .timeout = std::chrono::seconds(120)});
-    return client.slice(command.pyramid, command.options, command.output);
+    return naming_key(
+        [&] { return client.slice(command.pyramid, command.options, command.output); });
 }
 
 }  // namespace

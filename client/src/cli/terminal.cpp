@@ -68,4 +68,19 @@ unsigned display_width(std::string_view text) noexcept {
     return width;
 }
 
+std::string wrapped(std::string_view text, unsigned columns) {
+    std::string lines;
+    unsigned used = 0;
+    for (std::size_t from = 0; from <= text.size();) {
+        const std::size_t end = std::min(text.find(' ', from), text.size());
+        const std::string_view word = text.substr(from, end - from);
+        const bool fits = used + 1 + display_width(word) <= columns;
+        if (from > 0) lines += fits ? ' ' : '\n';
+        used = from > 0 && fits ? used + 1 + display_width(word) : display_width(word);
+        lines += word;
+        from = end + 1;
+    }
+    return lines;
+}
+
 }  // namespace stipple::cli

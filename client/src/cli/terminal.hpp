@@ -39,5 +39,7 @@ private:
 
 /// Columns that `text` takes: one for each code point, none for colours.
 unsigned display_width(std::string_view text) noexcept;
+/// Lines of at most so many columns, as far as there are spaces to break the text at.
+std::string wrapped(std::string_view text, unsigned columns);
 
 }  // namespace stipple::cli
