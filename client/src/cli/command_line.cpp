@@ -72,7 +72,7 @@ PlyEncodeOptions ply(const Values& values) {
 std::map<std::string, Reduction> reductions(const Values& values) {
     std::map<std::string, Reduction> reductions;
     for (const std::string& text : values.reductions) {
-        const std::size_t equals = text.find('=');
+        const std::size_t equals = text.rfind('=');  // a name may have others
         if (equals == 0 || equals == text.npos)
             throw UsageError("--reduce " + text + ": expected NAME=POLICY, as in intensity=max");
         reductions[text.substr(0, equals)] =

@@ -244,7 +244,9 @@ OutputCache::File Outputs::plain_document(const Job& job, const std::string& nam
         for (proto::TilesetFile& file : proto::tileset_files(results, options.tileset))
             if (file.name == name) text = std::move(file.json);
     }
-    if (!text) throw no_such("tileset: this pyramid has no tiles, or none yet");
+    if (!text && name == "tileset.json")
+        throw no_such("tileset: this pyramid has no tiles, or none yet");
+    if (!text) throw no_such("file of this pyramid: " + name);
     OutputCache::File file{shared(*text), proto::sha256_hex(std::as_bytes(std::span(*text)))};
     if (job.results.complete) cache_.put(key, file);
     return file;
