@@ -49,6 +49,8 @@ void add_addresses(CLI::App& serve, Flags& flags) {
 void add_work(CLI::App& serve, Flags& flags, ServerConfig& config) {
     add(serve, "--data", flags.data, "folder of the store; made when missing")->required();
     add(serve, "--role", flags.role, "all, api or worker")
+        ->type_name("ROLE")
+        ->default_str("all")
         ->transform(CLI::Validator(
             [](std::string& text) -> std::string {
                 const auto role = kRoles.find(CLI::detail::to_lower(text));

@@ -221,7 +221,7 @@ TEST_F(OutputsTest, PacksDocumentsUnderTagsOfTheirOwn) {
     EXPECT_EQ(plain(packed), plain(plain_file));
     EXPECT_EQ(plain(outputs_.document("ada", job, "tileset.json", kGzipFirst)),
               plain(outputs_.document("ada", job, "tileset.json", {})));
-    expect_error(ErrorCode::NotFound, "no such tileset",
+    expect_error(ErrorCode::NotFound, "no such file of this pyramid",
                  [&] { outputs_.document("ada", job, "tileset-1.json", {}); });
 }
 
