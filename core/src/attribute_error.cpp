@@ -12,6 +12,7 @@
 #include <array>
 #include <cmath>
 #include <functional>
+#include <limits>
 #include <string>
 #include <utility>
 
@@ -142,8 +143,18 @@ std::vector<AttributeError> attribute_errors(const AttributedSurface& from,
         }
     });
     std::vector<AttributeError> errors;
-    for (std::size_t a = 0; a < list.size(); ++a)
-        errors.push_back(summarize(list[a].name, differences[a], areas));
+    for (std::size_t a = 0; a < list.size(); ++a) {
+        // Of values that are no numbers there is no difference.
+        std::vector<float> known, around;
+        for (std::size_t i = 0; i < areas.size(); ++i) {
+            if (std::isnan(differences[a][i])) continue;
+            known.push_back(differences[a][i]);
+            around.push_back(areas[i]);
+        }
+        errors.push_back(summarize(list[a].name, known, around, context));
+        constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+        if (known.empty()) errors.back().max = errors.back().mean = errors.back().rms = kNone;
+    }
     return errors;
 }
 

@@ -140,7 +140,16 @@ Vec3f mean_normal(const std::vector<Vec3f>& normals, std::span<const Index> memb
 }
 
 template <typename T>
+bool is_nan(T value) noexcept {
+    return value != value;
+}
+
+/// Of what is a number, where anything is.
+template <typename T>
 T mode_of(std::vector<T>& values) {
+    const T first = values.front();
+    std::erase_if(values, is_nan<T>);
+    if (values.empty()) return first;
     std::ranges::sort(values);
     T best = values.front();
     std::size_t best_count = 0;
@@ -151,7 +160,7 @@ T mode_of(std::vector<T>& values) {
             best = values[i];
             best_count = j - i;
         }
-        i = std::max(j, i + 1);  // a NaN is unequal to itself
+        i = j;
     }
     return best;
 }
@@ -178,12 +187,12 @@ T reduced(const std::vector<T>& values, unsigned components, unsigned component,
         }
         case Reduction::Min: {
             T best = value(members.front());
-            for (const Index i : members) best = std::min(best, value(i));
+            for (const Index i : members) best = is_nan(best) ? value(i) : std::min(best, value(i));
             return best;
         }
         case Reduction::Max: {
             T best = value(members.front());
-            for (const Index i : members) best = std::max(best, value(i));
+            for (const Index i : members) best = is_nan(best) ? value(i) : std::max(best, value(i));
             return best;
         }
         case Reduction::Mode: {

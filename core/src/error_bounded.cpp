@@ -65,7 +65,10 @@ ErrorBoundedCloud whole(const PointCloud& cloud, double bound, unsigned tries) {
 class ForestSearch {
 public:
     ForestSearch(SnapshotForest forest, ErrorJudge& judge, const RunContext& context)
-        : forest_(std::move(forest)), judge_(judge), context_(context) {}
+        : forest_(std::move(forest)),
+          judge_(judge),
+          context_(context),
+          quietly_{.stop = context.stop, .progress = {}, .threads = context.threads} {}
 
     /// No snapshot of so few points holds everywhere. Known after the run.
     std::uint64_t too_few() const { return finest_ == 0 ? 0 : forest_.size_of(finest_ - 1); }
@@ -134,7 +137,7 @@ private:
             std::vector<Index> cut = forest_.cut(base);
             while (forest_.grade(cut, context)) cut = forest_.cut(base);
             if (cut.empty() || cut.size() > most) return std::nullopt;
-            ErrorBoundedCloud result{.cloud = forest_.cloud_of(cut)};
+            ErrorBoundedCloud result{.cloud = forest_.cloud_of(cut, quietly_)};
             ErrorJudge::Finding finding = judge_.watch(result.cloud);
             if (finding.places.empty()) {
                 finding = judge_.measure(result);
@@ -150,7 +153,7 @@ private:
 
     /// Whether a level holds everywhere. Says where it is too coarse.
     bool learn(std::size_t level) {
-        const ErrorJudge::Finding finding = judge_.glance(forest_.level(level));
+        const ErrorJudge::Finding finding = judge_.glance(forest_.level(level, quietly_));
         too_far_[level] = finding.share;
         forest_.mark(level, finding.places, context_);
         return finding.places.empty();
@@ -171,6 +174,7 @@ private:
     SnapshotForest forest_;
     ErrorJudge& judge_;
     const RunContext& context_;
+    RunContext quietly_;
     std::vector<double> too_far_;
     std::size_t coarsest_ = 0, finest_ = 0;
 };

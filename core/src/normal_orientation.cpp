@@ -287,6 +287,11 @@ void check(std::size_t points, std::size_t normals, const NormalOrientationOptio
     if (points >= kMost)
         throw Error(ErrorCode::TooLarge,
                     std::to_string(points) + " points: expected fewer than 2^31; split the cloud");
+    if (points * options.k > std::numeric_limits<Index>::max())
+        throw Error(ErrorCode::TooLarge, std::to_string(points) + " points of " +
+                                             std::to_string(options.k) +
+                                             " neighbours: expected fewer than 2^32 pairs; give a "
+                                             "smaller k, or split the cloud");
 }
 
 }  // namespace

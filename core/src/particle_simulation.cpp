@@ -115,17 +115,18 @@ std::vector<float> relative_spacing(const PointCloud& cloud, const SurfaceSample
     return spacing;
 }
 
-/// Spacing that `count` particles can have: in a hexagonal lattice, each has sqrt(3) / 2 of its
-/// square. The factor is found anew while they relax.
-void scale_spacing(std::vector<float>& spacing, std::span<const float> areas, std::size_t count,
-                   const RunContext& context) {
-    double places = 0;
+/// Spacing that particles can have which are shared out so: in a hexagonal lattice, each has
+/// sqrt(3) / 2 of its square. Where shares are bounded, as of stray points, whose areas are beyond
+/// measure, that is not so, and they do not count. The factor is found anew while they relax.
+void scale_spacing(std::vector<float>& spacing, std::span<const float> areas,
+                   std::span<const float> shares, const RunContext& context) {
+    float most = 0;  // particles for an area of spacing 1
     for_blocks_in_order(spacing.size(), context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i)
-            places += static_cast<double>(areas[i] / (spacing[i] * spacing[i]));
+            most = std::max(most, shares[i] * spacing[i] * spacing[i] / areas[i]);
     });
-    const auto factor = static_cast<float>(
-        std::sqrt(2 / std::numbers::sqrt3 * places / static_cast<double>(count)));
+    const auto factor =
+        static_cast<float>(std::sqrt(2 / std::numbers::sqrt3 / static_cast<double>(most)));
     for_blocks_in_order(spacing.size(), context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) spacing[i] *= factor;
     });
@@ -207,10 +208,13 @@ struct Ground {
     Ground(const Ground&) = delete;
     Ground& operator=(const Ground&) = delete;
 
-    /// Of `count` particles.
-    std::vector<float> scaled_spacing(std::size_t count, const RunContext& context) const {
+    std::vector<float> shares_of(std::size_t count, const RunContext& context) const {
+        return particle_shares(areas, spacing, count, context);
+    }
+    std::vector<float> scaled_spacing(std::span<const float> shares,
+                                      const RunContext& context) const {
         std::vector<float> scaled = spacing;
-        scale_spacing(scaled, areas, count, context);
+        scale_spacing(scaled, areas, shares, context);
         return scaled;
     }
 };
@@ -260,10 +264,9 @@ public:
 
 private:
     void spread(std::size_t count) {
-        const std::vector<float> shares =
-            particle_shares(ground_->areas, ground_->spacing, count, context_);
+        const std::vector<float> shares = ground_->shares_of(count, context_);
         particles_.emplace(
-            ground_->surface, ground_->scaled_spacing(count, context_),
+            ground_->surface, ground_->scaled_spacing(shares, context_),
             spread_particles(ground_->samples, shares, count, options_.seed, context_), context_);
     }
 
@@ -286,7 +289,8 @@ private:
                                     start.samples[i] = finer->surface.nearest(positions[i]);
                                 }
                             });
-        particles_.emplace(finer->surface, finer->scaled_spacing(start.positions.size(), context_),
+        const std::vector<float> shares = finer->shares_of(start.positions.size(), context_);
+        particles_.emplace(finer->surface, finer->scaled_spacing(shares, context_),
                            std::move(start), context_);
         ground_ = std::move(finer);
         return true;
@@ -331,6 +335,10 @@ Sources find_sources(const NeighborSearch& search, std::size_t points,
                      const std::vector<Vec3f>& positions, const RunContext& context) {
     constexpr std::size_t kInterpolated = 4, kAveraged = 16;
     constexpr float kTimes = 8;
+    constexpr std::size_t kMost = std::numeric_limits<Index>::max() / (kInterpolated * 8);
+    if (positions.size() > kMost)
+        refuse("target_size ", positions.size(), ": expected at most ", kMost,
+               " for a cloud with attributes");
     const std::size_t share = points / positions.size();
     const bool interpolate = share < kInterpolated;
     const std::size_t wanted = interpolate ? kInterpolated + 1 : std::min(share, kAveraged);

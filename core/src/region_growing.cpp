@@ -361,6 +361,8 @@ private:
         chosen_.resize(cluster_kernels().places_between(near_.free_sq.data(), near_.free.data(),
                                                         near_.free_count, -1.0F, limit,
                                                         chosen_.data()));
+        // In a crowd that is taken one did not look as far as to the seed itself.
+        if (chosen_.empty()) chosen_.push_back(seed);
         if (chosen_.size() <= size_) return limit;
         sort_chosen(seed);  // among equal distances
         chosen_.resize(size_);

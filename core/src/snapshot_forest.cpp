@@ -1,5 +1,6 @@
 #include "snapshot_forest.hpp"
 
+#include "cloud_copy.hpp"
 #include "nearest_lists.hpp"
 #include "parallel_for.hpp"
 #include "stipple/cleaning.hpp"
@@ -98,10 +99,10 @@ std::span<const Index> SnapshotForest::children_of(Index node) const noexcept {
                                         first_child_[node + 1] - first_child_[node]);
 }
 
-PointCloud SnapshotForest::level(std::size_t level) const {
+PointCloud SnapshotForest::level(std::size_t level, const RunContext& context) const {
     std::vector<Index> nodes(size_of(level));
     std::iota(nodes.begin(), nodes.end(), offsets_[level]);
-    return subset(nodes_, nodes);
+    return subset(nodes_, nodes, context);
 }
 
 void SnapshotForest::mark(std::size_t level, std::span<const Vec3f> places,
@@ -188,9 +189,9 @@ std::vector<Index> SnapshotForest::cut(std::size_t base) const {
     return cut;
 }
 
-PointCloud SnapshotForest::cloud_of(std::span<const Index> cut) const {
-    PointCloud cloud = subset(nodes_, cut);
-    clean(cloud);
+PointCloud SnapshotForest::cloud_of(std::span<const Index> cut, const RunContext& context) const {
+    PointCloud cloud = subset(nodes_, cut, context);
+    clean(cloud, context);
     return cloud;
 }
 

@@ -23,7 +23,7 @@ public:
     std::size_t size_of(std::size_t level) const noexcept {
         return offsets_[level + 1] - offsets_[level];
     }
-    PointCloud level(std::size_t level) const;
+    PointCloud level(std::size_t level, const RunContext& context) const;
 
     /// Says that a level is too coarse around these places.
     void mark(std::size_t level, std::span<const Vec3f> places, const RunContext& context);
@@ -48,7 +48,7 @@ public:
     /// The points of the coarsest levels from `base` on that are not too coarse, tree by tree.
     std::vector<Index> cut(std::size_t base) const;
     /// What they are, no two at one place.
-    PointCloud cloud_of(std::span<const Index> cut) const;
+    PointCloud cloud_of(std::span<const Index> cut, const RunContext& context) const;
 
 private:
     std::size_t level_of(Index node) const noexcept;

@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 #include <cmath>
+#include <limits>
 #include <numeric>
 
 namespace stipple {
@@ -140,6 +141,24 @@ TEST(Reductions, FollowThePolicyOfEachAttribute) {
     EXPECT_EQ(value(4), 5);
     EXPECT_EQ(std::get<std::vector<float>>(result.attributes[5].values),
               (std::vector<float>{2, 20}));
+}
+
+TEST(Reductions, ChooseAmongWhatIsANumber) {
+    constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+    PointCloud cloud;
+    for (int i = 0; i < 5; ++i) cloud.positions.emplace_back(static_cast<float>(i), 0, 0);
+    const std::vector<float> values = {kNan, 0, 5, kNan, 5};
+    for (const Reduction reduction : {Reduction::Min, Reduction::Max, Reduction::Mode})
+        cloud.attributes.push_back({"some", values, 1, reduction});
+    cloud.attributes.push_back({"none", std::vector<float>(5, kNan), 1, Reduction::Mode});
+    const PointCloud result = representatives(cloud, one_cluster(5), Representative::Centroid);
+    const auto value = [&](std::size_t a) {
+        return std::get<std::vector<float>>(result.attributes[a].values).front();
+    };
+    EXPECT_EQ(value(0), 0);
+    EXPECT_EQ(value(1), 5);
+    EXPECT_EQ(value(2), 5);
+    EXPECT_TRUE(std::isnan(value(3)));
 }
 
 }  // namespace

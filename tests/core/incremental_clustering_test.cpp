@@ -46,6 +46,14 @@ TEST(IncrementalClustering, EveryPointIsInExactlyOneCluster) {
     for (std::size_t i = 0; i < clusters.size(); ++i) EXPECT_FALSE(clusters.of(i).empty());
 }
 
+TEST(IncrementalClustering, EndsWhereMostPointsAreNearerThanSquaresTell) {
+    PointCloud cloud;
+    for (int i = 0; i < 400; ++i)
+        cloud.positions.emplace_back(1e-30F * static_cast<float>(i), 0, 0);
+    cloud.positions.emplace_back(1, 1, 1);
+    EXPECT_EQ(incremental_clustering(cloud, {.target_size = 50}).size(), 50U);
+}
+
 TEST(IncrementalClustering, ClustersAreAllAboutOfOneSize) {
     const auto points = test::sphere(30'000).positions;
     const Clusters clusters = incremental_clusters(points, {.target_size = 1000});

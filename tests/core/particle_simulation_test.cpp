@@ -403,6 +403,17 @@ TEST(ParticleSimulation, SeveralPartsEachGetTheirShare) {
     EXPECT_NEAR(static_cast<double>(small), 200.0, 15.0);  // a fifth of the area
 }
 
+TEST(ParticleSimulation, StrayPointsDoNotMoveTheOthers) {
+    PointCloud cloud = test::sphere(10'000);
+    for (const Vec3f& p : test::cube(40).positions)
+        cloud.positions.push_back(60.0F * p + Vec3f(20, 20, 20));
+    std::vector<Vec3f> near;
+    for (const Vec3f& p : particle_simulation(cloud, {.target_size = 3'000}).positions)
+        if (p.norm() < 1.5F) near.push_back(p);
+    EXPECT_GT(near.size(), 2'900U);
+    EXPECT_LT(spacing_of(near).variation, 0.06);
+}
+
 TEST(ParticleSimulation, SpacesARealScanAsEvenlyAsPoissonDisks) {
     const auto file = test::shared_file("models/bun_zipper.ply");
     if (!file) GTEST_SKIP() << "the shared scans are not here";
