@@ -164,13 +164,14 @@ Grid make_grid(const FloatBox& box, std::size_t n, Curve curve, unsigned most_bi
 /// Sorts numbers of which the lowest `ignored` bits are in order already: least digit first, digits
 /// that are all alike left out.
 void radix_sort(std::span<std::uint64_t> items, std::vector<std::uint64_t>& buffer,
-                unsigned ignored) {
+                unsigned ignored, const RunContext& context) {
     std::uint64_t varying = 0;
     for (const std::uint64_t item : items) varying |= item ^ items.front();
     buffer.resize(std::max(buffer.size(), items.size()));
     std::span<std::uint64_t> from = items, to(buffer.data(), items.size());
     for (unsigned shift = ignored; shift < 64; shift += 8) {
         if ((varying >> shift & 0xFFU) == 0) continue;
+        context.throw_if_stopped();
         std::array<Index, 257> begin{};
         for (const std::uint64_t item : from) ++begin[(item >> shift & 0xFFU) + 1];
         for (std::size_t digit = 1; digit < begin.size(); ++digit) begin[digit] += begin[digit - 1];
@@ -198,8 +199,8 @@ struct Packing {
 /// Sorts points by their keys; those of a crowded cell by a curve through their own box.
 class PackedOrder {
 public:
-    PackedOrder(std::span<const Vec3f> points, const Packing& packing)
-        : points_(points), packing_(packing) {}
+    PackedOrder(std::span<const Vec3f> points, const Packing& packing, const RunContext& context)
+        : points_(points), packing_(packing), context_(context) {}
 
     /// @param items  ascending by the numbers of the points.
     void put(std::span<std::uint64_t> items, std::span<Index> order) {
@@ -214,7 +215,7 @@ private:
             std::ranges::sort(items);
             return;
         }
-        radix_sort(items, buffer_, packing_.index_bits);
+        radix_sort(items, buffer_, packing_.index_bits, context_);
         for (std::size_t begin = 0; begin < items.size();) {
             const std::uint64_t key = packing_.key(items[begin]);
             std::size_t end = begin + 1;
@@ -239,6 +240,7 @@ private:
 
     std::span<const Vec3f> points_;
     Packing packing_;
+    const RunContext& context_;
     std::vector<std::uint64_t> buffer_;
 };
 
@@ -294,7 +296,7 @@ std::vector<Index> hilbert_order(std::span<const Vec3f> points, const RunContext
 
     auto order = made_in_blocks<std::vector<Index>>(n, context);
     parallel_for_blocks(buckets, 16, context, [&](std::size_t begin, std::size_t end) {
-        PackedOrder sorted(points, packing);
+        PackedOrder sorted(points, packing, context);
         for (std::size_t bucket = begin; bucket < end; ++bucket) {
             const std::size_t first = bucket_begin[bucket],
                               count = bucket_begin[bucket + 1] - first;
