@@ -221,6 +221,17 @@ TEST_F(WorkerPoolTest, FailsAJobWhoseResultsTakeMoreThanTheLimit) {
     EXPECT_EQ(job.levels_ready, 1U);
 }
 
+TEST_F(WorkerPoolTest, TellsNobodyWhereTheServerHasItsFiles) {
+    const JobDocument job = run([](const auto&, const auto& report, std::stop_token) {
+        JobReport failed;
+        failed.problem = proto::problem_from(ErrorCode::Internal, "cannot read /srv/blobs/00");
+        report(failed);
+        return Outcome{};
+    });
+    EXPECT_EQ(job.status, JobStatus::Failed);
+    EXPECT_EQ(job.problem->detail, kNotSaid);
+}
+
 TEST_F(WorkerPoolTest, FailsAJobWhoseInputIsMissing) {
     blobs_->remove_older(input_, std::chrono::system_clock::now() + 1h);
     const JobDocument job =

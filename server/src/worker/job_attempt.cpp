@@ -131,7 +131,10 @@ void JobAttempt::handle(const proto::JobReport& report) {
         }
     }
     if (report.cost) cost_ = report.cost;
-    if (report.problem) problem_ = report.problem;
+    if (!report.problem) return;
+    problem_ = report.problem;
+    if (problem_->status >= 500)
+        problem_->detail = problem_of(Error(ErrorCode::Internal, problem_->detail)).detail;
 }
 
 /// The job process worked on foreign bytes: nothing it says of its files is believed.
