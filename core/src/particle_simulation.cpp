@@ -335,7 +335,8 @@ Sources find_sources(const NeighborSearch& search, std::size_t points,
                      const std::vector<Vec3f>& positions, const RunContext& context) {
     constexpr std::size_t kInterpolated = 4, kAveraged = 16;
     constexpr float kTimes = 8;
-    constexpr std::size_t kMost = std::numeric_limits<Index>::max() / (kInterpolated * 8);
+    constexpr auto kListed = kInterpolated * static_cast<std::size_t>(kTimes);
+    constexpr std::size_t kMost = std::numeric_limits<Index>::max() / kListed;
     if (positions.size() > kMost)
         refuse("target_size ", positions.size(), ": expected at most ", kMost,
                " for a cloud with attributes");

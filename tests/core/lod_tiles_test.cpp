@@ -144,6 +144,23 @@ TEST(LodTiles, OfACloudWithAPointFarOffTellItsOtherPointsApart) {
     }
 }
 
+/// Of a cloud that was `numbered`: each axis of each point is where it was, within a precision.
+void expect_within(double precision, std::vector<LodTile> tiles, const Vec3d& center,
+                   const PointCloud& cloud) {
+    for (LodTile& tile : tiles) {
+        // From the tile's own place: from the middle of the bounds floats may tell less apart.
+        const Vec3d place = center + std::exchange(tile.offset, Vec3d::Zero());
+        const PointCloud decoded = decode_tile(tile);
+        const std::vector<std::size_t> numbers = numbers_of(decoded);
+        for (std::size_t i = 0; i < numbers.size(); ++i) {
+            const Vec3d was = cloud.positions[numbers[i]].cast<double>();
+            const Vec3d is = place + decoded.positions[i].cast<double>();
+            const double rounding = 1e-6 * was.norm();
+            ASSERT_LE((was - is).cwiseAbs().maxCoeff(), precision + rounding);
+        }
+    }
+}
+
 TEST(LodTiles, OfTheFinestLevelKeepThePrecisionThatWasAskedFor) {
     constexpr double kPrecision = 1e-4;
     const PointCloud cloud = numbered(test::sphere(8'000));
@@ -151,16 +168,7 @@ TEST(LodTiles, OfTheFinestLevelKeepThePrecisionThatWasAskedFor) {
     std::iota(some.begin(), some.end(), 0U);
     const PointCloud level = subset(cloud, some);
     LodTiler tiler(cloud, {.precision = kPrecision, .finest_points = 2'000, .attributes = true});
-    for (LodTile& tile : tiler.add_level(level, false)) {
-        const Vec3d place = tiler.center() + std::exchange(tile.offset, Vec3d::Zero());
-        const PointCloud decoded = decode_tile(tile);
-        const std::vector<std::size_t> numbers = numbers_of(decoded);
-        for (std::size_t i = 0; i < numbers.size(); ++i) {
-            const Vec3d was = cloud.positions[numbers[i]].cast<double>();
-            const Vec3d is = place + decoded.positions[i].cast<double>();
-            ASSERT_LE((was - is).cwiseAbs().maxCoeff(), 1.01 * kPrecision);
-        }
-    }
+    expect_within(kPrecision, tiler.add_level(level, false), tiler.center(), cloud);
 }
 
 TEST(LodTiles, KeepThePrecisionThatWasAskedForThoughAPointIsFarOff) {
@@ -169,18 +177,7 @@ TEST(LodTiles, KeepThePrecisionThatWasAskedForThoughAPointIsFarOff) {
     cloud.positions.push_back({1e5F, 0, 0});
     cloud = numbered(std::move(cloud));
     LodTiler tiler(cloud, {.precision = kPrecision, .attributes = true});
-    for (LodTile& tile : tiler.add_level(cloud, true)) {
-        // From the tile's own place: from the middle of the bounds floats tell 0.004 apart.
-        const Vec3d place = tiler.center() + std::exchange(tile.offset, Vec3d::Zero());
-        const PointCloud decoded = decode_tile(tile);
-        const std::vector<std::size_t> numbers = numbers_of(decoded);
-        for (std::size_t i = 0; i < numbers.size(); ++i) {
-            const Vec3d was = cloud.positions[numbers[i]].cast<double>();
-            const Vec3d is = place + decoded.positions[i].cast<double>();
-            const double rounding = 1e-6 * was.norm();
-            ASSERT_LE((was - is).cwiseAbs().maxCoeff(), kPrecision + rounding);
-        }
-    }
+    expect_within(kPrecision, tiler.add_level(cloud, true), tiler.center(), cloud);
 }
 
 TEST(LodTiles, TellTheErrorOfTheSurfaceThoughAPointIsFarOff) {

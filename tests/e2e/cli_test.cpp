@@ -63,6 +63,18 @@ protected:
     TemporaryFolder folder_;
 };
 
+TEST_F(StippleCli, ParticlesTakeNoMoreMemoryBesideAFewStrayPoints) {
+    PointCloud cloud = test::plane(20'000);
+    for (const Vec3f& p : test::cube(40).positions)
+        cloud.positions.push_back(60.0F * p - Vec3f(30, 30, 30));
+    write_cloud(cloud, folder_ / "in.ply");
+    const Outcome outcome =
+        stipple("simplify in.ply out.ply -m particles -n 10000 --no-error --threads 1 --json -");
+    ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+    // Without strays 25 MB; 420 MB when every particle was a neighbour of every other.
+    EXPECT_LT(json::parse(outcome.out)["peak_memory_bytes"], 150'000'000);
+}
+
 TEST_F(StippleCli, SimplifyGivesExactlyThePointsAndTheFiguresAskedFor) {
     synthesize("in.ply", 20'000);
     const Outcome outcome =

@@ -85,7 +85,7 @@ GuardedServer::GuardedServer(const GuardedServerOptions& options, Application& a
       port_(port_of(listener_)) {
     const bool v6 = options.host.find(':') != std::string::npos;
     address_ = (v6 ? "[" + options.host + "]" : options.host) + ":" + std::to_string(port_);
-    have_thread();  // one at least, where others have taken all that there are
+    ensure_thread();  // one at least, where others have taken all that there are
     acceptor_ = std::jthread([this] { accept_loop(); });
 }
 
@@ -147,7 +147,7 @@ void GuardedServer::accept_one() {
 
     const std::string name = name_of(address).first;
     if (!admit(name)) return turn_away(std::move(fd));
-    if (!have_thread()) {
+    if (!ensure_thread()) {
         leave(name);
         return turn_away(std::move(fd));
     }
@@ -158,7 +158,7 @@ void GuardedServer::accept_one() {
 
 /// Whether there is an idle thread for one connection more; starts one where there is none, as far
 /// as the system lets it.
-bool GuardedServer::have_thread() {
+bool GuardedServer::ensure_thread() {
     const std::lock_guard lock(mutex_);
     if (idle_ > waiting_.size()) return true;
     try {

@@ -54,7 +54,7 @@ private:
     void accept_loop();
     void accept_one();
     bool admit(const std::string& address);
-    bool have_thread();
+    bool ensure_thread();
     void turn_away(FileDescriptor fd);
     void serve_loop();
     void leave(const std::string& address);
