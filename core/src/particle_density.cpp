@@ -143,7 +143,7 @@ std::vector<float> adaptive_spacing(const SurfaceSamples& samples, std::span<con
         parallel_for_blocks(samples.size(), kBlock, context,
                             [&](std::size_t begin, std::size_t end) {
                                 for (std::size_t i = begin; i < end; ++i) {
-                                    const std::span<const Index> near = samples.neighbors.of(i);
+                                    const std::span<const Index> near = samples.neighbors_of(i);
                                     float total = logs[i];
                                     for (const Index j : near) total += logs[j];
                                     smooth[i] = total / static_cast<float>(1 + near.size());

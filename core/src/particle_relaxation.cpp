@@ -56,7 +56,7 @@ ParticleRelaxation::ParticleRelaxation(const ParticleSurface& surface, std::vect
       spacing_(std::move(spacing)),
       positions_(std::move(start.positions)) {
     feet_.reserve(positions_.size());
-    for (const Index sample : start.samples) feet_.push_back({sample, 0});
+    for (const Index sample : start.samples) feet_.push_back({.sample = sample});
     resize(positions_.size());
     look_up_spacing();
 }

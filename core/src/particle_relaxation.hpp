@@ -6,6 +6,7 @@
 #include "stipple/point_cloud.hpp"
 #include "stipple/run_context.hpp"
 
+#include <cmath>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -17,8 +18,10 @@ namespace stipple {
 /// coincide.
 inline Vec3f repulsion(const Vec3f& p, const Vec3f& p_i, float r) noexcept {
     const Vec3f away = p - p_i;
-    const float distance = away.norm();
-    return distance > 0 && distance < r ? Vec3f(away * ((r - distance) / distance)) : Vec3f::Zero();
+    const float distance_sq = away.squaredNorm();
+    if (!(distance_sq > 0 && distance_sq < r * r)) return Vec3f::Zero();
+    const float distance = std::sqrt(distance_sq);
+    return away * ((r - distance) / distance);
 }
 
 /// Particles that repel each other on a surface (§3.3).

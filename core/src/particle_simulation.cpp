@@ -223,7 +223,7 @@ std::vector<float> areas_of(const SurfaceSamples& samples, const RunContext& con
     std::vector<float> areas;
     areas.reserve(samples.size());
     for_blocks_in_order(samples.size(), context, [&](std::size_t begin, std::size_t end) {
-        for (std::size_t i = begin; i < end; ++i) areas.push_back(samples.area(i));
+        for (std::size_t i = begin; i < end; ++i) areas.push_back(samples.planes[i].area());
     });
     return areas;
 }

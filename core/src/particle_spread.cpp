@@ -30,11 +30,11 @@ double sum_of(std::span<const float> values) {
 Vec3f place_around(const SurfaceSamples& samples, Index sample, std::size_t rank, std::size_t of,
                    double turn) {
     if (rank == 0) return samples.positions[sample];
-    const Vec3d normal = samples.normals[sample].cast<double>();
+    const Vec3d normal = samples.planes[sample].normal.cast<double>();
     const Vec3d u = normal.unitOrthogonal(), v = normal.cross(u);
     constexpr double kGoldenAngle = 2.39996322972865332;
     const double angle = kGoldenAngle * static_cast<double>(rank) + 2 * std::numbers::pi * turn;
-    const double radius = std::sqrt(static_cast<double>(samples.area(sample)) / std::numbers::pi *
+    const double radius = std::sqrt(static_cast<double>(samples.planes[sample].area()) / std::numbers::pi *
                                     static_cast<double>(rank) / static_cast<double>(of));
     return samples.positions[sample] +
            (radius * (std::cos(angle) * u + std::sin(angle) * v)).cast<float>();

@@ -14,8 +14,9 @@ class ParticleSurface {
 public:
     /// Where a particle stands.
     struct Foot {
-        Index sample = 0;  ///< the nearest, or the nearest on the same sheet of the surface
-        float slack = 0;   ///< so far the particle can go with the same sample nearest
+        Index sample = 0;   ///< about the nearest, or so on the same sheet of the surface
+        float slack = 0;    ///< so far the particle can go with the same sample
+        float unasked = 0;  ///< so far, where it is held back, before all samples are asked again
     };
 
     /// @param samples  kept by reference, as is `mls`, the surface outside of the frame.
@@ -23,7 +24,7 @@ public:
                     const ParticleFrame& frame, const RunContext& context)
         : samples_(samples), mls_(mls), frame_(frame), search_(samples.positions, context) {}
 
-    const Vec3f& normal(Index sample) const noexcept { return samples_.normals[sample]; }
+    const Vec3f& normal(Index sample) const noexcept { return samples_.planes[sample].normal; }
 
     /// The sample nearest to p.
     Index nearest(const Vec3f& p) const noexcept;

@@ -21,7 +21,8 @@ constexpr float kInside = 0.4F;
 constexpr float kTwoSided = 0.2F, kOneSided = 0.35F;
 
 void analyze(SurfaceSamples& s, std::size_t i, float radius) {
-    const std::span<const Index> near = s.neighbors.of(i);
+    const std::span<const Index> near = s.neighbors_of(i);
+    TangentPlane& plane = s.planes[i];
     const Vec3f p = s.positions[i];
     Vec3f sum = Vec3f::Zero(), squares = Vec3f::Zero(), products = Vec3f::Zero();
     for (const Index j : near) {
@@ -38,17 +39,17 @@ void analyze(SurfaceSamples& s, std::size_t i, float radius) {
         m.z() - by * total.z() * total.x(), q.y() - by * total.y() * total.y(),
         m.y() - by * total.y() * total.z(), q.z() - by * total.z() * total.z()};
     const std::array<double, 3> lambda = eigenvalues(scatter);
-    s.normals[i] = eigenvector(scatter, lambda[0]).cast<float>();
+    plane.normal = eigenvector(scatter, lambda[0]).cast<float>();
     s.variation[i] =
         scatter.trace() > 0 ? static_cast<float>(std::max(0.0, lambda[0]) / scatter.trace()) : 0.0F;
-    s.radii[i] = radius;
+    plane.radius = radius;
     // Along the plane: across an edge of a closed surface it goes on.
     Vec3f mean = sum / static_cast<float>(std::max<std::size_t>(1, near.size()));
-    mean -= s.normals[i] * s.normals[i].dot(mean);
+    mean -= plane.normal * plane.normal.dot(mean);
     const float offset = mean.norm();
-    s.outward[i] = offset > 0 ? Vec3f(-mean / offset) : Vec3f::Zero();
+    plane.outward = offset > 0 ? Vec3f(-mean / offset) : Vec3f::Zero();
     const float sided = radius > 0 ? offset / radius : 0.0F;
-    s.outer[i] =
+    plane.outer =
         kInside * radius * std::clamp((kOneSided - sided) / (kOneSided - kTwoSided), 0.0F, 1.0F);
 }
 
@@ -67,13 +68,13 @@ ParticleFrame::ParticleFrame(std::span<const Vec3f> points) {
     high = inside(high.cast<double>());
 }
 
-float SurfaceSamples::area(std::size_t i) const noexcept {
+float TangentPlane::area() const noexcept {
     constexpr float kSmallest = 1e-30F;  // where samples coincide
-    return std::max(kSmallest, std::numbers::pi_v<float> / kNeighbors * radii[i] * radii[i]);
+    return std::max(kSmallest, std::numbers::pi_v<float> / kNeighbors * radius * radius);
 }
 
-float SurfaceSamples::border(std::size_t i) const noexcept {
-    return kInside * radii[i];
+float TangentPlane::border() const noexcept {
+    return kInside * radius;
 }
 
 SurfaceSamples sample_surface(const PointCloud& cloud, std::vector<Index> points,
@@ -81,22 +82,22 @@ SurfaceSamples sample_surface(const PointCloud& cloud, std::vector<Index> points
     const std::size_t n = points.size();
     SurfaceSamples s;
     s.points = std::move(points);
-    for (auto* vectors : {&s.positions, &s.normals, &s.outward})
-        resize_in_blocks(*vectors, n, context);
-    for (auto* values : {&s.radii, &s.variation, &s.outer}) resize_in_blocks(*values, n, context);
+    resize_in_blocks(s.positions, n, context);
+    resize_in_blocks(s.planes, n, context);
+    resize_in_blocks(s.variation, n, context);
     parallel_for_blocks(n, kBlock, context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i)
             s.positions[i] = frame.inside(cloud.positions[s.points[i]].cast<double>());
     });
-    s.neighbors = k_nearest_neighbors(s.positions, kNeighbors, context);
+    NeighborLists found = k_nearest_neighbors(s.positions, kNeighbors, context);
+    s.neighbors = std::move(found.indices);
+    s.neighbor_count = s.neighbors.size() / n;  // no more than there are others
     parallel_for_blocks(n, kBlock, context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {
-            const bool alone = s.neighbors.of(i).empty();
-            const std::uint64_t farthest = s.neighbors.offsets[i + 1] - 1;
-            analyze(s, i, alone ? 0.0F : std::sqrt(s.neighbors.distances_sq[farthest]));
+            const std::size_t k = s.neighbor_count;
+            analyze(s, i, k == 0 ? 0.0F : std::sqrt(found.distances_sq[(i + 1) * k - 1]));
         }
     });
-    s.neighbors.distances_sq = {};
     return s;
 }
 

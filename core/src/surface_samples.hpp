@@ -20,24 +20,34 @@ struct ParticleFrame {
     Vec3d outside(const Vec3f& p) const { return p.cast<double>() * scale + center; }
 };
 
+/// The surface around a sample, together since particles look at all of it.
+struct TangentPlane {
+    Vec3f normal;      ///< unit, sign any
+    Vec3f outward;     ///< away from the mean of the neighbours, unit or 0
+    float outer = 0;   ///< how far the surface goes on in that direction, at least; 0 where the
+                       ///< neighbours lie on one side, as at a border
+    float radius = 0;  ///< of the enclosing sphere of the k nearest neighbours (§2)
+
+    /// Of the surface that the sample stands for: 1 / rho, to scale; positive.
+    float area() const noexcept;
+    /// How far from it along the plane its surface reaches, in directions that go on.
+    float border() const noexcept;
+};
+
 /// Points that stand for a surface, and what is known of it there; one entry each, lengths in the
 /// units of the frame.
 struct SurfaceSamples {
     std::vector<Index> points;  ///< their numbers in the cloud
     std::vector<Vec3f> positions;
-    NeighborLists neighbors;       ///< the k nearest, without their distances
-    std::vector<Vec3f> normals;    ///< unit, sign any
-    std::vector<float> radii;      ///< of the enclosing sphere of the k nearest neighbours (§2)
+    std::vector<TangentPlane> planes;
+    std::vector<Index> neighbors;  ///< of each the `neighbor_count` nearest
+    std::size_t neighbor_count = 0;
     std::vector<float> variation;  ///< sigma_n
-    std::vector<Vec3f> outward;    ///< away from the mean of the neighbours, unit or 0
-    std::vector<float> outer;      ///< how far the surface goes on in that direction, at least; 0
-                                   ///< where the neighbours lie on one side, as at a border
 
     std::size_t size() const noexcept { return points.size(); }
-    /// Of the surface that sample i stands for: 1 / rho, to scale; positive.
-    float area(std::size_t i) const noexcept;
-    /// How far from it along its plane its surface reaches, in directions that go on.
-    float border(std::size_t i) const noexcept;
+    std::span<const Index> neighbors_of(std::size_t i) const noexcept {
+        return {neighbors.data() + i * neighbor_count, neighbor_count};
+    }
 };
 
 /// Analyses the `points` of a cloud, among themselves: neighbourhoods of 16, normals by Eq. 4,
