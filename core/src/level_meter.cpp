@@ -6,8 +6,10 @@
 #include "gaps.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <iterator>
+#include <limits>
 #include <span>
 #include <utility>
 
@@ -19,7 +21,7 @@ constexpr std::uint64_t kMany = 40'000;  // points of a source
 
 constexpr unsigned kRough = 2;     // rounds that tell two roundings of the same points apart
 constexpr unsigned kSome = 4;      // that tell the error of a level before it is rounded
-constexpr unsigned kMostly = 12;   // that scans of surfaces need
+constexpr unsigned kMostly = 16;   // that scans of surfaces need
 constexpr unsigned kOfSmall = 32;  // of a small source
 
 /// To measure a level of so many points by: one place for 128 of them at least.
@@ -30,12 +32,12 @@ unsigned rounds_for(std::uint64_t points) {
 }
 
 /// Where errors are sure, rounds that are drawn at once: as many as scans with much noise need,
-/// where few would have all leaves looked at anyway.
+/// unless all leaves are looked at only for their sake.
 unsigned drawn_rounds(const PointTree& tree, unsigned least) {
-    constexpr unsigned kOfNoisy = 32;
+    constexpr unsigned kOfNoisy = 48;
     constexpr std::uint64_t kLooked = 8;  // leaves, for each place
-    if (tree.leaf_count() > kLooked * least * SampleRounds::kRound) return least;
-    return std::max(least, kOfNoisy);
+    const bool anyway = tree.leaf_count() <= kLooked * kOfNoisy * SampleRounds::kRound;
+    return anyway ? std::max(least, kOfNoisy) : least;
 }
 
 }  // namespace
@@ -55,12 +57,13 @@ LevelMeter::LevelMeter(std::vector<Vec3f>&& source, LodErrors errors, const RunC
     const std::vector<Vec3f>& points = made->points;
     spacing_ = median_gap(made->tree);
     const bool is_small = points.size() < kMany;
-    const unsigned rounds =
-        errors_ == LodErrors::Rough ? kRough
-        : is_small                  ? kOfSmall
-                   : drawn_rounds(made->tree, std::max(kMostly, rounds_for(points.size())));
-    draw(rounds, context);
-    need_places(std::min(kSome, rounds), context);
+    const unsigned likely = std::max(kMostly, rounds_for(points.size()));
+    draw(errors_ == LodErrors::Rough ? kRough
+         : is_small                  ? kOfSmall
+                                     : drawn_rounds(made->tree, likely),
+         context);
+    const unsigned needed = errors_ == LodErrors::Sure ? likely : kSome;
+    need_places(std::min({needed, places_.rounds(), most_rounds()}), context);
     if (!is_exact()) return;
     constexpr std::uint64_t kEvery = SampleRounds::kMostRounds * SampleRounds::kRound;
     every_.add(is_small ? take_surface(made->tree, made->finder, kEvery, 0, context)
@@ -100,10 +103,6 @@ unsigned LevelMeter::least_rounds(std::uint64_t points) const {
     return source().size() < kMany ? kOfSmall : std::min(most_rounds(), rounds_for(points));
 }
 
-void LevelMeter::place_for(std::uint64_t points, const RunContext& context) {
-    if (errors_ == LodErrors::Sure) need_places(std::max(rounds_, least_rounds(points)), context);
-}
-
 void LevelMeter::measure_well(MeasuredLevel& level, const RunContext& context) {
     if (errors_ == LodErrors::Rough) return measure_roughly(level, context);
     if (is_exact()) {
@@ -112,21 +111,23 @@ void LevelMeter::measure_well(MeasuredLevel& level, const RunContext& context) {
     }
     constexpr double kSure = 0.016;
     const unsigned most = most_rounds(), least = least_rounds(level.points.size());
-    rounds_ = std::max(rounds_, kRough);
-    for (;;) {
-        need_places(rounds_, context);
-        measure(level, places_, rounds_, context);
+    for (unsigned rounds = kRough;;) {
+        need_places(rounds, context);
+        measure(level, places_, rounds, context);
         const double wanted = kSure * level.mean;
         const double unsure = mean_confidence(level.distances, level.areas, level.mean);
-        const bool is_sure = unsure <= wanted || rounds_ == most;
-        if (is_sure && rounds_ >= least) return;
-        const double needed = is_sure ? 0 : rounds_ * (unsure / wanted) * (unsure / wanted);
-        rounds_ = static_cast<unsigned>(
-            std::clamp<double>(std::ceil(needed), std::max(rounds_ + 1, least), most));
+        const bool is_sure = unsure <= wanted || rounds == most;
+        if (is_sure && rounds >= least) return;
+        // More places also lie nearer to each other, and tell more than their number says: no more
+        // than twice as many at once.
+        const double needed = is_sure ? 0 : rounds * (unsure / wanted) * (unsure / wanted);
+        rounds = static_cast<unsigned>(std::clamp<double>(
+            std::ceil(needed), std::max(rounds + 1, least), std::max(2 * rounds, least)));
+        rounds = std::min(rounds, most);
     }
 }
 
-/// At the places of so many rounds, of which it may have been measured at some.
+/// At the places of so many rounds, of which it may have been measured at some, or at more.
 void LevelMeter::measure(MeasuredLevel& level, const SampleRounds& places, unsigned rounds,
                          const RunContext& context) {
     const std::vector<Index> known_places = std::exchange(level.places, {});
@@ -141,13 +142,17 @@ void LevelMeter::measure(MeasuredLevel& level, const SampleRounds& places, unsig
     level.areas.resize(count);
     std::vector<Vec3f> others;
     std::vector<Index> number_of;
-    for (std::size_t i = 0, known = 0; i < count; ++i) {
+    constexpr Index kNone = std::numeric_limits<Index>::max();
+    std::vector<Index> known_at(places.all().size(), kNone);
+    for (std::size_t i = 0; i < known_places.size(); ++i)
+        known_at[known_places[i]] = static_cast<Index>(i);
+    for (std::size_t i = 0; i < count; ++i) {
         const Index place = level.places[i];
         level.areas[i] = places.all().areas[place];
-        if (known < known_places.size() && known_places[known] == place) {
+        if (const Index known = known_at[place]; known != kNone) {
             level.distances[i] = distances[known];
             level.endless[i] = endless[known];
-            level.covers[i] = covers[known++];
+            level.covers[i] = covers[known];
         } else {
             others.push_back(places.all().positions[place]);
             number_of.push_back(static_cast<Index>(i));

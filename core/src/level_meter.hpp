@@ -69,17 +69,10 @@ public:
     /// At 4,096 places, or fewer where errors are rough.
     void measure_at_some(MeasuredLevel& level, const RunContext& context) const;
 
-    /// Has the places that `measure_well` needs of a level of so many points at least: what they
-    /// take of the surface, which may be forgotten then.
-    void place_for(std::uint64_t points, const RunContext& context);
-
-    /// As well as errors are to be known. Sure ones at one place for 128 points, and at more for
-    /// this level and those after it while chance would decide: of as many rounds as the spread of
-    /// those that there are calls for.
+    /// As well as errors are to be known. Sure ones at one place for 128 points at least, and at
+    /// more while chance would decide: of as many rounds as the spread of those that there are
+    /// calls for.
     void measure_well(MeasuredLevel& level, const RunContext& context);
-
-    /// The next level is the coarsest again.
-    void restart() noexcept { rounds_ = 0; }
 
 private:
     bool is_exact() const noexcept { return errors_ == LodErrors::Exact; }
@@ -97,7 +90,6 @@ private:
     SampleRounds places_;
     SampleRounds every_;    ///< one round of all points, where it is to be exact
     unsigned weighed_ = 0;  ///< rounds of places whose areas are known: what takes the time
-    unsigned rounds_ = 0;   ///< of places that the level before was measured at
 };
 
 }  // namespace stipple

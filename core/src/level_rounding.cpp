@@ -17,6 +17,7 @@ namespace {
 
 constexpr std::size_t kBlock = 8'192;
 constexpr double kCloser = 1.04;  // what a step is to be longer by, to be worth a try
+constexpr double kBetter = 1.1;   // the same where one is known that does
 // Parts of the tolerance: to be sure, in spite of places measured at by chance, and to aim at.
 constexpr double kSure = 0.9, kAim = 0.8;
 constexpr unsigned kMostTries = 4;
@@ -89,14 +90,14 @@ MeasuredLevel LevelRounding::round(MeasuredLevel&& unrounded, LevelGrid& taken,
     double step = exact > 0 ? std::max(likely, kCloser * fits) : longest;
     for (unsigned tries = 0; !hopeless && tries < kMostTries; ++tries) {
         step = std::min(step, longest);
-        if (step < kCloser * fits) break;
+        if (step < (best ? kBetter : kCloser) * fits) break;
         MeasuredLevel level(rounded(points, normals, grid(step), context), context);
         meter.measure_roughly(level, context);
         // As a part of what is tolerated; it grows with the square of the step, or a little less.
         const double share = level.mean > exact ? (level.mean - exact) / (tolerance * exact) : 0;
         if (share > kSure) {
             longest = step / kCloser;
-            step *= std::max(0.25, std::pow(kAim / share, 0.6));
+            step *= std::max(0.25, std::pow(kAim / share, 0.55));
         } else {
             best = std::move(level);
             taken = grid(step);

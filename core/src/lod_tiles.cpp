@@ -114,7 +114,6 @@ struct LodTiler::State {
         };
         if (as_measured) {
             if (options.level_errors) level_error = error_of(cloud, nullptr, context);
-            meter.place_for(meter.source().size(), context);
             meter.forget_surface();  // no level comes after
             return at_finest(meter.source());
         }
@@ -298,7 +297,6 @@ void LodTiler::restart() {
     state_->tree = {};
     state_->levels = 0;
     state_->had = 0;
-    state_->meter.restart();
 }
 
 std::vector<LodTile> LodTiler::add_level(const PointCloud& cloud, bool whole,

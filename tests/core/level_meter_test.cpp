@@ -9,6 +9,13 @@
 namespace stipple {
 namespace {
 
+std::vector<Vec3f> sphere_along_curve() {
+    const std::vector<Vec3f> scan = test::sphere(50'000).positions;
+    std::vector<Vec3f> points;
+    for (const Index i : hilbert_order(scan, {})) points.push_back(scan[i]);
+    return points;
+}
+
 TEST(MeasuredLevel, IsSearchedForOnePointOfEachPlaceWhereMostHaveOthers) {
     std::vector<Vec3f> crowd(900, Vec3f(1, 2, 3));
     crowd.resize(1'000, Vec3f(4, 5, 6));
@@ -34,19 +41,31 @@ TEST(LevelRounding, TakesACrowdToTheGridAsItIs) {
     EXPECT_EQ(level.points, rounded(crowd, taken, {}));
 }
 
-TEST(LevelMeter, MakesNoSurfaceAnewForALevelThatItHasPlacesFor) {
-    std::vector<Vec3f> points;
-    const std::vector<Vec3f> scan = test::sphere(50'000).positions;
-    for (const Index i : hilbert_order(scan, {})) points.push_back(scan[i]);
-    for (const bool has_places : {false, true}) {
-        LevelMeter meter(std::vector<Vec3f>(points), LodErrors::Sure, {});
-        if (has_places) meter.place_for(points.size(), {});
-        meter.forget_surface();
-        const std::vector<Vec3f>* const own = &meter.source();  // a surface has its own
-        MeasuredLevel level(std::vector<Vec3f>(points), {});
+TEST(LevelMeter, MakesNoSurfaceAnewForLevelsOfSmoothScans) {
+    std::vector<Vec3f> points = sphere_along_curve();
+    LevelMeter meter(std::vector<Vec3f>(points), LodErrors::Sure, {});
+    meter.forget_surface();
+    const std::vector<Vec3f>* const own = &meter.source();  // a surface has its own
+    std::vector<Vec3f> few;
+    for (std::size_t i = 0; i < points.size(); i += 16) few.push_back(points[i]);
+    for (std::vector<Vec3f>* const of_level : {&few, &points}) {
+        MeasuredLevel level(std::move(*of_level), {});
         meter.measure_well(level, {});
-        EXPECT_EQ(&meter.source() == own, has_places);
+        EXPECT_GT(level.places.size(), 4'096U);
+        EXPECT_EQ(&meter.source(), own);
     }
+}
+
+TEST(LevelMeter, MeasuresNoPlaceTwice) {
+    std::vector<Vec3f> points = sphere_along_curve();
+    const LevelMeter meter(std::vector<Vec3f>(points), LodErrors::Sure, {});
+    MeasuredLevel level(std::move(points), {});
+    meter.measure_at_some(level, {});
+    // What is known stays as it is, also where fewer are asked, and is the first part of more.
+    level.distances.assign(level.distances.size(), 7);
+    meter.measure_roughly(level, {});
+    EXPECT_EQ(level.places.size(), 2'048U);
+    EXPECT_DOUBLE_EQ(level.mean, 7);
 }
 
 }  // namespace
