@@ -7,6 +7,7 @@
 #include <charconv>
 #include <iostream>
 #include <map>
+#include <type_traits>
 
 namespace stipple::server {
 
@@ -35,14 +36,21 @@ std::string environment_name(std::string flag) {
 
 template <typename T>
 CLI::Option* add(CLI::App& app, const std::string& flag, T& value, const std::string& help) {
-    return app.add_option(flag, value, help)
-        ->envname(environment_name(flag))
-        ->capture_default_str();
+    CLI::Option* const option =
+        app.add_option(flag, value, help)->envname(environment_name(flag))->capture_default_str();
+    return std::is_integral_v<T> ? option->type_name("N") : option;
+}
+
+/// Help of numbers and sizes says in words what they may be: CLI11's own makes lines too long.
+CLI::Validator within(int least, int most) {
+    return CLI::Range(least, most).description("");
+}
+CLI::Validator size_in_bytes() {
+    return CLI::AsSizeValue(true).description("");
 }
 
 void add_addresses(CLI::App& serve, Flags& flags) {
-    add(serve, "--listen", flags.listen,
-        "address of the API, HOST:PORT; port 0 is any that is free");
+    add(serve, "--listen", flags.listen, "address of the API, HOST:PORT; port 0: any free");
     add(serve, "--admin", flags.admin, "address of /livez, /readyz and /metrics");
 }
 
@@ -59,45 +67,42 @@ void add_work(CLI::App& serve, Flags& flags, ServerConfig& config) {
                 return {};
             },
             ""));
-    add(serve, "--workers", config.workers, "jobs at a time")->check(CLI::Range(1, 256));
-    add(serve, "--threads", config.threads, "threads of a job; 0 is one for each processor")
-        ->check(CLI::Range(0, 1024));
-    add(serve, "--drain-timeout", flags.drain_seconds,
-        "seconds that jobs under way may go on when stopping");
+    add(serve, "--workers", config.workers, "jobs at a time, 1..256")->check(within(1, 256));
+    add(serve, "--threads", config.threads, "threads of a job, 0..1024; 0: one a processor")
+        ->check(within(0, 1024));
+    add(serve, "--drain-timeout", flags.drain_seconds, "seconds that jobs may go on when stopping");
 }
 
 void add_limits(CLI::App& serve, Flags& flags, Limits& limits) {
-    const CLI::AsSizeValue bytes(true);
-    add(serve, "--max-upload", limits.max_upload_bytes, "bytes of an upload, as in 2GB")
-        ->transform(bytes);
+    const auto bytes = [](CLI::Option* option) {
+        option->transform(size_in_bytes())->type_name("SIZE");
+    };
+    bytes(add(serve, "--max-upload", limits.max_upload_bytes, "bytes of an upload, as in 2GB"));
     add(serve, "--max-points", limits.decode.max_points, "points of a cloud");
     add(serve, "--max-attributes", limits.decode.max_attributes, "attributes of a cloud");
-    add(serve, "--max-memory", limits.max_job_memory_bytes, "bytes of memory of a job")
-        ->transform(bytes);
+    bytes(add(serve, "--max-memory", limits.max_job_memory_bytes, "bytes of memory of a job"));
     add(serve, "--max-cpu-seconds", limits.max_job_cpu_seconds, "processor time of a job");
-    add(serve, "--max-output", limits.max_job_output_bytes, "bytes that a job may write")
-        ->transform(bytes);
+    bytes(add(serve, "--max-output", limits.max_job_output_bytes, "bytes that a job may write"));
     add(serve, "--max-queued", limits.queue.max_queued, "waiting jobs of a tenant");
     add(serve, "--max-running", limits.queue.max_running, "running jobs of a tenant");
     add(serve, "--retention-seconds", flags.retention_seconds, "how long a finished job is kept");
-    add(serve, "--max-wait", flags.max_wait_seconds, "seconds of the longest long poll")
-        ->check(CLI::Range(0, 3600));
+    add(serve, "--max-wait", flags.max_wait_seconds, "seconds of the longest long poll, up to 3600")
+        ->check(within(0, 3600));
 }
 
 void add_guards(CLI::App& serve, Flags& flags, ServerConfig& config) {
-    add(serve, "--max-connections", config.max_connections, "connections in all")
-        ->check(CLI::Range(8, 20'000));
+    add(serve, "--max-connections", config.max_connections, "connections in all, 8..20000")
+        ->check(within(8, 20'000));
     add(serve, "--max-connections-per-address", config.max_connections_per_address,
-        "connections of one address; raise it behind a proxy")
-        ->check(CLI::Range(1, 20'000));
+        "those of one address; raise it behind a proxy")
+        ->check(within(1, 20'000));
     add(serve, "--min-rate", config.min_bytes_per_second, "bytes per second of the slowest client")
-        ->check(CLI::Range(1, 1 << 30));
-    add(serve, "--api-keys", flags.api_keys,
-        "file of API keys: a JSON list of {tenant, key_sha256, scopes}");
+        ->check(within(1, 1 << 30));
+    add(serve, "--api-keys", flags.api_keys, "JSON file: a list of {tenant, key_sha256, scopes}");
     serve.add_flag("--insecure-no-auth", config.insecure_no_auth,
                    "serve others than this machine without API keys");
     add(serve, "--cors-origin", config.cors_origins,
-        "site whose scripts may use the API, as https://example.org; may be repeated")
+        "site whose scripts may use the API, as\nhttps://example.org; may be repeated")
         ->check(CLI::Validator(
             [](const std::string& text) {
                 return text == "*" || text.find("://") != text.npos
@@ -106,9 +111,9 @@ void add_guards(CLI::App& serve, Flags& flags, ServerConfig& config) {
             },
             ""));
     add(serve, "--host-name", config.host_names,
-        "domain that leads to a server for this machine alone, as by a proxy; may be repeated");
+        "domain that leads to a server for this machine\nalone, as by a proxy; may be repeated");
     add(serve, "--log-level", config.log_level, "debug, info, warn or error")
-        ->check(CLI::IsMember({"debug", "info", "warn", "error"}));
+        ->check(CLI::IsMember({"debug", "info", "warn", "error"}).description(""));
 }
 
 /// CLI11 alone reads -1 as 2^64 - 1.

@@ -5,6 +5,7 @@
 
 #include <gtest/gtest.h>
 #include <fstream>
+#include <sstream>
 #include <string>
 #include <vector>
 
@@ -50,6 +51,19 @@ TEST(Config, ASiteHasAScheme) {
     EXPECT_EQ(served({"--cors-origin", "*"}).cors_origins.size(), 1U);
     EXPECT_NE(refusal({"--cors-origin", "example.org"}).find("expected https://example.org"),
               std::string::npos);
+}
+
+TEST(Config, HelpHasEightyColumns) {
+    for (const char* command : {"serve", "healthcheck", "scrub"}) {
+        const std::vector<const char*> arguments = {"stippled", command, "--help"};
+        testing::internal::CaptureStdout();
+        parse_command_line(static_cast<int>(arguments.size()), arguments.data());
+        std::istringstream help(testing::internal::GetCapturedStdout());
+        int lines = 0;
+        for (std::string line; std::getline(help, line); ++lines)
+            EXPECT_LE(line.size(), 80U) << line;
+        EXPECT_GT(lines, 4) << command;
+    }
 }
 
 }  // namespace
