@@ -74,8 +74,9 @@ double membership(const DensityRegion& region, const PointCloud& cloud, Index i)
 void validate(const std::vector<DensityRegion>& regions, const PointCloud& cloud) {
     for (std::size_t r = 0; r < regions.size(); ++r) {
         const DensityRegion& region = regions[r];
-        if (!(region.density > 0 && std::isfinite(region.density)))
-            refuse(r, "density ", region.density, ": expected above 0, finite");
+        constexpr double kLeast = 1e-6, kMost = 1e6;
+        if (!(region.density >= kLeast && region.density <= kMost))
+            refuse(r, "density ", region.density, ": expected ", kLeast, "..", kMost);
         if (!(region.transition >= 0 && std::isfinite(region.transition)))
             refuse(r, "transition ", region.transition, ": expected at least 0, finite");
         std::visit(
@@ -106,10 +107,11 @@ void validate(const std::vector<DensityRegion>& regions, const PointCloud& cloud
 }
 
 float region_spacing(const std::vector<DensityRegion>& regions, const PointCloud& cloud, Index i) {
+    constexpr double kMost = 7;  // of the logarithm, wherever regions overlap: a thousand times
     double log_spacing = 0;
     for (const DensityRegion& region : regions)
         log_spacing -= 0.5 * std::log(region.density) * membership(region, cloud, i);
-    return static_cast<float>(std::exp(log_spacing));
+    return static_cast<float>(std::exp(std::clamp(log_spacing, -kMost, kMost)));
 }
 
 std::vector<float> adaptive_spacing(const SurfaceSamples& samples, std::span<const float> areas,

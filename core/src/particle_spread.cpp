@@ -34,8 +34,9 @@ Vec3f place_around(const SurfaceSamples& samples, Index sample, std::size_t rank
     const Vec3d u = normal.unitOrthogonal(), v = normal.cross(u);
     constexpr double kGoldenAngle = 2.39996322972865332;
     const double angle = kGoldenAngle * static_cast<double>(rank) + 2 * std::numbers::pi * turn;
-    const double radius = std::sqrt(static_cast<double>(samples.planes[sample].area()) / std::numbers::pi *
-                                    static_cast<double>(rank) / static_cast<double>(of));
+    const double radius =
+        std::sqrt(static_cast<double>(samples.planes[sample].area()) / std::numbers::pi *
+                  static_cast<double>(rank) / static_cast<double>(of));
     return samples.positions[sample] +
            (radius * (std::cos(angle) * u + std::sin(angle) * v)).cast<float>();
 }
@@ -51,14 +52,27 @@ std::vector<float> particle_shares(std::span<const float> areas, std::span<const
     const auto particles = static_cast<double>(count);
     constexpr double kMost = 8;
     const double bound = std::max(1.0, kMost * particles / static_cast<double>(shares.size()));
-    constexpr int kRounds = 4;  // what is cut off one falls to the others
-    for (int round = 0; round < kRounds; ++round) {
-        const double scale = particles / sum_of(shares);
+    double scale = particles / sum_of(shares);
+    // What is cut off one falls to the others, of which more are cut off then.
+    for (std::size_t cut = 0;;) {
+        const double limit = bound / scale;
+        double rest = 0;
+        std::size_t beyond = 0;
         for_blocks_in_order(shares.size(), context, [&](std::size_t begin, std::size_t end) {
-            for (float& share : std::span(shares).subspan(begin, end - begin))
-                share = static_cast<float>(std::min(bound, static_cast<double>(share) * scale));
+            for (std::size_t i = begin; i < end; ++i) {
+                const bool is_cut = static_cast<double>(shares[i]) >= limit;
+                rest += is_cut ? 0 : static_cast<double>(shares[i]);
+                beyond += is_cut ? 1 : 0;
+            }
         });
+        if (beyond == cut || rest == 0) break;
+        cut = beyond;
+        scale = (particles - bound * static_cast<double>(beyond)) / rest;
     }
+    for_blocks_in_order(shares.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (float& share : std::span(shares).subspan(begin, end - begin))
+            share = static_cast<float>(std::min(bound, static_cast<double>(share) * scale));
+    });
     return shares;
 }
 

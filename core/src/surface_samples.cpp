@@ -1,5 +1,6 @@
 #include "surface_samples.hpp"
 
+#include "box_of_most.hpp"
 #include "first_touch.hpp"
 #include "parallel_for.hpp"
 #include "symmetric_eigen.hpp"
@@ -62,7 +63,16 @@ ParticleFrame::ParticleFrame(std::span<const Vec3f> points) {
         high = high.cwiseMax(p);
     }
     center = 0.5 * (low.cast<double>() + high.cast<double>());
-    const double extent = (high.cast<double>() - low.cast<double>()).maxCoeff();
+    double extent = (high.cast<double>() - low.cast<double>()).maxCoeff();
+    // Where a few points lie far off, floats are to be at their best about most, as in
+    // `ErrorFrame`.
+    constexpr double kFarOff = 64, kFarthest = 0x1p40;  // in the frame, where it has a square
+    const Aabb most = box_of_most(
+        some_of(points.size(), [&](std::size_t i) { return Vec3d(points[i].cast<double>()); }));
+    if (const double side = longest_side(most); side > 0 && extent > kFarOff * side) {
+        center = 0.5 * (most.min + most.max);
+        extent = std::max(side, extent / kFarthest);
+    }
     scale = extent > 0 ? std::ldexp(1.0, std::ilogb(extent)) : 0;
     low = inside(low.cast<double>());
     high = inside(high.cast<double>());

@@ -9,7 +9,8 @@
 
 namespace stipple {
 
-/// A cloud moved and scaled to about -1..1, where floats resolve small moves and hold squares.
+/// A cloud moved and scaled to about -1..1, but for a few points far off, where floats resolve
+/// small moves and hold squares.
 struct ParticleFrame {
     Vec3d center;
     double scale;     ///< input units, a power of two; 0 when all points coincide

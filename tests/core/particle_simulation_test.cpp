@@ -128,11 +128,30 @@ TEST(ParticleShares, FollowTheAreaOverTheSquaredSpacing) {
 }
 
 TEST(ParticleShares, OfAPointFarFromAllOthersIsOneParticle) {
-    std::vector<float> areas(1000, 1.0F);
-    areas[500] = 1e6F;
-    const auto shares = particle_shares(areas, std::vector<float>(1000, 1.0F), 100);
-    EXPECT_NEAR(shares[500], 1.0, 0.01);
-    EXPECT_NEAR(shares[0], 99.0 / 999.0, 0.001);
+    for (const float far : {1e6F, 1e30F}) {
+        std::vector<float> areas(1000, 1.0F);
+        areas[500] = far;
+        areas[600] = std::sqrt(far);
+        const auto shares = particle_shares(areas, std::vector<float>(1000, 1.0F), 100);
+        EXPECT_NEAR(shares[500], 1.0, 1e-6);
+        EXPECT_NEAR(shares[600], 1.0, 1e-6);
+        EXPECT_NEAR(shares[0], 98.0 / 998.0, 1e-6);
+    }
+}
+
+TEST(ParticleSimulation, KeepsToTheSurfaceBesideAPointFarOff) {
+    for (const float far : {1e5F, 1e7F, 1e12F}) {
+        PointCloud cloud = test::sphere(6'000);
+        cloud.positions.push_back({far, 0, 0});
+        const auto result = particle_simulation(cloud, {.target_size = 600});
+        std::size_t near = 0;
+        for (const Vec3f& p : result.positions) {
+            if (p.norm() > 2) continue;
+            ++near;
+            EXPECT_NEAR(p.norm(), 1, 0.002) << far;
+        }
+        EXPECT_GT(near, 590U) << far;
+    }
 }
 
 TEST(ParticleSimulation, SpacesParticlesOnASphereAsEvenlyAsPoissonDisks) {
@@ -462,7 +481,8 @@ TEST(ParticleSimulation, RefusesOptionsOutOfRange) {
     const auto refuses_region = [&](const DensityRegion& region) {
         refuses({.target_size = 5, .regions = {region}});
     };
-    refuses_region({.where = DensityRegion::Sphere{}, .density = 0});
+    for (const double density : {0.0, 1e-60, 1e300})
+        refuses_region({.where = DensityRegion::Sphere{}, .density = density});
     refuses_region({.where = DensityRegion::Sphere{}, .density = 2, .transition = -1});
     refuses_region({.where = DensityRegion::Sphere{.radius = 0}});
     refuses_region({.where = DensityRegion::Box{{1, 0, 0}, {0, 1, 1}}});

@@ -29,7 +29,7 @@ struct DensityRegion {
         double high = 1;  ///< at least low
     };
     std::variant<Sphere, Box, Scalar> where;
-    double density = 1;     ///< > 0: particles an area inside, as a multiple of that far outside;
+    double density = 1;     ///< 1e-6..1e6: particles an area inside, as a multiple of that far outside;
                             ///< Fig. 11's radius of 10 % is a density of 100
     double transition = 0;  ///< >= 0, input units (units of the attribute): width of the passage
                             ///< around the region, in which the density changes smoothly; 0: half
