@@ -3,6 +3,7 @@
 #include "byte_writer.hpp"
 #include "chain_order.hpp"
 #include "first_touch.hpp"
+#include "grid_step.hpp"
 #include "las_fields.hpp"
 #include "laz_chunk.hpp"
 #include "parallel_for.hpp"
@@ -61,7 +62,7 @@ int find_exponent(const PointCloud& cloud, const Aabb& box, const CopcOptions& o
     const double side = (box.max - box.min).maxCoeff();
     if (options.precision) {
         const double precision = *options.precision;
-        if (!(precision > 0) || !std::isfinite(precision))
+        if (!makes_steps(precision))
             throw Error(ErrorCode::InvalidArgument,
                         "precision " + in_words(precision) + ": expected a finite length above 0");
         return static_cast<int>(std::floor(std::log10(2 * precision)));
@@ -84,10 +85,10 @@ OctreeCube cube_of(const PointCloud& cloud, const CopcOptions& options, const Ru
     const bool is_one_place = box.min == box.max;
     const Vec3d low = is_one_place ? box.min : (step * (box.min / step).array().floor()).matrix();
     const double steps = std::round((box.max - low).maxCoeff() / step);
-    if (!(steps < std::ldexp(1.0, kMostBits)))
+    if (!(low.allFinite() && steps < std::ldexp(1.0, kMostBits)))
         throw Error(ErrorCode::InvalidArgument,
-                    "precision " + in_words(*options.precision) + ": the cloud is " +
-                        in_words(steps) + " steps wide, more than 2^30: expected a longer one");
+                    "precision " + in_words(*options.precision) +
+                        ": the cloud is more than 2^30 steps wide: expected a longer one");
     const auto bits = static_cast<unsigned>(std::bit_width(static_cast<std::uint32_t>(steps)));
     return {low, step, std::max(bits, 1U)};
 }

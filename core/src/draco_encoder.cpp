@@ -6,6 +6,7 @@
 #include "box_of_most.hpp"
 #include "chain_order.hpp"
 #include "gaps.hpp"
+#include "grid_step.hpp"
 #include "in_quotes.hpp"
 #include "parallel_for.hpp"
 #include "point_tree.hpp"
@@ -94,7 +95,7 @@ Extent extent_of(std::span<const Vec3f> positions) {
 unsigned bits_for(double precision, const Extent& extent) {
     std::ostringstream text;
     text << "precision " << precision << ": expected ";
-    if (!(precision > 0) || !std::isfinite(precision))
+    if (!makes_steps(precision))
         refuse(text.str() + "a finite number above 0");
     constexpr double kRounding = 0x1p-24;
     const double rounding = kRounding * (3 * extent.side + extent.largest);

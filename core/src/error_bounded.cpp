@@ -196,17 +196,23 @@ std::optional<ErrorBoundedCloud> fewer_everywhere(const PointCloud& cloud,
     std::optional<ErrorBoundedCloud> best;
     unsigned misses = 0;
     if (counts.empty()) return best;
-    make_snapshots(cloud, options, counts,
-                   [&](PointCloud&& snapshot) {
-                       if (misses == kMostMisses) return;
-                       ErrorBoundedCloud candidate{.cloud = std::move(snapshot)};
-                       const bool holds = judge.glance(candidate.cloud).places.empty() &&
-                                          judge.watch(candidate.cloud).places.empty() &&
-                                          judge.measure(candidate).max <= ErrorJudge::kWithin;
-                       misses = holds ? 0 : misses + 1;
-                       if (holds) best = std::move(candidate);
-                   },
-                   {.stop = context.stop, .progress = {}, .threads = context.threads});
+    const auto look_at = [&](PointCloud&& snapshot) {
+        if (misses == kMostMisses) return;
+        ErrorBoundedCloud candidate{.cloud = std::move(snapshot)};
+        const bool holds = judge.glance(candidate.cloud).places.empty() &&
+                           judge.watch(candidate.cloud).places.empty() &&
+                           judge.measure(candidate).max <= ErrorJudge::kWithin;
+        misses = holds ? 0 : misses + 1;
+        if (holds) best = std::move(candidate);
+    };
+    const RunContext quiet{.stop = context.stop, .progress = {}, .threads = context.threads};
+    if (options.method == Method::Particles) {  // each is a run of its own
+        const CloudOfSize run = runs_of(cloud, options, quiet);
+        for (const std::uint64_t count : counts)
+            if (misses < kMostMisses) look_at(run(count, quiet));
+    } else {
+        make_snapshots(cloud, options, counts, look_at, quiet);
+    }
     return best;
 }
 

@@ -32,12 +32,11 @@ unsigned rounds_for(std::uint64_t points) {
 }
 
 /// Where errors are sure, rounds that are drawn at once: as many as scans with much noise need,
-/// unless all leaves are looked at only for their sake.
+/// where looking at all leaves takes little time.
 unsigned drawn_rounds(const PointTree& tree, unsigned least) {
     constexpr unsigned kOfNoisy = 48;
-    constexpr std::uint64_t kLooked = 8;  // leaves, for each place
-    const bool anyway = tree.leaf_count() <= kLooked * kOfNoisy * SampleRounds::kRound;
-    return anyway ? std::max(least, kOfNoisy) : least;
+    constexpr std::uint64_t kFewLeaves = 400'000;
+    return tree.leaf_count() < kFewLeaves ? std::max(least, kOfNoisy) : least;
 }
 
 }  // namespace
@@ -60,10 +59,10 @@ LevelMeter::LevelMeter(std::vector<Vec3f>&& source, LodErrors errors, const RunC
     const unsigned likely = std::max(kMostly, rounds_for(points.size()));
     draw(errors_ == LodErrors::Rough ? kRough
          : is_small                  ? kOfSmall
-                                     : drawn_rounds(made->tree, likely),
+                                     : std::min(most_rounds(), drawn_rounds(made->tree, likely)),
          context);
     const unsigned needed = errors_ == LodErrors::Sure ? likely : kSome;
-    need_places(std::min({needed, places_.rounds(), most_rounds()}), context);
+    need_places(std::min(needed, places_.rounds()), context);
     if (!is_exact()) return;
     constexpr std::uint64_t kEvery = SampleRounds::kMostRounds * SampleRounds::kRound;
     every_.add(is_small ? take_surface(made->tree, made->finder, kEvery, 0, context)
@@ -116,7 +115,7 @@ void LevelMeter::measure_well(MeasuredLevel& level, const RunContext& context) {
         measure(level, places_, rounds, context);
         const double wanted = kSure * level.mean;
         const double unsure = mean_confidence(level.distances, level.areas, level.mean);
-        const bool is_sure = unsure <= wanted || rounds == most;
+        const bool is_sure = !(unsure > wanted) || rounds == most;
         if (is_sure && rounds >= least) return;
         // More places also lie nearer to each other, and tell more than their number says: no more
         // than twice as many at once.

@@ -5,6 +5,7 @@
 #include "error_estimate.hpp"
 #include "error_frame.hpp"
 #include "gaps.hpp"
+#include "grid_step.hpp"
 #include "hilbert_order.hpp"
 #include "level_meter.hpp"
 #include "level_rounding.hpp"
@@ -25,7 +26,7 @@ namespace {
 
 constexpr std::uint32_t kMostPoints = 65'536;  // a tile is sorted without a look at the stop token
 constexpr std::size_t kBlock = 8'192;
-constexpr std::uint32_t kMostTiles = 30'000;  // whose manifest has 15 MB
+constexpr std::uint32_t kMostTiles = 28'000;  // whose manifest has 16 MB
 
 template <typename T>
 [[noreturn]] void refuse(const char* name, T value, const char* expected) {
@@ -65,7 +66,7 @@ void validate(const LodTileOptions& options) {
     constexpr unsigned kMostAsked = 24;  // where no points are far off floats have no more
     if (options.position_bits < LevelRounding::kLeastBits || options.position_bits > kMostAsked)
         refuse("tiles: position_bits", options.position_bits, "2..24");
-    if (options.precision && !(*options.precision > 0 && std::isfinite(*options.precision)))
+    if (options.precision && !makes_steps(*options.precision))
         refuse("tiles: precision", *options.precision, "a finite length above 0");
     if (!(options.tolerance >= 0)) refuse("tiles: tolerance", options.tolerance, "at least 0");
     if (options.max_points == 0 || options.max_points > kMostPoints)

@@ -9,6 +9,7 @@
 #include "first_touch.hpp"
 #include "foot_finder.hpp"
 #include "gaps.hpp"
+#include "grid_step.hpp"
 #include "nested_order.hpp"
 #include "parallel_for.hpp"
 #include "point_tree.hpp"
@@ -45,7 +46,7 @@ void check(const PointCloud& cloud, const ProgressiveOptions& options) {
         throw Error(ErrorCode::InvalidArgument, "the cloud has no points: expected at least 1");
     if (options.position_bits < 1 || options.position_bits > kMostGridBits)
         refuse("position_bits", options.position_bits, "1..24");
-    if (options.precision && !(*options.precision > 0 && std::isfinite(*options.precision)))
+    if (options.precision && !makes_steps(*options.precision))
         refuse("precision", *options.precision, "a finite number above 0");
     if (options.normal_bits < 2 || options.normal_bits > 16)
         refuse("normal_bits", options.normal_bits, "2..16");

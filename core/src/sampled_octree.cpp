@@ -71,6 +71,7 @@ public:
 
 private:
     static constexpr Index kNone = ~Index{0};
+    static constexpr std::size_t kBetweenChecks = 65'536;
 
     std::int32_t build(std::vector<Index>&& points, unsigned depth, const Position& place) {
         context_.throw_if_stopped();
@@ -110,6 +111,7 @@ private:
         std::vector<std::uint32_t> cells;
         cells.reserve(points.size());
         for (const Index point : points) {
+            if (cells.size() % kBetweenChecks == 0) context_.throw_if_stopped();
             cells.push_back(cell_of(point, depth));
             Index& best = best_[cells.back()];
             if (best == kNone || off_center(point, depth) < off_center(best, depth)) best = point;

@@ -141,7 +141,9 @@ TEST(Copc, RefusesWhatTheFormatCannotHold) {
     PointCloud cloud = test::sphere(10);
     EXPECT_NE(refusal({}).find("no points"), std::string::npos);
     EXPECT_NE(refusal(cloud, {.precision = 0.0}).find("precision"), std::string::npos);
-    EXPECT_NE(refusal(cloud, {.precision = 1e-12}).find("2^30"), std::string::npos);
+    for (const double precision : {1e-12, 1e-320})
+        EXPECT_NE(refusal(cloud, {.precision = precision}).find("2^30"), std::string::npos);
+    EXPECT_NE(refusal(cloud, {.precision = 1.2e308}).find("finite"), std::string::npos);
     Attribute wide{"wide", std::vector<double>(9000 * 10), 9000};
     cloud.attributes.push_back(wide);
     EXPECT_NE(refusal(cloud).find("72000 bytes"), std::string::npos);

@@ -5,6 +5,7 @@
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
+#include <algorithm>
 
 namespace stipple {
 namespace {
@@ -61,11 +62,13 @@ TEST(LevelMeter, MeasuresNoPlaceTwice) {
     const LevelMeter meter(std::vector<Vec3f>(points), LodErrors::Sure, {});
     MeasuredLevel level(std::move(points), {});
     meter.measure_at_some(level, {});
-    // What is known stays as it is, also where fewer are asked, and is the first part of more.
     level.distances.assign(level.distances.size(), 7);
-    meter.measure_roughly(level, {});
+    meter.measure_roughly(level, {});  // fewer of them
+    EXPECT_EQ(std::ranges::count(level.distances, 7.0F), 2'048);
     EXPECT_EQ(level.places.size(), 2'048U);
-    EXPECT_DOUBLE_EQ(level.mean, 7);
+    meter.measure_at_some(level, {});  // and others
+    EXPECT_EQ(std::ranges::count(level.distances, 7.0F), 2'048);
+    EXPECT_EQ(level.places.size(), 4'096U);
 }
 
 }  // namespace

@@ -576,8 +576,8 @@ TEST(LodTiles, StopWhenAskedTo) {
 TEST(LodTiles, RefuseOptionsOutOfRange) {
     for (const LodTileOptions& options :
          {LodTileOptions{.position_bits = 1}, LodTileOptions{.position_bits = 25},
-          LodTileOptions{.precision = 0.0}, LodTileOptions{.tolerance = -1},
-          LodTileOptions{.max_points = 0}})
+          LodTileOptions{.precision = 0.0}, LodTileOptions{.precision = 1.2e308},
+          LodTileOptions{.tolerance = -1}, LodTileOptions{.max_points = 0}})
         EXPECT_THROW(validate(options), Error);
     const std::vector<Index> too_few(99);
     EXPECT_THROW(LodTiler(test::sphere(100), {}).add_level(test::sphere(100), false, {}, too_few),

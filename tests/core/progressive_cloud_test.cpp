@@ -367,6 +367,7 @@ TEST(ProgressiveCloud, RefusesWhatItCannotHold) {
     EXPECT_TRUE(refused(cloud, {.position_bits = 0}));
     EXPECT_TRUE(refused(cloud, {.position_bits = 25}));
     EXPECT_TRUE(refused(cloud, {.precision = 0.0}));
+    EXPECT_TRUE(refused(cloud, {.precision = 1.2e308}));
     EXPECT_TRUE(refused(cloud, {.precision = 1e-9}));
     EXPECT_TRUE(refused(cloud, {.normal_bits = 1}));
     EXPECT_TRUE(refused(cloud, {.attribute_bits = 33}));

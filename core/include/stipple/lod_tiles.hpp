@@ -37,7 +37,7 @@ struct LodTileOptions {
                               ///< 0. Steps twice as long save a fifth of the bytes: more than it
                               ///< takes to make up for such an error by more points
     std::uint32_t max_points = 65'536;  ///< of a tile, 1..65,536; a level with more is cut;
-                                        ///< a pyramid has at most 30,000 tiles
+                                        ///< a pyramid has at most 28,000 tiles
     bool attributes = false;            ///< scalar attributes too, beside normals and colours
     LodErrors errors = LodErrors::Sure;
     bool level_errors = false;  ///< the error of each level as it is before it is rounded, too:
@@ -121,8 +121,8 @@ struct LodTile : LodFigures {
 ///
 /// Errors are measured on the decoded points; if they are to be sure, at one place for 128 points
 /// of the level, at least 8,192 (32,768 of a source of fewer than 40,000 points), and at more, up
-/// to 131,072, for a level and those after it whose mean is not known to 1.6 % by them: at some
-/// 10,000 to 15,000 for scans of surfaces, at 40,000 for trees in LiDAR scans. A tile has the
+/// to 131,072, for a level whose mean is not known to 1.6 % by them: at some 8,000 to 20,000 for
+/// scans of surfaces, at up to 40,000 for noisy ones and trees in LiDAR scans. A tile has the
 /// places in its cell, a few hundred: each says how many, and how well its mean is known by them. A
 /// tile without any, which is hardly one with many points, has the figures of its level. Where no
 /// walk to the surface comes to an end, what counts is at most the way to the nearest point and
