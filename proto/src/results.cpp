@@ -414,6 +414,20 @@ std::string evaluation_json(const Results& results) {
     return to_text(json);
 }
 
+/// A tile's parent stands before it, as all who read a pyramid rely on.
+void require_parents_first(const Results& results, const JsonValue& levels) {
+    std::size_t tiles = 0;
+    for (const OutputCloud& level : results.levels) {
+        for (const OutputFile& file : level.files) {
+            if (!file.tile) continue;
+            if (file.tile->parent && *file.tile->parent >= tiles)
+                levels.refuse("the parent of tile " + std::to_string(tiles) + " before it, not " +
+                              std::to_string(*file.tile->parent));
+            ++tiles;
+        }
+    }
+}
+
 Results results_from_json(std::string_view text) {
     const JsonDocument json(text, {});
     JsonObject object = json.object();
@@ -427,7 +441,9 @@ Results results_from_json(std::string_view text) {
     if (const auto source = object.find("source")) {
         results.source = read_source(*source, results.request);
     }
-    results.levels = object["levels"].list_of(read_level);
+    const JsonValue levels = object["levels"];
+    results.levels = levels.list_of(read_level);
+    require_parents_first(results, levels);
     if (const auto cost = object.find("cost")) results.cost = read_cost(*cost);
     object.finish();
     return results;

@@ -79,6 +79,21 @@ TEST(Results, WhoseFilesHaveNoHashAreRefused) {
     }
 }
 
+TEST(Results, OfTilesWhoseParentsStandBehindThemAreRefused) {
+    const auto whole = nlohmann::json::parse(to_json(test::pyramid_results()));
+    for (auto json = whole; const std::uint32_t parent : {1'000U, 0U}) {
+        int tiles = 0;
+        for (auto& level : json["levels"])
+            for (auto& file : level["files"])
+                if (file.contains("tile") && tiles++ == 0) file["tile"]["parent"] = parent;
+        ASSERT_GT(tiles, 0);
+        EXPECT_NE(
+            test::refusal(results_from_json, json.dump(), ErrorCode::MalformedInput)
+                .find("expected the parent of tile 0 before it, not " + std::to_string(parent)),
+            std::string::npos);
+    }
+}
+
 TEST(Results, EveryFieldIsNeeded) {
     const auto whole = nlohmann::json::parse(to_json(test::pyramid_results()));
     for (const auto& [name, value] : whole.items()) {
