@@ -348,6 +348,19 @@ TEST_F(StippleCli, ConvertLeavesOutWhatTheFormatCannotHoldAndSaysSo) {
     EXPECT_EQ(read_cloud(folder_ / "out.ply").size(), 4U);
 }
 
+TEST_F(StippleCli, ConvertLeavesOutOfAStreamWhatStandsAtOnePlaceAndSaysSo) {
+    std::string text =
+        "ply\nformat ascii 1.0\nelement vertex 200001\nproperty float x\nproperty float y\n"
+        "property float z\nend_header\n1 2 3\n";
+    for (int i = 0; i < 200'000; ++i) text += "0 0 0\n";
+    std::ofstream(folder_ / "in.ply") << text;
+    const Outcome outcome = stipple("convert in.ply out.stpc --json -");
+    ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+    EXPECT_NE(outcome.err.find("removed 199,999 duplicates"), std::string::npos) << outcome.err;
+    EXPECT_EQ(json::parse(outcome.out)["input"]["removed"]["duplicates"], 199'999);
+    EXPECT_EQ(read_cloud(folder_ / "out.stpc").size(), 2U);
+}
+
 TEST_F(StippleCli, ConvertTellsHowManyPointsTheWholeOfACutStreamHas) {
     synthesize("in.ply", 3000);
     ASSERT_EQ(stipple("convert in.ply in.stpc").exit_code, 0);

@@ -4,6 +4,7 @@
 #include "cli/progress_bar.hpp"
 #include "cli/report.hpp"
 #include "cli/units.hpp"
+#include "stipple/cleaning.hpp"
 #include "stipple/codec.hpp"
 #include "stipple/error.hpp"
 #include "stipple/progressive_cloud.hpp"
@@ -129,7 +130,13 @@ void run(const ConvertCommand& command, const Session& session) {
     });
     const auto decoded = Clock::now();
     proto::CloudStatistics losses;
-    if (extension_of(command.output) != ".ply") losses.non_finite = leave_out_non_finite(cloud);
+    if (extension_of(command.output) == ".stpc") {  // whose points are told apart by their places
+        const CleaningReport removed = clean(cloud, context);
+        losses.non_finite = removed.non_finite;
+        losses.duplicates = removed.duplicates;
+    } else if (extension_of(command.output) != ".ply") {
+        losses.non_finite = leave_out_non_finite(cloud);
+    }
     losses.skipped = report.skipped;
     const std::uint64_t bytes_in = fs::file_size(command.input);
     PlyEncodeOptions ply = command.ply;
@@ -149,9 +156,12 @@ void run(const ConvertCommand& command, const Session& session) {
         print_line(style.dim(lost), session.terminal);
     ordered_json figures;
     figures["input"] = {
-        {"points", report.points},        {"removed", {{"non_finite", losses.non_finite}}},
-        {"file", command.input.string()}, {"bytes", bytes_in},
-        {"encoding", report.encoding},    {"skipped", report.skipped}};
+        {"points", report.points},
+        {"removed", {{"non_finite", losses.non_finite}, {"duplicates", losses.duplicates}}},
+        {"file", command.input.string()},
+        {"bytes", bytes_in},
+        {"encoding", report.encoding},
+        {"skipped", report.skipped}};
     figures["output"] = output_json(command.output, cloud.size());
     figures["seconds"] = {{"decode", seconds_between(start, decoded)},
                           {"encode", seconds_between(decoded, encoded)},
