@@ -474,11 +474,29 @@ TEST(CommandLine, HelpOfACurveHasNoTargets) {
 }
 
 TEST(CommandLine, HelpFitsATerminalOf80Columns) {
+    std::vector<std::vector<std::string>> asked = {{"--help"}};
     for (const char* command : {"simplify", "upsample", "analyze", "curve", "pyramid", "slice",
-                                "evaluate", "inspect", "convert", "synthesize"}) {
-        std::istringstream lines(parsed<InfoCommand>({command, "--help"}).text);
+                                "evaluate", "inspect", "convert", "synthesize"})
+        asked.push_back({command, "--help"});
+    for (const std::vector<std::string>& arguments : asked) {
+        std::istringstream lines(parsed<InfoCommand>(arguments).text);
         for (std::string line; std::getline(lines, line);) EXPECT_LE(line.size(), 80U) << line;
     }
+}
+
+TEST(CommandLine, HelpIsACommandToo) {
+    EXPECT_EQ(parsed<InfoCommand>({"help"}).text, parsed<InfoCommand>({"--help"}).text);
+    EXPECT_EQ(parsed<InfoCommand>({"help", "slice"}).text,
+              parsed<InfoCommand>({"slice", "--help"}).text);
+    EXPECT_TRUE(refusal({"help", "sliec"}).starts_with("sliec: no such command"));
+}
+
+TEST(CommandLine, HelpOfASliceSaysThatOneBudgetIsWanted) {
+    const std::string text = parsed<InfoCommand>({"slice", "--help"}).text;
+    const std::size_t budgets = text.find("\nWhat is wanted, one of these:\n  -n,--points N");
+    EXPECT_NE(budgets, text.npos) << text;
+    EXPECT_NE(text.find("\n  --max-error E", budgets), text.npos) << text;
+    EXPECT_EQ(text.find('['), text.find("[OPTIONS]")) << text;  // nothing in CLI11's own words
 }
 
 TEST(CommandLine, HelpGroupsOptionsUnderTheMethodsThatHaveThem) {

@@ -464,10 +464,24 @@ public:
         }
         return text;
     }
+    /// Options of which one is needed, under a heading as other groups have it.
+    std::string make_expanded(const CLI::App* group) const override {
+        const auto own = group->get_options(
+            [group](const CLI::Option* option) { return option != group->get_help_ptr(); });
+        return '\n' + make_group(group->get_group(), false, own);
+    }
 
 private:
     static constexpr std::size_t kColumn = 32, kWidth = 78 - kColumn;  // groups are indented
 };
+
+/// `help [COMMAND]` is `[COMMAND] --help`.
+std::vector<std::string> with_help_as_option(std::vector<std::string> arguments) {
+    if (arguments.empty() || arguments.front() != "help") return arguments;
+    arguments.erase(arguments.begin());
+    arguments.emplace_back("--help");
+    return arguments;
+}
 
 std::string one_line(std::string text) {
     std::replace(text.begin(), text.end(), '\n', ' ');
@@ -476,7 +490,8 @@ std::string one_line(std::string text) {
 
 }  // namespace
 
-Command parse_command_line(const std::vector<std::string>& arguments) {
+Command parse_command_line(const std::vector<std::string>& words) {
+    const std::vector<std::string> arguments = with_help_as_option(words);
     CLI::App app("stipple: smaller point clouds that still describe the same surface.", "stipple");
     app.set_version_flag("--version", "stipple " STIPPLE_VERSION);
     app.formatter(std::make_shared<HelpFormatter>());

@@ -54,7 +54,7 @@ void add_added_attributes(CLI::App& command, Values& values) {
 void add_draco(CLI::App& command, Values& values, const std::string& precise = ".drc") {
     auto* const bits = command
                            .add_option("--position-bits", values.draco.position_bits,
-                                       "of .drc: 1..30; 0: exact floats")
+                                       "of .drc: 1..30, or 0: exact floats; 14")
                            ->type_name("B")
                            ->transform(whole_number());
     command
@@ -62,7 +62,7 @@ void add_draco(CLI::App& command, Values& values, const std::string& precise = "
                     "of " + precise + ": largest error per axis, input units")
         ->type_name("E")
         ->excludes(bits);
-    command.add_option("--normal-bits", values.draco.normal_bits, "of .drc: 2..30")
+    command.add_option("--normal-bits", values.draco.normal_bits, "of .drc: 2..30; 10")
         ->type_name("B")
         ->transform(whole_number());
     command
@@ -178,7 +178,7 @@ CLI::App& add_upsample(CLI::App& app, Values& values) {
 
 CLI::App& add_analyze(CLI::App& app, Values& values) {
     CLI::App& command =
-        *app.add_subcommand("analyze", "normals, variation, density and anisotropy of every point");
+        *app.add_subcommand("analyze", "normals, variation, density and anisotropy");
     add_input(command, values);
     add_output(command, values);
     command.add_option("--k", values.surface.k, "neighbours, 3..64; 0: chosen for each point")
@@ -319,7 +319,7 @@ CLI::App& add_slice(CLI::App& app, Values& values) {
     command.add_option("OUT", values.output, "a .ply, .drc or .glb file")
         ->required()
         ->type_name("FILE");
-    auto* const budget = command.add_option_group("budget", "what is wanted: one of these");
+    auto* const budget = command.add_option_group("What is wanted, one of these");
     budget->add_option("-n,--points", values.points, "exactly so many points, or all there are")
         ->type_name("N")
         ->transform(point_count());
@@ -354,8 +354,9 @@ CLI::App& add_slice(CLI::App& app, Values& values) {
 CLI::App& add_evaluate(CLI::App& app, Values& values) {
     proto::EvaluationOptions& options = values.evaluation;
     CLI::App& command =
-        *app.add_subcommand("evaluate", "how far a cloud's surface is from that of another");
-    command.add_option("REFERENCE", values.input, "the cloud that is right: PLY or Draco")
+        *app.add_subcommand("evaluate", "how far a cloud's surface is from another's");
+    command
+        .add_option("REFERENCE", values.input, "the cloud that is right: PLY, Draco or progressive")
         ->required()
         ->type_name("FILE");
     command.add_option("CANDIDATE", values.candidates, "clouds to compare with it")
@@ -465,8 +466,7 @@ CLI::App& add_inspect(CLI::App& app, Values& values) {
 }
 
 CLI::App& add_convert(CLI::App& app, Values& values) {
-    CLI::App& command =
-        *app.add_subcommand("convert", "PLY, Draco, stream, COPC: every finite point kept");
+    CLI::App& command = *app.add_subcommand("convert", "the points as PLY, Draco, stream or COPC");
     add_input(command, values);
     command.add_option("OUT", values.output, "a " + std::string(kConvertEndings) + " (COPC) file")
         ->required()
