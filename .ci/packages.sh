@@ -1,5 +1,5 @@
 # The one list of Debian packages, and how they come onto a machine. Sourced by quickstart, test, .ci/run and
-# docker/verify; the container's build reads the same list: .ci/packages.sh list GROUP...
+# docker/verify; the container's build reads the same list: bash .ci/packages.sh list GROUP...
 
 source "$(dirname "${BASH_SOURCE[0]}")/shell.sh"
 
