@@ -179,9 +179,15 @@ proto::JobCost job_cost() {
 }
 
 proto::Results pyramid_results() {
+    proto::OutputCloud coarsest;
+    coarsest.points = 100;
+    coarsest.spacing = 0.5;
+    coarsest.bounds = output_cloud().bounds;
+    coarsest.files = {{CloudFormat::Glb, 300, std::string(64, 'a'), "a.glb", tile()}};
+    coarsest.files.front().tile->parent.reset();
     return {.request = pyramid_request(),
             .source = statistics(),
-            .levels = {output_cloud()},
+            .levels = {coarsest, output_cloud()},
             .complete = true,
             .cost = job_cost()};
 }

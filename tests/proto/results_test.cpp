@@ -64,9 +64,9 @@ TEST(Results, WhoseSchemaIsThatOfAnotherJobAreRefused) {
 
 TEST(Results, ThatAreMalformedAreRefusedByThePathOfTheField) {
     auto json = nlohmann::json::parse(to_json(test::pyramid_results()));
-    json["levels"][0]["files"][1]["bytes"] = "many";
+    json["levels"][1]["files"][1]["bytes"] = "many";
     EXPECT_EQ(test::refusal(results_from_json, json.dump(), ErrorCode::MalformedInput),
-              "levels[0].files[1].bytes: \"many\": expected an integer of at least 0");
+              "levels[1].files[1].bytes: \"many\": expected an integer of at least 0");
 }
 
 TEST(Results, WhoseFilesHaveNoHashAreRefused) {
