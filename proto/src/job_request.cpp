@@ -225,7 +225,8 @@ std::array<double, 16> read_transform(const JsonValue& value) {
 }
 
 void read_tiles(const JsonValue& value, PyramidJob& job) {
-    if (!has_grid(job)) value.refuse("none unless glb, stpc or copc.laz is among the formats");
+    if (!has_grid(job) && !value.members().empty())
+        value.refuse("none unless glb, stpc or copc.laz is among the formats");
     JsonObject object = value.object();
     LodTileOptions& tiles = job.tiles;
     const auto position_bits = object.find("position_bits");

@@ -387,6 +387,7 @@ std::string to_json(const Results& results) {
     json["levels"] = Json::array();
     for (const OutputCloud& level : results.levels) json["levels"].push_back(level_json(level));
     if (results.cost) json["cost"] = cost_json(*results.cost);
+    if (results.problem) json["problem"] = problem_json(*results.problem);
     return to_text(json);
 }
 
@@ -445,6 +446,7 @@ Results results_from_json(std::string_view text) {
     results.levels = levels.list_of(read_level);
     require_parents_first(results, levels);
     if (const auto cost = object.find("cost")) results.cost = read_cost(*cost);
+    if (const auto problem = object.find("problem")) results.problem = read_problem(*problem);
     object.finish();
     return results;
 }

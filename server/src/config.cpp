@@ -170,12 +170,12 @@ std::optional<Command> parse_command_line(int argc, const char* const* argv) {
     Command command;
     Flags flags;
     CLI::App app{
-        "stippled: smaller point clouds that still describe the same surface, served level by "
-        "level"};
-    app.set_version_flag("--version", STIPPLE_VERSION);
+        "stippled: smaller point clouds that still describe the same surface,\n"
+        "served level by level"};
+    app.set_version_flag("--version", "stippled " STIPPLE_VERSION);
     app.require_subcommand(1);
     app.set_config("--config", "",
-                   "file with the flags, as `[serve]` and `listen=\"127.0.0.1:8080\"`");
+                   "file with the flags, as `[serve]` and\n`listen=\"127.0.0.1:8080\"`");
     app.allow_config_extras(CLI::config_extras_mode::error);
     app.fallthrough();
 
@@ -185,8 +185,8 @@ std::optional<Command> parse_command_line(int argc, const char* const* argv) {
     add_limits(serve, flags, command.config.limits);
     add_guards(serve, flags, command.config);
     refuse_signs(serve);
-    CLI::App& healthcheck = *app.add_subcommand(
-        "healthcheck", "Ask a running service whether it is ready (exit status)");
+    CLI::App& healthcheck =
+        *app.add_subcommand("healthcheck", "Ask a service whether it is ready (exit status)");
     add(healthcheck, "--admin", flags.admin, "address of its admin listener");
     CLI::App& scrub = *app.add_subcommand("scrub", "Compare every stored file with its hash");
     add(scrub, "--data", flags.data, "folder of the store")->required();
@@ -202,7 +202,8 @@ std::optional<Command> parse_command_line(int argc, const char* const* argv) {
         if (what.starts_with(kUnknown)) what = what.substr(kUnknown.size()) + ": no such flag";
         throw Error(ErrorCode::InvalidArgument, "--config: " + what);
     } catch (const CLI::ParseError& error) {
-        throw Error(ErrorCode::InvalidArgument, error.what());
+        const char* const way = app.get_subcommands().empty() ? "; see stippled --help" : "";
+        throw Error(ErrorCode::InvalidArgument, std::string(error.what()) + way);
     }
     command.kind = healthcheck.parsed() ? Command::Kind::Healthcheck
                    : scrub.parsed()     ? Command::Kind::Scrub

@@ -464,6 +464,81 @@ TEST(Stippled, RefusesByAProblemThatSaysWhy) {
     EXPECT_EQ(request(server.port(), "PUT", "/v1/jobs").field("Allow"), "POST, GET, HEAD, OPTIONS");
 }
 
+TEST(Stippled, NamesWhatIsWrongWithAQueryAndItsValue) {
+    const StippledProcess server;
+    const auto detail = [&server](const char* method, const char* target) {
+        const HttpReply reply = request(server.port(), method, target);
+        EXPECT_EQ(reply.status, 400) << target;
+        return Json::parse(reply.body).at("detail").get<std::string>();
+    };
+    EXPECT_EQ(detail("GET", "/v1/jobs?type=magic"),
+              "type \"magic\": expected simplify, pyramid, upsample, analyze, curve or evaluate");
+    EXPECT_EQ(detail("GET", "/v1/jobs?input=7"),
+              "input \"7\": expected the id of a cloud, 64 hexadecimal digits");
+    EXPECT_TRUE(
+        detail("GET", "/v1/jobs?status=odd").starts_with("status \"odd\": expected one of"));
+    EXPECT_EQ(detail("DELETE", "/v1/jobs/0?only=finished"),
+              "only \"finished\": expected unfinished");
+    EXPECT_TRUE(detail("GET", "/v1/jobs?cursor=a%00b").starts_with("cursor \"a?b\": expected the"));
+}
+
+TEST(Stippled, RefusesAParameterThatComesTwiceLikeAnyOther) {
+    const StippledProcess server({"--cors-origin", "*"});
+    const HttpReply reply = request(server.port(), "GET", "/v1/jobs?limit=1&limit=2", {},
+                                    {"X-Request-Id: mine", "Origin: https://app.example"});
+    EXPECT_EQ(problem_of(reply), "invalid-argument");
+    EXPECT_EQ(reply.field("X-Request-Id"), "mine");
+    EXPECT_EQ(reply.field("Access-Control-Allow-Origin"), "https://app.example");
+    const std::string cloud = upload(server, as_ply(sphere(100)));
+    EXPECT_EQ(request(server.port(), "GET", "/v1/clouds/" + cloud + "/content?v=1&v=2").status,
+              200);
+}
+
+TEST(Stippled, NamesARequestThatItCannotReadAsItsCallerDoes) {
+    const StippledProcess server;
+    for (const char* const line :
+         {"GET /v1/limits HTTP/2.0", "BREW / HTTP/1.1", "GET x HTTP/1.1"}) {
+        RawConnection connection(server.port());
+        connection.send(std::string(line) + "\r\nHost: h\r\nX-Request-Id: mine\r\n\r\n");
+        EXPECT_EQ(connection.receive().field("X-Request-Id"), "mine") << line;
+    }
+}
+
+TEST(Stippled, TellsOfTheRangesThatItTakesAndTheSameToHead) {
+    const StippledProcess server;
+    const std::string cloud = upload(server, as_ply(sphere(100)));
+    for (const std::string target : {"/", "/docs", "/openapi.yaml", "/v1/limits", "/v1/jobs",
+                                     "/v1/nothing", "/v1/clouds/content"}) {
+        const HttpReply get = request(server.port(), "GET", target);
+        EXPECT_EQ(get.field("Accept-Ranges"), "none") << target;
+        EXPECT_EQ(request(server.port(), "HEAD", target).field("Accept-Ranges"), "none") << target;
+    }
+    const std::string content = "/v1/clouds/" + cloud + "/content";
+    for (const char* const method : {"GET", "HEAD"})
+        EXPECT_EQ(request(server.port(), method, content).field("Accept-Ranges"), "bytes");
+}
+
+TEST(Stippled, SaysWhyNoMoreLevelsComeOfAJobThatWasDismissedOrFailed) {
+    const StippledProcess server;
+    const std::string failed = submit(server, pyramid_of(upload(server, "ply\nnonsense\n")));
+    ASSERT_EQ(finished(server, failed).at("status"), "failed");
+    const HttpReply manifest =
+        request(server.port(), "GET", "/v1/pyramids/" + failed + "/manifest.json");
+    ASSERT_EQ(manifest.status, 200) << manifest.body;
+    EXPECT_FALSE(Json::parse(manifest.body).at("complete"));
+    EXPECT_EQ(Json::parse(manifest.body).at("problem").at("status"), 422);
+
+    const StippledProcess idle({"--role", "api"});
+    const std::string id = submit(idle, pyramid_of(upload(idle, as_ply(sphere(100)))));
+    const std::string target = "/v1/pyramids/" + id + "/manifest.json";
+    EXPECT_FALSE(Json::parse(request(idle.port(), "GET", target).body).contains("problem"));
+    ASSERT_EQ(request(idle.port(), "DELETE", "/v1/jobs/" + id).status, 200);
+    const Json told = Json::parse(request(idle.port(), "GET", target).body);
+    EXPECT_FALSE(told.at("complete"));
+    EXPECT_EQ(told.at("problem").at("status"), 409);
+    EXPECT_EQ(problem_of(request(idle.port(), "GET", "/v1/jobs/" + id + "/results")), "conflict");
+}
+
 TEST(Stippled, CancelsNoJobThatHasEnded) {
     const StippledProcess server;
     const std::string id = submit(server, pyramid_of(upload(server, as_ply(sphere(2000)))));
@@ -495,6 +570,9 @@ TEST(Stippled, TellsCachesThatWhatItSharesDependsOnTheSite) {
     const HttpReply own = request(server.port(), "GET", "/v1/clouds");
     EXPECT_EQ(own.field("Vary"), "Origin");
     EXPECT_EQ(own.field("Access-Control-Allow-Origin"), "");
+    const HttpReply asked =
+        request(server.port(), "OPTIONS", "/v1/clouds", {}, {"Origin: https://app.example"});
+    EXPECT_NE(asked.field("Access-Control-Allow-Headers").find("If-Range"), std::string::npos);
     const HttpReply shared =
         request(server.port(), "GET", "/v1/clouds", {}, {"Origin: https://app.example"});
     EXPECT_EQ(shared.field("Vary"), "Origin");

@@ -243,6 +243,7 @@ TEST(JobRequest, AStreamIsMadeWhereItIsAskedForByEitherName) {
         job_request_from_json(pyramid_with(R"("formats": ["stpc"], "tiles": {"precision": 0.5})"))
             .job);
     EXPECT_EQ(precise.tiles.precision, 0.5);
+    job_request_from_json(pyramid_with(R"("formats": ["ply"], "tiles": {})"));
 }
 
 TEST(JobRequest, ThatIsRefusedNamesFieldAndValueAndWhatIsExpected) {
@@ -294,7 +295,7 @@ TEST(JobRequest, ThatIsRefusedNamesFieldAndValueAndWhatIsExpected) {
         {pyramid_with(
              R"("tiles": {"epsg": 32633, "transform": [1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]})"),
          "tiles.epsg: stands instead of transform: give one of the two"},
-        {pyramid_with(R"("formats": ["ply"], "tiles": {})"),
+        {pyramid_with(R"("formats": ["ply"], "tiles": {"max_points": 9})"),
          "tiles: an object: expected none unless glb, stpc or copc.laz is among the formats"},
         {simplify_with(R"("ratio": 0.5, "format": "glb")"), "format: \"glb\": expected ply or drc"},
         {simplify_with(R"("ratio": 0.5, "format": "stpc")"),

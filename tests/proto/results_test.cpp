@@ -42,6 +42,16 @@ TEST(Results, TravelAsTheGoldenFileSays) {
     EXPECT_EQ(to_json(results_from_json(text)), text);
 }
 
+TEST(Results, OfAFailedJobTravelWithItsProblem) {
+    Results results = test::pyramid_results();
+    results.complete = false;
+    results.problem = problem_from(ErrorCode::TooLarge, "80409 tiles");
+    const Results back = results_from_json(to_json(results));
+    ASSERT_TRUE(back.problem);
+    EXPECT_EQ(back.problem->detail, "80409 tiles");
+    EXPECT_EQ(to_json(back), to_json(results));
+}
+
 TEST(Results, ThatAreStillToComeTravelWithoutSourceAndCost) {
     const Results results{.request = test::simplify_request(),
                           .source = {},

@@ -56,6 +56,11 @@ extern "C" int fsync(int fd) {
     return static_cast<int>(::syscall(SYS_fsync, fd));
 }
 
+extern "C" int syncfs(int fd) noexcept {
+    system_calls().add("sync all");
+    return static_cast<int>(::syscall(SYS_syncfs, fd));
+}
+
 extern "C" int rename(const char* from, const char* to) noexcept {
     system_calls().add("rename");
     return static_cast<int>(::syscall(SYS_rename, from, to));
@@ -209,6 +214,33 @@ TEST_F(FileBlobStore, MovesAFinishedFileInUnderTheHashOfItsBytes) {
     EXPECT_EQ(store_->adopt(file), kHashOfAbc);
     EXPECT_FALSE(fs::exists(file));
     EXPECT_EQ(text_of(*store_->open(kHashOfAbc)), "abc");
+}
+
+TEST_F(FileBlobStore, SyncsTheBytesOfManyFilesTogetherBeforeTheirNames) {
+    std::vector<fs::path> files;
+    for (int i = 0; i < 20; ++i) {
+        files.push_back(folder_ / ("tile-" + std::to_string(i)));
+        std::ofstream(files.back()) << "tile " << i;
+    }
+    system_calls().start();
+    const std::vector<std::string> ids = store_->adopt(files);
+    const std::vector<std::string> calls = system_calls().stop();
+    std::vector<std::string> expected(20, "rename");  // out of the folder of the job
+    expected.emplace_back("sync all");
+    expected.insert(expected.end(), 20, "rename");
+    expected.emplace_back("sync all");
+    EXPECT_EQ(calls, expected);
+    for (std::size_t i = 0; i < ids.size(); ++i)
+        EXPECT_EQ(text_of(*store_->open(ids[i])), "tile " + std::to_string(i));
+    EXPECT_EQ(temporary_files(), 0U);
+}
+
+TEST_F(FileBlobStore, TakesNoneOfManyFilesWhereOneIsMissing) {
+    std::vector<fs::path> files(20, folder_ / "tile");
+    std::ofstream(files[0]) << "tile";
+    EXPECT_THROW(store_->adopt(files), Error);
+    EXPECT_FALSE(store_->open(proto::sha256_hex(bytes_of("tile"))));
+    EXPECT_EQ(temporary_files(), 0U);
 }
 
 TEST_F(FileBlobStore, AdoptsNoLinkToAnotherFile) {

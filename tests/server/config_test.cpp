@@ -1,7 +1,7 @@
 #include "config.hpp"
 
 #include "stipple/error.hpp"
-#include "support/support.hpp"
+#include "store_fixtures.hpp"
 
 #include <gtest/gtest.h>
 #include <fstream>
@@ -24,6 +24,13 @@ std::string refusal(const std::vector<const char*>& flags) {
         return error.what();
     }
     return "accepted";
+}
+
+std::string printed(std::vector<const char*> arguments) {
+    arguments.insert(arguments.begin(), "stippled");
+    testing::internal::CaptureStdout();
+    parse_command_line(static_cast<int>(arguments.size()), arguments.data());
+    return testing::internal::GetCapturedStdout();
 }
 
 TEST(Config, NumbersHaveNoSign) {
@@ -54,15 +61,28 @@ TEST(Config, ASiteHasAScheme) {
 }
 
 TEST(Config, HelpHasEightyColumns) {
-    for (const char* command : {"serve", "healthcheck", "scrub"}) {
-        const std::vector<const char*> arguments = {"stippled", command, "--help"};
-        testing::internal::CaptureStdout();
-        parse_command_line(static_cast<int>(arguments.size()), arguments.data());
-        std::istringstream help(testing::internal::GetCapturedStdout());
+    for (const std::vector<const char*>& command :
+         {std::vector<const char*>{}, {"serve"}, {"healthcheck"}, {"scrub"}}) {
+        std::vector<const char*> arguments = command;
+        arguments.push_back("--help");
+        std::istringstream help(printed(arguments));
         int lines = 0;
         for (std::string line; std::getline(help, line); ++lines)
             EXPECT_LE(line.size(), 80U) << line;
-        EXPECT_GT(lines, 4) << command;
+        EXPECT_GT(lines, 4);
+    }
+}
+
+TEST(Config, VersionNamesTheProgram) {
+    EXPECT_TRUE(printed({"--version"}).starts_with("stippled "));
+}
+
+TEST(Config, WhoNamesNoCommandIsToldOfTheHelp) {
+    for (const std::vector<const char*>& arguments :
+         {std::vector<const char*>{"stippled"}, {"stippled", "help"}}) {
+        test::expect_error(ErrorCode::InvalidArgument, "; see stippled --help", [&] {
+            parse_command_line(static_cast<int>(arguments.size()), arguments.data());
+        });
     }
 }
 

@@ -76,6 +76,20 @@ TEST(OpenApi, ListsExactlyTheProblemTypesThatCanBeSent) {
     EXPECT_EQ(sent, listed);
 }
 
+TEST(OpenApi, TellsThatACloudMayTurnOutToHaveNoPoints) {
+    for (const char* path : {"/v1/jobs", "/v1/simplify", "/v1/evaluations"})
+        EXPECT_TRUE(document()["paths"][path]["post"]["responses"]["422"].IsDefined()) << path;
+    const YAML::Node empty = YAML::Load(proto::to_json(proto::CloudStatistics{}));  // JSON is YAML
+    for (const auto& field : document()["components"]["schemas"]["CloudStatistics"]["required"])
+        EXPECT_TRUE(empty[field.as<std::string>()].IsDefined()) << field;
+    const YAML::Node source =
+        YAML::LoadFile((std::filesystem::path(STIPPLE_SOURCE_DIR) / "proto/manifest.schema.json")
+                           .string())["properties"]["source"];
+    EXPECT_EQ(source["properties"]["points"]["minimum"].as<int>(), 0);
+    for (const auto& field : source["required"])
+        EXPECT_TRUE(field.Scalar() == "sha256" || empty[field.Scalar()].IsDefined()) << field;
+}
+
 const std::string kCandidate = R"(,"candidate":")" + std::string(64, 'b') + '"';
 
 proto::JobRequest request_of(const std::string& type, const std::string& target) {

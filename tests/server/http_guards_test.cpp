@@ -180,6 +180,24 @@ TEST(IfNoneMatch, FindsATagInAList) {
     EXPECT_FALSE(none_match_names(R"("a", "c")", R"("b")"));
 }
 
+TEST(IfNoneMatch, MayStandOnSeveralLines) {
+    Request request;
+    request.headers.add("If-None-Match", R"("a")");
+    request.headers.add("If-None-Match", R"("b")");
+    EXPECT_EQ(request.headers.joined("if-none-match"), R"("a", "b")");
+    EXPECT_FALSE(request.headers.joined("Accept"));
+    EXPECT_EQ(tagged_reply(request, "b", "no-cache", {}).status, 304);
+    EXPECT_EQ(tagged_reply(request, "c", "no-cache", {}).status, 200);
+}
+
+TEST(RequestId, OfAHeadThatIsRefusedIsKnown) {
+    EXPECT_EQ(given_id("GET / HTTP/9\r\nHost\r\nx-request-id: \tmine "), "mine");
+    EXPECT_EQ(given_id("X-Request-Id"), "");
+    EXPECT_EQ(request_id("a.b-c_9"), "a.b-c_9");
+    for (const std::string unfit : {"", "a b", "a\nb"}) EXPECT_NE(request_id(unfit), unfit);
+    EXPECT_EQ(request_id(std::string(65, 'a')).size(), 16U);
+}
+
 TEST(ListItem, HasItsQualityAmongOtherParameters) {
     EXPECT_EQ(list_item(" model/ply ; version=1 ; Q=0.1").name, "model/ply");
     EXPECT_EQ(list_item("model/ply;version=1;q=0.1").quality, 0.1);

@@ -225,6 +225,93 @@ TEST_F(OutputsTest, PacksDocumentsUnderTagsOfTheirOwn) {
                  [&] { outputs_.document("ada", job, "tileset-1.json", {}); });
 }
 
+/// A pyramid of a tile and one below it.
+class TilesetTest : public OutputsTest {
+protected:
+    void SetUp() override {
+        proto::JobDocument job;
+        jobs_->submit("ada", pyramid_request(put_cloud(*jobs_, "ada", "cloud")), {}, {}, job);
+        id_ = job.id;
+        lease_ = jobs_->claim({}, 60s).value();
+        jobs_->report_source(lease_, statistics_of(20));
+        proto::OutputCloud level = level_with(0, put_blob(*blobs_, "tile"));
+        level.files[0].format = CloudFormat::Glb;
+        level.files[0].tile.emplace().points = 10;
+        level.files.push_back(level.files[0]);
+        level.files[1].tile->parent = 0;
+        jobs_->publish_level(lease_, level);
+    }
+    StoredFile document(const std::string& name, std::size_t max_tiles,
+                        std::span<const Coding> accepted = {}) {
+        return outputs_.document("ada", id_, name, accepted,
+                                 {.inlined = {}, .tileset = {.max_tiles = max_tiles}});
+    }
+
+    std::string id_;
+    Lease lease_;
+};
+
+TEST_F(TilesetTest, IsWrittenOnceForAllOfItsFiles) {
+    jobs_->succeed(lease_, {});
+    document("tileset.json", 1);
+    // Written anew, with more tiles in a file, this one would not be there.
+    EXPECT_NE(plain(document("tileset-1.json", 9)).find("geometricError"), std::string::npos);
+}
+
+TEST_F(TilesetTest, IsNotWrittenForAFileThatItDoesNotHave) {
+    jobs_->succeed(lease_, {});
+    document("tileset.json", 9);
+    // Written anew, with one tile in a file, it would have this one.
+    expect_error(ErrorCode::NotFound, "no such file of this pyramid",
+                 [&] { document("tileset-1.json", 1); });
+}
+
+TEST_F(TilesetTest, IsWrittenAnewWhileLevelsAreStillToCome) {
+    EXPECT_EQ(document("tileset.json", 1, kBrotliFirst).coding, Coding::Identity);
+    expect_error(ErrorCode::NotFound, "no such file", [&] { document("tileset-1.json", 9); });
+    document("tileset-1.json", 1);
+}
+
+TEST_F(TilesetTest, OfAJobThatFailedStaysAndItsManifestSaysWhy) {
+    EXPECT_EQ(plain(document("manifest.json", 9)).find("problem"), std::string::npos);
+    jobs_->fail(lease_, proto::problem_from(ErrorCode::TooLarge, "too many points"));
+    const StoredFile manifest = document("manifest.json", 9);
+    EXPECT_NE(plain(manifest).find(R"("complete":false)"), std::string::npos);
+    EXPECT_TRUE(plain(manifest).ends_with(
+        R"("problem":)" +
+        proto::to_json(proto::problem_from(ErrorCode::TooLarge, "too many points")) + "}"));
+    EXPECT_EQ(document("manifest.json", 9, kBrotliFirst).coding, Coding::Brotli);
+    EXPECT_EQ(plain(document("manifest.json", 9, kBrotliFirst)), plain(manifest));
+    // Made once: these are the same bytes, not equal ones.
+    EXPECT_EQ(std::get<Bytes>(document("manifest.json", 9).content),
+              std::get<Bytes>(manifest.content));
+    EXPECT_NE(plain(document("tileset.json", 9)).find(".glb"), std::string::npos);
+}
+
+TEST_F(TilesetTest, OfAJobThatWasDismissedStaysAndItsManifestSaysSo) {
+    jobs_->dismiss("ada", id_);
+    EXPECT_NE(plain(document("manifest.json", 9)).find("the job was dismissed"), std::string::npos);
+    EXPECT_NE(plain(document("tileset.json", 9)).find(".glb"), std::string::npos);
+}
+
+TEST_F(OutputsTest, ForgetsTheJobThatWasNotAskedForLongestWhereAllListTooManyFiles) {
+    Outputs outputs(*jobs_, *blobs_, 200);
+    std::vector<std::weak_ptr<const proto::Results>> made;
+    for (int i = 0; i < 3; ++i) {
+        proto::JobDocument job;
+        jobs_->submit("ada", pyramid_request(put_cloud(*jobs_, "ada", "cloud")), {}, {}, job);
+        const Lease lease = jobs_->claim({}, 60s).value();
+        proto::OutputCloud level = level_with(0, put_blob(*blobs_, "tile"));
+        level.files.resize(80, level.files[0]);
+        jobs_->publish_level(lease, level);
+        jobs_->succeed(lease, {});
+        made.emplace_back(outputs.results("ada", job.id));
+    }
+    EXPECT_TRUE(made[0].expired());
+    EXPECT_FALSE(made[1].expired());
+    EXPECT_FALSE(made[2].expired());
+}
+
 TEST(BlobCopies, GoWithTheirBlob) {
     const TemporaryFolder folder;
     const auto blobs = open_file_blob_store(folder / "blobs");
@@ -276,6 +363,14 @@ TEST(AcceptEncoding, IsTakenByItsQualities) {
     EXPECT_EQ(codings("identity;q=0, br"), "br");
     EXPECT_EQ(codings(""), "identity");
     EXPECT_EQ(codings("brotli, x-gzip, br;q=nonsense"), "identity");
+}
+
+TEST(AcceptEncoding, MayStandOnSeveralLines) {
+    http::Request request;
+    request.headers.add("Accept-Encoding", "gzip;q=0.5");
+    request.headers.add("accept-encoding", "br");
+    EXPECT_EQ(http::accepted_codings(request),
+              (std::vector{Coding::Brotli, Coding::Gzip, Coding::Identity}));
 }
 
 TEST(Tar, HasTheHeaderOfPosix) {

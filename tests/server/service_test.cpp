@@ -117,7 +117,7 @@ TEST_F(ServiceTest, RefusesAtOnceACloudThatIsKnownToHaveNoPoint) {
     proto::CloudStatistics statistics = statistics_of(5);
     statistics.non_finite = 5;
     jobs_->set_statistics("ada", cloud, statistics);
-    expect_error(ErrorCode::MalformedInput, "no point with finite coordinates",
+    expect_error(ErrorCode::MalformedInput, "no point with finite coordinates: expected at least 1",
                  [&] { service_.submit("ada", simplify_request(cloud), {}, existed_); });
 }
 

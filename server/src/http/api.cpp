@@ -12,16 +12,6 @@ constexpr const char* kExposed =
     "ETag, Location, Link, Retry-After, Content-Length, Content-Range, Content-Encoding, "
     "X-Request-Id, Stipple-Points, Stipple-Level, Stipple-Error-Mean, Stipple-Error-Max";
 
-/// The caller's own id when it can stand in a log, else a new one.
-std::string request_id(const Request& request) {
-    const auto given = request.headers.find("X-Request-Id").value_or("");
-    const bool plain = std::ranges::all_of(given, [](char c) {
-        return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') ||
-               c == '.' || c == '_' || c == '-';
-    });
-    return !given.empty() && given.size() <= 64 && plain ? std::string(given) : new_request_id();
-}
-
 /// `example.org:8080` of `https://example.org:8080`.
 std::string_view authority_of(std::string_view origin) noexcept {
     const auto scheme = origin.find("://");
@@ -91,7 +81,7 @@ Api::Api(ApiOptions options, Service& service, Metrics& metrics)
       metrics_(metrics) {}
 
 Reply Api::handle(Request& request) {
-    request.id = request_id(request);
+    request.id = request_id(request.headers.find("X-Request-Id").value_or(""));
     Reply reply;
     try {
         reply = answer(request);
@@ -193,7 +183,7 @@ Reply Api::preflight(const RouteMatch& match, const Request& request) const {
         reply.headers.set("Access-Control-Allow-Methods", match.allow);
         reply.headers.set("Access-Control-Allow-Headers",
                           "Authorization, Content-Type, Idempotency-Key, If-None-Match, "
-                          "Last-Event-ID, Range, X-Request-Id");
+                          "If-Range, Last-Event-ID, Range, X-Request-Id");
         reply.headers.set("Access-Control-Max-Age", "86400");
     }
     return reply;

@@ -109,13 +109,13 @@ Reply tagged_reply(const Request& request, std::string etag, std::string cache, 
     const std::string quoted = '"' + etag + '"';
     reply.headers.set("ETag", quoted);
     reply.headers.set("Cache-Control", std::move(cache));
-    const auto condition = request.headers.find("If-None-Match");
+    const auto condition = request.headers.joined("If-None-Match");
     return condition && none_match_names(*condition, quoted) ? not_modified(std::move(reply))
                                                              : reply;
 }
 
 std::vector<Coding> accepted_codings(const Request& request) {
-    const std::string_view field = request.headers.find("Accept-Encoding").value_or("");
+    const std::string field = request.headers.joined("Accept-Encoding").value_or("");
     struct Choice {
         Coding coding;
         double quality;

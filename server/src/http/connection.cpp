@@ -215,6 +215,8 @@ private:
     static void fill(httplib::Response& response, Reply reply) {
         response.status = reply.status;
         for (const auto& [name, value] : reply.headers) response.set_header(name, value);
+        // Of a HEAD alone the library would say that it takes ranges.
+        if (!reply.headers.find("Accept-Ranges")) response.set_header("Accept-Ranges", "none");
         std::visit(ContentSetter{response, reply.media_type}, reply.content);
     }
 
@@ -270,18 +272,13 @@ private:
         request_.method = parsed.method;
         request_.path = parsed.path;
         for (const auto& [name, value] : parsed.params) {
-            if (!request_.query.emplace(name, value).second) repeated_ = name;
+            if (!request_.query.emplace(name, value).second) request_.repeated_query = name;
         }
         Reply reply;
-        if (repeated_) {
-            reply = problem_reply(
-                HttpError(400, "the query parameter " + *repeated_ + " stands there twice"));
-        } else {
-            try {
-                reply = application_.handle(request_);
-            } catch (const Disconnected&) {
-                stream_.give_up();  // the library would make a reply of the exception
-            }
+        try {
+            reply = application_.handle(request_);
+        } catch (const Disconnected&) {
+            stream_.give_up();  // the library would make a reply of the exception
         }
         if (reply.status == 204 || reply.status == 304) stream_.leave_out_length();
         stream_.gather(!std::holds_alternative<Stream>(reply.content));
@@ -299,20 +296,21 @@ private:
     const bool close_;
     FramedBody body_;
     Request request_;
-    std::optional<std::string> repeated_;
     std::shared_ptr<void> permit_;
     int status_ = 0;
 };
 
-void refuse(ClientSocket& socket, Application& application, const HttpError& error) {
-    socket.write_all(refusal(application, error.problem));
+void refuse(ClientSocket& socket, Application& application, const HttpError& error,
+            std::string_view head) {
+    socket.write_all(refusal(application, error.problem, given_id(head)));
     socket.close_gently();
 }
 
 }  // namespace
 
-std::string refusal(Application& application, const proto::Problem& problem) {
-    const std::string id = new_request_id();
+std::string refusal(Application& application, const proto::Problem& problem,
+                    std::string_view id_given) {
+    const std::string id = request_id(id_given);
     application.refused(id, problem.status, problem.detail);
     Reply reply = problem_reply(HttpError(problem));
     reply.headers.set("X-Request-Id", id);
@@ -327,10 +325,12 @@ std::string refusal(Application& application, const proto::Problem& problem) {
 
 void serve_connection(ClientSocket& socket, Application& application, const StopEvent& drain,
                       std::stop_token stop) {
+    std::optional<std::string> text;
     try {
         for (int served = 1; served <= kMaxRequestsPerConnection; ++served) {
             socket.begin_exchange();
-            const auto text = socket.read_head();
+            text.reset();
+            text = socket.read_head();
             if (!text) return;
             RequestHead head = parse_head(*text);
             const bool close =
@@ -340,7 +340,7 @@ void serve_connection(ClientSocket& socket, Application& application, const Stop
         socket.close_gently();
     } catch (const HttpError& error) {
         try {
-            refuse(socket, application, error);
+            refuse(socket, application, error, text.value_or(""));
         } catch (const Disconnected&) {
         }
     } catch (const Disconnected&) {

@@ -36,8 +36,9 @@ public:
 void serve_connection(ClientSocket& socket, Application& application, const StopEvent& drain,
                       std::stop_token stop);
 
-/// A whole HTTP message that refuses with this problem, under an id of its own, and ends the
-/// connection. The application is told.
-std::string refusal(Application& application, const proto::Problem& problem);
+/// A whole HTTP message that refuses with this problem, under the caller's id where it can be taken
+/// (`request_id`), and ends the connection. The application is told.
+std::string refusal(Application& application, const proto::Problem& problem,
+                    std::string_view id_given = {});
 
 }  // namespace stipple::server::http

@@ -44,7 +44,7 @@ std::uint64_t first_wanted(const Request& request) {
     const auto [end, error] =
         std::from_chars(resumed->data(), resumed->data() + resumed->size(), id);
     if (error != std::errc() || end != resumed->data() + resumed->size() || id < 0)
-        throw HttpError(400, "Last-Event-ID is not the id of an event");
+        refuse("Last-Event-ID", *resumed, "the id of an event");
     return static_cast<std::uint64_t>(id);
 }
 
@@ -127,12 +127,15 @@ Reply list_jobs(Resources& resources, Request& request) {
                                      .input = request.query_value("input")};
     if (filter.type &&
         std::ranges::find(proto::kJobTypes, *filter.type) == proto::kJobTypes.end()) {
-        throw HttpError(400,
-                        "type: expected simplify, pyramid, upsample, analyze, curve or evaluate");
+        refuse("type", *filter.type, "simplify, pyramid, upsample, analyze, curve or evaluate");
     }
     if (filter.input && !proto::is_sha256(*filter.input))
-        throw HttpError(400, "input: expected the id of a cloud, 64 hexadecimal digits");
-    if (filter.status) (void)proto::job_status_from_name(*filter.status);
+        refuse("input", *filter.input, "the id of a cloud, 64 hexadecimal digits");
+    try {
+        if (filter.status) (void)proto::job_status_from_name(*filter.status);
+    } catch (const Error& error) {
+        throw HttpError(400, std::string("status ") + error.what());
+    }
     std::optional<std::string> next;
     std::vector<std::string> items;
     for (const auto& job :
@@ -152,7 +155,7 @@ Reply dismiss_job(Resources& resources, Request& request) {
     allow_query(request, {"only"});
     const std::string& id = request.path_value("id");
     const auto only = request.query_value("only");
-    if (only && *only != "unfinished") throw HttpError(400, "only: expected unfinished");
+    if (only && *only != "unfinished") refuse("only", *only, "unfinished");
     return job_reply(200, only ? resources.service.cancel(request.tenant, id)
                                : resources.service.dismiss(request.tenant, id));
 }
@@ -181,7 +184,7 @@ Reply follow_job(Resources& resources, Request& request) {
 Reply get_results(Resources& resources, Request& request) {
     allow_query(request, {});
     const proto::JobDocument job = resources.service.job(request.tenant, request.path_value("id"));
-    if (job.status == proto::JobStatus::Failed && job.problem) throw HttpError(*job.problem);
+    if (const auto problem = why_incomplete(job)) throw HttpError(*problem);
     Reply reply =
         json_reply(200, proto::to_json(resources.service.results(request.tenant, job.id)));
     reply.headers.set("Cache-Control", "no-store");

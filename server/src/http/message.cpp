@@ -46,6 +46,13 @@ std::optional<std::string_view> Headers::find(std::string_view name) const noexc
     return std::nullopt;
 }
 
+std::optional<std::string> Headers::joined(std::string_view name) const {
+    std::optional<std::string> list;
+    for (const auto& [field, value] : fields_)
+        if (equal_ignoring_case(field, name)) list = list ? *list + ", " + value : value;
+    return list;
+}
+
 std::size_t Headers::count(std::string_view name) const noexcept {
     return static_cast<std::size_t>(std::ranges::count_if(
         fields_, [&](const auto& field) { return equal_ignoring_case(field.first, name); }));
@@ -68,8 +75,13 @@ std::optional<std::string> Request::query_value(std::string_view name) const {
     return found == query.end() ? std::nullopt : std::optional(found->second);
 }
 
-std::string new_request_id() {
-    return proto::random_hex(8);
+std::string request_id(std::string_view given) {
+    const bool plain = std::ranges::all_of(given, [](char c) {
+        return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') ||
+               c == '.' || c == '_' || c == '-';
+    });
+    return !given.empty() && given.size() <= 64 && plain ? std::string(given)
+                                                         : proto::random_hex(8);
 }
 
 Reply json_reply(int status, std::string json) {

@@ -29,6 +29,9 @@ public:
     void remove(std::string_view name);
     /// The value of the first field of this name.
     std::optional<std::string_view> find(std::string_view name) const noexcept;
+    /// A list that may stand on several lines (RFC 9110, 5.3): the values of all fields of this
+    /// name, with commas between them.
+    std::optional<std::string> joined(std::string_view name) const;
     std::size_t count(std::string_view name) const noexcept;
     std::size_t size() const noexcept { return fields_.size(); }
     auto begin() const noexcept { return fields_.begin(); }
@@ -82,6 +85,7 @@ struct Request {
     std::string method;
     std::string path;  ///< percent-decoded, without the query
     std::map<std::string, std::string, std::less<>> query;
+    std::optional<std::string> repeated_query;  ///< a parameter that came twice
     Headers headers;
     RequestBody* body = nullptr;
     std::string remote_address;
@@ -113,8 +117,8 @@ using FixedBytes = std::span<const std::byte>;
 using StreamWriter = std::function<void(std::string_view piece)>;  ///< @throws Disconnected
 using Stream = std::function<void(const StreamWriter& write)>;
 
-/// An id that no other request has, for those that bring none.
-std::string new_request_id();
+/// The caller's own id when it can stand in a log, else one that no other request has.
+std::string request_id(std::string_view given);
 
 struct Reply {
     int status = 200;

@@ -22,10 +22,7 @@ namespace {
 std::optional<CloudFormat> query_inline(const Request& request, CloudFormat format) {
     const auto wanted = request.query_value("inline");
     if (!wanted) return std::nullopt;
-    if (*wanted != to_string(format)) {
-        throw HttpError(400, "inline \"" + wanted->substr(0, 60) + "\": expected " +
-                                 std::string(to_string(format)));
-    }
+    if (*wanted != to_string(format)) refuse("inline", *wanted, std::string(to_string(format)));
     return format;
 }
 
@@ -75,7 +72,7 @@ std::optional<Aabb> query_box(const Request& request) {
         const auto [next, error] = std::from_chars(at, end, numbers[i]);
         const bool last = i + 1 == numbers.size();
         if (error != std::errc() || (last ? next != end : next == end || *next != ','))
-            throw HttpError(400, "box " + *text + ": expected six numbers, x0,y0,z0,x1,y1,z1");
+            refuse("box", *text, "six numbers, x0,y0,z0,x1,y1,z1");
         at = next + 1;
     }
     return Aabb{Vec3d(numbers[0], numbers[1], numbers[2]),

@@ -12,12 +12,6 @@ namespace {
 
 constexpr unsigned kMaxPage = 1000;
 
-[[noreturn]] void refuse(std::string_view name, std::string_view value,
-                         const std::string& expected) {
-    throw HttpError(400, std::string(name) + " \"" + std::string(value.substr(0, 60)) +
-                             "\": expected " + expected);
-}
-
 /// Everything but letters, digits and a few marks as `%XX`.
 std::string percent_encoded(std::string_view text) {
     constexpr std::string_view kDigits = "0123456789ABCDEF";
@@ -37,6 +31,11 @@ std::string percent_encoded(std::string_view text) {
 
 }  // namespace
 
+void refuse(std::string_view name, std::string_view value, const std::string& expected) {
+    throw HttpError(400, std::string(name) + " \"" + std::string(value.substr(0, 60)) +
+                             "\": expected " + expected);
+}
+
 void allow_query(const Request& request, std::span<const std::string_view> names) {
     for (const auto& [name, value] : request.query) {
         if (std::ranges::find(names, name) != names.end()) continue;
@@ -45,6 +44,10 @@ void allow_query(const Request& request, std::span<const std::string_view> names
             offered += (offered.empty() ? "" : ", ") + std::string(known);
         throw HttpError(400, "unknown query parameter \"" + name.substr(0, 60) + "\": expected " +
                                  (offered.empty() ? "none" : offered));
+    }
+    if (request.repeated_query) {
+        throw HttpError(400, "query parameter \"" + request.repeated_query->substr(0, 60) +
+                                 "\" stands there twice: expected once");
     }
 }
 

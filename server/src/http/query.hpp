@@ -12,8 +12,12 @@
 
 namespace stipple::server::http {
 
-/// @throws HttpError(400) naming a query parameter that is none of these, so that a slip of the pen
-/// is noticed.
+/// @throws HttpError(400) naming a query parameter, its value and what is expected.
+[[noreturn]] void refuse(std::string_view name, std::string_view value,
+                         const std::string& expected);
+
+/// @throws HttpError(400) naming a query parameter that is none of these or came twice, so that a
+/// slip of the pen is noticed.
 void allow_query(const Request& request, std::span<const std::string_view> names);
 inline void allow_query(const Request& request, std::initializer_list<std::string_view> names) {
     allow_query(request, std::span(names.begin(), names.size()));

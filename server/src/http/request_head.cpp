@@ -195,6 +195,16 @@ RequestHead parse_head(std::string_view text) {
     return head;
 }
 
+std::string_view given_id(std::string_view text) {
+    while (!text.empty()) {
+        const std::string_view line = take_line(text);
+        const auto colon = line.find(':');
+        if (colon != line.npos && equal_ignoring_case(line.substr(0, colon), "X-Request-Id"))
+            return trimmed(line.substr(colon + 1));
+    }
+    return {};
+}
+
 void check_head_size(std::string_view so_far) {
     // The longest request line: the longest method and version, two spaces.
     constexpr std::size_t kMaxLine = kMaxTargetBytes + 32;

@@ -34,6 +34,9 @@ struct RequestHead {
 /// @throws HttpError: 400, 411, 414, 415, 417, 431, 501, 505, saying what was wrong.
 RequestHead parse_head(std::string_view text);
 
+/// The `X-Request-Id` of a head that may be refused; empty when there is none.
+std::string_view given_id(std::string_view text);
+
 /// Refuses a head that is too large before its end has come. @throws HttpError(414, 431).
 void check_head_size(std::string_view so_far);
 

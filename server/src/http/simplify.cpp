@@ -49,7 +49,7 @@ void copy_fields(const Request& request, std::span<const Field> fields, Json& ou
         const auto text = request.query_value(name);
         if (!text) continue;
         if (kind == Kind::Text) out[name] = *text;
-        if (kind == Kind::Count) out[name] = *query_count(request, name, 0, INT64_MAX);
+        if (kind == Kind::Count) out[name] = *query_count(request, name, 0, UINT64_MAX);
         if (kind == Kind::Number) out[name] = *query_number(request, name);
         if (kind == Kind::Distance && text->ends_with('%')) out[name] = *text;
         if (kind == Kind::Distance && !text->ends_with('%'))
@@ -60,7 +60,8 @@ void copy_fields(const Request& request, std::span<const Field> fields, Json& ou
 
 /// The format that `Accept` wants most, of equals the first; PLY when it takes anything.
 CloudFormat accepted_format(const Request& request) {
-    std::string_view accept = request.headers.find("Accept").value_or("*/*");
+    const std::string field = request.headers.joined("Accept").value_or("*/*");
+    std::string_view accept = field;
     std::optional<CloudFormat> wanted;
     double most = 0;
     while (!accept.empty()) {

@@ -5,6 +5,8 @@
 
 #include <algorithm>
 #include <array>
+#include <numeric>
+#include <set>
 #include <unordered_map>
 
 namespace stipple::server {
@@ -45,7 +47,18 @@ StoredFile stored(OutputCache::File file, Coding coding, bool negotiated) {
     return {std::move(file.bytes), std::move(file.tag), coding, negotiated};
 }
 
+Error no_such_document(const std::string& name) {
+    if (name == "tileset.json") return no_such("tileset: this pyramid has no tiles, or none yet");
+    return no_such("file of this pyramid: " + name);
+}
+
 }  // namespace
+
+std::optional<proto::Problem> why_incomplete(const proto::JobDocument& job) {
+    if (job.status == proto::JobStatus::Dismissed)
+        return proto::problem_from(ErrorCode::Conflict, "the job was dismissed before its end");
+    return job.problem;
+}
 
 void fill_links(proto::OutputCloud& level, const std::string& job_id, bool pyramid) {
     const std::string folder =
@@ -68,15 +81,23 @@ struct Outputs::Job {
         bool packs = false;
     };
     std::string id;
+    bool is_final = false;  ///< it changes no more; it can only be removed
     proto::Results results;
+    std::size_t file_count = 0;
     std::unordered_map<std::string_view, Listed> files;
     mutable std::atomic<std::uint64_t> seen = 0;  ///< version of the store at which it was there
     mutable std::atomic<std::uint64_t> used = 0;
+    mutable std::mutex writing;  ///< held while a document is made; for what follows
+    /// Of a final job, once its tileset was written: however that is done, its files have these.
+    mutable std::optional<std::set<std::string>> tileset_names;
 
-    Job(std::string job_id, proto::Results&& made)
-        : id(std::move(job_id)), results(std::move(made)) {
+    Job(const proto::JobDocument& document, proto::Results&& made)
+        : id(document.id), is_final(proto::is_final(document.status)), results(std::move(made)) {
+        // Who asks again and again while it is not complete learns that it never will be.
+        results.problem = why_incomplete(document);
         raise_tile_errors(results);
         for (proto::OutputCloud& level : results.levels) {
+            file_count += level.files.size();
             fill_links(level, id, is_pyramid(results));
             for (const proto::OutputFile& file : level.files)
                 files.emplace(file.sha256,
@@ -87,9 +108,10 @@ struct Outputs::Job {
     }
 };
 
-Outputs::Outputs(JobStore& jobs, BlobStore& blobs)
+Outputs::Outputs(JobStore& jobs, BlobStore& blobs, std::size_t max_files)
     : jobs_(jobs),
       blobs_(blobs),
+      max_files_(max_files),
       cache_(kCacheBytes),
       packer_(blobs, [this](const std::string& sha256, const Packing& packing) {
           cache_.remove(sha256 + "." + std::string(to_string(packing.coding)));
@@ -101,27 +123,38 @@ std::shared_ptr<const proto::Results> Outputs::results(const std::string& tenant
     return job ? std::shared_ptr<const proto::Results>(job, &job->results) : nullptr;
 }
 
-/// A successful job changes no more; it can only be removed. What became of others is read again
-/// once the version of the store is another.
+/// What became of a job that has not ended is read again once the version of the store is another.
 std::shared_ptr<const Outputs::Job> Outputs::find(const std::string& tenant,
                                                   const std::string& id) {
     const std::string key = tenant + '\0' + id;
     if (auto job = remembered(key, tenant, id)) return job;
 
     const std::uint64_t version = jobs_.version();
+    // The document first: where it is final, the results are its last.
+    const auto document = jobs_.find_job(tenant, id);
     auto results = jobs_.results(tenant, id);
-    if (!results) return nullptr;
-    auto job = std::make_shared<const Job>(id, std::move(*results));
+    if (!document || !results) return nullptr;
+    auto job = std::make_shared<const Job>(*document, std::move(*results));
     job->seen = version;
 
     const std::lock_guard lock(recent_mutex_);
     job->used = ++uses_;
     recent_.insert_or_assign(key, job);
-    if (recent_.size() > kMaxJobs) {
+    forget_oldest();
+    return job;
+}
+
+/// With the lock: until those that are left are few enough.
+void Outputs::forget_oldest() {
+    const auto files = [this] {
+        return std::accumulate(
+            recent_.begin(), recent_.end(), std::size_t{0},
+            [](std::size_t sum, const auto& entry) { return sum + entry.second->file_count; });
+    };
+    while (recent_.size() > 1 && (recent_.size() > kMaxJobs || files() > max_files_)) {
         recent_.erase(std::ranges::min_element(
             recent_, {}, [](const auto& entry) { return entry.second->used.load(); }));
     }
-    return job;
 }
 
 std::shared_ptr<const Outputs::Job> Outputs::remembered(const std::string& key,
@@ -137,7 +170,7 @@ std::shared_ptr<const Outputs::Job> Outputs::remembered(const std::string& key,
     }
     const std::uint64_t version = jobs_.version();
     if (job->seen == version) return job;
-    if (!job->results.complete) return nullptr;
+    if (!job->is_final) return nullptr;
     if (jobs_.find_job(tenant, id)) {
         job->seen = version;
         return job;
@@ -207,8 +240,7 @@ StoredFile Outputs::document(const std::string& tenant, const std::string& job_i
                              const DocumentOptions& options) {
     const auto job = find(tenant, job_id);
     if (!job || !is_pyramid(job->results)) throw no_such("pyramid: " + job_id);
-    if (!job->results.complete)
-        return stored(plain_document(*job, name, options), Coding::Identity, true);
+    if (!job->is_final) return stored(plain_document(*job, name, options), Coding::Identity, true);
 
     const std::string key = document_key(job_id, name, options);
     for (const Coding coding : accepted) {
@@ -228,28 +260,39 @@ StoredFile Outputs::document(const std::string& tenant, const std::string& job_i
     return stored(plain_document(*job, name, options), Coding::Identity, true);
 }
 
+/// A tileset is written as a whole. Of a job that has ended all its files are kept, some 25 MB of
+/// the largest: who walks through them has them written once.
 OutputCache::File Outputs::plain_document(const Job& job, const std::string& name,
                                           const DocumentOptions& options) {
-    const std::string key = document_key(job.id, name, options);
-    if (job.results.complete) {
-        if (auto file = cache_.find(key)) return *file;
+    const bool is_manifest = name == "manifest.json";
+    const std::lock_guard lock(job.writing);  // of several who ask at a time, the first has it made
+    if (job.is_final) {
+        if (auto file = cache_.find(document_key(job.id, name, options))) return *file;
+        if (!is_manifest && job.tileset_names && !job.tileset_names->contains(name))
+            throw no_such_document(name);
     }
     const proto::Results changed =
         options.inlined ? with_coarsest_inside(job.results, *options.inlined) : proto::Results{};
     const proto::Results& results = options.inlined ? changed : job.results;
-    std::optional<std::string> text;
-    if (name == "manifest.json") {
-        text = proto::to_json(results);
+    std::optional<OutputCache::File> wanted;
+    const auto add = [&](const std::string& its_name, std::string_view text) {
+        if (!job.is_final && its_name != name) return;
+        OutputCache::File file{shared(text), proto::sha256_hex(std::as_bytes(std::span(text)))};
+        if (job.is_final) cache_.put(document_key(job.id, its_name, options), file);
+        if (its_name == name) wanted = std::move(file);
+    };
+    if (is_manifest) {
+        add(name, proto::to_json(results));
     } else {
-        for (proto::TilesetFile& file : proto::tileset_files(results, options.tileset))
-            if (file.name == name) text = std::move(file.json);
+        std::set<std::string> names;
+        for (const proto::TilesetFile& file : proto::tileset_files(results, options.tileset)) {
+            add(file.name, file.json);
+            names.insert(file.name);
+        }
+        if (job.is_final) job.tileset_names = std::move(names);
     }
-    if (!text && name == "tileset.json")
-        throw no_such("tileset: this pyramid has no tiles, or none yet");
-    if (!text) throw no_such("file of this pyramid: " + name);
-    OutputCache::File file{shared(*text), proto::sha256_hex(std::as_bytes(std::span(*text)))};
-    if (job.results.complete) cache_.put(key, file);
-    return file;
+    if (!wanted) throw no_such_document(name);
+    return *wanted;
 }
 
 proto::Results Outputs::with_coarsest_inside(proto::Results results, CloudFormat format) const {

@@ -21,6 +21,9 @@ namespace stipple::server {
 
 inline constexpr std::string_view kPictureExtension = "png";
 
+/// Why a job that ended without success made no more; nothing of any other.
+std::optional<proto::Problem> why_incomplete(const proto::JobDocument& job);
+
 /// Fills in where the files of a level are served.
 void fill_links(proto::OutputCloud& level, const std::string& job_id, bool pyramid);
 
@@ -42,12 +45,14 @@ struct DocumentOptions {
     proto::TilesetOptions tileset{};
 };
 
-/// What jobs made, as it is sent: successful jobs are read from the store once, small files and
-/// packed copies are kept in memory, and a request for a tile of a finished pyramid asks no
-/// database. Bounded: 64 jobs, 64 MiB of files. Safe to call from any thread.
+/// What jobs made, as it is sent: jobs that have ended are read from the store once, small files
+/// and packed copies are kept in memory, and a request for a tile of a finished pyramid asks no
+/// database. Bounded: 64 jobs that list 200,000 files, 64 MiB of files. Safe to call from any
+/// thread.
 class Outputs {
 public:
-    Outputs(JobStore& jobs, BlobStore& blobs);
+    /// @param max_files  that the jobs list which are remembered: some 3 kB each
+    Outputs(JobStore& jobs, BlobStore& blobs, std::size_t max_files = 200'000);
 
     /// What a job made so far, with the links of its files; null when there is no such job.
     std::shared_ptr<const proto::Results> results(const std::string& tenant, const std::string& id);
@@ -59,8 +64,8 @@ public:
     StoredFile file(const std::string& tenant, const std::string& job_id, const std::string& name,
                     std::span<const Coding> accepted);
 
-    /// `manifest.json`, `tileset.json` or another file of the tileset of a pyramid.
-    /// @throws Error(NotFound).
+    /// `manifest.json`, `tileset.json` or another file of the tileset of a pyramid. The manifest of
+    /// a job that ended without success says why, as `problem`. @throws Error(NotFound).
     StoredFile document(const std::string& tenant, const std::string& job_id,
                         const std::string& name, std::span<const Coding> accepted,
                         const DocumentOptions& options = {});
@@ -81,6 +86,7 @@ private:
     std::shared_ptr<const Job> find(const std::string& tenant, const std::string& id);
     std::shared_ptr<const Job> remembered(const std::string& key, const std::string& tenant,
                                           const std::string& id);
+    void forget_oldest();
     OutputCache::File plain_document(const Job& job, const std::string& name,
                                      const DocumentOptions& options);
     proto::Results with_coarsest_inside(proto::Results results, CloudFormat format) const;
@@ -88,6 +94,7 @@ private:
 
     JobStore& jobs_;
     BlobStore& blobs_;
+    const std::size_t max_files_;
     OutputCache cache_;
     std::mutex recent_mutex_;  ///< for both below
     std::map<std::string, std::shared_ptr<const Job>, std::less<>> recent_;

@@ -84,7 +84,7 @@ void check_known_cloud(const proto::CloudStatistics& cloud, const Limits& limits
     }
     if (cloud.points == cloud.non_finite) {
         throw Error(ErrorCode::MalformedInput,
-                    "the input has no point with finite coordinates: there is nothing to simplify");
+                    "the input has no point with finite coordinates: expected at least 1");
     }
 }
 

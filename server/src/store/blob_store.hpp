@@ -45,6 +45,8 @@ public:
     virtual std::unique_ptr<BlobWriter> create(std::uint64_t max_bytes) = 0;
     /// Moves a finished local file in (hash taken anew, never believed) and returns its id.
     virtual std::string adopt(const std::filesystem::path& file) = 0;
+    /// The same for the files of a level, in their order. All are durable when it returns.
+    virtual std::vector<std::string> adopt(std::span<const std::filesystem::path> files) = 0;
     /// Null when missing. What was changed behind our back is found out: @throws Error(Internal)
     /// when the bytes have another hash.
     virtual std::shared_ptr<const BlobReader> open(const std::string& sha256) const = 0;

@@ -2,6 +2,7 @@
 
 #include "stipple/error.hpp"
 
+#include <algorithm>
 #include <charconv>
 
 namespace stipple::server {
@@ -61,8 +62,10 @@ std::int64_t decode_cursor(std::string_view listing, std::string_view cursor) {
     }
     // Written again, it must be what came: one row has one cursor.
     if (row <= 0 || encode_cursor(listing, row) != cursor) {
+        std::string shown(cursor.substr(0, kLongest));
+        std::ranges::replace(shown, '\0', '?');  // at which the text of an exception would end
         throw Error(ErrorCode::InvalidArgument,
-                    "cursor \"" + std::string(cursor.substr(0, kLongest)) +
+                    "cursor \"" + shown +
                         "\": expected the `next` of a page of this listing; leave it out for the "
                         "first page");
     }

@@ -11,6 +11,7 @@
 #include <unistd.h>
 #include <algorithm>
 #include <cerrno>
+#include <deque>
 #include <map>
 #include <mutex>
 #include <tuple>
@@ -24,6 +25,8 @@ using std::chrono::system_clock;
 
 constexpr std::size_t kBlock = 1 << 20;
 constexpr std::size_t kHashDigits = 64;
+/// From so many files on the whole file system is synced: four syncs for each take longer then.
+constexpr std::size_t kManyFiles = 16;
 
 struct stat status_of(const FileDescriptor& fd, const fs::path& file) {
     struct stat status {};
@@ -40,6 +43,13 @@ std::string hash_of(const FileDescriptor& fd, const fs::path& file) {
         offset += n;
     }
     return hash.finish();
+}
+
+/// Read-only, and as old as the commit.
+void protect(const FileDescriptor& fd, const fs::path& file) {
+    if (::fchmod(fd.get(), 0440) != 0) throw_errno("cannot protect", file);
+    const timespec now[2] = {{0, UTIME_NOW}, {0, UTIME_NOW}};
+    if (::futimens(fd.get(), now) != 0) throw_errno("cannot touch", file);
 }
 
 /// What changes when somebody writes to a file or puts another in its place.
@@ -123,6 +133,7 @@ public:
 
     std::unique_ptr<BlobWriter> create(std::uint64_t max_bytes) override;
     std::string adopt(const fs::path& file) override;
+    std::vector<std::string> adopt(std::span<const fs::path> files) override;
     std::shared_ptr<const BlobReader> open(const std::string& sha256) const override;
     std::shared_ptr<const BlobReader> hold(std::span<const std::byte> bytes) const override;
     std::vector<std::string> older_than(system_clock::time_point time) const override;
@@ -146,6 +157,8 @@ private:
     fs::path copy_of(const std::string& sha256, std::string_view name) const {
         return folder_of(sha256) / (sha256 + "." + std::string(name));
     }
+    FileDescriptor take_over(const fs::path& file, const TemporaryName& temporary) const;
+    void name(TemporaryName& temporary, const std::string& sha256);
     void remember(const std::string& sha256, const Identity& identity) const;
     bool remembers(const std::string& sha256, const Identity& identity) const;
 
@@ -212,11 +225,16 @@ std::unique_ptr<BlobWriter> FileBlobStore::create(std::uint64_t max_bytes) {
 
 void FileBlobStore::publish(const FileDescriptor& fd, TemporaryName& temporary,
                             const std::string& sha256) {
-    if (::fchmod(fd.get(), 0440) != 0) throw_errno("cannot protect", temporary.path());
-    const timespec now[2] = {{0, UTIME_NOW}, {0, UTIME_NOW}};
-    if (::futimens(fd.get(), now) != 0) throw_errno("cannot touch", temporary.path());
+    protect(fd, temporary.path());
     sync_file(fd, temporary.path());
+    name(temporary, sha256);
+    const fs::path folder = folder_of(sha256);
+    sync_folder(folder);
+    sync_folder(folder.parent_path());
+    sync_folder(root_);
+}
 
+void FileBlobStore::name(TemporaryName& temporary, const std::string& sha256) {
     const std::lock_guard lock(names_);
     const fs::path folder = folder_of(sha256);
     std::error_code failure;
@@ -230,29 +248,53 @@ void FileBlobStore::publish(const FileDescriptor& fd, TemporaryName& temporary,
     const fs::path file = folder / sha256;
     if (::rename(temporary.path().c_str(), file.c_str()) != 0) throw_errno("cannot name", file);
     temporary.moved();
-    sync_folder(folder);
-    sync_folder(folder.parent_path());
-    sync_folder(root_);
-    remember(sha256, identity_of(status_of(fd, file)));
+    struct stat status {};
+    if (::stat(file.c_str(), &status) != 0) throw_errno("cannot stat", file);
+    remember(sha256, identity_of(status));
 }
 
-std::string FileBlobStore::adopt(const fs::path& file) {
-    TemporaryName temporary(temporary_folder());
+FileDescriptor FileBlobStore::take_over(const fs::path& file,
+                                        const TemporaryName& temporary) const {
     // Moved before it is looked at: whoever made it can no longer put another file in its place.
     if (::rename(file.c_str(), temporary.path().c_str()) != 0) {
         if (errno != EXDEV) throw_errno("cannot take over", file);
         fs::copy(file, temporary.path(), fs::copy_options::copy_symlinks);
         fs::remove(file);
     }
-    const FileDescriptor fd = open_file(temporary.path(), O_RDONLY | O_NOFOLLOW | O_NONBLOCK);
+    FileDescriptor fd = open_file(temporary.path(), O_RDONLY | O_NOFOLLOW | O_NONBLOCK);
     if (!fd) throw_errno("cannot open", file);
     const struct stat status = status_of(fd, file);
     if (!S_ISREG(status.st_mode) || status.st_nlink != 1) {
         throw Error(ErrorCode::Internal, file.string() + ": not a plain file with one name");
     }
+    return fd;
+}
+
+std::string FileBlobStore::adopt(const fs::path& file) {
+    TemporaryName temporary(temporary_folder());
+    const FileDescriptor fd = take_over(file, temporary);
     std::string sha256 = hash_of(fd, file);
     publish(fd, temporary, sha256);
     return sha256;
+}
+
+std::vector<std::string> FileBlobStore::adopt(std::span<const fs::path> files) {
+    std::vector<std::string> ids;
+    if (files.size() < kManyFiles) {
+        for (const fs::path& file : files) ids.push_back(adopt(file));
+        return ids;
+    }
+    std::deque<TemporaryName> taken;
+    for (const fs::path& file : files) {
+        const FileDescriptor fd = take_over(file, taken.emplace_back(temporary_folder()));
+        ids.push_back(hash_of(fd, file));
+        protect(fd, file);
+    }
+    // The bytes before the names: one that is there already keeps its good bytes in a power cut.
+    sync_file_system(root_);
+    for (std::size_t i = 0; i < ids.size(); ++i) name(taken[i], ids[i]);
+    sync_file_system(root_);
+    return ids;
 }
 
 std::shared_ptr<const BlobReader> FileBlobStore::open(const std::string& sha256) const {

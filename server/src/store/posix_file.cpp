@@ -63,4 +63,10 @@ void sync_folder(const std::filesystem::path& folder) {
     sync_file(fd, folder);
 }
 
+void sync_file_system(const std::filesystem::path& folder) {
+    const FileDescriptor fd = open_file(folder, O_RDONLY | O_DIRECTORY);
+    if (!fd) throw_errno("cannot open", folder);
+    if (::syncfs(fd.get()) != 0) throw_errno("cannot sync", folder);
+}
+
 }  // namespace stipple::server

@@ -4,6 +4,8 @@
 
 #include <spdlog/spdlog.h>
 #include <algorithm>
+#include <set>
+#include <utility>
 
 namespace stipple::server {
 
@@ -143,20 +145,23 @@ proto::OutputCloud JobAttempt::adopt_files(proto::OutputCloud level) {
         throw Error(ErrorCode::Internal, "the job reported level " + std::to_string(level.level) +
                                              ": expected fewer than " + std::to_string(kMaxLevels));
     }
-    const auto adopt = [this](auto& file) {
-        const fs::path name = file.href;
+    std::vector<fs::path> paths;
+    std::vector<std::string> hashes;  // that these are said to have
+    std::set<fs::path> listed;
+    const auto check = [&](auto& file) {
+        const fs::path name = std::exchange(file.href, {});
         const fs::path path = output_ / name;
         // Two tiles of the same bytes have one name: the first may be taken with both written.
         if (const auto known = adopted_.find(file.sha256);
-            known != adopted_.end() && !fs::exists(fs::symlink_status(path))) {
+            known != adopted_.end() &&
+            (listed.contains(path) || !fs::exists(fs::symlink_status(path)))) {
             file.bytes = known->second;
-            file.href.clear();
             return;
         }
         if (name.empty() || name != name.filename() ||
             !fs::is_regular_file(fs::symlink_status(path))) {
             throw Error(ErrorCode::Internal,
-                        "the job reported a file that it did not make: " + file.href);
+                        "the job reported a file that it did not make: " + name.string());
         }
         file.bytes = fs::file_size(path);
         output_bytes_ += file.bytes;
@@ -165,15 +170,20 @@ proto::OutputCloud JobAttempt::adopt_files(proto::OutputCloud level) {
                                                  std::to_string(limits_.max_job_output_bytes) +
                                                  " bytes: ask for fewer points, levels or formats");
         }
-        if (const std::string hash = blobs_.adopt(path); hash != file.sha256) {
-            throw Error(ErrorCode::Internal, "the job reported " + file.href + " with hash " +
-                                                 file.sha256 + ", its bytes have " + hash);
-        }
         adopted_[file.sha256] = file.bytes;
-        file.href.clear();
+        paths.push_back(path);
+        hashes.push_back(file.sha256);
+        listed.insert(path);
     };
-    std::ranges::for_each(level.files, adopt);
-    std::ranges::for_each(level.pictures, adopt);
+    std::ranges::for_each(level.files, check);
+    std::ranges::for_each(level.pictures, check);
+    const std::vector<std::string> found = blobs_.adopt(paths);
+    for (std::size_t i = 0; i < found.size(); ++i) {
+        if (found[i] == hashes[i]) continue;
+        throw Error(ErrorCode::Internal, "the job reported " + paths[i].filename().string() +
+                                             " with hash " + hashes[i] + ", its bytes have " +
+                                             found[i]);
+    }
     return level;
 }
 

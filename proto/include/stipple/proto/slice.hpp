@@ -16,8 +16,8 @@ namespace stipple::proto {
 struct SliceOptions {
     std::optional<std::uint64_t> points{};  ///< at least 1: exactly so many; all there are when
                                             ///< there are fewer
-    std::optional<std::uint64_t> bytes{};   ///< of the encoded cloud: at most, and no more than 2 %
-                                            ///< less where there are points for it
+    std::optional<std::uint64_t> bytes{};   ///< of the encoded cloud: at most, and no more than
+                                           ///< about 2 % less where there are points for it
     std::optional<double> max_error{};      ///< > 0, input units: the coarsest level whose maximum
                                             ///< error is within it, whole
     std::optional<double> max_error_rel{};  ///< > 0: the same, as a part of the diagonal of the
