@@ -2,7 +2,7 @@
 
 const kTypes = ['pyramid', 'job'];
 const kLayouts = ['beside', 'swipe'];
-const kViewNumbers = 6;
+const kFarthest = 1000;  // radii of the cloud from its middle
 const kDigits = 10;  // a bound is as exact as the errors that it is compared with
 
 /**
@@ -23,11 +23,17 @@ export function readAddress() {
         color: query.get('color'),
         splatSize: number('splat') > 0 ? number('splat') : null,
         shading: number('shading'),
-        view: view.length === kViewNumbers && view.every(Number.isFinite) ? view : null,
+        view: isView(view) ? view : null,
         right: query.get('with') ? `result:${query.get('with')}` : level('beside') === null ? null : `level:${level('beside')}`,
         layout: kLayouts.find((layout) => layout === query.get('layout')) ?? null,
         at: number('at'),
     };
+}
+
+/** Two places, apart, from which the cloud can be seen. */
+function isView(view) {
+    const [position, target] = [view.slice(0, 3), view.slice(3)];
+    return view.length === 6 && view.every((x) => Math.abs(x) <= kFarthest) && position.some((x, axis) => x !== target[axis]);
 }
 
 /** Writes the same; what the address has beside it stays. */

@@ -7,6 +7,7 @@ const kConflict = 409;
 
 const kFirstPauseMs = 700;
 const kLongestPauseMs = 10_000;
+const kPage = 100;
 
 /** A refusal: an RFC 9457 problem document, or its stand-in where there was no reply at all. */
 export class Problem extends Error {
@@ -45,9 +46,21 @@ export async function readBytes(url, from, take, signal) {
     }
 }
 
-export const listClouds = async () => (await getJson('/v1/clouds?limit=100')).items;
-export const listJobs = async () => (await getJson('/v1/jobs?limit=100')).items;
+export const listClouds = (count) => list('clouds', count);
+export const listJobs = (count) => list('jobs', count);
 export const getJob = (id, signal) => getJson(pathOf('jobs', id), signal);
+
+/** `items`, the newest `count` or a few more, and whether there `areMore`. */
+async function list(collection, count) {
+    const items = [];
+    let next;
+    do {
+        const page = await getJson(`/v1/${collection}?limit=${kPage}${next ? `&cursor=${encodeURIComponent(next)}` : ''}`);
+        items.push(...page.items);
+        next = page.next;
+    } while (next && items.length < count);
+    return { items, areMore: Boolean(next) };
+}
 
 let ahead = null;
 
@@ -125,20 +138,28 @@ export const unreachable = () => new Problem({
     detail: 'Check that stippled is running and that this machine is online, then try again.',
 });
 
-/** Asks until there is an answer, at growing intervals: `onLost` is told when the server first cannot be reached, or fails. */
+export const kLost = 'Connection lost; trying again';
+
+/**
+ * Asks until there is an answer, unless `signal` says that nobody waits any more, at growing intervals: `onLost` is told when the server first cannot be reached, or fails. What
+ * it returns is called once that is over.
+ */
 export async function persist(ask, { signal, onLost }) {
-    for (let tried = 1; ; tried += 1) {
-        try {
-            return await ask();
-        } catch (error) {
-            if (signal.aborted || !mayPass(error)) {
-                throw error;
+    let onOver = null;
+    try {
+        for (let tried = 1; ; tried += 1) {
+            try {
+                return await ask();
+            } catch (error) {
+                if (signal?.aborted || !mayPass(error)) {
+                    throw error;
+                }
+                onOver ??= onLost(error);
             }
-            if (tried === 1) {
-                onLost(error);
-            }
+            await pause(Math.min(kLongestPauseMs, kFirstPauseMs * 2 ** (tried - 1)));
         }
-        await pause(Math.min(kLongestPauseMs, kFirstPauseMs * 2 ** (tried - 1)));
+    } finally {
+        onOver?.();
     }
 }
 

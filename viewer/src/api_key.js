@@ -1,12 +1,14 @@
 // The key of a server that asks for one: kept by this browser alone, for this tab or, if wished, for later visits.
 import { byId } from './element.js';
+import { keep, recall } from './storage.js';
 
 const kName = 'stipple.api-key';
+const kSendable = /^[\x20-\x7e]+$/;  // in a header field; the input's pattern, too
 let asking = null;
 
 /** The header fields that show the key; none while there is no key. */
 export function authorization() {
-    const key = read(sessionStorage) ?? read(localStorage);
+    const key = ['sessionStorage', 'localStorage'].map((where) => recall(where, kName)).find((kept) => kept && kSendable.test(kept));
     return key ? { Authorization: `Bearer ${key}` } : {};
 }
 
@@ -16,7 +18,9 @@ export function askForKey(reason) {
         byId['key-reason'].textContent = reason;
         byId['key-form'].onsubmit = (event) => {
             event.preventDefault();
-            keep(byId.key.value.trim(), byId['key-stays'].checked);
+            const key = byId.key.value.trim();
+            keep('sessionStorage', kName, key);
+            keep('localStorage', kName, byId['key-stays'].checked ? key : null);
             byId.key.value = '';
             byId['key-dialog'].close();
             asking = null;
@@ -27,25 +31,4 @@ export function askForKey(reason) {
         byId['key-dialog'].showModal();
     });
     return asking;
-}
-
-function keep(key, stays) {
-    for (const [storage, wanted] of [[sessionStorage, true], [localStorage, stays]]) {
-        try {
-            storage.removeItem(kName);
-            if (wanted) {
-                storage.setItem(kName, key);
-            }
-        } catch {
-            // Storage is switched off: the key is asked for again when it is needed.
-        }
-    }
-}
-
-function read(storage) {
-    try {
-        return storage.getItem(kName);
-    } catch {
-        return null;
-    }
 }

@@ -1,8 +1,9 @@
-import { byId, element } from './element.js';
+import { byId, element, setHidden } from './element.js';
 import * as format from './format.js';
 import { drawnErrorOf } from './level_error.js';
 
 const kStep = 0.02;
+const kOtherUnit = 100;  // times as large: metres and kilometres, not a part and the whole
 
 /** Two results with one camera: what is on the right, the line between them, the labels above. */
 export class Comparison {
@@ -14,9 +15,9 @@ export class Comparison {
         byId['compare-mode'].onclick = () => this.setMode(stage.split.mode === 'swipe' ? 'beside' : 'swipe');
         byId.divider.onpointerdown = (event) => this.drag(event);
         byId.divider.onkeydown = (event) => {
-            const { at } = stage.split;
+            const { at, mode } = stage.split;
             const to = { ArrowLeft: at - kStep, ArrowRight: at + kStep, Home: 0, End: 1 }[event.key];
-            if (to !== undefined) {
+            if (mode === 'swipe' && to !== undefined) {
                 event.preventDefault();
                 this.moveTo(to);
             }
@@ -55,8 +56,9 @@ export class Comparison {
         this.stage.setSplit({ mode });
         byId['compare-mode'].textContent = mode === 'swipe' ? 'Side by side' : 'Swipe';
         byId.divider.classList.toggle('fixed', mode === 'beside');
-        byId.divider.hidden = mode === 'one';
-        byId['compare-bar'].hidden = mode === 'one';
+        byId.divider.tabIndex = mode === 'swipe' ? 0 : -1;
+        setHidden(byId.divider, mode === 'one', byId.compare);
+        setHidden(byId['compare-bar'], mode === 'one', byId.compare);
         this.place();
         this.onLayout();
     }
@@ -68,7 +70,7 @@ export class Comparison {
                 const { left, right } = this.stage.insets;
                 this.moveTo((clientX - left) / (innerWidth - left - right));
             };
-            byId.divider.onpointerup = () => { byId.divider.onpointermove = null; };
+            byId.divider.onpointerup = byId.divider.onpointercancel = () => { byId.divider.onpointermove = null; };
         }
     }
 
@@ -91,11 +93,24 @@ export class Comparison {
         byId['compare-with'].value = chosen;
     }
 
-    /** What is left and right: levels, or null. */
-    label(left, right) {
-        byId['left-label'].textContent = left ? figuresOf(left) : 'Loading';
-        byId['right-label'].textContent = right ? figuresOf(right) : 'Loading';
+    /** What is left and right: levels, or null. @param methods  by which they were made, where that differs or may do so */
+    label(left, right, methods = []) {
+        const [leftText, rightText] = [left, right].map((level, i) => (level ? [methods[i], ...figuresOf(level)] : ['Loading']));
+        const doubt = left && right ? doubtOf(this.stage.boxOf(left), this.stage.boxOf(right)) : null;
+        byId['left-label'].textContent = textOf(leftText);
+        byId['right-label'].textContent = textOf([...rightText, doubt]);
     }
+}
+
+const textOf = (parts) => parts.filter(Boolean).join(' · ');
+
+/** Why there may be nothing to see of one beside the other, or null. */
+function doubtOf(box, other) {
+    const [size, otherSize] = [box, other].map(({ min, max }) => min.distanceTo(max));
+    if (size > kOtherUnit * otherSize && otherSize > 0 || otherSize > kOtherUnit * size && size > 0) {
+        return 'in other units?';
+    }
+    return box.intersectsBox(other) ? null : 'lies elsewhere';
 }
 
 /** What is drawn, which of a level that comes in tiles may be a part. */
@@ -108,5 +123,5 @@ function drawnOf({ drawn, points }) {
 function figuresOf(level) {
     const error = drawnErrorOf(level);
     const bytes = level.tiles ? [] : [format.bytes(level.file?.bytes ?? level.bytes)];
-    return [drawnOf(level), ...bytes, ...(error ? [`error ${format.percent(error.mean)}`] : [])].join(' · ');
+    return [drawnOf(level), ...bytes, ...(error ? [`error ${format.percent(error.mean)}`] : [])];
 }

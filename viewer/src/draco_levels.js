@@ -1,9 +1,12 @@
 import { DRACOLoader } from 'three/addons/loaders/DRACOLoader.js';
 
+import { unreachable } from './api.js';
+
 /* global ASSETS: the URL of each file, put in by build.mjs */
-const loader = new DRACOLoader()
+const newLoader = () => new DRACOLoader()
     .setDecoderPath({ js: ASSETS['draco_wasm_wrapper.js'], wasm: ASSETS['draco_decoder.wasm'] })
     .setWorkerLimit(1);  // levels are decoded one after another
+let loader = newLoader();
 
 /** One point. */
 const kSmallestFile = 'RFJBQ08CAwAAAAABAAAAAQEACQMAAAAAAAAAAAAAAAAAAAA=';
@@ -15,7 +18,7 @@ export function preloadDecoder() {
 }
 
 /**
- * Decodes a level in a worker; takes `bytes` over.
+ * Decodes a level in a worker; takes `bytes` over, unless the server could not be reached for the decoder.
  * @returns {Promise<THREE.BufferGeometry>} position, and normal and color where the file has them. Colours stay bytes, in sRGB.
  */
 export async function decodeLevel(bytes) {
@@ -32,9 +35,25 @@ export async function decodeAttribute(bytes, id) {
     return geometry.getAttribute('value').array;
 }
 
-function decode(bytes, ids, types) {
+async function decode(bytes, ids, types) {
+    const started = await startedLoader();
     return new Promise((resolve, reject) => {
         const fail = (reason) => reject(new Error(reason.message ?? reason.error ?? 'the Draco decoder did not start'));
-        loader.decodeDracoFile(bytes, resolve, ids, types, undefined, fail);
+        started.decodeDracoFile(bytes, resolve, ids, types, undefined, fail);
     });
+}
+
+/** Once the decoder is there. A loader that failed to bring it never tries again: another takes its place for the next time. */
+async function startedLoader() {
+    const asked = loader;
+    try {
+        await asked.preload().decoderPending;
+        return asked;
+    } catch {
+        if (loader === asked) {
+            loader = newLoader();
+            asked.dispose();
+        }
+        throw unreachable();
+    }
 }

@@ -26,5 +26,22 @@ export function actOnSecondClick(button, act) {
     };
 }
 
+/** Puts other children in. Where one of the old had the focus, the new one with its id has it, or else the stage. */
+export function exchange(parent, ...children) {
+    const focused = parent.contains(document.activeElement) ? document.activeElement.id : null;
+    parent.replaceChildren(...children);
+    if (focused !== null) {
+        (byId[focused] ?? byId.stage).focus({ preventScroll: true });
+    }
+}
+
+/** Hides a part of the page, or shows it. If the focus was in what is hidden, `next` has it now. */
+export function setHidden(part, isHidden, next = byId.stage) {
+    if (isHidden && part.contains(document.activeElement)) {
+        next.focus();
+    }
+    part.hidden = isHidden;
+}
+
 /** The page's elements by their id: `byId.level`. */
 export const byId = new Proxy({}, { get: (_, id) => document.getElementById(id) });

@@ -1,4 +1,4 @@
-import { actOnSecondClick, byId, element } from './element.js';
+import { actOnSecondClick, byId, element, exchange, setHidden } from './element.js';
 import * as format from './format.js';
 import { drawnErrorOf, meanErrorOf } from './level_error.js';
 
@@ -22,18 +22,27 @@ export class Hud {
     open(title) {
         byId.hud.hidden = false;
         byId.title.textContent = title;
+        byId.title.title = '';
         byId.segments.replaceChildren();
-        byId.dismiss.hidden = true;
+        byId.level.disabled = true;
+        setHidden(byId.dismiss, true);
+        byId.reason.hidden = true;
         byId.hud.classList.remove('busy', 'plain');
-        byId.files.replaceChildren();
+        exchange(byId.files);
         byId.files.hidden = false;  // its room is kept until it is known to be empty
         this.actionsOf = null;
         this.isOver = false;
         byId.legend.hidden = true;
         byId['error-slider'].hidden = true;
-        for (const id of ['activity', 'points', 'level-name', 'bytes', 'error', 'first-picture']) {
-            byId[id].textContent = id === 'activity' ? 'Opening' : '–';
+        for (const id of ['points', 'level-name', 'bytes', 'error', 'first-picture']) {
+            byId[id].textContent = '–';
         }
+        this.isWaiting = false;
+        this.showActivity('Opening');
+    }
+
+    close() {
+        setHidden(byId.hud, true);
     }
 
     showJob(job) {
@@ -46,16 +55,29 @@ export class Hud {
         byId.hud.classList.toggle('busy', isBusy);
         byId.progress.value = job.progress;
         const isGivenUp = job.status === 'failed' || job.status === 'dismissed';
-        byId.dismiss.hidden = !isBusy;
+        setHidden(byId.dismiss, !isBusy);
         this.isOver = !isBusy;
         if (isGivenUp && !this.actionsOf) {
             this.showActions();  // also without a level it can be removed
         }
         if (isBusy) {
             const stage = job.status === 'accepted' ? 'Waiting' : kStages[job.stage] ?? 'Working';
-            byId.activity.textContent = `${stage}, ${Math.round(job.progress)} %`;
+            this.showActivity(stage, `, ${Math.round(job.progress)} %`);
         } else {
-            byId.activity.textContent = { failed: 'Failed', dismissed: 'Cancelled' }[job.status] ?? '';
+            this.showActivity({ failed: 'Failed', dismissed: 'Cancelled' }[job.status] ?? '');
+        }
+        if (job.status === 'failed') {
+            this.showReason(job);
+        }
+    }
+
+    /** Why there is no result, or not all of it. */
+    showReason({ problem, levels_ready: levels }) {
+        const { title = 'Failed', detail = 'The server gave no reason.' } = problem ?? {};
+        byId.reason.textContent = detail === title ? title : `${title}: ${detail}`;
+        byId.reason.hidden = false;
+        if (levels === 0) {
+            byId.hud.classList.add('plain');
         }
     }
 
@@ -116,14 +138,14 @@ export class Hud {
         this.actionsOver = this.isOver;
         const { files, error, ply } = level;
         const saved = files.filter(({ format: extension }) => extension in format.kKinds).map((file) =>
-            action(`Save ${format.kKinds[file.format]}, ${format.bytes(file.bytes)}`, 'Save what is shown', () => this.onDownload(file)));
+            action(file.format, `Save ${format.kKinds[file.format]}, ${format.bytes(file.bytes)}`, 'Save what is shown', () => this.onDownload(file)));
         if (ply) {
-            saved.unshift(action(`Save ${format.kKinds.ply}`, 'Save what is shown', () => this.onDownload({ format: 'ply', ply })));
+            saved.unshift(action('ply', `Save ${format.kKinds.ply}`, 'Save what is shown', () => this.onDownload({ format: 'ply', ply })));
         }
         // Of a level with a file the figures tell whether it was measured, of one without its mean, which is 0 for the input itself.
-        const map = this.type === 'evaluate' ? [action('Figures', 'What was measured', this.onFigures)]
+        const map = this.type === 'evaluate' ? [action('figures', 'Figures', 'What was measured', this.onFigures)]
             : (ply ? meanErrorOf(level) > 0 : error?.samples > 0)
-                ? [action('Error map', 'Measure and show where it is how far from the input', this.onMap)] : [];
+                ? [action('map', 'Error map', 'Measure and show where it is how far from the input', this.onMap)] : [];
         this.showActions(...saved, ...map);
     }
 
@@ -136,19 +158,35 @@ export class Hud {
         this.actionsOf = id;
         this.actionsOver = this.isOver;
         const pictures = levels.flatMap(({ pictures: some = [] }) => some).map((picture) =>
-            action(`Save ${format.kKinds.png}, ${format.bytes(picture.bytes)}`, 'Save the picture', () => this.onDownload({ ...picture, format: 'png' })));
-        this.showActions(...pictures, action('Save figures', 'Save all that was measured, as JSON', () => this.onDownload({ href: `/v1/jobs/${id}/results`, format: 'json' })));
+            action(picture.sha256, `Save ${format.kKinds.png}, ${format.bytes(picture.bytes)}`, 'Save the picture', () => this.onDownload({ ...picture, format: 'png' })));
+        this.showActions(...pictures, action('figures', 'Save figures', 'Save all that was measured, as JSON', () => this.onDownload({ href: `/v1/jobs/${id}/results`, format: 'json' })));
     }
 
     showActions(...actions) {
-        const remove = this.isOver ? [action('Remove', 'Remove this result from the server')] : [];
+        const remove = this.isOver ? [action('remove', 'Remove', 'Remove this result from the server')] : [];
         remove.forEach((button) => actOnSecondClick(button, this.onRemove));
-        byId.files.replaceChildren(...actions, ...remove);
+        exchange(byId.files, ...actions, ...remove);
         byId.files.hidden = actions.length + remove.length === 0;
     }
 
-    showActivity(text) {
-        byId.activity.textContent = text;
+    /** @param share  of it that is done: only for the eye, since the progress bar tells it, too */
+    showActivity(text, share = '') {
+        this.activity = [text, share];
+        this.tellActivity();
+    }
+
+    /** While the server cannot be reached. */
+    setWaiting(isWaiting) {
+        this.isWaiting = isWaiting;
+        this.tellActivity();
+    }
+
+    tellActivity() {
+        const [text, share] = this.isWaiting ? ['Waiting for the server', ''] : this.activity;
+        if (byId.activity.textContent !== text) {
+            byId.activity.textContent = text;  // said aloud
+        }
+        byId['activity-share'].textContent = share;
     }
 
     showFirstPicture(ms) {
@@ -156,7 +194,8 @@ export class Hud {
     }
 }
 
-const action = (textContent, title, onclick) => element('button', { className: 'action', textContent, title, onclick });
+/** @param name  by which the next one of its kind is known */
+const action = (name, textContent, title, onclick) => element('button', { id: `action-${name}`, className: 'action', textContent, title, onclick });
 
 const titleOf = ({ mean, max }) => `Mean distance to the surface of the input ${format.percent(mean)} of its diagonal${
     max >= 0 ? `, largest ${format.percent(max)}` : ''}`;

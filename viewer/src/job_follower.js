@@ -7,8 +7,8 @@ const kPauseMs = 700;
  * the nudge to ask again, so a lost event or a proxy that swallows streams costs a moment, never the result; a stream that was
  * cut is opened anew from its start. A job that has ended is asked for once.
  *
- * While the server cannot be reached it is asked again and again: `onLost` is told once, and `onJob` when it is back. `onError`
- * is told why there is nothing more to follow.
+ * While the server cannot be reached it is asked again and again: `onLost` is told (see `persist`), and `onJob` when it is back.
+ * `onError` is told why there is nothing more to follow.
  */
 export function followJob(id, { onJob, onLost, onError, signal }) {
     const listening = new AbortController();

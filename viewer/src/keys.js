@@ -1,25 +1,42 @@
 import { byId } from './element.js';
+import { keep, recall } from './storage.js';
 
 const kTurn = 1 / 48;
+const kPanPixels = 40;
 const kNearer = 1.15;
+const kOff = 'stipple.keys-off';
 const kMoves = {
     ArrowLeft: [kTurn, 0], ArrowRight: [-kTurn, 0], ArrowUp: [0, kTurn], ArrowDown: [0, -kTurn],
     '+': [0, 0, kNearer], '=': [0, 0, kNearer], '-': [0, 0, 1 / kNearer],
 };
 
 /**
- * Keys that work everywhere but where one writes, and those that turn the cloud while it has the focus.
+ * Keys that work everywhere but where one writes, unless they are switched off, and those that move the cloud while it has the focus.
  * @param onKey  by key, in lower case; @param onLevel  told the number of a level, from 0
+ * @param onTurn  told turns to the left and up, and how much nearer; @param onPan  told pixels to the left and up
  */
-export function listenToKeys({ onMove, onLevel, onKey }) {
+export function listenToKeys({ onTurn, onPan, onFocus, onLevel, onKey }) {
+    byId.shortcuts.checked = recall('localStorage', kOff) === null;
+    byId.shortcuts.onchange = () => keep('localStorage', kOff, byId.shortcuts.checked ? null : 'yes');
     byId.stage.onkeydown = (event) => {
-        if (event.key in kMoves && !event.ctrlKey && !event.metaKey) {
-            event.preventDefault();
-            onMove(...kMoves[event.key]);
+        const move = kMoves[event.key];
+        if (event.ctrlKey || event.metaKey || !(move || event.key === 'Enter')) {
+            return;
+        }
+        event.preventDefault();
+        if (!move) {
+            onFocus();
+        } else if (event.shiftKey && event.key.startsWith('Arrow')) {
+            onPan(...move.map((turn) => kPanPixels * Math.sign(turn)));
+        } else {
+            onTurn(...move);
         }
     };
     addEventListener('keydown', (event) => {
         if (event.ctrlKey || event.metaKey || event.altKey || isFor(event)) {
+            return;
+        }
+        if (!byId.shortcuts.checked && event.key !== 'Escape') {
             return;
         }
         const act = onKey[event.key.toLowerCase()];

@@ -180,7 +180,7 @@ export class LevelLoader {
             .then(async (buffers) => {
                 await before;
                 this.loadedBytes += buffers.reduce((sum, { byteLength }) => sum + byteLength, 0);
-                const loaded = await level.source.load(buffers, level, this.signal);
+                const loaded = await persist(() => level.source.load(buffers, level, this.signal), this.patience);  // the decoder comes from there, too
                 level.points = loaded.geometry.getAttribute('position').count;
                 await this.show(level, loaded);
             })

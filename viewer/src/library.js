@@ -1,8 +1,10 @@
 import { listClouds, listJobs, pause } from './api.js';
-import { byId, element } from './element.js';
+import { byId, element, exchange, setHidden } from './element.js';
 import * as format from './format.js';
+import { showProblem } from './notices.js';
 
 const kPauseMs = 10_000;
+const kMore = 100;
 
 /** The lists of clouds and of what was made of them. */
 export class Library {
@@ -10,14 +12,29 @@ export class Library {
         Object.assign(this, { onResult, onCloud, onParameters });
         this.clouds = [];
         this.jobs = [];
+        this.wanted = { clouds: kMore, results: kMore };  // how many, newest first
         this.current = null;
         this.shownAs = null;  // the lists as they are on the page
+        for (const list of ['clouds', 'results']) {
+            byId[`older-${list}`].onclick = () => {
+                this.wanted[list] += kMore;
+                this.refresh().catch(showProblem);
+            };
+        }
     }
 
     async refresh() {
-        const [clouds, jobs] = await Promise.all([listClouds(), listJobs()]);
-        this.clouds = clouds;
-        this.jobs = jobs;
+        const [clouds, jobs] = await Promise.all([listClouds(this.wanted.clouds), listJobs(this.wanted.results)]);
+        this.clouds = clouds.items;
+        this.jobs = jobs.items;
+        showOlder('clouds', clouds.areMore);
+        showOlder('results', jobs.areMore);
+        this.show();
+    }
+
+    /** One that was just started is there without being asked for. */
+    add(job) {
+        this.jobs = [job, ...this.jobs.filter(({ id }) => id !== job.id)];
         this.show();
     }
 
@@ -50,7 +67,10 @@ export class Library {
     setCurrent(jobId) {
         this.current = jobId;
         this.isFound = false;
-        this.show();
+        for (const row of byId.results.querySelectorAll('[data-result]')) {
+            row.ariaCurrent = String(row.dataset.result === jobId);
+        }
+        this.findCurrent();
     }
 
     /** The newest pyramid of a cloud that is there or on its way, to look at. */
@@ -64,17 +84,17 @@ export class Library {
         return this.jobs.filter((job) => job.status === 'successful' && hasPicture(job) && job.id !== jobId);
     }
 
-    /** Made anew only where something is different: a row that is replaced loses its click. */
+    /** Made anew only where something is different: a row that is replaced loses its click, but not the focus. */
     show() {
-        const shownAs = JSON.stringify([this.clouds, this.jobs, this.current]);
+        const shownAs = JSON.stringify([this.clouds, this.jobs]);
         if (shownAs === this.shownAs) {
             this.jobs.forEach((job) => this.update(job));  // time goes on
             return;
         }
         this.shownAs = shownAs;
-        byId.results.replaceChildren(...this.jobs.map((job) => this.resultRow(job)));
+        exchange(byId.results, ...this.jobs.map((job) => this.resultRow(job)));
         byId['results-section'].hidden = this.jobs.length === 0;
-        byId.clouds.replaceChildren(...this.clouds.map((cloud) => this.cloudRow(cloud)));
+        exchange(byId.clouds, ...this.clouds.map((cloud) => this.cloudRow(cloud)));
         byId['clouds-section'].hidden = this.clouds.length === 0;
         this.findCurrent();
     }
@@ -89,7 +109,7 @@ export class Library {
     }
 
     resultRow(job) {
-        const row = this.row(titleOf(job), resultNote(job, this.cloudOf(job)), job.status === 'failed');
+        const row = this.row(`result-${job.id}`, titleOf(job), resultNote(job, this.cloudOf(job)), job.status === 'failed');
         row.ariaCurrent = String(job.id === this.current);
         row.dataset.result = job.id;
         row.onclick = () => this.onResult(job);
@@ -98,19 +118,24 @@ export class Library {
 
     cloudRow(cloud) {
         const isBuilt = this.pyramidOf(cloud.id) !== undefined;
-        const row = this.row(nameOf(cloud), cloudNote(cloud), false);
+        const row = this.row(`cloud-${cloud.id}`, nameOf(cloud), cloudNote(cloud), false);
         row.title = isBuilt ? 'Show its pyramid' : 'Build its pyramid';
         row.onclick = () => this.onCloud(cloud);
-        const more = element('button', { className: 'more', textContent: 'Process', title: 'Simplify, add points, analyse, or build another pyramid', ariaLabel: `Process ${nameOf(cloud)}` });
+        const more = element('button', { id: `process-${cloud.id}`, className: 'more', textContent: 'Process', title: 'Simplify, add points, analyse, or build another pyramid', ariaLabel: `Process ${nameOf(cloud)}` });
         more.onclick = () => this.onParameters(cloud);
         return element('li', { className: 'with-more' }, row, more);
     }
 
-    row(name, note, isAlarm) {
-        return element('button', { className: 'row' }, element('span', { className: 'row-text' },
+    row(id, name, note, isAlarm) {
+        return element('button', { id, className: 'row' }, element('span', { className: 'row-text' },
             element('span', { className: 'row-name', textContent: name, title: name }),
             element('span', { className: isAlarm ? 'row-note alarm' : 'row-note', textContent: note })));
     }
+}
+
+/** The button below a list: where it goes, the focus is on the last row. */
+function showOlder(list, areMore) {
+    setHidden(byId[`older-${list}`], !areMore, byId[list].querySelector('li:last-child > .row') ?? byId.stage);
 }
 
 function resultNote(job, cloud) {

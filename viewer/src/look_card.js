@@ -1,4 +1,4 @@
-import { byId, element } from './element.js';
+import { byId, element, setHidden } from './element.js';
 import * as format from './format.js';
 import { kGradient } from './coloring.js';
 
@@ -37,7 +37,7 @@ export class LookCard {
     }
 
     toggle() {
-        byId['look-card'].hidden = !byId['look-card'].hidden;
+        setHidden(byId['look-card'], !byId['look-card'].hidden, byId.look);
         byId.look.ariaExpanded = String(!byId['look-card'].hidden);
     }
 

@@ -1,4 +1,4 @@
-import { askAhead, cancelJob, getBytes, isFinal, removeCloud, removeJob, startEvaluation, startJob } from './api.js';
+import { askAhead, cancelJob, getBytes, isFinal, kLost, persist, removeCloud, removeJob, startEvaluation, startJob } from './api.js';
 import { readAddress, writeAddress } from './address.js';
 import { colorize } from './coloring.js';
 import { Comparison } from './comparison.js';
@@ -12,11 +12,11 @@ import { inputOf, Library, nameOf, summaryOf, titleOf } from './library.js';
 import { listenToKeys } from './keys.js';
 import { kMostWhole } from './level_loader.js';
 import { LookCard } from './look_card.js';
-import { showProblem } from './notices.js';
+import { offer, showProblem } from './notices.js';
 import { Report } from './report.js';
 import { ResultSession } from './result_session.js';
 import { isPhone, Sheet } from './sheet.js';
-import { Stage } from './stage.js';
+import { canDrawOn, Stage } from './stage.js';
 import { preloadSurface } from './surface.js';
 import { acceptDrops, uploadCloud } from './upload.js';
 
@@ -29,11 +29,16 @@ if (linked) {
 }
 preloadDecoder();
 preloadSurface();
+if (!canDrawOn(byId.stage)) {
+    byId.unable.hidden = false;
+    await new Promise(() => {});  // the rest of the page is about what is drawn
+}
 
 const kSoonMs = 100;
 const kAlone = { right: null, layout: null, at: null };
 const kAsNew = { chosen: null, bound: null, view: null, color: null, splatSize: null, shading: null, ...kAlone };
 const kNotStarted = 'The job could not be started';
+const kToldPercent = 25;
 
 /** Bytes of a point in a small file of each kind: a pyramid with large levels needs tiles, which take the server longer to make. */
 const kFewestBytes = { ply: 12, drc: 1.5, stpc: 1.5 };
@@ -41,7 +46,7 @@ const kFewestBytes = { ply: 12, drc: 1.5, stpc: 1.5 };
 const stage = new Stage(byId.stage, { onPicture: (level) => session?.pictured(level), onRest: remember });
 const library = new Library({
     onResult: open,
-    onCloud: (cloud) => openCloud(cloud).catch((error) => showProblem(error, kNotStarted)),
+    onCloud: openCloud,
     onParameters: (cloud) => form.open({ cloud: cloud.id, name: nameOf(cloud), attributes: attributesOf(cloud), others: othersThan(cloud) }),
 });
 const hud = new Hud({
@@ -93,6 +98,7 @@ let stayedAt = null;  // the level or the bound on the left before two were comp
 let beside = null;    // the index of a level of the same result beside it, or null: the finest
 let painted = [];     // the level on the right and what its colours were last asked to be
 let uploading = false;
+const pending = new Map();  // what was asked of the server, by its key, and is not there yet
 let remembering = null;
 
 /** @param remembered  whether the address names it already; @param how  it is looked at, as the address has it */
@@ -111,6 +117,7 @@ function open({ id, type }, { remembered = false, how = kAsNew } = {}) {
     setTools(false);
     byId.welcome.hidden = true;
     sheet.close();
+    document.title = 'stipple';
     document.documentElement.dataset.state = 'loading';
     performance.clearMarks();
     let wasFinal = null;
@@ -127,9 +134,6 @@ function open({ id, type }, { remembered = false, how = kAsNew } = {}) {
             document.title = `${titleOf(job)} – stipple`;
             hud.showJob(job);
             library.update(job);
-            if (job.status === 'failed') {
-                showProblem(new Error(job.problem?.detail ?? 'the server gave no reason'), job.problem?.title);
-            }
             if (wasFinal !== isFinal(job)) {
                 wasFinal = isFinal(job);
                 library.refresh().catch(showProblem);
@@ -150,7 +154,7 @@ function closeResult() {
     session.close();
     session = null;
     setTools(false);
-    byId.hud.hidden = true;
+    hud.close();
     document.title = 'stipple';
     document.documentElement.dataset.state = 'settled';
     library.setCurrent(null);
@@ -178,7 +182,7 @@ function leave(error) {
 
 /** Asks for a cloud where nothing is shown. */
 function invite() {
-    byId.welcome.hidden = session !== null || library.jobs.length > 0;
+    byId.welcome.hidden = session !== null;
     placeCloud();
 }
 
@@ -228,7 +232,7 @@ function rangeBeside(level) {
     return left && left !== level && left.coloring?.by === look.colorOf(level) ? left.coloring.range : null;
 }
 
-function showLevels({ id, loader, shown, bound, isComplete, isSettled, job, manifest }) {
+function showLevels({ id, loader, shown, bound, isComplete, isSettled, job, manifest, waits }) {
     hud.showLevels(loader.levels, shown, loader.loadedBytes, isComplete, bound);
     if (job && manifest?.levels.length > 0 && loader.levels.length === 0 && !manifest.request.formats?.includes('stpc')) {
         showReport();
@@ -251,6 +255,7 @@ function showLevels({ id, loader, shown, bound, isComplete, isSettled, job, mani
                 : summaryOf(job, library.cloudOf(job)) + (shown?.tiles ? ', by view' : ''));
         }
     }
+    hud.setWaiting(waits > 0);
     document.documentElement.dataset.state = isSettled ? 'settled' : 'loading';
 }
 
@@ -343,7 +348,7 @@ function showComparison() {
     if (right) {
         paintRight(right);
     }
-    comparison.label(session.shown, right);
+    comparison.label(session.shown, right, other ? [session, other].map(({ job }) => job?.request.method) : []);
     const others = library.othersWithPicture(session.id);
     comparison.showChoices([
         { label: 'The same result', choices: levels.map(({ level, points }) => ({ value: `level:${level}`, text: `Level ${level + 1}, ${format.compactCount(points)}` })) },
@@ -367,13 +372,21 @@ function paintRight(level) {
 
 // ---- Jobs and files
 
+/** Does once what is asked for again before it is done, as by a double click. */
+function once(key, act) {
+    if (!pending.has(key)) {
+        pending.set(key, act().finally(() => pending.delete(key)));
+    }
+    return pending.get(key);
+}
+
 /** The newest pyramid of a cloud, or a new one. */
 async function openCloud(cloud) {
     const known = library.pyramidOf(cloud.id);
     if (known) {
         open(known);
     } else {
-        await startPyramid(cloud);
+        await startPyramid(cloud).catch((error) => showProblem(error, kNotStarted));
     }
 }
 
@@ -389,9 +402,13 @@ function ofMethod({ type, input, count, points, ...fields }) {
     return fields;
 }
 
-async function start(type, cloudId, fields) {
-    open(await startJob(type, cloudId, type === 'evaluate' ? { map: ['drc'], ...fields } : fields));
-    look.forgetColor();
+function start(type, cloudId, fields) {
+    return once(JSON.stringify([type, cloudId, fields]), async () => {
+        const job = await startJob(type, cloudId, type === 'evaluate' ? { map: ['drc'], ...fields } : fields);
+        library.add(job);
+        open(job);
+        look.forgetColor();
+    });
 }
 
 /** Those beside the colours and normals, where they are known. */
@@ -406,17 +423,21 @@ function othersThan({ id }) {
 }
 
 /** Where the surface that is shown is how far from that of the input. */
-async function mapErrors() {
-    try {
-        const map = await startMap(inputOf(session.job), session.shown);
-        look.forgetColor();
-        if (!isPhone()) {
-            look.setOpen(true);  // its legend says what the colours are
+function mapErrors() {
+    const { id, job, shown } = session;
+    once(`map ${id} ${shown.level}`, async () => {
+        try {
+            const map = await startMap(inputOf(job), shown);
+            look.forgetColor();
+            if (!isPhone()) {
+                look.setOpen(true);  // its legend says what the colours are
+            }
+            library.add(map);
+            open(map);
+        } catch (error) {
+            showProblem(error, 'The error could not be measured');
         }
-        open(map);
-    } catch (error) {
-        showProblem(error, 'The error could not be measured');
-    }
+    });
 }
 
 /** A level without a file becomes a cloud of its own, for as long as it is measured. */
@@ -447,12 +468,15 @@ async function download({ href, ply, format: extension }) {
     setTimeout(() => URL.revokeObjectURL(url), 60_000);
 }
 
-/** Adds files one after the other, and opens the last one. */
+/** Adds files one after the other, and opens the last one, unless something else was opened meanwhile. */
 async function upload(files) {
+    byId['job-dialog'].close();
+    byId['help-dialog'].close();
     if (uploading) {
         showProblem(new Error('Another file is still on its way; add this one after it.'), 'One at a time');
         return;
     }
+    const before = session;
     uploading = true;
     byId['upload-progress'].hidden = false;
     let cloud = null;
@@ -462,9 +486,13 @@ async function upload(files) {
     uploading = false;
     byId['upload-progress'].hidden = true;
     byId['upload-hint'].textContent = kUploadHint;
-    if (cloud) {
+    byId['upload-told'].textContent = '';
+    if (cloud && session === before) {
         look.forgetColor();
-        await openCloud(cloud).catch((error) => showProblem(error, kNotStarted));
+        await openCloud(cloud);
+    } else if (cloud) {
+        offer(`${nameOf(cloud)} was added`, 'Open it', () => openCloud(cloud));
+        library.refresh().catch(showProblem);
     }
 }
 
@@ -474,10 +502,18 @@ async function send(file, number) {
         return await uploadCloud(file, (fraction) => {
             byId['upload-progress'].value = fraction;
             byId['upload-hint'].textContent = fraction < 1 ? `Sending ${number}${file.name}, ${Math.round(100 * fraction)} %` : 'Storing';
+            tellUpload(fraction < 1 ? `Sending ${number}${file.name}, ${kToldPercent * Math.floor(100 * fraction / kToldPercent)} %` : 'Storing');
         });
     } catch (error) {
         showProblem(error, `${file.name} was not accepted`);
         return null;
+    }
+}
+
+/** Aloud: only what is new. */
+function tellUpload(text) {
+    if (byId['upload-told'].textContent !== text) {
+        byId['upload-told'].textContent = text;
     }
 }
 
@@ -525,18 +561,28 @@ function listen() {
         upload([...byId.file.files]);
         byId.file.value = '';
     };
-    acceptDrops(upload, (isHeld) => { byId.drop.hidden = !isHeld; });
+    acceptDrops({
+        onFiles: (files) => files.length > 0 && upload(files),
+        onFolder: (name) => showProblem(new Error('Drop the files that are in it.'), `${name} is a folder`),
+        onHover: (isHeld) => { byId.drop.hidden = !isHeld; },
+    });
+    byId.stage.addEventListener('webglcontextlost', () => {
+        const forget = showProblem(new Error('It comes back once the browser allows it; if not, load the page anew.'), 'The graphics card was taken away');
+        byId.stage.addEventListener('webglcontextrestored', forget, { once: true });
+    });
     byId.fit.onclick = () => stage.fit();
     byId.help.onclick = () => byId['help-dialog'].showModal();
     byId.rotate.onclick = toggleRotation;
     listenToKeys({
-        onMove: (...move) => stage.turn(...move),
+        onTurn: (...move) => stage.turn(...move),
+        onPan: (...way) => stage.pan(...way),
+        onFocus: () => stage.focusMiddle(),
         onLevel: choose,
         onKey: {
             escape: closeTopmost,
             '?': () => byId['help-dialog'].showModal(),
-            f: () => stage.fit(),
-            ' ': toggleRotation,
+            f: () => byId.fit.click(),
+            ' ': () => byId.rotate.click(),
             c: () => byId.compare.click(),
             l: () => look.toggle(),
         },
@@ -550,7 +596,7 @@ function listen() {
     dressForTheme(light.matches);
 }
 
-/** The result of the address, else the newest one, unless another was opened meanwhile, else the invitation to add a cloud. */
+/** The result of the address, else the newest there is or will be, unless another was opened meanwhile, else the invitation to add a cloud. */
 async function openLinked() {
     const result = readAddress();
     if (result) {
@@ -558,11 +604,11 @@ async function openLinked() {
         return;
     }
     const before = session;
-    await library.refresh();
+    await persist(() => library.refresh(), { onLost: (error) => showProblem(error, kLost) });
     if (session !== before) {
         return;
     }
-    const newest = library.jobs.find((job) => job.status === 'successful');
+    const newest = library.jobs.find((job) => job.status === 'successful') ?? library.jobs.find((job) => !isFinal(job));
     if (newest) {
         open(newest, { remembered: true });
     } else {

@@ -1,18 +1,41 @@
-import { element } from './element.js';
+import { byId, element } from './element.js';
 
-const kStayMs = 15_000;
+const kMost = 3;
 
-/** Shows what went wrong, in the server's words, until it is read. What several requests met is told once. */
+/** Shows what went wrong, in the server's words, until it is read; what is returned takes it away. */
 export function showProblem(error, title = error.title ?? 'Something went wrong') {
-    const notices = document.getElementById('notices');
+    return show(element('strong', { className: 'alarm', textContent: title }), element('p', { textContent: error.message }));
+}
+
+/** Tells of something that can be acted upon, by a button with a name. */
+export function offer(title, name, act) {
+    const button = element('button', { className: 'action', textContent: name });
+    const remove = show(element('strong', { textContent: title }), button);
+    button.onclick = () => {
+        remove();
+        act();
+    };
+}
+
+/** What several requests met is told once. */
+function show(...content) {
     const close = element('button', { ariaLabel: 'Close', textContent: '✕' });
-    const notice = element('div', { className: 'notice' },
-        element('div', {}, element('strong', { textContent: title }), element('p', { textContent: error.message })), close);
-    [...notices.children].filter(({ textContent }) => textContent === notice.textContent).forEach((same) => same.remove());
-    close.onclick = () => notice.remove();
-    setTimeout(() => notice.remove(), kStayMs);
-    notices.append(notice);
-    while (notices.children.length > 3) {
-        notices.firstChild.remove();
+    const notice = element('div', { className: 'notice' }, element('div', {}, ...content), close);
+    const remove = () => removeNotice(notice);
+    close.onclick = remove;
+    [...byId.notices.children].filter(({ textContent }) => textContent === notice.textContent).forEach(removeNotice);
+    byId.notices.append(notice);
+    while (byId.notices.children.length > kMost) {
+        removeNotice(byId.notices.firstChild);
+    }
+    return remove;
+}
+
+/** The focus goes to the next one, or to the stage. */
+function removeNotice(notice) {
+    const hadFocus = notice.contains(document.activeElement);
+    notice.remove();
+    if (hadFocus) {
+        (byId.notices.querySelector('button') ?? byId.stage).focus();
     }
 }

@@ -1,6 +1,6 @@
 import { getBytes } from './api.js';
 import { CurveChart } from './curve_chart.js';
-import { byId, element } from './element.js';
+import { byId, element, setHidden } from './element.js';
 import * as format from './format.js';
 
 const kDirections = [['forward', 'From the reference'], ['backward', 'To the reference']];
@@ -22,7 +22,7 @@ export class Report {
     }
 
     hide() {
-        byId.report.hidden = true;
+        setHidden(byId.report, true);
         this.chart?.end();
         this.chart = null;
         this.shownAs = null;

@@ -1,4 +1,4 @@
-import { getManifest } from './api.js';
+import { getManifest, kLost } from './api.js';
 import { followJob } from './job_follower.js';
 import { meanErrorOf } from './level_error.js';
 import { LevelLoader } from './level_loader.js';
@@ -11,6 +11,7 @@ export class ResultSession {
     /**
      * @param chosen  the level to stay at, or null for the finest; @param bound  of the error, which chooses instead, or null
      * @param dress  gives a level its colours before it is shown; @param onMissing  told why there is no such job
+     * @param onError  shows what went wrong; what it returns takes that away
      */
     constructor({ id, type, chosen = null, bound = null }, pane, { dress, onJob, onLevels, onFirstPicture, onMissing, onError }) {
         this.id = id;
@@ -25,10 +26,18 @@ export class ResultSession {
         this.bound = bound;  // of the error of what is seen, or null: as the level or the view has it
         this.manifest = null;  // as far as it has come
         this.isComplete = false;
+        this.waits = 0;  // requests that the server does not answer
         this.started = performance.now();
         this.hasPicture = false;
         this.abort = new AbortController();
-        const onLost = (error) => onError(error, 'Connection lost; trying again');
+        const onLost = (error) => {
+            const forget = onError(error, kLost);
+            this.wait(1);
+            return () => {
+                forget();
+                this.wait(-1);
+            };
+        };
         this.loader = new LevelLoader({
             id,
             signal: this.abort.signal,
@@ -63,6 +72,11 @@ export class ResultSession {
         const reading = this.readManifest();
         await (isGivenUp(job) ? reading.catch(() => {}) : reading);  // of that there may be levels, or only the problem
         this.tell();  // the levels may all have been there before the job was known
+    }
+
+    wait(more) {
+        this.waits += more;
+        this.tell();
     }
 
     close() {

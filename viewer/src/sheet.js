@@ -38,7 +38,11 @@ export class Sheet {
         byId.grip.ariaLabel = `${isOpen ? 'Hide' : 'Show'} clouds and results`;
     }
 
+    /** The focus goes to the grip. */
     close() {
+        if (this.isOpen && byId.library.contains(document.activeElement)) {
+            byId.grip.focus();
+        }
         this.open(false);
     }
 }

@@ -19,7 +19,16 @@ const kAskedForMost = 1000;    // points that tell where most are
 const kFewShare = 0.05;        // of them at either end of an axis, ...
 const kFarOff = 3;             // ... where the whole is so many times as long as without them
 const kAround = 0.1;           // of the side of most: what is likely to be theirs, too
+const kNearest = 2e-3;         // radii of a cloud from the camera to what it turns around, ...
+const kFarthest = 100;         // ... where the cloud is a dot
+const kLongestFrameS = 1;      // of rotation: a page that was hidden does not jump far
+const kMostSamples = 36e6;     // of pictures at rest, 12 bytes each
 const kStill = 3e-5;           // of its distance, what the camera may move in a picture at rest
+
+const kContext = { alpha: true, antialias: false, powerPreference: 'high-performance' };
+
+/** Whether the browser can. What was made to find out is used then. */
+export const canDrawOn = (canvas) => canvas.getContext('webgl2', kContext) !== null;
 
 /**
  * The canvas: one cloud, or two with one camera, either side of a line; pictures only when something has changed.
@@ -29,7 +38,7 @@ export class Stage {
     constructor(canvas, { onPicture, onRest }) {
         this.onRest = onRest;
         this.canvas = canvas;
-        this.renderer = new WebGLRenderer({ canvas, alpha: true, antialias: false, powerPreference: 'high-performance' });
+        this.renderer = new WebGLRenderer({ canvas, ...kContext });
         this.renderer.autoClear = false;
         this.renderer.debug.checkShaderErrors = false;  // asking for them waits for the compiler
         this.camera = new PerspectiveCamera(kFieldOfView, 1, 0.1, 10);
@@ -48,9 +57,12 @@ export class Stage {
             this.renderer.getContext().ALIASED_POINT_SIZE_RANGE)[1];
         this.dirty = true;
         this.changedAt = 0;
+        this.frameAt = 0;
+        this.seen = { position: new Vector3(), target: new Vector3() };  // in the last picture
         this.resting = false;
         new ResizeObserver(() => this.changed()).observe(canvas);
-        canvas.addEventListener('dblclick', (event) => this.focusAt(event.clientX, event.clientY));
+        canvas.addEventListener('dblclick', (event) => this.focusAt(event.offsetX, event.offsetY));
+        canvas.addEventListener('webglcontextrestored', () => this.changed());
         this.renderer.setAnimationLoop((now) => this.frame(now));
     }
 
@@ -90,6 +102,11 @@ export class Stage {
     wayTo({ origin = [0, 0, 0] }) {
         const way = new Vector3(...origin).sub(new Vector3(...(this.home?.origin ?? origin)));
         return way.length() > kApart * this.home?.reach ? way.set(0, 0, 0) : way;
+    }
+
+    /** Where a level is drawn, relative to the origin of the cloud of the first pane. */
+    boxOf(level) {
+        return level.geometry.boundingBox.clone().translate(this.wayTo(level));
     }
 
     /** From where it is looked at, null: from home. Places of the camera and of what it turns around, from the cloud's middle in its radii. */
@@ -133,11 +150,13 @@ export class Stage {
             enableDamping: true,
             dampingFactor: 0.09,
             rotateSpeed: 0.75,
+            minDistance: kNearest * (this.home?.radius ?? 1),
+            maxDistance: kFarthest * (this.home?.radius ?? 1),
             zoomToCursor: this.split?.mode !== 'beside',
             autoRotate: this.autoRotate,
             autoRotateSpeed: 60 * kTurnsPerSecond,
         });
-        this.controls.addEventListener('change', () => this.changed());
+        this.controls.addEventListener('change', () => this.hasMoved() && this.changed());
         this.controls.addEventListener('start', () => {
             this.glide = null;
             this.isAtHome = false;
@@ -158,6 +177,13 @@ export class Stage {
         this.controls.rotateLeft(2 * Math.PI * left);
         this.controls.rotateUp(2 * Math.PI * up);
         this.controls.dollyIn(1 / nearer);
+    }
+
+    /** By keys: pixels to the left and up. */
+    pan(left, up) {
+        this.glide = null;
+        this.isAtHome = false;
+        this.controls.pan(left, up);
     }
 
     /** Linear colour of clouds that bring none. */
@@ -217,12 +243,16 @@ export class Stage {
         return Math.max(0.5 * this.home.radius, needed[Math.ceil(kFittedShare * (needed.length - 1))]);
     }
 
-    /** Turns around the point under the pointer and comes closer to it. */
-    focusAt(clientX, clientY) {
-        const box = this.canvas.getBoundingClientRect();
-        const x = clientX - box.left;
+    /** The same as at the pointer, in the middle of what is seen. */
+    focusMiddle() {
+        const [{ left, width, height, shiftX, shiftY }] = this.views();
+        this.focusAt(left + width / 2 - shiftX, height / 2 - shiftY);
+    }
+
+    /** Turns around the point at a place of the canvas and comes closer to it. */
+    focusAt(x, y) {
         const view = this.views().find(({ clip }) => x >= clip.left && x < clip.right);
-        const hit = view?.pane.level && this.pick(view, x - view.left, clientY - box.top);
+        const hit = view?.pane.level && this.pick(view, x - view.left, y);
         if (hit) {
             const direction = this.camera.position.clone().sub(this.controls.target).normalize();
             this.moveTo(hit, direction, 0.45 * this.camera.position.distanceTo(hit), true);
@@ -278,18 +308,17 @@ export class Stage {
         if (this.glide) {
             this.advanceGlide();
         }
-        const { camera: { position }, controls } = this;
-        const before = position.clone();
-        controls.update();
-        if (before.distanceTo(position) > kStill * position.distanceTo(controls.target)) {
-            this.changed();  // also by steps that the controls do not tell of
+        this.controls.update(Math.min(kLongestFrameS, (now - this.frameAt) / 1000));
+        this.frameAt = now;
+        if (this.hasMoved()) {
+            this.changed();
         }
         if (this.dirty) {
             this.dirty = false;
             this.draw(1);
         } else if (!this.resting && performance.now() - this.changedAt > kRestMs && !this.finishInertia()) {
             this.resting = true;
-            this.draw(2);
+            this.draw(this.samplesAtRest());
             document.documentElement.dataset.picture = 'rest';
             this.onRest();
             if (!this.isWarm) {
@@ -299,12 +328,26 @@ export class Stage {
         }
     }
 
+    /** So that it is seen, since the last picture. The controls tell of too little in small clouds, and of too much at their limits. */
+    hasMoved() {
+        const { camera: { position }, controls: { target }, seen } = this;
+        const still = kStill * position.distanceTo(target);
+        return position.distanceTo(seen.position) > still || target.distanceTo(seen.target) > still;
+    }
+
+    /** Per pixel and axis: more than one where pixels are seen, and only as far as the graphics card has room. */
+    samplesAtRest() {
+        const sides = this.views().map(({ width, height }) => [width, height].map((side) => 2 * devicePixelRatio * side));
+        const all = sides.reduce((sum, [width, height]) => sum + width * height, 0);
+        return devicePixelRatio >= 2 || all > kMostSamples || Math.max(...sides.flat()) > this.renderer.capabilities.maxTextureSize ? 1 : 2;
+    }
+
     /** Takes what is left of a damped movement, too little to be seen, in one step: where frames are slow it would go on for seconds. @return whether there was any */
     finishInertia() {
         this.controls.enableDamping = false;
-        this.controls.update();
+        this.controls.update(0);
         this.controls.enableDamping = true;
-        return this.dirty;
+        return this.hasMoved();
     }
 
     advanceGlide() {
@@ -353,8 +396,10 @@ export class Stage {
         return Math.round(left + at * (this.canvas.clientWidth - left - right));
     }
 
-    /** @param samples  per pixel and axis: 1 while something moves, 2 at rest */
+    /** @param samples  per pixel and axis: 1 while something moves */
     draw(samples) {
+        this.seen.position.copy(this.camera.position);
+        this.seen.target.copy(this.controls.target);
         const views = this.views();
         if (views.some(({ width, height }) => width <= 0 || height <= 0)) {
             return;

@@ -1,4 +1,4 @@
-import { kKeyNeeded, problemFrom, unreachable } from './api.js';
+import { kKeyNeeded, Problem, problemFrom, unreachable } from './api.js';
 import { askForKey, authorization } from './api_key.js';
 
 const kCreated = 201;
@@ -31,13 +31,24 @@ function send(file, onProgress) {
                 reject(problemFrom(request.status, request.statusText, request.responseText));
             }
         };
-        request.onerror = () => reject(unreachable());
+        request.onerror = async () => reject(await isReadable(file) ? unreachable() : unreadable());
         request.send(file);
     });
 }
 
-/** Calls `onFiles` with the files that are dropped anywhere on the page; `onHover` tells when one is held above it. */
-export function acceptDrops(onFiles, onHover) {
+/** It may have been moved since it was chosen, or be a folder. */
+const isReadable = (file) => file.slice(0, 1).arrayBuffer().then(() => true, () => false);
+
+const unreadable = () => new Problem({
+    title: 'The file cannot be read',
+    detail: 'The browser cannot read it: check that it is still there, unchanged, and that you may open it.',
+});
+
+/**
+ * Calls `onFiles` with the files that are dropped anywhere on the page; `onHover` tells when one is held above it.
+ * @param onFolder  told the name of each folder among them
+ */
+export function acceptDrops({ onFiles, onFolder, onHover }) {
     let depth = 0;  // dragenter and dragleave also come for every child
     const carriesFiles = (event) => event.dataTransfer?.types.includes('Files');
     const hover = (change) => {
@@ -51,7 +62,10 @@ export function acceptDrops(onFiles, onHover) {
         if (carriesFiles(event)) {
             event.preventDefault();
             hover(0);
-            onFiles([...event.dataTransfer.files]);
+            const isFolder = (item) => item.webkitGetAsEntry()?.isDirectory;
+            const items = [...event.dataTransfer.items].filter(({ kind }) => kind === 'file');
+            items.filter(isFolder).forEach((item) => onFolder(item.webkitGetAsEntry().name));
+            onFiles(items.filter((item) => !isFolder(item)).map((item) => item.getAsFile()));
         }
     });
 }

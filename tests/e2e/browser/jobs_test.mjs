@@ -100,11 +100,13 @@ await run({
                     await route.fulfill({ status: 200, body });
                 }
             });
+            const lost = page.getByText('Connection lost; trying again');
+            const told = Promise.all([lost.waitFor(), page.locator('#activity').getByText('Waiting for the server').waitFor()]);
             await visit(page, `/?pyramid=${pyramid}`);
             await shows(page, kTorusPoints);
-            await page.getByText('Connection lost; trying again').waitFor();
+            await told;
+            await lost.waitFor({ state: 'detached' });
             assert.deepEqual(asked, [null, format === 'drc' ? null : `bytes=${Math.floor(bytes / 2)}-`]);
-            await page.locator('.notice button').click();
             await page.unrouteAll();
         }
         browser.refusalsExpected = false;
@@ -296,9 +298,9 @@ await run({
         await choose(page, { name: 'notes.txt', buffer: Buffer.from('hello') });
         await page.getByText('notes.txt was not accepted').waitFor();
         await choose(page, { name: 'cut.ply', buffer: truncated() });
-        const notice = page.locator('.notice').last();
-        await notice.getByText(/malformed|vertex|bytes|points/i).first().waitFor();
         await page.locator('#activity').getByText('Failed').waitFor();
+        await page.locator('#reason').getByText(/malformed|vertex|bytes|points/i).waitFor();
+        await save(page, 'failed');
         await page.locator('#files').getByText('Remove').click();
         await page.locator('#files').getByText('Really?').click();
         await settledPyramid(page);

@@ -95,6 +95,83 @@ await run({
         assert.equal(await page.locator('#help-dialog').isVisible(), false);
     },
 
+    async 'Keys that act anywhere can be switched off, and stay so'() {
+        const press = async (expected) => {
+            await page.keyboard.press('l');
+            assert.equal(await page.locator('#look-card').isVisible(), expected);
+        };
+        for (const isOn of [false, true]) {
+            await page.locator('#help').click();
+            await page.locator('#shortcuts').setChecked(isOn);
+            await page.keyboard.press('Escape');
+            await press(isOn);
+            await page.reload();
+            await settledPyramid(page);
+            await press(isOn);
+        }
+        await press(false);
+    },
+
+    async 'The focus stays where it was, or goes on to what is next'() {
+        const focused = () => page.evaluate(() => document.activeElement.id);
+        await page.locator(`#result-${torusPyramid}`).press('Enter');
+        await settledPyramid(page);
+        assert.equal(await focused(), `result-${torusPyramid}`);
+        const { id } = await (await fetch(`${browser.url}/v1/clouds?name=line.ply`, { method: 'POST', body: line(300) })).json();
+        await page.evaluate(() => dispatchEvent(new Event('focus')));  // the lists are asked for anew
+        await page.locator(`#cloud-${id}`).waitFor();
+        assert.equal(await focused(), `result-${torusPyramid}`);
+        await page.locator('#action-drc').focus();
+        await page.keyboard.press('1');
+        await page.locator('#action-map').waitFor();
+        assert.equal(await focused(), 'action-drc');
+        await page.keyboard.press('c');
+        await page.locator('#divider').press('Escape');
+        assert.equal(await focused(), 'compare');
+        await fetch(`${browser.url}/v1/clouds/${id}`, { method: 'DELETE' });
+    },
+
+    async 'By keys the cloud is moved, and a point is looked at'() {
+        const view = () => page.evaluate(() => new URL(location.href).searchParams.get('view')?.split(',').map(Number) ?? null);
+        const changed = async (from) => {
+            await page.waitForFunction((old) => new URL(location.href).searchParams.get('view') !== old, from?.join() ?? null);
+            return view();
+        };
+        await page.locator('#fit').click();
+        await page.waitForFunction(() => !new URL(location.href).searchParams.has('view'));
+        for (let press = 0; press < 9; press += 1) {
+            await page.locator('#stage').press('Shift+ArrowRight');  // from the hole of the torus to its ring
+        }
+        const panned = await changed(null);
+        assert.ok(Math.hypot(...panned.slice(3)) > 0.1, `${panned}`);
+        await page.locator('#stage').press('Enter');
+        const near = await changed(panned);
+        const distance = ([px, py, pz, tx, ty, tz]) => Math.hypot(px - tx, py - ty, pz - tz);
+        assert.ok(distance(near) < 0.6 * distance(panned), `${distance(near)} of ${distance(panned)}`);
+        await page.locator('#fit').click();
+        await page.waitForFunction(() => !new URL(location.href).searchParams.has('view'));
+    },
+
+    async 'It rotates as fast where frames are slow'() {
+        await page.evaluate(() => {
+            const { requestAnimationFrame: ask } = window;
+            window.requestAnimationFrame = (draw) => ask(() => setTimeout(() => ask(draw), 150));
+            window.speedUp = () => { window.requestAnimationFrame = ask; };
+        });
+        await page.locator('#stage').focus();
+        const started = performance.now();
+        await page.keyboard.press(' ');
+        await page.waitForTimeout(2000);
+        await page.keyboard.press(' ');
+        const seconds = (performance.now() - started) / 1000;
+        await page.evaluate(() => window.speedUp());
+        await page.waitForFunction(() => new URL(location.href).searchParams.has('view'));
+        const [x, y] = new URL(page.url()).searchParams.get('view').split(',').map(Number);
+        const turns = Math.abs(Math.atan2(y, x) - Math.atan2(-1, -0.45)) / (2 * Math.PI);  // from where a cloud that lies along z is looked at
+        assert.ok(Math.abs(40 * turns - seconds) < 0.4 * seconds, `${360 * turns} degrees in ${seconds} s`);
+        await page.locator('#fit').click();
+    },
+
     async 'A dropped scan fills the picture, in the dark and in the light'() {
         await drop(page, scan);
         const pyramid = await settledPyramid(page, torusPyramid);
@@ -244,6 +321,9 @@ await run({
             for (const [entry, reason] of [['wrong', 'an API key is needed'], [key, 'this API key is not known']]) {
                 await stranger.getByText(reason).waitFor();
                 await save(stranger, 'key');
+                await stranger.locator('#key').fill('ключ');  // no header can carry it
+                await stranger.getByRole('button', { name: 'Continue' }).click();
+                assert.equal(await stranger.locator('#key').evaluate((input) => input.validity.patternMismatch), true);
                 for (let press = 0; press < 3; press += 1) {
                     await stranger.keyboard.press('Escape');  // there is no way around it
                 }
@@ -253,6 +333,7 @@ await run({
             await stranger.getByText('Drop a point cloud here').waitFor();
             await choose(stranger, { name: 'line.ply', buffer: line(500) });
             await settledPyramid(stranger);
+            await stranger.evaluate(() => localStorage.setItem('stipple.api-key', 'ключ'));  // kept by an older page
             await stranger.reload();
             await settledPyramid(stranger);
             assert.deepEqual(visitor.faults, []);

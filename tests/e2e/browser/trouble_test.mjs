@@ -1,0 +1,187 @@
+// What the viewer of a real server does when something goes wrong or comes at the wrong moment: outages, a lost graphics card, second clicks.
+//
+//     node trouble_test.mjs --bin build/dev/bin --modules FOLDER --artifacts FOLDER [--scale 1]
+import assert from 'node:assert/strict';
+import { mkdirSync, mkdtempSync, rmSync } from 'node:fs';
+import { tmpdir } from 'node:os';
+import { join } from 'node:path';
+
+import { line, ply, truncated } from './clouds.mjs';
+import {
+    browser, choose, cloudOf, kTorusPoints, litShare, rest, run, save, scale, server, settledPyramid, shows, startJob, torus, visit,
+} from './suite.mjs';
+
+const page = await browser.open('/', { scale });
+const lost = page.getByText('Connection lost; trying again');
+let cloud = null;
+
+await run({
+    async 'A list that does not come is asked for again, and its notice goes'() {
+        browser.refusalsExpected = true;
+        let asked = 0;
+        await page.route('**/v1/clouds?*', (route) => (asked++ === 0 ? route.fulfill({ status: 503, body: '' }) : route.continue()));
+        const told = lost.waitFor();
+        await page.reload();
+        await told;
+        await page.getByText('Drop a point cloud here').waitFor();
+        await lost.waitFor({ state: 'detached' });
+        await page.unrouteAll();
+        browser.refusalsExpected = false;
+    },
+
+    async 'A failed job keeps its reason, and the page invites to add another cloud'() {
+        await choose(page, { name: 'cut.ply', buffer: truncated() });
+        await page.locator('#reason').getByText(/malformed|vertex|bytes|points/i).waitFor();
+        assert.equal(await page.locator('.notice').count(), 0);
+        await save(page, 'failed');
+        await page.goto(browser.url);
+        await page.getByText('Drop a point cloud here').waitFor();
+        assert.equal(await page.locator('#hud').isVisible(), false);
+    },
+
+    async 'Where no result is there yet, the newest one on its way is opened'() {
+        await choose(page, torus);
+        const pyramid = await settledPyramid(page);
+        cloud = await cloudOf(pyramid);
+        await page.route(`**/v1/jobs?*`, async (route) => {
+            const response = await route.fetch();
+            const json = await response.json();
+            await route.fulfill({ response, json: { ...json, items: json.items.map((job) => (job.id === pyramid ? { ...job, status: 'running' } : job)) } });
+        });
+        await page.goto(browser.url);
+        assert.equal(await settledPyramid(page), pyramid);
+        await page.unrouteAll();
+    },
+
+    async 'A decoder that does not come is asked for again, and the levels are shown'() {
+        browser.refusalsExpected = true;
+        let asked = 0;
+        await page.route('**/assets/draco_decoder*', (route) => (asked++ < 2 ? route.abort('connectionreset') : route.continue()));
+        const told = Promise.all([lost.waitFor(), page.locator('#activity').getByText('Waiting for the server').waitFor()]);
+        await page.reload();
+        await told;
+        await shows(page, kTorusPoints);
+        await lost.waitFor({ state: 'detached' });
+        assert.equal(asked, 3);
+        await page.unrouteAll();
+        browser.refusalsExpected = false;
+    },
+
+    async 'Without WebGL 2 the page says so'() {
+        const bare = await browser.open('/docs', { scale });
+        await bare.addInitScript(() => { HTMLCanvasElement.prototype.getContext = () => null; });
+        await bare.goto(browser.url);
+        await bare.getByText('This browser shows no WebGL 2').waitFor();
+        await save(bare, 'no-webgl');
+        assert.equal(await bare.locator('#dock').isVisible(), false);
+        await bare.close();
+    },
+
+    async 'A graphics card that was lost and comes back shows the picture again'() {
+        const other = await browser.open('/', { scale });
+        await settledPyramid(other);
+        await rest(other);
+        const lit = await litShare(other);
+        browser.faultLevels = ['error'];  // what the lost card has left is given back to the new one
+        await other.evaluate(() => {
+            window.card = document.getElementById('stage').getContext('webgl2').getExtension('WEBGL_lose_context');
+            window.card.loseContext();
+        });
+        const notice = other.getByText('The graphics card was taken away');
+        await notice.waitFor();
+        await other.evaluate(() => window.card.restoreContext());
+        await notice.waitFor({ state: 'detached' });
+        await other.waitForTimeout(100);
+        await rest(other);
+        assert.ok(Math.abs(await litShare(other) - lit) < 0.01);
+        await other.close();
+        browser.faultLevels = ['error', 'warning'];
+    },
+
+    async 'A second click starts nothing twice'() {
+        const { id } = await (await fetch(`${server.url}/v1/clouds?name=line.ply`, { method: 'POST', body: line(500) })).json();
+        await page.reload();
+        const before = await settledPyramid(page);
+        await page.route('**/v1/jobs', async (route) => {
+            await new Promise((resolve) => { setTimeout(resolve, 500); });
+            await route.continue();
+        });
+        await page.locator('#clouds').getByText('line.ply').dblclick();
+        await settledPyramid(page, before);
+        await page.keyboard.press('1');
+        await visit(page, `/?pyramid=${before}`);
+        await page.keyboard.press('1');
+        await page.locator('#files').getByText('Error map').dblclick();
+        await settledPyramid(page, before);
+        await page.unrouteAll();
+        const { items } = await (await fetch(`${server.url}/v1/jobs`)).json();
+        assert.equal(items.filter(({ request }) => request.input === id).length, 1);
+        assert.equal(items.filter(({ type }) => type === 'evaluate').length, 1);
+        await page.keyboard.press('l');
+    },
+
+    async 'A cloud that was sent while another result was opened is offered, not shown'() {
+        const job = await startJob({ type: 'simplify', input: cloud, points: 700, format: 'drc' });
+        await page.getByRole('button', { name: 'Process' }).first().click();
+        await page.route('**/v1/clouds?name=*', async (route) => {
+            await visit(page, `/?job=${job}`);
+            await route.continue();
+        });
+        await choose(page, { name: 'late.ply', buffer: line(600) });
+        const notice = page.locator('.notice');
+        await notice.getByText('late.ply was added').waitFor();
+        assert.equal(await page.locator('#job-dialog').isVisible(), false);  // what is added would be behind it
+        assert.equal(await settledPyramid(page), job);
+        await save(page, 'offer');
+        await notice.getByRole('button', { name: 'Open it' }).click();
+        await settledPyramid(page, job);
+        await shows(page, 600);
+        assert.equal(await notice.count(), 0);
+        await page.unrouteAll();
+    },
+
+    async 'A dropped folder is called one'() {
+        const parent = mkdtempSync(join(tmpdir(), 'stipple-folder-'));
+        const folder = join(parent, 'scans.ply');
+        mkdirSync(folder);
+        const devtools = await page.context().newCDPSession(page);
+        for (const type of ['dragEnter', 'dragOver', 'drop']) {
+            await devtools.send('Input.dispatchDragEvent', { type, x: 700, y: 300, data: { items: [], files: [folder], dragOperationsMask: 1 } });
+        }
+        await page.getByText('scans.ply is a folder').waitFor();
+        await page.locator('.notice button').focus();
+        await page.keyboard.press('Enter');
+        assert.equal(await page.evaluate(() => document.activeElement.id), 'stage');
+        rmSync(parent, { recursive: true });
+    },
+
+    async 'Clouds of other places, or in other units, are compared with a word about that'() {
+        const near = await settledPyramid(page);
+        for (const [name, place, word] of [['far.ply', (i) => [50 + i / 500, 0, 0], 'lies elsewhere'], ['large.ply', (i) => [2 * i, 0, 0], 'in other units?']]) {
+            const body = ply(Array.from({ length: 500 }, (_, i) => place(i)), false);
+            const { id } = await (await fetch(`${server.url}/v1/clouds?name=${name}`, { method: 'POST', body })).json();
+            const other = await startJob({ type: 'pyramid', input: id, formats: ['drc'] });
+            await visit(page, `/?pyramid=${near}&with=${other}`);
+            await page.locator('#right-label').getByText(word).waitFor();
+            await page.locator('#right-label').getByText('hierarchical').waitFor();  // by which method it was made
+        }
+    },
+
+    async 'Older results are listed when they are asked for'() {
+        const { items: all } = await (await fetch(`${server.url}/v1/jobs`)).json();
+        await page.route('**/v1/jobs?*', async (route) => {
+            const isLater = new URL(route.request().url()).searchParams.get('cursor') === 'later';
+            const newest = Array.from({ length: 100 }, (_, i) => ({ ...all[0], id: `newer-${i}` }));
+            await route.fulfill({ json: isLater ? { items: all } : { items: newest, next: 'later' } });
+        });
+        await page.reload();
+        const rows = (count) => page.waitForFunction((wanted) => document.querySelectorAll('#results .row').length === wanted, count);
+        await rows(100);
+        await save(page, 'older');
+        await page.locator('#older-results').press('Enter');
+        await rows(100 + all.length);
+        assert.equal(await page.locator('#older-results').isVisible(), false);
+        assert.equal(await page.evaluate(() => document.activeElement.className), 'row');
+        await page.unrouteAll();
+    },
+});
