@@ -6,6 +6,7 @@
 #include "gaps.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <iterator>
@@ -32,9 +33,10 @@ unsigned rounds_for(std::uint64_t points) {
 }
 
 /// Where errors are sure, rounds that are drawn at once: as many as scans with much noise need,
-/// where looking at all leaves takes little time.
+/// where looking at all leaves takes little time. A power of two is best: the places of the first
+/// rounds then lie evenly among all.
 unsigned drawn_rounds(const PointTree& tree, unsigned least) {
-    constexpr unsigned kOfNoisy = 48;
+    constexpr unsigned kOfNoisy = 64;
     constexpr std::uint64_t kFewLeaves = 400'000;
     return tree.leaf_count() < kFewLeaves ? std::max(least, kOfNoisy) : least;
 }
@@ -59,7 +61,7 @@ LevelMeter::LevelMeter(std::vector<Vec3f>&& source, LodErrors errors, const RunC
     const unsigned likely = std::max(kMostly, rounds_for(points.size()));
     draw(errors_ == LodErrors::Rough ? kRough
          : is_small                  ? kOfSmall
-                                     : std::min(most_rounds(), drawn_rounds(made->tree, likely)),
+                    : std::min(std::bit_floor(most_rounds()), drawn_rounds(made->tree, likely)),
          context);
     const unsigned needed = errors_ == LodErrors::Sure ? likely : kSome;
     need_places(std::min(needed, places_.rounds()), context);

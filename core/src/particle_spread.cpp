@@ -65,9 +65,10 @@ std::vector<float> particle_shares(std::span<const float> areas, std::span<const
                 beyond += is_cut ? 1 : 0;
             }
         });
-        if (beyond == cut || rest == 0) break;
+        const double left = particles - bound * static_cast<double>(beyond);
+        if (beyond == cut || rest == 0 || left <= 0) break;
         cut = beyond;
-        scale = (particles - bound * static_cast<double>(beyond)) / rest;
+        scale = left / rest;
     }
     for_blocks_in_order(shares.size(), context, [&](std::size_t begin, std::size_t end) {
         for (float& share : std::span(shares).subspan(begin, end - begin))

@@ -45,9 +45,6 @@ CLI::Option* add(CLI::App& app, const std::string& flag, T& value, const std::st
 CLI::Validator within(int least, int most) {
     return CLI::Range(least, most).description("");
 }
-CLI::Validator size_in_bytes() {
-    return CLI::AsSizeValue(true).description("");
-}
 
 void add_addresses(CLI::App& serve, Flags& flags) {
     add(serve, "--listen", flags.listen, "address of the API, HOST:PORT; port 0: any free");
@@ -75,7 +72,7 @@ void add_work(CLI::App& serve, Flags& flags, ServerConfig& config) {
 
 void add_limits(CLI::App& serve, Flags& flags, Limits& limits) {
     const auto bytes = [](CLI::Option* option) {
-        option->transform(size_in_bytes())->type_name("SIZE");
+        option->transform(CLI::AsSizeValue(true).description(""))->type_name("SIZE");
     };
     bytes(add(serve, "--max-upload", limits.max_upload_bytes, "bytes of an upload, as in 2GB"));
     add(serve, "--max-points", limits.decode.max_points, "points of a cloud");

@@ -381,7 +381,7 @@ TEST_F(LodTilesOfLevels, AreOfLevelsWhoseErrorIsSoonEstimated) {
         tiler.add_level(level, false);
         const SurfaceError error = tiler.level_error().value();
         EXPECT_EQ(error.forward.samples, 4096U);
-        EXPECT_NEAR(error.mean() / measured.mean(), 1, 0.05) << l;
+        EXPECT_NEAR(error.mean() / measured.mean(), 1, 0.03) << l;
         EXPECT_NEAR(error.forward.p95 / measured.forward.p95, 1, 0.05) << l;
         EXPECT_LE(error.max(), 1.001 * measured.max());
         EXPECT_NEAR(error.backward.mean / measured.backward.mean, 1, 0.15) << l;

@@ -139,6 +139,15 @@ TEST(ParticleShares, OfAPointFarFromAllOthersIsOneParticle) {
     }
 }
 
+TEST(ParticleShares, OfASinglePointFarOffMayBeAllThereAre) {
+    std::vector<float> areas(1000, 1.0F);
+    areas[500] = 1e30F;
+    const auto shares = particle_shares(areas, std::vector<float>(1000, 1.0F), 1);
+    EXPECT_NEAR(shares[500], 1.0, 1e-6);
+    EXPECT_GE(shares[0], 0.0);
+    EXPECT_LT(shares[0], 1e-3);
+}
+
 TEST(ParticleSimulation, KeepsToTheSurfaceBesideAPointFarOff) {
     for (const float far : {1e5F, 1e7F, 1e12F}) {
         PointCloud cloud = test::sphere(6'000);

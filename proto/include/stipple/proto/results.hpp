@@ -22,11 +22,9 @@ struct OutputFile {
     CloudFormat format = CloudFormat::Ply;
     std::uint64_t bytes = 0;
     std::string sha256;  ///< of the bytes; also the strong ETag
-    std::string href;    ///< where it is served: absolute path on the server, relative file name in
-                         ///< an exported folder
+    std::string href;    ///< where it is served: absolute path on the server, relative file name in an exported folder
     std::optional<LodTile> tile{};  ///< of a `glb`: what it holds, without the streams
-    std::optional<FileError>
-        error{};  ///< of a `drc`, where that of its cloud was measured: with what rounding may add
+    std::optional<FileError> error{};  ///< of a `drc`, where that of its cloud was measured: with what rounding may add
 };
 
 /// A picture: PNG.
@@ -36,27 +34,22 @@ struct PictureFile {
     std::string sha256, href;  ///< as those of an `OutputFile`
 };
 
-/// What kept a cloud from having fewer points: one that was tried, and where it was farther from
-/// the input's surface than the bound.
+/// What kept a cloud from having fewer points: one that was tried, and where it was farther from the input's surface than the bound.
 struct FewerTried {
-    std::uint64_t points = 0;  ///< all of the input's, where those are farther than the bound from
-                               ///< the surface that they say
+    std::uint64_t points = 0;  ///< all of the input's, where those are farther than the bound from the surface that they say
     Vec3d place{0, 0, 0};      ///< in the coordinates of the file
     double distance = 0;
 };
 
-/// What was measured of a cloud that was to be within an error (`simplify_within_error`), in input
-/// units.
+/// What was measured of a cloud that was to be within an error (`simplify_within_error`), in input units.
 struct MeasuredBound {
     double max_error = 0;  ///< the bound
-    double forward = 0,
-           backward = 0;  ///< largest distances, from the input's surface and from the result's
-    std::uint64_t samples = 0;  ///< on the surface of the input
-    std::string sampling;       ///< `points`, `surface` or `particles`
-    std::uint64_t points_off_surface =
-        0;               ///< of the input, farther from its own surface: not counted
-    unsigned tries = 0;  ///< clouds that were measured
-    bool whole = false;  ///< no smaller cloud was found within the bound: it is the input itself
+    double forward = 0, backward = 0;  ///< largest distances, from the input's surface and from the result's
+    std::uint64_t samples = 0;         ///< on the surface of the input
+    std::string sampling;              ///< `points`, `surface` or `particles`
+    std::uint64_t points_off_surface = 0;  ///< of the input, farther from its own surface: not counted
+    unsigned tries = 0;                ///< clouds that were measured
+    bool whole = false;                ///< no smaller cloud was found within the bound: it is the input itself
     std::optional<FewerTried> too_far{};  ///< of a whole one; of those tried that with most points
 };
 std::string to_json(const MeasuredBound& bound);  ///< `bound` of a result, below
@@ -79,16 +72,14 @@ struct OutputCloud {
     std::uint64_t points = 0;
     double spacing = 0;  ///< mean distance to the nearest other point, input units
     Aabb bounds;
-    std::vector<OutputFile> files;        ///< one per format; of `glb` one per tile
-    std::optional<ErrorFigures> error{};  ///< as an approximation of the input, where measured
-    std::optional<LodFigures> decoded{};  ///< of its tiles as they decode, all together
-    std::optional<Vec3d>
-        origin{};  ///< `PointCloud::origin`: positions of its Draco file are relative to it
-    std::vector<CloudAttribute>
-        attributes{};  ///< as `CloudStatistics`: the order of generic attributes in the files
-    std::optional<MeasuredBound> bound{};  ///< of a job with `max_error`
-    std::optional<CurveError> curve{};     ///< of a job that makes a curve; it has no files then
-    std::vector<PictureFile> pictures{};   ///< of all candidates, on the first
+    std::vector<OutputFile> files;  ///< one per format; of `glb` one per tile
+    std::optional<ErrorFigures> error{};      ///< as an approximation of the input, where measured
+    std::optional<LodFigures> decoded{};      ///< of its tiles as they decode, all together
+    std::optional<Vec3d> origin{};  ///< `PointCloud::origin`: positions of its Draco file are relative to it
+    std::vector<CloudAttribute> attributes{};  ///< as `CloudStatistics`: the order of generic attributes in the files
+    std::optional<MeasuredBound> bound{};      ///< of a job with `max_error`
+    std::optional<CurveError> curve{};         ///< of a job that makes a curve; it has no files then
+    std::vector<PictureFile> pictures{};      ///< of all candidates, on the first
 };
 
 /// What a job took.
@@ -103,39 +94,29 @@ struct JobCost {
     unsigned threads = 0;
 };
 
-/// What a job made. The same struct is `GET /v1/jobs/{id}/results`, and a pyramid's
-/// `manifest.json`:
+/// What a job made. The same struct is `GET /v1/jobs/{id}/results`, and a pyramid's `manifest.json`:
 ///
-///     {"schema": "stipple-results/1" | "stipple-pyramid/1" | "stipple-evaluation/1", "complete":
-///     true, "request": {…},
+///     {"schema": "stipple-results/1" | "stipple-pyramid/1" | "stipple-evaluation/1", "complete": true, "request": {…},
 ///      "source": {cloud statistics, "sha256"}, "method": "multiphase",
-///      "levels": [{"level": 0, "points": 8396, "spacing": 0.5, "bounds": {"min": [x, y, z], "max":
-///      […]},
+///      "levels": [{"level": 0, "points": 8396, "spacing": 0.5, "bounds": {"min": [x, y, z], "max": […]},
 ///                  "origin": [x, y, z], "attributes": [{"name", "type", "components"}],
-///                  "files": [{"format": "drc", "bytes": 20000, "sha256": "…", "href": "…",
-///                  "error": {"mean", "max"}},
-///                            {"format": "glb", …, "tile": {"parent": 0, "points": 8396, "bits": 9,
-///                            "step": 0.01,
-///                             "offset": [x, y, z], "last": [511, 400, 300], "error": {"mean",
-///                             "max", "p99", "mean_confidence", "samples"}, "spacing": 0.5,
-///                             "cover_radius": 0.9}}],
-///                  "decoded": {"bits" of its tiles, "error": {as that of a tile}, "spacing",
-///                  "cover_radius"}, "error": {as in evaluation.hpp}, "bound": {"max_error": 0.1,
-///                  "forward": 0.08, "backward": 0.09, "samples": 400000, "sampling": "particles",
+///                  "files": [{"format": "drc", "bytes": 20000, "sha256": "…", "href": "…", "error": {"mean", "max"}},
+///                            {"format": "glb", …, "tile": {"parent": 0, "points": 8396, "bits": 9, "step": 0.01,
+///                             "offset": [x, y, z], "last": [511, 400, 300], "error": {"mean", "max", "p99", "mean_confidence", "samples"},
+///                             "spacing": 0.5, "cover_radius": 0.9}}],
+///                  "decoded": {"bits" of its tiles, "error": {as that of a tile}, "spacing", "cover_radius"},
+///                  "error": {as in evaluation.hpp},
+///                  "bound": {"max_error": 0.1, "forward": 0.08, "backward": 0.09, "samples": 400000, "sampling": "particles",
 ///                            "tries": 30, "whole": false},
-///                            of a whole one also "too_far": {"points": 900, "place": [x, y, z],
-///                            "distance": 0.12}
+///                            of a whole one also "too_far": {"points": 900, "place": [x, y, z], "distance": 0.12}
 ///                  "pictures": [{"width", "height", "bytes", "sha256", "href"}]}],
-///      "cost": {"seconds": {"decode", "simplify", "splats", "error", "encode", "total"},
-///      "peak_memory_bytes", "threads"}}
+///      "cost": {"seconds": {"decode", "simplify", "splats", "error", "encode", "total"}, "peak_memory_bytes", "threads"}}
 ///
-/// Tiles are numbered from 0 as they stand, over all levels; `parent` is such a number, absent for
-/// the first. A tile's points lie on a grid: offset + step * (0 .. last), relative to the middle of
-/// the source's bounds. Its figures, and those of all tiles of a level (`decoded`), are
-/// `LodFigures`. The levels of a curve have no files, but "curve": {"forward": {"max", "mean",
-/// "rms"}, "backward": {…}, "diagonal"}. `bound` stands only where there was one to keep
-/// (`max_error`). `method` is absent where there is none (analyze). `complete` is false while
-/// levels are still to come; `cost` stands only in a complete one.
+/// Tiles are numbered from 0 as they stand, over all levels; `parent` is such a number, absent for the first. A tile's points lie on
+/// a grid: offset + step * (0 .. last), relative to the middle of the source's bounds. Its figures, and those of all tiles of a
+/// level (`decoded`), are `LodFigures`.
+/// The levels of a curve have no files, but "curve": {"forward": {"max", "mean", "rms"}, "backward": {…}, "diagonal"}.
+/// `bound` stands only where there was one to keep (`max_error`). `method` is absent where there is none (analyze). `complete` is false while levels are still to come; `cost` stands only in a complete one.
 struct Results {
     JobRequest request;
     std::optional<CloudStatistics> source;  ///< absent until decoded
@@ -146,9 +127,9 @@ struct Results {
 };
 /// The method by which a job makes points; none when it makes none.
 std::optional<Method> method_of(const JobRequest& request) noexcept;
-/// Raises the mean, the maximum and the 99 % of each tile's error to those of the tiles below it.
-/// Each tile is measured at places of its own, and by few of them chance can make a finer one's
-/// larger; what is published is no smaller above than below, along every path.
+/// Raises the mean, the maximum and the 99 % of each tile's error to those of the tiles below it. Each
+/// tile is measured at places of its own, and by few of them chance can make a finer one's larger;
+/// what is published is no smaller above than below, along every path.
 void raise_tile_errors(Results& pyramid);
 std::string to_json(const Results& results);
 /// What an evaluation found, the reply to `POST /v1/evaluations` and the figures of `stipple
@@ -161,9 +142,9 @@ Results results_from_json(std::string_view json);
 /// What stipple-job is told, in a file named on its command line.
 struct JobSpec {
     JobRequest request;
-    std::string input_file;                      ///< the cloud's bytes
+    std::string input_file;  ///< the cloud's bytes
     std::vector<std::string> candidate_files{};  ///< of an evaluation, in the order of the request
-    std::string output_dir;                      ///< exists and is empty
+    std::string output_dir;  ///< exists and is empty
     DecodeLimits limits;
     std::uint64_t max_memory_bytes = 0;  ///< RLIMIT_AS; 0: none
     std::uint64_t max_cpu_seconds = 0;   ///< RLIMIT_CPU
@@ -173,8 +154,7 @@ struct JobSpec {
 std::string to_json(const JobSpec& spec);
 JobSpec job_spec_from_json(std::string_view json);
 
-/// What stipple-job reports on its standard output, one JSON object a line. Exactly one field is
-/// set.
+/// What stipple-job reports on its standard output, one JSON object a line. Exactly one field is set.
 ///
 ///     {"progress": {"stage": "decode", "percent": 12.5}}
 ///     {"source": {cloud statistics}}
