@@ -2,6 +2,7 @@
 #include "cli/commands.hpp"
 #include "cli/interrupt.hpp"
 #include "stipple/error.hpp"
+#include "stipple/heap.hpp"
 
 #include <algorithm>
 #include <csignal>
@@ -24,6 +25,7 @@ int fail(const Terminal& terminal, std::string message, int exit_code) {
 }  // namespace
 
 int main(int argc, char** argv) {
+    stipple::prefer_huge_heap();
     // A server or a reader that closes early is an error like others.
     std::signal(SIGPIPE, SIG_IGN);
     const InterruptWatch interrupt;

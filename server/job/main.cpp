@@ -7,6 +7,7 @@
 
 #include "last_words.hpp"
 #include "sandbox.hpp"
+#include "stipple/heap.hpp"
 #include "stipple/proto/run_job.hpp"
 
 #include <unistd.h>
@@ -85,6 +86,7 @@ int main(int argc, char** argv) {
         std::fputs(kUsage, stderr);
         return 2;
     }
+    stipple::prefer_huge_heap();
     try {
         run(argv[1]);
     } catch (const Error& error) {
