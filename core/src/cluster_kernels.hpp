@@ -30,13 +30,6 @@ struct Spread {
 /// How many spreads are taken at once.
 constexpr std::size_t kSpreads = 4;
 
-/// Where `nearby` writes, packed: squared distances of all samples that it counts; and of the free
-/// ones that it finds, beside their places. Eight more than those are written.
-struct NearbyOutput {
-    float *all_sq, *free_sq;
-    Index* free;
-};
-
 /// The least box around some samples.
 struct SampleBox {
     std::array<float, 3> low, high;
@@ -45,6 +38,30 @@ struct SampleBox {
 /// Eight boxes; one that is missing is infinitely far from everything.
 struct alignas(32) EightBoxes {
     std::array<std::array<float, 8>, 3> low, high;
+};
+
+/// Samples in blocks, of which some are taken; eight more can be read.
+struct SampleBlocks {
+    SampleSpan samples;
+    const float* taken;       ///< 0 or less where a sample is free
+    const Index* begins;      ///< of each block; one more for the end
+    const EightBoxes* boxes;  ///< of blocks 0..7, 8..15, ...
+};
+
+/// What `nearby` looks for.
+struct NearbyQuery {
+    std::array<float, 3> center;
+    float counted_sq, limit_sq;
+    Index begin, end;     ///< the samples that may be looked at, whole blocks
+    std::size_t at_most;  ///< to be found, and those of eight blocks
+};
+
+/// Where `nearby` writes, packed: squared distances of all samples that it counts; and of the free
+/// ones that it finds, beside their places. Eight more than those are written.
+struct NearbyOutput {
+    float *all_sq, *free_sq;
+    Index* free;
+    bool is_beyond = false;  ///< whether samples that may not be looked at may be near
 };
 
 /// The inner loops of the clustering methods, for one instruction set. Every set gives the same
@@ -61,12 +78,11 @@ struct ClusterKernels {
     /// matrices.
     std::array<Spread, kSpreads> (*spreads)(
         const std::array<Symmetric3, kSpreads>& scatters) noexcept;
-    /// Of the samples `begin..end`, counts all within the root of `counted_sq` of `center`, and
-    /// finds the free ones, where `taken` is 0, within that of `limit_sq`. Reads eight more
-    /// samples. @return behind what was written.
-    NearbyOutput (*nearby)(const SampleSpan& samples, const float* taken, Index begin, Index end,
-                           const std::array<float, 3>& center, float counted_sq, float limit_sq,
-                           const NearbyOutput& out) noexcept;
+    /// Of the blocks of `count` groups of eight, counts all samples within the root of `counted_sq`
+    /// of the center, and finds the free ones within that of `limit_sq`, which is no less.
+    /// @return behind what was written.
+    NearbyOutput (*nearby)(const SampleBlocks& blocks, const Index* groups, std::size_t count,
+                           const NearbyQuery& query, const NearbyOutput& out) noexcept;
     /// Which boxes have a part within the root of `radius_sq` of the center, as bits.
     unsigned (*boxes_within)(const EightBoxes& boxes, const std::array<float, 3>& center,
                              float radius_sq) noexcept;

@@ -349,35 +349,6 @@ std::array<Spread, kSpreads> spreads(const std::array<Symmetric3, kSpreads>& m) 
     return result;
 }
 
-NearbyOutput nearby(const SampleSpan& samples, const float* taken, Index begin, Index end,
-                    const std::array<float, 3>& center, float counted_sq, float limit_sq,
-                    const NearbyOutput& output) noexcept {
-    const SampleSpan s = samples;
-    const std::array<float, 3> c = center;
-    NearbyOutput out = output;
-    const auto store = [](const auto& lanes, auto* to) {
-        __builtin_memcpy(to, &lanes, sizeof lanes);
-    };
-    const auto add = [&](Index place, unsigned here) {
-        const Group g = whole_group(s, place, c);
-        const Float8 d = g.x * g.x + g.y * g.y + g.z * g.z;
-        const unsigned counted = lane_bits(d <= counted_sq) & here;
-        const unsigned free = lane_bits((d <= limit_sq) & (load(taken + place) <= 0.0F)) & here;
-        const Int8 places = Int8{0, 1, 2, 3, 4, 5, 6, 7} + static_cast<std::int32_t>(place);
-        const Packing free_first{free};
-        store(Packing{counted}.of_lanes(d), out.all_sq);
-        store(free_first.of_lanes(d), out.free_sq);
-        store(free_first.of_lanes(places), out.free);
-        out.all_sq += std::popcount(counted);
-        out.free_sq += std::popcount(free);
-        out.free += std::popcount(free);
-    };
-    const Index few = (end - begin) % kLanes, whole = end - few;
-    for (Index place = begin; place < whole; place += kLanes) add(place, 255U);
-    if (few != 0) add(whole, (1U << few) - 1U);
-    return out;
-}
-
 inline Float8 larger(Float8 a, Float8 b) noexcept {
     return a > b ? a : b;
 }
@@ -392,6 +363,49 @@ unsigned boxes_within(const EightBoxes& boxes, const std::array<float, 3>& cente
         distance_sq += gap * gap;
     }
     return lane_bits(distance_sq <= radius_sq);
+}
+
+NearbyOutput nearby(const SampleBlocks& blocks, const Index* groups, std::size_t count,
+                    const NearbyQuery& query, const NearbyOutput& output) noexcept {
+    // Copies that no store can reach, so that they stay in registers.
+    const SampleBlocks b = blocks;
+    const NearbyQuery q = query;
+    NearbyOutput out = output;
+    const auto store = [](const auto& lanes, auto* to) {
+        __builtin_memcpy(to, &lanes, sizeof lanes);
+    };
+    const auto add = [&](Index place, unsigned here) {
+        const Group g = whole_group(b.samples, place, q.center);
+        const Float8 d = g.x * g.x + g.y * g.y + g.z * g.z;
+        const unsigned counted = lane_bits(d <= q.counted_sq) & here;
+        const unsigned free = lane_bits((d <= q.limit_sq) & (load(b.taken + place) <= 0.0F)) & here;
+        const Int8 places = Int8{0, 1, 2, 3, 4, 5, 6, 7} + static_cast<std::int32_t>(place);
+        const Packing free_first{free};
+        store(Packing{counted}.of_lanes(d), out.all_sq);
+        store(free_first.of_lanes(d), out.free_sq);
+        store(free_first.of_lanes(places), out.free);
+        out.all_sq += std::popcount(counted);
+        out.free_sq += std::popcount(free);
+        out.free += std::popcount(free);
+    };
+    for (std::size_t g = 0; g < count; ++g) {
+        for (unsigned near = boxes_within(b.boxes[groups[g]], q.center, q.limit_sq); near != 0;
+             near &= near - 1) {
+            const std::size_t block =
+                8 * groups[g] + static_cast<std::size_t>(std::countr_zero(near));
+            const Index begin = b.begins[block], end = b.begins[block + 1];
+            if (begin < q.begin || end > q.end) {
+                out.is_beyond = true;
+                return out;
+            }
+            const Index few = (end - begin) % kLanes, whole = end - few;
+            for (Index place = begin; place < whole; place += kLanes) add(place, 255U);
+            if (few != 0) add(whole, (1U << few) - 1U);
+        }
+        const auto found = (out.all_sq - output.all_sq) + (out.free_sq - output.free_sq);
+        if (static_cast<std::size_t>(found) > q.at_most) break;
+    }
+    return out;
 }
 
 SampleBox box(const SampleSpan& samples) noexcept {

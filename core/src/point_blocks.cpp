@@ -5,8 +5,12 @@
 
 #include <tbb/parallel_invoke.h>
 #include <algorithm>
+#include <array>
+#include <bit>
 #include <cmath>
 #include <functional>
+#include <limits>
+#include <utility>
 
 namespace stipple {
 
@@ -103,6 +107,38 @@ void PointBlocks::let_all_seed(const RunContext& context) {
     for_blocks_in_order(size_, context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) taken_[i] = std::max(taken_[i], 0.0F);
     });
+}
+
+void PointBlocks::approach(const Vec3f& q, float radius, Vicinity& vicinity) const {
+    constexpr float kRounding = 1.0001F;
+    constexpr float kAhead = 3;        // radii: as far as looks to come may see
+    constexpr std::size_t kMost = 32;  // groups that are worth it
+    if (kRounding * ((q - vicinity.center).lpNorm<1>() + radius) <= vicinity.radius) return;
+    vicinity.center = q;
+    for (const auto& [reach, most] :
+         {std::pair(kAhead * radius, kMost), std::pair(radius, begins_.size())}) {
+        vicinity.radius = reach;
+        vicinity.groups.clear();
+        add_groups(levels_.size() - 1, 0, most, vicinity);
+        if (vicinity.groups.size() <= most) break;
+    }
+    vicinity.sample_count = 0;
+    for (const Index group : vicinity.groups) {
+        const std::size_t first = std::size_t{8} * group;
+        vicinity.sample_count += begins_[std::min(first + 8, begins_.size() - 1)] - begins_[first];
+    }
+}
+
+void PointBlocks::add_groups(std::size_t level, Index node, std::size_t at_most,
+                             Vicinity& vicinity) const {
+    if (level == 0) return vicinity.groups.push_back(node);
+    const Vec3f& c = vicinity.center;
+    unsigned near = cluster_kernels().boxes_within(levels_[level][node], {c.x(), c.y(), c.z()},
+                                                   vicinity.radius * vicinity.radius);
+    for (; near != 0 && vicinity.groups.size() <= at_most; near &= near - 1) {
+        add_groups(level - 1, 8 * node + static_cast<Index>(std::countr_zero(near)), at_most,
+                   vicinity);
+    }
 }
 
 void PointBlocks::choose_scale(const RunContext& context) {

@@ -1,14 +1,10 @@
 #pragma once
 
 #include "cluster_kernels.hpp"
-#include "float4.hpp"
 #include "samples.hpp"
 #include "stipple/point_cloud.hpp"
 #include "stipple/run_context.hpp"
 
-#include <array>
-#include <bit>
-#include <cstdint>
 #include <limits>
 #include <optional>
 #include <span>
@@ -47,16 +43,22 @@ public:
     void keep_block_from_seeding(Index place, Index begin, Index end) noexcept;
     void let_all_seed(const RunContext& context);
 
-    /// Calls visit(begin, end) for the blocks, as ranges of samples, of which a part may be within
-    /// the root of `radius_sq` (finite) of q, until it returns false.
-    template <typename Visit>
-    void find(const Vec3f& q, float radius_sq, Visit&& visit) const {
-        visit_node(levels_.size() - 1, 0, {q.x(), q.y(), q.z()}, radius_sq, visit);
-    }
+    /// The blocks about a place, for looks from there and from close by.
+    struct Vicinity {
+        Vec3f center = Vec3f::Zero();
+        float radius = -1;             ///< within which of the center every block is in a group
+        std::vector<Index> groups;     ///< of eight blocks, ascending
+        std::size_t sample_count = 0;  ///< in all of them
+    };
+    /// Moves the vicinity where it lacks a block of which a part may be within `radius` (finite) of
+    /// q.
+    void approach(const Vec3f& q, float radius, Vicinity& vicinity) const;
 
-    /// Of each sample 0, or less where it may be no seed, or infinity when it is taken; as of the
-    /// coordinates, `kSlack` can be read from any place.
-    const float* taken() const noexcept { return taken_.data(); }
+    /// The blocks for `ClusterKernels::nearby`. Of each sample 0 is told, or less where it may be
+    /// no seed, or infinity when it is taken.
+    SampleBlocks view() const noexcept {
+        return {samples(), taken_.data(), begins_.data(), levels_.front().data()};
+    }
 
 private:
     struct Leaves {
@@ -69,20 +71,8 @@ private:
                    const RunContext& context);
     void stack_levels(std::vector<SampleBox> boxes);
 
-    template <typename Visit>
-    bool visit_node(std::size_t level, std::size_t n, const std::array<float, 3>& q,
-                    float radius_sq, Visit& visit) const {
-        for (unsigned near = boxes_within_(levels_[level][n], q, radius_sq); near != 0;
-             near &= near - 1) {
-            const std::size_t child = 8 * n + static_cast<std::size_t>(std::countr_zero(near));
-            const bool go_on = level == 0 ? visit(begins_[child], begins_[child + 1])
-                                          : visit_node(level - 1, child, q, radius_sq, visit);
-            if (!go_on) return false;
-        }
-        return true;
-    }
+    void add_groups(std::size_t level, Index node, std::size_t at_most, Vicinity& vicinity) const;
 
-    decltype(ClusterKernels::boxes_within) boxes_within_ = cluster_kernels().boxes_within;
     std::size_t size_, most_in_block_;
     float scale_, extent_;
     Samples storage_;            ///< the samples, and as many places again for their partition

@@ -2,9 +2,11 @@
 
 #include "cluster_kernels.hpp"
 #include "first_touch.hpp"
+#include "float4.hpp"
 #include "parallel_for.hpp"
 #include "random.hpp"
 #include "sample_moments.hpp"
+#include "surroundings.hpp"
 #include "symmetric_eigen.hpp"
 
 #include <algorithm>
@@ -86,57 +88,6 @@ struct Places {
     Index size() const noexcept { return end - begin; }
 };
 
-/// What lies within some distance of a seed.
-struct Surroundings {
-    Places own;                  ///< blocks that are not all in here are not looked at,
-    bool is_beyond = false;      ///< but noticed
-    std::vector<float> all_sq;   ///< squared distances of all points nearby, the seed included
-    std::vector<float> free_sq;  ///< and of those farther off, too, that are not taken,
-    std::vector<Index> free;     ///< which are here
-    std::size_t all_count = 0, free_count = 0;
-
-    /// Finds all points within `counted` of q, and the free ones within `radius`, which is no less.
-    /// @return whether there are no more than `limit` of them, and perhaps a block; if there are
-    /// more, not all of them are here.
-    bool look(const PointBlocks& blocks, const Vec3f& q, float counted, float radius,
-              std::size_t limit) {
-        const float counted_sq = counted * counted, radius_sq = radius * radius;
-        all_count = free_count = 0;
-        const std::array<float, 3> center = {q.x(), q.y(), q.z()};
-        const SampleSpan samples = blocks.samples();
-        const ClusterKernels& kernels = cluster_kernels();
-        blocks.find(q, radius_sq, [&](Index begin, Index end) {
-            if (begin < own.begin || end > own.end) {
-                is_beyond = true;
-                return false;
-            }
-            make_room(end - begin);
-            const NearbyOutput out =
-                kernels.nearby(samples, blocks.taken(), begin, end, center, counted_sq, radius_sq,
-                               {&all_sq[all_count], &free_sq[free_count], &free[free_count]});
-            all_count = static_cast<std::size_t>(out.all_sq - all_sq.data());
-            free_count = static_cast<std::size_t>(out.free_sq - free_sq.data());
-            return all_count + free_count <= limit;
-        });
-        make_room(0);
-        constexpr float kFar = std::numeric_limits<float>::infinity();
-        std::fill_n(&all_sq[all_count], PointBlocks::kSlack, kFar);
-        std::fill_n(&free_sq[free_count], PointBlocks::kSlack, kFar);
-        return all_count + free_count <= limit;
-    }
-
-private:
-    /// For `more` points, and some behind them.
-    void make_room(std::size_t more) {
-        const std::size_t count = std::max(all_count, free_count) + more;
-        if (count + PointBlocks::kSlack <= all_sq.size()) return;
-        const std::size_t size = 2 * count + 64;
-        all_sq.resize(size);
-        free_sq.resize(size);
-        free.resize(size);
-    }
-};
-
 double variation_of(const Symmetric3& scatter) noexcept {  // Eq. 5
     const double total = scatter.trace();
     return total > 0 ? std::max(0.0, eigenvalues(scatter)[0]) / total : 0.0;
@@ -208,8 +159,8 @@ public:
                   bounds.max_variation},
           own_(own),
           free_(own.begin),
+          near_(own.begin, own.end),
           result_(result) {
-        near_.own = own;
         size_ = first_size();
     }
 
@@ -226,6 +177,8 @@ public:
     /// Grows regions from that seed on until no free point is left that could be a seed. Points are
     /// left free where one would have to look at blocks that are not its own.
     void run(std::optional<Index> seed, const RunContext& context) {
+        if (result_.regions.empty())  // all that there are going to be; room costs nothing
+            reserve_in_blocks(result_.regions, 2 * own_.size() / size_, context);
         while (seed) {
             context.throw_if_stopped();
             constexpr std::size_t kBetweenReports = 64;  // regions
@@ -536,7 +489,7 @@ PointBlocks blocks_for_regions(std::span<const Vec3f> points, const RegionBounds
                                const RunContext& context) {
     // What takes the fewest instructions over the scans tried.
     const std::uint64_t size = std::min<std::uint64_t>(bounds.max_size, points.size());
-    return PointBlocks(points, std::clamp<std::uint64_t>(3 * size / 2, 64, 512), {}, context);
+    return PointBlocks(points, std::clamp<std::uint64_t>(3 * size / 2, 32, 512), {}, context);
 }
 
 double estimated_regions(PointBlocks& blocks, const RegionBounds& bounds,
@@ -575,6 +528,9 @@ Regions grow_regions(PointBlocks& blocks, const RegionBounds& bounds, std::uint6
             const auto at = static_cast<Index>(below(random_bits(seed, i), parts[i].size()));
             growth.run(parts[i].begin + at, context);
         });
+        std::size_t count = 0;
+        for (const Regions& part : grown) count += part.regions.size();
+        reserve_in_blocks(result.regions, count + count / 8, context);
         for (const Regions& part : grown) append(result, part, context);
         blocks.let_all_seed(context);
         first = whole.first_free();

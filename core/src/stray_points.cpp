@@ -1,8 +1,10 @@
 #include "stray_points.hpp"
 
 #include "first_touch.hpp"
+#include "float4.hpp"
 #include "parallel_for.hpp"
 #include "point_blocks.hpp"
+#include "surroundings.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -20,7 +22,7 @@ public:
     Centroids(const Regions& regions, std::span<const Index> chosen, const RunContext& context)
         : scale_(regions.scale),
           blocks_(positions_of(regions, chosen, context), 16, 1.0F, context) {
-        first_look_ = 0.5F * blocks_.extent() / std::sqrt(static_cast<float>(chosen.size()));
+        first_look_ = blocks_.extent() / std::sqrt(static_cast<float>(chosen.size()));
     }
 
     /// Some of them: numbers among the chosen regions and scaled positions, and behind those
@@ -28,15 +30,14 @@ public:
     struct Near {
         std::vector<Index> number;
         std::vector<float> x, y, z;
-        std::vector<Index> place;  ///< among the blocks
-        std::vector<float> all_sq, distance_sq;
+        Surroundings found;  ///< without those that lie too far
     };
 
     /// Finds every centroid that may be the closest to a point within `reach` of q.
     void find_candidates(const Vec3f& q, float reach, Near& near) const {
         float radius = std::max(2 * reach, first_look_);
         float closest_sq = find(q, radius, near);
-        while (near.place.empty()) {
+        while (near.found.free_count == 0) {
             constexpr float kNotZero = std::numeric_limits<float>::min();
             radius = 2 * std::max(radius, kNotZero);
             closest_sq = find(q, radius, near);
@@ -60,25 +61,13 @@ private:
         return positions;
     }
 
-    /// Finds places and squared distances of those within a radius. @return the least of these.
+    /// Finds those within a radius. @return the least of their squared distances.
     float find(const Vec3f& q, float radius, Near& near) const {
-        std::size_t found = 0;
-        const float radius_sq = radius * radius;
-        blocks_.find(q, radius_sq, [&](Index begin, Index end) {
-            const std::size_t room = found + (end - begin) + PointBlocks::kSlack;
-            if (near.place.size() < room) near.place.resize(2 * room);
-            near.distance_sq.resize(near.place.size());
-            near.all_sq.resize(near.place.size());
-            const NearbyOutput out = cluster_kernels().nearby(
-                blocks_.samples(), blocks_.taken(), begin, end, {q.x(), q.y(), q.z()}, -1.0F,
-                radius_sq, {near.all_sq.data(), &near.distance_sq[found], &near.place[found]});
-            found = static_cast<std::size_t>(out.free - near.place.data());
-            return true;
-        });
-        near.place.resize(found);
-        near.distance_sq.resize(found);
-        if (found == 0) return std::numeric_limits<float>::infinity();
-        return std::ranges::min(near.distance_sq);
+        near.found.look(blocks_, q, 0, radius, blocks_.samples().size);
+        float least = std::numeric_limits<float>::infinity();
+        for (std::size_t i = 0; i < near.found.free_count; ++i)
+            least = std::min(least, near.found.free_sq[i]);
+        return least;
     }
 
     /// Numbers and positions of those found that are within the root of `limit_sq`.
@@ -92,9 +81,10 @@ private:
             near.y.push_back(position.y());
             near.z.push_back(position.z());
         };
-        for (std::size_t i = 0; i < near.place.size(); ++i) {
-            if (near.distance_sq[i] > limit_sq) continue;
-            add(blocks_.samples().index[near.place[i]], blocks_.samples().position(near.place[i]));
+        for (std::size_t i = 0; i < near.found.free_count; ++i) {
+            if (near.found.free_sq[i] > limit_sq) continue;
+            const Index place = near.found.free[i];
+            add(blocks_.samples().index[place], blocks_.samples().position(place));
         }
         while (near.number.size() % 4 != 0) add(0, Vec3f::Constant(kFar));
     }

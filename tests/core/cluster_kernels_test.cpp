@@ -81,40 +81,109 @@ TEST_P(EveryKernel, PartitionsWhatLiesOnOneSideToThatSide) {
     }
 }
 
-TEST_P(EveryKernel, FindsWhatIsNearbyAsPlainCodeDoes) {
-    const std::vector<Vec3f> points = test::cube(GetParam(), 5).positions;
-    const std::size_t n = points.size(), begin = n / 3;
-    const Vec3f center(0.4F, 0.5F, 0.6F);
-    constexpr float kCountedSq = 0.1F, kLimitSq = 0.2F;
-    std::vector<float> taken(n + 8);
-    for (std::size_t i = 0; i < n; i += 3) taken[i] = HUGE_VALF;
+/// Points in ten blocks, every third taken, under two groups of boxes.
+struct TenBlocks {
+    static constexpr std::size_t kBlocks = 10;
+
+    explicit TenBlocks(const std::vector<Vec3f>& cloud)
+        : points(cloud), work(padded(cloud)), taken(cloud.size() + 8), boxes(2) {
+        for (std::size_t i = 0; i < points.size(); i += 3) taken[i] = HUGE_VALF;
+        for (std::size_t b = 0; b <= kBlocks; ++b)
+            begins.push_back(static_cast<Index>(b * points.size() / kBlocks));
+        for (EightBoxes& group : boxes) {
+            for (std::size_t axis = 0; axis < 3; ++axis) {
+                group.low[axis].fill(HUGE_VALF);
+                group.high[axis].fill(-HUGE_VALF);
+            }
+        }
+        for (std::size_t b = 0; b < kBlocks; ++b) {
+            for (Index i = begins[b]; i < begins[b + 1]; ++i) {
+                for (std::size_t axis = 0; axis < 3; ++axis) {
+                    const float c = points[i][static_cast<Eigen::Index>(axis)];
+                    float &low = boxes[b / 8].low[axis][b % 8],
+                          &high = boxes[b / 8].high[axis][b % 8];
+                    low = std::min(low, c);
+                    high = std::max(high, c);
+                }
+            }
+        }
+    }
+    static std::vector<Vec3f> padded(std::vector<Vec3f> cloud) {
+        cloud.resize(cloud.size() + 8);
+        return cloud;
+    }
+    SampleBlocks view() const {
+        return {work.samples.all(), taken.data(), begins.data(), boxes.data()};
+    }
+
+    std::vector<Vec3f> points;
+    Work work;
+    std::vector<float> taken;
+    std::vector<Index> begins;
+    std::vector<EightBoxes> boxes;
+};
+
+/// What `nearby` finds of the samples up to `end`.
+struct Found {
     std::vector<float> all, free;
     std::vector<Index> places;
-    for (std::size_t i = begin; i < n; ++i) {
-        const Vec3f d = points[i] - center;
-        const float distance_sq = d.x() * d.x() + d.y() * d.y() + d.z() * d.z();
-        if (distance_sq <= kCountedSq) all.push_back(distance_sq);
-        if (distance_sq > kLimitSq || taken[i] > 0) continue;
-        free.push_back(distance_sq);
-        places.push_back(static_cast<Index>(i));
+
+    Found(const TenBlocks& blocks, const NearbyQuery& query, std::size_t end) {
+        for (std::size_t i = 0; i < end; ++i) {
+            const Vec3f d = blocks.points[i] - Vec3f(query.center.data());
+            const float distance_sq = d.x() * d.x() + d.y() * d.y() + d.z() * d.z();
+            if (distance_sq <= query.counted_sq) all.push_back(distance_sq);
+            if (distance_sq > query.limit_sq || blocks.taken[i] > 0) continue;
+            free.push_back(distance_sq);
+            places.push_back(static_cast<Index>(i));
+        }
     }
-    std::vector<Vec3f> padded = points;
-    padded.resize(n + 8);
-    const Work work(padded);
-    for (const ClusterKernels& kernels : available_cluster_kernels()) {
-        std::vector<float> all_sq(n + 8), free_sq(n + 8);
-        std::vector<Index> free_places(n + 8);
+    /// Whether a kernel finds the same, and tells as much of what lies beyond.
+    bool is_as_by(const ClusterKernels& kernels, const TenBlocks& blocks, const NearbyQuery& query,
+                  bool is_beyond) const {
+        const std::size_t room = blocks.taken.size();
+        std::vector<float> all_sq(room), free_sq(room);
+        std::vector<Index> free_places(room);
+        const std::array<Index, 2> groups = {0, 1};
         const NearbyOutput end =
-            kernels.nearby(work.samples.all(), taken.data(), static_cast<Index>(begin),
-                           static_cast<Index>(n), {center.x(), center.y(), center.z()}, kCountedSq,
-                           kLimitSq, {all_sq.data(), free_sq.data(), free_places.data()});
+            kernels.nearby(blocks.view(), groups.data(), groups.size(), query,
+                           {all_sq.data(), free_sq.data(), free_places.data()});
         all_sq.resize(static_cast<std::size_t>(end.all_sq - all_sq.data()));
         free_sq.resize(static_cast<std::size_t>(end.free_sq - free_sq.data()));
         free_places.resize(static_cast<std::size_t>(end.free - free_places.data()));
-        EXPECT_EQ(all_sq, all) << kernels.name;
-        EXPECT_EQ(free_sq, free) << kernels.name;
-        EXPECT_EQ(free_places, places) << kernels.name;
+        return all_sq == all && free_sq == free && free_places == places &&
+               end.is_beyond == is_beyond;
     }
+};
+
+TEST_P(EveryKernel, FindsWhatIsNearbyAsPlainCodeDoes) {
+    const TenBlocks blocks(test::cube(GetParam(), 5).positions);
+    const auto n = static_cast<Index>(blocks.points.size());
+    const NearbyQuery query = {{0.4F, 0.5F, 0.6F}, 0.1F, 0.2F, 0, n, 2 * n};
+    const Found expected(blocks, query, n);
+    for (const ClusterKernels& kernels : available_cluster_kernels())
+        EXPECT_TRUE(expected.is_as_by(kernels, blocks, query, false)) << kernels.name;
+}
+
+TEST_P(EveryKernel, LooksAtNothingBeyondButTells) {
+    const TenBlocks blocks(test::cube(GetParam(), 5).positions);
+    const auto n = static_cast<Index>(blocks.points.size());
+    const Index end = blocks.begins[9];
+    if (end == n) GTEST_SKIP() << "the last block has no points";
+    const NearbyQuery query = {{0.4F, 0.5F, 0.6F}, 9, 9, 0, end, 2 * n};
+    const Found expected(blocks, query, end);
+    for (const ClusterKernels& kernels : available_cluster_kernels())
+        EXPECT_TRUE(expected.is_as_by(kernels, blocks, query, true)) << kernels.name;
+}
+
+TEST_P(EveryKernel, StopsBehindEightBlocksOnceItHasEnough) {
+    const TenBlocks blocks(test::cube(GetParam(), 5).positions);
+    const auto n = static_cast<Index>(blocks.points.size());
+    const NearbyQuery query = {{0.4F, 0.5F, 0.6F}, 9, 9, 0, n, 0};
+    const Index first = blocks.begins[8];
+    const Found expected(blocks, query, first > 0 ? first : n);
+    for (const ClusterKernels& kernels : available_cluster_kernels())
+        EXPECT_TRUE(expected.is_as_by(kernels, blocks, query, false)) << kernels.name;
 }
 
 TEST_P(EveryKernel, FindsTheBoxesThatAPartOfIsNear) {
