@@ -11,6 +11,7 @@
 #include "stipple/globe.hpp"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 #include <cstring>
@@ -102,22 +103,27 @@ LazPoints points_of_node(const PointCloud& cloud, const LasFields& fields,
     for (const Index i : order) places.push_back(cloud.positions[i]);
     RunContext alone;
     alone.threads = 1;
-    LazPoints points;
-    points.extra_size = fields.extra_size;
+    const std::vector<Index> chain = chain_through(places, alone);
+    const auto along_chain = [&]<typename Value>(const std::vector<Value>& values) {
+        std::vector<Value> along(values.empty() ? 0 : chain.size());
+        for (std::size_t i = 0; i < along.size(); ++i) along[i] = values[order[chain[i]]];
+        return along;
+    };
+    LazPoints points{.positions = {},
+                     .intensities = along_chain(fields.intensities),
+                     .returns = along_chain(fields.returns),
+                     .classifications = along_chain(fields.classifications),
+                     .user_data = along_chain(fields.user_data),
+                     .sources = along_chain(fields.sources),
+                     .times = along_chain(fields.times),
+                     .colors = along_chain(cloud.colors),
+                     .extra_size = fields.extra_size};
     points.positions.reserve(order.size());
-    points.intensities.reserve(fields.intensities.empty() ? 0 : order.size());
-    points.classifications.reserve(fields.classifications.empty() ? 0 : order.size());
-    points.colors.reserve(cloud.colors.empty() ? 0 : order.size());
     points.extras.reserve(order.size() * fields.extra_size);
-    for (const Index at : chain_through(places, alone)) {
-        const Index i = order[at];
+    for (const Index at : chain) {
         points.positions.push_back(positions[at]);
-        if (!fields.intensities.empty()) points.intensities.push_back(fields.intensities[i]);
-        if (!fields.classifications.empty())
-            points.classifications.push_back(fields.classifications[i]);
-        if (!cloud.colors.empty()) points.colors.push_back(cloud.colors[i]);
         for (const LasExtraField& field : fields.extras) {
-            const std::byte* const value = field.first + i * field.stride;
+            const std::byte* const value = field.first + order[at] * field.stride;
             points.extras.insert(points.extras.end(), value, value + field.size);
         }
     }
@@ -302,6 +308,24 @@ private:
     std::uint64_t offset_, root_size_ = 0;
 };
 
+constexpr std::size_t kReturns = 15;
+
+/// How many points are the first return of their pulse, the second, and so on.
+std::array<std::uint64_t, kReturns> points_by_return(const LasFields& fields,
+                                                     std::uint64_t points) {
+    std::array<std::uint64_t, kReturns> counts{};
+    for (const LazReturn& r : fields.returns) ++counts[r.number - 1U];
+    if (fields.returns.empty()) counts.front() = points;
+    return counts;
+}
+
+/// The least and the greatest time.
+std::pair<double, double> times_of(const LasFields& fields) {
+    if (fields.times.empty()) return {0, 0};
+    const auto [least, greatest] = std::ranges::minmax(fields.times);
+    return {least, greatest};
+}
+
 /// All that stands before the points.
 struct Head {
     OctreeCube cube;
@@ -309,6 +333,8 @@ struct Head {
     std::uint64_t points = 0;
     double spacing = 0;  ///< of the points of the root
     bool has_colors = false;
+    std::array<std::uint64_t, kReturns> by_return{};
+    std::pair<double, double> times{};
     const LasFields& fields;
     std::optional<unsigned> epsg{};
     /// What is known once the chunks are.
@@ -330,10 +356,14 @@ struct Head {
 private:
     void put_header(ByteWriter& to, std::size_t points_at, std::uint32_t records) const {
         constexpr std::uint16_t kWkt = 1U << 4U;  // asked for by formats from 6 on
+        // Seconds of the week are told apart from those since 2011-09-14, 10^9 s after GPS began.
+        constexpr std::uint16_t kStandardTime = 1;
+        constexpr double kWeek = 7 * 86'400;
+        const bool is_of_week = times.first >= 0 && times.second <= kWeek;
         constexpr std::uint8_t kCompressed = 1U << 7U;
         to.put_padded("LASF", 4);
         to.put_zeros(2);
-        to.put(kWkt);
+        to.put<std::uint16_t>(is_of_week ? kWkt : kWkt | kStandardTime);
         to.put_zeros(16);  // no project
         to.put<std::uint8_t>(1);
         to.put<std::uint8_t>(4);
@@ -357,8 +387,7 @@ private:
         to.put(hierarchy_record);
         to.put<std::uint32_t>(1);
         to.put(points);
-        to.put(points);  // of the first return
-        to.put_zeros(14 * 8);
+        for (const std::uint64_t count : by_return) to.put(count);
     }
     void put_info(ByteWriter& to) const {
         const double half = cube.side() / 2;
@@ -368,7 +397,9 @@ private:
         to.put(spacing);
         to.put(root_offset);
         to.put(root_size);
-        to.put_zeros(2 * 8 + 11 * 8);  // GPS time, reserved
+        to.put(times.first);
+        to.put(times.second);
+        to.put_zeros(11 * 8);  // reserved
     }
 };
 
@@ -401,6 +432,8 @@ std::vector<std::byte> encode_copc(const PointCloud& cloud, const CopcOptions& o
               .points = cloud.size(),
               .spacing = octree.cube().side() / options.octree.grid,
               .has_colors = !cloud.colors.empty(),
+              .by_return = points_by_return(fields, cloud.size()),
+              .times = times_of(fields),
               .fields = fields,
               .epsg = options.epsg};
     ByteWriter file;

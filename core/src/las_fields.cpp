@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <bit>
 #include <cctype>
+#include <cmath>
 #include <limits>
 #include <string_view>
 #include <type_traits>
@@ -29,13 +30,17 @@ LasExtraField extra_field(std::string name, const T* first, std::size_t stride) 
             reinterpret_cast<const std::byte*>(first)};
 }
 
-/// In any case, and as CloudCompare names scalar fields.
+/// As programs name scalar fields: in any case, with or without underscores, and some with a word
+/// before.
 bool is_named(const Attribute& attribute, std::string_view name) {
-    std::string lower = attribute.name;
-    std::ranges::transform(lower, lower.begin(),
-                           [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-    constexpr std::string_view kScalar = "scalar_";
-    return lower == name || (lower.starts_with(kScalar) && lower.substr(kScalar.size()) == name);
+    const auto plain = [](std::string_view text) {
+        std::string letters;
+        for (const unsigned char c : text)
+            if (c != '_' && c != ' ') letters += static_cast<char>(std::tolower(c));
+        return letters;
+    };
+    const std::string its = plain(attribute.name), wanted = plain(name);
+    return attribute.components == 1 && (its == wanted || its == "scalar" + wanted);
 }
 
 /// The values of an attribute, where all are whole numbers that T can hold; else none.
@@ -55,9 +60,24 @@ std::vector<T> whole_numbers(const Attribute& attribute) {
         attribute.values);
 }
 
+/// The values of an attribute, where all are finite; else none.
+std::vector<double> finite_numbers(const Attribute& attribute) {
+    return std::visit(
+        [](const auto& values) {
+            std::vector<double> numbers(values.begin(), values.end());
+            const bool fits =
+                std::ranges::all_of(numbers, [](double v) { return std::isfinite(v); });
+            return fits ? numbers : std::vector<double>{};
+        },
+        attribute.values);
+}
+
+constexpr std::string_view kReturnNumber = "return_number", kReturnCount = "number_of_returns";
+
 }  // namespace
 
 LasFields::LasFields(const PointCloud& cloud) {
+    take_returns(cloud);
     for (int axis = 0; !cloud.normals.empty() && axis < 3; ++axis)
         add(extra_field(std::string("Normal") + "XYZ"[axis], cloud.normals.front().data() + axis,
                         sizeof(Vec3f)));
@@ -73,12 +93,39 @@ LasFields::LasFields(const PointCloud& cloud) {
 }
 
 bool LasFields::take_as_known(const Attribute& attribute) {
-    if (attribute.components != 1) return false;
-    if (intensities.empty() && is_named(attribute, "intensity"))
-        return !(intensities = whole_numbers<std::uint16_t>(attribute)).empty();
-    if (classifications.empty() && is_named(attribute, "classification"))
-        return !(classifications = whole_numbers<std::uint8_t>(attribute)).empty();
-    return false;
+    const auto take = [&](auto& field, std::string_view name, auto&& values_of) {
+        if (!field.empty() || !is_named(attribute, name)) return false;
+        field = values_of(attribute);
+        return !field.empty();
+    };
+    const bool is_return = is_named(attribute, kReturnNumber) || is_named(attribute, kReturnCount);
+    return (is_return && !returns.empty()) ||
+           take(intensities, "intensity", whole_numbers<std::uint16_t>) ||
+           take(classifications, "classification", whole_numbers<std::uint8_t>) ||
+           take(user_data, "user_data", whole_numbers<std::uint8_t>) ||
+           take(sources, "point_source_id", whole_numbers<std::uint16_t>) ||
+           take(times, "gps_time", finite_numbers);
+}
+
+/// Where there are both numbers, and they make sense.
+void LasFields::take_returns(const PointCloud& cloud) {
+    const auto numbers_of = [&](std::string_view name) {
+        const auto found = std::ranges::find_if(
+            cloud.attributes, [&](const Attribute& a) { return is_named(a, name); });
+        return found == cloud.attributes.end() ? std::vector<std::uint8_t>{}
+                                               : whole_numbers<std::uint8_t>(*found);
+    };
+    const std::vector<std::uint8_t> numbers = numbers_of(kReturnNumber),
+                                    counts = numbers_of(kReturnCount);
+    if (numbers.empty() || counts.empty()) return;
+    for (std::size_t i = 0; i < numbers.size(); ++i) {
+        constexpr std::uint8_t kMost = 15;
+        if (numbers[i] < 1 || numbers[i] > counts[i] || counts[i] > kMost) {
+            returns.clear();
+            return;
+        }
+        returns.push_back({numbers[i], counts[i]});
+    }
 }
 
 void LasFields::add(const Attribute& attribute) {

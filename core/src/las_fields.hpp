@@ -1,5 +1,6 @@
 #pragma once
 
+#include "laz_chunk.hpp"
 #include "stipple/point_cloud.hpp"
 
 #include <cstddef>
@@ -18,10 +19,16 @@ struct LasExtraField {
 };
 
 /// What a cloud has beside positions and colours, as the points of a LAS file have it; in the order
-/// of the cloud, which must outlive it.
+/// of the cloud, which must outlive it. Attributes that are named like fields of LAS (in any case,
+/// with or without underscores, or "scalar_" before them), and whose values such a field can hold,
+/// are that field: intensity, classification, user_data, point_source_id, gps_time, and
+/// return_number with number_of_returns.
 struct LasFields {
-    std::vector<std::uint16_t> intensities;     ///< or empty
-    std::vector<std::uint8_t> classifications;  ///< or empty
+    // Of each point, or empty.
+    std::vector<std::uint16_t> intensities, sources;
+    std::vector<std::uint8_t> classifications, user_data;
+    std::vector<LazReturn> returns;
+    std::vector<double> times;
     std::vector<LasExtraField> extras;
     std::size_t extra_size = 0;  ///< bytes of all extras of a point
 
@@ -30,6 +37,7 @@ struct LasFields {
 
 private:
     bool take_as_known(const Attribute& attribute);
+    void take_returns(const PointCloud& cloud);
     void add(const Attribute& attribute);
     void add(LasExtraField field);
 };

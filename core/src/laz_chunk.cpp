@@ -4,11 +4,13 @@
 #include "laz_coder.hpp"
 
 #include <algorithm>
+#include <array>
+#include <bit>
 #include <span>
 #include <utility>
 
-// Follows the layered compression of LAS 1.4 by LASzip 3 (Isenburg), for points of a single return
-// and of one flight: of the contexts that other points have, those are in use that these have.
+// Follows the layered compression of LAS 1.4 by LASzip 3 (Isenburg), for points of one scanner
+// channel: of the contexts that others have, those are in use that these have.
 
 namespace stipple {
 
@@ -16,31 +18,108 @@ namespace {
 
 using Layer = std::vector<std::byte>;
 
+/// What the contexts of a point's fields depend on.
+struct Pulse {
+    LazReturn at;
+    bool is_next = false;      ///< whether its time is not that of the point before
+    bool is_of_other = false;  ///< whether its source is not
+
+    unsigned is_only() const noexcept { return at.count == 1 ? 1 : 0; }
+    /// Of its pulse: 0 in between, 1 the last, 2 the first, 3 the only one.
+    unsigned place() const noexcept {
+        return (at.number == 1 ? 2U : 0U) + (at.number == at.count ? 1U : 0U);
+    }
+    /// By how many returns there are, and which of them it is: one of six, twice.
+    std::size_t kind() const noexcept {
+        const unsigned n = at.count, r = at.number;
+        unsigned kind = 4;  // in between
+        if (n <= 2)
+            kind = n == 1 ? 0 : r;
+        else if (r == 1 || (r == 2 && n > 10))
+            kind = 3;
+        else if (r > 2 && (r == n || (r + 1 == n && n > 11)))
+            kind = 5;
+        return 2 * kind + (is_next ? 1 : 0);
+    }
+    /// How many returns come after it, at most seven.
+    std::size_t level() const noexcept { return std::min(7, at.count - at.number); }
+    /// How it is not as the point before: what a symbol tells.
+    unsigned change_from(const Pulse& before) const noexcept {
+        const unsigned step = (at.number - before.at.number) & 15U;
+        const unsigned number = step == 0 ? 0 : step == 1 ? 1 : step == 15 ? 2 : 3;
+        return number | (at.count != before.at.count ? 4U : 0U) | (is_next ? 16U : 0U) |
+               (is_of_other ? 32U : 0U);
+    }
+};
+
+std::vector<Pulse> pulses_of(const LazPoints& points) {
+    std::vector<Pulse> pulses(points.positions.size());
+    for (std::size_t i = 0; i < pulses.size(); ++i) {
+        if (!points.returns.empty()) pulses[i].at = points.returns[i];
+        if (i == 0) continue;
+        const auto& t = points.times;
+        pulses[i].is_next = !t.empty() && std::bit_cast<std::uint64_t>(t[i]) !=
+                                              std::bit_cast<std::uint64_t>(t[i - 1]);
+        pulses[i].is_of_other =
+            !points.sources.empty() && points.sources[i] != points.sources[i - 1];
+    }
+    return pulses;
+}
+
+/// Which return each point is, among the steps of the positions.
+class ReturnLayer {
+public:
+    void encode(LazEncoder& to, const Pulse& before, const Pulse& pulse) {
+        const unsigned change = pulse.change_from(before);
+        const unsigned context = (before.at.number == 1 ? 1U : 0U) +
+                                 (before.at.number == before.at.count ? 2U : 0U) +
+                                 (before.is_next ? 4U : 0U);
+        to.symbol(changes_[context], change);
+        if ((change & 4U) != 0) to.symbol(counts_[before.at.count], pulse.at.count);
+        if ((change & 3U) != 3) return;
+        if (pulse.is_next)
+            to.symbol(numbers_[before.at.number], pulse.at.number);
+        else
+            to.symbol(steps_, ((pulse.at.number - before.at.number) & 15U) - 2);
+    }
+
+private:
+    std::vector<LazSymbols> changes_{8, LazSymbols(128)}, counts_{16, LazSymbols(16)},
+        numbers_{16, LazSymbols(16)};
+    LazSymbols steps_{13};
+};
+
 struct PositionLayers {
     Layer xy, z;
 };
 
-PositionLayers encode_positions(const std::vector<LazPosition>& positions) {
-    constexpr std::size_t kSingle = 1;  // the context of a pulse's only return
+PositionLayers encode_positions(const LazPoints& points, const std::vector<Pulse>& pulses) {
     // Where a width of 2 or 3 was needed the next coordinate mostly needs about that, and so on.
     const auto by_width = [](unsigned width, unsigned most) {
-        return kSingle + (width < most ? width & ~1U : most);
+        return width < most ? width & ~1U : most;
     };
     constexpr unsigned kMostForY = 20, kMostForZ = 18;
     LazEncoder xy, z;
-    LazSymbols changed(128);  // fields, of which none does
+    ReturnLayer returns;
     LazIntegers x_steps(32, 2), y_steps(32, kMostForY + 2), heights(32, kMostForZ + 2);
-    LazMedian x_step, y_step;
-    for (std::size_t i = 1; i < positions.size(); ++i) {
-        const LazPosition &p = positions[i], &before = positions[i - 1];
+    std::array<LazMedian, 12> x_step, y_step;
+    std::array<std::int32_t, 8> height{};
+    height.fill(points.positions.front()[2]);
+    for (std::size_t i = 1; i < points.positions.size(); ++i) {
+        const LazPosition &p = points.positions[i], &before = points.positions[i - 1];
+        const Pulse& pulse = pulses[i];
+        const std::size_t kind = pulse.kind(), level = pulse.level();
         const std::int32_t dx = p[0] - before[0], dy = p[1] - before[1];
-        xy.symbol(changed, 0);
-        x_steps.encode(xy, x_step.value(), dx, kSingle);
-        y_steps.encode(xy, y_step.value(), dy, by_width(x_steps.width(), kMostForY));
-        heights.encode(z, before[2], p[2],
-                       by_width((x_steps.width() + y_steps.width()) / 2, kMostForZ));
-        x_step.add(dx);
-        y_step.add(dy);
+        returns.encode(xy, pulses[i - 1], pulse);
+        x_steps.encode(xy, x_step[kind].value(), dx, pulse.is_only());
+        y_steps.encode(xy, y_step[kind].value(), dy,
+                       pulse.is_only() + by_width(x_steps.width(), kMostForY));
+        heights.encode(
+            z, height[level], p[2],
+            pulse.is_only() + by_width((x_steps.width() + y_steps.width()) / 2, kMostForZ));
+        x_step[kind].add(dx);
+        y_step[kind].add(dy);
+        height[level] = p[2];
     }
     return {std::move(xy).finish(), std::move(z).finish()};
 }
@@ -51,23 +130,121 @@ bool is_constant(const std::vector<Value>& values) {
     return std::ranges::all_of(values, [&](const Value& v) { return v == values.front(); });
 }
 
-Layer encode_intensities(const std::vector<std::uint16_t>& intensities) {
+Layer encode_intensities(const std::vector<std::uint16_t>& intensities,
+                         const std::vector<Pulse>& pulses) {
     if (is_constant(intensities)) return {};
-    constexpr std::size_t kSingle = 3;
     LazEncoder layer;
     LazIntegers steps(16, 4);
-    for (std::size_t i = 1; i < intensities.size(); ++i)
-        steps.encode(layer, intensities[i - 1], intensities[i], kSingle);
+    std::array<std::uint16_t, 8> before{};
+    before.fill(intensities.front());
+    for (std::size_t i = 1; i < intensities.size(); ++i) {
+        const unsigned place = pulses[i].place();
+        steps.encode(layer,
+                     std::exchange(before[2 * place + (pulses[i].is_next ? 1 : 0)], intensities[i]),
+                     intensities[i], place);
+    }
     return std::move(layer).finish();
 }
 
-Layer encode_classifications(const std::vector<std::uint8_t>& classes) {
+Layer encode_classifications(const std::vector<std::uint8_t>& classes,
+                             const std::vector<Pulse>& pulses) {
     if (is_constant(classes)) return {};
     constexpr unsigned kBefore = 32, kClasses = 256;
     LazEncoder layer;
-    std::vector<LazSymbols> next(kBefore, LazSymbols(kClasses));
+    std::vector<LazSymbols> next(2 * kBefore, LazSymbols(kClasses));
     for (std::size_t i = 1; i < classes.size(); ++i)
-        layer.symbol(next[classes[i - 1] % kBefore], classes[i]);
+        layer.symbol(next[2 * (classes[i - 1] % kBefore) + pulses[i].is_only()], classes[i]);
+    return std::move(layer).finish();
+}
+
+Layer encode_user_data(const std::vector<std::uint8_t>& data) {
+    if (is_constant(data)) return {};
+    LazEncoder layer;
+    std::vector<LazSymbols> next(64, LazSymbols(256));
+    for (std::size_t i = 1; i < data.size(); ++i) layer.symbol(next[data[i - 1] / 4], data[i]);
+    return std::move(layer).finish();
+}
+
+Layer encode_sources(const std::vector<std::uint16_t>& sources) {
+    if (is_constant(sources)) return {};
+    LazEncoder layer;
+    LazIntegers steps(16, 1);
+    for (std::size_t i = 1; i < sources.size(); ++i)
+        if (sources[i] != sources[i - 1]) steps.encode(layer, sources[i - 1], sources[i], 0);
+    return std::move(layer).finish();
+}
+
+/// Times by their bits as integers, each after the last of one of four sequences, as of flights
+/// that cross: what is near none of them starts one. Of the multiples of a sequence's step that
+/// decoders know only 0 is in use: points do not come in the order in which they were measured.
+class TimeLayer {
+public:
+    explicit TimeLayer(double first) { sequences_[0].last = std::bit_cast<std::int64_t>(first); }
+
+    void encode(double time) {
+        const auto value = std::bit_cast<std::int64_t>(time);
+        for (std::size_t i = 0; i < sequences_.size(); ++i) {
+            const std::size_t other = (at_ + i) % sequences_.size();
+            if (!is_near(sequences_[other].last, value)) continue;
+            if (i > 0) tell(kNew + static_cast<unsigned>(i));
+            at_ = other;
+            return encode_step(value);
+        }
+        tell(kNew);
+        const auto high = [](std::int64_t v) { return static_cast<std::int32_t>(v >> 32U); };
+        integers_.encode(layer_, high(sequences_[at_].last), high(value), kHigh);
+        layer_.direct(static_cast<std::uint32_t>(value), 32);
+        newest_ = (newest_ + 1) % sequences_.size();
+        at_ = newest_;
+        sequences_[at_] = {value, 0, 0};
+    }
+    Layer finish() && { return std::move(layer_).finish(); }
+
+private:
+    /// The last time, and by how much it was more than that before; how often the step was not that
+    /// since.
+    struct Sequence {
+        std::int64_t last = 0;
+        std::int32_t step = 0;
+        int others = 0;
+    };
+    static constexpr unsigned kStep = 0, kNew = 1;  ///< and behind it the other three sequences
+    static constexpr unsigned kMultiples = 511;     ///< stand before kNew where there is a step
+    static constexpr std::size_t kFirstStep = 0, kOtherStep = 7, kHigh = 8;  ///< contexts
+
+    static bool is_near(std::int64_t a, std::int64_t b) noexcept {
+        const auto off = static_cast<std::int64_t>(static_cast<std::uint64_t>(b) -
+                                                   static_cast<std::uint64_t>(a));
+        return off == static_cast<std::int32_t>(off);
+    }
+    void tell(unsigned symbol) {
+        if (sequences_[at_].step == 0)
+            layer_.symbol(without_step_, symbol);
+        else
+            layer_.symbol(with_step_, symbol == kStep ? kStep : kMultiples + symbol - kNew);
+    }
+    void encode_step(std::int64_t value) {
+        Sequence& s = sequences_[at_];
+        const auto step = static_cast<std::int32_t>(value - s.last);
+        tell(kStep);
+        integers_.encode(layer_, 0, step, s.step == 0 ? kFirstStep : kOtherStep);
+        constexpr int kMostOthers = 3;
+        if (s.step == 0 || ++s.others > kMostOthers) s = {value, step, 0};
+        s.last = value;
+    }
+
+    std::array<Sequence, 4> sequences_;
+    std::size_t at_ = 0, newest_ = 0;
+    LazEncoder layer_;
+    LazSymbols without_step_{5}, with_step_{515};
+    LazIntegers integers_{32, 9};
+};
+
+Layer encode_times(const std::vector<double>& times, const std::vector<Pulse>& pulses) {
+    if (std::ranges::none_of(pulses, &Pulse::is_next)) return {};
+    TimeLayer layer(times.front());
+    for (std::size_t i = 1; i < times.size(); ++i)
+        if (pulses[i].is_next) layer.encode(times[i]);
     return std::move(layer).finish();
 }
 
@@ -117,16 +294,19 @@ Layer encode_bytes(std::span<const std::byte> bytes, std::size_t stride) {
 }
 
 void put_first_point(ByteWriter& to, const LazPoints& points) {
-    constexpr std::uint8_t kOnlyReturn = 0x11;  // the first of one
+    const auto first = []<typename Value>(const std::vector<Value>& values) {
+        return values.empty() ? Value{} : values.front();
+    };
+    const LazReturn of_pulse = first(points.returns);
     for (const std::int32_t coordinate : points.positions.front()) to.put(coordinate);
-    to.put<std::uint16_t>(points.intensities.empty() ? 0 : points.intensities.front());
-    to.put<std::uint8_t>(kOnlyReturn);
+    to.put(first(points.intensities));
+    to.put(static_cast<std::uint8_t>(of_pulse.number | of_pulse.count << 4U));
     to.put<std::uint8_t>(0);  // flags
-    to.put<std::uint8_t>(points.classifications.empty() ? 0 : points.classifications.front());
-    to.put<std::uint8_t>(0);   // user data
-    to.put<std::int16_t>(0);   // scan angle
-    to.put<std::uint16_t>(0);  // point source
-    to.put<double>(0);         // GPS time
+    to.put(first(points.classifications));
+    to.put(first(points.user_data));
+    to.put<std::int16_t>(0);  // scan angle
+    to.put(first(points.sources));
+    to.put(first(points.times));
     if (!points.colors.empty()) {
         const Rgba8& c = points.colors.front();
         for (const unsigned channel : {c.r, c.g, c.b})
@@ -138,14 +318,18 @@ void put_first_point(ByteWriter& to, const LazPoints& points) {
 }  // namespace
 
 std::vector<std::byte> encode_laz_chunk(const LazPoints& points) {
-    PositionLayers positions = encode_positions(points.positions);
+    const std::vector<Pulse> pulses = pulses_of(points);
+    PositionLayers positions = encode_positions(points, pulses);
     std::vector<Layer> layers;
     layers.push_back(std::move(positions.xy));
     layers.push_back(std::move(positions.z));
-    layers.push_back(encode_classifications(points.classifications));
+    layers.push_back(encode_classifications(points.classifications, pulses));
     layers.emplace_back();  // flags
-    layers.push_back(encode_intensities(points.intensities));
-    layers.resize(layers.size() + 4);  // scan angle, user data, point source, GPS time
+    layers.push_back(encode_intensities(points.intensities, pulses));
+    layers.emplace_back();  // scan angle
+    layers.push_back(encode_user_data(points.user_data));
+    layers.push_back(encode_sources(points.sources));
+    layers.push_back(encode_times(points.times, pulses));
     if (!points.colors.empty()) layers.push_back(encode_colors(points.colors));
     for (std::size_t b = 0; b < points.extra_size; ++b)
         layers.push_back(encode_bytes(std::span(points.extras).subspan(b), points.extra_size));

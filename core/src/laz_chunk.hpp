@@ -12,12 +12,21 @@ namespace stipple {
 /// A point on the grid of a file.
 using LazPosition = std::array<std::int32_t, 3>;
 
+/// Which of the returns of its pulse a point is: 1 <= number <= count <= 15.
+struct LazReturn {
+    std::uint8_t number = 1, count = 1;
+};
+
 /// Points as LAS 1.4 has them, in point data record format 6 or, with colours, 7; of all that its
-/// records hold, what a cloud has. Each array has N entries or none, for a field that is 0.
+/// records hold, what a cloud has. Each array has N entries or none, for a field that is 0 (of the
+/// returns: the only one).
 struct LazPoints {
     std::vector<LazPosition> positions;  ///< N >= 1
     std::vector<std::uint16_t> intensities{};
-    std::vector<std::uint8_t> classifications{};
+    std::vector<LazReturn> returns{};
+    std::vector<std::uint8_t> classifications{}, user_data{};
+    std::vector<std::uint16_t> sources{};  ///< point source IDs
+    std::vector<double> times{};           ///< GPS times, finite
     std::vector<Rgba8> colors{};
     std::size_t extra_size = 0;       ///< bytes a point beyond those of its format
     std::vector<std::byte> extras{};  ///< N * extra_size

@@ -44,7 +44,7 @@ private:
 /// How probable each of some symbols is, from those seen.
 class LazSymbols {
 public:
-    /// @param symbols  how many there are, 2..256.
+    /// @param symbols  how many there are, 2..2,048.
     explicit LazSymbols(unsigned symbols)
         : counts_(symbols, 1), before_(symbols), period_((symbols + 6) / 2) {
         total_ = symbols;

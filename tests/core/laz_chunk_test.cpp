@@ -185,6 +185,22 @@ TEST(LazChunk, LeavesOutTheLayersOfFieldsThatDoNotChange) {
     EXPECT_EQ(bytes.size(), total);
 }
 
+TEST(LazChunk, HasALayerForEachFieldThatChanges) {
+    LazPoints points;
+    for (std::int32_t i = 0; i < 1000; ++i) {
+        const auto n = static_cast<std::uint8_t>(1 + i % 15);
+        points.positions.push_back({i, 2 * i, i % 17});
+        points.returns.push_back({static_cast<std::uint8_t>(1 + i % n), n});
+        points.user_data.push_back(static_cast<std::uint8_t>(i));
+        points.sources.push_back(static_cast<std::uint16_t>(100 * i));
+        points.times.push_back(-1e9 * i);
+    }
+    const std::vector<std::byte> bytes = encode_laz_chunk(points);
+    const std::array<bool, 9> has = {true, true, false, false, false, false, true, true, true};
+    for (std::size_t layer = 0; layer < has.size(); ++layer)
+        EXPECT_EQ(word_at(bytes, kLazPointSize + 4 + 4 * layer) > 0, has[layer]) << layer;
+}
+
 TEST(LazChunk, OfOnePointIsThatPoint) {
     const std::vector<std::byte> bytes = encode_laz_chunk({.positions = {{-3, 1 << 29, 7}}});
     EXPECT_EQ(static_cast<std::int32_t>(word_at(bytes, 0)), -3);

@@ -26,12 +26,14 @@ struct CopcOptions {
 /// Positions are integers on a grid whose step is a power of ten in input units: the longest on
 /// which all of them lie already, as coordinates of LiDAR mostly do; else one as short as single
 /// precision tells apart, or as `precision` says. With colours the points have format 7 (8 bits in
-/// the upper half of 16, as LAS has it), else 6. Integer attributes `intensity` (also `scalar_...`,
-/// upper and lower case, floats that are whole numbers; up to 65,535) and `classification` (up to
-/// 255) go into the fields that LAS has for them. Normals (`NormalX`, `NormalY`, `NormalZ`), alpha
-/// and all other attributes become extra bytes in their own types under their names, of which LAS
-/// takes 32 characters; one with several components as several. What a cloud does not have is 0;
-/// no date is told.
+/// the upper half of 16, as LAS has it), else 6. Attributes with the name of a field of LAS, whose
+/// values it can hold, go into it: whole numbers `intensity` and `point_source_id` (up to 65,535),
+/// `classification` and `user_data` (up to 255), `return_number` with `number_of_returns` (1 <=
+/// number <= count <= 15), and finite `gps_time`; in any case, with or without underscores, or
+/// `scalar_` before them. Normals (`NormalX`, `NormalY`, `NormalZ`), alpha and all other attributes
+/// become extra bytes in their own types under their names, of which LAS takes 32 characters; one
+/// with several components as several. What a cloud does not have is 0 (each point the only return
+/// of its pulse); no date is told.
 ///
 /// @throws Error(InvalidArgument) for a cloud without points, options out of range, or a precision
 /// for which 30 bits are too few, and for extra bytes beyond what a record (65,499) and its

@@ -102,6 +102,7 @@ const ground = (i) => {
     const x = Math.floor(dense * 100_000 * part(i, 1)), y = Math.floor(dense * 80_000 * part(i, 2));
     return [x, y, Math.floor(500 * Math.sin(x / 9000) * Math.cos(y / 7000)) + (random(i, 3) % 5)];
 };
+const returns = (i) => (i % 3 === 0 ? 1 : 1 + (random(i, 11) % 15));
 const lidar = [
     { name: 'x', type: 'double', value: (i) => 636_000 + ground(i)[0] / 100 },
     { name: 'y', type: 'double', value: (i) => 849_000 + ground(i)[1] / 100 },
@@ -115,6 +116,12 @@ const lidar = [
     { name: 'time', type: 'double', value: (i) => 1e9 + i * 0.00125 },
     { name: 'angle', type: 'short', value: (i) => (random(i, 9) % 60_000) - 30_000 },
     { name: 'constant', type: 'int', value: () => -5 },
+    // Pulses of six flights that cross, some with one return, some with many.
+    { name: 'GpsTime', type: 'double', value: (i) => 3.1e8 + 700 * (random(i, 10) % 6) + (i >> 1) * 2e-5 },
+    { name: 'return_number', type: 'uchar', value: (i) => 1 + (random(i, 12) % returns(i)) },
+    { name: 'scalar_Number_Of_Returns', type: 'float', value: (i) => returns(i) },
+    { name: 'point_source_id', type: 'int', value: (i) => 65_530 + (random(i, 10) % 6) },
+    { name: 'UserData', type: 'uchar', value: (i) => random(i, 13) % 256 },
 ];
 
 try {
@@ -127,7 +134,7 @@ try {
     assert.ok(whole.nodes.length > 8 && whole.nodes.some(({ key }) => key[0] > 1), 'a tree');
     assert.deepEqual(whole.copc.header.scale, [0.01, 0.01, 0.01]);
     assert.equal(whole.copc.header.pointDataRecordFormat, 7);
-    const named = { x: 'X', y: 'Y', z: 'Z', red: 'Red', green: 'Green', blue: 'Blue', scalar_Classification: 'Classification' };
+    const named = { x: 'X', y: 'Y', z: 'Z', red: 'Red', green: 'Green', blue: 'Blue', scalar_Classification: 'Classification', return_number: 'ReturnNumber', scalar_Number_Of_Returns: 'NumberOfReturns', point_source_id: 'PointSourceId' };
     const seen = new Set();
     for (const { view } of whole.nodes) {
         const number = view.getter('number');
@@ -143,6 +150,13 @@ try {
         }
     }
     assert.equal(seen.size, points);
+    const all = (name) => Array.from({ length: points }, (_, i) => lidar.find((column) => column.name === name).value(i));
+    const times = all('GpsTime').reduce(([least, most], t) => [Math.min(least, t), Math.max(most, t)], [Infinity, -Infinity]);
+    assert.deepEqual(whole.copc.info.gpsTimeRange, times);
+    const numbers = all('return_number');
+    assert.deepEqual(whole.copc.header.pointCountByReturn, Array.from({ length: 15 }, (_, r) => numbers.filter((n) => n === r + 1).length));
+    assert.equal(whole.copc.header.globalEncoding & 1, 1, 'times since 1980, not of the week');
+    assert.ok(!whole.copc.eb.some(({ name }) => /gps|return|source|user/i.test(name)), 'fields of LAS are no extra bytes');
     console.log(`ok      ${points} points in ${whole.nodes.length} nodes, every value`);
 
     convert(ply, file, '--threads', '1');
@@ -153,6 +167,24 @@ try {
     assert.deepEqual(coarse.copc.header.scale, [1, 1, 1]);
     assert.ok(coarse.bytes.length < whole.bytes.length);
     console.log('ok      one thread; a precision');
+
+    // Numbers that LAS has no room for stay what they are.
+    const odd = { return_number: (i) => i % 4, scalar_Number_Of_Returns: () => 2, UserData: (i) => i % 300, point_source_id: (i) => -1 - i, GpsTime: (i) => 604_800 * part(i, 14) };
+    writePly(ply, points, lidar.map((column) => ({ ...column, type: column.name === 'UserData' ? 'int' : column.type, value: odd[column.name] ?? column.value })));
+    convert(ply, file);
+    const strange = await read(file);
+    await checkForm(strange, points);
+    assert.equal(strange.copc.header.globalEncoding & 1, 0, 'times of the week');
+    assert.deepEqual(strange.copc.header.pointCountByReturn, [points, ...Array(14).fill(0)]);
+    for (const { view } of strange.nodes) {
+        const number = view.getter('number');
+        for (const [name, value] of Object.entries(odd)) {
+            const get = view.getter(name);
+            for (let i = 0; i < view.pointCount; ++i) assert.equal(get(i), value(number(i)), name);
+        }
+    }
+    console.log('ok      numbers that are no returns, sources and users');
+    writePly(ply, points, lidar);
 
     // The coordinate system, as another program understands it.
     assert.equal(whole.copc.wkt, undefined);
