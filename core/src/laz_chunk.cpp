@@ -335,6 +335,9 @@ std::vector<std::byte> encode_laz_chunk(const LazPoints& points) {
         layers.push_back(encode_bytes(std::span(points.extras).subspan(b), points.extra_size));
 
     ByteWriter chunk;
+    std::size_t size = kLazPointSize + kLazColorSize + points.extra_size + sizeof(std::uint32_t);
+    for (const Layer& layer : layers) size += sizeof(std::uint32_t) + layer.size();
+    chunk.bytes.reserve(size);
     put_first_point(chunk, points);
     chunk.put(static_cast<std::uint32_t>(points.positions.size()));
     for (const Layer& layer : layers) chunk.put(static_cast<std::uint32_t>(layer.size()));
