@@ -308,8 +308,10 @@ private:
         const Stopwatch watch(cost_.decode_seconds);
         try {
             DecodeReport decoded;
+            meter_.advance(kDecode, 1);  // once more: a failure tells its stage
             PointCloud cloud =
                 read_cloud(spec_.candidate_files.at(number), limits(), quietly(), &decoded);
+            meter_.advance(kClean, 1);
             const CleaningReport removed = clean(cloud, quietly());
             require_usable(cloud, decoded.points, removed, bounds(cloud));
             return cloud;

@@ -74,6 +74,24 @@ protected:
     test::TemporaryFolder folder_;
 };
 
+TEST_F(Evaluation, TellsThatItDecodesWhenACandidateCannotBeDecoded) {
+    JobSpec spec = spec_for("reference.ply");
+    write_cloud(test::sphere(100), spec.input_file);
+    spec.candidate_files = {folder_ / "0.ply", folder_ / "1.ply"};
+    write_cloud(test::sphere(100), spec.candidate_files[0]);
+    std::ofstream(spec.candidate_files[1]) << "ply\nformat ascii 1.0\nelement vertex lots\n";
+    EvaluateJob job;
+    job.candidates = {std::string(64, 'b'), std::string(64, 'c')};
+    spec.request = {std::string(64, 'a'), job};
+    std::string stage;
+    EXPECT_THROW(run_job(spec,
+                         [&](const JobReport& report) {
+                             if (report.progress) stage = report.progress->stage;
+                         }),
+                 Error);
+    EXPECT_EQ(stage, "decode");
+}
+
 TEST_F(Evaluation, HasTheFieldsThatMeasurementsRelyOn) {
     const json found = figures(test::sphere(3000), scaled(test::sphere(2000), 1.1F));
     for (const char* field : {"max", "mean", "rms"}) {
