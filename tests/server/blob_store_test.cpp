@@ -149,9 +149,18 @@ TEST_F(FileBlobStore, HoldsBytesWithoutANameForAsLongAsTheyAreRead) {
 }
 
 TEST_F(FileBlobStore, RemovesAtItsStartWhatAKilledProcessLeftUnfinished) {
-    std::ofstream(folder_ / "tmp/0123") << "half a cloud";
+    std::ofstream(folder_ / "tmp/0123456789abcdef0123456789abcdef") << "half a cloud";
     store_ = open_file_blob_store(folder_.path());
     EXPECT_EQ(temporary_files(), 0U);
+}
+
+TEST_F(FileBlobStore, ChangesNothingForWhoOnlyReads) {
+    const std::string id = put_blob(*store_, "abc");
+    fs::remove_all(folder_ / "tmp");
+    const auto reader = open_file_blob_store(folder_.path(), {});
+    EXPECT_EQ(text_of(*reader->open(id)), "abc");
+    EXPECT_FALSE(fs::exists(folder_ / "tmp"));
+    EXPECT_THROW(reader->create(1), Error);
 }
 
 TEST_F(FileBlobStore, RefusesTheFirstByteAboveTheLimit) {
@@ -315,6 +324,17 @@ TEST(FileBlobStoreOnAFullDisk, SaysSoKeepsNothingAndGoesOnWhenThereIsRoomAgain) 
     const std::string large(512 * 1024, 'x');
     expect_error(ErrorCode::Internal, "storage full: ", [&] { put_blob(*store, large); });
     EXPECT_EQ(text_of(*store->open(put_blob(*store, "abc"))), "abc");
+}
+
+TEST(FileBlobStoreOnAFullDisk, KeepsTheLastOfItForRemovals) {
+    const SmallDisk disk;
+    if (!disk.mounted()) GTEST_SKIP() << "mounting a small disk needs root";
+    const auto store = open_file_blob_store(disk.path());
+    EXPECT_NO_THROW(store->check_room());
+    std::ofstream(disk.path() / "ballast") << std::string(244 * 1024, 'x');  // of 256 KiB
+    expect_error(ErrorCode::Internal, "storage full: ", [&] { store->check_room(); });
+    expect_error(ErrorCode::Internal, "storage full: ", [&] { put_blob(*store, "abc"); });
+    EXPECT_NO_THROW(store->probe());
 }
 
 }  // namespace

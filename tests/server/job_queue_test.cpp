@@ -247,6 +247,36 @@ TEST_P(JobQueueContract, FailsAJobThatTakesItsWorkersDownAgainAndAgain) {
               "its worker was lost in 10 attempts: it may need more memory than there is");
 }
 
+TEST_P(JobQueueContract, CountsNoLostWorkerWhenAJobIsHandedBack) {
+    const JobDocument job = submit();
+    for (int restart = 0; restart < 20; ++restart) EXPECT_TRUE(store_->release(claim()));
+    claim();
+    store_->recover();
+    EXPECT_EQ(find(job.id).status, JobStatus::Accepted);
+}
+
+TEST_P(JobQueueContract, CountsHowJobsEnded) {
+    EXPECT_EQ(store_->counts().ended.at("failed"), 0U);
+    const JobDocument first = submit();
+    store_->fail(claim(), kProblem);
+    store_->dismiss("ada", first.id);  // removes it
+    const JobDocument second = submit();
+    store_->dismiss("ada", second.id);
+    submit();
+    store_->succeed(claim(), {});
+    reopen();
+    EXPECT_EQ(store_->counts().ended, (std::map<std::string, std::uint64_t>{
+                                          {"dismissed", 1}, {"failed", 1}, {"successful", 1}}));
+}
+
+TEST_P(JobQueueContract, KeepsAJobForAsLongAsTimeCanBeCounted) {
+    const JobDocument job = submit();
+    store_->succeed(claim(), {});
+    for (const auto retention : {std::chrono::seconds(9'999'999'999), std::chrono::seconds::max()})
+        store_->remove_expired(retention);
+    EXPECT_EQ(find(job.id).status, JobStatus::Successful);
+}
+
 INSTANTIATE_TEST_SUITE_P(Stores, JobQueueContract, backends(),
                          [](const auto& instance) { return std::string(instance.param.name); });
 

@@ -9,6 +9,7 @@ namespace {
 
 using namespace stipple::test;
 using namespace std::chrono_literals;
+namespace fs = std::filesystem;
 using proto::JobDocument;
 using proto::JobStatus;
 
@@ -344,11 +345,73 @@ void run_sql(const std::filesystem::path& file, const char* sql) {
 TEST(SqliteJobStore, BringsADatabaseOfAnOlderVersionUpToDate) {
     const TemporaryFolder folder;
     const std::string cloud = put_cloud(*open_sqlite_job_store(folder / "jobs.sqlite"), "ada", "a");
-    run_sql(folder / "jobs.sqlite",
-            "ALTER TABLE clouds DROP COLUMN name; PRAGMA user_version = 1");  // as it was then
+    run_sql(folder / "jobs.sqlite",  // as it was then
+            "ALTER TABLE clouds DROP COLUMN name; ALTER TABLE jobs DROP COLUMN lost; "
+            "DROP TABLE ended; PRAGMA application_id = 0; PRAGMA user_version = 1");
     const auto store = open_sqlite_job_store(folder / "jobs.sqlite");
     EXPECT_EQ(store->find_cloud("ada", cloud)->name, std::nullopt);
     EXPECT_EQ(put_cloud(*store, "ada", "another").size(), 64U);
+}
+
+TEST(SqliteJobStore, CountsOnInADatabaseThatCountedNothing) {
+    const TemporaryFolder folder;
+    const auto request = [](JobStore& store) {
+        return simplify_request(put_cloud(store, "ada", "cloud"));
+    };
+    JobDocument job;
+    {
+        const auto store = open_sqlite_job_store(folder / "jobs.sqlite");
+        store->submit("ada", request(*store), {}, {}, job);
+    }
+    run_sql(folder / "jobs.sqlite",  // as it was then
+            "ALTER TABLE jobs DROP COLUMN lost; DROP TABLE ended; "
+            "PRAGMA application_id = 0; PRAGMA user_version = 2");
+    const auto store = open_sqlite_job_store(folder / "jobs.sqlite");
+    store->claim({}, 60s);
+    store->recover();
+    EXPECT_EQ(store->find_job("ada", job.id)->status, JobStatus::Accepted);
+    store->succeed(store->claim({}, 60s).value(), {});
+    EXPECT_EQ(store->counts().ended.at("successful"), 1U);
+}
+
+TEST(SqliteJobStore, MakesANewDatabaseOnceForAllWhoOpenItAtATime) {
+    for (int round = 0; round < 20; ++round) {
+        const TemporaryFolder folder;
+        std::vector<std::jthread> threads;
+        for (int i = 0; i < 4; ++i) {
+            threads.emplace_back(
+                [&] { EXPECT_NO_THROW(open_sqlite_job_store(folder / "jobs.sqlite")); });
+        }
+    }
+}
+
+TEST(SqliteJobStore, RefusesADatabaseOfAnotherProgramAndLeavesItAsItIs) {
+    for (const char* made : {"CREATE TABLE notes (text)", "PRAGMA application_id = 7",
+                             "CREATE TABLE clouds (kind); PRAGMA user_version = 2"}) {
+        const TemporaryFolder folder;
+        run_sql(folder / "jobs.sqlite", made);
+        const std::string before = proto::sha256_of_file(folder / "jobs.sqlite");
+        expect_error(ErrorCode::InvalidArgument, "database of another program",
+                     [&] { open_sqlite_job_store(folder / "jobs.sqlite"); });
+        EXPECT_EQ(proto::sha256_of_file(folder / "jobs.sqlite"), before);
+    }
+}
+
+TEST(SqliteJobStore, NamesTheBlobsOfAStoreWithoutChangingIt) {
+    const TemporaryFolder folder;
+    const std::string cloud = put_cloud(*open_sqlite_job_store(folder / "j#1.sqlite"), "ada", "a");
+    EXPECT_EQ(read_referenced_blobs(folder / "j#1.sqlite"), std::vector{cloud});
+    const fs::directory_iterator files(folder.path());
+    EXPECT_EQ(std::distance(begin(files), fs::directory_iterator()), 1) << "a file was made";
+    EXPECT_THROW(read_referenced_blobs(folder / "missing.sqlite"), Error);
+    EXPECT_FALSE(fs::exists(folder / "missing.sqlite"));
+}
+
+TEST(SqliteJobStore, NamesTheBlobsOfAStoreThatWasKilled) {
+    const TemporaryFolder folder;
+    const auto killed = open_sqlite_job_store(folder / "jobs.sqlite");
+    const std::string cloud = put_cloud(*killed, "ada", "a");  // in the log alone
+    EXPECT_EQ(read_referenced_blobs(folder / "jobs.sqlite"), std::vector{cloud});
 }
 
 TEST(SqliteJobStore, RefusesADatabaseOfANewerVersion) {
@@ -362,8 +425,10 @@ TEST(SqliteJobStore, RefusesADatabaseOfANewerVersion) {
 TEST(SqliteJobStore, RefusesAFileThatIsNoDatabase) {
     const TemporaryFolder folder;
     std::filesystem::copy_file(std::filesystem::path("/proc/self/exe"), folder / "jobs.sqlite");
-    expect_error(ErrorCode::Internal, "not a database",
-                 [&] { open_sqlite_job_store(folder / "jobs.sqlite"); });
+    for (const char* part : {"not a database", "/jobs.sqlite: "}) {
+        expect_error(ErrorCode::Internal, part,
+                     [&] { open_sqlite_job_store(folder / "jobs.sqlite"); });
+    }
 }
 
 TEST(SqliteJobStore, FailsAJobWhoseRequestItCannotReadAndGoesOnToTheNext) {

@@ -165,6 +165,8 @@ proto::JobDocument Service::submit(const std::string& tenant, const proto::JobRe
     const auto input = jobs_.find_cloud(tenant, request.input);
     if (input && input->statistics) check_known_cloud(*input->statistics, limits_);
 
+    blobs_.check_room();
+
     proto::JobDocument document;
     existed = jobs_.submit(tenant, request, idempotency_key, limits_.queue, document) ==
               Submitted::Existing;

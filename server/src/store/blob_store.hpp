@@ -72,12 +72,17 @@ public:
 
     /// Writes something small, durably. @throws Error(Internal) saying why it could not.
     virtual void probe() = 0;
+    /// For what can be refused, so that there is always room for removals: @throws Error(Internal)
+    /// starting with `storage full` when the disk is but for a small reserve. `write` of a blob
+    /// asks the same.
+    virtual void check_room() const = 0;
 };
 
 /// Blobs as files `<root>/ab/cd/<sha256>`, for any number of processes; copies as
 /// `<sha256>.<name>` beside them: their bytes, and the 64 digits of the hash of these.
 /// @param unfinished  folders in `root` that no other process uses: what a killed one left there is
-/// removed, and files are written in the first before they get their names.
+/// removed, and files are written in the first before they get their names. None: for one who only
+/// reads, and changes nothing.
 std::unique_ptr<BlobStore> open_file_blob_store(const std::filesystem::path& root,
                                                 const std::vector<std::string>& unfinished = {
                                                     "tmp"});

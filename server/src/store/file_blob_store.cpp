@@ -1,5 +1,6 @@
 #include "store/blob_store.hpp"
 
+#include "store/data_folder.hpp"
 #include "store/posix_file.hpp"
 
 #include "stipple/error.hpp"
@@ -8,6 +9,7 @@
 #include <fcntl.h>
 #include <sys/file.h>
 #include <sys/stat.h>
+#include <sys/statvfs.h>
 #include <unistd.h>
 #include <algorithm>
 #include <cerrno>
@@ -144,6 +146,7 @@ public:
                                                std::string_view name) const override;
     void remove_copy(const std::string& sha256, std::string_view name) override;
     void probe() override;
+    void check_room() const override;
 
     /// Gives a whole, written file its name for good.
     void publish(const FileDescriptor& fd, TemporaryName& temporary, const std::string& sha256);
@@ -177,6 +180,7 @@ public:
     }
 
     void write(std::span<const std::byte> bytes) override {
+        store_.check_room();
         if (bytes.size() > max_bytes_ - size_) {
             throw Error(ErrorCode::TooLarge, "more than " + std::to_string(max_bytes_) +
                                                  " bytes: the limit for one upload; send fewer "
@@ -205,18 +209,17 @@ private:
 };
 
 FileBlobStore::FileBlobStore(const fs::path& root, const std::vector<std::string>& unfinished)
-    : root_(root), temporary_folder_(root / unfinished.front()), names_(root) {
-    std::error_code failure;
-    // What lies there was never acknowledged.
-    for (const std::string& folder : unfinished) {
-        if (!failure) fs::remove_all(root / folder, failure);
+    : root_(root),
+      temporary_folder_(root / (unfinished.empty() ? "tmp" : unfinished.front())),
+      names_(root) {
+    try {
+        // What lies there was never acknowledged.
+        for (const std::string& folder : unfinished) clear_leftovers(root / folder);
+    } catch (const fs::filesystem_error& failure) {
+        throw Error(ErrorCode::Internal, "cannot use " + root.string() +
+                                             " as a store of blobs: " + failure.code().message());
     }
-    if (!failure) fs::create_directories(temporary_folder(), failure);
-    if (failure) {
-        throw Error(ErrorCode::Internal,
-                    "cannot use " + root.string() + " as a store of blobs: " + failure.message());
-    }
-    sync_folder(root_);
+    if (!unfinished.empty()) sync_folder(root_);
 }
 
 std::unique_ptr<BlobWriter> FileBlobStore::create(std::uint64_t max_bytes) {
@@ -395,6 +398,20 @@ void FileBlobStore::probe() {
     if (!fd) throw_errno("cannot create", temporary.path());
     write_all(fd, std::as_bytes(std::span("probe")), temporary.path());
     sync_file(fd, temporary.path());
+}
+
+void FileBlobStore::check_room() const {
+    constexpr std::uint64_t kReserve = 64ULL << 20U;
+    constexpr std::uint64_t kShareOfSmallDisk = 16;
+    struct statvfs disk {};
+    if (::statvfs(root_.c_str(), &disk) != 0) return;  // who writes next finds out
+    const std::uint64_t free = std::uint64_t{disk.f_bavail} * disk.f_frsize;
+    const std::uint64_t all = std::uint64_t{disk.f_blocks} * disk.f_frsize;
+    const std::uint64_t reserve = std::min(kReserve, all / kShareOfSmallDisk);
+    if (free >= reserve) return;
+    throw Error(ErrorCode::Internal, "storage full: " + std::to_string(free) +
+                                         " bytes are free for " + root_.string() + ": the last " +
+                                         std::to_string(reserve) + " are kept for removals");
 }
 
 void FileBlobStore::remember(const std::string& sha256, const Identity& identity) const {

@@ -6,6 +6,7 @@
 #include <chrono>
 #include <cstdint>
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <optional>
 #include <stop_token>
@@ -131,6 +132,7 @@ public:
     struct Counts {
         std::uint64_t queued = 0, running = 0;
         double oldest_queued_seconds = 0;
+        std::map<std::string, std::uint64_t> ended;  ///< ever, by status; removed ones too
     };
     virtual Counts counts() = 0;
     /// Removes jobs that ended longer ago than `retention`, with their results. Clouds stay until
@@ -149,5 +151,9 @@ enum class Sharing { Alone, WithOtherProcesses };
 /// within 20 ms or so.
 std::unique_ptr<JobStore> open_sqlite_job_store(const std::filesystem::path& file,
                                                 Sharing sharing = Sharing::Alone);
+
+/// `referenced_blobs` of a store that no process writes to, its disk may be read-only. Nothing is
+/// changed.
+std::vector<std::string> read_referenced_blobs(const std::filesystem::path& file);
 
 }  // namespace stipple::server

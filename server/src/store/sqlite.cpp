@@ -3,15 +3,47 @@
 #include "stipple/error.hpp"
 
 #include <cassert>
+#include <cerrno>
+#include <system_error>
 
 namespace stipple::server::sqlite {
 
 namespace {
 
+std::string file_of(sqlite3* connection) {
+    const char* const file = sqlite3_db_filename(connection, "main");
+    return file == nullptr ? std::string() : file;
+}
+
 [[noreturn]] void throw_failure(sqlite3* connection) {
-    const bool full = sqlite3_errcode(connection) == SQLITE_FULL;
-    throw Error(ErrorCode::Internal, std::string(full ? "storage full: " : "") +
-                                         "database: " + sqlite3_errmsg(connection));
+    constexpr int kPrimary = 0xFF;
+    const int code = sqlite3_errcode(connection) & kPrimary;
+    // What the system said, where it was asked: SQLite's own text does not have it.
+    const bool asked = code == SQLITE_IOERR || code == SQLITE_CANTOPEN;
+    const int cause = asked ? sqlite3_system_errno(connection) : 0;
+    const bool full = code == SQLITE_FULL || cause == ENOSPC || cause == EDQUOT;
+    std::string text = full ? "storage full: " : "";
+    text += "database " + file_of(connection) + ": " + sqlite3_errmsg(connection);
+    if (cause != 0) text += ": " + std::generic_category().message(cause);
+    throw Error(ErrorCode::Internal, text);
+}
+
+/// As a URI, in which a read-only file can be said to have no writer: then SQLite needs no files
+/// beside it. A log with changes, as a killed server leaves it, has to be read all the same.
+std::string address_to_read(const std::filesystem::path& file) {
+    std::string address = "file:";
+    for (const char c : std::filesystem::absolute(file).string()) {
+        if (c == '%' || c == '?' || c == '#') {
+            constexpr std::string_view kDigits = "0123456789ABCDEF";
+            const auto byte = static_cast<unsigned char>(c);
+            address += {'%', kDigits[byte >> 4U], kDigits[byte & 15U]};
+        } else {
+            address += c;
+        }
+    }
+    std::error_code missing;
+    const auto log = std::filesystem::file_size(file.string() + "-wal", missing);
+    return address + (!missing && log > 0 ? "?mode=ro" : "?mode=ro&immutable=1");
 }
 
 }  // namespace
@@ -39,12 +71,15 @@ std::optional<std::string> Rows::maybe_text(int column) const {
     return text(column);
 }
 
-Connection::Connection(const std::filesystem::path& file) {
+Connection::Connection(const std::filesystem::path& file, Access access) {
     sqlite3* connection = nullptr;
     // The caller's mutex guards the connection, so SQLite needs none of its own.
+    const bool reading = access == Access::Read;
+    const int flags = reading ? SQLITE_OPEN_READONLY | SQLITE_OPEN_URI
+                              : SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE;
+    const std::string name = reading ? address_to_read(file) : file.string();
     const int result =
-        sqlite3_open_v2(file.c_str(), &connection,
-                        SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX, nullptr);
+        sqlite3_open_v2(name.c_str(), &connection, flags | SQLITE_OPEN_NOMUTEX, nullptr);
     connection_.reset(connection);
     if (result != SQLITE_OK) {
         throw Error(ErrorCode::Internal,
@@ -52,6 +87,10 @@ Connection::Connection(const std::filesystem::path& file) {
                         (connection ? sqlite3_errmsg(connection) : sqlite3_errstr(result)));
     }
     sqlite3_busy_timeout(connection, 10'000);
+}
+
+std::string Connection::file() const {
+    return file_of(connection_.get());
 }
 
 void Connection::script(const std::string& sql) {

@@ -39,11 +39,16 @@ private:
     sqlite3_stmt* statement_;
 };
 
-/// A connection, for one thread at a time. All failures are Error(Internal); a full disk starts
-/// with `storage full`.
+/// Read: of a file that no process writes to. Nothing is changed or made.
+enum class Access { Write, Read };
+
+/// A connection, for one thread at a time. All failures are Error(Internal) with the name of the
+/// file; a full disk starts with `storage full`.
 class Connection {
 public:
-    explicit Connection(const std::filesystem::path& file);
+    explicit Connection(const std::filesystem::path& file, Access access = Access::Write);
+
+    std::string file() const;
 
     /// `sql` is a literal: its prepared statement is kept. Values are bound to ?1, ?2, ... in
     /// order.

@@ -1,5 +1,7 @@
 #include "store/sqlite_job_store.hpp"
 
+#include "store/sqlite_schema.hpp"
+
 #include "stipple/error.hpp"
 
 #include <algorithm>
@@ -15,7 +17,18 @@ namespace {
 constexpr std::int64_t kProgressPeriodMs = 250;
 constexpr double kProgressStep = 1.0;  // percent
 constexpr std::int64_t kCrashesToFail = 2;
-constexpr std::uint64_t kMostAttempts = 10;  // of a job whose workers are lost with it
+constexpr std::uint64_t kMostLost = 10;  // workers that are lost with a job
+
+std::vector<std::string> blobs_named_by(sqlite::Connection& connection) {
+    Rows rows = connection.query(
+        "SELECT id FROM clouds UNION SELECT sha256 FROM outputs UNION "
+        "SELECT input FROM jobs WHERE status IN ('accepted', 'running') UNION "
+        "SELECT value FROM jobs, json_each(request, '$.candidates') "
+        "WHERE status IN ('accepted', 'running')");
+    std::vector<std::string> blobs;
+    while (rows.next()) blobs.push_back(rows.text(0));
+    return blobs;
+}
 
 }  // namespace
 
@@ -80,15 +93,15 @@ void SqliteJobStore::requeue_expired() {
 
 /// A job may be what takes its workers down, as by the memory that all of a machine share.
 void SqliteJobStore::requeue_lost(std::int64_t row, const std::string& message) {
+    writer_.run("UPDATE jobs SET lost = lost + 1 WHERE row = ?1", row);
     {
-        Rows rows = writer_.query("SELECT lease_token FROM jobs WHERE row = ?1", row);
+        Rows rows = writer_.query("SELECT lost FROM jobs WHERE row = ?1", row);
         rows.next();
-        if (rows.count(0) < kMostAttempts) return requeue(row, message);
+        if (rows.count(0) < kMostLost) return requeue(row, message);
     }
-    finish_failed(row,
-                  proto::problem_from(ErrorCode::Internal,
-                                      "its worker was lost in " + std::to_string(kMostAttempts) +
-                                          " attempts: it may need more memory than there is"));
+    finish_failed(row, proto::problem_from(ErrorCode::Internal,
+                                           "its worker was lost in " + std::to_string(kMostLost) +
+                                               " attempts: it may need more memory than there is"));
 }
 
 bool SqliteJobStore::renew(const Lease& lease, std::chrono::seconds lease_time) {
@@ -223,6 +236,7 @@ void SqliteJobStore::finish(std::int64_t row, JobStatus status, const std::strin
     writer_.run(
         "UPDATE jobs SET status = ?1, message = ?2, finished = ?3, updated = ?3 WHERE row = ?4",
         to_string(status), message, now_ms(), row);
+    writer_.run("UPDATE ended SET jobs = jobs + 1 WHERE status = ?1", to_string(status));
     add_status_event(row, status);
 }
 
@@ -258,15 +272,20 @@ JobStore::Counts SqliteJobStore::counts() {
         "       (SELECT count(*) FROM jobs WHERE status = 'running'), "
         "       (SELECT min(created) FROM jobs WHERE status = 'accepted')");
     rows.next();
-    Counts counts{.queued = rows.count(0), .running = rows.count(1)};
+    Counts counts{.queued = rows.count(0), .running = rows.count(1), .ended = {}};
     if (!rows.is_null(2)) {
         const auto age_ms = std::max<std::int64_t>(0, now_ms() - rows.integer(2));
         counts.oldest_queued_seconds = static_cast<double>(age_ms) / 1000;
     }
+    Rows ended = reader_.query("SELECT status, jobs FROM ended");
+    while (ended.next()) counts.ended[ended.text(0)] = ended.count(1);
     return counts;
 }
 
 void SqliteJobStore::remove_expired(std::chrono::seconds retention) {
+    // Nothing ended before 1970; a much longer time would have no number in milliseconds.
+    const auto now = std::chrono::system_clock::now().time_since_epoch();
+    if (retention >= std::chrono::floor<std::chrono::seconds>(now)) return;
     write([&] {
         return writer_.run("DELETE FROM jobs WHERE finished < ?1",
                            now_ms() - milliseconds(retention));
@@ -275,18 +294,17 @@ void SqliteJobStore::remove_expired(std::chrono::seconds retention) {
 
 std::vector<std::string> SqliteJobStore::referenced_blobs() {
     const std::lock_guard lock(reader_mutex_);
-    Rows rows = reader_.query(
-        "SELECT id FROM clouds UNION SELECT sha256 FROM outputs UNION "
-        "SELECT input FROM jobs WHERE status IN ('accepted', 'running') UNION "
-        "SELECT value FROM jobs, json_each(request, '$.candidates') "
-        "WHERE status IN ('accepted', 'running')");
-    std::vector<std::string> blobs;
-    while (rows.next()) blobs.push_back(rows.text(0));
-    return blobs;
+    return blobs_named_by(reader_);
 }
 
 void SqliteJobStore::probe() {
     write([&] { return writer_.query("SELECT count(*) FROM sqlite_schema").next(); });
+}
+
+std::vector<std::string> read_referenced_blobs(const std::filesystem::path& file) {
+    sqlite::Connection connection(file, sqlite::Access::Read);
+    sqlite::check_schema(connection);
+    return blobs_named_by(connection);
 }
 
 }  // namespace stipple::server

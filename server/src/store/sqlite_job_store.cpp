@@ -128,9 +128,9 @@ std::int64_t first_row(std::string_view listing, const std::optional<std::string
 
 SqliteJobStore::SqliteJobStore(const fs::path& file, Sharing sharing)
     : writer_(file), reader_(file) {
+    sqlite::migrate(writer_);  // first: it refuses what is another's
     writer_.script(
         "PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL; PRAGMA foreign_keys = ON");
-    sqlite::migrate(writer_);
     reader_.script("PRAGMA query_only = ON");
     sync_folder(fs::absolute(file).parent_path());
     if (sharing == Sharing::WithOtherProcesses) {

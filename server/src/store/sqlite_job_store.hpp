@@ -9,7 +9,8 @@
 
 namespace stipple::server {
 
-inline std::int64_t milliseconds(std::chrono::system_clock::duration duration) {
+template <typename Rep, typename Period>
+std::int64_t milliseconds(std::chrono::duration<Rep, Period> duration) {
     return std::chrono::duration_cast<std::chrono::milliseconds>(duration).count();
 }
 

@@ -84,31 +84,68 @@ CREATE INDEX idempotency_by_job ON idempotency (job);
 
 constexpr const char* kNamesOfClouds = "ALTER TABLE clouds ADD COLUMN name TEXT";
 
-/// Step n leads from schema n to n + 1. Steps that were released are never changed.
-constexpr std::array kSteps = {kFirstSchema, kNamesOfClouds};
+/// The number by which SQLite tells whose a database is: `STPL`.
+constexpr std::uint64_t kApplication = 0x5354504C;
 
-std::size_t schema_version(Connection& connection) {
-    Rows rows = connection.query("PRAGMA user_version");
+constexpr const char* kCountsOfEnds = R"sql(
+ALTER TABLE jobs ADD COLUMN lost INTEGER NOT NULL DEFAULT 0;  -- workers that were lost with it
+
+CREATE TABLE ended (
+    status TEXT PRIMARY KEY,
+    jobs   INTEGER NOT NULL DEFAULT 0  -- that ever ended so, also those removed since
+) STRICT, WITHOUT ROWID;
+INSERT INTO ended (status) VALUES ('successful'), ('failed'), ('dismissed');
+PRAGMA application_id = 0x5354504C;
+)sql";
+
+/// Step n leads from schema n to n + 1. Steps that were released are never changed.
+constexpr std::array kSteps = {kFirstSchema, kNamesOfClouds, kCountsOfEnds};
+/// The first schema of a database that says whose it is.
+constexpr std::size_t kFirstNamed = 3;
+
+std::uint64_t number_of(Connection& connection, const char* query) {
+    Rows rows = connection.query(query);
     rows.next();
     return rows.count(0);
 }
 
+bool is_ours(Connection& connection, std::size_t schema) {
+    const std::uint64_t application = number_of(connection, "PRAGMA application_id");
+    if (application != 0) return application == kApplication;
+    if (schema == 0) return number_of(connection, "SELECT count(*) FROM sqlite_schema") == 0;
+    return schema < kFirstNamed &&
+           number_of(connection,
+                     "SELECT count(*) FROM sqlite_schema WHERE type = 'table' AND "
+                     "name IN ('clouds', 'jobs', 'idempotency')") == 3;
+}
+
 }  // namespace
 
-void migrate(Connection& connection) {
-    const std::size_t present = schema_version(connection);
-    if (present > kSteps.size()) {
-        throw Error(ErrorCode::Internal, "the database has schema " + std::to_string(present) +
-                                             ", this program knows schemas up to " +
-                                             std::to_string(kSteps.size()) +
-                                             ": start the version that wrote it, or a newer one");
+std::size_t check_schema(Connection& connection) {
+    const std::size_t present = number_of(connection, "PRAGMA user_version");
+    if (!is_ours(connection, present)) {
+        throw Error(ErrorCode::InvalidArgument,
+                    connection.file() +
+                        ": it is a database of another program: expected one of "
+                        "stippled, or none: give another folder");
     }
-    for (std::size_t step = present; step < kSteps.size(); ++step) {
-        Transaction transaction(connection);
+    if (present > kSteps.size()) {
+        throw Error(ErrorCode::Internal,
+                    connection.file() + " has schema " + std::to_string(present) +
+                        ", this program knows schemas up to " + std::to_string(kSteps.size()) +
+                        ": start the version that wrote it, or a newer one");
+    }
+    return present;
+}
+
+void migrate(Connection& connection) {
+    // Before the look at what is there: another process may start on the same file.
+    Transaction transaction(connection);
+    for (std::size_t step = check_schema(connection); step < kSteps.size(); ++step) {
         connection.script(kSteps[step]);
         connection.script("PRAGMA user_version = " + std::to_string(step + 1));
-        transaction.commit();
     }
+    transaction.commit();
 }
 
 }  // namespace stipple::server::sqlite

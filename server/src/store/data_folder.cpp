@@ -1,0 +1,113 @@
+#include "store/data_folder.hpp"
+
+#include "stipple/error.hpp"
+
+#include <fcntl.h>
+#include <sys/file.h>
+#include <algorithm>
+#include <cerrno>
+#include <optional>
+#include <string_view>
+
+namespace stipple::server {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+Error unusable(const fs::path& folder, const std::string& why) {
+    return {ErrorCode::InvalidArgument, "--data " + folder.string() + ": " + why};
+}
+
+/// A file below a folder, or nothing when there are none: a store in the making has empty folders.
+std::optional<fs::path> any_file_in(const fs::path& folder) {
+    std::error_code failure;
+    if (!fs::is_directory(folder, failure)) return std::nullopt;
+    for (auto entry = fs::recursive_directory_iterator(folder, failure);
+         !failure && entry != fs::recursive_directory_iterator(); entry.increment(failure)) {
+        if (!fs::is_directory(entry->symlink_status())) return entry->path();
+    }
+    return std::nullopt;
+}
+
+void refuse_foreign(const fs::path& folder) {
+    for (const fs::path& own : {blobs_in(folder), scratch_in(folder)}) {
+        // In this order: the database of a store that another process makes comes before its files.
+        const std::optional<fs::path> file = any_file_in(own);
+        if (!file || fs::exists(database_in(folder))) continue;
+        throw unusable(folder, "it has " + file->lexically_relative(folder).string() + ", but no " +
+                                   database_in(folder).filename().string() +
+                                   ", so it is no store, and files there would be removed: give "
+                                   "another folder, or move " +
+                                   own.filename().string() + " elsewhere");
+    }
+}
+
+std::vector<FileDescriptor> lock(const fs::path& folder, const std::vector<std::string>& parts,
+                                 int flags) {
+    std::vector<FileDescriptor> locks;
+    for (const std::string& part : parts) {
+        const fs::path file = folder / (part + ".lock");
+        FileDescriptor fd = open_file(file, flags);
+        if (!fd && errno == ENOENT && (flags & O_CREAT) == 0) continue;
+        if (!fd) throw_errno("cannot open", file);
+        if (::flock(fd.get(), LOCK_EX | LOCK_NB) != 0) {
+            throw Error(
+                ErrorCode::Conflict,
+                "--data " + folder.string() + ": another stippled runs on this folder as " + part);
+        }
+        locks.push_back(std::move(fd));
+    }
+    return locks;
+}
+
+/// As `proto::random_hex(16)` makes them.
+bool is_random_name(std::string_view name) {
+    constexpr std::size_t kDigits = 32;
+    return name.size() == kDigits &&
+           name.find_first_not_of("0123456789abcdef") == std::string_view::npos;
+}
+
+}  // namespace
+
+fs::path database_in(const fs::path& folder) {
+    return folder / "stipple.sqlite";
+}
+fs::path blobs_in(const fs::path& folder) {
+    return folder / "blobs";
+}
+fs::path scratch_in(const fs::path& folder) {
+    return folder / "scratch";
+}
+
+void make_data_folder(const fs::path& folder) {
+    std::error_code error;
+    fs::create_directories(folder, error);
+    if (error) throw unusable(folder, "cannot be made: " + error.message());
+    refuse_foreign(folder);
+}
+
+std::vector<FileDescriptor> lock_parts(const fs::path& folder,
+                                       const std::vector<std::string>& parts) {
+    return lock(folder, parts, O_RDWR | O_CREAT);
+}
+
+std::vector<FileDescriptor> lock_parts_to_read(const fs::path& folder,
+                                               const std::vector<std::string>& parts) {
+    return lock(folder, parts, O_RDONLY);
+}
+
+void clear_leftovers(const fs::path& folder) {
+    if (fs::is_symlink(folder)) {
+        throw Error(ErrorCode::InvalidArgument,
+                    folder.string() +
+                        ": it is a link, and files in it are removed: expected a folder: remove "
+                        "the link, or mount another disk there");
+    }
+    fs::create_directories(folder);
+    for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
+        if (is_random_name(entry.path().filename().string())) fs::remove_all(entry.path());
+    }
+}
+
+}  // namespace stipple::server
