@@ -2,8 +2,11 @@
 
 #include "store_fixtures.hpp"
 
+#include <spdlog/sinks/ostream_sink.h>
+#include <spdlog/spdlog.h>
 #include <atomic>
 #include <fstream>
+#include <sstream>
 #include <thread>
 
 namespace stipple::server {
@@ -47,6 +50,23 @@ Outcome wait_until_stopped(std::stop_token stop) {
     while (!stop.stop_requested()) std::this_thread::sleep_for(1ms);
     return {Kind::Stopped, ""};
 }
+
+/// What is logged while it lives; to be read when all who log have ended.
+class Log {
+public:
+    Log() {
+        const auto sink = std::make_shared<spdlog::sinks::ostream_sink_mt>(text_);
+        spdlog::set_default_logger(std::make_shared<spdlog::logger>("test", sink));
+    }
+    ~Log() { spdlog::set_default_logger(before_); }
+    Log(const Log&) = delete;
+    Log& operator=(const Log&) = delete;
+    std::string text() const { return text_.str(); }
+
+private:
+    std::ostringstream text_;
+    std::shared_ptr<spdlog::logger> before_ = spdlog::default_logger();
+};
 
 class WorkerPoolTest : public testing::Test {
 protected:
@@ -170,6 +190,28 @@ TEST_F(WorkerPoolTest, RunsACrashedJobOnceMoreAndThenNeverAgain) {
     EXPECT_EQ(job.status, JobStatus::Failed);
     EXPECT_EQ(job.problem->detail, "the job process died twice: signal 9 (Killed)");
     EXPECT_EQ(attempts, 2);
+}
+
+TEST_F(WorkerPoolTest, LogsTheFailureOfAJobThatCrashesForGood) {
+    const Log log;
+    const JobDocument job = run([](const JobSpec&, const auto&, std::stop_token) {
+        return Outcome{Kind::Crashed, "signal 9 (Killed)"};
+    });
+    const std::string line =
+        "job.failed id=" + job.id + " status=500 detail=\"the job process died ";
+    EXPECT_NE(log.text().find(line), std::string::npos) << log.text();
+}
+
+TEST_F(WorkerPoolTest, LogsAForeignTextAsOneField) {
+    const Log log;
+    run([](const JobSpec&, const auto& report, std::stop_token) {
+        JobReport failure;
+        failure.problem = proto::problem_from(ErrorCode::MalformedInput, "x\" status=200 tenant=y");
+        report(failure);
+        return Outcome{};
+    });
+    const std::string field = R"(detail="x\" status=200 tenant=y")";
+    EXPECT_NE(log.text().find(field), std::string::npos) << log.text();
 }
 
 TEST_F(WorkerPoolTest, TakesAJobThatEndsWithoutALastWordForCrashed) {
@@ -350,6 +392,40 @@ TEST_F(WorkerPoolTest, LetsARunningJobEndBeforeItEnds) {
         ASSERT_TRUE(becomes_true([&] { return started.load(); }));
     }
     EXPECT_EQ(find(job).status, JobStatus::Successful);
+}
+
+TEST_F(WorkerPoolTest, TakesNoJobOnceItDrainsAndFinishesTheOnesUnderWay) {
+    std::atomic<bool> started = false, released = false;
+    const JobDocument running = submit();
+    JobDocument late;
+    {
+        FunctionRunner runner([&](const JobSpec&, const auto& report, std::stop_token) {
+            started = true;
+            becomes_true([&] { return released.load(); });
+            report(cost_report());
+            return Outcome{};
+        });
+        options_.workers = 2;
+        WorkerPool pool(options_, limits_, *jobs_, *blobs_, runner);
+        ASSERT_TRUE(becomes_true([&] { return started.load(); }));
+        pool.begin_drain();
+        late = submit();
+        std::this_thread::sleep_for(50ms);  // in which an idle worker would take it
+        EXPECT_EQ(find(running).status, JobStatus::Running);
+        released = true;
+    }
+    EXPECT_EQ(find(running).status, JobStatus::Successful);
+    EXPECT_EQ(find(late).status, JobStatus::Accepted);
+}
+
+TEST_F(WorkerPoolTest, LeavesWhatItDidNotMakeInItsScratchFolder) {
+    std::filesystem::create_directories(options_.scratch / "results");
+    std::ofstream(options_.scratch / "results/thesis.txt") << "work";
+    run([](const JobSpec&, const auto& report, std::stop_token) {
+        report(cost_report());
+        return Outcome{};
+    });
+    EXPECT_TRUE(std::filesystem::exists(options_.scratch / "results/thesis.txt"));
 }
 
 TEST_F(WorkerPoolTest, HandsAJobBackThatTakesLongerThanTheDrain) {

@@ -1,5 +1,7 @@
 #include "service/housekeeper.hpp"
 
+#include "log_text.hpp"
+
 #include <spdlog/spdlog.h>
 #include <condition_variable>
 #include <mutex>
@@ -19,7 +21,7 @@ void Housekeeper::run(std::stop_token stop) {
         try {
             sweep();
         } catch (const std::exception& error) {
-            spdlog::error("housekeeper.failed error=\"{}\"", error.what());
+            spdlog::error("housekeeper.failed error={}", log_text(error.what()));
         }
         std::unique_lock lock(mutex);
         stopped.wait_for(lock, stop, options_.period, [] { return false; });

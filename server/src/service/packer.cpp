@@ -1,5 +1,7 @@
 #include "service/packer.hpp"
 
+#include "log_text.hpp"
+
 #include <spdlog/spdlog.h>
 #include <sys/resource.h>
 #include <unistd.h>
@@ -63,7 +65,7 @@ void Packer::run(Queue& queue, const std::function<void(const std::string&)>& wo
             work(sha256);
         } catch (const std::exception& error) {
             // It is sent as it is.
-            spdlog::warn("packer.failed sha256={} error=\"{}\"", sha256, error.what());
+            spdlog::warn("packer.failed sha256={} error={}", sha256, log_text(error.what()));
         }
         const std::lock_guard lock(mutex_);
         queue.known.erase(sha256);

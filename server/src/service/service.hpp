@@ -13,6 +13,7 @@
 #include <span>
 #include <stop_token>
 #include <string>
+#include <thread>
 #include <vector>
 
 namespace stipple::server {
@@ -28,12 +29,18 @@ struct Limits {
     std::chrono::seconds retention{7 * 24 * 3600};
     std::chrono::seconds max_wait{60};  ///< longest long poll
 
-    /// The memory of a job on so many bytes: 1 GiB and 1,024 times the input, at most
-    /// `max_job_memory_bytes`. A cloud of any use needs less, and a file of 33 bytes that asks for
-    /// everything is stopped before it has taken all of it.
-    std::uint64_t memory_for(std::uint64_t input_bytes) const noexcept {
+    /// The memory of a job on so many bytes and threads (0: one a processor): 1 GiB, 1,024 times
+    /// the input and the stacks, at most `max_job_memory_bytes`. A cloud of any use needs less, and
+    /// a file of 33 bytes that asks for everything is stopped before it has taken all of it.
+    std::uint64_t memory_for(std::uint64_t input_bytes, unsigned threads) const noexcept {
         constexpr std::uint64_t kBase = 1ULL << 30;
-        return std::min(max_job_memory_bytes, kBase + 1024 * input_bytes);
+        if (threads == 0) threads = std::thread::hardware_concurrency();
+        return std::min(max_job_memory_bytes, kBase + 1024 * input_bytes + stacks_of(threads));
+    }
+    /// What the stacks of so many threads of a job take.
+    static constexpr std::uint64_t stacks_of(unsigned threads) noexcept {
+        constexpr std::uint64_t kStack = (4ULL << 20) + (64ULL << 10);  // TBB's, and what guards it
+        return threads * kStack;
     }
 };
 

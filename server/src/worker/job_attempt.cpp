@@ -1,5 +1,7 @@
 #include "worker/job_attempt.hpp"
 
+#include "log_text.hpp"
+
 #include "stipple/error.hpp"
 
 #include <spdlog/spdlog.h>
@@ -29,7 +31,8 @@ public:
         std::error_code failure;
         fs::remove_all(path_, failure);
         if (failure) {
-            spdlog::warn("scratch.left path={} error=\"{}\"", path_.string(), failure.message());
+            spdlog::warn("scratch.left path={} error={}", path_.string(),
+                         log_text(failure.message()));
         }
     }
     const fs::path& path() const noexcept { return path_; }
@@ -61,7 +64,7 @@ void JobAttempt::run(JobRunner& runner) noexcept try {
     }
 } catch (const std::exception& error) {
     // Not even the failure could be written: the lease runs out, and the job is tried again.
-    spdlog::error("job.abandoned id={} error=\"{}\"", lease_.job_id, error.what());
+    spdlog::error("job.abandoned id={} error={}", lease_.job_id, log_text(error.what()));
 }
 
 void JobAttempt::run_in(const fs::path& folder, JobRunner& runner) {
@@ -90,7 +93,7 @@ proto::JobSpec JobAttempt::spec_for(const std::vector<std::shared_ptr<const Blob
             .candidate_files = {files.begin() + 1, files.end()},
             .output_dir = output.string(),
             .limits = limits_.decode,
-            .max_memory_bytes = limits_.memory_for(bytes),
+            .max_memory_bytes = limits_.memory_for(bytes, options_.threads_per_job),
             .max_cpu_seconds = limits_.max_job_cpu_seconds,
             .max_file_bytes = limits_.max_job_output_bytes,
             .threads = options_.threads_per_job};
@@ -111,7 +114,7 @@ proto::Problem JobAttempt::problem_of(const std::exception& failure) const {
     const auto* const error = dynamic_cast<const Error*>(&failure);
     if (error != nullptr && error->code() != ErrorCode::Internal)
         return proto::problem_from(error->code(), error->what());
-    spdlog::error("job.broken id={} error=\"{}\"", lease_.job_id, failure.what());
+    spdlog::error("job.broken id={} error={}", lease_.job_id, log_text(failure.what()));
     const bool is_full = std::string_view(failure.what()).starts_with("storage full");
     return proto::problem_from(ErrorCode::Internal,
                                is_full ? "storage full: its operator has to make room"
@@ -212,16 +215,20 @@ void JobAttempt::succeed() {
 }
 
 void JobAttempt::fail(const proto::Problem& problem) {
-    if (!taken(jobs_.fail(lease_, problem))) return;
+    if (taken(jobs_.fail(lease_, problem))) log_failed(problem);
+}
+
+void JobAttempt::log_failed(const proto::Problem& problem) const {
     const auto level = problem.status >= 500 ? spdlog::level::err : spdlog::level::warn;
-    spdlog::log(level, "job.failed id={} status={} detail=\"{}\"", lease_.job_id, problem.status,
-                problem.detail);
+    spdlog::log(level, "job.failed id={} status={} detail={}", lease_.job_id, problem.status,
+                log_text(problem.detail));
 }
 
 void JobAttempt::crash(const std::string& how) {
-    if (taken(jobs_.crashed(lease_, how))) {
-        spdlog::warn("job.crashed id={} how=\"{}\"", lease_.job_id, how);
-    }
+    if (!taken(jobs_.crashed(lease_, how))) return;
+    spdlog::warn("job.crashed id={} how={}", lease_.job_id, log_text(how));
+    const auto job = jobs_.find_job(lease_.tenant, lease_.job_id);
+    if (job && job->status == proto::JobStatus::Failed && job->problem) log_failed(*job->problem);
 }
 
 void JobAttempt::hand_back() {

@@ -41,6 +41,7 @@ private:
     void conclude(const JobRunner::Outcome& outcome);
     void succeed();
     void fail(const proto::Problem& problem);
+    void log_failed(const proto::Problem& problem) const;
     void crash(const std::string& how);
     void hand_back();
     /// Whether a write was taken; when not, the lease is lost.

@@ -1,5 +1,7 @@
 #include "worker/worker_pool.hpp"
 
+#include "log_text.hpp"
+#include "store/data_folder.hpp"
 #include "worker/job_attempt.hpp"
 
 #include <spdlog/spdlog.h>
@@ -13,20 +15,12 @@ namespace stipple::server {
 
 namespace {
 
-namespace fs = std::filesystem;
 using std::chrono::steady_clock;
 
 /// An idle worker looks at the queue at least so often: a lease of another may have run out.
 constexpr std::chrono::seconds kIdlePoll{1};
 /// Between two looks at the leases while much is written: a dismissal is noticed within this time.
 constexpr std::chrono::milliseconds kLookPeriod{20};
-
-void empty_folder(const fs::path& folder) {
-    fs::create_directories(folder);
-    for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
-        fs::remove_all(entry.path());
-    }
-}
 
 /// Returns after `time`, or when asked to stop.
 void pause(steady_clock::duration time, const std::stop_token& stop) {
@@ -42,6 +36,7 @@ struct WorkerPool::State {
           BlobStore& blob_store, JobRunner& job_runner);
     ~State();
 
+    void begin_drain();
     void work(const std::stop_token& stop);
     std::optional<Lease> claim();
     void run(Lease lease);
@@ -57,8 +52,9 @@ struct WorkerPool::State {
 
     std::mutex mutex;
     std::vector<std::shared_ptr<JobAttempt>> running;
-    bool drained = false;           ///< no job may go on
-    std::condition_variable ended;  ///< one fewer is running
+    bool drained = false;                               ///< no job may go on
+    std::optional<steady_clock::time_point> drain_end;  ///< once it is draining
+    std::condition_variable ended;                      ///< one fewer is running
 
     std::jthread keeper;  ///< renews leases until the last worker has ended
     std::vector<std::jthread> workers;
@@ -71,18 +67,24 @@ WorkerPool::State::State(const WorkerPoolOptions& given_options, const Limits& g
       jobs(job_store),
       blobs(blob_store),
       runner(job_runner) {
-    empty_folder(options.scratch);
+    clear_leftovers(options.scratch);
     keeper = std::jthread([this](const std::stop_token& stop) { keep_leases(stop); });
     for (unsigned i = 0; i < options.workers; ++i) {
         workers.emplace_back([this](const std::stop_token& stop) { work(stop); });
     }
 }
 
-WorkerPool::State::~State() {
+void WorkerPool::State::begin_drain() {
     for (std::jthread& worker : workers) worker.request_stop();
+    const std::lock_guard lock(mutex);
+    if (!drain_end) drain_end = steady_clock::now() + options.drain;
+}
+
+WorkerPool::State::~State() {
+    begin_drain();
     {
         std::unique_lock lock(mutex);
-        ended.wait_for(lock, options.drain, [this] { return running.empty(); });
+        ended.wait_until(lock, *drain_end, [this] { return running.empty(); });
         drained = true;
     }
     for (const auto& attempt : attempts()) attempt->stop(JobAttempt::Stop::Drained);
@@ -105,7 +107,7 @@ void WorkerPool::State::work(const std::stop_token& stop) {
 std::optional<Lease> WorkerPool::State::claim() try {
     return jobs.claim(limits.queue, options.lease);
 } catch (const std::exception& error) {
-    spdlog::error("queue.failed error=\"{}\"", error.what());
+    spdlog::error("queue.failed error={}", log_text(error.what()));
     return std::nullopt;
 }
 
@@ -145,7 +147,7 @@ void WorkerPool::State::keep_leases(const std::stop_token& stop) {
             }
             if (renewing) renewed = now;
         } catch (const std::exception& error) {
-            spdlog::error("lease.failed error=\"{}\"", error.what());
+            spdlog::error("lease.failed error={}", log_text(error.what()));
             stop_before_others_may_claim(now - renewed);
         }
         pause(kLookPeriod, stop);
@@ -165,5 +167,9 @@ WorkerPool::WorkerPool(const WorkerPoolOptions& options, const Limits& limits, J
     : state_(std::make_unique<State>(options, limits, jobs, blobs, runner)) {}
 
 WorkerPool::~WorkerPool() = default;
+
+void WorkerPool::begin_drain() {
+    state_->begin_drain();
+}
 
 }  // namespace stipple::server

@@ -36,7 +36,7 @@ std::unique_ptr<JobRunner> make_process_job_runner(const std::filesystem::path& 
 struct WorkerPoolOptions {
     unsigned workers = 1;           ///< jobs at a time
     unsigned threads_per_job = 0;   ///< 0: all
-    std::filesystem::path scratch;  ///< emptied at start; one folder a running job
+    std::filesystem::path scratch;  ///< one folder a running job; leftovers go at start
     std::chrono::seconds lease{30};
     std::chrono::seconds drain{
         30};  ///< how long running jobs may go on when stopping; then they are handed back
@@ -50,6 +50,9 @@ public:
     WorkerPool(const WorkerPoolOptions& options, const Limits& limits, JobStore& jobs,
                BlobStore& blobs, JobRunner& runner);
     ~WorkerPool();
+
+    /// Takes no job from now on; the time that running ones have to finish begins. Returns at once.
+    void begin_drain();
 
 private:
     struct State;

@@ -1,0 +1,12 @@
+#pragma once
+
+#include <string>
+#include <string_view>
+
+namespace stipple::server {
+
+/// A text as the value of a field of a log line: in quotes, so that what others wrote into it can
+/// neither end the field nor the line.
+std::string log_text(std::string_view text);
+
+}  // namespace stipple::server

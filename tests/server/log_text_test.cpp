@@ -1,0 +1,16 @@
+#include "log_text.hpp"
+
+#include <gtest/gtest.h>
+
+namespace stipple::server {
+namespace {
+
+TEST(LogText, KeepsATextInItsField) {
+    EXPECT_EQ(log_text("line 2: größer"), "\"line 2: größer\"");
+    EXPECT_EQ(log_text(R"(x" status=200 tenant=root)"), R"("x\" status=200 tenant=root")");
+    EXPECT_EQ(log_text(R"(x\" y)"), R"("x\\\" y")");
+    EXPECT_EQ(log_text("a\nb\x1b[2J\x7f"), R"("a\x0ab\x1b[2J\x7f")");
+}
+
+}  // namespace
+}  // namespace stipple::server
