@@ -9,10 +9,12 @@
 #include <atomic>
 #include <cerrno>
 #include <csignal>
+#include <cstring>
 #include <exception>
 #include <new>
 #include <stdexcept>
 #include <string>
+#include <system_error>
 
 namespace stipple::job {
 
@@ -78,10 +80,8 @@ extern "C" void on_cpu_limit(int) {
 [[noreturn]] void on_terminate() {
     try {
         if (const auto exception = std::current_exception()) std::rethrow_exception(exception);
-    } catch (const std::bad_alloc&) {
-        say(last_words->out_of_memory);
-    } catch (const std::length_error&) {
-        say(last_words->out_of_memory);
+    } catch (const std::exception& error) {
+        say(is_out_of_memory(error) ? last_words->out_of_memory : last_words->lost);
     } catch (...) {
         say(last_words->lost);
     }
@@ -89,6 +89,17 @@ extern "C" void on_cpu_limit(int) {
 }
 
 }  // namespace
+
+bool is_out_of_memory(const std::exception& error) noexcept {
+    if (dynamic_cast<const std::bad_alloc*>(&error) != nullptr ||
+        dynamic_cast<const std::length_error*>(&error) != nullptr)
+        return true;
+    if (const auto* const system = dynamic_cast<const std::system_error*>(&error))
+        return system->code() == std::errc::resource_unavailable_try_again ||
+               system->code() == std::errc::not_enough_memory;
+    // TBB's own words when a thread finds no room for its stack.
+    return std::strstr(error.what(), "pthread_create") != nullptr;
+}
 
 void prepare_last_words(const proto::JobSpec& spec) {
     static const LastWords words{

@@ -2,6 +2,7 @@
 
 #include "stipple/proto/results.hpp"
 
+#include <exception>
 #include <string_view>
 
 namespace stipple::job {
@@ -13,6 +14,9 @@ namespace stipple::job {
 
 /// Prepares the last words for a job of these limits and installs what says them.
 void prepare_last_words(const proto::JobSpec& spec);
+
+/// Whether an exception means that memory was not to be had, be it for the stack of a thread.
+bool is_out_of_memory(const std::exception& error) noexcept;
 
 /// Writes one report whole: never interleaved with last words.
 void write_report(const proto::JobReport& report);

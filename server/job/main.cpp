@@ -76,7 +76,14 @@ void run(const char* spec_file) {
     const proto::JobSpec spec = read_spec(spec_file);
     stipple::job::prepare_last_words(spec);
     leave_the_world(spec);
-    proto::run_job(spec, stipple::job::write_report);
+    try {
+        proto::run_job(spec, stipple::job::write_report);
+    } catch (const Error&) {
+        throw;
+    } catch (const std::exception& error) {
+        if (!stipple::job::is_out_of_memory(error)) throw;
+        throw Error(ErrorCode::TooLarge, proto::memory_limit_message(spec));
+    }
 }
 
 }  // namespace

@@ -149,6 +149,28 @@ TEST_F(ProcessJobRunner, NamesTheMemoryLimitThatWasTooSmall) {
         << problem()->detail;
 }
 
+TEST_F(ProcessJobRunner, NamesTheMemoryLimitThatWasTooSmallForItsThreads) {
+    if (test::kSanitized) GTEST_SKIP() << "a sanitizer's build runs without limits";
+    proto::JobSpec spec = spec_for(sphere_file(200'000));
+    spec.max_memory_bytes = 512 << 20;
+    spec.threads = 1024;  // whose stacks take 4 GiB
+    const auto outcome = run(spec);
+    EXPECT_EQ(outcome.kind, Kind::Finished) << outcome.how;
+    ASSERT_TRUE(problem());
+    EXPECT_EQ(problem()->status, 413) << problem()->detail;
+}
+
+TEST_F(ProcessJobRunner, HasRoomForAsManyThreadsAsMayBeAskedFor) {
+    proto::JobSpec spec = spec_for(sphere_file(200'000));
+    spec.threads = 1024;
+    Limits limits;
+    limits.max_job_memory_bytes = 16ULL << 30;
+    spec.max_memory_bytes = limits.memory_for(fs::file_size(spec.input_file), spec.threads);
+    const auto outcome = run(spec);
+    EXPECT_EQ(outcome.kind, Kind::Finished) << outcome.how;
+    EXPECT_TRUE(reports_.back().cost) << problem().value_or(proto::Problem{}).detail;
+}
+
 TEST_F(ProcessJobRunner, NamesTheProcessorTimeThatWasTooShort) {
     proto::JobSpec spec = long_job();
     spec.max_cpu_seconds = 1;
