@@ -13,13 +13,20 @@ namespace stipple::server {
 
 namespace {
 
+constexpr std::uint64_t kDay = 24 * 3600;
+constexpr std::uint64_t kYear = 366 * kDay;
+constexpr std::uint64_t kMostBytes = 1000ULL * 1000'000'000'000;
+constexpr std::uint64_t kMostCount = 1ULL << 32U;  // of points, and of what there is one a job of
+/// With less the job process cannot even read the smallest cloud.
+constexpr std::uint64_t kLeastMemory = 100'000'000;
+
 /// The flags as they are written, before they mean something.
 struct Flags {
     std::string listen = "127.0.0.1:8080";
     std::string admin = "127.0.0.1:8081";
     std::string data, api_keys;
     Role role = Role::All;
-    std::uint64_t retention_seconds = 7 * 24 * 3600;
+    std::uint64_t retention_seconds = 7 * kDay;
     std::uint64_t max_wait_seconds = 60;
     std::uint64_t drain_seconds = 30;
 };
@@ -41,9 +48,89 @@ CLI::Option* add(CLI::App& app, const std::string& flag, T& value, const std::st
     return std::is_integral_v<T> ? option->type_name("N") : option;
 }
 
-/// Help of numbers and sizes says in words what they may be: CLI11's own makes lines too long.
-CLI::Validator within(int least, int most) {
-    return CLI::Range(least, most).description("");
+/// A check that says what is expected of a value that it refuses. Help says it in words of its own:
+/// what CLI11 makes of validators takes too long lines.
+template <typename IsGood>
+CLI::Validator expecting(const std::string& expected, IsGood is_good) {
+    return CLI::Validator(
+        [expected, is_good](const std::string& text) {
+            return is_good(text) ? std::string() : text + ": expected " + expected;
+        },
+        "");
+}
+
+std::optional<std::uint64_t> number_in(const std::string& text) {
+    std::uint64_t number = 0;
+    const char* const end = text.data() + text.size();
+    const auto [stop, error] = std::from_chars(text.data(), end, number);
+    if (error != std::errc() || stop != end) return std::nullopt;
+    return number;
+}
+
+CLI::Validator within(std::uint64_t least, std::uint64_t most) {
+    return expecting(std::to_string(least) + ".." + std::to_string(most),
+                     [least, most](const std::string& text) {
+                         const auto number = number_in(text);
+                         return number && least <= *number && *number <= most;
+                     });
+}
+
+/// Whole bytes of `2GB`, `1.5MiB` or `4096`.
+std::optional<std::uint64_t> bytes_in(const std::string& text) {
+    static const std::map<std::string, std::uint64_t> kUnits = {{"", 1},
+                                                                {"b", 1},
+                                                                {"kb", 1000},
+                                                                {"mb", 1000'000},
+                                                                {"gb", 1000'000'000},
+                                                                {"tb", 1000'000'000'000},
+                                                                {"kib", 1ULL << 10U},
+                                                                {"mib", 1ULL << 20U},
+                                                                {"gib", 1ULL << 30U},
+                                                                {"tib", 1ULL << 40U}};
+    long double number = 0;
+    const char* const end = text.data() + text.size();
+    const auto [stop, error] = std::from_chars(text.data(), end, number, std::chars_format::fixed);
+    if (error != std::errc()) return std::nullopt;
+    std::string name(stop, end);
+    name.erase(0, name.find_first_not_of(' '));
+    const auto unit = kUnits.find(CLI::detail::to_lower(name));
+    const long double bytes = unit == kUnits.end() ? -1 : number * unit->second;
+    if (!(bytes >= 0 && bytes < 1e18L)) return std::nullopt;
+    return static_cast<std::uint64_t>(bytes);
+}
+
+/// Turns sizes into numbers, which are then within a range.
+void make_size(CLI::Option* option, std::uint64_t least, const std::string& least_text) {
+    option->type_name("SIZE")->transform(CLI::Validator(
+        [least, least_text](std::string& text) -> std::string {
+            const auto bytes = bytes_in(text);
+            if (!bytes || *bytes < least || *bytes > kMostBytes)
+                return text + ": expected " + least_text + "..1000TB, as in 1.5GB or 512MiB";
+            text = std::to_string(*bytes);
+            return {};
+        },
+        ""));
+}
+
+constexpr std::string_view kOfDomains =
+    "abcdefghijklmnopqrstuvwxyz0123456789.-_ABCDEFGHIJKLMNOPQRSTUVWXYZ";
+
+bool has_only(std::string_view text, std::string_view characters) {
+    return !text.empty() && text.find_first_not_of(characters) == text.npos;
+}
+
+/// Whether a browser can send it as `Origin`: one that it never sends would let nobody in.
+bool is_origin(const std::string& text) {
+    if (text == "*") return true;
+    constexpr std::string_view kOfSchemes = "abcdefghijklmnopqrstuvwxyz0123456789+.-";
+    constexpr std::string_view kOfHosts = "abcdefghijklmnopqrstuvwxyz0123456789.-_[:]";
+    const auto end = text.find("://");
+    if (end == text.npos) return false;
+    const std::string scheme = text.substr(0, end);
+    const std::string host = text.substr(end + 3);
+    if (scheme == "https" && host.ends_with(":443")) return false;
+    if (scheme == "http" && host.ends_with(":80")) return false;
+    return has_only(scheme, kOfSchemes) && has_only(host, kOfHosts);
 }
 
 void add_addresses(CLI::App& serve, Flags& flags) {
@@ -67,22 +154,32 @@ void add_work(CLI::App& serve, Flags& flags, ServerConfig& config) {
     add(serve, "--workers", config.workers, "jobs at a time, 1..256")->check(within(1, 256));
     add(serve, "--threads", config.threads, "threads of a job, 0..1024; 0: one a processor")
         ->check(within(0, 1024));
-    add(serve, "--drain-timeout", flags.drain_seconds, "seconds that jobs may go on when stopping");
+    add(serve, "--drain-timeout", flags.drain_seconds, "seconds to finish when stopping, 0..86400")
+        ->check(within(0, kDay));
 }
 
 void add_limits(CLI::App& serve, Flags& flags, Limits& limits) {
-    const auto bytes = [](CLI::Option* option) {
-        option->transform(CLI::AsSizeValue(true).description(""))->type_name("SIZE");
-    };
-    bytes(add(serve, "--max-upload", limits.max_upload_bytes, "bytes of an upload, as in 2GB"));
-    add(serve, "--max-points", limits.decode.max_points, "points of a cloud");
-    add(serve, "--max-attributes", limits.decode.max_attributes, "attributes of a cloud");
-    bytes(add(serve, "--max-memory", limits.max_job_memory_bytes, "bytes of memory of a job"));
-    add(serve, "--max-cpu-seconds", limits.max_job_cpu_seconds, "processor time of a job");
-    bytes(add(serve, "--max-output", limits.max_job_output_bytes, "bytes that a job may write"));
-    add(serve, "--max-queued", limits.queue.max_queued, "waiting jobs of a tenant");
-    add(serve, "--max-running", limits.queue.max_running, "running jobs of a tenant");
-    add(serve, "--retention-seconds", flags.retention_seconds, "how long a finished job is kept");
+    make_size(add(serve, "--max-upload", limits.max_upload_bytes, "bytes of an upload, as in 2GB"),
+              0, "0");
+    add(serve, "--max-points", limits.decode.max_points, "points of a cloud, from 1")
+        ->check(within(1, kMostCount));
+    add(serve, "--max-attributes", limits.decode.max_attributes, "attributes of a cloud")
+        ->check(within(0, kMostCount));
+    make_size(add(serve, "--max-memory", limits.max_job_memory_bytes,
+                  "bytes of memory of a job, from 100MB"),
+              kLeastMemory, "100MB");
+    add(serve, "--max-cpu-seconds", limits.max_job_cpu_seconds, "processor time of a job, from 1")
+        ->check(within(1, kYear));
+    make_size(add(serve, "--max-output", limits.max_job_output_bytes,
+                  "bytes that a job may write, from 1kB"),
+              1000, "1kB");
+    add(serve, "--max-queued", limits.queue.max_queued, "waiting jobs of a tenant")
+        ->check(within(0, kMostCount));
+    add(serve, "--max-running", limits.queue.max_running, "running jobs of a tenant, from 1")
+        ->check(within(1, kMostCount));
+    add(serve, "--retention-seconds", flags.retention_seconds,
+        "how long a finished job is kept, up to a\nhundred years")
+        ->check(within(0, 100 * kYear));
     add(serve, "--max-wait", flags.max_wait_seconds, "seconds of the longest long poll, up to 3600")
         ->check(within(0, 3600));
 }
@@ -100,15 +197,14 @@ void add_guards(CLI::App& serve, Flags& flags, ServerConfig& config) {
                    "serve others than this machine without API keys");
     add(serve, "--cors-origin", config.cors_origins,
         "site whose scripts may use the API, as\nhttps://example.org; may be repeated")
-        ->check(CLI::Validator(
-            [](const std::string& text) {
-                return text == "*" || text.find("://") != text.npos
-                           ? std::string()
-                           : text + ": expected https://example.org or the like";
-            },
-            ""));
+        ->check(expecting("https://example.org or the like, as browsers send it: without path, "
+                          "capitals and the scheme's own port; one for each flag",
+                          is_origin));
     add(serve, "--host-name", config.host_names,
-        "domain that leads to a server for this machine\nalone, as by a proxy; may be repeated");
+        "domain that leads to a server for this machine\nalone, as by a proxy; may be repeated")
+        ->check(expecting("a domain such as clouds.example.org, without scheme and port; one for "
+                          "each flag",
+                          [](const std::string& text) { return has_only(text, kOfDomains); }));
     add(serve, "--log-level", config.log_level, "debug, info, warn or error")
         ->check(CLI::IsMember({"debug", "info", "warn", "error"}).description(""));
 }
@@ -132,6 +228,15 @@ void finish(const Flags& flags, ServerConfig& config) {
     config.limits.retention = std::chrono::seconds(flags.retention_seconds);
     config.limits.max_wait = std::chrono::seconds(flags.max_wait_seconds);
     if (!flags.api_keys.empty()) config.api_keys = flags.api_keys;
+    const std::uint64_t stacks = Limits::stacks_of(config.threads);
+    if (config.limits.max_job_memory_bytes < stacks + kLeastMemory) {
+        throw Error(ErrorCode::InvalidArgument,
+                    "--threads " + std::to_string(config.threads) + ": their stacks take " +
+                        std::to_string(stacks) +
+                        " bytes of the memory of a job: expected fewer, or "
+                        "--max-memory of at least " +
+                        std::to_string(stacks + kLeastMemory));
+    }
     if (!config.api_keys && !config.insecure_no_auth && !is_loopback(config.listen)) {
         throw Error(ErrorCode::InvalidArgument,
                     "--listen " + flags.listen +

@@ -44,6 +44,44 @@ TEST(Config, SizesHaveUnits) {
     EXPECT_EQ(served({"--max-points", "7"}).limits.decode.max_points, 7U);
 }
 
+TEST(Config, SizesHaveFractions) {
+    EXPECT_EQ(served({"--max-memory", "1.5GB"}).limits.max_job_memory_bytes, 1'500'000'000U);
+    EXPECT_EQ(served({"--max-memory", "0.5 gib"}).limits.max_job_memory_bytes, 1U << 29U);
+    EXPECT_EQ(served({"--max-upload", "4096"}).limits.max_upload_bytes, 4096U);
+    for (const char* size : {"", "GB", "1.5XB", "1e9", "nan", "1001TB", "99999999999999999999GB"}) {
+        EXPECT_EQ(refusal({"--max-upload", size}), "--max-upload: " + std::string(size) +
+                                                       ": expected 0..1000TB, as in 1.5GB or "
+                                                       "512MiB");
+    }
+}
+
+TEST(Config, WhatWouldOnlyBreakTheServerIsRefused) {
+    const std::vector<std::pair<std::vector<const char*>, std::string>> refused = {
+        {{"--max-memory", "0"}, "--max-memory: 0: expected 100MB..1000TB"},
+        {{"--max-output", "0"}, "--max-output: 0: expected 1kB..1000TB"},
+        {{"--max-cpu-seconds", "0"}, "--max-cpu-seconds: 0: expected 1.."},
+        {{"--max-points", "0"}, "--max-points: 0: expected 1.."},
+        {{"--max-running", "0"}, "--max-running: 0: expected 1.."},
+        {{"--drain-timeout", "10000000000"}, "--drain-timeout: 10000000000: expected 0..86400"},
+        {{"--threads", "1025"}, "--threads: 1025: expected 0..1024"},
+        {{"--threads", "1024"}, "--threads 1024: their stacks take"},
+        {{"--host-name", "http://a b/"}, "--host-name: http://a b/: expected a domain"},
+        {{"--host-name", "example.org:8080"}, ": expected a domain"}};
+    for (const auto& [flags, words] : refused) {
+        EXPECT_NE(refusal(flags).find(words), std::string::npos) << refusal(flags);
+    }
+    EXPECT_EQ(served({"--threads", "1024", "--max-memory", "8GB"}).threads, 1024U);
+}
+
+TEST(Config, ResultsAreKeptForAHundredYearsAtMost) {
+    EXPECT_EQ(served({"--retention-seconds", "3155760000"}).limits.retention.count(), 3155760000);
+    for (const char* seconds :
+         {"9999999999", "10000000000", "9223372036854775807", "18446744073709551615"}) {
+        EXPECT_EQ(refusal({"--retention-seconds", seconds}),
+                  "--retention-seconds: " + std::string(seconds) + ": expected 0..3162240000");
+    }
+}
+
 TEST(Config, AFileWithAnUnknownFlagIsRefused) {
     const test::TemporaryFolder folder;
     const std::string file = (folder.path() / "stippled.ini").string();
@@ -56,8 +94,15 @@ TEST(Config, AFileWithAnUnknownFlagIsRefused) {
 TEST(Config, ASiteHasAScheme) {
     EXPECT_EQ(served({"--cors-origin", "https://example.org"}).cors_origins.size(), 1U);
     EXPECT_EQ(served({"--cors-origin", "*"}).cors_origins.size(), 1U);
-    EXPECT_NE(refusal({"--cors-origin", "example.org"}).find("expected https://example.org"),
-              std::string::npos);
+    EXPECT_EQ(served({"--cors-origin", "http://[::1]:8000"}).cors_origins.size(), 1U);
+    for (const char* never_sent :
+         {"example.org", "https://example.org/", "https://a.org,https://b.org",
+          "https://a.org https://b.org", "https://Example.org", "https://example.org:443"}) {
+        EXPECT_NE(
+            refusal({"--cors-origin", never_sent}).find(": expected https://example.org or the"),
+            std::string::npos)
+            << never_sent;
+    }
 }
 
 TEST(Config, HelpHasEightyColumns) {
