@@ -4,19 +4,21 @@
 #include "http/api.hpp"
 #include "http/guarded_server.hpp"
 #include "service/housekeeper.hpp"
-#include "store/posix_file.hpp"
+#include "store/data_folder.hpp"
 #include "worker/worker_pool.hpp"
 
-#include <fcntl.h>
 #include <spdlog/spdlog.h>
 #include <sys/eventfd.h>
-#include <sys/file.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
 #include <unistd.h>
+#include <algorithm>
 #include <atomic>
 #include <cerrno>
 #include <csignal>
 #include <cstring>
 #include <iostream>
+#include <map>
 
 namespace stipple::server {
 
@@ -30,14 +32,15 @@ std::atomic<int> signal_event = -1;
 std::atomic<int> signals_seen = 0;
 static_assert(std::atomic<int>::is_always_lock_free);
 
-extern "C" void on_signal(int) {
-    if (signals_seen.fetch_add(1) > 0) ::_exit(130);
+extern "C" void on_signal(int number) {
+    // A terminal that is closed may say so more than once: that is no hurry.
+    if (signals_seen.fetch_add(1) > 0 && number != SIGHUP) ::_exit(130);
     const int saved = errno;
     ::eventfd_write(signal_event, 1);
     errno = saved;
 }
 
-/// From here on SIGTERM and SIGINT are waited for.
+/// From here on SIGTERM, SIGINT and SIGHUP are waited for; the last not under `nohup`.
 class StopSignal {
 public:
     StopSignal() : event_(::eventfd(0, EFD_CLOEXEC)) {
@@ -47,6 +50,9 @@ public:
         action.sa_flags = SA_RESTART;
         ::sigaction(SIGTERM, &action, nullptr);
         ::sigaction(SIGINT, &action, nullptr);
+        struct sigaction hangup {};
+        ::sigaction(SIGHUP, nullptr, &hangup);
+        if (hangup.sa_handler != SIG_IGN) ::sigaction(SIGHUP, &action, nullptr);
         ::signal(SIGPIPE, SIG_IGN);
     }
     void wait() {
@@ -72,37 +78,47 @@ std::vector<std::string> parts_of(Role role) {
     return {"api", "worker"};
 }
 
-/// Each part runs once on a folder: the locks live as long as the process.
-std::vector<FileDescriptor> take_parts(const fs::path& folder, Role role) {
-    std::error_code error;
-    fs::create_directories(folder, error);
-    if (error)
-        throw Error(ErrorCode::InvalidArgument,
-                    "--data " + folder.string() + ": cannot be made: " + error.message());
-    std::vector<FileDescriptor> locks;
-    for (const std::string& part : parts_of(role)) {
-        const fs::path file = folder / (part + ".lock");
-        locks.push_back(open_file(file, O_RDWR | O_CREAT));
-        if (!locks.back()) throw_errno("cannot open", file);
-        if (::flock(locks.back().get(), LOCK_EX | LOCK_NB) != 0) {
-            throw Error(
-                ErrorCode::Conflict,
-                "--data " + folder.string() + ": another stippled runs on this folder as " + part);
-        }
+/// What is made from here on is closed to all but the owner and the group.
+void close_to_others() {
+    constexpr mode_t kOthers = 027;
+    ::umask(::umask(kOthers) | kOthers);
+}
+
+/// The same for a database that was made before this was so.
+void close_to_others(const fs::path& database) {
+    for (const char* part : {"", "-wal", "-shm"}) {
+        std::error_code not_there_or_not_ours;
+        fs::permissions(database.string() + part, fs::perms::others_all, fs::perm_options::remove,
+                        not_there_or_not_ours);
     }
-    return locks;
+}
+
+/// Every connection needs a descriptor, and another for the file that it sends or brings: as many
+/// as the system lets this process have.
+void make_room_for(unsigned connections) {
+    constexpr rlim_t kOthers = 256;  // the database, the locks, the admin listener, jobs
+    const rlim_t wanted = 2 * rlim_t{connections} + kOthers;
+    rlimit files{};
+    ::getrlimit(RLIMIT_NOFILE, &files);
+    files.rlim_cur = std::min(std::max(files.rlim_cur, wanted), files.rlim_max);
+    ::setrlimit(RLIMIT_NOFILE, &files);
+    if (files.rlim_cur >= wanted) return;
+    spdlog::warn(
+        "server.few_files open_files={} wanted={} remedy=\"--max-connections {} may need more: "
+        "raise the limit (ulimit -Hn, LimitNOFILE=), or allow fewer connections\"",
+        files.rlim_cur, wanted, connections);
 }
 
 std::unique_ptr<BlobStore> open_blobs(const ServerConfig& config) {
     std::vector<std::string> unfinished;
     for (const std::string& part : parts_of(config.role)) unfinished.push_back("tmp-" + part);
-    return open_file_blob_store(config.data / "blobs", unfinished);
+    return open_file_blob_store(blobs_in(config.data), unfinished);
 }
 
 std::unique_ptr<JobStore> open_jobs(const ServerConfig& config) {
-    return open_sqlite_job_store(config.data / "stipple.sqlite", config.role == Role::All
-                                                                     ? Sharing::Alone
-                                                                     : Sharing::WithOtherProcesses);
+    return open_sqlite_job_store(database_in(config.data), config.role == Role::All
+                                                               ? Sharing::Alone
+                                                               : Sharing::WithOtherProcesses);
 }
 
 http::GuardedServerOptions guard(const ServerConfig& config, const ListenAddress& address) {
@@ -125,7 +141,7 @@ http::GuardedServerOptions admin_guard(const ServerConfig& config) {
 WorkerPoolOptions worker_options(const ServerConfig& config, Service& service) {
     return {.workers = config.workers,
             .threads_per_job = config.threads,
-            .scratch = config.data / "scratch",
+            .scratch = scratch_in(config.data),
             .lease = std::chrono::seconds(30),
             .drain = config.drain_timeout,
             .on_level = [&service](const proto::OutputCloud& level) {
@@ -161,10 +177,14 @@ int serve(const ServerConfig& config) {
     StopSignal stop;
     std::unique_ptr<JobRunner> runner;
     if (config.role != Role::Api) runner = make_process_job_runner(job_program());
-    const auto locks = take_parts(config.data, config.role);
+    close_to_others();
+    make_room_for(config.max_connections);
+    make_data_folder(config.data);
+    const auto locks = lock_parts(config.data, parts_of(config.role));
     const auto keys = config.api_keys ? http::ApiKeys::read(*config.api_keys) : http::ApiKeys();
+    const auto jobs = open_jobs(config);  // before there are files, by which a folder is judged
+    close_to_others(database_in(config.data));
     const auto blobs = open_blobs(config);
-    const auto jobs = open_jobs(config);
     if (config.role != Role::Api) jobs->recover();
     Service service(config.limits, *jobs, *blobs);
 
@@ -205,6 +225,7 @@ int serve(const ServerConfig& config) {
     stop.wait();
     spdlog::info("server.stopping");
     admin.begin_drain();
+    if (workers) workers->begin_drain();
     const bool all_served = !api_server || api_server->drain(config.drain_timeout);
     workers.reset();
     spdlog::info("server.stopped requests_cut={}", !all_served);
@@ -212,15 +233,23 @@ int serve(const ServerConfig& config) {
 }
 
 int scrub(const ServerConfig& config) {
-    if (!fs::is_directory(config.data / "blobs"))
+    if (!fs::is_directory(blobs_in(config.data)) || !fs::exists(database_in(config.data)))
         throw Error(ErrorCode::NotFound,
                     "--data " + config.data.string() + ": no store is there: nothing to compare");
-    const auto locks = take_parts(config.data, Role::All);
-    const auto blobs = open_blobs(config);
-    std::uint64_t whole = 0, bytes = 0, broken = 0;
-    for (const std::string& id : blobs->older_than(std::chrono::system_clock::now())) {
+    const auto locks = lock_parts_to_read(config.data, parts_of(Role::All));
+    const auto blobs = open_file_blob_store(blobs_in(config.data), {});
+    std::map<std::string, bool> ids;  // whether the database names it
+    for (const std::string& id : blobs->older_than(std::chrono::system_clock::now()))
+        ids[id] = false;
+    for (const std::string& id : read_referenced_blobs(database_in(config.data))) ids[id] = true;
+    std::uint64_t whole = 0, bytes = 0, broken = 0, missing = 0;
+    for (const auto& [id, named] : ids) {
         try {
             const auto blob = blobs->open(id);  // compares the hash
+            if (!blob && named) {
+                ++missing;
+                std::cout << id << "  is missing: the database names it\n";
+            }
             if (!blob) continue;
             ++whole;
             bytes += blob->size();
@@ -229,8 +258,9 @@ int scrub(const ServerConfig& config) {
             std::cout << id << "  " << error.what() << '\n';
         }
     }
-    std::cout << whole << " files whole, " << bytes << " bytes; " << broken << " broken\n";
-    return broken == 0 ? 0 : 1;
+    std::cout << whole << " files whole, " << bytes << " bytes; " << broken << " broken, "
+              << missing << " missing\n";
+    return broken + missing == 0 ? 0 : 1;
 }
 
 }  // namespace stipple::server
