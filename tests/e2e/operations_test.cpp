@@ -10,6 +10,7 @@
 #include <sys/mount.h>
 #include <sys/socket.h>
 #include <unistd.h>
+#include <csignal>
 #include <cstdlib>
 #include <fstream>
 #include <iterator>
@@ -150,6 +151,82 @@ TEST(Stippled, LosesNothingThatItAcknowledgedWheneverItIsKilled) {
     }
     Client client(server.url());
     for (const std::string& job : jobs) expect_done(client, job);
+}
+
+/// What `stippled` says, with its exit status at the end, as one line each.
+std::string said_by_stippled(const std::string& arguments) {
+    const TemporaryFolder folder;
+    const std::string log = (folder / "log").string();
+    const std::string command = "timeout 60 " + test::program("stippled").string() + " " +
+                                arguments + " > " + log + " 2>&1; echo status $? >> " + log;
+    if (std::system(command.c_str()) != 0) throw std::runtime_error("cannot run " + command);
+    std::ifstream in(log);
+    return {std::istreambuf_iterator<char>(in), {}};
+}
+
+std::string serving(const fs::path& data) {
+    return "serve --listen 127.0.0.1:0 --admin 127.0.0.1:0 --data " + data.string();
+}
+
+TEST(Stippled, LeavesAFolderAloneThatIsNoStore) {
+    const TemporaryFolder home;
+    const fs::path thesis = home / "scratch/results/thesis.txt";
+    fs::create_directories(thesis.parent_path());
+    std::ofstream(thesis) << "work";
+    const std::string said = said_by_stippled(serving(home.path()));
+    EXPECT_NE(said.find("it has scratch/results/thesis.txt, but no stipple.sqlite"), said.npos)
+        << said;
+    EXPECT_NE(said.find("status 1"), said.npos) << said;
+    const std::string scrubbed = said_by_stippled("scrub --data " + home.path().string());
+    EXPECT_NE(scrubbed.find("no store is there"), scrubbed.npos) << scrubbed;
+    EXPECT_TRUE(fs::exists(thesis));
+    const fs::directory_iterator entries(home.path());
+    EXPECT_EQ(std::distance(begin(entries), end(entries)), 1) << "something was made there";
+}
+
+TEST(Stippled, KeepsItsDatabaseFromOthers) {
+    const TemporaryFolder folder;
+    const fs::path data = folder / "data";
+    const StippledProcess server({"--data", data.string()});
+    EXPECT_EQ(fs::status(data).permissions() & fs::perms::others_all, fs::perms::none);
+    for (const auto& entry : fs::recursive_directory_iterator(data)) {
+        EXPECT_EQ(entry.status().permissions() & fs::perms::others_all, fs::perms::none)
+            << entry.path();
+    }
+}
+
+TEST(Stippled, ScrubTellsOfFilesThatAreMissingAndChangesNothing) {
+    const TemporaryFolder scans;
+    StippledProcess server;
+    std::string cloud;
+    {
+        Client client(server.url());
+        cloud = client.upload(write_sphere(scans, 1000, "scan.ply")).id;
+    }
+    EXPECT_EQ(server.stop(), 0);
+    const std::string scrub = "scrub --data " + server.data().string();
+    EXPECT_NE(said_by_stippled(scrub).find("1 files whole"), std::string::npos);
+    const fs::path file = server.data() / "blobs" / cloud.substr(0, 2) / cloud.substr(2, 2) / cloud;
+    ASSERT_TRUE(fs::remove(file));
+    fs::remove(server.data() / "api.lock");
+    const std::string said = said_by_stippled(scrub);
+    EXPECT_NE(said.find(cloud + "  is missing"), said.npos) << said;
+    EXPECT_NE(said.find("status 1"), said.npos) << said;
+    EXPECT_FALSE(fs::exists(server.data() / "api.lock"));
+}
+
+TEST(Stippled, EndsInOrderWhenItsTerminalIsClosed) {
+    StippledProcess server;
+    ::kill(server.pid(), SIGHUP);  // by the shell and by the kernel
+    EXPECT_EQ(server.stop(60s, SIGHUP), 0);
+}
+
+TEST(Roles, StartTogetherOnANewFolder) {
+    for (int round = 0; round < 5; ++round) {
+        const TemporaryFolder data;
+        std::jthread api([&] { EXPECT_NO_THROW(StippledProcess(as("api", data))); });
+        std::jthread worker([&] { EXPECT_NO_THROW(StippledProcess(as("worker", data))); });
+    }
 }
 
 /// A disk of some megabytes, where the tests may mount one.

@@ -1,5 +1,6 @@
 #include "support/stippled_process.hpp"
 
+#include <arpa/inet.h>
 #include <fcntl.h>
 #include <netinet/in.h>
 #include <poll.h>
@@ -14,6 +15,7 @@
 #include <sstream>
 #include <stdexcept>
 #include <thread>
+#include <utility>
 
 extern char** environ;
 
@@ -132,8 +134,8 @@ void StippledProcess::kill() {
     pid_ = -1;
 }
 
-std::optional<int> StippledProcess::stop(std::chrono::seconds patience) {
-    ::kill(pid_, SIGTERM);
+std::optional<int> StippledProcess::stop(std::chrono::seconds patience, int signal) {
+    ::kill(pid_, signal);
     for (const auto deadline = steady_clock::now() + patience; steady_clock::now() < deadline;) {
         int status = 0;
         if (::waitpid(pid_, &status, WNOHANG) == pid_) {
@@ -179,10 +181,15 @@ std::string HttpReply::field(const std::string& name) const {
     return {};
 }
 
-RawConnection::RawConnection(std::uint16_t port)
+RawConnection::RawConnection(std::uint16_t port, const char* from)
     : fd_(::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
     sockaddr_in address{};
     address.sin_family = AF_INET;
+    if (from != nullptr) {
+        ::inet_pton(AF_INET, from, &address.sin_addr);
+        if (::bind(fd_, reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0)
+            throw std::runtime_error(std::string("cannot connect from ") + from);
+    }
     address.sin_port = htons(port);
     address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
     if (::connect(fd_, reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0) {
@@ -238,6 +245,12 @@ HttpReply RawConnection::receive(std::chrono::seconds patience, bool has_body) {
         return reply;
     }
     const std::string length = reply.field("Content-Length");
+    if (length.empty() && reply.status == 200) {  // it ends with the connection
+        while (read_more(deadline)) {
+        }
+        reply.body = std::exchange(received_, {});
+        return reply;
+    }
     const std::size_t size = length.empty() ? 0 : std::stoul(length);
     while (received_.size() < size)
         if (!read_more(deadline)) return {};

@@ -4,6 +4,7 @@
 
 #include <sys/types.h>
 #include <chrono>
+#include <csignal>
 #include <cstdint>
 #include <filesystem>
 #include <optional>
@@ -32,8 +33,10 @@ public:
 
     /// SIGKILL: as if the machine had lost its power.
     void kill();
-    /// SIGTERM; the exit status, or nothing when it had to be killed after `patience`.
-    std::optional<int> stop(std::chrono::seconds patience = std::chrono::seconds(60));
+    /// SIGTERM, or another signal; the exit status, or nothing when it had to be killed after
+    /// `patience`.
+    std::optional<int> stop(std::chrono::seconds patience = std::chrono::seconds(60),
+                            int signal = SIGTERM);
     /// Starts it again on the same data, on new ports.
     void restart();
 
@@ -64,7 +67,8 @@ struct HttpReply {
 /// A connection that sends exactly the bytes it is told to.
 class RawConnection {
 public:
-    explicit RawConnection(std::uint16_t port);
+    /// @param from  one of this machine's own addresses, `127.0.0.2`.
+    explicit RawConnection(std::uint16_t port, const char* from = nullptr);
     ~RawConnection();
     RawConnection(const RawConnection&) = delete;
     RawConnection& operator=(const RawConnection&) = delete;
