@@ -106,13 +106,25 @@ struct Blend {
         for (double& w : weights) w /= total;
     }
 
-    void value(const PointCloud& cloud, const Comparison& attribute, Value v, Value scratch) const {
+    /// The mean of the numbers among the values, as scans have some that are none.
+    /// @param one, missing  room, as large as v.
+    void value(const PointCloud& cloud, const Comparison& attribute, Value v, Value one,
+               Value missing) const {
         if (!attribute.averaged || points.front().distance_sq == 0)
             return attribute.value(cloud, points.front().index, v);
         std::ranges::fill(v, 0.0);
+        std::ranges::fill(missing, 0.0);  // the weights of what is none
         for (std::size_t i = 0; i < points.size(); ++i) {
-            attribute.value(cloud, points[i].index, scratch);
-            for (std::size_t c = 0; c < v.size(); ++c) v[c] += weights[i] * scratch[c];
+            attribute.value(cloud, points[i].index, one);
+            for (std::size_t c = 0; c < v.size(); ++c)
+                (std::isnan(one[c]) ? missing : v)[c] +=
+                    weights[i] * (std::isnan(one[c]) ? 1.0 : one[c]);
+        }
+        constexpr double kAll = 1 - 1e-9;
+        for (std::size_t c = 0; c < v.size(); ++c) {
+            if (missing[c] == 0) continue;
+            v[c] = missing[c] < kAll ? v[c] / (1 - missing[c])
+                                     : std::numeric_limits<double>::quiet_NaN();
         }
     }
 };
@@ -130,14 +142,14 @@ std::vector<AttributeError> attribute_errors(const AttributedSurface& from,
     std::vector<std::vector<float>> differences(list.size(), std::vector<float>(places.size()));
     parallel_for_blocks(places.size(), 2048, context, [&](std::size_t begin, std::size_t end) {
         Blend here, there;
-        std::array<std::vector<double>, 3> values;
+        std::array<std::vector<double>, 4> values;
         for (std::size_t i = begin; i < end; ++i) {
             here.set(from, places[i], k);
             there.set(to, feet[i], k);
             for (std::size_t a = 0; a < list.size(); ++a) {
                 for (auto& v : values) v.resize(list[a].components);
-                here.value(from.cloud, list[a], values[0], values[2]);
-                there.value(to.cloud, list[a], values[1], values[2]);
+                here.value(from.cloud, list[a], values[0], values[2], values[3]);
+                there.value(to.cloud, list[a], values[1], values[2], values[3]);
                 differences[a][i] = static_cast<float>(list[a].difference(values[0], values[1]));
             }
         }

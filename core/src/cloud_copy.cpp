@@ -33,6 +33,7 @@ PointCloud copied_by(const PointCloud& cloud, const Copy& copy) {
 
 PointCloud subset(const PointCloud& cloud, std::span<const Index> indices,
                   const RunContext& context) {
+    validate(cloud);
     return copied_by(cloud, [&](const auto& values, unsigned components) {
         std::decay_t<decltype(values)> result;
         if (values.empty()) return result;

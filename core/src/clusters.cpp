@@ -178,8 +178,20 @@ T reduced(const std::vector<T>& values, unsigned components, unsigned component,
             return value(nearest);
         case Reduction::Mean: {
             double sum = 0;
-            for (const Index i : members) sum += static_cast<double>(value(i));
-            const double mean = sum / static_cast<double>(members.size());
+            std::size_t count = 0;
+            for (const Index i : members) {
+                if (is_nan(value(i))) continue;
+                sum += static_cast<double>(value(i));
+                ++count;
+            }
+            if (count == 0) return value(members.front());
+            double mean = sum / static_cast<double>(count);
+            if (std::isinf(sum)) {  // perhaps the sum alone is too large
+                mean = 0;
+                for (const Index i : members)
+                    if (!is_nan(value(i)))
+                        mean += static_cast<double>(value(i)) / static_cast<double>(count);
+            }
             if constexpr (std::is_integral_v<T>)
                 return static_cast<T>(std::llround(mean));
             else

@@ -29,24 +29,38 @@ std::uint8_t to_channel(T value) noexcept {
     }
 }
 
-/// Red, green, blue and alpha of 16 bits.
-using WideColor = std::array<std::uint16_t, 4>;
-inline constexpr WideColor kOpaque = {0, 0, 0, 65'535};
+/// Colours of a type that most programs fill, but some as if it had 8 bits: which, all of a cloud
+/// together tell.
+template <typename T>
+struct WideColors {
+    static_assert(std::is_same_v<T, std::uint16_t> || std::is_floating_point_v<T>);
+    static constexpr T kFull = std::is_integral_v<T> ? T(65'535) : T(1);
+    using Color = std::array<T, 4>;  ///< red, green, blue, alpha
 
-/// Colours of 16 bits as 8. Many scans keep 8 bits in them: where no colour of the cloud is above
-/// 255, they are taken as they are.
-inline void narrow_colors(const std::vector<WideColor>& wide, std::vector<Rgba8>& colors) {
-    const bool eight_bits = std::ranges::all_of(wide, [](const WideColor& c) {
-        return std::max({c[0], c[1], c[2]}) <= 255;
-    });
-    const auto narrow = [eight_bits](std::uint16_t v) {
-        return eight_bits ? static_cast<std::uint8_t>(v) : to_channel(v);
-    };
-    for (std::size_t i = 0; i < wide.size(); ++i) {
-        const auto& [r, g, b, a] = wide[i];
-        colors[i] = {narrow(r), narrow(g), narrow(b),
-                     a <= 255 && eight_bits ? static_cast<std::uint8_t>(a) : to_channel(a)};
+    std::vector<Color> values;
+
+    void resize(std::size_t n) { values.resize(n, {kFull, kFull, kFull, kFull}); }
+    /// Integers have 8 bits where none is above 255; floats where one is above 2, as no share of a
+    /// colour is. Alpha alone may still be of the whole range.
+    void narrow(std::vector<Rgba8>& colors) const {
+        const auto largest = [](const Color& c) { return std::max({c[0], c[1], c[2]}); };
+        const auto is_small = [&](const Color& c) { return !(largest(c) > T(255)); };
+        const auto is_large = [&](const Color& c) { return largest(c) > T(2); };
+        const bool eight_bits = std::is_integral_v<T> ? std::ranges::all_of(values, is_small)
+                                                      : std::ranges::any_of(values, is_large);
+        const auto narrowed = [&](T v) {
+            if (!eight_bits) return to_channel(v);
+            constexpr T kRounding = std::is_integral_v<T> ? T(0) : T(0.5);
+            return v > 0 ? static_cast<std::uint8_t>(std::min<T>(v, 255) + kRounding)
+                         : std::uint8_t{0};
+        };
+        for (std::size_t i = 0; i < values.size(); ++i) {
+            const auto& [r, g, b, a] = values[i];
+            const bool whole_alpha = std::is_integral_v<T> ? a > T(255) : a <= T(1);
+            colors[i] = {narrowed(r), narrowed(g), narrowed(b),
+                         whole_alpha ? to_channel(a) : narrowed(a)};
+        }
     }
-}
+};
 
 }  // namespace stipple

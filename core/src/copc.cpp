@@ -1,12 +1,15 @@
 #include "stipple/copc.hpp"
 
+#include "box_of_most.hpp"
 #include "byte_writer.hpp"
 #include "chain_order.hpp"
 #include "first_touch.hpp"
+#include "gaps.hpp"
 #include "grid_step.hpp"
 #include "las_fields.hpp"
 #include "laz_chunk.hpp"
 #include "parallel_for.hpp"
+#include "point_tree.hpp"
 #include "stipple/error.hpp"
 #include "stipple/globe.hpp"
 
@@ -80,16 +83,38 @@ int find_exponent(const PointCloud& cloud, const Aabb& box, const CopcOptions& o
     return static_cast<int>(std::floor(std::log10(unsure)));
 }
 
+/// Refuses a step that most points lie nearer than, since others lie so far off.
+void check_step(const PointCloud& cloud, const Aabb& box, double step, const RunContext& context) {
+    constexpr double kFarOff = 1000;
+    const auto place = [&](std::size_t i) {
+        return Vec3d(cloud.origin + cloud.positions[i].cast<double>());
+    };
+    const double side = longest_side(box);
+    if (!(side > kFarOff * longest_side(box_of_most(some_of(cloud.size(), place))))) return;
+    const double gap = median_gap(PointTree(cloud.positions, PointTree::Leaves::Loose, context));
+    if (gap == 0 || step <= gap) return;
+    throw Error(ErrorCode::InvalidArgument,
+                "the cloud is " + in_words(side) + " wide, and its points lie about " +
+                    in_words(gap) + " apart: steps of " + in_words(step) +
+                    " cannot tell them apart; leave out what lies far off, or choose a precision");
+}
+
 OctreeCube cube_of(const PointCloud& cloud, const CopcOptions& options, const RunContext& context) {
     const Aabb box = bounds(cloud);
     const double step = power_of_ten(find_exponent(cloud, box, options, context));
+    if (!options.precision) check_step(cloud, box, step, context);
     const bool is_one_place = box.min == box.max;
     const Vec3d low = is_one_place ? box.min : (step * (box.min / step).array().floor()).matrix();
     const double steps = std::round((box.max - low).maxCoeff() / step);
-    if (!(low.allFinite() && steps < std::ldexp(1.0, kMostBits)))
+    if (!(low.allFinite() && steps < std::ldexp(1.0, kMostBits))) {
+        if (!options.precision)
+            throw Error(ErrorCode::InvalidArgument,
+                        "coordinates around " + in_words(box.max.cwiseAbs().maxCoeff()) +
+                            ": expected ones that a grid of 2^30 steps can hold");
         throw Error(ErrorCode::InvalidArgument,
                     "precision " + in_words(*options.precision) +
                         ": the cloud is more than 2^30 steps wide: expected a longer one");
+    }
     const auto bits = static_cast<unsigned>(std::bit_width(static_cast<std::uint32_t>(steps)));
     return {low, step, std::max(bits, 1U)};
 }

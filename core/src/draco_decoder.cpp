@@ -189,16 +189,18 @@ void read_positions(const draco::PointCloud& geometry, const PointAttribute& att
         cloud.positions[i] = (coordinate(i) - cloud.origin).cast<float>();
 }
 
+/// As colours of T, 16 bits or floats, of which the attribute's type is one.
+template <typename T>
 void read_wide_colors(const draco::PointCloud& geometry, const PointAttribute& attribute,
                       PointCloud& cloud) {
-    const auto flat =
-        convert_values<std::uint16_t, std::uint16_t>(geometry, attribute, std::identity());
+    const std::vector<T> flat = read_as<T>(geometry, attribute);
     const std::size_t step = cloud.has_alpha ? 4 : 3;
-    std::vector<WideColor> wide(cloud.colors.size(), kOpaque);
-    for (std::size_t i = 0; i < wide.size(); ++i) {
-        std::copy_n(flat.begin() + static_cast<std::ptrdiff_t>(i * step), step, wide[i].begin());
-    }
-    narrow_colors(wide, cloud.colors);
+    WideColors<T> wide;
+    wide.resize(cloud.colors.size());
+    for (std::size_t i = 0; i < wide.values.size(); ++i)
+        std::copy_n(flat.begin() + static_cast<std::ptrdiff_t>(i * step), step,
+                    wide.values[i].begin());
+    wide.narrow(cloud.colors);
 }
 
 void read_colors(const draco::PointCloud& geometry, const PointAttribute& attribute,
@@ -206,7 +208,9 @@ void read_colors(const draco::PointCloud& geometry, const PointAttribute& attrib
     cloud.has_alpha = attribute.num_components() == 4;
     cloud.colors.resize(geometry.num_points());
     if (attribute.data_type() == draco::DT_UINT16)
-        return read_wide_colors(geometry, attribute, cloud);
+        return read_wide_colors<std::uint16_t>(geometry, attribute, cloud);
+    if (attribute.data_type() == draco::DT_FLOAT32)
+        return read_wide_colors<float>(geometry, attribute, cloud);
     const std::vector<std::uint8_t> flat =
         with_data_type(attribute.data_type(), [&]<typename From>() {
             return convert_values<From, std::uint8_t>(geometry, attribute,
@@ -249,7 +253,7 @@ std::vector<T> narrowed(const std::vector<double>& values) {
     return result;
 }
 
-/// The type that an attribute had before the encoder had to widen it; empty for all others.
+/// The type that an attribute had before the encoder gave it another; empty for all others.
 std::string original_type(const draco::PointCloud& geometry, int id) {
     const auto* const metadata = geometry.GetAttributeMetadataByAttributeId(id);
     std::string type;
@@ -264,6 +268,8 @@ AttributeValues read_values(const draco::PointCloud& geometry, int id) {
         if (type == "int32") return narrowed<std::int32_t>(read_as<double>(geometry, attribute));
         if (type == "uint32") return narrowed<std::uint32_t>(read_as<double>(geometry, attribute));
     }
+    if (attribute.data_type() == draco::DT_INT32 && original_type(geometry, id) == "float32")
+        return read_as<float>(geometry, attribute);
     return with_data_type(attribute.data_type(), [&]<typename From>() -> AttributeValues {
         // There is no attribute of 64-bit integers: a double holds them up to 2^53.
         using T = std::conditional_t<std::is_integral_v<From> && sizeof(From) == 8, double, From>;

@@ -95,8 +95,7 @@ Extent extent_of(std::span<const Vec3f> positions) {
 unsigned bits_for(double precision, const Extent& extent) {
     std::ostringstream text;
     text << "precision " << precision << ": expected ";
-    if (!makes_steps(precision))
-        refuse(text.str() + "a finite number above 0");
+    if (!makes_steps(precision)) refuse(text.str() + "a finite number above 0");
     constexpr double kRounding = 0x1p-24;
     const double rounding = kRounding * (3 * extent.side + extent.largest);
     const double levels = extent.side / (2 * (precision - rounding)) + 1;
@@ -255,6 +254,18 @@ bool can_be_entropy_coded(const std::vector<T>& values) {
            std::int64_t{high} - std::int64_t{low} < kWidest;
 }
 
+/// Floats that are all whole numbers, as labels and counts that some programs write so: quantised
+/// they would be none any more.
+std::optional<std::vector<std::int32_t>> as_integers(const std::vector<float>& values) {
+    constexpr float kBeyond = 2'147'483'648.0F;  // 2^31
+    const bool are_whole = std::ranges::all_of(
+        values, [](float v) { return std::abs(v) < kBeyond && v == std::trunc(v); });
+    if (!are_whole) return {};
+    std::vector<std::int32_t> integers(values.begin(), values.end());
+    if (!can_be_entropy_coded(integers)) return {};
+    return integers;
+}
+
 template <typename OneAttribute>
 void add_generic(OneAttribute& attribute, std::uint32_t unique_id, unsigned attribute_bits,
                  Handover& handover) {
@@ -278,6 +289,11 @@ void add_generic(OneAttribute& attribute, std::uint32_t unique_id, unsigned attr
             }
             int bits = 0;
             if constexpr (std::is_same_v<T, float>) {
+                if (const auto integers = as_integers(values)) {
+                    original_type = "float32";
+                    give_back(values);
+                    return add(draco::DT_INT32, *integers, 0);
+                }
                 if (can_be_quantized(values)) bits = static_cast<int>(attribute_bits);
             }
             const int added = add(data_type_of<T>(), values, bits);

@@ -223,14 +223,14 @@ ErrorBoundedCloud search_forest(const PointCloud& cloud, const SimplifyOptions& 
     const double half = 0.5 * static_cast<double>(cloud.size());
     std::optional<ErrorBoundedCloud> found;
     std::uint64_t too_few = 0;
-    double done = 0;
     for (const double finest : {std::min(half, kQuickly), half}) {
-        const RunContext rest = context.part(done, 1);
+        constexpr double kQuickPass = 0.8;  // of the time
+        const bool is_first = finest <= kQuickly, is_last = finest == half;
+        const RunContext rest = context.part(is_first ? 0 : kQuickPass, is_last ? 1 : kQuickPass);
         ForestSearch search(forest_of(cloud, options, finest, rest.part(0, 0.3)), judge, rest);
-        if (search.learn() || finest == half) found = search.run();
+        if (search.learn() || is_last) found = search.run();
         too_few = search.too_few();
-        if (found || finest == half) break;
-        done = 0.8;
+        if (found || is_last) break;
     }
     std::optional<ErrorBoundedCloud> fewer;
     if (found || cloud.size() < kLarge) {

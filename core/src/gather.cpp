@@ -75,6 +75,8 @@ void gather(std::span<const Vec3f> points, std::span<const Index> numbers,
 
 Near Gathered::nearest_to(const Vec3f& target, std::span<const Index> members) {
     Near near;
+    near.index = members.front();  // where no distance is a number
+    near.position = first_of(members);
     each_piece(members, [&](const SampleSpan& samples) { keep_nearest(near, samples, target); });
     return near;
 }

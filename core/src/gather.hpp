@@ -48,8 +48,7 @@ public:
 
     /// Of a cluster of at least one.
     SampleMoments moments_of(std::span<const Index> members) {
-        const Vec3f first =
-            ordered_.size > 0 ? ordered_.position(place_of(members)) : points_[members.front()];
+        const Vec3f first = first_of(members);
         SampleSums sums{};
         each_piece(members, [&](const SampleSpan& samples) {
             const SampleSums part =
@@ -65,6 +64,9 @@ public:
 private:
     static constexpr std::size_t kPiece = 4'096;
 
+    Vec3f first_of(std::span<const Index> members) const noexcept {
+        return ordered_.size > 0 ? ordered_.position(place_of(members)) : points_[members.front()];
+    }
     std::size_t place_of(std::span<const Index> members) const noexcept {
         return static_cast<std::size_t>(members.data() - ordered_.index);
     }

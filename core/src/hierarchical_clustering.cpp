@@ -65,6 +65,7 @@ bool keeps_everything(const HierarchicalClusteringOptions& options, std::size_t 
 PointCloud hierarchical_clustering(const PointCloud& cloud,
                                    const HierarchicalClusteringOptions& options,
                                    const RunContext& context) {
+    validate(cloud);
     check(options, cloud.size());
     if (keeps_everything(options, cloud.size())) return copy_of(cloud, context);
     const std::vector<Reduction> reductions =

@@ -230,6 +230,7 @@ Clusters incremental_clusters(std::span<const Vec3f> points,
 PointCloud incremental_clustering(const PointCloud& cloud,
                                   const IncrementalClusteringOptions& options,
                                   const RunContext& context) {
+    validate(cloud);
     check(options, cloud.size());
     if (options.target_size && *options.target_size >= cloud.size()) return copy_of(cloud, context);
     const std::vector<Reduction> reductions =

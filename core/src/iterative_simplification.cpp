@@ -197,6 +197,7 @@ private:
 PointCloud iterative_simplification(const PointCloud& cloud,
                                     const IterativeSimplificationOptions& options,
                                     const RunContext& context) {
+    validate(cloud);
     if (options.target_size == 0) {
         throw Error(ErrorCode::InvalidArgument, "target_size 0: expected at least 1");
     }

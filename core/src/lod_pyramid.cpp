@@ -291,6 +291,7 @@ namespace {
 void build(const PointCloud& cloud, const std::function<PointCloud()>& whole,
            const LodPyramidOptions& options, const std::function<void(LodLevel&&)>& on_level,
            const RunContext& context) {
+    validate(cloud);
     if (cloud.empty()) refuse("the cloud has no points: expected at least 1");
     std::vector<std::uint64_t> sizes = lod_sizes(cloud.size(), options);
     const bool fits = options.base_fits && options.sizes.empty();

@@ -256,6 +256,7 @@ LodTiler::LodTiler(const PointCloud& source, const LodTileOptions& options,
                    const RunContext& context)
     : state_(std::make_unique<State>()) {
     validate(options);
+    validate(source);
     if (source.empty())
         throw Error(ErrorCode::InvalidArgument, "the cloud has no points: expected at least 1");
     State& state = *state_;

@@ -8,6 +8,7 @@
 #include <tbb/task_arena.h>
 #include <algorithm>
 #include <cstddef>
+#include <optional>
 #include <utility>
 
 namespace stipple {
@@ -18,8 +19,12 @@ template <typename Work>
 void with_threads(const RunContext& context, Work&& work) {
     const auto threads = static_cast<int>(context.thread_count());
     if (threads == 1 || tbb::this_task_arena::max_concurrency() == threads) return work();
-    const tbb::global_control allow(tbb::global_control::max_allowed_parallelism,
-                                    static_cast<std::size_t>(threads));
+    // The arena is what limits this call; the control only allows more, and is of the whole
+    // process.
+    constexpr auto kAllowed = tbb::global_control::max_allowed_parallelism;
+    std::optional<tbb::global_control> more;
+    if (tbb::global_control::active_value(kAllowed) < static_cast<std::size_t>(threads))
+        more.emplace(kAllowed, static_cast<std::size_t>(threads));
     tbb::task_arena(threads).execute(std::forward<Work>(work));
 }
 

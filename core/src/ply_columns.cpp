@@ -4,6 +4,7 @@
 #include "first_touch.hpp"
 #include "georeference.hpp"
 
+#include <algorithm>
 #include <array>
 #include <utility>
 
@@ -35,7 +36,8 @@ PlyDestination::PlyDestination(const PlyLayout& layout, std::optional<Vec3d> ori
 
 PointCloud PlyDestination::finish(DecodeReport& report) {
     if (wide_ && !origin_) place_coordinates();
-    if (!wide_colors_.empty()) narrow_colors(wide_colors_, cloud_.colors);
+    if (!wide_colors_.values.empty()) wide_colors_.narrow(cloud_.colors);
+    if (!float_colors_.values.empty()) float_colors_.narrow(cloud_.colors);
     cloud_.origin = origin_.value_or(Vec3d::Zero());
     cloud_.double_precision = wide_;
     for (auto& [property, sink] : lists_) keep_or_report(*property, sink, report);
@@ -48,7 +50,8 @@ void PlyDestination::allocate() {
     if (wide_ && !origin_) resize_in_huge_pages(coordinates_, n);
     if (layout_.has(PlyRole::Normal)) resize_in_huge_pages(cloud_.normals, n);
     if (layout_.has(PlyRole::Color)) resize_in_huge_pages(cloud_.colors, n);
-    if (has_wide_colors()) wide_colors_.resize(n, kOpaque);
+    if (colors_are({PlyType::UInt16})) wide_colors_.resize(n);
+    if (colors_are({PlyType::Float32, PlyType::Float64})) float_colors_.resize(n);
     cloud_.has_alpha = layout_.has(PlyRole::Color, 3);
     for (std::size_t i = 0; i < layout_.roles.size(); ++i) {
         const PlyProperty& property = layout_.vertex->properties[i];
@@ -59,11 +62,12 @@ void PlyDestination::allocate() {
     }
 }
 
-bool PlyDestination::has_wide_colors() const {
+bool PlyDestination::colors_are(std::initializer_list<PlyType> types) const {
     bool any = false;
     for (std::size_t i = 0; i < layout_.roles.size(); ++i) {
         if (layout_.roles[i].kind != PlyRole::Color) continue;
-        if (layout_.vertex->properties[i].type != PlyType::UInt16) return false;
+        if (std::ranges::find(types, layout_.vertex->properties[i].type) == types.end())
+            return false;
         any = true;
     }
     return any;
@@ -81,7 +85,10 @@ PlySink PlyDestination::sink_for(const PlyRole& role, const PlyProperty& propert
         case PlyRole::Normal:
             return VectorSink{cloud_.normals.data(), role.component};
         case PlyRole::Color:
-            if (!wide_colors_.empty()) return WideColorSink{wide_colors_.data(), role.component};
+            if (!wide_colors_.values.empty())
+                return WideColorSink<std::uint16_t>{wide_colors_.values.data(), role.component};
+            if (!float_colors_.values.empty())
+                return WideColorSink<float>{float_colors_.values.data(), role.component};
             return ColorSink{cloud_.colors.data(), kChannels[role.component]};
         case PlyRole::Attribute:
             break;

@@ -8,6 +8,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <deque>
+#include <initializer_list>
 #include <optional>
 #include <utility>
 #include <variant>
@@ -57,13 +58,14 @@ struct ColorSink {
     }
 };
 
-/// A channel of 16 bits, kept until it is known whether the file uses them.
+/// A channel, kept until it is known what the file means by it.
+template <typename Channel>
 struct WideColorSink {
-    WideColor* out;
+    typename WideColors<Channel>::Color* out;
     unsigned channel;
     template <typename T>
     void operator()(std::size_t row, T value) const noexcept {
-        out[row][channel] = static_cast<std::uint16_t>(value);
+        out[row][channel] = static_cast<Channel>(value);
     }
 };
 
@@ -96,8 +98,9 @@ struct ListSink {
     }
 };
 
-using PlySink = std::variant<VectorSink, GeoreferencedSink, CoordinateSink, ColorSink,
-                             WideColorSink, AttributeSink, ListSink*>;
+using PlySink =
+    std::variant<VectorSink, GeoreferencedSink, CoordinateSink, ColorSink,
+                 WideColorSink<std::uint16_t>, WideColorSink<float>, AttributeSink, ListSink*>;
 
 struct PlyColumn {
     const PlyProperty* property;
@@ -121,8 +124,8 @@ public:
 
 private:
     void allocate();
-    /// Whether all channels have 16 bits.
-    bool has_wide_colors() const;
+    /// Whether there are colours, and all channels are of one of these types.
+    bool colors_are(std::initializer_list<PlyType> types) const;
     PlySink sink_for(const PlyRole& role, const PlyProperty& property, std::size_t& attribute);
     void place_coordinates();
     void keep_or_report(const PlyProperty& property, ListSink& list, DecodeReport& report);
@@ -132,7 +135,8 @@ private:
     std::optional<Vec3d> origin_;
     PointCloud cloud_;
     std::vector<Vec3d> coordinates_;
-    std::vector<WideColor> wide_colors_;  ///< where all channels have 16 bits
+    WideColors<std::uint16_t> wide_colors_;  ///< where all channels have 16 bits,
+    WideColors<float> float_colors_;         ///< or are floats
     std::deque<std::pair<const PlyProperty*, ListSink>> lists_;  // a deque: columns point into it
 };
 

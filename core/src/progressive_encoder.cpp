@@ -61,6 +61,14 @@ void check(const PointCloud& cloud, const ProgressiveOptions& options) {
     }
 }
 
+[[noreturn]] void refuse_wide_cloud(double side, double spacing) {
+    std::ostringstream text;
+    text << "the cloud is " << side << " wide, and its points lie about " << spacing
+         << " apart: a grid of " << kMostGridBits
+         << " bits cannot tell them apart; leave out what lies far off, or choose a precision";
+    throw Error(ErrorCode::InvalidArgument, text.str());
+}
+
 void choose_grid(const PointCloud& cloud, const ProgressiveOptions& options,
                  ProgressiveLayout& layout, const RunContext& context) {
     Vec3f low = cloud.positions.front(), high = low;
@@ -80,6 +88,7 @@ void choose_grid(const PointCloud& cloud, const ProgressiveOptions& options,
         const double spacing =
             median_gap(PointTree(cloud.positions, PointTree::Leaves::Loose, context));
         const double apart = spacing > 0 ? std::ceil(std::log2(side / spacing + 1)) : 0;
+        if (apart > kMostGridBits) refuse_wide_cloud(side, spacing);
         bits = std::clamp<double>(apart, options.position_bits, kMostGridBits);
         layout.step = side / (std::exp2(bits) - 1);
     }

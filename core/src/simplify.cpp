@@ -216,6 +216,7 @@ void validate(const SimplifyOptions& options) {
 PointCloud simplify(const PointCloud& cloud, const SimplifyOptions& options,
                     const RunContext& context) {
     validate(options);
+    validate(cloud);
     if (cloud.empty()) refuse("the cloud has no points: expected at least 1");
     if (options.max_error || options.max_error_rel)
         return simplify_within_error(cloud, options, context).cloud;
@@ -261,6 +262,7 @@ void validate(const UpsampleOptions& options) {
 PointCloud upsample(const PointCloud& cloud, const UpsampleOptions& options,
                     const RunContext& context) {
     validate(options);
+    validate(cloud);
     if (cloud.empty()) refuse("the cloud has no points: expected at least 1");
     ParticleSimulationOptions particles = options.particles;
     particles.target_size = options.points ? *options.points : scaled(cloud.size(), *options.ratio);

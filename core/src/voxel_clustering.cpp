@@ -238,6 +238,7 @@ Clusters voxel_clusters(std::span<const Vec3f> points, const VoxelClusteringOpti
 
 PointCloud voxel_clustering(const PointCloud& cloud, const VoxelClusteringOptions& options,
                             const RunContext& context) {
+    validate(cloud);
     check(options, cloud.size());
     if (options.target_size && *options.target_size >= cloud.size()) return copy_of(cloud, context);
     const std::vector<Reduction> reductions =

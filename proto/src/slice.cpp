@@ -136,7 +136,17 @@ private:
     bool tiled(const OutputCloud& level) const {
         const bool tiles = std::ranges::any_of(
             level.files, [](const OutputFile& f) { return f.tile.has_value(); });
-        return tiles && (options_.box || find_ply(level) == nullptr);
+        return tiles && (find_ply(level) == nullptr || (options_.box && keep_attributes(level)));
+    }
+
+    /// Whether tiles have the attributes as they are that they are asked to have: all but those
+    /// that a float does not hold.
+    bool keep_attributes(const OutputCloud& level) const {
+        const auto is_wide = [](const CloudAttribute& attribute) {
+            return attribute.type == "int32" || attribute.type == "uint32" ||
+                   attribute.type == "float64";
+        };
+        return !job_.tiles.attributes || std::ranges::none_of(level.attributes, is_wide);
     }
 
     bool in_box(const OutputFile& file) const {
@@ -243,7 +253,7 @@ private:
     // Budgets.
 
     Candidate with_points(std::uint64_t points) {
-        require_room(points);
+        require_room(std::min(points, most_points(pyramid_.levels.back())));
         Candidate candidate{level_with(points), {}, {}};
         const PointCloud& all = candidate.cut->cloud;
         if (all.size() > points) candidate.trimmed = simplified(all, points);

@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 #include <algorithm>
+#include <limits>
 #include <numbers>
 #include <stdexcept>
 #include <string>
@@ -74,6 +75,24 @@ TEST(AttributeErrors, AreKnownForKnownDifferences) {
     EXPECT_LT(attribute(same.forward, "color").max, 1e-3);
     EXPECT_LT(attribute(same.forward, "heat").mean, 0.01);
     EXPECT_TRUE(measure_error(a, b, {.samples = 100}).forward.attributes.empty());
+}
+
+TEST(AttributeErrors, LeaveOutWhatIsNoNumberAmongNeighbours) {
+    const auto with_heat = [](PointCloud cloud, float offset) {
+        std::vector<float> heat;
+        for (const Vec3f& p : cloud.positions)
+            heat.push_back(heat.size() % 3 == 0 ? std::numeric_limits<float>::quiet_NaN()
+                                                : p.x() + offset);
+        cloud.attributes = {{"heat", heat, 1, Reduction::Mean}};
+        return cloud;
+    };
+    const SurfaceError error =
+        measure_error(with_heat(test::plane(3000), 0), with_heat(test::plane(1000, 2), 0.5F),
+                      {.samples = 2000, .attributes = true});
+    for (const DirectedError& d : {error.forward, error.backward}) {
+        EXPECT_NEAR(attribute(d, "heat").mean, 0.5, 0.02);
+        EXPECT_NEAR(attribute(d, "heat").max, 0.5, 0.1);
+    }
 }
 
 }  // namespace

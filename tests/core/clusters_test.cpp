@@ -151,6 +151,9 @@ TEST(Reductions, ChooseAmongWhatIsANumber) {
     for (const Reduction reduction : {Reduction::Min, Reduction::Max, Reduction::Mode})
         cloud.attributes.push_back({"some", values, 1, reduction});
     cloud.attributes.push_back({"none", std::vector<float>(5, kNan), 1, Reduction::Mode});
+    cloud.attributes.push_back({"mean", values, 1, Reduction::Mean});
+    cloud.attributes.push_back({"no mean", std::vector<float>(5, kNan), 1, Reduction::Mean});
+    cloud.attributes.push_back({"large", std::vector<double>(5, 1e308), 1, Reduction::Mean});
     const PointCloud result = representatives(cloud, one_cluster(5), Representative::Centroid);
     const auto value = [&](std::size_t a) {
         return std::get<std::vector<float>>(result.attributes[a].values).front();
@@ -159,6 +162,9 @@ TEST(Reductions, ChooseAmongWhatIsANumber) {
     EXPECT_EQ(value(1), 5);
     EXPECT_EQ(value(2), 5);
     EXPECT_TRUE(std::isnan(value(3)));
+    EXPECT_EQ(value(4), 10.0F / 3);
+    EXPECT_TRUE(std::isnan(value(5)));
+    EXPECT_EQ(std::get<std::vector<double>>(result.attributes[6].values).front(), 1e308);
 }
 
 }  // namespace

@@ -154,6 +154,15 @@ TEST(Copc, RefusesWhatTheFormatCannotHold) {
     EXPECT_NE(refusal(cloud).find("not finite"), std::string::npos);
 }
 
+TEST(Copc, RefusesAStepThatPointsAreNearerThanSinceAnotherLiesFarOff) {
+    PointCloud cloud = test::sphere(2000);
+    cloud.positions[7] = Vec3f(1e9F, 0, 0);
+    EXPECT_NE(refusal(cloud).find("leave out what lies far off"), std::string::npos);
+    EXPECT_EQ(refusal(cloud, {.precision = 10}), "");
+    cloud.positions[7] = Vec3f(1e4F, 0, 0);
+    EXPECT_EQ(refusal(cloud), "");
+}
+
 TEST(Copc, IsWrittenByItsExtension) {
     const test::TemporaryFolder folder;
     const PointCloud cloud = test::sphere(500);

@@ -120,6 +120,25 @@ TEST(Draco, KeepsEveryBitInOrderWhenNothingIsQuantized) {
     }
 }
 
+TEST(Draco, KeepsWholeNumbersThatAreWrittenAsFloats) {
+    PointCloud cloud = test::sphere(100'000);
+    std::vector<float> labels(cloud.size()), numbers(cloud.size()), shares(cloud.size());
+    for (std::size_t i = 0; i < cloud.size(); ++i) {
+        labels[i] = static_cast<float>(i % 7);
+        numbers[i] = static_cast<float>(i) - 5;
+        shares[i] = static_cast<float>(i) / 3;
+    }
+    add(cloud, "labels", labels);
+    add(cloud, "numbers", numbers);
+    add(cloud, "shares", shares);
+    add(cloud, "large", std::vector<float>(cloud.size(), 3e9F));
+    const PointCloud back = round_trip(cloud, {.coding = DracoCoding::Sequential, .precision = {}});
+    for (const char* const name : {"labels", "numbers", "large"})
+        EXPECT_EQ(find_attribute(back, name)->values, find_attribute(cloud, name)->values) << name;
+    const auto& coarse = std::get<std::vector<float>>(find_attribute(back, "shares")->values);
+    EXPECT_NE(coarse, shares);
+}
+
 TEST(Draco, KeepsEveryIntegerThroughTheKdTreeUpToTheOrder) {
     PointCloud cloud = cloud_of_integers(500);
     std::erase_if(cloud.attributes,

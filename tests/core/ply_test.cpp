@@ -180,20 +180,31 @@ INSTANTIATE_TEST_SUITE_P(Encodings, PlyRoundTrip,
                                          PlyEncoding::BinaryBigEndian),
                          name_of_encoding);
 
-std::vector<Rgba8> colors_of_16_bits(const std::string& rows) {
+std::vector<Rgba8> colors_of(const std::string& type, const std::string& rows,
+                             const std::string& more = "") {
+    const std::string channel = "property " + type;
     const std::string text =
-        "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty "
-        "float z\n"
-        "property ushort red\nproperty ushort green\nproperty ushort blue\nend_header\n" +
+        "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\n"
+        "property float y\nproperty float z\n" +
+        channel + " red\n" + channel + " green\n" + channel + " blue\n" + more + "end_header\n" +
         rows;
     return decode_cloud(std::as_bytes(std::span(text))).colors;
 }
 
 TEST(PlyReader, TakesColoursOf16BitsAsTheyAreWhereNoneIsAbove255) {
-    EXPECT_EQ(colors_of_16_bits("0 0 0 255 128 0\n1 0 0 1 2 3\n"),
+    EXPECT_EQ(colors_of("ushort", "0 0 0 255 128 0\n1 0 0 1 2 3\n"),
               (std::vector<Rgba8>{{255, 128, 0, 255}, {1, 2, 3, 255}}));
-    EXPECT_EQ(colors_of_16_bits("0 0 0 65535 32896 0\n1 0 0 257 2 255\n"),
+    EXPECT_EQ(colors_of("ushort", "0 0 0 65535 32896 0\n1 0 0 257 2 255\n"),
               (std::vector<Rgba8>{{255, 128, 0, 255}, {1, 0, 1, 255}}));
+}
+
+TEST(PlyReader, TakesColoursOfFloatsAsSharesOrAs8BitsByWhatTheCloudHas) {
+    const std::vector<Rgba8> shares = {{0, 128, 255, 255}, {255, 0, 64, 255}};
+    EXPECT_EQ(colors_of("float", "0 0 0 0 0.5 1\n1 0 0 1.01 -1 0.25\n"), shares);
+    EXPECT_EQ(colors_of("double", "0 0 0 0 127.6 255\n1 0 0 300 nan 64\n"), shares);
+    EXPECT_EQ(
+        colors_of("float", "0 0 0 0 128 255 1\n1 0 0 255 0 64 0.5\n", "property float alpha\n"),
+        (std::vector<Rgba8>{{0, 128, 255, 255}, {255, 0, 64, 128}}));
 }
 
 TEST(PlyReader, ReadsCoordinatesColorsNormalsAndScalarsByTheirUsualNames) {

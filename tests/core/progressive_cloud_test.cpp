@@ -366,6 +366,10 @@ TEST(ProgressiveCloud, RefusesWhatItCannotHold) {
     EXPECT_TRUE(refused({}, {}));
     EXPECT_TRUE(refused(cloud, {.position_bits = 0}));
     EXPECT_TRUE(refused(cloud, {.position_bits = 25}));
+    PointCloud far = test::sphere(2000);
+    far.positions[7] = Vec3f(1e9F, 0, 0);
+    EXPECT_TRUE(refused(far, {}));
+    EXPECT_FALSE(refused(far, {.precision = 100.0}));
     EXPECT_TRUE(refused(cloud, {.precision = 0.0}));
     EXPECT_TRUE(refused(cloud, {.precision = 1.2e308}));
     EXPECT_TRUE(refused(cloud, {.precision = 1e-9}));
@@ -375,6 +379,35 @@ TEST(ProgressiveCloud, RefusesWhatItCannotHold) {
     PointCloud endless = cloud;
     endless.positions[3].x() = std::numeric_limits<float>::quiet_NaN();
     EXPECT_TRUE(refused(endless, {}));
+}
+
+TEST(ProgressiveCloud, RefusesGridsThatReachFartherThanCloudsMay) {
+    constexpr std::size_t kStepAt = 20, kCornerAt = 28;
+    const Bytes stream = encode_progressive(test::cube(100));
+    for (const std::size_t at : {kStepAt, kCornerAt}) {
+        for (const double value : {1e308, 4e38}) {
+            Bytes far = stream;
+            std::memcpy(far.data() + at, &value, sizeof(value));
+            try {
+                decode_progressive(far);
+                ADD_FAILURE() << value << " at " << at;
+            } catch (const Error& error) {
+                EXPECT_EQ(error.code(), ErrorCode::MalformedInput);
+                EXPECT_NE(std::string(error.what()).find("expected at most"), std::string::npos);
+            }
+        }
+    }
+    // What is written is read, however far off.
+    PointCloud one;
+    one.positions = {{std::numeric_limits<float>::max(), -1e38F, 0}};
+    for (const auto precision : {std::optional<double>(), std::optional(1e15)})
+        EXPECT_EQ(decode_progressive(encode_progressive(one, {.precision = precision})).positions,
+                  one.positions);
+    EXPECT_THROW(encode_progressive(one, {.precision = 1e16}), Error);
+    PointCloud wide = one;
+    wide.positions = {{0, 0, 0}, {9.9e14F, 0, 0}};
+    EXPECT_EQ(decode_progressive(encode_progressive(wide, {.position_bits = 1})).size(), 2U);
+    EXPECT_NO_THROW(decode_progressive(encode_progressive(wide, {.precision = 4.9e14})));
 }
 
 TEST(ProgressiveCloud, SurvivesHostileBytes) {

@@ -360,6 +360,27 @@ TEST_P(AnyMethod, NamesTheAttributesThereAreWhenAReductionNamesAnother) {
                            : "reductions: no attribute intensiti; the cloud has: height, label");
 }
 
+TEST_P(AnyMethod, RefusesArraysOfAnotherLength) {
+    SimplifyOptions options;
+    options.method = GetParam();
+    options.points = 50;
+    PointCloud input = test::sphere(200);
+    input.colors.resize(10);
+    EXPECT_EQ(refusal(input, options), "colors: 10 values for 200 points of 1");
+    input.colors.clear();
+    input.attributes = {{"height", std::vector<float>(7), 1, Reduction::Mean}};
+    EXPECT_EQ(refusal(input, options), "attribute height: 7 values for 200 points of 1");
+}
+
+TEST(Simplify, OfWhatHasNoDistancesEndsWithSomePoints) {
+    PointCloud input = test::sphere(200);
+    for (Vec3f& p : input.positions) p *= 3e38F;
+    SimplifyOptions options;
+    options.method = Method::Hierarchical;
+    options.points = 20;
+    EXPECT_EQ(simplify(input, options).size(), 20U);
+}
+
 TEST(Simplify, ARequestedReductionStandsInsteadOfTheDefault) {
     PointCloud input = test::with_attributes(test::sphere(1000));
     SimplifyOptions options;

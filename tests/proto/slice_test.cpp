@@ -24,12 +24,12 @@ struct Pyramid {
     mutable std::size_t reads = 0, bytes_read = 0;
 
     Pyramid(const PointCloud& cloud, std::vector<std::uint64_t> sizes, const Formats& formats,
-            std::uint32_t max_points = 1000, bool adds = false) {
+            std::uint32_t max_points = 1000, bool adds = false, bool tile_attributes = false) {
         PyramidJob job;
         job.options.sizes = std::move(sizes);
         job.options.nested = adds;
         if (adds) job.options.simplification.method = Method::Iterative;
-        job.tiles = {.max_points = max_points, .additive = adds};
+        job.tiles = {.max_points = max_points, .attributes = tile_attributes, .additive = adds};
         results = {.request = {std::string(64, 'a'), job},
                    .source = CloudStatistics{},
                    .levels = {},
@@ -42,6 +42,7 @@ struct Pyramid {
             made.level = level.level;
             made.points = level.cloud.size();
             made.bounds = bounds(level.cloud);
+            made.attributes = attributes_of(level.cloud);
             const bool whole = level.cloud.size() == cloud.size();
             const SurfaceErrorOptions options;
             made.error =
@@ -141,6 +142,28 @@ TEST(Slice, KeepsEveryAttribute) {
     ASSERT_EQ(cloud.attributes.size(), source().attributes.size());
     for (std::size_t i = 0; i < cloud.attributes.size(); ++i)
         EXPECT_EQ(cloud.attributes[i].name, source().attributes[i].name);
+}
+
+TEST(Slice, KeepsWideNumbersInABoxWhereThereIsAPly) {
+    PointCloud cloud = test::sphere(2000);
+    std::vector<std::int32_t> numbers(cloud.size());
+    std::vector<double> times(cloud.size());
+    for (std::size_t i = 0; i < cloud.size(); ++i) {
+        numbers[i] = 2'000'000'000 + static_cast<std::int32_t>(i);
+        times[i] = 1.6e9 + 0.25 * static_cast<double>(i);
+    }
+    cloud.attributes = {{"number", numbers, 1, Reduction::Nearest},
+                        {"time", times, 1, Reduction::Nearest}};
+    const Aabb all = bounds(cloud);
+    for (const bool in_tiles : {true, false}) {
+        const Pyramid pyramid(cloud, {500, 2000}, {CloudFormat::Ply, CloudFormat::Glb}, 1000, false,
+                              in_tiles);
+        const PointCloud cut = cloud_of(pyramid.slice({.points = 2000, .box = all}));
+        ASSERT_EQ(cut.attributes.size(), in_tiles ? 2U : 0U);
+        if (!in_tiles) continue;
+        EXPECT_EQ(std::get<std::vector<std::int32_t>>(cut.attributes[0].values), numbers);
+        EXPECT_EQ(std::get<std::vector<double>>(cut.attributes[1].values), times);
+    }
 }
 
 TEST(Slice, ReadsOnlyTilesThatMeetTheBox) {

@@ -90,23 +90,23 @@ struct PlyEncodeOptions {
 };
 
 enum class DracoCoding {
-    Auto,        ///< kd-tree for bare positions, else sequential (smaller with normals and colours)
-                 ///< along a chain through the points, where differences take few bits: with normals
-                 ///< a quarter to a third smaller than in an order at random
+    Auto,  ///< kd-tree for bare positions, else sequential (smaller with normals and colours)
+           ///< along a chain through the points, where differences take few bits: with normals
+           ///< a quarter to a third smaller than in an order at random
     Sequential,  ///< keeps the order of the points
     KdTree,      ///< reorders the points
 };
 
 struct DracoEncodeOptions {
     DracoCoding coding = DracoCoding::Auto;
-    unsigned position_bits =
-        14;  ///< 1..30 bits per axis of the longest side, of the box about most points where a few
-             ///< lie far off; 0: unquantised floats
+    unsigned position_bits = 14;  ///< 1..30 bits per axis of the longest side, of the box about
+                                  ///< most points where a few lie far off; 0: unquantised floats
     std::optional<double>
         precision;  ///< instead of position_bits: the largest error per axis, in input units
     unsigned normal_bits = 10;  ///< 2..30, octahedral
     unsigned attribute_bits =
-        16;  ///< 1..30 for floating-point attributes; 0: unquantised. Integers are lossless.
+        16;  ///< 1..30 for floating-point attributes; 0: unquantised. Integers are lossless, floats
+             ///< that are all whole numbers as well.
     unsigned compression_level = 7;  ///< 0 fastest .. 10 smallest
 };
 
@@ -129,7 +129,8 @@ std::vector<std::byte> encode_draco(PointCloud&& cloud, const DracoEncodeOptions
 
 /// Writes a cloud, the format by the extension (`.ply`, `.drc`, `.stpc`, `.laz`: `encode_copc`),
 /// through a temporary file beside it, so that a file of that name is whole or not there. @throws
-/// Error(UnsupportedFormat) for another extension, Error(Internal) when it cannot be written.
+/// Error(UnsupportedFormat) for another extension, Error(NotFound) for a folder that is not there,
+/// Error(InvalidArgument) where one may not write, Error(Internal) when it cannot be written else.
 void write_cloud(const PointCloud& cloud, const std::filesystem::path& file,
                  const PlyEncodeOptions& ply = {}, const DracoEncodeOptions& draco = {},
                  const CopcOptions& copc = {}, const RunContext& context = {});

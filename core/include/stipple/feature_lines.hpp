@@ -14,7 +14,8 @@ struct FeatureLineOptions {
                               ///< (0, 1/3): a right angle has 0.085, one of 135 degrees 0.02
     double high = 0.7;        ///< weight that a line must reach somewhere, in [low, 1]
     double low = 0.4;         ///< weight that it keeps everywhere, in (0, high]
-    unsigned min_links = 4;   ///< branches with fewer links are pruned, loops are not closed
+    unsigned min_links =
+        4;  ///< branches with fewer links are pruned, loops are not closed; 2..1000
 };
 
 /// Creases, edges and corners of a surface.

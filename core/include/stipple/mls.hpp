@@ -19,7 +19,7 @@ struct MlsOptions {
               ///< h = r / 3, r the radius of the k nearest (§2.2)
     bool fixed_point = false;      ///< projects again until the point stays where it is
     unsigned max_iterations = 30;  ///< of the plane's minimisation, and of the fixed point; >= 1
-    double tolerance = 1e-4;       ///< a step shorter than this part of h ends either; > 0
+    double tolerance = 1e-4;       ///< a step shorter than this part of h ends either; in (0, 1)
 };
 
 enum class MlsStatus : std::uint8_t {

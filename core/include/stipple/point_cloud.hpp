@@ -24,7 +24,7 @@ struct Rgba8 {
 
 /// How the values of many points become the value of one.
 enum class Reduction {
-    Mean,     ///< the average; the default for floating-point values
+    Mean,     ///< the average of the numbers there are; the default for floating-point values
     Nearest,  ///< the value of the point nearest to the new one; the default for integers, which
               ///< may be labels
     Min,

@@ -9,7 +9,8 @@ namespace stipple {
 struct RunContext {
     std::stop_token stop{};  ///< asks the computation to end with `Cancelled`
     std::function<void(double)>
-        progress{};        ///< called with 0..1, never decreasing, on the calling thread only
+        progress{};        ///< called with 0..1, never decreasing, on the calling thread only; by
+                           ///< what takes long, and not always up to 1
     unsigned threads = 0;  ///< 0: one per hardware thread
 
     /// Reports `fraction` and throws `Cancelled` when asked to stop. For the calling thread.

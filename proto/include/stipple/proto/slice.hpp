@@ -56,8 +56,9 @@ using FileReader = std::function<std::vector<std::byte>(const OutputFile&)>;
 /// The level is the coarsest that has the points asked for in the box; it is then simplified to the
 /// exact count by the method of the pyramid. A level is read from its PLY file, with all attributes
 /// and unrounded; with a box, and where there is no PLY file, from those of its tiles (`glb`) that
-/// meet the box, with the attributes that tiles have. Draco files are not read: their decoder needs
-/// a process of its own.
+/// meet the box, with the attributes that tiles have: 32-bit integers and doubles as floats there,
+/// so that where tiles have such attributes (`LodTileOptions::attributes`) a PLY file is read whole
+/// for a box, too. Draco files are not read: their decoder needs a process of its own.
 ///
 /// The format `glb` is one tile of up to 65,536 points, in the coordinates of the file, y up.
 ///
