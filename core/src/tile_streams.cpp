@@ -116,28 +116,35 @@ const std::array<std::uint16_t, 256>& linear_codes() {
     return codes;
 }
 
-TileStream color_stream(const PointCloud& cloud, std::span<const Index> members,
+TileStream color_stream(std::span<const Rgba8> colors, std::span<const Index> members,
                         VertexEncoder& encoder) {
-    constexpr unsigned kWider = 257;  // 16 bits from 8
-    TileStream stream{.name = "COLOR_0",
-                      .type = Type::Uint16,
-                      .components = cloud.has_alpha ? 4U : 3U,
-                      .normalized = true,
-                      .stride = 8};
+    TileStream stream{
+        .name = "COLOR_0", .type = Type::Uint16, .components = 3, .normalized = true, .stride = 8};
     const std::array<std::uint16_t, 256>& codes = linear_codes();
-    const unsigned alpha = cloud.has_alpha ? kWider : 0;
-    stream.bytes = encoder.encode(members.size(), stream.stride,
-                                  [&](std::size_t begin, std::size_t end, std::byte* to) {
-                                      const auto write = [&](const Rgba8& color) {
-                                          const std::array<std::uint16_t, 4> vertex = {
-                                              codes[color.r], codes[color.g], codes[color.b],
-                                              static_cast<std::uint16_t>(alpha * color.a)};
-                                          std::memcpy(to, vertex.data(), sizeof vertex);
-                                          to += sizeof vertex;
-                                      };
-                                      for_each_of(std::span<const Rgba8>(cloud.colors),
-                                                  members.subspan(begin, end - begin), write);
-                                  });
+    stream.bytes = encoder.encode(
+        members.size(), stream.stride, [&](std::size_t begin, std::size_t end, std::byte* to) {
+            for_each_of(colors, members.subspan(begin, end - begin), [&](const Rgba8& color) {
+                const std::array<std::uint16_t, 4> vertex = {codes[color.r], codes[color.g],
+                                                             codes[color.b], 0};
+                std::memcpy(to, vertex.data(), sizeof vertex);
+                to += sizeof vertex;
+            });
+        });
+    return stream;
+}
+
+constexpr std::string_view kAlpha = "_COLOR_0_ALPHA";
+
+/// Beside the colours, not in them: points are opaque, but there are viewers that darken colours by
+/// their alpha all the same. Normalized, which no attribute is, and of a name that none has.
+TileStream alpha_stream(const PointCloud& cloud, std::span<const Index> members,
+                        VertexEncoder& encoder) {
+    std::string name(kAlpha);
+    while (find_attribute(cloud, name.substr(1)) != nullptr) name += '_';
+    TileStream stream = make_stream<std::uint8_t>(
+        std::move(name), Type::Uint8, 1, members.size(), encoder,
+        [&](std::size_t i, unsigned) { return cloud.colors[members[i]].a; });
+    stream.normalized = true;
     return stream;
 }
 
@@ -230,12 +237,20 @@ Attribute read_attribute(const TileStream& stream, const std::vector<std::byte>&
     return read_attribute<float>(stream, raw, count);
 }
 
+bool is_alpha(const TileStream& stream) noexcept {
+    return stream.name.starts_with(kAlpha) && stream.normalized && stream.type == Type::Uint8 &&
+           stream.components == 1;
+}
+
 /// Takes what a stream says into the cloud.
 void read_stream(const TileStream& stream, const LodTile& tile, PointCloud& cloud) {
     const std::vector<std::byte> raw = decompress(stream, tile.points);
     const auto is = [&](const char* name, Type type, unsigned components) {
         return stream.name == name && stream.type == type && stream.components == components;
     };
+    const bool is_color = is("COLOR_0", Type::Uint16, 3),
+               has_alpha = is("COLOR_0", Type::Uint16, 4);  // as earlier versions wrote it
+    if (is_color || has_alpha || is_alpha(stream)) cloud.colors.resize(tile.points);
     for (std::size_t i = 0; i < tile.points; ++i) {
         if (is("POSITION", Type::Uint16, 3)) {
             Vec3d q;
@@ -245,19 +260,24 @@ void read_stream(const TileStream& stream, const LodTile& tile, PointCloud& clou
             Vec3f n;
             for (unsigned c = 0; c < 3; ++c) n[c] = value_at<std::int8_t>(raw, stream, i, c);
             cloud.normals.push_back(n.normalized());
-        } else if (is("COLOR_0", Type::Uint16, 3) || is("COLOR_0", Type::Uint16, 4)) {
+        } else if (is_color || has_alpha) {
             const auto code = [&](unsigned c) {
                 return srgb_from_linear(value_at<std::uint16_t>(raw, stream, i, c) / 65'535.0);
             };
-            cloud.colors.push_back({code(0), code(1), code(2)});
-            cloud.has_alpha = stream.components == 4;
-            if (cloud.has_alpha)
-                cloud.colors.back().a =
+            Rgba8& color = cloud.colors[i];
+            color = {code(0), code(1), code(2), color.a};
+            if (has_alpha)
+                color.a =
                     static_cast<std::uint8_t>(value_at<std::uint16_t>(raw, stream, i, 3) / 257);
+        } else if (is_alpha(stream)) {
+            cloud.colors[i].a = value_at<std::uint8_t>(raw, stream, i, 0);
         }
     }
-    if (stream.name.starts_with('_'))
+    if (has_alpha || is_alpha(stream)) {
+        cloud.has_alpha = true;
+    } else if (stream.name.starts_with('_')) {
         cloud.attributes.push_back(read_attribute(stream, raw, tile.points));
+    }
 }
 
 }  // namespace
@@ -268,7 +288,10 @@ std::vector<TileStream> encode_streams(const PointCloud& cloud, std::span<const 
     std::vector<TileStream> streams;
     streams.push_back(position_stream(points, encoder));
     if (!cloud.normals.empty()) streams.push_back(normal_stream(cloud.normals, members, encoder));
-    if (!cloud.colors.empty()) streams.push_back(color_stream(cloud, members, encoder));
+    if (!cloud.colors.empty()) {
+        streams.push_back(color_stream(cloud.colors, members, encoder));
+        if (cloud.has_alpha) streams.push_back(alpha_stream(cloud, members, encoder));
+    }
     if (attributes) {
         for (const Attribute& attribute : cloud.attributes)
             add_attribute(attribute, members, encoder, streams);

@@ -1,14 +1,18 @@
 #include "stipple/lod_tiles.hpp"
 
+#include "srgb.hpp"
 #include "stipple/error.hpp"
 #include "stipple/lod_pyramid.hpp"
 #include "stipple/neighbors.hpp"
 #include "stipple/surface_error.hpp"
 #include "support/support.hpp"
+#include "vertex_codec.hpp"
 
 #include <gtest/gtest.h>
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstring>
 #include <functional>
 #include <memory>
 #include <numeric>
@@ -269,6 +273,66 @@ TEST(LodTiles, KeepAllColoursThoughGltfHasThemLinear) {
         reds.insert(color.r);
     }
     EXPECT_EQ(reds.size(), 256U);
+}
+
+/// Of each point the alpha that its number says.
+PointCloud with_alpha(std::size_t n) {
+    PointCloud cloud = numbered(test::sphere(n));
+    for (std::size_t i = 0; i < n; ++i)
+        cloud.colors.push_back({200, 100, 50, static_cast<std::uint8_t>(i % 256)});
+    cloud.has_alpha = true;
+    return cloud;
+}
+
+void expect_alpha_by_number(const PointCloud& tile) {
+    ASSERT_TRUE(tile.has_alpha);
+    const std::vector<std::size_t> numbers = numbers_of(tile);
+    for (std::size_t i = 0; i < numbers.size(); ++i)
+        EXPECT_EQ(tile.colors[i], (Rgba8{200, 100, 50, static_cast<std::uint8_t>(numbers[i])}));
+}
+
+TEST(LodTiles, HaveAlphaBesideColoursSoThatNobodyDrawsThemDarker) {
+    const LodTile tile = tiles_of(with_alpha(500), {.attributes = true}).front();
+    for (const TileStream& stream : tile.streams) EXPECT_LE(stream.components, 3U) << stream.name;
+    const PointCloud decoded = decode_tile(tile);
+    expect_alpha_by_number(decoded);
+    EXPECT_EQ(decoded.attributes.size(), 1U);
+    EXPECT_TRUE(decode_tile(tiles_of(with_alpha(500), {}).front()).has_alpha) << "of no attributes";
+}
+
+TEST(LodTiles, KeepAlphaApartFromAttributesOfThatName) {
+    PointCloud cloud = with_alpha(500);
+    for (const char* const name : {"alpha", "COLOR_0_ALPHA"})
+        set_attribute(cloud, {name, std::vector<std::uint8_t>(500, 7), 1, Reduction::Nearest});
+    const LodTile tile = tiles_of(cloud, {.attributes = true}).front();
+    std::set<std::string> names;
+    for (const TileStream& stream : tile.streams) EXPECT_TRUE(names.insert(stream.name).second);
+    const PointCloud decoded = decode_tile(tile);
+    expect_alpha_by_number(decoded);
+    for (const char* const name : {"alpha", "COLOR_0_ALPHA"})
+        EXPECT_EQ(find_attribute(decoded, name)->values, find_attribute(cloud, name)->values);
+}
+
+TEST(DecodeTile, ReadsAlphaInColoursAsItOnceWas) {
+    LodTile tile = tiles_of(with_alpha(500), {.attributes = true}).front();
+    const PointCloud decoded = decode_tile(tile);
+    std::erase_if(tile.streams, [](const TileStream& s) { return s.name.ends_with("ALPHA"); });
+    TileStream& colors = *std::ranges::find(tile.streams, "COLOR_0", &TileStream::name);
+    colors.components = 4;
+    VertexEncoder encoder;
+    colors.bytes = encoder.encode(500, 8, [&](std::size_t begin, std::size_t end, std::byte* to) {
+        for (std::size_t i = begin; i < end; ++i, to += 8) {
+            const Rgba8& color = decoded.colors[i];
+            const auto code = [](std::uint8_t c) {
+                return static_cast<std::uint16_t>(std::lround(65'535 * linear_from_srgb()[c]));
+            };
+            const std::array<std::uint16_t, 4> vertex = {code(color.r), code(color.g),
+                                                         code(color.b),
+                                                         static_cast<std::uint16_t>(257 * color.a)};
+            std::memcpy(to, vertex.data(), sizeof vertex);
+        }
+    });
+    expect_alpha_by_number(decode_tile(tile));
 }
 
 TEST(LodTiles, AreTheSameForAnyNumberOfThreads) {

@@ -15,13 +15,15 @@ export async function readTile(glb) {
     const gltf = JSON.parse(new TextDecoder().decode(new Uint8Array(glb, 20, jsonLength)));
     const binary = new Uint8Array(glb, 28 + jsonLength);
     const { attributes } = gltf.meshes[0].primitives[0];
-    const read = (name) => (name in attributes ? decoded(gltf, gltf.accessors[attributes[name]], binary) : null);
+    const accessorOf = (name) => gltf.accessors[attributes[name]];
+    const read = (name) => (name in attributes ? decoded(gltf, accessorOf(name), binary) : null);
+    const isOfTheCloud = (name) => name.startsWith('_') && !accessorOf(name).normalized; // normalized: the alpha of colours
     return {
         positions: placed(read('POSITION'), gltf.nodes.find(({ mesh }) => mesh !== undefined).matrix),
         normals: floats(read('NORMAL')),
         colors: inSrgb(read('COLOR_0')),
-        attributes: Object.fromEntries(Object.keys(attributes).filter((name) => name.startsWith('_'))
-            .map((name) => [name.slice(1), plain(read(name), gltf.accessors[attributes[name]])])),
+        attributes: Object.fromEntries(Object.keys(attributes).filter(isOfTheCloud)
+            .map((name) => [name.slice(1), plain(read(name), accessorOf(name))])),
     };
 }
 

@@ -75,8 +75,8 @@ struct TileStream {
         Uint16 = 5123,
         Float = 5126,
     };
-    std::string name;  ///< `POSITION`, `NORMAL`, `COLOR_0` (linear light), or `_` and the name of
-                       ///< an attribute
+    std::string name;  ///< `POSITION`, `NORMAL`, `COLOR_0` (linear light), `_COLOR_0_ALPHA`, or `_`
+                       ///< and the name of an attribute
     Type type = Type::Uint16;
     unsigned components = 3;
     bool normalized = false;

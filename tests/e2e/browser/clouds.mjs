@@ -37,17 +37,18 @@ export const onePoint = () => ply([[1, 2, 3]], false);
 export const truncated = () => sphere(1000).subarray(0, 4000);
 
 /**
- * @param points  `[x, y, z]`, and `red, green, blue` where `isColored`
+ * @param points  `[x, y, z]`, and `red, green, blue` where `isColored`, and `alpha` where `hasAlpha`
  * @param scalars  by name, of a point
  * @param type  of coordinates: `float` or `double`
  */
-export function ply(points, isColored, { scalars = {}, type = 'float' } = {}) {
+export function ply(points, isColored, { hasAlpha = false, scalars = {}, type = 'float' } = {}) {
+    const channels = isColored ? ['red', 'green', 'blue', ...(hasAlpha ? ['alpha'] : [])] : [];
     const header = ['ply', 'format binary_little_endian 1.0', `element vertex ${points.length}`,
         ...['x', 'y', 'z'].map((name) => `property ${type} ${name}`),
-        ...(isColored ? ['red', 'green', 'blue'].map((name) => `property uchar ${name}`) : []),
+        ...channels.map((name) => `property uchar ${name}`),
         ...Object.keys(scalars).map((name) => `property float ${name}`), 'end_header', ''];
     const size = type === 'double' ? 8 : 4;
-    const fixed = 3 * size + (isColored ? 3 : 0);
+    const fixed = 3 * size + channels.length;
     const stride = fixed + 4 * Object.keys(scalars).length;
     const body = Buffer.alloc(stride * points.length);
     points.forEach((point, i) => {

@@ -11,6 +11,8 @@ import { pathToFileURL } from 'node:url';
 import { parseArgs } from 'node:util';
 import { gunzipSync } from 'node:zlib';
 
+import { ply, spherePoints } from '../browser/clouds.mjs';
+
 const { values: options } = parseArgs({
     options: { bin: { type: 'string' }, modules: { type: 'string' }, schema: { type: 'string' }, scans: { type: 'string' } },
 });
@@ -40,6 +42,12 @@ function synthesized(...args) {
     return file;
 }
 
+function writtenWithAlpha() {
+    const file = join(folder, 'alpha.ply');
+    writeFileSync(file, ply(spherePoints(9000).map((place, i) => [...place, 200, 100, 50, i % 256]), true, { hasAlpha: true }));
+    return file;
+}
+
 const range = (n) => Array.from({ length: n }, (_, i) => i);
 const clouds = {
     'one point': written('one', [[1, 2, 3]]),
@@ -47,6 +55,7 @@ const clouds = {
     'a plane': written('plane', range(4000).map((i) => [i % 63, Math.floor(i / 63), 5])),
     'two clusters': written('clusters', range(4000).map((i) => [(i % 2) * 1e6 + Math.sin(i), Math.cos(1.7 * i), Math.sin(0.3 * i)])),
     'a point far off': written('far', [...range(3000).map((i) => [Math.sin(i), Math.cos(1.7 * i), Math.sin(0.3 * i)]), [1e4, 0, 0]]),
+    'colours with alpha': writtenWithAlpha(),
     'a coloured scan': synthesized('--points', '60000'),
 };
 for (const scan of ['models/igea.ply', 'models/dragon_vrip.ply.gz', 'colour/frag_115.ply', 'lidar/small_gicp_target.ply', 'lidar/autzen_stadium_tile.ply.gz']) {
