@@ -5,17 +5,12 @@
 
 import { CellSurface, kMostNeighbors, waysToSurface } from './cell_surface.js';
 import { PlaceModel } from './place_model.js';
+import { headerLength, kDouble, kFloat, parseHeader } from './progressive_layout.js';
 import { RangeDecoder, SignedModel } from './range_decoder.js';
 
-const kMagic = 0x43505453; // STPC
-const kVersion = 3;
-const kMostGridBits = 24;
 const kSharpeningUnit = 64;
 const kMostBlockBits = 30;
 const kTypes = [Int8Array, Uint8Array, Int16Array, Uint16Array, Int32Array, Uint32Array, Float32Array, Float64Array];
-const kTypeBits = [8, 8, 16, 16, 32, 32, 32, 32];
-const kFloat = 6;
-const kDouble = 7;
 
 function enlarged(Type, length, old) {
     const array = new Type(length);
@@ -77,18 +72,11 @@ export class ProgressiveDecoder {
     }
 
     takeHeader() {
-        const view = new DataView(this.pending.buffer, this.pending.byteOffset, this.pending.byteLength);
-        if (view.byteLength < 12) {
+        const length = headerLength(this.pending);
+        if (length === null || this.pending.length < length) {
             return false;
         }
-        if (view.getUint32(0, true) !== kMagic || view.getUint8(4) !== kVersion) {
-            throw new Error(`this is no progressive stream of version ${kVersion}`);
-        }
-        const length = view.getUint32(8, true);
-        if (view.byteLength < length) {
-            return false;
-        }
-        this.layout = readHeader(view);
+        this.layout = parseHeader(this.pending.subarray(0, length));
         this.prepare(length);
         this.pending = this.pending.subarray(length);
         return true;
@@ -290,7 +278,7 @@ export class ProgressiveDecoder {
             return this.endRound();
         }
         if (this.visited === this.known) {
-            throw new Error(`a batch ends at point ${this.size}, before ${this.target}`);
+            throw new Error(`progressive stream: a batch ends at point ${this.size}: expected ${this.target}`);
         }
         if (!this.open) {
             this.openVisit();
@@ -309,7 +297,7 @@ export class ProgressiveDecoder {
     add(x, y, z) {
         const { most } = this;
         if (x < 0 || x >= most || y < 0 || y >= most || z < 0 || z >= most) {
-            throw new Error(`point ${this.size} lies outside of the grid`);
+            throw new Error(`progressive stream: point ${this.size} lies outside of the grid`);
         }
         if (this.size === this.room) {
             this.grow(2 * this.room);
@@ -479,74 +467,4 @@ function unpackNormal(u, v, middle, normals, at) {
     normals[at] = x / length;
     normals[at + 1] = y / length;
     normals[at + 2] = z / length;
-}
-
-function readHeader(view) {
-    const flags = view.getUint8(5);
-    const layout = {
-        normals: (flags & 1) !== 0,
-        colors: (flags & 2) !== 0,
-        alpha: (flags & 4) !== 0,
-        gridBits: view.getUint8(6),
-        normalBits: view.getUint8(7),
-        points: view.getUint32(12, true),
-        step: view.getFloat64(20, true),
-        low: [28, 36, 44].map((at) => view.getFloat64(at, true)),
-        origin: [52, 60, 68].map((at) => view.getFloat64(at, true)),
-        attributes: [],
-        batches: [],
-        channels: [],
-    };
-    const add = (count, bits) => {
-        for (let c = 0; c < count; ++c) {
-            layout.channels.push({ bits, follows: c > 0 });
-        }
-    };
-    add(layout.normals ? 2 : 0, layout.normalBits);
-    add(layout.colors ? 3 : 0, 8);
-    add(layout.alpha ? 1 : 0, 8);
-    let at = 76;
-    for (let a = view.getUint16(16, true); a > 0; --a) {
-        const length = view.getUint8(at);
-        const name = String.fromCharCode(...new Uint8Array(view.buffer, view.byteOffset + at + 1, length));
-        at += 1 + length;
-        const attribute = {
-            name,
-            type: view.getUint8(at),
-            components: view.getUint8(at + 1),
-            bits: view.getUint8(at + 3),
-            low: view.getFloat64(at + 4, true),
-            step: view.getFloat64(at + 12, true),
-            first: layout.channels.length,
-        };
-        at += 20;
-        add(attribute.components * (attribute.type === kDouble ? 2 : 1), attribute.bits || kTypeBits[attribute.type]);
-        layout.attributes.push(attribute);
-    }
-    if (layout.gridBits < 1 || layout.gridBits > kMostGridBits) {
-        throw new Error(`the grid has ${layout.gridBits} bits`);
-    }
-    let shift = layout.gridBits - 1;
-    for (let b = view.getUint16(18, true); b > 0; --b) {
-        if (view.getUint8(at + 8) > shift) {
-            throw new Error(`batch ${layout.batches.length} has a coarser grid than may be`);
-        }
-        shift = view.getUint8(at + 8);
-        const lift = view.getUint8(at + 9);
-        const blockBits = view.getUint8(at + 10);
-        if (lift + shift > layout.gridBits || blockBits > kMostGridBits) {
-            throw new Error(`batch ${layout.batches.length} has cells of ${lift} and blocks of ${blockBits} bits`);
-        }
-        layout.batches.push({
-            points: view.getUint32(at, true),
-            bytes: view.getUint32(at + 4, true),
-            shift,
-            lift,
-            blockBits,
-            sharpening: view.getUint8(at + 11),
-            meanError: view.getFloat32(at + 12, true),
-        });
-        at += 16;
-    }
-    return layout;
 }
