@@ -4,6 +4,7 @@ const minus = (a, b) => a.map((x, k) => x - b[k]);
 const dot = (a, b) => a.reduce((sum, x, k) => sum + x * b[k], 0);
 const cross = ([a, b, c], [d, e, f]) => [b * f - c * e, c * d - a * f, a * e - b * d];
 const unit = (a) => a.map((x) => x / Math.hypot(...a));
+const kDark = 30;
 const strongest = (colors) => colors.indexOf(Math.max(...colors));
 
 /**
@@ -44,7 +45,7 @@ export function compare({ data, channels, count }, small, large) {
     let lit = 0, cloud = 0, covered = 0, spilled = 0, alike = 0;
     for (let i = 0; i < count; i += 1) {
         const color = [...data.subarray(channels * i, channels * i + 3)];
-        const isLit = Math.max(...color) > 30;
+        const isLit = Math.max(...color) > kDark;
         lit += isLit;
         cloud += small[i] >= 0;
         covered += isLit && small[i] >= 0;
@@ -52,4 +53,18 @@ export function compare({ data, channels, count }, small, large) {
         alike += isLit && small[i] >= 0 && strongest(color) === small[i];
     }
     return { covered: covered / cloud, spilled: spilled / Math.max(1, lit), alike: alike / Math.max(1, covered) };
+}
+
+/** The mean red, green and blue of what is lit in a screenshot. */
+export function meanColor({ data, channels, count }) {
+    const sum = [0, 0, 0];
+    let lit = 0;
+    for (let i = 0; i < count; i += 1) {
+        const color = data.subarray(channels * i, channels * i + 3);
+        if (Math.max(...color) > kDark) {
+            lit += 1;
+            color.forEach((value, k) => { sum[k] += value; });
+        }
+    }
+    return sum.map((value) => value / lit);
 }

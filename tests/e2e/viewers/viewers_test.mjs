@@ -13,14 +13,15 @@ import { parseArgs } from 'node:util';
 import { gunzipSync } from 'node:zlib';
 
 import { Browser, findChromium } from '../browser/browser.mjs';
-import { coloredTorusPoints, ply } from '../browser/clouds.mjs';
+import { coloredTorusPoints, ply, spherePoints } from '../browser/clouds.mjs';
 import { startServer } from '../browser/server.mjs';
 import { readPly } from '../../../viewer/src/ply_cloud.js';
 import { bundled, servePages } from './pages.mjs';
-import { compare, pictureOf } from './reference.mjs';
+import { compare, meanColor, pictureOf } from './reference.mjs';
 
 const kSkipped = 77;
 const kSize = 640;
+const kColor = [200, 100, 50];
 const kViewers = ['tiles_renderer', 'cesium', 'draco_loader', 'loaders_gl_tiles', 'loaders_gl_draco'];
 const kLevels = ['draco_loader', 'loaders_gl_draco'];  // that read one level
 const kAdding = ['tiles_renderer', 'cesium', 'loaders_gl_tiles'];  // that read tiles
@@ -62,14 +63,21 @@ const adding = await pyramidOf(ply(cloud, true), { refine: 'add' });
 const double = await pyramidOf(ply(cloud, true, { type: 'double' }));
 const bundles = Object.fromEntries(await Promise.all([...kViewers, 'cesium_globe'].map(
     async (name) => [name, await bundled(name, { readme: options.readme, modules })])));
+const colors = await Promise.all([0, 128, 255].map(async (alpha) => {
+    const file = ply(spherePoints(40_000).map((place) => [...place, ...kColor, alpha]), true, { hasAlpha: true });
+    return [`alpha ${alpha}`, await pyramidOf(file)];
+}));
 const exported = mkdtempSync(join(tmpdir(), 'stipple-viewers-'));
-const pages = await servePages(bundles, modules, { '/v1/pyramids/exported/': exported });
+const pages = await servePages(bundles, modules, { '/shelf/v1/pyramids/exported/': exported });
 
 let failed = 0;
 for (const name of kViewers) await check(name, () => checkPicture(name, job));
 for (const name of kLevels) await check(`${name}, double coordinates`, () => checkPicture(name, double));
 for (const name of kAdding) await check(`${name}, tiles that add`, () => checkPicture(name, adding));
-await check('tiles_renderer, a folder of files', checkExported);
+for (const [alpha, pyramid] of colors)
+    for (const name of kViewers) await check(`${name}, ${alpha}`, () => checkColor(name, pyramid));
+exportCloud();
+for (const name of ['tiles_renderer', ...kLevels]) await check(`${name}, a folder of files`, () => checkPicture(name, 'exported', `${pages.url}/shelf`));
 await check('cesium, on the globe', checkOnGlobe);
 await check('inlined', checkInlined);
 for (const scan of kScans) {
@@ -89,12 +97,20 @@ async function check(name, body) {
     }
 }
 
-/** What the command line writes is drawn from a site that knows nothing but files. */
-async function checkExported() {
+/** What the command line writes is drawn from a site that knows nothing but files, of which it has these under a path of its own. */
+function exportCloud() {
     const file = join(exported, 'cloud.ply');
     writeFileSync(file, ply(cloud, true));
-    execFileSync(join(options.bin, 'stipple'), ['pyramid', file, exported, '--base-points', '3000', '--formats', 'glb', '--quiet']);
-    return checkPicture('tiles_renderer', 'exported', pages.url);
+    execFileSync(join(options.bin, 'stipple'), ['pyramid', file, exported, '--base-points', '3000', '--formats', 'glb,drc', '--quiet']);
+}
+
+/** Whether a cloud of one colour has it, whatever its alpha says. */
+async function checkColor(name, pyramid) {
+    const view = { eye: [0, -3, 0], target: [0, 0, 0], up: [0, 0, 1], fov: 50, isFlat: true };
+    const { pixels } = await shown(name, pyramid, { view, picture: `${name}-alpha` });
+    const seen = meanColor(pixels), what = `${seen.map(Math.round)} for ${kColor}`;
+    assert.ok(seen.every((value, k) => Math.abs(value - kColor[k]) <= 5), what);
+    return what;
 }
 
 /** Whether a viewer draws all points of the cloud where they are. */

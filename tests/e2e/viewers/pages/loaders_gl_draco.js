@@ -1,5 +1,5 @@
 import { setLoaderOptions } from '@loaders.gl/core';
-import { BufferAttribute, BufferGeometry, Points, PointsMaterial } from 'three';
+import { BufferAttribute, BufferGeometry, LinearSRGBColorSpace, Points, PointsMaterial } from 'three';
 import { show } from 'readme:loaders.gl, one level?levels,origin,attributes';
 
 import { job, server, tell } from './asked.js';
@@ -14,6 +14,7 @@ if (attributes.COLOR_0) geometry.setAttribute('color', attributeOf(attributes.CO
 const points = new Points(geometry, new PointsMaterial({ size: 2 * levels.at(-1).spacing, vertexColors: Boolean(attributes.COLOR_0) }));
 points.position.set(...origin);
 scene.add(points);
+renderer.outputColorSpace = LinearSRGBColorSpace;  // colours are shown as the file has them
 renderer.render(scene, camera);
 tell({ points: geometry.getAttribute('position').count });
 
