@@ -1,10 +1,10 @@
 #include "cli/command_line.hpp"
 #include "cli/commands.hpp"
 #include "cli/interrupt.hpp"
+#include "cli/text.hpp"
 #include "stipple/error.hpp"
 #include "stipple/heap.hpp"
 
-#include <algorithm>
 #include <csignal>
 #include <iostream>
 
@@ -15,10 +15,8 @@ using namespace stipple::cli;
 constexpr int kRuntimeFailure = 1, kUsageFailure = 2, kSignalBase = 128;
 
 /// One line, whatever a file may have smuggled into the message.
-int fail(const Terminal& terminal, std::string message, int exit_code) {
-    std::replace_if(
-        message.begin(), message.end(), [](unsigned char c) { return c < 0x20 || c == 0x7f; }, ' ');
-    std::cerr << terminal.style().bad("stipple:") << ' ' << message << '\n';
+int fail(const Terminal& terminal, const std::string& message, int exit_code) {
+    std::cerr << terminal.style().bad("stipple:") << ' ' << printable(message) << '\n';
     return exit_code;
 }
 
@@ -26,8 +24,10 @@ int fail(const Terminal& terminal, std::string message, int exit_code) {
 
 int main(int argc, char** argv) {
     stipple::prefer_huge_heap();
-    // A server or a reader that closes early is an error like others.
+    // A server or a reader that closes early, and a limit on the size of files, are errors like
+    // others.
     std::signal(SIGPIPE, SIG_IGN);
+    std::signal(SIGXFSZ, SIG_IGN);
     const InterruptWatch interrupt;
     const Session session{Terminal(), interrupt.token()};
     try {

@@ -1,5 +1,7 @@
 #include "cli/curve_plot.hpp"
 
+#include "cli/text.hpp"
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -28,16 +30,22 @@ std::string formatted(const char* format, ...) {
     return text.data();
 }
 
+/// Fit for XML, which has no control characters, nor two that are none at all.
 std::string escaped(const std::string& text) {
     std::string out;
-    for (const char c : text) {
+    for (const char c : printable(text)) {
         if (c == '&')
             out += "&amp;";
         else if (c == '<')
             out += "&lt;";
-        else if (static_cast<unsigned char>(c) >= 0x20)
+        else if (c == '>')
+            out += "&gt;";
+        else
             out += c;
     }
+    for (const std::string_view none : {"\xef\xbf\xbe", "\xef\xbf\xbf"})  // U+FFFE, U+FFFF
+        for (auto at = out.find(none); at != out.npos; at = out.find(none))
+            out.replace(at, none.size(), "\xef\xbf\xbd");
     return out;
 }
 

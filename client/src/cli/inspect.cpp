@@ -3,6 +3,7 @@
 #include "cli/job_execution.hpp"
 #include "cli/progress_bar.hpp"
 #include "cli/report.hpp"
+#include "cli/text.hpp"
 #include "cli/units.hpp"
 #include "stipple/cleaning.hpp"
 #include "stipple/neighbors.hpp"
@@ -98,7 +99,7 @@ std::string attribute_list(const std::vector<proto::CloudAttribute>& attributes)
         list += (list.empty() ? "" : ", ") + attribute.name + " " + attribute.type;
         if (attribute.components > 1) list += "x" + std::to_string(attribute.components);
     }
-    return list;
+    return printable(list);
 }
 
 void print_row(std::ostream& out, const TextStyle& style, const std::string& name,
@@ -114,8 +115,8 @@ void print(std::ostream& out, const Findings& findings, const TextStyle& style) 
     const std::string dot = " " + std::string(style.dot()) + " ";
     print_row(out, style, "points", style.strong(with_separators(cloud.points)));
     print_row(out, style, "encoding",
-              std::string(to_string(findings.report.format)) + dot + cloud.encoding + dot +
-                  readable_bytes(findings.bytes));
+              std::string(to_string(findings.report.format)) + dot + printable(cloud.encoding) +
+                  dot + readable_bytes(findings.bytes));
     print_row(out, style, "attributes", attribute_list(cloud.attributes));
     if (!cloud.bounds.empty()) {
         print_row(out, style, "size",
@@ -132,7 +133,8 @@ void print(std::ostream& out, const Findings& findings, const TextStyle& style) 
             out, style, readable_bytes(batch.bytes),
             with_separators(batch.points) + " points, mean error " + number(batch.mean_error));
     }
-    for (const std::string& comment : cloud.comments) print_row(out, style, "comment", comment);
+    for (const std::string& comment : cloud.comments)
+        print_row(out, style, "comment", printable(comment));
     print_row(out, style, "sha-256", findings.sha256);
 }
 
