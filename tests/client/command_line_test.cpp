@@ -190,6 +190,15 @@ TEST(CommandLine, EvaluateTakesAReferenceCandidatesAndWhatToWrite) {
     EXPECT_EQ(options.labels, (std::vector<std::string>{"b.ply", "c.drc"}));
 }
 
+TEST(CommandLine, LabelsOfCandidatesAreUtf8OfAtMost200Bytes) {
+    std::string name;
+    for (int i = 0; i < 70; ++i) name += "点";  // 210 bytes
+    const auto labels =
+        parsed<EvaluateCommand>({"evaluate", "a.ply", name + ".ply", "scan_\xe9.ply"})
+            .job.options.labels;
+    EXPECT_EQ(labels, (std::vector<std::string>{name.substr(0, 198), "scan_\xef\xbf\xbd.ply"}));
+}
+
 TEST(CommandLine, DashIsStandardOutputForTheFigures) {
     EXPECT_EQ(parsed<InspectCommand>({"inspect", "in.ply", "--json", "-"}).common.json, "-");
 }
@@ -317,7 +326,9 @@ TEST(CommandLine, ACurveIsAtCountsOrAtSoMany) {
     EXPECT_EQ(at.plot, "c.svg");
     EXPECT_EQ(parsed<CurveCommand>({"curve", "i.ply", "--count", "9"}).job.options.count, 9U);
     EXPECT_NE(refusal({"curve", "i.ply", "--plot", "c.png"}).find(".svg"), std::string::npos);
-    EXPECT_NE(refusal({"curve", "i.ply", "-m", "voxel"}).find("voxel"), std::string::npos);
+    for (const std::string method : {"voxel", "random"})
+        EXPECT_TRUE(refusal({"curve", "i.ply", "-m", method})
+                        .starts_with("method " + method + ": expected"));
     EXPECT_NE(refusal({"curve", "i.ply", "--count", "1"}).find("2..64"), std::string::npos);
 }
 
@@ -440,6 +451,56 @@ TEST(CommandLine, PointsAreCountedInThousandsAndMillionsToo) {
         EXPECT_EQ(refusal({"simplify", "i.ply", "o.ply", "--points=" + value}),
                   "--points: " + value + ": expected points, as in 5000, 10k or 1.5M (see --help)");
     }
+}
+
+TEST(CommandLine, RefusesBitsAndPrecisionsThatNoFileHas) {
+    const std::string bits = ": expected 1..30, or 0: exact floats (see --help)";
+    const std::vector<std::vector<std::string>> commands = {
+        {"simplify", "i.ply", "o.drc", "-n", "5"},
+        {"convert", "i.ply", "o.drc"},
+        {"pyramid", "i.ply", "o"}};
+    for (const std::vector<std::string>& command : commands) {
+        const auto refused = [&](const std::string& option, const std::string& value) {
+            std::vector<std::string> arguments = command;
+            arguments.insert(arguments.end(), {option, value});
+            return refusal(arguments);
+        };
+        EXPECT_EQ(refused("--position-bits", "31"), "--position-bits: 31" + bits);
+        EXPECT_EQ(refused("--attribute-bits", "31"), "--attribute-bits: 31" + bits);
+        for (const std::string value : {"0", "1", "31"})
+            EXPECT_EQ(refused("--normal-bits", value),
+                      "--normal-bits: " + value + ": expected 2..30 (see --help)");
+        for (const std::string value : {"0", "-1", "nan", "inf", "", "1m"})
+            EXPECT_EQ(refused("--precision", value),
+                      "--precision: " + value +
+                          ": expected a length above 0, in input units, as in 0.001 (see --help)");
+        for (const char* const option : {"--position-bits", "--attribute-bits"})
+            EXPECT_EQ(refused(option, "0"), "accepted");
+    }
+}
+
+TEST(CommandLine, AttributesHaveBitsOfTheirOwn) {
+    const auto command =
+        parsed<SimplifyCommand>({"simplify", "i.ply", "o.drc", "-n", "5", "--attribute-bits", "9"});
+    EXPECT_EQ(command.job.output.draco.attribute_bits, 9U);
+    EXPECT_EQ(parsed<ConvertCommand>({"convert", "i.ply", "o.drc"}).draco.attribute_bits,
+              DracoEncodeOptions{}.attribute_bits);
+    EXPECT_TRUE(refusal({"convert", "i.ply", "o.ply", "--attribute-bits", "9"})
+                    .starts_with("--attribute-bits: belongs to .drc, not to .ply"));
+}
+
+TEST(CommandLine, ARefusedNumberIsToldTheLimit) {
+    for (const std::string value : {"abc", ""})
+        EXPECT_EQ(refusal({"simplify", "i.ply", "o.ply", "-n", "5", "--oversampling", value}),
+                  "--oversampling: " + value +
+                      ": expected clusters a point, 1..1000, as in 3 (see --help)");
+    EXPECT_EQ(refusal({"upsample", "i.ply", "o.ply", "--ratio", "200%"}),
+              "--ratio: 200%: expected so many times the points, above 1, as in 2 (see --help)");
+    EXPECT_EQ(refusal({"pyramid", "i.ply", "o", "--ratio", "25%"}),
+              "--ratio: 25%: expected how many times the points of a level the next has, in "
+              "(1, 64], as in 4 (see --help)");
+    EXPECT_EQ(refusal({"upsample", "i.ply", "o.ply", "-n", "5", "--max-iterations", "99999999999"}),
+              "--max-iterations: 99999999999: expected a whole number, 1..4294967295 (see --help)");
 }
 
 TEST(CommandLine, ThreadsHaveALimit) {

@@ -3,6 +3,7 @@
 #include "cli/command_options.hpp"
 #include "cli/files.hpp"
 #include "cli/names.hpp"
+#include "cli/text.hpp"
 #include "stipple/error.hpp"
 #include "stipple/globe.hpp"
 
@@ -22,6 +23,8 @@ namespace stipple::cli {
 namespace {
 
 namespace fs = std::filesystem;
+
+constexpr std::size_t kMostOfLabel = 200;  // bytes, as `proto::EvaluationOptions` takes them
 
 const Names<Reduction> kReductions = {{"mean", Reduction::Mean},
                                       {"nearest", Reduction::Nearest},
@@ -267,7 +270,8 @@ EvaluateCommand evaluate_command(const Values& values) {
                          std::to_string(proto::kMostCandidates));
     for (const std::string& candidate : values.candidates) {
         command.candidates.emplace_back(candidate);
-        options.labels.push_back(command.candidates.back().filename().string());
+        options.labels.push_back(
+            shortened(printable(command.candidates.back().filename().string()), kMostOfLabel));
     }
     if (values.up.size() != 1) throw UsageError("--up " + values.up + ": expected x, y or z");
     options.up = values.up.front();
@@ -395,6 +399,7 @@ void require_options_of_formats(const CLI::App& command, const std::vector<std::
     };
     static const std::array kOptions = {FormatOption{"--position-bits", {".drc"}},
                                         FormatOption{"--normal-bits", {".drc"}},
+                                        FormatOption{"--attribute-bits", {".drc"}},
                                         FormatOption{"--coding", {".drc"}},
                                         FormatOption{"--precision", {".drc", ".laz", ".stpc"}},
                                         FormatOption{"--ply-encoding", {".ply"}},

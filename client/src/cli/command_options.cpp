@@ -56,15 +56,21 @@ void add_draco(CLI::App& command, Values& values, const std::string& precise = "
                            .add_option("--position-bits", values.draco.position_bits,
                                        "of .drc: 1..30, or 0: exact floats; 14")
                            ->type_name("B")
-                           ->transform(whole_number());
+                           ->transform(bit_count(1, "exact floats"));
     command
         .add_option("--precision", values.precision,
                     "of " + precise + ": largest error per axis, input units")
         ->type_name("E")
-        ->excludes(bits);
+        ->excludes(bits)
+        ->transform(precision());
     command.add_option("--normal-bits", values.draco.normal_bits, "of .drc: 2..30; 10")
         ->type_name("B")
-        ->transform(whole_number());
+        ->transform(bit_count(2, nullptr));
+    command
+        .add_option("--attribute-bits", values.draco.attribute_bits,
+                    "of .drc: 1..30 for floats, or 0: exact floats; 16")
+        ->type_name("B")
+        ->transform(bit_count(1, "exact floats"));
     command
         .add_option("--coding", values.coding,
                     "of .drc: auto (default), sequential, which keeps the order, or kd-tree")
@@ -160,7 +166,8 @@ CLI::App& add_upsample(CLI::App& app, Values& values) {
         ->type_name("N")
         ->transform(point_count());
     command.add_option("-r,--ratio", values.ratio, "so many times the points, above 1")
-        ->type_name("R");
+        ->type_name("R")
+        ->transform(real_number("so many times the points, above 1, as in 2"));
     add_particle_options(command, values.of_methods);
     command.add_option("--seed", values.seed, "another seed, other points")
         ->type_name("S")
@@ -184,7 +191,7 @@ CLI::App& add_analyze(CLI::App& app, Values& values) {
     command.add_option("--k", values.surface.k, "neighbours, 3..64; 0: chosen for each point")
         ->type_name("K")
         ->capture_default_str()
-        ->transform(whole_number());
+        ->transform(small_number("3..64, or 0: chosen for each point"));
     auto* const orient =
         command.add_option("--orient", values.orient, "signs of the normals: mst or none")
             ->type_name("O")
@@ -203,6 +210,7 @@ CLI::App& add_analyze(CLI::App& app, Values& values) {
                     "surface variation of a crease, in (0, 1/3)")
         ->type_name("S")
         ->capture_default_str()
+        ->transform(real_number("a number in (0, 1/3), as in 0.05"))
         ->needs(lines);
     add_encoding(command, values);
     command.footer(
@@ -228,7 +236,9 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
             ->transform(point_count());
     command.add_option("--ratio", values.pyramid.ratio, "from a level to the next, in (1, 64]; 4")
         ->type_name("R")
-        ->excludes(levels);
+        ->excludes(levels)
+        ->transform(
+            real_number("how many times the points of a level the next has, in (1, 64], as in 4"));
     auto* const base_points = command
                                   .add_option("--base-points", values.pyramid.base_points,
                                               "most points of the coarsest; 10000")
@@ -268,7 +278,7 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
         .add_option("--tile-bits", values.tiles.position_bits,
                     "of the finest tiles' grid, 2..24 for the longest side; 14")
         ->type_name("B")
-        ->transform(whole_number());
+        ->transform(small_number("2..24"));
     command.add_option("--tile-points", values.tiles.max_points, "most points of a tile; 65536")
         ->type_name("N")
         ->transform(point_count());
@@ -289,7 +299,7 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
                     "the globe")
         ->excludes("--transform")
         ->type_name("CODE")
-        ->transform(whole_number());
+        ->transform(small_number("as 32633 (UTM)"));
     add_reductions(command, values);
     add_no_error(command, values);
     add_draco(command, values, ".drc, .laz, .stpc and the finest tiles");
@@ -390,7 +400,7 @@ CLI::App& add_evaluate(CLI::App& app, Values& values) {
     command.add_option("--k", options.measure.k, "neighbours that make a surface, 6..64")
         ->type_name("K")
         ->capture_default_str()
-        ->transform(whole_number());
+        ->transform(small_number("6..64"));
     command.add_option("--seed", options.measure.seed, "another seed, other samples")
         ->type_name("S")
         ->capture_default_str()
@@ -398,7 +408,8 @@ CLI::App& add_evaluate(CLI::App& app, Values& values) {
     command.add_flag("--attributes", options.measure.attributes,
                      "colours, normals and scalars as well");
     command.add_option("--range", options.range, "distance of the last colour; found by itself")
-        ->type_name("MAX");
+        ->type_name("MAX")
+        ->transform(real_number("a distance above 0, in input units, as in 0.5"));
     command
         .add_option("--views", options.views,
                     "of .png: some of front,right,back,left (default), top, bottom")
@@ -440,7 +451,7 @@ CLI::App& add_curve(CLI::App& app, Values& values) {
         ->type_name("K")
         ->capture_default_str()
         ->excludes(points)
-        ->transform(whole_number());
+        ->transform(small_number("2..64"));
     command.add_option("--plot", values.plot, "draw it, as a .svg file")->type_name("FILE");
     add_seed(command, values);
     add_server(command, values);
@@ -483,7 +494,7 @@ CLI::App& add_convert(CLI::App& app, Values& values) {
         .add_option("--epsg", values.epsg,
                     "of .laz: the coordinates are of this system, as 32633 (UTM)")
         ->type_name("CODE")
-        ->transform(whole_number());
+        ->transform(small_number("as 32633 (UTM)"));
     add_common(command, values);
     command.footer(
         "Examples:\n"
@@ -505,7 +516,8 @@ CLI::App& add_synthesize(CLI::App& app, Values& values) {
         ->type_name("S")
         ->transform(whole_number());
     command.add_option("--noise", values.synthetic.noise, "standard deviation in mm; 0.08")
-        ->type_name("D");
+        ->type_name("D")
+        ->transform(real_number("a length of at least 0, in mm, as in 0.08"));
     add_draco(command, values);
     add_ply(command, values);
     add_common(command, values);

@@ -7,8 +7,6 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <charconv>
-#include <cmath>
 
 namespace stipple::cli {
 namespace {
@@ -32,11 +30,12 @@ std::string option_of(std::string_view field) {
 void add_contraction(CLI::App& command, MethodValues& values) {
     command.add_option("--oversampling", values.oversampling, "so many clusters a point, 1..1000")
         ->type_name("M")
-        ->capture_default_str();
+        ->capture_default_str()
+        ->transform(real_number("clusters a point, 1..1000, as in 3"));
     command.add_option("--k", values.contraction.k, "neighbours to contract with, 3..32")
         ->type_name("K")
         ->capture_default_str()
-        ->transform(whole_number());
+        ->transform(small_number("3..32"));
     command
         .add_option("--placement", values.placement, "optimal, or end-point: a subset of the input")
         ->type_name("P")
@@ -44,12 +43,14 @@ void add_contraction(CLI::App& command, MethodValues& values) {
     command
         .add_option("--max-displacement", values.contraction.max_displacement,
                     "no point farther from the input, input units")
-        ->type_name("D");
+        ->type_name("D")
+        ->transform(real_number("a length, in input units, as in 0.01"));
     command
         .add_option("--color-weight", values.contraction.color_weight,
                     "what a colour difference costs; 0: shape alone")
         ->type_name("W")
-        ->capture_default_str();
+        ->capture_default_str()
+        ->transform(real_number("a number of at least 0, as in 0.1"));
     command
         .add_option("--attribute-weight", values.attribute_weights,
                     "the same for an attribute; may be repeated")
@@ -66,11 +67,13 @@ void add_clustering(CLI::App& command, MethodValues& values) {
     command
         .add_option("--max-variation", values.max_variation,
                     "instead: surface variation, in (0, 1/3]; of incremental also beside a target")
-        ->type_name("S");
+        ->type_name("S")
+        ->transform(real_number("a number in (0, 1/3], as in 0.02"));
     command
         .add_option("--voxel-size", values.voxel_size,
                     "instead of a target: edge of a cube, input units")
-        ->type_name("L");
+        ->type_name("L")
+        ->transform(real_number("a length, in input units, as in 0.01"));
     command.add_option("--representative", values.representative, "nearest, surface or centroid")
         ->type_name("KIND")
         ->capture_default_str();
@@ -98,18 +101,11 @@ std::vector<std::string> split(const std::string& text, char separator) {
     }
 }
 
-std::optional<double> number(const std::string& text) {
-    double value = 0;
-    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-    const bool whole = error == std::errc() && end == text.data() + text.size();
-    return whole && std::isfinite(value) ? std::optional(value) : std::nullopt;
-}
-
 /// All of them, or none.
 std::vector<double> numbers(const std::vector<std::string>& texts) {
     std::vector<double> values;
     for (const std::string& text : texts) {
-        const std::optional<double> value = number(text);
+        const std::optional<double> value = finite_number(text);
         if (!value) return {};
         values.push_back(*value);
     }
@@ -154,12 +150,14 @@ void add_particle_options(CLI::App& command, MethodValues& values) {
         .add_option("--adaptivity", values.particles.adaptivity,
                     "0: even; 1: closer where the surface bends")
         ->type_name("A")
-        ->capture_default_str();
+        ->capture_default_str()
+        ->transform(real_number("a number in [0, 1], as in 0.5"));
     command
         .add_option("--max-grading", values.particles.max_grading,
                     "largest over smallest distance, when adaptive")
         ->type_name("G")
-        ->capture_default_str();
+        ->capture_default_str()
+        ->transform(real_number("a number of at least 1, as in 4"));
     command
         .add_option("--region", values.regions,
                     "sphere:X,Y,Z,R:DENSITY[:TRANSITION], box:X0,Y0,Z0,X1,Y1,Z1:… or "
@@ -170,18 +168,20 @@ void add_particle_options(CLI::App& command, MethodValues& values) {
         .add_option("--max-iterations", values.particles.max_iterations, "of each of three stages")
         ->type_name("I")
         ->capture_default_str()
-        ->transform(whole_number());
+        ->transform(small_number("1..4294967295"));
     command
         .add_option("--tolerance", values.particles.tolerance,
                     "at rest when the mean step is shorter, of the distance")
         ->type_name("T")
-        ->capture_default_str();
+        ->capture_default_str()
+        ->transform(real_number("a number in (0, 1), as in 0.01"));
 }
 
 void refuse_options_of_other_methods(const CLI::App& command, Method method) {
     for (const proto::MethodField& field : proto::method_fields()) {
         const std::string name = option_of(field.name);
-        if (field.has(method) || command.count(name) == 0) continue;
+        const CLI::Option* const option = command.get_option_no_throw(name);
+        if (field.has(method) || option == nullptr || option->count() == 0) continue;
         throw UsageError(name + " " + proto::misplaced(field, method));
     }
 }
@@ -207,7 +207,8 @@ void set_method_options(const MethodValues& values, SimplifyOptions& options) {
     options.iterative.placement = named(kPlacements, values.placement, "--placement");
     for (const std::string& text : values.attribute_weights) {
         const std::size_t equals = text.rfind('=');
-        const auto weight = equals == text.npos ? std::nullopt : number(text.substr(equals + 1));
+        const auto weight =
+            equals == text.npos ? std::nullopt : finite_number(text.substr(equals + 1));
         if (equals == 0 || !weight)
             throw UsageError("--attribute-weight " + text + ": expected NAME=W, as in intensity=1");
         options.iterative.attribute_weights[text.substr(0, equals)] = *weight;

@@ -5,6 +5,7 @@
 #include <charconv>
 #include <cmath>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <system_error>
@@ -25,6 +26,59 @@ inline CLI::Validator whole_number() {
                 return text + ": expected a whole number, as in 5000";
             text = std::to_string(value);
             return {};
+        },
+        "");
+}
+
+/// For an `unsigned`, whose limits are checked elsewhere. @param expected  as in `3..32`.
+inline CLI::Validator small_number(std::string expected) {
+    return CLI::Validator(
+        [expected = std::move(expected)](std::string& text) -> std::string {
+            const bool fits = whole_number()(text).empty() && std::stoull(text) <= UINT32_MAX;
+            return fits ? "" : text + ": expected a whole number, " + expected;
+        },
+        "");
+}
+
+/// Bits of a quantised value, from `least` to 30. @param exact  what 0 stands for; null: nothing.
+inline CLI::Validator bit_count(unsigned least, const char* exact) {
+    return CLI::Validator(
+        [least, exact](std::string& text) -> std::string {
+            constexpr unsigned kMost = 30;
+            const bool whole = whole_number()(text).empty();
+            const std::uint64_t bits = whole ? std::stoull(text) : kMost + 1;
+            if ((bits >= least && bits <= kMost) || (bits == 0 && exact != nullptr)) return {};
+            return text + ": expected " + std::to_string(least) + ".." + std::to_string(kMost) +
+                   (exact == nullptr ? "" : std::string(", or 0: ") + exact);
+        },
+        "");
+}
+
+/// The whole text as a finite number.
+inline std::optional<double> finite_number(std::string_view text) {
+    double value = 0;
+    const char* const end = text.data() + text.size();
+    const auto [stop, error] = std::from_chars(text.data(), end, value);
+    const bool whole = error == std::errc() && stop == end;
+    return whole && std::isfinite(value) ? std::optional(value) : std::nullopt;
+}
+
+/// A number whose limits are checked elsewhere: CLI11 alone takes nothing for 0 and tells no limit.
+/// @param expected  as in `a number in [0, 1]`.
+inline CLI::Validator real_number(std::string expected) {
+    return CLI::Validator(
+        [expected = std::move(expected)](std::string& text) -> std::string {
+            return finite_number(text) ? "" : text + ": expected " + expected;
+        },
+        "");
+}
+
+/// The largest error that `--precision` allows.
+inline CLI::Validator precision() {
+    return CLI::Validator(
+        [](std::string& text) -> std::string {
+            if (finite_number(text).value_or(0) > 0) return {};
+            return text + ": expected a length above 0, in input units, as in 0.001";
         },
         "");
 }
