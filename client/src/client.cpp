@@ -119,7 +119,7 @@ class PartialFile {
 public:
     explicit PartialFile(const fs::path& destination)
         : destination_(destination),
-          partial_(destination.string() + ".partial-" + proto::random_hex(4)),
+          partial_(destination.parent_path() / (".stipple-" + proto::random_hex(8))),
           stream_(partial_, std::ios::binary) {
         if (!stream_) fail("cannot be written here");
     }

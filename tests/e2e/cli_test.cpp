@@ -5,6 +5,7 @@
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <algorithm>
 #include <cmath>
@@ -485,6 +486,178 @@ TEST_F(StippleCli, APlaceThatCannotBeWrittenIsToldBeforeTheWork) {
             << outcome.err;
         EXPECT_EQ(files(), std::vector<std::string>{"broken.ply"}) << command;
     }
+}
+
+TEST_F(StippleCli, AFolderInTheWayIsToldBeforeTheWork) {
+    // Work on it would fail: its header lies about the points.
+    std::ofstream(folder_ / "broken.ply")
+        << "ply\nformat ascii 1.0\nelement vertex 9\nproperty float x\nend_header\n";
+    for (const char* const name : {"d.ply", "d.png", "d.svg", "m-2.ply"})
+        fs::create_directory(folder_ / name);
+    const auto before = files();
+    for (const auto& [command, name] : std::vector<std::pair<std::string, std::string>>{
+             {"simplify broken.ply d.ply -n 10", "d.ply"},
+             {"simplify broken.ply out.ply -n 10 --json d.ply", "d.ply"},
+             {"analyze broken.ply d.ply --feature-lines f.ply", "d.ply"},
+             {"analyze broken.ply out.ply --feature-lines d.ply", "d.ply"},
+             {"convert broken.ply d.ply", "d.ply"},
+             {"synthesize d.ply -n 10", "d.ply"},
+             {"slice nothing d.ply -n 10", "d.ply"},
+             {"curve broken.ply --plot d.svg", "d.svg"},
+             {"evaluate broken.ply broken.ply --map m1.ply --map d.png", "d.png"},
+             {"evaluate broken.ply broken.ply broken.ply --map m.ply", "m-2.ply"}}) {
+        const Outcome outcome = stipple(command);
+        EXPECT_EQ(outcome.exit_code, 1) << command;
+        EXPECT_EQ(outcome.err,
+                  "stipple: " + name + ": that is a folder: give the output a name of its own\n")
+            << command;
+        EXPECT_EQ(files(), before) << command;
+    }
+}
+
+TEST_F(StippleCli, FilesOfAPyramidTakeThePlaceOfNoOther) {
+    synthesize("in.ply", 2000);
+    for (const char* const name : {"manifest.json", "level-0.ply", "tileset.json"}) {
+        const Outcome outcome = stipple("pyramid in.ply levels --json levels/" + std::string(name));
+        EXPECT_EQ(outcome.exit_code, 1) << name;
+        EXPECT_NE(outcome.err.find("that is another output"), std::string::npos) << outcome.err;
+        EXPECT_EQ(files(), std::vector<std::string>{"in.ply"}) << name;
+    }
+    fs::create_directory(folder_ / "levels");
+    fs::copy_file(folder_ / "in.ply", folder_ / "levels/level-1.ply");
+    const Outcome input = stipple("pyramid levels/level-1.ply levels --levels 10,1000");
+    EXPECT_NE(input.err.find("level-1.ply: that is an input"), std::string::npos) << input.err;
+    EXPECT_EQ(std::distance(fs::directory_iterator(folder_ / "levels"), {}), 1);
+    EXPECT_EQ(stipple("pyramid levels/level-1.ply levels --formats drc").exit_code, 0);
+    fs::create_directory(folder_ / "levels/level-0.glb");
+    const Outcome in_the_way = stipple("pyramid in.ply levels");
+    EXPECT_NE(in_the_way.err.find("level-0.glb: that is a folder"), std::string::npos)
+        << in_the_way.err;
+    EXPECT_EQ(stipple("pyramid in.ply levels --formats ply --json levels/figures.json").exit_code,
+              0);
+}
+
+TEST_F(StippleCli, AFailedPyramidLeavesNoFolderThatItMade) {
+    std::ofstream(folder_ / "bad.ply") << "ply\n";
+    EXPECT_EQ(stipple("pyramid bad.ply a/b/c/").exit_code, 1);
+    EXPECT_EQ(files(), std::vector<std::string>{"bad.ply"});
+    fs::create_directories(folder_ / "a/b");
+    EXPECT_EQ(stipple("pyramid bad.ply a/b/c").exit_code, 1);
+    EXPECT_TRUE(fs::is_empty(folder_ / "a/b"));
+}
+
+TEST_F(StippleCli, TextOfAFileDoesNothingToTheTerminal) {
+    std::ofstream(folder_ / "in.ply")
+        << "ply\nformat ascii 1.0\ncomment odd \x01\x1b[31m \xc2\x9bK red\nelement vertex 1\n"
+           "property float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n";
+    const Outcome outcome = stipple("inspect in.ply");
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+    EXPECT_EQ(outcome.out.find_first_of("\x01\x1b"), std::string::npos) << outcome.out;
+    EXPECT_NE(outcome.out.find("odd   [31m  K red"), std::string::npos) << outcome.out;
+}
+
+TEST_F(StippleCli, NamesThatAreNoUtf8DoForPicturesToo) {
+    synthesize("in.ply", 1000);
+    fs::copy_file(folder_ / "in.ply", folder_ / "scan_\xe9.ply");
+    const Outcome map = stipple("evaluate in.ply scan_\xe9.ply --map map.png");
+    EXPECT_EQ(map.exit_code, 0) << map.err;
+    const Outcome plot = stipple("curve scan_\xe9.ply --points 50,100 --plot c.svg");
+    EXPECT_EQ(plot.exit_code, 0) << plot.err;
+    EXPECT_NE(content(folder_ / "c.svg").find("scan_\xef\xbf\xbd.ply"), std::string::npos);
+    const Outcome potree = stipple("pyramid scan_\xe9.ply levels --layout potree");
+    EXPECT_EQ(potree.exit_code, 0) << potree.err;
+}
+
+TEST_F(StippleCli, ALinkStaysOneAndAPrivateFileStaysPrivate) {
+    synthesize("in.ply", 100);
+    fs::create_directory(folder_ / "real");
+    for (const char* const command :
+         {"simplify in.ply l.ply -n 5", "convert in.ply l.ply", "curve in.ply -n 50 --json l.ply",
+          "evaluate in.ply in.ply --map l.ply"}) {
+        fs::remove(folder_ / "l.ply");
+        fs::create_symlink("real/t.ply", folder_ / "l.ply");
+        std::ofstream(folder_ / "real/t.ply") << "old";
+        fs::permissions(folder_ / "real/t.ply", fs::perms::owner_read | fs::perms::owner_write);
+        const Outcome outcome = stipple(command);
+        EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+        EXPECT_TRUE(fs::is_symlink(folder_ / "l.ply")) << command;
+        EXPECT_GT(fs::file_size(folder_ / "real/t.ply"), 3U) << command;
+        EXPECT_EQ(fs::status(folder_ / "real/t.ply").permissions(),
+                  fs::perms::owner_read | fs::perms::owner_write)
+            << command;
+    }
+    EXPECT_EQ(std::distance(fs::directory_iterator(folder_ / "real"), {}), 1);
+}
+
+TEST_F(StippleCli, ALimitOnFilesIsAnErrorThatLeavesNothing) {
+    synthesize("in.ply", 2000);
+    // 8 blocks of 512 or 1024 bytes, as the shell counts.
+    for (const char* const command :
+         {"simplify in.ply out.ply -n 1500", "convert in.ply out.ply",
+          "evaluate in.ply in.ply --map map.ply", "pyramid in.ply levels"}) {
+        const Outcome outcome = stipple(command, "ulimit -f 8; ");
+        EXPECT_EQ(outcome.exit_code, 1) << command;
+        EXPECT_TRUE(outcome.err.find("File too large") != std::string::npos ||
+                    outcome.err.find("above the limit of ") != std::string::npos)
+            << outcome.err;
+        EXPECT_EQ(outcome.err.find("limit of 0 bytes"), std::string::npos) << outcome.err;
+        EXPECT_EQ(outcome.err.find(".stipple-"), std::string::npos) << outcome.err;
+        EXPECT_EQ(files(), std::vector<std::string>{"in.ply"}) << command;
+    }
+}
+
+TEST_F(StippleCli, NamesMayBeAsLongAsTheFileSystemTakes) {
+    const std::string name = std::string(251, 'n') + ".ply";  // 255 bytes
+    for (const std::string& command :
+         {"synthesize " + name + " -n 1000", "convert in.ply " + name,
+          "simplify in.ply " + name + " -n 50", "curve in.ply -n 50 --json " + name}) {
+        if (!fs::exists(folder_ / "in.ply")) synthesize("in.ply", 1000);
+        fs::remove(folder_ / name);
+        const Outcome outcome = stipple(command);
+        EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+        EXPECT_TRUE(fs::exists(folder_ / name)) << command;
+    }
+}
+
+TEST_F(StippleCli, ALoopOfLinksIsToldAsWhatItIs) {
+    fs::create_symlink("loop.ply", folder_ / "loop.ply");
+    const Outcome outcome = stipple("inspect loop.ply");
+    EXPECT_EQ(outcome.err,
+              "stipple: loop.ply: cannot be read: Too many levels of symbolic links\n");
+}
+
+TEST_F(StippleCli, ADamagedLevelOfASliceIsNamed) {
+    synthesize("in.ply", 2000);
+    ASSERT_EQ(stipple("pyramid in.ply levels --levels 100 --formats ply").exit_code, 0);
+    std::ofstream(folder_ / "levels/level-0.ply") << "ply\n";
+    const Outcome outcome = stipple("slice levels out.ply -n 5");
+    EXPECT_EQ(outcome.exit_code, 1);
+    EXPECT_TRUE(outcome.err.starts_with("stipple: levels/level-0.ply: ")) << outcome.err;
+}
+
+TEST_F(StippleCli, WhatCannotBeEncodedIsNamed) {
+    write_cloud(PointCloud{}, folder_ / "in.ply");
+    for (const std::string name : {"out.laz", "out.stpc"}) {
+        const Outcome outcome = stipple("convert in.ply " + name);
+        EXPECT_EQ(outcome.exit_code, 1);
+        EXPECT_TRUE(outcome.err.starts_with("stipple: " + name + ": ")) << outcome.err;
+        EXPECT_EQ(files(), std::vector<std::string>{"in.ply"});
+    }
+}
+
+TEST_F(StippleCli, HelpThatCannotBeWrittenIsAnError) {
+    const Outcome outcome = stipple("--help >&- 2> told.txt; test $? = 1");
+    EXPECT_EQ(outcome.exit_code, 0);
+    EXPECT_EQ(content(folder_ / "told.txt"), "stipple: standard output: cannot be written\n");
+}
+
+TEST_F(StippleCli, NoOutputTakesThePlaceOfADevice) {
+    ASSERT_EQ(::mkfifo((folder_ / "pipe").c_str(), 0600), 0);
+    synthesize("in.ply", 100);
+    const Outcome outcome = stipple("inspect in.ply --json pipe");
+    EXPECT_EQ(outcome.err,
+              "stipple: pipe: that is no regular file: give the output a name of its own\n");
+    EXPECT_TRUE(fs::is_fifo(folder_ / "pipe"));
 }
 
 TEST_F(StippleCli, UsageErrorsExitWithTwoAndNameTheRemedy) {

@@ -114,11 +114,12 @@ ordered_json output_json(const fs::path& file, std::uint64_t points) {
 }  // namespace
 
 void run(const InfoCommand& command, const Session&) {
-    std::cout << command.text << std::flush;
+    write_out(command.text);
 }
 
 void run(const ConvertCommand& command, const Session& session) {
     require_input(command.input);
+    require_place_of(command.output);
     require_place_of(command.common.json);
     require_apart({command.input}, {command.output, command.common.json});
     const RunContext context = context_for(command.common, session);
@@ -141,8 +142,8 @@ void run(const ConvertCommand& command, const Session& session) {
     const std::uint64_t bytes_in = fs::file_size(command.input);
     PlyEncodeOptions ply = command.ply;
     ply.comments = report.comments;
-    write_cloud(cloud, command.output, ply, command.draco, command.copc,
-                shown_as("encode", 0.5, 1, context, display));
+    write_cloud_into_place(cloud, command.output, ply, command.draco, command.copc,
+                           shown_as("encode", 0.5, 1, context, display));
     const auto encoded = Clock::now();
     display.finish();
 
@@ -170,6 +171,7 @@ void run(const ConvertCommand& command, const Session& session) {
 }
 
 void run(const SynthesizeCommand& command, const Session& session) {
+    require_place_of(command.output);
     require_place_of(command.common.json);
     require_apart({}, {command.output, command.common.json});
     const RunContext context = context_for(command.common, session);
@@ -180,8 +182,8 @@ void run(const SynthesizeCommand& command, const Session& session) {
     PlyEncodeOptions ply = command.ply;
     ply.comments.push_back("synthetic scan of an ammonite, seed " +
                            std::to_string(command.options.seed));
-    write_cloud(cloud, command.output, ply, command.draco, {},
-                shown_as("encode", 0.8, 1, context, display));
+    write_cloud_into_place(cloud, command.output, ply, command.draco, {},
+                           shown_as("encode", 0.8, 1, context, display));
     display.finish();
 
     const double seconds = seconds_between(start, Clock::now());

@@ -70,6 +70,7 @@ std::string table(const proto::Results& results, const TextStyle& style) {
 
 void run(const CurveCommand& command, const Session& session) {
     require_input(command.input);
+    require_place_of(command.plot);
     require_place_of(command.common.json);
     require_apart({command.input}, {command.plot, command.common.json});
     const ScratchFolder scratch(command.plot.empty() ? fs::temp_directory_path()

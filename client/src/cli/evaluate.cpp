@@ -2,6 +2,7 @@
 #include "cli/files.hpp"
 #include "cli/job_execution.hpp"
 #include "cli/report.hpp"
+#include "cli/text.hpp"
 #include "cli/units.hpp"
 #include "stipple/error.hpp"
 #include "stipple/proto/digest.hpp"
@@ -10,6 +11,7 @@
 #include <array>
 #include <chrono>
 #include <cmath>
+#include <fstream>
 #include <ranges>
 #include <sstream>
 #include <utility>
@@ -68,7 +70,7 @@ void print(std::ostream& out, const proto::OutputCloud& cloud, const TextStyle& 
         const auto mean = [](const AttributeError& a) {
             return three_digits(a.mean) + ", at most " + three_digits(a.max);
         };
-        print_row(out, style, forward.attributes[i].name, mean(forward.attributes[i]),
+        print_row(out, style, printable(forward.attributes[i].name), mean(forward.attributes[i]),
                   mean(backward.attributes[i]));
     }
     out << style.dim("input units, and percent of the diagonal, " + three_digits(error.diagonal))
@@ -88,7 +90,7 @@ void print_table(std::ostream& out, const EvaluateCommand& command, const proto:
     const auto& levels = results.levels;
     std::vector<std::string> names = {"candidate"}, points = {"points"};
     for (std::size_t i = 0; i < levels.size(); ++i) {
-        names.push_back(command.candidates[i].filename().string());
+        names.push_back(printable(command.candidates[i].filename().string()));
         points.push_back(with_separators(levels[i].points));
     }
     std::vector<std::string> rows(names.size());
@@ -172,10 +174,10 @@ void publish(const EvaluateCommand& command, const proto::Results& results, cons
              ordered_json& json) {
     const std::size_t all = results.levels.size();
     const auto place = [&](const std::string& name, const fs::path& map) {
-        // Another scratch folder may lie on another file system than the map.
-        const ScratchFolder beside(folder_of(map));
-        fs::copy_file(scratch / name, beside.path() / name);
-        move_into_place(beside.path() / name, map);
+        // The scratch folder may lie on another file system than the map.
+        write_into_place(map, [&](std::ostream& out) {
+            out << std::ifstream(scratch / name, std::ios::binary).rdbuf();
+        });
         json["maps"].push_back(map.string());
     };
     for (const fs::path& map : command.maps) {
@@ -241,8 +243,7 @@ void run(const EvaluateCommand& command, const Session& session) {
         std::get<proto::EvaluateJob>(request.job)
             .candidates.push_back(proto::sha256_of_file(candidate));
     }
-    require_place_of(command.common.json);
-    for (const fs::path& map : command.maps) require_place_of(map);
+    for (const fs::path& output : outputs_of(command)) require_place_of(output);
     require_apart(inputs_of(command), outputs_of(command));
     const ScratchFolder scratch(fs::temp_directory_path());
     ProgressDisplay display(session.terminal, !command.common.quiet);

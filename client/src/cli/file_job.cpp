@@ -2,6 +2,7 @@
 #include "cli/files.hpp"
 #include "cli/job_execution.hpp"
 #include "cli/report.hpp"
+#include "cli/text.hpp"
 #include "cli/units.hpp"
 #include "stipple/codec.hpp"
 #include "stipple/error.hpp"
@@ -85,6 +86,7 @@ template <typename Job, typename Also>
 void run_file_job(const FileCommand<Job>& command, const Session& session, Also&& also) {
     const auto start = std::chrono::steady_clock::now();
     require_input(command.input);
+    require_place_of(command.output);
     require_place_of(command.common.json);
     const ScratchFolder scratch(folder_of(command.output));
     ProgressDisplay display(session.terminal, !command.common.quiet);
@@ -118,7 +120,8 @@ PointCloud write_feature_lines(const AnalyzeCommand& command, const proto::Resul
     PointCloud lines;
     if (results.levels.size() > 1)
         lines = read_output(folder / results.levels[1].files.front().href, context);
-    write_cloud(lines, command.feature_lines, command.ply, command.job.output.draco, {}, context);
+    write_cloud_into_place(lines, command.feature_lines, command.ply, command.job.output.draco, {},
+                           context);
     json["feature_lines"] = {{"points", lines.size()}, {"file", command.feature_lines.string()}};
     return lines;
 }
@@ -133,7 +136,7 @@ std::size_t count_lines(const PointCloud& points) {
 }
 
 std::string feature_line(const PointCloud& lines, const AnalyzeCommand& command) {
-    const std::string file = command.feature_lines.filename().string();
+    const std::string file = printable(command.feature_lines.filename().string());
     if (lines.empty())
         return "no feature lines were found: " + file +
                " has no points; a smaller --feature-variation may find some";

@@ -1,8 +1,12 @@
 #include "cli/files.hpp"
 
+#include <unistd.h>
 #include <algorithm>
 #include <cctype>
+#include <cerrno>
+#include <cstdlib>
 #include <fstream>
+#include <ostream>
 #include <system_error>
 
 namespace stipple::cli {
@@ -13,12 +17,33 @@ namespace {
 
 /// Also of places where nothing is yet.
 bool is_same(const fs::path& a, const fs::path& b) {
-    std::error_code none;
-    return fs::equivalent(a, b, none) || fs::weakly_canonical(fs::absolute(a), none) ==
-                                             fs::weakly_canonical(fs::absolute(b), none);
+    std::error_code error;
+    const bool same = fs::equivalent(a, b, error);
+    if (!error) return same;
+    return fs::weakly_canonical(fs::absolute(without_links(a)), error) ==
+           fs::weakly_canonical(fs::absolute(without_links(b)), error);
+}
+
+std::string text_of(int code) {
+    return std::generic_category().message(code);
 }
 
 }  // namespace
+
+ScratchFolder::ScratchFolder(const fs::path& parent) {
+    std::string name = (parent / ".stipple-XXXXXX").string();
+    if (::mkdtemp(name.data()) == nullptr) {
+        const int code = errno;
+        throw Error(ErrorCode::InvalidArgument,
+                    parent.string() + ": nothing can be written there: " + text_of(code));
+    }
+    path_ = name;
+}
+
+ScratchFolder::~ScratchFolder() {
+    std::error_code ignored;
+    fs::remove_all(path_, ignored);
+}
 
 void require_input(const fs::path& file) {
     if (file == "-")
@@ -26,7 +51,11 @@ void require_input(const fs::path& file) {
                     "-: no such file; standard input is not read: write it to a file first");
     std::error_code error;
     const fs::file_status status = fs::status(file, error);
-    if (!fs::exists(status)) throw Error(ErrorCode::NotFound, file.string() + ": no such file");
+    if (status.type() == fs::file_type::not_found)
+        throw Error(ErrorCode::NotFound, file.string() + ": no such file");
+    if (error)
+        throw Error(ErrorCode::InvalidArgument,
+                    file.string() + ": cannot be read: " + error.message());
     if (!fs::is_regular_file(status))
         throw Error(ErrorCode::InvalidArgument,
                     file.string() + ": not a regular file: write what it gives to one first");
@@ -71,12 +100,77 @@ proto::Results read_manifest(const fs::path& folder) {
     });
 }
 
-void move_into_place(const fs::path& from, const fs::path& to) {
+fs::path without_links(const fs::path& file) {
+    constexpr int kMostLinks = 40;  // as Linux follows
+    fs::path place = file;
     std::error_code error;
-    fs::rename(from, to, error);
+    for (int links = 0; links < kMostLinks; ++links) {
+        const fs::path to = fs::read_symlink(place, error);
+        if (error) break;  // no link
+        place = place.parent_path() / to;
+    }
+    return place;
+}
+
+fs::path folder_of(const fs::path& file) {
+    const fs::path parent = without_links(file).parent_path();
+    return parent.empty() ? fs::path(".") : parent;
+}
+
+void require_place_of(const fs::path& file) {
+    if (file.empty() || file == "-") return;
+    std::error_code error;
+    const fs::file_status status = fs::status(file, error);
+    if (fs::exists(status) && !fs::is_regular_file(status))
+        throw Error(ErrorCode::InvalidArgument,
+                    file.string() + ": that is " +
+                        (fs::is_directory(status) ? "a folder" : "no regular file") +
+                        ": give the output a name of its own");
+    const ScratchFolder probe(folder_of(file));
+}
+
+void move_into_place(const fs::path& from, const fs::path& to) {
+    const fs::path place = without_links(to);
+    std::error_code error, none;
+    const fs::file_status before = fs::status(place, none);
+    if (fs::is_regular_file(before)) fs::permissions(from, before.permissions(), error);
+    if (!error) fs::rename(from, place, error);
     if (error)
         throw Error(ErrorCode::InvalidArgument,
                     to.string() + ": cannot be written: " + error.message());
+}
+
+void write_into_place(const fs::path& file, const std::function<void(std::ostream&)>& write) {
+    const ScratchFolder beside(folder_of(file));
+    const fs::path whole = beside.path() / "whole";
+    errno = 0;
+    std::ofstream stream(whole, std::ios::binary);
+    write(stream);
+    if (stream) stream.close();
+    if (!stream) {
+        const int code = errno;
+        throw Error(ErrorCode::Internal, file.string() + ": cannot be written" +
+                                             (code == 0 ? "" : ": " + text_of(code)));
+    }
+    move_into_place(whole, file);
+}
+
+void write_cloud_into_place(const PointCloud& cloud, const fs::path& file,
+                            const PlyEncodeOptions& ply, const DracoEncodeOptions& draco,
+                            const CopcOptions& copc, const RunContext& context) {
+    const ScratchFolder beside(folder_of(file));
+    const fs::path whole = beside.path() / ("cloud" + extension_of(file));
+    try {
+        write_cloud(cloud, whole, ply, draco, copc, context);
+    } catch (const Error& error) {
+        std::string message = error.what();
+        if (const std::size_t at = message.find(whole.string()); at != message.npos)
+            message.replace(at, whole.string().size(), file.string());
+        else
+            message = file.string() + ": " + message;
+        throw Error(error.code(), message);
+    }
+    move_into_place(whole, file);
 }
 
 proto::OutputFile& first_output(proto::Results& results) {

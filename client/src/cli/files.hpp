@@ -1,17 +1,35 @@
 #pragma once
 
+#include "stipple/codec.hpp"
 #include "stipple/error.hpp"
 #include "stipple/proto/results.hpp"
 
 #include <cstddef>
 #include <filesystem>
+#include <functional>
+#include <iosfwd>
 #include <string>
 #include <vector>
 
 namespace stipple::cli {
 
+/// A folder beside or in the one where results will stand, so that moving them there is one step;
+/// gone in the end.
+class ScratchFolder {
+public:
+    /// @throws Error naming `parent` when nothing can be written there.
+    explicit ScratchFolder(const std::filesystem::path& parent);
+    ~ScratchFolder();
+    ScratchFolder(const ScratchFolder&) = delete;
+    ScratchFolder& operator=(const ScratchFolder&) = delete;
+    const std::filesystem::path& path() const noexcept { return path_; }
+
+private:
+    std::filesystem::path path_;
+};
+
 /// @throws Error(NotFound) when there is no such file, Error(InvalidArgument) when what is there is
-/// none.
+/// none, or cannot be reached.
 void require_input(const std::filesystem::path& file);
 /// @throws Error(InvalidArgument) when an output would take the place of an input or of another
 /// output: what was there would be lost. One without a name, and `-`, has no place.
@@ -23,8 +41,24 @@ std::vector<std::byte> read_file(const std::filesystem::path& file);
 proto::Results read_manifest(const std::filesystem::path& folder);
 /// `.ply` of `Scan.PLY`.
 std::string extension_of(const std::filesystem::path& file);
-/// Renames within a file system: whoever opens `to` sees the old file or the new one.
+/// The file that a link leads to, also where none is yet; any other file itself.
+std::filesystem::path without_links(const std::filesystem::path& file);
+/// The folder in which `file` stands, as a path that can be opened; of a link, that of its file.
+std::filesystem::path folder_of(const std::filesystem::path& file);
+/// Before the work that ends in the file; a file without a name, or named `-`, needs no place.
+/// @throws Error naming the file, when it stands in the way as a folder, or its folder, when
+/// nothing can be written there.
+void require_place_of(const std::filesystem::path& file);
+/// Renames within a file system: whoever opens `to` sees the old file or the new one, with the
+/// permissions of the old. A link stays one.
 void move_into_place(const std::filesystem::path& from, const std::filesystem::path& to);
+/// Whole or not at all. @throws Error naming the file, and why it could not be written.
+void write_into_place(const std::filesystem::path& file,
+                      const std::function<void(std::ostream&)>& write);
+/// `write_cloud` to the file, likewise; a failure to encode the cloud names it, too.
+void write_cloud_into_place(const PointCloud& cloud, const std::filesystem::path& file,
+                            const PlyEncodeOptions& ply, const DracoEncodeOptions& draco,
+                            const CopcOptions& copc, const RunContext& context);
 /// The one file of the first cloud that a job made. @throws Error(Internal) when a server sent
 /// another number of them.
 proto::OutputFile& first_output(proto::Results& results);

@@ -1,18 +1,25 @@
 #include "cli/job_execution.hpp"
 
+#include "cli/text.hpp"
 #include "stipple/error.hpp"
 #include "stipple/proto/digest.hpp"
 #include "stipple/proto/pyramid_export.hpp"
 #include "stipple/proto/run_job.hpp"
 
-#include <unistd.h>
+#include <sys/resource.h>
 #include <algorithm>
-#include <system_error>
 
 namespace stipple::cli {
 namespace {
 
 namespace fs = std::filesystem;
+
+/// As `ulimit -f` sets it; 0 where nothing is set.
+std::uint64_t most_bytes_of_a_file() {
+    rlimit limit{};
+    const bool limited = ::getrlimit(RLIMIT_FSIZE, &limit) == 0 && limit.rlim_cur != RLIM_INFINITY;
+    return limited ? limit.rlim_cur : 0;
+}
 
 proto::Results execute_here(const proto::JobRequest& request, const fs::path& input,
                             const fs::path& folder, const JobExecution& execution,
@@ -24,6 +31,7 @@ proto::Results execute_here(const proto::JobRequest& request, const fs::path& in
         spec.candidate_files.push_back(candidate.string());
     spec.output_dir = folder.string();
     spec.threads = execution.threads;
+    spec.max_file_bytes = most_bytes_of_a_file();
 
     proto::Results results;
     results.request = request;
@@ -45,7 +53,8 @@ void show(const ClientEvent& event, double from, double to, ProgressDisplay& dis
     if (event.type != "progress") return;
     const proto::JobReport report = proto::job_report_from_json(event.data);
     if (!report.progress) return;
-    display.update(report.progress->stage, from + (to - from) * report.progress->percent / 100);
+    display.update(printable(report.progress->stage),
+                   from + (to - from) * report.progress->percent / 100);
 }
 
 /// Nobody waits for it any more: the server need not go on. What fails here was said already.
@@ -127,37 +136,12 @@ proto::Results execute_there(proto::JobRequest request, const fs::path& input,
 
 }  // namespace
 
-ScratchFolder::ScratchFolder(const fs::path& parent) {
-    std::string name = (parent / ".stipple-XXXXXX").string();
-    if (::mkdtemp(name.data()) == nullptr) {
-        const int code = errno;
-        throw Error(ErrorCode::InvalidArgument,
-                    parent.string() +
-                        ": nothing can be written there: " + std::generic_category().message(code));
-    }
-    path_ = name;
-}
-
-ScratchFolder::~ScratchFolder() {
-    std::error_code ignored;
-    fs::remove_all(path_, ignored);
-}
-
 proto::Results execute(proto::JobRequest request, const fs::path& input, const fs::path& folder,
                        const JobExecution& execution, ProgressDisplay& display) {
     if (execution.server.url.empty())
         return execute_here(request, input, folder, execution, display);
     return naming_key(
         [&] { return execute_there(std::move(request), input, folder, execution, display); });
-}
-
-fs::path folder_of(const fs::path& file) {
-    const fs::path parent = file.parent_path();
-    return parent.empty() ? fs::path(".") : parent;
-}
-
-void require_place_of(const fs::path& file) {
-    if (!file.empty() && file != "-") const ScratchFolder probe(folder_of(file));
 }
 
 }  // namespace stipple::cli

@@ -12,21 +12,6 @@
 
 namespace stipple::cli {
 
-/// A folder beside or in the one where results will stand, so that moving them there is one step;
-/// gone in the end.
-class ScratchFolder {
-public:
-    /// @throws Error naming `parent` when nothing can be written there.
-    explicit ScratchFolder(const std::filesystem::path& parent);
-    ~ScratchFolder();
-    ScratchFolder(const ScratchFolder&) = delete;
-    ScratchFolder& operator=(const ScratchFolder&) = delete;
-    const std::filesystem::path& path() const noexcept { return path_; }
-
-private:
-    std::filesystem::path path_;
-};
-
 struct JobExecution {
     ServerOptions server;  ///< here, when it names no server
     unsigned threads = 0;
@@ -52,12 +37,5 @@ auto naming_key(Work&& work) {
                         ": give one that it knows with --api-key or in STIPPLE_API_KEY");
     }
 }
-
-/// The folder in which `file` stands, as a path that can be opened.
-std::filesystem::path folder_of(const std::filesystem::path& file);
-
-/// Before the work that ends in the file; a file without a name, or named `-`, needs no place.
-/// @throws Error naming its folder when nothing can be written there.
-void require_place_of(const std::filesystem::path& file);
 
 }  // namespace stipple::cli

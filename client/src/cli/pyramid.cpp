@@ -3,6 +3,7 @@
 #include "cli/files.hpp"
 #include "cli/job_execution.hpp"
 #include "cli/report.hpp"
+#include "cli/text.hpp"
 #include "cli/units.hpp"
 #include "stipple/proto/digest.hpp"
 #include "stipple/proto/potree.hpp"
@@ -32,7 +33,8 @@ constexpr std::array kPotreeFiles = {"octree.bin", "hierarchy.bin", "metadata.js
 /// @throws Error(InvalidArgument) where a manifest stands there that is none of a pyramid.
 std::set<fs::path> pyramid_in(const fs::path& folder) {
     std::set<fs::path> files;
-    const auto is_there = [&](const char* name) { return fs::exists(folder / name); };
+    std::error_code none;
+    const auto is_there = [&](const char* name) { return fs::exists(folder / name, none); };
     if (std::ranges::all_of(kPotreeFiles, is_there))
         for (const char* const name : kPotreeFiles) files.insert(name);
     if (!is_there("manifest.json")) return files;
@@ -47,6 +49,41 @@ std::set<fs::path> pyramid_in(const fs::path& folder) {
     return files;
 }
 
+/// Whether one of the files of the pyramid may get this name, as far as is known before the work.
+bool may_be_of(const PyramidCommand& command, const std::string& name) {
+    if (command.potree) return std::ranges::find(kPotreeFiles, name) != kPotreeFiles.end();
+    if (name == "manifest.json") return true;
+    if (name.starts_with("tileset") && name.ends_with(".json")) return true;
+    const bool is_cloud = std::ranges::any_of(command.job.output.formats, [&](CloudFormat format) {
+        return name.ends_with("." + std::string(to_string(format)));
+    });
+    return is_cloud &&
+           (name.starts_with("level-") || proto::is_sha256(fs::path(name).stem().string()));
+}
+
+/// Before the work: no file of the pyramid takes the place of the input, of the figures or of a
+/// folder. @param before  the files of the pyramid that stands there.
+void require_own_places(const PyramidCommand& command, const fs::path& folder,
+                        const std::set<fs::path>& before) {
+    std::set<fs::path> names = before;
+    std::error_code none;
+    for (const auto& entry : fs::directory_iterator(folder, none))
+        if (may_be_of(command, entry.path().filename())) names.insert(entry.path().filename());
+    const fs::path figures = without_links(command.common.json).filename();
+    if (may_be_of(command, figures)) names.insert(figures);
+    for (const fs::path& name : names) {
+        const fs::path file = folder / name;
+        require_apart({command.input}, {file});
+        require_apart({}, {file, command.common.json});
+        if (fs::is_directory(file, none))
+            throw Error(ErrorCode::InvalidArgument,
+                        file.string() +
+                            ": that is a folder, where a file of the pyramid will "
+                            "stand: remove it, or choose another folder");
+    }
+    require_apart({command.input}, {command.common.json});
+}
+
 /// @throws Error(InvalidArgument) for `https://example.org/x`, which would become a folder of that
 /// name.
 void require_no_address(const std::string& text) {
@@ -56,6 +93,16 @@ void require_no_address(const std::string& text) {
                 text +
                     ": expected a folder, or s3://BUCKET/PREFIX with AWS_ENDPOINT_URL for a "
                     "store other than that of AWS");
+}
+
+/// The folder and those above it that are not there yet, the innermost first.
+std::vector<fs::path> missing_folders(fs::path folder) {
+    std::vector<fs::path> missing;
+    std::error_code none;
+    for (; fs::status(folder, none).type() == fs::file_type::not_found && !folder.empty();
+         folder = folder.parent_path())
+        missing.push_back(folder);
+    return missing;
 }
 
 void make_folder(const fs::path& folder) {
@@ -78,10 +125,14 @@ void publish_text(const std::string& text, const std::string& name, const fs::pa
 /// The manifest comes last: while it is missing or old, nobody takes the new files for a whole.
 /// @returns their names, in this order.
 std::vector<fs::path> publish(const proto::Results& results, const fs::path& scratch,
-                              const fs::path& input, const fs::path& folder) {
+                              const PyramidCommand& command, const fs::path& folder) {
+    const std::vector<proto::ExportFile> all = proto::export_files(results);
+    for (const proto::ExportFile& file : all) {  // a server may name them as it likes
+        require_apart({command.input}, {folder / file.name});
+        require_apart({}, {folder / file.name, command.common.json});
+    }
     std::vector<fs::path> files;
-    for (const proto::ExportFile& file : proto::export_files(results)) {
-        require_apart({input}, {folder / file.name});
+    for (const proto::ExportFile& file : all) {
         if (file.stored) {
             move_into_place(scratch / file.stored->href, folder / file.name);
         } else {
@@ -98,7 +149,7 @@ std::vector<fs::path> publish_potree(const proto::Results& results, const fs::pa
                                      const RunContext& context) {
     const PointCloud cloud =
         read_cloud(scratch / results.levels.at(0).files.at(0).href, {}, context);
-    proto::write_potree(cloud, scratch, {.name = input.stem().string()}, context);
+    proto::write_potree(cloud, scratch, {.name = printable(input.stem().string())}, context);
     for (const char* const name : kPotreeFiles) move_into_place(scratch / name, folder / name);
     return {kPotreeFiles.begin(), kPotreeFiles.end()};
 }
@@ -237,14 +288,12 @@ void run(const PyramidCommand& command, const Session& session) {
         staging.emplace(fs::temp_directory_path());
     }
     const fs::path folder = bucket ? staging->path() : command.output_folder;
-    const bool made = !fs::exists(folder);
-    make_folder(folder);
+    const std::vector<fs::path> made = missing_folders(folder);
     try {
+        make_folder(folder);
         require_place_of(command.common.json);
         const std::set<fs::path> before = pyramid_in(folder);
-        for (const fs::path& file : before)
-            require_apart({command.input, command.common.json}, {folder / file});
-        require_apart({command.input}, {command.common.json});
+        require_own_places(command, folder, before);
         const ScratchFolder scratch(folder);
         ProgressDisplay display(session.terminal, !command.common.quiet);
         const JobExecution execution{command.server, command.common.threads, session.stop};
@@ -258,7 +307,7 @@ void run(const PyramidCommand& command, const Session& session) {
         const RunContext context{.stop = session.stop, .threads = command.common.threads};
         const std::vector<fs::path> files =
             command.potree ? publish_potree(results, scratch.path(), command.input, folder, context)
-                           : publish(results, scratch.path(), command.input, folder);
+                           : publish(results, scratch.path(), command, folder);
         const std::set<fs::path> kept(files.begin(), files.end());
         for (const fs::path& file : before)
             if (!kept.contains(file)) fs::remove(folder / file);
@@ -272,7 +321,7 @@ void run(const PyramidCommand& command, const Session& session) {
         write_json(command.common.json, figures(command, results, bytes));
     } catch (...) {
         std::error_code not_empty;
-        if (made) fs::remove(folder, not_empty);
+        for (const fs::path& empty : made) fs::remove(empty, not_empty);
         throw;
     }
 }

@@ -1,13 +1,13 @@
 #include "cli/report.hpp"
 
+#include "cli/files.hpp"
+#include "cli/text.hpp"
 #include "cli/units.hpp"
 #include "stipple/error.hpp"
-#include "stipple/proto/digest.hpp"
 
 #include <algorithm>
 #include <cerrno>
 #include <csignal>
-#include <fstream>
 #include <iomanip>
 #include <iostream>
 #include <sstream>
@@ -37,7 +37,8 @@ std::string losses_line(const proto::CloudStatistics& source, const TextStyle& s
 
     std::vector<std::string> losses;
     if (!removed.empty()) losses.push_back("removed " + joined(removed, ", "));
-    if (!source.skipped.empty()) losses.push_back("left out " + joined(source.skipped, ", "));
+    if (!source.skipped.empty())
+        losses.push_back("left out " + printable(joined(source.skipped, ", ")));
     return joined(losses, " " + std::string(style.dot()) + " ");
 }
 
@@ -82,17 +83,7 @@ std::string bound_line(const proto::MeasuredBound& bound, std::uint64_t points,
 }
 
 void write_text(const fs::path& destination, const std::string& text) {
-    const fs::path partial = destination.string() + ".partial-" + proto::random_hex(4);
-    std::ofstream stream(partial, std::ios::binary);
-    stream << text;
-    stream.close();
-    std::error_code error;
-    if (stream) fs::rename(partial, destination, error);
-    if (!stream || error) {
-        std::error_code ignored;
-        fs::remove(partial, ignored);
-        throw Error(ErrorCode::Internal, destination.string() + ": nothing can be written there");
-    }
+    write_into_place(destination, [&](std::ostream& out) { out << text; });
 }
 
 void write_out(const std::string& text) {
@@ -147,9 +138,9 @@ void print_line(const std::string& text, const Terminal& terminal) {
 void print_warnings(const proto::ErrorFigures& figures, const fs::path& candidate,
                     const Terminal& terminal) {
     for (const std::string& warning : figures.warnings)
-        print_line(
-            terminal.style().bad("warning:") + " " + candidate.filename().string() + ": " + warning,
-            terminal);
+        print_line(terminal.style().bad("warning:") + " " +
+                       printable(candidate.filename().string() + ": " + warning),
+                   terminal);
 }
 
 ordered_json bounds_json(const Aabb& box) {

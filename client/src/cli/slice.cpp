@@ -18,7 +18,8 @@ using nlohmann::ordered_json;
 /// From the folder of a pyramid.
 proto::Slice slice_here(const SliceCommand& command, const Session& session) {
     const fs::path folder = command.pyramid;
-    if (!fs::is_directory(folder))
+    std::error_code none;
+    if (!fs::is_directory(folder, none))
         throw Error(ErrorCode::NotFound,
                     folder.string() + ": no such folder; the id of a job needs --server");
     const proto::Results pyramid = read_manifest(folder);
@@ -31,13 +32,20 @@ proto::Slice slice_here(const SliceCommand& command, const Session& session) {
     RunContext context;
     context.stop = session.stop;
     context.threads = command.common.threads;
-    proto::Slice slice = proto::slice_pyramid(
-        pyramid, options,
-        [&](const proto::OutputFile& file) {
-            // A manifest of foreign making names no file elsewhere.
-            return read_file(folder / fs::path(file.href).filename());
-        },
-        context);
+    fs::path at = folder / "manifest.json";  // the file that is being read
+    const auto read = [&](const proto::OutputFile& file) {
+        // A manifest of foreign making names no file elsewhere.
+        at = folder / fs::path(file.href).filename();
+        return read_file(at);
+    };
+    const auto cut = [&] {
+        try {
+            return proto::slice_pyramid(pyramid, options, read, context);
+        } catch (const Error& error) {
+            throw named_after(at, error);
+        }
+    };
+    const proto::Slice slice = cut();
     write_text(command.output,
                {reinterpret_cast<const char*>(slice.bytes.data()), slice.bytes.size()});
     return slice;
@@ -47,14 +55,21 @@ proto::Slice slice_there(const SliceCommand& command, const Session& session) {
     Client client(command.server.url, {.api_key = command.server.api_key,
                                        .stop = session.stop,
                                        .timeout = std::chrono::seconds(120)});
-    return naming_key(
-        [&] { return client.slice(command.pyramid, command.options, command.output); });
+    const ScratchFolder scratch(folder_of(command.output));
+    const fs::path file = scratch.path() / "slice";
+    proto::Slice slice =
+        naming_key([&] { return client.slice(command.pyramid, command.options, file); });
+    move_into_place(file, command.output);
+    return slice;
 }
 
 }  // namespace
 
 void run(const SliceCommand& command, const Session& session) {
     const auto start = std::chrono::steady_clock::now();
+    require_place_of(command.output);
+    require_place_of(command.common.json);
+    require_apart({}, {command.output, command.common.json});
     const bool here = command.server.url.empty();
     const proto::Slice slice = here ? slice_here(command, session) : slice_there(command, session);
     const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
