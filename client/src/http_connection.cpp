@@ -90,6 +90,12 @@ HttpConnection::HttpConnection(BaseUrl url, const std::string& api_key,
     : url_(std::move(url)), timeout_(timeout), stop_(std::move(stop)) {
     common_headers_.emplace_back("Accept", "application/json, application/problem+json, */*;q=0.1");
     common_headers_.emplace_back("Accept-Encoding", "identity");
+    // What a header cannot hold would be the next one.
+    const auto is_visible = [](unsigned char c) { return c > 0x20 && c < 0x7f; };
+    if (!std::ranges::all_of(api_key, is_visible))
+        throw Error(ErrorCode::InvalidArgument,
+                    "api_key: expected letters, digits and signs of ASCII alone, no spaces and no "
+                    "line breaks");
     if (!api_key.empty()) common_headers_.emplace_back("Authorization", "Bearer " + api_key);
 }
 

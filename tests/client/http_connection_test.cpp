@@ -1,5 +1,7 @@
 #include "http_connection.hpp"
 
+#include "stipple/error.hpp"
+
 #include <gtest/gtest.h>
 
 namespace stipple {
@@ -11,6 +13,17 @@ TEST(HttpReply, HasItsFieldsWhateverTheCaseOfTheirNames) {
     EXPECT_EQ(reply.field("x-empty"), "");
     EXPECT_EQ(reply.field("Stipple-Point"), std::nullopt);
     EXPECT_EQ(reply.field("Stipple-Points-"), std::nullopt);
+}
+
+TEST(HttpConnection, RefusesAKeyThatWouldBeMoreThanItsHeader) {
+    const auto connect = [](const std::string& key) {
+        return HttpConnection(parse_base_url("http://127.0.0.1:1"), key, std::chrono::seconds(1),
+                              {});
+    };
+    EXPECT_NO_THROW(connect(""));
+    EXPECT_NO_THROW(connect("stpl_A-b.c~1+/="));
+    for (const char* const key : {"a\r\nX-Injected: y", "a b", "a\x7f", "\xc3\xa4"})
+        EXPECT_THROW(connect(key), Error) << key;
 }
 
 }  // namespace
