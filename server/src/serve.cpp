@@ -178,7 +178,7 @@ int serve(const ServerConfig& config) {
     std::unique_ptr<JobRunner> runner;
     if (config.role != Role::Api) runner = make_process_job_runner(job_program());
     close_to_others();
-    make_room_for(config.max_connections);
+    if (config.role != Role::Worker) make_room_for(config.max_connections);
     make_data_folder(config.data);
     const auto locks = lock_parts(config.data, parts_of(config.role));
     const auto keys = config.api_keys ? http::ApiKeys::read(*config.api_keys) : http::ApiKeys();

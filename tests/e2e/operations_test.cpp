@@ -8,6 +8,7 @@
 
 #include <gtest/gtest.h>
 #include <sys/mount.h>
+#include <sys/resource.h>
 #include <sys/socket.h>
 #include <unistd.h>
 #include <csignal>
@@ -213,6 +214,19 @@ TEST(Stippled, ScrubTellsOfFilesThatAreMissingAndChangesNothing) {
     EXPECT_NE(said.find(cloud + "  is missing"), said.npos) << said;
     EXPECT_NE(said.find("status 1"), said.npos) << said;
     EXPECT_FALSE(fs::exists(server.data() / "api.lock"));
+}
+
+TEST(Stippled, MayOpenTheFilesThatItsConnectionsNeed) {
+    rlimit before{};
+    ASSERT_EQ(::getrlimit(RLIMIT_NOFILE, &before), 0);
+    if (before.rlim_max < 2000) GTEST_SKIP() << "this machine allows fewer open files";
+    const rlimit few{200, before.rlim_max};
+    ASSERT_EQ(::setrlimit(RLIMIT_NOFILE, &few), 0);
+    const StippledProcess server({"--max-connections", "800"});
+    ::setrlimit(RLIMIT_NOFILE, &before);
+    rlimit raised{};
+    ASSERT_EQ(::prlimit(server.pid(), RLIMIT_NOFILE, nullptr, &raised), 0);
+    EXPECT_GE(raised.rlim_cur, 1600U);
 }
 
 TEST(Stippled, EndsInOrderWhenItsTerminalIsClosed) {
