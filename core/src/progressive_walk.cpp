@@ -14,6 +14,8 @@ void ProgressiveWalk::find_neighbors(const RunContext& context) {
     neighbors_ = stipple::find_neighbors(places_, CellBlocks(places_, block_bits_), context);
 }
 
+/// Neighbours stay those of the old places; planes go by places on the new grid, each of which is
+/// the middle of an old cell until that is split.
 void ProgressiveWalk::begin_splitting() {
     phase_ = Phase::Split;
     visited_ = 0;

@@ -9,6 +9,9 @@ import { join, resolve } from 'node:path';
 import { pathToFileURL } from 'node:url';
 import { parseArgs } from 'node:util';
 
+import { ply, spherePoints } from '../browser/clouds.mjs';
+import { ReferenceDecoder } from './reference_decoder.mjs';
+
 const { values: options } = parseArgs({ options: { bin: { type: 'string' }, viewer: { type: 'string' } } });
 const folder = mkdtempSync(join(tmpdir(), 'stipple-stream-'));
 const run = (...args) => execFileSync(join(options.bin, 'stipple'), [...args, '--quiet'], { stdio: ['ignore', 'pipe', 'inherit'] });
@@ -121,6 +124,43 @@ try {
         assert.match(stderr.replace(/\s+/g, ' '), pattern);
     }
     console.log(`ok      ${impossible.length} headers that cannot be`);
+    // A decoder written from the document has the same cells and channels, and shows them in the same places, after each batch.
+    const range = (n) => Array.from({ length: n }, (_, i) => i);
+    const written = (name, points, isColored, properties) => {
+        writeFileSync(join(folder, name), ply(points, isColored, properties));
+        return name;
+    };
+    run('synthesize', join(folder, 'small.ply'), '--points', '1500', '--seed', '5');
+    const ofAlpha = spherePoints(700).map((place, i) => [...place, i % 256, (7 * i) % 256, 50, (3 * i) % 256]);
+    const clusters = range(600).map((i) => [5e6 + (i % 2) * 1e4 + Math.sin(i), Math.cos(1.7 * i), Math.sin(0.3 * i)]);
+    const clouds = [
+        ['small.ply'], ['small.ply', '--precision', '1e-5'],
+        [written('alpha.ply', ofAlpha, true, { hasAlpha: true, scalars: { gap: ([x]) => (x > 0 ? Infinity : x), height: ([, , z]) => z } })],
+        [written('sphere.ply', spherePoints(1200), false)], [written('double.ply', clusters, false, { type: 'double' })],
+        [written('line.ply', range(500).map((i) => [i, 0, 0]), false)], [written('plane.ply', range(900).map((i) => [i % 30, Math.floor(i / 30), 5]), false)],
+        [written('places.ply', range(300).map((i) => [i % 5 + 1e-4 * i, 0, 0]), false), '--precision', '0.1'],
+        [written('one.ply', [[1, 2, 3]], false)], [written('two.ply', [[1, 2, 3], [1, 2, 4]], false)],
+    ];
+    for (const [name, ...how] of clouds) {
+        const packed = join(folder, 'packed.stpc'), unpacked = join(folder, 'unpacked.ply');
+        run('convert', join(folder, name), packed, ...how);
+        const stored = readFileSync(packed);
+        const reference = new ReferenceDecoder(stored);
+        for (const { points, shift } of reference.header.batches) {
+            reference.decodeBatch();
+            const decoder = new ProgressiveDecoder(points);
+            decoder.feed(stored.subarray(0, reference.at));
+            const what = `${name}, ${points} points`;
+            assert.equal(decoder.size, points, what);
+            assert.deepEqual(reference.cells.flat(), [...decoder.shownPlaces()].map((place) => (place / 2 ** shift - 1) / 2), what);
+            assert.deepEqual(reference.channels.flat(), [...decoder.values.subarray(0, points * decoder.layout.channels.length)], what);
+            run('convert', packed, unpacked, '--bytes', String(reference.at));
+            const { has, origin } = reference.header, shown = reference.positions();
+            const inFile = has(8) ? Float64Array.from(shown, (x, k) => origin[k % 3] + x) : shown;
+            assert.deepEqual(raw(inFile), column(unpacked, ['x', 'y', 'z']), what);
+        }
+        console.log(`ok      the reference's ${name}: ${reference.cells.length} points, ${reference.header.batches.length} batches`);
+    }
     // Hostile bytes end in an error or in fewer points, not in a hang.
     let seed = 1;
     const random = (n) => { seed = (Math.imul(seed, 1103515245) + 12345) >>> 0; return (seed >>> 8) % n; };
