@@ -11,7 +11,6 @@
 #include <array>
 #include <chrono>
 #include <cmath>
-#include <fstream>
 #include <ranges>
 #include <sstream>
 #include <utility>
@@ -175,9 +174,8 @@ void publish(const EvaluateCommand& command, const proto::Results& results, cons
     const std::size_t all = results.levels.size();
     const auto place = [&](const std::string& name, const fs::path& map) {
         // The scratch folder may lie on another file system than the map.
-        write_into_place(map, [&](std::ostream& out) {
-            out << std::ifstream(scratch / name, std::ios::binary).rdbuf();
-        });
+        const std::vector<std::byte> bytes = read_file(scratch / name);
+        write_text(map, {reinterpret_cast<const char*>(bytes.data()), bytes.size()});
         json["maps"].push_back(map.string());
     };
     for (const fs::path& map : command.maps) {

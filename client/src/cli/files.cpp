@@ -6,7 +6,6 @@
 #include <cerrno>
 #include <cstdlib>
 #include <fstream>
-#include <ostream>
 #include <system_error>
 
 namespace stipple::cli {
@@ -140,12 +139,12 @@ void move_into_place(const fs::path& from, const fs::path& to) {
                     to.string() + ": cannot be written: " + error.message());
 }
 
-void write_into_place(const fs::path& file, const std::function<void(std::ostream&)>& write) {
+void write_text(const fs::path& file, std::string_view text) {
     const ScratchFolder beside(folder_of(file));
     const fs::path whole = beside.path() / "whole";
     errno = 0;
     std::ofstream stream(whole, std::ios::binary);
-    write(stream);
+    stream << text;
     if (stream) stream.close();
     if (!stream) {
         const int code = errno;

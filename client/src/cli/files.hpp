@@ -6,9 +6,8 @@
 
 #include <cstddef>
 #include <filesystem>
-#include <functional>
-#include <iosfwd>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace stipple::cli {
@@ -53,8 +52,7 @@ void require_place_of(const std::filesystem::path& file);
 /// permissions of the old. A link stays one.
 void move_into_place(const std::filesystem::path& from, const std::filesystem::path& to);
 /// Whole or not at all. @throws Error naming the file, and why it could not be written.
-void write_into_place(const std::filesystem::path& file,
-                      const std::function<void(std::ostream&)>& write);
+void write_text(const std::filesystem::path& file, std::string_view text);
 /// `write_cloud` to the file, likewise; a failure to encode the cloud names it, too.
 void write_cloud_into_place(const PointCloud& cloud, const std::filesystem::path& file,
                             const PlyEncodeOptions& ply, const DracoEncodeOptions& draco,

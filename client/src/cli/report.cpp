@@ -82,10 +82,6 @@ std::string bound_line(const proto::MeasuredBound& bound, std::uint64_t points,
                       " of the input, farther than that from the surface of all");
 }
 
-void write_text(const fs::path& destination, const std::string& text) {
-    write_into_place(destination, [&](std::ostream& out) { out << text; });
-}
-
 void write_out(const std::string& text) {
     std::cout << text << std::flush;
     if (!std::cout && errno == EPIPE) {  // as when nobody had asked for the signal to be ignored

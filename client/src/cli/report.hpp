@@ -42,8 +42,6 @@ void print_warnings(const proto::ErrorFigures& figures, const std::filesystem::p
 std::string bound_line(const proto::MeasuredBound& bound, std::uint64_t points,
                        const TextStyle& style);
 
-/// Whole or not at all. @throws Error naming the file.
-void write_text(const std::filesystem::path& destination, const std::string& text);
 /// To standard output. @throws Error where it takes nothing.
 void write_out(const std::string& text);
 /// To the file of `--json`, whole or not at all; `-` is standard output.
