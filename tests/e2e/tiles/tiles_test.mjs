@@ -17,6 +17,7 @@ const { values: options } = parseArgs({
     options: { bin: { type: 'string' }, modules: { type: 'string' }, schema: { type: 'string' }, scans: { type: 'string' } },
 });
 const modules = resolve(options.modules);
+const folder = mkdtempSync(join(tmpdir(), 'stipple-tiles-'));
 const require = createRequire(join(modules, 'package.json'));
 const validator = require('gltf-validator');
 const Ajv = require('ajv/dist/2020').default;
@@ -24,9 +25,9 @@ const load = (path) => import(pathToFileURL(join(modules, 'three', path)));
 const THREE = await load('build/three.module.js');
 const { GLTFLoader } = await load('examples/jsm/loaders/GLTFLoader.js');
 const { MeshoptDecoder } = await load('examples/jsm/libs/meshopt_decoder.module.js');
+const { readTile } = await importViewer('glb_tile.js');
 const fitsSchema = new Ajv({ allErrors: true }).compile(JSON.parse(readFileSync(options.schema, 'utf8')));
 
-const folder = mkdtempSync(join(tmpdir(), 'stipple-tiles-'));
 const run = (...args) => execFileSync(join(options.bin, 'stipple'), args, { stdio: ['ignore', 'pipe', 'inherit'] });
 
 function written(name, points) {
@@ -40,6 +41,14 @@ function synthesized(...args) {
     const file = join(folder, 'synthetic.ply');
     run('synthesize', file, ...args, '--quiet');
     return file;
+}
+
+/** A module of the viewer, with three.js from the modules of the test. */
+function importViewer(name) {
+    const source = readFileSync(new URL(`../../../viewer/src/${name}`, import.meta.url), 'utf8');
+    const copy = join(folder, name.replace(/js$/, 'mjs'));
+    writeFileSync(copy, source.replaceAll("'three/addons/", `'${pathToFileURL(join(modules, 'three/examples/jsm'))}/`));
+    return import(pathToFileURL(copy));
 }
 
 function writtenWithAlpha() {
@@ -108,6 +117,14 @@ async function check(tile, bytes) {
     assert.equal(points, tile.extras.points);
 }
 
+/** What the viewer reads: alpha is none of the attributes of the cloud. */
+async function checkAlpha(bytes) {
+    const { buffer } = new Uint8Array(bytes);
+    const { colors, attributes } = await readTile(buffer);
+    assert.deepEqual(Object.keys(attributes), []);
+    assert.deepEqual([...colors.subarray(0, 3)], [200, 100, 50]);
+}
+
 /** The tiles together are where the cloud is. */
 function checkPlace({ transform }, tiles, { min, max }, rounding) {
     for (const k of [0, 1, 2]) {
@@ -140,7 +157,11 @@ for (const { name, file, by } of pyramids) {
         const finest = tiles.filter(({ children }) => !children);
         const step = Math.max(...manifest.levels.at(-1).files.map(({ tile }) => tile?.step ?? 0));
         checkPlace(root, finest, manifest.source.bounds, 1.5 * step);
-        for (const tile of tiles) await check(tile, readFileSync(join(out, tile.content.uri)));
+        for (const tile of tiles) {
+            const bytes = readFileSync(join(out, tile.content.uri));
+            await check(tile, bytes);
+            if (name === 'colours with alpha') await checkAlpha(bytes);
+        }
         console.log(`ok    ${name}: ${tiles.length} tiles`);
         rmSync(out, { recursive: true });
     } catch (error) {
