@@ -2,8 +2,10 @@
 
 #include "http/request_head.hpp"
 
+#include <linux/sockios.h>
 #include <poll.h>
 #include <sys/eventfd.h>
+#include <sys/ioctl.h>
 #include <sys/socket.h>
 #include <algorithm>
 #include <array>
@@ -17,6 +19,13 @@ namespace {
 using namespace std::chrono_literals;
 
 constexpr std::size_t kReceiveBytes = 16 * 1024;
+constexpr auto kLookAtClient = 1000ms;
+
+/// Bytes handed to the kernel that the client has not acknowledged.
+std::uint64_t unacknowledged(const FileDescriptor& socket) noexcept {
+    int bytes = 0;
+    return ::ioctl(socket.get(), SIOCOUTQ, &bytes) == 0 ? static_cast<std::uint64_t>(bytes) : 0;
+}
 
 }  // namespace
 
@@ -38,8 +47,7 @@ ClientSocket::ClientSocket(FileDescriptor fd, std::string address, const Patienc
       abort_(abort) {}
 
 void ClientSocket::begin_exchange() noexcept {
-    body_bytes_ = reply_bytes_ = 0;
-    body_waited_ = reply_waited_ = {};
+    body_time_ = reply_time_ = patience_.grace;
 }
 
 std::optional<std::string> ClientSocket::read_head() {
@@ -74,12 +82,11 @@ std::size_t ClientSocket::read_some(std::span<std::byte> out) {
         received_.erase(0, n);
     } else {
         const auto begin = Clock::now();
-        n = receive({reinterpret_cast<char*>(out.data()), out.size()},
-                    begin + allowance(body_bytes_) - body_waited_, false);
-        body_waited_ += Clock::now() - begin;
+        n = receive({reinterpret_cast<char*>(out.data()), out.size()}, begin + body_time_, false);
+        body_time_ -= Clock::now() - begin;
         if (n == 0) throw Disconnected();
     }
-    body_bytes_ += n;
+    earn(body_time_, n, patience_.silence);
     return n;
 }
 
@@ -89,16 +96,30 @@ void ClientSocket::write_all(std::string_view bytes) {
             ::send(fd_.get(), bytes.data(), bytes.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
         if (sent > 0) {
             bytes.remove_prefix(static_cast<std::size_t>(sent));
-            reply_bytes_ += static_cast<std::uint64_t>(sent);
+            handed_over_ += static_cast<std::uint64_t>(sent);
             continue;
         }
         if (errno == EINTR) continue;
         if (errno != EAGAIN && errno != EWOULDBLOCK) throw Disconnected();
+        wait_until_writable();
+    }
+}
+
+/// The kernel lets us write again only when a good part of its buffer is free: a client that reads
+/// on meanwhile is seen by what it acknowledges.
+void ClientSocket::wait_until_writable() {
+    while (true) {
         const auto begin = Clock::now();
         const Waited waited =
-            wait_for(POLLOUT, begin + allowance(reply_bytes_) - reply_waited_, false);
-        reply_waited_ += Clock::now() - begin;
-        if (waited != Waited::Ready) throw Disconnected();
+            wait_for(POLLOUT, begin + std::min<Clock::duration>(reply_time_, kLookAtClient), false);
+        reply_time_ -= Clock::now() - begin;
+        const std::uint64_t left = unacknowledged(fd_);
+        if (handed_over_ > taken_in_ + left) {
+            earn(reply_time_, handed_over_ - left - taken_in_, patience_.pause);
+            taken_in_ = handed_over_ - left;
+        }
+        if (waited == Waited::Ready) return;
+        if (waited == Waited::Stopped || reply_time_ <= 0ms) throw Disconnected();
     }
 }
 
@@ -118,6 +139,11 @@ void ClientSocket::close_gently() noexcept {
         const bool later = n < 0 && (errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR);
         if (!later || wait_for(POLLIN, deadline, false) != Waited::Ready) return;
     }
+}
+
+void ClientSocket::end_by_reset() noexcept {
+    const linger at_once{.l_onoff = 1, .l_linger = 0};
+    ::setsockopt(fd_.get(), SOL_SOCKET, SO_LINGER, &at_once, sizeof at_once);
 }
 
 ClientSocket::Waited ClientSocket::wait_for(short events, Clock::time_point deadline,
@@ -148,7 +174,8 @@ std::size_t ClientSocket::receive(std::span<char> out, Clock::time_point deadlin
             throw HttpError(408, "the request came too slowly: a head has " +
                                      std::to_string(patience_.head.count()) + " ms, a body needs " +
                                      std::to_string(patience_.min_bytes_per_second) +
-                                     " bytes per second");
+                                     " bytes per second, without a silence of " +
+                                     std::to_string(patience_.silence.count()) + " ms");
         }
         const ssize_t n = ::recv(fd_.get(), out.data(), out.size(), MSG_DONTWAIT);
         if (n >= 0) return static_cast<std::size_t>(n);
@@ -156,12 +183,12 @@ std::size_t ClientSocket::receive(std::span<char> out, Clock::time_point deadlin
     }
 }
 
-ClientSocket::Clock::duration ClientSocket::allowance(std::uint64_t bytes) const noexcept {
-    const double seconds =
-        static_cast<double>(bytes) / static_cast<double>(patience_.min_bytes_per_second);
-    // A day is as good as for ever, and does not overflow.
-    return patience_.grace + std::chrono::duration_cast<Clock::duration>(
-                                 std::chrono::duration<double>(std::min(seconds, 86'400.0)));
+void ClientSocket::earn(Clock::duration& time, std::uint64_t bytes,
+                        Clock::duration most) const noexcept {
+    const std::chrono::duration<double> earned(static_cast<double>(bytes) /
+                                               static_cast<double>(patience_.min_bytes_per_second));
+    const auto added = std::min<std::chrono::duration<double>>(earned, most);
+    time = std::min(time + std::chrono::duration_cast<Clock::duration>(added), most);
 }
 
 }  // namespace stipple::server::http

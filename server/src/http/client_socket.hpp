@@ -13,12 +13,17 @@
 
 namespace stipple::server::http {
 
-/// How long we wait for the other side. A head has a deadline; a body, and a reply, may keep us
-/// waiting for `grace` and for what its bytes take at the slowest rate.
+/// How long we wait for the other side. A head has a deadline. A body, and a reply, may keep us
+/// waiting for `grace` at first and, for each of its bytes, for what that takes at the slowest
+/// rate; no more than `silence` of a sender, or `pause` of a reader, is saved up, whatever came
+/// before.
 struct Patience {
     std::chrono::milliseconds head{5'000};         ///< for a whole head, from its first byte on
     std::chrono::milliseconds keep_alive{10'000};  ///< between two requests
     std::chrono::milliseconds grace{10'000};
+    std::chrono::milliseconds silence{20'000};
+    /// The longer since we hear of what was read in lumps only, of 200 kB or so.
+    std::chrono::milliseconds pause{60'000};
     std::uint64_t min_bytes_per_second = 4096;
 };
 
@@ -56,7 +61,8 @@ public:
     /// Disconnected.
     std::size_t read_some(std::span<std::byte> out);
 
-    /// @throws Disconnected also when the client takes the bytes too slowly.
+    /// @throws Disconnected also when the client takes the bytes too slowly. Those that wait in
+    /// the kernel are not taken.
     void write_all(std::string_view bytes);
 
     /// Whether the client has closed the connection, as far as is known without waiting.
@@ -66,6 +72,9 @@ public:
     /// to a reset.
     void close_gently() noexcept;
 
+    /// Has the connection end by a reset, so that the client takes nothing for whole.
+    void end_by_reset() noexcept;
+
 private:
     using Clock = std::chrono::steady_clock;
     enum class Waited { Ready, TimedOut, Stopped };
@@ -73,16 +82,19 @@ private:
     /// 0 at the end of the stream; between requests also when nothing came in time.
     std::size_t receive(std::span<char> out, Clock::time_point deadline,
                         bool between_requests) const;
-    Clock::duration allowance(std::uint64_t bytes) const noexcept;
+    void wait_until_writable();
+    /// For so many bytes that moved the client may keep us waiting longer.
+    void earn(Clock::duration& time, std::uint64_t bytes, Clock::duration most) const noexcept;
 
     FileDescriptor fd_;
     const std::string address_;
     const Patience& patience_;
     const StopEvent& drain_;
     const StopEvent& abort_;
-    std::string received_;  ///< read from the socket, not yet used
-    std::uint64_t body_bytes_ = 0, reply_bytes_ = 0;
-    Clock::duration body_waited_{}, reply_waited_{};
+    std::string received_;                        ///< read from the socket, not yet used
+    Clock::duration body_time_{}, reply_time_{};  ///< that we still wait
+    std::uint64_t handed_over_ = 0;               ///< bytes of replies, to the kernel
+    std::uint64_t taken_in_ = 0;                  ///< of these by the client
 };
 
 }  // namespace stipple::server::http

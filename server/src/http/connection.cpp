@@ -114,6 +114,7 @@ private:
 struct ContentSetter {
     httplib::Response& response;
     const std::string& media_type;
+    bool takes_chunks;  ///< else a stream ends with its connection
 
     void operator()(std::string& text) const {
         if (!text.empty()) response.set_content(text, media_type);
@@ -145,15 +146,18 @@ struct ContentSetter {
                 });
     }
     void operator()(const Stream& stream) const {
-        response.set_chunked_content_provider(media_type,
-                                              [stream](std::size_t, httplib::DataSink& sink) {
-                                                  stream([&sink](std::string_view piece) {
-                                                      if (!sink.write(piece.data(), piece.size()))
-                                                          throw Disconnected();
-                                                  });
-                                                  sink.done();
-                                                  return true;
-                                              });
+        const auto provide_all = [stream](std::size_t, httplib::DataSink& sink) {
+            stream([&sink](std::string_view piece) {
+                if (!sink.write(piece.data(), piece.size())) throw Disconnected();
+            });
+            sink.done();
+            return true;
+        };
+        if (takes_chunks) {
+            response.set_chunked_content_provider(media_type, provide_all);
+        } else {
+            response.set_content_provider(media_type, provide_all);
+        }
     }
 
 private:
@@ -171,8 +175,9 @@ private:
 class Library : private httplib::Server {
 public:
     /// @param answer  called with each parsed request.
-    explicit Library(std::function<Reply(const httplib::Request&)> answer)
-        : answer_(std::move(answer)) {
+    /// @param takes_chunks  whether the client knows chunked content.
+    Library(std::function<Reply(const httplib::Request&)> answer, bool takes_chunks)
+        : answer_(std::move(answer)), takes_chunks_(takes_chunks) {
         set_keep_alive_max_count(kMaxRequestsPerConnection);
         set_keep_alive_timeout(10);  // only told to the client, as Patience::keep_alive is
         svr_sock_ =
@@ -212,15 +217,16 @@ private:
         }
     }
 
-    static void fill(httplib::Response& response, Reply reply) {
+    void fill(httplib::Response& response, Reply reply) const {
         response.status = reply.status;
         for (const auto& [name, value] : reply.headers) response.set_header(name, value);
         // Of a HEAD alone the library would say that it takes ranges.
         if (!reply.headers.find("Accept-Ranges")) response.set_header("Accept-Ranges", "none");
-        std::visit(ContentSetter{response, reply.media_type}, reply.content);
+        std::visit(ContentSetter{response, reply.media_type, takes_chunks_}, reply.content);
     }
 
     std::function<Reply(const httplib::Request&)> answer_;
+    const bool takes_chunks_;
 };
 
 /// What of a head the library needs to see.
@@ -235,6 +241,7 @@ public:
     Exchange(RequestHead head, ClientSocket& socket, Application& application, std::stop_token stop,
              bool close)
         : head_(std::move(head)),
+          socket_(socket),
           application_(application),
           stream_(head_for_library(head_, close), socket),
           close_(close),
@@ -254,7 +261,8 @@ public:
     /// @returns whether the connection can be used for another request.
     bool run() {
         const auto begin = std::chrono::steady_clock::now();
-        Library library([this](const httplib::Request& parsed) { return answer(parsed); });
+        Library library([this](const httplib::Request& parsed) { return answer(parsed); },
+                        !head_.http_1_0);
         const bool processed = library.process(stream_, close_);
         stream_.flush();
         const bool sent = processed && !stream_.broken();
@@ -263,7 +271,10 @@ public:
                                        .bytes = stream_.written(),
                                        .seconds = std::chrono::steady_clock::now() - begin,
                                        .complete = sent});
-        if (!sent) throw Disconnected();
+        if (!sent) {
+            socket_.end_by_reset();  // half a reply that ends with its connection would look whole
+            throw Disconnected();
+        }
         return !close_ && body_.finished();
     }
 
@@ -279,6 +290,7 @@ private:
             reply = application_.handle(request_);
         } catch (const Disconnected&) {
             stream_.give_up();  // the library would make a reply of the exception
+            reply.status = kClientLeft;
         }
         if (reply.status == 204 || reply.status == 304) stream_.leave_out_length();
         stream_.gather(!std::holds_alternative<Stream>(reply.content));
@@ -291,6 +303,7 @@ private:
     }
 
     const RequestHead head_;
+    ClientSocket& socket_;
     Application& application_;
     GuardedStream stream_;
     const bool close_;

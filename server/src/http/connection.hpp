@@ -9,9 +9,13 @@
 
 namespace stipple::server::http {
 
+/// The status under which a request is counted whose client left, or was too slow, before there was
+/// a reply: as nginx has it. Never sent.
+inline constexpr int kClientLeft = 499;
+
 /// What was answered.
 struct Served {
-    int status = 0;
+    int status = 0;           ///< kClientLeft: the client left before there was a reply
     std::uint64_t bytes = 0;  ///< of the reply, head included
     std::chrono::duration<double> seconds{};
     bool complete = true;  ///< false: the client left before its end
@@ -23,7 +27,7 @@ public:
     virtual ~Application() = default;
     /// @throws Disconnected; every other failure is made a reply.
     virtual Reply handle(Request& request) = 0;
-    /// The reply is known, and none of it is sent: who has it finds it counted.
+    /// The reply is known, and none of it is sent: who has it finds it counted. Also kClientLeft.
     virtual void answered(const Request& request, int status) = 0;
     /// The reply was sent, as far as the client took it.
     virtual void served(const Request& request, const Served& outcome) = 0;
