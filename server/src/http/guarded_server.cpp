@@ -5,6 +5,7 @@
 #include <netdb.h>
 #include <netinet/tcp.h>
 #include <poll.h>
+#include <sys/resource.h>
 #include <sys/socket.h>
 #include <algorithm>
 #include <array>
@@ -56,27 +57,50 @@ FileDescriptor listen_on(const GuardedServerOptions& options) {
     return fd;
 }
 
-/// The numeric address and the port of an end of a connection.
-std::pair<std::string, std::uint16_t> name_of(const sockaddr_storage& address) {
-    std::array<char, INET6_ADDRSTRLEN> text{};
-    if (address.ss_family == AF_INET6) {
-        const auto& v6 = reinterpret_cast<const sockaddr_in6&>(address);
-        ::inet_ntop(AF_INET6, &v6.sin6_addr, text.data(), text.size());
-        return {text.data(), ntohs(v6.sin6_port)};
-    }
-    const auto& v4 = reinterpret_cast<const sockaddr_in&>(address);
-    ::inet_ntop(AF_INET, &v4.sin_addr, text.data(), text.size());
-    return {text.data(), ntohs(v4.sin_port)};
-}
-
 std::uint16_t port_of(const FileDescriptor& fd) {
     sockaddr_storage address{};
     socklen_t size = sizeof address;
     ::getsockname(fd.get(), reinterpret_cast<sockaddr*>(&address), &size);
-    return name_of(address).second;
+    return ntohs(address.ss_family == AF_INET6
+                     ? reinterpret_cast<const sockaddr_in6&>(address).sin6_port
+                     : reinterpret_cast<const sockaddr_in&>(address).sin_port);
+}
+
+/// Sends small replies at once, and finds out about a client that dropped off the network: while
+/// nothing is sent (a long poll) as well as while it owes us an acknowledgement. One that pauses is
+/// ended by ClientSocket, before the kernel would.
+void prepare(const FileDescriptor& connection, const Patience& patience) {
+    const auto timeout = patience.pause + 10s;
+    const auto set = [&connection](int level, int option, int value) {
+        ::setsockopt(connection.get(), level, option, &value, sizeof value);
+    };
+    set(IPPROTO_TCP, TCP_NODELAY, 1);
+    set(SOL_SOCKET, SO_KEEPALIVE, 1);
+    set(IPPROTO_TCP, TCP_KEEPIDLE, 15);
+    set(IPPROTO_TCP, TCP_KEEPINTVL, 5);
+    set(IPPROTO_TCP, TCP_KEEPCNT, 3);
+    set(IPPROTO_TCP, TCP_USER_TIMEOUT,
+        static_cast<int>(std::chrono::milliseconds(timeout).count()));
 }
 
 }  // namespace
+
+std::string sender_of(const sockaddr_storage& address) {
+    std::array<char, INET6_ADDRSTRLEN> text{};
+    if (address.ss_family != AF_INET6) {
+        const auto& v4 = reinterpret_cast<const sockaddr_in&>(address);
+        ::inet_ntop(AF_INET, &v4.sin_addr, text.data(), text.size());
+        return text.data();
+    }
+    in6_addr v6 = reinterpret_cast<const sockaddr_in6&>(address).sin6_addr;
+    if (IN6_IS_ADDR_V4MAPPED(&v6)) {
+        ::inet_ntop(AF_INET, v6.s6_addr + 12, text.data(), text.size());
+        return text.data();
+    }
+    std::fill(v6.s6_addr + 8, v6.s6_addr + 16, std::uint8_t{0});
+    ::inet_ntop(AF_INET6, &v6, text.data(), text.size());
+    return std::string(text.data()) + "/64";
+}
 
 GuardedServer::GuardedServer(const GuardedServerOptions& options, Application& application)
     : options_(options),
@@ -142,11 +166,10 @@ void GuardedServer::accept_one() {
         if (errno == EMFILE || errno == ENFILE || errno == ENOMEM) ::poll(nullptr, 0, 50);
         return;
     }
-    const int on = 1;
-    ::setsockopt(fd.get(), IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
+    prepare(fd, options_.patience);
 
-    const std::string name = name_of(address).first;
-    if (!admit(name)) return turn_away(std::move(fd));
+    const std::string name = sender_of(address);
+    if (!leaves_descriptors(fd) || !admit(name)) return turn_away(std::move(fd));
     if (!ensure_thread()) {
         leave(name);
         return turn_away(std::move(fd));
@@ -167,6 +190,16 @@ bool GuardedServer::ensure_thread() {
         return false;
     }
     return true;
+}
+
+/// A connection may need a file, too, and the health check both: half as many descriptors as
+/// connections stay free, of few half. The system gives the lowest that is free, so that a new one
+/// tells how many there are.
+bool GuardedServer::leaves_descriptors(const FileDescriptor& newest) const noexcept {
+    rlimit limit{};
+    ::getrlimit(RLIMIT_NOFILE, &limit);
+    const rlim_t spare = std::min<rlim_t>(options_.max_connections / 2, limit.rlim_cur / 2);
+    return static_cast<rlim_t>(newest.get()) < limit.rlim_cur - spare;
 }
 
 bool GuardedServer::admit(const std::string& address) {

@@ -2,6 +2,7 @@
 
 #include "http/connection.hpp"
 
+#include <sys/socket.h>
 #include <atomic>
 #include <condition_variable>
 #include <cstdint>
@@ -15,6 +16,10 @@
 
 namespace stipple::server::http {
 
+/// Who a connection counts for: an IPv4 address, or the network that one owner of IPv6 addresses
+/// has, `2001:db8:1:2::/64`.
+std::string sender_of(const sockaddr_storage& address);
+
 struct GuardedServerOptions {
     std::string host = "127.0.0.1";
     std::uint16_t port = 0;  ///< 0: any that is free
@@ -24,8 +29,9 @@ struct GuardedServerOptions {
 };
 
 /// Accepts connections and serves each on a thread of its own; there are never more connections
-/// than threads, so none waits for another. Above a cap, or where the system gives no thread more,
-/// a connection is answered 503 by the accepting thread, before a byte of it is read.
+/// than threads, so none waits for another. Above a cap, or where the system gives no thread more
+/// or few file descriptors are left, a connection is answered 503 by the accepting thread, before a
+/// byte of it is read.
 class GuardedServer {
 public:
     /// Listens at once: @throws Error(InvalidArgument) naming the address when that fails.
@@ -54,6 +60,7 @@ private:
     void accept_loop();
     void accept_one();
     bool admit(const std::string& address);
+    bool leaves_descriptors(const FileDescriptor& newest) const noexcept;
     bool ensure_thread();
     void turn_away(FileDescriptor fd);
     void serve_loop();
