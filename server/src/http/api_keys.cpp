@@ -3,8 +3,13 @@
 #include "stipple/error.hpp"
 #include "stipple/proto/digest.hpp"
 
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
 #include <fstream>
+#include <iterator>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <span>
 
 namespace stipple::server::http {
@@ -22,20 +27,76 @@ bool equal_in_constant_time(std::string_view a, std::string_view b) noexcept {
     return difference == 0;
 }
 
-void grant_scope(ApiKeys::Grant& grant, const std::string& scope) {
-    if (scope != "read" && scope != "submit" && scope != "admin") {
-        throw Error(ErrorCode::InvalidArgument,
-                    "scope \"" + scope + "\": expected read, submit or admin");
-    }
+constexpr const char* kExample =
+    R"({"tenant": "lab", "key_sha256": "...", "scopes": ["read", "submit"]})";
+
+Error invalid(const std::string& why) {
+    return {ErrorCode::InvalidArgument, why};
+}
+
+/// The field of an entry. @throws Error when there is none of this type.
+const Json& field(const Json& entry, const char* name, Json::value_t type, const char* expected) {
+    const auto found = entry.find(name);
+    if (found == entry.end())
+        throw invalid(std::string(name) + " is missing: expected " + expected);
+    if (found->type() != type)
+        throw invalid(std::string(name) + " " + found->dump() + ": expected " + expected);
+    return *found;
+}
+
+void grant_scope(ApiKeys::Grant& grant, const Json& scope) {
+    if (scope != "read" && scope != "submit" && scope != "admin")
+        throw invalid("scope " + scope.dump() + ": expected \"read\", \"submit\" or \"admin\"");
     if (scope != "submit") grant.read = true;
     if (scope != "read") grant.submit = true;
 }
 
 ApiKeys::Grant read_grant(const Json& entry) {
-    ApiKeys::Grant grant{.tenant = entry.at("tenant")};
-    if (grant.tenant.empty()) throw Error(ErrorCode::InvalidArgument, "tenant is empty");
-    for (const Json& scope : entry.at("scopes")) grant_scope(grant, scope.get<std::string>());
+    ApiKeys::Grant grant{.tenant = field(entry, "tenant", Json::value_t::string, "a name")};
+    if (grant.tenant.empty()) throw invalid("tenant is empty: expected a name");
+    const Json& scopes =
+        field(entry, "scopes", Json::value_t::array, "a list of read, submit or admin");
+    if (scopes.empty())
+        throw invalid("scopes is empty: give read, submit or admin, or take the entry out");
+    for (const Json& scope : scopes) grant_scope(grant, scope);
     return grant;
+}
+
+std::string read_hash(const Json& entry) {
+    constexpr const char* kRemedy = "what `printf %s KEY | sha256sum` says";
+    std::string hash = field(entry, "key_sha256", Json::value_t::string, kRemedy);
+    if (!proto::is_sha256(hash))
+        throw invalid(std::string("key_sha256 is not 64 lower-case hexadecimal digits: expected ") +
+                      kRemedy);
+    if (hash == proto::sha256_hex({}))
+        throw invalid(std::string("key_sha256 is that of an empty key: expected ") + kRemedy);
+    return hash;
+}
+
+std::string read_text(const std::filesystem::path& file) {
+    if (std::filesystem::is_directory(file)) throw invalid("is a folder: expected a JSON file");
+    std::ifstream in(file);
+    if (!in) throw invalid(std::string("cannot be read: ") + std::strerror(errno));
+    return {std::istreambuf_iterator<char>(in), {}};
+}
+
+Json parse(const std::string& text) {
+    try {
+        return Json::parse(text);
+    } catch (const Json::parse_error& error) {
+        const auto line = std::ranges::count(text.substr(0, error.byte), '\n') + 1;
+        throw invalid("is no JSON from line " + std::to_string(line) + " on: expected a list of " +
+                      kExample);
+    }
+}
+
+/// "entry 2 (tenant lab)", as far as it has one.
+std::string name_of(const Json& entry, std::size_t number) {
+    const std::string name = "entry " + std::to_string(number);
+    const auto tenant = entry.is_object() ? entry.find("tenant") : entry.end();
+    return tenant == entry.end() || !tenant->is_string()
+               ? name
+               : name + " (tenant " + tenant->get<std::string>() + ")";
 }
 
 }  // namespace
@@ -46,27 +107,33 @@ bool ApiKeys::Grant::allows(Scope scope) const noexcept {
 }
 
 ApiKeys ApiKeys::read(const std::filesystem::path& file) {
-    const auto refuse = [&file](const std::string& why) {
-        return Error(ErrorCode::InvalidArgument, "API keys " + file.string() + ": " + why);
-    };
-    std::ifstream in(file);
-    if (!in) throw refuse("the file cannot be read");
     ApiKeys keys;
+    std::string at;
     try {
-        for (const Json& entry : Json::parse(in)) {
-            const std::string hash = entry.at("key_sha256");
-            if (!proto::is_sha256(hash)) {
-                throw refuse(
-                    "key_sha256 is not 64 lower-case hexadecimal digits: make it with `printf %s "
-                    "KEY | sha256sum`");
+        const Json list = parse(read_text(file));
+        if (!list.is_array() || list.empty())
+            throw invalid(std::string("has no key: expected a list of ") + kExample);
+        for (const Json& json : list) {
+            at = name_of(json, keys.entries_.size() + 1) + ": ";
+            if (!json.is_object()) throw invalid(std::string("expected ") + kExample);
+            const Entry entry{read_hash(json), read_grant(json)};
+            for (const Entry& other : keys.entries_) {
+                if (other.key_sha256 == entry.key_sha256)
+                    throw invalid("key_sha256 is that of an entry of tenant " + other.grant.tenant +
+                                  ", too: give each entry a key of its own");
             }
-            keys.entries_.push_back({hash, read_grant(entry)});
+            keys.entries_.push_back(entry);
         }
-    } catch (const Json::exception& error) {
-        throw refuse(error.what());
+    } catch (const Error& error) {
+        throw invalid("--api-keys " + file.string() + ": " + at + error.what());
     }
-    if (keys.entries_.empty()) throw refuse("there is no key in it");
     return keys;
+}
+
+std::size_t ApiKeys::tenants() const {
+    std::set<std::string_view> names;
+    for (const Entry& entry : entries_) names.insert(entry.grant.tenant);
+    return names.size();
 }
 
 std::optional<ApiKeys::Grant> ApiKeys::find(std::string_view key) const {

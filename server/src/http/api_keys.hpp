@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <filesystem>
 #include <optional>
 #include <string>
@@ -15,7 +16,7 @@ enum class Scope { Open, Read, Submit };
 ///
 ///     {"tenant": "lab", "key_sha256": "<64 hexadecimal digits>", "scopes": ["read", "submit"]}
 ///
-/// `admin` stands for all scopes. The keys themselves are nowhere.
+/// `admin` stands for all scopes. The keys themselves are nowhere; no two entries have the same.
 class ApiKeys {
 public:
     struct Grant {
@@ -26,10 +27,11 @@ public:
 
     /// No keys: everyone may do everything, as the tenant `default`.
     ApiKeys() = default;
-    /// @throws Error(InvalidArgument) naming the entry and what is wrong with it.
+    /// @throws Error(InvalidArgument) naming the file, the entry and what is wrong with it.
     static ApiKeys read(const std::filesystem::path& file);
 
     bool required() const noexcept { return !entries_.empty(); }
+    std::size_t tenants() const;  ///< how many there are
     /// Takes the same time for every key.
     std::optional<Grant> find(std::string_view key) const;
 
