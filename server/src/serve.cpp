@@ -193,7 +193,8 @@ int serve(const ServerConfig& config) {
                    .cors_origins = config.cors_origins,
                    .local = !config.api_keys && is_loopback(config.listen),
                    .host_names = config.host_names,
-                   .max_connections = config.max_connections},
+                   .max_connections = config.max_connections,
+                   .max_connections_per_address = config.max_connections_per_address},
                   service, metrics);
     std::unique_ptr<http::GuardedServer> api_server;
     http::Admin admin(service, metrics,

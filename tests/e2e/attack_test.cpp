@@ -246,6 +246,128 @@ TEST(Attack, LongPollsAndStreamsNeverTakeTheLastThread) {
     EXPECT_EQ(request(server.port(), "GET", "/v1/limits").status, 200);
 }
 
+/// An upload under way that holds its place: the server has said that it reads.
+RawConnection& begin_upload(std::list<RawConnection>& uploads, const StippledProcess& server) {
+    uploads.emplace_back(server.port())
+        .send(kPost + "Content-Length: 1000000\r\nExpect: 100-continue\r\n\r\n");
+    return uploads.back();
+}
+
+TEST(Attack, OneSenderCannotTakeAllPlacesForUploads) {
+    const StippledProcess server(
+        {"--max-connections", "64", "--max-connections-per-address", "16"});
+    std::list<RawConnection> uploads;
+    for (int i = 0; i < 3; ++i) {
+        EXPECT_EQ(begin_upload(uploads, server).receive(kGenerous).status, 100);
+        uploads.back().send("ply\n");
+    }
+    const HttpReply refused = begin_upload(uploads, server).receive(kGenerous);
+    EXPECT_EQ(refused.status, 503);
+    EXPECT_NE(refused.body.find("your address has 3 of the 9 places"), std::string::npos)
+        << refused.body;
+    RawConnection other(server.port(), "127.0.0.2");
+    other.send(kPost + "Content-Length: 4\r\n\r\nply\n");
+    EXPECT_EQ(other.receive(kGenerous).status, 201);
+}
+
+TEST(Attack, ConnectionsThatLeaveNoFileDescriptorAreToldSo) {
+    const StippledProcess server;
+    const rlimit few{128, 128};
+    ASSERT_EQ(::prlimit(server.pid(), RLIMIT_NOFILE, &few, nullptr), 0);
+    std::list<RawConnection> many;
+    for (int i = 0; i < 120; ++i) many.emplace_back(server.port());
+    EXPECT_EQ(request(server.admin_port(), "GET", "/readyz").status, 200);
+    RawConnection refused(server.port());
+    EXPECT_EQ(refused.receive(kGenerous).status, 503);
+    many.clear();
+    expect_well(server);
+}
+
+/// A server that queues jobs and does none, and whose places for long polls are all taken.
+struct Polled {
+    const StippledProcess server{{"--role", "api", "--max-connections", "16"}};
+    std::string cloud;
+    std::list<RawConnection> polls;
+
+    Polled() {
+        const HttpReply reply =
+            request(server.port(), "POST", "/v1/clouds", "ply\nformat ascii 1.0\n");
+        cloud = nlohmann::json::parse(reply.body).at("id");
+        const nlohmann::json job = {{"type", "simplify"}, {"input", cloud}, {"points", 1}};
+        const HttpReply queued = request(server.port(), "POST", "/v1/jobs", job.dump(),
+                                         {"Content-Type: application/json"});
+        const std::string target = nlohmann::json::parse(queued.body).at("links").at(0).at("href");
+        for (int i = 0; i < 5; ++i) {
+            polls.emplace_back(server.port())
+                .send("GET " + target + "?wait=60 HTTP/1.1\r\nHost: h\r\n\r\n");
+        }
+        while (request(server.port(), "GET", target + "?wait=0.1").status != 503) {
+        }
+    }
+    std::size_t count(const char* list) const {
+        return nlohmann::json::parse(request(server.port(), "GET", list).body).at("items").size();
+    }
+};
+
+TEST(Attack, WhoIsRefusedAPlaceToWaitHasChangedNothing) {
+    const Polled polled;
+    EXPECT_EQ(request(polled.server.port(), "POST", "/v1/simplify?points=1", "ply\nother").status,
+              503);
+    const nlohmann::json pair = {{"reference", polled.cloud}, {"candidate", polled.cloud}};
+    EXPECT_EQ(request(polled.server.port(), "POST", "/v1/evaluations", pair.dump(),
+                      {"Content-Type: application/json"})
+                  .status,
+              503);
+    EXPECT_EQ(polled.count("/v1/jobs"), 1U);
+    EXPECT_EQ(polled.count("/v1/clouds"), 1U);
+}
+
+TEST(Attack, AFullQueueStoresNoCloudInVain) {
+    const StippledProcess server({"--max-queued", "0"});
+    EXPECT_EQ(request(server.port(), "POST", "/v1/simplify?points=1", "ply\nany").status, 429);
+    EXPECT_EQ(request(server.port(), "GET", "/v1/clouds").body, "{\"items\":[]}");
+}
+
+TEST(Attack, WhoLeavesTakesAJobAlongThatNobodyElseKnows) {
+    const StippledProcess server({"--role", "api"});
+    const std::string body = "ply\nformat ascii 1.0\n";
+    const auto status = [&server]() -> std::string {
+        const auto jobs = nlohmann::json::parse(request(server.port(), "GET", "/v1/jobs").body);
+        return jobs.at("items").empty() ? "none" : jobs.at("items").at(0).at("status");
+    };
+    const auto becomes = [&status](const std::string& wanted) {
+        for (const auto deadline = steady_clock::now() + kGenerous;
+             status() != wanted && steady_clock::now() < deadline;)
+            std::this_thread::sleep_for(20ms);
+        return status() == wanted;
+    };
+    {
+        RawConnection caller(server.port());
+        caller.send("POST /v1/simplify?points=1&wait=60 HTTP/1.1\r\nHost: h\r\nContent-Length: " +
+                    std::to_string(body.size()) + "\r\n\r\n" + body);
+        EXPECT_TRUE(becomes("accepted")) << status();
+    }
+    EXPECT_TRUE(becomes("dismissed")) << status();
+}
+
+TEST(Attack, AnUploadThatBreaksOffIsNoSuccess) {
+    const StippledProcess server;
+    {
+        RawConnection connection(server.port());
+        connection.send(kPost + "Content-Length: 1000000\r\n\r\nply\n");
+    }
+    const auto counted = [&server](const char* status) {
+        return request(server.admin_port(), "GET", "/metrics")
+                   .body.find("route=\"/v1/clouds\",status=\"" + std::string(status) + "\"}") !=
+               std::string::npos;
+    };
+    for (const auto deadline = steady_clock::now() + kGenerous;
+         !counted("499") && !counted("200") && steady_clock::now() < deadline;)
+        std::this_thread::sleep_for(20ms);
+    EXPECT_TRUE(counted("499"));
+    EXPECT_FALSE(counted("200"));
+}
+
 TEST(Attack, AnUploadThatBreaksOffLeavesNothing) {
     const StippledProcess server;
     {

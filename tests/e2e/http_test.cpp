@@ -231,6 +231,10 @@ TEST(Stippled, StreamsEventsToTheFinalStatusAndResumesWhereAStreamWasCut) {
     EXPECT_NE(all.body.find("\"href\":\"/v1/pyramids/" + id), std::string::npos) << all.body;
     EXPECT_TRUE(all.body.ends_with("data: {\"status\":\"successful\"}\n\n")) << all.body;
 
+    RawConnection old(server.port());  // as a proxy speaks that knows no chunks
+    old.send("GET /v1/jobs/" + id + "/events HTTP/1.0\r\n\r\n");
+    EXPECT_EQ(old.receive().body, all.body);
+
     const HttpReply rest =
         request(server.port(), "GET", "/v1/jobs/" + id + "/events", {}, {"Last-Event-ID: 2"});
     EXPECT_EQ(rest.body.find("\nid: 2\n"), std::string::npos);

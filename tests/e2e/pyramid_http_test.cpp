@@ -214,6 +214,19 @@ TEST_F(ServedPyramid, IsExportedAsTheCommandLineWritesIt) {
     EXPECT_EQ(unpacked["manifest.json"].find("/v1/"), std::string::npos);
 }
 
+TEST_F(ServedPyramid, IsExportedToProxiesThatKnowNoChunks) {
+    const auto sent = [](const char* target) {
+        RawConnection connection(server_->port());
+        connection.send("GET " + (target + id_) + ".tar HTTP/1.0\r\n\r\n");
+        return connection.receive();
+    };
+    const HttpReply reply = sent("/v1/pyramids/");
+    EXPECT_EQ(reply.status, 200);
+    EXPECT_EQ(reply.field("Transfer-Encoding"), "");
+    EXPECT_EQ(reply.field("Connection"), "close");
+    EXPECT_TRUE(reply.body == get(".tar").body);
+}
+
 TEST_F(ServedPyramid, IsNotThereUnderAnotherName) {
     const HttpReply reply =
         request(server_->port(), "GET", "/v1/pyramids/" + std::string(32, '0') + ".tar");

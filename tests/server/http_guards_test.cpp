@@ -1,6 +1,7 @@
 #include "http/api_keys.hpp"
 #include "http/conditional.hpp"
 #include "http/framed_body.hpp"
+#include "http/guarded_server.hpp"
 #include "http/permits.hpp"
 #include "http/request_head.hpp"
 
@@ -8,10 +9,12 @@
 
 #include "stipple/proto/digest.hpp"
 
+#include <arpa/inet.h>
 #include <gtest/gtest.h>
 #include <algorithm>
 #include <fstream>
 #include <string>
+#include <thread>
 
 namespace stipple::server::http {
 namespace {
@@ -206,12 +209,87 @@ TEST(ListItem, HasItsQualityAmongOtherParameters) {
     EXPECT_EQ(list_item("gzip;q=many").quality, 0);
 }
 
+Request from(const char* address, const char* tenant = "default") {
+    Request request;
+    request.remote_address = address;
+    request.tenant = tenant;
+    return request;
+}
+
+/// Why there is no place for the request.
+std::string refusal_by(Permits& permits, const Request& request) {
+    try {
+        permits.take(request);
+    } catch (const HttpError& error) {
+        EXPECT_EQ(error.problem.status, 503);
+        EXPECT_TRUE(error.problem.retry_after);
+        return error.problem.detail;
+    }
+    return "none";
+}
+
 TEST(Permits, AreRefusedAboveTheirNumberAndComeBack) {
-    Permits permits("tests", 1);
-    auto first = permits.take();
-    EXPECT_EQ(status_of([&] { permits.take(); }), 503);
+    Permits permits("tests", {.all = 1});
+    auto first = permits.take(from("a"));
+    EXPECT_EQ(status_of([&] { permits.take(from("a")); }), 503);
+    EXPECT_EQ(refusal_by(permits, from("b")), "all 1 places for tests are taken: try again later");
     first.reset();
-    EXPECT_NE(permits.take(), nullptr);
+    EXPECT_NE(permits.take(from("a")), nullptr);
+}
+
+TEST(Permits, LeaveOthersTheirsWhateverOneSenderDoes) {
+    Permits permits("tests", {.all = 4, .of_address = 2, .of_tenant = 3});
+    auto first = permits.take(from("a", "x"));
+    const auto second = permits.take(from("a", "x"));
+    EXPECT_EQ(refusal_by(permits, from("a", "y")),
+              "your address has 2 of the 4 places for tests, as many as one may have: try again "
+              "later");
+    const auto third = permits.take(from("b", "x"));
+    EXPECT_EQ(refusal_by(permits, from("c", "x")),
+              "tenant x has 3 of the 4 places for tests, as many as one may have: try again later");
+    EXPECT_NE(permits.take(from("c", "y")), nullptr);
+    first.reset();
+    EXPECT_NE(permits.take(from("a", "x")), nullptr);
+}
+
+TEST(Permits, AreWaitedForAMoment) {
+    Permits permits("tests", {.all = 1});
+    auto first = permits.take(from("a"));
+    const std::jthread soon([&first] { first.reset(); });
+    EXPECT_NE(permits.take(from("a")), nullptr);
+}
+
+TEST(PlacesAmong, GivesAnAddressItsPartAndATenantAQuarter) {
+    const Places usual = places_among({.connections = 512, .of_address = 128, .tenants = 1}, 65);
+    EXPECT_EQ(usual.all, 65U);
+    EXPECT_EQ(usual.of_address, 17U);
+    EXPECT_EQ(usual.of_tenant, 65U);
+    EXPECT_EQ(places_among({.tenants = 2}, 65).of_tenant, 17U);
+    const Places behind_proxy = places_among({.connections = 512, .of_address = 512}, 65);
+    EXPECT_EQ(behind_proxy.of_address, 65U);
+    EXPECT_EQ(places_among({.connections = 16, .of_address = 128}, 5).of_address, 5U);
+    EXPECT_EQ(places_among({}, 4).of_address, 2U);
+    EXPECT_EQ(places_among({.connections = 8, .of_address = 1}, 1).of_address, 1U);
+}
+
+std::string sender(const char* address) {
+    sockaddr_storage storage{};
+    if (std::string_view(address).find(':') == std::string_view::npos) {
+        storage.ss_family = AF_INET;
+        ::inet_pton(AF_INET, address, &reinterpret_cast<sockaddr_in&>(storage).sin_addr);
+    } else {
+        storage.ss_family = AF_INET6;
+        ::inet_pton(AF_INET6, address, &reinterpret_cast<sockaddr_in6&>(storage).sin6_addr);
+    }
+    return sender_of(storage);
+}
+
+TEST(Sender, IsAnAddressOrTheNetworkThatOneOwnerHas) {
+    EXPECT_EQ(sender("192.0.2.7"), "192.0.2.7");
+    EXPECT_EQ(sender("::ffff:192.0.2.7"), "192.0.2.7");
+    EXPECT_EQ(sender("2001:db8:1:2:3:4:5:6"), "2001:db8:1:2::/64");
+    EXPECT_EQ(sender("2001:db8:1:2:9::1"), sender("2001:db8:1:2::1"));
+    EXPECT_NE(sender("2001:db8:1:3::1"), sender("2001:db8:1:2::1"));
 }
 
 ApiKeys keys_of(const std::string& json) {
@@ -232,6 +310,74 @@ TEST(ApiKeys, AreKnownByTheirHashWithTheirScopes) {
     EXPECT_FALSE(grant->allows(Scope::Submit));
     EXPECT_FALSE(keys.find("S3cret"));
     EXPECT_FALSE(keys.find(hash));
+}
+
+/// What is said against the file, without its name.
+std::string refusal_of_keys(const std::string& json) {
+    try {
+        keys_of(json);
+    } catch (const Error& error) {
+        const std::string said = error.what();
+        EXPECT_EQ(said.find("--api-keys "), 0U) << said;
+        const std::string file = "keys.json: ";
+        EXPECT_NE(said.find(file), said.npos) << said;
+        return said.substr(std::min(said.size(), said.find(file) + file.size()));
+    }
+    return "nothing";
+}
+
+TEST(ApiKeys, AreRefusedByWhatIsWrongAndWhere) {
+    const auto entry = [](const std::string& tenant, const std::string& key, const char* scopes) {
+        return R"({"tenant": ")" + tenant + R"(", "key_sha256": ")" +
+               proto::sha256_hex(std::as_bytes(std::span(key))) + R"(", "scopes": )" + scopes + "}";
+    };
+    const std::string lab = entry("lab", "one", R"(["read"])");
+    const auto second = [&lab](const std::string& other) {
+        return refusal_of_keys("[" + lab + ",\n" + other + "]");
+    };
+    EXPECT_EQ(second(entry("den", "two", R"(["read"])")), "nothing");
+    EXPECT_EQ(second(entry("den", "one", R"(["read"])")),
+              "entry 2 (tenant den): key_sha256 is that of an entry of tenant lab, too: give each "
+              "entry a key of its own");
+    EXPECT_EQ(
+        second(entry("den", "two", "[]")),
+        "entry 2 (tenant den): scopes is empty: give read, submit or admin, or take the entry "
+        "out");
+    EXPECT_EQ(second(entry("den", "", R"(["read"])")),
+              "entry 2 (tenant den): key_sha256 is that of an empty key: expected what `printf %s "
+              "KEY | sha256sum` says");
+    EXPECT_EQ(second(entry("den", "two", R"(["write"])")),
+              R"(entry 2 (tenant den): scope "write": expected "read", "submit" or "admin")");
+    EXPECT_EQ(
+        second(R"({"tenant": "den", "scopes": ["read"]})"),
+        "entry 2 (tenant den): key_sha256 is missing: expected what `printf %s KEY | sha256sum` "
+        "says");
+    EXPECT_EQ(second("7").find("entry 2: expected {"), 0U);
+    EXPECT_EQ(second("oops").find("is no JSON from line 2 on: expected a list"), 0U);
+    EXPECT_EQ(refusal_of_keys("{}").find("has no key: expected a list"), 0U);
+    EXPECT_EQ(refusal_of_keys("").find("is no JSON"), 0U);
+    const test::TemporaryFolder folder;
+    for (const char* name : {"", "missing.json"}) {
+        try {
+            ApiKeys::read(folder / name);
+            FAIL() << "read " << folder / name;
+        } catch (const Error& error) {
+            const std::string expected = *name == 0 ? "is a folder: expected a JSON file"
+                                                    : "cannot be read: No such file or directory";
+            EXPECT_NE(std::string(error.what()).find(expected), std::string::npos) << error.what();
+        }
+    }
+}
+
+TEST(ApiKeys, AreOfSomeTenants) {
+    EXPECT_EQ(ApiKeys().tenants(), 0U);
+    const auto entry = [](const char* tenant, char digit) {
+        return R"({"tenant": ")" + std::string(tenant) + R"(", "key_sha256": ")" +
+               std::string(64, digit) + R"(", "scopes": ["read"]})";
+    };
+    EXPECT_EQ(keys_of("[" + entry("a", '1') + "," + entry("b", '2') + "," + entry("a", '3') + "]")
+                  .tenants(),
+              2U);
 }
 
 TEST(ApiKeys, AreRefusedWhenTheFileIsWrong) {

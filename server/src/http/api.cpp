@@ -77,7 +77,10 @@ Reply failure_reply(std::exception_ptr failure, const Request& request) {
 
 Api::Api(ApiOptions options, Service& service, Metrics& metrics)
     : options_(std::move(options)),
-      resources_(service, options_.keys.required(), options_.max_connections),
+      resources_(service, options_.keys.required(),
+                 {.connections = options_.max_connections,
+                  .of_address = options_.max_connections_per_address,
+                  .tenants = options_.keys.tenants()}),
       metrics_(metrics) {}
 
 Reply Api::handle(Request& request) {

@@ -15,6 +15,7 @@ struct ApiOptions {
     bool local = false;  ///< for this machine alone: domains in `Host` must be among the next
     std::vector<std::string> host_names;
     unsigned max_connections = 512;
+    unsigned max_connections_per_address = 128;
 };
 
 /// The API: what all routes have in common (request ids, keys, tenants, CORS, problems, the access

@@ -55,7 +55,7 @@ void check_format(std::span<const std::byte> head) {
 proto::CloudDocument receive_cloud(Resources& resources, Request& request,
                                    const std::optional<std::string>& name, bool& existed) {
     check_length(request, resources.service.limits());
-    const auto permit = resources.uploads.take();
+    const auto permit = resources.uploads.take(request);
     const auto upload = resources.service.begin_upload();
     std::vector<std::byte> piece(kPieceBytes);
     std::vector<std::byte> head;
@@ -111,7 +111,7 @@ Reply remove_cloud(Resources& resources, Request& request) {
 Reply get_cloud_content(Resources& resources, Request& request) {
     const proto::CloudDocument cloud =
         resources.service.cloud(request.tenant, request.path_value("id"));
-    auto permit = resources.downloads.take();
+    auto permit = resources.downloads.take(request);
     auto blob = resources.service.cloud_content(request.tenant, cloud.id);
     Reply reply = file_reply(request, {std::move(blob), cloud.id}, media_type(cloud.format),
                              immutable(resources.with_keys));

@@ -56,10 +56,14 @@ std::string_view media_type_of(std::string_view file_name) {
 
 }  // namespace
 
+std::shared_ptr<void> place_to_wait(Resources& resources, const Request& request,
+                                    std::chrono::milliseconds wait) {
+    return wait == 0ms ? nullptr : resources.waits.take(request);
+}
+
 proto::JobDocument wait_for_job(Resources& resources, const Request& request, const std::string& id,
                                 std::chrono::milliseconds wait) {
     if (wait == 0ms) return resources.service.job(request.tenant, id);
-    const auto permit = resources.waits.take();
     const auto deadline = std::chrono::steady_clock::now() + wait;
     while (true) {
         const auto left = std::chrono::ceil<std::chrono::milliseconds>(
@@ -73,9 +77,22 @@ proto::JobDocument wait_for_job(Resources& resources, const Request& request, co
     }
 }
 
+proto::JobDocument wait_for_own_job(Resources& resources, const Request& request,
+                                    const std::string& id, std::chrono::milliseconds wait) {
+    try {
+        return wait_for_job(resources, request, id, wait);
+    } catch (const Disconnected&) {
+        try {
+            resources.service.cancel(request.tenant, id);
+        } catch (const Error&) {  // it has ended meanwhile
+        }
+        throw;
+    }
+}
+
 Reply output_reply(Resources& resources, const Request& request, const std::string& job_id,
                    const std::string& file_name) {
-    auto permit = resources.downloads.take();
+    auto permit = resources.downloads.take(request);
     StoredFile file = resources.service.outputs().file(request.tenant, job_id, file_name,
                                                        accepted_file_codings(request));
     Reply reply = file_reply(request, std::move(file), media_type_of(file_name),
@@ -102,10 +119,13 @@ Reply evaluate(Resources& resources, Request& request) {
     const proto::JobRequest wanted = proto::evaluation_from_json(read_json(request));
     std::optional<std::string> key;
     if (const auto field = request.headers.find("Idempotency-Key")) key = *field;
+    const auto place = place_to_wait(resources, request, wait);
     bool existed = false;
     const proto::JobDocument queued =
         resources.service.submit(request.tenant, wanted, key, existed);
-    const proto::JobDocument job = wait_for_job(resources, request, queued.id, wait);
+    // Who gave it a key means to ask for it again.
+    const proto::JobDocument job = key ? wait_for_job(resources, request, queued.id, wait)
+                                       : wait_for_own_job(resources, request, queued.id, wait);
     if (job.status == proto::JobStatus::Failed && job.problem) throw HttpError(*job.problem);
     if (job.status != proto::JobStatus::Successful) {
         Reply reply = job_reply(201, job);
@@ -148,6 +168,7 @@ Reply list_jobs(Resources& resources, Request& request) {
 Reply get_job(Resources& resources, Request& request) {
     allow_query(request, {"wait"});
     const auto wait = query_wait(request, resources.service.limits(), 0ms);
+    const auto place = place_to_wait(resources, request, wait);
     return job_reply(200, wait_for_job(resources, request, request.path_value("id"), wait));
 }
 
@@ -162,7 +183,6 @@ Reply dismiss_job(Resources& resources, Request& request) {
 
 Reply follow_job(Resources& resources, Request& request) {
     allow_query(request, {"after"});
-    if (request.version == "HTTP/1.0") throw HttpError(505, "an event stream needs HTTP/1.1");
     const std::uint64_t after = first_wanted(request);
     const proto::JobDocument job = resources.service.job(request.tenant, request.path_value("id"));
     if (proto::is_final(job.status) &&
@@ -175,7 +195,7 @@ Reply follow_job(Resources& resources, Request& request) {
                 .headers = {},
                 .media_type = "text/event-stream",
                 .content = event_stream(resources.service, request, job.id, after),
-                .permit = resources.streams.take()};
+                .permit = resources.streams.take(request)};
     reply.headers.set("Cache-Control", "no-store");
     reply.headers.set("X-Accel-Buffering", "no");  // nginx would keep the events back
     return reply;

@@ -2,36 +2,114 @@
 
 #include "http/message.hpp"
 
-#include <atomic>
+#include <algorithm>
+#include <chrono>
+#include <condition_variable>
+#include <cstddef>
+#include <cstdint>
+#include <map>
 #include <memory>
+#include <mutex>
+#include <optional>
 #include <string>
 
 namespace stipple::server::http {
 
+/// How many requests of a kind there may be at a time.
+struct Places {
+    unsigned all = 1;
+    unsigned of_address = all;
+    unsigned of_tenant = all;
+};
+
+/// Whom a server is for.
+struct Senders {
+    unsigned connections = 512;
+    unsigned of_address = 128;  ///< connections of one
+    std::size_t tenants = 1;
+};
+
+/// Of so many places an address may have the part that it may have of the connections (behind a
+/// proxy, all), and a tenant a quarter where there are others; each of them two at least, as far as
+/// there are two.
+constexpr Places places_among(const Senders& senders, unsigned all) noexcept {
+    const auto part_of = [all](std::uint64_t part, std::uint64_t whole) {
+        const std::uint64_t places = (all * part + whole - 1) / whole;
+        return static_cast<unsigned>(std::clamp<std::uint64_t>(places, std::min(2U, all), all));
+    };
+    return {.all = all,
+            .of_address = part_of(senders.of_address, senders.connections),
+            .of_tenant = senders.tenants > 1 ? part_of(1, 4) : all};
+}
+
 /// Places for requests of a kind that may hold their thread for long. Together the kinds have fewer
-/// places than there are threads, so that short requests always find one.
+/// places than there are threads, so that short requests always find one; and no sender can take
+/// all of a kind.
 class Permits {
 public:
-    Permits(std::string kind, unsigned places) : kind_(std::move(kind)), places_(places) {}
+    Permits(std::string kind, const Places& places) : kind_(std::move(kind)), places_(places) {}
 
-    /// Held while the returned object lives. @throws HttpError(503) with `Retry-After` when all are
-    /// taken.
-    std::shared_ptr<void> take() {
-        if (taken_.fetch_add(1) >= places_) {
-            taken_.fetch_sub(1);
-            proto::Problem problem =
-                proto::problem_from_status(503, "all " + std::to_string(places_) + " places for " +
-                                                    kind_ + " are taken: try again later");
-            problem.retry_after = 2;
-            throw HttpError(std::move(problem));
-        }
-        return {this, [](Permits* permits) { permits->taken_.fetch_sub(1); }};
+    /// Held while the returned object lives. Waits a moment for a place, since most are free again
+    /// soon: the thread is that of the sender's own connection.
+    /// @throws HttpError(503) with `Retry-After` when there is none then.
+    std::shared_ptr<void> take(const Request& request) {
+        std::unique_lock lock(mutex_);
+        const auto is_free = [&] { return !what_is_full(request); };
+        if (!freed_.wait_for(lock, kMoment, is_free)) throw refusal(*what_is_full(request));
+        ++taken_;
+        ++of_address_[request.remote_address];
+        ++of_tenant_[request.tenant];
+        return {this, [address = request.remote_address, tenant = request.tenant](
+                          Permits* permits) { permits->give_back(address, tenant); }};
     }
 
 private:
+    using Taken = std::map<std::string, unsigned, std::less<>>;
+    static constexpr std::chrono::milliseconds kMoment{1000};
+
+    /// Who has as many places as they may, in words.
+    std::optional<std::string> what_is_full(const Request& request) const {
+        const auto taken_by = [](const Taken& taken, const std::string& name) {
+            const auto found = taken.find(name);
+            return found == taken.end() ? 0U : found->second;
+        };
+        const std::string all = std::to_string(places_.all) + " places for " + kind_;
+        if (taken_ >= places_.all) return "all " + all + " are taken";
+        if (taken_by(of_address_, request.remote_address) >= places_.of_address)
+            return "your address has " + std::to_string(places_.of_address) + " of the " + all +
+                   ", as many as one may have";
+        if (taken_by(of_tenant_, request.tenant) >= places_.of_tenant)
+            return "tenant " + request.tenant + " has " + std::to_string(places_.of_tenant) +
+                   " of the " + all + ", as many as one may have";
+        return std::nullopt;
+    }
+
+    static HttpError refusal(const std::string& full) {
+        proto::Problem problem = proto::problem_from_status(503, full + ": try again later");
+        problem.retry_after = 2;
+        return HttpError(std::move(problem));
+    }
+
+    void give_back(const std::string& address, const std::string& tenant) {
+        const auto drop = [](Taken& taken, const std::string& name) {
+            const auto found = taken.find(name);
+            if (--found->second == 0) taken.erase(found);
+        };
+        {
+            const std::lock_guard lock(mutex_);
+            --taken_;
+            drop(of_address_, address);
+            drop(of_tenant_, tenant);
+        }
+        freed_.notify_all();
+    }
+
     const std::string kind_;
-    const unsigned places_;
-    std::atomic<unsigned> taken_ = 0;
+    const Places places_;
+    std::mutex mutex_;  ///< for all below
+    std::condition_variable freed_;
+    unsigned taken_ = 0;
+    Taken of_address_, of_tenant_;
 };
 
 }  // namespace stipple::server::http

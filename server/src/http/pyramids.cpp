@@ -99,7 +99,7 @@ proto::SliceOptions read_slice_query(const Request& request) {
 /// @throws Disconnected when the client leaves meanwhile; HttpError(503) when it takes too long.
 proto::Slice cut(Resources& resources, const Request& request, const proto::Results& pyramid,
                  const proto::SliceOptions& options) {
-    const auto permit = resources.slices.take();
+    const auto permit = resources.slices.take(request);
     const auto read = [&](const proto::OutputFile& file) {
         const auto blob = resources.service.outputs().open(file.sha256);
         std::vector<std::byte> bytes(static_cast<std::size_t>(blob->size()));
@@ -157,7 +157,7 @@ std::chrono::sys_seconds time_of(const std::string& rfc3339) {
 Reply get_slice(Resources& resources, Request& request) {
     const proto::SliceOptions options = read_slice_query(request);
     const auto pyramid = whole_pyramid(resources, request);
-    auto permit = resources.downloads.take();
+    auto permit = resources.downloads.take(request);
     const proto::Slice slice = cut(resources, request, *pyramid, options);
     Reply reply;
     reply.media_type = media_type(options.format);
@@ -179,7 +179,6 @@ Reply get_slice(Resources& resources, Request& request) {
 
 Reply get_pyramid_archive(Resources& resources, Request& request) {
     allow_query(request, {});
-    if (request.version == "HTTP/1.0") throw HttpError(505, "an archive needs HTTP/1.1");
     const std::string& id = request.path_value("id");
     auto pyramid = whole_pyramid(resources, request);
     const auto finished = time_of(resources.service.job(request.tenant, id).finished);
@@ -187,7 +186,7 @@ Reply get_pyramid_archive(Resources& resources, Request& request) {
                 .headers = {},
                 .media_type = "application/x-tar",
                 .content = TarStream{resources.service.outputs(), std::move(pyramid), finished},
-                .permit = resources.downloads.take()};
+                .permit = resources.downloads.take(request)};
     reply.headers.set("Content-Disposition", "attachment; filename=\"pyramid-" + id + ".tar\"");
     reply.headers.set("Cache-Control", "no-store");
     reply.headers.set("X-Content-Type-Options", "nosniff");

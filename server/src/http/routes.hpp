@@ -21,14 +21,14 @@ struct Resources {
     bool with_keys = false;  ///< replies are for their tenant alone
     Permits uploads, downloads, waits, streams, slices;
 
-    Resources(Service& the_service, bool keys, unsigned max_connections)
+    Resources(Service& the_service, bool keys, const Senders& senders)
         : service(the_service),
           with_keys(keys),
-          uploads("uploads", max_connections / 8 + 1),
-          downloads("downloads", max_connections / 4 + 1),
-          waits("long polls", max_connections / 4 + 1),
-          streams("event streams", max_connections / 4 + 1),
-          slices("slices of pyramids", kMostSlices) {}
+          uploads("uploads", places_among(senders, senders.connections / 8 + 1)),
+          downloads("downloads", places_among(senders, senders.connections / 4 + 1)),
+          waits("long polls", places_among(senders, senders.connections / 4 + 1)),
+          streams("event streams", places_among(senders, senders.connections / 4 + 1)),
+          slices("slices of pyramids", places_among(senders, kMostSlices)) {}
 };
 
 /// Whether scripts of other sites may read the reply: those that the server was told of, or all.

@@ -106,11 +106,24 @@ proto::JobRequest read_query(const Request& request) {
     return proto::job_request_from_json(json.dump(-1, ' ', false, Json::error_handler_t::replace));
 }
 
-Reply result_reply(Resources& resources, const Request& request, const proto::JobDocument& job) {
+/// A queue that is full before the cloud comes would refuse it afterwards, when it is stored. With
+/// keys only the store, which looks last of all, tells the queues of tenants apart.
+void check_queue(Resources& resources) {
+    const std::uint64_t most = resources.service.limits().queue.max_queued;
+    if (resources.with_keys && most > 0) return;
+    const std::uint64_t waiting = resources.service.counts().queued;
+    if (waiting < most) return;
+    throw Error(ErrorCode::QueueFull, std::to_string(waiting) +
+                                          " jobs are waiting already: the limit is " +
+                                          std::to_string(most) + "; try again when some have run");
+}
+
+/// @param place  that of the wait, held on while the reply is sent.
+Reply result_reply(Resources& resources, const Request& request, const proto::JobDocument& job,
+                   std::shared_ptr<void> place) {
     const proto::Results results = resources.service.results(request.tenant, job.id);
     const proto::OutputCloud& cloud = results.levels.at(0);
     const proto::OutputFile& file = cloud.files.at(0);
-    auto permit = resources.downloads.take();
     StoredFile stored = resources.service.outputs().file(
         request.tenant, job.id, file.sha256 + "." + std::string(to_string(file.format)), {});
     const std::uint64_t size = stored.size();
@@ -118,7 +131,7 @@ Reply result_reply(Resources& resources, const Request& request, const proto::Jo
                 .headers = {},
                 .media_type = std::string(media_type(file.format)),
                 .content = StoredRange{std::move(stored.content), 0, size},
-                .permit = std::move(permit)};
+                .permit = std::move(place)};
     reply.headers.set("ETag", '"' + file.sha256 + '"');
     reply.headers.set("Cache-Control", "no-store");
     reply.headers.set("Link", "</v1/jobs/" + job.id + ">; rel=\"via\"");
@@ -135,13 +148,16 @@ Reply result_reply(Resources& resources, const Request& request, const proto::Jo
 Reply simplify(Resources& resources, Request& request) {
     proto::JobRequest wanted = read_query(request);
     const auto wait = query_wait(request, resources.service.limits(), kDefaultWait);
+    auto place = place_to_wait(resources, request, wait);
+    check_queue(resources);
     bool existed = false;
     wanted.input = receive_cloud(resources, request, std::nullopt, existed).id;
     const proto::JobDocument queued =
         resources.service.submit(request.tenant, wanted, std::nullopt, existed);
-    const proto::JobDocument job = wait_for_job(resources, request, queued.id, wait);
+    const proto::JobDocument job = wait_for_own_job(resources, request, queued.id, wait);
 
-    if (job.status == proto::JobStatus::Successful) return result_reply(resources, request, job);
+    if (job.status == proto::JobStatus::Successful)
+        return result_reply(resources, request, job, std::move(place));
     if (job.status == proto::JobStatus::Failed && job.problem) throw HttpError(*job.problem);
     Reply reply = json_reply(201, proto::to_json(job));
     reply.headers.set("Location", "/v1/jobs/" + job.id);
