@@ -74,7 +74,7 @@ std::string bound_line(const proto::MeasuredBound& bound, std::uint64_t points,
     return "largest distance " + three_digits(std::max(bound.forward, bound.backward)) + " of " +
            three_digits(bound.max_error) + " allowed" + dot + "forward " +
            three_digits(bound.forward) + ", backward " + three_digits(bound.backward) + ", " +
-           counted(bound.samples, "sample") + " (" + bound.sampling + ")" + dot +
+           counted(bound.samples, "sample") + " (" + printable(bound.sampling) + ")" + dot +
            counted(bound.tries, "try", "tries") +
            (bound.points_off_surface == 0
                 ? ""
