@@ -141,6 +141,10 @@ public:
     void keep() {
         stream_.close();
         if (!stream_) fail("cannot be written: is the disk full?");
+        std::error_code none;
+        const fs::file_status before = fs::status(destination_, none);
+        if (fs::exists(before) && !fs::is_regular_file(before))
+            fail("that is no regular file");  // a device would be gone
         fs::rename(partial_, destination_);
         kept_ = true;
     }

@@ -126,13 +126,20 @@ void write_all(int fd, std::span<const std::byte> bytes, const fs::path& file) {
 }
 
 /// Beside the file, so that the rename stays within one file system; its own for each process and
-/// call.
+/// call, and short, however long the file's may be.
 fs::path partial_name(const fs::path& file) {
     static std::atomic<unsigned> calls = 0;
-    return file.string() + ".partial-" + std::to_string(::getpid()) + "-" + std::to_string(calls++);
+    const std::string own = std::to_string(::getpid()) + "-" + std::to_string(calls++);
+    return file.parent_path() / (".partial-" + own);
 }
 
 void write_whole(const fs::path& file, std::span<const std::byte> bytes) {
+    std::error_code none;
+    const fs::file_status before = fs::status(file, none);
+    if (fs::exists(before) && !fs::is_regular_file(before))  // a device would be gone
+        throw Error(ErrorCode::InvalidArgument,
+                    "cannot write " + file.string() + ": that is " +
+                        (fs::is_directory(before) ? "a folder" : "no regular file"));
     const fs::path partial = partial_name(file);
     FileDescriptor fd(::open(partial.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
     if (fd.get() < 0) fail_io("cannot write", file, errno);

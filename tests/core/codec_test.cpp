@@ -311,6 +311,17 @@ TEST(Codec, SaysWhyAFileCannotBeReadOrWritten) {
               ErrorCode::NotFound);
 }
 
+TEST(Codec, TakesThePlaceOfNoDevice) {
+    const test::TemporaryFolder folder;
+    const fs::path fifo = folder / "fifo.ply";
+    ASSERT_EQ(::mkfifo(fifo.c_str(), 0600), 0);
+    EXPECT_THROW(write_cloud(test::sphere(5), fifo), Error);
+    EXPECT_TRUE(fs::is_fifo(fifo));
+    const fs::path longest = folder / (std::string(250, 'x') + ".ply");
+    write_cloud(test::sphere(5), longest);
+    EXPECT_EQ(read_cloud(longest).size(), 5U);
+}
+
 TEST(Codec, ReadsFromAPipe) {
     const test::TemporaryFolder folder;
     const fs::path fifo = folder / "fifo";
