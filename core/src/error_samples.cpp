@@ -3,6 +3,7 @@
 #include "box_of_most.hpp"
 #include "contraction_quadrics.hpp"
 #include "first_touch.hpp"
+#include "lone_points.hpp"
 #include "nearby_search.hpp"
 #include "nearest_kernels.hpp"
 #include "parallel_for.hpp"
@@ -267,13 +268,14 @@ Vec3f moved(const Vec3f& point, const Vec3f& normal, float spacing_sq, std::uint
     return point + move.x() * u + move.y() * v;
 }
 
-/// The feet of places; the base of one that has none.
-std::vector<Vec3f> feet_or(std::span<const Vec3f> bases, const FootFinder& surface,
-                           std::span<const Vec3f> places, const RunContext& context) {
+/// The feet of places; the base of one that has none, or whose base is alone.
+std::vector<Vec3f> feet_or(std::span<const Vec3f> bases, std::span<const std::uint8_t> is_lone,
+                           const FootFinder& surface, std::span<const Vec3f> places,
+                           const RunContext& context) {
     std::vector<Vec3f> feet = feet_on(surface, places, context);
     for (std::size_t i = 0; i < feet.size(); ++i) {
         // Where the surface is not to be found there is at least the point.
-        if (!feet[i].allFinite()) feet[i] = bases[i];
+        if (!feet[i].allFinite() || is_lone[i] != 0) feet[i] = bases[i];
     }
     return feet;
 }
@@ -364,18 +366,26 @@ std::vector<Vec3f> random_places(const PointTree& tree, const FootFinder& surfac
     auto normals = made_in_blocks<std::vector<Vec3f>>(used.size(), context);
     constexpr std::size_t kThird = 3;
     const std::vector<float> spacings_sq = distances_sq(tree, used, kThird, context);
+    const LonePoints lone_points(surface.points(), tree);
+    auto lone = made_in_blocks<std::vector<std::uint8_t>>(used.size(), context);
+    parallel_for_blocks(used.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i)
+            lone[i] = lone_points.holds(used[i], std::sqrt(spacings_sq[i])) ? 1 : 0;
+    });
     surface.find(
         used, [&](std::size_t i, const Foot& foot) { normals[i] = foot.normal.cast<float>(); },
         context);
 
     auto places = made_in_blocks<std::vector<Vec3f>>(bases.size(), context);
+    auto is_lone = made_in_blocks<std::vector<std::uint8_t>>(bases.size(), context);
     std::size_t base = 0;
     for (std::size_t i = 0; i < bases.size(); ++i) {
         if (i % kBetweenChecks == 0) context.throw_if_stopped();
         if (i > 0 && bases[i] != bases[i - 1]) ++base;
         places[i] = moved(used[base], normals[base], spacings_sq[base], seed, i);
+        is_lone[i] = lone[base];
     }
-    return feet_or(bases, surface, places, context);
+    return feet_or(bases, is_lone, surface, places, context);
 }
 
 std::vector<Vec3f> places_beside(std::span<const Vec3f> points, const PointTree& tree,
@@ -383,6 +393,7 @@ std::vector<Vec3f> places_beside(std::span<const Vec3f> points, const PointTree&
                                  std::uint64_t seed, const RunContext& context) {
     constexpr std::size_t kThird = 3, kAround = 8;
     auto places = made_in_blocks<std::vector<Vec3f>>(bases.size(), context);
+    auto is_lone = made_in_blocks<std::vector<std::uint8_t>>(bases.size(), context);
     parallel_for_blocks(bases.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
         NearbySearch search(tree, kAround + 1, 2 * kAround + 2);
         std::vector<Vec3d> ways;
@@ -395,9 +406,10 @@ std::vector<Vec3f> places_beside(std::span<const Vec3f> points, const PointTree&
             const Vec3d normal = normal_from(ways);
             const float spacing_sq = nearest[std::min(kThird, nearest.size() - 1)].distance_sq;
             places[i] = moved(bases[i], normal.cast<float>(), spacing_sq, seed, i);
+            is_lone[i] = lies_alone(nearest, points) ? 1 : 0;
         }
     });
-    return feet_or(bases, surface, places, context);
+    return feet_or(bases, is_lone, surface, places, context);
 }
 
 std::vector<Vec3f> draw_points(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
@@ -433,15 +445,19 @@ ErrorSamples take_particles(std::span<const Vec3f> points, const PointTree& tree
     const std::vector<Vec3f> particles = particle_simulation(cloud, options, context).positions;
     // They lie on a smoother surface than the one that is measured.
     const std::vector<Vec3f> feet = feet_on(surface, particles, context);
+    const LonePoints lone_points(points, tree);
     ErrorSamples samples;
     samples.resize(count, context);
-    for (std::uint64_t i = 0; i < count; ++i) {
-        samples.positions[i] = feet[i];
-        if (feet[i].allFinite()) continue;
-        Neighbor nearest;
-        find_nearest(tree, particles[i], {&nearest, 1});
-        samples.positions[i] = points[nearest.index];
-    }
+    parallel_for_blocks(count, kBlock, context, [&](std::size_t begin, std::size_t end) {
+        constexpr std::size_t kThird = 3;
+        std::array<Neighbor, kThird + 1> room;
+        for (std::size_t i = begin; i < end; ++i) {
+            const std::span<const Neighbor> found = find_nearest(tree, particles[i], room);
+            const Vec3f nearest = points[found.front().index];
+            const bool is_lone = lone_points.holds(nearest, std::sqrt(found.back().distance_sq));
+            samples.positions[i] = feet[i].allFinite() && !is_lone ? feet[i] : nearest;
+        }
+    });
     std::ranges::fill(samples.areas, 1.0F);
     return samples;
 }

@@ -51,7 +51,8 @@ ErrorSamples take_points_by_area(const PointTree& tree, std::uint64_t count, std
                                  const RunContext& context);
 
 /// Random places of the surface beside points of it: those moved in their tangent planes by up to
-/// about half a spacing, and projected; the point where there is no surface.
+/// about half a spacing, and projected; the point where there is no surface, and where it lies
+/// alone (lone_points.hpp).
 ///
 /// @param bases  of each place the point; the same follow each other.
 std::vector<Vec3f> random_places(const PointTree& tree, const FootFinder& surface,
@@ -83,7 +84,8 @@ ErrorSamples take_surface_by_area(const PointTree& tree, const FootFinder& surfa
                                   const RunContext& context);
 
 /// `count` particles at rest on the surface of the points (§3.3), each for the same area. One that
-/// has come to where the surface is not to be found is at the nearest point instead.
+/// has come to where the surface is not to be found is at the nearest point instead, and so is one
+/// beside a point that lies alone.
 ErrorSamples take_particles(std::span<const Vec3f> points, const PointTree& tree,
                             const FootFinder& surface, std::uint64_t count, std::uint64_t seed,
                             const RunContext& context);

@@ -65,6 +65,8 @@ public:
               const std::function<void(std::size_t, const Foot&)>& found,
               const RunContext& context) const;
 
+    std::span<const Vec3f> points() const noexcept { return points_; }
+
     /// The sample nearest to a place.
     Vec3f nearest_sample(const Vec3f& place) const;
 

@@ -73,7 +73,8 @@ ProbedSurface::ProbedSurface(std::vector<Vec3f> points, Reading reading, const R
     : points_(std::move(points)),
       reading_(reading),
       tree_(points_, PointTree::Leaves::Compact, context),
-      finder_(points_, tree_, {}) {}
+      finder_(points_, tree_, {}),
+      lone_points_(points_, tree_) {}
 
 std::vector<Vec3f> ProbedSurface::some_points(std::uint64_t count,
                                               const RunContext& context) const {
@@ -128,7 +129,8 @@ PlacesAround ProbedSurface::places_around(std::span<const Vec3f> centers, float 
     finder_.find(
         centers,
         [&](std::size_t c, const Foot& foot) {
-            scales[c] = static_cast<float>(foot.h);
+            const auto h = static_cast<float>(foot.h);
+            scales[c] = lone_points_.holds(centers[c], 3 * h) ? 0.0F : h;
             normals[c] = foot.normal.cast<float>();
             around.reach[c] = reach_of(centers[c], foot);
         },
@@ -157,7 +159,8 @@ PlacesAround ProbedSurface::places_around(std::span<const Vec3f> centers, float 
             found[i] = {
                 .place = place,
                 .reach = (near[i] - centers[c]).norm() + reach_of(near[i], foot),
-                .counts = reading_ == Reading::ByTheLetter ? foot.is_fixed() : foot.on_surface(),
+                .counts = scales[c] > 0 &&
+                          (reading_ == Reading::ByTheLetter ? foot.is_fixed() : foot.on_surface()),
                 .uneven = is_uneven(foot) ||
                           std::abs(foot.normal.cast<float>().dot(normals[c])) < kTurned};
         },

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "foot_finder.hpp"
+#include "lone_points.hpp"
 #include "point_tree.hpp"
 #include "stipple/point_cloud.hpp"
 #include "stipple/run_context.hpp"
@@ -56,8 +57,8 @@ public:
 
     /// `each` places around each center: the feet of random ones within `spread` times the scale of
     /// the weights there, also off the surface, so that a sheet beside it is found; the center
-    /// itself for those that have none. They depend on where the center is and on the seed, not on
-    /// the other centers.
+    /// itself for those that have none, and where it is a point that lies alone. They depend on
+    /// where the center is and on the seed, not on the other centers.
     PlacesAround places_around(std::span<const Vec3f> centers, float spread, unsigned each,
                                std::uint64_t seed, const RunContext& context) const;
 
@@ -71,6 +72,7 @@ private:
     Reading reading_;
     PointTree tree_;
     FootFinder finder_;
+    LonePoints lone_points_;
 };
 
 }  // namespace stipple

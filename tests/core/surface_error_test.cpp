@@ -259,6 +259,23 @@ TEST(SurfaceError, EndsWhereTheSamplesEnd) {
     EXPECT_LT(error.backward.max, 1e-4);
 }
 
+TEST(SurfaceError, HasNoSurfaceAroundAPointFarOff) {
+    for (const float far : {3.0F, 25.0F, 1e6F}) {
+        PointCloud cloud = sphere(3'000);
+        cloud.positions[7] = {far, 0, 0};
+        PointCloud candidate = sphere(1'500);
+        candidate.positions[3] = {far, 0, 0};
+        for (const ErrorSampling sampling :
+             {ErrorSampling::Points, ErrorSampling::Surface, ErrorSampling::Particles}) {
+            const SurfaceError error =
+                measure_error(cloud, candidate, {.sampling = sampling, .samples = 20'000});
+            EXPECT_LT(error.max(), 0.2) << far << ' ' << static_cast<int>(sampling);
+            EXPECT_LT(error.mean(), 0.02) << far << ' ' << static_cast<int>(sampling);
+        }
+        EXPECT_LT(estimate_error(cloud, candidate).max(), 0.2) << far;
+    }
+}
+
 TEST(SurfaceError, WeighsPointsByTheirArea) {
     // Ten times as many points on the left, where the distance is 0.01; 0.03 on the right.
     PointCloud reference, candidate;
