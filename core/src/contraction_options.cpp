@@ -11,6 +11,7 @@
 #include <limits>
 #include <sstream>
 #include <string>
+#include <utility>
 
 namespace stipple {
 
@@ -110,20 +111,36 @@ Features::Features(const PointCloud& cloud, const IterativeSimplificationOptions
 void bound_displacement(std::span<Vec3f> points, const std::vector<Vec3f>& input,
                         const NeighborSearch& search, double limit, const RunContext& context) {
     constexpr std::size_t kBlock = 256, kNeighborhood = 16;
+    constexpr unsigned kRounds = 8;
     parallel_for_blocks(points.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
         std::array<Neighbor, kNeighborhood> room;
         std::array<Vec3d, kNeighborhood> around;
-        for (std::size_t i = begin; i < end; ++i) {
-            const Index nearest = search.nearest(points[i], std::span(room).first(1))[0].index;
-            const Vec3f foot = input[nearest];
+        const auto nearest_to = [&](const Vec3f& p) {
+            return search.nearest(p, std::span(room).first(1))[0].index;
+        };
+        const auto normal_at = [&](Index point) {
             std::size_t count = 0;
-            for (const Neighbor& neighbor : search.nearest(foot, room))
-                if (neighbor.index != nearest)
-                    around[count++] = (input[neighbor.index] - foot).cast<double>();
-            const Vec3d normal = normal_from(std::span(around).first(count));
-            const double height = normal.dot((points[i] - foot).cast<double>());
-            const double excess = std::abs(height) - limit;
-            if (excess > 0) points[i] -= (std::copysign(excess, height) * normal).cast<float>();
+            for (const Neighbor& neighbor : search.nearest(input[point], room))
+                if (neighbor.index != point)
+                    around[count++] = (input[neighbor.index] - input[point]).cast<double>();
+            return normal_from(std::span(around).first(count));
+        };
+        for (Vec3f& p : points.subspan(begin, end - begin)) {
+            Index nearest = nearest_to(p);
+            // On the way to the plane of one another point may become the nearest.
+            for (unsigned round = 0;; ++round) {
+                const Vec3d normal = normal_at(nearest);
+                const double height = normal.dot((p - input[nearest]).cast<double>());
+                const double excess = std::abs(height) - limit;
+                if (excess <= 0) break;
+                if (round == kRounds) {
+                    p = input[nearest];
+                    break;
+                }
+                p -= (std::copysign(excess, height) * normal).cast<float>();
+                if (const Index before = std::exchange(nearest, nearest_to(p)); nearest == before)
+                    break;
+            }
         }
     });
 }

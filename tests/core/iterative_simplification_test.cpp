@@ -1,11 +1,14 @@
 #include "stipple/iterative_simplification.hpp"
 
+#include "contraction_quadrics.hpp"
 #include "stipple/error.hpp"
+#include "stipple/neighbors.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <random>
 #include <set>
@@ -184,6 +187,29 @@ TEST(IterativeSimplification, KeepsPointsAsNearToTheSurfaceAsAskedFor) {
         const PointCloud result =
             iterative_simplification(cloud, {.target_size = 200, .max_displacement = limit});
         for (const Vec3f& p : result.positions) EXPECT_NEAR(p.norm(), 1, limit + 2e-4);
+    }
+}
+
+/// How far a point is from the tangent plane of the input point nearest to it.
+double off_plane(const Vec3f& p, const PointCloud& input, const NeighborSearch& search) {
+    std::array<Neighbor, 16> room;
+    const Index nearest = search.nearest(p, std::span(room).first(1))[0].index;
+    std::vector<Vec3d> around;
+    for (const Neighbor& neighbor : search.nearest(input.positions[nearest], room))
+        if (neighbor.index != nearest)
+            around.push_back(
+                (input.positions[neighbor.index] - input.positions[nearest]).cast<double>());
+    return std::abs(normal_from(around).dot((p - input.positions[nearest]).cast<double>()));
+}
+
+TEST(IterativeSimplification, KeepsPointsAsNearToThePlanesOfAScanAsAskedFor) {
+    const PointCloud cloud = test::sphere(20'000, 0.01);
+    const NeighborSearch search(cloud.positions);
+    for (const double limit : {0.0, 0.002}) {
+        const PointCloud result =
+            iterative_simplification(cloud, {.target_size = 1'000, .max_displacement = limit});
+        for (const Vec3f& p : result.positions)
+            EXPECT_LE(off_plane(p, cloud, search), limit + 1e-6);
     }
 }
 
