@@ -200,12 +200,16 @@ std::uint64_t bytes_of(const proto::Results& results) {
     return bytes;
 }
 
-/// That of what is loaded: of the Draco file, else of the tiles, else of the points as they are.
-proto::FileError loaded_error(const proto::OutputCloud& level) {
+/// That of what is loaded: of the Draco file, else of the tiles, else of the points as they are,
+/// where a file has them so. Of other formats nothing was measured.
+std::optional<proto::FileError> loaded_error(const proto::OutputCloud& level) {
     for (const proto::OutputFile& file : level.files)
-        if (file.error) return *file.error;
-    if (level.decoded) return {level.decoded->error.mean, level.decoded->error.max};
-    return {level.error->error.mean(), level.error->error.max()};
+        if (file.error) return file.error;
+    if (level.decoded) return proto::FileError{level.decoded->error.mean, level.decoded->error.max};
+    const bool is_exact = std::ranges::find(level.files, CloudFormat::Ply,
+                                            &proto::OutputFile::format) != level.files.end();
+    if (!level.error || !is_exact) return std::nullopt;
+    return proto::FileError{level.error->error.mean(), level.error->error.max()};
 }
 
 /// A row for each level: its points, the bytes of its files, its error.
@@ -232,12 +236,16 @@ std::string level_table(const proto::Results& results, const TextStyle& style) {
             return bytes > 0 ? readable_bytes(bytes) : "";
         });
     }
-    if (results.levels.front().error) {
+    const bool is_known = std::ranges::any_of(
+        results.levels, [](const auto& level) { return level.error && loaded_error(level); });
+    if (is_known) {
         add_column("mean error", [](const auto& level) {
-            return level.error ? distance_text(loaded_error(level).mean, level.error->error) : "";
+            const auto error = loaded_error(level);
+            return level.error && error ? distance_text(error->mean, level.error->error) : "";
         });
         add_column("max", [](const auto& level) {
-            return level.error ? three_digits(loaded_error(level).max) : "";
+            const auto error = loaded_error(level);
+            return level.error && error ? three_digits(error->max) : "";
         });
     }
     std::string text = style.dim(rows.front()) + "\n";
