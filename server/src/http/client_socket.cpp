@@ -3,6 +3,8 @@
 #include "http/request_head.hpp"
 
 #include <linux/sockios.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
 #include <poll.h>
 #include <sys/eventfd.h>
 #include <sys/ioctl.h>
@@ -106,8 +108,11 @@ void ClientSocket::write_all(std::string_view bytes) {
 }
 
 /// The kernel lets us write again only when a good part of its buffer is free: a client that reads
-/// on meanwhile is seen by what it acknowledges.
+/// on meanwhile is seen by what it acknowledges. From here on that alone decides: the kernel's own
+/// timeout takes the pauses of a reader with a small buffer for a single one.
 void ClientSocket::wait_until_writable() {
+    const unsigned none = 0;
+    ::setsockopt(fd_.get(), IPPROTO_TCP, TCP_USER_TIMEOUT, &none, sizeof none);
     while (true) {
         const auto begin = Clock::now();
         const Waited waited =

@@ -68,7 +68,7 @@ std::uint16_t port_of(const FileDescriptor& fd) {
 
 /// Sends small replies at once, and finds out about a client that dropped off the network: while
 /// nothing is sent (a long poll) as well as while it owes us an acknowledgement. One that pauses is
-/// ended by ClientSocket, before the kernel would.
+/// left to ClientSocket.
 void prepare(const FileDescriptor& connection, const Patience& patience) {
     const auto timeout = patience.pause + 10s;
     const auto set = [&connection](int level, int option, int value) {
@@ -169,7 +169,7 @@ void GuardedServer::accept_one() {
     prepare(fd, options_.patience);
 
     const std::string name = sender_of(address);
-    if (!leaves_descriptors(fd) || !admit(name)) return turn_away(std::move(fd));
+    if (!leaves_descriptors(fd, false) || !admit(name)) return turn_away(std::move(fd));
     if (!ensure_thread()) {
         leave(name);
         return turn_away(std::move(fd));
@@ -193,13 +193,14 @@ bool GuardedServer::ensure_thread() {
 }
 
 /// A connection may need a file, too, and the health check both: half as many descriptors as
-/// connections stay free, of few half. The system gives the lowest that is free, so that a new one
-/// tells how many there are.
-bool GuardedServer::leaves_descriptors(const FileDescriptor& newest) const noexcept {
+/// connections stay free, of few half; a quarter of these is for farewells. The system gives the
+/// lowest that is free, so that a new one tells how many there are.
+bool GuardedServer::leaves_descriptors(const FileDescriptor& newest, bool farewell) const noexcept {
     rlimit limit{};
     ::getrlimit(RLIMIT_NOFILE, &limit);
     const rlim_t spare = std::min<rlim_t>(options_.max_connections / 2, limit.rlim_cur / 2);
-    return static_cast<rlim_t>(newest.get()) < limit.rlim_cur - spare;
+    const rlim_t kept = farewell ? spare - spare / 4 : spare;
+    return static_cast<rlim_t>(newest.get()) < limit.rlim_cur - kept;
 }
 
 bool GuardedServer::admit(const std::string& address) {
@@ -221,6 +222,7 @@ void GuardedServer::turn_away(FileDescriptor fd) {
     // for.
     if (::send(fd.get(), words.data(), words.size(), MSG_NOSIGNAL | MSG_DONTWAIT) < 0) return;
     ::shutdown(fd.get(), SHUT_WR);
+    if (!leaves_descriptors(fd, true)) return;
     if (farewells_.size() == kMaxFarewells) farewells_.erase(farewells_.begin());
     farewells_.push_back({std::move(fd), std::chrono::steady_clock::now() + kFarewell});
 }

@@ -60,7 +60,7 @@ private:
     void accept_loop();
     void accept_one();
     bool admit(const std::string& address);
-    bool leaves_descriptors(const FileDescriptor& newest) const noexcept;
+    bool leaves_descriptors(const FileDescriptor& newest, bool farewell) const noexcept;
     bool ensure_thread();
     void turn_away(FileDescriptor fd);
     void serve_loop();
