@@ -36,6 +36,8 @@ constexpr float kCrowded = 0.05F;     // overlap over the radius
 constexpr double kStrangers = 0.1;    // part of the particles that may lack new neighbours,
 constexpr unsigned kOldest = 6;       // and for so many steps
 constexpr std::size_t kRing = 6;      // neighbours of a particle on a surface
+/// Within reach there are about ten; many more where what was spread over areas lies on a line.
+constexpr std::size_t kMostNeighbors = 64;
 
 /// The force turned into the plane across `normal`, as long as before; where it is all across, any
 /// direction, and the opposite one for the other particle of the pair.
@@ -245,10 +247,10 @@ void ParticleRelaxation::find_neighbors() {
         }
     });
     const ParticleTree tree(positions_, reach, context_);
-    parallel_for_blocks(positions_.size(), kBlock, context_,
-                        [&](std::size_t begin, std::size_t end) {
-                            tree.find_neighbors(begin, end, neighborhoods_[begin / kBlock]);
-                        });
+    parallel_for_blocks(
+        positions_.size(), kBlock, context_, [&](std::size_t begin, std::size_t end) {
+            tree.find_neighbors(begin, end, neighborhoods_[begin / kBlock], kMostNeighbors);
+        });
 }
 
 /// The mean distance of particles, over the spacing, to the six nearest; those that are out of

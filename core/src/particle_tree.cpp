@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <bit>
 #include <limits>
+#include <utility>
 
 namespace stipple {
 
@@ -79,27 +80,41 @@ ParticleTree::ParticleTree(std::span<const Vec3f> positions, std::span<const flo
     }
 }
 
-void ParticleTree::find_neighbors(std::size_t begin, std::size_t end,
-                                  ParticleNeighborhoods& found) const {
+void ParticleTree::find_neighbors(std::size_t begin, std::size_t end, ParticleNeighborhoods& found,
+                                  std::size_t most) const {
     found.members.clear();
     found.ends.clear();
+    constexpr std::size_t kLeavesOfEach = 2;
+    constexpr float kLeastPart = 0x1p-12F;
+    const std::size_t most_leaves = std::min(leaves_.size(), most) * kLeavesOfEach;
     std::vector<std::uint32_t> near;
     std::vector<Index> room;
     for (std::size_t i = begin; i < end; ++i) {
         if (i == begin || i % kWidth == 0) {
             near.clear();
-            append_near_leaves(i / kWidth, near);
+            // In a heap nearer and nearer ones; the first of them where all coincide.
+            float part = 1;
+            while (!append_near_leaves(i / kWidth, part, most_leaves, near) && part > kLeastPart) {
+                near.clear();
+                part /= 2;
+            }
             room.resize((near.size() + 1) * kWidth);
         }
-        const std::size_t count = pack_neighbors(i, near, room.data());
+        std::size_t count = pack_neighbors(i, near, room.data());
+        if (count > most) {
+            move_nearest_to_front(i, most, std::span(room).first(count));
+            count = most;
+        }
         found.members.insert(found.members.end(), room.begin(),
                              room.begin() + static_cast<std::ptrdiff_t>(count));
         found.ends.push_back(static_cast<Index>(found.members.size()));
     }
 }
 
-/// Leaves that may have neighbours of the particles in one of them.
-void ParticleTree::append_near_leaves(std::size_t leaf, std::vector<std::uint32_t>& near) const {
+/// Leaves that may have neighbours of the particles in one of them within this part of their reach.
+/// False where they are more than `most`: then they are some of them.
+bool ParticleTree::append_near_leaves(std::size_t leaf, float part, std::size_t most,
+                                      std::vector<std::uint32_t>& near) const {
     const Node& home = levels_[0][leaf / kWidth];
     const std::size_t lane = leaf % kWidth;
     std::array<float, 3> low, high;
@@ -114,7 +129,7 @@ void ParticleTree::append_near_leaves(std::size_t leaf, std::vector<std::uint32_
             const Float4 x = gap(low[0], high[0], &node.low[0][half], &node.high[0][half]);
             const Float4 y = gap(low[1], high[1], &node.low[1][half], &node.high[1][half]);
             const Float4 z = gap(low[2], high[2], &node.low[2][half], &node.high[2][half]);
-            const Float4 limit = 0.5F * (load(&node.reach[half]) + reach);
+            const Float4 limit = 0.5F * part * (load(&node.reach[half]) + reach);
             bits |= lane_bits(x * x + (y * y + z * z) <= limit * limit) << half;
         }
         return bits;
@@ -126,13 +141,14 @@ void ParticleTree::append_near_leaves(std::size_t leaf, std::vector<std::uint32_
     open[level] = near_children(levels_[level][0]);
     while (true) {
         if (open[level] == 0) {
-            if (++level == levels_.size()) return;
+            if (++level == levels_.size()) return true;
             continue;
         }
         const auto child = static_cast<std::uint32_t>(
             number[level] * kWidth + static_cast<unsigned>(std::countr_zero(open[level])));
         open[level] &= open[level] - 1;
         if (level == 0) {
+            if (near.size() == most) return false;
             near.push_back(child);
             continue;
         }
@@ -163,6 +179,13 @@ std::size_t ParticleTree::pack_neighbors(std::size_t i, std::span<const std::uin
         }
     }
     return static_cast<std::size_t>(out - found);
+}
+
+void ParticleTree::move_nearest_to_front(std::size_t i, std::size_t most,
+                                         std::span<Index> found) const {
+    const Vec3f p = position(i);
+    const auto order = [&](Index j) { return std::pair((position(j) - p).squaredNorm(), j); };
+    std::ranges::nth_element(found, found.begin() + static_cast<std::ptrdiff_t>(most), {}, order);
 }
 
 }  // namespace stipple

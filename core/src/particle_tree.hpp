@@ -6,6 +6,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <span>
 #include <vector>
 
@@ -36,8 +37,11 @@ public:
                  const RunContext& context);
 
     /// Replaces `found` by the neighbours of the particles begin..end: all others nearer than the
-    /// mean of both reaches, in an order that depends on the particles alone.
-    void find_neighbors(std::size_t begin, std::size_t end, ParticleNeighborhoods& found) const;
+    /// mean of both reaches, in an order that depends on the particles alone. Where there are more
+    /// than `most`, the nearest of those in some times as many leaves nearby: a particle takes no
+    /// more time where all reach each other.
+    void find_neighbors(std::size_t begin, std::size_t end, ParticleNeighborhoods& found,
+                        std::size_t most = std::numeric_limits<std::size_t>::max()) const;
 
 private:
     static constexpr std::size_t kWidth = 8;
@@ -53,9 +57,16 @@ private:
         Eight reach;
     };
 
-    void append_near_leaves(std::size_t leaf, std::vector<std::uint32_t>& near) const;
+    bool append_near_leaves(std::size_t leaf, float part, std::size_t most,
+                            std::vector<std::uint32_t>& near) const;
     std::size_t pack_neighbors(std::size_t i, std::span<const std::uint32_t> near,
                                Index* found) const;
+    /// So many that are nearest to particle i.
+    void move_nearest_to_front(std::size_t i, std::size_t most, std::span<Index> found) const;
+    Vec3f position(std::size_t i) const noexcept {
+        const Leaf& leaf = leaves_[i / kWidth];
+        return {leaf.x[i % kWidth], leaf.y[i % kWidth], leaf.z[i % kWidth]};
+    }
 
     std::size_t size_;
     std::vector<Leaf> leaves_;

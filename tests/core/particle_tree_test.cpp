@@ -57,6 +57,32 @@ TEST(ParticleTree, FindsParticlesThatCoincideAndOutliers) {
     expect_the_same_as_all_pairs(positions, std::vector<float>(positions.size(), 0.2F));
 }
 
+TEST(ParticleTree, FindsTheNearestOfTooMany) {
+    constexpr std::size_t kMost = 20;
+    const auto positions = test::sphere(300, 0.1).positions;
+    const std::vector<float> reach(positions.size(), 1.0F);
+    ParticleNeighborhoods found;
+    ParticleTree(positions, reach, {}).find_neighbors(0, positions.size(), found, kMost);
+    for (Index i = 0; i < positions.size(); ++i) {
+        std::vector<Index> nearest = all_nearer(positions, reach, i);
+        std::ranges::sort(nearest, {},
+                          [&](Index j) { return (positions[j] - positions[i]).squaredNorm(); });
+        nearest.resize(kMost);
+        EXPECT_TRUE(std::ranges::is_permutation(nearest, found.of(i))) << "particle " << i;
+    }
+}
+
+TEST(ParticleTree, FindsSomeOfAHeap) {
+    constexpr std::size_t kMost = 20, kCount = 50'000;
+    for (const auto& positions :
+         {std::vector<Vec3f>(kCount, Vec3f(1, 2, 3)), test::line(kCount).positions}) {
+        const std::vector<float> reach(positions.size(), 10.0F);
+        ParticleNeighborhoods found;
+        ParticleTree(positions, reach, {}).find_neighbors(0, positions.size(), found, kMost);
+        for (Index i = 0; i < positions.size(); ++i) ASSERT_EQ(found.of(i).size(), kMost);
+    }
+}
+
 TEST(ParticleTree, ASingleParticleHasNoNeighbors) {
     expect_the_same_as_all_pairs({Vec3f(1, 2, 3)}, {1.0F});
 }
