@@ -14,6 +14,8 @@ constexpr std::size_t kManyPlaces = 100'000;        // to watch, unless there ar
 constexpr std::size_t kManyPoints = 1'000'000;      // which are close together: no places between
 constexpr std::uint64_t kFewestMeasured = 200'000;  // also of small clouds
 constexpr std::uint64_t kFewestAgain = 800'000;
+/// Of a cloud of some hundred points: for each, with no more to find between them.
+constexpr std::uint64_t kEnoughOfEach = 100, kEnoughAgainOfEach = 400;
 constexpr std::uint64_t kUnevenAgain = 600'000;  // more places where a candidate is uneven
 /// Of a cloud of many points so small a part of the places is measured first: it mostly tells what
 /// is too far.
@@ -105,8 +107,9 @@ ErrorJudge::Finding ErrorJudge::glance(const PointCloud& candidate) {
     ++tries_;
     const ProbedSurface other(frame_.into(candidate, quietly_), Reading::Confirmed, quietly_);
     const Probes forward = surface_.measure(some_points_, other, margin(), quietly_);
+    const std::uint64_t places = std::min<std::uint64_t>(kGlance, kEnoughOfEach * cloud_.size());
     const Probes backward =
-        other.measure(other.random_places(kGlance, quietly_), surface_, margin(), quietly_);
+        other.measure(other.random_places(places, quietly_), surface_, margin(), quietly_);
     Finding finding;
     finding.max = std::max(forward.max(), backward.max()) / (bound_ * frame_.scale);
     for (const Probes* const probes : {&forward, &backward}) {
@@ -144,18 +147,21 @@ ErrorJudge::Finding ErrorJudge::measure(ErrorBoundedCloud& candidate) {
     ++tries_;
     if (careful_ && reading_ == Reading::Confirmed) {
         // First what mostly decides, and takes less time than what is measured then.
-        watch_->look_again(kUnevenAgain, tries_, quietly_);
+        watch_->look_again(std::min(kUnevenAgain, kEnoughAgainOfEach * cloud_.size()), tries_,
+                           quietly_);
         if (watch_->max() > kWithin * bound_ * frame_.scale) return found_by_watch();
     }
+    const std::uint64_t fewest =
+        std::min<std::uint64_t>(kFewestMeasured, kEnoughOfEach * cloud_.size());
     if (!meter_) {
         const SurfaceErrorOptions options = {
             .sampling = ErrorSampling::Surface,
-            .samples = std::max<std::uint64_t>(kFewestMeasured, cloud_.size()),
+            .samples = std::max<std::uint64_t>(fewest, cloud_.size()),
             .keep_samples = true};
         meter_.emplace(cloud_, options, quietly_);
     }
     const std::uint64_t enough = std::max(kEnoughMeasured, kMeasuredEach * candidate.cloud.size());
-    const auto samples = std::clamp<std::uint64_t>(2 * cloud_.size(), kFewestMeasured, enough);
+    const auto samples = std::clamp<std::uint64_t>(2 * cloud_.size(), fewest, enough);
     if (cloud_.size() >= kManyPoints) {
         Finding finding = measured(candidate, samples / kFirstPart, kFirstSeed);
         if (finding.max > kWithin) return finding;
@@ -163,8 +169,9 @@ ErrorJudge::Finding ErrorJudge::measure(ErrorBoundedCloud& candidate) {
     Finding finding = measured(candidate, samples, kSeed);
     if (finding.max <= kWithin && (careful_ || reading_ == Reading::ByTheLetter)) {
         // Where a fixed point leaps the farthest places may be few: others are likely to meet them.
+        const std::uint64_t few = std::min(kFewestAgain, kEnoughAgainOfEach * cloud_.size());
         const SurfaceError again =
-            meter_->measure(candidate.cloud, std::max(samples, kFewestAgain), kAgainSeed, quietly_);
+            meter_->measure(candidate.cloud, std::max(samples, few), kAgainSeed, quietly_);
         append(finding.places, places_above(kMargin * bound_, again.forward));
         append(finding.places, places_above(kMargin * bound_, again.backward));
         finding.max = std::max(finding.max, again.max() / bound_);

@@ -288,6 +288,15 @@ TEST(ErrorBounded, StopsWhenAsked) {
     EXPECT_THROW(simplify_within_error(sphere(1'000), within(0.1), context), Cancelled);
 }
 
+TEST(ErrorBounded, DoesNotFailByAPointFarOff) {
+    PointCloud cloud = sphere(600);
+    cloud.positions[7] = {10, 0, 0};
+    const ErrorBoundedCloud result = simplify_within_error(cloud, within(0.1));
+    EXPECT_FALSE(result.whole);
+    EXPECT_LT(result.cloud.size(), 200U);
+    EXPECT_LT(measured_again(cloud, result.cloud, ErrorSampling::Surface), 0.1);
+}
+
 TEST(ErrorBounded, HasAResultForFewPoints) {
     PointCloud one, two;
     one.positions = {Vec3f(1, 2, 3)};
