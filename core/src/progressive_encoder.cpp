@@ -122,10 +122,13 @@ public:
             for (std::size_t i = begin; i < end; ++i) points[i] = cloud.positions[i] * scale;
         });
         const PointTree tree(points, PointTree::Leaves::Quick, context);
+        // Not at points, which are off the surface that is through them by their noise.
+        const FootFinder surface(points, tree, {});
         const auto take = [&](std::uint64_t samples) {
-            return points.size() < 2 * samples
-                       ? take_surface(tree, FootFinder(points, tree, {}), samples, 0, context)
-                       : take_points(tree, samples, 0, context);
+            constexpr std::uint64_t kFew = 4;  // points for each place
+            return points.size() < kFew * samples
+                       ? take_surface(tree, surface, samples, 0, context)
+                       : take_surface_by_area(tree, surface, samples, 0, context);
         };
         constexpr std::uint64_t kSamples = 16'384, kFew = 4'096;
         samples_ = take(kSamples);

@@ -265,6 +265,17 @@ TEST(ProgressiveCloud, PrefixesAreGoodCloudsAndTellTheirError) {
     }
 }
 
+TEST(ProgressiveCloud, TheErrorOfTheWholeIsThatOfItsRounding) {
+    const PointCloud cloud = test::sphere(40'000, 0.01);
+    ProgressiveDecoder decoder;
+    decoder.feed(encode_progressive(cloud));
+    const double told = decoder.batches().back().mean_error;
+    const double error =
+        measure_error(cloud, decoder.cloud(), {.sampling = ErrorSampling::Surface}).mean();
+    EXPECT_LT(told, decoder.batches().back().step);
+    EXPECT_NEAR(told, error, 0.5 * error);
+}
+
 TEST(ProgressiveCloud, PutsPrefixesOutOfWhatIsBentAndTheWholeNowhere) {
     const PointCloud cloud = test::sphere(8'000);
     const Bytes stream = encode_progressive(cloud);
