@@ -603,7 +603,14 @@ TEST(Stippled, TellsOperatorsHowItIs) {
     EXPECT_EQ(request(server.admin_port(), "GET", "/livez").status, 200);
     EXPECT_EQ(request(server.admin_port(), "GET", "/readyz").status, 200);
     request(server.port(), "GET", "/v1/limits");
+    EXPECT_EQ(request(server.port(), "POST", "/v1/simplify?points=10&wait=60", as_ply(sphere(100)))
+                  .status,
+              200);
+    request(server.admin_port(), "GET", "/metrics");
     const std::string metrics = request(server.admin_port(), "GET", "/metrics").body;
+    EXPECT_NE(metrics.find("stipple_jobs_ended_total{status=\"successful\"} 1\n"),
+              std::string::npos)
+        << metrics;
     EXPECT_NE(metrics.find("stipple_http_requests_total{"), std::string::npos) << metrics;
     EXPECT_NE(metrics.find("route=\"/v1/limits\""), std::string::npos) << metrics;
     EXPECT_EQ(request(server.port(), "GET", "/metrics").status, 404);

@@ -1,6 +1,7 @@
 #include "http/admin.hpp"
 
 #include "http/api.hpp"
+#include "log_text.hpp"
 
 #include <spdlog/spdlog.h>
 
@@ -42,7 +43,7 @@ Reply Admin::ready() {
     try {
         service_.check_ready();
     } catch (const Error& error) {
-        spdlog::error("readyz.failed reason=\"{}\"", error.what());
+        spdlog::error("readyz.failed reason={}", log_text(error.what()));
         throw HttpError(503, "the store does not answer; the log tells why");
     }
     return text_reply("ready\n");

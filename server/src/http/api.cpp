@@ -1,5 +1,7 @@
 #include "http/api.hpp"
 
+#include "log_text.hpp"
+
 #include <spdlog/spdlog.h>
 #include <algorithm>
 
@@ -44,8 +46,8 @@ HttpError unauthorized(const char* why) {
 Reply error_reply(const Error& error, const Request& request) {
     const std::string detail = error.what();
     if (error.code() == ErrorCode::Internal) {
-        spdlog::error("request.failed id={} route={} reason=\"{}\"", request.id, request.route,
-                      detail);
+        spdlog::error("request.failed id={} route={} reason={}", request.id, request.route,
+                      log_text(detail));
         if (detail.starts_with("storage full")) {
             return problem_reply(HttpError(507,
                                            "the server's disk is full: nothing was stored, nothing "
@@ -213,7 +215,7 @@ void Api::served(const Request& request, const Served& outcome) {
 
 void Api::refused(std::string_view id, int status, std::string_view detail) {
     metrics_.request_refused(std::to_string(status));
-    spdlog::debug("http.refused id={} status={} reason=\"{}\"", id, status, detail);
+    spdlog::debug("http.refused id={} status={} reason={}", id, status, log_text(detail));
 }
 
 }  // namespace stipple::server::http

@@ -5,6 +5,7 @@
 #include <prometheus/histogram.h>
 #include <prometheus/registry.h>
 #include <prometheus/text_serializer.h>
+#include <mutex>
 
 namespace stipple::server::http {
 
@@ -44,6 +45,11 @@ struct Metrics::Series {
             .Register(registry);
     prometheus::Family<prometheus::Gauge>& jobs =
         BuildGauge().Name("stipple_jobs").Help("Unfinished jobs").Register(registry);
+    prometheus::Family<prometheus::Counter>& ended = BuildCounter()
+                                                         .Name("stipple_jobs_ended_total")
+                                                         .Help("Jobs that ended, by how")
+                                                         .Register(registry);
+    std::mutex counting;  ///< those: of two scrapes at a time
     prometheus::Gauge& oldest = BuildGauge()
                                     .Name("stipple_queue_oldest_seconds")
                                     .Help("Age of the oldest waiting job")
@@ -89,6 +95,10 @@ void Metrics::request_refused(std::string_view reason) {
 std::string Metrics::text(const JobStore::Counts& queue, unsigned connections) {
     series_->jobs.Add({{"status", "accepted"}}).Set(static_cast<double>(queue.queued));
     series_->jobs.Add({{"status", "running"}}).Set(static_cast<double>(queue.running));
+    for (const std::lock_guard lock(series_->counting); const auto& [status, count] : queue.ended) {
+        prometheus::Counter& known = series_->ended.Add({{"status", status}});
+        known.Increment(static_cast<double>(count) - known.Value());
+    }
     series_->oldest.Set(queue.oldest_queued_seconds);
     series_->connections.Set(connections);
     return prometheus::TextSerializer().Serialize(series_->registry.Collect());
