@@ -72,8 +72,12 @@ PointTree::Leaves leaves_of(const PointCloud& cloud, const SurfaceErrorOptions& 
 }
 
 std::uint64_t sample_count(const Surface& surface, const SurfaceErrorOptions& options) {
-    return options.samples > 0 ? options.samples
-                               : std::max<std::uint64_t>(surface.points.size(), kEnough);
+    if (options.samples > 0) return options.samples;
+    const std::uint64_t points = surface.points.size();
+    // Particles through a few points crowd, which takes long to come to rest.
+    constexpr std::uint64_t kEnoughOfEach = 400;
+    const bool crowd = options.sampling == ErrorSampling::Particles;
+    return std::max(points, crowd ? std::min(kEnough, kEnoughOfEach * points) : kEnough);
 }
 
 bool is_finer(const Surface& one, const Surface& other) {
