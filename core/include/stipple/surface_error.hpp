@@ -15,7 +15,9 @@ namespace stipple {
 enum class ErrorSampling : std::uint8_t {
     Points,     ///< at the points themselves, each for the area around it; on the coarser of two
                 ///< clouds, whose points may all lie on the other surface, and where there are
-                ///< fewer points than samples asked for, as `Surface`
+                ///< fewer points than samples asked for, as `Surface`. Points have noise, and
+                ///< a linear surface lies inside its curves: a cloud is not 0 from itself then,
+                ///< as it is where places lie on its surface
     Surface,    ///< at random places of the surface: evenly over its area, but hardly in gaps
                 ///< between points that are wider than usual there
     Particles,  ///< at particles that repel each other on the surface (§3.3), as the paper has it
@@ -56,7 +58,7 @@ struct DirectedError {
     double max = 0;
     double mean = 0;             ///< by area
     double mean_confidence = 0;  ///< the mean is within so much of that for infinitely many
-                                 ///< samples, in 95 of 100 cases
+                                 ///< samples, in 95 of 100 cases; 0 of a single one, unknown
     double rms = 0;
     double p50 = 0, p95 = 0, p99 = 0;  ///< distances that so much of the area does not exceed
     std::vector<double> histogram;     ///< shares of the area, in bins from 0 to `max`
@@ -103,8 +105,8 @@ void validate(const SurfaceErrorOptions& options);
 /// than the way between two points, so that most need not be looked at. On the other cloud, as on
 /// both with other `sampling`, there are as many places as points, at least 40,000, and the maximum
 /// is looked for at 4,096 more around the farthest. With fewer samples than points those that stand
-/// for large areas are drawn more often; of fewer than 2,048 the largest distances stay as found. No
-/// point stands for more than half the square about most of the points: one far off all others
+/// for large areas are drawn more often; of fewer than 2,048 the largest distances stay as found.
+/// No point stands for more than half the square about most of the points: one far off all others
 /// would else decide the mean.
 ///
 /// With the linear basis S and S' both lie inside curved parts by about h^2 kappa / 2, the coarser
