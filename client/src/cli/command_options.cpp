@@ -283,7 +283,7 @@ CLI::App& add_pyramid(CLI::App& app, Values& values) {
         ->type_name("N")
         ->transform(point_count());
     command.add_flag("--tile-attributes", values.tiles.attributes,
-                     "scalar attributes in the tiles, too");
+                     "scalar attributes in the tiles, too: 32-bit integers and doubles as floats");
     command.add_flag_callback(
         "--exact-errors", [&values] { values.tiles.errors = LodErrors::Exact; },
         "of tiles, measured at every point of the input: several times as long");
