@@ -94,6 +94,12 @@ export const shows = (page, points) => page.waitForFunction(
 /** Until the picture at rest is drawn. */
 export const rest = (page) => page.waitForFunction(() => document.documentElement.dataset.picture === 'rest');
 
+/** The same of what has just been asked for: a moment passes before the picture is no longer at rest. */
+export async function settle(page) {
+    await page.waitForTimeout(100);
+    await rest(page);
+}
+
 export const save = (page, name) => page.screenshot({ path: join(options.artifacts, `viewer-${name}.png`) });
 
 /** The id of a job that has ended. */
@@ -111,8 +117,7 @@ export const manifestOf = async (id) => (await fetch(`${server.url}/v1/jobs/${id
 
 /** The stage once nothing moves any more. */
 export async function restingPicture(page) {
-    await page.waitForTimeout(100);
-    await rest(page);
+    await settle(page);
     return browser.pixels(page, stageOf(page));
 }
 
@@ -128,6 +133,7 @@ export const stageOf = (page) =>
 
 /** The share of pixels that the cloud changes. */
 export async function litShare(page, clip = stageOf(page)) {
+    await settle(page);
     const shown = await browser.pixels(page, clip);
     const visibility = (value) => page.locator('#stage').evaluate((stage, to) => { stage.style.visibility = to; }, value);
     await visibility('hidden');
