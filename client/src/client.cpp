@@ -118,7 +118,7 @@ bool ends_the_job(const EventStreamParser::Event& event) {
 class PartialFile {
 public:
     explicit PartialFile(const fs::path& destination)
-        : destination_(destination),
+        : destination_(replaceable(destination)),
           partial_(destination.parent_path() / (".stipple-" + proto::random_hex(8))),
           stream_(partial_, std::ios::binary) {
         if (!stream_) fail("cannot be written here");
@@ -141,15 +141,19 @@ public:
     void keep() {
         stream_.close();
         if (!stream_) fail("cannot be written: is the disk full?");
-        std::error_code none;
-        const fs::file_status before = fs::status(destination_, none);
-        if (fs::exists(before) && !fs::is_regular_file(before))
-            fail("that is no regular file");  // a device would be gone
         fs::rename(partial_, destination_);
         kept_ = true;
     }
 
 private:
+    /// A device would be gone.
+    static const fs::path& replaceable(const fs::path& file) {
+        std::error_code none;
+        const fs::file_status before = fs::status(file, none);
+        if (fs::exists(before) && !fs::is_regular_file(before))
+            throw Error(ErrorCode::InvalidArgument, file.string() + ": that is no regular file");
+        return file;
+    }
     [[noreturn]] void fail(const char* why) const {
         throw Error(ErrorCode::Internal, destination_.string() + ": " + why);
     }

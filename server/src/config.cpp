@@ -1,6 +1,7 @@
 #include "config.hpp"
 
 #include "stipple/error.hpp"
+#include "stipple/proto/byte_size.hpp"
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -75,35 +76,11 @@ CLI::Validator within(std::uint64_t least, std::uint64_t most) {
                      });
 }
 
-/// Whole bytes of `2GB`, `1.5MiB` or `4096`.
-std::optional<std::uint64_t> bytes_in(const std::string& text) {
-    static const std::map<std::string, std::uint64_t> kUnits = {{"", 1},
-                                                                {"b", 1},
-                                                                {"kb", 1000},
-                                                                {"mb", 1000'000},
-                                                                {"gb", 1000'000'000},
-                                                                {"tb", 1000'000'000'000},
-                                                                {"kib", 1ULL << 10U},
-                                                                {"mib", 1ULL << 20U},
-                                                                {"gib", 1ULL << 30U},
-                                                                {"tib", 1ULL << 40U}};
-    long double number = 0;
-    const char* const end = text.data() + text.size();
-    const auto [stop, error] = std::from_chars(text.data(), end, number, std::chars_format::fixed);
-    if (error != std::errc()) return std::nullopt;
-    std::string name(stop, end);
-    name.erase(0, name.find_first_not_of(' '));
-    const auto unit = kUnits.find(CLI::detail::to_lower(name));
-    const long double bytes = unit == kUnits.end() ? -1 : number * unit->second;
-    if (!(bytes >= 0 && bytes < 1e18L)) return std::nullopt;
-    return static_cast<std::uint64_t>(bytes);
-}
-
 /// Turns sizes into numbers, which are then within a range.
 void make_size(CLI::Option* option, std::uint64_t least, const std::string& least_text) {
     option->type_name("SIZE")->transform(CLI::Validator(
         [least, least_text](std::string& text) -> std::string {
-            const auto bytes = bytes_in(text);
+            const auto bytes = proto::bytes_of_size(text, std::chars_format::fixed);
             if (!bytes || *bytes < least || *bytes > kMostBytes)
                 return text + ": expected " + least_text + "..1000TB, as in 1.5GB or 512MiB";
             text = std::to_string(*bytes);

@@ -156,34 +156,34 @@ struct Found {
     }
 };
 
-TEST_P(EveryKernel, FindsWhatIsNearbyAsPlainCodeDoes) {
-    const TenBlocks blocks(test::cube(GetParam(), 5).positions);
-    const auto n = static_cast<Index>(blocks.points.size());
-    const NearbyQuery query = {{0.4F, 0.5F, 0.6F}, 0.1F, 0.2F, 0, n, 2 * n};
-    const Found expected(blocks, query, n);
+/// Expects every kernel to find the samples up to `end` of those that the query asks for.
+void expect_found(const TenBlocks& blocks, const NearbyQuery& query, Index end, bool is_beyond) {
+    const Found expected(blocks, query, end);
     for (const ClusterKernels& kernels : available_cluster_kernels())
-        EXPECT_TRUE(expected.is_as_by(kernels, blocks, query, false)) << kernels.name;
+        EXPECT_TRUE(expected.is_as_by(kernels, blocks, query, is_beyond)) << kernels.name;
+}
+
+constexpr std::array<float, 3> kSomewhere = {0.4F, 0.5F, 0.6F};
+constexpr float kAllSq = 9;  // of a cube of side 1
+
+TEST_P(EveryKernel, FindsWhatIsNearbyAsPlainCodeDoes) {
+    const Index n = GetParam();
+    const TenBlocks blocks(test::cube(n, 5).positions);
+    expect_found(blocks, {kSomewhere, 0.1F, 0.2F, 0, n, 2 * n}, n, false);
 }
 
 TEST_P(EveryKernel, LooksAtNothingBeyondButTells) {
-    const TenBlocks blocks(test::cube(GetParam(), 5).positions);
-    const auto n = static_cast<Index>(blocks.points.size());
+    const Index n = GetParam();
+    const TenBlocks blocks(test::cube(n, 5).positions);
     const Index end = blocks.begins[9];
-    if (end == n) GTEST_SKIP() << "the last block has no points";
-    const NearbyQuery query = {{0.4F, 0.5F, 0.6F}, 9, 9, 0, end, 2 * n};
-    const Found expected(blocks, query, end);
-    for (const ClusterKernels& kernels : available_cluster_kernels())
-        EXPECT_TRUE(expected.is_as_by(kernels, blocks, query, true)) << kernels.name;
+    expect_found(blocks, {kSomewhere, kAllSq, kAllSq, 0, end, 2 * n}, end, true);
 }
 
 TEST_P(EveryKernel, StopsBehindEightBlocksOnceItHasEnough) {
-    const TenBlocks blocks(test::cube(GetParam(), 5).positions);
-    const auto n = static_cast<Index>(blocks.points.size());
-    const NearbyQuery query = {{0.4F, 0.5F, 0.6F}, 9, 9, 0, n, 0};
+    const Index n = GetParam();
+    const TenBlocks blocks(test::cube(n, 5).positions);
     const Index first = blocks.begins[8];
-    const Found expected(blocks, query, first > 0 ? first : n);
-    for (const ClusterKernels& kernels : available_cluster_kernels())
-        EXPECT_TRUE(expected.is_as_by(kernels, blocks, query, false)) << kernels.name;
+    expect_found(blocks, {kSomewhere, kAllSq, kAllSq, 0, n, 0}, first > 0 ? first : n, false);
 }
 
 TEST_P(EveryKernel, FindsTheBoxesThatAPartOfIsNear) {

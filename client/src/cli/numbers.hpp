@@ -1,7 +1,8 @@
 #pragma once
 
+#include "stipple/proto/byte_size.hpp"
+
 #include <CLI/CLI.hpp>
-#include <array>
 #include <charconv>
 #include <cmath>
 #include <cstdint>
@@ -108,25 +109,8 @@ inline CLI::Validator point_count() {
 inline CLI::Validator byte_count() {
     return CLI::Validator(
         [](std::string& text) -> std::string {
-            static constexpr std::array<std::pair<std::string_view, double>, 8> kUnits = {{
-                {"", 1},
-                {"b", 1},
-                {"kb", 1e3},
-                {"mb", 1e6},
-                {"gb", 1e9},
-                {"kib", 1024},
-                {"mib", 1024.0 * 1024},
-                {"gib", 1024.0 * 1024 * 1024},
-            }};
-            double value = 0;
-            const char* const end = text.data() + text.size();
-            const auto [stop, error] = std::from_chars(text.data(), end, value);
-            const std::string unit = CLI::detail::to_lower(CLI::detail::trim_copy({stop, end}));
-            constexpr double kMost = 1e18;
-            for (const auto& [name, bytes] : kUnits) {
-                if (error != std::errc() || unit != name || !(value >= 0) || value * bytes > kMost)
-                    continue;
-                text = std::to_string(static_cast<std::uint64_t>(std::floor(value * bytes)));
+            if (const auto bytes = proto::bytes_of_size(text)) {
+                text = std::to_string(*bytes);
                 return {};
             }
             return text + ": expected bytes, as in 14600, 15kB or 1.5MiB";
