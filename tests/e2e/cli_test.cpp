@@ -1,17 +1,12 @@
 #include "stipple/codec.hpp"
 #include "stipple/proto/digest.hpp"
 #include "stipple/simplify.hpp"
-#include "support/stippled_process.hpp"
+#include "support/stipple_cli.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
-#include <sys/stat.h>
-#include <sys/wait.h>
-#include <algorithm>
 #include <cmath>
-#include <cstdlib>
 #include <fstream>
-#include <iterator>
 #include <nlohmann/json.hpp>
 
 namespace stipple {
@@ -19,50 +14,9 @@ namespace {
 
 namespace fs = std::filesystem;
 using nlohmann::json;
-using test::TemporaryFolder;
-
-std::string content(const fs::path& file) {
-    std::ifstream stream(file, std::ios::binary);
-    return {std::istreambuf_iterator<char>(stream), {}};
-}
-
-struct Outcome {
-    int exit_code = -1;
-    std::string out, err;
-};
-
-/// Runs the real program in a folder of its own.
-class StippleCli : public testing::Test {
-protected:
-    /// @param before  what starts the program, as `timeout 1 `.
-    Outcome stipple(const std::string& arguments, const std::string& before = "") const {
-        const std::string command = "cd '" + folder_.path().string() + "' && " + before + "'" +
-                                    test::program("stipple").string() + "' " + arguments +
-                                    " > out.txt 2> err.txt";
-        const int status = std::system(command.c_str());
-        Outcome outcome{WIFEXITED(status) ? WEXITSTATUS(status) : -1, content(folder_ / "out.txt"),
-                        content(folder_ / "err.txt")};
-        fs::remove(folder_ / "out.txt");
-        fs::remove(folder_ / "err.txt");
-        return outcome;
-    }
-
-    void synthesize(const std::string& name, int points) const {
-        const Outcome outcome =
-            stipple("synthesize " + name + " --points " + std::to_string(points));
-        ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-    }
-
-    std::vector<std::string> files() const {
-        std::vector<std::string> names;
-        for (const auto& entry : fs::directory_iterator(folder_.path()))
-            names.push_back(entry.path().filename().string());
-        std::sort(names.begin(), names.end());
-        return names;
-    }
-
-    TemporaryFolder folder_;
-};
+using test::content;
+using test::Outcome;
+using test::StippleCli;
 
 TEST_F(StippleCli, ParticlesTakeNoMoreMemoryBesideAFewStrayPoints) {
     PointCloud cloud = test::plane(20'000);
@@ -386,82 +340,6 @@ TEST_F(StippleCli, ReadsAFileByItsContentWhateverItsName) {
     EXPECT_EQ(stipple("simplify in.ply out.ply -n 10").exit_code, 0);
 }
 
-TEST_F(StippleCli, ABrokenFileGivesOneLineThatNamesItAndLeavesNothing) {
-    std::ofstream(folder_ / "bad.ply")
-        << "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\n"
-           "property float y\nproperty float z\nend_header\n0 0 0\n";
-    for (const char* command : {"simplify bad.ply out.ply -n 1", "pyramid bad.ply levels",
-                                "convert bad.ply out.drc", "inspect bad.ply"}) {
-        const Outcome outcome = stipple(command);
-        EXPECT_EQ(outcome.exit_code, 1) << command;
-        EXPECT_TRUE(outcome.err.starts_with("stipple: bad.ply: ")) << outcome.err;
-        EXPECT_EQ(std::count(outcome.err.begin(), outcome.err.end(), '\n'), 1) << outcome.err;
-        EXPECT_EQ(files(), std::vector<std::string>{"bad.ply"}) << command;
-    }
-}
-
-TEST_F(StippleCli, AFailureLeavesTheOldOutputAsItWas) {
-    std::ofstream(folder_ / "bad.ply") << "ply\n";
-    std::ofstream(folder_ / "out.ply") << "precious";
-    EXPECT_EQ(stipple("simplify bad.ply out.ply -n 1").exit_code, 1);
-    EXPECT_EQ(content(folder_ / "out.ply"), "precious");
-}
-
-TEST_F(StippleCli, TheInputIsNeverReplacedByWhatIsMadeOfIt) {
-    synthesize("in.ply", 1000);
-    fs::create_hard_link(folder_ / "in.ply", folder_ / "linked.ply");
-    const std::string before = content(folder_ / "in.ply");
-    for (const char* command :
-         {"simplify in.ply in.ply -n 5", "upsample in.ply ./in.ply -n 2000",
-          "analyze in.ply linked.ply", "analyze in.ply out.ply --feature-lines in.ply",
-          "convert in.ply in.ply --ply-encoding ascii",
-          "simplify in.ply out.ply -n 5 --json ./in.ply", "inspect in.ply --json in.ply",
-          "evaluate in.ply linked.ply --map in.ply", "curve in.ply --json in.ply"}) {
-        const Outcome outcome = stipple(command);
-        EXPECT_EQ(outcome.exit_code, 1) << command;
-        EXPECT_NE(outcome.err.find("that is an input"), std::string::npos) << outcome.err;
-        EXPECT_EQ(content(folder_ / "in.ply"), before) << command;
-    }
-}
-
-TEST_F(StippleCli, NoOutputTakesThePlaceOfAnother) {
-    synthesize("in.ply", 1000);
-    for (const char* command :
-         {"simplify in.ply out.ply -n 5 --json ./out.ply", "curve in.ply --plot a.svg --json a.svg",
-          "analyze in.ply out.ply --feature-lines out.ply"}) {
-        const Outcome outcome = stipple(command);
-        EXPECT_EQ(outcome.exit_code, 1) << command;
-        EXPECT_NE(outcome.err.find("that is another output"), std::string::npos) << outcome.err;
-        EXPECT_EQ(files(), std::vector<std::string>{"in.ply"}) << command;
-    }
-}
-
-TEST_F(StippleCli, APyramidLeavesNothingOfTheOneThatStoodThere) {
-    synthesize("in.ply", 20'000);
-    const auto names = [&] {
-        std::vector<std::string> sorted;
-        for (const auto& entry : fs::directory_iterator(folder_ / "levels"))
-            sorted.push_back(entry.path().filename().string());
-        std::ranges::sort(sorted);
-        return sorted;
-    };
-    ASSERT_EQ(stipple("pyramid in.ply levels --levels 100,2000").exit_code, 0);
-    std::ofstream(folder_ / "levels/mine.txt") << "of no pyramid";
-    const Outcome of_itself = stipple("pyramid levels/level-1.ply levels");
-    EXPECT_NE(of_itself.err.find("level-1.ply: that is an input"), std::string::npos)
-        << of_itself.err;
-    ASSERT_EQ(stipple("pyramid in.ply levels --levels 100 --formats drc").exit_code, 0);
-    EXPECT_EQ(names(), (std::vector<std::string>{"level-0.drc", "manifest.json", "mine.txt"}));
-    ASSERT_EQ(stipple("pyramid in.ply levels --layout potree").exit_code, 0);
-    EXPECT_EQ(names(), (std::vector<std::string>{"hierarchy.bin", "metadata.json", "mine.txt",
-                                                 "octree.bin"}));
-    std::ofstream(folder_ / "levels/manifest.json") << R"({"name": "a web application"})";
-    const Outcome refused = stipple("pyramid in.ply levels");
-    EXPECT_EQ(refused.exit_code, 1);
-    EXPECT_NE(refused.err.find("choose another folder"), std::string::npos) << refused.err;
-    EXPECT_EQ(names().size(), 5U);
-}
-
 TEST_F(StippleCli, WhatIsLostIsToldWhereNoTerminalIsToo) {
     std::ofstream(folder_ / "in.ply")
         << "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
@@ -471,79 +349,6 @@ TEST_F(StippleCli, WhatIsLostIsToldWhereNoTerminalIsToo) {
         << outcome.err;
     EXPECT_NE(outcome.err.find("9 points were asked for: there are no more"), std::string::npos)
         << outcome.err;
-}
-
-TEST_F(StippleCli, APlaceThatCannotBeWrittenIsToldBeforeTheWork) {
-    std::ofstream(folder_ / "broken.ply") << "ply";  // which the work would tell
-    for (const char* command : {"simplify broken.ply out.ply -n 5 --json no/figures.json",
-                                "analyze broken.ply out.ply --feature-lines no/lines.ply",
-                                "evaluate broken.ply broken.ply --map no/map.png",
-                                "curve broken.ply --json no/curve.json",
-                                "pyramid broken.ply levels --json no/figures.json"}) {
-        const Outcome outcome = stipple(command);
-        EXPECT_EQ(outcome.exit_code, 1) << command;
-        EXPECT_NE(outcome.err.find("no: nothing can be written there"), std::string::npos)
-            << outcome.err;
-        EXPECT_EQ(files(), std::vector<std::string>{"broken.ply"}) << command;
-    }
-}
-
-TEST_F(StippleCli, AFolderInTheWayIsToldBeforeTheWork) {
-    // Work on it would fail: its header lies about the points.
-    std::ofstream(folder_ / "broken.ply")
-        << "ply\nformat ascii 1.0\nelement vertex 9\nproperty float x\nend_header\n";
-    for (const char* const name : {"d.ply", "d.png", "d.svg", "m-2.ply"})
-        fs::create_directory(folder_ / name);
-    const auto before = files();
-    for (const auto& [command, name] : std::vector<std::pair<std::string, std::string>>{
-             {"simplify broken.ply d.ply -n 10", "d.ply"},
-             {"simplify broken.ply out.ply -n 10 --json d.ply", "d.ply"},
-             {"analyze broken.ply d.ply --feature-lines f.ply", "d.ply"},
-             {"analyze broken.ply out.ply --feature-lines d.ply", "d.ply"},
-             {"convert broken.ply d.ply", "d.ply"},
-             {"synthesize d.ply -n 10", "d.ply"},
-             {"slice nothing d.ply -n 10", "d.ply"},
-             {"curve broken.ply --plot d.svg", "d.svg"},
-             {"evaluate broken.ply broken.ply --map m1.ply --map d.png", "d.png"},
-             {"evaluate broken.ply broken.ply broken.ply --map m.ply", "m-2.ply"}}) {
-        const Outcome outcome = stipple(command);
-        EXPECT_EQ(outcome.exit_code, 1) << command;
-        EXPECT_EQ(outcome.err,
-                  "stipple: " + name + ": that is a folder: give the output a name of its own\n")
-            << command;
-        EXPECT_EQ(files(), before) << command;
-    }
-}
-
-TEST_F(StippleCli, FilesOfAPyramidTakeThePlaceOfNoOther) {
-    synthesize("in.ply", 2000);
-    for (const char* const name : {"manifest.json", "level-0.ply", "tileset.json"}) {
-        const Outcome outcome = stipple("pyramid in.ply levels --json levels/" + std::string(name));
-        EXPECT_EQ(outcome.exit_code, 1) << name;
-        EXPECT_NE(outcome.err.find("that is another output"), std::string::npos) << outcome.err;
-        EXPECT_EQ(files(), std::vector<std::string>{"in.ply"}) << name;
-    }
-    fs::create_directory(folder_ / "levels");
-    fs::copy_file(folder_ / "in.ply", folder_ / "levels/level-1.ply");
-    const Outcome input = stipple("pyramid levels/level-1.ply levels --levels 10,1000");
-    EXPECT_NE(input.err.find("level-1.ply: that is an input"), std::string::npos) << input.err;
-    EXPECT_EQ(std::distance(fs::directory_iterator(folder_ / "levels"), {}), 1);
-    EXPECT_EQ(stipple("pyramid levels/level-1.ply levels --formats drc").exit_code, 0);
-    fs::create_directory(folder_ / "levels/level-0.glb");
-    const Outcome in_the_way = stipple("pyramid in.ply levels");
-    EXPECT_NE(in_the_way.err.find("level-0.glb: that is a folder"), std::string::npos)
-        << in_the_way.err;
-    EXPECT_EQ(stipple("pyramid in.ply levels --formats ply --json levels/figures.json").exit_code,
-              0);
-}
-
-TEST_F(StippleCli, AFailedPyramidLeavesNoFolderThatItMade) {
-    std::ofstream(folder_ / "bad.ply") << "ply\n";
-    EXPECT_EQ(stipple("pyramid bad.ply a/b/c/").exit_code, 1);
-    EXPECT_EQ(files(), std::vector<std::string>{"bad.ply"});
-    fs::create_directories(folder_ / "a/b");
-    EXPECT_EQ(stipple("pyramid bad.ply a/b/c").exit_code, 1);
-    EXPECT_TRUE(fs::is_empty(folder_ / "a/b"));
 }
 
 TEST_F(StippleCli, TextOfAFileDoesNothingToTheTerminal) {
@@ -566,64 +371,6 @@ TEST_F(StippleCli, NamesThatAreNoUtf8DoForPicturesToo) {
     EXPECT_NE(content(folder_ / "c.svg").find("scan_\xef\xbf\xbd.ply"), std::string::npos);
     const Outcome potree = stipple("pyramid scan_\xe9.ply levels --layout potree");
     EXPECT_EQ(potree.exit_code, 0) << potree.err;
-}
-
-TEST_F(StippleCli, ALinkStaysOneAndAPrivateFileStaysPrivate) {
-    synthesize("in.ply", 100);
-    fs::create_directory(folder_ / "real");
-    for (const char* const command :
-         {"simplify in.ply l.ply -n 5", "convert in.ply l.ply", "curve in.ply -n 50 --json l.ply",
-          "evaluate in.ply in.ply --map l.ply"}) {
-        fs::remove(folder_ / "l.ply");
-        fs::create_symlink("real/t.ply", folder_ / "l.ply");
-        std::ofstream(folder_ / "real/t.ply") << "old";
-        fs::permissions(folder_ / "real/t.ply", fs::perms::owner_read | fs::perms::owner_write);
-        const Outcome outcome = stipple(command);
-        EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
-        EXPECT_TRUE(fs::is_symlink(folder_ / "l.ply")) << command;
-        EXPECT_GT(fs::file_size(folder_ / "real/t.ply"), 3U) << command;
-        EXPECT_EQ(fs::status(folder_ / "real/t.ply").permissions(),
-                  fs::perms::owner_read | fs::perms::owner_write)
-            << command;
-    }
-    EXPECT_EQ(std::distance(fs::directory_iterator(folder_ / "real"), {}), 1);
-}
-
-TEST_F(StippleCli, ALimitOnFilesIsAnErrorThatLeavesNothing) {
-    synthesize("in.ply", 2000);
-    // 8 blocks of 512 or 1024 bytes, as the shell counts.
-    for (const char* const command :
-         {"simplify in.ply out.ply -n 1500", "convert in.ply out.ply",
-          "evaluate in.ply in.ply --map map.ply", "pyramid in.ply levels"}) {
-        const Outcome outcome = stipple(command, "ulimit -f 8; ");
-        EXPECT_EQ(outcome.exit_code, 1) << command;
-        EXPECT_TRUE(outcome.err.find("File too large") != std::string::npos ||
-                    outcome.err.find("above the limit of ") != std::string::npos)
-            << outcome.err;
-        EXPECT_EQ(outcome.err.find("limit of 0 bytes"), std::string::npos) << outcome.err;
-        EXPECT_EQ(outcome.err.find(".stipple-"), std::string::npos) << outcome.err;
-        EXPECT_EQ(files(), std::vector<std::string>{"in.ply"}) << command;
-    }
-}
-
-TEST_F(StippleCli, NamesMayBeAsLongAsTheFileSystemTakes) {
-    const std::string name = std::string(251, 'n') + ".ply";  // 255 bytes
-    for (const std::string& command :
-         {"synthesize " + name + " -n 1000", "convert in.ply " + name,
-          "simplify in.ply " + name + " -n 50", "curve in.ply -n 50 --json " + name}) {
-        if (!fs::exists(folder_ / "in.ply")) synthesize("in.ply", 1000);
-        fs::remove(folder_ / name);
-        const Outcome outcome = stipple(command);
-        EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
-        EXPECT_TRUE(fs::exists(folder_ / name)) << command;
-    }
-}
-
-TEST_F(StippleCli, ALoopOfLinksIsToldAsWhatItIs) {
-    fs::create_symlink("loop.ply", folder_ / "loop.ply");
-    const Outcome outcome = stipple("inspect loop.ply");
-    EXPECT_EQ(outcome.err,
-              "stipple: loop.ply: cannot be read: Too many levels of symbolic links\n");
 }
 
 TEST_F(StippleCli, ADamagedLevelOfASliceIsNamed) {
@@ -649,15 +396,6 @@ TEST_F(StippleCli, HelpThatCannotBeWrittenIsAnError) {
     const Outcome outcome = stipple("--help >&- 2> told.txt; test $? = 1");
     EXPECT_EQ(outcome.exit_code, 0);
     EXPECT_EQ(content(folder_ / "told.txt"), "stipple: standard output: cannot be written\n");
-}
-
-TEST_F(StippleCli, NoOutputTakesThePlaceOfADevice) {
-    ASSERT_EQ(::mkfifo((folder_ / "pipe").c_str(), 0600), 0);
-    synthesize("in.ply", 100);
-    const Outcome outcome = stipple("inspect in.ply --json pipe");
-    EXPECT_EQ(outcome.err,
-              "stipple: pipe: that is no regular file: give the output a name of its own\n");
-    EXPECT_TRUE(fs::is_fifo(folder_ / "pipe"));
 }
 
 TEST_F(StippleCli, UsageErrorsExitWithTwoAndNameTheRemedy) {
@@ -714,19 +452,6 @@ TEST_F(StippleCli, AServerThatWantsAKeyIsToldWithTheOptionForIt) {
                 << outcome.err;
         }
     }
-}
-
-TEST_F(StippleCli, AnInterruptLeavesNothingBehind) {
-    synthesize("in.ply", 1'000'000);
-    // Work of seconds, interrupted as Ctrl-C does it.
-    const Outcome outcome =
-        stipple("pyramid in.ply levels --threads 1", "timeout --preserve-status -s INT 0.3 ");
-    EXPECT_EQ(outcome.exit_code, 130);
-    EXPECT_EQ(files(), std::vector<std::string>{"in.ply"});
-    const Outcome closed =
-        stipple("pyramid in.ply levels --threads 1", "timeout --preserve-status -s HUP 0.3 ");
-    EXPECT_EQ(closed.exit_code, 129);
-    EXPECT_EQ(files(), std::vector<std::string>{"in.ply"});
 }
 
 TEST_F(StippleCli, IgeaComesOutWithTheCountAskedFor) {
