@@ -14,9 +14,8 @@
 
 // Follows: Pauly, Gross, Kobbelt 2002, §3.3; Turk 1992 (the force); Witkin and Heckbert 1994 (a
 // radius that follows what the particles find). Departures, all measured on scans:
-// - The force is as long as r - |p - p_i|, Turk's. Eq. 7 as it is printed has the factor p - p_i
-// not
-//   divided by its length, which makes it weaker the closer two particles are: pairs merge.
+// - The force is Turk's, (r - |p - p_i|) along p - p_i. Eq. 7 as it is printed does not divide the
+//   factor p - p_i by its length, which makes it weaker the closer two particles are: pairs merge.
 // - Pairs that are too close (radii below the spacing) push along the surface with the whole force.
 //   Two particles on either side of a thin sheet would press each other into it and hardly part.
 //   Not sooner: it drives particles away from creases, which costs 1.5 % of mean error.

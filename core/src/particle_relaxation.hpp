@@ -13,9 +13,9 @@
 
 namespace stipple {
 
-/// The force on a particle at p due to one at p_i (§3.3, Eq. 7) for a force constant k = 1: as long
-/// as r - |p - p_i|, away from p_i; none from the repulsion radius r on, and none where both
-/// coincide.
+/// The force on a particle at p due to one at p_i for a force constant k = 1: (r - |p - p_i|) times
+/// the unit vector away from p_i, which is Eq. 7 (§3.3) with p - p_i normalised. None from the
+/// repulsion radius r on, and none where both coincide.
 inline Vec3f repulsion(const Vec3f& p, const Vec3f& p_i, float r) noexcept {
     const Vec3f away = p - p_i;
     const float distance_sq = away.squaredNorm();

@@ -55,9 +55,9 @@ struct ParticleSimulationOptions {
 };
 
 /// Particle simulation (§3.3): particles are spread over the surface by its sampling density, repel
-/// each other (Eq. 7, 8) on its tangent planes until they lie evenly, and are projected onto its
-/// moving least squares surface (`MlsSurface`, degree 2), within the box of the cloud but for
-/// a twentieth of the radius of 16 neighbours.
+/// each other (Eq. 7 with p - p_i normalised, Eq. 8) on its tangent planes until they lie evenly,
+/// and are projected onto its moving least squares surface (`MlsSurface`, degree 2), within the box
+/// of the cloud but for a twentieth of the radius of 16 neighbours.
 ///
 /// The result has exactly N points for every N, on the surface between and beside the input points:
 /// nearest neighbours are about equally far apart (deviation over mean about 0.03, smallest over
