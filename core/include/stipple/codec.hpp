@@ -68,13 +68,13 @@ struct DecodeReport {
 /// `ProgressiveDecoder`.
 ///
 /// @param report  filled when not null.
-/// @throws Error(UnsupportedFormat) for bytes that are none; Error(MalformedInput) naming what
-/// is wrong and where
-///         (line or byte offset); Error(TooLarge) over a limit. Nothing is allocated beyond what
-///         the input can hold.
-/// Google's Draco decoder can still ask for all memory, and looks at `context.stop` before and
-/// after its work only, which takes seconds for ten million points: decode foreign bytes in a
-/// process with a memory limit, which can be ended from outside.
+/// @throws Error(UnsupportedFormat) for bytes in none of these formats; Error(MalformedInput)
+/// naming what is wrong and where (line or byte offset); Error(TooLarge) over a limit.
+///
+/// Nothing is allocated beyond what the input can hold. Google's Draco decoder can still ask for
+/// all memory, and looks at `context.stop` before and after its work only, which takes seconds for
+/// ten million points: decode foreign bytes in a process with a memory limit, which can be ended
+/// from outside.
 PointCloud decode_cloud(std::span<const std::byte> bytes, const DecodeLimits& limits = {},
                         const RunContext& context = {}, DecodeReport* report = nullptr);
 
