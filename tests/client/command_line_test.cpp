@@ -173,9 +173,9 @@ TEST(CommandLine, AnalyzeTakesNeighboursAndTheSignsOfNormals) {
 
 TEST(CommandLine, EvaluateTakesAReferenceCandidatesAndWhatToWrite) {
     const auto command = parsed<EvaluateCommand>(
-        {"evaluate", "a.ply",     "b.ply", "c.drc",       "--map",        "m.png",   "--map",
-         "m.ply",    "--samples", "5000",  "--quadratic", "--attributes", "--range", "0.5",
-         "--views",  "front,top", "--up",  "z",           "--json",       "-"});
+        {"evaluate", "a.ply",     "b.ply",     "c.drc",   "--map",     "m.png",        "--map",
+         "m.ply",    "--samples", "5000",      "--basis", "quadratic", "--attributes", "--range",
+         "0.5",      "--views",   "front,top", "--up",    "z",         "--json",       "-"});
     EXPECT_EQ(command.candidates.size(), 2U);
     EXPECT_EQ(command.maps.size(), 2U);
     const proto::EvaluationOptions& options = command.job.options;
@@ -188,6 +188,8 @@ TEST(CommandLine, EvaluateTakesAReferenceCandidatesAndWhatToWrite) {
     EXPECT_EQ(options.views, (std::vector<std::string>{"front", "top"}));
     EXPECT_EQ(options.up, 'z');
     EXPECT_EQ(options.labels, (std::vector<std::string>{"b.ply", "c.drc"}));
+    EXPECT_EQ(refusal({"evaluate", "a.ply", "b.ply", "--quadratic"}),
+              "--quadratic: no such option (see --help)");
 }
 
 TEST(CommandLine, LabelsOfCandidatesAreUtf8OfAtMost200Bytes) {

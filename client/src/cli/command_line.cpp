@@ -264,7 +264,6 @@ EvaluateCommand evaluate_command(const Values& values) {
     options.measure.sampling = proto::error_sampling_from_name(values.sampling);
     if (!values.basis.empty())
         options.measure.surface = proto::error_surface_from_name(values.basis);
-    if (values.quadratic) options.measure.surface = ErrorSurface::Quadratic;
     if (values.candidates.size() > proto::kMostCandidates)
         throw UsageError(std::to_string(values.candidates.size()) + " candidates: at most " +
                          std::to_string(proto::kMostCandidates));

@@ -390,13 +390,10 @@ CLI::App& add_evaluate(CLI::App& app, Values& values) {
                     "where: points, surface (random places) or particles (as the paper has it)")
         ->type_name("S")
         ->capture_default_str();
-    auto* const basis =
-        command
-            .add_option("--basis", values.basis,
-                        "of the surface: linear (default), quadratic, or samples: the points alone")
-            ->type_name("B");
-    command.add_flag("--quadratic", values.quadratic, "the same as --basis quadratic")
-        ->excludes(basis);
+    command
+        .add_option("--basis", values.basis,
+                    "of the surface: linear (default), quadratic, or samples: the points alone")
+        ->type_name("B");
     command.add_option("--k", options.measure.k, "neighbours that make a surface, 6..64")
         ->type_name("K")
         ->capture_default_str()
@@ -426,7 +423,7 @@ CLI::App& add_evaluate(CLI::App& app, Values& values) {
         "Examples:\n"
         "  stipple evaluate scan.ply small.ply\n"
         "  stipple evaluate scan.ply a.ply b.drc --json errors.json --map errors.png\n"
-        "  stipple evaluate scan.ply small.ply --map errors.ply --range 0.5 --quadratic");
+        "  stipple evaluate scan.ply small.ply --map errors.ply --range 0.5");
     return command;
 }
 

@@ -35,7 +35,6 @@ struct Values {
     std::vector<std::string> candidates, maps;
     proto::EvaluationOptions evaluation;
     std::string sampling = "points", basis, up = "y";
-    bool quadratic = false;
     LodPyramidOptions pyramid;
     LodTileOptions tiles;
     std::vector<double> transform;
