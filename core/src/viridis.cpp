@@ -1,5 +1,5 @@
 // The colour map viridis of Stéfan van der Walt and Nathaniel Smith, which they gave to the public
-// domain (CC0).
+// domain (CC0). A table, since it has no formula.
 
 #include "stipple/splat_renderer.hpp"
 

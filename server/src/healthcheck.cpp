@@ -38,6 +38,7 @@ FileDescriptor connect_to(const ListenAddress& address) {
     return fd;
 }
 
+// One request of which one line matters: no reason to let httplib out of http/.
 std::string status_line(const FileDescriptor& fd) {
     constexpr std::string_view kRequest =
         "GET /readyz HTTP/1.1\r\nHost: admin\r\nConnection: close\r\n\r\n";

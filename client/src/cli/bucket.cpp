@@ -57,7 +57,8 @@ std::string encoded(std::string_view key) {
     return text;
 }
 
-/// What stands between `<name>` and its end in a reply, if it does.
+/// What stands between `<name>` and its end in a reply, if it does. No parser is needed: an error
+/// of S3 is flat, its elements have no attributes, and what is found is only shown.
 std::string element(std::string_view xml, std::string_view name) {
     const std::string open = "<" + std::string(name) + ">", close = "</" + std::string(name) + ">";
     const std::size_t from = xml.find(open);

@@ -1,3 +1,6 @@
+// Written as text, not drawn by cairo as pictures of clouds are: cairo turns letters into outlines,
+// which nobody can search, copy or edit.
+
 #include "cli/curve_plot.hpp"
 
 #include "cli/text.hpp"
@@ -20,6 +23,7 @@ using proto::OutputCloud;
 constexpr double kWidth = 800, kHeight = 500;
 constexpr double kLeft = 78, kRight = 176, kTop = 44, kBottom = 58;
 
+// Variadic as in C, for then the compiler checks the format.
 std::string formatted(const char* format, ...) __attribute__((format(printf, 1, 2)));
 std::string formatted(const char* format, ...) {
     std::array<char, 512> text{};

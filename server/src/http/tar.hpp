@@ -8,7 +8,8 @@
 namespace stipple::server::http {
 
 /// The 512 bytes before a file of a tar archive (POSIX.1-1988 ustar): a plain file that all may
-/// read. A file of 8 GiB or more has its size in binary, as GNU tar has it.
+/// read. A file of 8 GiB or more has its size in binary, as GNU tar has it. Made here, since files
+/// stream from the store between headers, which archive libraries would rather write themselves.
 /// @param name  1 to 100 bytes.
 std::string tar_header(std::string_view name, std::uint64_t bytes,
                        std::chrono::sys_seconds modified);
