@@ -6,7 +6,7 @@
 namespace stipple {
 
 inline constexpr std::string_view kAttributeNameRule =
-    "1 to 255 printable ASCII characters without blanks";
+    "1 to 255 printable ASCII characters without spaces";
 
 /// Whether `Attribute::name` may be so.
 inline bool is_attribute_name(std::string_view name) noexcept {

@@ -27,7 +27,7 @@ Camera axes(const ViewOptions& view) {
 void check(const ViewOptions& view) {
     const double cross = view.toward_eye.cross(view.up).norm();
     require(cross > 1e-6 * view.toward_eye.norm() * view.up.norm(),
-            "up: expected a direction other than toward_eye, and neither 0");
+            "up: expected a direction other than toward_eye, both nonzero");
     require(view.field_of_view_rad >= 0 && view.field_of_view_rad <= 2.5,
             "field_of_view_rad " + std::to_string(view.field_of_view_rad) + ": expected 0..2.5");
     require(view.margin >= 0 && view.margin <= 0.45,

@@ -38,7 +38,7 @@ std::string describe_unknown(std::span<const std::byte> bytes) {
     if (head.starts_with("PK\x03\x04")) hint = "; it is a zip archive: unpack it first";
     if (head.starts_with("LASF")) hint = "; it is a LAS file: convert it to PLY first";
     if (head.starts_with("version https:/"))
-        hint = "; it is a pointer of Git LFS, not the file: fetch it with 'git lfs pull'";
+        hint = "; it is a Git LFS pointer, not the file: fetch it with 'git lfs pull'";
     return "neither PLY nor Draco: the file starts with " + in_quotes(head) +
            ", expected 'ply', 'DRACO' or 'STPC' (a progressive stream)" + hint;
 }
@@ -70,7 +70,7 @@ public:
         const FileDescriptor fd(::open(file.c_str(), O_RDONLY | O_CLOEXEC));
         if (fd.get() < 0) fail_io("cannot open", file, errno);
         struct stat status {};
-        if (::fstat(fd.get(), &status) != 0) fail_io("cannot look at", file, errno);
+        if (::fstat(fd.get(), &status) != 0) fail_io("cannot inspect", file, errno);
         if (S_ISDIR(status.st_mode)) fail_io("cannot read", file, EISDIR);
         if (!S_ISREG(status.st_mode)) {
             read_all(fd.get(), file);
@@ -138,8 +138,8 @@ void write_whole(const fs::path& file, std::span<const std::byte> bytes) {
     const fs::file_status before = fs::status(file, none);
     if (fs::exists(before) && !fs::is_regular_file(before))  // a device would be gone
         throw Error(ErrorCode::InvalidArgument,
-                    "cannot write " + file.string() + ": that is " +
-                        (fs::is_directory(before) ? "a folder" : "no regular file"));
+                    "cannot write " + file.string() + ": it is " +
+                        (fs::is_directory(before) ? "a folder" : "not a regular file"));
     const fs::path partial = partial_name(file);
     FileDescriptor fd(::open(partial.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
     if (fd.get() < 0) fail_io("cannot write", file, errno);
@@ -222,7 +222,7 @@ CloudFormat cloud_format_from_name(std::string_view name) {
     if (name == "copc.laz" || name == "copc") return CloudFormat::Copc;
     throw Error(ErrorCode::UnsupportedFormat,
                 "format " + in_quotes(name) +
-                    ": expected ply, drc or, of a pyramid, glb, stpc or copc.laz");
+                    ": expected ply, drc or, for a pyramid, glb, stpc or copc.laz");
 }
 
 std::optional<CloudFormat> detect_format(std::span<const std::byte> head) noexcept {

@@ -72,7 +72,7 @@ void check_contraction(const PointCloud& cloud, const IterativeSimplificationOpt
     check_weight("color_weight", options.color_weight);
     if (options.color_weight > 0 && cloud.colors.empty()) {
         throw Error(ErrorCode::InvalidArgument,
-                    "color_weight: the cloud has no colours: leave it out");
+                    "color_weight: the cloud has no colours; omit it");
     }
     for (const auto& [name, weight] : options.attribute_weights) {
         check_weight("attribute_weights: " + name, weight);

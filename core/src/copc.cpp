@@ -96,7 +96,7 @@ void check_step(const PointCloud& cloud, const Aabb& box, double step, const Run
     throw Error(ErrorCode::InvalidArgument,
                 "the cloud is " + in_words(side) + " wide, and its points lie about " +
                     in_words(gap) + " apart: steps of " + in_words(step) +
-                    " cannot tell them apart; leave out what lies far off, or choose a precision");
+                    " cannot tell them apart; remove far-off points, or set a precision");
 }
 
 OctreeCube cube_of(const PointCloud& cloud, const CopcOptions& options, const RunContext& context) {
@@ -110,10 +110,10 @@ OctreeCube cube_of(const PointCloud& cloud, const CopcOptions& options, const Ru
         if (!options.precision)
             throw Error(ErrorCode::InvalidArgument,
                         "coordinates around " + in_words(box.max.cwiseAbs().maxCoeff()) +
-                            ": expected ones that a grid of 2^30 steps can hold");
+                            ": expected a range that a grid of 2^30 steps can hold");
         throw Error(ErrorCode::InvalidArgument,
                     "precision " + in_words(*options.precision) +
-                        ": the cloud is more than 2^30 steps wide: expected a longer one");
+                        ": the cloud is more than 2^30 steps wide; choose a longer one");
     }
     const auto bits = static_cast<unsigned>(std::bit_width(static_cast<std::uint32_t>(steps)));
     return {low, step, std::max(bits, 1U)};
@@ -200,8 +200,8 @@ void put_extra_fields_record(ByteWriter& to, std::span<const LasExtraField> fiel
     constexpr std::size_t kMostFields = 0xFFFF / kExtraFieldSize;
     if (fields.size() > kMostFields)
         throw Error(ErrorCode::InvalidArgument, std::to_string(fields.size()) +
-                                                    " attributes: a LAS file describes " +
-                                                    std::to_string(kMostFields) + " at most");
+                                                    " attributes: a LAS file holds at most " +
+                                                    std::to_string(kMostFields));
     put_record_head(to, "LASF_Spec", 4, kExtraFieldSize * fields.size(), "Extra bytes");
     for (const LasExtraField& field : fields) {
         to.put_zeros(2);
@@ -263,7 +263,7 @@ std::vector<Chunk> append_chunks(ByteWriter& file, std::span<const SampledOctree
         constexpr std::size_t kMost = INT32_MAX;  // as the hierarchy tells it
         if (encoded[n].size() > kMost)
             throw Error(ErrorCode::TooLarge, "COPC: " + std::to_string(nodes[n].count) +
-                                                 " points of one place take " +
+                                                 " points in one place take " +
                                                  std::to_string(encoded[n].size()) +
                                                  " bytes: expected at most 2^31 - 1; choose a "
                                                  "shorter precision");

@@ -47,7 +47,7 @@ std::unique_ptr<draco::PointCloud> decode_geometry(std::span<const std::byte> fi
         const std::string why = result.status().error_msg_string();
         throw Error(ErrorCode::MalformedInput,
                     "Draco: the decoder refuses the " + std::to_string(file.size()) +
-                        " bytes: " + (why.empty() ? "they are cut short or damaged" : why));
+                        " bytes: " + (why.empty() ? "they are truncated or damaged" : why));
     } catch (const std::bad_alloc&) {
         const std::string limit =
             max_memory_bytes == 0 ? "there is"
@@ -109,8 +109,8 @@ void check_attribute(const draco::PointCloud& geometry, const PointAttribute& at
         entries = std::max<std::size_t>(entries, std::size_t{index.value()} + 1);
     }
     if (entries > have / stride) {
-        fail(std::to_string(entries) + " values are referred to, " + std::to_string(have / stride) +
-             " are there");
+        fail(std::to_string(entries) + " values are referenced, but only " +
+             std::to_string(have / stride) + " exist");
     }
 }
 
@@ -312,12 +312,12 @@ PointCloud decode_draco(std::span<const std::byte> file, const DecodeLimits& lim
     const int positions = geometry->GetNamedAttributeId(GeometryAttribute::POSITION);
     const int normals = geometry->GetNamedAttributeId(GeometryAttribute::NORMAL);
     const int colors = geometry->GetNamedAttributeId(GeometryAttribute::COLOR);
-    if (positions < 0) throw Error(ErrorCode::MalformedInput, "Draco: no attribute of positions");
+    if (positions < 0) throw Error(ErrorCode::MalformedInput, "Draco: no position attribute");
     if (std::cmp_greater(geometry->num_attributes(), limits.max_attributes + 3ULL)) {
         throw Error(ErrorCode::TooLarge, "Draco: " + std::to_string(geometry->num_attributes()) +
                                              " attributes: expected at most " +
                                              std::to_string(limits.max_attributes) +
-                                             " beside position, normal and colour");
+                                             " besides position, normal and colour");
     }
 
     PointCloud cloud;

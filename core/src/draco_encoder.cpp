@@ -80,7 +80,7 @@ Extent extent_of(std::span<const Vec3f> positions) {
     }
     const double side = (high.cast<double>() - low.cast<double>()).maxCoeff();
     if (side > double{std::numeric_limits<float>::max()})
-        refuse("the positions spread beyond single precision");
+        refuse("the positions exceed the range of single precision");
     constexpr double kShortest = 1e-30;  // of which a step is no subnormal number
     if (side > 0 && side < kShortest)
         refuse(
@@ -103,7 +103,7 @@ unsigned bits_for(double precision, const Extent& extent) {
     if (precision <= rounding || bits > kMostBits) {
         text << "at least " << std::max(2 * rounding, extent.side * 0x1p-30) << " for points "
              << extent.side
-             << " apart, held in single precision; position_bits 0 keeps them exactly";
+             << " apart in single precision; position_bits 0 keeps them exactly";
         refuse(text.str());
     }
     return std::max(1U, static_cast<unsigned>(bits));

@@ -253,7 +253,7 @@ void require_error_bounded(Method method) {
 ErrorBoundedCloud simplify_within_error(const PointCloud& cloud, const SimplifyOptions& options,
                                         const RunContext& context) {
     validate(options);
-    if (!options.max_error && !options.max_error_rel) refuse("max_error: expected one");
+    if (!options.max_error && !options.max_error_rel) refuse("max_error: missing");
     if (cloud.empty()) refuse("the cloud has no points: expected at least 1");
     const double bound =
         options.max_error ? *options.max_error : *options.max_error_rel * bounds(cloud).diagonal();
@@ -291,14 +291,14 @@ void validate(const ErrorCurveOptions& options) {
     require_error_bounded(options.simplification.method);
     SimplifyOptions method = options.simplification;
     const bool targeted = method.points || method.ratio || method.max_error || method.max_error_rel;
-    if (targeted) refuse("target: a curve has none: give points or count");
+    if (targeted) refuse("target: a curve has none; give points or count");
     method.points = 1;
     validate(method);
     if (options.count < 2 || options.count > kMostCounts)
         refuse("count " + std::to_string(options.count) + ": expected 2..64");
     if (options.points.size() > kMostCounts)
         refuse("points: " + std::to_string(options.points.size()) +
-               " of them: expected at most 64");
+               " counts: expected at most 64");
     for (std::size_t i = 0; i < options.points.size(); ++i) {
         const std::uint64_t least = i == 0 ? 1 : options.points[i - 1] + 1;
         if (options.points[i] < least)
@@ -314,7 +314,7 @@ std::vector<std::uint64_t> curve_counts(std::uint64_t points, const ErrorCurveOp
         counts = curve_counts(points, options.count);
         if (counts.empty())
             refuse("points: the cloud has " + std::to_string(points) +
-                   ": expected at least 40, or counts to be given");
+                   ": expected at least 40, or explicit counts");
     }
     for (const std::uint64_t count : options.points)
         if (count < points) counts.insert(counts.begin(), count);

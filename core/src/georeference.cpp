@@ -17,7 +17,7 @@ Vec3d choose_origin(const Aabb& all, std::vector<Vec3d> some) {
     if (!(side <= kLongestSide)) {
         std::ostringstream message;
         message << "the coordinates spread over " << side << ": expected at most " << kLongestSide
-                << ", the reach of single precision";
+                << ", the range of single precision";
         throw Error(ErrorCode::MalformedInput, message.str());
     }
     constexpr double kShortestSide = std::numeric_limits<float>::min();

@@ -106,7 +106,7 @@ Eigen::Matrix4d globe_frame(unsigned epsg, const Vec3d& place) {
     if (!(place.cwiseAbs().maxCoeff() <= kFar)) {
         throw Error(ErrorCode::InvalidArgument,
                     "epsg " + std::to_string(epsg) +
-                        ": the cloud lies beyond 10,000 km: its coordinates are of another system");
+                        ": the cloud lies beyond 10,000 km: its coordinates belong to another system");
     }
     const Zone zone = zone_of(epsg);
     constexpr double kStep = 10;  // metres: what is not linear cancels, what is rounded is small

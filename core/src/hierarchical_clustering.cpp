@@ -30,7 +30,7 @@ void check(const HierarchicalClusteringOptions& options, std::size_t points) {
     }
     if (options.target_size && bounded) {
         refuse(
-            "hierarchical: a target size stands alone; remove max_cluster_size and max_variation");
+            "hierarchical: a target size excludes max_cluster_size and max_variation; remove them");
     }
     if (options.target_size && *options.target_size == 0) {
         refuse("target_size 0: expected 1.." + std::to_string(points));

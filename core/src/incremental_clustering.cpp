@@ -41,7 +41,7 @@ void check(const IncrementalClusteringOptions& options, std::size_t points) {
         refuse("incremental: expected a target size, max_cluster_size or max_variation");
     }
     if (options.target_size && options.max_cluster_size) {
-        refuse("incremental: a target size stands instead of max_cluster_size; remove one");
+        refuse("incremental: a target size excludes max_cluster_size; remove one");
     }
     if (options.target_size && *options.target_size == 0) {
         refuse("target_size 0: expected 1.." + std::to_string(points));

@@ -89,7 +89,7 @@ LasFields::LasFields(const PointCloud& cloud) {
     if (extra_size > kMost)
         throw Error(ErrorCode::InvalidArgument,
                     "the attributes take " + std::to_string(extra_size) +
-                        " bytes a point: LAS holds " + std::to_string(kMost));
+                        " bytes per point: LAS holds at most " + std::to_string(kMost));
 }
 
 bool LasFields::take_as_known(const Attribute& attribute) {

@@ -55,7 +55,7 @@ std::vector<std::uint64_t> with_fitting_base(std::span<const std::uint64_t> size
                                              const RunContext& context) {
     const auto too_large = std::ranges::partition_point(
         tries, [&](std::uint64_t size) { return options.base_fits(level_of(size, context)); });
-    if (too_large == tries.begin()) refuse("base_fits: expected to take a level of one point");
+    if (too_large == tries.begin()) refuse("base_fits: expected to accept a level of one point");
     std::vector<std::uint64_t> fitting{*std::prev(too_large)};
     const double least = std::sqrt(options.ratio) * static_cast<double>(fitting[0]);
     for (const std::uint64_t size : sizes)
@@ -205,9 +205,9 @@ CloudOfSize own_runs_of(const PointCloud& cloud, const SimplifyOptions& options,
 void validate(const LodPyramidOptions& options) {
     SimplifyOptions method = options.simplification;
     if (method.points || method.ratio || method.max_error || method.max_error_rel)
-        refuse("target: a pyramid has none: give levels, or ratio and base_points");
+        refuse("target: a pyramid has none; give levels, or ratio and base_points");
     const auto refuse_bound = [](bool is_there, const std::string& name) {
-        if (is_there) refuse(name + ": levels have counts instead: remove it");
+        if (is_there) refuse(name + ": levels have counts instead; remove it");
     };
     switch (method.method) {
         case Method::Hierarchical:
@@ -249,7 +249,7 @@ void validate(const LodPyramidOptions& options) {
         }
     }
     if (options.sizes.size() > kMaxLevels) {
-        refuse("levels: " + std::to_string(options.sizes.size()) + " of them: expected at most 64");
+        refuse("levels: " + std::to_string(options.sizes.size()) + " counts: expected at most 64");
     }
     if (!(options.ratio > 1 && options.ratio <= 64)) {
         std::ostringstream text;

@@ -339,7 +339,7 @@ std::vector<LodTile> LodTiler::add_level(const PointCloud& cloud, bool whole,
             "the pyramid has " + std::to_string(state.tree.part_count()) +
                 " tiles or more, with max_points " + std::to_string(state.options.max_points) +
                 " and position_bits " + std::to_string(grid.bits) + ": expected at most " +
-                std::to_string(kMostTiles) + "; allow a tile more points, or take fewer bits");
+                std::to_string(kMostTiles) + "; allow more points per tile, or fewer bits");
     }
     context.checkpoint(0.5);
     std::vector<LodTile> tiles(parts.size());

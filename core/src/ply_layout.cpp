@@ -109,7 +109,7 @@ void check_against(const DecodeLimits& limits, const PlyLayout& layout) {
         throw Error(
             ErrorCode::TooLarge,
             "PLY header: " + std::to_string(attributes) +
-                " properties of a vertex beside position, normal and colour: expected at most " +
+                " properties of a vertex besides position, normal and colour: expected at most " +
                 std::to_string(limits.max_attributes) + "; remove some, or raise the limit");
     }
     for (const PlyProperty& property : layout.vertex->properties) {

@@ -149,7 +149,7 @@ std::string header_of(const PointCloud& cloud, std::span<const Field> fields,
     for (const std::string& comment : options.comments) {
         if (comment.find_first_of("\r\n") != comment.npos) {
             throw Error(ErrorCode::InvalidArgument,
-                        "comment " + in_quotes(comment) + ": expected one line each");
+                        "comment " + in_quotes(comment) + ": expected a single line");
         }
         header += "comment " + comment + "\n";
     }

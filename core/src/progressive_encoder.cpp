@@ -65,7 +65,7 @@ void check(const PointCloud& cloud, const ProgressiveOptions& options) {
     std::ostringstream text;
     text << "the cloud is " << side << " wide, and its points lie about " << spacing
          << " apart: a grid of " << kMostGridBits
-         << " bits cannot tell them apart; leave out what lies far off, or choose a precision";
+         << " bits cannot tell them apart; remove far-off points, or set a precision";
     throw Error(ErrorCode::InvalidArgument, text.str());
 }
 
@@ -82,7 +82,7 @@ void choose_grid(const PointCloud& cloud, const ProgressiveOptions& options,
     if (options.precision) {
         layout.step = 2 * *options.precision;
         bits = std::max(1.0, std::ceil(std::log2(side / layout.step + 1)));
-        if (bits > kMostGridBits) refuse("precision", *options.precision, "what 24 bits can give");
+        if (bits > kMostGridBits) refuse("precision", *options.precision, "a value that 24 bits can give");
     } else if (side > 0) {
         // With longer steps than the spacing the points of one part would fall into one place.
         const double spacing =

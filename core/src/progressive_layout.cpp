@@ -101,7 +101,7 @@ ProgressiveAttribute read_attribute(Reader& in) {
     attribute.reduction = static_cast<Reduction>(reduction);
     attribute.bits = in.get<std::uint8_t>();
     require_range("bits of an attribute", attribute.bits, 0, attribute.type == kFloat ? 32 : 0);
-    attribute.low = in.finite("the least value of an attribute");
+    attribute.low = in.finite("the lowest value of an attribute");
     attribute.step = in.finite("the step of an attribute");
     return attribute;
 }
@@ -264,7 +264,7 @@ ProgressiveLayout parse_header(std::span<const std::byte> bytes, const DecodeLim
     require_reach(layout);
     for (unsigned a = 0; a < attributes; ++a) layout.attributes.push_back(read_attribute(in));
     read_batches(in, batches, layout);
-    if (!in.at_end()) malformed("the header is longer than what it holds");
+    if (!in.at_end()) malformed("the header is longer than its contents");
     return layout;
 }
 

@@ -198,7 +198,7 @@ Method method_from_name(std::string_view name) {
 void validate(const SimplifyOptions& options) {
     if (options.max_error) require_positive("max_error", *options.max_error);
     if (options.max_error_rel)
-        require_positive("max_error as a part of the diagonal", *options.max_error_rel);
+        require_positive("max_error as a fraction of the diagonal", *options.max_error_rel);
     const bool bounds_error = options.max_error || options.max_error_rel;
     if (bounds_error) require_error_bounded(options.method);
     const int targets = int{options.points.has_value()} + int{options.ratio.has_value()} +
@@ -268,7 +268,7 @@ PointCloud upsample(const PointCloud& cloud, const UpsampleOptions& options,
     particles.target_size = options.points ? *options.points : scaled(cloud.size(), *options.ratio);
     if (particles.target_size <= cloud.size()) {
         refuse("points " + std::to_string(particles.target_size) + ": expected more than the " +
-               std::to_string(cloud.size()) + " there are; simplify makes fewer");
+               std::to_string(cloud.size()) + " of the cloud; simplify yields fewer");
     }
     return particle_simulation(cloud, particles, context);
 }

@@ -54,9 +54,9 @@ void validate(const SurfaceAttributeOptions& options) {
             "k " + std::to_string(options.k) + ": expected 3..64, or 0 to choose");
     const bool turns = options.signs == NormalSigns::Viewpoint;
     require(!turns || options.viewpoint,
-            "viewpoint: missing: expected x, y and z, towards which normals are to turn");
+            "viewpoint: missing: expected x, y and z, which normals should point towards");
     require(turns || !options.viewpoint,
-            "viewpoint: expected none unless normals are to turn towards it");
+            "viewpoint: expected only if normals should point towards it");
     require(!options.viewpoint || options.viewpoint->array().isFinite().all(),
             "viewpoint: expected finite coordinates");
     if (!options.feature_lines) return;

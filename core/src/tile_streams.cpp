@@ -195,7 +195,7 @@ std::vector<std::byte> decompress(const TileStream& stream, std::size_t count) {
     std::vector<std::byte> raw(count * stream.stride);
     const auto* const bytes = reinterpret_cast<const unsigned char*>(stream.bytes.data());
     if (meshopt_decodeVertexBuffer(raw.data(), count, stream.stride, bytes, stream.bytes.size()))
-        throw Error(ErrorCode::MalformedInput, stream.name + ": its bytes do not decode");
+        throw Error(ErrorCode::MalformedInput, stream.name + ": its bytes cannot be decoded");
     if (stream.octahedral) meshopt_decodeFilterOct(raw.data(), count, stream.stride);
     return raw;
 }

@@ -218,9 +218,9 @@ TEST(CommandLine, PyramidTakesEveryMethodWithItsOwnOptions) {
     EXPECT_EQ(particles.job.options.simplification.seed, 7U);
     EXPECT_NE(refusal({"pyramid", "in.ply", "out", "--adaptivity", "0.5"}), "accepted");
     EXPECT_EQ(refusal({"pyramid", "in.ply", "out", "--max-cluster-size", "9"}),
-              "max_cluster_size: levels have counts instead: remove it");
+              "max_cluster_size: levels have counts instead; remove it");
     EXPECT_EQ(refusal({"pyramid", "in.ply", "out", "-m", "voxel", "--voxel-size", "1"}),
-              "voxel_size: levels have counts instead: remove it");
+              "voxel_size: levels have counts instead; remove it");
     EXPECT_EQ(refusal({"pyramid", "in.ply", "out", "-m", "incremental", "--max-variation", "0.1"}),
               "accepted");
 }

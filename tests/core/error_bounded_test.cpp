@@ -347,7 +347,7 @@ TEST(ErrorCurve, OfFewPointsWantsItsCountsGiven) {
         FAIL() << "39 points were accepted";
     } catch (const Error& error) {
         EXPECT_STREQ(error.what(),
-                     "points: the cloud has 39: expected at least 40, or counts to be given");
+                     "points: the cloud has 39: expected at least 40, or explicit counts");
     }
 }
 

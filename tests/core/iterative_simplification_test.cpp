@@ -329,7 +329,7 @@ TEST(IterativeSimplification, SaysWhatIsWrongWithAnOption) {
     EXPECT_EQ(message({.target_size = 5, .color_weight = std::nan("")}, cloud),
               "color_weight nan: expected a finite number, 0 or more");
     EXPECT_EQ(message({.target_size = 5, .color_weight = 1}, test::sphere(20)),
-              "color_weight: the cloud has no colours: leave it out");
+              "color_weight: the cloud has no colours; omit it");
     EXPECT_EQ(message({.target_size = 5, .attribute_weights = {{"heat", 1}}}, cloud),
               "attribute_weights: the cloud has no attribute heat");
     const auto snapshots = [&](std::vector<std::uint64_t> sizes) {

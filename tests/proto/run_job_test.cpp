@@ -291,7 +291,7 @@ TEST_F(RunJob, UpsamplesToMorePointsThanThereAre) {
     job.options.points = 400;
     const JobSpec spec = spec_for(test::sphere(400), job);
     EXPECT_STREQ(error_of([&] { run(spec); }).what(),
-                 "points 400: expected more than the 400 there are; simplify makes fewer");
+                 "points 400: expected more than the 400 of the cloud; simplify yields fewer");
 }
 
 TEST_F(RunJob, TakesTheCoordinatesOfRegionsFromTheFile) {

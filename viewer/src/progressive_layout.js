@@ -120,7 +120,7 @@ export function parseHeader(bytes) {
     }
     readBatches(reader, batches, layout);
     if (reader.at < bytes.length) {
-        malformed('the header is longer than what it holds');
+        malformed('the header is longer than its contents');
     }
     return layout;
 }
@@ -145,13 +145,13 @@ function addChannels({ channels }, count, bits) {
 function readAttribute(reader, layout) {
     const name = reader.text(reader.u8());
     if (!/^[!-~]+$/.test(name)) {
-        malformed('the name of an attribute is not 1 to 255 printable ASCII characters without blanks');
+        malformed('the name of an attribute is not 1 to 255 printable ASCII characters without spaces');
     }
     const type = requireRange('type of an attribute', reader.u8(), 0, kTypeBits.length - 1);
     const components = requireRange('components of an attribute', reader.u8(), 1, 255);
     requireRange('reduction of an attribute', reader.u8(), 0, 4);
     const bits = requireRange('bits of an attribute', reader.u8(), 0, type === kFloat ? 32 : 0);
-    const low = reader.finite('the least value of an attribute');
+    const low = reader.finite('the lowest value of an attribute');
     const step = reader.finite('the step of an attribute');
     layout.attributes.push({ name, type, components, bits, low, step, first: layout.channels.length });
     addChannels(layout, components * (type === kDouble ? 2 : 1), bits || kTypeBits[type]);

@@ -87,7 +87,7 @@ try {
     const batch = (number, at) => header - (batches - number) * batchBytes + at;
     const impossible = [
         [byte, 88, 0, 'starts? with'], [byte, 4, 4, 'of version 4: expected 3'],
-        [word, 11, 8, 'length of the header'], [word, 2 ** 20 + 1, 8, 'length of the header'], [word, header + 1, 8, 'longer than what it holds'],
+        [word, 11, 8, 'length of the header'], [word, 2 ** 20 + 1, 8, 'length of the header'], [word, header + 1, 8, 'longer than its contents'],
         [word, header - 1, 8, 'ends too early'], [byte, 16, 5, 'flags 16'], [byte, 4, 5, 'alpha without colours'],
         ...[0, 25, 255].map((bits) => [byte, bits, 6, `bits of the grid ${bits}`]), ...[1, 17].map((bits) => [byte, bits, 7, `bits of normals ${bits}`]),
         [word, 0, 12, 'points 0'], [word, 50_000_000, 12, 'do not add up'], [word, 1000, 12, 'points up to a batch'],
@@ -102,7 +102,7 @@ try {
         [byte, 0, attributes, 'the name of an attribute'], ...[7, 32, 127, 200].map((code) => [byte, code, attributes + 1, 'the name of an attribute']),
         [byte, 8, type, 'type of an attribute 8'], [byte, 0, type + 1, 'components of an attribute 0'], [byte, 5, type + 2, 'reduction of an attribute 5'],
         [both, [7, 175], type, 'bits of an attribute 175: expected 0\\.\\.0'], [both, [6, 33], type, 'bits of an attribute 33: expected 0\\.\\.32'],
-        [double, NaN, type + 4, 'the least value of an attribute'], [double, Infinity, type + 12, 'the step of an attribute'],
+        [double, NaN, type + 4, 'the lowest value of an attribute'], [double, Infinity, type + 12, 'the step of an attribute'],
         [word, 0, batch(0, 0), 'points up to a batch 0'], [word, 1, batch(1, 0), 'points up to a batch 1'], [word, 2 ** 31, batch(1, 0), 'points up to a batch'],
         [word, 0, batch(batches - 1, 4), 'a batch of 0 bytes cannot hold'],
         ...[0, batches - 1].flatMap((number) => [
