@@ -334,12 +334,12 @@ std::vector<LodTile> LodTiler::add_level(const PointCloud& cloud, bool whole,
         cut_level(state.tree, level.points, order, state.had,
                   {state.options.max_points, static_cast<float>(kMostSteps * grid.step)}, context);
     if (state.tree.part_count() > kMostTiles) {
-        throw Error(
-            ErrorCode::TooLarge,
-            "the pyramid has " + std::to_string(state.tree.part_count()) +
-                " tiles or more, with max_points " + std::to_string(state.options.max_points) +
-                " and position_bits " + std::to_string(grid.bits) + ": expected at most " +
-                std::to_string(kMostTiles) + "; allow more points per tile, or fewer bits");
+        throw Error(ErrorCode::TooLarge,
+                    "the pyramid has " + std::to_string(state.tree.part_count()) +
+                        " tiles or more, with max_points " +
+                        std::to_string(state.options.max_points) + " and position_bits " +
+                        std::to_string(grid.bits) + ": expected at most " +
+                        std::to_string(kMostTiles) + "; allow more points per tile, or fewer bits");
     }
     context.checkpoint(0.5);
     std::vector<LodTile> tiles(parts.size());
