@@ -12,7 +12,9 @@
 
 namespace stipple::proto {
 
-/// accepted -> running -> successful | failed | dismissed; accepted -> dismissed. As OGC API - Processes names them.
+/// accepted -> running -> successful | failed | dismissed; accepted -> dismissed; running -> accepted, when an attempt
+/// ended without a result and the job will be tried again: the server was stopped or restarted, its worker was lost, or
+/// its process died. As OGC API - Processes names them.
 enum class JobStatus { Accepted, Running, Successful, Failed, Dismissed };
 std::string_view to_string(JobStatus status) noexcept;
 JobStatus job_status_from_name(std::string_view name);
