@@ -35,10 +35,10 @@ struct Lease {
 
 /// What happened to a job. `data` is JSON by `type`:
 ///
-///     status    {"status": "running"}                           every change of status
-///     progress  {"progress": {"stage": "decode", "percent": 12.5}}  thinned out: at most one per 1
-///     % and 250 ms source    {"source": {cloud statistics}}                  the cloud was decoded
-///     level     {"level": {as in the results}}                  it can be fetched
+///     status    {"status": "running"}           every change of status
+///     progress  {"progress": {stage, percent}}  thinned out: one per 1 % and 250 ms at most
+///     source    {"source": {statistics}}        the cloud was decoded
+///     level     {"level": {as in the results}}  it can be fetched
 ///
 /// The last three are what stipple-job reported (proto::JobReport); `href`s of a level are filled
 /// by the service.
