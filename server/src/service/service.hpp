@@ -44,8 +44,9 @@ struct Limits {
     }
 };
 
-/// What each route means: no HTTP, no JSON text. One object for all threads. Every call names the
-/// tenant; what is another's is NotFound. All failures are `Error`.
+/// What each route means: no requests and no replies; of HTTP only the addresses in `links`, of
+/// JSON text only that of events. One object for all threads. Every call names the tenant; what is
+/// another's is NotFound. All failures are `Error`.
 class Service {
 public:
     Service(Limits limits, JobStore& jobs, BlobStore& blobs);
