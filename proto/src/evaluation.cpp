@@ -112,13 +112,13 @@ ErrorFigures error_figures(const SurfaceError& error, const SurfaceErrorOptions&
             warn(which + std::string(" of ") + std::to_string(points) +
                  (points == 1 ? " point" : " points") + ", fewer than the " +
                  std::to_string(options.k) +
-                 " neighbours that make a surface: distances say little");
+                 " neighbours that define a surface: distances mean little");
     };
     warn_of_few("reference", reference_points);
     warn_of_few("candidate", candidate_points);
     const auto warn_of_far = [&](const char* which) {
         warn("the largest distance is above the diagonal of the " + std::string(which) +
-             ": do both clouds have the same unit, and lie at the same place?");
+             ": do both clouds use the same unit and lie in the same place?");
     };
     if (!(error.diagonal > 0))
         warn("all points of the reference coincide: there is no diagonal to compare with");
@@ -130,8 +130,8 @@ ErrorFigures error_figures(const SurfaceError& error, const SurfaceErrorOptions&
     for (const DirectedError* const direction : {&error.forward, &error.backward}) {
         if (direction->not_converged <= kMany) continue;
         warn(
-            "no foot on the surface was found for more than 5 % of the samples, as in noise and "
-            "leaves, or where points are few: their distances may be too long");
+            "more than 5 % of the samples have no foot point on the surface, as in noise and "
+            "leaves, or with few points: their distances may be too long");
         break;
     }
     return figures;

@@ -24,7 +24,7 @@ Error write_error(const fs::path& file, const JobSpec& spec) {
         return Error(ErrorCode::TooLarge,
                      file.filename().string() + ": above the limit of " +
                          std::to_string(spec.max_file_bytes) +
-                         " bytes a file: ask for fewer points or another format");
+                         " bytes per file: ask for fewer points or another format");
     }
     const std::string full = code == ENOSPC || code == EDQUOT ? "storage full: " : "";
     return Error(ErrorCode::Internal, full + file.filename().string() + ": " + std::strerror(code));

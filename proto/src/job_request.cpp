@@ -174,7 +174,7 @@ CurveJob read_curve(JsonObject& object) {
     if (const auto name = object.find("method")) method.method = name->named(method_from_name);
     refuse_fields_of_other_methods(object, method.method);
     if (object.has("points") && object.has("count"))
-        throw object.error("count", "stands instead of points: give one of the two");
+        throw object.error("count", "excludes points: give one of the two");
     if (const auto points = object.find("points")) {
         job.options.points = points->list_of([](const JsonValue& n) { return n.integer(1); });
         if (job.options.points.empty()) points->refuse("at least one count");
@@ -226,13 +226,13 @@ std::array<double, 16> read_transform(const JsonValue& value) {
 
 void read_tiles(const JsonValue& value, PyramidJob& job) {
     if (!has_grid(job) && !value.members().empty())
-        value.refuse("none unless glb, stpc or copc.laz is among the formats");
+        value.refuse("none without glb, stpc or copc.laz among the formats");
     JsonObject object = value.object();
     LodTileOptions& tiles = job.tiles;
     const auto position_bits = object.find("position_bits");
     const auto precision = object.find("precision");
     if (position_bits && precision) {
-        throw object.error("precision", "stands instead of position_bits: give one of the two");
+        throw object.error("precision", "excludes position_bits: give one of the two");
     }
     if (position_bits) tiles.position_bits = position_bits->small_integer(2, 24);
     if (precision) {
@@ -248,7 +248,7 @@ void read_tiles(const JsonValue& value, PyramidJob& job) {
     const auto transform = object.find("transform");
     const auto epsg = object.find("epsg");
     if (transform && epsg) {
-        throw object.error("epsg", "stands instead of transform: give one of the two");
+        throw object.error("epsg", "excludes transform: give one of the two");
     }
     if (transform) job.transform = read_transform(*transform);
     if (epsg) {
@@ -284,10 +284,10 @@ void read_sizes(JsonObject& object, PyramidJob& job) {
     const auto base_points = object.find("base_points");
     const auto base_bytes = object.find("base_bytes");
     if (levels && (ratio || base_points || base_bytes)) {
-        throw object.error("levels", "stands instead of ratio and base_points: give one form");
+        throw object.error("levels", "excludes ratio and base_points: give one form");
     }
     if (base_points && base_bytes) {
-        throw object.error("base_bytes", "stands instead of base_points: give one of the two");
+        throw object.error("base_bytes", "excludes base_points: give one of the two");
     }
     if (levels) {
         options.sizes = levels->list_of([](const JsonValue& size) { return size.integer(1); });
@@ -318,7 +318,7 @@ PyramidJob read_pyramid(JsonObject& object) {
         if (job.output.formats.empty()) formats->refuse("at least one format");
     }
     if (job.base_bytes && !wants(job, CloudFormat::Glb))
-        throw object.error("base_bytes", "are those of a glb: expected it among the formats");
+        throw object.error("base_bytes", "is the size of a glb: expected glb among the formats");
     if (const auto draco = object.find("draco")) job.output.draco = read_draco(*draco);
     if (const auto tiles = object.find("tiles")) read_tiles(*tiles, job);
     return job;
@@ -359,7 +359,7 @@ DracoEncodeOptions read_draco(const JsonValue& value) {
     const auto position_bits = object.find("position_bits");
     const auto precision = object.find("precision");
     if (position_bits && precision) {
-        throw object.error("precision", "stands instead of position_bits: give one of the two");
+        throw object.error("precision", "excludes position_bits: give one of the two");
     }
     if (position_bits) options.position_bits = position_bits->small_integer(0, 30);
     if (precision) {

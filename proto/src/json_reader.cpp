@@ -42,7 +42,7 @@ public:
         if (event == Event::object_start) keys_.emplace_back();
         if (event == Event::object_end) keys_.pop_back();
         if (event == Event::key && !keys_.back().insert(parsed.get<std::string>()).second) {
-            throw Error(rules_.code, "JSON: the field " + shown(parsed) + " stands twice");
+            throw Error(rules_.code, "JSON: the field " + shown(parsed) + " is given twice");
         }
         return true;
     }

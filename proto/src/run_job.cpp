@@ -282,7 +282,7 @@ private:
         constexpr std::uint64_t kMostPoints = 65'536;
         if (tiler_ == nullptr) {
             throw Error(ErrorCode::InvalidArgument,
-                        "base_bytes are those of a glb: expected it among the formats");
+                        "base_bytes is the size of a glb: expected glb among the formats");
         }
         levels.base_points = std::clamp<std::uint64_t>(most_bytes, 1, kMostPoints);
         levels.base_fits = [this, most_bytes](const PointCloud& level) {

@@ -342,7 +342,7 @@ private:
             throw Error(ErrorCode::TooLarge,
                         std::to_string(points) + " points: a slice has at most " +
                             std::to_string(options_.max_points) +
-                            "; fetch the level's own files, which the manifest names");
+                            "; fetch the level's own files, listed in the manifest");
         if (options_.format == CloudFormat::Glb && points > kMostGlbPoints)
             throw Error(ErrorCode::InvalidArgument, std::to_string(points) +
                                                         " points: a glb has at most " +

@@ -116,8 +116,8 @@ Json schema_json() {
                   {"deltaP99", length},
                   {"spacing", length},
                   {"coverRadius", length},
-                  {"points", scalar("UINT32", "Of the tile")},
-                  {"bits", scalar("UINT8", "For each axis of the longest side of the input")},
+                  {"points", scalar("UINT32", "Points of the tile")},
+                  {"bits", scalar("UINT8", "Per axis, for the longest side of the input")},
                   {"method", {{"type", "STRING"}}}}}}}}}};
 }
 

@@ -107,7 +107,7 @@ void prepare_last_words(const proto::JobSpec& spec) {
         lines(ErrorCode::TooLarge,
               "the job needs more than its limit of " + std::to_string(spec.max_cpu_seconds) +
                   " seconds of processor time: upload a smaller cloud, or raise the limit"),
-        lines(ErrorCode::Internal, "the job ended by an exception that nothing caught")};
+        lines(ErrorCode::Internal, "the job ended with an uncaught exception")};
     last_words = &words;
     std::set_terminate(on_terminate);
 

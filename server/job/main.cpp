@@ -28,15 +28,15 @@ using stipple::ErrorCode;
 
 constexpr const char* kUsage = R"(usage: stipple-job SPEC
 
-Does the job that the JSON file SPEC describes and reports on standard output, one JSON object a line; the last one is
-{"cost": ...} or {"problem": ...}. stippled starts it; by hand, `stipple simplify` is the convenient way.
+Runs the job described by the JSON file SPEC and reports on standard output, one JSON object per line; the last one is
+{"cost": ...} or {"problem": ...}. stippled starts it; by hand, `stipple simplify` is more convenient.
 
 SPEC: {"request": {...}, "input_file": "...", "output_dir": "...", "limits": {"max_points": N, "max_attributes": N},
        "max_memory_bytes": N, "max_cpu_seconds": N, "max_file_bytes": N, "threads": N}      (0: no limit)
 
 environment:
   STIPPLE_JOB_PARENT=PID    end when this process, the parent, ends
-  STIPPLE_JOB_SANDBOX=off   run where the kernel has no seccomp: limits only
+  STIPPLE_JOB_SANDBOX=off   run even if the kernel has no seccomp: limits only
 )";
 
 void report_problem(ErrorCode code, const std::string& detail) {

@@ -116,7 +116,7 @@ void add_addresses(CLI::App& serve, Flags& flags) {
 }
 
 void add_work(CLI::App& serve, Flags& flags, ServerConfig& config) {
-    add(serve, "--data", flags.data, "folder of the store; made when missing")->required();
+    add(serve, "--data", flags.data, "folder of the store; created if missing")->required();
     add(serve, "--role", flags.role, "all, api or worker")
         ->type_name("ROLE")
         ->default_str("all")
@@ -128,59 +128,59 @@ void add_work(CLI::App& serve, Flags& flags, ServerConfig& config) {
                 return {};
             },
             ""));
-    add(serve, "--workers", config.workers, "jobs at a time, 1..256")->check(within(1, 256));
-    add(serve, "--threads", config.threads, "threads of a job, 0..1024; 0: one a processor")
+    add(serve, "--workers", config.workers, "concurrent jobs, 1..256")->check(within(1, 256));
+    add(serve, "--threads", config.threads, "threads per job, 0..1024; 0: one per processor")
         ->check(within(0, 1024));
     add(serve, "--drain-timeout", flags.drain_seconds, "seconds to finish when stopping, 0..86400")
         ->check(within(0, kDay));
 }
 
 void add_limits(CLI::App& serve, Flags& flags, Limits& limits) {
-    make_size(add(serve, "--max-upload", limits.max_upload_bytes, "bytes of an upload, as in 2GB"),
+    make_size(add(serve, "--max-upload", limits.max_upload_bytes, "largest upload, such as 2GB"),
               0, "0");
-    add(serve, "--max-points", limits.decode.max_points, "points of a cloud, from 1")
+    add(serve, "--max-points", limits.decode.max_points, "points per cloud, at least 1")
         ->check(within(1, kMostCount));
-    add(serve, "--max-attributes", limits.decode.max_attributes, "attributes of a cloud")
+    add(serve, "--max-attributes", limits.decode.max_attributes, "attributes per cloud")
         ->check(within(0, kMostCount));
     make_size(add(serve, "--max-memory", limits.max_job_memory_bytes,
-                  "bytes of memory of a job, from 100MB"),
+                  "memory per job, at least 100MB"),
               kLeastMemory, "100MB");
-    add(serve, "--max-cpu-seconds", limits.max_job_cpu_seconds, "processor time of a job, from 1")
+    add(serve, "--max-cpu-seconds", limits.max_job_cpu_seconds, "processor time per job, at least 1")
         ->check(within(1, kYear));
     make_size(add(serve, "--max-output", limits.max_job_output_bytes,
-                  "bytes that a job may write, from 1kB"),
+                  "output per job, at least 1kB"),
               1000, "1kB");
-    add(serve, "--max-queued", limits.queue.max_queued, "waiting jobs of a tenant")
+    add(serve, "--max-queued", limits.queue.max_queued, "waiting jobs per tenant")
         ->check(within(0, kMostCount));
-    add(serve, "--max-running", limits.queue.max_running, "running jobs of a tenant, from 1")
+    add(serve, "--max-running", limits.queue.max_running, "running jobs per tenant, at least 1")
         ->check(within(1, kMostCount));
     add(serve, "--retention-seconds", flags.retention_seconds,
         "how long a finished job is kept, up to a\nhundred years")
         ->check(within(0, 100 * kYear));
-    add(serve, "--max-wait", flags.max_wait_seconds, "seconds of the longest long poll, up to 3600")
+    add(serve, "--max-wait", flags.max_wait_seconds, "longest long poll, up to 3600 seconds")
         ->check(within(0, 3600));
 }
 
 void add_guards(CLI::App& serve, Flags& flags, ServerConfig& config) {
-    add(serve, "--max-connections", config.max_connections, "connections in all, 8..20000")
+    add(serve, "--max-connections", config.max_connections, "connections in total, 8..20000")
         ->check(within(8, 20'000));
     add(serve, "--max-connections-per-address", config.max_connections_per_address,
-        "those of one address; raise it behind a proxy")
+        "connections per address; raise it behind a proxy")
         ->check(within(1, 20'000));
     add(serve, "--min-rate", config.min_bytes_per_second, "bytes per second of the slowest client")
         ->check(within(1, 1 << 30));
     add(serve, "--api-keys", flags.api_keys, "JSON file: a list of {tenant, key_sha256, scopes}");
     serve.add_flag("--insecure-no-auth", config.insecure_no_auth,
-                   "serve others than this machine without API keys");
+                   "serve other machines without API keys");
     add(serve, "--cors-origin", config.cors_origins,
-        "site whose scripts may use the API, as\nhttps://example.org; may be repeated")
-        ->check(expecting("https://example.org or the like, as browsers send it: without path, "
-                          "capitals and the scheme's own port; one for each flag",
+        "site whose scripts may use the API, such as\nhttps://example.org; may be repeated")
+        ->check(expecting("an origin such as https://example.org, as browsers send it: without "
+                          "path, capitals or default port; one per flag",
                           is_origin));
     add(serve, "--host-name", config.host_names,
-        "domain that leads to a server for this machine\nalone, as by a proxy; may be repeated")
-        ->check(expecting("a domain such as clouds.example.org, without scheme and port; one for "
-                          "each flag",
+        "domain that points to a server for this machine\nonly, as behind a proxy; may be repeated")
+        ->check(expecting("a domain such as clouds.example.org, without scheme or port; one per "
+                          "flag",
                           [](const std::string& text) { return has_only(text, kOfDomains); }));
     add(serve, "--log-level", config.log_level, "debug, info, warn or error")
         ->check(CLI::IsMember({"debug", "info", "warn", "error"}).description(""));
@@ -210,7 +210,7 @@ void finish(const Flags& flags, ServerConfig& config) {
         throw Error(ErrorCode::InvalidArgument,
                     "--threads " + std::to_string(config.threads) + ": their stacks take " +
                         std::to_string(stacks) +
-                        " bytes of the memory of a job: expected fewer, or "
+                        " bytes of the job's memory: expected fewer, or "
                         "--max-memory of at least " +
                         std::to_string(stacks + kLeastMemory));
     }
@@ -218,7 +218,7 @@ void finish(const Flags& flags, ServerConfig& config) {
         throw Error(ErrorCode::InvalidArgument,
                     "--listen " + flags.listen +
                         " can be reached from other machines: give --api-keys FILE, or "
-                        "--insecure-no-auth when that is meant");
+                        "--insecure-no-auth if that is intended");
     }
 }
 
@@ -254,7 +254,7 @@ std::optional<Command> parse_command_line(int argc, const char* const* argv) {
     app.set_version_flag("--version", "stippled " STIPPLE_VERSION);
     app.require_subcommand(1);
     app.set_config("--config", "",
-                   "file with the flags, as `[serve]` and\n`listen=\"127.0.0.1:8080\"`");
+                   "file with the flags, such as `[serve]` and\n`listen=\"127.0.0.1:8080\"`");
     app.allow_config_extras(CLI::config_extras_mode::error);
     app.fallthrough();
 
@@ -265,7 +265,7 @@ std::optional<Command> parse_command_line(int argc, const char* const* argv) {
     add_guards(serve, flags, command.config);
     refuse_signs(serve);
     CLI::App& healthcheck =
-        *app.add_subcommand("healthcheck", "Ask a service whether it is ready (exit status)");
+        *app.add_subcommand("healthcheck", "Check whether a service is ready (exit status)");
     add(healthcheck, "--admin", flags.admin, "address of its admin listener");
     CLI::App& scrub = *app.add_subcommand("scrub", "Compare every stored file with its hash");
     add(scrub, "--data", flags.data, "folder of the store")->required();

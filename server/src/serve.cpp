@@ -164,8 +164,8 @@ fs::path job_program() {
     const fs::path program = fs::read_symlink("/proc/self/exe").parent_path() / "stipple-job";
     if (::access(program.c_str(), X_OK) != 0) {
         throw Error(ErrorCode::NotFound, program.string() + ": " + std::strerror(errno) +
-                                             ": it does the jobs: expected beside stippled; "
-                                             "without it only --role api can be served");
+                                             ": it runs the jobs: expected beside stippled; "
+                                             "without it only --role api works");
     }
     return program;
 }
@@ -236,7 +236,7 @@ int serve(const ServerConfig& config) {
 int scrub(const ServerConfig& config) {
     if (!fs::is_directory(blobs_in(config.data)) || !fs::exists(database_in(config.data)))
         throw Error(ErrorCode::NotFound,
-                    "--data " + config.data.string() + ": no store is there: nothing to compare");
+                    "--data " + config.data.string() + ": no store there: nothing to compare");
     const auto locks = lock_parts_to_read(config.data, parts_of(Role::All));
     const auto blobs = open_file_blob_store(blobs_in(config.data), {});
     std::map<std::string, bool> ids;  // whether the database names it
@@ -249,7 +249,7 @@ int scrub(const ServerConfig& config) {
             const auto blob = blobs->open(id);  // compares the hash
             if (!blob && named) {
                 ++missing;
-                std::cout << id << "  is missing: the database names it\n";
+                std::cout << id << "  is missing, but named in the database\n";
             }
             if (!blob) continue;
             ++whole;
@@ -259,7 +259,7 @@ int scrub(const ServerConfig& config) {
             std::cout << id << "  " << error.what() << '\n';
         }
     }
-    std::cout << whole << " files whole, " << bytes << " bytes; " << broken << " broken, "
+    std::cout << whole << " files intact, " << bytes << " bytes; " << broken << " broken, "
               << missing << " missing\n";
     return broken + missing == 0 ? 0 : 1;
 }

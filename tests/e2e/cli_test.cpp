@@ -434,7 +434,7 @@ TEST_F(StippleCli, WhatAServerSaysBeforeItHasTheWholeFileIsTold) {
     write_cloud(test::sphere(2'000'000), folder_ / "in.ply");
     const Outcome outcome = stipple("simplify in.ply out.ply -n 5 --server " + server.url());
     EXPECT_EQ(outcome.exit_code, 1);
-    EXPECT_NE(outcome.err.find("at most 1000000 are taken"), std::string::npos) << outcome.err;
+    EXPECT_NE(outcome.err.find("at most 1000000 are accepted"), std::string::npos) << outcome.err;
 }
 
 TEST_F(StippleCli, AServerThatWantsAKeyIsToldWithTheOptionForIt) {

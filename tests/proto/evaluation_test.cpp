@@ -220,7 +220,7 @@ TEST_F(Evaluation, WarnsOfOtherUnitsAndOfTooFewPoints) {
               std::string::npos);
     const auto few = figures(reference, test::sphere(7)).at("warnings");
     EXPECT_EQ(few.at(0),
-              "candidate of 7 points, fewer than the 20 neighbours that make a surface: distances "
+              "candidate of 7 points, fewer than the 20 neighbours that define a surface: distances "
               "say little");
     PointCloud point;
     point.positions = {Vec3f::Zero()};

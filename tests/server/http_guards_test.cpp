@@ -242,11 +242,10 @@ TEST(Permits, LeaveOthersTheirsWhateverOneSenderDoes) {
     auto first = permits.take(from("a", "x"));
     const auto second = permits.take(from("a", "x"));
     EXPECT_EQ(refusal_by(permits, from("a", "y")),
-              "your address has 2 of the 4 places for tests, as many as one may have: try again "
-              "later");
+              "your address has 2 of the 4 places for tests, its limit: try again later");
     const auto third = permits.take(from("b", "x"));
     EXPECT_EQ(refusal_by(permits, from("c", "x")),
-              "tenant x has 3 of the 4 places for tests, as many as one may have: try again later");
+              "tenant x has 3 of the 4 places for tests, its limit: try again later");
     EXPECT_NE(permits.take(from("c", "y")), nullptr);
     first.reset();
     EXPECT_NE(permits.take(from("a", "x")), nullptr);
@@ -337,25 +336,25 @@ TEST(ApiKeys, AreRefusedByWhatIsWrongAndWhere) {
     };
     EXPECT_EQ(second(entry("den", "two", R"(["read"])")), "nothing");
     EXPECT_EQ(second(entry("den", "one", R"(["read"])")),
-              "entry 2 (tenant den): key_sha256 is that of an entry of tenant lab, too: give each "
-              "entry a key of its own");
+              "entry 2 (tenant den): key_sha256 is also that of an entry of tenant lab: give each "
+              "entry its own key");
     EXPECT_EQ(
         second(entry("den", "two", "[]")),
-        "entry 2 (tenant den): scopes is empty: give read, submit or admin, or take the entry "
-        "out");
+        "entry 2 (tenant den): scopes is empty: give read, submit or admin, or remove the "
+        "entry");
     EXPECT_EQ(second(entry("den", "", R"(["read"])")),
               "entry 2 (tenant den): key_sha256 is that of an empty key: expected what `printf %s "
-              "KEY | sha256sum` says");
+              "KEY | sha256sum` prints");
     EXPECT_EQ(second(entry("den", "two", R"(["write"])")),
               R"(entry 2 (tenant den): scope "write": expected "read", "submit" or "admin")");
     EXPECT_EQ(
         second(R"({"tenant": "den", "scopes": ["read"]})"),
         "entry 2 (tenant den): key_sha256 is missing: expected what `printf %s KEY | sha256sum` "
-        "says");
+        "prints");
     EXPECT_EQ(second("7").find("entry 2: expected {"), 0U);
-    EXPECT_EQ(second("oops").find("is no JSON from line 2 on: expected a list"), 0U);
+    EXPECT_EQ(second("oops").find("is not JSON from line 2 on: expected a list"), 0U);
     EXPECT_EQ(refusal_of_keys("{}").find("has no key: expected a list"), 0U);
-    EXPECT_EQ(refusal_of_keys("").find("is no JSON"), 0U);
+    EXPECT_EQ(refusal_of_keys("").find("is not JSON"), 0U);
     const test::TemporaryFolder folder;
     for (const char* name : {"", "missing.json"}) {
         try {

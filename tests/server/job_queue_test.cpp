@@ -244,7 +244,7 @@ TEST_P(JobQueueContract, FailsAJobThatTakesItsWorkersDownAgainAndAgain) {
     const JobDocument failed = find(job.id);
     EXPECT_EQ(failed.status, JobStatus::Failed);
     EXPECT_EQ(failed.problem->detail,
-              "its worker was lost in 10 attempts: it may need more memory than there is");
+              "its worker was lost in 10 attempts: it may need more memory than is available");
 }
 
 TEST_P(JobQueueContract, CountsNoLostWorkerWhenAJobIsHandedBack) {

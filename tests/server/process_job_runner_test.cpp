@@ -188,7 +188,7 @@ TEST_F(ProcessJobRunner, NamesTheFileLimitThatWasTooSmall) {
     EXPECT_EQ(run(spec).kind, Kind::Finished);
     ASSERT_TRUE(problem());
     EXPECT_EQ(problem()->status, 413);
-    EXPECT_NE(problem()->detail.find("10000 bytes a file"), std::string::npos) << problem()->detail;
+    EXPECT_NE(problem()->detail.find("10000 bytes per file"), std::string::npos) << problem()->detail;
     EXPECT_FALSE(fs::exists(folder_ / "out" / "level-0.ply"));
 }
 
@@ -241,7 +241,7 @@ TEST_F(ProcessJobRunner, TellsTheSignalThatKilledAChild) {
 TEST_F(ProcessJobRunner, TellsTheStatusOfAChildThatEndedWithoutALastWord) {
     const auto outcome = run(spec_for("x"), {}, script("exit 3"));
     EXPECT_EQ(outcome.kind, Kind::Crashed);
-    EXPECT_EQ(outcome.how, "exit status 3 without a last word");
+    EXPECT_EQ(outcome.how, "exit status 3 without a final report");
 }
 
 TEST_F(ProcessJobRunner, BelievesNothingButReports) {

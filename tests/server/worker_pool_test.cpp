@@ -23,7 +23,7 @@ using Outcome = JobRunner::Outcome;
 using Kind = Outcome::Kind;
 
 constexpr std::string_view kCloud = "ply\nthe bytes of a cloud";
-constexpr const char* kNotSaid = "the service could not do the job; its log says why";
+constexpr const char* kNotSaid = "the service could not run the job; its log says why";
 
 /// Waits for `condition`; the limit is only met by a failing test.
 template <typename Condition>

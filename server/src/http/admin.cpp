@@ -25,14 +25,14 @@ Admin::Admin(Service& service, Metrics& metrics, std::function<unsigned()> conne
 Reply Admin::handle(Request& request) {
     try {
         if (request.method != "GET" && request.method != "HEAD")
-            throw HttpError(405, "only GET and HEAD are taken here");
+            throw HttpError(405, "only GET and HEAD are allowed");
         if (request.path == "/livez") return text_reply("alive\n");
         if (request.path == "/readyz") return ready();
         if (request.path == "/metrics") {
             return text_reply(metrics_.text(service_.counts(), connections_()),
                               "text/plain; version=0.0.4; charset=utf-8");
         }
-        throw HttpError(404, "no such path: /livez, /readyz and /metrics are here");
+        throw HttpError(404, "no such path: expected /livez, /readyz or /metrics");
     } catch (...) {
         return failure_reply(std::current_exception(), request);
     }
@@ -44,7 +44,7 @@ Reply Admin::ready() {
         service_.check_ready();
     } catch (const Error& error) {
         spdlog::error("readyz.failed reason={}", log_text(error.what()));
-        throw HttpError(503, "the store does not answer; the log tells why");
+        throw HttpError(503, "the store does not answer; the log says why");
     }
     return text_reply("ready\n");
 }

@@ -50,11 +50,11 @@ Reply error_reply(const Error& error, const Request& request) {
                       log_text(detail));
         if (detail.starts_with("storage full")) {
             return problem_reply(HttpError(507,
-                                           "the server's disk is full: nothing was stored, nothing "
-                                           "removed; try again when its operator has made room"));
+                                           "the server's disk is full: nothing was stored or "
+                                           "removed; try again when its operator has freed space"));
         }
         return problem_reply(
-            HttpError(500, "the server failed; its log tells why, under request " + request.id));
+            HttpError(500, "the server failed; its log says why, under request " + request.id));
     }
     proto::Problem problem = proto::problem_from(error.code(), detail);
     if (error.code() == ErrorCode::QueueFull) problem.retry_after = kQueueFullRetrySeconds;
@@ -102,14 +102,14 @@ Reply Api::handle(Request& request) {
 Reply Api::answer(Request& request) {
     RouteMatch match = find_route(request.method, request.path);
     if (match.same_path == nullptr)
-        throw HttpError(404, "no such path: /docs describes those there are");
+        throw HttpError(404, "no such path: /docs lists all paths");
     request.route = match.same_path->path;
     if (request.method == "OPTIONS") return preflight(match, request);
     if (match.route == nullptr) {
         Headers headers;
         headers.add("Allow", match.allow);
         throw HttpError(
-            proto::problem_from_status(405, request.method + ": this path takes " + match.allow),
+            proto::problem_from_status(405, request.method + ": this path allows " + match.allow),
             std::move(headers));
     }
     refuse_foreign_names(request);
@@ -131,8 +131,8 @@ void Api::refuse_foreign_names(const Request& request) const {
     if (!options_.local || !is_domain(host) || std::ranges::any_of(options_.host_names, is_host))
         return;
     throw HttpError(421, "host " + std::string(host.substr(0, 100)) +
-                             ": this server is for its own machine: start it with --host-name for "
-                             "this name");
+                             ": this server serves only its own machine: start it with --host-name "
+                             "to allow this name");
 }
 
 void Api::authorize(const Route& route, Request& request) const {
@@ -144,7 +144,7 @@ void Api::authorize(const Route& route, Request& request) const {
         throw unauthorized("an API key is needed: Authorization: Bearer KEY");
     }
     const auto grant = options_.keys.find(trimmed(field.substr(kBearer.size())));
-    if (!grant) throw unauthorized("this API key is not known");
+    if (!grant) throw unauthorized("this API key is unknown");
     if (!grant->allows(route.scope)) {
         throw HttpError(403, std::string("this API key may not ") +
                                  (route.scope == Scope::Read ? "read" : "submit"));
@@ -161,7 +161,7 @@ void Api::refuse_foreign_sites(const Route& route, const Request& request) const
     if (authority_of(*origin) != request.headers.find("Host").value_or("")) {
         throw HttpError(
             403,
-            "the site that asks is not allowed to: start the server with --cors-origin for it");
+            "requests from this site are refused: start the server with --cors-origin for it");
     }
 }
 

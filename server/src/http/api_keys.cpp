@@ -57,13 +57,13 @@ ApiKeys::Grant read_grant(const Json& entry) {
     const Json& scopes =
         field(entry, "scopes", Json::value_t::array, "a list of read, submit or admin");
     if (scopes.empty())
-        throw invalid("scopes is empty: give read, submit or admin, or take the entry out");
+        throw invalid("scopes is empty: give read, submit or admin, or remove the entry");
     for (const Json& scope : scopes) grant_scope(grant, scope);
     return grant;
 }
 
 std::string read_hash(const Json& entry) {
-    constexpr const char* kRemedy = "what `printf %s KEY | sha256sum` says";
+    constexpr const char* kRemedy = "what `printf %s KEY | sha256sum` prints";
     std::string hash = field(entry, "key_sha256", Json::value_t::string, kRemedy);
     if (!proto::is_sha256(hash))
         throw invalid(std::string("key_sha256 is not 64 lower-case hexadecimal digits: expected ") +
@@ -85,7 +85,7 @@ Json parse(const std::string& text) {
         return Json::parse(text);
     } catch (const Json::parse_error& error) {
         const auto line = std::ranges::count(text.substr(0, error.byte), '\n') + 1;
-        throw invalid("is no JSON from line " + std::to_string(line) + " on: expected a list of " +
+        throw invalid("is not JSON from line " + std::to_string(line) + " on: expected a list of " +
                       kExample);
     }
 }
@@ -119,8 +119,8 @@ ApiKeys ApiKeys::read(const std::filesystem::path& file) {
             const Entry entry{read_hash(json), read_grant(json)};
             for (const Entry& other : keys.entries_) {
                 if (other.key_sha256 == entry.key_sha256)
-                    throw invalid("key_sha256 is that of an entry of tenant " + other.grant.tenant +
-                                  ", too: give each entry a key of its own");
+                    throw invalid("key_sha256 is also that of an entry of tenant " +
+                                  other.grant.tenant + ": give each entry its own key");
             }
             keys.entries_.push_back(entry);
         }

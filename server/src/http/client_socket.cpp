@@ -176,10 +176,10 @@ std::size_t ClientSocket::receive(std::span<char> out, Clock::time_point deadlin
         if (waited != Waited::Ready && between_requests) return 0;
         if (waited == Waited::Stopped) throw Disconnected();
         if (waited == Waited::TimedOut) {
-            throw HttpError(408, "the request came too slowly: a head has " +
+            throw HttpError(408, "the request was too slow: a head may take " +
                                      std::to_string(patience_.head.count()) + " ms, a body needs " +
                                      std::to_string(patience_.min_bytes_per_second) +
-                                     " bytes per second, without a silence of " +
+                                     " bytes per second, without a pause of " +
                                      std::to_string(patience_.silence.count()) + " ms");
         }
         const ssize_t n = ::recv(fd_.get(), out.data(), out.size(), MSG_DONTWAIT);

@@ -21,7 +21,7 @@ void check_length(const Request& request, const Limits& limits) {
     if (length && *length > limits.max_upload_bytes) {
         throw HttpError(413, "the body has " + std::to_string(*length) + " bytes: at most " +
                                  std::to_string(limits.max_upload_bytes) +
-                                 " are taken (GET /v1/limits)");
+                                 " are accepted (GET /v1/limits)");
     }
 }
 

@@ -24,7 +24,7 @@ std::string read_json(const Request& request) {
     const auto type = request.headers.find("Content-Type").value_or("");
     if (!equal_ignoring_case(trimmed(type.substr(0, type.find(';'))), "application/json")) {
         throw HttpError(415,
-                        "the body is not called JSON: send it with Content-Type: application/json");
+                        "Content-Type is not application/json: send JSON with that type");
     }
     return read_all(*request.body, kMaxRequestBytes);
 }

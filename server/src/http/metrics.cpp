@@ -47,7 +47,7 @@ struct Metrics::Series {
         BuildGauge().Name("stipple_jobs").Help("Unfinished jobs").Register(registry);
     prometheus::Family<prometheus::Counter>& ended = BuildCounter()
                                                          .Name("stipple_jobs_ended_total")
-                                                         .Help("Jobs that ended, by how")
+                                                         .Help("Ended jobs, by outcome")
                                                          .Register(registry);
     std::mutex counting;  ///< those: of two scrapes at a time
     prometheus::Gauge& oldest = BuildGauge()
@@ -64,7 +64,7 @@ struct Metrics::Series {
     Series() {
         BuildGauge()
             .Name("stipple_build_info")
-            .Help("The version that runs")
+            .Help("The running version")
             .Register(registry)
             .Add({{"version", STIPPLE_VERSION}})
             .Set(1);

@@ -77,10 +77,10 @@ private:
         if (taken_ >= places_.all) return "all " + all + " are taken";
         if (taken_by(of_address_, request.remote_address) >= places_.of_address)
             return "your address has " + std::to_string(places_.of_address) + " of the " + all +
-                   ", as many as one may have";
+                   ", its limit";
         if (taken_by(of_tenant_, request.tenant) >= places_.of_tenant)
             return "tenant " + request.tenant + " has " + std::to_string(places_.of_tenant) +
-                   " of the " + all + ", as many as one may have";
+                   " of the " + all + ", its limit";
         return std::nullopt;
     }
 

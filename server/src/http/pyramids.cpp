@@ -57,7 +57,7 @@ std::shared_ptr<const proto::Results> pyramid_of(Resources& resources, const Req
 std::shared_ptr<const proto::Results> whole_pyramid(Resources& resources, const Request& request) {
     auto results = pyramid_of(resources, request);
     if (!results->complete)
-        throw Error(ErrorCode::Conflict, "the job of this pyramid is not successful, or not yet");
+        throw Error(ErrorCode::Conflict, "the job of this pyramid has not succeeded, or not yet");
     return results;
 }
 
@@ -112,7 +112,7 @@ proto::Slice cut(Resources& resources, const Request& request, const proto::Resu
     } catch (const Cancelled&) {
         if (!watch.is_late()) throw Disconnected();
         proto::Problem problem = proto::problem_from_status(
-            503, "the slice was not there after " + std::to_string(kLongestSlice.count()) +
+            503, "the slice was not ready after " + std::to_string(kLongestSlice.count()) +
                      " s: ask for fewer points, or for the level's own files");
         problem.retry_after = 30;
         throw HttpError(std::move(problem));

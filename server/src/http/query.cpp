@@ -47,7 +47,7 @@ void allow_query(const Request& request, std::span<const std::string_view> names
     }
     if (request.repeated_query) {
         throw HttpError(400, "query parameter \"" + request.repeated_query->substr(0, 60) +
-                                 "\" stands there twice: expected once");
+                                 "\" is given twice: expected once");
     }
 }
 

@@ -40,7 +40,7 @@ void read_version(std::string_view version, RequestHead& head) {
     if (version == "HTTP/1.0") {
         head.http_1_0 = true;
     } else if (version.starts_with("HTTP/")) {
-        throw HttpError(505, "HTTP/1.1 is spoken here");
+        throw HttpError(505, "only HTTP/1.0 and HTTP/1.1 are supported");
     } else {
         throw HttpError(400, "the request line does not end with an HTTP version");
     }
@@ -71,7 +71,7 @@ void read_request_line(std::string_view line, RequestHead& head) {
     if (!is_token(method)) throw HttpError(400, "the method is not a word");
     read_version(line.substr(last + 1), head);
     if (std::ranges::find(kMethods, method) == kMethods.end()) {
-        throw HttpError(501, "this method is not known here");
+        throw HttpError(501, "this method is unknown");
     }
     const std::string_view path = without_authority(target);
     const bool printable = std::ranges::all_of(path, [](char c) { return c > ' ' && c < 0x7F; });
@@ -129,7 +129,7 @@ std::uint64_t parse_length(std::string_view text) {
 void read_framing(RequestHead& head) {
     const Headers& headers = head.headers;
     if (headers.count("Content-Length") > 1)
-        throw HttpError(400, "Content-Length stands there twice");
+        throw HttpError(400, "Content-Length is given twice");
     const auto length = headers.find("Content-Length");
     const auto coding = headers.find("Transfer-Encoding");
     if (length && coding) {
@@ -139,7 +139,7 @@ void read_framing(RequestHead& head) {
     if (!coding) return;
     if (headers.count("Transfer-Encoding") > 1 || !equal_ignoring_case(*coding, "chunked") ||
         head.http_1_0) {
-        throw HttpError(501, "the only transfer coding here is chunked, in HTTP/1.1");
+        throw HttpError(501, "the only supported transfer coding is chunked, in HTTP/1.1");
     }
     head.chunked = true;
 }
@@ -148,23 +148,23 @@ void read_framing(RequestHead& head) {
 void refuse_bodies_of_other_kinds(const RequestHead& head) {
     if (const auto coding = head.headers.find("Content-Encoding");
         coding && !equal_ignoring_case(*coding, "identity")) {
-        throw HttpError(415, "Content-Encoding is not taken here: send the bytes unpacked");
+        throw HttpError(415, "Content-Encoding is not supported: send the bytes unpacked");
     }
     const auto type = head.headers.find("Content-Type").value_or("");
     if (equal_ignoring_case(type.substr(0, 10), "multipart/")) {
         throw HttpError(415,
-                        "a multipart form is not taken here: send the file itself as the body, as "
+                        "a multipart form is not supported: send the file itself as the body, as "
                         "`curl --data-binary @FILE` does");
     }
     if (head.has_body() && head.method != "POST") {
-        throw HttpError(400, "a " + head.method + " request has no body here");
+        throw HttpError(400, "a " + head.method + " request must not have a body");
     }
 }
 
 void read_connection(RequestHead& head) {
     if (const auto expect = head.headers.find("Expect")) {
         if (!equal_ignoring_case(*expect, "100-continue")) {
-            throw HttpError(417, "the only expectation met here is 100-continue");
+            throw HttpError(417, "the only supported expectation is 100-continue");
         }
         head.expects_continue = !head.http_1_0;
     }

@@ -66,7 +66,7 @@ std::int64_t decode_cursor(std::string_view listing, std::string_view cursor) {
         std::ranges::replace(shown, '\0', '?');  // at which the text of an exception would end
         throw Error(ErrorCode::InvalidArgument,
                     "cursor \"" + shown +
-                        "\": expected the `next` of a page of this listing; leave it out for the "
+                        "\": expected the `next` of a page of this listing; omit it for the "
                         "first page");
     }
     return row;

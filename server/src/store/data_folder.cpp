@@ -37,7 +37,7 @@ void refuse_foreign(const fs::path& folder) {
         if (!file || fs::exists(database_in(folder))) continue;
         throw unusable(folder, "it has " + file->lexically_relative(folder).string() + ", but no " +
                                    database_in(folder).filename().string() +
-                                   ", so it is no store, and files there would be removed: give "
+                                   ", so it is not a store, and its files would be removed: give "
                                    "another folder, or move " +
                                    own.filename().string() + " elsewhere");
     }
@@ -83,7 +83,7 @@ fs::path scratch_in(const fs::path& folder) {
 void make_data_folder(const fs::path& folder) {
     std::error_code error;
     fs::create_directories(folder, error);
-    if (error) throw unusable(folder, "cannot be made: " + error.message());
+    if (error) throw unusable(folder, "cannot be created: " + error.message());
     refuse_foreign(folder);
 }
 

@@ -101,7 +101,7 @@ void SqliteJobStore::requeue_lost(std::int64_t row, const std::string& message) 
     }
     finish_failed(row, proto::problem_from(ErrorCode::Internal,
                                            "its worker was lost in " + std::to_string(kMostLost) +
-                                               " attempts: it may need more memory than there is"));
+                                               " attempts: it may need more memory than is available"));
 }
 
 bool SqliteJobStore::renew(const Lease& lease, std::chrono::seconds lease_time) {
@@ -188,7 +188,7 @@ bool SqliteJobStore::crashed(const Lease& lease, const std::string& how) {
         Rows rows = writer_.query("SELECT crashes, stage FROM jobs WHERE row = ?1", row);
         rows.next();
         if (rows.integer(0) < kCrashesToFail) {
-            requeue(row, "the job process died (" + how + "): trying once more");
+            requeue(row, "the job process died (" + how + "): retrying once");
             return;
         }
         proto::Problem problem =

@@ -254,7 +254,7 @@ std::optional<std::int64_t> SqliteJobStore::find_replayed(const std::string& ten
     if (rows.text(1) != fingerprint) {
         throw Error(ErrorCode::Conflict,
                     "idempotency key \"" + key +
-                        "\" came with another request before: use a new key for a new request");
+                        "\" was used for another request: use a new key for a new request");
     }
     return rows.integer(0);
 }

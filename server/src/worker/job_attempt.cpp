@@ -117,8 +117,8 @@ proto::Problem JobAttempt::problem_of(const std::exception& failure) const {
     spdlog::error("job.broken id={} error={}", lease_.job_id, log_text(failure.what()));
     const bool is_full = std::string_view(failure.what()).starts_with("storage full");
     return proto::problem_from(ErrorCode::Internal,
-                               is_full ? "storage full: its operator has to make room"
-                                       : "the service could not do the job; its log says why");
+                               is_full ? "storage full: the operator must free space"
+                                       : "the service could not run the job; its log says why");
 }
 
 void JobAttempt::handle(const proto::JobReport& report) {

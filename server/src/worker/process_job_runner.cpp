@@ -238,7 +238,7 @@ std::string describe_end(int status) {
         const int number = WTERMSIG(status);
         return "signal " + std::to_string(number) + " (" + ::strsignal(number) + ")";
     }
-    return "exit status " + std::to_string(WEXITSTATUS(status)) + " without a last word";
+    return "exit status " + std::to_string(WEXITSTATUS(status)) + " without a final report";
 }
 
 /// How long a job may take by the clock on the wall: one that only waits uses no processor time.
