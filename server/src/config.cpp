@@ -136,20 +136,21 @@ void add_work(CLI::App& serve, Flags& flags, ServerConfig& config) {
 }
 
 void add_limits(CLI::App& serve, Flags& flags, Limits& limits) {
-    make_size(add(serve, "--max-upload", limits.max_upload_bytes, "largest upload, such as 2GB"),
-              0, "0");
+    make_size(add(serve, "--max-upload", limits.max_upload_bytes, "largest upload, such as 2GB"), 0,
+              "0");
     add(serve, "--max-points", limits.decode.max_points, "points per cloud, at least 1")
         ->check(within(1, kMostCount));
     add(serve, "--max-attributes", limits.decode.max_attributes, "attributes per cloud")
         ->check(within(0, kMostCount));
-    make_size(add(serve, "--max-memory", limits.max_job_memory_bytes,
-                  "memory per job, at least 100MB"),
-              kLeastMemory, "100MB");
-    add(serve, "--max-cpu-seconds", limits.max_job_cpu_seconds, "processor time per job, at least 1")
+    make_size(
+        add(serve, "--max-memory", limits.max_job_memory_bytes, "memory per job, at least 100MB"),
+        kLeastMemory, "100MB");
+    add(serve, "--max-cpu-seconds", limits.max_job_cpu_seconds,
+        "processor time per job, at least 1")
         ->check(within(1, kYear));
-    make_size(add(serve, "--max-output", limits.max_job_output_bytes,
-                  "output per job, at least 1kB"),
-              1000, "1kB");
+    make_size(
+        add(serve, "--max-output", limits.max_job_output_bytes, "output per job, at least 1kB"),
+        1000, "1kB");
     add(serve, "--max-queued", limits.queue.max_queued, "waiting jobs per tenant")
         ->check(within(0, kMostCount));
     add(serve, "--max-running", limits.queue.max_running, "running jobs per tenant, at least 1")

@@ -219,9 +219,10 @@ TEST_F(Evaluation, WarnsOfOtherUnitsAndOfTooFewPoints) {
     EXPECT_NE(smaller.at(0).get<std::string>().find("of the candidate: do both"),
               std::string::npos);
     const auto few = figures(reference, test::sphere(7)).at("warnings");
-    EXPECT_EQ(few.at(0),
-              "candidate of 7 points, fewer than the 20 neighbours that define a surface: distances "
-              "say little");
+    EXPECT_EQ(
+        few.at(0),
+        "candidate of 7 points, fewer than the 20 neighbours that define a surface: distances "
+        "say little");
     PointCloud point;
     point.positions = {Vec3f::Zero()};
     const auto none = figures(point, reference);

@@ -338,10 +338,9 @@ TEST(ApiKeys, AreRefusedByWhatIsWrongAndWhere) {
     EXPECT_EQ(second(entry("den", "one", R"(["read"])")),
               "entry 2 (tenant den): key_sha256 is also that of an entry of tenant lab: give each "
               "entry its own key");
-    EXPECT_EQ(
-        second(entry("den", "two", "[]")),
-        "entry 2 (tenant den): scopes is empty: give read, submit or admin, or remove the "
-        "entry");
+    EXPECT_EQ(second(entry("den", "two", "[]")),
+              "entry 2 (tenant den): scopes is empty: give read, submit or admin, or remove the "
+              "entry");
     EXPECT_EQ(second(entry("den", "", R"(["read"])")),
               "entry 2 (tenant den): key_sha256 is that of an empty key: expected what `printf %s "
               "KEY | sha256sum` prints");

@@ -188,7 +188,8 @@ TEST_F(ProcessJobRunner, NamesTheFileLimitThatWasTooSmall) {
     EXPECT_EQ(run(spec).kind, Kind::Finished);
     ASSERT_TRUE(problem());
     EXPECT_EQ(problem()->status, 413);
-    EXPECT_NE(problem()->detail.find("10000 bytes per file"), std::string::npos) << problem()->detail;
+    EXPECT_NE(problem()->detail.find("10000 bytes per file"), std::string::npos)
+        << problem()->detail;
     EXPECT_FALSE(fs::exists(folder_ / "out" / "level-0.ply"));
 }
 

@@ -101,8 +101,7 @@ Reply Api::handle(Request& request) {
 
 Reply Api::answer(Request& request) {
     RouteMatch match = find_route(request.method, request.path);
-    if (match.same_path == nullptr)
-        throw HttpError(404, "no such path: /docs lists all paths");
+    if (match.same_path == nullptr) throw HttpError(404, "no such path: /docs lists all paths");
     request.route = match.same_path->path;
     if (request.method == "OPTIONS") return preflight(match, request);
     if (match.route == nullptr) {
@@ -160,8 +159,7 @@ void Api::refuse_foreign_sites(const Route& route, const Request& request) const
     if (route.scope != Scope::Submit || !origin || listed(*origin)) return;
     if (authority_of(*origin) != request.headers.find("Host").value_or("")) {
         throw HttpError(
-            403,
-            "requests from this site are refused: start the server with --cors-origin for it");
+            403, "requests from this site are refused: start the server with --cors-origin for it");
     }
 }
 

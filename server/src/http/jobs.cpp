@@ -23,8 +23,7 @@ constexpr auto kDefaultWait = 20s;
 std::string read_json(const Request& request) {
     const auto type = request.headers.find("Content-Type").value_or("");
     if (!equal_ignoring_case(trimmed(type.substr(0, type.find(';'))), "application/json")) {
-        throw HttpError(415,
-                        "Content-Type is not application/json: send JSON with that type");
+        throw HttpError(415, "Content-Type is not application/json: send JSON with that type");
     }
     return read_all(*request.body, kMaxRequestBytes);
 }

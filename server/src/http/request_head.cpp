@@ -128,8 +128,7 @@ std::uint64_t parse_length(std::string_view text) {
 /// RFC 9112 §6: how long the body is, by exactly one rule.
 void read_framing(RequestHead& head) {
     const Headers& headers = head.headers;
-    if (headers.count("Content-Length") > 1)
-        throw HttpError(400, "Content-Length is given twice");
+    if (headers.count("Content-Length") > 1) throw HttpError(400, "Content-Length is given twice");
     const auto length = headers.find("Content-Length");
     const auto coding = headers.find("Transfer-Encoding");
     if (length && coding) {

@@ -99,9 +99,10 @@ void SqliteJobStore::requeue_lost(std::int64_t row, const std::string& message) 
         rows.next();
         if (rows.count(0) < kMostLost) return requeue(row, message);
     }
-    finish_failed(row, proto::problem_from(ErrorCode::Internal,
-                                           "its worker was lost in " + std::to_string(kMostLost) +
-                                               " attempts: it may need more memory than is available"));
+    finish_failed(row,
+                  proto::problem_from(ErrorCode::Internal,
+                                      "its worker was lost in " + std::to_string(kMostLost) +
+                                          " attempts: it may need more memory than is available"));
 }
 
 bool SqliteJobStore::renew(const Lease& lease, std::chrono::seconds lease_time) {
