@@ -146,7 +146,7 @@ void add_limits(CLI::App& serve, Flags& flags, Limits& limits) {
         add(serve, "--max-memory", limits.max_job_memory_bytes, "memory per job, at least 100MB"),
         kLeastMemory, "100MB");
     add(serve, "--max-cpu-seconds", limits.max_job_cpu_seconds,
-        "processor time per job, at least 1")
+        "processor seconds per job, at least 1")
         ->check(within(1, kYear));
     make_size(
         add(serve, "--max-output", limits.max_job_output_bytes, "output per job, at least 1kB"),

@@ -222,7 +222,7 @@ TEST_F(Evaluation, WarnsOfOtherUnitsAndOfTooFewPoints) {
     EXPECT_EQ(
         few.at(0),
         "candidate of 7 points, fewer than the 20 neighbours that define a surface: distances "
-        "say little");
+        "mean little");
     PointCloud point;
     point.positions = {Vec3f::Zero()};
     const auto none = figures(point, reference);
