@@ -54,7 +54,7 @@ function groupOf(field, context, { isOpen = false } = {}) {
     const fields = field.fields.map((part) => fieldOf(part, context));
     const row = element('details', { className: 'group', open: isOpen },
         element('summary', {}, nameOf(field)), aboutOf(field), ...fields.map((part) => part.row));
-    const present = /^When it is there/.test(field.description) ? element('input', { type: 'checkbox', name: field.name, ariaLabel: titleOf(field) }) : null;
+    const present = /^If present/.test(field.description) ? element('input', { type: 'checkbox', name: field.name, ariaLabel: titleOf(field) }) : null;
     if (present) {
         row.querySelector('summary').append(present);
     }

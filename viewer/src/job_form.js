@@ -5,7 +5,7 @@ import { fieldOf, valuesOf } from './job_fields.js';
 const kTitles = { pyramid: 'Pyramid', simplify: 'Simplify', evaluate: 'Compare', upsample: 'Add points', analyze: 'Analyse', curve: 'Curve' };
 const kStarts = { pyramid: 'Build the pyramid', simplify: 'Simplify', evaluate: 'Measure the error', upsample: 'Add points', analyze: 'Analyse', curve: 'Measure the curve' };
 const kMethods = JOB_FORMS.flatMap(({ fields }) => fields).find(({ name, choices }) => name === 'method' && choices.includes('random')).choices;
-const kOwners = new RegExp(`^Of ((?:all|${kMethods.join('|')})(?:(?:, | and | but )(?:${kMethods.join('|')}))*)[.,;]? ?`);
+const kOwners = new RegExp(`^For ((?:all|${kMethods.join('|')})(?:(?:, | and | but )(?:${kMethods.join('|')}))*)[.,;:]? ?`);
 
 /** Asked for first; the rest is folded away. */
 const kFirst = {
@@ -108,7 +108,7 @@ export class JobForm {
     }
 }
 
-/** The contract says "Of hierarchical and incremental, ..." of a field that only they have. */
+/** The contract says "For hierarchical and incremental, ..." of a field that only they have. */
 function isOf(method, about) {
     const owners = kOwners.exec(about)?.[1].split(/, | and | but /);
     return !method || !owners || owners.includes(method) !== owners.includes('all');
