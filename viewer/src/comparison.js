@@ -108,7 +108,7 @@ const textOf = (parts) => parts.filter(Boolean).join(' · ');
 function doubtOf(box, other) {
     const [size, otherSize] = [box, other].map(({ min, max }) => min.distanceTo(max));
     if (size > kOtherUnit * otherSize && otherSize > 0 || otherSize > kOtherUnit * size && size > 0) {
-        return 'in other units?';
+        return 'in different units?';
     }
     return box.intersectsBox(other) ? null : 'lies elsewhere';
 }

@@ -109,7 +109,7 @@ export class Hud {
         const error = shown && drawnErrorOf(shown);
         byId.error.textContent = error ? format.percent(error.mean) : '–';
         byId['error-name'].textContent = shown?.tiles ? 'Error in view' : 'Error';
-        byId['error-figure'].title = error ? titleOf(error) + (shown.tiles ? '. Of what is drawn: finer where the camera is closer' : '') : '';
+        byId['error-figure'].title = error ? titleOf(error) + (shown.tiles ? '. For what is drawn: finer closer to the camera' : '') : '';
         byId['error-slider'].hidden = !(least < most);
         if (least < most) {
             byId['error-bound'].min = -Math.log2(most);
@@ -143,9 +143,9 @@ export class Hud {
             saved.unshift(action('ply', `Save ${format.kKinds.ply}`, 'Save what is shown', () => this.onDownload({ format: 'ply', ply })));
         }
         // Of a level with a file the figures tell whether it was measured, of one without its mean, which is 0 for the input itself.
-        const map = this.type === 'evaluate' ? [action('figures', 'Figures', 'What was measured', this.onFigures)]
+        const map = this.type === 'evaluate' ? [action('figures', 'Figures', 'Show the measurements', this.onFigures)]
             : (ply ? meanErrorOf(level) > 0 : error?.samples > 0)
-                ? [action('map', 'Error map', 'Measure and show where it is how far from the input', this.onMap)] : [];
+                ? [action('map', 'Error map', 'Measure and show its distance from the input everywhere', this.onMap)] : [];
         this.showActions(...saved, ...map);
     }
 
@@ -159,7 +159,7 @@ export class Hud {
         this.actionsOver = this.isOver;
         const pictures = levels.flatMap(({ pictures: some = [] }) => some).map((picture) =>
             action(picture.sha256, `Save ${format.kKinds.png}, ${format.bytes(picture.bytes)}`, 'Save the picture', () => this.onDownload({ ...picture, format: 'png' })));
-        this.showActions(...pictures, action('figures', 'Save figures', 'Save all that was measured, as JSON', () => this.onDownload({ href: `/v1/jobs/${id}/results`, format: 'json' })));
+        this.showActions(...pictures, action('figures', 'Save figures', 'Save all measurements as JSON', () => this.onDownload({ href: `/v1/jobs/${id}/results`, format: 'json' })));
     }
 
     showActions(...actions) {

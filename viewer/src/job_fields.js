@@ -134,7 +134,7 @@ function listInput({ of, minItems = 1, maxItems = '' }, text) {
     }
     const number = of === 'integer' ? '\\d+' : '[\\d.eE+\\-]+';
     const isFixed = minItems === maxItems;
-    return text(isFixed ? `${minItems} numbers, with commas` : of === 'integer' ? '1000, 10000, …' : '0.1, 0.2, …',
+    return text(isFixed ? `${minItems} numbers, separated by commas` : of === 'integer' ? '1000, 10000, …' : '0.1, 0.2, …',
         ` *${number}( *, *${number}){${minItems - 1},${maxItems === '' ? '' : maxItems - 1}} *`, { inputMode: isFixed ? 'text' : 'numeric' });
 }
 

@@ -59,7 +59,7 @@ export class LookCard {
     }
 
     choices(level) {
-        const own = level.isColored ? [['own', 'Its own']] : [];
+        const own = level.isColored ? [['own', 'Own colours']] : [];
         const attributes = level.tiles && !level.tiles.withAttributes ? [] : level.attributes;
         return [...own, ...kAlways.slice(0, 2), ...attributes.map(({ name }) => [name, titleOf(name)]), ...kAlways.slice(2)];
     }

@@ -176,7 +176,7 @@ async function removeResult() {
 /** What the address names cannot be shown: there is the rest of the library. */
 function leave(error) {
     closeResult();
-    showProblem(error, error.status === 404 ? 'This result is not there' : 'The result could not be opened');
+    showProblem(error, error.status === 404 ? 'This result does not exist' : 'The result could not be opened');
     library.refresh().then(invite).catch(showProblem);
 }
 
@@ -473,7 +473,7 @@ async function upload(files) {
     byId['job-dialog'].close();
     byId['help-dialog'].close();
     if (uploading) {
-        showProblem(new Error('Another file is still on its way; add this one after it.'), 'One at a time');
+        showProblem(new Error('Another file is still uploading; add this one afterwards.'), 'One at a time');
         return;
     }
     const before = session;
@@ -563,11 +563,11 @@ function listen() {
     };
     acceptDrops({
         onFiles: (files) => files.length > 0 && upload(files),
-        onFolder: (name) => showProblem(new Error('Drop the files that are in it.'), `${name} is a folder`),
+        onFolder: (name) => showProblem(new Error('Drop the files inside it.'), `${name} is a folder`),
         onHover: (isHeld) => { byId.drop.hidden = !isHeld; },
     });
     byId.stage.addEventListener('webglcontextlost', () => {
-        const forget = showProblem(new Error('It comes back once the browser allows it; if not, load the page anew.'), 'The graphics card was taken away');
+        const forget = showProblem(new Error('Drawing resumes when the browser allows it; if not, reload the page.'), 'The graphics context was lost');
         byId.stage.addEventListener('webglcontextrestored', forget, { once: true });
     });
     byId.fit.onclick = () => stage.fit();

@@ -70,7 +70,7 @@ function readHeader(buffer) {
     const text = new TextDecoder('latin1').decode(new Uint8Array(buffer, 0, Math.min(buffer.byteLength, kLongestHeader)));
     const end = text.indexOf(kEnd);
     if (!text.startsWith('ply\n') || !text.includes('\nformat binary_little_endian 1.0\n') || end < 0) {
-        throw new Error('this is no PLY file as stipple writes it');
+        throw new Error('this is not a PLY file as stipple writes them');
     }
     const [, count, lines] = /\nelement vertex (\d+)\n((?:property .*\n)*)/.exec(text);
     const typeOf = (word) => kNames[word] ?? word;

@@ -78,9 +78,9 @@ export class Report {
         })));
         const rows = levels.map((level) => [format.count(level.points), level.error ? asPercent(level.error.relative.mean) : '–', level.files.length > 0 ? saves(level) : '']);
         return [`Made as ${names}, for other programs`, [
-            note('This page draws levels in Draco, PLY, tiles (glb) and streams (stpc). The files of this pyramid can be saved; a pyramid to look at can be built beside it.'),
+            note('This page draws levels in Draco, PLY, tiles (glb) and streams (stpc). You can save the files of this pyramid, or build another one to view.'),
             table(['Points', 'Mean error, %', 'File'], [[null, rows]]),
-            element('button', { className: 'action', textContent: 'Build one to look at', onclick: this.onPyramid }),
+            element('button', { className: 'action', textContent: 'Build one to view', onclick: this.onPyramid }),
         ]];
     }
 }

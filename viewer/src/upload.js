@@ -41,7 +41,7 @@ const isReadable = (file) => file.slice(0, 1).arrayBuffer().then(() => true, () 
 
 const unreadable = () => new Problem({
     title: 'The file cannot be read',
-    detail: 'The browser cannot read it: check that it is still there, unchanged, and that you may open it.',
+    detail: 'The browser cannot read it: check that it still exists unchanged and that you may open it.',
 });
 
 /**

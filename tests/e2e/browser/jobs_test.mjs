@@ -168,7 +168,7 @@ await run({
         const [download] = await Promise.all([page.waitForEvent('download'), page.getByRole('button', { name: 'Save COPC' }).click()]);
         assert.equal(readFileSync(await download.path()).length, file.bytes);
         assert.match(download.suggestedFilename(), /\.copc\.laz$/);
-        await page.getByRole('button', { name: 'Build one to look at' }).click();
+        await page.getByRole('button', { name: 'Build one to view' }).click();
         await shows(page, kTorusPoints);
     },
 

@@ -71,7 +71,7 @@ await run({
         const bare = await browser.open('/docs', { scale });
         await bare.addInitScript(() => { HTMLCanvasElement.prototype.getContext = () => null; });
         await bare.goto(browser.url);
-        await bare.getByText('This browser shows no WebGL 2').waitFor();
+        await bare.getByText('This browser does not support WebGL 2').waitFor();
         await save(bare, 'no-webgl');
         assert.equal(await bare.locator('#dock').isVisible(), false);
         await bare.close();
@@ -87,7 +87,7 @@ await run({
             window.card = document.getElementById('stage').getContext('webgl2').getExtension('WEBGL_lose_context');
             window.card.loseContext();
         });
-        const notice = other.getByText('The graphics card was taken away');
+        const notice = other.getByText('The graphics context was lost');
         await notice.waitFor();
         await other.evaluate(() => window.card.restoreContext());
         await notice.waitFor({ state: 'detached' });
@@ -157,7 +157,7 @@ await run({
 
     async 'Clouds of other places, or in other units, are compared with a word about that'() {
         const near = await settledPyramid(page);
-        for (const [name, place, word] of [['far.ply', (i) => [50 + i / 500, 0, 0], 'lies elsewhere'], ['large.ply', (i) => [2 * i, 0, 0], 'in other units?']]) {
+        for (const [name, place, word] of [['far.ply', (i) => [50 + i / 500, 0, 0], 'lies elsewhere'], ['large.ply', (i) => [2 * i, 0, 0], 'in different units?']]) {
             const body = ply(Array.from({ length: 500 }, (_, i) => place(i)), false);
             const { id } = await (await fetch(`${server.url}/v1/clouds?name=${name}`, { method: 'POST', body })).json();
             const other = await startJob({ type: 'pyramid', input: id, formats: ['drc'] });

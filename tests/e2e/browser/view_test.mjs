@@ -89,7 +89,7 @@ await run({
 
     async 'A key shows the keys'() {
         await page.keyboard.press('?');
-        await page.getByText('Come closer').waitFor();
+        await page.getByText('Focus on a point').waitFor();
         await save(page, 'help');
         await page.getByRole('button', { name: 'Close' }).click();
         assert.equal(await page.locator('#help-dialog').isVisible(), false);
