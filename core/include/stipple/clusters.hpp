@@ -20,7 +20,7 @@ struct Clusters {
     }
 };
 
-/// Which sample replaces a cluster.
+/// Which point represents a cluster.
 enum class Representative {
     Centroid,  ///< the mean (§3.1); shrinks curved parts, as §5.2 says
     Nearest,   ///< the input point nearest to the centroid; the result is a subset of the input

@@ -11,21 +11,20 @@ namespace stipple {
 /// `openapi.yaml`.
 enum class ErrorCode {
     InvalidArgument,    ///< an option is out of range: change the request
-    MalformedInput,     ///< the bytes are not what their format promises: mend the file
-    UnsupportedFormat,  ///< well-formed perhaps, but nothing here reads it
-    TooLarge,           ///< over a limit: the message names limit, value and remedy
-    NotFound,           ///< no such thing, or not yours
-    Conflict,           ///< clashes with what is there already
+    MalformedInput,     ///< the bytes violate their format: repair the file
+    UnsupportedFormat,  ///< perhaps well-formed, but not supported
+    TooLarge,           ///< over a limit: the message gives the limit, the value and the remedy
+    NotFound,           ///< does not exist, or belongs to someone else
+    Conflict,           ///< conflicts with existing state
     QueueFull,          ///< try again later
-    Internal,           ///< our fault
+    Internal,           ///< a bug or failure on our side
 };
 
 /// `invalid-argument`, `malformed-input`, ...: the name on the wire.
 std::string_view to_string(ErrorCode code) noexcept;
 
-/// Every failure that a caller can be told about. The message is one sentence that says what was
-/// wrong, with the value, the limit and, where there is one, the remedy: `points 0:
-/// expected 1..435545`.
+/// Every failure reported to a caller. The message is one sentence that says what was wrong, with
+/// the value, the limit and, if there is one, the remedy: `points 0: expected 1..435545`.
 class Error : public std::runtime_error {
 public:
     Error(ErrorCode code, const std::string& message) : std::runtime_error(message), code_(code) {}

@@ -12,68 +12,67 @@
 
 namespace stipple {
 
-/// Where the point of a contracted pair goes.
+/// Where a contracted pair moves.
 enum class Placement {
     Optimal,   ///< the minimiser of the summed quadric (§3.2), with safe fallbacks
-    EndPoint,  ///< the better of the two: the result is a subset of the input, and levels are
-               ///< nested
+    EndPoint,  ///< the better of the two points: the result is a subset of the input, and levels
+               ///< are nested
 };
 
 struct IterativeSimplificationOptions {
-    std::uint64_t target_size =
-        0;           ///< exactly so many points, >= 1; all of them when there are fewer
-    unsigned k = 6;  ///< neighbours of a point, to which it may contract (§3.2), 3..32
+    std::uint64_t target_size = 0;  ///< exactly this many points, >= 1; all if there are fewer
+    unsigned k = 6;  ///< number of neighbours with which a point may contract (§3.2), 3..32
     Placement placement = Placement::Optimal;
-    std::optional<double>
-        max_displacement{};   ///< input units, >= 0: no new point is farther from the tangent plane
-                              ///< of the input point nearest to it; 0 puts all on the surface
-    double color_weight = 0;  ///< what a colour difference of full range costs, as a part of the
-                              ///< bounding-box diagonal, >= 0; 0: shape alone; of a cloud
-                              ///< that has colours
-    std::map<std::string, double>
-        attribute_weights{};  ///< the same for other attributes, by name, per range of values
+    std::optional<double> max_displacement{};  ///< input units, >= 0: no new point is farther than
+                                               ///< this from the tangent plane of the input point
+                                               ///< nearest to it; 0 puts all on the surface
+    double color_weight =
+        0;  ///< cost of a colour difference of full range, as a fraction of the bounding-box
+            ///< diagonal, >= 0; 0: shape alone; above 0 only for clouds with colours
+    std::map<std::string, double> attribute_weights{};  ///< the same for other attributes, by name;
+                                                        ///< relative to the attribute's range
     std::map<std::string, Reduction>
-        reductions{};  ///< by attribute name, instead of the attribute's own
+        reductions{};  ///< by attribute name, overriding the attribute's own
 
     bool operator==(const IterativeSimplificationOptions&) const = default;
 };
 
-/// Iterative simplification (§3.2): point pairs are contracted, those of the least quadric error
-/// first, until exactly `target_size` points are left.
+/// Iterative simplification (§3.2): point pairs are contracted, those of least quadric error first,
+/// until exactly `target_size` points are left.
 ///
-/// A pair of neighbours becomes the point where the sum of their quadrics is least: of the squared
-/// distances to the planes of edges of all input points that the pair stands for and, as far as
-/// these are rough, to the points themselves, which averages noise. From 8 points for one of the
-/// result on, distances to points count the more the more the surface bends there, so that points
-/// come to lie closer where the surface through them would lie off the input. Then input points are
-/// shared out anew among the new ones, so that each goes with the new point that fits it best; and
-/// where the new points are 20 or more, they move until the moving least squares surface through
-/// them (§2.2) fits the input: of linear basis, which lies inside of curved parts, and of quadratic
-/// basis, which does not. So they lie slightly outside of curved parts; `max_displacement` bounds
-/// it. With `Placement::EndPoint` the result is a subset of the input,
-/// and that of a smaller target a subset of that of a larger one.
+/// A pair of neighbours becomes the point that minimises the sum of their quadrics: squared
+/// distances to the planes of edges of all input points that the pair represents and, as far as
+/// these are rough, to the points themselves, which averages noise. Once 8 points are left for each
+/// one of the result, distances to points count more where the surface bends more, so that points
+/// end up closer where the surface through them would deviate from the input. Then the input points
+/// are reassigned to the new points that fit them best. If there are 20 new points or more, they
+/// move until the moving least squares surface through them (§2.2) fits the input: with a linear
+/// basis, which lies inside curved parts, and with a quadratic basis, which does not. So they lie
+/// slightly outside of curved parts; `max_displacement` bounds this. With `Placement::EndPoint` the
+/// result is a subset of the input, and that of a smaller target a subset of that of a larger one.
 ///
 /// Weights for colours and other attributes keep points where these change, as well as where the
-/// surface bends. Normals, colours and attributes of a new point are those of the input points that
-/// it stands for, reduced by their policy; with `EndPoint` they are that point's own, but for
+/// surface bends. Normals, colours and attributes of a new point are reduced from those of the
+/// input points it represents; with `EndPoint` they are copied from that point, except for
 /// attributes named in `reductions`.
 ///
-/// The cloud must hold finite positions, no two alike (`clean`). Points on a line or a plane stay
-/// on it; parts that are far from each other are joined last.
+/// The cloud must hold finite, distinct positions (`clean`). Points on a line or a plane stay on
+/// it; parts far from each other are joined last.
 ///
 /// @throws Error(InvalidArgument) for an empty cloud, an option out of range or an attribute that
-/// the cloud has not; Error(TooLarge) from 2^31 points on.
-/// Expected O(N log N), parallel; about 72 + 4 k bytes a point beyond the cloud, and while few of
-/// the points are left, 260 for each of 8 points for one of the result; or up to 4,300 for each of
-/// the result, but 30 MB at most, if that is more.
+/// the cloud does not have; Error(TooLarge) for 2^31 points or more.
+///
+/// Expected O(N log N), parallel. Beyond the cloud about 72 + 4 k bytes per point and, when few
+/// points are left, 260 for each of 8 points per point of the result; or up to 4,300 per point of
+/// the result, but at most 30 MB, if that is more.
 PointCloud iterative_simplification(const PointCloud& cloud,
                                     const IterativeSimplificationOptions& options,
                                     const RunContext& context = {});
 
-/// The clouds of many sizes from one run, finest first: each as `iterative_simplification` gives it
-/// for that size. The run costs what the smallest costs.
+/// The clouds of many sizes from one run, finest first: each as `iterative_simplification` returns
+/// it for that size. The run costs as much as the smallest.
 ///
-/// @param sizes  descending, each in 1..N; `options.target_size` is not read.
+/// @param sizes  descending, each in 1..N; `options.target_size` is ignored.
 /// @param on_cloud  called for each size, on the calling thread.
 /// @throws Error(InvalidArgument) as above, and for a size out of range or order.
 void iterative_snapshots(const PointCloud& cloud, std::span<const std::uint64_t> sizes,

@@ -17,23 +17,24 @@ struct MlsOptions {
     std::optional<double>
         h{};  ///< fixed scale, input units, > 0: all points within 3 h contribute; absent: adaptive
               ///< h = r / 3, r the radius of the k nearest (§2.2)
-    bool fixed_point = false;      ///< projects again until the point stays where it is
-    unsigned max_iterations = 30;  ///< of the plane's minimisation, and of the fixed point; >= 1
-    double tolerance = 1e-4;       ///< a step shorter than this part of h ends either; in (0, 1)
+    bool fixed_point = false;  ///< projects repeatedly until the point no longer moves
+    unsigned max_iterations =
+        30;                   ///< for the minimisation of the plane, and for the fixed point; >= 1
+    double tolerance = 1e-4;  ///< a step shorter than this fraction of h ends either; in (0, 1)
 };
 
 enum class MlsStatus : std::uint8_t {
     Converged,
-    NotConverged,  ///< Eq. 6 has no minimum near, or `max_iterations` were not enough: the plane
-                   ///< with the weights held fast, or the last iterate, stands for it
-    Degenerate,    ///< the neighbours carry no plane: the nearest point of their line, or their
+    NotConverged,  ///< Eq. 6 has no minimum nearby, or `max_iterations` were not enough: the result
+                   ///< uses the plane for fixed weights, or the last iterate
+    Degenerate,    ///< the neighbours define no plane: the nearest point of their line, or their
                    ///< common place
-    TooFar,        ///< no weight reaches the point (fixed h): it is given back as it came
+    TooFar,        ///< no weight reaches the point (fixed h): it is returned unchanged
 };
 
 struct MlsProjection {
     Vec3d point;   ///< Psi(P, r), relative to the origin of the cloud; never NaN
-    Vec3d normal;  ///< of the surface there, unit; the sign is any
+    Vec3d normal;  ///< of the surface there, unit, of arbitrary sign
     MlsStatus status = MlsStatus::Converged;
 };
 
@@ -44,17 +45,18 @@ struct MlsProjection {
 /// of `degree` is fitted to the same points with the same weights; Psi(P, r) = q + g(0, 0) n.
 /// Neighbours and the adaptive h are those of r.
 ///
-/// The degree is lowered for a point with fewer neighbours than coefficients, or where g(0, 0)
-/// would lie beyond the heights of all neighbours; terms that the neighbours cannot tell apart are
-/// left out, the higher ones first.
+/// The degree is lowered for a point with fewer neighbours than coefficients, or if g(0, 0) would
+/// lie beyond the heights of all neighbours. Terms that the neighbours do not determine are
+/// dropped, higher ones first.
 ///
-/// On a sphere of curvature kappa a plane or a linear g lies inside by about h^2 kappa / 2; degrees
-/// 2 and 3 by an order h^2 less.
+/// On a sphere of curvature kappa, a plane or a linear g lies inside by about h^2 kappa / 2;
+/// degrees 2 and 3 by an order h^2 less.
 class MlsSurface {
 public:
-    /// Holds a copy of the points: 32 bytes each. Finite points (`clean`), at least one.
-    /// @throws Error(InvalidArgument) for no points or an option out of range. O(N log N),
-    /// parallel.
+    /// Holds a copy of the points: 32 bytes each. Needs at least one point, all finite (`clean`).
+    /// @throws Error(InvalidArgument) for no points or an option out of range.
+    ///
+    /// O(N log N), parallel.
     MlsSurface(std::span<const Vec3f> points, const MlsOptions& options,
                const RunContext& context = {});
     ~MlsSurface();
@@ -64,8 +66,8 @@ public:
     /// Psi(P, r) for a finite r. For any thread.
     MlsProjection project(const Vec3d& r) const;
 
-    /// All of them, in parallel; 56 bytes each. 1.5 to 2 us each for k = 20 and a degree up to 2, a
-    /// third of it for the search; quickest where points that follow each other are near.
+    /// Projects all points, in parallel; 56 bytes each. 1.5 to 2 us each for k = 20 and a degree up
+    /// to 2, a third of it for the search; fastest if consecutive points are close together.
     std::vector<MlsProjection> project(std::span<const Vec3f> points,
                                        const RunContext& context = {}) const;
 

@@ -10,46 +10,46 @@ namespace stipple {
 
 struct MultiphaseOptions {
     double oversampling = 3;  ///< m in [1, 1000]: the first phase makes m * N clusters; more of
-                              ///< them cost time and gain little error
-    IterativeSimplificationOptions contraction{};  ///< of the second phase; its `target_size` is
-                                                   ///< the N of both
+                              ///< them cost time and reduce the error little
+    IterativeSimplificationOptions
+        contraction{};  ///< for the second phase; its `target_size` is the N of both
 };
 
 /// Multiphase simplification: hierarchical clustering (§3.1) to m * N samples that carry the
-/// quadrics of what they stand for (§3.2), then contraction to exactly N (Garland and Shaffer 2002,
-/// on points). The default method.
+/// quadrics of the points they represent (§3.2), then contraction to exactly N (Garland and Shaffer
+/// 2002, on points). The default method.
 ///
-/// Its points move at the end as those of `iterative_simplification` do, and so lie slightly
-/// outside of curved parts, which is what lowers the error of the surface through them;
-/// `contraction.max_displacement` bounds it. They are fitted to the samples, which are means of
-/// points, so that little of a scan's noise is left in them, as long as it is less than the
-/// distance of the samples. Where a fiftieth of the points is left, or fewer, that is done twice,
-/// the second time from where they are then, which takes little of the time.
+/// Its points finally move as those of `iterative_simplification` do, and so lie slightly outside
+/// of curved parts, which lowers the error of the surface through them;
+/// `contraction.max_displacement` bounds this. They are fitted to the samples, which are means of
+/// points, so that little of a scan's noise remains, as long as the noise is below the spacing of
+/// the samples. If a fiftieth of the points or fewer is left, this is done twice, the second time
+/// from the new places, which takes little of the time.
 ///
-/// Samples are contracted along the tree of the clustering: of two halves of a cluster, each one
-/// point already, the pair with the least quadric error times their distance becomes the point
-/// where the sum of their quadrics is least. As a guard of the maximum error no point stands for
-/// more than twice its share of the samples, as far as the tree lets it be. So a point stands for a
-/// cluster of the tree, and its attributes are those of the cluster's points, reduced by their
-/// policy. With `Placement::EndPoint` it is the input point of the cluster that is nearest to that
-/// place, with all its attributes. Weights of attributes and a bound of displacements count as they
-/// do there.
+/// Samples are contracted along the tree of the clustering: among pairs of halves of a cluster,
+/// each already one point, the pair with the least quadric error times distance becomes the point
+/// that minimises the sum of their quadrics. To limit the maximum error, no point represents more
+/// than twice its share of the samples, as far as the tree permits. So a point represents a cluster
+/// of the tree, and its attributes are reduced from those of the cluster's points. With
+/// `Placement::EndPoint` it is the input point of the cluster nearest to that place, with all its
+/// attributes. Weights of attributes and `max_displacement` work as in `iterative_simplification`.
 ///
-/// The cloud must hold finite positions, no two alike (`clean`). A target of all points, or more,
-/// returns the cloud as it is. Points on a line or a plane stay on it, but for rounding.
+/// The cloud must hold finite, distinct positions (`clean`). A target of all points, or more,
+/// returns the cloud unchanged. Points on a line or a plane stay on it, except for rounding.
 ///
-/// @throws Error(InvalidArgument) for an empty cloud or an option out of range, as
+/// @throws Error(InvalidArgument) for an empty cloud or an option out of range, like
 /// `iterative_simplification`.
-/// Expected O(P log N), parallel; beyond the cloud 8 bytes a point, or 4, 250 for each of the m * N
-/// samples and up to 2,200 for each of the N, but 12,000 of them a thread at most: whichever is
-/// more.
+///
+/// Expected O(P log N), parallel. Beyond the cloud 8 bytes per point, or 4 per point, 250 for each
+/// of the m * N samples and up to 2,200 for each of the N, but for at most 12,000 of them per
+/// thread: whichever is more.
 PointCloud multiphase(const PointCloud& cloud, const MultiphaseOptions& options,
                       const RunContext& context = {});
 
-/// The clouds of many sizes from one run, with the m * N samples of the largest: a much
-/// smaller one has about a tenth more error than by a run of its own.
+/// The clouds of many sizes from one run, with the m * N samples of the largest: a much smaller one
+/// has about a tenth more error than from a run of its own.
 ///
-/// @param sizes  each at least 1; `contraction.target_size` is not read.
+/// @param sizes  each at least 1; `contraction.target_size` is ignored.
 /// @param on_cloud  called for each size, in their order, on the calling thread.
 void multiphase_snapshots(const PointCloud& cloud, std::span<const std::uint64_t> sizes,
                           const MultiphaseOptions& options,

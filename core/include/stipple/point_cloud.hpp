@@ -16,7 +16,7 @@ using Index = std::uint32_t;  ///< numbers the points of a cloud: fewer than 2^3
 using Vec3f = Eigen::Vector3f;
 using Vec3d = Eigen::Vector3d;
 
-/// A colour as it is stored and shown: sRGB, 8 bits a channel. Averages are taken in linear light.
+/// A colour as stored and shown: sRGB, 8 bits per channel. Averages are taken in linear light.
 struct Rgba8 {
     std::uint8_t r = 0, g = 0, b = 0, a = 255;
     friend bool operator==(const Rgba8&, const Rgba8&) = default;
@@ -24,12 +24,12 @@ struct Rgba8 {
 
 /// How the values of many points become the value of one.
 enum class Reduction {
-    Mean,     ///< the average of the numbers there are; the default for floating-point values
+    Mean,     ///< the average, ignoring NaN; the default for floating-point values
     Nearest,  ///< the value of the point nearest to the new one; the default for integers, which
               ///< may be labels
     Min,
     Max,
-    Mode,  ///< the most frequent value; the least of them in a tie
+    Mode,  ///< the most frequent value; the smallest in a tie
 };
 
 /// The values of an attribute, in the type they had in the file.
@@ -40,7 +40,7 @@ using AttributeValues =
 
 /// Any per-point property that is not a position, normal or colour.
 struct Attribute {
-    std::string name;        ///< as in the file: 1 to 255 printable ASCII characters without blanks
+    std::string name;        ///< as in the file: 1 to 255 printable ASCII characters without spaces
     AttributeValues values;  ///< N * components values, point by point
     unsigned components = 1;  ///< values per point
     Reduction reduction = Reduction::Nearest;
@@ -62,29 +62,31 @@ struct Aabb {
     double diagonal() const noexcept { return empty() ? 0.0 : (max - min).norm(); }
 };
 
-/// Points and what is known of each: one array per attribute, each empty (absent) or with N
-/// entries. Lengths are squared in single precision, so what is computed with a cloud less than
-/// 1e-15 or more than 1e15 across is of no use.
+/// Points and their attributes: one array per attribute, each empty (absent) or with N entries.
+/// Lengths are squared in single precision, so computations on a cloud less than 1e-15 or more than
+/// 1e15 across are meaningless.
 struct PointCloud {
     Vec3d origin =
         Vec3d::Zero();  ///< added to every position; keeps georeferenced doubles exact enough
-    std::vector<Vec3f> positions;   ///< N, in the unit of the input, relative to origin
-    std::vector<Vec3f> normals;     ///< N unit vectors, or empty
-    std::vector<Rgba8> colors;      ///< N, sRGB, or empty
-    bool has_alpha = false;         ///< whether the alpha of `colors` means something
-    bool double_precision = false;  ///< whether positions came as doubles, and are written as such
+    std::vector<Vec3f> positions;  ///< N, in the unit of the input, relative to origin
+    std::vector<Vec3f> normals;    ///< N unit vectors, or empty
+    std::vector<Rgba8> colors;     ///< N, sRGB, or empty
+    bool has_alpha = false;        ///< whether the alpha of `colors` is meaningful
+    bool double_precision =
+        false;  ///< whether positions were read as doubles, and are written as such
     std::vector<Attribute> attributes;
 
     std::size_t size() const noexcept { return positions.size(); }
     bool empty() const noexcept { return positions.empty(); }
 };
 
-/// Checks that every array has N entries or none. @throws Error(InvalidArgument) naming the array
-/// that does not.
+/// Checks that every array has N entries or none.
+/// @throws Error(InvalidArgument) naming the array that does not.
 void validate(const PointCloud& cloud);
 
-/// Checks that single precision holds the squares of a cloud's lengths. @param diagonal  of its
-/// box; 0 will do. @throws Error(MalformedInput) below 1e-15 or above 1e15.
+/// Checks that single precision can hold the squares of a cloud's lengths.
+/// @param diagonal  of its box; may be 0.
+/// @throws Error(MalformedInput) below 1e-15 or above 1e15.
 void require_squares(double diagonal);
 
 /// Bounds of the finite positions, in the unit of the input, origin added. O(N).
@@ -96,7 +98,7 @@ PointCloud subset(const PointCloud& cloud, std::span<const Index> indices);
 /// The attribute of that name, or null.
 const Attribute* find_attribute(const PointCloud& cloud, std::string_view name) noexcept;
 
-/// Adds an attribute, in the place of the one of that name where there is one.
+/// Adds an attribute, replacing any attribute of the same name.
 void set_attribute(PointCloud& cloud, Attribute attribute);
 
 }  // namespace stipple

@@ -8,19 +8,20 @@
 namespace stipple {
 
 struct RandomSamplingOptions {
-    std::uint64_t target_size =
-        0;  ///< exactly so many points, >= 1; all of them when there are fewer
+    std::uint64_t target_size = 0;  ///< exactly this many points, >= 1; all if there are fewer
     std::uint64_t seed = 0;
 };
 
 /// A random subset of a cloud: every subset of that size is equally likely. A baseline for the
-/// methods of the paper, which says why it is none of them (§3.2: true subsampling aliases, and
-/// spreads its points unevenly).
+/// methods of the paper, which explains why it is not one of them (§3.2: true subsampling aliases,
+/// and spreads its points unevenly).
 ///
-/// Points keep their order and all their attributes. The choice depends on the number of points,
-/// the target and the seed alone. Any positions will do, also ones that are not finite.
+/// Points keep their order and all their attributes. The choice depends only on the number of
+/// points, the target and the seed. Positions need not be finite.
 ///
-/// @throws Error(InvalidArgument) for an empty cloud or a target of 0. O(N); 4 bytes a kept point.
+/// @throws Error(InvalidArgument) for an empty cloud or a target of 0.
+///
+/// O(N); 4 bytes per kept point.
 PointCloud random_sampling(const PointCloud& cloud, const RandomSamplingOptions& options,
                            const RunContext& context = {});
 

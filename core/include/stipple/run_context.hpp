@@ -5,12 +5,13 @@
 
 namespace stipple {
 
-/// How a computation is run: stopped, watched, and on how many threads. Results never depend on it.
+/// How a computation runs: how it is stopped, watched, and on how many threads. Results never
+/// depend on it.
 struct RunContext {
     std::stop_token stop{};  ///< asks the computation to end with `Cancelled`
     std::function<void(double)>
-        progress{};        ///< called with 0..1, never decreasing, on the calling thread only; by
-                           ///< what takes long, and not always up to 1
+        progress{};  ///< called with 0..1, never decreasing, on the calling thread only; only by
+                     ///< long computations, and not always up to 1
     unsigned threads = 0;  ///< 0: one per hardware thread
 
     /// Reports `fraction` and throws `Cancelled` when asked to stop. For the calling thread.

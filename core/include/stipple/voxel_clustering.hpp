@@ -12,26 +12,27 @@ namespace stipple {
 
 struct VoxelClusteringOptions {
     std::optional<std::uint64_t>
-        target_size{};  ///< exactly so many points: the size of a voxel is searched
+        target_size{};  ///< exactly this many points: the size of a voxel is searched
     std::optional<double> voxel_size{};  ///< edge of a voxel, input units; instead
     Representative representative = Representative::Nearest;
     std::map<std::string, Reduction>
-        reductions{};  ///< by attribute name, instead of the attribute's own
+        reductions{};  ///< by attribute name, overriding the attribute's own
 };
 
-/// Voxel clustering (Rossignac and Borrel 1993; §3.1 says what it cannot do): one point for each
-/// cube of a grid that holds any. A baseline.
+/// Voxel clustering (Rossignac and Borrel 1993; §3.1 describes its limits): one point for each
+/// occupied cube of a grid. A baseline.
 ///
-/// The grid stands on the least corner of the cloud's box. Given a target, the edge of its voxels
-/// is searched until a few too few hold points; the difference is then made up by splitting the
+/// The grid starts at the minimum corner of the cloud's box. Given a target, the edge of its voxels
+/// is searched until slightly too few are occupied; the difference is made up by splitting the
 /// voxels whose points vary most across their longest direction.
 ///
-/// Give `target_size` or `voxel_size`. A target above the number of points returns the cloud as it
-/// is. The cloud must hold finite positions, no two alike (`clean`).
+/// Give `target_size` or `voxel_size`. A target above the number of points returns the cloud
+/// unchanged. The cloud must hold finite, distinct positions (`clean`).
 ///
 /// @throws Error(InvalidArgument) for an empty cloud, an option out of range (a voxel must be at
-/// least 2^-21 of the cloud's longest side), or both or none of the two. O(N); 8 bytes a point
-/// and about 40 a voxel beyond the cloud.
+/// least 2^-21 of the cloud's longest side), or both or neither of the two.
+///
+/// O(N); 8 bytes per point and about 40 per voxel beyond the cloud.
 PointCloud voxel_clustering(const PointCloud& cloud, const VoxelClusteringOptions& options,
                             const RunContext& context = {});
 
