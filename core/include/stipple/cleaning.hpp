@@ -13,12 +13,12 @@ struct CleaningReport {
     std::size_t removed() const noexcept { return non_finite + duplicates; }
 };
 
-/// Removes the points that no neighbour search should see: first those with a non-finite
+/// Removes the points that a neighbour search cannot handle: first those with a non-finite
 /// coordinate, then those at exactly the position of an earlier point (-0 equals 0). The rest keep
 /// their order and their attributes. Normals that are not finite become zero.
 ///
-/// Expected O(N) time; 8 to 16 bytes a point while it runs. Where it is stopped, what the cloud
-/// holds is of no use.
+/// Expected O(N) time; 8 to 16 bytes per point while it runs. If stopped, the cloud is left in an
+/// unspecified state.
 CleaningReport clean(PointCloud& cloud, const RunContext& context = {});
 
 }  // namespace stipple

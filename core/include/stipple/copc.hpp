@@ -13,33 +13,34 @@ namespace stipple {
 struct CopcOptions {
     SampledOctreeOptions octree{};
     std::optional<double>
-        precision{};  ///< the largest error per axis, in input units, > 0: the grid's step is the
-                      ///< power of ten next below twice as much. None: see `encode_copc`
-    std::optional<unsigned> epsg{};  ///< the coordinate system, one of `is_on_globe`; none: the
-                                     ///< file tells none
+        precision{};  ///< the largest error per axis, in input units, > 0: the step of the grid is
+                      ///< the largest power of ten below twice as much. Absent: see `encode_copc`
+    std::optional<unsigned> epsg{};  ///< the coordinate system, one of `is_on_globe`; absent: the
+                                     ///< file names no coordinate system
 };
 
-/// A cloud as a Cloud Optimized Point Cloud (COPC 1.0): a LAZ file (LAS 1.4, layered compression)
-/// as a whole, its points in the order of the nodes of a `SampledOctree`, one chunk each, which
-/// readers fetch by ranges of bytes.
+/// A cloud as a Cloud Optimized Point Cloud (COPC 1.0): a LAZ file (LAS 1.4, layered compression),
+/// its points in the order of the nodes of a `SampledOctree`, one chunk each, which readers fetch
+/// by byte ranges.
 ///
 /// Positions are integers on a grid whose step is a power of ten in input units: the longest on
-/// which all of them lie already, as coordinates of LiDAR mostly do; else one as short as single
-/// precision tells apart, or as `precision` says. With colours the points have format 7 (8 bits in
-/// the upper half of 16, as LAS has it), else 6. Attributes with the name of a field of LAS, whose
-/// values it can hold, go into it: whole numbers `intensity` and `point_source_id` (up to 65,535),
-/// `classification` and `user_data` (up to 255), `return_number` with `number_of_returns` (1 <=
-/// number <= count <= 15), and finite `gps_time`; in any case, with or without underscores, or
-/// `scalar_` before them. Normals (`NormalX`, `NormalY`, `NormalZ`), alpha and all other attributes
-/// become extra bytes in their own types under their names, of which LAS takes 32 characters; one
-/// with several components as several. What a cloud does not have is 0 (each point the only return
-/// of its pulse); no date is told.
+/// which all of them lie already, as coordinates of LiDAR mostly do; otherwise as short as single
+/// precision can resolve, or as `precision` says. With colours the points have format 7 (8 bits in
+/// the upper half of 16, as in LAS), otherwise 6. Attributes with the name of a LAS field that can
+/// hold their values are stored in it: whole numbers `intensity` and `point_source_id` (up to
+/// 65,535), `classification` and `user_data` (up to 255), `return_number` with `number_of_returns`
+/// (1 <= number <= count <= 15), and finite `gps_time`; in any case, with or without underscores,
+/// or with the prefix `scalar_`. Normals (`NormalX`, `NormalY`, `NormalZ`), alpha and all other
+/// attributes become extra bytes in their own types under their names, which LAS limits to 32
+/// characters; an attribute with several components becomes several. Fields without a value are 0
+/// (each point is the only return of its pulse); no date is written.
 ///
-/// @throws Error(InvalidArgument) for a cloud without points, options out of range, or a precision
-/// for which 30 bits are too few, and for extra bytes beyond what a record (65,499) and its
-/// description (341 of them) can hold.
-/// O(N log N), mostly parallel: about 0.35 us a point, and 15 ns for each extra byte; the same
-/// bytes for any number of threads. 30 bytes a point, and twice the file.
+/// @throws Error(InvalidArgument) for a cloud without points, options out of range, a precision for
+/// which 30 bits are too few, and extra bytes beyond what a record (65,499) and its description
+/// (341 of them) can hold.
+///
+/// O(N log N), mostly parallel: about 0.35 us per point, and 15 ns for each extra byte; the same
+/// bytes for any number of threads. 30 bytes per point, and twice the file.
 std::vector<std::byte> encode_copc(const PointCloud& cloud, const CopcOptions& options = {},
                                    const RunContext& context = {});
 

@@ -6,23 +6,23 @@
 
 namespace stipple {
 
-/// Whether `globe_frame` knows a coordinate reference system by this number of EPSG: 4978
+/// Whether `globe_frame` knows the coordinate reference system with this EPSG number: 4978
 /// (earth-centred), 32601..32660 and 32701..32760 (UTM on WGS 84, north and south), 25828..25838
-/// (UTM on ETRS89). Metres all of them; heights above the ellipsoid.
+/// (UTM on ETRS89). All are in metres, with heights above the ellipsoid.
 bool is_on_globe(unsigned epsg) noexcept;
 
 /// The affine map from coordinates of a system to earth-centred ones (EPSG:4978, metres) that is
-/// exact at `place` and has the right directions and scales there: so a cloud stands on the globe,
-/// upright and turned to the north of its map. D metres from the place it is off by about
-/// D^2 / 13,000 km, the curvature of the earth: 8 cm at 1 km.
+/// exact at `place` and has the right directions and scales there: it places a cloud on the globe,
+/// upright and facing the north of its map. D metres from the place it is off by about D^2 / 13,000
+/// km, the curvature of the earth: 8 cm at 1 km.
 ///
-/// ETRS89 counts as WGS 84, from which it drifts by 2.5 cm a year.
-/// @throws Error(InvalidArgument) for a system it does not know, or a place that is not finite or
-/// farther than 10,000 km from the origin of a map.
+/// ETRS89 is treated as WGS 84, from which it drifts by 2.5 cm a year.
+/// @throws Error(InvalidArgument) for an unknown system, or a place that is not finite or farther
+/// than 10,000 km from the origin of a map.
 Eigen::Matrix4d globe_frame(unsigned epsg, const Vec3d& place);
 
-/// A system as files tell it: Well-Known Text 1 (OGC 01-009). @throws Error(InvalidArgument) for
-/// one it does not know.
+/// A system as written in files: Well-Known Text 1 (OGC 01-009).
+/// @throws Error(InvalidArgument) for an unknown system.
 std::string well_known_text(unsigned epsg);
 
 }  // namespace stipple

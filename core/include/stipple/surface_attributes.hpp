@@ -10,9 +10,9 @@ namespace stipple {
 
 /// How the signs of normals are chosen.
 enum class NormalSigns {
-    SpanningTree,  ///< neighbours agree, each connected part outward (§2.1)
-    Viewpoint,     ///< towards a point, as of a scanner
-    Any,           ///< as they come
+    SpanningTree,  ///< consistent between neighbours, each connected component outward (§2.1)
+    Viewpoint,     ///< towards a point, such as a scanner
+    Any,           ///< as computed
 };
 
 struct SurfaceAttributeOptions {
@@ -20,26 +20,28 @@ struct SurfaceAttributeOptions {
     NormalSigns signs = NormalSigns::SpanningTree;
     std::optional<Vec3d>
         viewpoint{};  ///< with `NormalSigns::Viewpoint`, relative to the origin of the cloud
-    std::optional<FeatureLineOptions> feature_lines{};  ///< absent: none are sought
+    std::optional<FeatureLineOptions> feature_lines{};  ///< absent: none are extracted
 };
 
-/// Checks what can be checked without a cloud. @throws Error(InvalidArgument).
+/// Checks what can be checked without a cloud.
+/// @throws Error(InvalidArgument).
 void validate(const SurfaceAttributeOptions& options);
 
 /// Writes the local surface properties of §2 and §2.1 (`analyze_locally`) into a cleaned cloud: its
 /// normals, and the attributes `variation`, `density` and `anisotropy` (float, mean); with
-/// `feature_lines` also `feature_weight` (`FeatureLines::weights`). Normals and attributes of these
-/// names that it had are replaced.
+/// `feature_lines` also `feature_weight` (`FeatureLines::weights`). These replace normals and
+/// attributes of the same names.
 ///
 /// @return with `feature_lines`, the points of all lines, one line after the other, with all their
-/// attributes and the number of the line as `line` (uint32); a closed one ends with the point that
-/// it starts with. Else no points.
+/// attributes and the number of the line as `line` (uint32); a closed line ends at its first point.
+/// Otherwise no points.
 /// @throws Error(InvalidArgument) for options out of range or a cloud without points.
+///
 /// Time and memory are those of `analyze_locally`, `orient_normals` and `find_feature_lines`.
 PointCloud add_surface_attributes(PointCloud& cloud, const SurfaceAttributeOptions& options = {},
                                   const RunContext& context = {});
 
-/// How much is told of the splat (Fig. 5) of each point.
+/// Which attributes describe the splat (Fig. 5) of each point.
 enum class SplatAttributes {
     None,
     Radius,   ///< `radius`
@@ -47,9 +49,9 @@ enum class SplatAttributes {
     Ellipse,  ///< `radius`, the normals, and the half axes `major` and `minor` of 3 components each
 };
 
-/// Writes the splats of a cloud's points (`measure_splats`) into it. Attributes of these names that
-/// it had are replaced. Normals that it had stay, for they carry a sign; else neighbours agree
-/// (`orient_normals`).
+/// Writes the splats of a cloud's points (`measure_splats`) into it, replacing attributes of the
+/// same names. Existing normals are kept, since they carry a sign; otherwise normals are oriented
+/// consistently (`orient_normals`).
 void add_splats(PointCloud& cloud, SplatAttributes attributes, const RunContext& context = {});
 
 }  // namespace stipple
