@@ -22,59 +22,58 @@ enum class CloudFormat {
     Copc,         ///< an octree in a LAZ file (`encode_copc`): written, never read
 };
 
-/// `ply`, `drc`, `glb`, `stpc`, `copc.laz`: the name on the wire and the extension of a file.
+/// `ply`, `drc`, `glb`, `stpc`, `copc.laz`: the name in requests and the extension of a file.
 std::string_view to_string(CloudFormat format) noexcept;
 /// `model/ply`, `model/vnd.google.draco`... as sent in `Content-Type`.
 std::string_view media_type(CloudFormat format) noexcept;
-/// The inverse of `to_string`; also `draco`, `stream` and `copc`. @throws Error(UnsupportedFormat)
-/// naming what is offered.
+/// The inverse of `to_string`; also accepts `draco`, `stream` and `copc`.
+/// @throws Error(UnsupportedFormat) naming the formats offered.
 CloudFormat cloud_format_from_name(std::string_view name);
-/// By the first bytes (`ply`, `DRACO` or `STPC`), never by a file's name; nothing when it is none.
+/// The format by the first bytes (`ply`, `DRACO` or `STPC`), never by a file's name; nothing for
+/// bytes in none of these formats.
 std::optional<CloudFormat> detect_format(std::span<const std::byte> head) noexcept;
 
 /// What a decoder accepts. Checked against what the header declares, before anything is allocated.
 struct DecodeLimits {
     std::uint64_t max_points = 200'000'000;
     unsigned max_attributes = 64;  ///< scalar properties beyond positions, normals and colours
-    std::uint64_t max_memory_bytes = 0;  ///< of this process, when the caller has set such a limit:
-                                         ///< told by the error of a file that needs more
+    std::uint64_t max_memory_bytes = 0;  ///< the memory limit of this process, if the caller has
+                                         ///< set one: named in the error for a file that needs more
 };
 
-/// What the file was and what was left out of the cloud.
+/// What the file contained and what was dropped.
 struct DecodeReport {
     CloudFormat format = CloudFormat::Ply;
     std::string encoding;  ///< `ascii`, `binary_little_endian`, `binary_big_endian`; `sequential`,
                            ///< `kd-tree`, `edgebreaker`; `progressive`
     std::uint64_t points = 0;  ///< points in the cloud, before any cleaning
-    std::uint64_t faces = 0;   ///< faces that were ignored
+    std::uint64_t faces = 0;   ///< ignored faces
     std::vector<std::string>
-        skipped;  ///< elements and list properties that were left out, as `face.vertex_indices`
+        skipped;  ///< ignored elements and list properties, such as `face.vertex_indices`
     std::vector<std::string>
         comments;  ///< `comment` and `obj_info` lines of a PLY header, without the keyword
 };
 
-/// Decodes a PLY, Draco or progressive file that lies in memory (or is mapped there).
+/// Decodes a PLY, Draco or progressive file in memory (or mapped there).
 ///
 /// PLY: ascii, little and big endian; any property types and names; elements in any order. Double
 /// or 32-bit integer coordinates are kept through `PointCloud::origin` (float relative to the
-/// centre of the box). Colours under their usual names (`red`, `r`, `diffuse_red`; 8 bits; 16
-/// bits, which are scaled unless no value is above 255; or float 0..1) become `colors`; `nx ny nz`
-/// become `normals`, as they are; every other scalar property becomes an attribute; a list property
-/// of the points is kept as an attribute of several components when all its lists have one length,
-/// else left out and named in the report. The type `bool` is a byte; numbers beyond a type's range
-/// become infinite or zero; unknown header lines before the first element are passed over and named
-/// in the report. Draco: point clouds and meshes (the faces are ignored); generic attributes with
-/// their names from the metadata. Progressive: all points that the bytes reach, see
-/// `ProgressiveDecoder`.
+/// centre of the box). Colours under their usual names (`red`, `r`, `diffuse_red`; 8 bits; 16 bits,
+/// which are scaled unless no value is above 255; or float 0..1) become `colors`; `nx ny nz` become
+/// `normals` unchanged; every other scalar property becomes an attribute. A list property of the
+/// points becomes an attribute of several components if all its lists have one length; otherwise it
+/// is ignored and named in the report. The type `bool` is a byte; numbers beyond a type's range
+/// become infinite or zero; unknown header lines before the first element are skipped and named in
+/// the report. Draco: point clouds and meshes (ignoring faces); generic attributes with their names
+/// from the metadata. Progressive: all points that the bytes contain, see `ProgressiveDecoder`.
 ///
-/// @param report  filled when not null.
+/// @param report  filled unless null.
 /// @throws Error(UnsupportedFormat) for bytes in none of these formats; Error(MalformedInput)
 /// naming what is wrong and where (line or byte offset); Error(TooLarge) over a limit.
 ///
-/// Nothing is allocated beyond what the input can hold. Google's Draco decoder can still ask for
-/// all memory, and looks at `context.stop` before and after its work only, which takes seconds for
-/// ten million points: decode foreign bytes in a process with a memory limit, which can be ended
-/// from outside.
+/// Allocates no more than the input can hold. Google's Draco decoder may still request all memory,
+/// and checks `context.stop` only before and after its work, which takes seconds for ten million
+/// points: decode untrusted bytes in a process with a memory limit, which can be killed.
 PointCloud decode_cloud(std::span<const std::byte> bytes, const DecodeLimits& limits = {},
                         const RunContext& context = {}, DecodeReport* report = nullptr);
 
@@ -90,47 +89,49 @@ struct PlyEncodeOptions {
 };
 
 enum class DracoCoding {
-    Auto,  ///< kd-tree for bare positions, else sequential (smaller with normals and colours)
-           ///< along a chain through the points, where differences take few bits: with normals
-           ///< a quarter to a third smaller than in an order at random
+    Auto,  ///< kd-tree for positions alone, otherwise sequential (smaller with normals and colours)
+           ///< along a chain through the points, where differences take few bits: with normals a
+           ///< quarter to a third smaller than in random order
     Sequential,  ///< keeps the order of the points
     KdTree,      ///< reorders the points
 };
 
 struct DracoEncodeOptions {
     DracoCoding coding = DracoCoding::Auto;
-    unsigned position_bits = 14;  ///< 1..30 bits per axis of the longest side, of the box about
-                                  ///< most points where a few lie far off; 0: unquantised floats
+    unsigned position_bits =
+        14;  ///< 1..30 bits per axis, for the longest side; if a few points lie far off, for the
+             ///< box around most points; 0: unquantised floats
     std::optional<double>
         precision;  ///< instead of position_bits: the largest error per axis, in input units
     unsigned normal_bits = 10;  ///< 2..30, octahedral
     unsigned attribute_bits =
-        16;  ///< 1..30 for floating-point attributes; 0: unquantised. Integers are lossless, floats
-             ///< that are all whole numbers as well.
+        16;  ///< 1..30 for floating-point attributes; 0: unquantised. Integers are lossless, as are
+             ///< floats that are all whole numbers.
     unsigned compression_level = 7;  ///< 0 fastest .. 10 smallest
 };
 
-/// Encodes a cloud. Draco keeps every point (duplicates too) and every attribute; generic
-/// attributes carry their name in the metadata entry `name`, the origin stands in the geometry's
-/// metadata as `stipple.origin` (3 doubles). Unique ids are fixed: position 0, normal 1, colour 2,
+/// Encodes a cloud. Draco keeps every point (including duplicates) and every attribute; generic
+/// attributes carry their name in the metadata entry `name`, the geometry's metadata holds the
+/// origin as `stipple.origin` (3 doubles). Unique ids are fixed: position 0, normal 1, colour 2,
 /// generic attributes from 3 on in the order of the cloud. Doubles, wide integers and values that
-/// are not finite are coded without loss, which the kd-tree cannot: asked for it, such a cloud is
-/// refused, and `Auto` takes the sequential coding. An empty cloud keeps only its origin.
-/// @throws Error(InvalidArgument) for an option out of range. Google's encoder, too, looks at
-/// `context.stop` before and after its work only.
+/// are not finite are coded losslessly, which the kd-tree cannot do: it refuses such a cloud, and
+/// `Auto` uses the sequential coding. An empty cloud keeps only its origin.
+/// @throws Error(InvalidArgument) for an option out of range.
+///
+/// Google's encoder, too, checks `context.stop` only before and after its work.
 std::vector<std::byte> encode_ply(const PointCloud& cloud, const PlyEncodeOptions& options = {},
                                   const RunContext& context = {});
 std::vector<std::byte> encode_draco(const PointCloud& cloud, const DracoEncodeOptions& options = {},
                                     const RunContext& context = {});
-/// The same, and spends the cloud: each part of it is given back once Draco has it, so that as much
-/// memory less is needed.
+/// The same, consuming the cloud: each part of it is freed once Draco has it, which saves that much
+/// memory.
 std::vector<std::byte> encode_draco(PointCloud&& cloud, const DracoEncodeOptions& options = {},
                                     const RunContext& context = {});
 
-/// Writes a cloud, the format by the extension (`.ply`, `.drc`, `.stpc`, `.laz`: `encode_copc`),
-/// through a temporary file beside it, so that a file of that name is whole or not there. @throws
-/// Error(UnsupportedFormat) for another extension, Error(NotFound) for a folder that is not there,
-/// Error(InvalidArgument) where one may not write, Error(Internal) when it cannot be written else.
+/// Writes a cloud in the format of the extension (`.ply`, `.drc`, `.stpc`, `.laz`: `encode_copc`),
+/// through a temporary file beside it, so that the file is either complete or absent.
+/// @throws Error(UnsupportedFormat) for another extension, Error(NotFound) for a missing folder,
+/// Error(InvalidArgument) if writing is not permitted, Error(Internal) for any other write failure.
 void write_cloud(const PointCloud& cloud, const std::filesystem::path& file,
                  const PlyEncodeOptions& ply = {}, const DracoEncodeOptions& draco = {},
                  const CopcOptions& copc = {}, const RunContext& context = {});

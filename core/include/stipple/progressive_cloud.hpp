@@ -15,70 +15,71 @@ namespace stipple {
 
 /// How a cloud is written as a progressive stream.
 struct ProgressiveOptions {
-    unsigned position_bits = 14;  ///< 1..24 for each axis of the longest side, at the end; more
-                                  ///< where steps would else be longer than the spacing
+    unsigned position_bits = 14;  ///< 1..24 per axis, for the longest side, at the end of the
+                                  ///< stream; more if steps would otherwise exceed the spacing
     std::optional<double>
         precision{};  ///< instead of position_bits: the largest error per axis at the end, input
-                      ///< units; what takes more than 24 bits is refused
+                      ///< units; refused if it takes more than 24 bits
     unsigned normal_bits = 8;  ///< 2..16 for each of the two coordinates of a normal, octahedral
-    unsigned attribute_bits = 16;  ///< 1..32 for floats, over the range of each attribute; 0:
-                                   ///< without loss, as are integers, doubles and values that are
-                                   ///< not finite
-    double coarseness = 0.3;  ///< how much the steps of the grid on the way may add to the mean
-                              ///< error of the points that are there, as a part of it; >= 0, 0:
-                              ///< all bits at once
+    unsigned attribute_bits =
+        16;  ///< 1..32 for floats, over the range of each attribute; 0: lossless, as are integers,
+             ///< doubles and values that are not finite
+    double coarseness = 0.3;  ///< fraction that the grid steps along the stream may add to the mean
+                              ///< error of the points so far; >= 0, 0: all bits at once
 };
 
-/// A part of a progressive stream, at whose end all points have the same precision.
+/// A part of a progressive stream, at the end of which all points have the same precision.
 struct ProgressiveBatch {
     std::uint64_t points = 0;  ///< from the start of the stream to the end of the batch
     std::uint64_t bytes = 0;   ///< the same, header included
     double step = 0;           ///< of the grid of its points, input units
     double mean_error = 0;     ///< from the surface of the whole cloud to that of the points so far
-                               ///< (§4, linear basis), as they are shown, input units
+                               ///< (§4, linear basis), as shown, input units
 };
 
 /// Writes a cloud as a stream of which every prefix is a good cloud of fewer points.
 ///
-/// The points come in the order in which contraction to one end point (§3.2) took them away, last
-/// first, so that the first n are about what `iterative_simplification` keeps of n. Each batch
-/// splits the cells of the points that are there, then asks the cells around each of them, near the
-/// plane of its neighbours, for new ones. docs/progressive-stream.md has the format.
+/// The points come in the reverse of the order in which contraction to one end point (§3.2) removed
+/// them, so that the first n are about what `iterative_simplification` keeps for n. Each batch
+/// splits the cells of the existing points, then visits the cells around each of them, near the
+/// plane of its neighbours, for new ones. docs/progressive-stream.md describes the format.
 ///
-/// @param cloud  finite positions, no two alike (`clean`), at least one point.
-/// @throws Error(InvalidArgument) for an empty cloud or an option out of range; Error(TooLarge)
-/// from 2^31 points on. O(N log N); the same bytes for any number of threads. About 200 bytes a
-/// point.
+/// @param cloud  finite, distinct positions (`clean`), at least one point.
+/// @throws Error(InvalidArgument) for an empty cloud or an option out of range; Error(TooLarge) for
+/// 2^31 points or more.
+///
+/// O(N log N); the same bytes for any number of threads. About 200 bytes per point.
 std::vector<std::byte> encode_progressive(const PointCloud& cloud,
                                           const ProgressiveOptions& options = {},
                                           const RunContext& context = {});
 
-/// Takes a progressive stream piece by piece, and has the points as they come.
+/// Decodes a progressive stream piece by piece; its points are available as they come.
 class ProgressiveDecoder {
 public:
-    /// @param most_points  stops when so many are there: the cloud then is the same however the
-    /// bytes came.
+    /// @param most_points  stops at this many: the cloud is then the same however the bytes arrive.
     explicit ProgressiveDecoder(const DecodeLimits& limits = {},
                                 std::uint64_t most_points = UINT64_MAX);
     ~ProgressiveDecoder();
     ProgressiveDecoder(ProgressiveDecoder&&) noexcept;
     ProgressiveDecoder& operator=(ProgressiveDecoder&&) noexcept;
 
-    /// The next bytes, any number of them. What comes behind the end is not looked at.
-    /// @throws Error(MalformedInput) for what is no such stream, Error(UnsupportedFormat) for a
-    /// later version, Error(TooLarge) over a limit. Allocates for what came, not for what a header
-    /// claims: for 8 points a byte at most, for fewer where they have more than 16 channels.
+    /// The next bytes, any number of them. Anything after the end of the stream is ignored.
+    /// @throws Error(MalformedInput) for bytes that are not such a stream, Error(UnsupportedFormat)
+    /// for a later version, Error(TooLarge) over a limit.
+    ///
+    /// Allocates for what arrived, not for what a header claims: for at most 8 points per byte, or
+    /// fewer if they have more than 16 channels.
     void feed(std::span<const std::byte> bytes, const RunContext& context = {});
 
-    std::uint64_t size() const noexcept;   ///< points that are there
-    std::uint64_t total() const noexcept;  ///< points of the whole stream; 0 before its header is
-                                           ///< there
-    bool done() const noexcept;            ///< no further byte is needed
+    std::uint64_t size() const noexcept;  ///< points so far
+    std::uint64_t total()
+        const noexcept;          ///< points of the whole stream; 0 before its header has arrived
+    bool done() const noexcept;  ///< no further bytes are needed
     const std::vector<ProgressiveBatch>& batches() const noexcept;  ///< empty before the header
 
-    /// The points so far, in the order of the stream: as long as not all are there, put out of what
-    /// is bent, so that the surface through them is where that of the whole is; in the end each
-    /// where it was, within half a step for each axis. O(n).
+    /// The points so far, in the order of the stream: until all have arrived, moved outwards from
+    /// curved parts, so that the surface through them is where that of the whole is; in the end
+    /// each in its original place, within half a step per axis. O(n).
     PointCloud cloud(const RunContext& context = {}) const;
 
 private:
@@ -86,8 +87,8 @@ private:
     std::unique_ptr<State> state_;
 };
 
-/// The cloud of a stream or of any part of it from its start on that holds at least one point.
-/// @throws Error(MalformedInput) for less than that, and as `ProgressiveDecoder::feed`.
+/// The cloud of a stream, or of any prefix that holds at least one point.
+/// @throws Error(MalformedInput) for a shorter prefix; otherwise like `ProgressiveDecoder::feed`.
 PointCloud decode_progressive(std::span<const std::byte> bytes, const DecodeLimits& limits = {},
                               const RunContext& context = {});
 
