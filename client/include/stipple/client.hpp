@@ -20,88 +20,92 @@ namespace stipple {
 
 struct ClientOptions {
     std::string api_key;   ///< sent as `Authorization: Bearer`; visible ASCII; empty: none
-    std::stop_token stop;  ///< ends a call under way with `Cancelled`
+    std::stop_token stop;  ///< ends a running call with `Cancelled`
     std::chrono::seconds timeout{30};  ///< longest silence of the server within a call
 };
 
-/// What happened to a job, as the server's event stream tells it.
+/// An event of a job, from the server's event stream.
 struct ClientEvent {
-    std::uint64_t id = 0;  ///< grows; where a later call resumes
+    std::uint64_t id = 0;  ///< increasing; a later call resumes after it
     std::string type;      ///< `status`, `progress` or `level`
-    std::string data;      ///< JSON, as openapi.yaml describes it
+    std::string data;      ///< JSON, as described in openapi.yaml
 };
 
 /// A page of documents, newest first.
 struct CloudPage {
     std::vector<proto::CloudDocument> items;
-    std::optional<std::string> next;  ///< where the next page begins; nothing after the last
+    std::optional<std::string> next;  ///< where the next page begins; absent on the last page
 };
 
-/// The server wants an API key, or does not know the one that it got.
+/// The server needs an API key, or does not know the one given.
 class Unauthorized : public Error {
 public:
     explicit Unauthorized(const std::string& message)
         : Error(ErrorCode::InvalidArgument, message) {}
 };
 
-/// Asks a `stippled` server over HTTP.
+/// A client of a `stippled` server over HTTP.
 ///
 ///     stipple::Client client("http://127.0.0.1:8080");
 ///     const auto cloud = client.upload("scan.ply");
 ///     const auto job = client.submit({cloud.id, proto::SimplifyJob{{.points = 5000}, {}}});
 ///     if (client.wait(job.id).status == proto::JobStatus::Successful) …
 ///
-/// Every call throws `Error`: with the code of the server's problem document, or, when no answer
-/// came, with a sentence that names the address and the remedy; and `Cancelled` when stopped. A
-/// call that may be repeated without harm is tried up to four times, within seconds; `submit` is
-/// one of them, because it sends an idempotency key; the upload of a file is not. Redirects are
-/// never followed, so that the API key goes to the address given and nowhere else. Safe to call
-/// from several threads. A program that uses it ignores SIGPIPE, which a server that closes early
-/// would end it by.
+/// Every call throws `Error`, with the code of the server's problem document or, if there was no
+/// answer, with a sentence that names the address and the remedy; and `Cancelled` when stopped. A
+/// call that may be repeated safely is tried up to four times, within seconds. `submit` is one of
+/// them, because it sends an idempotency key; the upload of a file is not. Redirects are never
+/// followed, so the API key goes only to the given address. Safe to call from several threads. The
+/// client makes the program ignore SIGPIPE, which would otherwise end it when a server closes a
+/// connection early.
 class Client {
 public:
     using ByteProgress = std::function<void(std::uint64_t done, std::uint64_t total)>;
 
-    /// @param base_url  `http://HOST[:PORT]` or `https://…`. @throws Error(InvalidArgument) for
-    /// another form. Connects to nothing yet.
+    /// @param base_url  `http://HOST[:PORT]` or `https://…`.
+    /// @throws Error(InvalidArgument) for another form.
+    ///
+    /// Does not connect yet.
     explicit Client(std::string_view base_url, ClientOptions options = {});
     ~Client();
     Client(Client&&) noexcept;
     Client& operator=(Client&&) noexcept;
 
-    /// Sends a PLY or Draco file and its name, streamed from the disk; nothing is sent when the
-    /// server holds these bytes already.
+    /// Sends a PLY or Draco file and its name, streamed from disk; sends nothing if the server has
+    /// these bytes already.
     proto::CloudDocument upload(const std::filesystem::path& file,
                                 const ByteProgress& progress = {});
     proto::CloudDocument cloud(const std::string& id);
     CloudPage clouds(const std::optional<std::string>& cursor = {});
 
-    /// @param idempotency_key  the same key gives the same job; empty: drawn at random, for this
-    /// call alone.
+    /// @param idempotency_key  the same key returns the same job; empty: random, for this call
+    /// only.
     proto::JobDocument submit(const proto::JobRequest& request, std::string idempotency_key = {});
     proto::JobDocument job(const std::string& id);
-    /// The document once the job is final; asks by long polls, for as long as it takes.
+    /// The document once the job has ended; waits by long polls, for as long as it takes.
     proto::JobDocument wait(const std::string& id);
-    /// Follows a job until it is final, and returns its document. Events lost with a connection are
-    /// asked for again.
+    /// Follows a job until it has ended, and returns its document. Events lost with a connection
+    /// are requested again.
     /// @param after  only events with a larger id.
     proto::JobDocument follow(const std::string& id,
                               const std::function<void(const ClientEvent&)>& on_event,
                               std::uint64_t after = 0);
-    /// What a job made, or has made so far (`complete` false).
+    /// The results of a job, or its results so far (`complete` false).
     proto::Results results(const std::string& id);
-    /// Fetches a file of a result into `destination`, whole and with the right hash, or not at all.
+    /// Downloads a file of a result to `destination`, completely and with the right hash, or not at
+    /// all.
     void download(const proto::OutputFile& file, const std::filesystem::path& destination,
                   const ByteProgress& progress = {});
-    /// A cloud cut from a finished pyramid, on the server, into `destination`, whole or not at all.
-    /// What was cut is told, without its bytes. @throws Error also for options out of range.
+    /// Cuts a cloud from a finished pyramid, on the server, and downloads it to `destination`,
+    /// completely or not at all. Returns its description, without the bytes.
+    /// @throws Error also for options out of range.
     proto::Slice slice(const std::string& pyramid_id, const proto::SliceOptions& options,
                        const std::filesystem::path& destination);
-    /// Stops a job that waits or runs; one that is final stays as it is.
+    /// Stops a job that waits or runs; a job that has ended is kept.
     void dismiss(const std::string& id);
-    /// Removes a final job and its results; stops one that waits or runs.
+    /// Removes a job that has ended, with its results; stops one that waits or runs.
     void remove(const std::string& id);
-    /// `GET /v1/limits`: JSON as openapi.yaml describes it.
+    /// `GET /v1/limits`: JSON as described in openapi.yaml.
     std::string limits();
 
 private:

@@ -9,7 +9,7 @@
 
 namespace stipple {
 
-/// What the colours of a picture mean: viridis from `low` to `high`.
+/// The meaning of the colours of a picture: viridis from `low` to `high`.
 struct Legend {
     std::string title;  ///< with the unit
     double low = 0, high = 1;
@@ -17,25 +17,27 @@ struct Legend {
 
 enum class Align { Left, Center, Right };
 
-/// White paper for pictures, captions and legends, drawn without a display; lengths in pixels from
-/// the top left. Text is set in DejaVu Sans, or in another font of the system where it is missing.
+/// A white sheet for pictures, captions and legends, drawn without a display; lengths are in pixels
+/// from the top left. Text is set in DejaVu Sans, or in another font of the system if that is
+/// missing.
 class Sheet {
 public:
-    /// @throws Error(InvalidArgument) for a side that is not 1..32767, Error(TooLarge) where there
-    /// is no memory for it.
+    /// @throws Error(InvalidArgument) for a side outside of 1..32767, Error(TooLarge) if there is
+    /// not enough memory.
     Sheet(unsigned width, unsigned height);
     ~Sheet();
     Sheet(const Sheet&) = delete;
     Sheet& operator=(const Sheet&) = delete;
 
     void put(const Image& image, double x, double y);
-    /// UTF-8; cut off at `width` where that is above 0.
+    /// UTF-8; truncated at `width` if that is above 0.
     void text(const std::string& text, double x, double baseline, double size, Align align,
               bool bold = false, double width = 0);
-    /// A bar of `width` with its ends and quarters marked, and its title below: 50 pixels in all.
+    /// A bar of `width` with its ends and quarters labelled, and its title below: 50 pixels high in
+    /// all.
     void legend(const Legend& legend, double x, double y, double width);
 
-    /// What is on it so far.
+    /// The sheet so far.
     Image image() const;
     /// The sheet as a PNG file.
     std::vector<std::byte> png() const;

@@ -15,8 +15,8 @@ namespace stipple {
 // The visual estimate of §4 (Figures 10 and 13): the samples Q of a reference, coloured by their
 // distance to a candidate.
 
-/// The least of 1, 1.5, 2, 2.5, 3, 4, 5, 6 and 8 times a power of ten that is not below `value`; 1
-/// for 0.
+/// The smallest of 1, 1.5, 2, 2.5, 3, 4, 5, 6 and 8 times a power of ten that is at least `value`;
+/// 1 for 0.
 double round_up(double value) noexcept;
 
 /// Samples and their distances (`SurfaceErrorOptions::keep_samples`) as a cloud: colours in viridis
@@ -34,9 +34,9 @@ struct VisualError {
 struct VisualErrorOptions {
     double range = 1;  ///< of the colours, input units
     std::string legend;
-    std::vector<std::string> views = {"front"};  ///< front, right, back, left, top, bottom: each a
-                                                 ///< little from above and from the right
-    char up = 'y';          ///< the axis that is up; the front is then at +z (y, x), at -y (z)
+    std::vector<std::string> views = {"front"};  ///< front, right, back, left, top, bottom: each
+                                                 ///< slightly from above and from the right
+    char up = 'y';  ///< the axis that points up; the front is at +z (y or x up) or at -y (z up)
     unsigned height = 420;  ///< of each picture, pixels
 };
 
@@ -45,12 +45,13 @@ struct Picture {
     std::vector<std::byte> png;
 };
 
-/// Draws candidates as small multiples: for each view the same camera, for all of them the same
-/// colours and one legend. A column for each of several candidates and a row for each view; of a
-/// single one, views beside each other.
+/// Draws candidates as small multiples: the same camera for each view, the same colours and one
+/// legend for all. Several candidates have a column each, and views a row each; for a single
+/// candidate, views are side by side.
 ///
-/// @throws Error(InvalidArgument) for a view that is none, or a sheet that is too large.
-/// About 0.2 s a picture, parallel.
+/// @throws Error(InvalidArgument) for an unknown view, or a sheet that is too large.
+///
+/// About 0.2 s per picture, parallel.
 Picture draw_visual_error(std::span<const VisualError> candidates,
                           const VisualErrorOptions& options, const RunContext& context = {});
 

@@ -7,10 +7,10 @@
 
 namespace stipple::proto {
 
-/// Whole bytes of a size as people write it: `14600`, `15kB`, `1.5 MiB`; of k, M, G and T, in any
-/// case. Nothing where the text is none, or the size is negative or above 10^18.
+/// The number of bytes in a size such as `14600`, `15kB`, `1.5 MiB`; with k, M, G or T, in any
+/// case. Nothing if the text is not a size, or the size is negative or above 10^18.
 ///
-/// @param format  of the number: whether `1e9` is one.
+/// @param format  of the number: whether `1e9` is allowed.
 std::optional<std::uint64_t> bytes_of_size(std::string_view text,
                                            std::chars_format format = std::chars_format::general);
 

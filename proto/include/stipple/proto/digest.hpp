@@ -8,7 +8,7 @@
 
 namespace stipple::proto {
 
-/// SHA-256 of bytes as they come by.
+/// SHA-256 of a stream of bytes.
 class Sha256 {
 public:
     Sha256();

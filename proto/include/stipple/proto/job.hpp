@@ -12,9 +12,9 @@
 
 namespace stipple::proto {
 
-/// accepted -> running -> successful | failed | dismissed; accepted -> dismissed; running -> accepted, when an attempt
-/// ended without a result and the job will be tried again: the server was stopped or restarted, its worker was lost, or
-/// its process died. As OGC API - Processes names them.
+/// accepted -> running -> successful | failed | dismissed; accepted -> dismissed; running -> accepted, if an attempt
+/// ended without a result and the job will be retried: the server was stopped or restarted, its worker was lost, or its
+/// process died. The names are those of OGC API - Processes.
 enum class JobStatus { Accepted, Running, Successful, Failed, Dismissed };
 std::string_view to_string(JobStatus status) noexcept;
 JobStatus job_status_from_name(std::string_view name);
@@ -33,12 +33,12 @@ struct Link {
 struct JobDocument {
     std::string id;  ///< 32 lower-case hexadecimal digits, drawn at random
     JobRequest request;
-    std::optional<std::string> input_name;  ///< of the cloud that is the input, while it is there
+    std::optional<std::string> input_name;  ///< of the input cloud, while that exists
     JobStatus status = JobStatus::Accepted;
     double progress = 0;            ///< 0..100, never decreasing within an attempt
     std::string stage;              ///< queued, done, or one of `kJobStages`
     std::string message;            ///< for people
-    std::string created, started, finished, updated;  ///< RFC 3339 UTC with milliseconds; empty when not yet
+    std::string created, started, finished, updated;  ///< RFC 3339 UTC with milliseconds; empty if not yet known
     unsigned levels_ready = 0;      ///< outputs that can be fetched already
     std::vector<Link> links;
     std::optional<Problem> problem;
@@ -46,18 +46,18 @@ struct JobDocument {
 std::string to_json(const JobDocument& document);
 JobDocument job_document_from_json(std::string_view json);
 
-/// The document of a cloud: {"id", "name"?, "format", "bytes", "created", "points"?, "removed"?, "bounds"?, "attributes"?, "links"}. What stands after
-/// `created` is known once a job has decoded it.
+/// The document of a cloud: {"id", "name"?, "format", "bytes", "created", "points"?, "removed"?, "bounds"?,
+/// "attributes"?, "links"}. The fields after `created` are known once a job has decoded it.
 struct CloudAttribute {
-    std::string name;  ///< `normal`, `color` or as in the file
+    std::string name;  ///< `normal`, `color` or the name in the file
     std::string type;  ///< `float32`, `uint8`, ...
     unsigned components = 1;
 };
 struct CloudStatistics {
     std::uint64_t points = 0;      ///< in the file
-    std::uint64_t non_finite = 0;  ///< removed before any work
+    std::uint64_t non_finite = 0;  ///< removed before any processing
     std::uint64_t duplicates = 0;
-    Aabb bounds;                   ///< of what is left
+    Aabb bounds;                   ///< of the remaining points
     std::vector<CloudAttribute> attributes;
     std::string encoding;               ///< DecodeReport::encoding
     std::vector<std::string> skipped;   ///< DecodeReport::skipped
@@ -65,7 +65,7 @@ struct CloudStatistics {
 };
 struct CloudDocument {
     std::string id;
-    std::optional<std::string> name;  ///< for people: that of the file, if it was told
+    std::optional<std::string> name;  ///< for people: that of the file, if given
     CloudFormat format = CloudFormat::Ply;
     std::uint64_t bytes = 0;
     std::string created;
@@ -77,7 +77,7 @@ CloudDocument cloud_document_from_json(std::string_view json);
 std::string to_json(const CloudStatistics& statistics);
 CloudStatistics cloud_statistics_from_json(std::string_view json);
 std::vector<CloudAttribute> attributes_of(const PointCloud& cloud);
-/// What is told of a cloud that was decoded and cleaned.
+/// The statistics of a cloud that was decoded and cleaned.
 CloudStatistics describe(const PointCloud& cleaned, const DecodeReport& report, std::uint64_t non_finite,
                          std::uint64_t duplicates);
 

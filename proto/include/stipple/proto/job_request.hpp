@@ -21,24 +21,24 @@ namespace stipple::proto {
 /// How results are encoded.
 struct OutputOptions {
     std::vector<CloudFormat>
-        formats;  ///< pyramid: any, those of every level by default; else `ply` or `drc`, `ply` by
-                  ///< default
+        formats;  ///< pyramid: any, by default those that every level has; otherwise `ply` or
+                  ///< `drc`, `ply` by default
     DracoEncodeOptions draco;
 };
 
-/// What a job writes for each point beside the attributes of the input. An attribute of the input
-/// that has the name of one of these is replaced.
+/// Attributes that a job adds to each point. They replace attributes of the input with the same
+/// name.
 struct AddedAttributes {
     SplatAttributes splats = SplatAttributes::Radius;
-    bool source_index = false;  ///< uint32 `source_index`: which point of the file it was, or was
-                                ///< nearest to it, counted from 0 before cleaning
+    bool source_index = false;  ///< uint32 `source_index`: the number of the point in the file that
+                                ///< it was or is nearest to, counted from 0 before cleaning
 };
 
 struct SimplifyJob {
     SimplifyOptions options;
     OutputOptions output;
     AddedAttributes added{};
-    bool error = true;  ///< whether the error of the result is measured
+    bool error = true;  ///< whether to measure the error of the result
 };
 struct UpsampleJob {
     UpsampleOptions options;
@@ -53,24 +53,25 @@ struct AnalyzeJob {
 struct PyramidJob {
     LodPyramidOptions options;  ///< nested levels have additive tiles (`refine`)
     OutputOptions output;
-    LodTileOptions tiles{};  ///< of `glb`; bits, precision also of `stpc`, precision of `copc.laz`
+    LodTileOptions tiles{};  ///< for `glb`; bits and precision also for `stpc`, precision for
+                             ///< `copc.laz`
     std::optional<std::array<double, 16>>
-        transform{};    ///< of the tileset, column by column: from the coordinates of the file to
-                        ///< those of the scene, as to the globe's (ECEF)
+        transform{};    ///< of the tileset, column-major: from the coordinates of the file to those
+                        ///< of the scene, such as the globe (ECEF)
     std::optional<unsigned>
-        epsg{};         ///< instead of a transform: the file's coordinates, put on the globe
-                        ///< (`globe_frame`)
+        epsg{};         ///< instead of a transform: the coordinate system of the file, which places
+                        ///< it on the globe (`globe_frame`)
     bool error = true;  ///< of every level
     std::optional<std::uint64_t>
-        base_bytes{};  ///< instead of `base_points`: the glb of the coarsest level is no larger,
-                       ///< and has at most 65,536 points and one for each byte
+        base_bytes{};  ///< instead of `base_points`: size limit of the coarsest level's glb, which
+                       ///< has at most 65,536 points and one per byte
 };
-/// Compares clouds with the input, the reference.
+/// Compares clouds with the input, which is the reference.
 struct EvaluateJob {
     std::vector<std::string> candidates{};  ///< ids, 1..16
     EvaluationOptions options;
-    OutputOptions output;  ///< of the maps: the samples of the reference, coloured by distance;
-                           ///< without formats there are none
+    OutputOptions output;  ///< for the maps: the samples of the reference, coloured by distance;
+                           ///< without formats there are no maps
 };
 inline constexpr std::size_t kMostCandidates = 16;
 
@@ -113,7 +114,7 @@ struct CurveJob {
 ///     {"type": "curve", "input": …, "method": …, "points": [1000, 10000] | "count": 24, "seed": 0,
 ///      the fields of the method}
 ///
-/// Feature lines are sought when they are named, and are a second output cloud when there are any.
+/// Feature lines are extracted if the field is present, and are a second output cloud if there are any.
 ///
 ///     {"type": "pyramid", "input": …, "levels": [1000, 10000] | "ratio": 4, "base_points": 10000 |
 ///      "base_bytes": 15000 (glb), "refine": "replace" | "add" (iterative alone, its default),
@@ -128,35 +129,36 @@ struct CurveJob {
 ///      "range": 0.5, "pictures": false, "views": ["front", "right", "back", "left"], "up": "y",
 ///      "labels": ["A"]}
 ///
-/// Wherever an id of a cloud stands, the hash of a PLY or Draco file of a result will do.
+/// Instead of the id of a cloud, the hash of a PLY or Draco file of a result may be given.
 struct JobRequest {
     std::string input;  ///< id of the cloud (of the reference): SHA-256 of its bytes, 64 lower-case
                         ///< hexadecimal digits
     std::variant<SimplifyJob, PyramidJob, UpsampleJob, AnalyzeJob, CurveJob, EvaluateJob> job;
 };
-/// Every id that a request names, the input first.
+/// All ids in a request, the input first.
 std::vector<std::string> inputs_of(const JobRequest& request);
-/// What is expected of `PyramidJob::transform` and not so; empty where nothing is wrong.
+/// The requirement that `PyramidJob::transform` violates; empty if it is valid.
 std::string_view transform_expected(const std::array<double, 16>& transform) noexcept;
 
 /// The names of the types, in the order of the variant.
 inline constexpr std::array<std::string_view, 6> kJobTypes = {"simplify", "pyramid", "upsample",
                                                               "analyze", "curve", "evaluate"};
 std::string_view type_name(const JobRequest& request) noexcept;
-/// One form for equal requests (defaults written out, keys sorted), so that its hash identifies the
-/// work.
+/// The same text for equal requests (defaults filled in, keys sorted), so that its hash identifies
+/// the work.
 std::string to_json(const JobRequest& request);
 /// Strict: @throws Error(InvalidArgument) naming the field, its value and what is expected.
 JobRequest job_request_from_json(std::string_view json);
-/// The same for the body of `POST /v1/evaluations`, where the type may be left out.
+/// The same for the body of `POST /v1/evaluations`, where the type may be omitted.
 JobRequest evaluation_from_json(std::string_view json);
 
-/// `0.1%` as a part of the diagonal: 0.001. @throws Error(InvalidArgument) for other text.
+/// `0.1%` as a fraction of the diagonal: 0.001.
+/// @throws Error(InvalidArgument) for other text.
 double part_of_diagonal(std::string_view text);
-/// Such text for a part, which reads back as the same number.
+/// The text for a fraction, which reads back as the same number.
 std::string percent_text(double part);
 
-/// A field of a simplify request that not every method has.
+/// A field of a simplify request that only some methods have.
 struct MethodField {
     std::string_view name;
     std::vector<Method> methods;

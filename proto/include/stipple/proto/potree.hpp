@@ -15,16 +15,16 @@ struct PotreeOptions {
     SampledOctreeOptions octree{};
 };
 
-/// Writes a cloud as a folder of Potree 2 (`metadata.json`, `hierarchy.bin`, `octree.bin`; encoding
+/// Writes a cloud as a Potree 2 folder (`metadata.json`, `hierarchy.bin`, `octree.bin`; encoding
 /// DEFAULT): the additive octree of `SampledOctree`.
 ///
 /// Positions become 32-bit integers on a grid of 2^-30 of the cube's side. Normals are written as
 /// `NormalX`, `NormalY`, `NormalZ`, colours as `rgb`, every other attribute under its name in its
-/// own type, one with several components as several. Points that coincide are cut no further than
-/// 21 levels deep. O(N log N); the same bytes for the same cloud.
+/// own type; an attribute with several components becomes several. Coincident points are split no
+/// deeper than 21 levels. O(N log N); the same bytes for the same cloud.
 ///
 /// @throws Error(InvalidArgument) for a cloud without points or options out of range,
-/// Error(Internal) when the folder, which exists, cannot be written to.
+/// Error(Internal) if the folder, which must exist, cannot be written to.
 void write_potree(const PointCloud& cloud, const std::filesystem::path& folder,
                   const PotreeOptions& options = {}, const RunContext& context = {});
 

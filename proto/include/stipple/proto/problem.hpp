@@ -22,8 +22,9 @@ struct Problem {
 
 inline constexpr const char* kProblemBase = "https://stipple.dev/problems/";
 
-/// The problem that stands for an error: type, title and status by its code. 400 invalid-argument, 422 malformed-input,
-/// 415 unsupported-format, 413 too-large, 404 not-found, 409 conflict, 429 queue-full, 500 internal.
+/// The problem for an error: type, title and status by its code. 400 invalid-argument, 422
+/// malformed-input, 415 unsupported-format, 413 too-large, 404 not-found, 409 conflict, 429
+/// queue-full, 500 internal.
 Problem problem_from(ErrorCode code, std::string detail);
 /// The problem for an HTTP status that no `Error` stands for (401 unauthorized, 403 forbidden, 405 method-not-allowed, 408 request-timeout,
 /// 411 length-required, 416 range-not-satisfiable, 431 head-too-large, 503 unavailable, 507 storage-full ...).

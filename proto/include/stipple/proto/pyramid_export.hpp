@@ -7,11 +7,11 @@
 
 namespace stipple::proto {
 
-/// The name of a file of a job in a folder: `level-0.ply`; of a tile its hash, `<sha256>.glb`, as
-/// the tileset names it.
+/// The name of a file of a job in a folder: `level-0.ply`; for a tile its hash, `<sha256>.glb`, as
+/// in the tileset.
 std::string file_name(const OutputCloud& level, const OutputFile& file);
 
-/// One file of an exported pyramid: bytes that are stored, or text.
+/// One file of an exported pyramid: stored bytes, or text.
 struct ExportFile {
     std::string name;
     const OutputFile* stored = nullptr;  ///< into the results; null: `text`
@@ -19,10 +19,10 @@ struct ExportFile {
 };
 
 /// A finished pyramid as a folder that any static host can serve: its levels and tiles, its tileset
-/// and its manifest, which name each other relative to the folder. The manifest is last: while it
-/// is missing, nobody takes the folder for a whole. Tiles of the same bytes are one file.
+/// and its manifest, with references relative to the folder. The manifest comes last: without it,
+/// nobody takes the folder as complete. Tiles with the same bytes are one file.
 ///
-/// The same files whether a service exports them or the command line writes them.
+/// A service exports the same files as the command line writes.
 std::vector<ExportFile> export_files(const Results& pyramid);
 
 }  // namespace stipple::proto

@@ -11,8 +11,7 @@
 
 namespace stipple::proto {
 
-/// How far what a file holds may be from the input, in input units: no farther, in the mean and at
-/// the farthest place.
+/// Upper bounds of the error of a file's contents, in the mean and at the farthest place, in input units.
 struct FileError {
     double mean = 0, max = 0;
 };
@@ -23,8 +22,9 @@ struct OutputFile {
     std::uint64_t bytes = 0;
     std::string sha256;  ///< of the bytes; also the strong ETag
     std::string href;    ///< where it is served: absolute path on the server, relative file name in an exported folder
-    std::optional<LodTile> tile{};  ///< of a `glb`: what it holds, without the streams
-    std::optional<FileError> error{};  ///< of a `drc`, where that of its cloud was measured: with what rounding may add
+    std::optional<LodTile> tile{};  ///< for a `glb`: its contents, without the streams
+    std::optional<FileError> error{};  ///< for a `drc`, if that of its cloud was measured: including the largest
+                                       ///< rounding
 };
 
 /// A picture: PNG.
@@ -41,7 +41,7 @@ struct FewerTried {
     double distance = 0;
 };
 
-/// What was measured of a cloud that was to be within an error (`simplify_within_error`), in input units.
+/// What was measured for a bounded error (`simplify_within_error`), in input units.
 struct MeasuredBound {
     double max_error = 0;  ///< the bound
     double forward = 0, backward = 0;  ///< largest distances, from the input's surface and from the result's
@@ -54,7 +54,7 @@ struct MeasuredBound {
 };
 std::string to_json(const MeasuredBound& bound);  ///< `bound` of a result, below
 
-/// Distances of one direction, in input units.
+/// Distances in one direction, in input units.
 struct CurveDistances {
     double max = 0, mean = 0, rms = 0;
 };
@@ -65,27 +65,27 @@ struct CurveError {
 };
 std::string to_json(const CurveError& error);  ///< `curve` of a result, below
 
-/// One cloud that was made: the only one of a job, or a level of a pyramid (0 the coarsest). Of an
-/// evaluation it is a candidate, in the order of the request; `files` are then its map.
+/// One output cloud: the only one of a job, or a level of a pyramid (0 the coarsest). In an evaluation it is a
+/// candidate, in the order of the request; `files` are then its map.
 struct OutputCloud {
     unsigned level = 0;
     std::uint64_t points = 0;
     double spacing = 0;  ///< mean distance to the nearest other point, input units
     Aabb bounds;
-    std::vector<OutputFile> files;  ///< one per format; of `glb` one per tile
-    std::optional<ErrorFigures> error{};      ///< as an approximation of the input, where measured
-    std::optional<LodFigures> decoded{};      ///< of its tiles as they decode, all together
+    std::vector<OutputFile> files;  ///< one per format; for `glb` one per tile
+    std::optional<ErrorFigures> error{};      ///< as an approximation of the input, if measured
+    std::optional<LodFigures> decoded{};      ///< of all its tiles together, as decoded
     std::optional<Vec3d> origin{};  ///< `PointCloud::origin`: positions of its Draco file are relative to it
     std::vector<CloudAttribute> attributes{};  ///< as `CloudStatistics`: the order of generic attributes in the files
-    std::optional<MeasuredBound> bound{};      ///< of a job with `max_error`
-    std::optional<CurveError> curve{};         ///< of a job that makes a curve; it has no files then
-    std::vector<PictureFile> pictures{};      ///< of all candidates, on the first
+    std::optional<MeasuredBound> bound{};      ///< for a job with `max_error`
+    std::optional<CurveError> curve{};         ///< for a curve; the cloud then has no files
+    std::vector<PictureFile> pictures{};      ///< of all candidates, on the first one
 };
 
-/// What a job took.
+/// Time and memory of a job.
 struct JobCost {
-    double decode_seconds = 0;    ///< with the cleaning
-    double simplify_seconds = 0;  ///< the computation alone, of every type of job
+    double decode_seconds = 0;    ///< including cleaning
+    double simplify_seconds = 0;  ///< the computation alone, for every type of job
     double splats_seconds = 0;    ///< measuring the splats of the result
     double error_seconds = 0;     ///< measuring the error of the result
     double encode_seconds = 0;
@@ -94,7 +94,7 @@ struct JobCost {
     unsigned threads = 0;
 };
 
-/// What a job made. The same struct is `GET /v1/jobs/{id}/results`, and a pyramid's `manifest.json`:
+/// The results of a job. The same struct is `GET /v1/jobs/{id}/results`, and a pyramid's `manifest.json`:
 ///
 ///     {"schema": "stipple-results/1" | "stipple-pyramid/1" | "stipple-evaluation/1", "complete": true, "request": {…},
 ///      "source": {cloud statistics, "sha256"}, "method": "multiphase",
@@ -108,43 +108,43 @@ struct JobCost {
 ///                  "error": {as in evaluation.hpp},
 ///                  "bound": {"max_error": 0.1, "forward": 0.08, "backward": 0.09, "samples": 400000, "sampling": "particles",
 ///                            "tries": 30, "whole": false},
-///                            of a whole one also "too_far": {"points": 900, "place": [x, y, z], "distance": 0.12}
+///                            if whole also "too_far": {"points": 900, "place": [x, y, z], "distance": 0.12}
 ///                  "pictures": [{"width", "height", "bytes", "sha256", "href"}]}],
 ///      "cost": {"seconds": {"decode", "simplify", "splats", "error", "encode", "total"}, "peak_memory_bytes", "threads"}}
 ///
-/// Tiles are numbered from 0 as they stand, over all levels; `parent` is such a number, absent for the first. A tile's points lie on
-/// a grid: offset + step * (0 .. last), relative to the middle of the source's bounds. Its figures, and those of all tiles of a
+/// Tiles are numbered from 0 in listed order, over all levels; `parent` is such a number, absent for the first. A tile's points lie on
+/// a grid: offset + step * (0 .. last), relative to the centre of the source's bounds. Its figures, and those of all tiles of a
 /// level (`decoded`), are `LodFigures`.
 /// The levels of a curve have no files, but "curve": {"forward": {"max", "mean", "rms"}, "backward": {…}, "diagonal"}.
-/// `bound` stands only where there was one to keep (`max_error`). `method` is absent where there is none (analyze). `complete` is false while levels are still to come; `cost` stands only in a complete one.
+/// `bound` is present only with `max_error`. `method` is absent if there is none (analyze). `complete` is false while levels are still to
+/// come; `cost` is present only if `complete`.
 struct Results {
     JobRequest request;
     std::optional<CloudStatistics> source;  ///< absent until decoded
     std::vector<OutputCloud> levels;        ///< coarsest first
     bool complete = false;
     std::optional<JobCost> cost;
-    std::optional<Problem> problem{};  ///< why no more comes, of a job that ended without success
+    std::optional<Problem> problem{};  ///< for a job that ended without success: why no more will come
 };
-/// The method by which a job makes points; none when it makes none.
+/// The method by which a job produces points; absent if it produces none.
 std::optional<Method> method_of(const JobRequest& request) noexcept;
-/// Raises the mean, the maximum and the 99 % of each tile's error to those of the tiles below it. Each
-/// tile is measured at places of its own, and by few of them chance can make a finer one's larger;
-/// what is published is no smaller above than below, along every path.
+/// Raises the mean, the maximum and the 99th percentile of each tile's error to those of the tiles below it. Each tile
+/// is measured at its own places, and with few of them a finer tile's error can be larger by chance; the published
+/// error never increases from a tile to those below it, along any path.
 void raise_tile_errors(Results& pyramid);
 std::string to_json(const Results& results);
-/// What an evaluation found, the reply to `POST /v1/evaluations` and the figures of `stipple
-/// evaluate`: of one candidate its error with `candidate` {id, points} and `files`; of several
-/// {"candidates": [each that form]}. `reference` {id, points} and `pictures` stand
-/// beside it.
+/// The result of an evaluation: the reply to `POST /v1/evaluations` and the figures of `stipple evaluate`. For one
+/// candidate: its error with `candidate` {id, points} and `files`; for several: {"candidates": [the same for each]}. In
+/// addition `reference` {id, points} and `pictures`.
 std::string evaluation_json(const Results& results);
 Results results_from_json(std::string_view json);
 
-/// What stipple-job is told, in a file named on its command line.
+/// The specification for stipple-job, in a file named on its command line.
 struct JobSpec {
     JobRequest request;
     std::string input_file;  ///< the cloud's bytes
-    std::vector<std::string> candidate_files{};  ///< of an evaluation, in the order of the request
-    std::string output_dir;  ///< exists and is empty
+    std::vector<std::string> candidate_files{};  ///< for an evaluation, in the order of the request
+    std::string output_dir;  ///< must exist and be empty
     DecodeLimits limits;
     std::uint64_t max_memory_bytes = 0;  ///< RLIMIT_AS; 0: none
     std::uint64_t max_cpu_seconds = 0;   ///< RLIMIT_CPU
@@ -172,7 +172,7 @@ struct JobReport {
     std::optional<JobCost> cost;
     std::optional<Problem> problem;
 };
-std::string to_json(const JobReport& report);  ///< one line, no line break
+std::string to_json(const JobReport& report);  ///< one line, without line break
 JobReport job_report_from_json(std::string_view json);
 
 }  // namespace stipple::proto

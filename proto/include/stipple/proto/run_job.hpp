@@ -9,8 +9,8 @@
 
 namespace stipple::proto {
 
-/// The stages of a job in their order. Of `simplify`, `upsample`, `analyze` and `evaluate` a job has one. A pyramid
-/// goes to and fro between the last two that it has; the percentage never decreases.
+/// The stages of a job in their order. A job has one of `simplify`, `upsample`, `analyze` and
+/// `evaluate`. A pyramid alternates between its last two; the percentage never decreases.
 inline constexpr std::array<std::string_view, 7> kJobStages = {
     "decode", "clean", "simplify", "upsample", "analyze", "evaluate", "encode"};
 
