@@ -49,14 +49,13 @@ BaseUrl parse_base_url(std::string_view text) {
     if (separator == std::string_view::npos) refuse(text, "no scheme");
     url.scheme = text.substr(0, separator);
     if (url.scheme != "http" && url.scheme != "https")
-        refuse(text, "scheme '" + url.scheme + "' is not spoken here");
+        refuse(text, "scheme '" + url.scheme + "' is not supported");
 
     std::string_view rest = text.substr(separator + 3);
     if (rest.ends_with('/')) rest.remove_suffix(1);
-    if (rest.find_first_of("/?#") != std::string_view::npos)
-        refuse(text, "a path is not part of it");
+    if (rest.find_first_of("/?#") != std::string_view::npos) refuse(text, "a path is not allowed");
     if (rest.find('@') != std::string_view::npos)
-        refuse(text, "a name or password is not part of it (give an API key)");
+        refuse(text, "a name or password is not allowed (use an API key)");
 
     const bool bracketed = rest.starts_with('[');
     const std::size_t host_end =
@@ -67,7 +66,7 @@ BaseUrl parse_base_url(std::string_view text) {
     if (inner.empty()) refuse(text, "no host");
     if (!std::all_of(inner.begin(), inner.end(),
                      bracketed ? is_address_character : is_host_character))
-        refuse(text, "host '" + std::string(host) + "' holds a character that no host has");
+        refuse(text, "host '" + std::string(host) + "' contains an invalid character");
     url.host = host;
 
     rest.remove_prefix(host_end);

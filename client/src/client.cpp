@@ -151,7 +151,7 @@ private:
         std::error_code none;
         const fs::file_status before = fs::status(file, none);
         if (fs::exists(before) && !fs::is_regular_file(before))
-            throw Error(ErrorCode::InvalidArgument, file.string() + ": that is no regular file");
+            throw Error(ErrorCode::InvalidArgument, file.string() + ": not a regular file");
         return file;
     }
     [[noreturn]] void fail(const char* why) const {
@@ -352,7 +352,7 @@ void Client::download(const proto::OutputFile& file, const fs::path& destination
     if (sha256 != file.sha256)
         throw Error(ErrorCode::Internal,
                     implementation_->where(file.href) +
-                        ": the bytes that came have another hash than promised: try again");
+                        ": the received bytes do not match the promised hash: try again");
     partial.keep();
 }
 

@@ -41,7 +41,7 @@ std::string what_happened(httplib::Error error, std::chrono::seconds waited) {
         case httplib::Error::ConnectionTimeout:
             return "cannot connect in time";
         case httplib::Error::Read:
-            return "no answer, or an unfinished one (waited up to " +
+            return "no answer, or an incomplete one (waited up to " +
                    std::to_string(waited.count()) + " s)";
         case httplib::Error::Write:
             return "the connection closed while the request was being sent";
@@ -57,9 +57,9 @@ std::string what_happened(httplib::Error error, std::chrono::seconds waited) {
 }
 
 std::string remedy(httplib::Error error) {
-    if (error == httplib::Error::Canceled) return "send it again once it is whole";
+    if (error == httplib::Error::Canceled) return "send it again once it is complete";
     if (error == httplib::Error::Write)
-        return "it may take no request of this size (GET /v1/limits)";
+        return "it may refuse requests of this size (GET /v1/limits)";
     return "is stippled running there? (stippled serve)";
 }
 
@@ -94,8 +94,8 @@ HttpConnection::HttpConnection(BaseUrl url, const std::string& api_key,
     const auto is_visible = [](unsigned char c) { return c > 0x20 && c < 0x7f; };
     if (!std::ranges::all_of(api_key, is_visible))
         throw Error(ErrorCode::InvalidArgument,
-                    "api_key: expected letters, digits and signs of ASCII alone, no spaces and no "
-                    "line breaks");
+                    "api_key: expected ASCII letters, digits and symbols only, no spaces or line "
+                    "breaks");
     if (!api_key.empty()) common_headers_.emplace_back("Authorization", "Bearer " + api_key);
 }
 

@@ -167,10 +167,10 @@ struct Transfer {
             throw Error(ErrorCode::Internal, object.file.string() + ": cannot be read");
         const std::uint64_t bytes = fs::file_size(object.file);
         if (bytes > kLargest)
-            throw Error(ErrorCode::InvalidArgument,
-                        object.key + ": " + std::to_string(bytes) +
-                            " bytes: one request puts at most 5 GiB; write into a folder, and "
-                            "copy that");
+            throw Error(
+                ErrorCode::InvalidArgument,
+                object.key + ": " + std::to_string(bytes) +
+                    " bytes: one upload takes at most 5 GiB; write to a folder and copy it");
         request.add_header("Content-Type: " + object.media_type);
         request.add_header("Cache-Control: " + object.cache_control);
         request.set(CURLOPT_UPLOAD, 1L);
@@ -266,7 +266,7 @@ std::optional<BucketAddress> bucket_address(std::string_view text) {
     if (!is_name || address.name.size() < 3 || address.name.size() > 63)
         throw Error(ErrorCode::InvalidArgument,
                     std::string(text) +
-                        ": expected s3://BUCKET/PREFIX, the bucket of 3 to 63 lower-case letters, "
+                        ": expected s3://BUCKET/PREFIX, BUCKET being 3 to 63 lower-case letters, "
                         "digits, hyphens and dots");
     address.prefix = path.substr(std::min(slash + 1, path.size()));
     if (!address.prefix.empty() && !address.prefix.ends_with('/')) address.prefix += '/';
@@ -281,7 +281,7 @@ BucketAccess bucket_access(const std::function<const char*(const char*)>& variab
                                       std::pair{&access.secret, "AWS_SECRET_ACCESS_KEY"}}) {
         if (value->empty())
             throw Error(ErrorCode::InvalidArgument,
-                        std::string("a bucket asks for keys: set AWS_ACCESS_KEY_ID and "
+                        std::string("a bucket needs keys: set AWS_ACCESS_KEY_ID and "
                                     "AWS_SECRET_ACCESS_KEY: ") +
                             name + " is not set");
     }
