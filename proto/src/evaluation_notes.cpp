@@ -1,6 +1,7 @@
 #include "evaluation_notes.hpp"
 
 #include "stipple/proto/evaluation.hpp"
+#include "stipple/proto/thousands.hpp"
 
 #include <array>
 #include <cstdio>
@@ -21,9 +22,7 @@ std::vector<std::string> error_notes(std::uint64_t points, const SurfaceError& e
     const auto share = [&error](double distance) {
         return short_number(100 * relative(distance, error)) + " %";
     };
-    std::string count = std::to_string(points);
-    for (std::size_t i = count.size(); i > 3; i -= 3) count.insert(i - 3, 1, ',');
-    return {count + (points == 1 ? " point" : " points"),
+    return {with_separators(points) + (points == 1 ? " point" : " points"),
             "mean " + short_number(error.mean()) + " (" + share(error.mean()) + ") · max " +
                 short_number(error.max()) + " (" + share(error.max()) + ")"};
 }

@@ -5,14 +5,6 @@
 namespace stipple::cli {
 namespace {
 
-TEST(Units, SeparateThousands) {
-    EXPECT_EQ(with_separators(0), "0");
-    EXPECT_EQ(with_separators(999), "999");
-    EXPECT_EQ(with_separators(1000), "1,000");
-    EXPECT_EQ(with_separators(435'545), "435,545");
-    EXPECT_EQ(with_separators(12'345'678), "12,345,678");
-}
-
 TEST(Units, ShowBytesWithThreeDigitsAtMost) {
     EXPECT_EQ(readable_bytes(0), "0 B");
     EXPECT_EQ(readable_bytes(999), "999 B");

@@ -29,16 +29,6 @@ std::string three_digits(double value) {
     return text.data();
 }
 
-std::string with_separators(std::uint64_t count) {
-    const std::string digits = std::to_string(count);
-    std::string text;
-    for (std::size_t i = 0; i < digits.size(); ++i) {
-        if (i > 0 && (digits.size() - i) % 3 == 0) text += ',';
-        text += digits[i];
-    }
-    return text;
-}
-
 std::string counted(std::uint64_t count, const std::string& one, const std::string& many) {
     const std::string& noun = count == 1 ? one : many;
     return with_separators(count) + " " + (noun.empty() ? one + "s" : noun);

@@ -1,5 +1,7 @@
 #pragma once
 
+#include "stipple/proto/thousands.hpp"
+
 #include <cstddef>
 #include <cstdint>
 #include <string>
@@ -10,8 +12,7 @@ namespace stipple::cli {
 
 /// `0.0123`, `1.5e+04`: three digits.
 std::string three_digits(double value);
-/// 435545 as `435,545`.
-std::string with_separators(std::uint64_t count);
+using proto::with_separators;
 /// `1 point`, `1,000 points`: plurals by an `s`, or as given.
 std::string counted(std::uint64_t count, const std::string& one, const std::string& many = {});
 /// `a, b, c` with a separator of `, `.
