@@ -2,6 +2,7 @@
 
 #include "cli/command_line.hpp"
 #include "cli/terminal.hpp"
+#include "stipple/run_context.hpp"
 
 #include <stop_token>
 #include <string>
@@ -13,6 +14,11 @@ struct Session {
     Terminal terminal;
     std::stop_token stop;
 };
+
+/// How what is computed here is run, progress aside.
+inline RunContext context_of(const CommonOptions& common, const Session& session) {
+    return {.stop = session.stop, .progress = {}, .threads = common.threads};
+}
 
 // One for each command. @throws Error with the file named, Cancelled. Nothing half done is left
 // behind.

@@ -32,19 +32,6 @@ double seconds_between(Clock::time_point from, Clock::time_point to) {
     return std::chrono::duration<double>(to - from).count();
 }
 
-RunContext context_for(const CommonOptions& common, const Session& session) {
-    RunContext context;
-    context.stop = session.stop;
-    context.threads = common.threads;
-    return context;
-}
-
-RunContext shown_as(const char* stage, double from, double to, RunContext context,
-                    ProgressDisplay& display) {
-    context.progress = [&display, stage](double fraction) { display.update(stage, fraction); };
-    return context.part(from, to);
-}
-
 bool is_stream(const fs::path& file) {
     if (!fs::is_regular_file(file)) return false;  // of a pipe the first bytes would be gone
     std::array<char, 4> magic{};
@@ -72,7 +59,7 @@ PointCloud read_stream(const ConvertCommand& command, const RunContext& context,
     const bool cut_here = command.points || command.bytes;
     if (decoder.size() == 0)
         throw Error(cut_here ? ErrorCode::InvalidArgument : ErrorCode::MalformedInput,
-                    cut_here ? "--bytes or --points reach no point of the stream"
+                    cut_here ? "--bytes or --points do not reach the first point of the stream"
                              : "the stream ends before its first point");
     report = {.format = CloudFormat::Progressive,
               .encoding = "progressive",
@@ -89,8 +76,8 @@ PointCloud read_input(const ConvertCommand& command, const RunContext& context,
     if (command.points || command.bytes)
         throw Error(ErrorCode::InvalidArgument,
                     command.input.string() +
-                        ": no progressive stream, of which --points and --bytes take the first; "
-                        "`stipple simplify` makes fewer points of any cloud");
+                        ": not a progressive stream, which --points and --bytes need; "
+                        "`stipple simplify` reduces any cloud");
     return read_cloud(command.input, {}, context, &report);
 }
 
@@ -118,16 +105,13 @@ void run(const InfoCommand& command, const Session&) {
 }
 
 void run(const ConvertCommand& command, const Session& session) {
-    require_input(command.input);
-    require_place_of(command.output);
-    require_place_of(command.common.json);
-    require_apart({command.input}, {command.output, command.common.json});
-    const RunContext context = context_for(command.common, session);
+    require_files({command.input}, {command.output, command.common.json});
+    const RunContext context = context_of(command.common, session);
     ProgressDisplay display(session.terminal, !command.common.quiet);
     DecodeReport report;
     const auto start = Clock::now();
     PointCloud cloud = naming(command.input, [&] {
-        return read_input(command, shown_as("decode", 0, 0.5, context, display), report);
+        return read_input(command, display.stage("decode", 0, 0.5, context), report);
     });
     const auto decoded = Clock::now();
     proto::CloudStatistics losses;
@@ -143,7 +127,7 @@ void run(const ConvertCommand& command, const Session& session) {
     PlyEncodeOptions ply = command.ply;
     ply.comments = report.comments;
     write_cloud_into_place(cloud, command.output, ply, command.draco, command.copc,
-                           shown_as("encode", 0.5, 1, context, display));
+                           display.stage("encode", 0.5, 1, context));
     const auto encoded = Clock::now();
     display.finish();
 
@@ -171,19 +155,17 @@ void run(const ConvertCommand& command, const Session& session) {
 }
 
 void run(const SynthesizeCommand& command, const Session& session) {
-    require_place_of(command.output);
-    require_place_of(command.common.json);
-    require_apart({}, {command.output, command.common.json});
-    const RunContext context = context_for(command.common, session);
+    require_files({}, {command.output, command.common.json});
+    const RunContext context = context_of(command.common, session);
     ProgressDisplay display(session.terminal, !command.common.quiet);
     const auto start = Clock::now();
     const PointCloud cloud =
-        synthetic_scan(command.options, shown_as("sample", 0, 0.8, context, display));
+        synthetic_scan(command.options, display.stage("sample", 0, 0.8, context));
     PlyEncodeOptions ply = command.ply;
     ply.comments.push_back("synthetic scan of an ammonite, seed " +
                            std::to_string(command.options.seed));
     write_cloud_into_place(cloud, command.output, ply, command.draco, {},
-                           shown_as("encode", 0.8, 1, context, display));
+                           display.stage("encode", 0.8, 1, context));
     display.finish();
 
     const double seconds = seconds_between(start, Clock::now());

@@ -69,10 +69,7 @@ std::string table(const proto::Results& results, const TextStyle& style) {
 }  // namespace
 
 void run(const CurveCommand& command, const Session& session) {
-    require_input(command.input);
-    require_place_of(command.plot);
-    require_place_of(command.common.json);
-    require_apart({command.input}, {command.plot, command.common.json});
+    require_files({command.input}, {command.plot, command.common.json});
     const ScratchFolder scratch(command.plot.empty() ? fs::temp_directory_path()
                                                      : folder_of(command.plot));
     ProgressDisplay display(session.terminal, !command.common.quiet);

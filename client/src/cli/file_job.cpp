@@ -72,7 +72,8 @@ void summarise(const FileCommand<Job>& command, const proto::Results& results, d
     if constexpr (requires { command.job.options.points; }) {
         if (command.job.options.points > cloud.points)
             std::cerr << with_separators(*command.job.options.points)
-                      << " points were asked for: there are no more\n";
+                      << " points were requested; the cloud has only "
+                      << with_separators(cloud.points) << '\n';
     }
     if (cloud.error) print_warnings(*cloud.error, command.output, terminal);
 }
@@ -85,15 +86,10 @@ void ignore(const proto::Results&, const fs::path&, ordered_json&, const RunCont
 template <typename Job, typename Also>
 void run_file_job(const FileCommand<Job>& command, const Session& session, Also&& also) {
     const auto start = std::chrono::steady_clock::now();
-    require_input(command.input);
-    require_place_of(command.output);
-    require_place_of(command.common.json);
     const ScratchFolder scratch(folder_of(command.output));
     ProgressDisplay display(session.terminal, !command.common.quiet);
     const JobExecution execution{command.server, command.common.threads, session.stop};
-    RunContext context;
-    context.stop = session.stop;
-    context.threads = command.common.threads;
+    const RunContext context = context_of(command.common, session);
     proto::Results results = naming(command.input, [&] {
         return execute({{}, command.job}, command.input, scratch.path(), execution, display);
     });
@@ -147,20 +143,19 @@ std::string feature_line(const PointCloud& lines, const AnalyzeCommand& command)
 }  // namespace
 
 void run(const SimplifyCommand& command, const Session& session) {
-    require_apart({command.input}, {command.output, command.common.json});
+    require_files({command.input}, {command.output, command.common.json});
     run_file_job(command, session, ignore);
 }
 
 void run(const UpsampleCommand& command, const Session& session) {
-    require_apart({command.input}, {command.output, command.common.json});
+    require_files({command.input}, {command.output, command.common.json});
     run_file_job(command, session, ignore);
 }
 
 void run(const AnalyzeCommand& command, const Session& session) {
     const bool wanted = !command.feature_lines.empty();
     PointCloud lines;
-    require_apart({command.input}, {command.output, command.feature_lines, command.common.json});
-    require_place_of(command.feature_lines);
+    require_files({command.input}, {command.output, command.feature_lines, command.common.json});
     run_file_job(command, session,
                  [&](const auto& results, const fs::path& folder, auto& json, const auto& context) {
                      if (wanted)

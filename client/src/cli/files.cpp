@@ -1,5 +1,8 @@
 #include "cli/files.hpp"
 
+#include "stipple/copc.hpp"
+#include "stipple/progressive_cloud.hpp"
+
 #include <unistd.h>
 #include <algorithm>
 #include <cctype>
@@ -27,6 +30,17 @@ std::string text_of(int code) {
     return std::generic_category().message(code);
 }
 
+std::vector<std::byte> encoded(const PointCloud& cloud, const std::string& extension,
+                               const PlyEncodeOptions& ply, const DracoEncodeOptions& draco,
+                               const CopcOptions& copc, const RunContext& context) {
+    if (extension == ".drc") return encode_draco(cloud, draco, context);
+    if (extension == ".laz") return encode_copc(cloud, copc, context);
+    if (extension == ".stpc")
+        return encode_progressive(
+            cloud, {.position_bits = draco.position_bits, .precision = draco.precision}, context);
+    return encode_ply(cloud, ply, context);
+}
+
 }  // namespace
 
 ScratchFolder::ScratchFolder(const fs::path& parent) {
@@ -34,7 +48,7 @@ ScratchFolder::ScratchFolder(const fs::path& parent) {
     if (::mkdtemp(name.data()) == nullptr) {
         const int code = errno;
         throw Error(ErrorCode::InvalidArgument,
-                    parent.string() + ": nothing can be written there: " + text_of(code));
+                    parent.string() + ": cannot write there: " + text_of(code));
     }
     path_ = name;
 }
@@ -57,7 +71,7 @@ void require_input(const fs::path& file) {
                     file.string() + ": cannot be read: " + error.message());
     if (!fs::is_regular_file(status))
         throw Error(ErrorCode::InvalidArgument,
-                    file.string() + ": not a regular file: write what it gives to one first");
+                    file.string() + ": not a regular file: save its contents to one first");
 }
 
 void require_apart(const std::vector<fs::path>& inputs, const std::vector<fs::path>& outputs) {
@@ -69,9 +83,9 @@ void require_apart(const std::vector<fs::path>& inputs, const std::vector<fs::pa
         };
         const bool is_input = std::ranges::any_of(inputs, is_here);
         if (is_input || std::any_of(outputs.begin(), output, is_here))
-            throw Error(ErrorCode::InvalidArgument, output->string() + ": that is " +
+            throw Error(ErrorCode::InvalidArgument, output->string() + ": it is " +
                                                         (is_input ? "an input" : "another output") +
-                                                        ": give the output a name of its own");
+                                                        ": give the output another name");
     }
 }
 
@@ -122,10 +136,16 @@ void require_place_of(const fs::path& file) {
     const fs::file_status status = fs::status(file, error);
     if (fs::exists(status) && !fs::is_regular_file(status))
         throw Error(ErrorCode::InvalidArgument,
-                    file.string() + ": that is " +
-                        (fs::is_directory(status) ? "a folder" : "no regular file") +
-                        ": give the output a name of its own");
+                    file.string() + ": it is " +
+                        (fs::is_directory(status) ? "a folder" : "not a regular file") +
+                        ": give the output another name");
     const ScratchFolder probe(folder_of(file));
+}
+
+void require_files(const std::vector<fs::path>& inputs, const std::vector<fs::path>& outputs) {
+    std::ranges::for_each(inputs, require_input);
+    std::ranges::for_each(outputs, require_place_of);
+    require_apart(inputs, outputs);
 }
 
 void move_into_place(const fs::path& from, const fs::path& to) {
@@ -157,28 +177,23 @@ void write_text(const fs::path& file, std::string_view text) {
 void write_cloud_into_place(const PointCloud& cloud, const fs::path& file,
                             const PlyEncodeOptions& ply, const DracoEncodeOptions& draco,
                             const CopcOptions& copc, const RunContext& context) {
-    const ScratchFolder beside(folder_of(file));
-    const fs::path whole = beside.path() / ("cloud" + extension_of(file));
-    try {
-        write_cloud(cloud, whole, ply, draco, copc, context);
-    } catch (const Error& error) {
-        std::string message = error.what();
-        if (const std::size_t at = message.find(whole.string()); at != message.npos)
-            message.replace(at, whole.string().size(), file.string());
-        else
-            message = file.string() + ": " + message;
-        throw Error(error.code(), message);
-    }
-    move_into_place(whole, file);
+    const std::vector<std::byte> bytes = [&] {
+        try {
+            return encoded(cloud, extension_of(file), ply, draco, copc, context);
+        } catch (const Error& error) {
+            throw Error(error.code(), file.string() + ": " + error.what());
+        }
+    }();
+    write_text(file, {reinterpret_cast<const char*>(bytes.data()), bytes.size()});
 }
 
 proto::OutputFile& first_output(proto::Results& results) {
     const bool one_each = std::ranges::all_of(
         results.levels, [](const proto::OutputCloud& cloud) { return cloud.files.size() == 1; });
     if (results.levels.empty() || !one_each || !results.source)
-        throw Error(ErrorCode::Internal, "the job did not make one file of each cloud: " +
+        throw Error(ErrorCode::Internal, "the job did not produce one file per cloud: " +
                                              std::to_string(results.levels.size()) +
-                                             " clouds came");
+                                             " clouds arrived");
     return results.levels.front().files.front();
 }
 

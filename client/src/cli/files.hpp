@@ -34,6 +34,10 @@ void require_input(const std::filesystem::path& file);
 /// output: what was there would be lost. One without a name, and `-`, has no place.
 void require_apart(const std::vector<std::filesystem::path>& inputs,
                    const std::vector<std::filesystem::path>& outputs);
+/// Before the work: every input is there, and every output has a place of its own in which it can
+/// be written. @throws Error as `require_input`, `require_place_of` and `require_apart`.
+void require_files(const std::vector<std::filesystem::path>& inputs,
+                   const std::vector<std::filesystem::path>& outputs);
 /// @throws Error as `require_input`, and where it cannot be read.
 std::vector<std::byte> read_file(const std::filesystem::path& file);
 /// What the manifest of a pyramid's folder says. @throws Error naming the manifest.
@@ -53,7 +57,8 @@ void require_place_of(const std::filesystem::path& file);
 void move_into_place(const std::filesystem::path& from, const std::filesystem::path& to);
 /// Whole or not at all. @throws Error naming the file, and why it could not be written.
 void write_text(const std::filesystem::path& file, std::string_view text);
-/// `write_cloud` to the file, likewise; a failure to encode the cloud names it, too.
+/// A cloud, likewise, in the format that the end of the name says (`.ply`, `.drc`, `.stpc`,
+/// `.laz`); a failure to encode it names the file, too.
 void write_cloud_into_place(const PointCloud& cloud, const std::filesystem::path& file,
                             const PlyEncodeOptions& ply, const DracoEncodeOptions& draco,
                             const CopcOptions& copc, const RunContext& context);

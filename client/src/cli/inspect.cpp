@@ -46,24 +46,17 @@ std::vector<ProgressiveBatch> batches_of(const fs::path& file) {
     return decoder.batches();
 }
 
-RunContext stage(const RunContext& context, ProgressDisplay& display, const char* name, double from,
-                 double to) {
-    RunContext named = context;
-    named.progress = [&display, name](double fraction) { display.update(name, fraction); };
-    return named.part(from, to);
-}
-
 Findings look_at(const fs::path& file, const RunContext& context, ProgressDisplay& display) {
     Findings findings;
     findings.bytes = fs::file_size(file);
     findings.sha256 = proto::sha256_of_file(file);
     PointCloud cloud =
-        read_cloud(file, {}, stage(context, display, "decode", 0, 0.4), &findings.report);
-    const CleaningReport removed = clean(cloud, stage(context, display, "clean", 0.4, 0.6));
+        read_cloud(file, {}, display.stage("decode", 0, 0.4, context), &findings.report);
+    const CleaningReport removed = clean(cloud, display.stage("clean", 0.4, 0.6, context));
     findings.statistics =
         proto::describe(cloud, findings.report, removed.non_finite, removed.duplicates);
     if (findings.report.format == CloudFormat::Progressive) findings.batches = batches_of(file);
-    findings.spacing = mean_spacing(cloud.positions, stage(context, display, "measure", 0.6, 1));
+    findings.spacing = mean_spacing(cloud.positions, display.stage("measure", 0.6, 1, context));
     return findings;
 }
 
@@ -141,12 +134,8 @@ void print(std::ostream& out, const Findings& findings, const TextStyle& style) 
 }  // namespace
 
 void run(const InspectCommand& command, const Session& session) {
-    require_input(command.input);
-    require_place_of(command.common.json);
-    require_apart({command.input}, {command.common.json});
-    RunContext context;
-    context.stop = session.stop;
-    context.threads = command.common.threads;
+    require_files({command.input}, {command.common.json});
+    const RunContext context = context_of(command.common, session);
     ProgressDisplay display(session.terminal, !command.common.quiet);
     const Findings findings =
         naming(command.input, [&] { return look_at(command.input, context, display); });

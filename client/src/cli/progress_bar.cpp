@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <utility>
 
 namespace stipple::cli {
 namespace {
@@ -93,6 +94,11 @@ void ProgressDisplay::update(std::string_view stage, double fraction) {
     state_.stage = stage;
     if (fraction > state_.fraction) grew_ = seconds_since(start_);
     state_.fraction = fraction;
+}
+
+RunContext ProgressDisplay::stage(std::string name, double from, double to, RunContext context) {
+    context.progress = [this, name = std::move(name)](double fraction) { update(name, fraction); };
+    return context.part(from, to);
 }
 
 void ProgressDisplay::finish() {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "cli/terminal.hpp"
+#include "stipple/run_context.hpp"
 
 #include <chrono>
 #include <condition_variable>
@@ -39,6 +40,9 @@ public:
 
     /// Cheap, and from any thread.
     void update(std::string_view stage, double fraction);
+    /// A context whose progress 0..1 appears as `from..to` of this stage. Not for longer than the
+    /// display lives.
+    RunContext stage(std::string name, double from, double to, RunContext context);
     /// Takes the line away, for good.
     void finish();
 

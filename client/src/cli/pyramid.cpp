@@ -43,7 +43,7 @@ std::set<fs::path> pyramid_in(const fs::path& folder) {
         for (const proto::ExportFile& file : proto::export_files(pyramid)) files.insert(file.name);
     } catch (const Error& error) {
         throw Error(ErrorCode::InvalidArgument,
-                    std::string(error.what()) + ": no pyramid of this version stands in " +
+                    std::string(error.what()) + ": no pyramid of this version is in " +
                         folder.string() + ": choose another folder, or remove the file");
     }
     return files;
@@ -78,8 +78,8 @@ void require_own_places(const PyramidCommand& command, const fs::path& folder,
         if (fs::is_directory(file, none))
             throw Error(ErrorCode::InvalidArgument,
                         file.string() +
-                            ": that is a folder, where a file of the pyramid will "
-                            "stand: remove it, or choose another folder");
+                            ": it is a folder, but the pyramid has a file of this "
+                            "name: remove it, or choose another folder");
     }
     require_apart({command.input}, {command.common.json});
 }
@@ -92,7 +92,7 @@ void require_no_address(const std::string& text) {
     throw Error(ErrorCode::InvalidArgument,
                 text +
                     ": expected a folder, or s3://BUCKET/PREFIX with AWS_ENDPOINT_URL for a "
-                    "store other than that of AWS");
+                    "store other than AWS");
 }
 
 /// The folder and those above it that are not there yet, the innermost first.
@@ -109,7 +109,7 @@ void make_folder(const fs::path& folder) {
     std::error_code error;
     fs::create_directories(folder, error);
     if (error || !fs::is_directory(folder))
-        throw Error(ErrorCode::InvalidArgument, folder.string() + ": cannot be made a folder" +
+        throw Error(ErrorCode::InvalidArgument, folder.string() + ": cannot create this folder" +
                                                     (error ? ": " + error.message() : ""));
 }
 
@@ -312,7 +312,7 @@ void run(const PyramidCommand& command, const Session& session) {
         if (!results.source || results.levels.empty())
             throw Error(ErrorCode::Internal, "the result of a pyramid job has no levels");
         raise_tile_errors(results);
-        const RunContext context{.stop = session.stop, .threads = command.common.threads};
+        const RunContext context = context_of(command.common, session);
         const std::vector<fs::path> files =
             command.potree ? publish_potree(results, scratch.path(), command.input, folder, context)
                            : publish(results, scratch.path(), command, folder);

@@ -29,9 +29,7 @@ proto::Slice slice_here(const SliceCommand& command, const Session& session) {
     require_apart(files, {command.output, command.common.json});
     proto::SliceOptions options = command.options;
     options.max_points = UINT32_MAX;  // of a server
-    RunContext context;
-    context.stop = session.stop;
-    context.threads = command.common.threads;
+    const RunContext context = context_of(command.common, session);
     fs::path at = folder / "manifest.json";  // the file that is being read
     const auto read = [&](const proto::OutputFile& file) {
         // A manifest of foreign making names no file elsewhere.
@@ -67,9 +65,7 @@ proto::Slice slice_there(const SliceCommand& command, const Session& session) {
 
 void run(const SliceCommand& command, const Session& session) {
     const auto start = std::chrono::steady_clock::now();
-    require_place_of(command.output);
-    require_place_of(command.common.json);
-    require_apart({}, {command.output, command.common.json});
+    require_files({}, {command.output, command.common.json});
     const bool here = command.server.url.empty();
     const proto::Slice slice = here ? slice_here(command, session) : slice_there(command, session);
     const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
