@@ -6,6 +6,7 @@
 #include "names.hpp"
 #include "stipple/globe.hpp"
 #include "stipple/proto/digest.hpp"
+#include "stipple/proto/option_names.hpp"
 
 #include <Eigen/LU>
 #include <algorithm>
@@ -16,25 +17,6 @@ namespace stipple::proto {
 namespace {
 
 constexpr JsonRules kRequestRules{ErrorCode::InvalidArgument, 1 << 20, 8};
-
-// Names on the wire.
-
-constexpr std::array kSigns = {
-    Named<NormalSigns>{NormalSigns::SpanningTree, "mst"},
-    Named<NormalSigns>{NormalSigns::Viewpoint, "viewpoint"},
-    Named<NormalSigns>{NormalSigns::Any, "none"},
-};
-constexpr std::array kSplats = {
-    Named<SplatAttributes>{SplatAttributes::None, "none"},
-    Named<SplatAttributes>{SplatAttributes::Radius, "radius"},
-    Named<SplatAttributes>{SplatAttributes::Normal, "normal"},
-    Named<SplatAttributes>{SplatAttributes::Ellipse, "ellipse"},
-};
-constexpr std::array kCodings = {
-    Named<DracoCoding>{DracoCoding::Auto, "auto"},
-    Named<DracoCoding>{DracoCoding::Sequential, "sequential"},
-    Named<DracoCoding>{DracoCoding::KdTree, "kd-tree"},
-};
 
 /// Of a job that makes one file.
 OutputOptions read_output(JsonObject& object) {
@@ -55,13 +37,13 @@ void add_output(Json& json, const OutputOptions& output) {
 
 AddedAttributes read_added(JsonObject& object) {
     AddedAttributes added;
-    take(object, "splats", kSplats, added.splats);
+    take(object, "splats", splats_from_name, added.splats);
     take(object, "source_index", added.source_index);
     return added;
 }
 
 void add_added(Json& json, const AddedAttributes& added) {
-    json["splats"] = name_of(kSplats, added.splats);
+    json["splats"] = to_string(added.splats);
     json["source_index"] = added.source_index;
 }
 
@@ -146,7 +128,7 @@ Json feature_lines_json(const FeatureLineOptions& options) {
 AnalyzeJob read_analyze(JsonObject& object) {
     AnalyzeJob job;
     take(object, "k", job.options.k);
-    take(object, "orient", kSigns, job.options.signs);
+    take(object, "orient", normal_signs_from_name, job.options.signs);
     if (const auto viewpoint = object.find("viewpoint")) {
         job.options.viewpoint = read_vector(*viewpoint);
     }
@@ -160,7 +142,7 @@ AnalyzeJob read_analyze(JsonObject& object) {
 void add_options(Json& json, const AnalyzeJob& job) {
     json["type"] = "analyze";
     json["k"] = job.options.k;
-    json["orient"] = name_of(kSigns, job.options.signs);
+    json["orient"] = to_string(job.options.signs);
     if (job.options.viewpoint) json["viewpoint"] = vector_json(*job.options.viewpoint);
     if (job.options.feature_lines) {
         json["feature_lines"] = feature_lines_json(*job.options.feature_lines);
@@ -375,14 +357,15 @@ DracoEncodeOptions read_draco(const JsonValue& value) {
     if (const auto level = object.find("compression_level")) {
         options.compression_level = level->small_integer(0, 10);
     }
-    if (const auto coding = object.find("coding")) options.coding = one_of(kCodings, *coding);
+    if (const auto coding = object.find("coding"))
+        options.coding = coding->named(draco_coding_from_name);
     object.finish();
     return options;
 }
 
 Json draco_json(const DracoEncodeOptions& options) {
     Json json = {{"attribute_bits", options.attribute_bits},
-                 {"coding", name_of(kCodings, options.coding)},
+                 {"coding", to_string(options.coding)},
                  {"compression_level", options.compression_level},
                  {"normal_bits", options.normal_bits}};
     if (options.precision) {

@@ -6,6 +6,7 @@
 #include <array>
 #include <cstdint>
 #include <optional>
+#include <string_view>
 
 namespace stipple::proto {
 
@@ -34,6 +35,11 @@ template <typename Enum, std::size_t N>
 void take(JsonObject& object, const char* name, const std::array<Named<Enum>, N>& names,
           Enum& out) {
     if (const auto value = object.find(name)) out = one_of(names, *value);
+}
+
+template <typename Enum>
+void take(JsonObject& object, const char* name, Enum (*from_name)(std::string_view), Enum& out) {
+    if (const auto value = object.find(name)) out = value->named(from_name);
 }
 
 template <typename T>

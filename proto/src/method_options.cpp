@@ -2,6 +2,7 @@
 
 #include "json_fields.hpp"
 #include "json_parts.hpp"
+#include "stipple/proto/option_names.hpp"
 
 #include <algorithm>
 #include <array>
@@ -13,31 +14,21 @@ namespace stipple::proto {
 
 namespace {
 
-constexpr std::array kPlacements = {
-    Named<Placement>{Placement::Optimal, "optimal"},
-    Named<Placement>{Placement::EndPoint, "end-point"},
-};
-constexpr std::array kReductions = {
-    Named<Reduction>{Reduction::Mean, "mean"}, Named<Reduction>{Reduction::Nearest, "nearest"},
-    Named<Reduction>{Reduction::Min, "min"},   Named<Reduction>{Reduction::Max, "max"},
-    Named<Reduction>{Reduction::Mode, "mode"},
-};
-
 void take_bounds(JsonObject& object, auto& options) {
     take(object, "max_cluster_size", options.max_cluster_size);
     take(object, "max_variation", options.max_variation);
-    take(object, "representative", kRepresentatives, options.representative);
+    take(object, "representative", representative_from_name, options.representative);
 }
 
 void add_bounds(Json& json, const auto& options) {
     add(json, "max_cluster_size", options.max_cluster_size);
     add(json, "max_variation", options.max_variation);
-    json["representative"] = name_of(kRepresentatives, options.representative);
+    json["representative"] = to_string(options.representative);
 }
 
 void take_contraction(JsonObject& object, IterativeSimplificationOptions& options) {
     take(object, "k", options.k);
-    take(object, "placement", kPlacements, options.placement);
+    take(object, "placement", placement_from_name, options.placement);
     take(object, "max_displacement", options.max_displacement);
     take(object, "color_weight", options.color_weight);
     if (const auto weights = object.find("attribute_weights")) {
@@ -49,7 +40,7 @@ void take_contraction(JsonObject& object, IterativeSimplificationOptions& option
 
 void add_contraction(Json& json, const IterativeSimplificationOptions& options) {
     json["k"] = options.k;
-    json["placement"] = name_of(kPlacements, options.placement);
+    json["placement"] = to_string(options.placement);
     add(json, "max_displacement", options.max_displacement);
     json["color_weight"] = options.color_weight;
     json["attribute_weights"] = Json(options.attribute_weights);
@@ -151,7 +142,8 @@ void take_own_options(JsonObject& object, SimplifyOptions& options) {
             return take_particles(object, options.particles);
         case Method::Voxel:
             take(object, "voxel_size", options.voxel.voxel_size);
-            return take(object, "representative", kRepresentatives, options.voxel.representative);
+            return take(object, "representative", representative_from_name,
+                        options.voxel.representative);
         case Method::Random:
             return;
     }
@@ -172,7 +164,7 @@ void add_own_options(Json& json, const SimplifyOptions& options) {
             return add_particles(json, options.particles);
         case Method::Voxel:
             add(json, "voxel_size", options.voxel.voxel_size);
-            json["representative"] = name_of(kRepresentatives, options.voxel.representative);
+            json["representative"] = to_string(options.voxel.representative);
             return;
         case Method::Random:
             return;
@@ -190,13 +182,13 @@ void take_reductions(JsonObject& object, std::map<std::string, Reduction>& reduc
     const auto value = object.find("reductions");
     if (!value) return;
     for (const auto& [name, reduction] : value->members()) {
-        reductions[name] = one_of(kReductions, reduction);
+        reductions[name] = reduction.named(reduction_from_name);
     }
 }
 
 Json reductions_json(const std::map<std::string, Reduction>& reductions) {
     Json json = Json::object();
-    for (const auto& [name, reduction] : reductions) json[name] = name_of(kReductions, reduction);
+    for (const auto& [name, reduction] : reductions) json[name] = to_string(reduction);
     return json;
 }
 

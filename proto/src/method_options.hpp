@@ -1,22 +1,14 @@
 #pragma once
 
 #include "json_reader.hpp"
-#include "names.hpp"
 #include "stipple/proto/job_request.hpp"
 
-#include <array>
 #include <map>
 #include <string>
 
 namespace stipple::proto {
 
 // The options of the methods, as fields of the jobs that use them. What is absent stays as it is.
-
-inline constexpr std::array kRepresentatives = {
-    Named<Representative>{Representative::Surface, "surface"},
-    Named<Representative>{Representative::Centroid, "centroid"},
-    Named<Representative>{Representative::Nearest, "nearest"},
-};
 
 /// Those that only the method of `options` has.
 void take_own_options(JsonObject& object, SimplifyOptions& options);

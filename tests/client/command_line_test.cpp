@@ -254,7 +254,7 @@ TEST(CommandLine, APotreeFolderTakesNoOptionOfLevels) {
     EXPECT_TRUE(command.potree);
     EXPECT_EQ(command.job.output.formats, std::vector{CloudFormat::Ply});
     EXPECT_EQ(refusal({"pyramid", "in.ply", "out", "--layout", "potree", "--ratio", "2"}),
-              "--ratio does not go with --layout potree");
+              "--ratio cannot be combined with --layout potree");
     EXPECT_EQ(refusal({"pyramid", "in.ply", "out", "--layout", "copc"}),
               "--layout copc: expected levels or potree; COPC is one file: stipple convert IN "
               "OUT.copc.laz");
@@ -270,7 +270,7 @@ TEST(CommandLine, ConvertGoesByTheEndOfTheName) {
     EXPECT_EQ(placed.copc.epsg, 32633U);
     EXPECT_EQ(placed.copc.precision, 0.01);
     EXPECT_EQ(refusal({"convert", "in.ply", "a.drc", "--epsg", "32633"}),
-              "--epsg: belongs to .laz, not to .drc: leave it out, or give OUT another ending");
+              "--epsg: belongs to .laz, not to .drc: omit it, or change the ending of OUT");
     EXPECT_NE(refusal({"convert", "in.ply", "a.laz", "--epsg", "4326"}).find("epsg 4326"),
               std::string::npos);
     EXPECT_EQ(refusal({"convert", "in.ply", "a.las"}),
@@ -377,6 +377,12 @@ TEST(CommandLine, RefusesWhatCannotBeDoneByNameAndValue) {
     EXPECT_NE(
         refusal({"simplify", "i.ply", "o.ply", "-n", "5", "--splats", "disc"}).find("ellipse"),
         std::string::npos);
+    EXPECT_EQ(refusal({"evaluate", "a.ply", "b.ply", "--basis", "cubic"}),
+              "--basis \"cubic\": expected one of linear, quadratic, samples");
+    EXPECT_EQ(refusal({"simplify", "i.ply", "o.ply", "-n", "5", "--reduce", "a=sum"}),
+              "--reduce \"sum\": expected one of mean, nearest, min, max, mode");
+    EXPECT_EQ(refusal({"analyze", "i.ply", "o.ply", "--orient", "viewpoint"}),
+              "--orient viewpoint: give --viewpoint X,Y,Z instead");
 }
 
 TEST(CommandLine, AnUnknownCommandIsToldThoseThereAre) {
@@ -427,6 +433,16 @@ TEST(CommandLine, WholeNumbersAreDecimalWithoutASign) {
     EXPECT_EQ(
         parsed<PyramidCommand>({"pyramid", "i.ply", "o", "--base-bytes", "15kB"}).job.base_bytes,
         15'000U);
+}
+
+TEST(CommandLine, ASharePerCentIsNotRounded) {
+    const auto ratio = [](const char* text) {
+        return parsed<SimplifyCommand>({"simplify", "i.ply", "o.ply", "-r", text})
+            .job.options.ratio;
+    };
+    EXPECT_EQ(ratio("0.123456789"), 0.123456789);
+    EXPECT_EQ(ratio("12.3456789%"), 12.3456789 / 100);
+    EXPECT_EQ(ratio("1e-7%"), 1e-7 / 100);
 }
 
 TEST(CommandLine, NothingFollowsAWholeNumber) {
@@ -495,12 +511,11 @@ TEST(CommandLine, ARefusedNumberIsToldTheLimit) {
     for (const std::string value : {"abc", ""})
         EXPECT_EQ(refusal({"simplify", "i.ply", "o.ply", "-n", "5", "--oversampling", value}),
                   "--oversampling: " + value +
-                      ": expected clusters a point, 1..1000, as in 3 (see --help)");
+                      ": expected clusters per point, 1..1000, as in 3 (see --help)");
     EXPECT_EQ(refusal({"upsample", "i.ply", "o.ply", "--ratio", "200%"}),
-              "--ratio: 200%: expected so many times the points, above 1, as in 2 (see --help)");
+              "--ratio: 200%: expected a factor above 1, as in 2 (see --help)");
     EXPECT_EQ(refusal({"pyramid", "i.ply", "o", "--ratio", "25%"}),
-              "--ratio: 25%: expected how many times the points of a level the next has, in "
-              "(1, 64], as in 4 (see --help)");
+              "--ratio: 25%: expected a factor in (1, 64], as in 4 (see --help)");
     EXPECT_EQ(refusal({"upsample", "i.ply", "o.ply", "-n", "5", "--max-iterations", "99999999999"}),
               "--max-iterations: 99999999999: expected a whole number, 1..4294967295 (see --help)");
 }
@@ -513,11 +528,11 @@ TEST(CommandLine, ThreadsHaveALimit) {
 }
 
 TEST(CommandLine, RefusesOptionsOfAnotherFormat) {
-    EXPECT_EQ(refusal({"simplify", "i.ply", "o.ply", "-n", "5", "--position-bits", "12"}),
-              "--position-bits: belongs to .drc, not to .ply: leave it out, or give OUT another "
-              "ending");
+    EXPECT_EQ(
+        refusal({"simplify", "i.ply", "o.ply", "-n", "5", "--position-bits", "12"}),
+        "--position-bits: belongs to .drc, not to .ply: omit it, or change the ending of OUT");
     EXPECT_EQ(refusal({"evaluate", "a.ply", "b.ply", "--map", "e.ply", "--views", "top"}),
-              "--views: belongs to .png: leave it out, or ask for a --map that ends with .png");
+              "--views: belongs to .png: omit it, or add a --map that ends with .png");
     EXPECT_NE(refusal({"evaluate", "a.ply", "b.ply", "--position-bits", "12"}).find(".drc"),
               std::string::npos);
     EXPECT_EQ(refusal({"evaluate", "a.ply", "b.ply", "--map", "e.drc", "--map", "e.png", "--up",
@@ -556,7 +571,7 @@ TEST(CommandLine, HelpIsACommandToo) {
 
 TEST(CommandLine, HelpOfASliceSaysThatOneBudgetIsWanted) {
     const std::string text = parsed<InfoCommand>({"slice", "--help"}).text;
-    const std::size_t budgets = text.find("\nWhat is wanted, one of these:\n  -n,--points N");
+    const std::size_t budgets = text.find("\nBudget (give one):\n  -n,--points N");
     EXPECT_NE(budgets, text.npos) << text;
     EXPECT_NE(text.find("\n  --max-error E", budgets), text.npos) << text;
     EXPECT_EQ(text.find('['), text.find("[OPTIONS]")) << text;  // nothing in CLI11's own words
@@ -572,14 +587,14 @@ TEST(CommandLine, HelpGroupsOptionsUnderTheMethodsThatHaveThem) {
         }
         return std::string();
     };
-    EXPECT_EQ(group_of("simplify", "--max-cluster-size"), "Of hierarchical and incremental:");
-    EXPECT_EQ(group_of("simplify", "--max-variation"), "Of hierarchical and incremental:");
-    EXPECT_EQ(group_of("simplify", "--voxel-size"), "Of voxel:");
-    EXPECT_EQ(group_of("simplify", "--representative"), "Of hierarchical, incremental and voxel:");
+    EXPECT_EQ(group_of("simplify", "--max-cluster-size"), "For hierarchical and incremental:");
+    EXPECT_EQ(group_of("simplify", "--max-variation"), "For hierarchical and incremental:");
+    EXPECT_EQ(group_of("simplify", "--voxel-size"), "For voxel:");
+    EXPECT_EQ(group_of("simplify", "--representative"), "For hierarchical, incremental and voxel:");
     EXPECT_EQ(group_of("simplify", "--reduce"), "Options:");
-    EXPECT_EQ(group_of("curve", "--representative"), "Of hierarchical:");
-    EXPECT_EQ(group_of("curve", "--adaptivity"), "Of particles:");
-    EXPECT_EQ(group_of("pyramid", "--max-variation"), "Of incremental:");
+    EXPECT_EQ(group_of("curve", "--representative"), "For hierarchical:");
+    EXPECT_EQ(group_of("curve", "--adaptivity"), "For particles:");
+    EXPECT_EQ(group_of("pyramid", "--max-variation"), "For incremental:");
 }
 
 TEST(CommandLine, HelpOfACommandShowsExamples) {

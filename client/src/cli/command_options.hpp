@@ -1,70 +1,30 @@
 #pragma once
 
-#include "cli/commands.hpp"
-#include "cli/method_options.hpp"
+#include "cli/command_line.hpp"
 
 #include <CLI/CLI.hpp>
-#include <cstdint>
-#include <optional>
-#include <string>
-#include <string_view>
-#include <vector>
+#include <functional>
 
 namespace stipple::cli {
 
-/// What the options are read into before they are checked and mean something.
-struct Values {
-    std::string input, output, method{to_string(SimplifyOptions{}.method)};
-    std::optional<std::uint64_t> points;
-    std::optional<std::uint64_t> bytes;
-    std::optional<double> ratio, precision;
-    std::vector<double> box;
-    std::string max_error, plot;
-    std::vector<std::uint64_t> curve_points;
-    unsigned curve_count = ErrorCurveOptions{}.count;
-    std::uint64_t seed = 0;
-    MethodValues of_methods;
-    std::string splats = "radius", orient = "mst", viewpoint, feature_lines;
-    FeatureLineOptions features;
-    bool source_index = false;
-    SurfaceAttributeOptions surface;
-    std::vector<std::string> reductions, formats = {"drc", "ply", "glb"};
-    std::optional<std::uint64_t> first_points, first_bytes;
-    std::vector<std::uint64_t> levels;
-    bool no_error = false;
-    std::vector<std::string> candidates, maps;
-    proto::EvaluationOptions evaluation;
-    std::string sampling = "points", basis, up = "y";
-    LodPyramidOptions pyramid;
-    LodTileOptions tiles;
-    std::vector<double> transform;
-    std::optional<unsigned> epsg;
-    std::string layout = "levels";
-    std::optional<std::uint64_t> base_bytes;
-    std::string refine = "replace";
-    std::string pyramid_method{to_string(LodPyramidOptions{}.simplification.method)};
-    SyntheticScanOptions synthetic;
-    DracoEncodeOptions draco;
-    std::string coding = "auto", ply_encoding = "le";
-    ServerOptions server;
-    bool has_server = false;  ///< it may be empty
-    CommonOptions common;
+/// A command of the command line.
+struct CommandReader {
+    const CLI::App* app;            ///< what it takes, and what its help says
+    std::function<Command()> read;  ///< what it means, after `app` was parsed; throws UsageError
 };
 
-/// What a file that `convert` writes may end with.
-inline constexpr std::string_view kConvertEndings = ".ply, .drc, .stpc or .laz";
+// Add a command to `app`, which must not parse without what is returned. Each in a file of its
+// name: what its options are read into, what they mean together, and what the help says of them.
 
-// What each command takes, and what its help says.
-
-CLI::App& add_simplify(CLI::App& app, Values& values);
-CLI::App& add_upsample(CLI::App& app, Values& values);
-CLI::App& add_analyze(CLI::App& app, Values& values);
-CLI::App& add_pyramid(CLI::App& app, Values& values);
-CLI::App& add_slice(CLI::App& app, Values& values);
-CLI::App& add_evaluate(CLI::App& app, Values& values);
-CLI::App& add_curve(CLI::App& app, Values& values);
-CLI::App& add_inspect(CLI::App& app, Values& values);
-CLI::App& add_convert(CLI::App& app, Values& values);
-CLI::App& add_synthesize(CLI::App& app, Values& values);
+CommandReader add_simplify(CLI::App& app);
+CommandReader add_upsample(CLI::App& app);
+CommandReader add_analyze(CLI::App& app);
+CommandReader add_pyramid(CLI::App& app);
+CommandReader add_slice(CLI::App& app);
+CommandReader add_evaluate(CLI::App& app);
+CommandReader add_curve(CLI::App& app);
+CommandReader add_inspect(CLI::App& app);
+CommandReader add_convert(CLI::App& app);
+CommandReader add_synthesize(CLI::App& app);
 
 }  // namespace stipple::cli

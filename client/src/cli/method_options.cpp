@@ -4,18 +4,13 @@
 #include "cli/numbers.hpp"
 #include "cli/units.hpp"
 #include "stipple/proto/job_request.hpp"
+#include "stipple/proto/option_names.hpp"
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
 
 namespace stipple::cli {
 namespace {
-
-const Names<Representative> kRepresentatives = {{"surface", Representative::Surface},
-                                                {"nearest", Representative::Nearest},
-                                                {"centroid", Representative::Centroid}};
-const Names<Placement> kPlacements = {{"optimal", Placement::Optimal},
-                                      {"end-point", Placement::EndPoint}};
 
 /// The option that stands for a field of a request.
 std::string option_of(std::string_view field) {
@@ -28,11 +23,13 @@ std::string option_of(std::string_view field) {
 }
 
 void add_contraction(CLI::App& command, MethodValues& values) {
-    command.add_option("--oversampling", values.oversampling, "so many clusters a point, 1..1000")
+    command
+        .add_option("--oversampling", values.oversampling,
+                    "clusters per point of the result, 1..1000")
         ->type_name("M")
         ->capture_default_str()
-        ->transform(real_number("clusters a point, 1..1000, as in 3"));
-    command.add_option("--k", values.contraction.k, "neighbours to contract with, 3..32")
+        ->transform(real_number("clusters per point, 1..1000, as in 3"));
+    command.add_option("--k", values.contraction.k, "neighbours a point may contract with, 3..32")
         ->type_name("K")
         ->capture_default_str()
         ->transform(small_number("3..32"));
@@ -42,12 +39,12 @@ void add_contraction(CLI::App& command, MethodValues& values) {
         ->capture_default_str();
     command
         .add_option("--max-displacement", values.contraction.max_displacement,
-                    "no point farther from the input, input units")
+                    "largest distance of a point from the input, input units")
         ->type_name("D")
         ->transform(real_number("a length, in input units, as in 0.01"));
     command
         .add_option("--color-weight", values.contraction.color_weight,
-                    "what a colour difference costs; 0: shape alone")
+                    "cost of a colour difference; 0: shape alone")
         ->type_name("W")
         ->capture_default_str()
         ->transform(real_number("a number of at least 0, as in 0.1"));
@@ -61,12 +58,13 @@ void add_contraction(CLI::App& command, MethodValues& values) {
 void add_clustering(CLI::App& command, MethodValues& values) {
     command
         .add_option("--max-cluster-size", values.max_cluster_size,
-                    "instead of a target: points in a cluster")
+                    "instead of a target: most points in a cluster")
         ->type_name("N")
         ->transform(whole_number());
     command
         .add_option("--max-variation", values.max_variation,
-                    "instead: surface variation, in (0, 1/3]; of incremental also beside a target")
+                    "instead of a target: most surface variation, in (0, 1/3]; incremental: also "
+                    "beside one")
         ->type_name("S")
         ->transform(real_number("a number in (0, 1/3], as in 0.02"));
     command
@@ -79,7 +77,7 @@ void add_clustering(CLI::App& command, MethodValues& values) {
         ->capture_default_str();
 }
 
-/// `Of hierarchical, incremental and voxel`; empty, which hides an option, when it is of none.
+/// `For hierarchical, incremental and voxel`; empty, which hides an option, when it is of none.
 std::string owners(const proto::MethodField& field, std::span<const Method> methods) {
     std::vector<std::string> names;
     for (const Method method : methods)
@@ -87,7 +85,7 @@ std::string owners(const proto::MethodField& field, std::span<const Method> meth
     if (names.empty()) return "";
     const std::string last = names.back();
     names.pop_back();
-    return "Of " + (names.empty() ? "" : joined(names, ", ") + " and ") + last;
+    return "For " + (names.empty() ? "" : joined(names, ", ") + " and ") + last;
 }
 
 std::vector<std::string> split(const std::string& text, char separator) {
@@ -115,7 +113,7 @@ std::vector<double> numbers(const std::vector<std::string>& texts) {
 [[noreturn]] void refuse_region(const std::string& text) {
     throw UsageError("--region " + text +
                      ": expected sphere:X,Y,Z,R:DENSITY, box:X0,Y0,Z0,X1,Y1,Z1:DENSITY or "
-                     "attribute:NAME,LOW,HIGH:DENSITY, then :TRANSITION or nothing");
+                     "attribute:NAME,LOW,HIGH:DENSITY, optionally with :TRANSITION");
 }
 
 using Place = decltype(DensityRegion::where);
@@ -154,7 +152,7 @@ void add_particle_options(CLI::App& command, MethodValues& values) {
         ->transform(real_number("a number in [0, 1], as in 0.5"));
     command
         .add_option("--max-grading", values.particles.max_grading,
-                    "largest over smallest distance, when adaptive")
+                    "ratio of largest to smallest distance, when adaptive")
         ->type_name("G")
         ->capture_default_str()
         ->transform(real_number("a number of at least 1, as in 4"));
@@ -165,13 +163,14 @@ void add_particle_options(CLI::App& command, MethodValues& values) {
         ->type_name("WHERE:DENSITY")
         ->allow_extra_args(false);
     command
-        .add_option("--max-iterations", values.particles.max_iterations, "of each of three stages")
+        .add_option("--max-iterations", values.particles.max_iterations,
+                    "iterations in each of three stages")
         ->type_name("I")
         ->capture_default_str()
         ->transform(small_number("1..4294967295"));
     command
         .add_option("--tolerance", values.particles.tolerance,
-                    "at rest when the mean step is shorter, of the distance")
+                    "converged when the mean step is below this fraction of the spacing")
         ->type_name("T")
         ->capture_default_str()
         ->transform(real_number("a number in (0, 1), as in 0.01"));
@@ -193,7 +192,8 @@ ParticleSimulationOptions particle_options(const MethodValues& values) {
 }
 
 void set_method_options(const MethodValues& values, SimplifyOptions& options) {
-    const auto representative = named(kRepresentatives, values.representative, "--representative");
+    const auto representative =
+        named("--representative", values.representative, proto::representative_from_name);
     options.hierarchical.max_cluster_size = values.max_cluster_size;
     options.hierarchical.max_variation = values.max_variation;
     options.hierarchical.representative = representative;
@@ -204,7 +204,8 @@ void set_method_options(const MethodValues& values, SimplifyOptions& options) {
     options.voxel.representative = representative;
     options.oversampling = values.oversampling;
     options.iterative = values.contraction;
-    options.iterative.placement = named(kPlacements, values.placement, "--placement");
+    options.iterative.placement =
+        named("--placement", values.placement, proto::placement_from_name);
     for (const std::string& text : values.attribute_weights) {
         const std::size_t equals = text.rfind('=');
         const auto weight =

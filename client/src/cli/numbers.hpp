@@ -3,6 +3,7 @@
 #include "stipple/proto/byte_size.hpp"
 
 #include <CLI/CLI.hpp>
+#include <array>
 #include <charconv>
 #include <cmath>
 #include <cstdint>
@@ -127,8 +128,10 @@ inline CLI::Validator share() {
             const auto [stop, error] = std::from_chars(text.data(), end, value);
             const std::string_view unit(stop, end);
             if (error != std::errc() || (!unit.empty() && unit != "%"))
-                return text + ": expected a share, as in 0.1 or 10%";
-            if (!unit.empty()) text = CLI::detail::to_string(value / 100);
+                return text + ": expected a ratio, as in 0.1 or 10%";
+            if (unit.empty()) return {};
+            std::array<char, 32> part{};  // the shortest text of a double has 24 characters
+            text.assign(part.data(), std::to_chars(part.begin(), part.end(), value / 100).ptr);
             return {};
         },
         "");
