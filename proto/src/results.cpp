@@ -158,9 +158,12 @@ ErrorFigures read_whole_error(const JsonValue& value) {
 }
 
 Json bound_json(const MeasuredBound& bound) {
-    Json json = {{"max_error", bound.max_error}, {"forward", bound.forward},
-                 {"backward", bound.backward},   {"samples", bound.samples},
-                 {"sampling", bound.sampling},   {"tries", bound.tries},
+    Json json = {{"max_error", bound.max_error},
+                 {"forward", bound.forward},
+                 {"backward", bound.backward},
+                 {"samples", bound.samples},
+                 {"sampling", to_string(bound.sampling)},
+                 {"tries", bound.tries},
                  {"whole", bound.whole}};
     if (bound.points_off_surface > 0) json["points_off_surface"] = bound.points_off_surface;
     if (bound.too_far)
@@ -170,9 +173,9 @@ Json bound_json(const MeasuredBound& bound) {
     return json;
 }
 
-FewerTried read_too_far(const JsonValue& value) {
+TooFar read_too_far(const JsonValue& value) {
     JsonObject object = value.object();
-    FewerTried tried;
+    TooFar tried;
     tried.points = object["points"].integer(1);
     tried.place = read_vector(object["place"]);
     tried.distance = object["distance"].number();
@@ -187,7 +190,7 @@ MeasuredBound read_bound(const JsonValue& value) {
     bound.forward = object["forward"].number();
     bound.backward = object["backward"].number();
     bound.samples = object["samples"].integer();
-    bound.sampling = object["sampling"].text();
+    bound.sampling = object["sampling"].named(error_sampling_from_name);
     if (const auto off = object.find("points_off_surface"))
         bound.points_off_surface = off->integer();
     bound.tries = object["tries"].small_integer();

@@ -39,18 +39,15 @@ double seconds_since(Clock::time_point start) {
 }
 
 MeasuredBound measured(const ErrorBoundedCloud& found) {
-    std::optional<FewerTried> too_far;
-    if (found.too_far)
-        too_far = {found.too_far->points, found.too_far->place, found.too_far->distance};
     return {.max_error = found.bound,
             .forward = found.error.forward.max,
             .backward = found.error.backward.max,
             .samples = found.error.forward.samples,
-            .sampling = std::string(to_string(found.sampling)),
+            .sampling = found.sampling,
             .points_off_surface = found.points_off_surface,
             .tries = found.tries,
             .whole = found.whole,
-            .too_far = too_far};
+            .too_far = found.too_far};
 }
 
 // Of a pyramid's stage `encode`.

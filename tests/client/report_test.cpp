@@ -17,7 +17,7 @@ TEST(BoundLine, SaysWhereFewerPointsAreTooFar) {
     bound.too_far = {30'000, {0.5, -2, 1234567.25}, 0.4321};
     EXPECT_EQ(bound_line(bound, 60'000, {}),
               "kept all 60,000 points: with 30,000 the surface at (0.5, -2, 1234567.25) is off by "
-              "0.432, above the bound 0.3; `stipple curve` tells the errors of other counts");
+              "0.432, above the bound 0.3; `stipple curve` shows the errors of other counts");
 }
 
 TEST(BoundLine, SaysThatABoundIsBelowTheNoise) {
@@ -25,8 +25,8 @@ TEST(BoundLine, SaysThatABoundIsBelowTheNoise) {
     bound.too_far = {60'000, {1, 2, 3}, 0.5};
     EXPECT_EQ(
         bound_line(bound, 60'000, {}),
-        "kept all 60,000 points: that at (1, 2, 3) is off their own surface by 0.5, above the "
-        "bound 0.3, which is below the noise");
+        "kept all 60,000 points: the one at (1, 2, 3) is off their own surface by 0.5, above the "
+        "bound 0.3: the bound is below the noise");
 }
 
 TEST(BoundLine, SaysThatNoSmallerCloudWasFoundWhereNothingElseIsKnown) {
@@ -39,19 +39,18 @@ TEST(BoundLine, SaysHowManyPointsAreNotCounted) {
                                .forward = 0.2,
                                .backward = 0.1,
                                .samples = 200,
-                               .sampling = "surface",
+                               .sampling = ErrorSampling::Surface,
                                .tries = 7};
     EXPECT_TRUE(bound_line(bound, 10, {}).ends_with("7 tries"));
     bound.points_off_surface = 3;
     EXPECT_TRUE(
         bound_line(bound, 10, {})
-            .ends_with(
-                "not counted: 3 points of the input, farther than that from the surface of all"));
+            .ends_with("not counted: 3 points of the input, farther than that from its surface"));
 }
 
 TEST(ErrorLine, HasNoFiguresWhereNothingWasSimplifiedAway) {
     proto::ErrorFigures figures;
-    EXPECT_EQ(error_line(figures, {}), "error: none, nothing was simplified away");
+    EXPECT_EQ(error_line(figures, {}), "error: none, no points were removed");
     figures.error.diagonal = 10;
     figures.error.forward.mean = 0.01;
     figures.error.forward.max = 0.5;

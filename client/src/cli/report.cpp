@@ -59,10 +59,10 @@ std::string whole_line(const proto::MeasuredBound& bound, std::uint64_t points) 
     const auto& [tried, place, distance] = *bound.too_far;
     const std::string off = three_digits(distance) + ", above the bound " + allowed;
     if (tried == points)
-        return kept + "that at " + readable_place(place) + " is off their own surface by " + off +
-               ", which is below the noise";
+        return kept + "the one at " + readable_place(place) + " is off their own surface by " +
+               off + ": the bound is below the noise";
     return kept + "with " + with_separators(tried) + " the surface at " + readable_place(place) +
-           " is off by " + off + "; `stipple curve` tells the errors of other counts";
+           " is off by " + off + "; `stipple curve` shows the errors of other counts";
 }
 
 }  // namespace
@@ -74,12 +74,12 @@ std::string bound_line(const proto::MeasuredBound& bound, std::uint64_t points,
     return "largest distance " + three_digits(std::max(bound.forward, bound.backward)) + " of " +
            three_digits(bound.max_error) + " allowed" + dot + "forward " +
            three_digits(bound.forward) + ", backward " + three_digits(bound.backward) + ", " +
-           counted(bound.samples, "sample") + " (" + printable(bound.sampling) + ")" + dot +
-           counted(bound.tries, "try", "tries") +
+           counted(bound.samples, "sample") + " (" + std::string(proto::to_string(bound.sampling)) +
+           ")" + dot + counted(bound.tries, "try", "tries") +
            (bound.points_off_surface == 0
                 ? ""
                 : dot + "not counted: " + counted(bound.points_off_surface, "point") +
-                      " of the input, farther than that from the surface of all");
+                      " of the input, farther than that from its surface");
 }
 
 void write_out(const std::string& text) {
@@ -120,7 +120,7 @@ std::string distance_text(double distance, const SurfaceError& error) {
 
 std::string error_line(const proto::ErrorFigures& figures, const TextStyle& style) {
     const SurfaceError& error = figures.error;
-    if (error.forward.samples == 0) return "error: none, nothing was simplified away";
+    if (error.forward.samples == 0) return "error: none, no points were removed";
     const std::string dot = " " + std::string(style.dot()) + " ";
     return "error: mean " + distance_text(error.mean(), error) + dot + "max at least " +
            distance_text(error.max(), error) + " of the diagonal, at " +

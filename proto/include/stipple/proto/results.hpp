@@ -1,5 +1,6 @@
 #pragma once
 
+#include "stipple/error_bounded.hpp"
 #include "stipple/lod_tiles.hpp"
 #include "stipple/proto/job.hpp"
 #include "stipple/proto/problem.hpp"
@@ -34,23 +35,17 @@ struct PictureFile {
     std::string sha256, href;  ///< as those of an `OutputFile`
 };
 
-/// What kept a cloud from having fewer points: one that was tried, and where it was farther from the input's surface than the bound.
-struct FewerTried {
-    std::uint64_t points = 0;  ///< all of the input's, where those are farther than the bound from the surface that they say
-    Vec3d place{0, 0, 0};      ///< in the coordinates of the file
-    double distance = 0;
-};
-
 /// What was measured for a bounded error (`simplify_within_error`), in input units.
 struct MeasuredBound {
     double max_error = 0;  ///< the bound
     double forward = 0, backward = 0;  ///< largest distances, from the input's surface and from the result's
     std::uint64_t samples = 0;         ///< on the surface of the input
-    std::string sampling;              ///< `points`, `surface` or `particles`
-    std::uint64_t points_off_surface = 0;  ///< of the input, farther from its own surface: not counted
-    unsigned tries = 0;                ///< clouds that were measured
-    bool whole = false;                ///< no smaller cloud was found within the bound: it is the input itself
-    std::optional<FewerTried> too_far{};  ///< of a whole one; of those tried that with most points
+    ErrorSampling sampling = ErrorSampling::Surface;  ///< of these
+    std::uint64_t points_off_surface = 0;  ///< of the input, farther than the bound from its own surface: not counted
+    unsigned tries = 0;                ///< number of clouds measured
+    bool whole = false;                ///< no smaller cloud was found within the bound: the result is the input itself
+    std::optional<TooFar> too_far{};      ///< if `whole`: the cloud with the most points among those tried that
+                                          ///< exceeded the bound
 };
 std::string to_json(const MeasuredBound& bound);  ///< `bound` of a result, below
 
