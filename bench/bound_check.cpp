@@ -2,6 +2,7 @@
 // again, by places that the search has not seen and by a measure that shares no code with it.
 
 #include "models.hpp"
+#include "program.hpp"
 #include "stipple/cleaning.hpp"
 #include "stipple/error.hpp"
 #include "stipple/error_bounded.hpp"
@@ -11,11 +12,8 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
-#include <exception>
 #include <filesystem>
-#include <iostream>
 #include <random>
-#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -23,74 +21,14 @@ namespace stipple::bench {
 
 namespace {
 
-constexpr const char* kUsage = R"(stipple-bound-check [options] MODEL...
-  MODEL          a PLY file, or 1k, 250k, 2M...: a bumpy sphere of so many points
-  --bound R,S    parts of the diagonal of the box (0.002)
-  --methods A,B  multiphase,hierarchical,iterative,particles
-  --seeds N      runs of each method and bound: another rotation of the model, other seeds (1)
-  --first N      the seed of a model's first run; those of the others follow (0)
-  --again N      measurements of each result, at other places each (1)
-  --promise      measures only what is promised, without the independent measure: twice as fast
-  --threads N    (all)
-)";
-
 struct CheckOptions {
     std::vector<std::string> models;
-    std::vector<Method> methods{kErrorBoundedMethods.begin(), kErrorBoundedMethods.end()};
+    std::vector<std::string> methods{"multiphase", "hierarchical", "iterative", "particles"};
     std::vector<double> bounds{0.002};
     std::uint64_t seeds = 1, first = 0, again = 1;
     unsigned threads = 0;
     bool only_promise = false;
 };
-
-/// What stands between commas.
-std::vector<std::string> parts_of(const std::string& list) {
-    std::vector<std::string> parts;
-    for (std::size_t at = 0; at <= list.size();) {
-        const std::size_t comma = std::min(list.find(',', at), list.size());
-        parts.push_back(list.substr(at, comma - at));
-        at = comma + 1;
-    }
-    return parts;
-}
-
-CheckOptions parse(const std::vector<std::string>& arguments) {
-    CheckOptions options;
-    for (std::size_t i = 0; i < arguments.size(); ++i) {
-        const std::string& option = arguments[i];
-        if (!option.starts_with("--")) {
-            options.models.push_back(option);
-            continue;
-        }
-        if (option == "--promise") {
-            options.only_promise = true;
-            continue;
-        }
-        if (i + 1 == arguments.size()) throw std::invalid_argument(option + ": a value is missing");
-        const std::string& value = arguments[++i];
-        if (option == "--bound") {
-            options.bounds.clear();
-            for (const std::string& bound : parts_of(value))
-                options.bounds.push_back(std::stod(bound));
-        } else if (option == "--seeds") {
-            options.seeds = std::stoul(value);
-        } else if (option == "--first") {
-            options.first = std::stoul(value);
-        } else if (option == "--again") {
-            options.again = std::stoul(value);
-        } else if (option == "--threads") {
-            options.threads = static_cast<unsigned>(std::stoul(value));
-        } else if (option == "--methods") {
-            options.methods.clear();
-            for (const std::string& method : parts_of(value))
-                options.methods.push_back(method_from_name(method));
-        } else {
-            throw std::invalid_argument(option + ": unknown");
-        }
-    }
-    if (options.models.empty()) throw std::invalid_argument("no model");
-    return options;
-}
 
 PointCloud load(const std::string& name) {
     if (!std::filesystem::exists(name)) return Models({}).get(name).cloud;
@@ -202,31 +140,22 @@ void check(const std::string& name, const PointCloud& original, Method method, d
     std::fflush(stdout);
 }
 
-int run(const std::vector<std::string>& arguments) {
-    try {
-        const CheckOptions options = parse(arguments);
-        std::printf(
-            "| model | method | bound | seeds | points | kept | whole | random | points | "
-            "independent | certain | broken | s "
-            "|\n|---|---|---|---|---|---|---|---|---|---|---|---|---|\n");
-        for (const std::string& model : options.models) {
-            const PointCloud cloud = load(model);
-            const std::string name = std::filesystem::path(model).stem().string();
-            std::uint64_t seed = options.first;
-            for (const Method method : options.methods)
-                for (const double bound : options.bounds) {
-                    check(name, cloud, method, bound, seed, options);
-                    seed += options.seeds;
-                }
-        }
-        return 0;
-    } catch (const std::invalid_argument& error) {
-        std::cerr << "stipple-bound-check: " << error.what() << '\n' << kUsage;
-        return 2;
-    } catch (const std::exception& error) {
-        std::cerr << "stipple-bound-check: " << error.what() << '\n';
-        return 1;
+int run(const CheckOptions& options) {
+    std::printf(
+        "| model | method | bound | seeds | points | kept | whole | random | points | "
+        "independent | certain | broken | s "
+        "|\n|---|---|---|---|---|---|---|---|---|---|---|---|---|\n");
+    for (const std::string& model : options.models) {
+        const PointCloud cloud = load(model);
+        const std::string name = std::filesystem::path(model).stem().string();
+        std::uint64_t seed = options.first;
+        for (const std::string& method : options.methods)
+            for (const double bound : options.bounds) {
+                check(name, cloud, method_from_name(method), bound, seed, options);
+                seed += options.seeds;
+            }
     }
+    return 0;
 }
 
 }  // namespace
@@ -234,5 +163,34 @@ int run(const std::vector<std::string>& arguments) {
 }  // namespace stipple::bench
 
 int main(int argc, char** argv) {
-    return stipple::bench::run({argv + 1, argv + argc});
+    using namespace stipple::bench;
+    CheckOptions options;
+    CLI::App app("Whether results within an error bound stay within it when measured again.",
+                 "stipple-bound-check");
+    app.add_option("MODEL", options.models,
+                   "a PLY file, or 1k, 250k, 2M...: a bumpy sphere of so many points")
+        ->required();
+    app.add_option("--bound", options.bounds, "parts of the diagonal of the box")
+        ->delimiter(',')
+        ->allow_extra_args(false)
+        ->capture_default_str();
+    app.add_option("--methods", options.methods, "those that keep to a bound")
+        ->delimiter(',')
+        ->allow_extra_args(false)
+        ->capture_default_str();
+    app.add_option("--seeds", options.seeds,
+                   "runs of each method and bound: another rotation of the model, other seeds")
+        ->check(CLI::PositiveNumber)
+        ->capture_default_str();
+    app.add_option("--first", options.first,
+                   "the seed of a model's first run; those of the others follow")
+        ->check(CLI::NonNegativeNumber)
+        ->capture_default_str();
+    app.add_option("--again", options.again, "measurements of each result, at other places each")
+        ->check(CLI::NonNegativeNumber)
+        ->capture_default_str();
+    app.add_flag("--promise", options.only_promise,
+                 "measures only what is promised, without the independent measure: twice as fast");
+    app.add_option("--threads", options.threads, "0: all")->check(CLI::NonNegativeNumber);
+    return run_program(app, argc, argv, [&] { return run(options); });
 }

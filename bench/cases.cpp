@@ -1,12 +1,12 @@
 #include "cases.hpp"
 
 #include "peers.hpp"
-#include "report.hpp"
 #include "stipple/codec.hpp"
 #include "stipple/hierarchical_clustering.hpp"
 #include "stipple/lod_pyramid.hpp"
 #include "stipple/lod_tiles.hpp"
 #include "stipple/neighbors.hpp"
+#include "stipple/proto/thousands.hpp"
 
 #include <fcntl.h>
 #include <unistd.h>
@@ -87,14 +87,14 @@ void read_ply(Session& session, const std::string& name, const std::string& mode
             contestants.push_back(contestant(peer, threads));
         contestants.push_back(raw_bytes(file, false));
         contestants.push_back(raw_bytes(file, true));
-        session.contest(
-            {.name = name,
-             .threads = threads,
-             .work = model_name + ": " + with_commas(points) + " points, " +
-                     with_commas(triangles) + " triangles, " + with_commas(fs::file_size(file)) +
-                     " bytes " + (ascii ? "of text" : "in little endian"),
-             .units = points},
-            std::move(contestants));
+        session.contest({.name = name,
+                         .threads = threads,
+                         .work = model_name + ": " + proto::with_separators(points) + " points, " +
+                                 proto::with_separators(triangles) + " triangles, " +
+                                 proto::with_separators(fs::file_size(file)) + " bytes " +
+                                 (ascii ? "of text" : "in little endian"),
+                         .units = points},
+                        std::move(contestants));
     }
 }
 
@@ -156,7 +156,7 @@ void pyramid(Session& session, const std::string& name, const std::string& model
         session.contest({.name = name,
                          .threads = threads,
                          .work = described(model) + ", " + std::to_string(sizes.size()) +
-                                 " levels from " + with_commas(sizes.front()),
+                                 " levels from " + proto::with_separators(sizes.front()),
                          .units = model.cloud.size()},
                         std::move(contestants));
     }
@@ -197,7 +197,7 @@ void tiles(Session& session, const std::string& name, const std::string& model_n
             {.name = name,
              .threads = threads,
              .work = described(model) + ", " + std::to_string(sizes.size()) + " levels from " +
-                     with_commas(sizes.front()) + ", tiles measured and encoded",
+                     proto::with_separators(sizes.front()) + ", tiles measured and encoded",
              .units = model.cloud.size()},
             std::move(contestants));
     }

@@ -3,11 +3,11 @@
 
 #include "cases.hpp"
 #include "peers.hpp"
+#include "program.hpp"
 #include "report.hpp"
 
 #include <fstream>
 #include <iostream>
-#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -15,70 +15,6 @@
 namespace stipple::bench {
 
 namespace {
-
-constexpr const char* kUsage = R"(stipple-bench [options]
-  --list                print the cases and stop
-  --filter TEXT         only cases whose name holds TEXT
-  --contestants TEXT    and of them only contestants whose name holds TEXT
-  --repeat N            timed rounds after a warm-up (5)
-  --patience SECONDS    who has run for so long sits out the other rounds (20)
-  --threads A,B,...     numbers of threads to try (1,2)
-  --samples N           places where the error is measured (100000; 0: no error)
-  --models DIR          folder with igea.ply and dragon_vrip.ply[.gz]; else bumpy spheres of
-                        their sizes
-  --json FILE           write every run to FILE
-)";
-
-unsigned long number(const std::string& option, const std::string& text) {
-    std::size_t used = 0;
-    const unsigned long value = std::stoul(text, &used);
-    if (used != text.size())
-        throw std::invalid_argument(option + " " + text + ": expected a number");
-    return value;
-}
-
-std::vector<unsigned> thread_counts(const std::string& text) {
-    std::vector<unsigned> counts;
-    std::istringstream parts(text);
-    for (std::string part; std::getline(parts, part, ',');)
-        counts.push_back(static_cast<unsigned>(number("--threads", part)));
-    if (counts.empty() || std::ranges::count(counts, 0U) > 0)
-        throw std::invalid_argument("--threads " + text + ": expected numbers of 1 or more");
-    return counts;
-}
-
-BenchOptions parse(const std::vector<std::string>& arguments, bool& list) {
-    BenchOptions options;
-    for (std::size_t i = 0; i < arguments.size(); ++i) {
-        const std::string& option = arguments[i];
-        if (option == "--list") {
-            list = true;
-            continue;
-        }
-        if (i + 1 == arguments.size()) throw std::invalid_argument(option + ": a value is missing");
-        const std::string& value = arguments[++i];
-        if (option == "--filter")
-            options.filter = value;
-        else if (option == "--contestants")
-            options.contestants = value;
-        else if (option == "--repeat")
-            options.repeat = static_cast<unsigned>(number(option, value));
-        else if (option == "--patience")
-            options.patience_s = static_cast<double>(number(option, value));
-        else if (option == "--threads")
-            options.threads = thread_counts(value);
-        else if (option == "--samples")
-            options.samples = number(option, value);
-        else if (option == "--models")
-            options.models = value;
-        else if (option == "--json")
-            options.json = value;
-        else
-            throw std::invalid_argument(option + ": unknown");
-    }
-    if (options.repeat == 0) throw std::invalid_argument("--repeat 0: expected 1 or more");
-    return options;
-}
 
 /// Whether none took more memory than it says; says which did.
 bool all_keep_to_stated_memory(const std::vector<CaseResult>& results) {
@@ -111,28 +47,44 @@ bool run_cases(const BenchOptions& options) {
     return all_keep_to_stated_memory(session.results());
 }
 
-int run(const std::vector<std::string>& arguments) {
-    try {
-        bool list = false;
-        const BenchOptions options = parse(arguments, list);
-        if (list)
-            for (const Case& c : all_cases()) std::cout << c.name << "  " << c.what << '\n';
-        else
-            return run_cases(options) ? 0 : 1;
-        return 0;
-    } catch (const std::invalid_argument& error) {
-        std::cerr << "stipple-bench: " << error.what() << '\n' << kUsage;
-        return 2;
-    } catch (const std::exception& error) {
-        std::cerr << "stipple-bench: " << error.what() << '\n';
-        return 1;
-    }
-}
-
 }  // namespace
 
 }  // namespace stipple::bench
 
 int main(int argc, char** argv) {
-    return stipple::bench::run({argv + 1, argv + argc});
+    using namespace stipple::bench;
+    BenchOptions options;
+    bool list = false;
+    CLI::App app("Every comparison that bench/README.md reports.", "stipple-bench");
+    app.add_flag("--list", list, "print the cases and stop");
+    app.add_option("--filter", options.filter, "only cases whose name holds TEXT")
+        ->type_name("TEXT");
+    app.add_option("--contestants", options.contestants,
+                   "and of them only contestants whose name holds TEXT")
+        ->type_name("TEXT");
+    app.add_option("--repeat", options.repeat, "timed rounds after a warm-up")
+        ->check(CLI::PositiveNumber)
+        ->capture_default_str();
+    app.add_option("--patience", options.patience_s,
+                   "seconds; who has run for so long sits out the other rounds")
+        ->check(CLI::NonNegativeNumber)
+        ->capture_default_str();
+    app.add_option("--threads", options.threads, "numbers of threads to try")
+        ->delimiter(',')
+        ->allow_extra_args(false)
+        ->check(CLI::PositiveNumber)
+        ->capture_default_str();
+    app.add_option("--samples", options.samples, "places where the error is measured; 0: no error")
+        ->check(CLI::NonNegativeNumber)
+        ->capture_default_str();
+    app.add_option("--models", options.models,
+                   "folder with igea.ply and dragon_vrip.ply[.gz]; else bumpy spheres of their "
+                   "sizes")
+        ->type_name("DIR");
+    app.add_option("--json", options.json, "write every run to this file")->type_name("FILE");
+    return run_program(app, argc, argv, [&] {
+        if (!list) return run_cases(options) ? 0 : 1;
+        for (const Case& c : all_cases()) std::cout << c.name << "  " << c.what << '\n';
+        return 0;
+    });
 }

@@ -1,9 +1,9 @@
 // Contests of the paper's §2 and §3 against others who do the same.
 
 #include "cases.hpp"
-#include "report.hpp"
 #include "stipple/local_analysis.hpp"
 #include "stipple/normal_orientation.hpp"
+#include "stipple/proto/thousands.hpp"
 
 #include <algorithm>
 #include <any>
@@ -141,7 +141,7 @@ void simplification(Session& session, const std::string& name, const std::string
             contestants.push_back(simplifier(session, model, peer, threads));
         session.contest({.name = name,
                          .threads = threads,
-                         .work = described(model) + " -> " + with_commas(target) +
+                         .work = described(model) + " -> " + proto::with_separators(target) +
                                  "; distances are 10^-4 of the diagonal",
                          .units = model.cloud.size()},
                         std::move(contestants));

@@ -1,6 +1,7 @@
 // stipple-pictures: the pictures of the README files, in the manner of the paper's Figures 1, 3, 5,
 // 7, 10, 11 and 12.
 
+#include "program.hpp"
 #include "sheet.hpp"
 #include "stipple/cleaning.hpp"
 #include "stipple/codec.hpp"
@@ -10,6 +11,7 @@
 #include "stipple/local_analysis.hpp"
 #include "stipple/normal_orientation.hpp"
 #include "stipple/particle_simulation.hpp"
+#include "stipple/proto/thousands.hpp"
 #include "stipple/simplify.hpp"
 #include "stipple/splat_renderer.hpp"
 #include "stipple/splats.hpp"
@@ -23,7 +25,6 @@
 #include <functional>
 #include <iostream>
 #include <map>
-#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -39,14 +40,8 @@ struct PictureOptions {
     std::size_t points = 3000;        // of what is simplified
 };
 
-std::string with_commas(std::size_t value) {
-    std::string digits = std::to_string(value);
-    for (std::size_t i = digits.size(); i > 3; i -= 3) digits.insert(i - 3, 1, ',');
-    return digits;
-}
-
 std::string points_of(const PointCloud& cloud) {
-    return with_commas(cloud.size()) + " points";
+    return proto::with_separators(cloud.size()) + " points";
 }
 
 /// A model and the camera that all its pictures are taken with.
@@ -166,7 +161,7 @@ std::unique_ptr<Sheet> clusters(const Studio& studio, const PictureOptions& opti
     const auto add = [&](const Clusters& all, const std::string& name) {
         const PointCloud small = representatives(cloud, all, Representative::Nearest);
         tiles.push_back({studio.surface(cloud, cluster_colors(all, cloud.size())), name,
-                         with_commas(all.size()) + " clusters"});
+                         proto::with_separators(all.size()) + " clusters"});
         tiles.push_back({studio.discs(small), name, points_of(small)});
     };
     add(grown, "region growing");
@@ -205,7 +200,7 @@ std::unique_ptr<Sheet> error(const Studio& studio, const PictureOptions& options
                       1e4 * found.max() / found.diagonal);
         tiles.push_back(
             {studio.values(samples, found.forward.distances, kHigh * 1e-4 * found.diagonal),
-             std::string(to_string(method)) + ", " + with_commas(small.size()), note});
+             std::string(to_string(method)) + ", " + proto::with_separators(small.size()), note});
     }
     const Legend legend{.title = "distance to the simplified surface, 10⁻⁴ of the diagonal",
                         .low = 0,
@@ -237,8 +232,8 @@ std::unique_ptr<Sheet> particles(const Studio& studio, const PictureOptions& opt
     add(region, "denser in a region");
     const PointCloud small = particle_simulation(cloud, even);
     const PointCloud dense = upsample(small, {.points = 30 * options.points});
-    tiles.push_back(
-        {studio.surface(dense), "upsampled from " + with_commas(small.size()), points_of(dense)});
+    tiles.push_back({studio.surface(dense),
+                     "upsampled from " + proto::with_separators(small.size()), points_of(dense)});
     return tiled(tiles, 4);
 }
 
@@ -249,58 +244,18 @@ const std::map<std::string, Draw>& all_pictures() {
     return pictures;
 }
 
-constexpr const char* kUsage = R"(stipple-pictures [options]
-  --model FILE     a cloud, y up (the synthetic scan)
-  --points N       of what is simplified (3000)
-  --filter TEXT    only pictures whose name holds TEXT: clusters, error, levels, methods, particles, variation
-  --format FORMAT  webp or png (webp)
-  --out DIR        where they go (.)
-)";
-
-PictureOptions parse(const std::vector<std::string>& arguments) {
-    PictureOptions options;
-    for (std::size_t i = 0; i + 1 < arguments.size(); i += 2) {
-        const std::string &option = arguments[i], &value = arguments[i + 1];
-        if (option == "--model")
-            options.model = value;
-        else if (option == "--points")
-            options.points = std::stoul(value);
-        else if (option == "--filter")
-            options.filter = value;
-        else if (option == "--format" && (value == "webp" || value == "png"))
-            options.format = value;
-        else if (option == "--out")
-            options.out = value;
-        else
-            throw std::invalid_argument(option + ' ' + value + ": unknown");
+int run(const PictureOptions& options) {
+    PointCloud cloud = options.model.empty() ? synthetic_scan({.points = 400'000, .noise = 0.02})
+                                             : read_cloud(options.model);
+    clean(cloud);
+    const Studio studio(std::move(cloud), 330);
+    for (const auto& [name, draw] : all_pictures()) {
+        if (name.find(options.filter) == std::string::npos) continue;
+        const auto file = options.out / (name + '.' + options.format);
+        save(*draw(studio, options), file);
+        std::cout << file.string() << std::endl;
     }
-    if (arguments.size() % 2 == 1)
-        throw std::invalid_argument(arguments.back() + ": a value is missing");
-    return options;
-}
-
-int run(const std::vector<std::string>& arguments) {
-    try {
-        const PictureOptions options = parse(arguments);
-        PointCloud cloud = options.model.empty()
-                               ? synthetic_scan({.points = 400'000, .noise = 0.02})
-                               : read_cloud(options.model);
-        clean(cloud);
-        const Studio studio(std::move(cloud), 330);
-        for (const auto& [name, draw] : all_pictures()) {
-            if (name.find(options.filter) == std::string::npos) continue;
-            const auto file = options.out / (name + '.' + options.format);
-            save(*draw(studio, options), file);
-            std::cout << file.string() << std::endl;
-        }
-        return 0;
-    } catch (const std::invalid_argument& error) {
-        std::cerr << "stipple-pictures: " << error.what() << '\n' << kUsage;
-        return 2;
-    } catch (const std::exception& error) {
-        std::cerr << "stipple-pictures: " << error.what() << '\n';
-        return 1;
-    }
+    return 0;
 }
 
 }  // namespace
@@ -308,5 +263,23 @@ int run(const std::vector<std::string>& arguments) {
 }  // namespace stipple::bench
 
 int main(int argc, char** argv) {
-    return stipple::bench::run({argv + 1, argv + argc});
+    using namespace stipple::bench;
+    PictureOptions options;
+    CLI::App app("The pictures of the README files.", "stipple-pictures");
+    app.add_option("--model", options.model, "a cloud, y up; else the synthetic scan")
+        ->type_name("FILE");
+    app.add_option("--points", options.points, "of what is simplified")
+        ->check(CLI::PositiveNumber)
+        ->capture_default_str();
+    app.add_option("--filter", options.filter,
+                   "only pictures whose name holds TEXT: clusters, error, levels, methods, "
+                   "particles, variation")
+        ->type_name("TEXT");
+    app.add_option("--format", options.format, "of the files")
+        ->check(CLI::IsMember({"webp", "png"}))
+        ->capture_default_str();
+    app.add_option("--out", options.out, "folder for them")
+        ->type_name("DIR")
+        ->capture_default_str();
+    return run_program(app, argc, argv, [&] { return run(options); });
 }

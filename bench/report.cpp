@@ -2,12 +2,16 @@
 
 #include <algorithm>
 #include <iomanip>
+#include <nlohmann/json.hpp>
 #include <ostream>
 #include <sstream>
+#include <utility>
 
 namespace stipple::bench {
 
 namespace {
+
+using nlohmann::ordered_json;
 
 std::string fixed(double value, int decimals) {
     std::ostringstream out;
@@ -73,43 +77,19 @@ void print_row(std::ostream& out, const Row& row, std::size_t columns) {
     out << '\n';
 }
 
-std::string quoted(const std::string& text) {
-    std::string escaped = "\"";
-    for (const char c : text) {
-        if (c == '"' || c == '\\') escaped += '\\';
-        escaped += c;
-    }
-    return escaped + '"';
-}
-
-void write_runs(std::ostream& out, const Standing& standing) {
-    const char* separator = "";
-    for (const Timing& run : standing.runs) {
-        out << separator << "{\"wall_s\":" << run.wall_s << ",\"cpu_s\":" << run.cpu_s
-            << ",\"peak_bytes\":" << run.peak_bytes << '}';
-        separator = ",";
-    }
-}
-
-void write_standing(std::ostream& out, const Standing& standing) {
-    out << "{\"contestant\":" << quoted(standing.name) << ",\"runs\":[";
-    write_runs(out, standing);
-    out << "],\"stated_bytes\":" << standing.stated_bytes << ",\"figures\":{";
-    const char* separator = "";
-    for (const Figure& figure : standing.figures) {
-        out << separator << quoted(figure.name) << ':' << figure.value;
-        separator = ",";
-    }
-    out << "}}";
+ordered_json json_of(const Standing& standing) {
+    ordered_json runs = ordered_json::array(), figures = ordered_json::object();
+    for (const Timing& run : standing.runs)
+        runs.push_back(
+            {{"wall_s", run.wall_s}, {"cpu_s", run.cpu_s}, {"peak_bytes", run.peak_bytes}});
+    for (const Figure& figure : standing.figures) figures[figure.name] = figure.value;
+    return {{"contestant", standing.name},
+            {"runs", std::move(runs)},
+            {"stated_bytes", standing.stated_bytes},
+            {"figures", std::move(figures)}};
 }
 
 }  // namespace
-
-std::string with_commas(std::uint64_t value) {
-    std::string digits = std::to_string(value);
-    for (std::size_t i = digits.size(); i > 3; i -= 3) digits.insert(i - 3, 1, ',');
-    return digits;
-}
 
 void print(std::ostream& out, const CaseResult& result) {
     out << "\n### " << result.name << ", " << result.threads
@@ -124,22 +104,17 @@ void print(std::ostream& out, const CaseResult& result) {
 }
 
 void write_json(std::ostream& out, const std::vector<CaseResult>& results) {
-    out << std::setprecision(9) << "[";
-    const char* separator = "\n";
+    ordered_json json = ordered_json::array();
     for (const CaseResult& result : results) {
-        out << separator << "{\"case\":" << quoted(result.name) << ",\"threads\":" << result.threads
-            << ",\"work\":" << quoted(result.work) << ",\"units\":" << result.units
-            << ",\"standings\":[";
-        const char* between = "\n  ";
-        for (const Standing& standing : result.standings) {
-            out << between;
-            write_standing(out, standing);
-            between = ",\n  ";
-        }
-        out << "]}";
-        separator = ",\n";
+        ordered_json standings = ordered_json::array();
+        for (const Standing& standing : result.standings) standings.push_back(json_of(standing));
+        json.push_back({{"case", result.name},
+                        {"threads", result.threads},
+                        {"work", result.work},
+                        {"units", result.units},
+                        {"standings", std::move(standings)}});
     }
-    out << "\n]\n";
+    out << json.dump(1) << '\n';
 }
 
 }  // namespace stipple::bench

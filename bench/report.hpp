@@ -8,9 +8,6 @@
 
 namespace stipple::bench {
 
-/// 437645 as `437,645`.
-std::string with_commas(std::uint64_t value);
-
 /// One case as a Markdown table, ratios against its first contestant.
 void print(std::ostream& out, const CaseResult& result);
 

@@ -1,5 +1,6 @@
 #include "cases.hpp"
 #include "report.hpp"
+#include "stipple/proto/thousands.hpp"
 
 #include <algorithm>
 #include <iostream>
@@ -72,7 +73,7 @@ Contestant contestant(const Peer& peer, unsigned threads) {
 
 std::string described(const Model& model) {
     return model.name + (model.synthetic() ? " (synthetic)" : "") + ": " +
-           with_commas(model.cloud.size()) + " points";
+           proto::with_separators(model.cloud.size()) + " points";
 }
 
 RunContext on_threads(unsigned threads) {

@@ -2,6 +2,7 @@
 // is decoded: counts, boxes, places. Errors are measured again by a measure that shares no code
 // with the one that made them.
 
+#include "program.hpp"
 #include "stipple/cleaning.hpp"
 #include "stipple/codec.hpp"
 #include "stipple/neighbors.hpp"
@@ -11,10 +12,8 @@
 
 #include <algorithm>
 #include <cstdio>
-#include <exception>
 #include <filesystem>
 #include <fstream>
-#include <iostream>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
@@ -27,13 +26,6 @@ namespace {
 
 namespace fs = std::filesystem;
 using nlohmann::json;
-
-constexpr const char* kUsage = R"(stipple-tile-check FOLDER CLOUD [options]
-  FOLDER       what `stipple pyramid CLOUD FOLDER --formats glb` wrote
-  --samples N  points of the cloud to measure at, at most (400,000); 0: no errors are measured
-  --starts N   not one walk to the surface, but the nearest of its places found by so many (0)
-  --threads N  (all)
-)";
 
 std::vector<std::byte> bytes_of(const fs::path& file) {
     std::ifstream in(file, std::ios::binary);
@@ -265,35 +257,13 @@ private:
     Findings findings_;
 };
 
-int run(const std::vector<std::string>& arguments) {
-    try {
-        std::vector<std::string> names;
-        SurfaceDistanceOptions options{.samples = 400'000};
-        for (std::size_t i = 0; i < arguments.size(); ++i) {
-            if (arguments[i] == "--samples" && i + 1 < arguments.size()) {
-                options.samples = std::stoul(arguments[++i]);
-            } else if (arguments[i] == "--threads" && i + 1 < arguments.size()) {
-                options.threads = static_cast<unsigned>(std::stoul(arguments[++i]));
-            } else if (arguments[i] == "--starts" && i + 1 < arguments.size()) {
-                options.starts = static_cast<unsigned>(std::stoul(arguments[++i]));
-            } else {
-                names.push_back(arguments[i]);
-            }
-        }
-        if (names.size() != 2) throw std::invalid_argument("expected a folder and a cloud");
-        Check check(names[0], names[1]);
-        check.check_counts();
-        check.check_places();
-        check.check_tileset();
-        if (options.samples > 0) check.measure(options);
-        return check.print() == 0 ? 0 : 1;
-    } catch (const std::invalid_argument& error) {
-        std::cerr << "stipple-tile-check: " << error.what() << '\n' << kUsage;
-        return 2;
-    } catch (const std::exception& error) {
-        std::cerr << "stipple-tile-check: " << error.what() << '\n';
-        return 1;
-    }
+int run(const fs::path& folder, const fs::path& cloud, const SurfaceDistanceOptions& options) {
+    Check check(folder, cloud);
+    check.check_counts();
+    check.check_places();
+    check.check_tileset();
+    if (options.samples > 0) check.measure(options);
+    return check.print() == 0 ? 0 : 1;
 }
 
 }  // namespace
@@ -301,5 +271,22 @@ int run(const std::vector<std::string>& arguments) {
 }  // namespace stipple::bench
 
 int main(int argc, char** argv) {
-    return stipple::bench::run({argv + 1, argv + argc});
+    using namespace stipple::bench;
+    std::filesystem::path folder, cloud;
+    SurfaceDistanceOptions options{.samples = 400'000};
+    CLI::App app("Whether a folder of tiles holds what its manifest and tileset say.",
+                 "stipple-tile-check");
+    app.add_option("FOLDER", folder, "what `stipple pyramid CLOUD FOLDER --formats glb` wrote")
+        ->required();
+    app.add_option("CLOUD", cloud, "what it was made of")->required();
+    app.add_option("--samples", options.samples,
+                   "points of the cloud to measure at, at most; 0: no errors are measured")
+        ->check(CLI::NonNegativeNumber)
+        ->capture_default_str();
+    app.add_option("--starts", options.starts,
+                   "not one walk to the surface, but the nearest of its places found by so many")
+        ->check(CLI::NonNegativeNumber)
+        ->capture_default_str();
+    app.add_option("--threads", options.threads, "0: all")->check(CLI::NonNegativeNumber);
+    return run_program(app, argc, argv, [&] { return run(folder, cloud, options); });
 }

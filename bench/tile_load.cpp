@@ -1,10 +1,12 @@
 // How many tiles a second a server sends: every tile of a pyramid in turn, over connections that
 // are kept open, as fast as the replies come.
 //
-//     stipple-tile-load HOST:PORT JOB [--connections N] [--seconds S] [--accept br] [--pid PID]
+//     stipple-tile-load ADDRESS:PORT JOB [--connections N] [--seconds S] [--accept br] [--pid PID]
 //
 // With the process id of the server, also the processor time that it took for each request: what it
 // can do on two cores does not depend on what else this machine does, or on this program.
+
+#include "program.hpp"
 
 #include <arpa/inet.h>
 #include <netinet/tcp.h>
@@ -19,7 +21,6 @@
 #include <cstring>
 #include <fstream>
 #include <iostream>
-#include <map>
 #include <memory>
 #include <optional>
 #include <sstream>
@@ -44,34 +45,19 @@ struct Options {
     throw std::runtime_error(what);
 }
 
-Options read_options(std::vector<std::string> arguments) {
-    Options options;
-    std::map<std::string, std::string> named;
-    std::vector<std::string> rest;
-    for (std::size_t i = 0; i < arguments.size(); ++i) {
-        if (arguments[i].starts_with("--") && i + 1 < arguments.size()) {
-            named[arguments[i]] = arguments[i + 1];
-            ++i;
-        } else {
-            rest.push_back(arguments[i]);
-        }
-    }
-    if (rest.size() != 2 || rest[0].find(':') == std::string::npos)
-        fail(
-            "usage: stipple-tile-load HOST:PORT JOB [--connections N] [--seconds S] "
-            "[--accept br|gzip|identity] [--pid PID]");
-    const auto colon = rest[0].find(':');
-    options.server.sin_family = AF_INET;
-    options.server.sin_port =
-        htons(static_cast<std::uint16_t>(std::stoi(rest[0].substr(colon + 1))));
-    if (::inet_pton(AF_INET, rest[0].substr(0, colon).c_str(), &options.server.sin_addr) != 1)
-        fail(rest[0] + ": expected the number of an address, as 127.0.0.1:8080");
-    options.job = rest[1];
-    if (named.contains("--connections")) options.connections = std::stoi(named["--connections"]);
-    if (named.contains("--seconds")) options.seconds = std::stod(named["--seconds"]);
-    if (named.contains("--accept")) options.accept = named["--accept"];
-    options.pid = named["--pid"];
-    return options;
+/// @param text  the number of an address and its port.
+sockaddr_in address_of(const std::string& text) {
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    const auto colon = std::min(text.find(':'), text.size());
+    const std::string port = text.substr(std::min(colon + 1, text.size()));
+    std::uint16_t number = 0;
+    const auto [end, error] = std::from_chars(port.data(), port.data() + port.size(), number);
+    if (error != std::errc() || end != port.data() + port.size() ||
+        ::inet_pton(AF_INET, text.substr(0, colon).c_str(), &address.sin_addr) != 1)
+        fail(text + ": expected the number of an address and a port, as 127.0.0.1:8080");
+    address.sin_port = htons(number);
+    return address;
 }
 
 /// A connection with at most one request under way.
@@ -221,10 +207,23 @@ void run(const Options& options) {
 
 }  // namespace
 
-int main(int argc, char** argv) try {
-    run(read_options({argv + 1, argv + argc}));
-    return 0;
-} catch (const std::exception& error) {
-    std::cerr << "stipple-tile-load: " << error.what() << '\n';
-    return 1;
+int main(int argc, char** argv) {
+    Options options;
+    std::string server;
+    CLI::App app("How many tiles a second a server sends.", "stipple-tile-load");
+    app.add_option("SERVER", server, "its address and port, as 127.0.0.1:8080")->required();
+    app.add_option("JOB", options.job, "that made a pyramid with tiles")->required();
+    app.add_option("--connections", options.connections, "that are kept open")
+        ->check(CLI::PositiveNumber)
+        ->capture_default_str();
+    app.add_option("--seconds", options.seconds, "for how long")
+        ->check(CLI::PositiveNumber)
+        ->capture_default_str();
+    app.add_option("--accept", options.accept, "br, gzip or identity")->capture_default_str();
+    app.add_option("--pid", options.pid, "of the server: tells its processor time, too");
+    return stipple::bench::run_program(app, argc, argv, [&] {
+        options.server = address_of(server);
+        run(options);
+        return 0;
+    });
 }
