@@ -180,17 +180,17 @@ int main(int argc, char** argv) {
         ->capture_default_str();
     app.add_option("--seeds", options.seeds,
                    "runs of each method and bound: another rotation of the model, other seeds")
-        ->check(CLI::PositiveNumber)
+        ->check(at_least(1))
         ->capture_default_str();
     app.add_option("--first", options.first,
                    "the seed of a model's first run; those of the others follow")
-        ->check(CLI::NonNegativeNumber)
+        ->check(at_least(0))
         ->capture_default_str();
     app.add_option("--again", options.again, "measurements of each result, at other places each")
-        ->check(CLI::NonNegativeNumber)
+        ->check(at_least(0))
         ->capture_default_str();
     app.add_flag("--promise", options.only_promise,
                  "measures only what is promised, without the independent measure: twice as fast");
-    app.add_option("--threads", options.threads, "0: all")->check(CLI::NonNegativeNumber);
+    app.add_option("--threads", options.threads, "0: all")->check(at_least(0));
     return run_program(app, argc, argv, [&] { return run(options); });
 }

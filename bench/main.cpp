@@ -63,19 +63,19 @@ int main(int argc, char** argv) {
                    "and of them only contestants whose name holds TEXT")
         ->type_name("TEXT");
     app.add_option("--repeat", options.repeat, "timed rounds after a warm-up")
-        ->check(CLI::PositiveNumber)
+        ->check(at_least(1))
         ->capture_default_str();
     app.add_option("--patience", options.patience_s,
                    "seconds; who has run for so long sits out the other rounds")
-        ->check(CLI::NonNegativeNumber)
+        ->check(at_least(0))
         ->capture_default_str();
     app.add_option("--threads", options.threads, "numbers of threads to try")
         ->delimiter(',')
         ->allow_extra_args(false)
-        ->check(CLI::PositiveNumber)
+        ->check(at_least(1))
         ->capture_default_str();
     app.add_option("--samples", options.samples, "places where the error is measured; 0: no error")
-        ->check(CLI::NonNegativeNumber)
+        ->check(at_least(0))
         ->capture_default_str();
     app.add_option("--models", options.models,
                    "folder with igea.ply and dragon_vrip.ply[.gz]; else bumpy spheres of their "

@@ -269,7 +269,7 @@ int main(int argc, char** argv) {
     app.add_option("--model", options.model, "a cloud, y up; else the synthetic scan")
         ->type_name("FILE");
     app.add_option("--points", options.points, "of what is simplified")
-        ->check(CLI::PositiveNumber)
+        ->check(at_least(1))
         ->capture_default_str();
     app.add_option("--filter", options.filter,
                    "only pictures whose name holds TEXT: clusters, error, levels, methods, "

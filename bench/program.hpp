@@ -1,10 +1,27 @@
 #pragma once
 
 #include <CLI/CLI.hpp>
+#include <charconv>
+#include <cstdint>
 #include <exception>
 #include <iostream>
+#include <string>
+#include <system_error>
 
 namespace stipple::bench {
+
+/// A whole number: CLI11 alone takes -1 for 2^64 - 1.
+inline CLI::Validator at_least(std::uint64_t least) {
+    return CLI::Validator(
+        [least](const std::string& text) -> std::string {
+            std::uint64_t value = 0;
+            const char* const end = text.data() + text.size();
+            const auto [stop, error] = std::from_chars(text.data(), end, value);
+            if (error == std::errc() && stop == end && value >= least) return {};
+            return text + ": expected a whole number, " + std::to_string(least) + " or more";
+        },
+        "");
+}
 
 /// The main of each program here: reads the command line, then does `work`.
 /// @param work  returns the exit code.

@@ -281,12 +281,12 @@ int main(int argc, char** argv) {
     app.add_option("CLOUD", cloud, "what it was made of")->required();
     app.add_option("--samples", options.samples,
                    "points of the cloud to measure at, at most; 0: no errors are measured")
-        ->check(CLI::NonNegativeNumber)
+        ->check(at_least(0))
         ->capture_default_str();
     app.add_option("--starts", options.starts,
                    "not one walk to the surface, but the nearest of its places found by so many")
-        ->check(CLI::NonNegativeNumber)
+        ->check(at_least(0))
         ->capture_default_str();
-    app.add_option("--threads", options.threads, "0: all")->check(CLI::NonNegativeNumber);
+    app.add_option("--threads", options.threads, "0: all")->check(at_least(0));
     return run_program(app, argc, argv, [&] { return run(folder, cloud, options); });
 }

@@ -214,11 +214,9 @@ int main(int argc, char** argv) {
     app.add_option("SERVER", server, "its address and port, as 127.0.0.1:8080")->required();
     app.add_option("JOB", options.job, "that made a pyramid with tiles")->required();
     app.add_option("--connections", options.connections, "that are kept open")
-        ->check(CLI::PositiveNumber)
+        ->check(stipple::bench::at_least(1))
         ->capture_default_str();
-    app.add_option("--seconds", options.seconds, "for how long")
-        ->check(CLI::PositiveNumber)
-        ->capture_default_str();
+    app.add_option("--seconds", options.seconds, "for how long")->capture_default_str();
     app.add_option("--accept", options.accept, "br, gzip or identity")->capture_default_str();
     app.add_option("--pid", options.pid, "of the server: tells its processor time, too");
     return stipple::bench::run_program(app, argc, argv, [&] {
