@@ -188,9 +188,10 @@ TEST_F(StippleCli, EvaluateTellsTheErrorWritesMapsAndPictures) {
     EXPECT_TRUE(fs::exists(folder_ / "m-1.ply"));
     EXPECT_TRUE(fs::exists(folder_ / "m-2.ply"));
 
-    EXPECT_EQ(one.out.find("against itself"), std::string::npos);
-    EXPECT_NE(stipple("evaluate in.ply in.ply").out.find("against itself"), std::string::npos);
-    EXPECT_EQ(stipple("evaluate in.ply in.ply --basis samples").out.find("against itself"),
+    EXPECT_EQ(one.out.find("compared with itself"), std::string::npos);
+    EXPECT_NE(stipple("evaluate in.ply in.ply").out.find("compared with itself"),
+              std::string::npos);
+    EXPECT_EQ(stipple("evaluate in.ply in.ply --basis samples").out.find("compared with itself"),
               std::string::npos);
 
     EXPECT_EQ(stipple("evaluate in.ply").exit_code, 2);
@@ -347,7 +348,7 @@ TEST_F(StippleCli, WhatIsLostIsToldWhereNoTerminalIsToo) {
     const Outcome outcome = stipple("simplify in.ply out.ply -n 9");
     EXPECT_NE(outcome.err.find("removed 1 point without finite coordinates"), std::string::npos)
         << outcome.err;
-    EXPECT_NE(outcome.err.find("9 points were asked for: there are no more"), std::string::npos)
+    EXPECT_NE(outcome.err.find("9 points were requested; the cloud has only"), std::string::npos)
         << outcome.err;
 }
 
@@ -407,7 +408,7 @@ TEST_F(StippleCli, UsageErrorsExitWithTwoAndNameTheRemedy) {
              {"simplify in.ply out.ply -m voxel", "--voxel-size"},
              {"simplify in.ply out.ply -n 5 -r 10%", "give one of them"},
              {"simplify in.ply out.ply -n 5kg", "5kg: expected points"},
-             {"simplify in.ply out.ply -r half", "half: expected a share"},
+             {"simplify in.ply out.ply -r half", "half: expected a ratio"},
              {"simplify in.ply out.ply -n 5 --server ''", "expected http://HOST:PORT"},
              {"slice levels out.ply --bytes 5kg", "5kg: expected bytes"}}) {
         const Outcome refused = stipple(arguments);
