@@ -139,8 +139,8 @@ void summarise(const EvaluateCommand& command, const proto::Results& results, do
     if (std::ranges::find(job.candidates, results.request.input) != job.candidates.end() &&
         job.options.measure.surface != ErrorSurface::Samples)
         out << style.dim(
-                   "a cloud against itself: no better is its surface known between the points;\n"
-                   "--basis samples takes the points alone")
+                   "a cloud compared with itself: its surface between the points is not known\n"
+                   "more precisely than this; --basis samples uses the points alone")
             << '\n';
     write_out(out.str());
     for (std::size_t i = 0; i < results.levels.size(); ++i)
