@@ -84,7 +84,7 @@ Extent extent_of(std::span<const Vec3f> positions) {
     constexpr double kShortest = 1e-30;  // of which a step is no subnormal number
     if (side > 0 && side < kShortest)
         refuse(
-            "the positions spread less far than Draco's arithmetic can tell; position_bits 0 "
+            "the extent of the positions is too small for Draco's arithmetic; position_bits 0 "
             "keeps them exactly");
     return {side, std::max(low.cwiseAbs().maxCoeff(), high.cwiseAbs().maxCoeff())};
 }

@@ -44,16 +44,16 @@ struct SimplifyOptions {
     std::optional<double> max_error{};      ///< > 0, input units: as few points as are found within
                                             ///< this error (`simplify_within_error`)
     std::optional<double> max_error_rel{};  ///< > 0: the same, as a fraction of the box's diagonal
-    // Of the methods' own, `target_size`, `seed` and `reductions` are set from what stands here.
-    HierarchicalClusteringOptions hierarchical{};  ///< its bounds stand instead of a target
-    IncrementalClusteringOptions incremental{};    ///< its bounds stand instead of a target; its
-                                                   ///< `max_variation` also beside one
+    // The methods' own `target_size`, `seed` and `reductions` are set from the fields here.
+    HierarchicalClusteringOptions hierarchical{};  ///< its bounds replace a target
+    IncrementalClusteringOptions incremental{};    ///< its bounds replace a target; its
+                                                   ///< `max_variation` also works beside one
     IterativeSimplificationOptions iterative{};    ///< also for `multiphase`
     double oversampling = MultiphaseOptions{}.oversampling;  ///< m of `multiphase`, 1..1000
     ParticleSimulationOptions particles{};
     VoxelClusteringOptions voxel{};  ///< its `voxel_size` replaces a target
     std::map<std::string, Reduction>
-        reductions{};        ///< by attribute name, instead of the attribute's own; not of `random`
+        reductions{};        ///< by attribute name, overriding the attribute's own; not for `random`
     std::uint64_t seed = 0;  ///< for methods that use random numbers
 };
 
