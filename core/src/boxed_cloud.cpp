@@ -1,7 +1,7 @@
 #include "boxed_cloud.hpp"
 
 #include "point_bounds.hpp"
-#include "stipple/error.hpp"
+#include "refuse.hpp"
 
 #include <algorithm>
 #include <optional>
@@ -9,16 +9,12 @@
 namespace stipple {
 
 void check_positions(const PointCloud& cloud, const std::string& which) {
-    const auto refuse = [](const std::string& what) {
-        throw Error(ErrorCode::InvalidArgument, what);
-    };
     validate(cloud);
-    if (cloud.empty()) refuse(which + " 0 points: expected at least 1");
+    if (cloud.empty()) refuse(which, " 0 points: expected at least 1");
     const auto finite = [](const Vec3f& p) { return p.allFinite(); };
     const auto bad = std::ranges::find_if_not(cloud.positions, finite);
     if (bad != cloud.positions.end() || !cloud.origin.allFinite())
-        refuse(which + " point " + std::to_string(bad - cloud.positions.begin()) +
-               ": expected finite coordinates");
+        refuse(which, " point ", bad - cloud.positions.begin(), ": expected finite coordinates");
 }
 
 BoxedCloud::BoxedCloud(const PointCloud& cloud_, const std::string& which) : cloud(cloud_) {

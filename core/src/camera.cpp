@@ -1,19 +1,14 @@
 #include "camera.hpp"
 
 #include "point_bounds.hpp"
-#include "stipple/error.hpp"
+#include "refuse.hpp"
 
 #include <algorithm>
 #include <cmath>
-#include <string>
 
 namespace stipple {
 
 namespace {
-
-void require(bool fulfilled, const std::string& message) {
-    if (!fulfilled) throw Error(ErrorCode::InvalidArgument, message);
-}
 
 Camera axes(const ViewOptions& view) {
     Camera camera;
@@ -26,12 +21,11 @@ Camera axes(const ViewOptions& view) {
 
 void check(const ViewOptions& view) {
     const double cross = view.toward_eye.cross(view.up).norm();
-    require(cross > 1e-6 * view.toward_eye.norm() * view.up.norm(),
-            "up: expected a direction other than toward_eye, both nonzero");
-    require(view.field_of_view_rad >= 0 && view.field_of_view_rad <= 2.5,
-            "field_of_view_rad " + std::to_string(view.field_of_view_rad) + ": expected 0..2.5");
-    require(view.margin >= 0 && view.margin <= 0.45,
-            "margin " + std::to_string(view.margin) + ": expected 0..0.45");
+    if (!(cross > 1e-6 * view.toward_eye.norm() * view.up.norm()))
+        refuse("up: expected a direction other than toward_eye, both nonzero");
+    require(view.field_of_view_rad >= 0 && view.field_of_view_rad <= 2.5, "field_of_view_rad",
+            view.field_of_view_rad, "0..2.5");
+    require(view.margin >= 0 && view.margin <= 0.45, "margin", view.margin, "0..0.45");
 }
 
 }  // namespace
@@ -46,9 +40,8 @@ Eigen::AlignedBox2d picture_bounds(std::span<const Vec3f> points, const Camera& 
 
 Camera fit_camera(std::span<const Vec3f> points, const ViewOptions& view, double aspect,
                   const RunContext& context) {
-    require(!points.empty(), "points: none to look at");
-    require(aspect > 0 && std::isfinite(aspect),
-            "aspect " + std::to_string(aspect) + ": expected more than 0");
+    if (points.empty()) refuse("points: none to look at");
+    require(aspect > 0 && std::isfinite(aspect), "aspect", aspect, "more than 0");
     check(view);
     Camera camera = axes(view);
     const auto box =

@@ -2,14 +2,13 @@
 
 #include "contraction_quadrics.hpp"
 #include "parallel_for.hpp"
+#include "refuse.hpp"
 #include "representatives.hpp"
-#include "stipple/error.hpp"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
-#include <sstream>
 #include <string>
 #include <utility>
 
@@ -19,17 +18,8 @@ namespace {
 
 constexpr unsigned kMinK = 3, kMaxK = 32;
 
-std::string number(double value) {
-    std::ostringstream text;
-    text << value;
-    return text.str();
-}
-
 void check_weight(const std::string& name, double weight) {
-    if (!(weight >= 0) || !std::isfinite(weight)) {
-        throw Error(ErrorCode::InvalidArgument,
-                    name + " " + number(weight) + ": expected a finite number, 0 or more");
-    }
+    require(weight >= 0 && std::isfinite(weight), name, weight, "a finite number, 0 or more");
 }
 
 /// The components of an attribute, each over the range of its finite values; what is not finite
@@ -63,22 +53,17 @@ void add_attribute(std::vector<std::vector<float>>& columns, const Attribute& at
 }  // namespace
 
 void check_contraction(const PointCloud& cloud, const IterativeSimplificationOptions& options) {
-    if (cloud.empty()) throw Error(ErrorCode::InvalidArgument, "the cloud has no points");
-    if (options.k < kMinK || options.k > kMaxK) {
-        throw Error(ErrorCode::InvalidArgument,
-                    "k " + std::to_string(options.k) + ": expected 3..32 neighbours");
-    }
+    if (cloud.empty()) refuse("the cloud has no points");
+    require(options.k >= kMinK && options.k <= kMaxK, "k", options.k, "3..32 neighbours");
     if (options.max_displacement) check_weight("max_displacement", *options.max_displacement);
     check_weight("color_weight", options.color_weight);
     if (options.color_weight > 0 && cloud.colors.empty()) {
-        throw Error(ErrorCode::InvalidArgument,
-                    "color_weight: the cloud has no colours; omit it");
+        refuse("color_weight: the cloud has no colours; omit it");
     }
     for (const auto& [name, weight] : options.attribute_weights) {
         check_weight("attribute_weights: " + name, weight);
         if (find_attribute(cloud, name) == nullptr) {
-            throw Error(ErrorCode::InvalidArgument,
-                        "attribute_weights: the cloud has no attribute " + name);
+            refuse("attribute_weights: the cloud has no attribute ", name);
         }
     }
     reductions_for(cloud, options.reductions, Representative::Centroid);

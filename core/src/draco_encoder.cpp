@@ -10,6 +10,7 @@
 #include "in_quotes.hpp"
 #include "parallel_for.hpp"
 #include "point_tree.hpp"
+#include "refuse.hpp"
 #include "stipple/codec.hpp"
 #include "stipple/error.hpp"
 
@@ -20,7 +21,6 @@
 #include <cstddef>
 #include <cstring>
 #include <memory>
-#include <sstream>
 
 namespace stipple {
 
@@ -32,15 +32,11 @@ constexpr unsigned kMostBits = 30;
 constexpr int kMostCodedBits = 26;  // Draco's table of symbols for more takes a gigabyte and above:
                                     // they are stored in whole bytes
 
-[[noreturn]] void refuse(const std::string& what) {
-    throw Error(ErrorCode::InvalidArgument, what);
-}
-
 void check_range(const char* name, unsigned value, unsigned least, unsigned most,
                  bool zero_allowed) {
     if ((value >= least && value <= most) || (zero_allowed && value == 0)) return;
-    refuse(std::string(name) + " " + std::to_string(value) + ": expected " + std::to_string(least) +
-           ".." + std::to_string(most) + (zero_allowed ? ", or 0 for unquantised" : ""));
+    refuse(name, ' ', value, ": expected ", least, "..", most,
+           zero_allowed ? ", or 0 for unquantised" : "");
 }
 
 void check(const DracoEncodeOptions& options) {
@@ -58,7 +54,7 @@ template <typename Vectors>
 void require_finite(const Vectors& vectors, const char* what) {
     const auto found = std::ranges::find_if(vectors, [](const Vec3f& v) { return !v.allFinite(); });
     if (found == vectors.end()) return;
-    refuse(std::string(what) + " of point " + std::to_string(found - vectors.begin()) +
+    refuse(what, " of point ", found - vectors.begin(),
            " is not finite, which Draco cannot quantise: clean the cloud first, as `simplify` with "
            "ratio 1 does");
 }
@@ -93,18 +89,15 @@ Extent extent_of(std::span<const Vec3f> positions) {
 /// side / (2^bits - 1) / 2, and what the decoder's single-precision arithmetic adds: it rounds
 /// three times, numbers up to the side or the largest coordinate.
 unsigned bits_for(double precision, const Extent& extent) {
-    std::ostringstream text;
-    text << "precision " << precision << ": expected ";
-    if (!makes_steps(precision)) refuse(text.str() + "a finite number above 0");
+    require(makes_steps(precision), "precision", precision, "a finite number above 0");
     constexpr double kRounding = 0x1p-24;
     const double rounding = kRounding * (3 * extent.side + extent.largest);
     const double levels = extent.side / (2 * (precision - rounding)) + 1;
     const double bits = extent.side == 0 ? 1 : std::ceil(std::log2(levels));
     if (precision <= rounding || bits > kMostBits) {
-        text << "at least " << std::max(2 * rounding, extent.side * 0x1p-30) << " for points "
-             << extent.side
-             << " apart in single precision; position_bits 0 keeps them exactly";
-        refuse(text.str());
+        refuse("precision ", precision, ": expected at least ",
+               std::max(2 * rounding, extent.side * 0x1p-30), " for points ", extent.side,
+               " apart in single precision; position_bits 0 keeps them exactly");
     }
     return std::max(1U, static_cast<unsigned>(bits));
 }
@@ -310,13 +303,13 @@ void add_generic(OneAttribute& attribute, std::uint32_t unique_id, unsigned attr
 
 void check_attribute(const Attribute& attribute) {
     if (!is_attribute_name(attribute.name)) {
-        refuse("attribute " + in_quotes(attribute.name) + ": expected a name of " +
-               std::string(kAttributeNameRule));
+        refuse("attribute ", in_quotes(attribute.name), ": expected a name of ",
+               kAttributeNameRule);
     }
     constexpr unsigned kMostComponents = 127;  // what the decoder's signed byte holds
     if (attribute.components < 1 || attribute.components > kMostComponents) {
-        refuse("attribute " + attribute.name + " has " + std::to_string(attribute.components) +
-               " components: Draco holds 1.." + std::to_string(kMostComponents));
+        refuse("attribute ", attribute.name, " has ", attribute.components,
+               " components: Draco holds 1..", kMostComponents);
     }
 }
 
@@ -376,7 +369,7 @@ std::string hindrance_to_kd_tree(const Encoded& encoded) {
 draco::PointCloudEncodingMethod method_for(const Encoded& encoded, DracoCoding coding) {
     const std::string hindrance = hindrance_to_kd_tree(encoded);
     if (coding == DracoCoding::KdTree && !hindrance.empty()) {
-        refuse("kd-tree coding: " + hindrance + ", which it cannot hold; use sequential coding");
+        refuse("kd-tree coding: ", hindrance, ", which it cannot hold; use sequential coding");
     }
     const bool bare = encoded.geometry.num_attributes() == 1;
     const bool kd_tree =

@@ -3,7 +3,7 @@
 #include "leaf_shapes.hpp"
 #include "parallel_for.hpp"
 #include "point_tree.hpp"
-#include "stipple/error.hpp"
+#include "refuse.hpp"
 #include "stipple/local_analysis.hpp"
 #include "stipple/neighbors.hpp"
 #include "until_stopped.hpp"
@@ -11,9 +11,6 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
-#include <limits>
-#include <numeric>
-#include <string>
 #include <tuple>
 #include <vector>
 
@@ -235,18 +232,13 @@ void keep_strong_parts(Links& links, const Nodes& nodes, const Weighted& weighte
 }
 
 void check(const FeatureLineOptions& options) {
-    const auto refuse = [](const std::string& what) {
-        throw Error(ErrorCode::InvalidArgument, what);
-    };
-    if (!(options.variation > 0 && options.variation < 1.0 / 3.0))
-        refuse("variation " + std::to_string(options.variation) +
-               ": expected more than 0, less than 1/3");
-    if (!(options.high > 0 && options.high <= 1))
-        refuse("high " + std::to_string(options.high) + ": expected more than 0, at most 1");
-    if (!(options.low > 0 && options.low <= options.high))
-        refuse("low " + std::to_string(options.low) + ": expected more than 0, at most high");
-    if (options.min_links < 2 || options.min_links > 1000)
-        refuse("min_links " + std::to_string(options.min_links) + ": expected 2..1000");
+    require(options.variation > 0 && options.variation < 1.0 / 3.0, "variation", options.variation,
+            "more than 0, less than 1/3");
+    require(options.high > 0 && options.high <= 1, "high", options.high, "more than 0, at most 1");
+    require(options.low > 0 && options.low <= options.high, "low", options.low,
+            "more than 0, at most high");
+    require(options.min_links >= 2 && options.min_links <= 1000, "min_links", options.min_links,
+            "2..1000");
 }
 
 }  // namespace

@@ -1,6 +1,6 @@
 #include "stipple/globe.hpp"
 
-#include "stipple/error.hpp"
+#include "refuse.hpp"
 
 #include <array>
 #include <cmath>
@@ -67,10 +67,9 @@ Vec3d earth_centred(const Zone& zone, const Vec3d& place) {
 
 void check_known(unsigned epsg) {
     if (is_on_globe(epsg)) return;
-    throw Error(ErrorCode::InvalidArgument,
-                "epsg " + std::to_string(epsg) +
-                    ": expected 4978 (earth-centred), 32601..32660, 32701..32760 (UTM on "
-                    "WGS 84) or 25828..25838 (UTM on ETRS89)");
+    refuse("epsg ", epsg,
+           ": expected 4978 (earth-centred), 32601..32660, 32701..32760 (UTM on WGS 84) or "
+           "25828..25838 (UTM on ETRS89)");
 }
 
 /// `NAME["title",content,AUTHORITY["EPSG","code"]]`
@@ -104,9 +103,8 @@ Eigen::Matrix4d globe_frame(unsigned epsg, const Vec3d& place) {
     if (epsg == kEarthCentred) return frame;
     constexpr double kFar = 1e7;
     if (!(place.cwiseAbs().maxCoeff() <= kFar)) {
-        throw Error(ErrorCode::InvalidArgument,
-                    "epsg " + std::to_string(epsg) +
-                        ": the cloud lies beyond 10,000 km: its coordinates belong to another system");
+        refuse("epsg ", epsg,
+               ": the cloud lies beyond 10,000 km: its coordinates belong to another system");
     }
     const Zone zone = zone_of(epsg);
     constexpr double kStep = 10;  // metres: what is not linear cancels, what is rounded is small

@@ -3,26 +3,14 @@
 #include "cloud_copy.hpp"
 #include "cluster_tree.hpp"
 #include "parallel_for.hpp"
+#include "refuse.hpp"
 #include "representatives.hpp"
-#include "stipple/error.hpp"
-
-#include <sstream>
 
 namespace stipple {
 
 namespace {
 
-template <typename T>
-std::string text(T value) {
-    std::ostringstream out;
-    out << value;
-    return out.str();
-}
-
 void check(const HierarchicalClusteringOptions& options, std::size_t points) {
-    const auto refuse = [](const std::string& message) {
-        throw Error(ErrorCode::InvalidArgument, message);
-    };
     if (points == 0) refuse("the cloud has no points: expected at least 1");
     const bool bounded = options.max_cluster_size || options.max_variation;
     if (!options.target_size && !bounded) {
@@ -33,14 +21,15 @@ void check(const HierarchicalClusteringOptions& options, std::size_t points) {
             "hierarchical: a target size excludes max_cluster_size and max_variation; remove them");
     }
     if (options.target_size && *options.target_size == 0) {
-        refuse("target_size 0: expected 1.." + std::to_string(points));
+        refuse("target_size 0: expected 1..", points);
     }
     if (options.max_cluster_size && *options.max_cluster_size == 0) {
         refuse("max_cluster_size 0: expected at least 1");
     }
-    if (options.max_variation &&
-        !(*options.max_variation > 0 && *options.max_variation <= 1.0 / 3.0)) {
-        refuse("max_variation " + text(*options.max_variation) + ": expected above 0, at most 1/3");
+    if (options.max_variation) {
+        const double variation = *options.max_variation;
+        require(variation > 0 && variation <= 1.0 / 3.0, "max_variation", variation,
+                "above 0, at most 1/3");
     }
 }
 

@@ -7,9 +7,9 @@
 #include "level_bases.hpp"
 #include "parallel_for.hpp"
 #include "random.hpp"
+#include "refuse.hpp"
 #include "region_growing.hpp"
 #include "representatives.hpp"
-#include "stipple/error.hpp"
 #include "stray_points.hpp"
 #include "until_stopped.hpp"
 
@@ -18,7 +18,6 @@
 #include <functional>
 #include <limits>
 #include <optional>
-#include <sstream>
 #include <utility>
 #include <vector>
 
@@ -33,9 +32,6 @@ namespace {
 constexpr double kStray = 0.5;  // of the bounds
 
 void check(const IncrementalClusteringOptions& options, std::size_t points) {
-    const auto refuse = [](const std::string& message) {
-        throw Error(ErrorCode::InvalidArgument, message);
-    };
     if (points == 0) refuse("the cloud has no points: expected at least 1");
     if (!options.target_size && !options.max_cluster_size && !options.max_variation) {
         refuse("incremental: expected a target size, max_cluster_size or max_variation");
@@ -44,16 +40,15 @@ void check(const IncrementalClusteringOptions& options, std::size_t points) {
         refuse("incremental: a target size excludes max_cluster_size; remove one");
     }
     if (options.target_size && *options.target_size == 0) {
-        refuse("target_size 0: expected 1.." + std::to_string(points));
+        refuse("target_size 0: expected 1..", points);
     }
     if (options.max_cluster_size && *options.max_cluster_size == 0) {
         refuse("max_cluster_size 0: expected at least 1");
     }
-    if (options.max_variation &&
-        !(*options.max_variation > 0 && *options.max_variation <= 1.0 / 3.0)) {
-        std::ostringstream message;
-        message << "max_variation " << *options.max_variation << ": expected above 0, at most 1/3";
-        refuse(message.str());
+    if (options.max_variation) {
+        const double variation = *options.max_variation;
+        require(variation > 0 && variation <= 1.0 / 3.0, "max_variation", variation,
+                "above 0, at most 1/3");
     }
 }
 

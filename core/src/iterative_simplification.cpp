@@ -9,9 +9,9 @@
 #include "large_memory.hpp"
 #include "level_bases.hpp"
 #include "parallel_for.hpp"
+#include "refuse.hpp"
 #include "representatives.hpp"
 #include "stipple/clusters.hpp"
-#include "stipple/error.hpp"
 #include "stipple/neighbors.hpp"
 #include "surface_fit.hpp"
 
@@ -84,9 +84,7 @@ std::span<const std::uint64_t> smaller(const PointCloud& cloud,
     for (std::size_t i = 0; i < sizes.size(); ++i) {
         const std::uint64_t most = i == 0 ? cloud.size() : sizes[i - 1];
         if (sizes[i] < 1 || sizes[i] > most) {
-            throw Error(ErrorCode::InvalidArgument, "size " + std::to_string(sizes[i]) +
-                                                        ": expected 1.." + std::to_string(most) +
-                                                        ", descending");
+            refuse("size ", sizes[i], ": expected 1..", most, ", descending");
         }
     }
     for (; !sizes.empty() && sizes.front() == cloud.size(); sizes = sizes.subspan(1))
@@ -199,7 +197,7 @@ PointCloud iterative_simplification(const PointCloud& cloud,
                                     const RunContext& context) {
     validate(cloud);
     if (options.target_size == 0) {
-        throw Error(ErrorCode::InvalidArgument, "target_size 0: expected at least 1");
+        refuse("target_size 0: expected at least 1");
     }
     check_contraction(cloud, options);
     if (options.target_size >= cloud.size()) return copy_of(cloud, context);

@@ -4,13 +4,11 @@
 #include "leaf_shapes.hpp"
 #include "parallel_for.hpp"
 #include "point_tree.hpp"
-#include "stipple/error.hpp"
+#include "refuse.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
-#include <string>
 #include <vector>
 
 // Follows: Pauly, Gross and Kobbelt 2002 (§2.1). The size of a neighbourhood is chosen as Mitra,
@@ -58,10 +56,8 @@ double density_of(const Shape& shape) noexcept {
 }
 
 void check(const LocalAnalysisOptions& options) {
-    if (options.k != 0 && (options.k < 3 || options.k > 64))
-        throw Error(ErrorCode::InvalidArgument,
-                    "k " + std::to_string(options.k) +
-                        ": expected 3..64 neighbours, or 0 to choose for each point");
+    require(options.k == 0 || (options.k >= 3 && options.k <= 64), "k", options.k,
+            "3..64 neighbours, or 0 to choose for each point");
 }
 
 LocalAnalysis room_for(std::size_t n, const LocalAnalysisOptions& options,

@@ -9,20 +9,18 @@
 #include "multiphase_runs.hpp"
 #include "nested_order.hpp"
 #include "parallel_for.hpp"
+#include "refuse.hpp"
 #include "representatives.hpp"
 #include "snapshots.hpp"
-#include "stipple/error.hpp"
 #include "stipple/neighbors.hpp"
 
 #include <algorithm>
-#include <array>
 #include <bit>
 #include <cmath>
 #include <iterator>
 #include <map>
 #include <memory>
 #include <numeric>
-#include <sstream>
 
 namespace stipple {
 
@@ -30,10 +28,6 @@ namespace {
 
 constexpr std::size_t kMaxLevels = 64;
 constexpr std::size_t kBlock = 65'536;
-
-[[noreturn]] void refuse(const std::string& message) {
-    throw Error(ErrorCode::InvalidArgument, message);
-}
 
 /// Sizes that the coarsest level may have where it is to fit, smallest first.
 std::vector<std::uint64_t> sizes_to_try(std::uint64_t points, const LodPyramidOptions& options) {
@@ -207,7 +201,7 @@ void validate(const LodPyramidOptions& options) {
     if (method.points || method.ratio || method.max_error || method.max_error_rel)
         refuse("target: a pyramid has none; give levels, or ratio and base_points");
     const auto refuse_bound = [](bool is_there, const std::string& name) {
-        if (is_there) refuse(name + ": levels have counts instead; remove it");
+        if (is_there) refuse(name, ": levels have counts instead; remove it");
     };
     switch (method.method) {
         case Method::Hierarchical:
@@ -227,11 +221,10 @@ void validate(const LodPyramidOptions& options) {
     validate(method);
     if (options.nested) {
         if (method.method != Method::Iterative) {
-            refuse("method " + std::string(to_string(method.method)) +
-                   ": expected iterative for nested levels");
+            refuse("method ", to_string(method.method), ": expected iterative for nested levels");
         }
         if (!method.reductions.empty()) {
-            refuse("reductions: " + method.reductions.begin()->first +
+            refuse("reductions: ", method.reductions.begin()->first,
                    ": points of nested levels keep their attributes");
         }
         if (method.iterative != IterativeSimplificationOptions{}) {
@@ -243,19 +236,15 @@ void validate(const LodPyramidOptions& options) {
     for (std::size_t i = 0; i < options.sizes.size(); ++i) {
         if (options.sizes[i] == 0) refuse("levels: 0 points: expected at least 1");
         if (i > 0 && options.sizes[i] <= options.sizes[i - 1]) {
-            refuse("levels: " + std::to_string(options.sizes[i]) + " after " +
-                   std::to_string(options.sizes[i - 1]) +
+            refuse("levels: ", options.sizes[i], " after ", options.sizes[i - 1],
                    ": expected each to be larger than the one before");
         }
     }
     if (options.sizes.size() > kMaxLevels) {
-        refuse("levels: " + std::to_string(options.sizes.size()) + " counts: expected at most 64");
+        refuse("levels: ", options.sizes.size(), " counts: expected at most 64");
     }
-    if (!(options.ratio > 1 && options.ratio <= 64)) {
-        std::ostringstream text;
-        text << "ratio " << options.ratio << ": expected above 1, at most 64";
-        refuse(text.str());
-    }
+    require(options.ratio > 1 && options.ratio <= 64, "ratio", options.ratio,
+            "above 1, at most 64");
     if (options.base_points == 0) refuse("base_points 0: expected at least 1");
 }
 
@@ -270,11 +259,9 @@ std::vector<std::uint64_t> lod_sizes(std::uint64_t points, const LodPyramidOptio
             sizes.push_back(std::max<std::uint64_t>(
                 1, std::min(static_cast<std::uint64_t>(next), sizes.back() - 1)));
             if (sizes.size() > kMaxLevels) {
-                std::ostringstream text;
-                text << "ratio " << options.ratio << ": makes more than " << kMaxLevels
-                     << " levels from " << points << " points down to " << options.base_points
-                     << ": expected a larger ratio or base_points";
-                refuse(text.str());
+                refuse("ratio ", options.ratio, ": makes more than ", kMaxLevels, " levels from ",
+                       points, " points down to ", options.base_points,
+                       ": expected a larger ratio or base_points");
             }
         }
         std::ranges::reverse(sizes);
@@ -298,8 +285,7 @@ void build(const PointCloud& cloud, const std::function<PointCloud()>& whole,
     const std::vector<std::uint64_t> tries =
         fits ? sizes_to_try(cloud.size(), options) : std::vector<std::uint64_t>{};
     if (!options.order.empty() && options.order.size() != cloud.size()) {
-        refuse("order of " + std::to_string(options.order.size()) + " points: expected all " +
-               std::to_string(cloud.size()));
+        refuse("order of ", options.order.size(), " points: expected all ", cloud.size());
     }
     const SimplifyOptions& method = options.simplification;
     const bool cuts = method.method == Method::Hierarchical;

@@ -10,13 +10,12 @@
 #include "level_meter.hpp"
 #include "level_rounding.hpp"
 #include "progress_for.hpp"
+#include "refuse.hpp"
 #include "stipple/error.hpp"
 #include "tile_streams.hpp"
 #include "tile_tree.hpp"
 
 #include <algorithm>
-#include <cmath>
-#include <sstream>
 #include <string>
 #include <utility>
 
@@ -28,16 +27,9 @@ constexpr std::uint32_t kMostPoints = 65'536;  // a tile is sorted without a loo
 constexpr std::size_t kBlock = 8'192;
 constexpr std::uint32_t kMostTiles = 28'000;  // whose manifest has 16 MB
 
-template <typename T>
-[[noreturn]] void refuse(const char* name, T value, const char* expected) {
-    std::ostringstream text;
-    text << name << ' ' << value << ": expected " << expected;
-    throw Error(ErrorCode::InvalidArgument, text.str());
-}
-
 void check_order(std::span<const Index> order, const PointCloud& level) {
-    if (!order.empty() && order.size() != level.size())
-        refuse("points of an order", order.size(), "all of the level");
+    require(order.empty() || order.size() == level.size(), "points of an order", order.size(),
+            "all of the level");
 }
 
 /// Cuts the next level where it is to be cut: of additive tiles only the points that no level had.
@@ -64,13 +56,16 @@ std::vector<TileTree::Part> cut_level(TileTree& tree, std::span<const Vec3f> poi
 
 void validate(const LodTileOptions& options) {
     constexpr unsigned kMostAsked = 24;  // where no points are far off floats have no more
-    if (options.position_bits < LevelRounding::kLeastBits || options.position_bits > kMostAsked)
-        refuse("tiles: position_bits", options.position_bits, "2..24");
-    if (options.precision && !makes_steps(*options.precision))
-        refuse("tiles: precision", *options.precision, "a finite length above 0");
-    if (!(options.tolerance >= 0)) refuse("tiles: tolerance", options.tolerance, "at least 0");
-    if (options.max_points == 0 || options.max_points > kMostPoints)
-        refuse("tiles: max_points", options.max_points, "1..65536");
+    require(
+        options.position_bits >= LevelRounding::kLeastBits && options.position_bits <= kMostAsked,
+        "tiles: position_bits", options.position_bits, "2..24");
+    if (options.precision) {
+        require(makes_steps(*options.precision), "tiles: precision", *options.precision,
+                "a finite length above 0");
+    }
+    require(options.tolerance >= 0, "tiles: tolerance", options.tolerance, "at least 0");
+    require(options.max_points >= 1 && options.max_points <= kMostPoints, "tiles: max_points",
+            options.max_points, "1..65536");
 }
 
 /// All in the source's frame, but what is told of tiles.
@@ -257,8 +252,7 @@ LodTiler::LodTiler(const PointCloud& source, const LodTileOptions& options,
     : state_(std::make_unique<State>()) {
     validate(options);
     validate(source);
-    if (source.empty())
-        throw Error(ErrorCode::InvalidArgument, "the cloud has no points: expected at least 1");
+    if (source.empty()) refuse("the cloud has no points: expected at least 1");
     State& state = *state_;
     state.options = options;
     state.box = bounds(source);
@@ -304,12 +298,11 @@ void LodTiler::restart() {
 std::vector<LodTile> LodTiler::add_level(const PointCloud& cloud, bool whole,
                                          const RunContext& context,
                                          std::span<const Index> known_order) {
-    if (cloud.empty())
-        throw Error(ErrorCode::InvalidArgument, "the level has no points: expected at least 1");
+    if (cloud.empty()) refuse("the level has no points: expected at least 1");
     State& state = *state_;
     const bool additive = state.options.additive;
-    if (additive && cloud.size() <= state.had)
-        refuse("points of a level", cloud.size(), "more than the level before");
+    require(!additive || cloud.size() > state.had, "points of a level", cloud.size(),
+            "more than the level before");
     check_order(known_order, cloud);
     const bool as_measured = whole && !additive;
     std::vector<Index> found_order;

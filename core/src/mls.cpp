@@ -4,13 +4,12 @@
 #include "mls_fit.hpp"
 #include "parallel_for.hpp"
 #include "point_tree.hpp"
-#include "stipple/error.hpp"
+#include "refuse.hpp"
 #include "tree_search.hpp"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <string>
 
 // Follows: Levin 2003 and Alexa et al. 2003 (the projection), Pauly, Gross, Kobbelt 2002, §2.2 (the
 // adaptive h). The fits are in mls_fit.cpp.
@@ -22,21 +21,16 @@ namespace {
 constexpr unsigned kMaxNeighbors = 64;
 constexpr double kReach = 3.0;  // in h: the weight there is e^-9
 
-[[noreturn]] void refuse(const std::string& what) {
-    throw Error(ErrorCode::InvalidArgument, what);
-}
-
 void check(std::span<const Vec3f> points, const MlsOptions& options) {
     if (points.empty()) refuse("points 0: expected at least 1");
-    if (options.degree > 4) refuse("degree " + std::to_string(options.degree) + ": expected 0..4");
-    if (options.k < 6 || options.k > kMaxNeighbors)
-        refuse("k " + std::to_string(options.k) + ": expected 6..64");
-    if (options.h && !(*options.h > 0 && std::isfinite(*options.h)))
-        refuse("h " + std::to_string(*options.h) + ": expected a finite length above 0");
+    require(options.degree <= 4, "degree", options.degree, "0..4");
+    require(options.k >= 6 && options.k <= kMaxNeighbors, "k", options.k, "6..64");
+    if (options.h)
+        require(*options.h > 0 && std::isfinite(*options.h), "h", *options.h,
+                "a finite length above 0");
     if (options.max_iterations == 0) refuse("max_iterations 0: expected at least 1");
-    if (!(options.tolerance > 0 && options.tolerance < 1))
-        refuse("tolerance " + std::to_string(options.tolerance) +
-               ": expected a part of h above 0 and below 1");
+    require(options.tolerance > 0 && options.tolerance < 1, "tolerance", options.tolerance,
+            "a fraction of h, above 0 and below 1");
 }
 
 MlsStatus status_of(MlsPlane::Kind kind) noexcept {

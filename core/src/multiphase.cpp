@@ -6,17 +6,16 @@
 #include "first_touch.hpp"
 #include "multiphase_runs.hpp"
 #include "parallel_for.hpp"
+#include "refuse.hpp"
 #include "representatives.hpp"
 #include "sample_quadrics.hpp"
 #include "sibling_contraction.hpp"
-#include "stipple/error.hpp"
 #include "surface_fit.hpp"
 
 #include <algorithm>
 #include <functional>
 #include <numeric>
 #include <optional>
-#include <sstream>
 #include <utility>
 
 // Follows: Garland and Shaffer 2002 (cluster, then contract with the quadrics of the clusters);
@@ -43,19 +42,12 @@ void fit(std::vector<Vec3f>& positions, std::span<const Vec3f> samples, const Me
         fit_surface(positions, samples, parts, options, context);
 }
 
-[[noreturn]] void refuse(const std::string& message) {
-    throw Error(ErrorCode::InvalidArgument, message);
-}
-
 void check(const PointCloud& cloud, std::span<const std::uint64_t> sizes,
            const MultiphaseOptions& options) {
     check_contraction(cloud, options.contraction);
     if (std::ranges::find(sizes, 0U) != sizes.end()) refuse("size 0: expected at least 1");
-    if (!(options.oversampling >= 1 && options.oversampling <= 1000)) {
-        std::ostringstream text;
-        text << "oversampling " << options.oversampling << ": expected 1..1000";
-        refuse(text.str());
-    }
+    require(options.oversampling >= 1 && options.oversampling <= 1000, "oversampling",
+            options.oversampling, "1..1000");
 }
 
 /// Samples of the first phase: as many as the options say, and as there are points.

@@ -6,11 +6,11 @@
 #include "nearest_lists.hpp"
 #include "parallel_for.hpp"
 #include "point_tree.hpp"
+#include "refuse.hpp"
 #include "stipple/error.hpp"
 #include "tree_search.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdint>
 #include <string>
@@ -69,7 +69,7 @@ void NeighborSearch::within(const Vec3f& q, float radius, std::vector<Neighbor>&
 
 NeighborLists k_nearest_neighbors(std::span<const Vec3f> points, unsigned k,
                                   const RunContext& context) {
-    if (k == 0) throw Error(ErrorCode::InvalidArgument, "k 0: expected at least 1 neighbour");
+    if (k == 0) refuse("k 0: expected at least 1 neighbour");
     NeighborLists lists;
     const std::size_t n = points.size();
     if (n == 0) {
@@ -134,10 +134,7 @@ double mean_spacing(std::span<const Vec3f> points, const RunContext& context) {
 
 NeighborLists radius_neighbors(std::span<const Vec3f> points, float radius,
                                const RunContext& context) {
-    if (!(radius > 0) || !std::isfinite(radius)) {
-        throw Error(ErrorCode::InvalidArgument,
-                    "radius " + std::to_string(radius) + ": expected a finite length above 0");
-    }
+    require(radius > 0 && std::isfinite(radius), "radius", radius, "a finite length above 0");
     NeighborLists lists;
     lists.offsets.assign(points.size() + 1, 0);
     const float radius_sq = radius * radius;

@@ -6,6 +6,7 @@
 #include "leaf_query.hpp"
 #include "parallel_for.hpp"
 #include "point_tree.hpp"
+#include "refuse.hpp"
 #include "stipple/error.hpp"
 
 #include <algorithm>
@@ -274,15 +275,10 @@ void turn_to(const Vec3d& viewpoint, std::span<const Vec3f> points, std::span<Ve
 }
 
 void check(std::size_t points, std::size_t normals, const NormalOrientationOptions& options) {
-    if (points != normals)
-        throw Error(ErrorCode::InvalidArgument, std::to_string(normals) + " normals: expected " +
-                                                    std::to_string(points) +
-                                                    ", one for each point");
-    if (options.k < 1 || options.k > 64)
-        throw Error(ErrorCode::InvalidArgument,
-                    "k " + std::to_string(options.k) + ": expected 1..64 neighbours");
+    if (points != normals) refuse(normals, " normals: expected ", points, ", one for each point");
+    require(options.k >= 1 && options.k <= 64, "k", options.k, "1..64 neighbours");
     if (options.viewpoint && !options.viewpoint->allFinite())
-        throw Error(ErrorCode::InvalidArgument, "viewpoint: expected finite coordinates");
+        refuse("viewpoint: expected finite coordinates");
     constexpr std::size_t kMost = std::size_t{1} << 31U;
     if (points >= kMost)
         throw Error(ErrorCode::TooLarge,

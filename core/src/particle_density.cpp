@@ -2,11 +2,10 @@
 
 #include "first_touch.hpp"
 #include "parallel_for.hpp"
-#include "stipple/error.hpp"
+#include "refuse.hpp"
 
 #include <algorithm>
 #include <cmath>
-#include <sstream>
 
 namespace stipple {
 
@@ -15,11 +14,8 @@ namespace {
 constexpr std::size_t kBlock = 4'096;
 
 template <typename... Parts>
-[[noreturn]] void refuse(std::size_t region, const Parts&... parts) {
-    std::ostringstream message;
-    message << "regions[" << region << "]: ";
-    (message << ... << parts);
-    throw Error(ErrorCode::InvalidArgument, message.str());
+[[noreturn]] void refuse_region(std::size_t number, const Parts&... parts) {
+    refuse("regions[", number, "]: ", parts...);
 }
 
 template <typename... Forms>
@@ -76,31 +72,32 @@ void validate(const std::vector<DensityRegion>& regions, const PointCloud& cloud
         const DensityRegion& region = regions[r];
         constexpr double kLeast = 1e-6, kMost = 1e6;
         if (!(region.density >= kLeast && region.density <= kMost))
-            refuse(r, "density ", region.density, ": expected ", kLeast, "..", kMost);
+            refuse_region(r, "density ", region.density, ": expected ", kLeast, "..", kMost);
         if (!(region.transition >= 0 && std::isfinite(region.transition)))
-            refuse(r, "transition ", region.transition, ": expected at least 0, finite");
+            refuse_region(r, "transition ", region.transition, ": expected at least 0, finite");
         std::visit(
             Overloaded{[&](const DensityRegion::Sphere& s) {
-                           if (!s.center.allFinite()) refuse(r, "center: expected finite numbers");
+                           if (!s.center.allFinite())
+                               refuse_region(r, "center: expected finite numbers");
                            if (!(s.radius > 0 && std::isfinite(s.radius)))
-                               refuse(r, "radius ", s.radius, ": expected above 0, finite");
+                               refuse_region(r, "radius ", s.radius, ": expected above 0, finite");
                        },
                        [&](const DensityRegion::Box& b) {
                            if (!b.min.allFinite() || !b.max.allFinite())
-                               refuse(r, "box: expected finite numbers");
+                               refuse_region(r, "box: expected finite numbers");
                            if (!(b.min.array() <= b.max.array()).all())
-                               refuse(r, "box: min ", b.min.transpose(), " above max ",
-                                      b.max.transpose());
+                               refuse_region(r, "box: min ", b.min.transpose(), " above max ",
+                                             b.max.transpose());
                        },
                        [&](const DensityRegion::Scalar& s) {
                            if (!std::isfinite(s.low) || !std::isfinite(s.high) || s.low > s.high)
-                               refuse(r, "low ", s.low, " and high ", s.high,
-                                      ": expected finite, low at most high");
+                               refuse_region(r, "low ", s.low, " and high ", s.high,
+                                             ": expected finite, low at most high");
                            const Attribute* attribute = find_attribute(cloud, s.attribute);
-                           if (attribute == nullptr) refuse(r, "no attribute ", s.attribute);
+                           if (attribute == nullptr) refuse_region(r, "no attribute ", s.attribute);
                            if (attribute->components != 1)
-                               refuse(r, "attribute ", s.attribute, " has ", attribute->components,
-                                      " components: expected 1");
+                               refuse_region(r, "attribute ", s.attribute, " has ",
+                                             attribute->components, " components: expected 1");
                        }},
             region.where);
     }

@@ -9,8 +9,8 @@
 #include "particle_simulator.hpp"
 #include "particle_spread.hpp"
 #include "particle_surface.hpp"
+#include "refuse.hpp"
 #include "representatives.hpp"
-#include "stipple/error.hpp"
 #include "stipple/mls.hpp"
 #include "stipple/neighbors.hpp"
 #include "surface_samples.hpp"
@@ -22,7 +22,6 @@
 #include <memory>
 #include <numbers>
 #include <optional>
-#include <sstream>
 #include <utility>
 
 // Follows: Pauly, Gross, Kobbelt 2002, §3.3. Departures:
@@ -53,13 +52,6 @@ constexpr double kNearly = 0.2;    // of the tolerance, where pairs are pressed 
 constexpr double kSlowing = 0.97;  // of the step before, while they come to rest
 constexpr double kSlow = 4;        // of the tolerance; longer steps never count as rest
 
-template <typename... Parts>
-[[noreturn]] void refuse(const Parts&... parts) {
-    std::ostringstream message;
-    (message << ... << parts);
-    throw Error(ErrorCode::InvalidArgument, message.str());
-}
-
 void check_count(std::uint64_t particles) {
     constexpr auto kMost = std::numeric_limits<Index>::max();
     if (particles == 0 || particles > kMost)
@@ -68,13 +60,13 @@ void check_count(std::uint64_t particles) {
 
 void check(const ParticleSimulationOptions& options, const PointCloud& cloud) {
     if (cloud.empty()) refuse("the cloud has no points: expected at least 1");
-    if (!(options.adaptivity >= 0 && options.adaptivity <= 1))
-        refuse("adaptivity ", options.adaptivity, ": expected 0..1");
-    if (!(options.max_grading >= 1 && std::isfinite(options.max_grading)))
-        refuse("max_grading ", options.max_grading, ": expected at least 1, finite");
+    require(options.adaptivity >= 0 && options.adaptivity <= 1, "adaptivity", options.adaptivity,
+            "0..1");
+    require(options.max_grading >= 1 && std::isfinite(options.max_grading), "max_grading",
+            options.max_grading, "at least 1, finite");
     if (options.max_iterations == 0) refuse("max_iterations 0: expected at least 1");
-    if (!(options.tolerance > 0 && options.tolerance < 1))
-        refuse("tolerance ", options.tolerance, ": expected above 0, below 1");
+    require(options.tolerance > 0 && options.tolerance < 1, "tolerance", options.tolerance,
+            "above 0, below 1");
     validate(options.regions, cloud);
 }
 

@@ -4,8 +4,8 @@
 #include "in_quotes.hpp"
 #include "parallel_for.hpp"
 #include "ply_header.hpp"
+#include "refuse.hpp"
 #include "stipple/codec.hpp"
-#include "stipple/error.hpp"
 
 #include <algorithm>
 #include <array>
@@ -127,18 +127,15 @@ void check_names(std::span<const Field> fields) {
     std::set<std::string_view> seen;
     for (const Field& field : fields) {
         if (!is_attribute_name(field.name)) {
-            throw Error(ErrorCode::InvalidArgument, "attribute " + in_quotes(field.name) +
-                                                        ": expected a name of " +
-                                                        std::string(kAttributeNameRule));
+            refuse("attribute ", in_quotes(field.name), ": expected a name of ",
+                   kAttributeNameRule);
         }
         if (!seen.insert(field.name).second) {
-            throw Error(ErrorCode::InvalidArgument,
-                        "attribute " + in_quotes(field.name) +
-                            ": a PLY file would have two properties of this name; rename it");
+            refuse("attribute ", in_quotes(field.name),
+                   ": a PLY file would have two properties of this name; rename it");
         }
         if (field.components == 0) {
-            throw Error(ErrorCode::InvalidArgument, "attribute " + in_quotes(field.name) +
-                                                        " has 0 components: expected at least 1");
+            refuse("attribute ", in_quotes(field.name), " has 0 components: expected at least 1");
         }
     }
 }
@@ -148,8 +145,7 @@ std::string header_of(const PointCloud& cloud, std::span<const Field> fields,
     std::string header = "ply\nformat " + std::string(name_of(options.encoding)) + " 1.0\n";
     for (const std::string& comment : options.comments) {
         if (comment.find_first_of("\r\n") != comment.npos) {
-            throw Error(ErrorCode::InvalidArgument,
-                        "comment " + in_quotes(comment) + ": expected a single line");
+            refuse("comment ", in_quotes(comment), ": expected a single line");
         }
         header += "comment " + comment + "\n";
     }

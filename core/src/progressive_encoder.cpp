@@ -16,6 +16,7 @@
 #include "progressive_layout.hpp"
 #include "progressive_values.hpp"
 #include "progressive_walk.hpp"
+#include "refuse.hpp"
 #include "sharpening.hpp"
 #include "stipple/error.hpp"
 #include "stipple/neighbors.hpp"
@@ -25,7 +26,6 @@
 #include <array>
 #include <cmath>
 #include <map>
-#include <sstream>
 
 namespace stipple {
 
@@ -33,40 +33,31 @@ namespace {
 
 constexpr std::size_t kBlock = 8'192;
 
-template <typename T>
-[[noreturn]] void refuse(const char* name, T value, const char* expected) {
-    std::ostringstream text;
-    text << name << ' ' << value << ": expected " << expected;
-    throw Error(ErrorCode::InvalidArgument, text.str());
-}
-
 void check(const PointCloud& cloud, const ProgressiveOptions& options) {
     validate(cloud);
-    if (cloud.empty())
-        throw Error(ErrorCode::InvalidArgument, "the cloud has no points: expected at least 1");
-    if (options.position_bits < 1 || options.position_bits > kMostGridBits)
-        refuse("position_bits", options.position_bits, "1..24");
-    if (options.precision && !makes_steps(*options.precision))
-        refuse("precision", *options.precision, "a finite number above 0");
-    if (options.normal_bits < 2 || options.normal_bits > 16)
-        refuse("normal_bits", options.normal_bits, "2..16");
-    if (options.attribute_bits > 32) refuse("attribute_bits", options.attribute_bits, "0..32");
-    if (!(options.coarseness >= 0 && std::isfinite(options.coarseness)))
-        refuse("coarseness", options.coarseness, "a finite number of at least 0");
+    if (cloud.empty()) refuse("the cloud has no points: expected at least 1");
+    require(options.position_bits >= 1 && options.position_bits <= kMostGridBits, "position_bits",
+            options.position_bits, "1..24");
+    if (options.precision) {
+        require(makes_steps(*options.precision), "precision", *options.precision,
+                "a finite number above 0");
+    }
+    require(options.normal_bits >= 2 && options.normal_bits <= 16, "normal_bits",
+            options.normal_bits, "2..16");
+    require(options.attribute_bits <= 32, "attribute_bits", options.attribute_bits, "0..32");
+    require(options.coarseness >= 0 && std::isfinite(options.coarseness), "coarseness",
+            options.coarseness, "a finite number of at least 0");
     for (const Vec3f& p : cloud.positions) {
         if (!p.allFinite())
-            throw Error(
-                ErrorCode::InvalidArgument,
+            refuse(
                 "a position is not finite: clean the cloud first, as `simplify` with ratio 1 does");
     }
 }
 
 [[noreturn]] void refuse_wide_cloud(double side, double spacing) {
-    std::ostringstream text;
-    text << "the cloud is " << side << " wide, and its points lie about " << spacing
-         << " apart: a grid of " << kMostGridBits
-         << " bits cannot tell them apart; remove far-off points, or set a precision";
-    throw Error(ErrorCode::InvalidArgument, text.str());
+    refuse("the cloud is ", side, " wide, and its points lie about ", spacing, " apart: a grid of ",
+           kMostGridBits,
+           " bits cannot tell them apart; remove far-off points, or set a precision");
 }
 
 void choose_grid(const PointCloud& cloud, const ProgressiveOptions& options,
@@ -82,7 +73,8 @@ void choose_grid(const PointCloud& cloud, const ProgressiveOptions& options,
     if (options.precision) {
         layout.step = 2 * *options.precision;
         bits = std::max(1.0, std::ceil(std::log2(side / layout.step + 1)));
-        if (bits > kMostGridBits) refuse("precision", *options.precision, "a value that 24 bits can give");
+        require(bits <= kMostGridBits, "precision", *options.precision,
+                "a value that 24 bits can give");
     } else if (side > 0) {
         // With longer steps than the spacing the points of one part would fall into one place.
         const double spacing =

@@ -2,9 +2,8 @@
 
 #include "cloud_copy.hpp"
 #include "random.hpp"
-#include "stipple/error.hpp"
+#include "refuse.hpp"
 
-#include <string>
 #include <vector>
 
 // Follows: Fan, Muller, Rezucha 1962 (selection sampling; Knuth's algorithm S): a point is kept
@@ -15,11 +14,10 @@ namespace stipple {
 PointCloud random_sampling(const PointCloud& cloud, const RandomSamplingOptions& options,
                            const RunContext& context) {
     if (cloud.empty()) {
-        throw Error(ErrorCode::InvalidArgument, "the cloud has no points: expected at least 1");
+        refuse("the cloud has no points: expected at least 1");
     }
     if (options.target_size == 0) {
-        throw Error(ErrorCode::InvalidArgument,
-                    "target_size 0: expected 1.." + std::to_string(cloud.size()));
+        refuse("target_size 0: expected 1..", cloud.size());
     }
     if (options.target_size >= cloud.size()) return copy_of(cloud, context);
     constexpr std::size_t kBetweenCheckpoints = 1 << 20;

@@ -3,12 +3,10 @@
 #include "first_touch.hpp"
 #include "hilbert_order.hpp"
 #include "parallel_for.hpp"
-#include "stipple/error.hpp"
+#include "refuse.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <numeric>
-#include <string>
 #include <utility>
 
 namespace stipple {
@@ -18,14 +16,9 @@ namespace {
 using Position = SampledOctree::Position;
 
 void check(const PointCloud& cloud, const SampledOctreeOptions& options) {
-    const auto refuse = [](const char* name, std::uint64_t value, const char* expected) {
-        throw Error(ErrorCode::InvalidArgument,
-                    std::string(name) + ' ' + std::to_string(value) + ": expected " + expected);
-    };
-    if (cloud.empty())
-        throw Error(ErrorCode::InvalidArgument, "the cloud has no points: expected at least 1");
-    if (options.grid < 2 || options.grid > 256) refuse("grid", options.grid, "2..256");
-    if (options.max_points == 0) refuse("max_points", 0, "at least 1");
+    if (cloud.empty()) refuse("the cloud has no points: expected at least 1");
+    require(options.grid >= 2 && options.grid <= 256, "grid", options.grid, "2..256");
+    if (options.max_points == 0) refuse("max_points 0: expected at least 1");
 }
 
 /// In the order of `numbers`.

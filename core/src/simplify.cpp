@@ -1,7 +1,7 @@
 #include "stipple/simplify.hpp"
 
 #include "cloud_copy.hpp"
-#include "stipple/error.hpp"
+#include "refuse.hpp"
 #include "stipple/error_bounded.hpp"
 #include "stipple/iterative_simplification.hpp"
 #include "stipple/random_sampling.hpp"
@@ -9,23 +9,10 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <sstream>
 
 namespace stipple {
 
 namespace {
-
-[[noreturn]] void refuse(const std::string& message) {
-    throw Error(ErrorCode::InvalidArgument, message);
-}
-
-template <typename T>
-void require(bool fits, const std::string& name, const T& value, const char* expected) {
-    if (fits) return;
-    std::ostringstream text;
-    text << name << ' ' << value << ": expected " << expected;
-    refuse(text.str());
-}
 
 void require_positive(const std::string& name, double value) {
     require(value > 0 && std::isfinite(value), name, value, "a finite number above 0");
@@ -192,7 +179,7 @@ Method method_from_name(std::string_view name) {
         if (name == to_string(method)) return method;
         offered += (offered.empty() ? "" : ", ") + std::string(to_string(method));
     }
-    refuse("method " + std::string(name.substr(0, 60)) + ": expected one of " + offered);
+    refuse("method ", name.substr(0, 60), ": expected one of ", offered);
 }
 
 void validate(const SimplifyOptions& options) {
@@ -204,7 +191,7 @@ void validate(const SimplifyOptions& options) {
     const int targets = int{options.points.has_value()} + int{options.ratio.has_value()} +
                         int{options.max_error.has_value()} +
                         int{options.max_error_rel.has_value()} + int{has_bounds(options)};
-    if (targets != 1) refuse("target: expected " + expected_targets(options.method));
+    if (targets != 1) refuse("target: expected ", expected_targets(options.method));
     if (options.points) require(*options.points >= 1, "points", *options.points, "at least 1");
     if (options.ratio) {
         require(*options.ratio > 0 && *options.ratio <= 1, "ratio", *options.ratio,
@@ -267,8 +254,8 @@ PointCloud upsample(const PointCloud& cloud, const UpsampleOptions& options,
     ParticleSimulationOptions particles = options.particles;
     particles.target_size = options.points ? *options.points : scaled(cloud.size(), *options.ratio);
     if (particles.target_size <= cloud.size()) {
-        refuse("points " + std::to_string(particles.target_size) + ": expected more than the " +
-               std::to_string(cloud.size()) + " of the cloud; simplify yields fewer");
+        refuse("points ", particles.target_size, ": expected more than the ", cloud.size(),
+               " of the cloud; simplify yields fewer");
     }
     return particle_simulation(cloud, particles, context);
 }

@@ -9,16 +9,15 @@
 #include "float4.hpp"
 #include "parallel_for.hpp"
 #include "point_bounds.hpp"
+#include "refuse.hpp"
 #include "splat_canvas.hpp"
 #include "splat_light.hpp"
 #include "srgb.hpp"
-#include "stipple/error.hpp"
 
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <bit>
 #include <cmath>
-#include <string>
 #include <utility>
 
 namespace stipple {
@@ -30,10 +29,6 @@ constexpr std::size_t kStep = 16'384;              // samples drawn between look
 constexpr float kRimSq = 0.8F, kRimShade = 0.55F;  // of `SplatStyle::Discs`
 constexpr double kLeastRadiusSq = 0.75;  // in samples: a disc smaller than this is drawn that large
 constexpr std::size_t kKept = 65'536;    // discs of a band that are made once, not for each pass
-
-void require(bool fulfilled, const std::string& message) {
-    if (!fulfilled) throw Error(ErrorCode::InvalidArgument, message);
-}
 
 /// A splat in the camera's axes, depth away from the eye.
 struct Disc {
@@ -359,22 +354,17 @@ Canvas draw(const Scene& scene, std::size_t n, const SplatRenderOptions& options
 void check(std::size_t n, const Splats& splats, std::span<const Rgba8> colors,
            const SplatRenderOptions& options) {
     const auto in = [](unsigned value, unsigned limit) { return value >= 1 && value <= limit; };
-    require(in(options.width, 16384),
-            "width " + std::to_string(options.width) + ": expected 1..16384");
-    require(in(options.height, 16384),
-            "height " + std::to_string(options.height) + ": expected 1..16384");
-    require(in(options.samples, 8),
-            "samples " + std::to_string(options.samples) + ": expected 1..8");
-    require(options.radius_scale > 0 && std::isfinite(options.radius_scale),
-            "radius_scale " + std::to_string(options.radius_scale) + ": expected more than 0");
-    require(options.relief >= 0 && options.relief <= 1,
-            "relief " + std::to_string(options.relief) + ": expected 0..1");
-    require(options.occlusion >= 0 && options.occlusion <= 1,
-            "occlusion " + std::to_string(options.occlusion) + ": expected 0..1");
+    require(in(options.width, 16384), "width", options.width, "1..16384");
+    require(in(options.height, 16384), "height", options.height, "1..16384");
+    require(in(options.samples, 8), "samples", options.samples, "1..8");
+    require(options.radius_scale > 0 && std::isfinite(options.radius_scale), "radius_scale",
+            options.radius_scale, "more than 0");
+    require(options.relief >= 0 && options.relief <= 1, "relief", options.relief, "0..1");
+    require(options.occlusion >= 0 && options.occlusion <= 1, "occlusion", options.occlusion,
+            "0..1");
     const auto sized = [&](std::size_t size, const char* name, bool may_be_absent) {
-        require(size == n || (may_be_absent && size == 0), std::string(name) + ": " +
-                                                               std::to_string(size) + " for " +
-                                                               std::to_string(n) + " points");
+        if (size != n && !(may_be_absent && size == 0))
+            refuse(name, ": ", size, " for ", n, " points");
     };
     sized(splats.normals.size(), "normals", false);
     sized(splats.major.size(), "major", true);

@@ -3,14 +3,13 @@
 #include "cloud_copy.hpp"
 #include "first_touch.hpp"
 #include "parallel_for.hpp"
-#include "stipple/error.hpp"
+#include "refuse.hpp"
 #include "stipple/local_analysis.hpp"
 #include "stipple/normal_orientation.hpp"
 #include "stipple/splats.hpp"
 
 #include <algorithm>
 #include <span>
-#include <string>
 #include <utility>
 
 namespace stipple {
@@ -47,33 +46,30 @@ PointCloud add_feature_lines(PointCloud& cloud, const FeatureLineOptions& option
 }  // namespace
 
 void validate(const SurfaceAttributeOptions& options) {
-    const auto require = [](bool fits, const std::string& message) {
-        if (!fits) throw Error(ErrorCode::InvalidArgument, message);
-    };
-    require(options.k == 0 || (options.k >= 3 && options.k <= 64),
-            "k " + std::to_string(options.k) + ": expected 3..64, or 0 to choose");
+    require(options.k == 0 || (options.k >= 3 && options.k <= 64), "k", options.k,
+            "3..64, or 0 to choose");
     const bool turns = options.signs == NormalSigns::Viewpoint;
-    require(!turns || options.viewpoint,
-            "viewpoint: missing: expected x, y and z, which normals should point towards");
-    require(turns || !options.viewpoint,
-            "viewpoint: expected only if normals should point towards it");
-    require(!options.viewpoint || options.viewpoint->array().isFinite().all(),
-            "viewpoint: expected finite coordinates");
+    if (turns && !options.viewpoint)
+        refuse("viewpoint: missing: expected x, y and z, which normals should point towards");
+    if (!turns && options.viewpoint)
+        refuse("viewpoint: expected only if normals should point towards it");
+    if (options.viewpoint && !options.viewpoint->array().isFinite().all())
+        refuse("viewpoint: expected finite coordinates");
     if (!options.feature_lines) return;
     const FeatureLineOptions& lines = *options.feature_lines;
-    require(lines.variation > 0 && lines.variation < 1.0 / 3.0,
-            "feature_lines.variation: expected above 0, below 1/3");
-    require(lines.low > 0 && lines.low <= lines.high && lines.high <= 1,
-            "feature_lines: expected 0 < low <= high <= 1");
-    require(lines.min_links >= 2 && lines.min_links <= 1000,
-            "feature_lines.min_links: expected 2..1000");
+    require(lines.variation > 0 && lines.variation < 1.0 / 3.0, "feature_lines.variation",
+            lines.variation, "above 0, below 1/3");
+    if (!(lines.low > 0 && lines.low <= lines.high && lines.high <= 1))
+        refuse("feature_lines: expected 0 < low <= high <= 1");
+    require(lines.min_links >= 2 && lines.min_links <= 1000, "feature_lines.min_links",
+            lines.min_links, "2..1000");
 }
 
 PointCloud add_surface_attributes(PointCloud& cloud, const SurfaceAttributeOptions& options,
                                   const RunContext& context) {
     validate(options);
     if (cloud.empty()) {
-        throw Error(ErrorCode::InvalidArgument, "the cloud has no points: expected at least 1");
+        refuse("the cloud has no points: expected at least 1");
     }
     LocalAnalysis analysis =
         analyze_locally(cloud.positions, {.k = options.k, .density = true, .anisotropy = true},

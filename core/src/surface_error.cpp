@@ -12,15 +12,13 @@
 #include "framed_surface.hpp"
 #include "parallel_for.hpp"
 #include "point_tree.hpp"
-#include "stipple/error.hpp"
+#include "refuse.hpp"
 #include "tree_search.hpp"
 #include "worst_samples.hpp"
 
 #include <algorithm>
 #include <atomic>
-#include <cmath>
 #include <optional>
-#include <string>
 
 // Follows: Pauly, Gross, Kobbelt 2002, §4; Cignoni, Rocchini, Scopigno 1998 (Metro: distances from
 // samples of one surface to the other, both ways). Where the paper says "the closest point" a fixed
@@ -32,24 +30,17 @@ namespace {
 
 constexpr std::uint64_t kEnough = 40'000;  // samples, for the mean and its like
 
-[[noreturn]] void refuse(const std::string& what) {
-    throw Error(ErrorCode::InvalidArgument, what);
-}
-
 }  // namespace
 
 void validate(const SurfaceErrorOptions& options) {
-    if (options.k < 6 || options.k > 64)
-        refuse("k " + std::to_string(options.k) + ": expected 6..64");
+    require(options.k >= 6 && options.k <= 64, "k", options.k, "6..64");
     if (options.max_iterations == 0) refuse("max_iterations 0: expected at least 1");
-    if (!(options.tolerance > 0 && options.tolerance < 1))
-        refuse("tolerance " + std::to_string(options.tolerance) +
-               ": expected a part of h above 0 and below 1");
-    if (options.histogram_bins == 0 || options.histogram_bins > 65'536)
-        refuse("histogram_bins " + std::to_string(options.histogram_bins) + ": expected 1..65536");
+    require(options.tolerance > 0 && options.tolerance < 1, "tolerance", options.tolerance,
+            "a fraction of h, above 0 and below 1");
+    require(options.histogram_bins >= 1 && options.histogram_bins <= 65'536, "histogram_bins",
+            options.histogram_bins, "1..65536");
     constexpr std::uint64_t kMostSamples = std::uint64_t{1} << 31U;
-    if (options.samples > kMostSamples)
-        refuse("samples " + std::to_string(options.samples) + ": expected at most 2^31");
+    require(options.samples <= kMostSamples, "samples", options.samples, "at most 2^31");
 }
 
 namespace {

@@ -7,14 +7,13 @@
 #include "stipple/synthetic_scan.hpp"
 
 #include "parallel_for.hpp"
-#include "stipple/error.hpp"
+#include "refuse.hpp"
 
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <numbers>
-#include <string>
 
 namespace stipple {
 namespace {
@@ -415,12 +414,9 @@ Sample seen_sample(const Ammonite& ammonite, std::uint64_t i, std::uint64_t n, R
 }
 
 void check(const SyntheticScanOptions& options) {
-    if (options.points < 1 || options.points > 0xffffffffULL)
-        throw Error(ErrorCode::InvalidArgument,
-                    "points " + std::to_string(options.points) + ": expected 1..4294967295");
-    if (!(options.noise >= 0 && options.noise <= 10))
-        throw Error(ErrorCode::InvalidArgument,
-                    "noise " + std::to_string(options.noise) + ": expected 0..10 mm");
+    require(options.points >= 1 && options.points <= 0xffffffffULL, "points", options.points,
+            "1..4294967295");
+    require(options.noise >= 0 && options.noise <= 10, "noise", options.noise, "0..10 mm");
 }
 
 }  // namespace

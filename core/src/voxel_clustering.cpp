@@ -4,13 +4,12 @@
 #include "cluster_splitting.hpp"
 #include "first_touch.hpp"
 #include "random.hpp"
+#include "refuse.hpp"
 #include "representatives.hpp"
-#include "stipple/error.hpp"
 
 #include <algorithm>
 #include <bit>
 #include <cmath>
-#include <sstream>
 #include <utility>
 
 // Follows: Rossignac and Borrel 1993 (one representative a cell); Whang et al. 1990 (linear
@@ -204,25 +203,20 @@ Clusters searched_clusters(std::span<const Vec3f> points, const Box& box, std::u
 }
 
 void check(const VoxelClusteringOptions& options, std::size_t points) {
-    const auto refuse = [](const std::string& message) {
-        throw Error(ErrorCode::InvalidArgument, message);
-    };
     if (points == 0) refuse("the cloud has no points: expected at least 1");
     if (options.target_size.has_value() == options.voxel_size.has_value()) {
         refuse("voxel: expected either a target size or a voxel_size");
     }
     if (options.target_size && *options.target_size == 0) {
-        refuse("target_size 0: expected 1.." + std::to_string(points));
+        refuse("target_size 0: expected 1..", points);
     }
 }
 
 void check_voxel_size(double size, double longest) {
     const double least = longest / kMostCells;
     if (size > 0 && size >= least && std::isfinite(size)) return;
-    std::ostringstream message;
-    message << "voxel_size " << size << ": expected a finite number above 0, at least " << least
-            << ", 2^-21 of the longest side of the cloud";
-    throw Error(ErrorCode::InvalidArgument, message.str());
+    refuse("voxel_size ", size, ": expected a finite number above 0, at least ", least,
+           ", 2^-21 of the longest side of the cloud");
 }
 
 }  // namespace

@@ -1,0 +1,25 @@
+#pragma once
+
+#include "stipple/error.hpp"
+
+#include <sstream>
+#include <string_view>
+
+namespace stipple {
+
+/// Throws Error(InvalidArgument); the message is the parts one behind the other, as a stream writes
+/// them.
+template <typename... Parts>
+[[noreturn]] void refuse(const Parts&... parts) {
+    std::ostringstream message;
+    (message << ... << parts);
+    throw Error(ErrorCode::InvalidArgument, message.str());
+}
+
+/// Refuses a value that does not fit: `k 2: expected 3..32`.
+template <typename T>
+void require(bool fits, std::string_view name, const T& value, std::string_view expected) {
+    if (!fits) refuse(name, ' ', value, ": expected ", expected);
+}
+
+}  // namespace stipple
