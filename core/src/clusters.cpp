@@ -11,9 +11,7 @@
 #include "symmetric_eigen.hpp"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
-#include <limits>
 
 // Follows: Pauly, Gross, Kobbelt 2002, §3.1 (centroids). The surface representative is ours:
 // centroids of curved parts lie inside the surface by half the mean curvature times the mean
@@ -114,19 +112,27 @@ struct LinearColor {
     double r = 0, g = 0, b = 0, a = 0;
 };
 
-Rgba8 mean_color(const std::vector<Rgba8>& colors, std::span<const Index> members) {
+/// In linear light. Where alpha means something, each colour counts by it: that of a transparent
+/// point, which nobody sees, is not mixed into those that are seen.
+Rgba8 mean_color(const PointCloud& cloud, std::span<const Index> members) {
     const auto& linear = linear_from_srgb();
+    const bool by_alpha = cloud.has_alpha && std::ranges::any_of(members, [&](Index i) {
+                              return cloud.colors[i].a != 0;
+                          });
     LinearColor sum;
+    double weights = 0;
     for (const Index i : members) {
-        const Rgba8& c = colors[i];
-        sum.r += static_cast<double>(linear[c.r]);
-        sum.g += static_cast<double>(linear[c.g]);
-        sum.b += static_cast<double>(linear[c.b]);
+        const Rgba8& c = cloud.colors[i];
+        const double weight = by_alpha ? c.a : 1.0;
+        weights += weight;
+        sum.r += weight * static_cast<double>(linear[c.r]);
+        sum.g += weight * static_cast<double>(linear[c.g]);
+        sum.b += weight * static_cast<double>(linear[c.b]);
         sum.a += c.a;
     }
     const double n = static_cast<double>(members.size());
-    return {srgb_from_linear(sum.r / n), srgb_from_linear(sum.g / n), srgb_from_linear(sum.b / n),
-            static_cast<std::uint8_t>(std::lround(sum.a / n))};
+    return {srgb_from_linear(sum.r / weights), srgb_from_linear(sum.g / weights),
+            srgb_from_linear(sum.b / weights), static_cast<std::uint8_t>(std::lround(sum.a / n))};
 }
 
 /// The mean direction; the normal of `fallback` where the directions cancel.
@@ -278,7 +284,7 @@ PointCloud merged_cloud(const PointCloud& cloud, std::vector<Vec3f> positions,
         if (!cloud.colors.empty()) {
             for (std::size_t i = begin; i < end; ++i) {
                 result.colors[i] =
-                    take_nearest ? cloud.colors[nearest[i]] : mean_color(cloud.colors, lists.of(i));
+                    take_nearest ? cloud.colors[nearest[i]] : mean_color(cloud, lists.of(i));
             }
         }
         for (std::size_t a = 0; a < cloud.attributes.size(); ++a) {

@@ -90,13 +90,32 @@ TEST(Reductions, AverageColoursInLinearLight) {
     EXPECT_EQ(result.colors.front(), (Rgba8{188, 188, 188, 255}));  // half of the light of white
 }
 
+TEST(Reductions, WeighColoursByAlphaWhereTheyHaveOne) {
+    PointCloud cloud = three_points();
+    cloud.colors = {{255, 0, 0, 0}, {0, 0, 255, 255}, {255, 255, 255, 0}};
+    const auto mean = [](const PointCloud& of) {
+        return representatives(of, one_cluster(3), Representative::Centroid).colors.front();
+    };
+    EXPECT_EQ(mean(cloud), (Rgba8{213, 156, 213, 85})) << "alpha means nothing here";
+    cloud.has_alpha = true;
+    EXPECT_EQ(mean(cloud), (Rgba8{0, 0, 255, 85})) << "only the second point is to be seen";
+    cloud.colors = {{255, 255, 255, 50}, {0, 0, 0, 150}, {9, 9, 9, 0}};
+    EXPECT_EQ(mean(cloud), (Rgba8{137, 137, 137, 67})) << "a quarter of the light of white";
+    cloud.colors = {{80, 90, 100, 0}, {80, 90, 100, 0}, {80, 90, 100, 0}};
+    EXPECT_EQ(mean(cloud), (Rgba8{80, 90, 100, 0})) << "none is to be seen";
+}
+
 TEST(Reductions, KeepEveryColourOfAUniformCluster) {
     for (int code = 0; code < 256; ++code) {
         PointCloud cloud = three_points();
         const auto c = static_cast<std::uint8_t>(code);
         cloud.colors.assign(3, {c, c, c, c});
-        const PointCloud result = representatives(cloud, one_cluster(3), Representative::Centroid);
-        ASSERT_EQ(result.colors.front(), cloud.colors.front());
+        for (const bool has_alpha : {false, true}) {
+            cloud.has_alpha = has_alpha;
+            const PointCloud result =
+                representatives(cloud, one_cluster(3), Representative::Centroid);
+            ASSERT_EQ(result.colors.front(), cloud.colors.front());
+        }
     }
 }
 

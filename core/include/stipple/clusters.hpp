@@ -29,9 +29,9 @@ enum class Representative {
 };
 
 /// The cloud P' of representatives, cluster by cluster. Other attributes are reduced by their
-/// policy (`Reduction`): colours averaged in linear light, normals averaged and renormalised; with
-/// `Nearest`, everything is that point's (but for attributes whose policy is named in the options
-/// of a method). O(N), parallel over clusters.
+/// policy (`Reduction`): colours averaged in linear light, by alpha if any; normals averaged and
+/// renormalised; with `Nearest`, everything is that point's (but for attributes whose policy is
+/// named in the options of a method). O(N), parallel over clusters.
 PointCloud representatives(const PointCloud& cloud, const Clusters& clusters, Representative kind,
                            const RunContext& context = {});
 
