@@ -41,7 +41,7 @@ constexpr float kIsolated = std::numeric_limits<float>::infinity();
 
 using Record = ContractionRecord;
 
-/// A link of a sample into which another was just contracted: that other's number lies below.
+/// The bit of `ContractionRecord::link` that says that another was just contracted into the sample.
 constexpr Index kMerged = Index{1} << 31U;
 
 /// A number for a pair that looks like chance, to choose among pairs of the same cost. No two pairs
@@ -53,10 +53,10 @@ std::uint64_t shuffled(Index a, Index b) noexcept {
     return h * 0xBF58476D1CE4E5B9ULL;
 }
 
-class Engine {
+class Contraction {
 public:
-    Engine(std::span<const Vec3f> positions, std::span<const StoredQuadric> quadrics,
-           const ContractionOptions& options, const RunContext& context);
+    Contraction(std::span<const Vec3f> positions, std::span<const StoredQuadric> quadrics,
+                const ContractionOptions& options, const RunContext& context);
 
     void run(std::span<const std::uint64_t> counts,
              const std::function<void(ContractionSnapshot&&)>& on_snapshot);
@@ -153,8 +153,8 @@ private:
                                           ///< lists were brought up to date
 };
 
-Engine::Engine(std::span<const Vec3f> positions, std::span<const StoredQuadric> quadrics,
-               const ContractionOptions& options, const RunContext& context)
+Contraction::Contraction(std::span<const Vec3f> positions, std::span<const StoredQuadric> quadrics,
+                         const ContractionOptions& options, const RunContext& context)
     : options_(options),
       context_(context),
       k_(options.k),
@@ -187,9 +187,9 @@ Engine::Engine(std::span<const Vec3f> positions, std::span<const StoredQuadric> 
     if (quadrics.empty()) make_quadrics();
 }
 
-void Engine::fill_records(std::size_t from, std::size_t to, std::span<const Vec3f> positions,
-                          std::span<const StoredQuadric> quadrics,
-                          std::span<const std::uint32_t> tangents) {
+void Contraction::fill_records(std::size_t from, std::size_t to, std::span<const Vec3f> positions,
+                               std::span<const StoredQuadric> quadrics,
+                               std::span<const std::uint32_t> tangents) {
     const auto scale = static_cast<float>(scale_);
     parallel_for_blocks(to - from, kBlock, context_, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = from + begin; i < from + end; ++i) {
@@ -206,14 +206,14 @@ void Engine::fill_records(std::size_t from, std::size_t to, std::span<const Vec3
 
 /// Calls visit(neighbour) for the list of a slot.
 template <typename Visit>
-void Engine::for_neighbors(Index of, Visit&& visit) const {
+void Contraction::for_neighbors(Index of, Visit&& visit) const {
     const Index* const list = list_of(of);
     for (std::size_t s = 0; s < k_ && list[s] != kNone; ++s) visit(list[s]);
 }
 
 /// The quadrics of §3.2. A sample stands for an area that goes as the mean squared distance of its
 /// neighbours; the sum over all samples does not depend on their number.
-void Engine::make_quadrics() {
+void Contraction::make_quadrics() {
     const auto make = [&](std::size_t begin, std::size_t end) {
         std::vector<Vec3d> neighbors;
         for (auto i = static_cast<Index>(begin); i < end; ++i) {
@@ -240,7 +240,7 @@ void Engine::make_quadrics() {
 }
 
 /// The features of each neighbour less the sample's own.
-std::vector<float> Engine::feature_steps(Index i) const {
+std::vector<float> Contraction::feature_steps(Index i) const {
     const auto features = [&](Index slot) {
         return options_.features.subspan(static_cast<std::size_t>(order_[slot]) * options_.channels,
                                          options_.channels);
@@ -254,7 +254,7 @@ std::vector<float> Engine::feature_steps(Index i) const {
 }
 
 /// The neighbours of a sample in a round: each live and named once.
-struct Engine::Gathered {
+struct Contraction::Gathered {
     std::array<Index, 2 * kMaxNeighbors> slots;
     std::array<bool, 2 * kMaxNeighbors> changed;  ///< whether it was part of a contraction
     std::size_t count = 0;
@@ -267,7 +267,7 @@ struct Engine::Gathered {
     }
 };
 
-void Engine::gather(Index of, Index self, Gathered& gathered) const {
+void Contraction::gather(Index of, Index self, Gathered& gathered) const {
     for_neighbors(of, [&](Index named) {
         const bool changed = is_changed(named);
         const Index j = changed ? root(named) : named;
@@ -276,7 +276,7 @@ void Engine::gather(Index of, Index self, Gathered& gathered) const {
 }
 
 /// Brings the list of neighbours up to date, and chooses the partner.
-void Engine::refresh(Index i) {
+void Contraction::refresh(Index i) {
     Record& self = records()[i];
     self.claim = kNone;
     if (self.cost != kUnknown) {
@@ -308,7 +308,7 @@ void Engine::refresh(Index i) {
 }
 
 /// The nearest to sample i, as many as a list holds.
-void Engine::keep_nearest(Index i, Gathered& found) const {
+void Contraction::keep_nearest(Index i, Gathered& found) const {
     std::array<std::pair<float, Index>, 2 * kMaxNeighbors> by_distance;
     for (std::size_t f = 0; f < found.count; ++f) {
         const Vec3f d = records()[found.slots[f]].position - records()[i].position;
@@ -323,7 +323,7 @@ void Engine::keep_nearest(Index i, Gathered& found) const {
 
 /// Puts the cheapest of the asked, if it is cheaper than the partner of before, to the front of the
 /// list.
-void Engine::choose_partner(Index i, std::span<const Index> asked) {
+void Contraction::choose_partner(Index i, std::span<const Index> asked) {
     Index* const list = list_of(i);
     Index best = list[0];
     float least = records()[i].cost;
@@ -349,7 +349,7 @@ void Engine::choose_partner(Index i, std::span<const Index> asked) {
     if (best != list[0]) std::swap(list[0], *std::find(list, list + k_, best));
 }
 
-float Engine::quantile_of_costs() const {
+float Contraction::quantile_of_costs() const {
     constexpr double kQuantile = 0.5;
     constexpr std::size_t kAsked = 1 << 13;
     const std::size_t step = std::max<std::size_t>(1, live_ / kAsked);
@@ -364,7 +364,7 @@ float Engine::quantile_of_costs() const {
 }
 
 /// Every sample whose contraction costs at most `limit` asks its partner for it.
-void Engine::propose(float limit) {
+void Contraction::propose(float limit) {
     for_live([&](Index i) {
         Record& self = records()[i];
         self.link = i;
@@ -380,7 +380,7 @@ void Engine::propose(float limit) {
 }
 
 /// Whether the contraction of i with its partner is the cheapest that either of them is part of.
-bool Engine::wins(Index i, float limit) const {
+bool Contraction::wins(Index i, float limit) const {
     const float cost = records()[i].cost;
     if (!(cost <= limit) || cost == kIsolated) return false;
     const Index partner = list_of(i)[0];
@@ -398,7 +398,7 @@ bool Engine::wins(Index i, float limit) const {
 }
 
 /// One sample of each pair that contracts now, with its partner.
-std::vector<Index> Engine::match(float limit) {
+std::vector<Index> Contraction::match(float limit) {
     std::vector<std::vector<Index>> parts((slots_ + kBlock - 1) / kBlock);
     parallel_for_blocks(slots_, kBlock, context_, [&](std::size_t begin, std::size_t end) {
         std::vector<Index>& part = parts[begin / kBlock];
@@ -417,7 +417,7 @@ std::vector<Index> Engine::match(float limit) {
     return winners;
 }
 
-void Engine::contract(Index winner) {
+void Contraction::contract(Index winner) {
     const Index partner = list_of(winner)[0];
     Index kept = std::min(winner, partner), gone = std::max(winner, partner);
     const Vec3d from = records()[kept].position.cast<double>();
@@ -437,7 +437,7 @@ void Engine::contract(Index winner) {
     set_changed(gone);
 }
 
-void Engine::contract(std::span<const Index> winners) {
+void Contraction::contract(std::span<const Index> winners) {
     parallel_for_blocks(winners.size(), kBlock, context_, [&](std::size_t begin, std::size_t end) {
         for (std::size_t w = begin; w < end; ++w) contract(winners[w]);
     });
@@ -453,7 +453,8 @@ void Engine::contract(std::span<const Index> winners) {
 }
 
 /// Contracts what a round may, and stops where a count is reached on the way.
-void Engine::round(std::span<const std::uint64_t>& counts, const std::function<void()>& at_count) {
+void Contraction::round(std::span<const std::uint64_t>& counts,
+                        const std::function<void()>& at_count) {
     for_live([&](Index i) { refresh(i); });
     std::ranges::fill(changed_, 0);
     if (2 * live_ <= slots_) compact();
@@ -482,7 +483,7 @@ void Engine::round(std::span<const std::uint64_t>& counts, const std::function<v
 }
 
 /// Neighbours anew, where none are left to contract with: parts that are apart from each other.
-void Engine::reconnect() {
+void Contraction::reconnect() {
     std::vector<Vec3f> positions;
     compact();
     for_slots([&](Index i) { positions.push_back(records()[i].position); });
@@ -495,7 +496,7 @@ void Engine::reconnect() {
 
 /// Renumbers the slots so that the live samples fill them, and gives back the memory of the rest.
 /// After a refresh, when all lists name live samples.
-void Engine::compact() {
+void Contraction::compact() {
     // The new numbers are claims until all is moved.
     Index next = 0;
     for_slots([&](Index i) {
@@ -529,7 +530,7 @@ void Engine::compact() {
     memory_.shrink(slots_ * sizeof(Record));
 }
 
-ContractionSnapshot Engine::snapshot() const {
+ContractionSnapshot Contraction::snapshot() const {
     const bool ends = options_.placement == Placement::EndPoint;
     ContractionSnapshot s;
     auto number = made_in_blocks<std::vector<Index>>(slots_, context_);  // of live slots
@@ -548,8 +549,8 @@ ContractionSnapshot Engine::snapshot() const {
     return s;
 }
 
-void Engine::run(std::span<const std::uint64_t> counts,
-                 const std::function<void(ContractionSnapshot&&)>& on_snapshot) {
+void Contraction::run(std::span<const std::uint64_t> counts,
+                      const std::function<void(ContractionSnapshot&&)>& on_snapshot) {
     const std::uint64_t n = slots_;
     const auto at_count = [&] { on_snapshot(snapshot()); };
     for (; !counts.empty() && counts.front() >= n; counts = counts.subspan(1)) at_count();
@@ -580,8 +581,9 @@ void contract(std::span<const Vec3f> positions, std::span<const StoredQuadric> q
         throw Error(ErrorCode::TooLarge, std::to_string(positions.size()) +
                                              " points to contract: expected fewer than 2^31");
     }
-    with_threads(context,
-                 [&] { Engine(positions, quadrics, options, context).run(counts, on_snapshot); });
+    with_threads(context, [&] {
+        Contraction(positions, quadrics, options, context).run(counts, on_snapshot);
+    });
 }
 
 }  // namespace stipple

@@ -9,13 +9,19 @@
 
 namespace stipple {
 
-/// All that a contraction reads of a sample, in one line of the cache.
+/// All that a contraction reads of a sample, in one line of the cache, which is full: so `link` and
+/// `claim` mean one thing at one time and another at another.
 struct alignas(64) ContractionRecord {
     Vec3f position;
     StoredQuadric quadric;  ///< relative to the position; its c is what the sample costs already
-    Index link;             ///< where it went, see contraction.cpp
-    Index claim;            ///< the sample that asks to contract with this one for the least
-    float cost;             ///< of the contraction with its partner
+    /// Of a sample that is left: itself, or, from its contraction with another until its list of
+    /// neighbours is up to date, that other's number and the highest bit. Of one that is gone: the
+    /// sample into which it was contracted.
+    Index link;
+    /// In a round: the sample that asks to contract with this one for the least, if any does. While
+    /// quadrics are made, the sample's packed tangent; while slots are renumbered, its new number.
+    Index claim;
+    float cost;  ///< of the contraction with its partner
 };
 static_assert(sizeof(ContractionRecord) == 64);
 
