@@ -69,11 +69,13 @@ void require_range(const char* what, std::uint64_t value, std::uint64_t least, s
 
 /// Clouds more than 1e15 across are refused (`require_squares`). Their grid, of steps that may be
 /// up to twice a precision, reaches up to four times as far.
-void require_reach(const ProgressiveLayout& layout) {
+/// @param code  whose fault it is: the caller's who encodes, or the stream's.
+void require_reach(const ProgressiveLayout& layout, ErrorCode code) {
     constexpr double kMostAcross = 4e15, kFarthest = std::numeric_limits<float>::max();
     const double across = std::ldexp(layout.step, layout.grid_bits);
     const double reach = layout.low.cwiseAbs().maxCoeff() + across;
     std::ostringstream message;
+    message << "progressive stream: ";
     if (across > kMostAcross) {
         message << "the grid is " << across << " across: expected at most " << kMostAcross
                 << "; give the cloud in a larger unit, or without points that are far from all "
@@ -84,7 +86,7 @@ void require_reach(const ProgressiveLayout& layout) {
     } else {
         return;
     }
-    malformed(message.str());
+    throw Error(code, message.str());
 }
 
 ProgressiveAttribute read_attribute(Reader& in) {
@@ -168,7 +170,7 @@ unsigned ProgressiveLayout::sharpening_block_bits(std::size_t number) const noex
 }
 
 std::vector<std::byte> write_header(const ProgressiveLayout& layout) {
-    require_reach(layout);
+    require_reach(layout, ErrorCode::InvalidArgument);
     ByteWriter out;
     out.put(kMagic);
     out.put(kVersion);
@@ -261,7 +263,7 @@ ProgressiveLayout parse_header(std::span<const std::byte> bytes, const DecodeLim
     if (!(layout.step > 0)) malformed("the step of the grid is not positive");
     layout.low = in.place("the corner of the grid");
     layout.origin = in.place("the origin");
-    require_reach(layout);
+    require_reach(layout, ErrorCode::MalformedInput);
     for (unsigned a = 0; a < attributes; ++a) layout.attributes.push_back(read_attribute(in));
     read_batches(in, batches, layout);
     if (!in.at_end()) malformed("the header is longer than its contents");
