@@ -1,12 +1,15 @@
 #include "stipple/error_bounded.hpp"
 
 #include "error_judge.hpp"
+#include "refuse.hpp"
 #include "snapshot_forest.hpp"
 #include "snapshots.hpp"
 #include "stipple/error.hpp"
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <numeric>
 #include <optional>
 #include <string>
 #include <tuple>
@@ -29,10 +32,6 @@ constexpr unsigned kPatience = 16;  // rounds of small steps; then they grow
 constexpr std::size_t kLarge = 50'000;
 constexpr double kQuickly = 100'000;  // points of the finest snapshot of a first run
 
-[[noreturn]] void refuse(const std::string& message) {
-    throw Error(ErrorCode::InvalidArgument, message);
-}
-
 /// Descending from `finest` in even steps to one.
 std::vector<std::uint64_t> snapshot_sizes(double finest) {
     std::vector<std::uint64_t> sizes;
@@ -46,10 +45,20 @@ std::vector<std::uint64_t> snapshot_sizes(double finest) {
 /// The snapshots of one run, the last of them the cloud itself.
 SnapshotForest forest_of(const PointCloud& cloud, const SimplifyOptions& options, double finest,
                          const RunContext& context) {
+    const std::vector<std::uint64_t> sizes = snapshot_sizes(finest);
+    const std::uint64_t points =
+        std::accumulate(sizes.begin(), sizes.end(), std::uint64_t{cloud.size()});
+    if (points > std::numeric_limits<Index>::max()) {  // from 1.25e9 and half of them on
+        throw Error(ErrorCode::TooLarge,
+                    std::to_string(cloud.size()) + " points and their snapshots are " +
+                        std::to_string(points) +
+                        ": expected fewer than 2^32; simplify to a count first, or to a larger "
+                        "max_error");
+    }
     std::vector<PointCloud> levels;
     make_snapshots(
-        cloud, options, snapshot_sizes(finest),
-        [&](PointCloud&& level) { levels.push_back(std::move(level)); }, context);
+        cloud, options, sizes, [&](PointCloud&& level) { levels.push_back(std::move(level)); },
+        context);
     std::ranges::reverse(levels);
     levels.push_back(cloud);
     return {std::move(levels), context};
@@ -246,7 +255,7 @@ ErrorBoundedCloud search_forest(const PointCloud& cloud, const SimplifyOptions& 
 
 void require_error_bounded(Method method) {
     if (std::ranges::find(kErrorBoundedMethods, method) != kErrorBoundedMethods.end()) return;
-    refuse("method " + std::string(to_string(method)) +
+    refuse("method ", to_string(method),
            ": expected multiphase, hierarchical, iterative or particles for max_error or a curve");
 }
 
@@ -294,16 +303,13 @@ void validate(const ErrorCurveOptions& options) {
     if (targeted) refuse("target: a curve has none; give points or count");
     method.points = 1;
     validate(method);
-    if (options.count < 2 || options.count > kMostCounts)
-        refuse("count " + std::to_string(options.count) + ": expected 2..64");
+    require(options.count >= 2 && options.count <= kMostCounts, "count", options.count, "2..64");
     if (options.points.size() > kMostCounts)
-        refuse("points: " + std::to_string(options.points.size()) +
-               " counts: expected at most 64");
+        refuse("points: ", options.points.size(), " counts: expected at most 64");
     for (std::size_t i = 0; i < options.points.size(); ++i) {
         const std::uint64_t least = i == 0 ? 1 : options.points[i - 1] + 1;
-        if (options.points[i] < least)
-            refuse("points " + std::to_string(options.points[i]) +
-                   ": expected ascending counts, each at least 1");
+        require(options.points[i] >= least, "points", options.points[i],
+                "ascending counts, each at least 1");
     }
 }
 
@@ -313,35 +319,26 @@ std::vector<std::uint64_t> curve_counts(std::uint64_t points, const ErrorCurveOp
     if (options.points.empty()) {
         counts = curve_counts(points, options.count);
         if (counts.empty())
-            refuse("points: the cloud has " + std::to_string(points) +
-                   ": expected at least 40, or explicit counts");
+            refuse("points: the cloud has ", points, ": expected at least 40, or explicit counts");
     }
     for (const std::uint64_t count : options.points)
         if (count < points) counts.insert(counts.begin(), count);
     if (counts.empty())
-        refuse("points: the cloud has " + std::to_string(points) +
-               ": expected at least one count below that");
+        refuse("points: the cloud has ", points, ": expected at least one count below that");
     return counts;
 }
 
-void error_curve(const PointCloud& cloud, const SimplifyOptions& options,
-                 std::span<const std::uint64_t> counts,
+void error_curve(const PointCloud& cloud, const ErrorCurveOptions& options,
                  const std::function<void(const CurvePoint&)>& on_point,
                  const SurfaceErrorOptions& measure, const RunContext& context) {
-    require_error_bounded(options.method);
     if (cloud.empty()) refuse("the cloud has no points: expected at least 1");
-    for (std::size_t i = 0; i < counts.size(); ++i) {
-        const std::uint64_t most = i == 0 ? cloud.size() - 1 : counts[i - 1] - 1;
-        if (counts[i] < 1 || counts[i] > most)
-            refuse("points " + std::to_string(counts[i]) + ": expected 1.." + std::to_string(most) +
-                   ", descending");
-    }
+    const std::vector<std::uint64_t> counts = curve_counts(cloud.size(), options);
     const RunContext quietly{.stop = context.stop, .progress = {}, .threads = context.threads};
     std::size_t done = 0;
     context.checkpoint(0.0);
     SurfaceErrorMeter meter(cloud, measure, quietly);
     make_snapshots(
-        cloud, options, counts,
+        cloud, options.simplification, counts,
         [&](PointCloud&& snapshot) {
             on_point({snapshot.size(), meter.measure(snapshot, quietly)});
             context.checkpoint(static_cast<double>(++done) / static_cast<double>(counts.size()));

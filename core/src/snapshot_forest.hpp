@@ -15,8 +15,9 @@ namespace stipple {
 /// some from others, so that points are close where they must be.
 class SnapshotForest {
 public:
-    /// @param levels  of the same attributes, the coarsest first; at least one, none empty. Memory:
-    /// that of the levels, and 13 bytes for each of their points.
+    /// @param levels  of the same attributes, the coarsest first; at least one, none empty, and
+    /// fewer than 2^32 points in all of them. Memory: that of the levels, and 13 bytes for each of
+    /// their points.
     SnapshotForest(std::vector<PointCloud> levels, const RunContext& context);
 
     std::size_t level_count() const noexcept { return offsets_.size() - 1; }

@@ -196,16 +196,15 @@ private:
     /// Figures alone, in the order in which they come, the finest first; numbered from the
     /// coarsest.
     void make(PointCloud&& cloud, const CurveJob& job) {
-        SimplifyOptions options = job.options.simplification;
-        to_frame_of(cloud, options.particles);
-        const std::vector<std::uint64_t> counts = curve_counts(cloud.size(), job.options);
-        auto number = static_cast<unsigned>(counts.size());
+        ErrorCurveOptions options = job.options;
+        to_frame_of(cloud, options.simplification.particles);
+        auto number = static_cast<unsigned>(curve_counts(cloud.size(), options).size());
         const auto distances = [](const DirectedError& error) {
             return CurveDistances{error.max, error.mean, error.rms};
         };
         const Stopwatch watch(cost_.simplify_seconds);
         error_curve(
-            cloud, options, counts,
+            cloud, options,
             [&](const CurvePoint& point) {
                 JobReport line;
                 line.level = {

@@ -13,7 +13,6 @@
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
-#include <algorithm>
 #include <functional>
 #include <stop_token>
 #include <string>
@@ -78,8 +77,7 @@ const Operation kOperations[] = {
     {"ErrorCurve",
      [](const RunContext& c) {
          error_curve(
-             scan(), {}, std::vector<std::uint64_t>{200, 100, 50}, [](const CurvePoint&) {},
-             {.samples = 500}, c);
+             scan(), {.points = {50, 100, 200}}, [](const CurvePoint&) {}, {.samples = 500}, c);
      }},
     {"PyramidOfCuts",
      [](const RunContext& c) {

@@ -1,13 +1,12 @@
 #pragma once
 
 #include "service/service.hpp"
+#include "support/expect_error.hpp"
 #include "support/support.hpp"
 #include "worker/worker_pool.hpp"
 
-#include "stipple/error.hpp"
 #include "stipple/proto/digest.hpp"
 
-#include <gtest/gtest.h>
 #include <functional>
 #include <string>
 #include <string_view>
@@ -97,18 +96,5 @@ public:
 private:
     const Function function_;
 };
-
-/// Expects an Error of this kind whose message holds `part`.
-template <typename Call>
-void expect_error(ErrorCode code, std::string_view part, Call call) {
-    try {
-        call();
-        ADD_FAILURE() << "nothing was thrown; expected " << to_string(code) << ": " << part;
-    } catch (const Error& error) {
-        EXPECT_EQ(to_string(error.code()), to_string(code)) << error.what();
-        EXPECT_NE(std::string_view(error.what()).find(part), std::string_view::npos)
-            << error.what();
-    }
-}
 
 }  // namespace stipple::test

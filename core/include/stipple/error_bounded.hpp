@@ -9,7 +9,6 @@
 #include <cstdint>
 #include <functional>
 #include <optional>
-#include <span>
 #include <vector>
 
 namespace stipple {
@@ -79,10 +78,12 @@ struct ErrorBoundedCloud {
 /// surface.
 ///
 /// @throws Error(InvalidArgument) for a bound that is not finite and positive, a method that is not
-/// one of `kErrorBoundedMethods`, other options out of range, or a cloud without points.
-/// Time: mostly one run of the method, seldom two (of particles one for each of up to 50 counts), a
-/// measurement, and a tenth of one for each of some tens of other `tries`. Memory: that of the
-/// method, three clouds, and 60 bytes for each place that is looked at.
+/// one of `kErrorBoundedMethods`, other options out of range, or a cloud without points;
+/// Error(TooLarge) for more than 1.25e9 points of which 100,000 are not enough.
+///
+/// Time: mostly one run of the method, seldom two (for particles one for each of up to 50 counts),
+/// a measurement, and a tenth of one for each of some tens of other `tries`. Memory: that of the
+/// method, three clouds, and 60 bytes for each place measured.
 ErrorBoundedCloud simplify_within_error(const PointCloud& cloud, const SimplifyOptions& options,
                                         const RunContext& context = {});
 
@@ -107,20 +108,18 @@ struct CurvePoint {
 };
 
 /// `count` counts for a curve, evenly spaced on a logarithmic axis, descending: from half of the
-/// `points`, a million at most, to a thousandth of them, 20 at least. Fewer where there are not so
-/// many.
+/// `points`, at most a million, down to a thousandth of them, at least 20. Fewer if there are not
+/// that many.
 std::vector<std::uint64_t> curve_counts(std::uint64_t points, unsigned count = 24);
 
-/// How the error grows as points go: snapshots of one run (particles: of a run for each), each
-/// measured as `measure_error` does with `measure`.
+/// How the error grows with fewer points: snapshots of one run (particles: one run for each) at the
+/// counts of the options (`curve_counts`), each measured by `measure_error` with `measure`.
 ///
-/// @param counts  descending, each in 1..N - 1; see `curve_counts`.
-/// @param on_point  called for each count, in their order, on the calling thread.
-/// @throws Error(InvalidArgument) for a method that is not one of `kErrorBoundedMethods`, counts
-/// out of range or order, or a cloud without points. Time: one run of the method and a measurement
-/// for each count.
-void error_curve(const PointCloud& cloud, const SimplifyOptions& options,
-                 std::span<const std::uint64_t> counts,
+/// @param on_point  called for each count, descending, on the calling thread.
+/// @throws Error(InvalidArgument) like `curve_counts`, or for a cloud without points.
+///
+/// Time: one run of the method and a measurement for each count.
+void error_curve(const PointCloud& cloud, const ErrorCurveOptions& options,
                  const std::function<void(const CurvePoint&)>& on_point,
                  const SurfaceErrorOptions& measure = {}, const RunContext& context = {});
 
