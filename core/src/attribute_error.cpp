@@ -14,7 +14,6 @@
 #include <functional>
 #include <limits>
 #include <string>
-#include <utility>
 
 namespace stipple {
 

@@ -7,8 +7,6 @@
 #include <algorithm>
 #include <atomic>
 #include <bit>
-#include <cmath>
-#include <utility>
 
 namespace stipple {
 

@@ -4,6 +4,7 @@
 #include "until_stopped.hpp"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 #include <cstdint>

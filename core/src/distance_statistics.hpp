@@ -3,7 +3,6 @@
 #include "stipple/run_context.hpp"
 #include "stipple/surface_error.hpp"
 
-#include <array>
 #include <span>
 
 namespace stipple {

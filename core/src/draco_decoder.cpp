@@ -13,7 +13,6 @@
 #include <draco/compression/decode.h>
 #include <algorithm>
 #include <cmath>
-#include <functional>
 #include <memory>
 #include <new>
 #include <stdexcept>

@@ -1,7 +1,6 @@
 #include "error_judge.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <limits>
 #include <utility>
 

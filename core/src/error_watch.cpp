@@ -4,7 +4,6 @@
 #include "tree_search.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <numeric>
 #include <utility>
 

@@ -11,7 +11,6 @@
 #include <bit>
 #include <cmath>
 #include <limits>
-#include <utility>
 #include <vector>
 
 // Eight queries are on their way at once, one in each lane of the vector code. Those near each
@@ -29,8 +28,8 @@ constexpr double kReaching = 20;  // the surface reaches as far as so many point
 /// All points within a radius of some place.
 struct Patch {
     Vec3d center = Vec3d::Zero();
-    double radius = -1;        ///< infinite where these are all points there are
-    double neighborhood = 0;   ///< about the radius of the k nearest to the center
+    double radius = -1;         ///< infinite where these are all points there are
+    double neighborhood = 0;    ///< about the radius of the k nearest to the center
     std::vector<float> points;  ///< relative to it: all x, all y and all z, with room for as many
     std::size_t size = 0;
     unsigned uses = 0;  ///< by walkers, or as what the next may share
@@ -229,9 +228,8 @@ private:
         w.query = next_++;
         w.q = queries_[w.query].cast<double>();
         w.direct = {};
-        w.from_sample = !shared_->holds(w.q) && !share([&](Patch& patch) {
-            return maker_.make_near(w.q, patch);
-        });
+        w.from_sample = !shared_->holds(w.q) &&
+                        !share([&](Patch& patch) { return maker_.make_near(w.q, patch); });
         if (w.from_sample) {
             find_sample(w);
             share([&](Patch& patch) {
@@ -245,9 +243,7 @@ private:
     }
 
     /// One that nobody uses: there is one more of them than can be in use.
-    Patch& unused_patch() {
-        return *std::ranges::find(patches_, 0U, &Patch::uses);
-    }
+    Patch& unused_patch() { return *std::ranges::find(patches_, 0U, &Patch::uses); }
 
     /// What make(patch) makes is shared from now on, unless it answers false.
     template <typename Make>

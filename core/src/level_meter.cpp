@@ -11,7 +11,6 @@
 #include <cstdint>
 #include <iterator>
 #include <limits>
-#include <span>
 #include <utility>
 
 namespace stipple {

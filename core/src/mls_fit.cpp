@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 #include <span>
 
 // Follows: Levin 2003, Alexa et al. 2003 (the energy of Eq. 6 as a function of n and t, whose

@@ -7,7 +7,6 @@
 #include "stipple/error.hpp"
 #include "stipple/progressive_cloud.hpp"
 
-#include <algorithm>
 #include <string>
 #include <utility>
 #include <vector>

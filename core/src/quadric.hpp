@@ -2,9 +2,6 @@
 
 #include "stipple/point_cloud.hpp"
 
-#include <algorithm>
-#include <cmath>
-
 namespace stipple {
 
 /// The sum of weighted squared distances to planes and points as a function of position (Garland
@@ -12,8 +9,8 @@ namespace stipple {
 /// of the quadric knows. A lies in its upper triangle.
 ///
 /// Sums are taken in doubles; what lies in memory is floats, relative to the sample's own position,
-/// where b and c are small and lose nothing. The paper found floats unstable (§5.1) and does not say
-/// why; we suppose that its quadrics are relative to the origin of the world.
+/// where b and c are small and lose nothing. The paper found floats unstable (§5.1) and does not
+/// say why; we suppose that its quadrics are relative to the origin of the world.
 template <typename Real>
 struct BasicQuadric {
     Real xx = 0, xy = 0, xz = 0, yy = 0, yz = 0, zz = 0;

@@ -6,10 +6,8 @@
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <cmath>
 #include <limits>
 #include <numbers>
-#include <utility>
 
 // Follows: Roussopoulos, Kelley and Vincent 1995 (branch and bound over boxes, the nearest first)
 // where the quicker way fails: to guess a radius, gather what lies within and check that it is
