@@ -5,6 +5,7 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cctype>
 #include <charconv>
 #include <iostream>
 #include <map>
@@ -122,7 +123,10 @@ void add_work(CLI::App& serve, Flags& flags, ServerConfig& config) {
         ->default_str("all")
         ->transform(CLI::Validator(
             [](std::string& text) -> std::string {
-                const auto role = kRoles.find(CLI::detail::to_lower(text));
+                std::string name = text;
+                for (char& c : name)
+                    c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+                const auto role = kRoles.find(name);
                 if (role == kRoles.end()) return text + ": expected all, api or worker";
                 text = std::to_string(static_cast<int>(role->second));
                 return {};
