@@ -1,6 +1,7 @@
 #include "stipple/proto/problem.hpp"
 
 #include "json_parts.hpp"
+#include "stipple/proto/job_request.hpp"
 
 #include <algorithm>
 #include <array>
@@ -55,7 +56,8 @@ Problem problem_of(const Kind& kind, int status, std::string detail) {
             .status = status,
             .detail = std::move(detail),
             .stage = {},
-            .retry_after = {}};
+            .retry_after = {},
+            .candidate = {}};
 }
 
 /// Whether the same request may succeed later.
@@ -69,6 +71,13 @@ bool is_retryable(const Problem& problem) noexcept {
 Problem problem_from(ErrorCode code, std::string detail) {
     const Kind& kind = *std::ranges::find(kKinds, to_string(code), &Kind::code);
     return problem_of(kind, kind.status, std::move(detail));
+}
+
+Problem problem_from(const Error& error) {
+    Problem problem = problem_from(error.code(), error.what());
+    if (const auto* const about = dynamic_cast<const CandidateError*>(&error))
+        problem.candidate = about->number();
+    return problem;
 }
 
 Problem problem_from_status(int status, std::string detail) {
@@ -89,6 +98,7 @@ Json problem_json(const Problem& problem) {
                  {"status", problem.status},
                  {"detail", problem.detail}};
     if (problem.stage) json["stage"] = *problem.stage;
+    if (problem.candidate) json["candidate"] = *problem.candidate;
     json["retryable"] = is_retryable(problem);
     if (problem.retry_after) json["retry_after"] = *problem.retry_after;
     return json;
@@ -102,6 +112,8 @@ Problem read_problem(const JsonValue& value) {
     problem.status = static_cast<int>(object["status"].integer(100, 599));
     problem.detail = object["detail"].text();
     if (const auto stage = object.find("stage")) problem.stage = stage->text();
+    if (const auto number = object.find("candidate"))
+        problem.candidate = number->small_integer(1, kMostCandidates);
     object["retryable"].boolean();  // follows from the status and `retry_after`
     if (const auto seconds = object.find("retry_after")) problem.retry_after = seconds->number();
     object.finish();

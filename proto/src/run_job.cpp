@@ -299,7 +299,8 @@ private:
 
     // Evaluation.
 
-    /// A candidate by its number; failures say which it was.
+    /// A candidate, counted from 0.
+    /// @throws CandidateError.
     PointCloud read_candidate(std::size_t number) {
         const Stopwatch watch(cost_.decode_seconds);
         try {
@@ -312,8 +313,7 @@ private:
             require_usable(cloud, decoded.points, removed, bounds(cloud));
             return cloud;
         } catch (const Error& error) {
-            throw Error(error.code(),
-                        "candidate " + std::to_string(number + 1) + ": " + error.what());
+            throw CandidateError(static_cast<unsigned>(number + 1), error);
         }
     }
 

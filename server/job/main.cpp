@@ -19,6 +19,7 @@
 #include <fstream>
 #include <iterator>
 #include <string>
+#include <utility>
 
 namespace {
 
@@ -39,8 +40,7 @@ environment:
   STIPPLE_JOB_SANDBOX=off   run even if the kernel has no seccomp: limits only
 )";
 
-void report_problem(ErrorCode code, const std::string& detail) {
-    proto::Problem problem = proto::problem_from(code, detail);
+void report_problem(proto::Problem problem) {
     if (const auto stage = stipple::job::current_stage(); !stage.empty()) problem.stage = stage;
     proto::JobReport report;
     report.problem = problem;
@@ -97,9 +97,9 @@ int main(int argc, char** argv) {
     try {
         run(argv[1]);
     } catch (const Error& error) {
-        report_problem(error.code(), error.what());
+        report_problem(proto::problem_from(error));
     } catch (const std::exception& error) {
-        report_problem(ErrorCode::Internal, error.what());
+        report_problem(proto::problem_from(ErrorCode::Internal, error.what()));
     }
     // Straight out: giving gigabytes back piece by piece would take longer than the exit does.
     ::_exit(0);

@@ -239,9 +239,10 @@ TEST_F(Evaluation, ACandidateThatCannotBeReadIsNamed) {
     try {
         run(spec);
         FAIL() << "an empty cloud was compared";
-    } catch (const Error& error) {
+    } catch (const CandidateError& error) {
         EXPECT_EQ(error.code(), ErrorCode::MalformedInput);
-        EXPECT_STREQ(error.what(), "candidate 2: the file holds no points");
+        EXPECT_EQ(error.number(), 2U);
+        EXPECT_STREQ(error.what(), "the file holds no points");
     }
 }
 

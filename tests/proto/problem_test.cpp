@@ -54,6 +54,14 @@ TEST(Problem, TravelsAsTheGoldenFileSays) {
     EXPECT_EQ(to_json(problem_from_json(to_json(problem))), to_json(problem));
 }
 
+TEST(Problem, SaysWhichCandidateItIsAbout) {
+    const Error error(ErrorCode::MalformedInput, "the file holds no points");
+    EXPECT_EQ(to_json(problem_from(error)).find("candidate"), std::string::npos);
+    const Problem problem = problem_from(CandidateError(2, error));
+    EXPECT_EQ(problem.detail, error.what());
+    EXPECT_EQ(problem_from_json(to_json(problem)).candidate, 2U);
+}
+
 TEST(Problem, WithBytesThatAreNoUtf8IsStillWritten) {
     const std::string text = to_json(problem_from(ErrorCode::MalformedInput, "name \xff"));
     EXPECT_EQ(problem_from_json(text).detail, "name \xEF\xBF\xBD");

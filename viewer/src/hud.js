@@ -73,8 +73,9 @@ export class Hud {
 
     /** Why there is no result, or not all of it. */
     showReason({ problem, levels_ready: levels }) {
-        const { title = 'Failed', detail = 'The server gave no reason.' } = problem ?? {};
-        byId.reason.textContent = detail === title ? title : `${title}: ${detail}`;
+        const { title = 'Failed', detail = 'The server gave no reason.', candidate } = problem ?? {};
+        const parts = [title, candidate && `candidate ${candidate}`, detail !== title && detail];
+        byId.reason.textContent = parts.filter(Boolean).join(': ');
         byId.reason.hidden = false;
         if (levels === 0) {
             byId.hud.classList.add('plain');

@@ -2,6 +2,7 @@
 #include "cli/files.hpp"
 #include "cli/numbers.hpp"
 #include "cli/shared_options.hpp"
+#include "stipple/globe.hpp"
 
 #include <cstdint>
 #include <memory>

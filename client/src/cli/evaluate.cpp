@@ -6,6 +6,7 @@
 #include "cli/units.hpp"
 #include "stipple/error.hpp"
 #include "stipple/proto/digest.hpp"
+#include "stipple/proto/problem.hpp"
 
 #include <algorithm>
 #include <array>
@@ -155,8 +156,8 @@ fs::path numbered(const fs::path& file, std::size_t candidate, std::size_t all) 
 }
 
 std::vector<fs::path> inputs_of(const EvaluateCommand& command) {
-    std::vector<fs::path> inputs = command.candidates;
-    inputs.push_back(command.reference);
+    std::vector<fs::path> inputs = {command.reference};
+    inputs.insert(inputs.end(), command.candidates.begin(), command.candidates.end());
     return inputs;
 }
 std::vector<fs::path> outputs_of(const EvaluateCommand& command) {
@@ -207,26 +208,17 @@ ordered_json figures(const EvaluateCommand& command, const proto::Results& resul
     return json;
 }
 
-/// The error of the job with the file in front that it is about.
-Error naming_file(const EvaluateCommand& command, const Error& error) {
-    const std::string message = error.what();
-    for (std::size_t i = 0; i < command.candidates.size(); ++i) {
-        const std::string which = "candidate " + std::to_string(i + 1) + ": ";
-        if (message.starts_with(which))
-            return named_after(command.candidates[i],
-                               Error(error.code(), message.substr(which.size())));
-    }
-    return named_after(command.reference, error);
-}
-
 proto::Results measure(const EvaluateCommand& command, const proto::JobRequest& request,
                        const fs::path& folder, const Session& session, ProgressDisplay& display) {
     const JobExecution execution{command.server, command.common.threads, session.stop,
                                  command.candidates};
     try {
         return execute(request, command.reference, folder, execution, display);
+    } catch (const proto::CandidateError& error) {
+        if (error.number() > command.candidates.size()) throw;  // as a server may have it
+        throw named_after(command.candidates[error.number() - 1], error);
     } catch (const Error& error) {
-        throw naming_file(command, error);
+        throw named_after(command.reference, error);
     }
 }
 
@@ -234,15 +226,11 @@ proto::Results measure(const EvaluateCommand& command, const proto::JobRequest& 
 
 void run(const EvaluateCommand& command, const Session& session) {
     const auto start = std::chrono::steady_clock::now();
-    require_input(command.reference);
+    require_files(inputs_of(command), outputs_of(command));
     proto::JobRequest request{proto::sha256_of_file(command.reference), command.job};
-    for (const fs::path& candidate : command.candidates) {
-        require_input(candidate);
+    for (const fs::path& candidate : command.candidates)
         std::get<proto::EvaluateJob>(request.job)
             .candidates.push_back(proto::sha256_of_file(candidate));
-    }
-    for (const fs::path& output : outputs_of(command)) require_place_of(output);
-    require_apart(inputs_of(command), outputs_of(command));
     const ScratchFolder scratch(fs::temp_directory_path());
     ProgressDisplay display(session.terminal, !command.common.quiet);
     const proto::Results results = measure(command, request, scratch.path(), session, display);

@@ -57,6 +57,13 @@ void show(const ClientEvent& event, double from, double to, ProgressDisplay& dis
                    from + (to - from) * report.progress->percent / 100);
 }
 
+/// As a job here would have failed.
+[[noreturn]] void raise(const proto::Problem& problem) {
+    const Error error = proto::error_from(problem);
+    if (problem.candidate) throw proto::CandidateError(*problem.candidate, error);
+    throw error;
+}
+
 /// Nobody waits for it any more: the server need not go on. What fails here was said already.
 void dismiss_quietly(const ServerOptions& server, const std::string& job) {
     try {
@@ -122,7 +129,7 @@ proto::Results execute_there(proto::JobRequest request, const fs::path& input,
         display.update("queued", kUploaded);
         const proto::JobDocument document = client.follow(
             job, [&](const ClientEvent& event) { show(event, kUploaded, kComputed, display); });
-        if (document.problem) throw proto::error_from(*document.problem);
+        if (document.problem) raise(*document.problem);
         if (document.status == proto::JobStatus::Dismissed)
             throw Error(ErrorCode::Conflict, "job " + job + " was dismissed on the server");
         proto::Results results = client.results(job);

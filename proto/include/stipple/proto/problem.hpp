@@ -18,6 +18,19 @@ struct Problem {
     std::string detail;  ///< one sentence: what was wrong, the value, the limit, the remedy
     std::optional<std::string> stage;   ///< of a failed job: one of `kJobStages`
     std::optional<double> retry_after;  ///< seconds, when it may be tried again
+    std::optional<unsigned> candidate{};  ///< for a failed evaluation: the number of the candidate
+                                          ///< concerned, from 1
+};
+
+/// A failure of an evaluation that concerns one of the candidates.
+class CandidateError : public Error {
+public:
+    /// @param number  from 1, in the order of the request.
+    CandidateError(unsigned number, const Error& cause) : Error(cause), number_(number) {}
+    unsigned number() const noexcept { return number_; }
+
+private:
+    unsigned number_;
 };
 
 inline constexpr const char* kProblemBase = "https://stipple.dev/problems/";
@@ -26,6 +39,8 @@ inline constexpr const char* kProblemBase = "https://stipple.dev/problems/";
 /// malformed-input, 415 unsupported-format, 413 too-large, 404 not-found, 409 conflict, 429
 /// queue-full, 500 internal.
 Problem problem_from(ErrorCode code, std::string detail);
+/// The same of an error that was caught.
+Problem problem_from(const Error& error);
 /// The problem for an HTTP status that no `Error` stands for (401 unauthorized, 403 forbidden, 405 method-not-allowed, 408 request-timeout,
 /// 411 length-required, 416 range-not-satisfiable, 431 head-too-large, 503 unavailable, 507 storage-full ...).
 Problem problem_from_status(int status, std::string detail);
