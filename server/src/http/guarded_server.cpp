@@ -1,10 +1,13 @@
 #include "http/guarded_server.hpp"
 
+#include "log_text.hpp"
+
 #include <arpa/inet.h>
 #include <fcntl.h>
 #include <netdb.h>
 #include <netinet/tcp.h>
 #include <poll.h>
+#include <spdlog/spdlog.h>
 #include <sys/resource.h>
 #include <sys/socket.h>
 #include <algorithm>
@@ -141,7 +144,13 @@ void GuardedServer::accept_loop() {
             polled.push_back({farewell.fd.get(), POLLIN, 0});
         ::poll(polled.data(), polled.size(), farewells_.empty() ? -1 : 100);
         if (polled[0].revents != 0) break;
-        if (polled[1].revents != 0) accept_one();
+        if (polled[1].revents != 0) {
+            try {
+                accept_one();
+            } catch (const std::exception& error) {
+                spdlog::error("http.not_accepted error={}", log_text(error.what()));
+            }
+        }
 
         const auto now = std::chrono::steady_clock::now();
         std::erase_if(farewells_, [now](const Farewell& farewell) {
@@ -168,14 +177,11 @@ void GuardedServer::accept_one() {
     }
     prepare(fd, options_.patience);
 
-    const std::string name = sender_of(address);
-    if (!leaves_descriptors(fd, false) || !admit(name)) return turn_away(std::move(fd));
-    if (!ensure_thread()) {
-        leave(name);
-        return turn_away(std::move(fd));
-    }
+    if (!leaves_descriptors(fd, false)) return turn_away(std::move(fd));
+    Accepted accepted{admit(sender_of(address)), std::move(fd)};
+    if (!accepted.place || !ensure_thread()) return turn_away(std::move(accepted.fd));
     const std::lock_guard lock(mutex_);
-    waiting_.push_back({std::move(fd), name});
+    waiting_.push_back(std::move(accepted));
     arrived_.notify_one();
 }
 
@@ -203,14 +209,15 @@ bool GuardedServer::leaves_descriptors(const FileDescriptor& newest, bool farewe
     return static_cast<rlim_t>(newest.get()) < limit.rlim_cur - kept;
 }
 
-bool GuardedServer::admit(const std::string& address) {
+/// None where a cap is reached.
+GuardedServer::Place GuardedServer::admit(std::string address) {
     const std::lock_guard lock(mutex_);
-    if (open_ >= options_.max_connections) return false;
+    if (open_ >= options_.max_connections) return {};
     unsigned& here = by_address_[address];
-    if (here >= options_.max_connections_per_address) return false;
+    if (here >= options_.max_connections_per_address) return {};
     ++here;
     ++open_;
-    return true;
+    return {*this, std::move(address)};
 }
 
 void GuardedServer::turn_away(FileDescriptor fd) {
@@ -239,16 +246,20 @@ void GuardedServer::serve_loop() {
             accepted = std::move(waiting_.front());
             waiting_.pop_front();
         }
-        {
-            ClientSocket socket(std::move(accepted.fd), accepted.address, options_.patience, drain_,
-                                abort_);
-            serve_connection(socket, application_, drain_, stop_.get_token());
-        }
-        leave(accepted.address);
+        serve(std::move(accepted));
     }
 }
 
-void GuardedServer::leave(const std::string& address) {
+/// A failure that nothing foresaw, as when memory runs out, ends this connection alone.
+void GuardedServer::serve(Accepted accepted) noexcept try {
+    ClientSocket socket(std::move(accepted.fd), accepted.place.address(), options_.patience, drain_,
+                        abort_);
+    serve_connection(socket, application_, drain_, stop_.get_token());
+} catch (const std::exception& error) {
+    spdlog::error("http.connection_failed error={}", log_text(error.what()));
+}
+
+void GuardedServer::leave(const std::string& address) noexcept {
     const std::lock_guard lock(mutex_);
     const auto here = by_address_.find(address);
     if (--here->second == 0) by_address_.erase(here);

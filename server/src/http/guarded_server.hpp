@@ -7,11 +7,11 @@
 #include <condition_variable>
 #include <cstdint>
 #include <deque>
-#include <functional>
 #include <map>
 #include <mutex>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 namespace stipple::server::http {
@@ -49,9 +49,33 @@ public:
     bool drain(std::chrono::milliseconds time);
 
 private:
+    /// What a connection takes of the caps; given back at its end, however that comes.
+    class Place {
+    public:
+        Place() = default;
+        Place(GuardedServer& server, std::string address)
+            : server_(&server), address_(std::move(address)) {}
+        Place(Place&& other) noexcept
+            : server_(std::exchange(other.server_, nullptr)), address_(std::move(other.address_)) {}
+        Place& operator=(Place&& other) noexcept {
+            std::swap(server_, other.server_);
+            std::swap(address_, other.address_);
+            return *this;
+        }
+        ~Place() {
+            if (server_ != nullptr) server_->leave(address_);
+        }
+
+        const std::string& address() const noexcept { return address_; }
+        explicit operator bool() const noexcept { return server_ != nullptr; }
+
+    private:
+        GuardedServer* server_ = nullptr;
+        std::string address_;
+    };
     struct Accepted {
+        Place place;  ///< first: given back after the connection is closed
         FileDescriptor fd;
-        std::string address;
     };
     struct Farewell {
         FileDescriptor fd;
@@ -59,12 +83,13 @@ private:
     };
     void accept_loop();
     void accept_one();
-    bool admit(const std::string& address);
+    Place admit(std::string address);
     bool leaves_descriptors(const FileDescriptor& newest, bool farewell) const noexcept;
     bool ensure_thread();
     void turn_away(FileDescriptor fd);
     void serve_loop();
-    void leave(const std::string& address);
+    void serve(Accepted accepted) noexcept;
+    void leave(const std::string& address) noexcept;
 
     const GuardedServerOptions options_;
     Application& application_;
