@@ -281,6 +281,14 @@ TEST_F(FileBlobStore, LetsAReaderKeepABlobThatIsRemoved) {
     EXPECT_EQ(text_of(*blob), "abc");
 }
 
+TEST_F(FileBlobStore, TellsThatABlobBecameShorterAfterItWasOpened) {
+    const auto blob = store_->open(put_blob(*store_, "abc"));
+    EXPECT_EQ(read_all(*blob).size(), 3U);
+    fs::permissions(blob->path(), fs::perms::owner_write, fs::perm_options::add);
+    fs::resize_file(blob->path(), 2);
+    expect_error(ErrorCode::Internal, "its bytes end after 2 of 3", [&] { read_all(*blob); });
+}
+
 TEST_F(FileBlobStore, ProbesThatItCanWrite) {
     EXPECT_NO_THROW(store_->probe());
     EXPECT_EQ(temporary_files(), 0U);

@@ -101,10 +101,7 @@ proto::Slice cut(Resources& resources, const Request& request, const proto::Resu
                  const proto::SliceOptions& options) {
     const auto permit = resources.slices.take(request);
     const auto read = [&](const proto::OutputFile& file) {
-        const auto blob = resources.service.outputs().open(file.sha256);
-        std::vector<std::byte> bytes(static_cast<std::size_t>(blob->size()));
-        blob->read(0, bytes);
-        return bytes;
+        return server::read_all(*resources.service.outputs().open(file.sha256));
     };
     const ClientWatch watch(request, kLongestSlice);
     try {

@@ -202,10 +202,7 @@ StoredFile Outputs::file(const std::string& tenant, const std::string& job_id,
     auto blob = open(sha256);
     if (blob->size() > kMaxCachedFile)
         return {std::move(blob), sha256, Coding::Identity, negotiated};
-    std::vector<std::byte> bytes(static_cast<std::size_t>(blob->size()));
-    blob->read(0, bytes);
-    OutputCache::File file{std::make_shared<const std::vector<std::byte>>(std::move(bytes)),
-                           sha256};
+    OutputCache::File file{std::make_shared<const std::vector<std::byte>>(read_all(*blob)), sha256};
     cache_.put(sha256, file);
     return stored(std::move(file), Coding::Identity, negotiated);
 }
@@ -300,10 +297,8 @@ proto::Results Outputs::with_coarsest_inside(proto::Results results, CloudFormat
     auto& files = results.levels.front().files;
     const auto file = std::ranges::find(files, format, &proto::OutputFile::format);
     if (file == files.end() || file->bytes > kMostInlined) return results;
-    const auto blob = open(file->sha256);
-    std::vector<std::byte> bytes(static_cast<std::size_t>(blob->size()));
-    blob->read(0, bytes);
-    file->href = "data:" + std::string(media_type(format)) + ";base64," + proto::base64(bytes);
+    file->href = "data:" + std::string(media_type(format)) + ";base64," +
+                 proto::base64(read_all(*open(file->sha256)));
     return results;
 }
 

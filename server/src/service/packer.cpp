@@ -14,12 +14,6 @@ namespace {
 constexpr std::size_t kMaxWaiting = 100'000;
 constexpr int kLowestPriority = 19;
 
-std::vector<std::byte> bytes_of(const BlobReader& blob) {
-    std::vector<std::byte> bytes(static_cast<std::size_t>(blob.size()));
-    bytes.resize(blob.read(0, bytes));
-    return bytes;
-}
-
 }  // namespace
 
 Packer::Packer(BlobStore& blobs, std::function<void(const std::string&, const Packing&)> on_packed)
@@ -88,7 +82,7 @@ void Packer::make(const std::string& sha256, const Packing& packing) {
     if (blobs_.copy(sha256, packing.name)) return;
     const auto blob = blobs_.open(sha256);
     if (!blob || blob->size() > kMaxPackedSource) return;
-    const auto packed = pack(bytes_of(*blob), packing, stop_.get_token());
+    const auto packed = pack(read_all(*blob), packing, stop_.get_token());
     if (stop_.stop_requested()) return;
     blobs_.put_copy(sha256, packing.name, packed.value_or(std::vector<std::byte>{}));
     on_packed_(sha256, packing);

@@ -38,6 +38,9 @@ public:
     virtual std::filesystem::path path() const = 0;
 };
 
+/// All bytes of a blob. @throws Error(Internal) when there are fewer than its size.
+std::vector<std::byte> read_all(const BlobReader& blob);
+
 /// Bytes by the SHA-256 of what they are. Safe to call from any thread.
 class BlobStore {
 public:
