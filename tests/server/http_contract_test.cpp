@@ -1,5 +1,6 @@
 // Holds the program and openapi.yaml together.
 #include "http/routes.hpp"
+#include "service/upload_format.hpp"
 #include "stipple/proto/job_request.hpp"
 
 #include <gtest/gtest.h>
@@ -205,6 +206,14 @@ TEST(OpenApi, HasEverythingThatItRefersTo) {
     };
     visit(visit, root);
     EXPECT_EQ(dangling, std::set<std::string>());
+}
+
+TEST(OpenApi, ListsTheFormatsThatCanBeUploaded) {
+    std::vector<std::string> documented, taken;
+    for (const auto& name : document()["components"]["schemas"]["CloudFormat"]["enum"])
+        documented.push_back(name.as<std::string>());
+    for (const CloudFormat format : kUploadFormats) taken.emplace_back(to_string(format));
+    EXPECT_EQ(documented, taken);
 }
 
 TEST(RouteTable, PrefersALiteralPathToAPlaceholder) {

@@ -65,7 +65,7 @@ TEST_F(ServiceTest, TellsTheNameOfACloudAndOfTheInputOfAJob) {
 }
 
 TEST_F(ServiceTest, RefusesBytesThatAreNoCloud) {
-    expect_error(ErrorCode::UnsupportedFormat, "neither PLY nor Draco",
+    expect_error(ErrorCode::UnsupportedFormat, "neither PLY, Draco nor a progressive stream",
                  [&] { upload("PK\x03\x04"); });
     expect_error(ErrorCode::UnsupportedFormat, "empty", [&] { upload(""); });
     std::optional<std::string> next;

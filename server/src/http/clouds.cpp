@@ -2,6 +2,7 @@
 #include "http/query.hpp"
 #include "http/routes.hpp"
 #include "http/upload.hpp"
+#include "service/upload_format.hpp"
 
 #include <algorithm>
 
@@ -10,7 +11,6 @@ namespace stipple::server::http {
 namespace {
 
 constexpr std::size_t kPieceBytes = 256 * 1024;
-constexpr std::size_t kHeadBytes = 64;  ///< enough to tell the formats apart
 
 void check_length(const Request& request, const Limits& limits) {
     if (!request.body->announced()) {
@@ -25,31 +25,6 @@ void check_length(const Request& request, const Limits& limits) {
     }
 }
 
-/// Refuses what is no cloud as soon as its first bytes are there.
-void check_format(std::span<const std::byte> head) {
-    if (detect_format(head)) return;
-    const auto begins_with = [head](std::initializer_list<unsigned> magic) {
-        return head.size() >= magic.size() &&
-               std::ranges::equal(head.first(magic.size()), magic, {},
-                                  [](std::byte byte) { return std::to_integer<unsigned>(byte); });
-    };
-    std::string remedy =
-        "expected it to begin with `ply` and a line break, `DRACO` or `STPC` (a progressive "
-        "stream)";
-    if (begins_with({'p', 'l', 'y'})) {
-        remedy =
-            "it begins with `ply`, but no line break follows: send the bytes as they are, with "
-            "curl "
-            "by --data-binary, since -d takes line breaks out";
-    } else if (begins_with({0x1F, 0x8B}) || begins_with({'P', 'K', 3, 4}) ||
-               begins_with({0x28, 0xB5, 0x2F, 0xFD})) {
-        remedy = "it is a packed file: unpack it first";
-    } else if (begins_with({'L', 'A', 'S', 'F'})) {
-        remedy = "it is a LAS or LAZ file: convert it to PLY first";
-    }
-    throw HttpError(415, "the body is neither PLY nor Draco: " + remedy);
-}
-
 }  // namespace
 
 proto::CloudDocument receive_cloud(Resources& resources, Request& request,
@@ -61,14 +36,14 @@ proto::CloudDocument receive_cloud(Resources& resources, Request& request,
     std::vector<std::byte> head;
     while (const std::size_t n = request.body->read(piece)) {
         const auto bytes = std::span(piece).first(n);
-        if (head.size() < kHeadBytes) {
-            const auto wanted = bytes.first(std::min(n, kHeadBytes - head.size()));
+        if (head.size() < kUploadHeadBytes) {
+            const auto wanted = bytes.first(std::min(n, kUploadHeadBytes - head.size()));
             head.insert(head.end(), wanted.begin(), wanted.end());
-            if (head.size() == kHeadBytes) check_format(head);
+            // What is no cloud is refused before the rest of it is sent.
+            if (head.size() == kUploadHeadBytes) (void)upload_format(head);
         }
         upload->write(bytes);
     }
-    check_format(head);
     return resources.service.finish_upload(request.tenant, *upload, head, name, existed);
 }
 

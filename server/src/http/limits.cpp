@@ -1,4 +1,5 @@
 #include "http/routes.hpp"
+#include "service/upload_format.hpp"
 
 #include <nlohmann/json.hpp>
 
@@ -8,6 +9,8 @@ Reply get_limits(Resources& resources, Request&) {
     const Limits& limits = resources.service.limits();
     auto methods = nlohmann::json::array();
     for (const Method method : kMethods) methods.push_back(to_string(method));
+    auto formats = nlohmann::json::array();
+    for (const CloudFormat format : kUploadFormats) formats.push_back(to_string(format));
     const nlohmann::json json = {
         {"max_upload_bytes", limits.max_upload_bytes},
         {"max_points", limits.decode.max_points},
@@ -19,7 +22,7 @@ Reply get_limits(Resources& resources, Request&) {
         {"max_running_jobs", limits.queue.max_running},
         {"retention_seconds", limits.retention.count()},
         {"max_wait_seconds", limits.max_wait.count()},
-        {"formats", {to_string(CloudFormat::Ply), to_string(CloudFormat::Draco)}},
+        {"formats", formats},
         {"methods", methods},
     };
     return json_reply(200, json.dump());

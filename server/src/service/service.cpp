@@ -1,5 +1,7 @@
 #include "service/service.hpp"
 
+#include "service/upload_format.hpp"
+
 #include "stipple/error.hpp"
 #include "stipple/proto/digest.hpp"
 
@@ -102,23 +104,13 @@ std::unique_ptr<BlobWriter> Service::begin_upload() {
 proto::CloudDocument Service::finish_upload(const std::string& tenant, BlobWriter& upload,
                                             std::span<const std::byte> head,
                                             const std::optional<std::string>& name, bool& existed) {
-    if (upload.size() == 0) {
-        throw Error(ErrorCode::UnsupportedFormat,
-                    "the body is empty: expected the bytes of a PLY or Draco file");
-    }
-    const auto format = detect_format(head);
-    if (!format) {
-        throw Error(
-            ErrorCode::UnsupportedFormat,
-            "the body is neither PLY nor Draco: expected it to begin with `ply` and a line break, "
-            "`DRACO` or `STPC` (a progressive stream)");
-    }
+    const CloudFormat format = upload_format(head);
     const std::uint64_t bytes = upload.size();
     const std::string id = upload.commit();
     const Submitted submitted = jobs_.put_cloud({.tenant = tenant,
                                                  .id = id,
                                                  .name = name,
-                                                 .format = *format,
+                                                 .format = format,
                                                  .bytes = bytes,
                                                  .created = {},
                                                  .statistics = {}});

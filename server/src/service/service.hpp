@@ -55,7 +55,7 @@ public:
 
     /// An upload: write the bytes, then `finish_upload`.
     std::unique_ptr<BlobWriter> begin_upload();
-    /// Refuses bytes that are neither PLY nor Draco by their first bytes (`head`). Durable when it
+    /// Refuses what is no cloud by its first bytes (`head`, see `upload_format`). Durable when it
     /// returns. @param name  for people; at most 1000 bytes, no control characters
     proto::CloudDocument finish_upload(const std::string& tenant, BlobWriter& upload,
                                        std::span<const std::byte> head,
