@@ -66,8 +66,8 @@ TEST_P(JobStoreContract, TellsTimesInUtcWithMilliseconds) {
 }
 
 TEST_P(JobStoreContract, KeepsTheStatisticsOfACloud) {
-    const std::string cloud = put_cloud(*store_, "ada", "cloud");
-    store_->set_statistics("ada", cloud, statistics_of(7));
+    const std::string cloud = submit().request.input;
+    EXPECT_TRUE(store_->report_source(claim(), statistics_of(7)));
     reopen();
     EXPECT_EQ(store_->find_cloud("ada", cloud)->statistics->points, 7U);
 }

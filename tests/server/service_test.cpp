@@ -113,10 +113,10 @@ TEST_F(ServiceTest, RefusesPagesAndKeysOutOfRange) {
 }
 
 TEST_F(ServiceTest, RefusesAtOnceACloudThatIsKnownToHaveNoPoint) {
-    const std::string cloud = upload(kPly).id;
+    const std::string cloud = submit_simplify().request.input;
     proto::CloudStatistics statistics = statistics_of(5);
     statistics.non_finite = 5;
-    jobs_->set_statistics("ada", cloud, statistics);
+    EXPECT_TRUE(jobs_->report_source(claim(), statistics));
     expect_error(ErrorCode::MalformedInput, "no point with finite coordinates: expected at least 1",
                  [&] { service_.submit("ada", simplify_request(cloud), {}, existed_); });
 }

@@ -69,8 +69,6 @@ public:
     virtual std::vector<CloudRow> list_clouds(const std::string& tenant, unsigned limit,
                                               const std::optional<std::string>& cursor,
                                               std::optional<std::string>& next) = 0;
-    virtual void set_statistics(const std::string& tenant, const std::string& id,
-                                const proto::CloudStatistics&) = 0;
     /// @throws Error(Conflict) while an unfinished job needs it. False when there is none.
     virtual bool remove_cloud(const std::string& tenant, const std::string& id) = 0;
 

@@ -196,14 +196,6 @@ std::vector<CloudRow> SqliteJobStore::list_clouds(const std::string& tenant, uns
     return read_page(rows, limit, kClouds, kCloudRowColumn, cloud_of, next);
 }
 
-void SqliteJobStore::set_statistics(const std::string& tenant, const std::string& id,
-                                    const proto::CloudStatistics& statistics) {
-    write([&] {
-        return writer_.run("UPDATE clouds SET statistics = ?1 WHERE tenant = ?2 AND id = ?3",
-                           to_json(statistics), tenant, id);
-    });
-}
-
 bool SqliteJobStore::remove_cloud(const std::string& tenant, const std::string& id) {
     return write([&] {
         Rows users = writer_.query(

@@ -29,8 +29,6 @@ public:
     std::vector<CloudRow> list_clouds(const std::string& tenant, unsigned limit,
                                       const std::optional<std::string>& cursor,
                                       std::optional<std::string>& next) override;
-    void set_statistics(const std::string& tenant, const std::string& id,
-                        const proto::CloudStatistics& statistics) override;
     bool remove_cloud(const std::string& tenant, const std::string& id) override;
 
     Submitted submit(const std::string& tenant, const proto::JobRequest& request,
