@@ -250,6 +250,18 @@ bool is_loopback(const ListenAddress& address) {
     return address.host == "localhost" || address.host == "::1" || address.host.starts_with("127.");
 }
 
+std::vector<std::string> parts_of(Role role) {
+    switch (role) {
+        case Role::Api:
+            return {"api"};
+        case Role::Worker:
+            return {"worker"};
+        case Role::All:
+            break;
+    }
+    return {"api", "worker"};
+}
+
 std::optional<Command> parse_command_line(int argc, const char* const* argv) {
     Command command;
     Flags flags;

@@ -21,6 +21,8 @@ ListenAddress parse_address(const std::string& text);
 bool is_loopback(const ListenAddress& address);
 
 enum class Role { All, Api, Worker };
+/// What of the service a process of this role is: `api`, `worker` or both.
+std::vector<std::string> parts_of(Role role);
 
 /// What `stippled serve` runs with: from flags, a file (`--config`) and the environment
 /// (`STIPPLE_LISTEN` for `--listen`), in this order. Checked once, here.

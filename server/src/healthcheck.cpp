@@ -1,4 +1,4 @@
-#include "serve.hpp"
+#include "healthcheck.hpp"
 
 #include "store/posix_file.hpp"
 

@@ -1,5 +1,7 @@
 // stippled: the service. What it does is in serve.cpp; what it can be told is in config.hpp.
 
+#include "healthcheck.hpp"
+#include "scrub.hpp"
 #include "serve.hpp"
 
 #include <spdlog/spdlog.h>

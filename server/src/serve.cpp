@@ -18,7 +18,6 @@
 #include <csignal>
 #include <cstring>
 #include <iostream>
-#include <map>
 
 namespace stipple::server {
 
@@ -64,19 +63,6 @@ public:
 private:
     FileDescriptor event_;
 };
-
-/// What of the service a process is.
-std::vector<std::string> parts_of(Role role) {
-    switch (role) {
-        case Role::Api:
-            return {"api"};
-        case Role::Worker:
-            return {"worker"};
-        case Role::All:
-            break;
-    }
-    return {"api", "worker"};
-}
 
 /// What is made from here on is closed to all but the owner and the group.
 void close_to_others() {
@@ -231,37 +217,6 @@ int serve(const ServerConfig& config) {
     workers.reset();
     spdlog::info("server.stopped requests_cut={}", !all_served);
     return 0;
-}
-
-int scrub(const ServerConfig& config) {
-    if (!fs::is_directory(blobs_in(config.data)) || !fs::exists(database_in(config.data)))
-        throw Error(ErrorCode::NotFound,
-                    "--data " + config.data.string() + ": no store there: nothing to compare");
-    const auto locks = lock_parts_to_read(config.data, parts_of(Role::All));
-    const auto blobs = open_file_blob_store(blobs_in(config.data), {});
-    std::map<std::string, bool> ids;  // whether the database names it
-    for (const std::string& id : blobs->older_than(std::chrono::system_clock::now()))
-        ids[id] = false;
-    for (const std::string& id : read_referenced_blobs(database_in(config.data))) ids[id] = true;
-    std::uint64_t whole = 0, bytes = 0, broken = 0, missing = 0;
-    for (const auto& [id, named] : ids) {
-        try {
-            const auto blob = blobs->open(id);  // compares the hash
-            if (!blob && named) {
-                ++missing;
-                std::cout << id << "  is missing, but named in the database\n";
-            }
-            if (!blob) continue;
-            ++whole;
-            bytes += blob->size();
-        } catch (const Error& error) {
-            ++broken;
-            std::cout << id << "  " << error.what() << '\n';
-        }
-    }
-    std::cout << whole << " files intact, " << bytes << " bytes; " << broken << " broken, "
-              << missing << " missing\n";
-    return broken + missing == 0 ? 0 : 1;
 }
 
 }  // namespace stipple::server

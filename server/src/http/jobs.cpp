@@ -1,5 +1,5 @@
-#include "http/conditional.hpp"
 #include "http/event_stream.hpp"
+#include "http/output_reply.hpp"
 #include "http/query.hpp"
 #include "http/routes.hpp"
 #include "http/waiting.hpp"
@@ -47,10 +47,9 @@ std::uint64_t first_wanted(const Request& request) {
     return static_cast<std::uint64_t>(id);
 }
 
-std::string_view media_type_of(std::string_view file_name) {
-    const std::string_view extension = file_name.substr(file_name.find('.') + 1);
-    return extension == kPictureExtension ? "image/png"
-                                          : media_type(cloud_format_from_name(extension));
+std::optional<std::string> idempotency_key(const Request& request) {
+    const auto field = request.headers.find("Idempotency-Key");
+    return field ? std::optional<std::string>(*field) : std::nullopt;
 }
 
 }  // namespace
@@ -89,22 +88,10 @@ proto::JobDocument wait_for_own_job(Resources& resources, const Request& request
     }
 }
 
-Reply output_reply(Resources& resources, const Request& request, const std::string& job_id,
-                   const std::string& file_name) {
-    auto permit = resources.downloads.take(request);
-    StoredFile file = resources.service.outputs().file(request.tenant, job_id, file_name,
-                                                       accepted_file_codings(request));
-    Reply reply = file_reply(request, std::move(file), media_type_of(file_name),
-                             immutable(resources.with_keys));
-    reply.permit = std::move(permit);
-    return reply;
-}
-
 Reply submit_job(Resources& resources, Request& request) {
     allow_query(request, {});
     const proto::JobRequest wanted = proto::job_request_from_json(read_json(request));
-    std::optional<std::string> key;
-    if (const auto field = request.headers.find("Idempotency-Key")) key = *field;
+    const auto key = idempotency_key(request);
     bool existed = false;
     const proto::JobDocument job = resources.service.submit(request.tenant, wanted, key, existed);
     Reply reply = job_reply(existed ? 200 : 201, job);
@@ -116,8 +103,7 @@ Reply evaluate(Resources& resources, Request& request) {
     allow_query(request, {"wait"});
     const auto wait = query_wait(request, resources.service.limits(), kDefaultWait);
     const proto::JobRequest wanted = proto::evaluation_from_json(read_json(request));
-    std::optional<std::string> key;
-    if (const auto field = request.headers.find("Idempotency-Key")) key = *field;
+    const auto key = idempotency_key(request);
     const auto place = place_to_wait(resources, request, wait);
     bool existed = false;
     const proto::JobDocument queued =

@@ -1,9 +1,9 @@
 #include "http/client_watch.hpp"
 #include "http/conditional.hpp"
+#include "http/output_reply.hpp"
 #include "http/query.hpp"
 #include "http/routes.hpp"
 #include "http/tar.hpp"
-#include "http/waiting.hpp"
 
 #include "stipple/proto/digest.hpp"
 #include "stipple/proto/pyramid_export.hpp"

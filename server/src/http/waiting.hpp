@@ -19,8 +19,4 @@ proto::JobDocument wait_for_job(Resources& resources, const Request& request, co
 proto::JobDocument wait_for_own_job(Resources& resources, const Request& request,
                                     const std::string& id, std::chrono::milliseconds wait);
 
-/// The bytes of an output under its hash.
-Reply output_reply(Resources& resources, const Request& request, const std::string& job_id,
-                   const std::string& file_name);
-
 }  // namespace stipple::server::http

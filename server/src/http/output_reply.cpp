@@ -1,0 +1,28 @@
+#include "http/output_reply.hpp"
+
+#include "http/conditional.hpp"
+
+namespace stipple::server::http {
+
+namespace {
+
+std::string_view media_type_of(std::string_view file_name) {
+    const std::string_view extension = file_name.substr(file_name.find('.') + 1);
+    return extension == kPictureExtension ? "image/png"
+                                          : media_type(cloud_format_from_name(extension));
+}
+
+}  // namespace
+
+Reply output_reply(Resources& resources, const Request& request, const std::string& job_id,
+                   const std::string& file_name) {
+    auto permit = resources.downloads.take(request);
+    StoredFile file = resources.service.outputs().file(request.tenant, job_id, file_name,
+                                                       accepted_file_codings(request));
+    Reply reply = file_reply(request, std::move(file), media_type_of(file_name),
+                             immutable(resources.with_keys));
+    reply.permit = std::move(permit);
+    return reply;
+}
+
+}  // namespace stipple::server::http

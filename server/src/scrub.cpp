@@ -1,0 +1,50 @@
+#include "scrub.hpp"
+
+#include "store/blob_store.hpp"
+#include "store/data_folder.hpp"
+#include "store/job_store.hpp"
+
+#include "stipple/error.hpp"
+
+#include <chrono>
+#include <cstdint>
+#include <filesystem>
+#include <iostream>
+#include <map>
+#include <string>
+
+namespace stipple::server {
+
+int scrub(const ServerConfig& config) {
+    if (!std::filesystem::is_directory(blobs_in(config.data)) ||
+        !std::filesystem::exists(database_in(config.data)))
+        throw Error(ErrorCode::NotFound,
+                    "--data " + config.data.string() + ": no store there: nothing to compare");
+    const auto locks = lock_parts_to_read(config.data, parts_of(Role::All));
+    const auto blobs = open_file_blob_store(blobs_in(config.data), {});
+    std::map<std::string, bool> ids;  // whether the database names it
+    for (const std::string& id : blobs->older_than(std::chrono::system_clock::now()))
+        ids[id] = false;
+    for (const std::string& id : read_referenced_blobs(database_in(config.data))) ids[id] = true;
+    std::uint64_t whole = 0, bytes = 0, broken = 0, missing = 0;
+    for (const auto& [id, named] : ids) {
+        try {
+            const auto blob = blobs->open(id);  // compares the hash
+            if (!blob && named) {
+                ++missing;
+                std::cout << id << "  is missing, but named in the database\n";
+            }
+            if (!blob) continue;
+            ++whole;
+            bytes += blob->size();
+        } catch (const Error& error) {
+            ++broken;
+            std::cout << id << "  " << error.what() << '\n';
+        }
+    }
+    std::cout << whole << " files intact, " << bytes << " bytes; " << broken << " broken, "
+              << missing << " missing\n";
+    return broken + missing == 0 ? 0 : 1;
+}
+
+}  // namespace stipple::server
