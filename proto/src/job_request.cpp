@@ -468,7 +468,7 @@ JobRequest read_request(const JsonValue& value) {
     } else if (type.text() == "curve") {
         request.job = read_curve(object);
     } else {
-        type.refuse("simplify, pyramid, upsample, analyze, curve or evaluate");
+        type.refuse(kAnyJobType);
     }
     object.finish();
     return request;

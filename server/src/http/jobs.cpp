@@ -17,7 +17,6 @@ using namespace std::chrono_literals;
 
 constexpr std::size_t kMaxRequestBytes = 1 << 20;
 constexpr auto kLookAtClient = 1000ms;
-constexpr auto kDefaultWait = 20s;
 
 /// Only a request that says it is JSON: a form of another site cannot say so.
 std::string read_json(const Request& request) {
@@ -132,7 +131,7 @@ Reply list_jobs(Resources& resources, Request& request) {
                                      .input = request.query_value("input")};
     if (filter.type &&
         std::ranges::find(proto::kJobTypes, *filter.type) == proto::kJobTypes.end()) {
-        refuse("type", *filter.type, "simplify, pyramid, upsample, analyze, curve or evaluate");
+        refuse("type", *filter.type, proto::kAnyJobType);
     }
     if (filter.input && !proto::is_sha256(*filter.input))
         refuse("input", *filter.input, "the id of a cloud, 64 hexadecimal digits");

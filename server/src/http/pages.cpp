@@ -11,7 +11,6 @@ namespace stipple::server::http {
 namespace {
 
 constexpr const char* kAskEachTime = "no-cache";
-constexpr const char* kForEver = "public, max-age=31536000, immutable";
 /// The docs need a style sheet and nothing else.
 constexpr const char* kDocsPolicy =
     "default-src 'none'; style-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors "
@@ -44,13 +43,13 @@ const viewer::File* find_file(std::string_view path) {
     return found == files.end() ? nullptr : &*found;
 }
 
-Reply viewer_reply(const Request& request, const viewer::File& file, const char* cache) {
+Reply viewer_reply(const Request& request, const viewer::File& file, std::string cache) {
     const bool packed = !file.brotli.empty() && takes_brotli(request);
     Reply reply = bytes_reply(packed ? file.brotli : file.identity, file.media_type);
     reply.headers.set("Vary", "Accept-Encoding");
     if (packed) reply.headers.set("Content-Encoding", "br");
     // Other bytes need another tag: it is a strong one.
-    return tagged_reply(request, std::string(file.etag) + (packed ? "-br" : ""), cache,
+    return tagged_reply(request, std::string(file.etag) + (packed ? "-br" : ""), std::move(cache),
                         std::move(reply));
 }
 
@@ -83,7 +82,7 @@ Reply get_viewer(Resources&, Request& request) {
 Reply get_viewer_file(Resources&, Request& request) {
     const viewer::File* const file = find_file("/assets/" + request.path_value("file"));
     if (file == nullptr) throw HttpError(404, "no such file of the viewer");
-    return viewer_reply(request, *file, kForEver);
+    return viewer_reply(request, *file, immutable(false));
 }
 
 }  // namespace stipple::server::http

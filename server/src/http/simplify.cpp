@@ -16,8 +16,6 @@ using namespace std::chrono_literals;
 using namespace std::string_view_literals;
 using Json = nlohmann::json;
 
-constexpr auto kDefaultWait = 20s;
-
 /// A field of the job request by its query parameter; the request's own reader checks ranges and
 /// names.
 enum class Kind { Text, Count, Number, Truth, Distance };
@@ -109,13 +107,9 @@ proto::JobRequest read_query(const Request& request) {
 /// A queue that is full before the cloud comes would refuse it afterwards, when it is stored. With
 /// keys only the store, which looks last of all, tells the queues of tenants apart.
 void check_queue(Resources& resources) {
-    const std::uint64_t most = resources.service.limits().queue.max_queued;
-    if (resources.with_keys && most > 0) return;
-    const std::uint64_t waiting = resources.service.counts().queued;
-    if (waiting < most) return;
-    throw Error(ErrorCode::QueueFull, std::to_string(waiting) +
-                                          " jobs are waiting already: the limit is " +
-                                          std::to_string(most) + "; try again when some have run");
+    const QueueLimits& limits = resources.service.limits().queue;
+    if (resources.with_keys && limits.max_queued > 0) return;
+    check_queued(resources.service.counts().queued, limits);
 }
 
 /// @param place  that of the wait, held on while the reply is sent.

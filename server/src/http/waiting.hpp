@@ -2,7 +2,12 @@
 
 #include "http/routes.hpp"
 
+#include <chrono>
+
 namespace stipple::server::http {
+
+/// How long a request waits that does not say.
+inline constexpr std::chrono::seconds kDefaultWait{20};
 
 /// A place for a request that may wait so long; none for one that does not wait. Taken before
 /// anything is changed, so that who is refused can ask again.

@@ -53,6 +53,9 @@ struct QueueLimits {
     std::uint64_t max_running = 4;    ///< per tenant
 };
 
+/// Whether one more can wait. @throws Error(QueueFull).
+void check_queued(std::uint64_t waiting, const QueueLimits& limits);
+
 enum class Submitted { Created, Existing };
 
 /// Clouds, jobs, their events and results: rows that survive a power cut once a call has returned.

@@ -255,10 +255,7 @@ void SqliteJobStore::check_queue(const std::string& tenant, const QueueLimits& l
     Rows rows = writer_.query("SELECT count(*) FROM jobs WHERE tenant = ?1 AND status = 'accepted'",
                               tenant);
     rows.next();
-    if (rows.count(0) < limits.max_queued) return;
-    throw Error(ErrorCode::QueueFull,
-                std::to_string(rows.count(0)) + " jobs are waiting already: the limit is " +
-                    std::to_string(limits.max_queued) + "; try again when some have run");
+    check_queued(rows.count(0), limits);
 }
 
 std::int64_t SqliteJobStore::insert_job(const std::string& tenant, const proto::JobRequest& request,

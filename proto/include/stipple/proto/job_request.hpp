@@ -143,6 +143,8 @@ std::string_view transform_expected(const std::array<double, 16>& transform) noe
 /// The names of the types, in the order of the variant.
 inline constexpr std::array<std::string_view, 6> kJobTypes = {"simplify", "pyramid", "upsample",
                                                               "analyze", "curve", "evaluate"};
+/// The same as errors list them.
+inline constexpr const char* kAnyJobType = "simplify, pyramid, upsample, analyze, curve or evaluate";
 std::string_view type_name(const JobRequest& request) noexcept;
 /// The same text for equal requests (defaults filled in, keys sorted), so that its hash identifies
 /// the work.
