@@ -100,6 +100,29 @@ std::string base64(std::span<const std::byte> bytes) {
     return text;
 }
 
+std::string base64url(std::span<const std::byte> bytes) {
+    std::string text = base64(bytes);
+    text.resize(std::min(text.find('='), text.size()));
+    std::ranges::replace(text, '+', '-');
+    std::ranges::replace(text, '/', '_');
+    return text;
+}
+
+std::optional<std::string> from_base64url(std::string_view text) {
+    std::string padded(text);
+    std::ranges::replace(padded, '-', '+');
+    std::ranges::replace(padded, '_', '/');
+    padded.resize((text.size() + 3) / 4 * 4, '=');
+    std::string bytes(padded.size() / 4 * 3, '\0');
+    const int decoded = ::EVP_DecodeBlock(reinterpret_cast<unsigned char*>(bytes.data()),
+                                          reinterpret_cast<const unsigned char*>(padded.data()),
+                                          static_cast<int>(padded.size()));
+    const std::size_t padding = padded.size() - text.size();  // decoded to as many zeros
+    if (decoded < static_cast<int>(padding)) return std::nullopt;
+    bytes.resize(static_cast<std::size_t>(decoded) - padding);
+    return bytes;
+}
+
 std::string random_hex(std::size_t bytes) {
     std::vector<unsigned char> random(bytes);
     require(RAND_bytes(random.data(), static_cast<int>(random.size())) == 1, "RAND_bytes");

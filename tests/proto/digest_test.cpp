@@ -68,6 +68,21 @@ TEST(Base64, IsThatOfTheStandardsExamples) {
     EXPECT_EQ(coded("foobar"), "Zm9vYmFy");
 }
 
+TEST(Base64Url, HasNoPaddingAndComesBack) {
+    const auto coded = [](std::string_view text) {
+        return base64url(std::as_bytes(std::span(text)));
+    };
+    EXPECT_EQ(coded("fo"), "Zm8");
+    EXPECT_EQ(coded("\xFB\xFF"), "-_8");
+    for (const std::string_view text : {"", "f", "fo", "foo", "jobs:7", "\xFB\xFF\xFE"})
+        EXPECT_EQ(from_base64url(coded(text)), text);
+}
+
+TEST(Base64Url, OfAnotherTextIsRefused) {
+    for (const std::string_view text : {"Zm 8", "Zm8.", "\n\n\nA", "Zm\n8", "é"})
+        EXPECT_EQ(from_base64url(text), std::nullopt) << text;
+}
+
 TEST(RandomHex, HasTwoDigitsAByteAndDiffersEveryTime) {
     EXPECT_EQ(random_hex(16).size(), 32U);
     EXPECT_NE(random_hex(16), random_hex(16));

@@ -1,60 +1,22 @@
 #include "store/cursor.hpp"
 
 #include "stipple/error.hpp"
+#include "stipple/proto/digest.hpp"
 
 #include <algorithm>
 #include <charconv>
+#include <span>
 
 namespace stipple::server {
 
-namespace {
-
-constexpr std::string_view kDigits =
-    "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_";
-constexpr unsigned kBitsPerDigit = 6;
-constexpr unsigned kBitsPerByte = 8;
-
-std::string base64url(std::string_view bytes) {
-    std::string text;
-    unsigned bits = 0;
-    unsigned held = 0;
-    for (const char byte : bytes) {
-        bits = bits << kBitsPerByte | static_cast<unsigned char>(byte);
-        held += kBitsPerByte;
-        for (; held >= kBitsPerDigit; held -= kBitsPerDigit) {
-            text += kDigits[bits >> (held - kBitsPerDigit) & 63];
-        }
-    }
-    if (held > 0) text += kDigits[bits << (kBitsPerDigit - held) & 63];
-    return text;
-}
-
-/// What stands after the first character that is no digit is left out; `decode_cursor` notices.
-std::string from_base64url(std::string_view text) {
-    std::string bytes;
-    unsigned bits = 0;
-    unsigned held = 0;
-    for (const char digit : text) {
-        const std::size_t value = kDigits.find(digit);
-        if (value == std::string_view::npos) break;
-        bits = bits << kBitsPerDigit | static_cast<unsigned>(value);
-        held += kBitsPerDigit;
-        if (held < kBitsPerByte) continue;
-        held -= kBitsPerByte;
-        bytes += static_cast<char>(bits >> held & 255);
-    }
-    return bytes;
-}
-
-}  // namespace
-
 std::string encode_cursor(std::string_view listing, std::int64_t row) {
-    return base64url(std::string(listing) + ':' + std::to_string(row));
+    const std::string text = std::string(listing) + ':' + std::to_string(row);
+    return proto::base64url(std::as_bytes(std::span(text)));
 }
 
 std::int64_t decode_cursor(std::string_view listing, std::string_view cursor) {
     constexpr std::size_t kLongest = 64;
-    const std::string text = from_base64url(cursor.substr(0, kLongest));
+    const std::string text = proto::from_base64url(cursor.substr(0, kLongest)).value_or("");
     const std::size_t colon = text.find(':');
     std::int64_t row = 0;
     if (colon != std::string::npos) {

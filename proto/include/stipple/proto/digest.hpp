@@ -3,8 +3,10 @@
 #include <cstddef>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 
 namespace stipple::proto {
 
@@ -32,6 +34,10 @@ std::string sha256_of_file(const std::filesystem::path& file);
 bool is_sha256(std::string_view text) noexcept;
 /// RFC 4648, with padding.
 std::string base64(std::span<const std::byte> bytes);
+/// In the alphabet for addresses (RFC 4648, 5), without padding.
+std::string base64url(std::span<const std::byte> bytes);
+/// The bytes of a `base64url`; nothing of another text, mostly: who must know encodes them again.
+std::optional<std::string> from_base64url(std::string_view text);
 /// `bytes` random bytes from the system, in lower-case hexadecimal.
 std::string random_hex(std::size_t bytes);
 
