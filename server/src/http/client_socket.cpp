@@ -6,7 +6,6 @@
 #include <netinet/in.h>
 #include <netinet/tcp.h>
 #include <poll.h>
-#include <sys/eventfd.h>
 #include <sys/ioctl.h>
 #include <sys/socket.h>
 #include <algorithm>
@@ -30,15 +29,6 @@ std::uint64_t unacknowledged(const FileDescriptor& socket) noexcept {
 }
 
 }  // namespace
-
-StopEvent::StopEvent() : fd_(::eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {
-    if (!fd_) throw Error(ErrorCode::Internal, "eventfd: no more file descriptors");
-}
-
-void StopEvent::raise() noexcept {
-    raised_.store(true, std::memory_order_release);
-    ::eventfd_write(fd_.get(), 1);
-}
 
 ClientSocket::ClientSocket(FileDescriptor fd, std::string address, const Patience& patience,
                            const StopEvent& drain, const StopEvent& abort)

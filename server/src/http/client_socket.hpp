@@ -1,9 +1,9 @@
 #pragma once
 
 #include "http/message.hpp"
+#include "stop_event.hpp"
 #include "store/posix_file.hpp"
 
-#include <atomic>
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
@@ -25,19 +25,6 @@ struct Patience {
     /// The longer since we hear of what was read in lumps only, of 200 kB or so.
     std::chrono::milliseconds pause{60'000};
     std::uint64_t min_bytes_per_second = 4096;
-};
-
-/// An event that stays: once raised, every wait on it returns.
-class StopEvent {
-public:
-    StopEvent();
-    void raise() noexcept;
-    bool raised() const noexcept { return raised_.load(std::memory_order_acquire); }
-    int fd() const noexcept { return fd_.get(); }
-
-private:
-    FileDescriptor fd_;
-    std::atomic<bool> raised_ = false;
 };
 
 /// A connection to a client that may be slow, silent or hostile.

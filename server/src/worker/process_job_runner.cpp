@@ -2,13 +2,15 @@
 // until its last word; always reaped. What it says is believed no further than the grammar of
 // reports.
 
-#include "stipple/error.hpp"
+#include "stop_event.hpp"
+#include "store/posix_file.hpp"
 #include "worker/worker_pool.hpp"
+
+#include "stipple/error.hpp"
 
 #include <fcntl.h>
 #include <poll.h>
 #include <spawn.h>
-#include <sys/eventfd.h>
 #include <sys/mman.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -19,6 +21,8 @@
 #include <cstdlib>
 #include <cstring>
 #include <optional>
+#include <span>
+#include <stop_token>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -41,33 +45,12 @@ Error system_error(const std::string& what, int code = errno) {
     return Error(ErrorCode::Internal, what + ": " + std::strerror(code));
 }
 
-class Descriptor {
-public:
-    explicit Descriptor(int fd = -1) noexcept : fd_(fd) {}
-    Descriptor(Descriptor&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
-    Descriptor& operator=(Descriptor&& other) noexcept {
-        std::swap(fd_, other.fd_);
-        return *this;
-    }
-    ~Descriptor() {
-        if (fd_ >= 0) ::close(fd_);
-    }
-    int get() const noexcept { return fd_; }
-
-private:
-    int fd_;
-};
-
 /// The specification as a file that only the child can name and that is gone with it.
-Descriptor spec_file(const proto::JobSpec& spec) {
+FileDescriptor spec_file(const proto::JobSpec& spec) {
     const std::string text = to_json(spec);
-    Descriptor file(::memfd_create("stipple-job-spec", MFD_CLOEXEC));
-    if (file.get() < 0) throw system_error("memfd_create");
-    for (std::size_t done = 0; done < text.size();) {
-        const ssize_t n = ::write(file.get(), text.data() + done, text.size() - done);
-        if (n < 0 && errno != EINTR) throw system_error("writing the specification of a job");
-        if (n > 0) done += static_cast<std::size_t>(n);
-    }
+    FileDescriptor file(::memfd_create("stipple-job-spec", MFD_CLOEXEC));
+    if (!file) throw system_error("memfd_create");
+    write_all(file, std::as_bytes(std::span(text)), "the specification of a job");
     return file;
 }
 
@@ -86,7 +69,8 @@ std::vector<std::string> environment() {
 /// A process group of its own; killed and reaped when this ends, whatever happens.
 class Child {
 public:
-    Child(const std::filesystem::path& program, const Descriptor& spec, const Descriptor& output);
+    Child(const std::filesystem::path& program, const FileDescriptor& spec,
+          const FileDescriptor& output);
     ~Child() {
         if (pid_ > 0) end();
     }
@@ -144,8 +128,8 @@ private:
     posix_spawnattr_t attributes_{};
 };
 
-Child::Child(const std::filesystem::path& program, const Descriptor& spec,
-             const Descriptor& output) {
+Child::Child(const std::filesystem::path& program, const FileDescriptor& spec,
+             const FileDescriptor& output) {
     SpawnActions actions;
     ::posix_spawn_file_actions_addopen(actions.get(), STDIN_FILENO, "/dev/null", O_RDONLY, 0);
     ::posix_spawn_file_actions_adddup2(actions.get(), output.get(), STDOUT_FILENO);
@@ -173,35 +157,10 @@ Child::Child(const std::filesystem::path& program, const Descriptor& spec,
     }
 }
 
-/// Readable as soon as a stop is requested.
-class StopSignal {
-public:
-    explicit StopSignal(std::stop_token stop)
-        : event_(::eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)),
-          callback_(std::move(stop), Raise{this}) {
-        if (event_.get() < 0) throw system_error("eventfd");
-    }
-    int descriptor() const noexcept { return event_.get(); }
-
-private:
-    struct Raise {
-        StopSignal* signal;
-        void operator()() const noexcept {
-            const std::uint64_t one = 1;
-            // A counter that is full is readable too.
-            [[maybe_unused]] const ssize_t ignored =
-                ::write(signal->event_.get(), &one, sizeof(one));
-        }
-    };
-
-    Descriptor event_;
-    std::stop_callback<Raise> callback_;
-};
-
 /// Cuts what a child writes into lines, within limits.
 class LineReader {
 public:
-    explicit LineReader(Descriptor input) : input_(std::move(input)) {}
+    explicit LineReader(FileDescriptor input) : input_(std::move(input)) {}
     int descriptor() const noexcept { return input_.get(); }
 
     /// Reads what there is and calls `line` for each complete one. False at the end of the output.
@@ -228,7 +187,7 @@ public:
     }
 
 private:
-    Descriptor input_;
+    FileDescriptor input_;
     std::string line_;
     std::size_t total_ = 0;
 };
@@ -259,13 +218,13 @@ proto::JobReport out_of_time(Clock::duration limit) {
 
 /// The two ends of a pipe.
 struct Pipe {
-    Descriptor read_end, write_end;
+    FileDescriptor read_end, write_end;
 
     Pipe() {
         std::array<int, 2> ends{};
         if (::pipe2(ends.data(), O_CLOEXEC) != 0) throw system_error("pipe2");
-        read_end = Descriptor(ends[0]);
-        write_end = Descriptor(ends[1]);
+        read_end = FileDescriptor(ends[0]);
+        write_end = FileDescriptor(ends[1]);
     }
 };
 
@@ -276,16 +235,17 @@ public:
     Outcome run(const proto::JobSpec& spec,
                 const std::function<void(const proto::JobReport&)>& report,
                 std::stop_token stop) override {
-        const StopSignal stopped(std::move(stop));
+        StopEvent stopped;
+        const std::stop_callback on_stop(std::move(stop), [&stopped] { stopped.raise(); });
         Pipe pipe;
         Child child(program_, spec_file(spec), pipe.write_end);
-        pipe.write_end = Descriptor();  // so that the child's end is the only one left
+        pipe.write_end = FileDescriptor();  // so that the child's end is the only one left
         LineReader lines(std::move(pipe.read_end));
         return watch(child, lines, stopped, spec, report);
     }
 
 private:
-    static Outcome watch(Child& child, LineReader& lines, const StopSignal& stopped,
+    static Outcome watch(Child& child, LineReader& lines, const StopEvent& stopped,
                          const proto::JobSpec& spec,
                          const std::function<void(const proto::JobReport&)>& report);
 
@@ -294,9 +254,9 @@ private:
 
 /// Waits for the first of output, stop and `deadline`.
 enum class Wake { Output, Stop, Deadline };
-Wake wait_for(const LineReader& lines, const StopSignal& stopped,
+Wake wait_for(const LineReader& lines, const StopEvent& stopped,
               std::optional<Clock::time_point> deadline) {
-    std::array<pollfd, 2> watched = {pollfd{stopped.descriptor(), POLLIN, 0},
+    std::array<pollfd, 2> watched = {pollfd{stopped.fd(), POLLIN, 0},
                                      pollfd{lines.descriptor(), POLLIN, 0}};
     for (;;) {
         int timeout = -1;
@@ -330,7 +290,7 @@ void ask_to_end(const Child& child, LineReader& lines) {
     }
 }
 
-Outcome ProcessJobRunner::watch(Child& child, LineReader& lines, const StopSignal& stopped,
+Outcome ProcessJobRunner::watch(Child& child, LineReader& lines, const StopEvent& stopped,
                                 const proto::JobSpec& spec,
                                 const std::function<void(const proto::JobReport&)>& report) {
     const std::optional<Clock::duration> limit = wall_limit(spec);
