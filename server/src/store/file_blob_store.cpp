@@ -2,9 +2,11 @@
 
 #include "store/data_folder.hpp"
 #include "store/posix_file.hpp"
+#include "store/verified_files.hpp"
 
 #include "stipple/error.hpp"
 #include "stipple/proto/digest.hpp"
+#include "stipple/proto/problem.hpp"
 
 #include <fcntl.h>
 #include <sys/file.h>
@@ -14,9 +16,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <deque>
-#include <map>
 #include <mutex>
-#include <tuple>
 
 namespace stipple::server {
 
@@ -52,14 +52,6 @@ void protect(const FileDescriptor& fd, const fs::path& file) {
     if (::fchmod(fd.get(), 0440) != 0) throw_errno("cannot protect", file);
     const timespec now[2] = {{0, UTIME_NOW}, {0, UTIME_NOW}};
     if (::futimens(fd.get(), now) != 0) throw_errno("cannot touch", file);
-}
-
-/// What changes when somebody writes to a file or puts another in its place.
-using Identity = std::tuple<dev_t, ino_t, off_t, std::int64_t, std::int64_t>;
-
-Identity identity_of(const struct stat& status) {
-    return {status.st_dev, status.st_ino, status.st_size, status.st_ctim.tv_sec,
-            status.st_ctim.tv_nsec};
 }
 
 system_clock::time_point committed_at(const struct stat& status) {
@@ -162,13 +154,10 @@ private:
     }
     FileDescriptor take_over(const fs::path& file, const TemporaryName& temporary) const;
     void name(TemporaryName& temporary, const std::string& sha256);
-    void remember(const std::string& sha256, const Identity& identity) const;
-    bool remembers(const std::string& sha256, const Identity& identity) const;
 
     const fs::path root_, temporary_folder_;
     NamesLock names_;
-    mutable std::mutex verified_mutex_;
-    mutable std::map<std::string, Identity> verified_;  ///< files whose hash was seen to be right
+    mutable VerifiedFiles verified_;
 };
 
 class FileBlobWriter final : public BlobWriter {
@@ -253,7 +242,7 @@ void FileBlobStore::name(TemporaryName& temporary, const std::string& sha256) {
     temporary.moved();
     struct stat status {};
     if (::stat(file.c_str(), &status) != 0) throw_errno("cannot stat", file);
-    remember(sha256, identity_of(status));
+    verified_.add(sha256, status);
 }
 
 FileDescriptor FileBlobStore::take_over(const fs::path& file,
@@ -308,13 +297,12 @@ std::shared_ptr<const BlobReader> FileBlobStore::open(const std::string& sha256)
     if (!fd) throw_errno("cannot open", file);
 
     const struct stat status = status_of(fd, file);
-    const Identity identity = identity_of(status);
-    if (!remembers(sha256, identity)) {
+    if (!verified_.contains(sha256, status)) {
         if (hash_of(fd, file) != sha256) {
             throw Error(ErrorCode::Internal,
                         "blob " + sha256 + " is damaged: its bytes have another hash");
         }
-        remember(sha256, identity);
+        verified_.add(sha256, status);
     }
     return std::make_shared<FileBlobReader>(std::move(fd),
                                             static_cast<std::uint64_t>(status.st_size), file);
@@ -342,8 +330,7 @@ bool FileBlobStore::remove_older(const std::string& sha256, system_clock::time_p
     for (const fs::directory_entry& entry : fs::directory_iterator(file.parent_path())) {
         if (entry.path().stem() == sha256) fs::remove(entry.path());
     }
-    const std::lock_guard verified_lock(verified_mutex_);
-    verified_.erase(sha256);
+    verified_.remove(sha256);
     return true;
 }
 
@@ -409,20 +396,8 @@ void FileBlobStore::check_room() const {
     const std::uint64_t all = std::uint64_t{disk.f_blocks} * disk.f_frsize;
     const std::uint64_t reserve = std::min(kReserve, all / kShareOfSmallDisk);
     if (free >= reserve) return;
-    throw Error(ErrorCode::Internal, "storage full: " + std::to_string(free) +
-                                         " bytes are free for " + root_.string() + ": the last " +
-                                         std::to_string(reserve) + " are kept for removals");
-}
-
-void FileBlobStore::remember(const std::string& sha256, const Identity& identity) const {
-    const std::lock_guard lock(verified_mutex_);
-    verified_.insert_or_assign(sha256, identity);
-}
-
-bool FileBlobStore::remembers(const std::string& sha256, const Identity& identity) const {
-    const std::lock_guard lock(verified_mutex_);
-    const auto found = verified_.find(sha256);
-    return found != verified_.end() && found->second == identity;
+    throw proto::StorageFull(std::to_string(free) + " bytes are free for " + root_.string() +
+                             ": the last " + std::to_string(reserve) + " are kept for removals");
 }
 
 }  // namespace
