@@ -32,9 +32,8 @@ auto naming_key(Work&& work) {
     try {
         return work();
     } catch (const Unauthorized& error) {
-        throw Error(error.code(),
-                    std::string(error.what()) +
-                        ": give a valid one with --api-key or STIPPLE_API_KEY");
+        throw Error(error.code(), std::string(error.what()) +
+                                      ": give a valid one with --api-key or STIPPLE_API_KEY");
     }
 }
 
