@@ -2,6 +2,7 @@
 
 #include "stipple/error.hpp"
 #include "stipple/proto/digest.hpp"
+#include "stipple/proto/problem.hpp"
 
 #include <fcntl.h>
 #include <unistd.h>
@@ -17,17 +18,17 @@ namespace fs = std::filesystem;
 
 namespace {
 
-/// The failure of a system call on an output file.
-Error write_error(const fs::path& file, const JobSpec& spec) {
-    const int code = errno;
+/// A system call on an output file failed with this `errno`.
+[[noreturn]] void throw_write_error(int code, const fs::path& file, const JobSpec& spec) {
     if (code == EFBIG) {
-        return Error(ErrorCode::TooLarge,
-                     file.filename().string() + ": above the limit of " +
-                         std::to_string(spec.max_file_bytes) +
-                         " bytes per file: ask for fewer points or another format");
+        throw Error(ErrorCode::TooLarge,
+                    file.filename().string() + ": above the limit of " +
+                        std::to_string(spec.max_file_bytes) +
+                        " bytes per file: ask for fewer points or another format");
     }
-    const std::string full = code == ENOSPC || code == EDQUOT ? "storage full: " : "";
-    return Error(ErrorCode::Internal, full + file.filename().string() + ": " + std::strerror(code));
+    const std::string failure = file.filename().string() + ": " + std::strerror(code);
+    if (code == ENOSPC || code == EDQUOT) throw StorageFull(failure);
+    throw Error(ErrorCode::Internal, failure);
 }
 
 class OutputDescriptor {
@@ -65,9 +66,9 @@ void write_whole_file(const fs::path& file, std::span<const std::byte> bytes, co
     if (out.is_open() && out.write(bytes) && out.close() &&
         ::rename(partial.c_str(), file.c_str()) == 0)
         return;
-    const Error error = write_error(file, spec);
+    const int code = errno;
     ::unlink(partial.c_str());
-    throw error;
+    throw_write_error(code, file, spec);
 }
 
 OutputFile write_output(const std::string& stem, CloudFormat format,

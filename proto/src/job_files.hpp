@@ -11,8 +11,8 @@
 namespace stipple::proto {
 
 /// Writes a file of a job. Under its name it is whole or not there; whoever keeps it makes it
-/// durable. @throws Error(TooLarge) above the job's limit for a file, Error(Internal) where the
-/// system refuses it, as when the disk is full.
+/// durable. @throws Error(TooLarge) above the job's limit for a file, StorageFull, or
+/// Error(Internal) where the system refuses it for another reason.
 void write_whole_file(const std::filesystem::path& file, std::span<const std::byte> bytes,
                       const JobSpec& spec);
 

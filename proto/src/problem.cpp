@@ -41,7 +41,7 @@ constexpr std::array kKinds = {
     Kind{501, "not-implemented", "Not implemented", ErrorCode::InvalidArgument},
     Kind{503, "unavailable", "Unavailable", ErrorCode::QueueFull},
     Kind{505, "version-not-supported", "HTTP version not supported", ErrorCode::InvalidArgument},
-    Kind{507, "storage-full", "Storage full", ErrorCode::Internal},
+    Kind{kStorageFullStatus, "storage-full", "Storage full", ErrorCode::Internal},
 };
 
 const Kind& kind_of_status(int status) noexcept {
@@ -74,6 +74,8 @@ Problem problem_from(ErrorCode code, std::string detail) {
 }
 
 Problem problem_from(const Error& error) {
+    if (dynamic_cast<const StorageFull*>(&error) != nullptr)
+        return problem_from_status(kStorageFullStatus, error.what());
     Problem problem = problem_from(error.code(), error.what());
     if (const auto* const about = dynamic_cast<const CandidateError*>(&error))
         problem.candidate = about->number();

@@ -62,6 +62,14 @@ TEST(Problem, SaysWhichCandidateItIsAbout) {
     EXPECT_EQ(problem_from_json(to_json(problem)).candidate, 2U);
 }
 
+TEST(Problem, OfAFullDiskHasATypeOfItsOwn) {
+    const Problem full = problem_from(StorageFull("no space for scan.ply"));
+    EXPECT_EQ(full.status, 507);
+    EXPECT_EQ(full.type, std::string(kProblemBase) + "storage-full");
+    EXPECT_EQ(full.detail, "storage full: no space for scan.ply");
+    EXPECT_EQ(problem_from(Error(ErrorCode::NotFound, "gone")).status, 404);
+}
+
 TEST(Problem, WithBytesThatAreNoUtf8IsStillWritten) {
     const std::string text = to_json(problem_from(ErrorCode::MalformedInput, "name \xff"));
     EXPECT_EQ(problem_from_json(text).detail, "name \xEF\xBF\xBD");

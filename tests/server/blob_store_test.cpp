@@ -301,6 +301,7 @@ TEST(PosixFile, SaysThatTheStorageIsFull) {
     ASSERT_TRUE(full);
     expect_error(ErrorCode::Internal,
                  "storage full: ", [&] { write_all(full, bytes_of("abc"), "/dev/full"); });
+    EXPECT_THROW(write_all(full, bytes_of("abc"), "/dev/full"), proto::StorageFull);
 }
 
 TEST(PosixFile, SaysWhichFileCannotBeUsedAndWhy) {
@@ -341,6 +342,7 @@ TEST(FileBlobStoreOnAFullDisk, KeepsTheLastOfItForRemovals) {
     EXPECT_NO_THROW(store->check_room());
     std::ofstream(disk.path() / "ballast") << std::string(244 * 1024, 'x');  // of 256 KiB
     expect_error(ErrorCode::Internal, "storage full: ", [&] { store->check_room(); });
+    EXPECT_THROW(store->check_room(), proto::StorageFull);
     expect_error(ErrorCode::Internal, "storage full: ", [&] { put_blob(*store, "abc"); });
     EXPECT_NO_THROW(store->probe());
 }

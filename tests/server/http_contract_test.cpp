@@ -1,4 +1,5 @@
 // Holds the program and openapi.yaml together.
+#include "http/api.hpp"
 #include "http/routes.hpp"
 #include "service/upload_format.hpp"
 #include "stipple/proto/job_request.hpp"
@@ -206,6 +207,15 @@ TEST(OpenApi, HasEverythingThatItRefersTo) {
     };
     visit(visit, root);
     EXPECT_EQ(dangling, std::set<std::string>());
+}
+
+TEST(FailureReply, TellsAFullDiskFromOtherFailures) {
+    const auto status_of = [](const auto& failure) {
+        return failure_reply(std::make_exception_ptr(failure), Request{}).status;
+    };
+    EXPECT_EQ(status_of(proto::StorageFull("no space")), 507);
+    EXPECT_EQ(status_of(Error(ErrorCode::Internal, "storage full: only the words")), 500);
+    EXPECT_EQ(status_of(Error(ErrorCode::NotFound, "no such job")), 404);
 }
 
 TEST(OpenApi, ListsTheFormatsThatCanBeUploaded) {

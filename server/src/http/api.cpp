@@ -48,8 +48,8 @@ Reply error_reply(const Error& error, const Request& request) {
     if (error.code() == ErrorCode::Internal) {
         spdlog::error("request.failed id={} route={} reason={}", request.id, request.route,
                       log_text(detail));
-        if (detail.starts_with("storage full")) {
-            return problem_reply(HttpError(507,
+        if (dynamic_cast<const proto::StorageFull*>(&error) != nullptr) {
+            return problem_reply(HttpError(proto::kStorageFullStatus,
                                            "the server's disk is full: nothing was stored or "
                                            "removed; try again when its operator has freed space"));
         }

@@ -17,8 +17,7 @@ namespace stipple::server {
 class BlobWriter {
 public:
     virtual ~BlobWriter() = default;
-    /// @throws Error(TooLarge) above the limit given to `create`; Error(Internal) starting with
-    /// `storage full` when the disk is full.
+    /// @throws Error(TooLarge) above the limit given to `create`; proto::StorageFull.
     virtual void write(std::span<const std::byte> bytes) = 0;
     /// Makes the bytes durable under their SHA-256 (fsync, rename, fsync of the folder) and returns
     /// it. Once.
@@ -75,9 +74,9 @@ public:
 
     /// Writes something small, durably. @throws Error(Internal) saying why it could not.
     virtual void probe() = 0;
-    /// For what can be refused, so that there is always room for removals: @throws Error(Internal)
-    /// starting with `storage full` when the disk is but for a small reserve. `write` of a blob
-    /// asks the same.
+    /// For what can be refused, so that there is always room for removals: @throws
+    /// proto::StorageFull when the disk is full but for a small reserve. `write` of a blob asks the
+    /// same.
     virtual void check_room() const = 0;
 };
 

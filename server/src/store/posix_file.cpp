@@ -1,6 +1,6 @@
 #include "store/posix_file.hpp"
 
-#include "stipple/error.hpp"
+#include "stipple/proto/problem.hpp"
 
 #include <fcntl.h>
 #include <unistd.h>
@@ -18,8 +18,9 @@ void throw_errno(std::string_view what, const std::filesystem::path& file) {
     const int code = errno;
     const bool full = code == ENOSPC || code == EDQUOT;
     const std::string reason = std::generic_category().message(code);
-    throw Error(ErrorCode::Internal, (full ? "storage full: " : "") + std::string(what) + ' ' +
-                                         file.string() + ": " + reason);
+    const std::string failure = std::string(what) + ' ' + file.string() + ": " + reason;
+    if (full) throw proto::StorageFull(failure);
+    throw Error(ErrorCode::Internal, failure);
 }
 
 FileDescriptor open_file(const std::filesystem::path& file, int flags, unsigned mode) {

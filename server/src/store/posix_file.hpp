@@ -29,7 +29,7 @@ private:
     int fd_ = -1;
 };
 
-/// Throws Error(Internal) for `errno`: `storage full: ...` when the disk or the quota is.
+/// Throws Error(Internal) for `errno`; proto::StorageFull when the disk or the quota is.
 [[noreturn]] void throw_errno(std::string_view what, const std::filesystem::path& file);
 
 /// `open(2)`, never inherited by a child. Invalid, with `errno`, when it fails.

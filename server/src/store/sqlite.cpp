@@ -1,6 +1,6 @@
 #include "store/sqlite.hpp"
 
-#include "stipple/error.hpp"
+#include "stipple/proto/problem.hpp"
 
 #include <cassert>
 #include <cerrno>
@@ -22,9 +22,9 @@ std::string file_of(sqlite3* connection) {
     const bool asked = code == SQLITE_IOERR || code == SQLITE_CANTOPEN;
     const int cause = asked ? sqlite3_system_errno(connection) : 0;
     const bool full = code == SQLITE_FULL || cause == ENOSPC || cause == EDQUOT;
-    std::string text = full ? "storage full: " : "";
-    text += "database " + file_of(connection) + ": " + sqlite3_errmsg(connection);
+    std::string text = "database " + file_of(connection) + ": " + sqlite3_errmsg(connection);
     if (cause != 0) text += ": " + std::generic_category().message(cause);
+    if (full) throw proto::StorageFull(text);
     throw Error(ErrorCode::Internal, text);
 }
 

@@ -109,16 +109,22 @@ void JobAttempt::on_report(const proto::JobReport& report) {
     if (problem_) stop_.request_stop();
 }
 
-/// What the caller can use of a failure of the service itself: its words may name folders.
 proto::Problem JobAttempt::problem_of(const std::exception& failure) const {
     const auto* const error = dynamic_cast<const Error*>(&failure);
-    if (error != nullptr && error->code() != ErrorCode::Internal)
-        return proto::problem_from(error->code(), error->what());
-    spdlog::error("job.broken id={} error={}", lease_.job_id, log_text(failure.what()));
-    const bool is_full = std::string_view(failure.what()).starts_with("storage full");
-    return proto::problem_from(ErrorCode::Internal,
-                               is_full ? "storage full: the operator must free space"
-                                       : "the service could not run the job; its log says why");
+    return for_caller(error != nullptr ? proto::problem_from(*error)
+                                       : proto::problem_from(ErrorCode::Internal, failure.what()));
+}
+
+/// What the caller can use: the words of a failure of the service itself may name folders.
+proto::Problem JobAttempt::for_caller(proto::Problem problem) const {
+    if (problem.status < 500) return problem;
+    spdlog::error("job.broken id={} error={}", lease_.job_id, log_text(problem.detail));
+    const bool is_full = problem.status == proto::kStorageFullStatus;
+    proto::Problem told = proto::problem_from(
+        ErrorCode::Internal, is_full ? "storage full: the operator must free space"
+                                     : "the service could not run the job; its log says why");
+    told.stage = std::move(problem.stage);
+    return told;
 }
 
 void JobAttempt::handle(const proto::JobReport& report) {
@@ -136,10 +142,7 @@ void JobAttempt::handle(const proto::JobReport& report) {
         }
     }
     if (report.cost) cost_ = report.cost;
-    if (!report.problem) return;
-    problem_ = report.problem;
-    if (problem_->status >= 500)
-        problem_->detail = problem_of(Error(ErrorCode::Internal, problem_->detail)).detail;
+    if (report.problem) problem_ = for_caller(*report.problem);
 }
 
 /// The job process worked on foreign bytes: nothing it says of its files is believed.

@@ -36,6 +36,7 @@ private:
                             const std::filesystem::path& output) const;
     void on_report(const proto::JobReport& report);
     proto::Problem problem_of(const std::exception& failure) const;
+    proto::Problem for_caller(proto::Problem problem) const;
     void handle(const proto::JobReport& report);
     proto::OutputCloud adopt_files(proto::OutputCloud level);
     void conclude(const JobRunner::Outcome& outcome);
