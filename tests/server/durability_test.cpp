@@ -37,12 +37,11 @@ void acknowledge(int pipe, const std::string& what) {
         const std::string text = "ply " + name + std::string(20'000, '.');
         const auto upload = service.begin_upload();
         upload->write(bytes_of(text));
-        bool existed = false;
         const auto cloud =
-            service.finish_upload("ada", *upload, bytes_of(text), std::nullopt, existed);
+            service.finish_upload("ada", *upload, bytes_of(text), std::nullopt).document;
         acknowledge(pipe, "cloud " + cloud.id);
 
-        const auto job = service.submit("ada", simplify_request(cloud.id), name, existed);
+        const auto job = service.submit("ada", simplify_request(cloud.id), name).document;
         acknowledge(pipe, "job " + job.id);
 
         const Lease lease = jobs->claim({.max_queued = 0, .max_running = 1}, 60s).value();

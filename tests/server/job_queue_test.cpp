@@ -46,8 +46,7 @@ TEST_P(JobQueueContract, RunsNoMoreJobsOfATenantThanItsLimit) {
 TEST_P(JobQueueContract, GivesEachOfAThousandJobsToOneOfEightThreads) {
     limits_.max_running = 2000;
     const auto request = simplify_request(put_cloud(*store_, "ada", "cloud"));
-    JobDocument document;
-    for (int i = 0; i < 1000; ++i) store_->submit("ada", request, {}, limits_, document);
+    for (int i = 0; i < 1000; ++i) store_->submit("ada", request, {}, limits_);
     std::mutex mutex;
     std::map<std::string, int> claims;
     std::vector<std::jthread> threads;

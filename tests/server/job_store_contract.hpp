@@ -25,11 +25,9 @@ protected:
     proto::JobDocument submit(const std::string& tenant = "ada",
                               const std::optional<std::string>& key = {},
                               std::uint64_t points = 100) {
-        proto::JobDocument document;
-        store_->submit(tenant,
-                       test::simplify_request(test::put_cloud(*store_, tenant, "cloud"), points),
-                       key, limits_, document);
-        return document;
+        const auto request =
+            test::simplify_request(test::put_cloud(*store_, tenant, "cloud"), points);
+        return store_->submit(tenant, request, key, limits_).document;
     }
     Lease claim(std::chrono::seconds lease_time = std::chrono::seconds(60)) {
         auto lease = store_->claim(limits_, lease_time);

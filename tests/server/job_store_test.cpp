@@ -84,12 +84,11 @@ TEST_P(JobStoreContract, KeepsACloudWhileAnUnfinishedJobNeedsIt) {
 // Jobs.
 
 TEST_P(JobStoreContract, RefusesAJobWithoutItsCloud) {
-    JobDocument document;
     expect_error(ErrorCode::NotFound, "input " + kHash + ": no such cloud",
-                 [&] { store_->submit("ada", simplify_request(kHash), {}, limits_, document); });
+                 [&] { store_->submit("ada", simplify_request(kHash), {}, limits_); });
     put_cloud(*store_, "bob", "cloud");
     const std::string of_bob = proto::sha256_hex(bytes_of("cloud"));
-    EXPECT_THROW(store_->submit("ada", simplify_request(of_bob), {}, limits_, document), Error);
+    EXPECT_THROW(store_->submit("ada", simplify_request(of_bob), {}, limits_), Error);
     EXPECT_EQ(store_->counts().queued, 0U);
 }
 
@@ -130,15 +129,14 @@ TEST_P(JobStoreContract, RefusesJobsBeyondTheQueueLimitOfTheirTenant) {
 TEST_P(JobStoreContract, ShowsATenantNothingOfAnother) {
     const JobDocument job = submit();
     const std::string cloud = job.request.input;
-    std::optional<std::string> next;
     EXPECT_FALSE(store_->find_job("bob", job.id));
     EXPECT_FALSE(store_->find_cloud("bob", cloud));
     EXPECT_FALSE(store_->dismiss("bob", job.id));
     EXPECT_FALSE(store_->results("bob", job.id));
     EXPECT_FALSE(store_->remove_cloud("bob", cloud));
     EXPECT_TRUE(store_->events_after("bob", job.id, 0).empty());
-    EXPECT_TRUE(store_->list_jobs("bob", {}, 10, {}, next).empty());
-    EXPECT_TRUE(store_->list_clouds("bob", 10, {}, next).empty());
+    EXPECT_TRUE(store_->list_jobs("bob", {}, 10, {}).items.empty());
+    EXPECT_TRUE(store_->list_clouds("bob", 10, {}).items.empty());
     EXPECT_EQ(find(job.id).status, JobStatus::Accepted);
 }
 
@@ -148,11 +146,9 @@ TEST_P(JobStoreContract, PagesThroughJobsNewestFirstWhileMoreAreAdded) {
     std::vector<std::string> seen;
     std::optional<std::string> cursor;
     do {
-        std::optional<std::string> next;
-        for (const JobDocument& job : store_->list_jobs("ada", {}, 2, cursor, next)) {
-            seen.push_back(job.id);
-        }
-        cursor = next;
+        const Page<JobDocument> page = store_->list_jobs("ada", {}, 2, cursor);
+        for (const JobDocument& job : page.items) seen.push_back(job.id);
+        cursor = page.next;
         submit();
     } while (cursor);
     EXPECT_EQ(seen, expected);
@@ -161,43 +157,39 @@ TEST_P(JobStoreContract, PagesThroughJobsNewestFirstWhileMoreAreAdded) {
 TEST_P(JobStoreContract, PagesThroughClouds) {
     std::set<std::string> expected;
     for (const char* text : {"a", "b", "c"}) expected.insert(put_cloud(*store_, "ada", text));
-    std::optional<std::string> next;
-    std::optional<std::string> after;
     std::set<std::string> seen;
-    for (const CloudRow& row : store_->list_clouds("ada", 2, {}, next)) seen.insert(row.id);
-    ASSERT_TRUE(next);
-    for (const CloudRow& row : store_->list_clouds("ada", 2, next, after)) seen.insert(row.id);
+    const Page<CloudRow> first = store_->list_clouds("ada", 2, {});
+    for (const CloudRow& row : first.items) seen.insert(row.id);
+    ASSERT_TRUE(first.next);
+    const Page<CloudRow> second = store_->list_clouds("ada", 2, first.next);
+    for (const CloudRow& row : second.items) seen.insert(row.id);
     EXPECT_EQ(seen, expected);
-    EXPECT_FALSE(after);
+    EXPECT_FALSE(second.next);
 }
 
 TEST_P(JobStoreContract, RefusesACursorThatItDidNotGive) {
     submit();
     submit();
-    std::optional<std::string> next;
-    store_->list_jobs("ada", {}, 1, {}, next);
-    std::optional<std::string> ignored;
+    const auto next = store_->list_jobs("ada", {}, 1, {}).next;
     for (const std::string& cursor : {std::string(), std::string("1"), std::string("'; DROP TABLE"),
                                       *next + "A", std::string(10'000, 'x')}) {
         expect_error(ErrorCode::InvalidArgument, "cursor",
-                     [&] { store_->list_jobs("ada", {}, 1, cursor, ignored); });
+                     [&] { store_->list_jobs("ada", {}, 1, cursor); });
     }
     expect_error(ErrorCode::InvalidArgument, "of this listing",
-                 [&] { store_->list_clouds("ada", 1, next, ignored); });
+                 [&] { store_->list_clouds("ada", 1, next); });
 }
 
 TEST_P(JobStoreContract, FiltersJobsByTypeStatusAndInput) {
     const JobDocument simplify = submit();
-    JobDocument pyramid;
-    store_->submit("ada", pyramid_request(put_cloud(*store_, "ada", "other")), {}, limits_,
-                   pyramid);
+    const JobDocument pyramid =
+        store_->submit("ada", pyramid_request(put_cloud(*store_, "ada", "other")), {}, limits_)
+            .document;
     claim();
     const auto ids = [this](const JobStore::JobFilter& filter) {
-        std::optional<std::string> next;
         std::vector<std::string> found;
-        for (const auto& job : store_->list_jobs("ada", filter, 10, {}, next)) {
-            found.push_back(job.id);
-        }
+        const Page<JobDocument> page = store_->list_jobs("ada", filter, 10, {});
+        for (const JobDocument& job : page.items) found.push_back(job.id);
         return found;
     };
     using Ids = std::vector<std::string>;
@@ -323,8 +315,7 @@ TEST(SqliteJobStore, TellsWhatAnotherProcessWrote) {
     const std::string cloud = put_cloud(*api, "ada", "cloud");
     std::this_thread::sleep_for(100ms);  // both have seen what was there
     const std::uint64_t seen = worker->version();
-    JobDocument job;
-    api->submit("ada", simplify_request(cloud), {}, {}, job);
+    const JobDocument job = api->submit("ada", simplify_request(cloud), {}, {}).document;
     worker->wait_for_change(seen, std::chrono::steady_clock::now() + 60s, {});
     EXPECT_NE(worker->version(), seen);
 
@@ -361,7 +352,7 @@ TEST(SqliteJobStore, CountsOnInADatabaseThatCountedNothing) {
     JobDocument job;
     {
         const auto store = open_sqlite_job_store(folder / "jobs.sqlite");
-        store->submit("ada", request(*store), {}, {}, job);
+        job = store->submit("ada", request(*store), {}, {}).document;
     }
     run_sql(folder / "jobs.sqlite",  // as it was then
             "ALTER TABLE jobs DROP COLUMN lost; DROP TABLE ended; "
@@ -433,13 +424,12 @@ TEST(SqliteJobStore, RefusesAFileThatIsNoDatabase) {
 
 TEST(SqliteJobStore, FailsAJobWhoseRequestItCannotReadAndGoesOnToTheNext) {
     const TemporaryFolder folder;
-    JobDocument unreadable;
     JobDocument next;
     {
         const auto store = open_sqlite_job_store(folder / "jobs.sqlite");
         const auto request = simplify_request(put_cloud(*store, "ada", "cloud"));
-        store->submit("ada", request, {}, {}, unreadable);
-        store->submit("ada", request, {}, {}, next);
+        store->submit("ada", request, {}, {});
+        next = store->submit("ada", request, {}, {}).document;
     }
     run_sql(folder / "jobs.sqlite",
             R"(UPDATE jobs SET request = '{"type": "sculpt"}' WHERE row = 1)");

@@ -112,8 +112,9 @@ class OutputsTest : public testing::Test {
 protected:
     /// A finished pyramid with one tile of these bytes.
     std::string pyramid_with(std::string_view bytes, CloudFormat format = CloudFormat::Glb) {
-        proto::JobDocument job;
-        jobs_->submit("ada", pyramid_request(put_cloud(*jobs_, "ada", "cloud")), {}, {}, job);
+        const proto::JobDocument job =
+            jobs_->submit("ada", pyramid_request(put_cloud(*jobs_, "ada", "cloud")), {}, {})
+                .document;
         const Lease lease = jobs_->claim({}, 60s).value();
         file_ = put_blob(*blobs_, bytes);
         name_ = file_ + "." + std::string(to_string(format));
@@ -229,8 +230,9 @@ TEST_F(OutputsTest, PacksDocumentsUnderTagsOfTheirOwn) {
 class TilesetTest : public OutputsTest {
 protected:
     void SetUp() override {
-        proto::JobDocument job;
-        jobs_->submit("ada", pyramid_request(put_cloud(*jobs_, "ada", "cloud")), {}, {}, job);
+        const proto::JobDocument job =
+            jobs_->submit("ada", pyramid_request(put_cloud(*jobs_, "ada", "cloud")), {}, {})
+                .document;
         id_ = job.id;
         lease_ = jobs_->claim({}, 60s).value();
         jobs_->report_source(lease_, statistics_of(20));
@@ -298,8 +300,9 @@ TEST_F(OutputsTest, ForgetsTheJobThatWasNotAskedForLongestWhereAllListTooManyFil
     Outputs outputs(*jobs_, *blobs_, 200);
     std::vector<std::weak_ptr<const proto::Results>> made;
     for (int i = 0; i < 3; ++i) {
-        proto::JobDocument job;
-        jobs_->submit("ada", pyramid_request(put_cloud(*jobs_, "ada", "cloud")), {}, {}, job);
+        const proto::JobDocument job =
+            jobs_->submit("ada", pyramid_request(put_cloud(*jobs_, "ada", "cloud")), {}, {})
+                .document;
         const Lease lease = jobs_->claim({}, 60s).value();
         proto::OutputCloud level = level_with(0, put_blob(*blobs_, "tile"));
         level.files.resize(80, level.files[0]);

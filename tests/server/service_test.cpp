@@ -26,13 +26,15 @@ protected:
                                 const std::optional<std::string>& name = {}) {
         const auto writer = service_.begin_upload();
         writer->write(bytes_of(bytes));
-        return service_.finish_upload(tenant, *writer, bytes_of(bytes), name, existed_);
+        auto [cloud, existed] = service_.finish_upload(tenant, *writer, bytes_of(bytes), name);
+        existed_ = existed;
+        return cloud;
     }
     JobDocument submit_simplify() {
-        return service_.submit("ada", simplify_request(upload(kPly).id), {}, existed_);
+        return service_.submit("ada", simplify_request(upload(kPly).id), {}).document;
     }
     JobDocument submit_pyramid() {
-        return service_.submit("ada", pyramid_request(upload(kPly).id), {}, existed_);
+        return service_.submit("ada", pyramid_request(upload(kPly).id), {}).document;
     }
     Lease claim() { return jobs_->claim({}, 60s).value(); }
 
@@ -68,8 +70,7 @@ TEST_F(ServiceTest, RefusesBytesThatAreNoCloud) {
     expect_error(ErrorCode::UnsupportedFormat, "neither PLY, Draco nor a progressive stream",
                  [&] { upload("PK\x03\x04"); });
     expect_error(ErrorCode::UnsupportedFormat, "empty", [&] { upload(""); });
-    std::optional<std::string> next;
-    EXPECT_TRUE(service_.clouds("ada", 10, {}, next).empty());
+    EXPECT_TRUE(service_.clouds("ada", 10, {}).items.empty());
 }
 
 TEST_F(ServiceTest, RefusesAnUploadAboveTheLimit) {
@@ -86,7 +87,7 @@ TEST_F(ServiceTest, KnowsNothingOfWhatIsMissingOrAnothers) {
     expect_missing([&] { service_.cloud("bob", cloud); });
     expect_missing([&] { service_.cloud_content("bob", cloud); });
     expect_missing([&] { service_.remove_cloud("bob", cloud); });
-    expect_missing([&] { service_.submit("bob", simplify_request(cloud), {}, existed_); });
+    expect_missing([&] { service_.submit("bob", simplify_request(cloud), {}); });
     expect_missing([&] { service_.job("bob", job); });
     expect_missing([&] { service_.wait_for_job("bob", job, 1s, {}); });
     expect_missing([&] { service_.events("bob", job, 0, 1s, {}); });
@@ -98,18 +99,16 @@ TEST_F(ServiceTest, KnowsNothingOfWhatIsMissingOrAnothers) {
 }
 
 TEST_F(ServiceTest, RefusesPagesAndKeysOutOfRange) {
-    std::optional<std::string> next;
     const auto request = simplify_request(upload(kPly).id);
     const auto invalid = [](std::string_view part, auto call) {
         expect_error(ErrorCode::InvalidArgument, part, call);
     };
-    invalid("limit 0", [&] { service_.jobs("ada", {}, 0, {}, next); });
-    invalid("limit 1001", [&] { service_.clouds("ada", 1001, {}, next); });
-    invalid("idempotency key", [&] { service_.submit("ada", request, "", existed_); });
-    invalid("idempotency key", [&] { service_.submit("ada", request, "a\nb", existed_); });
-    invalid("256 bytes", [&] { service_.submit("ada", request, std::string(256, 'k'), existed_); });
-    invalid("points",
-            [&] { service_.submit("ada", simplify_request(request.input, 0), {}, existed_); });
+    invalid("limit 0", [&] { service_.jobs("ada", {}, 0, {}); });
+    invalid("limit 1001", [&] { service_.clouds("ada", 1001, {}); });
+    invalid("idempotency key", [&] { service_.submit("ada", request, ""); });
+    invalid("idempotency key", [&] { service_.submit("ada", request, "a\nb"); });
+    invalid("256 bytes", [&] { service_.submit("ada", request, std::string(256, 'k')); });
+    invalid("points", [&] { service_.submit("ada", simplify_request(request.input, 0), {}); });
 }
 
 TEST_F(ServiceTest, RefusesAtOnceACloudThatIsKnownToHaveNoPoint) {
@@ -118,7 +117,7 @@ TEST_F(ServiceTest, RefusesAtOnceACloudThatIsKnownToHaveNoPoint) {
     statistics.non_finite = 5;
     EXPECT_TRUE(jobs_->report_source(claim(), statistics));
     expect_error(ErrorCode::MalformedInput, "no point with finite coordinates: expected at least 1",
-                 [&] { service_.submit("ada", simplify_request(cloud), {}, existed_); });
+                 [&] { service_.submit("ada", simplify_request(cloud), {}); });
 }
 
 TEST_F(ServiceTest, LinksAJobToWhatBelongsToIt) {

@@ -79,9 +79,7 @@ protected:
     }
 
     JobDocument submit() {
-        JobDocument document;
-        jobs_->submit("ada", pyramid_request(input_), {}, limits_.queue, document);
-        return document;
+        return jobs_->submit("ada", pyramid_request(input_), {}, limits_.queue).document;
     }
     JobDocument find(const JobDocument& job) { return jobs_->find_job("ada", job.id).value(); }
     JobDocument wait_for_end(const JobDocument& job) {
@@ -96,9 +94,8 @@ protected:
         return wait_for_end(job);
     }
     std::string find_running() {
-        std::optional<std::string> next;
         const JobStore::JobFilter running{.type = {}, .status = "running", .input = {}};
-        return jobs_->list_jobs("ada", running, 1, {}, next).at(0).id;
+        return jobs_->list_jobs("ada", running, 1, {}).items.at(0).id;
     }
     bool scratch_is_empty() const { return std::filesystem::is_empty(options_.scratch); }
 
@@ -274,6 +271,23 @@ TEST_F(WorkerPoolTest, TellsNobodyWhereTheServerHasItsFiles) {
     EXPECT_EQ(job.problem->detail, kNotSaid);
 }
 
+TEST_F(WorkerPoolTest, SaysOfAFullDiskThatItIsFullAndNoMore) {
+    const proto::StorageFull failure("scan.ply: No space left on device");
+    const JobDocument job = run([&](const auto&, const auto& report, std::stop_token) {
+        JobReport failed;
+        failed.problem = proto::problem_from(failure);
+        failed.problem->stage = "encode";
+        report(failed);
+        return Outcome{};
+    });
+    EXPECT_EQ(job.problem->detail, "storage full: the operator must free space");
+    EXPECT_EQ(job.problem->status, 500);
+    EXPECT_EQ(job.problem->stage, "encode");
+    const JobDocument broken =
+        run([&](const auto&, const auto&, std::stop_token) -> Outcome { throw failure; });
+    EXPECT_EQ(broken.problem->detail, job.problem->detail);
+}
+
 TEST_F(WorkerPoolTest, FailsAJobWhoseInputIsMissing) {
     blobs_->remove_older(input_, std::chrono::system_clock::now() + 1h);
     const JobDocument job =
@@ -292,8 +306,8 @@ TEST_F(WorkerPoolTest, GoesOnAfterAJobThatBreaksItsRunner) {
     const JobDocument broken = wait_for_end(submit());
     EXPECT_EQ(broken.problem->status, 500);
     EXPECT_EQ(broken.problem->detail.find("no more processes"), std::string::npos);
-    JobDocument next;
-    jobs_->submit("ada", simplify_request(input_), {}, limits_.queue, next);
+    const JobDocument next =
+        jobs_->submit("ada", simplify_request(input_), {}, limits_.queue).document;
     EXPECT_EQ(wait_for_end(next).status, JobStatus::Successful);
 }
 

@@ -27,8 +27,8 @@ void check_length(const Request& request, const Limits& limits) {
 
 }  // namespace
 
-proto::CloudDocument receive_cloud(Resources& resources, Request& request,
-                                   const std::optional<std::string>& name, bool& existed) {
+Submission<proto::CloudDocument> receive_cloud(Resources& resources, Request& request,
+                                               const std::optional<std::string>& name) {
     check_length(request, resources.service.limits());
     const auto permit = resources.uploads.take(request);
     const auto upload = resources.service.begin_upload();
@@ -44,14 +44,13 @@ proto::CloudDocument receive_cloud(Resources& resources, Request& request,
         }
         upload->write(bytes);
     }
-    return resources.service.finish_upload(request.tenant, *upload, head, name, existed);
+    return resources.service.finish_upload(request.tenant, *upload, head, name);
 }
 
 Reply upload_cloud(Resources& resources, Request& request) {
     allow_query(request, {"name"});
     const auto name = query_label(request, "name");
-    bool existed = false;
-    const proto::CloudDocument cloud = receive_cloud(resources, request, name, existed);
+    const auto [cloud, existed] = receive_cloud(resources, request, name);
     Reply reply = json_reply(existed ? 200 : 201, proto::to_json(cloud));
     reply.headers.set("Location", "/v1/clouds/" + cloud.id);
     return reply;
@@ -60,13 +59,7 @@ Reply upload_cloud(Resources& resources, Request& request) {
 Reply list_clouds(Resources& resources, Request& request) {
     allow_query(request, {"limit", "cursor"});
     const PageQuery page = query_page(request);
-    std::optional<std::string> next;
-    std::vector<std::string> items;
-    for (const auto& cloud :
-         resources.service.clouds(request.tenant, page.limit, page.cursor, next)) {
-        items.push_back(proto::to_json(cloud));
-    }
-    return page_reply(request, items, next);
+    return page_reply(request, resources.service.clouds(request.tenant, page.limit, page.cursor));
 }
 
 Reply get_cloud(Resources& resources, Request& request) {

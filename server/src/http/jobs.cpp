@@ -91,8 +91,7 @@ Reply submit_job(Resources& resources, Request& request) {
     allow_query(request, {});
     const proto::JobRequest wanted = proto::job_request_from_json(read_json(request));
     const auto key = idempotency_key(request);
-    bool existed = false;
-    const proto::JobDocument job = resources.service.submit(request.tenant, wanted, key, existed);
+    const auto [job, existed] = resources.service.submit(request.tenant, wanted, key);
     Reply reply = job_reply(existed ? 200 : 201, job);
     reply.headers.set("Location", "/v1/jobs/" + job.id);
     return reply;
@@ -104,9 +103,8 @@ Reply evaluate(Resources& resources, Request& request) {
     const proto::JobRequest wanted = proto::evaluation_from_json(read_json(request));
     const auto key = idempotency_key(request);
     const auto place = place_to_wait(resources, request, wait);
-    bool existed = false;
     const proto::JobDocument queued =
-        resources.service.submit(request.tenant, wanted, key, existed);
+        resources.service.submit(request.tenant, wanted, key).document;
     // Who gave it a key means to ask for it again.
     const proto::JobDocument job = key ? wait_for_job(resources, request, queued.id, wait)
                                        : wait_for_own_job(resources, request, queued.id, wait);
@@ -140,13 +138,8 @@ Reply list_jobs(Resources& resources, Request& request) {
     } catch (const Error& error) {
         throw HttpError(400, std::string("status ") + error.what());
     }
-    std::optional<std::string> next;
-    std::vector<std::string> items;
-    for (const auto& job :
-         resources.service.jobs(request.tenant, filter, page.limit, page.cursor, next)) {
-        items.push_back(proto::to_json(job));
-    }
-    return page_reply(request, items, next);
+    return page_reply(request,
+                      resources.service.jobs(request.tenant, filter, page.limit, page.cursor));
 }
 
 Reply get_job(Resources& resources, Request& request) {

@@ -45,8 +45,14 @@ struct PageQuery {
     std::optional<std::string> cursor;
 };
 PageQuery query_page(const Request& request);
-/// The page, with a `Link` to the next one.
 Reply page_reply(const Request& request, const std::vector<std::string>& items,
                  const std::optional<std::string>& next);
+/// A page of documents, with a `Link` to the next one.
+template <typename Document>
+Reply page_reply(const Request& request, const Page<Document>& page) {
+    std::vector<std::string> items;
+    for (const Document& document : page.items) items.push_back(proto::to_json(document));
+    return page_reply(request, items, page.next);
+}
 
 }  // namespace stipple::server::http

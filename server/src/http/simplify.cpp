@@ -144,10 +144,9 @@ Reply simplify(Resources& resources, Request& request) {
     const auto wait = query_wait(request, resources.service.limits(), kDefaultWait);
     auto place = place_to_wait(resources, request, wait);
     check_queue(resources);
-    bool existed = false;
-    wanted.input = receive_cloud(resources, request, std::nullopt, existed).id;
+    wanted.input = receive_cloud(resources, request, std::nullopt).document.id;
     const proto::JobDocument queued =
-        resources.service.submit(request.tenant, wanted, std::nullopt, existed);
+        resources.service.submit(request.tenant, wanted, std::nullopt).document;
     const proto::JobDocument job = wait_for_own_job(resources, request, queued.id, wait);
 
     if (job.status == proto::JobStatus::Successful)

@@ -101,9 +101,10 @@ std::unique_ptr<BlobWriter> Service::begin_upload() {
     return blobs_.create(limits_.max_upload_bytes);
 }
 
-proto::CloudDocument Service::finish_upload(const std::string& tenant, BlobWriter& upload,
-                                            std::span<const std::byte> head,
-                                            const std::optional<std::string>& name, bool& existed) {
+Submission<proto::CloudDocument> Service::finish_upload(const std::string& tenant,
+                                                        BlobWriter& upload,
+                                                        std::span<const std::byte> head,
+                                                        const std::optional<std::string>& name) {
     const CloudFormat format = upload_format(head);
     const std::uint64_t bytes = upload.size();
     const std::string id = upload.commit();
@@ -114,8 +115,7 @@ proto::CloudDocument Service::finish_upload(const std::string& tenant, BlobWrite
                                                  .bytes = bytes,
                                                  .created = {},
                                                  .statistics = {}});
-    existed = submitted == Submitted::Existing;
-    return cloud(tenant, id);
+    return {cloud(tenant, id), submitted == Submitted::Existing};
 }
 
 proto::CloudDocument Service::cloud(const std::string& tenant, const std::string& id) {
@@ -124,15 +124,13 @@ proto::CloudDocument Service::cloud(const std::string& tenant, const std::string
     return document_of(std::move(*row));
 }
 
-std::vector<proto::CloudDocument> Service::clouds(const std::string& tenant, unsigned limit,
-                                                  const std::optional<std::string>& cursor,
-                                                  std::optional<std::string>& next) {
+Page<proto::CloudDocument> Service::clouds(const std::string& tenant, unsigned limit,
+                                           const std::optional<std::string>& cursor) {
     check_page(limit);
-    std::vector<proto::CloudDocument> documents;
-    for (CloudRow& row : jobs_.list_clouds(tenant, limit, cursor, next)) {
-        documents.push_back(document_of(std::move(row)));
-    }
-    return documents;
+    Page<CloudRow> rows = jobs_.list_clouds(tenant, limit, cursor);
+    Page<proto::CloudDocument> page{{}, std::move(rows.next)};
+    for (CloudRow& row : rows.items) page.items.push_back(document_of(std::move(row)));
+    return page;
 }
 
 std::shared_ptr<const BlobReader> Service::cloud_content(const std::string& tenant,
@@ -149,9 +147,9 @@ void Service::remove_cloud(const std::string& tenant, const std::string& id) {
 
 // Jobs.
 
-proto::JobDocument Service::submit(const std::string& tenant, const proto::JobRequest& request,
-                                   const std::optional<std::string>& idempotency_key,
-                                   bool& existed) {
+Submission<proto::JobDocument> Service::submit(const std::string& tenant,
+                                               const proto::JobRequest& request,
+                                               const std::optional<std::string>& idempotency_key) {
     if (idempotency_key) check_key(*idempotency_key);
     std::visit([](const auto& job) { validate(job.options); }, request.job);
     const auto input = jobs_.find_cloud(tenant, request.input);
@@ -159,10 +157,9 @@ proto::JobDocument Service::submit(const std::string& tenant, const proto::JobRe
 
     blobs_.check_room();
 
-    proto::JobDocument document;
-    existed = jobs_.submit(tenant, request, idempotency_key, limits_.queue, document) ==
-              Submitted::Existing;
-    return with_links(std::move(document));
+    auto submission = jobs_.submit(tenant, request, idempotency_key, limits_.queue);
+    submission.document.links = links_of(submission.document);
+    return submission;
 }
 
 proto::JobDocument Service::job(const std::string& tenant, const std::string& id) {
@@ -186,14 +183,12 @@ proto::JobDocument Service::wait_for_job(const std::string& tenant, const std::s
     }
 }
 
-std::vector<proto::JobDocument> Service::jobs(const std::string& tenant,
-                                              const JobStore::JobFilter& filter, unsigned limit,
-                                              const std::optional<std::string>& cursor,
-                                              std::optional<std::string>& next) {
+Page<proto::JobDocument> Service::jobs(const std::string& tenant, const JobStore::JobFilter& filter,
+                                       unsigned limit, const std::optional<std::string>& cursor) {
     check_page(limit);
-    auto documents = jobs_.list_jobs(tenant, filter, limit, cursor, next);
-    for (proto::JobDocument& document : documents) document.links = links_of(document);
-    return documents;
+    auto page = jobs_.list_jobs(tenant, filter, limit, cursor);
+    for (proto::JobDocument& document : page.items) document.links = links_of(document);
+    return page;
 }
 
 proto::JobDocument Service::dismiss(const std::string& tenant, const std::string& id) {

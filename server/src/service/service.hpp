@@ -57,28 +57,26 @@ public:
     std::unique_ptr<BlobWriter> begin_upload();
     /// Refuses what is no cloud by its first bytes (`head`, see `upload_format`). Durable when it
     /// returns. @param name  for people; at most 1000 bytes, no control characters
-    proto::CloudDocument finish_upload(const std::string& tenant, BlobWriter& upload,
-                                       std::span<const std::byte> head,
-                                       const std::optional<std::string>& name, bool& existed);
+    Submission<proto::CloudDocument> finish_upload(const std::string& tenant, BlobWriter& upload,
+                                                   std::span<const std::byte> head,
+                                                   const std::optional<std::string>& name);
     proto::CloudDocument cloud(const std::string& tenant, const std::string& id);
-    std::vector<proto::CloudDocument> clouds(const std::string& tenant, unsigned limit,
-                                             const std::optional<std::string>& cursor,
-                                             std::optional<std::string>& next);
+    Page<proto::CloudDocument> clouds(const std::string& tenant, unsigned limit,
+                                      const std::optional<std::string>& cursor);
     std::shared_ptr<const BlobReader> cloud_content(const std::string& tenant,
                                                     const std::string& id);
     void remove_cloud(const std::string& tenant, const std::string& id);
 
     /// Validates, checks that the input is there, queues.
-    proto::JobDocument submit(const std::string& tenant, const proto::JobRequest& request,
-                              const std::optional<std::string>& idempotency_key, bool& existed);
+    Submission<proto::JobDocument> submit(const std::string& tenant,
+                                          const proto::JobRequest& request,
+                                          const std::optional<std::string>& idempotency_key);
     proto::JobDocument job(const std::string& tenant, const std::string& id);
     /// The document as soon as the job is final, or as it is after `wait` or when asked to stop.
     proto::JobDocument wait_for_job(const std::string& tenant, const std::string& id,
                                     std::chrono::milliseconds wait, std::stop_token stop);
-    std::vector<proto::JobDocument> jobs(const std::string& tenant,
-                                         const JobStore::JobFilter& filter, unsigned limit,
-                                         const std::optional<std::string>& cursor,
-                                         std::optional<std::string>& next);
+    Page<proto::JobDocument> jobs(const std::string& tenant, const JobStore::JobFilter& filter,
+                                  unsigned limit, const std::optional<std::string>& cursor);
     /// The document after it: `dismissed`, or as it last was when a finished job is removed.
     proto::JobDocument dismiss(const std::string& tenant, const std::string& id);
     /// The document of a job that is dismissed. @throws Error(Conflict) for one that has ended.

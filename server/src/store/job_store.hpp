@@ -58,6 +58,20 @@ void check_queued(std::uint64_t waiting, const QueueLimits& limits);
 
 enum class Submitted { Created, Existing };
 
+/// What there is after a submission.
+template <typename Document>
+struct Submission {
+    Document document;
+    bool existed = false;  ///< it was there already
+};
+
+/// A part of a listing.
+template <typename Item>
+struct Page {
+    std::vector<Item> items;
+    std::optional<std::string> next;  ///< the cursor of the page after it, where there is one
+};
+
 /// Clouds, jobs, their events and results: rows that survive a power cut once a call has returned.
 /// Safe to call from any thread. Every read is by tenant; another tenant's row is as missing.
 class JobStore {
@@ -69,9 +83,8 @@ public:
     virtual Submitted put_cloud(const CloudRow& row) = 0;
     virtual std::optional<CloudRow> find_cloud(const std::string& tenant,
                                                const std::string& id) = 0;
-    virtual std::vector<CloudRow> list_clouds(const std::string& tenant, unsigned limit,
-                                              const std::optional<std::string>& cursor,
-                                              std::optional<std::string>& next) = 0;
+    virtual Page<CloudRow> list_clouds(const std::string& tenant, unsigned limit,
+                                       const std::optional<std::string>& cursor) = 0;
     /// @throws Error(Conflict) while an unfinished job needs it. False when there is none.
     virtual bool remove_cloud(const std::string& tenant, const std::string& id) = 0;
 
@@ -79,18 +92,18 @@ public:
     /// Adds a job. With an idempotency key seen before: the same request returns that job, another
     /// throws Error(Conflict). @throws Error(NotFound) when an input is neither a cloud nor a
     /// file of a result, Error(QueueFull) over the limit.
-    virtual Submitted submit(const std::string& tenant, const proto::JobRequest& request,
-                             const std::optional<std::string>& idempotency_key,
-                             const QueueLimits& limits, proto::JobDocument& document) = 0;
+    virtual Submission<proto::JobDocument> submit(const std::string& tenant,
+                                                  const proto::JobRequest& request,
+                                                  const std::optional<std::string>& idempotency_key,
+                                                  const QueueLimits& limits) = 0;
     virtual std::optional<proto::JobDocument> find_job(const std::string& tenant,
                                                        const std::string& id) = 0;
     struct JobFilter {
         std::optional<std::string> type, status, input;
     };
-    virtual std::vector<proto::JobDocument> list_jobs(const std::string& tenant,
-                                                      const JobFilter& filter, unsigned limit,
-                                                      const std::optional<std::string>& cursor,
-                                                      std::optional<std::string>& next) = 0;
+    virtual Page<proto::JobDocument> list_jobs(const std::string& tenant, const JobFilter& filter,
+                                               unsigned limit,
+                                               const std::optional<std::string>& cursor) = 0;
     /// Unfinished: dismissed at once, which also ends the lease of its worker. Final: removed with
     /// its results. Returns the document after it, or as it last was when removed; nothing when
     /// missing.

@@ -100,17 +100,16 @@ CloudRow cloud_of(const Rows& rows) {
 
 /// Reads one row more than a page holds, to know whether another page follows.
 template <typename ItemOf>
-auto read_page(Rows& rows, unsigned limit, std::string_view listing, int row_column, ItemOf item_of,
-               std::optional<std::string>& next) {
-    std::vector<decltype(item_of(rows))> page;
+auto read_page(Rows& rows, unsigned limit, std::string_view listing, int row_column,
+               ItemOf item_of) {
+    Page<decltype(item_of(rows))> page;
     std::int64_t last_row = 0;
-    next.reset();
     while (rows.next()) {
-        if (page.size() == limit) {
-            next = encode_cursor(listing, last_row);
+        if (page.items.size() == limit) {
+            page.next = encode_cursor(listing, last_row);
             break;
         }
-        page.push_back(item_of(rows));
+        page.items.push_back(item_of(rows));
         last_row = rows.integer(row_column);
     }
     return page;
@@ -187,13 +186,12 @@ std::optional<CloudRow> SqliteJobStore::find_cloud(const std::string& tenant,
     return cloud_of(rows);
 }
 
-std::vector<CloudRow> SqliteJobStore::list_clouds(const std::string& tenant, unsigned limit,
-                                                  const std::optional<std::string>& cursor,
-                                                  std::optional<std::string>& next) {
+Page<CloudRow> SqliteJobStore::list_clouds(const std::string& tenant, unsigned limit,
+                                           const std::optional<std::string>& cursor) {
     const std::int64_t below = first_row(kClouds, cursor);
     const std::lock_guard lock(reader_mutex_);
     Rows rows = reader_.query(kListClouds.c_str(), tenant, below, limit + 1);
-    return read_page(rows, limit, kClouds, kCloudRowColumn, cloud_of, next);
+    return read_page(rows, limit, kClouds, kCloudRowColumn, cloud_of);
 }
 
 bool SqliteJobStore::remove_cloud(const std::string& tenant, const std::string& id) {
@@ -213,17 +211,16 @@ bool SqliteJobStore::remove_cloud(const std::string& tenant, const std::string& 
 
 // Jobs.
 
-Submitted SqliteJobStore::submit(const std::string& tenant, const proto::JobRequest& request,
-                                 const std::optional<std::string>& idempotency_key,
-                                 const QueueLimits& limits, JobDocument& result) {
+Submission<JobDocument> SqliteJobStore::submit(const std::string& tenant,
+                                               const proto::JobRequest& request,
+                                               const std::optional<std::string>& idempotency_key,
+                                               const QueueLimits& limits) {
     const std::string canonical = to_json(request);
     const std::string fingerprint = proto::sha256_hex(std::as_bytes(std::span(canonical)));
-    return write([&] {
+    return write([&]() -> Submission<JobDocument> {
         if (idempotency_key) {
-            if (const auto row = find_replayed(tenant, *idempotency_key, fingerprint)) {
-                result = document(*row);
-                return Submitted::Existing;
-            }
+            if (const auto row = find_replayed(tenant, *idempotency_key, fingerprint))
+                return {document(*row), true};
         }
         check_queue(tenant, limits);
         const std::int64_t row = insert_job(tenant, request, canonical);
@@ -232,8 +229,7 @@ Submitted SqliteJobStore::submit(const std::string& tenant, const proto::JobRequ
                 "INSERT INTO idempotency (tenant, key, fingerprint, job) VALUES (?1, ?2, ?3, ?4)",
                 tenant, *idempotency_key, fingerprint, row);
         }
-        result = document(row);
-        return Submitted::Created;
+        return {document(row), false};
     });
 }
 
@@ -292,15 +288,14 @@ std::optional<JobDocument> SqliteJobStore::find_job(const std::string& tenant,
     return document_of(rows);
 }
 
-std::vector<JobDocument> SqliteJobStore::list_jobs(const std::string& tenant,
-                                                   const JobFilter& filter, unsigned limit,
-                                                   const std::optional<std::string>& cursor,
-                                                   std::optional<std::string>& next) {
+Page<JobDocument> SqliteJobStore::list_jobs(const std::string& tenant, const JobFilter& filter,
+                                            unsigned limit,
+                                            const std::optional<std::string>& cursor) {
     const std::int64_t below = first_row(kJobs, cursor);
     const std::lock_guard lock(reader_mutex_);
     Rows rows = reader_.query(kListJobs.c_str(), tenant, below, filter.type, filter.status,
                               filter.input, limit + 1);
-    return read_page(rows, limit, kJobs, kJobRowColumn, document_of, next);
+    return read_page(rows, limit, kJobs, kJobRowColumn, document_of);
 }
 
 std::optional<JobDocument> SqliteJobStore::dismiss(const std::string& tenant,

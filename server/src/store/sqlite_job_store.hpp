@@ -26,20 +26,19 @@ public:
 
     Submitted put_cloud(const CloudRow& row) override;
     std::optional<CloudRow> find_cloud(const std::string& tenant, const std::string& id) override;
-    std::vector<CloudRow> list_clouds(const std::string& tenant, unsigned limit,
-                                      const std::optional<std::string>& cursor,
-                                      std::optional<std::string>& next) override;
+    Page<CloudRow> list_clouds(const std::string& tenant, unsigned limit,
+                               const std::optional<std::string>& cursor) override;
     bool remove_cloud(const std::string& tenant, const std::string& id) override;
 
-    Submitted submit(const std::string& tenant, const proto::JobRequest& request,
-                     const std::optional<std::string>& idempotency_key, const QueueLimits& limits,
-                     proto::JobDocument& document) override;
+    Submission<proto::JobDocument> submit(const std::string& tenant,
+                                          const proto::JobRequest& request,
+                                          const std::optional<std::string>& idempotency_key,
+                                          const QueueLimits& limits) override;
     std::optional<proto::JobDocument> find_job(const std::string& tenant,
                                                const std::string& id) override;
-    std::vector<proto::JobDocument> list_jobs(const std::string& tenant, const JobFilter& filter,
-                                              unsigned limit,
-                                              const std::optional<std::string>& cursor,
-                                              std::optional<std::string>& next) override;
+    Page<proto::JobDocument> list_jobs(const std::string& tenant, const JobFilter& filter,
+                                       unsigned limit,
+                                       const std::optional<std::string>& cursor) override;
     std::optional<proto::JobDocument> dismiss(const std::string& tenant,
                                               const std::string& id) override;
     std::optional<proto::JobDocument> cancel(const std::string& tenant,
