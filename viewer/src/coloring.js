@@ -2,12 +2,19 @@
 import { interpolateViridis } from 'd3-scale-chromatic';
 import { BufferAttribute } from 'three';
 
+import { categoriesOf } from './categories.js';
+
 const kOutliers = 0.01;  // share at either end of the values that the range leaves out
 const kSampled = 20_000;
 const kAxes = ['x', 'y', 'z'];
 const kNoValues = { values: [], components: 1 };
-const kGrey = [128, 128, 128];
-const kViridis = Array.from({ length: 256 }, (_, i) => interpolateViridis(i / 255).match(/[\da-f]{2}/g).map((hex) => parseInt(hex, 16)));
+const kGreyBytes = [128, 128, 128];
+const bytesOf = (hex) => hex.match(/[\da-f]{2}/g).map((digits) => parseInt(digits, 16));
+const kViridis = Array.from({ length: 256 }, (_, i) => bytesOf(interpolateViridis(i / 255)));
+
+/** For a legend: where there is no value, and the lower end of the colour map. */
+export const kGrey = `rgb(${kGreyBytes})`;
+export const kLowest = interpolateViridis(0);
 
 /** `linear-gradient` of the colour map, for a legend. */
 export const kGradient = `linear-gradient(90deg, ${Array.from({ length: 12 }, (_, i) => interpolateViridis(i / 11)).join(', ')})`;
@@ -15,7 +22,8 @@ export const kGradient = `linear-gradient(90deg, ${Array.from({ length: 12 }, (_
 /**
  * Gives a level the colours that `by` names: `own` (of the cloud), `clay` (none), `normal`, `x`, `y`, `z`, or an attribute.
  * @param way  what is added to coordinates, a Vector3; @param range  of the values, where it is not to be the level's own
- * @returns {Promise<?{low: number, high: number}>} the values at the ends of the colour map, where there are values
+ * @returns {Promise<?Object>} where there are values: `low` and `high` at the ends of the colour map; whether some are `below` or `above`, and some `missing`;
+ * `start`, to be added to what is told of them; `categories`, where they are few whole numbers, else null
  */
 export async function colorize(level, by, { way, range = null, signal }) {
     const { geometry } = level;
@@ -23,7 +31,7 @@ export async function colorize(level, by, { way, range = null, signal }) {
     if (!level.colors.has(by)) {
         const attribute = level.attributes.find(({ name }) => name === by);
         const valueOf = valuesOf(geometry, by, way, attribute && { ...attribute, values: await attribute.read(signal) });
-        level.colors.set(by, { valueOf, own: valueOf && rangeOf(geometry.getAttribute('position').count, valueOf) });
+        level.colors.set(by, { valueOf, own: valueOf && { ...rangeOf(geometry.getAttribute('position').count, valueOf, attribute?.name), start: startOf(level, by, way) } });
     }
     const colors = level.colors.get(by);
     const wanted = colors.own && (range ?? colors.own);
@@ -46,6 +54,12 @@ export function colorizeTile({ cloud, attributes }, by, range, origin) {
         colors.set(by, { array: computed(cloud, valuesOf(cloud, by, origin, attributes[by]), range), range });
     }
     setColors(cloud, colors.get(by).array);
+}
+
+/** Coordinates are relative to an origin, and drawn so; they are told as they are in the file. */
+function startOf({ origin = [0, 0, 0] }, by, way) {
+    const axis = kAxes.indexOf(by);
+    return axis < 0 ? 0 : origin[axis] - way.getComponent(axis);
 }
 
 const startingWith = (geometry) => new Map([
@@ -101,27 +115,39 @@ function colorsOfNormals(surface) {
     return array;
 }
 
-/** What all but a few outliers lie between. */
-function rangeOf(count, valueOf) {
+/** What all but a few outliers lie between; of an attribute with few whole numbers, which these are. */
+function rangeOf(count, valueOf, attribute) {
     const step = Math.ceil(count / kSampled);
     const sample = [];
+    let isMissing = false;
     for (let i = 0; i < count; i += step) {
         if (Number.isFinite(valueOf(i))) {
             sample.push(valueOf(i));
+        } else {
+            isMissing = true;
         }
     }
     sample.sort((a, b) => a - b);
     const at = (share) => sample[Math.round(share * (sample.length - 1))] ?? 0;
-    return { low: at(kOutliers), high: at(1 - kOutliers) };
+    const [low, high] = [at(kOutliers), at(1 - kOutliers)];
+    return { low, high, below: low > at(0), above: high < at(1), missing: isMissing, categories: attribute === undefined ? null : categoriesOf(attribute, sample) };
 }
 
-/** Values by the colour map; grey where there is none. */
-function mapped(count, valueOf, range) {
-    const scale = range.high > range.low ? 255 / (range.high - range.low) : 0;
+/** Values by the colour map, or by that of their category; grey where there is none. */
+function mapped(count, valueOf, { low, high, categories }) {
+    const scale = high > low ? 255 / (high - low) : 0;
+    const known = new Map();
+    const ofCategory = (value) => {
+        if (!known.has(value)) {
+            known.set(value, bytesOf(categories.colorOf(value)));
+        }
+        return known.get(value);
+    };
+    const colorOf = categories ? (value) => (Number.isFinite(value) ? ofCategory(value) : kGreyBytes)
+        : (value) => kViridis[Math.min(255, Math.max(0, Math.round((value - low) * scale)))] ?? kGreyBytes;
     const array = new Uint8Array(4 * count);
     for (let i = 0; i < count; i += 1) {
-        const color = kViridis[Math.min(255, Math.max(0, Math.round((valueOf(i) - range.low) * scale)))] ?? kGrey;
-        array.set(color, 4 * i);
+        array.set(colorOf(valueOf(i)), 4 * i);
         array[4 * i + 3] = 255;
     }
     return array;

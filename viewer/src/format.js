@@ -24,9 +24,28 @@ export function bytes(n) {
     return `${unit === 0 || n >= 99.95 ? Math.round(n) : n.toFixed(1)} ${units[unit]}`;
 }
 
+const kTiny = 1e-5;
+const kHuge = 1e13;
+const withMinus = (text) => text.replaceAll('-', '\u2212');
+
 /** With three significant digits, and a minus sign as wide as a digit. */
-export const quantity = (x) => (x === 0 || (Math.abs(x) >= 1e-4 && Math.abs(x) < 1e6)
-    ? x.toLocaleString('en', { maximumSignificantDigits: 3 }) : x.toExponential(1)).replaceAll('-', '\u2212');
+export const quantity = (x) => withMinus(x === 0 || (Math.abs(x) >= 1e-4 && Math.abs(x) < 1e6)
+    ? x.toLocaleString('en', { maximumSignificantDigits: 3 }) : x.toExponential(1));
+/** The ends of a range: both in one notation, with as many digits as tell one from the other. */
+export function ends(low, high) {
+    const [largest, length] = [Math.max(Math.abs(low), Math.abs(high)), high - low];
+    if (!(length > 0)) {
+        return [low, high].map((x) => withMinus(largest > 0 && (largest < kTiny || largest >= kHuge) ? x.toExponential(2) : x.toLocaleString('en', { maximumSignificantDigits: 7 })));
+    }
+    const step = Math.floor(Math.log10(length)) - 2;  // three digits of the difference
+    if (largest < kTiny || largest >= kHuge) {
+        const digits = Math.min(15, Math.max(0, Math.floor(Math.log10(largest)) - step));
+        return [low, high].map((x) => withMinus(x === 0 ? '0' : x.toExponential(digits)));
+    }
+    const decimals = Math.min(12, Math.max(0, -step));
+    return [low, high].map((x) => withMinus(x.toLocaleString('en', { maximumFractionDigits: decimals })).replace(/^\u2212(?=[0.]+$)/, ''));
+}
+
 export const percent = (share) => `${quantity(100 * share)}\u00a0%`;
 
 export const milliseconds = (ms) => (ms < 9_950 ? `${Math.round(ms)} ms` : `${(ms / 1000).toFixed(1)} s`);

@@ -1,6 +1,6 @@
 import { byId, element, setHidden } from './element.js';
 import * as format from './format.js';
-import { kGradient } from './coloring.js';
+import { kGradient, kGrey, kLowest } from './coloring.js';
 
 const kDistance = 'distance';  // the attribute of an error map
 const kAlways = [['clay', 'Clay'], ['normal', 'Normals'], ['x', 'Position, x'], ['y', 'Position, y'], ['z', 'Position, z']];
@@ -74,14 +74,39 @@ export class LookCard {
         const told = withValues.find(({ coloring }) => coloring.by === by) ?? withValues[0];
         byId.legend.hidden = !told;
         if (told) {
-            const { by: values, range: { low, high } } = told.coloring;
+            const { by: values, range } = told.coloring;
             const isOfBoth = levels.every(({ coloring }) => coloring.by === values);
-            byId['legend-name'].textContent = [choices.get(values), ...(kLengths.includes(values) ? ['in units of the cloud'] : []),
-                ...(isOfBoth ? [] : [told === levels[0] ? 'left' : 'right'])].join(', ');
-            byId['legend-low'].textContent = format.quantity(low);
-            byId['legend-high'].textContent = format.quantity(high);
+            const { low, high, unit } = scaleOf(told, values);
+            const [lowText, highText] = format.ends(low, high);
+            byId['legend-name'].textContent = [choices.get(values), unit, isOfBoth ? null : told === levels[0] ? 'left' : 'right'].filter(Boolean).join(', ');
+            const categories = range.categories ?? (high > low ? null : constant(lowText));
+            byId['legend-scale'].hidden = categories !== null;
+            byId['legend-categories'].hidden = categories === null && !range.missing;
+            byId['legend-categories'].replaceChildren(...(categories?.values ?? []).map((value) => swatch(categories.colorOf(value), categories.nameOf(value))),
+                ...(range.missing ? [swatch(kGrey, 'No value')] : []));
+            byId['legend-low'].textContent = lowText;
+            byId['legend-low'].classList.toggle('beyond', range.below);
+            byId['legend-high'].textContent = highText;
+            byId['legend-high'].classList.toggle('beyond', range.above);
         }
     }
+}
+
+/** What the ends of the colour map are called: distances as all errors are, coordinates as they are in the file. */
+function scaleOf({ error, coloring: { range: { low, high, start } } }, values) {
+    if (values === kDistance && error?.diagonal > 0) {
+        return { low: 100 * low / error.diagonal, high: 100 * high / error.diagonal, unit: '% of the diagonal' };
+    }
+    return { low: low + start, high: high + start, unit: kLengths.includes(values) ? 'in units of the cloud' : null };
+}
+
+/** As a category, where all values are one. */
+const constant = (text) => ({ values: [text], nameOf: () => text, colorOf: () => kLowest });
+
+function swatch(color, text) {
+    const dot = element('span', { className: 'swatch' });
+    dot.style.background = color;
+    return element('li', {}, dot, text);
 }
 
 /** An attribute's name as a person would write it. */

@@ -39,6 +39,7 @@ const kAlone = { right: null, layout: null, at: null };
 const kAsNew = { chosen: null, bound: null, view: null, color: null, splatSize: null, shading: null, ...kAlone };
 const kNotStarted = 'The job could not be started';
 const kToldPercent = 25;
+const kLegendGap = 10;
 
 /** Bytes of a point in a small file of each kind: a pyramid with large levels needs tiles, which take the server longer to make. */
 const kFewestBytes = { ply: 12, drc: 1.5, stpc: 1.5 };
@@ -534,12 +535,13 @@ function placeCloud() {
     const library_ = byId.library.getBoundingClientRect();
     const dock = byId.dock.getBoundingClientRect();
     const shown = byId.hud.hidden ? null : byId.hud.getBoundingClientRect();
+    const legend = byId.legend.hidden || byId.hud.hidden ? 0 : byId.legend.offsetHeight + kLegendGap;
     const look_ = byId['look-card'].hidden ? null : byId['look-card'].getBoundingClientRect();
     const labels = byId['left-label'].getBoundingClientRect();  // of a comparison
     const isFlat = innerHeight <= 480;  // the tools stand at the right then
     stage.setInsets(isPhone()
-        ? { left: 0, right: isFlat ? 56 : 0, top: labels.bottom || (isFlat ? 0 : 56), bottom: innerHeight - (shown ? shown.top - byId.grip.offsetHeight : dock.top) }
-        : { left: library_.right, right: look_ ? innerWidth - look_.left : 0, top: labels.bottom, bottom: shown ? innerHeight - shown.top : 0 });
+        ? { left: 0, right: isFlat ? 56 : 0, top: labels.bottom || (isFlat ? 0 : 56), bottom: innerHeight - (shown ? shown.top - byId.grip.offsetHeight : dock.top) + legend }
+        : { left: library_.right, right: look_ ? innerWidth - look_.left : 0, top: labels.bottom, bottom: shown ? innerHeight - shown.top + legend : 0 });
     comparison.place();
     document.documentElement.style.setProperty('--covered', `${stage.insets.bottom}px`);
 }
@@ -589,7 +591,7 @@ function listen() {
     });
     addEventListener('resize', placeCloud);
     const cards = new ResizeObserver(placeCloud);
-    [byId.hud, byId['look-card'], byId['left-label']].forEach((card) => cards.observe(card));
+    [byId.hud, byId.legend, byId['look-card'], byId['left-label']].forEach((card) => cards.observe(card));
     addEventListener('popstate', () => openLinked().catch(showProblem));
     const light = matchMedia('(prefers-color-scheme: light)');
     light.addEventListener('change', () => dressForTheme(light.matches));

@@ -203,3 +203,28 @@ test('Of tiles that add to each other a tile is drawn with those above it, in sp
     assert.deepEqual(select(root, { ...view, finestLevel: 1 }).drawn, [root, left, right]);
     assert.deepEqual(select(root, { ...view, pixels: 9 }).drawn, [root]);
 });
+
+test('The ends of a range differ, and are told in one notation', async () => {
+    const { ends } = await moduleOf('format.js');
+    assert.deepEqual(ends(5_247_003.6, 5_247_297.2), ['5,247,004', '5,247,297']);
+    assert.deepEqual(ends(300_000_096, 300_009_920), ['300,000,096', '300,009,920']);
+    assert.deepEqual(ends(7.2e-7, 0.000156), ['0.000001', '0.000156']);
+    assert.deepEqual(ends(-0.9812, 0.98), ['\u22120.98', '0.98']);
+    assert.deepEqual(ends(-1.5e30, 2e30), ['\u22121.50e+30', '2.00e+30']);
+    assert.deepEqual(ends(-1e-9, 1), ['0', '1']);
+    assert.deepEqual(ends(5, 5), ['5', '5']);
+});
+
+test('Few whole numbers are categories: classes by their names, others by themselves, each with a colour of its own', async () => {
+    const { categoriesOf } = await moduleOf('categories.js');
+    const classes = categoriesOf('classification', [2, 6, 2, 5, 42]);
+    assert.deepEqual(classes.values.map(classes.nameOf), ['Ground', 'High vegetation', 'Building', '42']);
+    for (const values of [[1, 2, 3], [0, 12, 24], [-1, 0]]) {
+        const labels = categoriesOf('label', values);
+        assert.equal(new Set(values.map(labels.colorOf)).size, values.length);
+    }
+    assert.equal(categoriesOf('label', [1, 3]).colorOf(3), categoriesOf('label', [1, 2, 3]).colorOf(3));
+    assert.equal(categoriesOf('height', [1, 2.5]), null);
+    assert.equal(categoriesOf('intensity', Array.from({ length: 200 }, (_, i) => i)), null);
+    assert.equal(categoriesOf('empty', []), null);
+});

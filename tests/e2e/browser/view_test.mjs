@@ -5,7 +5,7 @@
 import assert from 'node:assert/strict';
 
 import { Browser } from './browser.mjs';
-import { line, waves } from './clouds.mjs';
+import { line, ply, waves } from './clouds.mjs';
 import { startServer } from './server.mjs';
 import {
     browser, choose, differenceOf, kTorusPoints, litShare, manifestOf, options, rest, restingPicture, run, save, scale, scan,
@@ -143,7 +143,7 @@ await run({
         };
         await page.locator('#fit').click();
         await page.waitForFunction(() => !new URL(location.href).searchParams.has('view'));
-        for (let press = 0; press < 9; press += 1) {
+        for (let press = 0; press < 8; press += 1) {
             await page.locator('#stage').press('Shift+ArrowRight');  // from the hole of the torus to its ring
         }
         // The address follows while the cloud still moves.
@@ -315,6 +315,25 @@ await run({
         const share = differenceOf(many, await restingPicture(page));
         await save(page, 'waves');
         assert.ok(share < 0.04, `${(100 * share).toFixed(1)} % of the pixels`);
+    },
+
+    async 'A legend tells coordinates as they are in the file, and classes by their names'() {
+        const points = Array.from({ length: 3000 }, (_, i) => [465_000 + i % 60, 5_247_000 + Math.floor(i / 60), 400 + (i % 7) / 10]);
+        const buffer = ply(points, false, { type: 'double', scalars: { classification: ([x]) => (x % 2 === 0 ? 2 : 6) } });
+        const before = await settledPyramid(page);
+        await choose(page, { name: 'terrain.ply', buffer });
+        await settledPyramid(page, before);
+        const colorBy = (by) => page.locator('#color').evaluate((select, value) => {
+            select.value = value;
+            select.dispatchEvent(new Event('change'));
+        }, by);
+        await colorBy('x');
+        await page.locator('#legend-name').getByText('Position, x').waitFor();
+        assert.deepEqual(await page.locator('#legend-scale').innerText(), '465,000\n465,059');
+        await colorBy('classification');
+        await page.locator('#legend-categories').getByText('Building').waitFor();
+        assert.equal(await page.locator('#legend-categories').innerText(), 'Ground\nBuilding');
+        await save(page, 'classes');
     },
 
     async 'A server with keys asks for one, again after a wrong one, and then shows all'() {
