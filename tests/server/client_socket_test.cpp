@@ -59,7 +59,7 @@ TEST(ClientSocket, TakesNoSilenceForWhatWasSentBefore) {
         FAIL() << "more was received than sent";
     } catch (const HttpError& error) {
         EXPECT_EQ(error.problem.status, 408);
-        EXPECT_NE(error.problem.detail.find("silence"), std::string::npos);
+        EXPECT_NE(error.problem.detail.find("without a pause of"), std::string::npos);
     }
     EXPECT_EQ(received, bytes.size());
 }
