@@ -33,7 +33,7 @@ auto naming_key(Work&& work) {
         return work();
     } catch (const Unauthorized& error) {
         throw Error(error.code(), std::string(error.what()) +
-                                      ": give a valid one with --api-key or STIPPLE_API_KEY");
+                                      ": give a valid one with --api-key or in STIPPLE_API_KEY");
     }
 }
 
