@@ -29,6 +29,10 @@ namespace {
 constexpr std::size_t kMaxLevels = 64;
 constexpr std::size_t kBlock = 65'536;
 
+RunContext quiet(const RunContext& context) {
+    return {.stop = context.stop, .progress = {}, .threads = context.threads};
+}
+
 /// Sizes that the coarsest level may have where it is to fit, smallest first.
 std::vector<std::uint64_t> sizes_to_try(std::uint64_t points, const LodPyramidOptions& options) {
     constexpr double kSmaller = 0.9;
@@ -274,85 +278,151 @@ std::vector<std::uint64_t> lod_sizes(std::uint64_t points, const LodPyramidOptio
 
 namespace {
 
+/// Of which levels and how many points, ascending.
+struct Sizes {
+    std::vector<std::uint64_t> levels;
+    std::vector<std::uint64_t> tries;  ///< of a coarsest level that is to fit; else none
+
+    /// Those that may be asked for.
+    std::vector<std::uint64_t> all() const {
+        std::vector<std::uint64_t> all;
+        std::ranges::set_union(levels, tries, std::back_inserter(all));
+        return all;
+    }
+};
+
+/// Hands levels on, the coarsest first, and reports how far that is.
+class LevelEmitter {
+public:
+    /// @param prepared  part of the work that is done before the first.
+    LevelEmitter(std::span<const std::uint64_t> sizes, double prepared,
+                 const LodPyramidOptions& options, const std::function<void(LodLevel&&)>& on_level,
+                 const RunContext& context)
+        : points_(std::accumulate(sizes.begin(), sizes.end(), std::uint64_t{0})),
+          prepared_(prepared),
+          options_(options),
+          on_level_(on_level),
+          context_(context) {}
+
+    void emit(LodLevel&& next) {
+        if (options_.spacing) next.spacing = mean_spacing(next.cloud.positions, quiet(context_));
+        emitted_ += next.cloud.size();
+        next.level = level_++;
+        on_level_(std::move(next));
+        context_.checkpoint(progress(emitted_));
+    }
+    /// For making the next, of so many points.
+    RunContext part_of_next(std::uint64_t size) const {
+        return context_.part(progress(emitted_), progress(emitted_ + size));
+    }
+
+private:
+    double progress(std::uint64_t emitted) const {
+        return std::lerp(prepared_, 1.0,
+                         static_cast<double>(emitted) / static_cast<double>(points_));
+    }
+
+    std::uint64_t points_;  ///< of all levels
+    double prepared_;
+    const LodPyramidOptions& options_;
+    const std::function<void(LodLevel&&)>& on_level_;
+    const RunContext& context_;
+    unsigned level_ = 0;
+    std::uint64_t emitted_ = 0;  ///< points
+};
+
+/// All but the whole cloud, which is there.
+std::span<const std::uint64_t> made_of(const std::vector<std::uint64_t>& sizes,
+                                       const PointCloud& cloud) {
+    const std::span<const std::uint64_t> all(sizes);
+    return all.back() == cloud.size() ? all.first(all.size() - 1) : all;
+}
+
+/// All levels are cuts of one tree, and there before the first is handed on.
 /// @param whole  gives the cloud, after which it is not looked at.
+void build_cuts(const PointCloud& cloud, const std::function<PointCloud()>& whole, Sizes sizes,
+                const LodPyramidOptions& options, const std::function<void(LodLevel&&)>& on_level,
+                const RunContext& context) {
+    const double prepared = options.spacing ? 0.7 : 0.95;
+    std::vector<LodLevel> levels;
+    {  // what is not needed while levels are encoded
+        // The base is tried by clusters of the cloud's own points, and so it is cut.
+        const std::span<const Index> order =
+            sizes.tries.empty() ? options.order : std::span<const Index>();
+        std::vector<Vec3f> sorted;
+        std::span<const Vec3f> points(cloud.positions);
+        if (!order.empty()) points = sorted = in_order(points, order, context);
+        ClusterTree tree(points);
+        if (!sizes.tries.empty())
+            sizes.levels =
+                with_fitting_base(sizes.levels, sizes.tries, options,
+                                  cuts_of(cloud, tree, options.simplification), quiet(context));
+        levels = cut_levels(cloud, points, order, tree, made_of(sizes.levels, cloud), options,
+                            context.part(0, prepared));
+    }
+    LevelEmitter emitter(sizes.levels, prepared, options, on_level, context);
+    for (LodLevel& next : levels) emitter.emit(std::move(next));
+    if (levels.size() < sizes.levels.size()) emitter.emit({.cloud = whole()});
+}
+
+/// How the levels of a method that does not cut one tree are made, one after the other.
+struct LevelsInTurn {
+    CloudOfSize level_of;
+    double prepared;  ///< part of the work that was done before the first
+};
+
+LevelsInTurn levels_in_turn(const PointCloud& cloud, const Sizes& sizes,
+                            const LodPyramidOptions& options, const RunContext& context) {
+    const SimplifyOptions& method = options.simplification;
+    constexpr double kOfOneTree = 0.3, kOfTheirOwn = 0.1;
+    const double at_once = options.spacing ? 0.7 : 0.95;
+    if (options.nested) return {prefixes_of(cloud, context.part(0, at_once)), at_once};
+    switch (method.method) {
+        case Method::Multiphase:
+            return {multiphase_runs_of(cloud, sizes.all(), method, context.part(0, kOfOneTree)),
+                    kOfOneTree};
+        case Method::Iterative:
+        case Method::Incremental:
+            return {levels_of_levels(cloud, sizes.all(), method, context.part(0, at_once)),
+                    at_once};
+        default:
+            // The coarsest is there before the finest is begun.
+            return {own_runs_of(cloud, method, context.part(0, kOfTheirOwn)), kOfTheirOwn};
+    }
+}
+
+/// @param whole  gives the cloud, after which it is not looked at.
+void build_in_turn(const PointCloud& cloud, const std::function<PointCloud()>& whole, Sizes sizes,
+                   const LodPyramidOptions& options,
+                   const std::function<void(LodLevel&&)>& on_level, const RunContext& context) {
+    LevelsInTurn in_turn = levels_in_turn(cloud, sizes, options, context);
+    if (!sizes.tries.empty())
+        sizes.levels =
+            with_fitting_base(sizes.levels, sizes.tries, options, in_turn.level_of, quiet(context));
+    LevelEmitter emitter(sizes.levels, in_turn.prepared, options, on_level, context);
+    const std::span<const std::uint64_t> made = options.nested
+                                                    ? std::span<const std::uint64_t>(sizes.levels)
+                                                    : made_of(sizes.levels, cloud);
+    for (const std::uint64_t size : made)
+        emitter.emit({.cloud = in_turn.level_of(size, emitter.part_of_next(size))});
+    in_turn.level_of = {};
+    if (made.size() < sizes.levels.size()) emitter.emit({.cloud = whole()});
+}
+
 void build(const PointCloud& cloud, const std::function<PointCloud()>& whole,
            const LodPyramidOptions& options, const std::function<void(LodLevel&&)>& on_level,
            const RunContext& context) {
     validate(cloud);
     if (cloud.empty()) refuse("the cloud has no points: expected at least 1");
-    std::vector<std::uint64_t> sizes = lod_sizes(cloud.size(), options);
-    const bool fits = options.base_fits && options.sizes.empty();
-    const std::vector<std::uint64_t> tries =
-        fits ? sizes_to_try(cloud.size(), options) : std::vector<std::uint64_t>{};
+    Sizes sizes{.levels = lod_sizes(cloud.size(), options), .tries = {}};
+    if (options.base_fits && options.sizes.empty())
+        sizes.tries = sizes_to_try(cloud.size(), options);
     if (!options.order.empty() && options.order.size() != cloud.size()) {
         refuse("order of ", options.order.size(), " points: expected all ", cloud.size());
     }
-    const SimplifyOptions& method = options.simplification;
-    const bool cuts = method.method == Method::Hierarchical;
-    const bool of_each_other =
-        method.method == Method::Iterative || method.method == Method::Incremental;
-    const bool at_once = options.nested || cuts || of_each_other;
-    const bool runs_of_one_tree = method.method == Method::Multiphase;
-    // Where levels are made one after the other, the coarsest is there before the finest is begun.
-    const double prepared = runs_of_one_tree ? 0.3 : !at_once ? 0.1 : options.spacing ? 0.7 : 0.95;
     context.checkpoint(0.0);
-
-    std::vector<Vec3f> sorted;
-    std::span<const Vec3f> points(cloud.positions);
-    // The base is tried by clusters of the cloud's own points, and so it is cut.
-    const std::span<const Index> order = cuts && !fits ? options.order : std::span<const Index>();
-    std::unique_ptr<ClusterTree> tree;
-    CloudOfSize level_of;
-    const RunContext preparing = context.part(0, prepared);
-    std::vector<std::uint64_t> any_of;  // these sizes may be asked for
-    std::ranges::set_union(sizes, tries, std::back_inserter(any_of));
-    if (options.nested) {
-        level_of = prefixes_of(cloud, preparing);
-    } else if (cuts) {
-        if (!order.empty()) points = sorted = in_order(points, order, context);
-        tree = std::make_unique<ClusterTree>(points);
-        level_of = cuts_of(cloud, *tree, method);
-    } else if (runs_of_one_tree) {
-        level_of = multiphase_runs_of(cloud, any_of, method, preparing);
-    } else if (of_each_other) {
-        level_of = levels_of_levels(cloud, any_of, method, preparing);
-    } else {
-        level_of = own_runs_of(cloud, method, preparing);
-    }
-    const RunContext quietly{.stop = context.stop, .progress = {}, .threads = context.threads};
-    if (fits) sizes = with_fitting_base(sizes, tries, options, level_of, quietly);
-
-    unsigned level = 0;
-    const double all =
-        static_cast<double>(std::accumulate(sizes.begin(), sizes.end(), std::uint64_t{0}));
-    double emitted = 0;
-    const auto progress = [&](double points_done) {
-        return std::lerp(prepared, 1.0, points_done / all);
-    };
-    const auto emit = [&](LodLevel&& next) {
-        if (options.spacing) next.spacing = mean_spacing(next.cloud.positions, quietly);
-        emitted += static_cast<double>(next.cloud.size());
-        next.level = level++;
-        on_level(std::move(next));
-        context.checkpoint(progress(emitted));
-    };
-    std::span<const std::uint64_t> made(sizes);  // all but the whole cloud, which is there
-    if (made.back() == cloud.size() && !options.nested) made = made.first(made.size() - 1);
-    if (!cuts) {
-        for (const std::uint64_t size : made) {
-            const double to = progress(emitted + static_cast<double>(size));
-            emit({.cloud = level_of(size, context.part(progress(emitted), to))});
-        }
-        level_of = {};
-        if (made.size() < sizes.size()) emit({.cloud = whole()});
-        return;
-    }
-    std::vector<LodLevel> levels =
-        cut_levels(cloud, points, order, *tree, made, options, preparing);
-    tree.reset();  // not needed while levels are encoded
-    std::vector<Vec3f>().swap(sorted);
-    for (LodLevel& next : levels) emit(std::move(next));
-    if (made.size() < sizes.size()) emit({.cloud = whole()});
+    const bool cuts = options.simplification.method == Method::Hierarchical;
+    (cuts ? build_cuts : build_in_turn)(cloud, whole, std::move(sizes), options, on_level, context);
 }
 
 }  // namespace
