@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <random>
-#include <tuple>
 
 namespace stipple {
 namespace {

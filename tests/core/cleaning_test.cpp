@@ -3,7 +3,6 @@
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
-#include <cmath>
 #include <set>
 #include <tuple>
 

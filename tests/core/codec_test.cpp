@@ -1,5 +1,6 @@
 #include "stipple/codec.hpp"
 #include "stipple/error.hpp"
+#include "support/expect_error.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
@@ -267,7 +268,8 @@ TEST(Codec, KnowsFormatsByNameAndByFirstBytes) {
         EXPECT_TRUE(media_type(format).starts_with("model/"));
     }
     EXPECT_EQ(cloud_format_from_name("draco"), CloudFormat::Draco);
-    EXPECT_THROW(cloud_format_from_name("obj"), Error);
+    test::expect_error(ErrorCode::UnsupportedFormat, "format 'obj': expected ply, drc",
+                       [&] { cloud_format_from_name("obj"); });
 }
 
 TEST(Codec, WritesWholeFilesByTheirExtensionAndLeavesNothingBeside) {
@@ -286,10 +288,12 @@ TEST(Codec, LeavesTheOldFileWhenItCannotWriteTheNew) {
     write_cloud(test::sphere(5), folder / "a.ply");
     PointCloud bad = test::sphere(3);
     bad.attributes.push_back({"x", std::vector<float>(3), 1, Reduction::Mean});
-    EXPECT_THROW(write_cloud(bad, folder / "a.ply"), Error);
+    test::expect_refused("would have two properties of this name",
+                         [&] { write_cloud(bad, folder / "a.ply"); });
     EXPECT_EQ(read_cloud(folder / "a.ply").size(), 5U);
     fs::create_directory(folder / "taken.ply");
-    EXPECT_THROW(write_cloud(test::sphere(3), folder / "taken.ply"), Error);
+    test::expect_refused("it is a folder",
+                         [&] { write_cloud(test::sphere(3), folder / "taken.ply"); });
     EXPECT_EQ(std::distance(fs::directory_iterator(folder.path()), {}), 2);
 }
 
@@ -315,7 +319,7 @@ TEST(Codec, TakesThePlaceOfNoDevice) {
     const test::TemporaryFolder folder;
     const fs::path fifo = folder / "fifo.ply";
     ASSERT_EQ(::mkfifo(fifo.c_str(), 0600), 0);
-    EXPECT_THROW(write_cloud(test::sphere(5), fifo), Error);
+    test::expect_refused("it is not a regular file", [&] { write_cloud(test::sphere(5), fifo); });
     EXPECT_TRUE(fs::is_fifo(fifo));
     const fs::path longest = folder / (std::string(250, 'x') + ".ply");
     write_cloud(test::sphere(5), longest);

@@ -1,11 +1,12 @@
 #include "stipple/feature_lines.hpp"
 
-#include "stipple/error.hpp"
+#include "support/expect_error.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
 #include <cmath>
 #include <random>
+#include <string_view>
 
 namespace stipple {
 namespace {
@@ -139,11 +140,15 @@ TEST(FeatureLines, AreNoneInTinyAndDegenerateClouds) {
 
 TEST(FeatureLines, RefuseOptionsOutOfRange) {
     const std::vector<Vec3f> points = test::cube(50).positions;
-    for (const FeatureLineOptions& options :
-         {FeatureLineOptions{.variation = 0}, FeatureLineOptions{.variation = 0.4},
-          FeatureLineOptions{.high = 1.5}, FeatureLineOptions{.low = 0.8},
-          FeatureLineOptions{.low = NAN}, FeatureLineOptions{.min_links = 1}})
-        EXPECT_THROW(find_feature_lines(points, options), Error);
+    const auto refuses = [&](const FeatureLineOptions& options, std::string_view part) {
+        test::expect_refused(part, [&] { find_feature_lines(points, options); });
+    };
+    refuses({.variation = 0}, "variation 0: expected more than 0, less than 1/3");
+    refuses({.variation = 0.4}, "variation 0.4: expected more than 0, less than 1/3");
+    refuses({.high = 1.5}, "high 1.5: expected more than 0, at most 1");
+    refuses({.low = 0.8}, "low 0.8: expected more than 0, at most high");
+    refuses({.low = NAN}, "low nan: expected more than 0, at most high");
+    refuses({.min_links = 1}, "min_links 1: expected 2..1000");
 }
 
 }  // namespace

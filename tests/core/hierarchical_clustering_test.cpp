@@ -1,6 +1,6 @@
 #include "stipple/hierarchical_clustering.hpp"
 
-#include "stipple/error.hpp"
+#include "support/expect_error.hpp"
 #include "support/oracles.hpp"
 #include "support/support.hpp"
 
@@ -8,7 +8,6 @@
 #include <algorithm>
 #include <numeric>
 #include <set>
-#include <thread>
 
 namespace stipple {
 namespace {
@@ -130,13 +129,21 @@ TEST(HierarchicalClustering, SplitsPointsThatDifferByOneBit) {
 
 TEST(HierarchicalClustering, RefusesOptionsThatSayNothingOrTooMuch) {
     const PointCloud cloud = test::cube(10);
-    EXPECT_THROW(hierarchical_clustering(cloud, {}), Error);
-    EXPECT_THROW(hierarchical_clustering(cloud, {.target_size = 0}), Error);
-    EXPECT_THROW(hierarchical_clustering(cloud, {.target_size = 5, .max_cluster_size = 5}), Error);
-    EXPECT_THROW(hierarchical_clustering(cloud, {.max_cluster_size = 0}), Error);
-    EXPECT_THROW(hierarchical_clustering(cloud, {.max_variation = 0.0}), Error);
-    EXPECT_THROW(hierarchical_clustering(cloud, {.max_variation = 0.34}), Error);
-    EXPECT_THROW(hierarchical_clustering({}, {.target_size = 5}), Error);
+    test::expect_refused("hierarchical: expected a target size, max_cluster_size or max_variation",
+                         [&] { hierarchical_clustering(cloud, {}); });
+    test::expect_refused("target_size 0: expected 1..10",
+                         [&] { hierarchical_clustering(cloud, {.target_size = 0}); });
+    test::expect_refused("hierarchical: a target size excludes", [&] {
+        hierarchical_clustering(cloud, {.target_size = 5, .max_cluster_size = 5});
+    });
+    test::expect_refused("max_cluster_size 0: expected at least 1",
+                         [&] { hierarchical_clustering(cloud, {.max_cluster_size = 0}); });
+    test::expect_refused("max_variation 0: expected above 0, at most 1/3",
+                         [&] { hierarchical_clustering(cloud, {.max_variation = 0.0}); });
+    test::expect_refused("max_variation 0.34: expected above 0, at most 1/3",
+                         [&] { hierarchical_clustering(cloud, {.max_variation = 0.34}); });
+    test::expect_refused("the cloud has no points",
+                         [&] { hierarchical_clustering({}, {.target_size = 5}); });
 }
 
 }  // namespace

@@ -1,15 +1,14 @@
 #include "stipple/incremental_clustering.hpp"
 
-#include "stipple/error.hpp"
 #include "stipple/hierarchical_clustering.hpp"
 #include "stipple/neighbors.hpp"
+#include "support/expect_error.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
 #include <algorithm>
 #include <cmath>
 #include <numeric>
-#include <set>
 
 namespace stipple {
 namespace {
@@ -139,13 +138,20 @@ TEST(IncrementalClustering, DependsOnTheSeed) {
 
 TEST(IncrementalClustering, RefusesOptionsThatSayNothingOrTooMuch) {
     const PointCloud cloud = test::cube(10);
-    EXPECT_THROW(incremental_clustering({}, {.target_size = 5}), Error);
-    EXPECT_THROW(incremental_clustering(cloud, {}), Error);
-    EXPECT_THROW(incremental_clustering(cloud, {.target_size = 0}), Error);
-    EXPECT_THROW(incremental_clustering(cloud, {.target_size = 5, .max_cluster_size = 5}), Error);
-    EXPECT_THROW(incremental_clustering(cloud, {.max_cluster_size = 0}), Error);
+    test::expect_refused("the cloud has no points",
+                         [&] { incremental_clustering({}, {.target_size = 5}); });
+    test::expect_refused("incremental: expected a target size, max_cluster_size or max_variation",
+                         [&] { incremental_clustering(cloud, {}); });
+    test::expect_refused("target_size 0: expected 1..10",
+                         [&] { incremental_clustering(cloud, {.target_size = 0}); });
+    test::expect_refused("a target size excludes max_cluster_size", [&] {
+        incremental_clustering(cloud, {.target_size = 5, .max_cluster_size = 5});
+    });
+    test::expect_refused("max_cluster_size 0: expected at least 1",
+                         [&] { incremental_clustering(cloud, {.max_cluster_size = 0}); });
     for (const double variation : {0.0, -1.0, 0.34, std::nan("")})
-        EXPECT_THROW(incremental_clustering(cloud, {.max_variation = variation}), Error);
+        test::expect_refused(": expected above 0, at most 1/3",
+                             [&] { incremental_clustering(cloud, {.max_variation = variation}); });
 }
 
 }  // namespace

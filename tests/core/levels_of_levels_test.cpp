@@ -1,8 +1,8 @@
 #include "incremental_levels.hpp"
 #include "iterative_levels.hpp"
 #include "stipple/codec.hpp"
-#include "stipple/error.hpp"
 #include "stipple/surface_error.hpp"
+#include "support/expect_error.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
@@ -177,8 +177,10 @@ TEST(IterativeLevels, OfEndPointsAreSubsetsOfEachOther) {
 
 TEST(IterativeLevels, RefuseSizesThatDoNotDescend) {
     const PointCloud cloud = test::sphere(20);
-    for (const Sizes& sizes : {Sizes{21}, Sizes{5, 6}, Sizes{5, 0}})
-        EXPECT_THROW(levels_of<Iterative>(cloud, sizes), Error);
+    for (const Sizes& sizes : {Sizes{21}, Sizes{5, 6}, Sizes{5, 0}}) {
+        test::expect_refused("size " + std::to_string(sizes.back()) + ": expected 1..",
+                             [&] { levels_of<Iterative>(cloud, sizes); });
+    }
 }
 
 TEST(IncrementalLevels, WithABoundOnTheVariationAreAllOfTheCloud) {

@@ -1,9 +1,9 @@
 #include "stipple/lod_pyramid.hpp"
 
 #include "stipple/codec.hpp"
-#include "stipple/error.hpp"
 #include "stipple/lod_tiles.hpp"
 #include "stipple/neighbors.hpp"
+#include "support/expect_error.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
@@ -13,6 +13,7 @@
 #include <iterator>
 #include <numeric>
 #include <set>
+#include <string_view>
 #include <tuple>
 #include <utility>
 #include <vector>
@@ -54,15 +55,19 @@ TEST(LodSizes, RefusesMoreThan64Levels) {
     options.ratio = 1.0001;
     options.base_points = 1;
     EXPECT_EQ(lod_sizes(64, options).size(), 64U);
-    EXPECT_THROW(lod_sizes(65, options), Error);
+    test::expect_refused("ratio 1.0001: makes more than 64 levels from 65 points",
+                         [&] { lod_sizes(65, options); });
 }
 
 TEST(LodSizes, RefusesListsThatDoNotAscend) {
-    for (const Sizes& sizes : {Sizes{0, 5}, Sizes{5, 5}, Sizes{9, 5}}) {
+    const auto refuses = [](const Sizes& sizes, std::string_view part) {
         LodPyramidOptions options;
         options.sizes = sizes;
-        EXPECT_THROW(lod_sizes(100, options), Error);
-    }
+        test::expect_refused(part, [&] { lod_sizes(100, options); });
+    };
+    refuses({0, 5}, "levels: 0 points: expected at least 1");
+    refuses({5, 5}, "levels: 5 after 5: expected each to be larger");
+    refuses({9, 5}, "levels: 5 after 9: expected each to be larger");
 }
 
 TEST(LodPyramid, GivesEveryLevelCoarsestFirstWithExactCounts) {
@@ -126,15 +131,15 @@ TEST(LodPyramid, OfTheseMethodsGivesEachLevelBeforeTheNextIsBegun) {
 TEST(LodPyramid, RefusesTargetsAndBoundsOfItsMethod) {
     LodPyramidOptions options;
     options.simplification.points = 5;
-    EXPECT_THROW(validate(options), Error);
+    test::expect_refused("target: a pyramid has none", [&] { validate(options); });
     options.simplification.points = {};
     options.simplification.method = Method::Hierarchical;
     options.simplification.hierarchical.max_variation = 0.1;
-    EXPECT_THROW(validate(options), Error);
+    test::expect_refused("max_variation: levels have counts instead", [&] { validate(options); });
     options.simplification.method = Method::Voxel;
     EXPECT_NO_THROW(validate(options));
     options.simplification.voxel.voxel_size = 1;
-    EXPECT_THROW(validate(options), Error);
+    test::expect_refused("voxel_size: levels have counts instead", [&] { validate(options); });
 }
 
 TEST(LodPyramid, OfEveryMethodHasExactCountsAndProgressThatNeverGoesBack) {
@@ -186,14 +191,17 @@ TEST(LodPyramid, WithNestedLevelsBeginsEachWithThePointsOfTheOneAbove) {
 TEST(LodPyramid, WithNestedLevelsIsOfIterativeAloneAndReducesNothing) {
     LodPyramidOptions options;
     options.nested = true;
-    EXPECT_THROW(validate(options), Error);
+    test::expect_refused("method hierarchical: expected iterative for nested levels",
+                         [&] { validate(options); });
     options.simplification.method = Method::Iterative;
     EXPECT_NO_THROW(validate(options));
     options.simplification.iterative.color_weight = 0.1;
-    EXPECT_THROW(validate(options), Error);
+    test::expect_refused("nested levels: their order follows the shape alone",
+                         [&] { validate(options); });
     options.simplification.iterative = {};
     options.simplification.reductions = {{"intensity", Reduction::Mean}};
-    EXPECT_THROW(validate(options), Error);
+    test::expect_refused("reductions: intensity: points of nested levels keep their attributes",
+                         [&] { validate(options); });
 }
 
 class LodPyramidWithABase : public testing::TestWithParam<Method> {};
@@ -240,7 +248,8 @@ TEST(LodPyramid, WithABaseThatAllFitsIsTheCloudAlone) {
     };
     ASSERT_EQ(build(cloud, options).size(), 1U);
     options.base_fits = [](const PointCloud&) { return false; };
-    EXPECT_THROW(build(cloud, options), Error);
+    test::expect_refused("base_fits: expected to accept a level of one point",
+                         [&] { build(cloud, options); });
     options.base_fits = [&](const PointCloud& level) { return level.size() < cloud.size(); };
     EXPECT_EQ(build(cloud, options).back().cloud.positions, cloud.positions);
 }
@@ -363,7 +372,8 @@ TEST(LodPyramid, LevelsAlongACurveSayTheirOrder) {
 
 TEST(LodPyramid, RefusesAnOrderOfAnotherNumberOfPoints) {
     const std::vector<Index> order(99);
-    EXPECT_THROW(build(test::sphere(100), {.order = order}), Error);
+    test::expect_refused("order of 99 points: expected all 100",
+                         [&] { build(test::sphere(100), {.order = order}); });
 }
 
 TEST(LodPyramid, OfACloudThatIsGivenAwayHasTheSameLevels) {
@@ -398,7 +408,7 @@ TEST(LodPyramid, OfOnePointIsOneLevel) {
 }
 
 TEST(LodPyramid, RefusesAnEmptyCloud) {
-    EXPECT_THROW(build({}, {}), Error);
+    test::expect_refused("the cloud has no points", [&] { build({}, {}); });
 }
 
 }  // namespace

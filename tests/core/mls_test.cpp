@@ -3,6 +3,7 @@
 #include "kernel_sets.hpp"
 #include "mls_fit.hpp"
 #include "stipple/error.hpp"
+#include "support/expect_error.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
@@ -315,11 +316,12 @@ TEST(MlsSurface, RefusesWhatIsOutOfRange) {
     EXPECT_EQ(message({.degree = 5}), "degree 5: expected 0..4");
     EXPECT_EQ(message({.k = 5}), "k 5: expected 6..64");
     EXPECT_EQ(message({.k = 65}), "k 65: expected 6..64");
-    EXPECT_NE(message({.h = 0.0}), "");
-    EXPECT_NE(message({.h = std::nan("")}), "");
-    EXPECT_NE(message({.max_iterations = 0}), "");
-    EXPECT_NE(message({.tolerance = 0}), "");
-    EXPECT_THROW(MlsSurface({}, {}), Error);
+    EXPECT_EQ(message({.h = 0.0}), "h 0: expected a finite length above 0");
+    EXPECT_EQ(message({.h = std::nan("")}), "h nan: expected a finite length above 0");
+    EXPECT_EQ(message({.max_iterations = 0}), "max_iterations 0: expected at least 1");
+    EXPECT_EQ(message({.tolerance = 0}),
+              "tolerance 0: expected a fraction of h, above 0 and below 1");
+    test::expect_refused("points 0: expected at least 1", [&] { MlsSurface({}, {}); });
 }
 
 TEST(MlsSurface, GivesTheSameBytesWithThePlainKernels) {

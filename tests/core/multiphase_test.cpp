@@ -1,9 +1,9 @@
 #include "stipple/multiphase.hpp"
 
 #include "multiphase_runs.hpp"
-#include "stipple/error.hpp"
 #include "stipple/hierarchical_clustering.hpp"
 #include "stipple/mls.hpp"
+#include "support/expect_error.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
@@ -255,19 +255,19 @@ TEST(MultiphaseRuns, EachIsWhatMultiphaseGives) {
 
 TEST(Multiphase, RefusesOptionsOutOfRange) {
     const PointCloud cloud = test::cube(100);
-    EXPECT_THROW(multiphase(cloud, to(0)), Error);
-    EXPECT_THROW(multiphase({}, to(5)), Error);
+    test::expect_refused("target_size 0: expected at least 1", [&] { multiphase(cloud, to(0)); });
+    test::expect_refused("the cloud has no points", [&] { multiphase({}, to(5)); });
     for (const double m : {0.5, 1001.0, std::nan("")}) {
         MultiphaseOptions options = to(5);
         options.oversampling = m;
-        EXPECT_THROW(multiphase(cloud, options), Error);
+        test::expect_refused(": expected 1..1000", [&] { multiphase(cloud, options); });
     }
     MultiphaseOptions options = to(5);
     options.contraction.k = 2;
-    EXPECT_THROW(multiphase(cloud, options), Error);
+    test::expect_refused("k 2: expected 3..32 neighbours", [&] { multiphase(cloud, options); });
     options = to(5);
     options.contraction.reductions["nothing"] = Reduction::Max;
-    EXPECT_THROW(multiphase(cloud, options), Error);
+    test::expect_refused("reductions: no attribute nothing", [&] { multiphase(cloud, options); });
 }
 
 }  // namespace

@@ -2,7 +2,7 @@
 
 #include "stipple/cleaning.hpp"
 #include "stipple/codec.hpp"
-#include "stipple/error.hpp"
+#include "support/expect_error.hpp"
 #include "support/oracles.hpp"
 #include "support/support.hpp"
 
@@ -81,7 +81,8 @@ TEST(NearestNeighbors, OfNoPointsAreNone) {
 }
 
 TEST(NearestNeighbors, RefuseZeroNeighbors) {
-    EXPECT_THROW(k_nearest_neighbors(test::cube(3).positions, 0), Error);
+    test::expect_refused("k 0: expected at least 1 neighbour",
+                         [&] { k_nearest_neighbors(test::cube(3).positions, 0); });
 }
 
 TEST(NearestNeighbors, AreTheSameForAnyNumberOfThreads) {
@@ -144,7 +145,8 @@ TEST(RadiusNeighbors, AreThoseOfAllPairs) {
 
 TEST(RadiusNeighbors, RefuseARadiusThatIsNone) {
     for (const float radius : {0.0F, -1.0F, NAN, INFINITY}) {
-        EXPECT_THROW(radius_neighbors(test::cube(3).positions, radius), Error);
+        test::expect_refused(": expected a finite length above 0",
+                             [&] { radius_neighbors(test::cube(3).positions, radius); });
     }
 }
 

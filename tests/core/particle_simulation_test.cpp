@@ -6,6 +6,7 @@
 #include "stipple/codec.hpp"
 #include "stipple/error.hpp"
 #include "stipple/neighbors.hpp"
+#include "support/expect_error.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
@@ -14,6 +15,7 @@
 #include <cmath>
 #include <numbers>
 #include <numeric>
+#include <string_view>
 
 namespace stipple {
 namespace {
@@ -475,28 +477,31 @@ TEST(ParticleSimulation, ReportsProgressAndStopsWhenAsked) {
 
 TEST(ParticleSimulation, RefusesOptionsOutOfRange) {
     const PointCloud cloud = test::with_attributes(test::sphere(100));
-    const auto refuses = [&](const ParticleSimulationOptions& options) {
-        EXPECT_THROW(particle_simulation(cloud, options), Error);
+    const auto refuses = [&](const ParticleSimulationOptions& options, std::string_view part) {
+        test::expect_refused(part, [&] { particle_simulation(cloud, options); });
     };
-    EXPECT_THROW(particle_simulation({}, {.target_size = 5}), Error);
-    refuses({});
-    refuses({.target_size = std::uint64_t{1} << 32U});
-    refuses({.target_size = 5, .adaptivity = -0.1});
-    refuses({.target_size = 5, .adaptivity = 1.1});
-    refuses({.target_size = 5, .max_grading = 0.9});
-    refuses({.target_size = 5, .max_iterations = 0});
-    refuses({.target_size = 5, .tolerance = 0});
-    refuses({.target_size = 5, .reductions = {{"absent", Reduction::Mean}}});
-    const auto refuses_region = [&](const DensityRegion& region) {
-        refuses({.target_size = 5, .regions = {region}});
+    test::expect_refused("the cloud has no points",
+                         [&] { particle_simulation({}, {.target_size = 5}); });
+    refuses({}, "target_size 0: expected 1..4294967295");
+    refuses({.target_size = std::uint64_t{1} << 32U}, "target_size 4294967296: expected 1..");
+    refuses({.target_size = 5, .adaptivity = -0.1}, "adaptivity -0.1: expected 0..1");
+    refuses({.target_size = 5, .adaptivity = 1.1}, "adaptivity 1.1: expected 0..1");
+    refuses({.target_size = 5, .max_grading = 0.9}, "max_grading 0.9: expected at least 1");
+    refuses({.target_size = 5, .max_iterations = 0}, "max_iterations 0: expected at least 1");
+    refuses({.target_size = 5, .tolerance = 0}, "tolerance 0: expected above 0, below 1");
+    refuses({.target_size = 5, .reductions = {{"absent", Reduction::Mean}}},
+            "reductions: no attribute absent");
+    const auto refuses_region = [&](const DensityRegion& region, const std::string& part) {
+        refuses({.target_size = 5, .regions = {region}}, "regions[0]: " + part);
     };
     for (const double density : {0.0, 1e-60, 1e300})
-        refuses_region({.where = DensityRegion::Sphere{}, .density = density});
-    refuses_region({.where = DensityRegion::Sphere{}, .density = 2, .transition = -1});
-    refuses_region({.where = DensityRegion::Sphere{.radius = 0}});
-    refuses_region({.where = DensityRegion::Box{{1, 0, 0}, {0, 1, 1}}});
-    refuses_region({.where = DensityRegion::Scalar{"absent", 0, 1}});
-    refuses_region({.where = DensityRegion::Scalar{"height", 1, 0}});
+        refuses_region({.where = DensityRegion::Sphere{}, .density = density}, "density ");
+    refuses_region({.where = DensityRegion::Sphere{}, .density = 2, .transition = -1},
+                   "transition -1: expected at least 0");
+    refuses_region({.where = DensityRegion::Sphere{.radius = 0}}, "radius 0: expected above 0");
+    refuses_region({.where = DensityRegion::Box{{1, 0, 0}, {0, 1, 1}}}, "box: min 1 0 0 above max");
+    refuses_region({.where = DensityRegion::Scalar{"absent", 0, 1}}, "no attribute absent");
+    refuses_region({.where = DensityRegion::Scalar{"height", 1, 0}}, "low 1 and high 0");
 }
 
 }  // namespace

@@ -1,13 +1,11 @@
 #include "stipple/random_sampling.hpp"
 
-#include "stipple/error.hpp"
+#include "support/expect_error.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
 #include <algorithm>
-#include <cmath>
 #include <map>
-#include <numeric>
 
 namespace stipple {
 namespace {
@@ -65,8 +63,9 @@ TEST(RandomSampling, KeepsThePointsWithAllTheyHave) {
 }
 
 TEST(RandomSampling, RefusesNoPoints) {
-    EXPECT_THROW(random_sampling({}, {.target_size = 1}), Error);
-    EXPECT_THROW(random_sampling(numbered(3), {}), Error);
+    test::expect_refused("the cloud has no points",
+                         [&] { random_sampling({}, {.target_size = 1}); });
+    test::expect_refused("target_size 0: expected 1..3", [&] { random_sampling(numbered(3), {}); });
     EXPECT_EQ(random_sampling(numbered(3), {.target_size = 7}).size(), 3U);
 }
 

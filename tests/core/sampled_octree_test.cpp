@@ -1,6 +1,6 @@
 #include "stipple/sampled_octree.hpp"
 
-#include "stipple/error.hpp"
+#include "support/expect_error.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
@@ -113,10 +113,13 @@ TEST(SampledOctree, EndsWherePointsCoincideAndAtTheBordersOfItsCube) {
 
 TEST(SampledOctree, RefusesWhatItCannotDo) {
     const PointCloud cloud = test::sphere(10);
-    EXPECT_THROW(SampledOctree({}, cube_of_ten_bits()), Error);
-    EXPECT_THROW(SampledOctree(cloud, cube_of_ten_bits(), {.grid = 1}), Error);
-    EXPECT_THROW(SampledOctree(cloud, cube_of_ten_bits(), {.grid = 257}), Error);
-    EXPECT_THROW(SampledOctree(cloud, cube_of_ten_bits(), {.max_points = 0}), Error);
+    test::expect_refused("the cloud has no points", [&] { SampledOctree({}, cube_of_ten_bits()); });
+    test::expect_refused("grid 1: expected 2..256",
+                         [&] { SampledOctree(cloud, cube_of_ten_bits(), {.grid = 1}); });
+    test::expect_refused("grid 257: expected 2..256",
+                         [&] { SampledOctree(cloud, cube_of_ten_bits(), {.grid = 257}); });
+    test::expect_refused("max_points 0: expected at least 1",
+                         [&] { SampledOctree(cloud, cube_of_ten_bits(), {.max_points = 0}); });
 }
 
 }  // namespace

@@ -1,7 +1,6 @@
 #include "sharpening.hpp"
 
 #include <gtest/gtest.h>
-#include <algorithm>
 #include <cmath>
 #include <numbers>
 

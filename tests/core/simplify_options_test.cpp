@@ -1,10 +1,10 @@
 // What is refused at the door, before there is a cloud.
 #include "stipple/error.hpp"
 #include "stipple/simplify.hpp"
+#include "support/expect_error.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
-#include <cmath>
 
 namespace stipple {
 namespace {
@@ -39,7 +39,8 @@ std::string refusal(Method method, Change&& change) {
 
 TEST(Method, NamesGoBothWays) {
     for (const Method method : kMethods) EXPECT_EQ(method_from_name(to_string(method)), method);
-    EXPECT_THROW(method_from_name("magic"), Error);
+    test::expect_refused("method magic: expected one of multiphase, ",
+                         [&] { method_from_name("magic"); });
 }
 
 TEST(SimplifyOptions, OfEveryMethodAreValidWithATargetAlone) {
@@ -137,9 +138,11 @@ TEST(UpsampleOptions, TakeOneTargetAboveTheCount) {
     const PointCloud cloud = test::sphere(300);
     EXPECT_EQ(upsample(cloud, {.ratio = 1.5}).size(), 450U);
     EXPECT_EQ(upsample(cloud, {.points = 301}).size(), 301U);
-    EXPECT_THROW(upsample(cloud, {.points = 300}), Error);
-    EXPECT_THROW(upsample({}, {.points = 300}), Error);
-    EXPECT_THROW(upsample(cloud, {.ratio = 1e9}), Error);  // above 2^32 points
+    test::expect_refused("points 300: expected more than the 300 of the cloud",
+                         [&] { upsample(cloud, {.points = 300}); });
+    test::expect_refused("the cloud has no points", [&] { upsample({}, {.points = 300}); });
+    test::expect_refused("ratio 1e+09: expected fewer than 2^32 points",
+                         [&] { upsample(cloud, {.ratio = 1e9}); });  // above 2^32 points
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 #include "stipple/splat_renderer.hpp"
 
 #include "stipple/error.hpp"
+#include "support/expect_error.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
@@ -263,15 +264,24 @@ TEST(RenderSplats, SaysWhatIsOutOfRange) {
         change(options, splats);
         render_splats(point, splats, {}, perspective(), options);
     };
-    EXPECT_THROW(attempt([](auto& o, auto&) { o.width = 0; }), Error);
-    EXPECT_THROW(attempt([](auto& o, auto&) { o.height = 20000; }), Error);
-    EXPECT_THROW(attempt([](auto& o, auto&) { o.samples = 9; }), Error);
-    EXPECT_THROW(attempt([](auto& o, auto&) { o.radius_scale = 0; }), Error);
-    EXPECT_THROW(attempt([](auto& o, auto&) { o.occlusion = NAN; }), Error);
-    EXPECT_THROW(attempt([](auto& o, auto&) { o.relief = 1.5; }), Error);
-    EXPECT_THROW(attempt([](auto&, auto& s) { s.normals.clear(); }), Error);
-    EXPECT_THROW(attempt([](auto&, auto& s) { s.radii.clear(); }), Error);
-    EXPECT_THROW(attempt([](auto&, auto& s) { s.major = {Vec3f::UnitX()}; }), Error);
+    test::expect_refused("width 0: expected 1..16384",
+                         [&] { attempt([](auto& o, auto&) { o.width = 0; }); });
+    test::expect_refused("height 20000: expected 1..16384",
+                         [&] { attempt([](auto& o, auto&) { o.height = 20000; }); });
+    test::expect_refused("samples 9: expected 1..8",
+                         [&] { attempt([](auto& o, auto&) { o.samples = 9; }); });
+    test::expect_refused("radius_scale 0: expected more than 0",
+                         [&] { attempt([](auto& o, auto&) { o.radius_scale = 0; }); });
+    test::expect_refused("occlusion nan: expected 0..1",
+                         [&] { attempt([](auto& o, auto&) { o.occlusion = NAN; }); });
+    test::expect_refused("relief 1.5: expected 0..1",
+                         [&] { attempt([](auto& o, auto&) { o.relief = 1.5; }); });
+    test::expect_refused("normals: 0 for 1 points",
+                         [&] { attempt([](auto&, auto& s) { s.normals.clear(); }); });
+    test::expect_refused("radii: 0 for 1 points",
+                         [&] { attempt([](auto&, auto& s) { s.radii.clear(); }); });
+    test::expect_refused("minor: 0 for 1 points",
+                         [&] { attempt([](auto&, auto& s) { s.major = {Vec3f::UnitX()}; }); });
     EXPECT_NO_THROW(attempt([](auto&, auto&) {}));
 }
 
@@ -328,12 +338,16 @@ TEST(FitCamera, LooksAtASinglePoint) {
 
 TEST(FitCamera, SaysWhatIsNotAView) {
     const std::vector<Vec3f> point = {Vec3f::Zero()};
-    EXPECT_THROW(fit_camera({}, {}, 1.0), Error);
-    EXPECT_THROW(fit_camera(point, {}, 0.0), Error);
-    EXPECT_THROW(fit_camera(point, {.toward_eye = Vec3d::Zero()}, 1.0), Error);
-    EXPECT_THROW(fit_camera(point, {.toward_eye = Vec3d::UnitY()}, 1.0), Error);
-    EXPECT_THROW(fit_camera(point, {.field_of_view_rad = 3}, 1.0), Error);
-    EXPECT_THROW(fit_camera(point, {.margin = 0.5}, 1.0), Error);
+    test::expect_refused("points: none to look at", [&] { fit_camera({}, {}, 1.0); });
+    test::expect_refused("aspect 0: expected more than 0", [&] { fit_camera(point, {}, 0.0); });
+    test::expect_refused("up: expected a direction other than toward_eye",
+                         [&] { fit_camera(point, {.toward_eye = Vec3d::Zero()}, 1.0); });
+    test::expect_refused("up: expected a direction other than toward_eye",
+                         [&] { fit_camera(point, {.toward_eye = Vec3d::UnitY()}, 1.0); });
+    test::expect_refused("field_of_view_rad 3: expected 0..2.5",
+                         [&] { fit_camera(point, {.field_of_view_rad = 3}, 1.0); });
+    test::expect_refused("margin 0.5: expected 0..0.45",
+                         [&] { fit_camera(point, {.margin = 0.5}, 1.0); });
 }
 
 TEST(Viridis, RunsFromPurpleToYellowAndGrowsLighterAllTheWay) {

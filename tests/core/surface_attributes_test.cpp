@@ -1,10 +1,12 @@
 #include "stipple/surface_attributes.hpp"
 
 #include "stipple/error.hpp"
+#include "support/expect_error.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
 #include <cmath>
+#include <string_view>
 
 namespace stipple {
 namespace {
@@ -88,19 +90,20 @@ TEST(SurfaceAttributes, WithFeatureLinesHaveTheNumberOfEachPointsLine) {
 
 TEST(SurfaceAttributes, RefuseOptionsOutOfRangeAndNoPoints) {
     PointCloud cloud = test::plane(100);
-    const auto refused = [&](const SurfaceAttributeOptions& options) {
-        EXPECT_THROW(add_surface_attributes(cloud, options), Error);
+    const auto refuses = [&](const SurfaceAttributeOptions& options, std::string_view part) {
+        test::expect_refused(part, [&] { add_surface_attributes(cloud, options); });
     };
-    refused({.k = 2});
-    refused({.k = 65});
-    refused({.signs = NormalSigns::Viewpoint});
-    refused({.viewpoint = Vec3d::Zero()});
-    refused({.signs = NormalSigns::Viewpoint, .viewpoint = Vec3d::Constant(NAN)});
-    refused({.feature_lines = FeatureLineOptions{.variation = 0}});
-    refused({.feature_lines = FeatureLineOptions{.high = 0.3}});
-    refused({.feature_lines = FeatureLineOptions{.min_links = 1}});
+    refuses({.k = 2}, "k 2: expected 3..64, or 0 to choose");
+    refuses({.k = 65}, "k 65: expected 3..64, or 0 to choose");
+    refuses({.signs = NormalSigns::Viewpoint}, "viewpoint: missing");
+    refuses({.viewpoint = Vec3d::Zero()}, "viewpoint: expected only if");
+    refuses({.signs = NormalSigns::Viewpoint, .viewpoint = Vec3d::Constant(NAN)},
+            "viewpoint: expected finite coordinates");
+    refuses({.feature_lines = FeatureLineOptions{.variation = 0}}, "feature_lines.variation");
+    refuses({.feature_lines = FeatureLineOptions{.high = 0.3}}, "0 < low <= high <= 1");
+    refuses({.feature_lines = FeatureLineOptions{.min_links = 1}}, "feature_lines.min_links");
     PointCloud empty;
-    EXPECT_THROW(add_surface_attributes(empty), Error);
+    test::expect_refused("the cloud has no points", [&] { add_surface_attributes(empty); });
 }
 
 TEST(SplatAttributesOf, APlaneCoverItAndLieInIt) {

@@ -2,6 +2,7 @@
 
 #include "stipple/cleaning.hpp"
 #include "stipple/error.hpp"
+#include "support/expect_error.hpp"
 
 #include <gtest/gtest.h>
 #include <Eigen/Geometry>
@@ -113,9 +114,11 @@ TEST(SyntheticScan, NoiseMovesPointsAlongTheirNormalsByTheDeviationAskedFor) {
 }
 
 TEST(SyntheticScan, RefusesOptionsOutOfRangeByTheirValue) {
-    EXPECT_THROW(synthetic_scan({.points = 0}), Error);
-    EXPECT_THROW(synthetic_scan({.noise = -1}), Error);
-    EXPECT_THROW(synthetic_scan({.noise = std::nan("")}), Error);
+    test::expect_refused("points 0: expected 1..4294967295",
+                         [&] { synthetic_scan({.points = 0}); });
+    test::expect_refused("noise -1: expected 0..10 mm", [&] { synthetic_scan({.noise = -1}); });
+    test::expect_refused("noise nan: expected 0..10 mm",
+                         [&] { synthetic_scan({.noise = std::nan("")}); });
 }
 
 TEST(SyntheticScan, StopsWhenAskedTo) {

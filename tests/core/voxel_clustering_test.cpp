@@ -1,6 +1,6 @@
 #include "stipple/voxel_clustering.hpp"
 
-#include "stipple/error.hpp"
+#include "support/expect_error.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
@@ -95,13 +95,20 @@ TEST(VoxelClustering, CentroidsOfALatticeAreTheMiddlesOfItsCells) {
 
 TEST(VoxelClustering, RefusesOptionsThatSayNothingOrTooMuch) {
     const PointCloud cloud = test::cube(100);
-    EXPECT_THROW(voxel_clustering({}, {.target_size = 3}), Error);
-    EXPECT_THROW(voxel_clustering(cloud, {}), Error);
-    EXPECT_THROW(voxel_clustering(cloud, {.target_size = 3, .voxel_size = 0.1}), Error);
-    EXPECT_THROW(voxel_clustering(cloud, {.target_size = 0}), Error);
+    test::expect_refused("the cloud has no points",
+                         [&] { voxel_clustering({}, {.target_size = 3}); });
+    test::expect_refused("voxel: expected either a target size or a voxel_size",
+                         [&] { voxel_clustering(cloud, {}); });
+    test::expect_refused("voxel: expected either a target size or a voxel_size",
+                         [&] { voxel_clustering(cloud, {.target_size = 3, .voxel_size = 0.1}); });
+    test::expect_refused("target_size 0: expected 1..100",
+                         [&] { voxel_clustering(cloud, {.target_size = 0}); });
     for (const double size : {0.0, -1.0, 1e-8, std::nan(""), HUGE_VAL})
-        EXPECT_THROW(voxel_clustering(cloud, {.voxel_size = size}), Error) << size;
-    EXPECT_THROW(voxel_clustering(cloud, {.target_size = 3, .reductions = {{"a", {}}}}), Error);
+        test::expect_refused(": expected a finite number above 0, at least ",
+                             [&] { voxel_clustering(cloud, {.voxel_size = size}); });
+    test::expect_refused("reductions: no attribute a", [&] {
+        voxel_clustering(cloud, {.target_size = 3, .reductions = {{"a", {}}}});
+    });
 }
 
 }  // namespace
