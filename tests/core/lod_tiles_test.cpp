@@ -5,6 +5,7 @@
 #include "stipple/lod_pyramid.hpp"
 #include "stipple/neighbors.hpp"
 #include "stipple/surface_error.hpp"
+#include "support/expect_error.hpp"
 #include "support/support.hpp"
 #include "vertex_codec.hpp"
 
@@ -17,6 +18,7 @@
 #include <memory>
 #include <numeric>
 #include <set>
+#include <string_view>
 #include <utility>
 
 namespace stipple {
@@ -584,7 +586,8 @@ TEST_F(AdditiveLodTiles, TellTheErrorAndTheSpacingOfAllThatIsThere) {
 TEST_F(AdditiveLodTiles, NeedLevelsThatGrow) {
     LodTiler tiler(cloud_, {.additive = true});
     tiler.add_level(cloud_, false);
-    EXPECT_THROW(tiler.add_level(cloud_, true), Error);
+    test::expect_refused(": expected more than the level before",
+                         [&] { tiler.add_level(cloud_, true); });
 }
 
 TEST(LodTiles, AreMeasuredAtEveryPointWhereErrorsAreToBeExact) {
@@ -638,15 +641,20 @@ TEST(LodTiles, StopWhenAskedTo) {
 }
 
 TEST(LodTiles, RefuseOptionsOutOfRange) {
-    for (const LodTileOptions& options :
-         {LodTileOptions{.position_bits = 1}, LodTileOptions{.position_bits = 25},
-          LodTileOptions{.precision = 0.0}, LodTileOptions{.precision = 1.2e308},
-          LodTileOptions{.tolerance = -1}, LodTileOptions{.max_points = 0}})
-        EXPECT_THROW(validate(options), Error);
+    const auto refuses = [](const LodTileOptions& options, std::string_view part) {
+        test::expect_refused(part, [&] { validate(options); });
+    };
+    refuses({.position_bits = 1}, "tiles: position_bits 1: expected 2..24");
+    refuses({.position_bits = 25}, "tiles: position_bits 25: expected 2..24");
+    refuses({.precision = 0.0}, "tiles: precision 0: expected a finite length above 0");
+    refuses({.precision = 1.2e308}, "tiles: precision 1.2e+308: expected a finite length above 0");
+    refuses({.tolerance = -1}, "tiles: tolerance -1: expected at least 0");
+    refuses({.max_points = 0}, "tiles: max_points 0: expected 1..65536");
     const std::vector<Index> too_few(99);
-    EXPECT_THROW(LodTiler(test::sphere(100), {}).add_level(test::sphere(100), false, {}, too_few),
-                 Error);
-    EXPECT_THROW(LodTiler(PointCloud{}, {}), Error);
+    test::expect_refused("points of an order 99: expected all of the level", [&] {
+        LodTiler(test::sphere(100), {}).add_level(test::sphere(100), false, {}, too_few);
+    });
+    test::expect_refused("the cloud has no points", [&] { LodTiler(PointCloud{}, {}); });
 }
 
 TEST(DecodeTile, RejectsEveryTruncation) {
@@ -655,7 +663,8 @@ TEST(DecodeTile, RejectsEveryTruncation) {
         const std::vector<std::byte> whole = stream.bytes;
         for (std::size_t length = 0; length < whole.size(); ++length) {
             stream.bytes.assign(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(length));
-            EXPECT_THROW(decode_tile(tile), Error) << stream.name << " cut to " << length;
+            SCOPED_TRACE(length);
+            test::expect_error(ErrorCode::MalformedInput, stream.name, [&] { decode_tile(tile); });
         }
         stream.bytes = whole;
     }
