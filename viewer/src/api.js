@@ -166,7 +166,7 @@ export async function persist(ask, { signal, onLost }) {
 export const pause = (ms) => new Promise((resolve) => { setTimeout(resolve, ms); });
 
 /** Whether the same request may succeed a little later. */
-const mayPass = ({ status }) => status === 0 || status === 429 || status >= 500;
+export const mayPass = ({ status }) => status === 0 || status === 429 || status >= 500;
 
 /** The ids of links may be anything. */
 const pathOf = (collection, id) => `/v1/${collection}/${encodeURIComponent(id)}`;

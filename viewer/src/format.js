@@ -28,6 +28,12 @@ const kTiny = 1e-5;
 const kHuge = 1e13;
 const withMinus = (text) => text.replaceAll('-', '\u2212');
 
+/** `12.3 of 62.0 MB` */
+export function bytesOf(part, all) {
+    const [[n, unit], whole] = [bytes(part).split(' '), bytes(all)];
+    return whole.endsWith(` ${unit}`) ? `${n} of ${whole}` : `${n} ${unit} of ${whole}`;
+}
+
 /** With three significant digits, and a minus sign as wide as a digit. */
 export const quantity = (x) => withMinus(x === 0 || (Math.abs(x) >= 1e-4 && Math.abs(x) < 1e6)
     ? x.toLocaleString('en', { maximumSignificantDigits: 3 }) : x.toExponential(1));
@@ -49,6 +55,11 @@ export function ends(low, high) {
 export const percent = (share) => `${quantity(100 * share)}\u00a0%`;
 
 export const milliseconds = (ms) => (ms < 9_950 ? `${Math.round(ms)} ms` : `${(ms / 1000).toFixed(1)} s`);
+
+export function duration(seconds) {
+    const [n, unit] = seconds < 59.5 ? [seconds, 's'] : seconds < 3570 ? [seconds / 60, 'min'] : [seconds / 3600, 'h'];
+    return `${Math.max(1, Math.round(n))} ${unit}`;
+}
 
 export function ago(time, now = Date.now()) {
     const seconds = (now - Date.parse(time)) / 1000;

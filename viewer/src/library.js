@@ -119,7 +119,7 @@ export class Library {
     cloudRow(cloud) {
         const isBuilt = this.pyramidOf(cloud.id) !== undefined;
         const row = this.row(`cloud-${cloud.id}`, nameOf(cloud), cloudNote(cloud), false);
-        row.title = isBuilt ? 'Show its pyramid' : 'Build its pyramid';
+        row.title = [isBuilt ? 'Show its pyramid' : 'Build its pyramid', cloud.points === undefined ? '' : keptOf(cloud).without].filter(Boolean).join('. ');
         row.onclick = () => this.onCloud(cloud);
         const more = element('button', { id: `process-${cloud.id}`, className: 'more', textContent: 'Process', title: 'Simplify, add points, analyse, or build another pyramid', ariaLabel: `Process ${nameOf(cloud)}` });
         more.onclick = () => this.onParameters(cloud);
@@ -154,6 +154,13 @@ export const inputOf = ({ request }) => request.input ?? request.reference;
 /** A cloud's id is the hash of its bytes: all that there is to call it by, where it was given no name. */
 export const nameOf = ({ id, name }) => name ?? `Cloud ${id.slice(0, 7)}`;
 
+/** How many of a cloud's points are worked with, and why not all. */
+export function keptOf({ points, removed: { non_finite: unplaced = 0, duplicates = 0 } = {} }) {
+    const reasons = [[duplicates, duplicates === 1 ? 'duplicate' : 'duplicates'], [unplaced, unplaced === 1 ? 'point without a place' : 'points without a place']]
+        .filter(([count]) => count > 0).map(([count, what]) => `${format.count(count)} ${what}`);
+    return { points: points - unplaced - duplicates, without: reasons.length > 0 ? `${reasons.join(' and ')} left out` : '' };
+}
+
 /** What a result is called: as the cloud that it was made from. */
 export const titleOf = (job) => nameOf({ id: inputOf(job), name: job.input_name });
 
@@ -178,7 +185,7 @@ export function summaryOf({ type, request, levels_ready: levels }, cloud) {
         case 'pyramid': {
             const count = request.formats.includes('stpc') ? 'stream' : request.formats.join() === 'copc.laz' ? 'COPC'
                 : `${levels} ${levels === 1 ? 'level' : 'levels'}`;
-            return cloud?.points === undefined ? count : `${format.compactPoints(cloud.points)}, ${count}`;
+            return cloud?.points === undefined ? count : `${format.compactPoints(keptOf(cloud).points)}, ${count}`;
         }
     }
 }
@@ -188,5 +195,9 @@ const pointsOf = ({ points }, cloud) => format.compactPoints(Math.min(points, cl
 
 function cloudNote(cloud) {
     const kind = `${cloud.format === 'drc' ? 'Draco' : 'PLY'}, ${format.bytes(cloud.bytes)}`;
-    return cloud.points === undefined ? kind : `${format.compactPoints(cloud.points)} · ${kind}`;
+    if (cloud.points === undefined) {
+        return kind;
+    }
+    const { points, without } = keptOf(cloud);
+    return `${without ? `${format.compactCount(points)} of ` : ''}${format.compactPoints(cloud.points)} · ${kind}`;
 }

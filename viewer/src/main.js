@@ -8,20 +8,22 @@ import * as format from './format.js';
 import { Hud } from './hud.js';
 import { followJob } from './job_follower.js';
 import { JobForm } from './job_form.js';
-import { inputOf, Library, nameOf, summaryOf, titleOf } from './library.js';
+import { inputOf, keptOf, Library, nameOf, summaryOf, titleOf } from './library.js';
 import { listenToKeys } from './keys.js';
 import { kMostWhole } from './level_loader.js';
 import { LookCard } from './look_card.js';
-import { offer, showProblem } from './notices.js';
+import { closeNewest, forgetProblems, offer, showProblem } from './notices.js';
 import { Report } from './report.js';
 import { ResultSession } from './result_session.js';
 import { isPhone, Sheet } from './sheet.js';
 import { canDrawOn, Stage } from './stage.js';
 import { preloadSurface } from './surface.js';
 import { acceptDrops, uploadCloud } from './upload.js';
+import { UploadQueue } from './upload_queue.js';
 
-const kUploadHint = matchMedia('(pointer: coarse)').matches
-    ? 'Choose a .ply or .drc file' : 'Drop a .ply or .drc anywhere, or choose a file';
+const [kUploadHint, kInvitation] = matchMedia('(pointer: coarse)').matches
+    ? ['Choose a .ply or .drc file', 'Choose a point cloud'] : ['Drop a .ply or .drc anywhere, or choose a file', 'Drop a point cloud here'];
+const kInvitationNote = 'PLY or Draco. It becomes a pyramid of levels that streams in, coarse to fine.';
 
 const linked = readAddress();
 if (linked) {
@@ -38,16 +40,21 @@ const kSoonMs = 100;
 const kAlone = { right: null, layout: null, at: null };
 const kAsNew = { chosen: null, bound: null, view: null, color: null, splatSize: null, shading: null, ...kAlone };
 const kNotStarted = 'The job could not be started';
-const kToldPercent = 25;
 const kLegendGap = 10;
 
 /** Bytes of a point in a small file of each kind: a pyramid with large levels needs tiles, which take the server longer to make. */
 const kFewestBytes = { ply: 12, drc: 1.5, stpc: 1.5 };
 
-const stage = new Stage(byId.stage, { onPicture: (level) => session?.pictured(level), onRest: remember });
+const stage = new Stage(byId.stage, { onPicture: (level) => session?.pictured(level), onMoved: remember });
 const library = new Library({
-    onResult: open,
-    onCloud: openCloud,
+    onResult: (job) => {
+        forgetProblems();
+        open(job);
+    },
+    onCloud: (cloud) => {
+        forgetProblems();
+        openCloud(cloud);
+    },
     onParameters: (cloud) => form.open({ cloud: cloud.id, name: nameOf(cloud), attributes: attributesOf(cloud), others: othersThan(cloud) }),
 });
 const hud = new Hud({
@@ -91,6 +98,14 @@ const form = new JobForm({
     onRemove: (cloud) => removeCloud(cloud).then(() => library.refresh()).catch(showProblem),
 });
 const sheet = new Sheet();
+const uploads = new UploadQueue({
+    onStart: () => {
+        forgetProblems();
+        beforeUpload = session;
+    },
+    onEnd: (all) => endUpload(all).catch(showProblem),
+    onProgress: tellWelcome,
+});
 const comparison = new Comparison(stage, { onStart: startComparing, onEnd: endComparing, onChoice: compareWith, onLayout: remember });
 let session = null;
 let other = null;     // another result beside it, or null
@@ -98,7 +113,7 @@ let comparing = null;  // how two are to be compared once there is something to 
 let stayedAt = null;  // the level or the bound on the left before two were compared
 let beside = null;    // the index of a level of the same result beside it, or null: the finest
 let painted = [];     // the level on the right and what its colours were last asked to be
-let uploading = false;
+let beforeUpload = null;  // what was shown when files set out
 const pending = new Map();  // what was asked of the server, by its key, and is not there yet
 let remembering = null;
 
@@ -177,7 +192,11 @@ async function removeResult() {
 /** What the address names cannot be shown: there is the rest of the library. */
 function leave(error) {
     closeResult();
-    showProblem(error, error.status === 404 ? 'This result does not exist' : 'The result could not be opened');
+    if (error.status === 404) {
+        showProblem(new Error('It may have been removed, or its address is incomplete.'), 'This result does not exist');
+    } else {
+        showProblem(error, 'The result could not be opened');
+    }
     library.refresh().then(invite).catch(showProblem);
 }
 
@@ -252,12 +271,18 @@ function showLevels({ id, loader, shown, bound, isComplete, isSettled, job, mani
         if (next) {
             hud.showActivity(`Loading ${format.compactCount(next.points)} points`);
         } else if (job.status === 'successful') {
-            hud.showActivity(large ? `${format.compactCount(large.points)} more on request`
-                : summaryOf(job, library.cloudOf(job)) + (shown?.tiles ? ', by view' : ''));
+            hud.showActivity(large ? `${format.compactCount(large.points)} more on request` : aboutOf(job, shown));
         }
     }
     hud.setWaiting(waits > 0);
     document.documentElement.dataset.state = isSettled ? 'settled' : 'loading';
+}
+
+/** What kind of result it is, and whether all of its cloud is in it. */
+function aboutOf(job, shown) {
+    const cloud = library.cloudOf(job);
+    const without = cloud?.points === undefined ? '' : keptOf(cloud).without;
+    return [summaryOf(job, cloud), shown?.tiles && 'by view', without].filter(Boolean).join(', ');
 }
 
 /** What can be done to a picture, where there is one. */
@@ -446,7 +471,7 @@ async function startMap(reference, { file, ply, points }) {
     if (file) {
         return startEvaluation(reference, file.sha256);
     }
-    const { id, isNew } = await uploadCloud(new File([await ply()], fileName({ points }, 'ply')), () => {});
+    const { id, isNew } = await uploadCloud(new File([await ply()], fileName({ points }, 'ply')));
     const remove = () => isNew && removeCloud(id).then(() => library.refresh()).catch(showProblem);
     try {
         const map = await startEvaluation(reference, id);
@@ -469,56 +494,34 @@ async function download({ href, ply, format: extension }) {
     setTimeout(() => URL.revokeObjectURL(url), 60_000);
 }
 
-/** Adds files one after the other, and opens the last one, unless something else was opened meanwhile. */
-async function upload(files) {
-    byId['job-dialog'].close();
-    byId['help-dialog'].close();
-    if (uploading) {
-        showProblem(new Error('Another file is still uploading; add this one afterwards.'), 'One at a time');
-        return;
-    }
-    const before = session;
-    uploading = true;
-    byId['upload-progress'].hidden = false;
-    let cloud = null;
-    for (const [at, file] of files.entries()) {
-        cloud = await send(file, files.length > 1 ? `${at + 1} of ${files.length}, ` : '') ?? cloud;
-    }
-    uploading = false;
-    byId['upload-progress'].hidden = true;
-    byId['upload-hint'].textContent = kUploadHint;
-    byId['upload-told'].textContent = '';
-    if (cloud && session === before) {
+/** What was sent is opened, unless something else was opened meanwhile. */
+async function endUpload({ cloud, count }) {
+    tellWelcome();
+    if (cloud && session === beforeUpload) {
         look.forgetColor();
         await openCloud(cloud);
     } else if (cloud) {
-        offer(`${nameOf(cloud)} was added`, 'Open it', () => openCloud(cloud));
+        offer(count > 1 ? `${count} clouds were added` : `${nameOf(cloud)} was added`, 'Open it', () => openCloud(cloud));
         library.refresh().catch(showProblem);
     }
 }
 
-/** The document of the cloud, or null where the file was not accepted. */
-async function send(file, number) {
-    try {
-        return await uploadCloud(file, (fraction) => {
-            byId['upload-progress'].value = fraction;
-            byId['upload-hint'].textContent = fraction < 1 ? `Sending ${number}${file.name}, ${Math.round(100 * fraction)} %` : 'Storing';
-            tellUpload(fraction < 1 ? `Sending ${number}${file.name}, ${kToldPercent * Math.floor(100 * fraction / kToldPercent)} %` : 'Storing');
-        });
-    } catch (error) {
-        showProblem(error, `${file.name} was not accepted`);
-        return null;
-    }
+function upload(files) {
+    byId['job-dialog'].close();
+    byId['help-dialog'].close();
+    uploads.add(files);
 }
 
-/** Aloud: only what is new. */
-function tellUpload(text) {
-    if (byId['upload-told'].textContent !== text) {
-        byId['upload-told'].textContent = text;
-    }
+/** In the middle of an empty page: what is on its way, or what to do. */
+function tellWelcome({ name, note } = {}) {
+    byId['welcome-title'].textContent = name ? `Sending ${name}` : kInvitation;
+    byId['welcome-note'].textContent = name ? note : kInvitationNote;
 }
 
 function closeTopmost() {
+    if (closeNewest()) {
+        return;
+    }
     if (sheet.isOpen) {
         sheet.close();
     } else if (!byId['look-card'].hidden) {
@@ -558,6 +561,7 @@ function dressForTheme(isLight) {
 
 function listen() {
     byId['upload-hint'].textContent = kUploadHint;
+    tellWelcome();
     byId.choose.onclick = () => byId.file.click();
     byId.file.onchange = () => {
         upload([...byId.file.files]);
@@ -569,7 +573,7 @@ function listen() {
         onHover: (isHeld) => { byId.drop.hidden = !isHeld; },
     });
     byId.stage.addEventListener('webglcontextlost', () => {
-        const forget = showProblem(new Error('Drawing resumes when the browser allows it; if not, reload the page.'), 'The graphics context was lost');
+        const forget = showProblem(new Error('Drawing resumes when the browser allows it; if not, reload the page.'), 'The graphics context was lost', { lasts: true });
         byId.stage.addEventListener('webglcontextrestored', forget, { once: true });
     });
     byId.fit.onclick = () => stage.fit();
@@ -592,7 +596,11 @@ function listen() {
     addEventListener('resize', placeCloud);
     const cards = new ResizeObserver(placeCloud);
     [byId.hud, byId.legend, byId['look-card'], byId['left-label']].forEach((card) => cards.observe(card));
-    addEventListener('popstate', () => openLinked().catch(showProblem));
+    addEventListener('popstate', () => {
+        forgetProblems();
+        openLinked().catch(showProblem);
+    });
+    addEventListener('pagehide', rememberNow);
     const light = matchMedia('(prefers-color-scheme: light)');
     light.addEventListener('change', () => dressForTheme(light.matches));
     dressForTheme(light.matches);
@@ -606,7 +614,7 @@ async function openLinked() {
         return;
     }
     const before = session;
-    await persist(() => library.refresh(), { onLost: (error) => showProblem(error, kLost) });
+    await persist(() => library.refresh(), { onLost: (error) => showProblem(error, kLost, { lasts: true }) });
     if (session !== before) {
         return;
     }

@@ -1,34 +1,76 @@
 import { byId, element } from './element.js';
 
 const kMost = 3;
+const kOfferMs = 15_000;
+const passing = new WeakSet();  // notices of what another result or upload leaves behind
 
-/** Shows what went wrong, in the server's words, until it is read; what is returned takes it away. */
-export function showProblem(error, title = error.title ?? 'Something went wrong') {
-    return show(element('strong', { className: 'alarm', textContent: title }), element('p', { textContent: error.message }));
+/**
+ * Shows what went wrong, in the server's words; what is returned takes it away.
+ * @param action  a button with a `name` that does `act`; @param lasts  whether it stays until what went wrong is over
+ */
+export function showProblem(error, title = error.title ?? 'Something went wrong', { action = null, lasts = false } = {}) {
+    const notice = noticeOf(element('strong', { className: 'alarm', textContent: title }), element('p', { textContent: error.message }), action);
+    if (!lasts) {
+        passing.add(notice);
+    }
+    return show(notice);
 }
 
-/** Tells of something that can be acted upon, by a button with a name. */
+/** Tells of something that can be acted upon, by a button with a name. It goes after a while, unless someone is about to press it. */
 export function offer(title, name, act) {
-    const button = element('button', { className: 'action', textContent: name });
-    const remove = show(element('strong', { textContent: title }), button);
-    button.onclick = () => {
-        remove();
-        act();
-    };
+    const notice = noticeOf(element('strong', { textContent: title }), { name, act });
+    const remove = show(notice);
+    passing.add(notice);
+    let waiting = null;
+    const wait = () => { waiting = setTimeout(remove, kOfferMs); };
+    const stay = () => clearTimeout(waiting);
+    notice.onpointerenter = stay;
+    notice.onpointerleave = wait;
+    notice.addEventListener('focusin', stay);
+    notice.addEventListener('focusout', wait);
+    wait();
+}
+
+/** Whether there was one to close. */
+export function closeNewest() {
+    const newest = byId.notices.lastChild;
+    if (newest) {
+        removeNotice(newest);
+    }
+    return newest !== null;
+}
+
+/** The person goes on to something else. */
+export function forgetProblems() {
+    [...byId.notices.children].filter((notice) => passing.has(notice)).forEach(removeNotice);
+}
+
+/** @param content  elements; an action becomes a button */
+function noticeOf(...content) {
+    const close = element('button', { ariaLabel: 'Close', textContent: '✕' });
+    const notice = element('div', { className: 'notice' }, element('div', {}, ...content.filter(Boolean).map((part) => {
+        if (part instanceof Element) {
+            return part;
+        }
+        const button = element('button', { className: 'action', textContent: part.name });
+        button.onclick = () => {
+            removeNotice(notice);
+            part.act();
+        };
+        return button;
+    })), close);
+    close.onclick = () => removeNotice(notice);
+    return notice;
 }
 
 /** What several requests met is told once. */
-function show(...content) {
-    const close = element('button', { ariaLabel: 'Close', textContent: '✕' });
-    const notice = element('div', { className: 'notice' }, element('div', {}, ...content), close);
-    const remove = () => removeNotice(notice);
-    close.onclick = remove;
+function show(notice) {
     [...byId.notices.children].filter(({ textContent }) => textContent === notice.textContent).forEach(removeNotice);
     byId.notices.append(notice);
     while (byId.notices.children.length > kMost) {
         removeNotice(byId.notices.firstChild);
     }
-    return remove;
+    return () => removeNotice(notice);
 }
 
 /** The focus goes to the next one, or to the stage. */

@@ -31,7 +31,7 @@ export class ResultSession {
         this.hasPicture = false;
         this.abort = new AbortController();
         const onLost = (error) => {
-            const forget = onError(error, kLost);
+            const forget = onError(error, kLost, { lasts: true });
             this.wait(1);
             return () => {
                 forget();

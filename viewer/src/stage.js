@@ -35,8 +35,8 @@ export const canDrawOn = (canvas) => canvas.getContext('webgl2', kContext) !== n
  * `panes` show the clouds; the first one places the camera.
  */
 export class Stage {
-    constructor(canvas, { onPicture, onRest }) {
-        this.onRest = onRest;
+    constructor(canvas, { onPicture, onMoved }) {
+        this.onMoved = onMoved;
         this.canvas = canvas;
         this.renderer = new WebGLRenderer({ canvas, ...kContext });
         this.renderer.autoClear = false;
@@ -157,6 +157,7 @@ export class Stage {
             autoRotateSpeed: 60 * kTurnsPerSecond,
         });
         this.controls.addEventListener('change', () => this.hasMoved() && this.changed());
+        this.controls.addEventListener('end', () => !this.resting && this.onMoved());  // where frames are slow it takes long to come to rest
         this.controls.addEventListener('start', () => {
             this.glide = null;
             this.isAtHome = false;
@@ -320,7 +321,7 @@ export class Stage {
             this.resting = true;
             this.draw(this.samplesAtRest());
             document.documentElement.dataset.picture = 'rest';
-            this.onRest();
+            this.onMoved();
             if (!this.isWarm) {
                 this.isWarm = true;
                 this.warmUp({ colored: true });

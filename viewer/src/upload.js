@@ -3,27 +3,33 @@ import { askForKey, authorization } from './api_key.js';
 
 const kCreated = 201;
 
-/** Sends a file; resolves to the document of its cloud, with `isNew`: whether the server did not have it already. */
-export async function uploadCloud(file, onProgress) {
+/**
+ * Sends a file; resolves to the document of its cloud, with `isNew`: whether the server did not have it already.
+ * @param onProgress  told how many bytes were sent, of how many; @param signal  calls it off
+ */
+export async function uploadCloud(file, { onProgress = () => {}, signal } = {}) {
+    if (file.size === 0) {
+        throw new Problem({ title: 'The file is empty', detail: 'The file is empty: it has no bytes.', status: null });
+    }
     try {
-        return await send(file, onProgress);
+        return await send(file, onProgress, signal);
     } catch (error) {
         if (error.status !== kKeyNeeded) {
             throw error;
         }
         await askForKey(error.message);
-        return uploadCloud(file, onProgress);
+        return uploadCloud(file, { onProgress, signal });
     }
 }
 
 /** By XMLHttpRequest, since fetch tells no upload progress. */
-function send(file, onProgress) {
+function send(file, onProgress, signal) {
     return new Promise((resolve, reject) => {
         const request = new XMLHttpRequest();
         request.open('POST', `/v1/clouds?name=${encodeURIComponent(file.name.replace(/\p{Cc}/gu, ''))}`);
         request.setRequestHeader('Content-Type', 'application/octet-stream');
         Object.entries(authorization()).forEach(([name, value]) => request.setRequestHeader(name, value));
-        request.upload.onprogress = ({ loaded, total }) => onProgress(total > 0 ? loaded / total : 1);
+        request.upload.onprogress = ({ loaded, total }) => onProgress(loaded, total);
         request.onload = () => {
             if (request.status >= 200 && request.status < 300) {
                 resolve({ ...JSON.parse(request.responseText), isNew: request.status === kCreated });
@@ -32,6 +38,9 @@ function send(file, onProgress) {
             }
         };
         request.onerror = async () => reject(await isReadable(file) ? unreachable() : unreadable());
+        request.onabort = () => reject(signal.reason);
+        signal?.throwIfAborted();
+        signal?.addEventListener('abort', () => request.abort());
         request.send(file);
     });
 }
@@ -42,6 +51,7 @@ const isReadable = (file) => file.slice(0, 1).arrayBuffer().then(() => true, () 
 const unreadable = () => new Problem({
     title: 'The file cannot be read',
     detail: 'The browser cannot read it: check that it still exists unchanged and that you may open it.',
+    status: null,  // the server was not asked
 });
 
 /**

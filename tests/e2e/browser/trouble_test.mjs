@@ -140,6 +140,68 @@ await run({
         await page.unrouteAll();
     },
 
+    async 'Files wait for each other, are called off, and are sent again after an outage'() {
+        browser.refusalsExpected = true;
+        const before = await settledPyramid(page);
+        const asked = [];
+        let isOnline = false;
+        await page.route('**/v1/clouds?name=*', async (route) => {
+            const name = new URL(route.request().url()).searchParams.get('name');
+            asked.push(name);
+            if (name === 'long.ply') {
+                return;  // it is under way for as long as the test wants
+            }
+            await (isOnline ? route.continue() : route.abort('connectionreset'));
+        });
+        await choose(page, { name: 'long.ply', buffer: line(500) });
+        await page.getByLabel('Upload of long.ply').waitFor();
+        for (const name of ['unwanted.ply', 'again.ply']) {
+            await choose(page, { name, buffer: line(550) });
+            await page.locator('#uploads').getByText(name).waitFor();
+        }
+        await save(page, 'uploads');
+        for (const name of ['unwanted.ply', 'long.ply']) {
+            await page.getByLabel(`Cancel ${name}`).click();
+        }
+        await page.getByText('again.ply was not sent').waitFor();
+        assert.deepEqual(asked, ['long.ply', 'again.ply']);
+        assert.equal(await page.locator('#uploads > li').count(), 0);
+        isOnline = true;
+        await page.getByRole('button', { name: 'Try again' }).click();
+        await settledPyramid(page, before);
+        await shows(page, 550);
+        assert.equal(await page.locator('.notice').count(), 0);
+        await page.unrouteAll();
+        browser.refusalsExpected = false;
+    },
+
+    async 'Notices go by Escape, the newest first, and when another result is opened'() {
+        const notices = async () => (await page.locator('.notice strong').allInnerTexts()).join();
+        const chooseEmpty = async () => {
+            for (const name of ['one.ply', 'two.ply']) {
+                await choose(page, { name, buffer: Buffer.alloc(0) });
+                await page.getByText(`${name} was not accepted`).waitFor();
+            }
+        };
+        await chooseEmpty();
+        assert.equal(await notices(), 'two.ply was not accepted');  // that of the upload before is gone
+        await page.getByText('The file is empty').waitFor();
+        await page.locator('#stage').press('Escape');
+        assert.equal(await notices(), '');
+        await chooseEmpty();
+        await page.locator('#results .row').first().click();
+        assert.equal(await notices(), '');
+    },
+
+    async 'What was cleaned away is told'() {
+        const before = await settledPyramid(page);
+        await choose(page, { name: 'twice.ply', buffer: ply(Array.from({ length: 600 }, (_, i) => [Math.floor(i / 2), 0, 0]), false) });
+        await settledPyramid(page, before);
+        await shows(page, 300);
+        await page.locator('#activity').getByText('300 duplicates left out').waitFor();
+        await page.locator('#clouds').getByText('300 of 600 points').waitFor();
+    },
+
     async 'A dropped folder is called one'() {
         const parent = mkdtempSync(join(tmpdir(), 'stipple-folder-'));
         const folder = join(parent, 'scans.ply');

@@ -281,6 +281,20 @@ await run({
         await settledPyramid(page, torusPyramid);
     },
 
+    async 'The view is kept though the page is loaded anew before the cloud has come to rest'() {
+        const { x, y, width, height } = stageOf(page);
+        await page.mouse.move(x + width / 2, y + height / 2);
+        await page.mouse.down();
+        await page.mouse.move(x + width / 2 + 90, y + height / 2, { steps: 3 });
+        await page.mouse.up();
+        await page.evaluate(() => { window.requestAnimationFrame = () => 0; });  // no picture more
+        await page.waitForFunction(() => new URL(location.href).searchParams.has('view'));
+        await page.reload();
+        await settledPyramid(page);
+        await page.locator('#fit').click();
+        await page.waitForFunction(() => !new URL(location.href).searchParams.has('view'));
+    },
+
     async 'Going back shows the result before'() {
         await page.goBack();
         assert.equal(await settledPyramid(page), torusPyramid);
