@@ -256,12 +256,12 @@ TEST(ErrorBounded, GivesTheInputBackWhereNothingSmallerHolds) {
 }
 
 TEST(ErrorBounded, APartOfTheDiagonalIsThatManyInputUnits) {
-    const PointCloud cloud = sphere(300);
+    if (test::kSanitized) GTEST_SKIP() << "too slow under a sanitizer";
+    const PointCloud cloud = sphere(500);
     SimplifyOptions options;
-    options.method = Method::Hierarchical;
-    options.max_error_rel = 0.05;
+    options.max_error_rel = 0.03;
     const ErrorBoundedCloud found = simplify_within_error(cloud, options);
-    EXPECT_DOUBLE_EQ(found.bound, 0.05 * bounds(cloud).diagonal());
+    EXPECT_DOUBLE_EQ(found.bound, 0.03 * bounds(cloud).diagonal());
     EXPECT_LE(found.error.max(), found.bound);
 }
 
