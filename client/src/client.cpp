@@ -320,6 +320,12 @@ proto::Slice Client::slice(const std::string& pyramid_id, const proto::SliceOpti
     proto::Slice slice;
     slice.points = static_cast<std::uint64_t>(number("Stipple-Points").value_or(0));
     slice.level = static_cast<unsigned>(number("Stipple-Level").value_or(0));
+    if (const auto text = reply.field("Stipple-Origin")) {
+        const json place = json::parse('[' + std::string(*text) + ']', nullptr, false);
+        const auto is_number = [](const json& value) { return value.is_number(); };
+        if (place.size() == 3 && std::ranges::all_of(place, is_number))
+            slice.origin = Vec3d(place[0], place[1], place[2]);
+    }
     slice.error_mean = number("Stipple-Error-Mean");
     slice.error_max = number("Stipple-Error-Max");
     return slice;

@@ -9,6 +9,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <memory>
 #include <string>
 
@@ -73,12 +74,31 @@ bool meet(const Aabb& a, const Aabb& b) {
     return (a.min.array() <= b.max.array()).all() && (b.min.array() <= a.max.array()).all();
 }
 
-PointCloud points_in(PointCloud&& cloud, const Aabb& box) {
+/// The float next to a place in the box, relative to the origin: in the box, too, if floats are
+/// that close.
+Vec3f float_in(const Aabb& box, const Vec3d& place, const Vec3d& origin) {
+    constexpr float kFar = std::numeric_limits<float>::infinity();
+    Vec3f p = (place - origin).cast<float>();
+    for (int axis = 0; axis < 3; ++axis) {
+        const double at = origin[axis] + static_cast<double>(p[axis]);
+        if (at < box.min[axis]) p[axis] = std::nextafter(p[axis], kFar);
+        if (at > box.max[axis]) p[axis] = std::nextafter(p[axis], -kFar);
+    }
+    return p;
+}
+
+/// The points in the box, and those that may lie in it though they are rounded: these are moved
+/// onto its faces.
+/// @param reach  the box with what rounding may have taken across its faces.
+PointCloud points_in(PointCloud&& cloud, const Aabb& box, const Aabb& reach) {
     std::vector<Index> inside;
     for (std::size_t i = 0; i < cloud.size(); ++i) {
         const Vec3d p = cloud.origin + cloud.positions[i].cast<double>();
-        if ((p.array() >= box.min.array()).all() && (p.array() <= box.max.array()).all())
-            inside.push_back(static_cast<Index>(i));
+        if (!((p.array() >= reach.min.array()).all() && (p.array() <= reach.max.array()).all()))
+            continue;
+        inside.push_back(static_cast<Index>(i));
+        const Vec3d nearest = p.cwiseMax(box.min).cwiseMin(box.max);
+        if (p != nearest) cloud.positions[i] = float_in(box, nearest, cloud.origin);
     }
     return inside.size() == cloud.size() ? std::move(cloud) : subset(cloud, inside);
 }
@@ -118,6 +138,7 @@ public:
           cuts_(pyramid.levels.size()) {
         const Aabb& source = pyramid.source.value().bounds;
         center_ = 0.5 * (source.min + source.max);
+        origin_ = pyramid.levels.front().origin.value_or(center_);
     }
 
     Slice run() {
@@ -152,10 +173,34 @@ private:
     bool in_box(const OutputFile& file) const {
         if (!file.tile) return false;
         if (!options_.box) return true;
-        const LodTile& tile = *file.tile;
-        const Vec3d last(tile.last[0], tile.last[1], tile.last[2]);
-        const Vec3d low = center_ + tile.offset, step = Vec3d::Constant(tile.step);
-        return meet(*options_.box, {low - step, low + tile.step * last + step});
+        return meet(*options_.box, pyramid_.source.value().bounds) &&
+               meet(reach_of(*file.tile), box_of(*file.tile));
+    }
+
+    /// Of the points of a tile.
+    Aabb box_of(const LodTile& tile) const {
+        const Vec3d low = center_ + tile.offset;
+        return {low, low + tile.step * Vec3d(tile.last[0], tile.last[1], tile.last[2])};
+    }
+
+    /// The box with what rounding may have taken across its faces: half a step, and what floats
+    /// round. Outside of the source's box there was nothing.
+    Aabb reach_of(const LodTile& tile) const {
+        const Aabb &box = *options_.box, &source = pyramid_.source.value().bounds;
+        const Aabb points = box_of(tile);
+        double largest = 0;  // of the numbers that were rounded to floats
+        for (const Vec3d& from : {center_, origin_})
+            for (const Vec3d& corner : {points.min, points.max})
+                largest = std::max(largest, (corner - from).cwiseAbs().maxCoeff());
+        constexpr double kFloat = std::numeric_limits<float>::epsilon(),
+                         kFar = std::numeric_limits<double>::infinity();
+        const double off = 0.5 * tile.step + kFloat * largest;
+        Aabb reach{box.min.array() - off, box.max.array() + off};
+        for (int axis = 0; axis < 3; ++axis) {
+            if (box.min[axis] <= source.min[axis]) reach.min[axis] = -kFar;
+            if (box.max[axis] >= source.max[axis]) reach.max[axis] = kFar;
+        }
+        return reach;
     }
 
     /// Calls visit(file) for the tiles in the box that are the level: those of coarser ones, too,
@@ -194,24 +239,31 @@ private:
         } else if (const OutputFile* const ply = find_ply(level)) {
             cut.cloud =
                 decode_cloud(read_(*ply), DecodeLimits{.max_points = level.points}, context_);
+            if (options_.box)
+                cut.cloud = points_in(std::move(cut.cloud), *options_.box, *options_.box);
         } else {
             throw Error(ErrorCode::InvalidArgument,
                         "this pyramid has neither PLY levels nor tiles: make it with one of the "
                         "formats ply and glb to cut clouds from it");
         }
-        if (options_.box) cut.cloud = points_in(std::move(cut.cloud), *options_.box);
         return std::make_shared<const Cut>(std::move(cut));
     }
 
+    /// In the frame of the source.
     void read_tiles(const OutputCloud& level, PointCloud& cloud) const {
+        cloud.origin = origin_;
         for_tiles(level, [&](const OutputFile& file) {
             context_.throw_if_stopped();
-            const LodTile tile = decode_glb(read_(file));
+            LodTile tile = decode_glb(read_(file));
             if (tile.points != file.tile->points)
                 throw Error(ErrorCode::MalformedInput, file.sha256 + ": expected " +
                                                            std::to_string(file.tile->points) +
                                                            " points, as the manifest says");
-            append(cloud, decode_tile(tile, center_));
+            tile.offset += center_ - origin_;
+            PointCloud part = decode_tile(tile, origin_);
+            if (options_.box)
+                part = points_in(std::move(part), *options_.box, reach_of(*file.tile));
+            append(cloud, std::move(part));
         });
     }
 
@@ -368,6 +420,7 @@ private:
         Slice slice{.bytes = std::move(candidate.bytes),
                     .points = candidate.cloud().size(),
                     .level = pyramid_.levels[cut.level].level,
+                    .origin = candidate.cloud().origin,
                     .error_mean = {},
                     .error_max = {}};
         if (!cut.error) return slice;
@@ -420,7 +473,9 @@ private:
     Distances rounding_of(const Candidate& candidate) const {
         double step = 0;
         if (options_.format == CloudFormat::Glb) {
-            step = decode_glb(candidate.bytes).step;
+            const LodTile tile = decode_glb(candidate.bytes);
+            const bool is_place = tile.last == decltype(tile.last){};
+            if (!is_place) step = tile.step;  // one place alone is where it was
         } else if (options_.format == CloudFormat::Draco) {
             step = longest_step(options_.draco, longest_side(candidate.cloud()));
         }
@@ -433,7 +488,8 @@ private:
     const SliceOptions& options_;
     const FileReader& read_;
     const RunContext& context_;
-    Vec3d center_;
+    Vec3d center_;  ///< of the source's box: tiles are relative to it
+    Vec3d origin_;  ///< of the source's positions
     std::vector<std::shared_ptr<const Cut>> cuts_;  ///< of the levels that were read
 };
 

@@ -5,6 +5,7 @@
 #include "stipple/proto/digest.hpp"
 
 #include <gtest/gtest.h>
+#include <algorithm>
 #include <cstdlib>
 #include <fstream>
 #include <map>
@@ -183,6 +184,26 @@ TEST_F(ServedPyramid, CutsACloudByBudgetAndPlace) {
         EXPECT_EQ(get("/slice" + wrong).field("Content-Type"), "application/problem+json") << wrong;
     }
     EXPECT_EQ(get("/slice?points=9&box=5,5,5,6,6,6").status, 404);
+}
+
+TEST_F(ServedPyramid, TellsTheOriginOfADracoSliceOfDoubleCoordinatesAlone) {
+    EXPECT_EQ(get("/slice?points=70&format=drc").field("Stipple-Origin"), "");
+    PointCloud far = sphere(2000);
+    far.origin = Vec3d(500'000, 5'000'000, 100);
+    write_cloud(far, *folder_ / "far.ply");
+    stipple("pyramid far.ply far --levels 500,2000 --formats drc,glb --server " + server_->url());
+    const Json jobs = Json::parse(request(server_->port(), "GET", "/v1/jobs").body).at("items");
+    const auto id_of = [](const Json& job) { return job.at("id").get<std::string>(); };
+    const auto made =
+        std::ranges::find_if(jobs, [&](const Json& job) { return id_of(job) != id_; });
+    ASSERT_NE(made, jobs.end());
+    const std::string slice = "/v1/pyramids/" + id_of(*made) + "/slice?points=70&format=";
+    const HttpReply draco = request(server_->port(), "GET", slice + "drc");
+    const PointCloud cut = decode_cloud(std::as_bytes(std::span(draco.body)));
+    ASSERT_FALSE(cut.origin.isZero());
+    const Json origin = Json::parse('[' + draco.field("Stipple-Origin") + ']');
+    for (std::size_t axis = 0; axis < 3; ++axis) EXPECT_EQ(origin.at(axis), cut.origin[axis]);
+    EXPECT_EQ(request(server_->port(), "GET", slice + "ply").field("Stipple-Origin"), "");
 }
 
 TEST_F(ServedPyramid, IsCutByTheCommandLineHereAndThere) {

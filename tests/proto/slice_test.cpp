@@ -42,6 +42,7 @@ struct Pyramid {
             made.level = level.level;
             made.points = level.cloud.size();
             made.bounds = bounds(level.cloud);
+            made.origin = level.cloud.origin;
             made.attributes = attributes_of(level.cloud);
             const bool whole = level.cloud.size() == cloud.size();
             const SurfaceErrorOptions options;
@@ -197,6 +198,80 @@ TEST(Slice, HasAllPointsOfTheBoxWhenThereAreFewer) {
                 0.01 * static_cast<double>(inside));
 }
 
+/// Points of which half lie in the plane z = 0, no others within 0.01 of it.
+PointCloud floor_with_points_above(std::size_t n) {
+    PointCloud cloud = test::cube(n);
+    for (std::size_t i = 0; i < n; ++i) {
+        float& z = cloud.positions[i].z();
+        z = i % 2 == 0 ? 0.0F : 0.01F + 0.99F * std::abs(z);
+    }
+    return cloud;
+}
+
+TEST(Slice, HasThePointsOnTheFacesOfItsBox) {
+    const PointCloud cloud = floor_with_points_above(4'000);
+    const Aabb all = bounds(cloud);
+    Aabb floor = all;
+    floor.max.z() = floor.min.z();
+    for (const Formats& formats : {Formats{CloudFormat::Ply, CloudFormat::Glb},
+                                   Formats{CloudFormat::Glb}, Formats{CloudFormat::Ply}}) {
+        for (const bool adds : {false, true}) {
+            const Pyramid pyramid(cloud, {500, 4'000}, formats, 700, adds);
+            EXPECT_EQ(pyramid.slice({.points = 4'000, .box = all}).points, 4'000U);
+            const Slice slice = pyramid.slice({.points = 4'000, .box = floor});
+            EXPECT_EQ(slice.points, 2'000U);
+            for (const Vec3f& p : cloud_of(slice).positions) EXPECT_EQ(p.z(), 0.0F);
+        }
+    }
+}
+
+TEST(Slice, OfABoxAroundOnePointIsThatPoint) {
+    PointCloud far = test::sphere(5'000);
+    for (const Vec3d& origin : {Vec3d(0, 0, 0), Vec3d(5e5, 5e6, 100)}) {
+        far.origin = origin;
+        const Pyramid pyramid(far, {500, 5'000}, {CloudFormat::Glb});
+        for (const std::size_t i : {0U, 77U, 4'321U}) {
+            const Vec3d place = origin + far.positions[i].cast<double>();
+            const PointCloud cut =
+                cloud_of(pyramid.slice({.points = 100, .box = Aabb{place, place}}));
+            ASSERT_GE(cut.size(), 1U);
+            EXPECT_LE((bounds(cut).min - place).norm(), 1e-6);
+            EXPECT_LE((bounds(cut).max - place).norm(), 1e-6);
+        }
+        const Vec3d beyond = bounds(far).max + Vec3d::Constant(1e-7);
+        EXPECT_EQ(refusal(pyramid, {.points = 100, .box = Aabb{beyond, beyond}}),
+                  ErrorCode::NotFound);
+    }
+}
+
+TEST(Slice, StaysInABoxWhoseFacesAreNoFloats) {
+    const Pyramid tiles(source(), {200, 8'000}, {CloudFormat::Glb});
+    const Aabb box{Vec3d(0.1, -0.7, -0.3), Vec3d(0.9, 0.7, 0.3)};
+    const Aabb cut = bounds(cloud_of(tiles.slice({.points = 8'000, .box = box})));
+    EXPECT_TRUE((cut.min.array() >= box.min.array()).all()) << cut.min.transpose();
+    EXPECT_TRUE((cut.max.array() <= box.max.array()).all()) << cut.max.transpose();
+}
+
+TEST(Slice, FromTilesStandsInTheFrameOfTheSource) {
+    PointCloud cloud = test::sphere(3'000);
+    for (Vec3f& p : cloud.positions) p += Vec3f(0.3F, 0.2F, 0.1F);
+    const Aabb box{Vec3d(0, 0, 0), Vec3d(2, 2, 2)};
+    for (const Vec3d& origin : {Vec3d(0, 0, 0), Vec3d(5e5, 5e6, 100)}) {
+        cloud.origin = origin;
+        const Pyramid pyramid(cloud, {500, 3'000}, {CloudFormat::Glb});
+        for (const CloudFormat format : {CloudFormat::Ply, CloudFormat::Draco}) {
+            const Aabb there{box.min + origin, box.max + origin};
+            const Slice slice = pyramid.slice({.points = 400, .box = there, .format = format});
+            EXPECT_EQ(slice.origin, origin);
+            const PointCloud cut = cloud_of(slice);
+            EXPECT_LT((bounds(cut).max - origin - Vec3d(1.3, 1.2, 1.1)).norm(), 0.3);
+            if (!origin.isZero(0)) continue;
+            EXPECT_EQ(cut.origin, origin);
+            EXPECT_FALSE(cut.double_precision);
+        }
+    }
+}
+
 TEST(Slice, TakesTheCoarsestLevelWithinAnError) {
     const auto& levels = both().results.levels;
     for (const std::size_t i : {0U, 1U, 2U}) {
@@ -293,6 +368,17 @@ TEST(Slice, CountsWhatItsFormatRounds) {
     EXPECT_GE(*slice.error_max, error.forward.max);
     EXPECT_EQ(refusal(both(), {.max_error = 1e-3, .format = CloudFormat::Draco, .draco = coarse}),
               ErrorCode::InvalidArgument);
+}
+
+TEST(Slice, OfOnePointHasNoErrorInAnyFormat) {
+    PointCloud point;
+    point.positions = {{1, 2, 3}};
+    const Pyramid pyramid(point, {1}, {CloudFormat::Ply, CloudFormat::Glb});
+    for (const CloudFormat format : {CloudFormat::Ply, CloudFormat::Draco, CloudFormat::Glb}) {
+        const Slice slice = pyramid.slice({.max_error_rel = 0.005, .format = format});
+        EXPECT_EQ(slice.points, 1U);
+        EXPECT_EQ(slice.error_max, 0.0);
+    }
 }
 
 TEST(Slice, IsCutFromTilesWhereThereIsNoPly) {

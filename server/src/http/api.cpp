@@ -12,7 +12,8 @@ namespace {
 constexpr double kQueueFullRetrySeconds = 5;
 constexpr const char* kExposed =
     "ETag, Location, Link, Retry-After, Content-Length, Content-Range, Content-Encoding, "
-    "X-Request-Id, Stipple-Points, Stipple-Level, Stipple-Error-Mean, Stipple-Error-Max";
+    "X-Request-Id, Stipple-Points, Stipple-Level, Stipple-Error-Mean, Stipple-Error-Max, "
+    "Stipple-Origin";
 
 /// `example.org:8080` of `https://example.org:8080`.
 std::string_view authority_of(std::string_view origin) noexcept {

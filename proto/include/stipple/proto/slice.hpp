@@ -22,7 +22,8 @@ struct SliceOptions {
                                             ///< whose maximum error is within this
     std::optional<double> max_error_rel{};  ///< > 0: the same, as a fraction of the diagonal of the
                                             ///< source's box
-    std::optional<Aabb> box{};  ///< in the coordinates of the file; points on its faces are inside
+    std::optional<Aabb> box{};  ///< in the coordinates of the file; points on its faces are inside,
+                                ///< and those that the tiles' rounding may have taken outside
     CloudFormat format = CloudFormat::Ply;  ///< not a progressive stream
     DracoEncodeOptions draco{};
     std::uint64_t max_points = 1'000'000;  ///< most points returned
@@ -39,11 +40,14 @@ std::string slice_query(const SliceOptions& options);
 struct Slice {
     std::vector<std::byte> bytes;
     std::uint64_t points = 0;
-    unsigned level = 0;  ///< the level it was cut from
+    unsigned level = 0;            ///< the level it was cut from
+    Vec3d origin = Vec3d::Zero();  ///< to be added to the positions of a Draco file: 0 unless the
+                                   ///< source has double coordinates
     /// Distances from the surface of the source, input units; absent if the pyramid's were not
     /// measured. They are those of the level, plus the largest rounding of the format, plus, for a
-    /// trimmed cloud, the measured error of trimming (`estimate_error`): no less than its own
-    /// error, by the triangle inequality, as far as was sampled.
+    /// trimmed cloud, the measured error of trimming (`estimate_error`). That sum is an estimate:
+    /// usually larger than the cloud's own error, and no bound, as trimming is measured at some
+    /// places alone.
     std::optional<double> error_mean, error_max;
 };
 
@@ -58,7 +62,9 @@ using FileReader = std::function<std::vector<std::byte>(const OutputFile&)>;
 /// unrounded. With a box, or without a PLY file, it is read from the tiles (`glb`) that meet the
 /// box, with the attributes that tiles have. Tiles hold 32-bit integers and doubles as floats, so
 /// if they have such attributes (`LodTileOptions::attributes`), a PLY file is read whole for a box,
-/// too. Draco files are not read: their decoder needs its own process.
+/// too. Draco files are not read: their decoder needs its own process. Points of tiles that are up
+/// to half a step outside the box are moved onto its faces: they may have been there before
+/// rounding.
 ///
 /// The format `glb` is one tile of up to 65,536 points, in the coordinates of the file, y up.
 ///
