@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <string>
 #include <type_traits>
 #include <variant>
@@ -169,12 +170,22 @@ void add_attribute(const Attribute& attribute, std::span<const Index> members,
                 std::string name(1, '_');
                 name += attribute.name;
                 if (all > 4) name += '_' + std::to_string(first);
-                streams.push_back(
-                    make_stream<Stored>(std::move(name), type, each, members.size(), encoder,
-                                        [&](std::size_t i, unsigned c) {
-                                            return static_cast<Stored>(
-                                                values[std::size_t{members[i]} * all + first + c]);
-                                        }));
+                bool has_no_data = false;
+                TileStream stream = make_stream<Stored>(
+                    std::move(name), type, each, members.size(), encoder,
+                    [&](std::size_t i, unsigned c) {
+                        const auto value =
+                            static_cast<Stored>(values[std::size_t{members[i]} * all + first + c]);
+                        if constexpr (type == Type::Float) {
+                            if (!std::isfinite(value)) {
+                                has_no_data = true;
+                                return TileStream::kNoData;
+                            }
+                        }
+                        return value;
+                    });
+                stream.has_no_data = has_no_data;
+                streams.push_back(std::move(stream));
             }
         },
         attribute.values);
@@ -215,6 +226,10 @@ Attribute read_attribute(const TileStream& stream, const std::vector<std::byte>&
     for (std::size_t i = 0; i < count; ++i)
         for (unsigned c = 0; c < stream.components; ++c)
             values.push_back(value_at<T>(raw, stream, i, c));
+    if constexpr (std::is_same_v<T, float>) {
+        if (stream.has_no_data)
+            std::ranges::replace(values, TileStream::kNoData, std::numeric_limits<T>::quiet_NaN());
+    }
     Attribute attribute{stream.name.substr(1), std::move(values), stream.components};
     attribute.reduction = default_reduction(attribute.values);
     return attribute;

@@ -2,12 +2,13 @@
 
 #include "json_reader.hpp"
 
+#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <cstring>
 
 // Follows: Khronos, glTF 2.0 (binary container, §4.4), EXT_meshopt_compression,
-// KHR_mesh_quantization, KHR_materials_unlit.
+// KHR_mesh_quantization, KHR_materials_unlit, EXT_structural_metadata.
 
 namespace stipple::proto {
 
@@ -16,6 +17,7 @@ namespace {
 constexpr std::uint32_t kMagic = 0x46546C67, kVersion = 2, kJsonChunk = 0x4E4F534A,
                         kBinaryChunk = 0x004E4942;
 constexpr const char* kMeshopt = "EXT_meshopt_compression";
+constexpr const char* kMetadata = "EXT_structural_metadata";
 constexpr unsigned kPoints = 0, kArrayBuffer = 34962;
 
 std::size_t padded(std::size_t bytes) {
@@ -78,6 +80,27 @@ Json view_json(const TileStream& stream, const LodTile& tile, std::size_t decode
             {"extensions", {{kMeshopt, packed}}}};
 }
 
+/// What stands for values that are not finite, of the attributes that have some. A name of a
+/// property is an identifier, which that of an attribute need not be.
+Json no_data_json(const LodTile& tile) {
+    Json described, places;
+    for (const TileStream& stream : tile.streams) {
+        if (!stream.has_no_data) continue;
+        const std::string id = "p" + std::to_string(described.size());
+        described[id] = {
+            {"name", stream.name.substr(1)},
+            {"type", shape_of(stream.components)},
+            {"componentType", "FLOAT32"},
+            {"noData", stream.components == 1
+                           ? Json(TileStream::kNoData)
+                           : Json(std::vector<float>(stream.components, TileStream::kNoData))}};
+        places[id] = {{"attribute", stream.name}};
+    }
+    if (described.empty()) return {};
+    return {{"schema", {{"id", "stipple"}, {"classes", {{"point", {{"properties", described}}}}}}},
+            {"propertyAttributes", {{{"class", "point"}, {"properties", places}}}}};
+}
+
 [[noreturn]] void refuse(const std::string& what) {
     throw Error(ErrorCode::MalformedInput, "glb: " + what);
 }
@@ -131,6 +154,15 @@ TileStream read_stream(const nlohmann::json& root, const std::string& name, std:
     return stream;
 }
 
+/// Whether a value stands for those of the attribute that are not finite.
+bool has_no_data(const nlohmann::json& root, const std::string& name) {
+    const nlohmann::json::json_pointer at("/extensions/" + std::string(kMetadata) +
+                                          "/propertyAttributes/0/properties");
+    return root.contains(at) && std::ranges::any_of(root.at(at), [&](const auto& property) {
+               return property.at("attribute") == name;
+           });
+}
+
 }  // namespace
 
 std::vector<std::byte> encode_glb(const LodTile& tile) {
@@ -145,7 +177,7 @@ std::vector<std::byte> encode_glb(const LodTile& tile) {
         binary.insert(binary.end(), stream.bytes.begin(), stream.bytes.end());
         binary.resize(padded(binary.size()));
     }
-    const Json json = {
+    Json json = {
         {"asset", {{"version", "2.0"}, {"generator", "stipple"}}},
         {"extensionsUsed", {kMeshopt, "KHR_materials_unlit", "KHR_mesh_quantization"}},
         {"extensionsRequired", {kMeshopt, "KHR_mesh_quantization"}},
@@ -160,6 +192,12 @@ std::vector<std::byte> encode_glb(const LodTile& tile) {
         {"buffers",
          {{{"byteLength", binary.size()}},
           {{"byteLength", decoded}, {"extensions", {{kMeshopt, {{"fallback", true}}}}}}}}};
+    if (Json no_data = no_data_json(tile); !no_data.empty()) {
+        json["extensionsUsed"].push_back(kMetadata);
+        json["extensions"] = {{kMetadata, std::move(no_data)}};
+        json["meshes"][0]["primitives"][0]["extensions"] = {
+            {kMetadata, {{"propertyAttributes", {0}}}}};
+    }
     const std::string text = to_text(json);
 
     constexpr std::size_t kHeader = 12, kChunkHeader = 8;
@@ -184,8 +222,10 @@ LodTile decode_glb(std::span<const std::byte> bytes) try {
     tile.step = matrix.at(0);
     tile.offset = Vec3d(matrix.at(12), -matrix.at(14).get<double>(), matrix.at(13));
     tile.last = position.at("max");
-    for (const auto& [name, accessor] : attributes.items())
+    for (const auto& [name, accessor] : attributes.items()) {
         tile.streams.push_back(read_stream(root, name, accessor, chunks.binary));
+        tile.streams.back().has_no_data = has_no_data(root, name);
+    }
     return tile;
 } catch (const nlohmann::json::exception& error) {
     refuse(error.what());

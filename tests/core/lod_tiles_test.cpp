@@ -15,6 +15,7 @@
 #include <cmath>
 #include <cstring>
 #include <functional>
+#include <limits>
 #include <memory>
 #include <numeric>
 #include <set>
@@ -257,6 +258,37 @@ TEST(LodTiles, KeepNormalsColoursAndAttributes) {
     }
     for (const LodTile& tile : tiles_of(cloud, {.max_points = 1'000}))
         EXPECT_TRUE(decode_tile(tile).attributes.empty()) << "not asked for";
+}
+
+TEST(LodTiles, HaveNoNumbersThatGltfForbids) {
+    PointCloud cloud = numbered(test::sphere(900));
+    std::vector<float> some(cloud.size(), 0.5F), whole(cloud.size(), 2.5F);
+    std::vector<double> far(3 * cloud.size(), 7.5);
+    some[5] = std::numeric_limits<float>::quiet_NaN();
+    some[6] = std::numeric_limits<float>::infinity();
+    far[3 * 8 + 1] = -1e300;
+    cloud.attributes.push_back({"some", some, 1, Reduction::Mean});
+    cloud.attributes.push_back({"far", far, 3, Reduction::Mean});
+    cloud.attributes.push_back({"whole", whole, 1, Reduction::Mean});
+    LodTile tile = tiles_of(cloud, {.attributes = true}).front();
+    const auto values_of = [](const PointCloud& decoded, std::string_view name) {
+        return std::get<std::vector<float>>(find_attribute(decoded, name)->values);
+    };
+    const PointCloud decoded = decode_tile(tile);
+    const std::vector<std::size_t> numbers = numbers_of(decoded);
+    for (std::size_t i = 0; i < numbers.size(); ++i) {
+        const std::size_t n = numbers[i];
+        EXPECT_EQ(std::isnan(values_of(decoded, "some")[i]), n == 5 || n == 6);
+        EXPECT_EQ(std::isnan(values_of(decoded, "far")[3 * i + 1]), n == 8);
+        EXPECT_EQ(values_of(decoded, "far")[3 * i + 2], 7.5F);
+    }
+    for (TileStream& stream : tile.streams) {
+        EXPECT_EQ(stream.has_no_data, stream.name == "_some" || stream.name == "_far");
+        stream.has_no_data = false;
+    }
+    const PointCloud stored = decode_tile(tile);
+    EXPECT_EQ(std::ranges::count(values_of(stored, "some"), TileStream::kNoData), 2);
+    EXPECT_EQ(std::ranges::count(values_of(stored, "far"), TileStream::kNoData), 1);
 }
 
 TEST(LodTiles, KeepAllColoursThoughGltfHasThemLinear) {

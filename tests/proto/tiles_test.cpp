@@ -89,6 +89,24 @@ TEST(Glb, ComesBackAsTheTileThatItWas) {
     EXPECT_EQ(one.attributes.size(), other.attributes.size());
 }
 
+TEST(Glb, SaysWhatStandsForValuesThatAreNotFinite) {
+    PointCloud cloud = test::sphere(50);
+    std::vector<float> some(cloud.size(), 1.5F);
+    for (const bool lacking : {false, true}) {
+        if (lacking) some[7] = std::numeric_limits<float>::quiet_NaN();
+        cloud.attributes = {{"some value", some, 1, Reduction::Mean}};
+        const std::vector<std::byte> glb =
+            encode_glb(LodTiler(cloud, {.attributes = true}).add_level(cloud, true).front());
+        const std::string_view text(reinterpret_cast<const char*>(glb.data()), glb.size());
+        EXPECT_EQ(text.find("EXT_structural_metadata") != text.npos, lacking);
+        EXPECT_EQ(text.find(R"("noData":-3.4028234663852886e+38)") != text.npos, lacking);
+        const PointCloud back = decode_tile(decode_glb(glb));
+        const auto& values = std::get<std::vector<float>>(back.attributes.front().values);
+        EXPECT_EQ(std::ranges::count_if(values, [](float v) { return std::isnan(v); }), lacking);
+        EXPECT_EQ(std::ranges::count(values, 1.5F), lacking ? 49 : 50);
+    }
+}
+
 TEST(Glb, ThatIsCutOffIsRefused) {
     const PointCloud cloud = test::sphere(50);
     const std::vector<std::byte> glb =

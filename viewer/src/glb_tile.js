@@ -6,7 +6,7 @@ const kTypes = { 5120: [Int8Array, 127], 5121: [Uint8Array, 255], 5122: [Int16Ar
 /**
  * The points of a glb as our server writes it, compressed by EXT_meshopt_compression, on a grid.
  * @returns positions as floats, in the coordinates of the tileset; unit normals and sRGB colours (4 bytes each) or null; `attributes`:
- * by name, `{values, components}`, as they were in the file
+ * by name, `{values, components}`, as they were in the file; NaN where they were not finite
  */
 export async function readTile(glb) {
     await MeshoptDecoder.ready;
@@ -17,13 +17,15 @@ export async function readTile(glb) {
     const { attributes } = gltf.meshes[0].primitives[0];
     const accessorOf = (name) => gltf.accessors[attributes[name]];
     const read = (name) => (name in attributes ? decoded(gltf, accessorOf(name), binary) : null);
+    const { properties = {} } = gltf.extensions?.EXT_structural_metadata?.propertyAttributes[0] ?? {};
+    const lacking = new Set(Object.values(properties).map(({ attribute }) => attribute));
     const isOfTheCloud = (name) => name.startsWith('_') && !accessorOf(name).normalized; // normalized: the alpha of colours
     return {
         positions: placed(read('POSITION'), gltf.nodes.find(({ mesh }) => mesh !== undefined).matrix),
         normals: floats(read('NORMAL')),
         colors: inSrgb(read('COLOR_0')),
         attributes: Object.fromEntries(Object.keys(attributes).filter(isOfTheCloud)
-            .map((name) => [name.slice(1), plain(read(name), accessorOf(name))])),
+            .map((name) => [name.slice(1), plain(read(name), accessorOf(name), lacking.has(name))])),
     };
 }
 
@@ -40,9 +42,13 @@ function decoded(gltf, { bufferView, componentType, count }, binary) {
 
 const kComponents = { SCALAR: 1, VEC2: 2, VEC3: 3, VEC4: 4 };
 
-function plain({ count, at }, { type }) {
+/** The float that stands for those that are not finite, which glTF forbids. */
+const kNoData = -(2 - 2 ** -23) * 2 ** 127;
+
+function plain({ count, at }, { type }, isLacking) {
     const components = kComponents[type];
-    return { components, values: Float32Array.from({ length: count * components }, (_, j) => at(Math.floor(j / components), j % components)) };
+    const values = Float32Array.from({ length: count * components }, (_, j) => at(Math.floor(j / components), j % components));
+    return { components, values: isLacking ? values.map((value) => (value === kNoData ? NaN : value)) : values };
 }
 
 /** By the node's matrix, which also turns z up to y up: turned back here, as 3D Tiles ask. */

@@ -7,6 +7,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <span>
@@ -75,6 +76,8 @@ struct TileStream {
         Uint16 = 5123,
         Float = 5126,
     };
+    static constexpr float kNoData = std::numeric_limits<float>::lowest();
+
     std::string name;  ///< `POSITION`, `NORMAL`, `COLOR_0` (linear light), `_COLOR_0_ALPHA`, or `_`
                        ///< and the name of an attribute
     Type type = Type::Uint16;
@@ -82,6 +85,8 @@ struct TileStream {
     bool normalized = false;
     unsigned stride = 8;             ///< bytes per decoded point, with padding
     bool octahedral = false;         ///< unit vectors, packed before compression
+    bool has_no_data = false;        ///< whether some values are `kNoData`: they were not finite,
+                                     ///< which glTF forbids
     std::vector<std::byte> bytes{};  ///< vertex codec version 0 of meshoptimizer, for further
                                      ///< compression by Brotli or gzip
 };
@@ -181,3 +186,4 @@ private:
 PointCloud decode_tile(const LodTile& tile, const Vec3d& center = Vec3d::Zero());
 
 }  // namespace stipple
+/// Values of attributes that were not finite are NaN.

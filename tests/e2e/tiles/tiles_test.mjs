@@ -57,6 +57,14 @@ function writtenWithAlpha() {
     return file;
 }
 
+/** Half of the values are not finite. */
+function writtenWithGaps() {
+    const file = join(folder, 'gaps.ply');
+    const head = 'ply\nformat ascii 1.0\nelement vertex 3000\nproperty float x\nproperty float y\nproperty float z\nproperty float value\nend_header\n';
+    writeFileSync(file, head + spherePoints(3000).map((place, i) => `${place.join(' ')} ${['nan', '1.5', '-inf', '1.5', '1.5', 'nan'][i % 6]}\n`).join(''));
+    return file;
+}
+
 const range = (n) => Array.from({ length: n }, (_, i) => i);
 const clouds = {
     'one point': written('one', [[1, 2, 3]]),
@@ -65,6 +73,7 @@ const clouds = {
     'two clusters': written('clusters', range(4000).map((i) => [(i % 2) * 1e6 + Math.sin(i), Math.cos(1.7 * i), Math.sin(0.3 * i)])),
     'a point far off': written('far', [...range(3000).map((i) => [Math.sin(i), Math.cos(1.7 * i), Math.sin(0.3 * i)]), [1e4, 0, 0]]),
     'colours with alpha': writtenWithAlpha(),
+    'values that are not finite': writtenWithGaps(),
     'a coloured scan': synthesized('--points', '60000'),
 };
 for (const scan of ['models/igea.ply', 'models/dragon_vrip.ply.gz', 'colour/frag_115.ply', 'lidar/small_gicp_target.ply', 'lidar/autzen_stadium_tile.ply.gz']) {
@@ -125,6 +134,12 @@ async function checkAlpha(bytes) {
     assert.deepEqual([...colors.subarray(0, 3)], [200, 100, 50]);
 }
 
+/** What the viewer reads: where there was no value it has none, though glTF has a number there. */
+async function checkGaps(bytes) {
+    const { attributes: { value: { values } } } = await readTile(new Uint8Array(bytes).buffer);
+    assert.ok(values.some(Number.isNaN) && values.every((value) => Number.isNaN(value) || value === 1.5));
+}
+
 /** The tiles together are where the cloud is. */
 function checkPlace({ transform }, tiles, { min, max }, rounding) {
     for (const k of [0, 1, 2]) {
@@ -161,6 +176,7 @@ for (const { name, file, by } of pyramids) {
             const bytes = readFileSync(join(out, tile.content.uri));
             await check(tile, bytes);
             if (name === 'colours with alpha') await checkAlpha(bytes);
+            if (name === 'values that are not finite') await checkGaps(bytes);
         }
         console.log(`ok    ${name}: ${tiles.length} tiles`);
         rmSync(out, { recursive: true });
