@@ -136,9 +136,16 @@ Json metadata_json(const Node& node, std::string_view method) {
               {"method", method}}}};
 }
 
+/// What a tile says whether it has content or not.
+Json head_json(const Vec3d& low, const Vec3d& high, double error, const char* refine) {
+    return {{"boundingVolume", box_json(low, high)}, {"geometricError", error}, {"refine", refine}};
+}
+
 /// Writes trees of tiles, each file with no more than so many.
 class Writer {
 public:
+    using Tops = std::span<const std::size_t>;
+
     Writer(const std::vector<Node>& nodes, const TilesetOptions& options, const char* refine,
            std::string_view method)
         : nodes_(nodes),
@@ -151,20 +158,21 @@ public:
     void write(const std::string& name, double geometric_error, Json&& root) {
         write_one(name, geometric_error, std::move(root));
         while (!open_.empty()) {
-            const std::size_t top = open_.back();
+            auto [tops, json] = std::move(open_.back());
             open_.pop_back();
-            write_one(name_of(top), nodes_[top].error, subtree(top));
+            const double error = json["geometricError"];
+            write_one(name_of(tops), error,
+                      tops.size() == 1 ? subtree(tops[0]) : with_all(std::move(json), tops));
         }
     }
 
-    /// Several trees side by side: here where all fit, else each in a file of its own.
-    Json subtrees(std::span<const std::size_t> tops) {
+    /// A tile with several trees below it: here where all fit, else in further files.
+    Json with_trees(Json&& root, Tops tops) {
         std::size_t tiles = 0;
         for (const std::size_t top : tops) tiles += nodes_[top].below;
-        Json trees = Json::array();
-        for (const std::size_t top : tops)
-            trees.push_back(tiles <= max_tiles_ ? subtree(top) : tile_json(top, 0));
-        return trees;
+        if (tiles <= max_tiles_) return with_all(std::move(root), tops);
+        refer(root, tops);
+        return std::move(root);
     }
 
     /// The tiles from `top` on, as deep as whole levels fit.
@@ -185,6 +193,12 @@ public:
     std::vector<TilesetFile> take() { return std::move(files_); }
 
 private:
+    /// A file still to be written: of one tree, or of several beside each other.
+    struct Open {
+        std::vector<std::size_t> tops;
+        Json head;  ///< of the tile that stands for them
+    };
+
     void write_one(const std::string& name, double geometric_error, Json&& root) {
         const Json json = {{"asset", {{"version", "1.1"}, {"generator", "stipple"}}},
                            {"schema", schema_json()},
@@ -193,28 +207,56 @@ private:
         files_.push_back({name, to_text(json)});
     }
 
-    static std::string name_of(std::size_t top) {
-        return "tileset-" + std::to_string(top) + ".json";
+    static std::string name_of(Tops tops) {
+        return "tileset-" + std::to_string(tops.front()) + ".json";
+    }
+
+    Json head_of(const Node& node) const {
+        return head_json(node.low, node.high, node.error, refine_);
     }
 
     /// @param depth  levels that stand in this file, this one counted.
     Json tile_json(std::size_t i, std::size_t depth) {
         const Node& node = nodes_[i];
-        Json json = {{"boundingVolume", box_json(node.low, node.high)},
-                     {"geometricError", node.error},
-                     {"refine", refine_}};
-        if (depth == 0) {
-            json["content"] = {{"uri", name_of(i) + query_}};
-            open_.push_back(i);
-            return json;
-        }
+        Json json = head_of(node);
         const bool is_inlined = node.file->href.starts_with("data:");
         json["content"] = {{"uri", is_inlined ? node.file->href : node.file->sha256 + ".glb"}};
         json["metadata"] = metadata_json(node, method_);
         json["extras"] = extras_json(node);
-        for (const std::size_t c : node.children)
-            json["children"].push_back(tile_json(c, depth - 1));
+        if (depth == 1) {
+            refer(json, node.children);
+        } else {
+            for (const std::size_t c : node.children)
+                json["children"].push_back(tile_json(c, depth - 1));
+        }
         return json;
+    }
+
+    Json with_all(Json&& root, Tops tops) {
+        for (const std::size_t top : tops)
+            root["children"].push_back(tile_json(top, nodes_.size()));
+        return std::move(root);
+    }
+
+    /// Names the files of the trees below a tile: as many side by side in one as fit.
+    void refer(Json& parent, Tops tops) {
+        // What stands for several has the box and the error of their parent, so that it is refined
+        // whenever that one is: it has nothing to show itself.
+        const Json head = {{"boundingVolume", parent["boundingVolume"]},
+                           {"geometricError", parent["geometricError"]},
+                           {"refine", refine_}};
+        while (!tops.empty()) {
+            std::size_t count = 1, tiles = nodes_[tops[0]].below;
+            while (count < tops.size() && (tiles += nodes_[tops[count]].below) <= max_tiles_)
+                ++count;
+            const Tops together = tops.first(count);
+            open_.push_back(
+                {{together.begin(), together.end()}, count == 1 ? head_of(nodes_[tops[0]]) : head});
+            Json json = open_.back().head;
+            json["content"] = {{"uri", name_of(together) + query_}};
+            parent["children"].push_back(std::move(json));
+            tops = tops.subspan(count);
+        }
     }
 
     const std::vector<Node>& nodes_;
@@ -223,7 +265,7 @@ private:
     const char* refine_;
     std::string_view method_;
     std::vector<TilesetFile> files_;
-    std::vector<std::size_t> open_;  ///< roots of files still to be written
+    std::vector<Open> open_;
 };
 
 /// From the tiles' coordinates, relative to the middle of the source's box.
@@ -295,10 +337,7 @@ std::vector<TilesetFile> tileset_files(const Results& results, const TilesetOpti
     if (tops.size() == 1) {
         root = writer.subtree(tops[0]);
     } else {
-        root = {{"boundingVolume", box_json(low, high)},
-                {"geometricError", diagonal},
-                {"refine", refine},
-                {"children", writer.subtrees(tops)}};
+        root = writer.with_trees(head_json(low, high, diagonal, refine), tops);
     }
     root["transform"] = transform_json(results);
     writer.write("tileset.json", diagonal, std::move(root));

@@ -5,6 +5,7 @@
  * Its error is what 99 % of its surface stay below: the geometric error of 3D Tiles is the largest one, that of a few stray
  * points of a noisy scan. `measured` is that of all its points, `surface` about the area that they stand for. `state`: `listed`,
  * `loading`, `ready` or `failed`. `shownSpacing`: between the points that are drawn there. `isLast`: whether somewhere in it no tile adds to it.
+ * A tile without content is a `group`: its children stand in its place, and on its level.
  */
 export function treeOf({ boundingVolume: { box }, geometricError, refine, content, extras, children = [] }, level = 0) {
     return {
@@ -19,7 +20,8 @@ export function treeOf({ boundingVolume: { box }, geometricError, refine, conten
         measured: extras?.error,
         surface: extras ? extras.points * extras.spacing ** 2 : 0,
         uri: content?.uri ?? null,
-        children: children.map((child) => treeOf(child, level + 1)),
+        children: children.map((child) => treeOf(child, content ? level + 1 : level)),
+        isGroup: !content,
         state: content ? 'listed' : 'ready',
         usedAt: 0,
         isLast: true,
@@ -42,6 +44,10 @@ export function errorOfTiles(tiles, diagonal) {
     };
 }
 
+/** What is below a tile: of a group its members. */
+const partsOf = ({ children }) =>
+    (children.some(({ isGroup }) => isGroup) ? children.flatMap((child) => (child.isGroup ? partsOf(child) : [child])) : children);
+
 /**
  * The tiles that show the whole of what is seen with an error of at most `view.pixels`, as far as they are there: where some of the
  * finer ones are not, the coarser one stands in for all of them.
@@ -59,8 +65,9 @@ export function select(root, view) {
         tile.shownSpacing = tile.spacing;
         tile.isLast = isFine;
         if (!isFine) {
-            tile.children.forEach(visit);
-            const seen = tile.children.filter(view.sees);
+            const parts = partsOf(tile);
+            parts.forEach(visit);
+            const seen = parts.filter(view.sees);
             const added = seen.map((child) => (child.cloud ? child.shownSpacing : tile.spacing));
             tile.shownSpacing = Math.min(tile.spacing, Math.max(0, ...added) || tile.spacing);
             tile.isLast = seen.length === 0 || seen.some(({ cloud }) => !cloud);
@@ -75,14 +82,14 @@ export function select(root, view) {
         }
         tile.usedAt = view.now;
         const error = view.errorOf(tile);
-        const isFine = tile.children.length === 0 || tile.level >= view.finestLevel ||
-            (tile.level >= view.coarsestLevel && error <= view.pixels && !(tile.measured?.mean > view.bound));
+        const isFine = tile.children.length === 0 || (!tile.isGroup && (tile.level >= view.finestLevel ||
+            (tile.level >= view.coarsestLevel && error <= view.pixels && !(tile.measured?.mean > view.bound))));
         if (tile.adds && tile.state === 'ready') {
             return addTo(tile, isFine);
         }
         if (!isFine && !tile.adds) {
             const before = drawn.length;
-            if (tile.children.map(visit).every(Boolean)) {
+            if (partsOf(tile).map(visit).every(Boolean)) {
                 return true;
             }
             drawn.length = before;

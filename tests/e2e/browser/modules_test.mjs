@@ -164,6 +164,31 @@ test('Of a tree of tiles those are drawn that are fine enough, and coarser ones 
     assert.deepEqual(chosen({ pixels: 9, coarsestLevel: 1, bound: 5 }).drawn, [left, right]);
 });
 
+test('Tiles of a group without content are chosen as if they stood in its place', async () => {
+    const { select, treeOf } = await moduleOf('tile_tree.js');
+    const boundingVolume = { box: [0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1] };
+    for (const refine of ['REPLACE', 'ADD']) {
+        const json = (error, children = []) => ({
+            boundingVolume, geometricError: error, refine, content: { uri: `${error}.glb` },
+            extras: { error: { p99: error }, spacing: error / 10 }, children,
+        });
+        const group = (children) => ({ boundingVolume, geometricError: 0.1, refine, children });
+        const root = treeOf(group([json(8, [json(4), group([json(3), json(2)])])]));
+        const [top] = root.children, [left, { children: members }] = top.children;
+        const view = { sees: () => true, errorOf: (tile) => tile.error, pixels: 3.5, coarsestLevel: 0, finestLevel: 1, now: 1 };
+        assert.deepEqual([top, left, ...members].map((tile) => tile.level), [0, 1, 1, 1]);
+        const all = [top, left, ...members].map((tile) => Object.assign(tile, { state: 'ready', cloud: {} }));
+        const adds = refine === 'ADD';
+        assert.deepEqual(select(root, view), { drawn: adds ? all : all.slice(1), wanted: [] });
+        assert.deepEqual(select(root, { ...view, finestLevel: 0 }).drawn, [top]);
+        members[1].cloud = null;
+        members[1].state = 'listed';
+        const { drawn, wanted } = select(root, view);
+        assert.deepEqual({ drawn, wanted }, { drawn: adds ? all.slice(0, 3) : [top], wanted: [members[1]] });
+        if (adds) assert.equal(top.isLast, true);  // a member of the group is not there yet
+    }
+});
+
 test('The error of tiles is the mean over their surface, and the largest of any', async () => {
     const { errorOfTiles, treeOf } = await moduleOf('tile_tree.js');
     const tile = (points, spacing, error, refine = 'REPLACE') => treeOf({

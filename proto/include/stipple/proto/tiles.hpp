@@ -22,7 +22,7 @@ LodTile decode_glb(std::span<const std::byte> bytes);
 
 /// One file of a tileset.
 struct TilesetFile {
-    std::string name;  ///< `tileset.json`, or `tileset-17.json` for the part below tile 17
+    std::string name;  ///< `tileset.json`, or `tileset-17.json` for the part from tile 17 on
     std::string json;
 };
 
@@ -58,7 +58,9 @@ std::string tileset_query(const TilesetOptions& options);
 /// The pyramid as a 3D Tiles 1.1 tileset: an explicit tree of the tiles of `results.levels`, with
 /// REPLACE refinement, or ADD for additive tiles; also while levels are still to come. Addresses of
 /// tiles are relative, by their hash, or the `data:` URI in their `href`. A tree of more than
-/// `max_tiles` continues in further files, which the first references, with `tileset_query`.
+/// `max_tiles` continues in further files, which the first references, with `tileset_query`:
+/// siblings share a file as long as all below them fits. What references several has no content,
+/// but the box and the geometric error of their parent.
 ///
 /// The geometric error of a tile is the measure chosen by `options`, and no less than those of the
 /// tiles below. By default that of a leaf is its spacing, and none is less than a step; with the
