@@ -8,6 +8,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <iterator>
 #include <numeric>
 #include <vector>
 
@@ -29,10 +30,11 @@ std::vector<float> gaps(const PointTree& tree, std::size_t count, std::size_t as
     return gaps;
 }
 
-/// Their mean, of which no single one is much.
+/// Their mean, of which no single one is much; 0 where most are.
 template <typename PointAt>
 double mean_gap(const PointTree& tree, std::size_t count, std::size_t asked, PointAt&& point_at) {
     std::vector<float> all = gaps(tree, count, asked, point_at);
+    if (2 * std::ranges::count(all, 0.0F) > std::ssize(all)) return 0;
     limit_largest(all);
     return std::accumulate(all.begin(), all.end(), 0.0) / static_cast<double>(all.size());
 }

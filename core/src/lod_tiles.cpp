@@ -81,7 +81,23 @@ struct LodTiler::State {
     unsigned levels = 0;
     std::uint64_t had = 0;  ///< points of the level before, where tiles are additive
     LodFigures figures;
+    double level_spacing = 0;  ///< before rounding
     std::optional<SurfaceError> level_error;
+
+    /// Of points in the order of a curve; 0 where most have others at their places. In the unit of
+    /// the input.
+    /// @param known  their tree; none: it is made.
+    double spacing_of(std::span<const Vec3f> points, const PointTree* known,
+                      const RunContext& context) const {
+        constexpr std::size_t kAsked = 16'384;
+        const auto point_at = [points](std::size_t i) { return points[i]; };
+        if (is_crowd(points.size(), point_at)) return 0;
+        const auto gap_in = [&](const PointTree& all) {
+            return mean_gap(all, points.size(), kAsked, point_at) / frame.scale;
+        };
+        return known ? gap_in(*known)
+                     : gap_in(PointTree(points, PointTree::Leaves::Given, context));
+    }
 
     /// From the source, as far as the diagonals and `unrounded` tell; none: it is the source.
     SurfaceError error_of(const PointCloud& level, MeasuredLevel* unrounded,
@@ -109,12 +125,17 @@ struct LodTiler::State {
             return MeasuredLevel(rounded(all, grid, context), context);
         };
         if (as_measured) {
+            level_spacing = spacing_of(meter.source(), nullptr, context);
             if (options.level_errors) level_error = error_of(cloud, nullptr, context);
             meter.forget_surface();  // no level comes after
             return at_finest(meter.source());
         }
-        if (all_bits && !options.level_errors) return at_finest(points);
+        if (all_bits && !options.level_errors) {
+            level_spacing = spacing_of(points, nullptr, context);
+            return at_finest(points);
+        }
         MeasuredLevel unrounded(std::move(points), context);
+        level_spacing = spacing_of(unrounded.points, unrounded.tree.get(), context);
         // Before there is the rounded one, too.
         if (options.level_errors) level_error = error_of(cloud, &unrounded, context);
         if (!all_bits) return rounding.round(std::move(unrounded), grid, meter, context);
@@ -183,18 +204,8 @@ struct LodTiler::State {
                     as_level(tiles[t]);
             });
         }
-        // Few points far off can have a tile of their own, whose spacing is the way to the others.
-        constexpr std::size_t kFew = 8;
-        const bool all_few =
-            std::ranges::all_of(tiles, [](const LodTile& tile) { return tile.points < kFew; });
-        figures.spacing = 0;
-        std::uint64_t points = 0;
-        for (const LodTile& tile : tiles) {
-            if (tile.points < kFew && !all_few) continue;
-            figures.spacing += tile.spacing * static_cast<double>(tile.points);
-            points += tile.points;
-        }
-        figures.spacing /= static_cast<double>(points);
+        // Of all points down to the level, of which additive tiles hold but the new ones.
+        figures.spacing = spacing_of(level.points, level.tree.get(), context);
     }
 
     /// What the tiles of one thread are made in.
@@ -283,6 +294,10 @@ std::span<const Index> LodTiler::order() const noexcept {
 
 const LodFigures& LodTiler::figures() const noexcept {
     return state_->figures;
+}
+
+double LodTiler::level_spacing() const noexcept {
+    return state_->level_spacing;
 }
 
 const std::optional<SurfaceError>& LodTiler::level_error() const noexcept {

@@ -443,7 +443,7 @@ private:
                         without_histograms(*of_level, quick_options(points_of_source_, points),
                                            points_of_source_, points);
                 line.level->decoded = tiler_->figures();
-                line.level->spacing = tiler_->figures().spacing;
+                line.level->spacing = tiler_->level_spacing();
                 if (points == points_of_source_) tiler_.reset();  // no level comes after
             } else if (format == CloudFormat::Progressive || format == CloudFormat::Copc) {
                 if (points == finest_points_) files[i] = {write_finest(made, format, context)};

@@ -615,6 +615,39 @@ TEST_F(AdditiveLodTiles, TellTheErrorAndTheSpacingOfAllThatIsThere) {
     }
 }
 
+TEST(LodTiles, OfFewNewPointsTellTheSpacingOfAllThatAreThere) {
+    const PointCloud cloud = test::sphere(100);
+    LodTiler tiler(cloud, {.additive = true});
+    PointCloud there;
+    there.origin = tiler.center();
+    build_lod_pyramid(
+        cloud,
+        {.sizes = {10, 99, 100}, .simplification = {.method = Method::Iterative}, .nested = true},
+        [&](LodLevel&& level) {
+            for (const LodTile& tile : tiler.add_level(level.cloud, level.cloud.size() == 100)) {
+                const PointCloud part = decode_tile(tile, tiler.center());
+                there.positions.insert(there.positions.end(), part.positions.begin(),
+                                       part.positions.end());
+            }
+            EXPECT_NEAR(tiler.figures().spacing / mean_spacing(there.positions), 1, 0.02);
+            EXPECT_NEAR(tiler.level_spacing() / mean_spacing(level.cloud.positions), 1, 0.02);
+        });
+}
+
+TEST(LodTiles, TellTheSpacingOfALevelBeforeRoundingToo) {
+    const PointCloud cloud = test::sphere(20'000), level = level_of(cloud, 2'000);
+    for (const bool errors : {false, true}) {
+        // Steps are as long as they may be: half the spacing, and that of the source for the whole.
+        LodTiler tiler(cloud, {.position_bits = 6, .tolerance = 100, .level_errors = errors});
+        for (const PointCloud* const each : {&level, &cloud}) {
+            tiler.add_level(*each, each == &cloud);
+            const double spacing = mean_spacing(each->positions);
+            EXPECT_NEAR(tiler.level_spacing() / spacing, 1, 0.02);
+            EXPECT_GT(std::abs(tiler.figures().spacing / spacing - 1), 0.04);
+        }
+    }
+}
+
 TEST_F(AdditiveLodTiles, NeedLevelsThatGrow) {
     LodTiler tiler(cloud_, {.additive = true});
     tiler.add_level(cloud_, false);

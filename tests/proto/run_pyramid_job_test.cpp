@@ -1,5 +1,6 @@
 #include "run_job_fixture.hpp"
 #include "stipple/copc.hpp"
+#include "stipple/neighbors.hpp"
 #include "stipple/proto/digest.hpp"
 #include "stipple/proto/tiles.hpp"
 
@@ -60,6 +61,19 @@ TEST_F(RunPyramidJob, WritesTheFinestLevelAsAnOctree) {
     const std::vector<std::byte> expected = encode_copc(
         read_cloud(folder_ / "out" / levels()[1].files.front().href), {.precision = 0.005});
     EXPECT_EQ(file.sha256, sha256_hex(expected));
+}
+
+TEST_F(RunPyramidJob, TellsTheSpacingOfALevelAndThatOfItsRoundedTiles) {
+    PyramidJob job = levels_of({500, 3000});
+    job.tiles = {.position_bits = 5, .tolerance = 100};
+    job.output.formats = {CloudFormat::Ply, CloudFormat::Glb};
+    run(spec_for(test::sphere(3000), job));
+    for (const OutputCloud& level : levels()) {
+        const PointCloud exact = read_cloud(folder_ / "out" / level.files.front().href);
+        const double spacing = mean_spacing(exact.positions);
+        EXPECT_NEAR(level.spacing / spacing, 1, 0.01);
+        EXPECT_GT(std::abs(level.decoded.value().spacing / spacing - 1), 0.03);
+    }
 }
 
 TEST_F(RunPyramidJob, WritesTilesNamedByTheirHashes) {

@@ -167,8 +167,12 @@ public:
     /// Forgets all levels: the next is the coarsest again.
     void restart();
 
-    /// Of the level added last, over all its tiles.
+    /// Of the level added last, over all its tiles; if tiles are additive, over those above, too.
     const LodFigures& figures() const noexcept;
+
+    /// Mean distance between the points of the level added last and their nearest others before
+    /// rounding, input units, as by `mean_spacing`.
+    double level_spacing() const noexcept;
 
     /// How far the level added last is from the source before rounding, as by `estimate_error`, but
     /// more accurate, from 4,096 places on the source (2,048 with `LodErrors::Rough`), and in a
@@ -182,8 +186,8 @@ private:
 };
 
 /// The decoded points of a tile, relative to `center`: positions, normals, colours, attributes.
+/// Values of attributes that were not finite are NaN.
 /// @throws Error(MalformedInput) for streams that cannot be decoded.
 PointCloud decode_tile(const LodTile& tile, const Vec3d& center = Vec3d::Zero());
 
 }  // namespace stipple
-/// Values of attributes that were not finite are NaN.
