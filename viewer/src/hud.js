@@ -10,10 +10,12 @@ const kStages = { queued: 'Waiting', decode: 'Reading', clean: 'Cleaning', simpl
 
 /** The card with the level slider and the figures. */
 export class Hud {
-    constructor({ onLevel, onError, onCancel, onDownload, onMap, onFigures, onRemove }) {
-        Object.assign(this, { onDownload, onMap, onFigures, onRemove });
+    constructor({ onLevel, onError, onCancel, onDownload, onMap, onFigures, onRemove, onAgain, onRemoveAll }) {
+        Object.assign(this, { onDownload, onMap, onFigures, onRemove, onAgain, onRemoveAll });
         byId.dismiss.onclick = onCancel;
         byId.level.oninput = () => onLevel(Number(byId.level.value) - 1);
+        byId.files.onscroll = () => this.showCut();
+        new ResizeObserver(() => this.showCut()).observe(byId.files);
         byId['error-bound'].oninput = () => {
             onError(kSlack * 2 ** -Number(byId['error-bound'].value));  // finer to the right, as levels are
         };
@@ -31,7 +33,7 @@ export class Hud {
         exchange(byId.files);
         byId.files.hidden = false;  // its room is kept until it is known to be empty
         this.actionsOf = null;
-        this.isOver = false;
+        this.isOver = this.isGivenUp = this.isVain = false;
         byId.legend.hidden = true;
         byId['error-slider'].hidden = true;
         for (const id of ['points', 'level-name', 'bytes', 'error', 'first-picture']) {
@@ -55,6 +57,8 @@ export class Hud {
         byId.hud.classList.toggle('busy', isBusy);
         byId.progress.value = job.progress;
         const isGivenUp = job.status === 'failed' || job.status === 'dismissed';
+        this.isGivenUp = isGivenUp;
+        this.isVain = job.status === 'failed' && job.levels_ready === 0;
         setHidden(byId.dismiss, !isBusy);
         this.isOver = !isBusy;
         if (isGivenUp && !this.actionsOf) {
@@ -139,7 +143,7 @@ export class Hud {
         this.actionsOver = this.isOver;
         const { files, error, ply } = level;
         const saved = files.filter(({ format: extension }) => extension in format.kKinds).map((file) =>
-            action(file.format, `Save ${format.kKinds[file.format]}, ${format.bytes(file.bytes)}`, 'Save what is shown', () => this.onDownload(file)));
+            action(file.format, [`Save ${format.kKinds[file.format]}`, `, ${format.bytes(file.bytes)}`], 'Save what is shown', () => this.onDownload(file)));
         if (ply) {
             saved.unshift(action('ply', `Save ${format.kKinds.ply}`, 'Save what is shown', () => this.onDownload({ format: 'ply', ply })));
         }
@@ -164,10 +168,20 @@ export class Hud {
     }
 
     showActions(...actions) {
+        const again = this.isGivenUp ? [action('again', 'Start again', 'Start the same job once more', this.onAgain)] : [];
+        const removeAll = this.isVain ? [action('remove-all', 'Remove with its cloud', 'Remove this result and its cloud from the server')] : [];
         const remove = this.isOver ? [action('remove', 'Remove', 'Remove this result from the server')] : [];
+        removeAll.forEach((button) => actOnSecondClick(button, this.onRemoveAll));
         remove.forEach((button) => actOnSecondClick(button, this.onRemove));
-        exchange(byId.files, ...actions, ...remove);
-        byId.files.hidden = actions.length + remove.length === 0;
+        exchange(byId.files, ...actions, ...again, ...removeAll, ...remove);
+        byId.files.hidden = byId.files.children.length === 0;
+        this.showCut();
+    }
+
+    /** Whether there is more of the actions than is seen: their edge fades then. */
+    showCut() {
+        const { scrollLeft, clientWidth, scrollWidth } = byId.files;
+        byId.files.classList.toggle('cut', scrollLeft + clientWidth < scrollWidth - 1);
     }
 
     /** @param share  of it that is done: only for the eye, since the progress bar tells it, too */
@@ -195,8 +209,12 @@ export class Hud {
     }
 }
 
-/** @param name  by which the next one of its kind is known */
-const action = (name, textContent, title, onclick) => element('button', { id: `action-${name}`, className: 'action', textContent, title, onclick });
+/** @param name  by which the next one of its kind is known; @param text  or a text and what can be left out after it */
+const action = (name, text, title, onclick) => {
+    const [label, size] = [text].flat();  // where there is little room the first is enough
+    return element('button', { id: `action-${name}`, className: 'action', title, onclick }, label,
+        ...(size ? [element('span', { className: 'size', textContent: size })] : []));
+};
 
 const titleOf = ({ mean, max }) => `Mean distance to the surface of the input ${format.percent(mean)} of its diagonal${
     max >= 0 ? `, largest ${format.percent(max)}` : ''}`;

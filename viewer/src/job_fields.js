@@ -121,7 +121,7 @@ function inputOf(field, { attributes }) {
                     field.of.kind === 'choice' ? `(${field.of.choices.join('|')})` : '[\\d.eE+\\-]+'} *)*`);
         }
         default: return element('input', {
-            name, type: 'number', step: kind === 'integer' ? '1' : 'any', placeholder: standard ?? '',
+            name, type: 'number', step: kind === 'integer' ? '1' : 'any', placeholder: standard ?? '', value: preset ?? '',
             min: minimum ?? exclusiveMinimum ?? '', max: maximum ?? exclusiveMaximum ?? '',
         });
     }

@@ -1,11 +1,14 @@
 import { actOnSecondClick, byId, element } from './element.js';
-import { fieldOf, valuesOf } from './job_fields.js';
+import { fieldOf, titleOf, valuesOf } from './job_fields.js';
 
 /* global JOB_FORMS: the types of jobs and their fields, from openapi.yaml by build.mjs */
 const kTitles = { pyramid: 'Pyramid', simplify: 'Simplify', evaluate: 'Compare', upsample: 'Add points', analyze: 'Analyse', curve: 'Curve' };
 const kStarts = { pyramid: 'Build the pyramid', simplify: 'Simplify', evaluate: 'Measure the error', upsample: 'Add points', analyze: 'Analyse', curve: 'Measure the curve' };
 const kMethods = JOB_FORMS.flatMap(({ fields }) => fields).find(({ name, choices }) => name === 'method' && choices.includes('random')).choices;
 const kOwners = new RegExp(`^For ((?:all|${kMethods.join('|')})(?:(?:, | and | but )(?:${kMethods.join('|')}))*)[.,;:]? ?`);
+
+/** What the form has no need to say: it shows no field of another method. */
+const kOfContract = / ?A field of another method is refused\./;
 
 /** Asked for first; the rest is folded away. */
 const kFirst = {
@@ -19,6 +22,10 @@ const kFirst = {
 
 /** What the page asks for where the contract leaves it open, or would make what it cannot show. */
 const kPresets = { format: 'drc', map: ['drc'] };
+const kPresetsOf = { simplify: { ratio: 0.1 } };
+
+/** Only one of these makes sense: filling it in empties the others. */
+const kOneOf = { simplify: ['points', 'ratio', 'max_error'], upsample: ['points', 'ratio'] };
 
 /** The dialog that asks for the parameters of a job. */
 export class JobForm {
@@ -33,7 +40,11 @@ export class JobForm {
             button.onclick = () => this.choose(type);
             return button;
         }));
-        byId['job-form'].oninput = () => this.showFitting();
+        byId['job-form'].oninput = ({ target }) => {
+            this.tell('');
+            this.emptyOthers(target);
+            this.showFitting();
+        };
         byId['job-form'].onsubmit = (event) => {
             event.preventDefault();
             this.start(onStart);
@@ -51,19 +62,43 @@ export class JobForm {
         });
     }
 
+    /** Its button stays enabled, so that it keeps the focus. */
     async start(onStart) {
-        byId['job-start'].disabled = true;
+        if (this.isStarting) {
+            return;
+        }
+        this.isStarting = true;
+        byId['job-start'].ariaBusy = 'true';
         this.tell('');
         try {
             await onStart({ cloud: this.subject.cloud, type: this.form.type, fields: valuesOf(this.fields, this.parts) });
             byId['job-dialog'].close();
+            focusOn(byId.results.querySelector('[aria-current=true]'), byId.stage);
         } catch (error) {
-            this.tell(error.message);
+            this.tell(error.message.replace(/^target: e/, 'E'));  // of several fields, none of which is called so
+            this.markTarget(/^target:/.test(error.message));
         }
-        byId['job-start'].disabled = false;
+        this.isStarting = false;
+        byId['job-start'].ariaBusy = 'false';
+    }
+
+    emptyOthers({ name, value }) {
+        const names = kOneOf[this.form.type] ?? [];
+        if (names.includes(name) && value !== '') {
+            names.filter((other) => other !== name).forEach((other) => { byId['job-form'].elements[other].value = ''; });
+        }
+    }
+
+    markTarget(isWrong) {
+        for (const name of kOneOf[this.form.type] ?? []) {
+            byId['job-form'].elements[name].ariaInvalid = String(isWrong);
+        }
     }
 
     tell(problem) {
+        if (problem === '') {
+            this.markTarget(false);
+        }
         byId['job-problem'].textContent = problem;
         byId['job-problem'].hidden = problem === '';
     }
@@ -82,9 +117,9 @@ export class JobForm {
         for (const button of byId['job-types'].children) {
             button.ariaPressed = String(button.dataset.type === type);
         }
-        byId['job-about'].textContent = this.form.description.replaceAll('`', '');
+        byId['job-about'].textContent = this.form.description.replace(kOfContract, '').replace(/`(\w+)`/g, (_, name) => titleOf({ name }));
         const context = { clouds: this.subject.others, attributes: this.subject.attributes };
-        this.fields = this.form.fields.map((field) => ({ ...field, about: field.description.replace(kOwners, '').trim(), preset: kPresets[field.name] }));
+        this.fields = this.form.fields.map((field) => ({ ...field, about: field.description.replace(kOwners, '').trim(), preset: kPresetsOf[type]?.[field.name] ?? kPresets[field.name] }));
         this.parts = this.fields.map((field) => fieldOf(field, context));
         const isFirst = ({ name }) => kFirst[type].includes(name);
         const rows = (wanted) => this.parts.filter((_, i) => isFirst(this.fields[i]) === wanted).map(({ row }) => row);
@@ -105,6 +140,15 @@ export class JobForm {
             row.hidden = !isOf(method, this.fields[i].description);
             row.querySelectorAll('input, select').forEach((input) => { input.disabled = row.hidden; });
         });
+    }
+}
+
+/** What the dialog was opened by may be gone by now. */
+function focusOn(...parts) {
+    for (const part of parts) {
+        if (document.activeElement === document.body || byId['job-dialog'].contains(document.activeElement)) {
+            part?.focus();
+        }
     }
 }
 

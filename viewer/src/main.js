@@ -75,6 +75,8 @@ const hud = new Hud({
         }
     },
     onRemove: () => removeResult().catch(showProblem),
+    onAgain: () => startAgain().catch((error) => showProblem(error, kNotStarted)),
+    onRemoveAll: () => removeWithCloud().catch(showProblem),
 });
 const look = new LookCard({
     onColor: () => {
@@ -152,7 +154,7 @@ function open({ id, type }, { remembered = false, how = kAsNew } = {}) {
             library.update(job);
             if (wasFinal !== isFinal(job)) {
                 wasFinal = isFinal(job);
-                library.refresh().catch(showProblem);
+                library.refresh().then(() => session?.tell(), showProblem);  // what was found out about the cloud
             }
         },
         onLevels: showLevels,
@@ -187,6 +189,18 @@ async function removeResult() {
     closeResult();
     history.replaceState(null, '', '/');
     await openLinked();
+}
+
+/** The same job once more, as it was asked for. */
+function startAgain() {
+    const { type, input, reference, candidate, ...fields } = session.job.request;
+    return start(session.job.type, inputOf(session.job), fields);
+}
+
+/** Of a cloud that cannot be read there is nothing to keep. */
+async function removeWithCloud() {
+    await removeCloud(inputOf(session.job));
+    await removeResult();
 }
 
 /** What the address names cannot be shown: there is the rest of the library. */

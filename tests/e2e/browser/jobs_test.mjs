@@ -301,13 +301,80 @@ await run({
         await page.locator('#activity').getByText('Failed').waitFor();
         await page.locator('#reason').getByText(/malformed|vertex|bytes|points/i).waitFor();
         await save(page, 'failed');
-        await page.locator('#files').getByText('Remove').click();
+        await page.locator('#files').getByRole('button', { name: 'Remove', exact: true }).click();
         await page.locator('#files').getByText('Really?').click();
         await settledPyramid(page);
         while (await page.locator('.notice button').count() > 0) {
             await page.locator('.notice button').first().click();
         }
         browser.refusalsExpected = false;
+    },
+
+    async 'A job that was given up is started again as it was asked for'() {
+        const given = { type: 'simplify', input: cloud, points: 690, method: 'voxel', format: 'drc' };
+        const job = await startJob(given);
+        await page.route(`**/v1/jobs/${job}`, async (route) => {
+            const response = await route.fetch();
+            await route.fulfill({ response, json: { ...await response.json(), status: 'dismissed', levels_ready: 0 } });
+        });
+        await page.route(`**/v1/jobs/${job}/results`, (route) => route.fulfill({ status: 409, json: { title: 'Dismissed' } }));
+        browser.refusalsExpected = true;
+        await visitOnly(`/?job=${job}`);
+        const asked = page.waitForRequest((request) => request.method() === 'POST' && request.url().endsWith('/v1/jobs'));
+        await page.locator('#files').getByText('Start again').click();
+        holds((await asked).postDataJSON(), given);
+        await page.unrouteAll({ behavior: 'wait' });
+        browser.refusalsExpected = false;
+        await shows(page, 690);
+    },
+
+    async 'A cloud that cannot be read is removed with the result that says so'() {
+        const before = await settledPyramid(page);
+        await choose(page, { name: 'cut.ply', buffer: truncated() });
+        await page.locator('#reason').waitFor();
+        const [{ id }] = await listOf('clouds');
+        for (let click = 0; click < 2; click += 1) {
+            await page.locator('#action-remove-all').click();
+        }
+        assert.equal(await settledPyramid(page), before);
+        assert.ok(!(await idsOf('clouds')).includes(id));
+    },
+
+    async 'The form has a ratio to start with, empties what excludes each other, keeps the focus and marks what is missing'() {
+        await openForm('Simplify');
+        const ratio = page.locator('[name=ratio]');
+        assert.equal(await ratio.inputValue(), '0.1');
+        await page.locator('[name=points]').fill('800');
+        assert.equal(await ratio.inputValue(), '');
+        await page.locator('[name=points]').fill('');
+        browser.refusalsExpected = true;
+        await page.locator('#job-start').press('Enter');
+        await page.locator('#job-problem').getByText('Expected exactly one of points, ratio and max_error').waitFor();
+        browser.refusalsExpected = false;
+        assert.equal(await page.evaluate(() => document.activeElement.id), 'job-start');
+        assert.equal(await ratio.getAttribute('aria-invalid'), 'true');
+        await page.locator('[name=points]').fill('800');
+        assert.equal(await page.locator('#job-problem').isVisible(), false);
+        await page.locator('#job-start').press('Enter');
+        await shows(page, 800);
+        assert.match(await page.evaluate(() => document.activeElement.id), /^(result|process)-/);
+    },
+
+    async 'Nothing is cut off on a phone on its side, at 200 % zoom and at 320 pixels'() {
+        const given = await settledPyramid(page);
+        for (const [width, height] of [[844, 390], [720, 450], [320, 256], [320, 640]]) {
+            const small = await browser.open(`/?job=${given}&color=z`, { width, height, scale });
+            await settledPyramid(small);
+            await small.locator('#legend').waitFor();
+            await small.keyboard.press('c');
+            await small.keyboard.press('l');
+            const beyond = await small.evaluate(() => ['legend', 'legend-high', 'look-card', 'compare-with', 'points', 'level-name', 'title'].filter((id) => {
+                const { left, right, width: wide } = document.getElementById(id).getBoundingClientRect();
+                return wide > 0 && (left < 0 || right > innerWidth);
+            }));
+            assert.deepEqual(beyond, [], `${width} × ${height}`);
+            await small.context().close();
+        }
     },
 
     async 'A result and a cloud are removed, each when that is asked for twice'() {
@@ -467,6 +534,14 @@ await run({
         assert.equal(await figure('error'), await figure('error-bound-value'));
     },
 });
+
+/** As `visit`, without a picture to wait for. */
+function visitOnly(path) {
+    return page.evaluate((to) => {
+        history.pushState(null, '', to);
+        dispatchEvent(new PopStateEvent('popstate'));
+    }, path);
+}
 
 /** Of the server: `clouds` or `jobs`. */
 async function listOf(what) {
