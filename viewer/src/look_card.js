@@ -8,7 +8,9 @@ const kLengths = [kDistance, 'x', 'y', 'z'];  // in the unit of the cloud, which
 
 /** The card that says how the cloud is drawn, and the legend of the values that its colours stand for. */
 export class LookCard {
-    constructor({ onColor, onLook }) {
+    /** @param onOpen  told that it covers something */
+    constructor({ onColor, onLook, onOpen }) {
+        this.onOpen = onOpen;
         this.by = null;  // what was chosen, or null: the cloud's own colours where it has some
         byId['legend-bar'].style.background = kGradient;
         byId.color.onchange = () => {
@@ -39,6 +41,9 @@ export class LookCard {
     toggle() {
         setHidden(byId['look-card'], !byId['look-card'].hidden, byId.look);
         byId.look.ariaExpanded = String(!byId['look-card'].hidden);
+        if (!byId['look-card'].hidden) {
+            this.onOpen();
+        }
     }
 
     /** As before a choice was made: an error map shows distances. */

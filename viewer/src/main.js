@@ -15,6 +15,7 @@ import { LookCard } from './look_card.js';
 import { closeNewest, forgetProblems, offer, showProblem } from './notices.js';
 import { Report } from './report.js';
 import { ResultSession } from './result_session.js';
+import { ShareCard } from './share_card.js';
 import { isPhone, Sheet } from './sheet.js';
 import { canDrawOn, Stage } from './stage.js';
 import { preloadSurface } from './surface.js';
@@ -89,6 +90,12 @@ const look = new LookCard({
         stage.setLook(settings);
         remember();
     },
+    onOpen: () => share.close(),
+});
+const share = new ShareCard({
+    linkOf: linkToResult,
+    onPicture: () => savePicture().catch((error) => showProblem(error, 'The picture could not be saved')),
+    onOpen: () => look.setOpen(false),
 });
 const report = new Report({
     onDownload: (file) => download(file).catch(showProblem),
@@ -273,6 +280,9 @@ function showLevels({ id, loader, shown, bound, isComplete, isSettled, job, mani
         hud.showPlain({ id, levels: manifest.levels });
     }
     setTools(Boolean(shown));
+    if (shown) {
+        share.show({ id, type: session.type, formats: [...new Set(manifest.levels.flatMap(({ files }) => files.map((file) => file.format)))] });
+    }
     if (shown?.coloring && comparing) {
         comparison.start(comparing);
     }
@@ -301,8 +311,11 @@ function aboutOf(job, shown) {
 
 /** What can be done to a picture, where there is one. */
 function setTools(hasPicture) {
-    for (const id of ['compare', 'fit', 'rotate']) {
+    for (const id of ['compare', 'fit', 'rotate', 'share']) {
         byId[id].disabled = !hasPicture;
+    }
+    if (!hasPicture) {
+        share.close();
     }
 }
 
@@ -500,10 +513,28 @@ async function startMap(reference, { file, ply, points }) {
 
 const fileName = (shown, extension) => `${[byId.title.textContent.replace(/\.(ply|drc)$/i, ''), shown?.points].filter(Boolean).join('-')}.${extension}`;
 
+/** The address of what is shown, also where the page shows it only because it is the newest. */
+function linkToResult() {
+    rememberNow();
+    const address = new URL(location.href);
+    if (!readAddress()) {
+        address.searchParams.set(session.type === 'pyramid' ? 'pyramid' : 'job', session.id);
+    }
+    return address.href;
+}
+
+async function savePicture() {
+    save(await stage.picture(), fileName(session.shown, 'png'));
+}
+
 /** By the page, since a link shows the server no key. */
 async function download({ href, ply, format: extension }) {
     const name = fileName(session.shown, extension);
-    const url = URL.createObjectURL(new Blob([await (ply ? ply() : getBytes(href))]));
+    save(new Blob([await (ply ? ply() : getBytes(href))]), name);
+}
+
+function save(blob, name) {
+    const url = URL.createObjectURL(blob);
     element('a', { href: url, download: name }).click();
     setTimeout(() => URL.revokeObjectURL(url), 60_000);
 }
@@ -540,6 +571,8 @@ function closeTopmost() {
         sheet.close();
     } else if (!byId['look-card'].hidden) {
         look.toggle();
+    } else if (share.isOpen) {
+        share.close();
     } else if (report.isOpen && session?.shown) {
         report.hide();
     } else {
@@ -553,12 +586,12 @@ function placeCloud() {
     const dock = byId.dock.getBoundingClientRect();
     const shown = byId.hud.hidden ? null : byId.hud.getBoundingClientRect();
     const legend = byId.legend.hidden || byId.hud.hidden ? 0 : byId.legend.offsetHeight + kLegendGap;
-    const look_ = byId['look-card'].hidden ? null : byId['look-card'].getBoundingClientRect();
+    const card = [byId['look-card'], byId['share-card']].find(({ hidden }) => !hidden)?.getBoundingClientRect();
     const labels = byId['left-label'].getBoundingClientRect();  // of a comparison
     const isFlat = innerHeight <= 480;  // the tools stand at the right then
     stage.setInsets(isPhone()
         ? { left: 0, right: isFlat ? 56 : 0, top: labels.bottom || (isFlat ? 0 : 56), bottom: innerHeight - (shown ? shown.top - byId.grip.offsetHeight : dock.top) + legend }
-        : { left: library_.right, right: look_ ? innerWidth - look_.left : 0, top: labels.bottom, bottom: shown ? innerHeight - shown.top + legend : 0 });
+        : { left: library_.right, right: card ? innerWidth - card.left : 0, top: labels.bottom, bottom: shown ? innerHeight - shown.top + legend : 0 });
     comparison.place();
     document.documentElement.style.setProperty('--covered', `${stage.insets.bottom}px`);
 }
@@ -605,11 +638,12 @@ function listen() {
             ' ': () => byId.rotate.click(),
             c: () => byId.compare.click(),
             l: () => look.toggle(),
+            s: () => byId.share.click(),
         },
     });
     addEventListener('resize', placeCloud);
     const cards = new ResizeObserver(placeCloud);
-    [byId.hud, byId.legend, byId['look-card'], byId['left-label']].forEach((card) => cards.observe(card));
+    [byId.hud, byId.legend, byId['look-card'], byId['share-card'], byId['left-label']].forEach((card) => cards.observe(card));
     addEventListener('popstate', () => {
         forgetProblems();
         openLinked().catch(showProblem);

@@ -298,6 +298,25 @@ export class Stage {
         this.changed();
     }
 
+    /** What is seen, in the middle and without a background. @returns {Promise<Blob>} a PNG */
+    picture() {
+        const { insets } = this;
+        this.insets = { left: 0, right: 0, top: 0, bottom: 0 };
+        const refit = () => this.isAtHome && this.fit({ glide: false });
+        refit();
+        this.draw(this.samplesAtRest());
+        const copy = document.createElement('canvas');
+        [copy.width, copy.height] = [this.canvas.width, this.canvas.height];
+        copy.getContext('2d').drawImage(this.canvas, 0, 0);  // before the browser shows it, and forgets it
+        this.insets = insets;
+        refit();
+        this.draw(1);
+        this.changed();
+        return new Promise((resolve, reject) => {
+            copy.toBlob((blob) => (blob ? resolve(blob) : reject(new Error('The browser could not make a PNG of this size: make the window smaller.'))));
+        });
+    }
+
     changed() {
         this.dirty = true;
         this.resting = false;

@@ -3,9 +3,11 @@
 //
 //     node view_test.mjs --bin build/dev/bin --modules FOLDER --artifacts FOLDER [--scan igea.ply] [--scale 1]
 import assert from 'node:assert/strict';
+import { readFileSync } from 'node:fs';
 
 import { Browser } from './browser.mjs';
 import { line, ply, waves } from './clouds.mjs';
+import { decodePng } from './png.mjs';
 import { startServer } from './server.mjs';
 import {
     browser, choose, differenceOf, kTorusPoints, litShare, manifestOf, options, rest, restingPicture, run, save, scale, scan,
@@ -293,6 +295,29 @@ await run({
         await settledPyramid(page);
         await page.locator('#fit').click();
         await page.waitForFunction(() => !new URL(location.href).searchParams.has('view'));
+    },
+
+    async 'What is shown is taken elsewhere: as a link, as a picture, in lines for another program'() {
+        const shown = await settledPyramid(page);
+        await page.context().grantPermissions(['clipboard-read', 'clipboard-write']);
+        const copied = () => page.evaluate(() => navigator.clipboard.readText());
+        await page.locator('#stage').press('s');
+        await page.locator('#share-link').click();
+        await page.locator('#share-link').getByText('Copied').waitFor();
+        assert.equal(new URL(await copied()).searchParams.get('pyramid'), shown);
+        const [download] = await Promise.all([page.waitForEvent('download'), page.locator('#share-picture').click()]);
+        const { data, channels } = decodePng(readFileSync(await download.path()));
+        assert.equal(channels, 4);
+        const opacities = data.filter((_, at) => at % 4 === 3);
+        assert.ok(opacities.some((alpha) => alpha === 0) && opacities.some((alpha) => alpha === 255));
+        assert.deepEqual(await page.locator('#share-for option').allInnerTexts(), ['three.js, one level', 'loaders.gl, one level', 'curl']);
+        await page.locator('#share-for').selectOption('curl');
+        await page.locator('#share-copy').click();
+        await page.locator('#share-copy').getByText('Copied').waitFor();
+        const [manifest] = /http\S+manifest\.json/.exec(await copied());
+        assert.equal((await (await fetch(manifest)).json()).complete, true);
+        await page.locator('#share-card').press('Escape');
+        assert.equal(await page.locator('#share-card').isVisible(), false);
     },
 
     async 'Going back shows the result before'() {

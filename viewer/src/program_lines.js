@@ -1,0 +1,74 @@
+// Lines that show a result in other programs, with its address filled in: those of the README.
+
+const kDraco = 'drc';
+const kTiles = 'glb';
+const tilesetOf = ({ server, id }) => `${server}/v1/pyramids/${id}/tileset.json`;
+const manifestOf = ({ server, id, collection, manifest }) => `${server}/v1/${collection}/${id}/${manifest}`;
+
+/** Each with a `name`, the format of files that it `needs`, if any, and `linesFor({server, id, collection, manifest, hasKey})`. */
+export const kPrograms = [{
+    name: 'Cesium', needs: kTiles,
+    linesFor: (result) => `import { Cartesian3, Cesium3DTileset, Transforms } from 'cesium';
+const tileset = await Cesium3DTileset.fromUrl(
+    '${tilesetOf(result)}',
+    { pointCloudShading: { attenuation: true } });
+// Only without tiles.epsg or tiles.transform: where on the globe
+tileset.modelMatrix = Transforms.eastNorthUpToFixedFrame(
+    Cartesian3.fromDegrees(8.55, 47.37));
+viewer.scene.primitives.add(tileset);`,
+}, {
+    name: 'three.js, tiles', needs: kTiles,
+    linesFor: (result) => `import { TilesRenderer } from '3d-tiles-renderer';
+import { GLTFExtensionsPlugin } from '3d-tiles-renderer/plugins';
+import { MeshoptDecoder } from 'three/addons/libs/meshopt_decoder.module.js';
+const tiles = new TilesRenderer(
+    '${tilesetOf(result)}');
+tiles.registerPlugin(new GLTFExtensionsPlugin({ meshoptDecoder: MeshoptDecoder }));
+tiles.setCamera(camera);
+tiles.setResolutionFromRenderer(camera, renderer);
+tiles.addEventListener('load-model', ({ scene: model, tile }) => model.traverse(({ material }) =>
+    Object.assign(material ?? {}, { size: 2 * tile.extras.spacing, sizeAttenuation: true })));
+scene.add(tiles.group);  // call tiles.update() before each frame`,
+}, {
+    name: 'three.js, one level', needs: kDraco,
+    linesFor: (result) => `// Copy three/examples/jsm/libs/draco/ to /draco/
+import { Points, PointsMaterial } from 'three';
+import { DRACOLoader } from 'three/addons/loaders/DRACOLoader.js';
+const manifest = await fetch('${manifestOf(result)}');
+const { levels } = await manifest.json();
+const { spacing, origin, files } = levels.at(-1);
+const { href } = files.find((file) => file.format === 'drc');
+const geometry = await new DRACOLoader().setDecoderPath('/draco/')
+    .loadAsync(new URL(href, manifest.url).href);
+const points = new Points(geometry, new PointsMaterial({
+    size: 2 * spacing, vertexColors: geometry.hasAttribute('color') }));
+points.position.set(...origin);
+scene.add(points);`,
+}, {
+    name: 'loaders.gl, tiles', needs: kTiles,
+    linesFor: (result) => `import { load } from '@loaders.gl/core';
+import { Tiles3DLoader } from '@loaders.gl/3d-tiles';
+const tileset = await load(
+    '${tilesetOf(result)}', Tiles3DLoader);
+const content = await load(tileset.root.contentUrl, Tiles3DLoader);
+// The points are in content.gltf; and so on with tileset.root.children`,
+}, {
+    name: 'loaders.gl, one level', needs: kDraco,
+    linesFor: (result) => `import { load } from '@loaders.gl/core';
+import { DracoLoader } from '@loaders.gl/draco';
+const manifest = await fetch('${manifestOf(result)}');
+const { levels } = await manifest.json();
+const { origin, files } = levels.at(-1);  // positions are relative to origin
+const { href } = files.find((file) => file.format === 'drc');
+const { attributes } = await load(new URL(href, manifest.url).href, DracoLoader);`,
+}, {
+    name: 'curl',
+    linesFor: (result) => {
+        const curl = `curl -sS${result.hasKey ? ' -H "Authorization: Bearer $STIPPLE_KEY"' : ''}`;
+        const all = result.collection === 'pyramids' ? `
+# All levels, tiles and the manifest
+${curl} -o levels.tar ${result.server}/v1/pyramids/${result.id}.tar` : '';
+        return `# What there is: points, errors, files
+${curl} ${manifestOf(result)}${all}`;
+    },
+}];
