@@ -1,9 +1,10 @@
 import { askAhead, cancelJob, getBytes, isFinal, kLost, persist, removeCloud, removeJob, startEvaluation, startJob } from './api.js';
 import { readAddress, writeAddress } from './address.js';
+import { ammonite } from './ammonite.js';
 import { colorize } from './coloring.js';
 import { Comparison } from './comparison.js';
 import { preloadDecoder } from './draco_levels.js';
-import { byId, element } from './element.js';
+import { byId, element, setHidden } from './element.js';
 import * as format from './format.js';
 import { Hud } from './hud.js';
 import { followJob } from './job_follower.js';
@@ -561,6 +562,7 @@ function upload(files) {
 function tellWelcome({ name, note } = {}) {
     byId['welcome-title'].textContent = name ? `Sending ${name}` : kInvitation;
     byId['welcome-note'].textContent = name ? note : kInvitationNote;
+    setHidden(byId.try, Boolean(name));
 }
 
 function closeTopmost() {
@@ -609,6 +611,7 @@ function dressForTheme(isLight) {
 function listen() {
     byId['upload-hint'].textContent = kUploadHint;
     tellWelcome();
+    byId.try.onclick = () => upload([new File([ammonite()], 'ammonite.ply')]);
     byId.choose.onclick = () => byId.file.click();
     byId.file.onchange = () => {
         upload([...byId.file.files]);

@@ -29,6 +29,18 @@ await run({
         browser.refusalsExpected = false;
     },
 
+    async 'On an empty page there is a cloud to try'() {
+        await page.locator('#try').click();
+        const pyramid = await settledPyramid(page);
+        await shows(page, 160_000);
+        assert.ok(await litShare(page) > 0.1);
+        await save(page, 'ammonite');
+        assert.equal(await page.locator('#title').innerText(), 'ammonite.ply');
+        await fetch(`${server.url}/v1/clouds/${await cloudOf(pyramid)}`, { method: 'DELETE' });
+        await fetch(`${server.url}/v1/jobs/${pyramid}`, { method: 'DELETE' });
+        await page.goto(browser.url);
+    },
+
     async 'A failed job keeps its reason, and the page invites to add another cloud'() {
         await choose(page, { name: 'cut.ply', buffer: truncated() });
         await page.locator('#reason').getByText(/malformed|vertex|bytes|points/i).waitFor();
