@@ -253,3 +253,20 @@ test('Few whole numbers are categories: classes by their names, others by themse
     assert.equal(categoriesOf('intensity', Array.from({ length: 200 }, (_, i) => i)), null);
     assert.equal(categoriesOf('empty', []), null);
 });
+
+test('The lines for other programs name the result, and are complete', async () => {
+    const { kPrograms } = await moduleOf('program_lines.js');
+    const AsyncFunction = (async () => {}).constructor;
+    const result = { server: 'https://levels.example', id: '0123abcd', hasKey: false };
+    for (const part of [{ collection: 'pyramids', manifest: 'manifest.json' }, { collection: 'jobs', manifest: 'results' }]) {
+        for (const { name, needs, linesFor } of kPrograms) {
+            const lines = linesFor({ ...result, ...part });
+            assert.ok(lines.includes(`https://levels.example/v1/${needs === 'glb' ? 'pyramids' : part.collection}/0123abcd/`), name);
+            if (name !== 'curl') {
+                assert.doesNotThrow(() => new AsyncFunction('viewer', 'scene', 'camera', 'renderer', lines.replace(/^import .*$/gm, '')), name);
+            }
+        }
+    }
+    const { linesFor } = kPrograms.find(({ name }) => name === 'curl');
+    assert.match(linesFor({ ...result, collection: 'jobs', manifest: 'results', hasKey: true }), /Bearer \$/);
+});
