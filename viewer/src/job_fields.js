@@ -19,7 +19,9 @@ export function fieldOf(field, context) {
     }
 }
 
-export const titleOf = ({ name }) => name.replaceAll('_', ' ');
+const kTitles = { k: 'neighbours (k)', epsg: 'EPSG code' };
+
+export const titleOf = ({ name }) => kTitles[name] ?? name.replaceAll('_', ' ');
 
 function singleOf(field, context) {
     const input = inputOf(field, context);

@@ -207,7 +207,7 @@ await run({
 
     async 'What was cleaned away is told'() {
         const before = await settledPyramid(page);
-        await choose(page, { name: 'twice.ply', buffer: ply(Array.from({ length: 600 }, (_, i) => [Math.floor(i / 2), 0, 0]), false) });
+        await choose(page, { name: 'twice.ply', buffer: ply(Array.from({ length: 600 }, (_, i) => [Math.floor(i / 2) / 300, 0, 0]), false) });
         await settledPyramid(page, before);
         await shows(page, 300);
         await page.locator('#activity').getByText('300 duplicates left out').waitFor();
