@@ -37,6 +37,12 @@ export function bytesOf(part, all) {
 /** With three significant digits, and a minus sign as wide as a digit. */
 export const quantity = (x) => withMinus(x === 0 || (Math.abs(x) >= 1e-4 && Math.abs(x) < 1e6)
     ? x.toLocaleString('en', { maximumSignificantDigits: 3 }) : x.toExponential(1));
+/** Coordinates in a cloud of a size: to a ten thousandth of that. */
+export function place(coordinates, size) {
+    const decimals = Math.min(12, Math.max(0, 4 - Math.floor(Math.log10(size))));
+    return coordinates.map((x) => withMinus(x.toLocaleString('en', { minimumFractionDigits: decimals, maximumFractionDigits: decimals }))).join('  ');
+}
+
 /** The ends of a range: both in one notation, with as many digits as tell one from the other. */
 export function ends(low, high) {
     const [largest, length] = [Math.max(Math.abs(low), Math.abs(high)), high - low];

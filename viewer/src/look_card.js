@@ -69,6 +69,17 @@ export class LookCard {
         return [...own, ...kAlways.slice(0, 2), ...attributes.map(({ name }) => [name, titleOf(name)]), ...kAlways.slice(2)];
     }
 
+    /** What the colours say of one point of a level: `Classification: Ground`; null where they stand for no values, or for coordinates. */
+    valueAt({ colors, coloring }, index) {
+        const { by, range } = coloring;
+        const value = range && !kLengths.slice(1).includes(by) ? colors?.get(by)?.valueOf?.(index) : undefined;
+        if (value === undefined) {
+            return null;
+        }
+        const text = !Number.isFinite(value) ? 'no value' : range.categories ? range.categories.nameOf(value) : format.ends(value, value)[0];
+        return `${titleOf(by)}: ${text}`;
+    }
+
     /** @param levels  that are on the stage, one or left and right, each with its `coloring` */
     show(levels) {
         const choices = new Map(levels.flatMap((level) => this.choices(level)));

@@ -47,7 +47,7 @@ const kLegendGap = 10;
 /** Bytes of a point in a small file of each kind: a pyramid with large levels needs tiles, which take the server longer to make. */
 const kFewestBytes = { ply: 12, drc: 1.5, stpc: 1.5 };
 
-const stage = new Stage(byId.stage, { onPicture: (level) => session?.pictured(level), onMoved: remember });
+const stage = new Stage(byId.stage, { onPicture: (level) => session?.pictured(level), onMoved: remember, onPoint: showPoint });
 const library = new Library({
     onResult: (job) => {
         forgetProblems();
@@ -141,6 +141,7 @@ function open({ id, type }, { remembered = false, how = kAsNew } = {}) {
         history.pushState(null, '', `/?${type === 'pyramid' ? 'pyramid' : 'job'}=${id}`);
     }
     setTools(false);
+    byId.point.hidden = true;
     byId.welcome.hidden = true;
     sheet.close();
     document.title = 'stipple';
@@ -179,6 +180,7 @@ function closeResult() {
     report.hide();
     session.close();
     session = null;
+    byId.point.hidden = true;
     setTools(false);
     hud.close();
     document.title = 'stipple';
@@ -308,6 +310,13 @@ function aboutOf(job, shown) {
     const cloud = library.cloudOf(job);
     const without = cloud?.points === undefined ? '' : keptOf(cloud).without;
     return [summaryOf(job, cloud), shown?.tiles && 'by view', without].filter(Boolean).join(', ');
+}
+
+/** The point that is looked at closely, until the cloud is moved by hand. */
+function showPoint({ place, level, geometry, index }) {
+    const value = geometry === level.geometry && !level.tiles ? look.valueAt(level, index) : null;
+    byId.point.replaceChildren(element('span', { className: 'place', textContent: format.place(place, stage.home.radius) }), ...(value ? [value] : []));
+    byId.point.hidden = false;
 }
 
 /** What can be done to a picture, where there is one. */
@@ -626,7 +635,11 @@ function listen() {
         const forget = showProblem(new Error('Drawing resumes when the browser allows it; if not, reload the page.'), 'The graphics context was lost', { lasts: true });
         byId.stage.addEventListener('webglcontextrestored', forget, { once: true });
     });
-    byId.fit.onclick = () => stage.fit();
+    byId.stage.addEventListener('pointerdown', () => { byId.point.hidden = true; });
+    byId.fit.onclick = () => {
+        byId.point.hidden = true;
+        stage.fit();
+    };
     byId.help.onclick = () => byId['help-dialog'].showModal();
     byId.rotate.onclick = toggleRotation;
     listenToKeys({

@@ -35,8 +35,9 @@ export const canDrawOn = (canvas) => canvas.getContext('webgl2', kContext) !== n
  * `panes` show the clouds; the first one places the camera.
  */
 export class Stage {
-    constructor(canvas, { onPicture, onMoved }) {
-        this.onMoved = onMoved;
+    /** @param onMoved  told that it is looked at from elsewhere; @param onPoint  which point is looked at closely, see `focusAt` */
+    constructor(canvas, { onPicture, onMoved, onPoint }) {
+        Object.assign(this, { onMoved, onPoint });
         this.canvas = canvas;
         this.renderer = new WebGLRenderer({ canvas, ...kContext });
         this.renderer.autoClear = false;
@@ -250,18 +251,20 @@ export class Stage {
         this.focusAt(left + width / 2 - shiftX, height / 2 - shiftY);
     }
 
-    /** Turns around the point at a place of the canvas and comes closer to it. */
+    /** Turns around the point at a place of the canvas and comes closer to it; tells its `place` in the file, `level`, `geometry` and `index`. */
     focusAt(x, y) {
         const view = this.views().find(({ clip }) => x >= clip.left && x < clip.right);
         const hit = view?.pane.level && this.pick(view, x - view.left, y);
         if (hit) {
             const direction = this.camera.position.clone().sub(this.controls.target).normalize();
-            this.moveTo(hit, direction, 0.45 * this.camera.position.distanceTo(hit), true);
+            this.moveTo(hit.place, direction, 0.45 * this.camera.position.distanceTo(hit.place), true);
             this.isAtHome = false;
+            const { center, origin = [0, 0, 0] } = this.home;
+            this.onPoint({ ...hit, level: view.pane.level, place: hit.place.clone().add(center).toArray().map((x, axis) => x + origin[axis]) });
         }
     }
 
-    /** The nearest point drawn within a few pixels of a place in a view, relative to the centre. */
+    /** The nearest point drawn within a few pixels of a place in a view: `place`, relative to the centre, `geometry` and `index`. */
     pick(view, x, y) {
         this.aim(view);
         const point = new Vector3();
@@ -276,7 +279,7 @@ export class Stage {
                 const dy = (0.5 - 0.5 * point.y) * view.height - y;
                 if (dx * dx + dy * dy < kPickPixels ** 2 && Math.abs(point.z) <= 1 && point.z < bestDepth) {
                     bestDepth = point.z;
-                    best = new Vector3().fromBufferAttribute(position, i).applyMatrix4(matrixWorld);
+                    best = { place: new Vector3().fromBufferAttribute(position, i).applyMatrix4(matrixWorld), geometry, index: i };
                 }
             }
         }

@@ -372,7 +372,17 @@ await run({
         await colorBy('classification');
         await page.locator('#legend-categories').getByText('Building').waitFor();
         assert.equal(await page.locator('#legend-categories').innerText(), 'Ground\nBuilding');
+        await rest(page);
+        const { x, y, width, height } = stageOf(page);
+        await page.locator('#stage').dblclick({ position: { x: x + width / 2, y: y + height / 2 } });
+        await page.locator('#point').getByText('Classification').waitFor();
         await save(page, 'classes');
+        const [place, kind] = (await page.locator('#point').innerText()).split('\n');
+        const [east, north] = place.replaceAll(',', '').split(/\s+/).map(Number);
+        assert.ok(Math.abs(east - 465_030) < 31 && Math.abs(north - 5_247_025) < 26, place);
+        assert.equal(kind, `Classification: ${Math.round(east) % 2 === 0 ? 'Ground' : 'Building'}`);
+        await page.locator('#fit').click();
+        assert.equal(await page.locator('#point').isVisible(), false);
     },
 
     async 'A server with keys asks for one, again after a wrong one, and then shows all'() {
