@@ -188,12 +188,11 @@ private:
     std::size_t coarsest_ = 0, finest_ = 0;
 };
 
-/// A snapshot of more points than `too_few` but fewer than `size` that holds everywhere, if there
-/// is one: where the error is even, one count for all needs fewer than a front with its grading.
-std::optional<ErrorBoundedCloud> fewer_everywhere(const PointCloud& cloud,
-                                                  const SimplifyOptions& options,
-                                                  std::uint64_t size, std::uint64_t too_few,
-                                                  ErrorJudge& judge, const RunContext& context) {
+/// Snapshots of more points than `too_few` but fewer than `size` that hold everywhere as far as one
+/// sees from a glance and a watch. Descending.
+std::vector<PointCloud> fewer_at_a_look(const PointCloud& cloud, const SimplifyOptions& options,
+                                        std::uint64_t size, std::uint64_t too_few,
+                                        ErrorJudge& judge, const RunContext& context) {
     constexpr double kCloser = 1.05;
     constexpr unsigned kMostMisses = 3;  // the error does not fall evenly with the count
     std::vector<std::uint64_t> counts;
@@ -202,17 +201,15 @@ std::optional<ErrorBoundedCloud> fewer_everywhere(const PointCloud& cloud,
         const auto rounded = static_cast<std::uint64_t>(count);
         if (counts.empty() || rounded < counts.back()) counts.push_back(rounded);
     }
-    std::optional<ErrorBoundedCloud> best;
+    std::vector<PointCloud> fewer;
     unsigned misses = 0;
-    if (counts.empty()) return best;
+    if (counts.empty()) return fewer;
     const auto look_at = [&](PointCloud&& snapshot) {
         if (misses == kMostMisses) return;
-        ErrorBoundedCloud candidate{.cloud = std::move(snapshot)};
-        const bool holds = judge.glance(candidate.cloud).places.empty() &&
-                           judge.watch(candidate.cloud).places.empty() &&
-                           judge.measure(candidate).max <= ErrorJudge::kWithin;
+        const bool holds =
+            judge.glance(snapshot).places.empty() && judge.watch(snapshot).places.empty();
         misses = holds ? 0 : misses + 1;
-        if (holds) best = std::move(candidate);
+        if (holds) fewer.push_back(std::move(snapshot));
     };
     const RunContext quiet{.stop = context.stop, .progress = {}, .threads = context.threads};
     if (options.method == Method::Particles) {  // each is a run of its own
@@ -221,6 +218,31 @@ std::optional<ErrorBoundedCloud> fewer_everywhere(const PointCloud& cloud,
             if (misses < kMostMisses) look_at(run(count, quiet));
     } else {
         make_snapshots(cloud, options, counts, look_at, quiet);
+    }
+    return fewer;
+}
+
+/// A snapshot of more points than `too_few` but fewer than `size` that holds everywhere, if there
+/// is one: where the error is even, one count for all needs fewer than a front with its grading. A
+/// measurement takes as long as many looks, and the fewest points of those that hold at a look
+/// mostly hold: they are measured first, and where they do not, the least that do are bisected for.
+std::optional<ErrorBoundedCloud> fewer_everywhere(const PointCloud& cloud,
+                                                  const SimplifyOptions& options,
+                                                  std::uint64_t size, std::uint64_t too_few,
+                                                  ErrorJudge& judge, const RunContext& context) {
+    std::vector<PointCloud> fewer = fewer_at_a_look(cloud, options, size, too_few, judge, context);
+    std::optional<ErrorBoundedCloud> best;
+    std::size_t holding = 0, failing = fewer.size();  // the first `holding` have more points
+    for (std::size_t next = fewer.size(); next > holding;
+         next = holding + (failing - holding + 1) / 2) {
+        ErrorBoundedCloud candidate{.cloud = std::move(fewer[next - 1])};
+        if (judge.watch(candidate.cloud).places.empty() &&
+            judge.measure(candidate).max <= ErrorJudge::kWithin) {
+            best = std::move(candidate);
+            holding = next;
+        } else {
+            failing = next - 1;
+        }
     }
     return best;
 }
