@@ -89,7 +89,7 @@ struct LodTiler::State {
     /// @param known  their tree; none: it is made.
     double spacing_of(std::span<const Vec3f> points, const PointTree* known,
                       const RunContext& context) const {
-        constexpr std::size_t kAsked = 16'384;
+        constexpr std::size_t kAsked = 512;  // tell it to some percent
         const auto point_at = [points](std::size_t i) { return points[i]; };
         if (is_crowd(points.size(), point_at)) return 0;
         const auto gap_in = [&](const PointTree& all) {
@@ -125,7 +125,7 @@ struct LodTiler::State {
             return MeasuredLevel(rounded(all, grid, context), context);
         };
         if (as_measured) {
-            level_spacing = spacing_of(meter.source(), nullptr, context);
+            level_spacing = spacing_of(meter.source(), &meter.surface(context)->tree, context);
             if (options.level_errors) level_error = error_of(cloud, nullptr, context);
             meter.forget_surface();  // no level comes after
             return at_finest(meter.source());
@@ -186,7 +186,7 @@ struct LodTiler::State {
 
     /// Of the whole level; and of each part by the samples in its cell, or as of the level where
     /// these have no area.
-    void add_errors(std::span<LodTile> tiles, const MeasuredLevel& level,
+    void add_errors(std::span<LodTile> tiles, const MeasuredLevel& level, const LevelGrid& grid,
                     const RunContext& context) {
         take(level.distances, level.areas, std::ranges::max(level.covers), figures);
         const auto as_level = [&](LodTile& tile) {
@@ -204,8 +204,12 @@ struct LodTiler::State {
                     as_level(tiles[t]);
             });
         }
-        // Of all points down to the level, of which additive tiles hold but the new ones.
-        figures.spacing = spacing_of(level.points, level.tree.get(), context);
+        // Of all points down to the level, of which additive tiles hold but the new ones. Short
+        // steps hardly change it.
+        constexpr double kShort = 0.125;
+        const bool is_fine = grid.step / frame.scale <= kShort * level_spacing;
+        figures.spacing =
+            is_fine ? level_spacing : spacing_of(level.points, level.tree.get(), context);
     }
 
     /// What the tiles of one thread are made in.
@@ -366,7 +370,7 @@ std::vector<LodTile> LodTiler::add_level(const PointCloud& cloud, bool whole,
             }
         });
     context.checkpoint(0.9);
-    state.add_errors(tiles, level, context);
+    state.add_errors(tiles, level, grid, context);
     ++state.levels;
     if (additive) state.had = cloud.size();
     context.checkpoint(1);
