@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -22,16 +23,18 @@ struct Side {
     LocalSurface surface;
     ErrorSamples samples;
     std::shared_ptr<const LocalSurface::Part> part;
+    LonePoints some;
+    std::optional<LonePoints> points;  ///< of the part
 
     Side(const BoxedCloud& cloud, const ErrorFrame& frame, const SurfaceErrorOptions& options,
          const FootFinder::Options& finding, const RunContext& context)
-        : surface(cloud, frame, options.samples, finding, context) {
+        : surface(cloud, frame, options.samples, finding, context),
+          some(surface.some().points, surface.some().tree) {
         constexpr std::uint64_t kFew = 1'000;  // points, of which the areas of all are soon known
-        const PointTree& tree = surface.some().tree;
         if (surface.size() > kFew) {
-            samples = draw_points_by_area(tree, options.samples, options.seed, context);
+            samples = draw_points_by_area(some, options.samples, options.seed, context);
         } else {
-            samples.positions = draw_points(tree, options.samples, options.seed, context);
+            samples.positions = draw_points(some, options.samples, options.seed, context);
         }
     }
 
@@ -40,16 +43,20 @@ struct Side {
         std::vector<Ball> balls = surface.views(samples.positions, around, context);
         balls.insert(balls.end(), others.begin(), others.end());
         part = surface.gather(balls, context);
+        points.emplace(part->points, part->tree, some,
+                       static_cast<double>(surface.size()) /
+                           static_cast<double>(surface.some().points.size()));
+        auto [areas, doubtful_sq] = areas_around(*points, samples.positions, context);
+        samples.doubtful_sq = std::move(doubtful_sq);
         if (samples.areas.empty()) return samples.areas.assign(samples.positions.size(), 1.0F);
-        const std::vector<float> areas = areas_around(part->tree, samples.positions, context);
         for (std::size_t i = 0; i < areas.size(); ++i)
             samples.areas[i] = areas[i] / samples.areas[i];
     }
 
     /// From points to places beside them.
     void leave_points(const SurfaceErrorOptions& options, const RunContext& context) {
-        samples.positions = places_beside(part->points, part->tree, part->finder, samples.positions,
-                                          options.seed, context);
+        samples.positions =
+            places_beside(*points, part->finder, samples.positions, options.seed, context);
     }
 };
 
@@ -60,7 +67,7 @@ DirectedError estimate_direction(const ErrorSamples& samples, const ErrorFrame& 
     std::vector<float> distances(samples.size());
     std::vector<std::uint8_t> endless(samples.size());
     find([&](std::size_t i, const Foot& foot) {
-        distances[i] = static_cast<float>(foot.distance);
+        distances[i] = static_cast<float>(distance_of(foot, samples.doubtful_sq[i]));
         endless[i] = !foot.converged && !foot.beyond;
     });
     return summarize_places(distances, samples.areas, endless, frame, context);
@@ -139,10 +146,10 @@ DirectedError estimate_backward(const FramedSurface& reference, std::span<const 
                                 const PointTree& tree, const ErrorFrame& frame,
                                 const RunContext& context) {
     const SurfaceErrorOptions options = quick_options(reference.points.size(), candidate.size());
-    ErrorSamples samples = take_points_by_area(tree, options.samples, options.seed, context);
-    samples.positions =
-        places_beside(candidate, tree, FootFinder(candidate, tree, FootFinder::Options{}),
-                      samples.positions, options.seed, context);
+    const LonePoints points(candidate, tree);
+    ErrorSamples samples = take_points_by_area(points, options.samples, options.seed, context);
+    samples.positions = places_beside(points, FootFinder(candidate, tree, FootFinder::Options{}),
+                                      samples.positions, options.seed, context);
     return estimate_direction(samples, frame, context, [&](const auto& found) {
         reference.finder.find(samples.positions, found, context);
     });

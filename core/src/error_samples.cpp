@@ -1,9 +1,7 @@
 #include "error_samples.hpp"
 
-#include "box_of_most.hpp"
 #include "contraction_quadrics.hpp"
 #include "first_touch.hpp"
-#include "lone_points.hpp"
 #include "nearby_search.hpp"
 #include "nearest_kernels.hpp"
 #include "parallel_for.hpp"
@@ -81,18 +79,10 @@ std::vector<std::size_t> draw_by_area(std::span<const float> areas, std::span<co
     return drawn;
 }
 
-/// The most that a point can stand for: half the square about most of the tree's points. A stray
-/// point far off would else stand for more than all others.
-float largest_area(const PointTree& tree) {
-    const double side = longest_side(box_of_most(some_of(
-        tree.size(), [&](std::size_t i) { return Vec3d(tree.position(i).cast<double>()); })));
-    return side > 0 ? static_cast<float>(0.5 * side * side)
-                    : std::numeric_limits<float>::infinity();
-}
-
 /// For each leaf of a tree the area of the largest side of its box, and some more, so that none is
 /// zero.
-std::vector<float> leaf_sizes(const PointTree& tree, const RunContext& context) {
+std::vector<float> leaf_sizes(const LonePoints& points, const RunContext& context) {
+    const PointTree& tree = points.tree();
     constexpr std::size_t kWidth = PointTree::kWidth;
     constexpr double kLeast = 0.1;  // of the mean
     auto sizes = made_in_blocks<std::vector<float>>(tree.leaf_count(), context);
@@ -107,7 +97,7 @@ std::vector<float> leaf_sizes(const PointTree& tree, const RunContext& context) 
                                 sizes[l] = std::max({x * y, y * z, z * x});
                             }
                         });
-    const float largest = largest_area(tree);
+    const float largest = PointTree::kWidth * points.largest();
     for (float& size : sizes) size = std::min(size, largest);
     const double total = std::accumulate(sizes.begin(), sizes.end(), 0.0);
     const double least = total > 0 ? kLeast * total / static_cast<double>(sizes.size()) : 1.0;
@@ -122,8 +112,9 @@ struct DrawnLeaves {
 };
 
 /// Leaves to draw `count` points from: large ones more often, or all where there are not many.
-DrawnLeaves draw_leaves(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
+DrawnLeaves draw_leaves(const LonePoints& points, std::uint64_t count, std::uint64_t seed,
                         const RunContext& context) {
+    const PointTree& tree = points.tree();
     constexpr std::uint64_t kOfEach = 8;
     DrawnLeaves drawn;
     if (tree.leaf_count() <= kOfEach * count) {
@@ -132,7 +123,7 @@ DrawnLeaves draw_leaves(const PointTree& tree, std::uint64_t count, std::uint64_
         drawn.chances.assign(tree.leaf_count(), 1.0F);
         return drawn;
     }
-    const std::vector<float> sizes = leaf_sizes(tree, context);
+    const std::vector<float> sizes = leaf_sizes(points, context);
     for (const std::size_t leaf : draw_by_area(sizes, {}, kOfEach * count, seed, context)) {
         drawn.leaves.push_back(static_cast<std::uint32_t>(leaf));
         drawn.chances.push_back(sizes[leaf]);
@@ -143,10 +134,11 @@ DrawnLeaves draw_leaves(const PointTree& tree, std::uint64_t count, std::uint64_
 /// An area around each point of some leaves, up to a common factor, positive unless all points
 /// coincide: as `areas_around` has it, by neighbours in the leaf and beside it on the curve alone;
 /// 0 for those that the last leaf is short of.
-std::vector<float> leaf_areas(const PointTree& tree, const DrawnLeaves& drawn,
+std::vector<float> leaf_areas(const LonePoints& points, const DrawnLeaves& drawn,
                               const RunContext& context) {
+    const PointTree& tree = points.tree();
     const auto& [leaves, chances] = drawn;
-    const float largest = largest_area(tree);
+    const float largest = points.largest();
     auto areas = made_in_blocks<std::vector<float>>(leaves.size() * PointTree::kWidth, context);
     parallel_for_blocks(leaves.size(), kBlock / PointTree::kWidth, context,
                         [&](std::size_t begin, std::size_t end) {
@@ -269,13 +261,13 @@ Vec3f moved(const Vec3f& point, const Vec3f& normal, float spacing_sq, std::uint
 }
 
 /// The feet of places; the base of one that has none, or whose base is alone.
-std::vector<Vec3f> feet_or(std::span<const Vec3f> bases, std::span<const std::uint8_t> is_lone,
+std::vector<Vec3f> feet_or(std::span<const Vec3f> bases, std::span<const std::uint8_t> alone,
                            const FootFinder& surface, std::span<const Vec3f> places,
                            const RunContext& context) {
     std::vector<Vec3f> feet = feet_on(surface, places, context);
     for (std::size_t i = 0; i < feet.size(); ++i) {
         // Where the surface is not to be found there is at least the point.
-        if (!feet[i].allFinite() || is_lone[i] != 0) feet[i] = bases[i];
+        if (!feet[i].allFinite() || alone[i] != 0) feet[i] = bases[i];
     }
     return feet;
 }
@@ -291,25 +283,33 @@ void ErrorSamples::append(const ErrorSamples& more) {
     positions.insert(positions.end(), more.positions.begin(), more.positions.end());
     areas.insert(areas.end(), more.areas.begin(), more.areas.end());
     numbers.insert(numbers.end(), more.numbers.begin(), more.numbers.end());
+    doubtful_sq.insert(doubtful_sq.end(), more.doubtful_sq.begin(), more.doubtful_sq.end());
 }
 
-std::vector<float> areas_around(const PointTree& tree, std::span<const Vec3f> points,
-                                const RunContext& context) {
+PointAreas areas_around(const LonePoints& points, std::span<const Vec3f> which,
+                        const RunContext& context) {
     constexpr std::size_t kEight = 8;
-    const float largest = largest_area(tree);
-    auto areas = made_in_blocks<std::vector<float>>(points.size(), context);
-    parallel_for_blocks(points.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+    const PointTree& tree = points.tree();
+    PointAreas around = {.areas = made_in_blocks<std::vector<float>>(which.size(), context),
+                         .doubtful_sq = made_in_blocks<std::vector<float>>(which.size(), context)};
+    auto& [areas, doubtful_sq] = around;
+    parallel_for_blocks(which.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
         NearestDistances nearest(tree, kEight + 1);
         const auto count = static_cast<double>(std::min(kEight + 1, tree.size()));
-        for (std::size_t i = begin; i < end; ++i)
-            areas[i] = std::min(largest, static_cast<float>(nearest.find(points[i]).sum / count));
+        for (std::size_t i = begin; i < end; ++i) {
+            const auto mean = static_cast<float>(nearest.find(which[i]).sum / count);
+            const LonePoints::Area area = points.area_of(which[i], mean);
+            areas[i] = area.area;
+            doubtful_sq[i] = area.doubtful_sq;
+        }
     });
     if (std::ranges::none_of(areas, [](float a) { return a > 0; })) std::ranges::fill(areas, 1.0F);
-    return areas;
+    return around;
 }
 
-ErrorSamples take_points(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
+ErrorSamples take_points(const LonePoints& points, std::uint64_t count, std::uint64_t seed,
                          const RunContext& context) {
+    const PointTree& tree = points.tree();
     const std::size_t n = tree.size(), m = std::min<std::uint64_t>(count, n);
     ErrorSamples samples;
     if (m == n) {
@@ -325,39 +325,43 @@ ErrorSamples take_points(const PointTree& tree, std::uint64_t count, std::uint64
             }
         });
     }
-    samples.areas = areas_around(tree, samples.positions, context);
+    auto [areas, doubtful_sq] = areas_around(points, samples.positions, context);
+    samples.areas = std::move(areas);
+    samples.doubtful_sq = std::move(doubtful_sq);
     return samples;
 }
 
-ErrorSamples draw_points_by_area(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
+ErrorSamples draw_points_by_area(const LonePoints& points, std::uint64_t count, std::uint64_t seed,
                                  const RunContext& context) {
-    const DrawnLeaves some = draw_leaves(tree, count, ~seed, context);
+    const DrawnLeaves some = draw_leaves(points, count, ~seed, context);
     const auto& [leaves, chances] = some;
-    const std::vector<float> areas = leaf_areas(tree, some, context);
+    const std::vector<float> areas = leaf_areas(points, some, context);
     const std::vector<std::size_t> drawn = draw_by_area(areas, chances, count, seed, context);
     ErrorSamples samples;
     samples.numbers = made_in_blocks<std::vector<std::size_t>>(count, context);
     for (std::size_t i = 0; i < count; ++i)
         samples.numbers[i] =
             leaves[drawn[i] / PointTree::kWidth] * PointTree::kWidth + drawn[i] % PointTree::kWidth;
-    samples.positions = points_of(tree, samples.numbers, context);
+    samples.positions = points_of(points.tree(), samples.numbers, context);
     samples.areas = made_in_blocks<std::vector<float>>(count, context);
     for (std::size_t i = 0; i < count; ++i) samples.areas[i] = areas[drawn[i]];
     return samples;
 }
 
-ErrorSamples take_points_by_area(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
+ErrorSamples take_points_by_area(const LonePoints& points, std::uint64_t count, std::uint64_t seed,
                                  const RunContext& context) {
-    if (tree.size() <= count) return take_points(tree, count, seed, context);
-    ErrorSamples samples = draw_points_by_area(tree, count, seed, context);
-    const std::vector<float> areas = areas_around(tree, samples.positions, context);
+    if (points.tree().size() <= count) return take_points(points, count, seed, context);
+    ErrorSamples samples = draw_points_by_area(points, count, seed, context);
+    auto [areas, doubtful_sq] = areas_around(points, samples.positions, context);
+    samples.doubtful_sq = std::move(doubtful_sq);
     for (std::size_t i = 0; i < count; ++i) samples.areas[i] = areas[i] / samples.areas[i];
     return samples;
 }
 
-std::vector<Vec3f> random_places(const PointTree& tree, const FootFinder& surface,
-                                 std::span<const Vec3f> bases, std::uint64_t seed,
-                                 const RunContext& context) {
+SurfacePlaces random_places(const LonePoints& points, const FootFinder& surface,
+                            std::span<const Vec3f> bases, std::uint64_t seed,
+                            const RunContext& context) {
+    const PointTree& tree = points.tree();
     std::vector<Vec3f> used;
     for_blocks_in_order(bases.size(), context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i)
@@ -366,95 +370,101 @@ std::vector<Vec3f> random_places(const PointTree& tree, const FootFinder& surfac
     auto normals = made_in_blocks<std::vector<Vec3f>>(used.size(), context);
     constexpr std::size_t kThird = 3;
     const std::vector<float> spacings_sq = distances_sq(tree, used, kThird, context);
-    const LonePoints lone_points(surface.points(), tree);
     auto lone = made_in_blocks<std::vector<std::uint8_t>>(used.size(), context);
     parallel_for_blocks(used.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i)
-            lone[i] = lone_points.holds(used[i], std::sqrt(spacings_sq[i])) ? 1 : 0;
+            lone[i] = points.holds(used[i], std::sqrt(spacings_sq[i])) ? 1 : 0;
     });
     surface.find(
         used, [&](std::size_t i, const Foot& foot) { normals[i] = foot.normal.cast<float>(); },
         context);
 
     auto places = made_in_blocks<std::vector<Vec3f>>(bases.size(), context);
-    auto is_lone = made_in_blocks<std::vector<std::uint8_t>>(bases.size(), context);
+    auto alone = made_in_blocks<std::vector<std::uint8_t>>(bases.size(), context);
     std::size_t base = 0;
     for (std::size_t i = 0; i < bases.size(); ++i) {
         if (i % kBetweenChecks == 0) context.throw_if_stopped();
         if (i > 0 && bases[i] != bases[i - 1]) ++base;
         places[i] = moved(used[base], normals[base], spacings_sq[base], seed, i);
-        is_lone[i] = lone[base];
+        alone[i] = lone[base];
     }
-    return feet_or(bases, is_lone, surface, places, context);
+    SurfacePlaces found = {.positions = feet_or(bases, alone, surface, places, context),
+                           .doubtful_sq = {}};
+    for (const std::uint8_t is_alone : alone)
+        found.doubtful_sq.push_back(is_alone != 0 ? 0 : std::numeric_limits<float>::infinity());
+    return found;
 }
 
-std::vector<Vec3f> places_beside(std::span<const Vec3f> points, const PointTree& tree,
-                                 const FootFinder& surface, std::span<const Vec3f> bases,
-                                 std::uint64_t seed, const RunContext& context) {
+std::vector<Vec3f> places_beside(const LonePoints& points, const FootFinder& surface,
+                                 std::span<const Vec3f> bases, std::uint64_t seed,
+                                 const RunContext& context) {
     constexpr std::size_t kThird = 3, kAround = 8;
     auto places = made_in_blocks<std::vector<Vec3f>>(bases.size(), context);
     auto is_lone = made_in_blocks<std::vector<std::uint8_t>>(bases.size(), context);
     parallel_for_blocks(bases.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
-        NearbySearch search(tree, kAround + 1, 2 * kAround + 2);
+        NearbySearch search(points.tree(), kAround + 1, 2 * kAround + 2);
         std::vector<Vec3d> ways;
         for (std::size_t i = begin; i < end; ++i) {
             const std::span<Neighbor> nearest = search.find_nearest_few(bases[i]);
             std::ranges::sort(nearest);  // the point itself comes first
             ways.clear();
             for (const Neighbor& neighbor : nearest.subspan(1))
-                ways.push_back((points[neighbor.index] - bases[i]).cast<double>());
+                ways.push_back((surface.points()[neighbor.index] - bases[i]).cast<double>());
             const Vec3d normal = normal_from(ways);
             const float spacing_sq = nearest[std::min(kThird, nearest.size() - 1)].distance_sq;
             places[i] = moved(bases[i], normal.cast<float>(), spacing_sq, seed, i);
-            is_lone[i] = lies_alone(nearest, points) ? 1 : 0;
+            is_lone[i] = points.holds(nearest) ? 1 : 0;
         }
     });
     return feet_or(bases, is_lone, surface, places, context);
 }
 
-std::vector<Vec3f> draw_points(const PointTree& tree, std::uint64_t count, std::uint64_t seed,
+std::vector<Vec3f> draw_points(const LonePoints& points, std::uint64_t count, std::uint64_t seed,
                                const RunContext& context) {
-    const std::vector<float> areas = areas_around(tree, all_points(tree, context), context);
+    const PointTree& tree = points.tree();
+    const std::vector<float> areas = areas_around(points, all_points(tree, context), context).areas;
     return points_of(tree, draw_by_area(areas, {}, count, seed, context), context);
 }
 
-ErrorSamples take_surface(const PointTree& tree, const FootFinder& surface, std::uint64_t count,
+ErrorSamples take_surface(const LonePoints& points, const FootFinder& surface, std::uint64_t count,
                           std::uint64_t seed, const RunContext& context) {
-    ErrorSamples samples;
-    samples.positions =
-        random_places(tree, surface, draw_points(tree, count, seed, context), seed, context);
-    samples.areas.assign(count, 1.0F);
-    return samples;
+    auto [positions, doubtful_sq] =
+        random_places(points, surface, draw_points(points, count, seed, context), seed, context);
+    return {.positions = std::move(positions),
+            .areas = std::vector<float>(count, 1.0F),
+            .numbers = {},
+            .doubtful_sq = std::move(doubtful_sq)};
 }
 
-ErrorSamples take_surface_by_area(const PointTree& tree, const FootFinder& surface,
+ErrorSamples take_surface_by_area(const LonePoints& points, const FootFinder& surface,
                                   std::uint64_t count, std::uint64_t seed,
                                   const RunContext& context) {
-    ErrorSamples samples = take_points_by_area(tree, count, seed, context);
-    samples.positions = random_places(tree, surface, samples.positions, seed, context);
+    ErrorSamples samples = take_points_by_area(points, count, seed, context);
+    auto [positions, doubtful_sq] =
+        random_places(points, surface, samples.positions, seed, context);
+    samples.positions = std::move(positions);
+    samples.doubtful_sq = std::move(doubtful_sq);
     samples.numbers.clear();
     return samples;
 }
 
-ErrorSamples take_particles(std::span<const Vec3f> points, const PointTree& tree,
-                            const FootFinder& surface, std::uint64_t count, std::uint64_t seed,
-                            const RunContext& context) {
+ErrorSamples take_particles(const LonePoints& points, const FootFinder& surface,
+                            std::uint64_t count, std::uint64_t seed, const RunContext& context) {
     PointCloud cloud;
-    cloud.positions.assign(points.begin(), points.end());
+    cloud.positions.assign(surface.points().begin(), surface.points().end());
     const ParticleSimulationOptions options = {.target_size = count, .seed = seed};
     const std::vector<Vec3f> particles = particle_simulation(cloud, options, context).positions;
     // They lie on a smoother surface than the one that is measured.
     const std::vector<Vec3f> feet = feet_on(surface, particles, context);
-    const LonePoints lone_points(points, tree);
     ErrorSamples samples;
     samples.resize(count, context);
     parallel_for_blocks(count, kBlock, context, [&](std::size_t begin, std::size_t end) {
         constexpr std::size_t kThird = 3;
         std::array<Neighbor, kThird + 1> room;
         for (std::size_t i = begin; i < end; ++i) {
-            const std::span<const Neighbor> found = find_nearest(tree, particles[i], room);
-            const Vec3f nearest = points[found.front().index];
-            const bool is_lone = lone_points.holds(nearest, std::sqrt(found.back().distance_sq));
+            const std::span<const Neighbor> found = find_nearest(points.tree(), particles[i], room);
+            const Vec3f nearest = surface.points()[found.front().index];
+            const bool is_lone = points.holds(nearest, std::sqrt(found.back().distance_sq));
             samples.positions[i] = feet[i].allFinite() && !is_lone ? feet[i] : nearest;
         }
     });

@@ -51,9 +51,10 @@ std::vector<Index> which_may_be_farther(const PointTree& tree, std::size_t n,
 }
 
 /// Measures some points and adds them to what is known.
-void measure_points(const PointTree& tree, const FootFinder& surface, std::span<const Index> points,
+void measure_points(const LonePoints& all, const FootFinder& surface, std::span<const Index> points,
                     std::vector<KnownDistance>& known, MeasuredPlaces& measured,
                     const RunContext& context) {
+    const PointTree& tree = all.tree();
     const std::size_t before = measured.places.size();
     for (const Index at : points) measured.places.push_back(tree.position(at));
     measured.distances.resize(measured.places.size());
@@ -61,8 +62,9 @@ void measure_points(const PointTree& tree, const FootFinder& surface, std::span<
     surface.find(
         std::span(measured.places).subspan(before),
         [&](std::size_t i, const Foot& foot) {
-            measured.distances[before + i] = foot.distance;
-            found[i] = known_of(points[i], foot);
+            double& distance = measured.distances[before + i];
+            distance = all.distance(measured.places[before + i], foot);
+            found[i] = known_of(points[i], foot, distance);
         },
         context);
     const auto middle = static_cast<std::ptrdiff_t>(known.size());
@@ -86,15 +88,17 @@ std::vector<Vec3f> farthest_places(const MeasuredPlaces& measured, std::size_t c
 
 }  // namespace
 
-KnownDistance known_of(std::size_t at, const Foot& foot) noexcept {
+KnownDistance known_of(std::size_t at, const Foot& foot, double distance) noexcept {
     constexpr double kEmpty = 0.5;
-    const bool tells = foot.beyond || (foot.converged && foot.emptiness <= kEmpty);
+    const bool tells =
+        distance == foot.distance && (foot.beyond || (foot.converged && foot.emptiness <= kEmpty));
     return {at, tells ? static_cast<float>(foot.distance) : std::numeric_limits<float>::infinity()};
 }
 
-void add_farthest_points(const PointTree& tree, const FootFinder& surface,
+void add_farthest_points(const LonePoints& points, const FootFinder& surface,
                          std::vector<KnownDistance> known, MeasuredPlaces& measured,
                          const RunContext& context) {
+    const PointTree& tree = points.tree();
     std::vector<Index> left = which_may_be_farther(
         tree, tree.size(), [](std::size_t i) { return i; }, known, farthest(measured), context);
     std::vector<Index> chosen, others;
@@ -106,7 +110,7 @@ void add_farthest_points(const PointTree& tree, const FootFinder& surface,
             for (std::size_t i = begin; i < end; ++i)
                 (i % step == step / 2 ? chosen : others).push_back(left[i]);
         });
-        measure_points(tree, surface, chosen, known, measured, context);
+        measure_points(points, surface, chosen, known, measured, context);
         confirm_worst(measured.places, measured.distances, surface, nullptr, {}, tree, context);
         left = which_may_be_farther(
             tree, others.size(), [&](std::size_t i) { return others[i]; }, known,
@@ -117,40 +121,42 @@ void add_farthest_points(const PointTree& tree, const FootFinder& surface,
 namespace {
 
 /// Sixteen places for each of the points around the farthest.
-void add_places_once(const FootFinder& from, std::span<const Vec3f> points, const PointTree& tree,
-                     const FootFinder& to, std::uint64_t seed, MeasuredPlaces& measured,
-                     const RunContext& context) {
+void add_places_once(const FootFinder& from, const LonePoints& points, const FootFinder& to,
+                     std::uint64_t seed, MeasuredPlaces& measured, const RunContext& context) {
     std::vector<Index> near;
     std::array<Neighbor, kPointsOfEach> nearest;
     for (const Vec3f& place : farthest_places(measured, kFarthest))
-        for (const Neighbor& neighbor : find_nearest(tree, place, nearest))
+        for (const Neighbor& neighbor : find_nearest(points.tree(), place, nearest))
             near.push_back(neighbor.index);
     std::ranges::sort(near);
     near.erase(std::ranges::unique(near).begin(), near.end());
     std::vector<Vec3f> bases;
-    for (const Index point : near) bases.insert(bases.end(), kPlacesOfEach, points[point]);
+    for (const Index point : near) bases.insert(bases.end(), kPlacesOfEach, from.points()[point]);
 
     const std::size_t before = measured.places.size();
-    const std::vector<Vec3f> places = random_places(tree, from, bases, seed, context);
+    const std::vector<Vec3f> places = random_places(points, from, bases, seed, context).positions;
     measured.places.insert(measured.places.end(), places.begin(), places.end());
     measured.distances.resize(measured.places.size());
     to.find(
         places,
-        [&](std::size_t i, const Foot& foot) { measured.distances[before + i] = foot.distance; },
+        [&](std::size_t i, const Foot& foot) {
+            measured.distances[before + i] = points.distance(places[i], foot);
+        },
         context);
-    confirm_worst(measured.places, measured.distances, to, &from, points, tree, context);
+    confirm_worst(measured.places, measured.distances, to, &from, from.points(), points.tree(),
+                  context);
 }
 
 }  // namespace
 
-void add_places_around_farthest(const FootFinder& from, std::span<const Vec3f> points,
-                                const PointTree& tree, const FootFinder& to,
-                                MeasuredPlaces& measured, const RunContext& context) {
+void add_places_around_farthest(const FootFinder& from, const LonePoints& points,
+                                const FootFinder& to, MeasuredPlaces& measured,
+                                const RunContext& context) {
     constexpr std::uint64_t kMostRounds = 8;
     constexpr double kGrowth = 1.02;  // less than that is the end
     for (std::uint64_t round = 1; round <= kMostRounds; ++round) {
         const double before = farthest(measured);
-        add_places_once(from, points, tree, to, round, measured, context);
+        add_places_once(from, points, to, round, measured, context);
         if (farthest(measured) <= kGrowth * before) break;
     }
 }

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "foot_finder.hpp"
-#include "point_tree.hpp"
+#include "lone_points.hpp"
 #include "stipple/point_cloud.hpp"
 #include "stipple/run_context.hpp"
 
@@ -23,11 +23,12 @@ struct KnownDistance {
 
 /// From the foot of a point. It says something of the points around that when it is a fixed point
 /// with samples near it, or where the surface has ended.
-KnownDistance known_of(std::size_t at, const Foot& foot) noexcept;
+/// @param distance  of the point: `foot.distance`, unless it lies alone, which says nothing.
+KnownDistance known_of(std::size_t at, const Foot& foot, double distance) noexcept;
 
-/// Adds points of a tree to places of which some are measured, until no other point is farther from
-/// the surface than the farthest of them. Distances to a surface are 1-Lipschitz: that of a point
-/// is at most that of another and the way between them. So most points are farther than none
+/// Adds points of a cloud to places of which some are measured, until no other point is farther
+/// from the surface than the farthest of them. Distances to a surface are 1-Lipschitz: that of a
+/// point is at most that of another and the way between them. So most points are farther than none
 /// without being looked at; of those that may be, every eighth is measured, and so on with what is
 /// left. The largest distances are confirmed (`confirm_worst`).
 ///
@@ -35,7 +36,7 @@ KnownDistance known_of(std::size_t at, const Foot& foot) noexcept;
 ///               points near each other follow each other.
 /// O(N), parallel, and 1 to 2 us for each point that is added: a hundredth of a million where
 /// 40,000 are known.
-void add_farthest_points(const PointTree& tree, const FootFinder& surface,
+void add_farthest_points(const LonePoints& points, const FootFinder& surface,
                          std::vector<KnownDistance> known, MeasuredPlaces& measured,
                          const RunContext& context);
 
@@ -43,9 +44,9 @@ void add_farthest_points(const PointTree& tree, const FootFinder& surface,
 /// another surface: sixteen for each of up to 256 points, and again as long as that finds one that
 /// is more than a fiftieth farther, at most eight times. The largest distances are confirmed.
 ///
-/// @param points  of the surface, with their tree.
-void add_places_around_farthest(const FootFinder& from, std::span<const Vec3f> points,
-                                const PointTree& tree, const FootFinder& to,
-                                MeasuredPlaces& measured, const RunContext& context);
+/// @param points  of the surface.
+void add_places_around_farthest(const FootFinder& from, const LonePoints& points,
+                                const FootFinder& to, MeasuredPlaces& measured,
+                                const RunContext& context);
 
 }  // namespace stipple

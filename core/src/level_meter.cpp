@@ -66,8 +66,8 @@ LevelMeter::LevelMeter(std::vector<Vec3f>&& source, LodErrors errors, const RunC
     need_places(std::min(needed, places_.rounds()), context);
     if (!is_exact()) return;
     constexpr std::uint64_t kEvery = SampleRounds::kMostRounds * SampleRounds::kRound;
-    every_.add(is_small ? take_surface(made->tree, made->finder, kEvery, 0, context)
-                        : take_points(made->tree, points.size(), 0, context),
+    every_.add(is_small ? take_surface(lone_points(context), made->finder, kEvery, 0, context)
+                        : take_points(lone_points(context), points.size(), 0, context),
                1);
 }
 
@@ -78,7 +78,14 @@ std::shared_ptr<const FramedSurface> LevelMeter::surface(const RunContext& conte
     return surface_;
 }
 
+const LonePoints& LevelMeter::lone_points(const RunContext& context) {
+    const auto of = surface(context);
+    if (!lone_points_) lone_points_ = std::make_unique<LonePoints>(of->points, of->tree);
+    return *lone_points_;
+}
+
 void LevelMeter::forget_surface() {
+    lone_points_.reset();
     if (surface_) points_ = std::move(surface_->points);
     surface_.reset();
 }
@@ -167,7 +174,8 @@ void LevelMeter::measure(MeasuredLevel& level, const SampleRounds& places, unsig
         .find(
             others,
             [&](std::size_t i, const Foot& foot) {
-                level.distances[number_of[i]] = static_cast<float>(foot.distance);
+                const float doubtful_sq = places.all().doubtful_sq[level.places[number_of[i]]];
+                level.distances[number_of[i]] = static_cast<float>(distance_of(foot, doubtful_sq));
                 level.covers[number_of[i]] = static_cast<float>(foot.to_sample);
                 level.endless[number_of[i]] = !foot.converged && !foot.beyond;
             },
@@ -181,10 +189,11 @@ void LevelMeter::draw(unsigned rounds, const RunContext& context) {
     const std::uint64_t count = rounds * SampleRounds::kRound,
                         seed = places_.rounds() * SampleRounds::kRound;
     const auto source = surface(context);
+    const LonePoints& points = lone_points(context);
     if (source->points.size() >= kMany) {
-        places_.add(draw_points_by_area(source->tree, count, seed, context), rounds);
+        places_.add(draw_points_by_area(points, count, seed, context), rounds);
     } else {
-        places_.add(take_surface(source->tree, source->finder, count, seed, context), rounds);
+        places_.add(take_surface(points, source->finder, count, seed, context), rounds);
         weighed_ = places_.rounds();  // all stand for as much
     }
 }
@@ -196,7 +205,7 @@ void LevelMeter::need_places(unsigned rounds, const RunContext& context) {
     const std::vector<Index> places = places_.between(weighed_, rounds);
     std::vector<Vec3f> positions;
     for (const Index place : places) positions.push_back(places_.all().positions[place]);
-    places_.weigh(places, areas_around(surface(context)->tree, positions, context));
+    places_.weigh(places, areas_around(lone_points(context), positions, context));
     weighed_ = rounds;
 }
 

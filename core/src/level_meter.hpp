@@ -1,6 +1,7 @@
 #pragma once
 
 #include "framed_surface.hpp"
+#include "lone_points.hpp"
 #include "point_tree.hpp"
 #include "sample_rounds.hpp"
 #include "stipple/lod_tiles.hpp"
@@ -78,6 +79,8 @@ private:
     bool is_exact() const noexcept { return errors_ == LodErrors::Exact; }
     static void measure(MeasuredLevel& level, const SampleRounds& places, unsigned rounds,
                         const RunContext& context);
+    /// Of the surface, which is made where it is not there.
+    const LonePoints& lone_points(const RunContext& context);
     void draw(unsigned rounds, const RunContext& context);
     void need_places(unsigned rounds, const RunContext& context);
     unsigned most_rounds() const noexcept;
@@ -85,6 +88,7 @@ private:
 
     std::vector<Vec3f> points_;  ///< where there is no surface that has them
     std::shared_ptr<FramedSurface> surface_;
+    std::unique_ptr<const LonePoints> lone_points_;  ///< of the surface, while it is there
     LodErrors errors_ = LodErrors::Sure;
     double spacing_ = 0;
     SampleRounds places_;

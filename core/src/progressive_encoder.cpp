@@ -116,11 +116,12 @@ public:
         const PointTree tree(points, PointTree::Leaves::Quick, context);
         // Not at points, which are off the surface that is through them by their noise.
         const FootFinder surface(points, tree, {});
+        const LonePoints lone_points(points, tree);
         const auto take = [&](std::uint64_t samples) {
             constexpr std::uint64_t kFew = 4;  // points for each place
             return points.size() < kFew * samples
-                       ? take_surface(tree, surface, samples, 0, context)
-                       : take_surface_by_area(tree, surface, samples, 0, context);
+                       ? take_surface(lone_points, surface, samples, 0, context)
+                       : take_surface_by_area(lone_points, surface, samples, 0, context);
         };
         constexpr std::uint64_t kSamples = 16'384, kFew = 4'096;
         samples_ = take(kSamples);

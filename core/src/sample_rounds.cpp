@@ -1,6 +1,7 @@
 #include "sample_rounds.hpp"
 
 #include <algorithm>
+#include <limits>
 #include <numeric>
 
 namespace stipple {
@@ -24,6 +25,7 @@ void SampleRounds::add(const ErrorSamples& more, unsigned rounds) {
         along_curve_.push_back(static_cast<Index>(so_far + i));
     }
     all_.append(more);
+    all_.doubtful_sq.resize(all_.size(), std::numeric_limits<float>::infinity());
     if (all_.numbers.size() < all_.size()) return;
     std::ranges::inplace_merge(along_curve_,
                                along_curve_.begin() + static_cast<std::ptrdiff_t>(so_far), {},
@@ -37,9 +39,11 @@ std::vector<Index> SampleRounds::between(unsigned first, unsigned end) const {
     return numbers;
 }
 
-void SampleRounds::weigh(std::span<const Index> numbers, std::span<const float> areas) {
-    for (std::size_t i = 0; i < numbers.size(); ++i)
-        all_.areas[numbers[i]] = areas[i] / all_.areas[numbers[i]];
+void SampleRounds::weigh(std::span<const Index> numbers, const PointAreas& around) {
+    for (std::size_t i = 0; i < numbers.size(); ++i) {
+        all_.areas[numbers[i]] = around.areas[i] / all_.areas[numbers[i]];
+        all_.doubtful_sq[numbers[i]] = around.doubtful_sq[i];
+    }
 }
 
 }  // namespace stipple

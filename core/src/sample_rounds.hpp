@@ -26,8 +26,9 @@ public:
     std::vector<Index> between(unsigned first, unsigned end) const;
     std::vector<Index> of_first(unsigned rounds) const { return between(0, rounds); }
 
-    /// Divides the areas of some places by those by which they were drawn.
-    void weigh(std::span<const Index> numbers, std::span<const float> areas);
+    /// Divides the areas of some places by those by which they were drawn, and notes from
+    /// where on their feet are doubtful.
+    void weigh(std::span<const Index> numbers, const PointAreas& around);
 
 private:
     ErrorSamples all_;

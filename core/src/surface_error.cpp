@@ -48,10 +48,13 @@ namespace {
 /// One of the two surfaces.
 struct Surface : FramedSurface {
     const PointCloud& cloud;
+    LonePoints lone_points;
 
     Surface(const PointCloud& cloud_, const ErrorFrame& frame, PointTree::Leaves leaves,
             const FootFinder::Options& options, const RunContext& context)
-        : FramedSurface(frame.into(cloud_, context), leaves, options, context), cloud(cloud_) {}
+        : FramedSurface(frame.into(cloud_, context), leaves, options, context),
+          cloud(cloud_),
+          lone_points(points, tree) {}
 
     AttributedSurface attributed() const { return {cloud, tree}; }
 };
@@ -93,17 +96,17 @@ ErrorSamples take_samples(const Surface& surface, bool finer, const SurfaceError
     const std::uint64_t count = sample_count(surface, options);
     if (at_points(surface, finer, options)) {
         if (options.keep_samples || options.surface == ErrorSurface::Samples)
-            return take_points(surface.tree, count, options.seed, context);
-        return take_points_by_area(surface.tree, searches(options) ? kEnough : count, options.seed,
-                                   context);
+            return take_points(surface.lone_points, count, options.seed, context);
+        return take_points_by_area(surface.lone_points, searches(options) ? kEnough : count,
+                                   options.seed, context);
     }
     if (options.sampling == ErrorSampling::Particles)
-        return take_particles(surface.points, surface.tree, surface.finder, count, options.seed,
-                              context);
+        return take_particles(surface.lone_points, surface.finder, count, options.seed, context);
     constexpr std::uint64_t kFew = 4, kAll = 2'500;  // points for each place, and of a small cloud
     if (surface.points.size() > kAll && count <= surface.points.size() / kFew)
-        return take_surface_by_area(surface.tree, surface.finder, count, options.seed, context);
-    return take_surface(surface.tree, surface.finder, count, options.seed, context);
+        return take_surface_by_area(surface.lone_points, surface.finder, count, options.seed,
+                                    context);
+    return take_surface(surface.lone_points, surface.finder, count, options.seed, context);
 }
 
 /// Distances to the nearest of the points.
@@ -141,9 +144,9 @@ MeasuredSamples measure_samples(const Surface& from, const Surface& to, ErrorSam
     std::vector<KnownDistance> known(samples.numbers.size());
     std::atomic<std::uint64_t> failed = 0;
     const auto found = [&](std::size_t i, const Foot& foot) {
-        distances[i] = foot.distance;
+        distances[i] = from.lone_points.distance(places[i], foot);
         if (options.attributes) all.feet[i] = foot.point.cast<float>();
-        if (!known.empty()) known[i] = known_of(samples.numbers[i], foot);
+        if (!known.empty()) known[i] = known_of(samples.numbers[i], foot, distances[i]);
         if (!foot.converged && !foot.beyond) ++failed;
     };
     if (options.surface == ErrorSurface::Samples) {
@@ -155,10 +158,9 @@ MeasuredSamples measure_samples(const Surface& from, const Surface& to, ErrorSam
     confirm_worst(places, distances, to.finder, are_points ? nullptr : &from.finder, from.points,
                   from.tree, context);
     if (!known.empty() && searches(options))
-        add_farthest_points(from.tree, to.finder, std::move(known), all.measured, context);
+        add_farthest_points(from.lone_points, to.finder, std::move(known), all.measured, context);
     else if (searches(options) && !are_points)
-        add_places_around_farthest(from.finder, from.points, from.tree, to.finder, all.measured,
-                                   context);
+        add_places_around_farthest(from.finder, from.lone_points, to.finder, all.measured, context);
     return all;
 }
 

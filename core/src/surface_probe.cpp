@@ -78,12 +78,12 @@ ProbedSurface::ProbedSurface(std::vector<Vec3f> points, Reading reading, const R
 
 std::vector<Vec3f> ProbedSurface::some_points(std::uint64_t count,
                                               const RunContext& context) const {
-    return take_points(tree_, count, 0, context).positions;
+    return take_points(lone_points_, count, 0, context).positions;
 }
 
 std::vector<Vec3f> ProbedSurface::random_places(std::uint64_t count,
                                                 const RunContext& context) const {
-    return take_surface(tree_, finder_, count, 0, context).positions;
+    return take_surface(lone_points_, finder_, count, 0, context).positions;
 }
 
 Probes ProbedSurface::measure(std::vector<Vec3f> places, const ProbedSurface& other,

@@ -150,9 +150,12 @@ void confirm_worst(std::span<Vec3f> places, std::span<double> distances, const F
         if (drawn_on != nullptr) move_to_surface(chosen, *drawn_on, points, tree, context);
         const std::vector<double> again = confirmed_distances(surface, chosen, context);
         for (std::size_t i = first; i < last; ++i) {
+            // A point that lies alone may be known to be nearer than its foot.
+            const bool stays = places[order[i]] == chosen[i - first];
+            double& distance = distances[order[i]];
+            distance = stays ? std::min(distance, again[i - first]) : again[i - first];
             places[order[i]] = chosen[i - first];
-            distances[order[i]] = again[i - first];
-            confirmed = std::max(confirmed, again[i - first]);
+            confirmed = std::max(confirmed, distance);
         }
         first = last;
     }

@@ -34,11 +34,13 @@ struct Scene {
     PointCloud cloud;
     PointTree tree;
     FootFinder finder;
+    LonePoints lone_points;
 
     explicit Scene(PointCloud cloud_)
         : cloud(std::move(cloud_)),
           tree(cloud.positions, PointTree::Leaves::Compact, {}),
-          finder(cloud.positions, tree, {}) {}
+          finder(cloud.positions, tree, {}),
+          lone_points(cloud.positions, tree) {}
 };
 
 std::vector<double> distances_from(std::span<const Vec3f> places, const FootFinder& surface) {
@@ -50,16 +52,16 @@ std::vector<double> distances_from(std::span<const Vec3f> places, const FootFind
 
 /// `count` of the points, measured, and the farthest of all added.
 MeasuredPlaces search(const Scene& fine, const Scene& coarse, std::uint64_t count) {
-    const ErrorSamples samples = take_points_by_area(fine.tree, count, 0, {});
+    const ErrorSamples samples = take_points_by_area(fine.lone_points, count, 0, {});
     MeasuredPlaces measured{samples.positions, std::vector<double>(count)};
     std::vector<KnownDistance> known(count);
     coarse.finder.find(samples.positions,
                        [&](std::size_t i, const Foot& foot) {
                            measured.distances[i] = foot.distance;
-                           known[i] = known_of(samples.numbers[i], foot);
+                           known[i] = known_of(samples.numbers[i], foot, foot.distance);
                        },
                        {});
-    add_farthest_points(fine.tree, coarse.finder, known, measured, {});
+    add_farthest_points(fine.lone_points, coarse.finder, known, measured, {});
     return measured;
 }
 
@@ -86,12 +88,13 @@ TEST(FarthestPoints, HoldAPointThatIsFarAwayAlone) {
 }
 
 TEST(FarthestPoints, AreNotPrunedByFeetThatAreNone) {
-    EXPECT_TRUE(std::isinf(known_of(0, {.distance = 1, .converged = false}).distance));
-    EXPECT_TRUE(
-        std::isinf(known_of(0, {.distance = 1, .emptiness = 0.7, .converged = true}).distance));
-    EXPECT_EQ(known_of(0, {.distance = 1, .emptiness = 0.4, .converged = true}).distance, 1);
-    EXPECT_EQ(known_of(7, {.distance = 2, .beyond = true}).distance, 2);
-    EXPECT_EQ(known_of(7, {.distance = 2, .beyond = true}).at, 7U);
+    const auto known = [](const Foot& foot) { return known_of(7, foot, foot.distance); };
+    EXPECT_TRUE(std::isinf(known({.distance = 1, .converged = false}).distance));
+    EXPECT_TRUE(std::isinf(known({.distance = 1, .emptiness = 0.7, .converged = true}).distance));
+    EXPECT_EQ(known({.distance = 1, .emptiness = 0.4, .converged = true}).distance, 1);
+    EXPECT_EQ(known({.distance = 2, .beyond = true}).distance, 2);
+    EXPECT_EQ(known({.distance = 2, .beyond = true}).at, 7U);
+    EXPECT_TRUE(std::isinf(known_of(7, {.distance = 2, .beyond = true}, 1).distance));
 }
 
 TEST(PlacesAroundFarthest, FindWhatManyMoreRandomPlacesFind) {
@@ -99,14 +102,15 @@ TEST(PlacesAroundFarthest, FindWhatManyMoreRandomPlacesFind) {
     const auto farthest = [&](const std::vector<Vec3f>& places) {
         return std::ranges::max(distances_from(places, round.finder));
     };
-    const double all = farthest(take_surface(bumpy.tree, bumpy.finder, 100'000, 100, {}).positions);
+    const double all =
+        farthest(take_surface(bumpy.lone_points, bumpy.finder, 100'000, 100, {}).positions);
     double least = all;
     for (std::uint64_t seed = 0; seed < 8; ++seed) {
-        MeasuredPlaces few{take_surface(bumpy.tree, bumpy.finder, 1'000, seed, {}).positions, {}};
+        MeasuredPlaces few{take_surface(bumpy.lone_points, bumpy.finder, 1'000, seed, {}).positions,
+                           {}};
         few.distances = distances_from(few.places, round.finder);
         least = std::min(least, std::ranges::max(few.distances));
-        add_places_around_farthest(bumpy.finder, bumpy.cloud.positions, bumpy.tree, round.finder,
-                                   few, {});
+        add_places_around_farthest(bumpy.finder, bumpy.lone_points, round.finder, few, {});
         EXPECT_NEAR(std::ranges::max(few.distances), all, 0.03 * all) << seed;
     }
     EXPECT_LT(least, 0.5 * all);  // by the places alone

@@ -118,10 +118,14 @@ TEST_F(LocalSurfaceTest, HasTheAreasOfTheWholeSurface) {
     const LocalSurface surface(boxed, frame, 300, {}, {});
     ASSERT_FALSE(surface.is_whole());
     const LocalSurface::Part all(frame.into(cloud, {}), PointTree::Leaves::Compact, {}, {});
-    const std::vector<Vec3f> bases = draw_points_by_area(surface.some().tree, 300, 1, {}).positions;
+    const LonePoints some(surface.some().points, surface.some().tree);
+    const std::vector<Vec3f> bases = draw_points_by_area(some, 300, 1, {}).positions;
     const auto part = surface.gather(surface.views(bases, LocalSurface::kForAreas, {}), {});
-    const std::vector<float> local = areas_around(part->tree, bases, {}),
-                             whole = areas_around(all.tree, bases, {});
+    const double every =
+        static_cast<double>(surface.size()) / static_cast<double>(surface.some().points.size());
+    const LonePoints of_part(part->points, part->tree, some, every), of_all(all.points, all.tree);
+    const std::vector<float> local = areas_around(of_part, bases, {}).areas,
+                             whole = areas_around(of_all, bases, {}).areas;
     std::size_t same = 0;
     for (std::size_t i = 0; i < bases.size(); ++i) same += local[i] == whole[i] ? 1 : 0;
     EXPECT_GE(same, bases.size() * 99 / 100);
@@ -144,8 +148,8 @@ TEST_F(LocalSurfaceTest, HasPlacesBesideItsPoints) {
         EXPECT_EQ(surface.is_whole(), n == 500);
         const std::span<const Vec3f> bases = std::span(surface.some().points).first(100);
         const auto part = surface.gather(surface.views(bases, LocalSurface::kForFeet, {}), {});
-        const std::vector<Vec3f> places =
-            stipple::places_beside(part->points, part->tree, part->finder, bases, 1, {});
+        const std::vector<Vec3f> places = stipple::places_beside(
+            LonePoints(part->points, part->tree), part->finder, bases, 1, {});
         ASSERT_EQ(places.size(), bases.size());
         const double spacing = std::sqrt(4 * std::numbers::pi / static_cast<double>(n));
         double moved = 0;
