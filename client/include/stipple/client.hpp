@@ -27,7 +27,7 @@ struct ClientOptions {
 /// An event of a job, from the server's event stream.
 struct ClientEvent {
     std::uint64_t id = 0;  ///< increasing; a later call resumes after it
-    std::string type;      ///< `status`, `progress` or `level`
+    std::string type;      ///< `status`, `source`, `progress` or `level`
     std::string data;      ///< JSON, as described in openapi.yaml
 };
 
@@ -48,8 +48,8 @@ public:
 ///
 ///     stipple::Client client("http://127.0.0.1:8080");
 ///     const auto cloud = client.upload("scan.ply");
-///     const auto job = client.submit({cloud.id, proto::SimplifyJob{{.points = 5000}, {}}});
-///     if (client.wait(job.id).status == proto::JobStatus::Successful) …
+///     const auto job = client.submit({cloud.id, stipple::proto::SimplifyJob{{.points = 5000}, {}}});
+///     if (client.wait(job.id).status == stipple::proto::JobStatus::Successful) …
 ///
 /// Every call throws `Error`, with the code of the server's problem document or, if there was no
 /// answer, with a sentence that names the address and the remedy; and `Cancelled` when stopped. A

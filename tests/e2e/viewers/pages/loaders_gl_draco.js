@@ -1,12 +1,9 @@
-import { setLoaderOptions } from '@loaders.gl/core';
 import { BufferAttribute, BufferGeometry, LinearSRGBColorSpace, Points, PointsMaterial } from 'three';
 import { show } from 'readme:loaders.gl, one level?levels,origin,attributes';
 
 import { job, server, tell } from './asked.js';
 import { camera, renderer, scene } from './three_scene.js';
 
-// Offline: its own copies of what it would fetch from a CDN.
-setLoaderOptions({ core: { worker: false }, modules: { 'draco_wasm_wrapper.js': '/draco/draco_wasm_wrapper.js', 'draco_decoder.wasm': '/draco/draco_decoder.wasm' } });
 const { levels, origin, attributes } = await show({ server, job });
 const geometry = new BufferGeometry();
 geometry.setAttribute('position', attributeOf(attributes.POSITION));
