@@ -449,7 +449,7 @@ TEST_F(StippleCli, AServerThatWantsAKeyIsToldWithTheOptionForIt) {
             const Outcome outcome =
                 stipple(std::string(command) + " -n 5 --server " + server.url() + key);
             EXPECT_EQ(outcome.exit_code, 1);
-            EXPECT_NE(outcome.err.find("--api-key or STIPPLE_API_KEY"), std::string::npos)
+            EXPECT_NE(outcome.err.find("--api-key or in STIPPLE_API_KEY"), std::string::npos)
                 << outcome.err;
         }
     }
