@@ -7,3 +7,4 @@ write_basic_package_version_file(${CMAKE_CURRENT_BINARY_DIR}/stipple-config-vers
 install(EXPORT stipple-targets NAMESPACE stipple:: DESTINATION ${stipple_config_dir})
 install(FILES ${CMAKE_CURRENT_BINARY_DIR}/stipple-config.cmake ${CMAKE_CURRENT_BINARY_DIR}/stipple-config-version.cmake
         DESTINATION ${stipple_config_dir})
+install(FILES ${CMAKE_CURRENT_SOURCE_DIR}/LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR})
