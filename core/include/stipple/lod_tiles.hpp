@@ -171,7 +171,8 @@ public:
     const LodFigures& figures() const noexcept;
 
     /// Mean distance between the points of the level added last and their nearest others before
-    /// rounding, input units, as by `mean_spacing`.
+    /// rounding, input units. An estimate from 512 of them, in which no few far-off ones count for
+    /// much: within 6 % of `mean_spacing` where there are none.
     double level_spacing() const noexcept;
 
     /// How far the level added last is from the source before rounding, as by `estimate_error`, but
