@@ -19,7 +19,8 @@ namespace {
 
 constexpr std::uint64_t kMany = 40'000;  // points of a source
 
-constexpr unsigned kRough = 2;     // rounds that tell two roundings of the same points apart
+constexpr unsigned kGlance = 1;    // rounds that tell which rounding is much too coarse
+constexpr unsigned kRough = 2;     // that tell two roundings of the same points apart
 constexpr unsigned kSome = 4;      // that tell the error of a level before it is rounded
 constexpr unsigned kMostly = 16;   // that scans of surfaces need
 constexpr unsigned kOfSmall = 32;  // of a small source
@@ -88,6 +89,10 @@ void LevelMeter::forget_surface() {
     lone_points_.reset();
     if (surface_) points_ = std::move(surface_->points);
     surface_.reset();
+}
+
+void LevelMeter::glance(MeasuredLevel& level, const RunContext& context) const {
+    measure(level, places_, kGlance, context);
 }
 
 void LevelMeter::measure_roughly(MeasuredLevel& level, const RunContext& context) const {

@@ -64,6 +64,9 @@ public:
     /// Of `measure_well`.
     const ErrorSamples& places() const noexcept { return (is_exact() ? every_ : places_).all(); }
 
+    /// Well enough to turn down a rounding of points: at half the places of `measure_roughly`.
+    void glance(MeasuredLevel& level, const RunContext& context) const;
+
     /// Well enough to compare two roundings of the same points.
     void measure_roughly(MeasuredLevel& level, const RunContext& context) const;
 

@@ -17,9 +17,9 @@ namespace {
 
 constexpr std::size_t kBlock = 8'192;
 constexpr double kCloser = 1.04;  // what a step is to be longer by, to be worth a try
-constexpr double kBetter = 1.1;   // the same where one is known that does
+constexpr double kBetter = 1.15;  // the same where one is known that does
 // Parts of the tolerance: to be sure, in spite of places measured at by chance, and to aim at.
-constexpr double kSure = 0.9, kAim = 0.8;
+constexpr double kSure = 0.9, kAim = 0.75;
 constexpr unsigned kMostTries = 4;
 
 /// @param normals  of the surface, where they are known.
@@ -64,9 +64,11 @@ LevelGrid LevelRounding::finest_grid(const LevelMeter& meter) const {
 }
 
 MeasuredLevel LevelRounding::round(MeasuredLevel&& unrounded, LevelGrid& taken,
-                                   const LevelMeter& meter, const RunContext& context) const {
+                                   const LevelMeter& meter, const RunContext& context) {
     const LevelGrid finest = finest_grid(meter);
     const std::vector<Vec3f>& points = unrounded.points;
+    meter.glance(unrounded, context);
+    const double exact_at_a_glance = unrounded.mean;
     meter.measure_roughly(unrounded, context);
     const double exact = unrounded.mean;
     // Where there are more points they are not worth the time: those who load them have waited
@@ -81,20 +83,28 @@ MeasuredLevel LevelRounding::round(MeasuredLevel&& unrounded, LevelGrid& taken,
     double longest = std::min(0.5 * gap, step_of(kLeastBits));  // of the steps that may do
     double fits = finest.step;                                  // a step that does
     // The variance of what rounding adds, in squared steps, once the surface's fit has smoothed
-    // it: measured before points were put out of curved parts. It only tells where to begin.
-    const double added = normals.empty() ? 0.025 : 0.0025;
-    const double likely = exact * std::sqrt(2 * tolerance / added);
+    // it: of smooth surfaces, or what it was at the last level. It only tells where to begin.
+    const double least_added = normals.empty() ? 0.015 : 0.0015;
+    const double likely = exact * std::sqrt(2 * kAim * tolerance / std::max(added, least_added));
     // Many points take a while to be measured where rounding is hopeless.
     const bool hopeless = likely < finest.step && exact > 0 && normals.empty();
+    const auto share_above = [&](double of_exact, double of_rounded) {
+        return of_rounded > of_exact ? (of_rounded - of_exact) / (tolerance * of_exact) : 0;
+    };
     std::optional<MeasuredLevel> best;
     double step = exact > 0 ? std::max(likely, kCloser * fits) : longest;
     for (unsigned tries = 0; !hopeless && tries < kMostTries; ++tries) {
         step = std::min(step, longest);
         if (step < (best ? kBetter : kCloser) * fits) break;
         MeasuredLevel level(rounded(points, normals, grid(step), context), context);
-        meter.measure_roughly(level, context);
         // As a part of what is tolerated; it grows with the square of the step, or a little less.
-        const double share = level.mean > exact ? (level.mean - exact) / (tolerance * exact) : 0;
+        meter.glance(level, context);
+        double share = share_above(exact_at_a_glance, level.mean);
+        if (share <= 1) {
+            meter.measure_roughly(level, context);
+            share = share_above(exact, level.mean);
+        }
+        added = 2 * share * tolerance * (exact / step) * (exact / step);
         if (share > kSure) {
             longest = step / kCloser;
             step *= std::max(0.25, std::pow(kAim / share, 0.55));

@@ -40,14 +40,15 @@ struct LevelRounding {
     double tolerance = 0;                ///< `LodTileOptions`
     unsigned position_bits = kMostBits;  ///< the same
     std::optional<double> precision{};   ///< the same
+    double added = 0;  ///< the variance of what rounding added to the last level, in squared steps
 
     /// That of the finest level; no level's is finer.
     LevelGrid finest_grid(const LevelMeter& meter) const;
 
     /// By about the longest steps by which the mean error grows by no more than the tolerance, and
-    /// by which points stay apart: two of them to a spacing.
+    /// by which points stay apart: two of them to a spacing. Notes what they added.
     MeasuredLevel round(MeasuredLevel&& unrounded, LevelGrid& taken, const LevelMeter& meter,
-                        const RunContext& context) const;
+                        const RunContext& context);
 
 private:
     LevelGrid grid(double step) const;

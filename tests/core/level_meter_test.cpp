@@ -35,7 +35,7 @@ TEST(LevelRounding, TakesACrowdToTheGridAsItIs) {
     std::vector<Vec3f> crowd(300, Vec3f(0.1F, 0.2F, 0.3F));
     for (const Vec3f& p : test::sphere(100).positions) crowd.push_back(p);
     const LevelMeter meter(std::vector<Vec3f>(test::sphere(2'000).positions), LodErrors::Sure, {});
-    const LevelRounding rounding{.side = 2, .tolerance = 0.16, .position_bits = 14};
+    LevelRounding rounding{.side = 2, .tolerance = 0.16, .position_bits = 14};
     LevelGrid taken{1, 1};
     const MeasuredLevel level =
         rounding.round(MeasuredLevel(std::vector<Vec3f>(crowd), {}), taken, meter, {});
