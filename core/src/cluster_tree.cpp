@@ -40,6 +40,7 @@ using Nodes = std::pmr::vector<ClusterNode>;
 
 constexpr std::size_t kParallelGrain = 8'192;   // points below which a subtree is one task
 constexpr std::size_t kBetweenChecks = 65'536;  // nodes
+constexpr double kUnknown = std::numeric_limits<double>::max();  // priority of a root
 
 std::array<float, 3> as_array(const Vec3f& v) {
     return {v.x(), v.y(), v.z()};
@@ -99,8 +100,14 @@ public:
     /// @param members  of the whole tree.
     /// @param room  for the points of the nodes, twice.
     Residence(std::span<const Vec3f> points, std::span<Index> members,
-              const MutableSampleSpan& room, const SplitRule& rule, const RunContext& context)
-        : points_(points), members_(members), room_(room), rule_(rule), context_(context) {}
+              const MutableSampleSpan& room, const SplitRule& rule, SplitPriority priority,
+              const RunContext& context)
+        : points_(points),
+          members_(members),
+          room_(room),
+          rule_(rule),
+          priority_(priority),
+          context_(context) {}
 
     /// Adds what grows below the nodes, and puts their members in order.
     void grow(Nodes& nodes) {
@@ -132,7 +139,7 @@ private:
     /// Splits the node where it is wanted, and adds its halves to `open`.
     void visit(Nodes& nodes, const Open& top, const Spread& spread, std::vector<Open>& open) {
         ClusterNode& node = nodes[top.id];
-        node.priority = std::min(node.priority, gain_of_split(top.moments, spread));
+        node.priority = std::min(node.priority, priority_(top.moments, spread));
         const std::span<Index> members = members_.subspan(node.begin, node.size);
         const SampleSpan from = part(top.in_second, top.place, node.size);
         if (!rule_.wants(node, variation_of(top.moments, spread))) {
@@ -205,6 +212,7 @@ private:
     std::span<Index> members_;
     MutableSampleSpan room_;
     const SplitRule& rule_;
+    SplitPriority priority_;
     const RunContext& context_;
 };
 
@@ -243,6 +251,15 @@ private:
     std::vector<Samples> free_;
 };
 
+ClusterNode root_of(std::span<const Vec3f> points, std::span<const Index> members, Index begin) {
+    ClusterNode root;
+    root.begin = begin;
+    root.size = static_cast<Index>(members.size());
+    root.reference = as_array(points[members.front()]);
+    root.priority = kUnknown;
+    return root;
+}
+
 bool is_resident(std::size_t points) noexcept {
     return points <= kResident;
 }
@@ -267,31 +284,48 @@ ClusterTree::ClusterTree(std::span<const Vec3f> points)
     members_ = {static_cast<Index*>(room_for(points.size() * sizeof(Index))), points.size()};
 }
 
-void ClusterTree::grow(const SplitRule& rule, const RunContext& context) {
-    assert(nodes_.empty());
+ClusterTree::ClusterTree(std::span<const Vec3f> points, const Clusters& roots)
+    : ClusterTree(points) {
+    std::ranges::copy(roots.members, members_.begin());
+    roots_ = static_cast<Index>(roots.size());
+    priority_ = total_variation;
+    nodes_.reserve(roots.size());
+    for (std::size_t i = 0; i < roots.size(); ++i)
+        nodes_.push_back(root_of(points, roots.of(i), roots.offsets[i]));
+}
+
+/// One root with all points.
+void ClusterTree::plant(const RunContext& context) {
     parallel_for_blocks(members_.size(), 65'536, context, [&](std::size_t begin, std::size_t end) {
         std::iota(members_.begin() + static_cast<std::ptrdiff_t>(begin),
                   members_.begin() + static_cast<std::ptrdiff_t>(end), static_cast<Index>(begin));
     });
-    ClusterNode root;
-    root.size = static_cast<Index>(points_.size());
-    root.reference = as_array(points_.front());
-    root.priority = std::numeric_limits<double>::max();
-    nodes_.push_back(root);
+    nodes_.push_back(root_of(points_, members_, 0));
+}
+
+void ClusterTree::grow(const SplitRule& rule, const RunContext& context) {
+    assert(nodes_.size() <= roots_);
+    if (nodes_.empty()) plant(context);
     constexpr double kSplit = 0.4;
-    if (!is_resident(root.size)) split_large(rule, context.part(0, kSplit));
+    if (!is_resident(points_.size())) split_large(rule, context.part(0, kSplit));
     grow_leaves(rule, context.part(kSplit, 1));
 }
 
 void ClusterTree::split_large(const SplitRule& rule, const RunContext& context) {
-    LargeArray<Index> memory(points_.size());
-    const std::span room(memory);
     struct Large {
         Index id;
         SampleMoments moments;
     };
-    std::vector<Large> open = {
-        {0, moments_of_many(points_, members_, nodes_.front().reference, context)}};
+    std::vector<Large> open;
+    for (Index id = 0; id < roots_; ++id) {
+        const ClusterNode& root = nodes_[id];
+        if (is_resident(root.size)) continue;
+        const std::span<const Index> members = members_.subspan(root.begin, root.size);
+        open.push_back({id, moments_of_many(points_, members, root.reference, context)});
+    }
+    if (open.empty()) return;
+    LargeArray<Index> memory(points_.size());
+    const std::span room(memory);
     const double all = static_cast<double>(points_.size());
     const double rounds = std::log2(all / kResident) + 1;  // in which every point is looked at
     double seen = 0;
@@ -302,7 +336,7 @@ void ClusterTree::split_large(const SplitRule& rule, const RunContext& context) 
         seen += static_cast<double>(nodes_[id].size);
         const Spread spread = cluster_kernels().spreads({moments.scatter, {}, {}, {}})[0];
         ClusterNode& node = nodes_[id];
-        node.priority = std::min(node.priority, gain_of_split(moments, spread));
+        node.priority = std::min(node.priority, priority_(moments, spread));
         if (node.size <= kResident || !rule.wants(node, variation_of(moments, spread))) continue;
         const SplitPlane plane = split_plane(moments, spread);
         const std::span<Index> members = std::span(members_).subspan(node.begin, node.size);
@@ -330,7 +364,7 @@ void ClusterTree::split_large(const SplitRule& rule, const RunContext& context) 
 
 void ClusterTree::grow_leaves(const SplitRule& rule, const RunContext& context) {
     const auto grow_in = [&](const MutableSampleSpan& room, Nodes& nodes) {
-        Residence(points_, members_, room, rule, context).grow(nodes);
+        Residence(points_, members_, room, rule, priority_, context).grow(nodes);
     };
     const auto nodes_of = [&](std::size_t points) {  // leaves of 3/4 of the bound, so much for each
         const double leaves = 4 * static_cast<double>(points) / (3 * rule.max_size);
@@ -351,7 +385,8 @@ void ClusterTree::grow_leaves(const SplitRule& rule, const RunContext& context) 
     for (Index id = 0; id < nodes_.size(); ++id) {
         if (id % kBetweenChecks == 0) context.throw_if_stopped();
         const ClusterNode& node = nodes_[id];
-        if (node.is_split() || node.size > kResident || !rule.may_want(node)) continue;
+        if (node.is_split() || node.size > kResident) continue;
+        if (node.priority != kUnknown && !rule.may_want(node)) continue;
         if (jobs.empty() || jobs.back().points >= kParallelGrain)
             jobs.push_back({.begin = leaves.size(), .place = place});
         leaves.push_back(id);
@@ -400,21 +435,21 @@ std::vector<Cut> ClusterTree::cuts(std::span<const std::uint64_t> sizes,
     std::vector<Cut> cuts;
     std::vector<SplitRank> splits;  // of the cut before: those of the next are among them
     for (const std::uint64_t size : sizes) {
-        assert(size >= 1 && size <= points_.size());
+        assert(size >= roots_ && size <= points_.size());
         // Most clusters larger than the average will be split.
-        if (nodes_.empty()) {
+        if (nodes_.size() <= roots_) {
             const double likely =
                 1.5 * static_cast<double>(points_.size()) / static_cast<double>(size);
             grow({.max_size = std::min<double>(likely, kResident)}, context);
         }
-        if (size == 1) {
-            cuts.push_back({{0, static_cast<Index>(points_.size())}, {1}});
+        if (size == roots_) {
+            cuts.push_back(cut_where([](const ClusterNode&) { return false; }, size, context));
             continue;
         }
         if (splits.empty())
-            splits = first_splits(size - 1, {context.stop, {}, context.threads});
+            splits = first_splits(size - roots_, {context.stop, {}, context.threads});
         else
-            keep_first(splits, size - 1, context);
+            keep_first(splits, size - roots_, context);
         const auto is_above = [last = splits.back()](const ClusterNode& node) {
             return node.is_split() && !(last < node.rank());
         };
@@ -443,8 +478,8 @@ std::vector<SplitRank> ClusterTree::first_splits(std::size_t count, const RunCon
 }
 
 Cut ClusterTree::leaves(const RunContext& context) const {
-    return cut_where([](const ClusterNode& node) { return node.is_split(); }, nodes_.size() / 2 + 1,
-                     context);
+    return cut_where([](const ClusterNode& node) { return node.is_split(); },
+                     (nodes_.size() + roots_) / 2, context);
 }
 
 template <typename Descends>
@@ -454,7 +489,8 @@ Cut ClusterTree::cut_where(const Descends& descends, std::size_t clusters,
     Cut cut;
     cut.offsets.reserve(clusters + 1);
     cut.clusters_of.reserve(2 * clusters);
-    std::vector<Index> open = {0};
+    std::vector<Index> open(roots_);
+    std::iota(open.rbegin(), open.rend(), Index{0});
     while (!open.empty()) {
         if (cut.clusters_of.size() % kBetweenChecks == 0) context.throw_if_stopped();
         const ClusterNode& node = nodes_[open.back()];

@@ -1,6 +1,8 @@
 #pragma once
 
+#include "sample_moments.hpp"
 #include "samples.hpp"
+#include "stipple/clusters.hpp"
 #include "stipple/point_cloud.hpp"
 #include "stipple/run_context.hpp"
 
@@ -55,6 +57,9 @@ struct SplitRule {
     }
 };
 
+/// What splitting a cluster is worth, of its moments and how it spreads.
+using SplitPriority = double (*)(const SampleMoments&, const Spread&) noexcept;
+
 /// A cut through the tree: cluster i is the members `offsets[i] .. offsets[i + 1]`.
 struct Cut {
     std::vector<Index> offsets;
@@ -73,6 +78,9 @@ class ClusterTree {
 public:
     /// One root with all points: finite, no two alike, at least one. They must stay where they are.
     explicit ClusterTree(std::span<const Vec3f> points);
+    /// A root for each cluster: none of the tree's reaches beyond one. Always the cluster of the
+    /// largest total variation (Eq. 3) is split, for the most even spacing.
+    ClusterTree(std::span<const Vec3f> points, const Clusters& roots);
     ClusterTree(const ClusterTree&) = delete;
     ClusterTree& operator=(const ClusterTree&) = delete;
 
@@ -80,7 +88,7 @@ public:
     void grow(const SplitRule& rule, const RunContext& context);
 
     /// The clusters that a priority queue holds when there are `size` of them; grows the tree where
-    /// it must. 1 <= size <= number of points.
+    /// it must. Number of roots <= size <= number of points.
     Cut cut(std::uint64_t size, const RunContext& context);
     /// The same of several sizes, none larger than the one before: all but the first take little.
     std::vector<Cut> cuts(std::span<const std::uint64_t> sizes, const RunContext& context);
@@ -94,6 +102,7 @@ public:
 private:
     using Nodes = std::pmr::vector<ClusterNode>;
 
+    void plant(const RunContext& context);
     void split_large(const SplitRule& rule, const RunContext& context);
     void grow_leaves(const SplitRule& rule, const RunContext& context);
     std::vector<SplitRank> first_splits(std::size_t count, const RunContext& context);
@@ -104,7 +113,9 @@ private:
     std::pmr::monotonic_buffer_resource memory_;  ///< one piece, which takes the least time to get
     MutableSampleSpan room_{};  ///< for all points twice where they are few, else empty
     std::span<Index> members_;
-    Nodes nodes_;
+    Nodes nodes_;  ///< the roots first; none while there is but one and it has not grown
+    Index roots_ = 1;
+    SplitPriority priority_ = gain_of_split;
 };
 
 }  // namespace stipple

@@ -30,6 +30,9 @@ namespace stipple {
 namespace {
 
 constexpr double kStray = 0.5;  // of the bounds
+// Where clusters have fewer points in the mean than the first, they are split from regions of the
+// second and more: small regions take twice as long, and those in sparse places are all strays.
+constexpr std::uint64_t kSmall = 8, kRegion = 24;
 
 void check(const IncrementalClusteringOptions& options, std::size_t points) {
     if (points == 0) refuse("the cloud has no points: expected at least 1");
@@ -200,11 +203,23 @@ struct Base {
     Clusters clusters;  ///< of the input's points, one for each
 };
 
+/// How many regions are to grow for so many clusters: a half, a quarter, ... where these are small.
+std::uint64_t regions_for(std::uint64_t clusters, std::uint64_t points) {
+    if (points / clusters >= kSmall) return clusters;
+    while (clusters > 1 && points / clusters < kRegion) clusters /= 2;
+    return clusters;
+}
+
 /// Of points, exactly as many clusters as are wanted.
 Clusters clusters_of(std::span<const Vec3f> points, const IncrementalClusteringOptions& options,
                      const RunContext& context) {
-    Clusters clusters = incremental_clusters(points, options, context);
-    if (options.target_size) split_clusters(points, *options.target_size, clusters, context);
+    if (!options.target_size) return incremental_clusters(points, options, context);
+    IncrementalClusteringOptions grown = options;
+    if (!options.max_variation)
+        grown.target_size = regions_for(*options.target_size, points.size());
+    constexpr double kGrown = 0.8;
+    Clusters clusters = incremental_clusters(points, grown, context.part(0, kGrown));
+    split_clusters(points, *options.target_size, clusters, context);
     return clusters;
 }
 

@@ -60,13 +60,18 @@ inline double variation_of(const SampleMoments& moments, const Spread& spread) n
     return total > 0 ? std::max(0.0, spread.smallest) / total : 0.0;
 }
 
+/// Eq. 3: the sum of squared distances to the centroid.
+inline double total_variation(const SampleMoments& moments, const Spread&) noexcept {
+    return moments.scatter.trace();
+}
+
 /// What splitting a cluster is worth: its total variation (Eq. 3), which keeps the spacing even,
 /// the more so the less flat it is. Of the forms tried (size, total variation, lambda_0 and
 /// products of them) this had the lowest mean error on smooth and on rough scans; the first term
 /// bounds the spacing of flat parts.
 inline double gain_of_split(const SampleMoments& moments, const Spread& spread) noexcept {
     constexpr double kFlat = 0.02;
-    return moments.scatter.trace() * (kFlat + std::sqrt(variation_of(moments, spread)));
+    return total_variation(moments, spread) * (kFlat + std::sqrt(variation_of(moments, spread)));
 }
 
 /// Through the centroid, across the direction of largest extent.

@@ -1,5 +1,6 @@
 #include "stipple/incremental_clustering.hpp"
 
+#include "random.hpp"
 #include "stipple/hierarchical_clustering.hpp"
 #include "stipple/neighbors.hpp"
 #include "support/expect_error.hpp"
@@ -8,6 +9,8 @@
 #include <gtest/gtest.h>
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <numbers>
 #include <numeric>
 
 namespace stipple {
@@ -73,6 +76,41 @@ TEST(IncrementalClustering, SpreadsPointsMoreEvenlyThanTheHierarchy) {
     const double incremental = of_centroids(incremental_clustering, IncrementalClusteringOptions{});
     EXPECT_LT(incremental, 0.15);
     EXPECT_LT(incremental, of_centroids(hierarchical_clustering, HierarchicalClusteringOptions{}));
+}
+
+/// How far a point of the cloud is from all that are left.
+double largest_gap(const PointCloud& cloud, const PointCloud& left) {
+    float largest_sq = 0;
+    for (const Vec3f& p : cloud.positions) {
+        float nearest_sq = std::numeric_limits<float>::infinity();
+        for (const Vec3f& q : left.positions)
+            nearest_sq = std::min(nearest_sq, (p - q).squaredNorm());
+        largest_sq = std::max(largest_sq, nearest_sq);
+    }
+    return std::sqrt(largest_sq);
+}
+
+/// A sphere in whose lower half points are 30 times as sparse.
+PointCloud uneven_sphere(std::uint64_t points) {
+    PointCloud cloud;
+    for (std::uint64_t i = 0; cloud.size() < points; ++i) {
+        const double z = std::lerp(-1.0, 1.0, random_unit(0, i)), ring = std::sqrt(1 - z * z);
+        const double angle = 2 * std::numbers::pi * random_unit(1, i);
+        if (z > 0 || random_unit(2, i) < 1.0 / 30)
+            cloud.positions.emplace_back(
+                Vec3d(ring * std::cos(angle), ring * std::sin(angle), z).cast<float>());
+    }
+    return cloud;
+}
+
+TEST(IncrementalClustering, SplitsSmallClustersInsteadOfLeavingGapsWhereItIsSparse) {
+    const PointCloud cloud = uneven_sphere(8'000);
+    const IncrementalClusteringOptions quarter{.target_size = 2'000};
+    const PointCloud split = incremental_clustering(cloud, quarter),
+                     grown = representatives(cloud, incremental_clusters(cloud.positions, quarter),
+                                             Representative::Nearest);
+    ASSERT_EQ(split.size(), grown.size());
+    EXPECT_LT(largest_gap(cloud, split), 0.8 * largest_gap(cloud, grown));
 }
 
 TEST(IncrementalClustering, OfABoundedSizeOnlyStraysMakeClustersLarger) {

@@ -35,6 +35,9 @@ struct IncrementalClusteringOptions {
 /// that many: n_max up to half as large again, so that the clusters of flat parts make up for the
 /// small ones of curved parts; if there would still be too many, the bound on the variation yields.
 /// If there are too few, the clusters that vary most are split across their longest direction.
+/// Clusters of fewer than 8 points in the mean are all split in this way, from grown ones of 24 to
+/// 47: quicker, and without the gaps that stray clusters leave where points are sparse
+/// (bench/README.md, "Small clusters").
 ///
 /// Departures from the paper: neighbours are spatial, not those of a graph, but a cluster reaches
 /// no farther than 1.3 times the radius that n_max points have about its seed, so that it cannot
@@ -56,8 +59,8 @@ PointCloud incremental_clustering(const PointCloud& cloud,
                                   const IncrementalClusteringOptions& options,
                                   const RunContext& context = {});
 
-/// The clusters alone, in the order in which they were grown; with a target, that many, or fewer if
-/// some would have to be split.
+/// The clusters alone, in the order in which they were grown; with a target, that many, however
+/// small, or fewer if some would have to be split.
 Clusters incremental_clusters(std::span<const Vec3f> points,
                               const IncrementalClusteringOptions& options,
                               const RunContext& context = {});
