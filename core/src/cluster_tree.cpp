@@ -4,6 +4,7 @@
 #include "gather.hpp"
 #include "large_memory.hpp"
 #include "large_split.hpp"
+#include "layers.hpp"
 #include "parallel_for.hpp"
 #include "progress_for.hpp"
 #include "sample_moments.hpp"
@@ -147,7 +148,8 @@ private:
             return;
         }
         if (node.size > kParallelGrain) context_.throw_if_stopped();
-        const SplitPlane plane = split_plane(top.moments, spread);
+        const SplitPlane plane = plane_between_layers(from, top.moments, spread)
+                                     .value_or(split_plane(top.moments, spread));
         const MutableSampleSpan to = part(!top.in_second, top.place, node.size);
         auto front = static_cast<Index>(cluster_kernels().partition(from, plane, to));
         if (front == 0 || front == node.size) {

@@ -1,6 +1,7 @@
 #include "fit_kernels.hpp"
 
 #include "kernel_sets.hpp"
+#include "layers.hpp"
 
 #include <cstdint>
 
@@ -12,8 +13,9 @@ namespace {
 }  // namespace
 
 std::vector<FitKernel> available_fit_kernels() {
-    return with_avx2<FitKernel>({"plain", plain::run, plain::want, plain::look_along},
-                                {"avx2", avx2::run, avx2::want, avx2::look_along});
+    return with_avx2<FitKernel>(
+        {"plain", plain::run, plain::layers, plain::want, plain::look_along},
+        {"avx2", avx2::run, avx2::layers, avx2::want, avx2::look_along});
 }
 
 const FitKernel& fit_kernel() {

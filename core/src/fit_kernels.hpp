@@ -48,6 +48,8 @@ struct FitKernel {
     const char* name;
     /// Answers eight places.
     void (*run)(const FitLanes& lanes, FitAnswers& answers) noexcept;
+    /// Whether the neighbours around the place lie in two layers (layers.hpp): 1, else 0.
+    void (*layers)(const FitLanes& lanes, FitLanes::Floats& layered) noexcept;
     /// For each neighbour the sum of gradients times distances, and that of the squared gradients.
     void (*want)(const FitWishes& wishes, FitLanes::Row* wanted,
                  FitLanes::Floats* squares) noexcept;

@@ -273,6 +273,28 @@ void run(const FitLanes& lanes, FitAnswers& answers) noexcept {
     store(plane.stands ? -h * (plane.t + c[1][0]) : Float8{}, answers.quadratic_distance);
 }
 
+void layers(const FitLanes& lanes, Floats& layered) noexcept {
+    constexpr float kWide = 0.25F;  // twice as wide as the surface's weights
+    Seen seen;
+    look(lanes, seen);
+    for (std::size_t j = 0; j < kRows; ++j)
+        seen.weight[j] = gaussian(kWide * seen.at[j].dot(seen.at[j]));
+    const Plane plane = plane_of(seen);
+    Float8 total{}, second{}, third{}, fourth{};
+    for (std::size_t j = 0; j < kRows; ++j) {
+        const Float8 height = plane.n.dot(seen.at[j]) - plane.t, square = height * height,
+                     weighted = seen.weight[j] * square;
+        total += seen.weight[j];
+        second += weighted;
+        third += weighted * height;
+        fourth += weighted * square;
+    }
+    const Float8 m2 = second / total, m3 = third / total, m4 = fourth / total;
+    const Int8 two = (m3 * m3 + m2 * m2 * m2 > kLayered * m4 * m2) &
+                     (m4 < kMostKurtosis * m2 * m2) & plane.stands;
+    store(two ? Float8{} + 1.0F : Float8{}, layered);
+}
+
 void want(const FitWishes& wishes, FitLanes::Row* wanted, FitLanes::Floats* squares) noexcept {
     const Float8 weight = load(wishes.quadratic_weight);
     const FitAnswers* const end = wishes.answers + wishes.count;

@@ -74,12 +74,18 @@ inline double gain_of_split(const SampleMoments& moments, const Spread& spread) 
     return total_variation(moments, spread) * (kFlat + std::sqrt(variation_of(moments, spread)));
 }
 
-/// Through the centroid, across the direction of largest extent.
-inline SplitPlane split_plane(const SampleMoments& moments, const Spread& spread) noexcept {
-    const Vec3f reference = moments.centroid.cast<float>(), normal = spread.direction.cast<float>();
+/// Through the centroid, across the unit vector.
+inline SplitPlane plane_through_centroid(const SampleMoments& moments,
+                                         const Vec3d& across) noexcept {
+    const Vec3f reference = moments.centroid.cast<float>(), normal = across.cast<float>();
     return {{reference.x(), reference.y(), reference.z()},
             {normal.x(), normal.y(), normal.z()},
-            static_cast<float>(spread.direction.dot(moments.centroid - reference.cast<double>()))};
+            static_cast<float>(across.dot(moments.centroid - reference.cast<double>()))};
+}
+
+/// Through the centroid, across the direction of largest extent.
+inline SplitPlane split_plane(const SampleMoments& moments, const Spread& spread) noexcept {
+    return plane_through_centroid(moments, spread.direction);
 }
 
 }  // namespace stipple

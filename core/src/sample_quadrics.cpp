@@ -30,6 +30,17 @@ struct Summary {
         return static_cast<double>(scatter[0] + scatter[3] + others[1]) /
                static_cast<double>(others[2]);
     }
+    /// Variance of the points' heights over the plane through them, on which three always are: of
+    /// round clusters l0 = l0 l1 l2 / (l1 l2), and somewhat less of long ones.
+    double height_variance() const noexcept {
+        const auto entry = [](float v) { return static_cast<double>(v); };
+        const double xx = entry(scatter[0]), xy = entry(scatter[1]), xz = entry(scatter[2]),
+                     yy = entry(scatter[3]), yz = entry(others[0]), zz = entry(others[1]);
+        const double determinant =
+            xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz);
+        const double half = (xx + yy + zz) / 2, free = entry(others[2]) - 3;
+        return half > 0 ? std::max(0.0, determinant / (half * half)) / free : 0;
+    }
 };
 
 Summary summary_of(const SampleMoments& moments) {
@@ -132,11 +143,17 @@ void add_border_plane(Quadric& q, const SummarySums& around, const Vec3d& normal
 
 /// How high the surface is over the centroid of a cluster. On a paraboloid the mean height of
 /// points falls with their mean squared distance from its top: what is seen between the cluster and
-/// its surroundings tells what there is between the cluster and the top.
+/// its surroundings tells what there is between the cluster and the top. The cluster's own points
+/// must show as much, or else what is seen is another sheet: the deviation of their heights is
+/// 1 / sqrt(3) of that, if they are enough to tell.
 double height_over(const Summary& cluster, const SummarySums& around, const Vec3d& normal) {
+    constexpr double kMostDeviations = 4;
     const double own_sq = cluster.mean_radius_sq(), radius_sq = around.mean_radius_sq();
     if (!(radius_sq > 2 * own_sq)) return 0;
-    return -normal.dot(around.centroid()) * own_sq / (radius_sq - own_sq);
+    const double height = -normal.dot(around.centroid()) * own_sq / (radius_sq - own_sq);
+    if (cluster.others[2] <= 3) return height;
+    const double most = kMostDeviations * std::sqrt(cluster.height_variance());
+    return std::clamp(height, -most, most);
 }
 
 /// The mean features of each cluster.

@@ -71,7 +71,9 @@ void add_scattered(const FitLanes::Row& row, const FitLanes::Floats& fourth, con
 struct Group {
     std::array<Numbers, kNeighbors> neighbors;
     FitLanes::Floats reach_sq;  ///< of the farthest neighbour
-    FitWishes wishes;           ///< each of eight input points, one for each point
+    FitLanes::Floats
+        layered;       ///< 1 where the neighbours lie in two layers, else 0: nothing is asked
+    FitWishes wishes;  ///< each of eight input points, one for each point
 };
 
 float sum(Float4 v) {
@@ -239,9 +241,12 @@ public:
         const auto moved = Agreement(groups_, size, task_.options.damping).moves(context_);
         for (std::size_t l = 0; l < own; ++l) {
             for (std::size_t lane = 0; lane < task_.tree.points_in(leaves_[l]); ++lane) {
+                const Index point = task_.tree.leaf(leaves_[l]).index[lane];
                 const Float4 move = moved[kWidth * l + lane];
-                points[task_.tree.leaf(leaves_[l]).index[lane]] +=
-                    bounded(Vec3f(move[0], move[1], move[2]), groups_[l].reach_sq[lane]);
+                points[point] +=
+                    bounded(is_layered(groups_[l], lane) ? amid_members(point) - points[point]
+                                                         : Vec3f(move[0], move[1], move[2]),
+                            groups_[l].reach_sq[lane]);
             }
         }
         for (const Index l : leaves_) place_[l] = PointTree::kNone;
@@ -259,6 +264,21 @@ private:
             return std::span(memory.data(), count);
         }
     };
+
+    /// Whether it is so around most of a point's neighbours: around one of them it may be chance.
+    bool is_layered(const Group& group, std::size_t lane) const {
+        float layered = 0;
+        for (const Numbers& row : group.neighbors)
+            layered += groups_[row[lane] / kWidth].layered[row[lane] % kWidth];
+        return 2 * layered > static_cast<float>(kNeighbors);
+    }
+
+    Vec3f amid_members(Index point) const {
+        const auto list = task_.members.of(point);
+        Vec3d sum = Vec3d::Zero();
+        for (const Index member : list) sum += task_.input[member].cast<double>();
+        return task_.scale * (sum / static_cast<double>(list.size())).cast<float>();
+    }
 
     Vec3f bounded(const Vec3f& move, float reach_sq) const {
         const float most = task_.options.farthest_move / kReach * std::sqrt(reach_sq);
@@ -326,19 +346,23 @@ private:
                 reach_sq[lane] = std::max(reach_sq[lane], d.squaredNorm());
             }
         });
+        const auto per_h = [&](std::size_t lane) { return kReach / std::sqrt(reach_sq[lane]); };
+        for (std::size_t lane = 0; lane < task_.tree.points_in(l); ++lane)
+            lanes.per_h[lane] = reach_sq[lane] > 0 ? per_h(lane) : 0;
         const FitKernel& kernel = fit_kernel();
+        kernel.layers(lanes, group.layered);
         for (unsigned a = 0; a < task_.options.asked; ++a) {
             for (std::size_t lane = 0; lane < task_.tree.points_in(l); ++lane) {
                 const auto list = task_.members.of(leaf.index[lane]);
                 const std::size_t count = std::min<std::size_t>(task_.options.asked, list.size());
                 lanes.per_h[lane] = 0;
-                if (a >= count) continue;
+                if (a >= count || group.layered[lane] > 0) continue;
                 // As evenly through the list as can be.
                 const Index member = list[(2 * a + 1) * list.size() / (2 * count)];
                 const Vec3f at = task_.scale * task_.input[member] - leaf.position(lane);
                 if (!(at.squaredNorm() < reach_sq[lane])) continue;
                 set(lanes.place, lane, at);
-                lanes.per_h[lane] = kReach / std::sqrt(reach_sq[lane]);
+                lanes.per_h[lane] = per_h(lane);
             }
             kernel.run(lanes, answers[a]);
         }

@@ -30,6 +30,9 @@ struct SurfaceFit {
 /// `farthest_move` is a guard of the largest error: where the surface has an edge, which it cannot
 /// follow, points would be pushed far beyond it.
 ///
+/// Where the neighbours lie in two layers (layers.hpp), the surface through both is that of
+/// neither: there points go amid their members instead.
+///
 /// Points go mostly along normals, to where the surface is missed, and a little across, to where it
 /// bends. Points on a line or in one place stay where they are, and so do fewer than 20, which make
 /// no such surface.

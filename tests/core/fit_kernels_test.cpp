@@ -137,6 +137,22 @@ std::vector<float> sums_of(const FitKernel& kernel) {
     return all;
 }
 
+TEST(FitKernel, TellsLayersFromABentSheet) {
+    FitLanes lanes = bent_sheets();
+    std::mt19937_64 random(5);
+    std::uniform_real_distribution<float> coordinate(-0.7F, 0.7F);
+    for (std::size_t i = 0; i < kRows; ++i)
+        set(lanes.around[i], 3,
+            Vec3f(coordinate(random), i % 2 == 0 ? 0 : 0.2F, coordinate(random)).cast<double>());
+    for (FitLanes::Row& row : lanes.around) set(row, 6, Vec3d::Zero());
+    lanes.per_h[0] = 0;
+    for (const FitKernel& kernel : available_fit_kernels()) {
+        FitLanes::Floats layered;
+        kernel.layers(lanes, layered);
+        EXPECT_EQ(layered, (FitLanes::Floats{0, 0, 0, 1, 0, 0, 0, 0})) << kernel.name;
+    }
+}
+
 TEST(FitKernel, GivesTheSameBitsWithEveryInstructionSet) {
     const FitLanes lanes = bent_sheets();
     const FitAnswers plain = answers_of(available_fit_kernels().front(), lanes);

@@ -80,6 +80,26 @@ TEST(SurfaceFit, MovesNoPointFartherThanItMay) {
     EXPECT_GT(held, 20U);
 }
 
+TEST(SurfaceFit, KeepsPointsOfTwoLayersAmidTheirMembers) {
+    constexpr float kGap = 0.02F;
+    const auto input = test::wall(20'000, kGap).positions;
+    std::vector<Vec3f> points;  // five gaps apart on either side
+    for (const float z : {0.0F, kGap})
+        for (int x = 0; x < 10; ++x)
+            for (int y = 0; y < 10; ++y)
+                points.emplace_back(0.1F * static_cast<float>(x) + z, 0.1F * static_cast<float>(y),
+                                    z);
+    const std::vector<Vec3f> before = points;
+    const auto far_apart = [](std::vector<Vec3f> sides) {
+        for (Vec3f& p : sides) p.z() *= 100;
+        return sides;
+    };
+    const Shares shares(far_apart(points), far_apart(input));
+    for (int step = 0; step < 3; ++step) fit_surface(points, input, shares.lists(), {}, {});
+    for (std::size_t i = 0; i < points.size(); ++i)
+        EXPECT_NEAR(points[i].z(), before[i].z(), 0.1F * kGap);
+}
+
 /// The mean radius of 500 points of a sphere, fitted to more of it with so much noise.
 double fitted_radius(double noise) {
     const auto input = test::sphere(20'000, noise).positions;

@@ -81,6 +81,14 @@ PointCloud plane(std::size_t n, std::uint64_t seed) {
     return cloud;
 }
 
+PointCloud wall(std::size_t n, float gap, std::uint64_t seed) {
+    PointCloud cloud = plane(n, seed);
+    for (std::size_t i = 0; i < n; i += 2) cloud.positions[i].z() = gap;
+    for (const Vec3f& p : cloud.positions)
+        cloud.colors.push_back(p.z() == 0 ? Rgba8{255, 0, 0, 255} : Rgba8{0, 0, 255, 255});
+    return cloud;
+}
+
 PointCloud line(std::size_t n) {
     PointCloud cloud;
     for (std::size_t i = 0; i < n; ++i) {

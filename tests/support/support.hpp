@@ -48,6 +48,9 @@ private:
 PointCloud sphere(std::size_t n, double noise = 0.0, std::uint64_t seed = 1);
 /// n points at random in the unit square of the plane z = 0.
 PointCloud plane(std::size_t n, std::uint64_t seed = 1);
+/// n points at random on both sides of a wall, the squares [0, 1]^2 at z = 0 and at z = `gap`;
+/// those of the former are red, the others blue.
+PointCloud wall(std::size_t n, float gap, std::uint64_t seed = 1);
 /// n points on a line.
 PointCloud line(std::size_t n);
 /// n points at random in the unit cube.

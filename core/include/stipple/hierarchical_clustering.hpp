@@ -27,7 +27,9 @@ struct HierarchicalClusteringOptions {
 /// Hierarchical clustering (§3.1): a binary space partition. A cluster is split by the plane
 /// through its centroid, perpendicular to the eigenvector of its largest eigenvalue, while its size
 /// exceeds `max_cluster_size` or its variation (Eq. 5) exceeds `max_variation`; or, given
-/// `target_size`, the cluster with most to gain is split until there are exactly that many.
+/// `target_size`, the cluster with most to gain is split until there are exactly that many. A
+/// cluster that lies in two layers, like the sides of a wall, is split between them (ours): they
+/// must have 16 points each on average, and be apart by 1.5 of their spacings.
 ///
 /// Give `target_size`, or at least one of the other two. A target above the number of points
 /// returns the cloud unchanged. The cloud must hold finite, distinct positions (`clean`).

@@ -48,8 +48,10 @@ struct IterativeSimplificationOptions {
 /// are reassigned to the new points that fit them best. If there are 20 new points or more, they
 /// move until the moving least squares surface through them (§2.2) fits the input: with a linear
 /// basis, which lies inside curved parts, and with a quadratic basis, which does not. So they lie
-/// slightly outside of curved parts; `max_displacement` bounds this. With `Placement::EndPoint` the
-/// result is a subset of the input, and that of a smaller target a subset of that of a larger one.
+/// slightly outside of curved parts; `max_displacement` bounds this. Where new points lie in two
+/// layers, like the sides of a wall, they go amid the input points that they represent instead.
+/// With `Placement::EndPoint` the result is a subset of the input, and that of a smaller target a
+/// subset of that of a larger one.
 ///
 /// Weights for colours and other attributes keep points where these change, as well as where the
 /// surface bends. Normals, colours and attributes of a new point are reduced from those of the

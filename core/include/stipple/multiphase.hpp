@@ -26,6 +26,11 @@ struct MultiphaseOptions {
 /// the samples. If a fiftieth of the points or fewer is left, this is done twice, the second time
 /// from the new places, which takes little of the time.
 ///
+/// Opposite sides of a wall, a sheet or a leaf are kept apart, and so are their colours: clusters
+/// of both are split between them, as those of `hierarchical_clustering`, and points that lie in
+/// two layers stay amid their samples. Not so where the sides bend by as much as the gap between
+/// the new points, or where noise is above a tenth of it.
+///
 /// Samples are contracted along the tree of the clustering: among pairs of halves of a cluster,
 /// each already one point, the pair with the least quadric error times distance becomes the point
 /// that minimises the sum of their quadrics. To limit the maximum error, no point represents more
