@@ -26,7 +26,8 @@ namespace {
 constexpr double kStep = 1.26;  // from a snapshot to the next: three of them double a count
 constexpr std::size_t kMostCounts = 64;
 constexpr unsigned kMostRounds = 100;
-constexpr unsigned kPatience = 16;  // rounds of small steps; then they grow
+constexpr unsigned kPatience = 32;      // rounds of small steps; then they grow
+constexpr unsigned kLetterRounds = 24;  // to hold for those, too, who measure by the letter
 // Of a cloud of so many points more than half are not looked for: to tell that it needs them takes
 // many times as long as to find a fraction.
 constexpr std::size_t kLarge = 50'000;
@@ -119,17 +120,21 @@ public:
         constexpr double kFewMore = 1.25;
         const std::size_t base = best_base();
         auto found = refine(base, most_wanted(), kMostRounds, context_.part(0.6, 0.8));
+        if (judge_.is_spent()) return with_care(std::move(found));
         if (!found) return found;
         std::vector<std::uint8_t> marks = forest_.marks();
         judge_.read(Reading::ByTheLetter);
         const auto most = static_cast<double>(found->cloud.size()) * kFewMore;
         auto by_the_letter =
-            refine(base, static_cast<std::size_t>(most), kPatience, context_.part(0.8, 0.9));
+            refine(base, static_cast<std::size_t>(most), kLetterRounds, context_.part(0.8, 0.9));
         if (by_the_letter) return by_the_letter;
+        if (judge_.is_spent()) return with_care(std::move(found));
         forest_.set_marks(std::move(marks));
         judge_.read(Reading::Confirmed);
         judge_.take_care();
-        return refine(base, most_wanted(), kMostRounds, context_.part(0.9, 1.0));
+        auto careful = refine(base, most_wanted(), kMostRounds, context_.part(0.9, 1.0));
+        if (!careful && judge_.is_spent()) return with_care(std::move(found));
+        return careful;
     }
 
 private:
@@ -138,11 +143,31 @@ private:
         return points < kLarge ? points * 9 / 10 : points / 2;
     }
 
-    /// Makes the cut finer until it holds; none when that takes more than `most` points or rounds.
+    /// Where the judge is spent: what was found, if it holds with care; else the coarsest snapshot
+    /// that does. Each has a quarter more points than the one before, so that it takes few tries.
+    std::optional<ErrorBoundedCloud> with_care(std::optional<ErrorBoundedCloud> found) {
+        judge_.read(Reading::Confirmed);
+        judge_.take_care();
+        if (found && holds(*found)) return found;
+        for (std::size_t level = finest_; forest_.size_of(level) <= most_wanted(); ++level) {
+            ErrorBoundedCloud result{.cloud = forest_.level(level, quietly_)};
+            if (holds(result)) return result;
+        }
+        return std::nullopt;
+    }
+
+    bool holds(ErrorBoundedCloud& result) {
+        return judge_.watch(result.cloud).places.empty() &&
+               judge_.measure(result).max <= ErrorJudge::kWithin;
+    }
+
+    /// Makes the cut finer until it holds; none when that takes more than `most` points or rounds,
+    /// or the judge is spent.
     std::optional<ErrorBoundedCloud> refine(std::size_t base, std::size_t most, unsigned rounds,
                                             const RunContext& context) {
         for (unsigned round = 0; round < rounds; ++round) {
             context.checkpoint(static_cast<double>(round) / rounds);
+            if (judge_.is_spent()) return std::nullopt;
             std::vector<Index> cut = forest_.cut(base);
             while (forest_.grade(cut, context)) cut = forest_.cut(base);
             if (cut.empty() || cut.size() > most) return std::nullopt;
@@ -205,7 +230,7 @@ std::vector<PointCloud> fewer_at_a_look(const PointCloud& cloud, const SimplifyO
     unsigned misses = 0;
     if (counts.empty()) return fewer;
     const auto look_at = [&](PointCloud&& snapshot) {
-        if (misses == kMostMisses) return;
+        if (misses == kMostMisses || judge.is_spent()) return;
         const bool holds =
             judge.glance(snapshot).places.empty() && judge.watch(snapshot).places.empty();
         misses = holds ? 0 : misses + 1;
@@ -215,7 +240,7 @@ std::vector<PointCloud> fewer_at_a_look(const PointCloud& cloud, const SimplifyO
     if (options.method == Method::Particles) {  // each is a run of its own
         const CloudOfSize run = runs_of(cloud, options, quiet);
         for (const std::uint64_t count : counts)
-            if (misses < kMostMisses) look_at(run(count, quiet));
+            if (misses < kMostMisses && !judge.is_spent()) look_at(run(count, quiet));
     } else {
         make_snapshots(cloud, options, counts, look_at, quiet);
     }
@@ -299,6 +324,7 @@ ErrorBoundedCloud simplify_within_error(const PointCloud& cloud, const SimplifyO
     result.bound = bound;
     result.points_off_surface = judge.points_off_surface();
     result.tries = judge.tries();
+    result.ended_early = judge.is_spent();
     if (result.whole) result.too_far = judge.too_far();
     context.checkpoint(1.0);
     return result;

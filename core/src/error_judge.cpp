@@ -19,6 +19,10 @@ constexpr std::uint64_t kUnevenAgain = 600'000;  // more places where a candidat
 /// Of a cloud of many points so small a part of the places is measured first: it mostly tells what
 /// is too far.
 constexpr std::uint64_t kFirstPart = 8;
+/// A search looks at so many places, and so many for each point of the cloud, and ends: else noise
+/// just below the bound, where some place out of millions is always a little too far, takes a
+/// thousand times as long as what made the candidates.
+constexpr std::uint64_t kMostLooks = 10'000'000, kMostLooksEach = 50;
 constexpr std::uint64_t kSeed = 0, kAgainSeed = 1, kFirstSeed = 2;
 constexpr std::uint64_t kMeasuredEach = 100;        // enough for each point of a candidate
 constexpr std::uint64_t kEnoughMeasured = 300'000;  // unless it has more points than that
@@ -97,8 +101,16 @@ bool ErrorJudge::can_be_kept(std::size_t points_of_surface) const noexcept {
     return points_of_surface + cloud_.size() / kOneOf >= cloud_.size();
 }
 
+bool ErrorJudge::is_spent() const noexcept {
+    const std::uint64_t looks = looks_ + (watch_ ? watch_->looks() : 0);
+    return looks > kMostLooks + kMostLooksEach * cloud_.size();
+}
+
 void ErrorJudge::read(Reading reading) {
-    if (reading_ != reading) watch_.reset();
+    if (reading_ != reading && watch_) {
+        looks_ += watch_->looks();
+        watch_.reset();
+    }
     reading_ = reading;
 }
 
@@ -115,8 +127,9 @@ ErrorJudge::Finding ErrorJudge::glance(const PointCloud& candidate) {
         append(finding.places, out_of_frame(probes->places_above(margin())));
         remember(candidate.size(), probes->farthest(), probes->max());
     }
-    finding.share = static_cast<double>(finding.places.size()) /
-                    static_cast<double>(forward.places.size() + backward.places.size());
+    const std::size_t looks = forward.places.size() + backward.places.size();
+    looks_ += looks;
+    finding.share = static_cast<double>(finding.places.size()) / static_cast<double>(looks);
     return finding;
 }
 
@@ -171,6 +184,7 @@ ErrorJudge::Finding ErrorJudge::measure(ErrorBoundedCloud& candidate) {
         const std::uint64_t few = std::min(kFewestAgain, kEnoughAgainOfEach * cloud_.size());
         const SurfaceError again =
             meter_->measure(candidate.cloud, std::max(samples, few), kAgainSeed, quietly_);
+        looks_ += again.forward.samples + again.backward.samples;
         append(finding.places, places_above(kMargin * bound_, again.forward));
         append(finding.places, places_above(kMargin * bound_, again.backward));
         finding.max = std::max(finding.max, again.max() / bound_);
@@ -183,6 +197,7 @@ ErrorJudge::Finding ErrorJudge::measured(ErrorBoundedCloud& candidate, std::uint
     candidate.error = meter_->measure(candidate.cloud, samples, seed, quietly_);
     candidate.sampling = ErrorSampling::Surface;
     DirectedError &forward = candidate.error.forward, &backward = candidate.error.backward;
+    looks_ += forward.samples + backward.samples;
     Finding finding{.places = places_above(kMargin * bound_, forward),
                     .max = candidate.error.max() / bound_};
     append(finding.places, places_above(kMargin * bound_, backward));

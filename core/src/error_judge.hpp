@@ -58,6 +58,10 @@ public:
 
     unsigned tries() const noexcept { return tries_; }
 
+    /// Whether so many places were looked at that a search should end with what it has. A count,
+    /// not a time: it is the same on every machine.
+    bool is_spent() const noexcept;
+
     /// Of the candidates that were farther than the bound that with most points, and where it was
     /// farthest; where nothing can be kept the cloud itself.
     const std::optional<TooFar>& too_far() const noexcept { return too_far_; }
@@ -91,6 +95,7 @@ private:
     std::optional<ErrorWatch> watch_;
     std::optional<SurfaceErrorMeter> meter_;
     unsigned tries_ = 0;
+    std::uint64_t looks_ = 0;  ///< but for those of the watch that is
 };
 
 }  // namespace stipple

@@ -254,9 +254,8 @@ std::vector<Vec3f> feet_on(const FootFinder& surface, std::span<const Vec3f> pla
 /// @param spacing_sq  the squared distance to its third neighbour.
 Vec3f moved(const Vec3f& point, const Vec3f& normal, float spacing_sq, std::uint64_t seed,
             std::uint64_t i) {
-    constexpr float kReach = 0.6F;  // of that distance; more leads beyond borders
     const Vec3f u = normal.unitOrthogonal(), v = normal.cross(u);
-    const Eigen::Vector2f move = kReach * std::sqrt(spacing_sq) * in_disk(~seed, i);
+    const Eigen::Vector2f move = kPlaceReach * std::sqrt(spacing_sq) * in_disk(~seed, i);
     return point + move.x() * u + move.y() * v;
 }
 

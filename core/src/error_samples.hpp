@@ -31,6 +31,10 @@ struct ErrorSamples {
 ErrorSamples take_points(const LonePoints& points, std::uint64_t count, std::uint64_t seed,
                          const RunContext& context);
 
+/// How far from a point places are drawn, over the distance to its third neighbour: more leads
+/// beyond borders, where planes through neighbours go on but the surface does not.
+inline constexpr float kPlaceReach = 0.6F;
+
 struct PointAreas {
     std::vector<float> areas;
     std::vector<float> doubtful_sq;  ///< of feet from there, as of `distance_of`

@@ -11,10 +11,12 @@ namespace stipple {
 
 namespace {
 
-constexpr std::uint64_t kAroundSeed = 1, kUnevenSeed = 2, kCloserSeed = 3, kAgainSeed = 100;
+constexpr std::uint64_t kAroundSeed = 1, kUnevenSeed = 2, kCloserSeed = 3, kSomeSeed = 10,
+                        kAgainSeed = 100;
 constexpr unsigned kAround = 8;                 // places around each point of a candidate
 constexpr unsigned kUnevenBack = 160;           // more of them where its surface is uneven
 constexpr std::size_t kMostUneven = 1'000'000;  // of both, where most of a surface is uneven
+constexpr unsigned kSomeOf = 10;  // of these are looked at first: mostly they tell what is too far
 constexpr unsigned kUnevenFrom = 12;       // around a place of the surface where the candidate's is
 constexpr std::size_t kDense = 1'000'000;  // places of the surface, with no worse ones between
 constexpr float kUnevenSpread = 1.2F;
@@ -94,10 +96,7 @@ void ErrorWatch::look_at(std::vector<Vec3f> points, const RunContext& context) {
     std::ranges::sort(fresh);  // in the order of the candidate: neighbours are near each other
     measure_from_surface(candidate, from_places, context);
     measure_from_candidate(candidate, fresh, context);
-    if (max() > margin_) return;  // enough to go on with
-    const unsigned uneven_from = places_.size() < kDense ? kUnevenFrom : 0;
-    look_closer(surface_, candidate, forward_, {uneven_from, kSuspiciousFrom}, context);
-    look_closer(candidate, surface_, backward_, {kUnevenBack, kSuspiciousBack}, context);
+    look_closer(candidate, context);
 }
 
 std::vector<Index> ErrorWatch::touched(std::span<const Vec3f> centers, std::span<const Spot> spots,
@@ -122,6 +121,7 @@ std::vector<Index> ErrorWatch::touched(std::span<const Vec3f> centers, std::span
 
 void ErrorWatch::measure_from_surface(const ProbedSurface& candidate, std::span<const Index> which,
                                       const RunContext& context) {
+    looks_ += which.size();
     const Probes probes = surface_.measure(at(places_, which), candidate, margin_, context);
     for (std::size_t i = 0; i < which.size(); ++i)
         forward_[which[i]] = {.farthest = probes.places[i],
@@ -145,7 +145,8 @@ std::vector<std::uint8_t> ErrorWatch::look_around(const ProbedSurface& from,
                                                   std::span<const Index> which,
                                                   std::span<const Vec3f> centers,
                                                   std::vector<Spot>& spots, const Look& look,
-                                                  const RunContext& context) const {
+                                                  const RunContext& context) {
+    looks_ += std::uint64_t{look.each} * centers.size();
     PlacesAround around = from.places_around(centers, look.spread, look.each, look.seed, context);
     const Probes probes = from.measure(std::move(around.places), to, margin_, context);
     // The candidate decides where the places are, or how far they are from it.
@@ -165,26 +166,42 @@ std::vector<std::uint8_t> ErrorWatch::look_around(const ProbedSurface& from,
     return around.uneven;
 }
 
+void ErrorWatch::look_closer(const ProbedSurface& candidate, const RunContext& context) {
+    const unsigned uneven_from = places_.size() < kDense ? kUnevenFrom : 0;
+    for (const Closeness closeness : {Closeness::Some, Closeness::All}) {
+        if (max() > margin_) return;
+        look_closer(surface_, candidate, forward_, {uneven_from, kSuspiciousFrom}, closeness,
+                    context);
+        if (max() > margin_) return;
+        look_closer(candidate, surface_, backward_, {kUnevenBack, kSuspiciousBack}, closeness,
+                    context);
+    }
+}
+
 /// At more places where the surface is uneven; then in rounds of random places, nearer and nearer
 /// to the farthest found. What is too far already is left alone.
 void ErrorWatch::look_closer(const ProbedSurface& from, const ProbedSurface& to,
-                             std::vector<Spot>& spots, const Care& care,
-                             const RunContext& context) const {
+                             std::vector<Spot>& spots, const Care& care, Closeness closeness,
+                             const RunContext& context) {
+    const bool all = closeness == Closeness::All;
     std::vector<Index> open, uneven;
     std::vector<Vec3f> centers;
     for (std::size_t i = 0; i < spots.size(); ++i) {
-        if (std::exchange(spots[i].closer, true)) continue;
+        if (spots[i].looked >= closeness) continue;
+        spots[i].looked = closeness;
         open.push_back(static_cast<Index>(i));
         if (!spots[i].uneven || care.uneven == 0) continue;
         uneven.push_back(static_cast<Index>(i));
         centers.push_back(middles(spots)[i]);
     }
-    const std::size_t each = kMostUneven / std::max<std::size_t>(1, uneven.size());
+    const std::size_t most = kMostUneven / std::max<std::size_t>(1, uneven.size());
+    const auto each = static_cast<unsigned>(std::clamp<std::size_t>(most, kCloser, care.uneven));
     look_around(from, to, uneven, centers, spots,
                 {.spread = kUnevenSpread,
-                 .each = static_cast<unsigned>(std::clamp<std::size_t>(each, kCloser, care.uneven)),
-                 .seed = kUnevenSeed},
+                 .each = all ? each : std::max(1U, each / kSomeOf),
+                 .seed = all ? kUnevenSeed : kSomeSeed},
                 context);
+    if (!all) return;
     float spread = 1;
     for (unsigned round = 0; round < kRounds; ++round, spread /= 2) {
         std::erase_if(open, [&](Index i) {

@@ -4,6 +4,7 @@
 #include "stipple/run_context.hpp"
 #include "surface_probe.hpp"
 
+#include <cstdint>
 #include <span>
 #include <vector>
 
@@ -30,6 +31,9 @@ public:
     /// walks to it end anywhere there, some of them far away.
     void look_again(std::uint64_t places, std::uint64_t seed, const RunContext& context);
 
+    /// How many places were looked for so far.
+    std::uint64_t looks() const noexcept { return looks_; }
+
     /// Of the last candidate, the farthest.
     double max() const noexcept;
     Vec3f farthest_place() const noexcept;
@@ -37,13 +41,17 @@ public:
     std::vector<Vec3f> places_too_far() const;
 
 private:
+    /// How closely was looked: at places around; at some more where it is uneven; at all there, and
+    /// around what is suspicious.
+    enum class Closeness : std::uint8_t { Around, Some, All };
+
     /// What is known around a place.
     struct Spot {
         Vec3f farthest = Vec3f::Zero();
         float distance = 0;
         float reach = 0;      ///< no point of a candidate farther away changes that
         bool uneven = false;  ///< whether the candidate's surface is uneven there
-        bool closer = false;  ///< whether that was looked into
+        Closeness looked = Closeness::Around;
     };
 
     std::vector<Index> touched(std::span<const Vec3f> centers, std::span<const Spot> spots,
@@ -63,14 +71,16 @@ private:
     std::vector<std::uint8_t> look_around(const ProbedSurface& from, const ProbedSurface& to,
                                           std::span<const Index> which,
                                           std::span<const Vec3f> centers, std::vector<Spot>& spots,
-                                          const Look& look, const RunContext& context) const;
+                                          const Look& look, const RunContext& context);
+    /// Looks closer, until something is too far, which is enough to go on with.
+    void look_closer(const ProbedSurface& candidate, const RunContext& context);
     /// Where to look closer: so many places where it is uneven; and above this part of the margin.
     struct Care {
         unsigned uneven;
         double suspicious;
     };
     void look_closer(const ProbedSurface& from, const ProbedSurface& to, std::vector<Spot>& spots,
-                     const Care& care, const RunContext& context) const;
+                     const Care& care, Closeness closeness, const RunContext& context);
     /// What the spots are around.
     std::span<const Vec3f> middles(const std::vector<Spot>& spots) const {
         return &spots == &forward_ ? places_ : points_;
@@ -81,6 +91,7 @@ private:
     Reading reading_;
     std::vector<Vec3f> places_, points_;    ///< of the surface; of the last candidate
     std::vector<Spot> forward_, backward_;  ///< one for each place, one for each point
+    std::uint64_t looks_ = 0;
 };
 
 }  // namespace stipple

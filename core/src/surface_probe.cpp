@@ -3,9 +3,11 @@
 #include "error_samples.hpp"
 #include "parallel_for.hpp"
 #include "random.hpp"
+#include "tree_search.hpp"
 #include "worst_samples.hpp"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 #include <limits>
@@ -36,9 +38,10 @@ std::uint64_t name_of(const Vec3f& place) {
     return name;
 }
 
+constexpr double kOneSided = 0.4;  // off the center of its neighbours: hardly in an even piece
+
 /// Whether a foot is not in the middle of an even piece of surface.
 bool is_uneven(const Foot& foot) {
-    constexpr double kOneSided = 0.4;  // hardly in an even piece
     return !foot.on_surface() || foot.off_center > kOneSided;
 }
 
@@ -117,6 +120,17 @@ Probes ProbedSurface::measure(std::vector<Vec3f> places, const ProbedSurface& ot
     return probes;
 }
 
+bool ProbedSurface::is_beyond_border(const Foot& foot) const {
+    if (foot.off_center <= kOneSided) return false;
+    const Vec3f place = foot.point.cast<float>();
+    std::array<Neighbor, 1> room;
+    const Neighbor nearest = find_nearest(tree_, place, room).front();
+    constexpr std::size_t kThird = 3;
+    std::array<Neighbor, kThird + 1> around;  // and the point itself
+    const float spacing_sq = find_nearest(tree_, points_[nearest.index], around).back().distance_sq;
+    return nearest.distance_sq > kPlaceReach * kPlaceReach * spacing_sq;
+}
+
 PlacesAround ProbedSurface::places_around(std::span<const Vec3f> centers, float spread,
                                           unsigned each, std::uint64_t seed,
                                           const RunContext& context) const {
@@ -156,13 +170,14 @@ PlacesAround ProbedSurface::places_around(std::span<const Vec3f> centers, float 
             constexpr float kTurned = 0.77F;  // cos 40 degrees
             const std::size_t c = i / each;
             const Vec3f place = foot.point.cast<float>();
-            found[i] = {
-                .place = place,
-                .reach = (near[i] - centers[c]).norm() + reach_of(near[i], foot),
-                .counts = scales[c] > 0 &&
-                          (reading_ == Reading::ByTheLetter ? foot.is_fixed() : foot.on_surface()),
-                .uneven = is_uneven(foot) ||
-                          std::abs(foot.normal.cast<float>().dot(normals[c])) < kTurned};
+            found[i] = {.place = place,
+                        .reach = (near[i] - centers[c]).norm() + reach_of(near[i], foot),
+                        .counts = scales[c] > 0 &&
+                                  (reading_ == Reading::ByTheLetter ? foot.is_fixed()
+                                                                    : foot.on_surface()) &&
+                                  !is_beyond_border(foot),
+                        .uneven = is_uneven(foot) ||
+                                  std::abs(foot.normal.cast<float>().dot(normals[c])) < kTurned};
         },
         context);
     std::size_t last_alone = n;

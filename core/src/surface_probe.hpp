@@ -57,8 +57,9 @@ public:
 
     /// `each` places around each center: the feet of random ones within `spread` times the scale of
     /// the weights there, also off the surface, so that a sheet beside it is found; the center
-    /// itself for those that have none, and where it is a point that lies alone. They depend on
-    /// where the center is and on the seed, not on the other centers.
+    /// itself for those that have none or one beyond the border of the surface, and where it is a
+    /// point that lies alone. They depend on where the center is and on the seed, not on the other
+    /// centers.
     PlacesAround places_around(std::span<const Vec3f> centers, float spread, unsigned each,
                                std::uint64_t seed, const RunContext& context) const;
 
@@ -68,6 +69,10 @@ public:
                    const RunContext& context) const;
 
 private:
+    /// Whether a foot lies beside all points on one side, farther off than any place is drawn by
+    /// who measures: planes go on there, the surface does not.
+    bool is_beyond_border(const Foot& foot) const;
+
     std::vector<Vec3f> points_;
     Reading reading_;
     PointTree tree_;

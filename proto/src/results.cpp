@@ -166,6 +166,7 @@ Json bound_json(const MeasuredBound& bound) {
                  {"tries", bound.tries},
                  {"whole", bound.whole}};
     if (bound.points_off_surface > 0) json["points_off_surface"] = bound.points_off_surface;
+    if (bound.ended_early) json["ended_early"] = true;
     if (bound.too_far)
         json["too_far"] = {{"points", bound.too_far->points},
                            {"place", vector_json(bound.too_far->place)},
@@ -195,6 +196,7 @@ MeasuredBound read_bound(const JsonValue& value) {
         bound.points_off_surface = off->integer();
     bound.tries = object["tries"].small_integer();
     bound.whole = object["whole"].boolean();
+    if (const auto early = object.find("ended_early")) bound.ended_early = early->boolean();
     if (const auto too_far = object.find("too_far")) bound.too_far = read_too_far(*too_far);
     object.finish();
     return bound;

@@ -47,6 +47,7 @@ MeasuredBound measured(const ErrorBoundedCloud& found) {
             .points_off_surface = found.points_off_surface,
             .tries = found.tries,
             .whole = found.whole,
+            .ended_early = found.ended_early,
             .too_far = found.too_far};
 }
 

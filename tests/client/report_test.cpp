@@ -48,6 +48,16 @@ TEST(BoundLine, SaysHowManyPointsAreNotCounted) {
             .ends_with("not counted: 3 points of the input, farther than that from its surface"));
 }
 
+TEST(BoundLine, SaysThatTheSearchEndedEarly) {
+    proto::MeasuredBound bound{.max_error = 0.3, .tries = 7, .ended_early = true};
+    EXPECT_TRUE(bound_line(bound, 10, {}).ends_with("fewer points may also hold"));
+    bound = whole_within(0.3);
+    bound.ended_early = true;
+    const std::string line = bound_line(bound, 10, {});
+    EXPECT_TRUE(line.starts_with("kept all 10 points: no smaller cloud was found")) << line;
+    EXPECT_TRUE(line.ends_with("fewer points may also hold")) << line;
+}
+
 TEST(ErrorLine, HasNoFiguresWhereNothingWasSimplifiedAway) {
     proto::ErrorFigures figures;
     EXPECT_EQ(error_line(figures, {}), "error: none, no points were removed");

@@ -69,8 +69,12 @@ std::string whole_line(const proto::MeasuredBound& bound, std::uint64_t points) 
 
 std::string bound_line(const proto::MeasuredBound& bound, std::uint64_t points,
                        const TextStyle& style) {
-    if (bound.whole) return whole_line(bound, points);
     const std::string dot = " " + std::string(style.dot()) + " ";
+    const std::string ended =
+        bound.ended_early
+            ? dot + "the search ended early, at its limit of work: fewer points may also hold"
+            : "";
+    if (bound.whole) return whole_line(bound, points) + ended;
     return "largest distance " + three_digits(std::max(bound.forward, bound.backward)) + " of " +
            three_digits(bound.max_error) + " allowed" + dot + "forward " +
            three_digits(bound.forward) + ", backward " + three_digits(bound.backward) + ", " +
@@ -79,7 +83,8 @@ std::string bound_line(const proto::MeasuredBound& bound, std::uint64_t points,
            (bound.points_off_surface == 0
                 ? ""
                 : dot + "not counted: " + counted(bound.points_off_surface, "point") +
-                      " of the input, farther than that from its surface");
+                      " of the input, farther than that from its surface") +
+           ended;
 }
 
 void write_out(const std::string& text) {

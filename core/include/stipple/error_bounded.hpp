@@ -38,6 +38,8 @@ struct ErrorBoundedCloud {
     unsigned tries = 0;  ///< number of clouds measured
     bool whole =
         false;  ///< the result is the input itself: no smaller cloud was found within the bound
+    bool ended_early = false;  ///< after as many places as a search looks at: the result holds, but
+                               ///< fewer points may
     std::optional<TooFar> too_far{};  ///< if `whole`: among the clouds tried that exceeded the
                                       ///< bound, the one with the most points
 };
@@ -69,6 +71,13 @@ struct ErrorBoundedCloud {
 /// way there. A measurement without this confirmation may report more. Therefore the search
 /// continues until neither rule is needed any more, also at another 800,000 places or as many as
 /// before, unless that takes more than a quarter of the points again.
+///
+/// Places are looked for no farther beyond a border than `measure_error` draws them: there the
+/// planes through neighbours go on, but the surface does not.
+///
+/// A search ends, whatever it has, once it has looked at 10 million places and 50 more for each
+/// point of the cloud, as it may where the bound is just above the noise: with what holds so far,
+/// or else with the coarsest snapshot that does (`ended_early`).
 ///
 /// If no smaller cloud is within the bound, or, for 50,000 points and more, none of up to half of
 /// them, the result is the input itself, with an error of 0. A point of the input that is farther

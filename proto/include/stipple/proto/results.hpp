@@ -44,6 +44,7 @@ struct MeasuredBound {
     std::uint64_t points_off_surface = 0;  ///< of the input, farther than the bound from its own surface: not counted
     unsigned tries = 0;                ///< number of clouds measured
     bool whole = false;                ///< no smaller cloud was found within the bound: the result is the input itself
+    bool ended_early = false;  ///< the search reached its limit of work: fewer points may hold
     std::optional<TooFar> too_far{};      ///< if `whole`: the cloud with the most points among those tried that
                                           ///< exceeded the bound
 };
