@@ -59,6 +59,8 @@ void add_local_cases(std::vector<Case>& all) {
         all.push_back({"local-analysis/k16/" + model,
                        "neighbours, normals and variation against PCL, Open3D and CGAL",
                        [=](S& s, N& name) { local_analysis(s, name, model, 16); }});
+        all.push_back({"outliers/" + model, "points off all surfaces, looked for in a scan",
+                       [=](S& s, N& name) { outliers(s, name, model); }});
         all.push_back({"orientation/k16/" + model, "against CGAL's mst_orient_normals",
                        [=](S& s, N& name) { orientation(s, name, model, 16); }});
     }

@@ -6,6 +6,7 @@
 #include "stipple/lod_pyramid.hpp"
 #include "stipple/lod_tiles.hpp"
 #include "stipple/neighbors.hpp"
+#include "stipple/outliers.hpp"
 #include "stipple/proto/thousands.hpp"
 
 #include <fcntl.h>
@@ -128,6 +129,27 @@ void neighbors(Session& session, const std::string& name, const std::string& mod
                          .threads = threads,
                          .work = described(model) + ", k = " + std::to_string(k) +
                                  ", index built and all lists written",
+                         .units = points.size()},
+                        std::move(contestants));
+    }
+}
+
+void outliers(Session& session, const std::string& name, const std::string& model_name) {
+    const Model& model = session.models().get(model_name);
+    const std::span<const Vec3f> points = model.cloud.positions;
+    for (const unsigned threads : session.options().threads) {
+        std::vector<Contestant> contestants;
+        contestants.push_back(
+            {.name = "stipple find_outliers",
+             .run = [=]() -> std::any { return find_outliers(points, {}, on_threads(threads)); },
+             .figures =
+                 [](const std::any& value) {
+                     const auto found = std::any_cast<const std::vector<Index>&>(value).size();
+                     return std::vector<Figure>{{"found", static_cast<double>(found), 3}};
+                 }});
+        session.contest({.name = name,
+                         .threads = threads,
+                         .work = described(model) + ": index built and all outliers listed",
                          .units = points.size()},
                         std::move(contestants));
     }

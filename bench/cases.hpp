@@ -78,6 +78,7 @@ RunContext on_threads(unsigned threads);
 
 void read_ply(Session& session, const std::string& name, const std::string& model, bool ascii);
 void neighbors(Session& session, const std::string& name, const std::string& model, unsigned k);
+void outliers(Session& session, const std::string& name, const std::string& model);
 void pyramid(Session& session, const std::string& name, const std::string& model);
 void tiles(Session& session, const std::string& name, const std::string& model);
 void encode(Session& session, const std::string& name, const std::string& model);

@@ -2,6 +2,7 @@
 
 #include "counting_sort.hpp"
 #include "first_touch.hpp"
+#include "kept_points.hpp"
 #include "parallel_for.hpp"
 
 #include <algorithm>
@@ -97,24 +98,6 @@ std::size_t mark_duplicates(const std::vector<Vec3f>& points, std::vector<std::u
     return duplicates;
 }
 
-template <typename T>
-void keep_where(std::vector<T>& values, const std::vector<std::uint8_t>& drop, unsigned components,
-                const RunContext& context) {
-    if (values.empty()) return;
-    std::size_t out = 0;
-    for_blocks_in_order(drop.size(), context, [&](std::size_t begin, std::size_t end) {
-        for (std::size_t i = begin; i < end; ++i) {
-            if (drop[i] != 0) continue;
-            if (out != i)
-                std::copy_n(values.begin() + static_cast<std::ptrdiff_t>(i * components),
-                            components,
-                            values.begin() + static_cast<std::ptrdiff_t>(out * components));
-            ++out;
-        }
-    });
-    values.resize(out * components);
-}
-
 }  // namespace
 
 CleaningReport clean(PointCloud& cloud, const RunContext& context) {
@@ -139,16 +122,7 @@ CleaningReport clean(PointCloud& cloud, const RunContext& context) {
     context.checkpoint(0.2);
     report.duplicates = mark_duplicates(cloud.positions, drop, context);
     context.checkpoint(0.9);
-    if (report.removed() > 0) {
-        keep_where(cloud.positions, drop, 1, context);
-        keep_where(cloud.normals, drop, 1, context);
-        keep_where(cloud.colors, drop, 1, context);
-        for (Attribute& attribute : cloud.attributes) {
-            std::visit(
-                [&](auto& values) { keep_where(values, drop, attribute.components, context); },
-                attribute.values);
-        }
-    }
+    if (report.removed() > 0) keep_unmarked(cloud, drop, context);
     context.checkpoint(1.0);
     return report;
 }

@@ -6,6 +6,7 @@
 #include "stipple/error.hpp"
 #include "stipple/error_bounded.hpp"
 #include "stipple/lod_pyramid.hpp"
+#include "stipple/outliers.hpp"
 #include "stipple/simplify.hpp"
 #include "stipple/splat_renderer.hpp"
 #include "stipple/surface_attributes.hpp"
@@ -66,6 +67,11 @@ const Operation kOperations[] = {
      [](const RunContext& c) {
          PointCloud cloud = scan();
          clean(cloud, c);
+     }},
+    {"RemoveOutliers",
+     [](const RunContext& c) {
+         PointCloud cloud = scan();
+         remove_outliers(cloud, {}, c);
      }},
     {"MeasureErrorAtPoints",
      [](const RunContext& c) { measure_error(scan(), test::sphere(200), {.samples = 500}, c); }},
