@@ -66,11 +66,13 @@ DirectedError estimate_direction(const ErrorSamples& samples, const ErrorFrame& 
                                  const RunContext& context, Find&& find) {
     std::vector<float> distances(samples.size());
     std::vector<std::uint8_t> endless(samples.size());
+    std::vector<float> covers(samples.size());
     find([&](std::size_t i, const Foot& foot) {
         distances[i] = static_cast<float>(distance_of(foot, samples.doubtful_sq[i]));
         endless[i] = !foot.converged && !foot.beyond;
+        covers[i] = static_cast<float>(foot.to_sample);
     });
-    return summarize_places(distances, samples.areas, endless, frame, context);
+    return summarize_places(distances, samples.areas, endless, covers, frame, context);
 }
 
 }  // namespace
@@ -131,14 +133,15 @@ SurfaceError estimate_error(const PointCloud& reference, const PointCloud& candi
 }
 
 DirectedError summarize_places(std::span<const float> distances, std::span<const float> areas,
-                               std::span<const std::uint8_t> endless, const ErrorFrame& frame,
-                               const RunContext& context) {
+                               std::span<const std::uint8_t> endless, std::span<const float> covers,
+                               const ErrorFrame& frame, const RunContext& context) {
     std::vector<float> lengths(distances.begin(), distances.end());
     for (float& length : lengths)
         length = static_cast<float>(static_cast<double>(length) / frame.scale);
     DirectedError error = summarize_distances(lengths, areas, 1, context);
     error.not_converged =
         static_cast<double>(std::ranges::count(endless, 1)) / static_cast<double>(endless.size());
+    error.cover_radius = static_cast<double>(std::ranges::max(covers)) / frame.scale;
     return error;
 }
 

@@ -12,10 +12,11 @@
 namespace stipple {
 
 /// One of the directions of `estimate_error`, by what was found at places: their distances in a
-/// frame, the areas that they stand for, and from which no walk came to an end.
+/// frame, the areas that they stand for, from which no walk came to an end, and their distances
+/// from the nearest point.
 DirectedError summarize_places(std::span<const float> distances, std::span<const float> areas,
-                               std::span<const std::uint8_t> endless, const ErrorFrame& frame,
-                               const RunContext& context);
+                               std::span<const std::uint8_t> endless, std::span<const float> covers,
+                               const ErrorFrame& frame, const RunContext& context);
 
 /// The direction of `estimate_error` from a candidate, with its tree, to a reference that is there
 /// as a whole: for the levels of a pyramid.

@@ -108,7 +108,7 @@ struct LodTiler::State {
         if (unrounded == nullptr) return error;
         meter.measure_at_some(*unrounded, context);
         error.forward = summarize_places(unrounded->distances, unrounded->areas, unrounded->endless,
-                                         frame, context);
+                                         unrounded->covers, frame, context);
         error.backward = estimate_backward(*meter.surface(context), unrounded->samples(),
                                            *unrounded->tree, frame, context);
         return error;

@@ -118,9 +118,9 @@ void find_nearest_points(const Surface& surface, std::span<const Vec3f> queries,
             Neighbor nearest;
             find_nearest(surface.tree, queries[i], {&nearest, 1});
             const Vec3d point = surface.points[nearest.index].cast<double>();
-            found(i, {.point = point,
-                      .distance = (queries[i].cast<double>() - point).norm(),
-                      .converged = true});
+            const double distance = (queries[i].cast<double>() - point).norm();
+            found(i,
+                  {.point = point, .distance = distance, .to_sample = distance, .converged = true});
         }
     });
 }
@@ -130,6 +130,7 @@ struct MeasuredSamples {
     MeasuredPlaces measured;
     std::vector<Vec3f> feet;  ///< of the samples, where attributes are compared
     std::uint64_t failed = 0;
+    double cover = 0;  ///< largest distance from a sample to the nearest point
 };
 
 MeasuredSamples measure_samples(const Surface& from, const Surface& to, ErrorSamples&& samples,
@@ -143,7 +144,10 @@ MeasuredSamples measure_samples(const Surface& from, const Surface& to, ErrorSam
     all.feet = made_in_blocks<std::vector<Vec3f>>(options.attributes ? n : 0, context);
     std::vector<KnownDistance> known(samples.numbers.size());
     std::atomic<std::uint64_t> failed = 0;
+    std::atomic<double> cover = 0;
     const auto found = [&](std::size_t i, const Foot& foot) {
+        for (double most = cover; most < foot.to_sample;)
+            if (cover.compare_exchange_weak(most, foot.to_sample)) break;
         distances[i] = from.lone_points.distance(places[i], foot);
         if (options.attributes) all.feet[i] = foot.point.cast<float>();
         if (!known.empty()) known[i] = known_of(samples.numbers[i], foot, distances[i]);
@@ -151,10 +155,12 @@ MeasuredSamples measure_samples(const Surface& from, const Surface& to, ErrorSam
     };
     if (options.surface == ErrorSurface::Samples) {
         find_nearest_points(to, places, found, context);
+        all.cover = cover;
         return all;
     }
     to.finder.find(places, found, context);
     all.failed = failed;
+    all.cover = cover;
     confirm_worst(places, distances, to.finder, are_points ? nullptr : &from.finder, from.points,
                   from.tree, context);
     if (!known.empty() && searches(options))
@@ -185,6 +191,7 @@ DirectedError measure_direction(const Surface& from, const Surface& to, ErrorSam
     for (auto* const values : {&lengths, &areas}) values->resize(n);
     places.resize(n);
     error.samples = n;
+    error.cover_radius = all.cover / frame.scale;
     error.not_converged = static_cast<double>(all.failed) / static_cast<double>(n);
     if (options.attributes)
         error.attributes = attribute_errors(from.attributed(), to.attributed(), places, all.feet,

@@ -1,5 +1,6 @@
 #include "stipple/proto/evaluation.hpp"
 
+#include "json_fields.hpp"
 #include "json_parts.hpp"
 #include "names.hpp"
 #include "stipple/error.hpp"
@@ -40,6 +41,7 @@ Json direction_json(const DirectedError& error, const SurfaceError& all) {
     if (!error.histogram.empty()) json["histogram"] = error.histogram;
     json["samples"] = error.samples;
     json["not_converged"] = error.not_converged;
+    add(json, "cover_radius", error.cover_radius);
     json["relative"] = {{"max", part(error.max)}, {"mean", part(error.mean)},
                         {"rms", part(error.rms)}, {"mean_confidence", part(error.mean_confidence)},
                         {"p50", part(error.p50)}, {"p95", part(error.p95)},
@@ -66,6 +68,7 @@ DirectedError read_direction(const JsonValue& value) {
         error.histogram = histogram->list_of([](const JsonValue& bin) { return bin.number(); });
     error.samples = object["samples"].integer();
     error.not_converged = object["not_converged"].number();
+    take(object, "cover_radius", error.cover_radius);
     (void)object["relative"];  // follows from the rest
     if (const auto attributes = object.find("attributes")) {
         error.attributes = attributes->list_of([](const JsonValue& item) {

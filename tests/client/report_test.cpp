@@ -70,5 +70,18 @@ TEST(ErrorLine, HasNoFiguresWhereNothingWasSimplifiedAway) {
     EXPECT_TRUE(line.ends_with("max at least 0.5 (5 %) of the diagonal, at 200 samples")) << line;
 }
 
+TEST(ErrorLine, SaysHowSureTheMeanIsAndHowNearPointsAre) {
+    proto::ErrorFigures figures;
+    figures.error.diagonal = 10;
+    DirectedError& forward = figures.error.forward;
+    forward.mean = 0.0123;
+    forward.mean_confidence = 0.00234;
+    forward.samples = 200;
+    forward.cover_radius = 0.75;
+    const std::string line = error_line(figures, {.unicode = true});
+    EXPECT_TRUE(line.starts_with("error: mean 0.0123 ± 0.0023 (0.123 %) · ")) << line;
+    EXPECT_TRUE(line.ends_with("at 200 samples, each within 0.75 of a point")) << line;
+}
+
 }  // namespace
 }  // namespace stipple::cli

@@ -259,6 +259,24 @@ TEST(SurfaceError, EndsWhereTheSamplesEnd) {
     EXPECT_LT(error.backward.max, 1e-4);
 }
 
+TEST(SurfaceError, TellsAHoleByTheDistanceToTheNearestPoint) {
+    // Without a cap whose rim is 0.3 from its pole, which the surface bridges.
+    const PointCloud whole = sphere(10'000);
+    PointCloud holed;
+    for (const Vec3f& p : whole.positions)
+        if ((p - Vec3f::UnitZ()).norm() > 0.3F) holed.positions.push_back(p);
+    for (const SurfaceError& error :
+         {measure_error(whole, holed), estimate_error(whole, holed),
+          measure_error(whole, holed, {.surface = ErrorSurface::Samples})}) {
+        EXPECT_LT(error.forward.cover_radius.value(), 0.32);
+        EXPECT_LT(error.backward.cover_radius.value(), 0.05);
+    }
+    EXPECT_GT(measure_error(whole, holed).forward.cover_radius.value(), 0.28);
+    EXPECT_LT(measure_error(whole, whole).forward.cover_radius.value(), 0.05);
+    EXPECT_EQ(measure_error(whole, holed).forward.cover_radius,
+              measure_error(whole, holed, {}, {.threads = 5}).forward.cover_radius);
+}
+
 TEST(SurfaceError, HasNoSurfaceAroundAPointFarOff) {
     for (const float far : {3.0F, 25.0F, 1e6F}) {
         PointCloud cloud = sphere(3'000);

@@ -136,6 +136,7 @@ DirectedError directed_error() {
             .histogram = {0.75, 0.25},
             .samples = 1000,
             .not_converged = 0.5,
+            .cover_radius = 0.75,
             .attributes = {{"color", 8, 2, 4}},
             .positions = {},
             .distances = {}};

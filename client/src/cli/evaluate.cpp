@@ -62,6 +62,11 @@ void print(std::ostream& out, const proto::OutputCloud& cloud, const TextStyle& 
     row("p95", &DirectedError::p95);
     row("p99", &DirectedError::p99);
     row("max", &DirectedError::max);
+    const auto cover = [&](const DirectedError& direction) {
+        return direction.cover_radius ? distance_text(*direction.cover_radius, error) : "";
+    };
+    if (forward.cover_radius || backward.cover_radius)
+        print_row(out, style, "to a point", cover(forward), cover(backward));
     print_row(out, style, "0 .. max", blocks(forward.histogram, 20, style.unicode),
               blocks(backward.histogram, 20, style.unicode));
     print_row(out, style, "samples", with_separators(forward.samples),

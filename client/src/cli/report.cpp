@@ -127,9 +127,16 @@ std::string error_line(const proto::ErrorFigures& figures, const TextStyle& styl
     const SurfaceError& error = figures.error;
     if (error.forward.samples == 0) return "error: none, no points were removed";
     const std::string dot = " " + std::string(style.dot()) + " ";
-    return "error: mean " + distance_text(error.mean(), error) + dot + "max at least " +
-           distance_text(error.max(), error) + " of the diagonal, at " +
-           counted(error.forward.samples, "sample");
+    const DirectedError& forward = error.forward;
+    std::string line = "error: mean " + three_digits(error.mean());
+    if (forward.mean_confidence > 0)
+        line += " " + std::string(style.plus_minus()) + " " + two_digits(forward.mean_confidence);
+    line += " (" + three_digits(100 * proto::relative(error.mean(), error)) + " %)" + dot +
+            "max at least " + distance_text(error.max(), error) + " of the diagonal, at " +
+            counted(forward.samples, "sample");
+    if (forward.cover_radius)
+        line += ", each within " + three_digits(*forward.cover_radius) + " of a point";
+    return line;
 }
 
 void print_line(const std::string& text, const Terminal& terminal) {

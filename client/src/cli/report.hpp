@@ -26,8 +26,8 @@ std::string losses_line(const proto::CloudStatistics& source, const TextStyle& s
 
 /// `0.0123 (0.012 %)`: input units, and percent of the diagonal of the reference.
 std::string distance_text(double distance, const SurfaceError& error);
-/// `error: mean 0.0123 (0.012 %) · max 0.5 (0.4 %) of the diagonal, at 200 samples`; of a whole
-/// cloud `error: none, nothing was simplified away`.
+/// `error: mean 0.0123 ± 0.0011 (0.012 %) · max at least 0.5 (0.4 %) of the diagonal, at 200
+/// samples, each within 0.7 of a point`; of a whole cloud `error: none, no points were removed`.
 std::string error_line(const proto::ErrorFigures& figures, const TextStyle& style);
 
 /// To standard error; on a terminal that is narrower than the text, more than one line.

@@ -11,6 +11,7 @@ struct TextStyle {
     bool color = false;
 
     std::string_view arrow() const noexcept { return unicode ? "→" : "->"; }
+    std::string_view plus_minus() const noexcept { return unicode ? "±" : "+-"; }
     std::string_view dot() const noexcept { return unicode ? "·" : "|"; }
     std::string dim(std::string_view text) const;
     std::string strong(std::string_view text) const;

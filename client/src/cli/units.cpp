@@ -29,6 +29,12 @@ std::string three_digits(double value) {
     return text.data();
 }
 
+std::string two_digits(double value) {
+    std::array<char, 64> text{};
+    std::snprintf(text.data(), text.size(), "%.2g", value);
+    return text.data();
+}
+
 std::string counted(std::uint64_t count, const std::string& one, const std::string& many) {
     const std::string& noun = count == 1 ? one : many;
     return with_separators(count) + " " + (noun.empty() ? one + "s" : noun);

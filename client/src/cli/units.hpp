@@ -12,6 +12,8 @@ namespace stipple::cli {
 
 /// `0.0123`, `1.5e+04`: three digits.
 std::string three_digits(double value);
+/// `0.0011`: how sure another number is.
+std::string two_digits(double value);
 using proto::with_separators;
 /// `1 point`, `1,000 points`: plurals by an `s`, or as given.
 std::string counted(std::uint64_t count, const std::string& one, const std::string& many = {});

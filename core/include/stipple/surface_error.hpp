@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -66,6 +67,10 @@ struct DirectedError {
     std::uint64_t samples = 0;
     double not_converged = 0;  ///< fraction of the samples whose foot point did not converge: the
                                ///< closest approach, or the nearest sample, is used instead
+    std::optional<double>
+        cover_radius{};  ///< largest distance from a sample to the nearest point of the other
+                         ///< cloud: a surface may bridge holes that points leave. Absent for
+                         ///< clouds far apart and results of `simplify_within_error`
     std::vector<AttributeError> attributes;  ///< for attributes that both clouds have
 
     std::vector<Vec3f> positions;  ///< of the samples, relative to the reference's origin; like the

@@ -18,15 +18,16 @@ namespace stipple::proto {
 ///     {"max": 0.9, "mean": 0.02, "rms": 0.04, "relative": {"max": …, "mean": …, "rms": …},
 ///      "forward": {"max", "mean", "rms", "mean_confidence", "p50", "p95", "p99",
 ///                  "histogram": [fractions of the area, in bins of equal width from 0 to max],
-///                  "samples": 134345, "not_converged": 0.0001,
+///                  "samples": 134345, "not_converged": 0.0001, "cover_radius": 1.2,
 ///                  "relative": {"max", "mean", "rms", "mean_confidence", "p50", "p95", "p99"},
 ///                  "attributes": [{"name": "color", "max", "mean", "rms"}]},
 ///      "backward": {…}, "diagonal": 250.1, "samples": 134345,
 ///      "sampling": "points", "basis": "linear", "range": 0.1, "warnings": ["…"]}
 ///
 /// `forward` is from the reference to the candidate, `backward` the other way; `max` is of both,
-/// `mean`, `rms` and `samples` are those of `forward`. The histogram and the attributes are absent
-/// unless requested, `range` without a map, `warnings` if there are none.
+/// `mean`, `rms` and `samples` are those of `forward`. `cover_radius` is absent from errors of a
+/// bound. The histogram and the attributes are absent unless requested, `range` without a map,
+/// `warnings` if there are none.
 struct ErrorFigures {
     SurfaceError error;  ///< without the samples
     ErrorSampling sampling = ErrorSampling::Points;
