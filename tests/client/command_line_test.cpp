@@ -218,9 +218,9 @@ TEST(CommandLine, PyramidTakesEveryMethodWithItsOwnOptions) {
     EXPECT_EQ(particles.job.options.simplification.seed, 7U);
     EXPECT_NE(refusal({"pyramid", "in.ply", "out", "--adaptivity", "0.5"}), "accepted");
     EXPECT_EQ(refusal({"pyramid", "in.ply", "out", "--max-cluster-size", "9"}),
-              "max_cluster_size: levels have counts instead; remove it");
+              "--max-cluster-size: levels have counts instead; remove it");
     EXPECT_EQ(refusal({"pyramid", "in.ply", "out", "-m", "voxel", "--voxel-size", "1"}),
-              "voxel_size: levels have counts instead; remove it");
+              "--voxel-size: levels have counts instead; remove it");
     EXPECT_EQ(refusal({"pyramid", "in.ply", "out", "-m", "incremental", "--max-variation", "0.1"}),
               "accepted");
 }
@@ -330,13 +330,13 @@ TEST(CommandLine, ACurveIsAtCountsOrAtSoMany) {
     EXPECT_NE(refusal({"curve", "i.ply", "--plot", "c.png"}).find(".svg"), std::string::npos);
     for (const std::string method : {"voxel", "random"})
         EXPECT_TRUE(refusal({"curve", "i.ply", "-m", method})
-                        .starts_with("method " + method + ": expected"));
+                        .starts_with("--method " + method + ": expected"));
     EXPECT_NE(refusal({"curve", "i.ply", "--count", "1"}).find("2..64"), std::string::npos);
 }
 
 TEST(CommandLine, RefusesAMaxErrorThatNoCloudCanKeep) {
     for (const char* const value : {"0", "-1", "0%", "nan", "inf", "1km", "%"})
-        EXPECT_NE(refusal({"simplify", "i.ply", "o.ply", "--max-error", value}).find("max_error"),
+        EXPECT_NE(refusal({"simplify", "i.ply", "o.ply", "--max-error", value}).find("--max-error"),
                   std::string::npos)
             << value;
 }
@@ -464,11 +464,32 @@ TEST(CommandLine, PointsAreCountedInThousandsAndMillionsToo) {
     EXPECT_EQ(parsed<PyramidCommand>({"pyramid", "i.ply", "o", "--levels", "500,1k,2.5k"})
                   .job.options.sizes,
               (std::vector<std::uint64_t>{500, 1'000, 2'500}));
-    for (const std::string value : {"1e3", "1.5", "1e3k", "0.0001k", "0k", "5K", "5m", "5 k", "k",
-                                    "5kB", "nank", "infM", "99999999999999M", "-5k"}) {
-        EXPECT_EQ(refusal({"simplify", "i.ply", "o.ply", "--points=" + value}),
-                  "--points: " + value + ": expected points, as in 5000, 10k or 1.5M (see --help)");
+    EXPECT_EQ(points("1e3"), 1'000U);
+    EXPECT_EQ(points("1.25E+6"), 1'250'000U);
+    for (const std::string value :
+         {"1e-3", "1.5e0", "e3", "1e", "1e30", "-1e3", "1.5", "1e3k", "0.0001k", "0k", "5K", "5m",
+          "5 k", "k", "5kB", "nank", "infM", "99999999999999M", "-5k"}) {
+        EXPECT_EQ(
+            refusal({"simplify", "i.ply", "o.ply", "--points=" + value}),
+            "--points: " + value + ": expected points, as in 5000, 10k, 1.5M or 1e6 (see --help)");
     }
+}
+
+TEST(CommandLine, TellsTheOptionsOfWhichOneSaysHowManyPoints) {
+    const std::vector<std::string> simplify = {"simplify", "i.ply", "o.ply", "-n", "5"};
+    const auto refused = [&](std::vector<std::string> more) {
+        more.insert(more.begin(), simplify.begin(), simplify.end());
+        return refusal(more);
+    };
+    EXPECT_EQ(refused({"-m", "voxel", "--voxel-size", "0.1"}),
+              "--points N, --ratio R or --voxel-size S: give one of them");
+    for (const std::string bound : {"--max-cluster-size=9", "--max-variation=0.1"})
+        EXPECT_EQ(refused({"-m", "hierarchical", bound}),
+                  "--points N, --ratio R, --max-error E, or --max-cluster-size N and "
+                  "--max-variation S: give one of them");
+    EXPECT_EQ(refused({"--ratio", "0.5"}),
+              "--points N, --ratio R or --max-error E: give one of them");
+    EXPECT_EQ(refused({"-m", "incremental", "--max-variation", "0.1"}), "accepted");
 }
 
 TEST(CommandLine, RefusesBitsAndPrecisionsThatNoFileHas) {

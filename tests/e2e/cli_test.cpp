@@ -345,11 +345,13 @@ TEST_F(StippleCli, WhatIsLostIsToldWhereNoTerminalIsToo) {
     std::ofstream(folder_ / "in.ply")
         << "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
            "property float z\nend_header\n0 0 0\n1 0 0\nnan 0 0\n0 1 0\n";
-    const Outcome outcome = stipple("simplify in.ply out.ply -n 9");
+    const Outcome outcome = stipple("simplify in.ply out.ply -n 9 --json -");
     EXPECT_NE(outcome.err.find("removed 1 point without finite coordinates"), std::string::npos)
         << outcome.err;
     EXPECT_NE(outcome.err.find("9 points were requested; the cloud has only"), std::string::npos)
         << outcome.err;
+    EXPECT_EQ(json::parse(outcome.out)["warnings"],
+              json::array({"9 points were requested; the cloud has only 3"}));
 }
 
 TEST_F(StippleCli, TextOfAFileDoesNothingToTheTerminal) {

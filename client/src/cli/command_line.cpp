@@ -18,6 +18,17 @@ std::vector<std::string> reversed(std::vector<std::string> arguments) {
     return arguments;
 }
 
+/// A refusal of the library begins with the field that it refuses: here that is an option.
+std::string naming_option(const CLI::App& app, const std::string& message) {
+    std::string field = message.substr(0, message.find_first_not_of("abcdefghijklmnopqrstuvwxyz_"));
+    const std::size_t length = field.size();
+    std::ranges::replace(field, '_', '-');
+    for (const CLI::App* const command : app.get_subcommands())
+        if (command->get_option_no_throw("--" + field) != nullptr)
+            return "--" + field + message.substr(length);
+    return message;
+}
+
 std::string one_line(std::string text) {
     std::replace(text.begin(), text.end(), '\n', ' ');
     return text;
@@ -56,7 +67,7 @@ Command parse_command_line(const std::vector<std::string>& words) {
         require_known_options(app, arguments);
         throw UsageError(one_line(error.what()) + " (see --help)");
     } catch (const Error& error) {  // an option that the library refuses
-        throw UsageError(error.what());
+        throw UsageError(naming_option(app, error.what()));
     }
 }
 

@@ -9,11 +9,11 @@
 #include "stipple/proto/digest.hpp"
 
 #include <chrono>
-#include <iostream>
 #include <limits>
 #include <set>
 #include <string>
 #include <variant>
+#include <vector>
 
 namespace stipple::cli {
 namespace {
@@ -36,6 +36,20 @@ void change_encoding(const fs::path& file, const PlyEncodeOptions& options,
     output.sha256 = proto::sha256_of_file(file);
 }
 
+/// What the user should know of a result that is not what was asked for.
+template <typename Job>
+std::vector<std::string> warnings_of(const FileCommand<Job>& command,
+                                     const proto::OutputCloud& cloud) {
+    std::vector<std::string> warnings;
+    if constexpr (requires { command.job.options.points; }) {
+        if (command.job.options.points > cloud.points)
+            warnings.push_back(with_separators(*command.job.options.points) +
+                               " points were requested; the cloud has only " +
+                               with_separators(cloud.points));
+    }
+    return warnings;
+}
+
 template <typename Job>
 ordered_json figures(const FileCommand<Job>& command, const proto::Results& results) {
     const proto::OutputCloud& cloud = results.levels.front();
@@ -52,6 +66,8 @@ ordered_json figures(const FileCommand<Job>& command, const proto::Results& resu
     if (cloud.bound) json["bound"] = ordered_json::parse(proto::to_json(*cloud.bound));
     if (const auto method = proto::method_of(results.request)) json["method"] = to_string(*method);
     if (cloud.error) json["error"] = ordered_json::parse(proto::to_json(*cloud.error));
+    if (const auto warnings = warnings_of(command, cloud); !warnings.empty())
+        json["warnings"] = warnings;
     if (results.cost) add_cost(json, *results.cost);
     return json;
 }
@@ -69,12 +85,7 @@ void summarise(const FileCommand<Job>& command, const proto::Results& results, d
     if (cloud.bound) print_line(bound_line(*cloud.bound, cloud.points, style), terminal);
     const std::string losses = losses_line(*results.source, style);
     if (!losses.empty()) print_line(style.dim(losses), terminal);
-    if constexpr (requires { command.job.options.points; }) {
-        if (command.job.options.points > cloud.points)
-            std::cerr << with_separators(*command.job.options.points)
-                      << " points were requested; the cloud has only "
-                      << with_separators(cloud.points) << '\n';
-    }
+    for (const std::string& warning : warnings_of(command, cloud)) print_line(warning, terminal);
     if (cloud.error) print_warnings(*cloud.error, command.output, terminal);
 }
 

@@ -85,21 +85,26 @@ inline CLI::Validator precision() {
         "");
 }
 
-/// `5000`, `10k`, `1.5M` as points.
+/// `5000`, `10k`, `1.5M`, `1e6` as points.
 inline CLI::Validator point_count() {
     return CLI::Validator(
         [](std::string& text) -> std::string {
             if (whole_number()(text).empty()) return {};
             double value = 0;
             const char* const end = text.data() + text.size();
-            const auto [stop, error] =
-                std::from_chars(text.data(), end, value, std::chars_format::fixed);
+            const bool scientific = text.find_first_of("eE") != text.npos;
+            const auto [stop, error] = std::from_chars(
+                text.data(), end, value,
+                scientific ? std::chars_format::scientific : std::chars_format::fixed);
             const std::string_view unit(stop, end);
-            const double points = value * (unit == "k" ? 1e3 : unit == "M" ? 1e6 : 0);
+            const double points = value * (scientific    ? (unit.empty() ? 1 : 0)
+                                           : unit == "k" ? 1e3
+                                           : unit == "M" ? 1e6
+                                                         : 0);
             constexpr double kMost = 1e15, kRounding = 1e-6;
             if (error != std::errc() || !(points >= 1) || points > kMost ||
                 std::abs(points - std::round(points)) > kRounding)
-                return text + ": expected points, as in 5000, 10k or 1.5M";
+                return text + ": expected points, as in 5000, 10k, 1.5M or 1e6";
             text = std::to_string(std::llround(points));
             return {};
         },

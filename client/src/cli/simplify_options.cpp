@@ -36,6 +36,9 @@ std::string methods() {
 std::string targets_of(Method method) {
     if (method == Method::Voxel) return "--points N, --ratio R or --voxel-size S";
     if (method == Method::Incremental) return "--points N, --ratio R or --max-cluster-size N";
+    if (method == Method::Hierarchical)
+        return "--points N, --ratio R, --max-error E, or --max-cluster-size N and --max-variation "
+               "S";
     const bool bounded =
         std::ranges::find(kErrorBoundedMethods, method) != kErrorBoundedMethods.end();
     return bounded ? "--points N, --ratio R or --max-error E" : "--points N or --ratio R";
@@ -58,10 +61,12 @@ SimplifyCommand simplify_command(const Values& values, const CLI::App& app) {
     if (!values.points && !values.ratio && values.max_error.empty() && !own.max_cluster_size &&
         !own.max_variation && !own.voxel_size)
         throw UsageError("how many points? give " + targets_of(options.method));
+    const bool bounded = own.max_cluster_size || own.voxel_size ||
+                         (own.max_variation && options.method != Method::Incremental);
     if (int{values.points.has_value()} + int{values.ratio.has_value()} +
-            int{!values.max_error.empty()} >
+            int{!values.max_error.empty()} + int{bounded} >
         1)
-        throw UsageError("--points, --ratio and --max-error: give one of them");
+        throw UsageError(targets_of(options.method) + ": give one of them");
     validate(options);
     return command;
 }
@@ -77,7 +82,8 @@ CommandReader add_simplify(CLI::App& app) {
     command.add_option("-m,--method", values.method, methods())
         ->type_name("M")
         ->capture_default_str();
-    command.add_option("-n,--points", values.points, "exactly this many points: 5000, 10k, 1.5M")
+    command
+        .add_option("-n,--points", values.points, "exactly this many points: 5000, 10k, 1.5M, 1e6")
         ->type_name("N")
         ->transform(point_count());
     command
