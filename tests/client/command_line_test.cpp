@@ -151,7 +151,7 @@ TEST(CommandLine, UpsampleTakesMorePointsOrARatioAboveOne) {
 
 TEST(CommandLine, AnalyzeTakesNeighboursAndTheSignsOfNormals) {
     const auto plain = parsed<AnalyzeCommand>({"analyze", "i.ply", "o.ply"});
-    EXPECT_EQ(plain.job.options.k, 16U);
+    EXPECT_EQ(plain.job.options.k, 0U);
     EXPECT_EQ(plain.job.options.signs, NormalSigns::SpanningTree);
     EXPECT_EQ(
         parsed<AnalyzeCommand>({"analyze", "i.ply", "o.ply", "--orient", "none"}).job.options.signs,

@@ -42,6 +42,22 @@ TEST(SurfaceAttributes, OfAPlaneHaveItsDensity) {
     EXPECT_NEAR(mean / (10'000 * M_PI), 1.0, 0.15);
 }
 
+TEST(SurfaceAttributes, OfScanLinesHaveTheNormalsOfTheSurfaceBetweenThem) {
+    // Fifteen times as dense along the lines as across them: 16 neighbours are all on one.
+    PointCloud cloud;
+    const std::vector<Vec3f> noise = test::cube(12'000).positions;
+    for (int line = 0; line < 20; ++line) {
+        for (int i = 0; i < 600; ++i) {
+            const Vec3f place(static_cast<float>(line) / 40, static_cast<float>(i) / 600, 0);
+            cloud.positions.push_back(place + 5e-4F * noise[cloud.size()]);
+        }
+    }
+    add_surface_attributes(cloud, {.signs = NormalSigns::Any});
+    double mean = 0;
+    for (const Vec3f& normal : cloud.normals) mean += std::abs(normal.z()) / 12'000;
+    EXPECT_GT(mean, 0.999);
+}
+
 TEST(SurfaceAttributes, TurnTowardsAViewpoint) {
     PointCloud cloud = test::sphere(2000);
     add_surface_attributes(cloud, {.signs = NormalSigns::Viewpoint, .viewpoint = Vec3d::Zero()});

@@ -46,7 +46,9 @@ CommandReader add_analyze(CLI::App& app) {
         *app.add_subcommand("analyze", "normals, variation, density and anisotropy");
     add_input(command, values.file.input);
     add_output(command, values.file.output);
-    command.add_option("--k", values.surface.k, "neighbours, 3..64; 0: chosen for each point")
+    command
+        .add_option("--k", values.surface.k,
+                    "neighbours, 3..64; 0: chosen for each point, by noise and curvature")
         ->type_name("K")
         ->capture_default_str()
         ->transform(small_number("3..64, or 0: chosen for each point"));

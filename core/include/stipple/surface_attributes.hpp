@@ -16,7 +16,8 @@ enum class NormalSigns {
 };
 
 struct SurfaceAttributeOptions {
-    unsigned k = 16;  ///< size of a neighbourhood, 3..64; 0: chosen for each point
+    unsigned k = 0;  ///< size of a neighbourhood, 3..64; 0: chosen for each point
+                     ///< (`LocalAnalysisOptions::k`), for noise and scan lines
     NormalSigns signs = NormalSigns::SpanningTree;
     std::optional<Vec3d>
         viewpoint{};  ///< with `NormalSigns::Viewpoint`, relative to the origin of the cloud

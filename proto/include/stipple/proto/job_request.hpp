@@ -107,7 +107,7 @@ struct CurveJob {
 ///
 ///     {"type": "upsample", "input": …, "points": 1000000 | "ratio": 4, "seed": 0, "reductions": …,
 ///      the fields of particles, "splats": …, "source_index": …, "format": …, "draco": …}
-///     {"type": "analyze", "input": …, "k": 16, "orient": "mst" | "viewpoint" | "none",
+///     {"type": "analyze", "input": …, "k": 0, "orient": "mst" | "viewpoint" | "none",
 ///      "viewpoint": [0, 0, 10], "format": …, "draco": …,
 ///      "feature_lines": {"variation": 0.03, "high": 0.7, "low": 0.4, "min_links": 4}}
 ///
