@@ -182,6 +182,7 @@ void add_statistics(Json& json, const CloudStatistics& statistics) {
     json["points"] = statistics.points;
     json["removed"] = {{"non_finite", statistics.non_finite},
                        {"duplicates", statistics.duplicates}};
+    if (statistics.outliers) json["removed"]["outliers"] = *statistics.outliers;
     if (!statistics.bounds.empty()) json["bounds"] = bounds_json(statistics.bounds);
     json["attributes"] = attributes_json(statistics.attributes);
     json["encoding"] = statistics.encoding;
@@ -195,6 +196,7 @@ CloudStatistics read_statistics(JsonObject& object) {
     JsonObject removed = object["removed"].object();
     statistics.non_finite = removed["non_finite"].integer();
     statistics.duplicates = removed["duplicates"].integer();
+    if (const auto outliers = removed.find("outliers")) statistics.outliers = outliers->integer();
     removed.finish();
     if (const auto box = object.find("bounds")) statistics.bounds = read_bounds(*box);
     statistics.attributes = read_attributes(object["attributes"]);
@@ -271,6 +273,7 @@ CloudStatistics describe(const PointCloud& cleaned, const DecodeReport& report,
     return {.points = report.points,
             .non_finite = non_finite,
             .duplicates = duplicates,
+            .outliers = {},
             .bounds = bounds(cleaned),
             .attributes = attributes_of(cleaned),
             .encoding = report.encoding,

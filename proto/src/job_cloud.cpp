@@ -28,6 +28,15 @@ void require_usable(const PointCloud& cloud, std::uint64_t points, const Cleanin
                     shown(removed.duplicates, "are duplicates"));
 }
 
+std::optional<OutlierOptions> outliers_of(const JobRequest& request) {
+    return std::visit(
+        [](const auto& job) -> std::optional<OutlierOptions> {
+            if constexpr (requires { job.outliers; }) return job.outliers;
+            return std::nullopt;
+        },
+        request.job);
+}
+
 bool wants_source_index(const JobRequest& request) {
     return std::visit(
         [](const auto& job) {

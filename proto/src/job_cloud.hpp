@@ -6,6 +6,7 @@
 #include "stipple/proto/job_request.hpp"
 
 #include <cstdint>
+#include <optional>
 
 namespace stipple::proto {
 
@@ -14,6 +15,9 @@ namespace stipple::proto {
 /// has no squares for.
 void require_usable(const PointCloud& cloud, std::uint64_t points, const CleaningReport& removed,
                     const Aabb& box);
+
+/// What a job removes as outliers, if it does.
+std::optional<OutlierOptions> outliers_of(const JobRequest& request);
 
 bool wants_source_index(const JobRequest& request);
 /// Numbers the points as they stand in the file.

@@ -47,6 +47,18 @@ void add_added(Json& json, const AddedAttributes& added) {
     json["source_index"] = added.source_index;
 }
 
+std::optional<OutlierOptions> read_outliers(JsonObject& object) {
+    const auto deviations = object.find("remove_outliers");
+    if (!deviations) return std::nullopt;
+    const OutlierOptions options{.deviations = deviations->number()};
+    validate(options);
+    return options;
+}
+
+void add_outliers(Json& json, const std::optional<OutlierOptions>& outliers) {
+    if (outliers) json["remove_outliers"] = outliers->deviations;
+}
+
 SimplifyJob read_simplify(JsonObject& object) {
     SimplifyJob job;
     SimplifyOptions& options = job.options;
@@ -63,6 +75,7 @@ SimplifyJob read_simplify(JsonObject& object) {
     job.added = read_added(object);
     take(object, "error", job.error);
     job.output = read_output(object);
+    job.outliers = read_outliers(object);
     return job;
 }
 
@@ -79,6 +92,7 @@ void add_options(Json& json, const SimplifyJob& job) {
     add_added(json, job.added);
     json["error"] = job.error;
     add_output(json, job.output);
+    add_outliers(json, job.outliers);
 }
 
 UpsampleJob read_upsample(JsonObject& object) {
@@ -91,6 +105,7 @@ UpsampleJob read_upsample(JsonObject& object) {
     job.added = read_added(object);
     take(object, "error", job.error);
     job.output = read_output(object);
+    job.outliers = read_outliers(object);
     return job;
 }
 
@@ -105,6 +120,7 @@ void add_options(Json& json, const UpsampleJob& job) {
     add_added(json, job.added);
     json["error"] = job.error;
     add_output(json, job.output);
+    add_outliers(json, job.outliers);
 }
 
 FeatureLineOptions read_feature_lines(const JsonValue& value) {
@@ -136,6 +152,7 @@ AnalyzeJob read_analyze(JsonObject& object) {
         job.options.feature_lines = read_feature_lines(*lines);
     }
     job.output = read_output(object);
+    job.outliers = read_outliers(object);
     return job;
 }
 
@@ -148,6 +165,7 @@ void add_options(Json& json, const AnalyzeJob& job) {
         json["feature_lines"] = feature_lines_json(*job.options.feature_lines);
     }
     add_output(json, job.output);
+    add_outliers(json, job.outliers);
 }
 
 CurveJob read_curve(JsonObject& object) {
@@ -164,6 +182,7 @@ CurveJob read_curve(JsonObject& object) {
     take(object, "count", job.options.count);
     take_own_options(object, method);
     take(object, "seed", method.seed);
+    job.outliers = read_outliers(object);
     return job;
 }
 
@@ -177,6 +196,7 @@ void add_options(Json& json, const CurveJob& job) {
         json["points"] = job.options.points;
     add_own_options(json, method);
     json["seed"] = method.seed;
+    add_outliers(json, job.outliers);
 }
 
 constexpr std::array kPyramidFormats = {CloudFormat::Draco, CloudFormat::Ply, CloudFormat::Glb,
@@ -303,6 +323,7 @@ PyramidJob read_pyramid(JsonObject& object) {
         throw object.error("base_bytes", "is the size of a glb: expected glb among the formats");
     if (const auto draco = object.find("draco")) job.output.draco = read_draco(*draco);
     if (const auto tiles = object.find("tiles")) read_tiles(*tiles, job);
+    job.outliers = read_outliers(object);
     return job;
 }
 
@@ -331,6 +352,7 @@ void add_options(Json& json, const PyramidJob& job) {
         if (wants(job, format)) json["formats"].push_back(to_string(format));
     json["draco"] = draco_json(job.output.draco);
     if (has_grid(job)) json["tiles"] = tiles_json(job);
+    add_outliers(json, job.outliers);
 }
 
 }  // namespace

@@ -89,14 +89,26 @@ private:
         meter_.advance(kDecode, 1);
         const std::vector<CloudAttribute> attributes = attributes_of(cloud);
         if (wants_source_index(spec_.request)) add_source_index(cloud);
-        const CleaningReport removed = clean(cloud, in_stage(kClean));
-        meter_.advance(kClean, 1);
+        const std::optional<OutlierOptions> outliers = outliers_of(spec_.request);
+        const double cleaned = outliers ? 0.3 : 1;  // of the stage
+        const RunContext context = in_stage(kClean);
+        const CleaningReport removed = clean(cloud, context.part(0, cleaned));
 
         JobReport line;
         line.source = describe(cloud, decoded, removed.non_finite, removed.duplicates);
         line.source->attributes = attributes;  // those of the file, without what was added
+        try {
+            require_usable(cloud, decoded.points, removed, line.source->bounds);
+        } catch (const Error&) {
+            report_(line);
+            throw;
+        }
+        if (outliers) {
+            line.source->outliers = remove_outliers(cloud, *outliers, context.part(cleaned, 1));
+            line.source->bounds = bounds(cloud);
+        }
+        meter_.advance(kClean, 1);
         report_(line);
-        require_usable(cloud, decoded.points, removed, line.source->bounds);
         return cloud;
     }
 

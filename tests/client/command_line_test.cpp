@@ -41,6 +41,37 @@ TEST(CommandLine, TheDefaultMethodIsThatOfCore) {
     EXPECT_FALSE(command.job.added.source_index);
 }
 
+TEST(CommandLine, RemovesOutliersWithOrWithoutAValue) {
+    const auto deviations = [](const std::vector<std::string>& words) -> std::optional<double> {
+        const auto command = parsed<SimplifyCommand>(words);
+        EXPECT_EQ(command.input, "i.ply");
+        EXPECT_EQ(command.output, "o.ply");
+        if (!command.job.outliers) return std::nullopt;
+        return command.job.outliers->deviations;
+    };
+    EXPECT_EQ(deviations({"simplify", "i.ply", "o.ply", "-n", "5"}), std::nullopt);
+    EXPECT_EQ(deviations({"simplify", "--remove-outliers", "i.ply", "o.ply", "-n", "5"}), 2.5);
+    EXPECT_EQ(deviations({"simplify", "i.ply", "o.ply", "-n", "5", "--remove-outliers"}), 2.5);
+    EXPECT_EQ(deviations({"simplify", "--remove-outliers", "2", "i.ply", "o.ply", "-n", "5"}), 2);
+    EXPECT_EQ(deviations({"simplify", "i.ply", "--remove-outliers=4", "o.ply", "-n", "5"}), 4);
+    EXPECT_EQ(refusal({"simplify", "i.ply", "o.ply", "-n", "5", "--remove-outliers", "0.5"}),
+              "--remove-outliers 0.5: expected 1..100 standard deviations");
+    EXPECT_NE(refusal({"simplify", "i.ply", "o.ply", "-n", "5", "--remove-outliers=few"})
+                  .find("few: expected standard deviations, 1..100"),
+              std::string::npos);
+    EXPECT_TRUE(
+        parsed<PyramidCommand>({"pyramid", "i.ply", "o", "--remove-outliers"}).job.outliers);
+    EXPECT_TRUE(
+        parsed<PyramidCommand>({"pyramid", "i.ply", "o", "--layout", "potree", "--remove-outliers"})
+            .job.outliers);
+    EXPECT_TRUE(parsed<CurveCommand>({"curve", "i.ply", "--remove-outliers"}).job.outliers);
+    EXPECT_TRUE(
+        parsed<AnalyzeCommand>({"analyze", "i.ply", "o.ply", "--remove-outliers"}).job.outliers);
+    EXPECT_TRUE(
+        parsed<UpsampleCommand>({"upsample", "i.ply", "o.ply", "-r", "2", "--remove-outliers"})
+            .job.outliers);
+}
+
 TEST(CommandLine, SimplifyTakesTheOptionsOfTheContraction) {
     const auto command =
         parsed<SimplifyCommand>({"simplify", "--oversampling", "8", "--k", "12", "--placement",

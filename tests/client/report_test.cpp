@@ -34,6 +34,16 @@ TEST(BoundLine, SaysThatNoSmallerCloudWasFoundWhereNothingElseIsKnown) {
               "kept all 1 point: no smaller cloud was found within 0.3");
 }
 
+TEST(LossesLine, CountsOutliersBesideWhatElseWasRemoved) {
+    proto::CloudStatistics source;
+    source.duplicates = 1;
+    source.outliers = 12;
+    EXPECT_EQ(losses_line(source, {}), "removed 1 duplicate, 12 outliers");
+    source = {};
+    source.outliers = 0;
+    EXPECT_EQ(losses_line(source, {}), "removed 0 outliers");
+}
+
 TEST(BoundLine, SaysHowManyPointsAreNotCounted) {
     proto::MeasuredBound bound{.max_error = 0.3,
                                .forward = 0.2,

@@ -341,6 +341,20 @@ TEST_F(StippleCli, ReadsAFileByItsContentWhateverItsName) {
     EXPECT_EQ(stipple("simplify in.ply out.ply -n 10").exit_code, 0);
 }
 
+TEST_F(StippleCli, OutliersAreRemovedAndTold) {
+    synthesize("scan.ply", 2000);
+    PointCloud cloud;
+    cloud.positions = read_cloud(folder_ / "scan.ply").positions;
+    cloud.positions.push_back(Vec3f::Constant(1e6F));
+    write_cloud(cloud, folder_ / "in.ply");
+    const Outcome outcome = stipple("simplify --remove-outliers in.ply out.ply -n 5000 --json -");
+    ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+    EXPECT_NE(outcome.err.find("removed 1 outlier\n"), std::string::npos) << outcome.err;
+    const json figures = json::parse(outcome.out);
+    EXPECT_EQ(figures["input"]["removed"]["outliers"], 1);
+    EXPECT_EQ(figures["output"]["points"], 2000);
+}
+
 TEST_F(StippleCli, WhatIsLostIsToldWhereNoTerminalIsToo) {
     std::ofstream(folder_ / "in.ply")
         << "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"

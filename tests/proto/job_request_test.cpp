@@ -389,6 +389,34 @@ TEST(JobRequest, IsCheckedByCoreToo) {
     EXPECT_NE(refusal(pyramid_with(R"("ratio": 1)")), "");
 }
 
+TEST(JobRequest, OfEveryTypeButEvaluateCanRemoveOutliers) {
+    const auto outliers = [](const std::string& type, const std::string& more) {
+        const JobRequest request = job_request_from_json(
+            R"({"type": ")" + type + R"(", "input": ")" + std::string(64, 'a') + '"' + more + '}');
+        EXPECT_EQ(to_json(job_request_from_json(to_json(request))), to_json(request));
+        return std::visit(
+            [](const auto& job) -> std::optional<double> {
+                if constexpr (requires { job.outliers; })
+                    if (job.outliers) return job.outliers->deviations;
+                return std::nullopt;
+            },
+            request.job);
+    };
+    for (const auto& [type, target] :
+         std::vector<std::pair<std::string, std::string>>{{"simplify", R"(, "points": 5)"},
+                                                          {"upsample", R"(, "ratio": 2)"},
+                                                          {"pyramid", ""},
+                                                          {"analyze", ""},
+                                                          {"curve", ""}}) {
+        EXPECT_EQ(outliers(type, target), std::nullopt) << type;
+        EXPECT_EQ(outliers(type, target + R"(, "remove_outliers": 3.5)"), 3.5) << type;
+    }
+    EXPECT_NE(refusal(simplify_with(R"("points": 5, "remove_outliers": 0.5)"))
+                  .find("remove_outliers 0.5: expected 1..100 standard deviations"),
+              std::string::npos);
+    EXPECT_NE(refusal(simplify_with(R"("points": 5, "remove_outliers": true)")), "");
+}
+
 TEST(JobRequest, WithAnUnknownMethodNamesTheFieldOnce) {
     const std::string message = refusal(simplify_with(R"("points": 5, "method": "magic")"));
     EXPECT_EQ(message.find("method"), 0U) << message;

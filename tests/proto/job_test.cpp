@@ -70,8 +70,11 @@ TEST(CloudStatistics, TravelWithoutBoundsWhenThereAreNoPoints) {
     CloudStatistics empty = test::statistics();
     empty.bounds = {};
     EXPECT_TRUE(cloud_statistics_from_json(to_json(empty)).bounds.empty());
-    const CloudStatistics full = cloud_statistics_from_json(to_json(test::statistics()));
+    CloudStatistics full = cloud_statistics_from_json(to_json(test::statistics()));
     EXPECT_EQ(to_json(full), to_json(test::statistics()));
+    EXPECT_FALSE(full.outliers);
+    full.outliers = 0;
+    EXPECT_EQ(cloud_statistics_from_json(to_json(full)).outliers, 0U);
 }
 
 TEST(CloudStatistics, DescribeWhatACloudHas) {

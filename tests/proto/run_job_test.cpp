@@ -174,6 +174,44 @@ TEST_F(RunJob, CountsWhatItRemovesFromTheSource) {
     EXPECT_EQ(levels().front().points, 100U);
 }
 
+TEST_F(RunJob, RemovesOutliersWhenAskedToAndCountsThem) {
+    PointCloud cloud = test::sphere(2000);
+    cloud.positions.emplace_back(5, 5, 5);
+    cloud.positions.push_back(cloud.positions.front());
+    SimplifyJob job = to_points(5000);
+    job.added.source_index = true;
+    run(spec_for(cloud, job));
+    EXPECT_FALSE(source()->outliers);
+    EXPECT_EQ(levels().front().points, 2001U);
+
+    reports_.clear();
+    job.outliers = OutlierOptions{};
+    run(spec_for(cloud, job));
+    EXPECT_EQ(source()->outliers, 1U);
+    EXPECT_EQ(source()->removed(), 2U);
+    EXPECT_LT(source()->bounds.max.x(), 1.1);
+    EXPECT_EQ(levels().front().points, 2000U);
+    EXPECT_LT(levels().front().bounds.max.x(), 1.1);
+
+    reports_.clear();
+    PyramidJob pyramid = levels_of({100});
+    pyramid.outliers = OutlierOptions{};
+    run(spec_for(cloud, pyramid));
+    EXPECT_EQ(source()->outliers, 1U);
+    EXPECT_LT(levels().front().bounds.max.x(), 1.1);
+}
+
+TEST_F(RunJob, RefusesUnusableCloudsWhoseOutliersItShouldRemove) {
+    PointCloud cloud = test::sphere(200);
+    cloud.positions.emplace_back(1e30F, 0, 0);
+    SimplifyJob job = to_points(50);
+    job.outliers = OutlierOptions{};
+    const JobSpec spec = spec_for(cloud, job);
+    EXPECT_EQ(error_of([&] { run(spec); }).code(), ErrorCode::MalformedInput);
+    EXPECT_EQ(source()->points, 201U);
+    EXPECT_FALSE(source()->outliers);
+}
+
 TEST_F(RunJob, SaysWhyNoPointIsLeft) {
     PointCloud cloud;
     cloud.positions.assign(7, Vec3f::Constant(std::numeric_limits<float>::infinity()));

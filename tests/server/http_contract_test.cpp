@@ -121,22 +121,22 @@ TEST(OpenApi, ListsExactlyTheFieldsOfEveryRequest) {
     for (const Method method : kMethods) {
         simplify.merge(fields_of("simplify",
                                  R"(,"points":9,"method":")" + std::string(to_string(method)) + '"',
-                                 {"ratio", "max_error"}));
+                                 {"ratio", "max_error", "remove_outliers"}));
     }
     for (const proto::MethodField& field : proto::method_fields())
         simplify.insert(std::string(field.name));
     EXPECT_EQ(documented_fields("SimplifyRequest"), simplify);
-    std::set<std::string> curve = {"max_displacement"};
+    std::set<std::string> curve = {"max_displacement", "remove_outliers"};
     for (const Method method : kErrorBoundedMethods) {
         curve.merge(fields_of("curve", R"(,"method":")" + std::string(to_string(method)) + '"',
                               {"points"}));
     }
     EXPECT_EQ(documented_fields("CurveRequest"), curve);
     EXPECT_EQ(documented_fields("UpsampleRequest"),
-              fields_of("upsample", R"(,"points":9)", {"ratio"}));
+              fields_of("upsample", R"(,"points":9)", {"ratio", "remove_outliers"}));
     EXPECT_EQ(documented_fields("AnalyzeRequest"),
-              fields_of("analyze", "", {"viewpoint", "feature_lines"}));
-    std::set<std::string> pyramid = {"max_displacement", "max_variation"};
+              fields_of("analyze", "", {"viewpoint", "feature_lines", "remove_outliers"}));
+    std::set<std::string> pyramid = {"max_displacement", "max_variation", "remove_outliers"};
     for (const Method method : kMethods) {
         pyramid.merge(fields_of("pyramid", R"(,"method":")" + std::string(to_string(method)) + '"',
                                 {"levels", "base_bytes"}));

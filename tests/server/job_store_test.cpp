@@ -72,6 +72,15 @@ TEST_P(JobStoreContract, KeepsTheStatisticsOfACloud) {
     EXPECT_EQ(store_->find_cloud("ada", cloud)->statistics->points, 7U);
 }
 
+TEST_P(JobStoreContract, KeepsTheOutliersThatAJobRemovedApartFromItsCloud) {
+    const JobDocument job = submit();
+    proto::CloudStatistics source = statistics_of(7);
+    source.outliers = 2;
+    EXPECT_TRUE(store_->report_source(claim(), source));
+    EXPECT_FALSE(store_->find_cloud("ada", job.request.input)->statistics->outliers);
+    EXPECT_EQ(store_->results("ada", job.id)->source->outliers, 2U);
+}
+
 TEST_P(JobStoreContract, KeepsACloudWhileAnUnfinishedJobNeedsIt) {
     const JobDocument job = submit();
     const std::string cloud = job.request.input;

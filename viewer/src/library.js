@@ -155,10 +155,11 @@ export const inputOf = ({ request }) => request.input ?? request.reference;
 export const nameOf = ({ id, name }) => name ?? `Cloud ${id.slice(0, 7)}`;
 
 /** How many of a cloud's points are worked with, and why not all. */
-export function keptOf({ points, removed: { non_finite: unplaced = 0, duplicates = 0 } = {} }) {
-    const reasons = [[duplicates, duplicates === 1 ? 'duplicate' : 'duplicates'], [unplaced, unplaced === 1 ? 'point without a place' : 'points without a place']]
+export function keptOf({ points, removed: { non_finite: unplaced = 0, duplicates = 0, outliers = 0 } = {} }) {
+    const reasons = [[duplicates, duplicates === 1 ? 'duplicate' : 'duplicates'], [unplaced, unplaced === 1 ? 'point without a place' : 'points without a place'],
+        [outliers, outliers === 1 ? 'outlier' : 'outliers']]
         .filter(([count]) => count > 0).map(([count, what]) => `${format.count(count)} ${what}`);
-    return { points: points - unplaced - duplicates, without: reasons.length > 0 ? `${reasons.join(' and ')} left out` : '' };
+    return { points: points - unplaced - duplicates - outliers, without: reasons.length > 0 ? `${reasons.join(' and ')} left out` : '' };
 }
 
 /** What a result is called: as the cloud that it was made from. */

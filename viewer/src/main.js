@@ -298,7 +298,7 @@ function showLevels({ id, loader, shown, bound, isComplete, isSettled, job, mani
         if (next) {
             hud.showActivity(`Loading ${format.compactCount(next.points)} points`);
         } else if (job.status === 'successful') {
-            hud.showActivity(large ? `${format.compactCount(large.points)} more on request` : aboutOf(job, shown));
+            hud.showActivity(large ? `${format.compactCount(large.points)} more on request` : aboutOf(job, manifest, shown));
         }
     }
     hud.setWaiting(waits > 0);
@@ -306,9 +306,10 @@ function showLevels({ id, loader, shown, bound, isComplete, isSettled, job, mani
 }
 
 /** What kind of result it is, and whether all of its cloud is in it. */
-function aboutOf(job, shown) {
+function aboutOf(job, manifest, shown) {
     const cloud = library.cloudOf(job);
-    const without = cloud?.points === undefined ? '' : keptOf(cloud).without;
+    const source = manifest?.source ?? cloud;
+    const without = source?.points === undefined ? '' : keptOf(source).without;
     return [summaryOf(job, cloud), shown?.tiles && 'by view', without].filter(Boolean).join(', ');
 }
 

@@ -6,6 +6,7 @@
 #include "stipple/proto/option_names.hpp"
 
 #include <memory>
+#include <optional>
 #include <string>
 
 namespace stipple::cli {
@@ -16,6 +17,7 @@ struct Values {
     SurfaceAttributeOptions surface;
     std::string orient = "mst", viewpoint, feature_lines;
     FeatureLineOptions features;
+    std::optional<double> outliers;
 };
 
 AnalyzeCommand analyze_command(const Values& values) {
@@ -33,6 +35,7 @@ AnalyzeCommand analyze_command(const Values& values) {
         format_of(values.feature_lines);
         options.feature_lines = values.features;
     }
+    command.job.outliers = outlier_options(values.outliers);
     validate(options);
     return command;
 }
@@ -73,6 +76,7 @@ CommandReader add_analyze(CLI::App& app) {
         ->capture_default_str()
         ->transform(real_number("a number in (0, 1/3), as in 0.05"))
         ->needs(lines);
+    add_remove_outliers(command, values.outliers);
     add_encoding(command, values.file);
     command.footer(
         "Examples:\n"

@@ -2,6 +2,7 @@
 
 #include "cli/command_options.hpp"
 #include "cli/help.hpp"
+#include "cli/shared_options.hpp"
 #include "cli/unknown_words.hpp"
 #include "stipple/error.hpp"
 
@@ -37,7 +38,7 @@ std::string one_line(std::string text) {
 }  // namespace
 
 Command parse_command_line(const std::vector<std::string>& words) {
-    const std::vector<std::string> arguments = with_help_as_option(words);
+    const std::vector<std::string> arguments = with_deviations(with_help_as_option(words));
     CLI::App app("stipple: smaller point clouds that still describe the same surface.", "stipple");
     app.set_version_flag("--version", "stipple " STIPPLE_VERSION);
     app.formatter(std::make_shared<HelpFormatter>());

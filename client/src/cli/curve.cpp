@@ -45,7 +45,7 @@ std::string left_out_line(const CurveCommand& command, const proto::Results& res
     if (counts.empty()) return {};
     const proto::CloudStatistics& source = *results.source;
     return "left out " + joined(counts, ", ") + ": the cloud has " +
-           counted(source.points - source.duplicates - source.non_finite, "point");
+           counted(source.points - source.removed(), "point");
 }
 
 /// In 10^-4 of the diagonal, as the paper has it.

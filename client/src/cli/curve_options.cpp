@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -19,6 +20,7 @@ struct Values {
     std::vector<std::uint64_t> points;
     unsigned count = ErrorCurveOptions{}.count;
     std::uint64_t seed = 0;
+    std::optional<double> outliers;
     ServerValues server;
     CommonOptions common;
     MethodValues of_methods;
@@ -37,6 +39,7 @@ CurveCommand curve_command(const Values& values, const CLI::App& app) {
     options.points = values.points;
     std::ranges::sort(options.points);
     options.count = values.count;
+    command.job.outliers = outlier_options(values.outliers);
     validate(options);
     return command;
 }
@@ -68,6 +71,7 @@ CommandReader add_curve(CLI::App& app) {
         ->transform(small_number("2..64"));
     command.add_option("--plot", values.plot, "plot it as a .svg file")->type_name("FILE");
     add_seed(command, values.seed);
+    add_remove_outliers(command, values.outliers);
     add_server(command, values.server);
     add_common(command, values.common);
     add_method_options(command, values.of_methods, kErrorBoundedMethods);

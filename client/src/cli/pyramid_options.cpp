@@ -5,6 +5,7 @@
 #include "stipple/globe.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -27,6 +28,7 @@ struct Values {
     std::vector<double> transform;
     std::optional<unsigned> epsg;
     bool no_error = false;
+    std::optional<double> outliers;
     EncodingValues encoding;
     ServerValues server;
     CommonOptions common;
@@ -37,8 +39,10 @@ struct Values {
 PyramidCommand potree_command(PyramidCommand command, const CLI::App& app) {
     for (const CLI::Option* const option : app.get_options()) {
         const std::string name = option->get_name();
-        const bool taken = name == "--layout" || name == "--server" || name == "--api-key" ||
-                           name == "--threads" || name == "--json" || name == "--quiet";
+        constexpr std::array kTaken = {"--layout",  "--remove-outliers", "--server",
+                                       "--api-key", "--threads",         "--json",
+                                       "--quiet"};
+        const bool taken = std::ranges::find(kTaken, name) != kTaken.end();
         if (name.starts_with("--") && option->count() > 0 && !taken)
             throw UsageError(name + " cannot be combined with --layout potree");
     }
@@ -56,6 +60,7 @@ PyramidCommand pyramid_command(const Values& values, const CLI::App& app) {
         throw UsageError(
             "--layout " + values.layout + ": expected levels or potree" +
             (values.layout == "copc" ? "; COPC is one file: stipple convert IN OUT.copc.laz" : ""));
+    command.job.outliers = outlier_options(values.outliers);
     if (command.potree) return potree_command(std::move(command), app);
     LodPyramidOptions& options = command.job.options;
     options = values.pyramid;
@@ -181,6 +186,7 @@ CommandReader add_pyramid(CLI::App& app) {
         ->type_name("CODE")
         ->transform(small_number("such as 32633 (UTM)"));
     add_reductions(command, values.reductions);
+    add_remove_outliers(command, values.outliers);
     add_no_error(command, values.no_error);
     add_draco(command, values.encoding, ".drc, .laz, .stpc and the finest tiles");
     add_server(command, values.server);

@@ -34,6 +34,7 @@ std::string losses_line(const proto::CloudStatistics& source, const TextStyle& s
     if (source.duplicates > 0) removed.push_back(counted(source.duplicates, "duplicate"));
     if (source.non_finite > 0)
         removed.push_back(counted(source.non_finite, "point") + " without finite coordinates");
+    if (source.outliers) removed.push_back(counted(*source.outliers, "outlier"));
 
     std::vector<std::string> losses;
     if (!removed.empty()) losses.push_back("removed " + joined(removed, ", "));

@@ -20,8 +20,8 @@ struct Summary {
 
 /// `435,545 → 5,000 points (1.1 %) in 42 ms · 10.4 MB → 60 kB`.
 std::string summary_line(const Summary& summary, const TextStyle& style);
-/// `removed 12 duplicates, 3 points without finite coordinates`, `left out face.vertex_indices`;
-/// empty when neither.
+/// `removed 12 duplicates, 3 points without finite coordinates, 5 outliers`, `left out
+/// face.vertex_indices`; empty when neither.
 std::string losses_line(const proto::CloudStatistics& source, const TextStyle& style);
 
 /// `0.0123 (0.012 %)`: input units, and percent of the diagonal of the reference.

@@ -3,18 +3,22 @@
 #include "cli/files.hpp"
 #include "cli/names.hpp"
 #include "cli/numbers.hpp"
+#include "cli/units.hpp"
 #include "stipple/proto/option_names.hpp"
 
 #include <algorithm>
 #include <array>
 #include <cstdlib>
 #include <functional>
+#include <iterator>
 #include <set>
 
 namespace stipple::cli {
 namespace {
 
 namespace fs = std::filesystem;
+
+constexpr const char* kRemoveOutliers = "--remove-outliers";
 
 PlyEncoding ply_encoding(const std::string& name) {
     if (name == "le") return PlyEncoding::BinaryLittleEndian;
@@ -53,6 +57,32 @@ void add_seed(CLI::App& command, std::uint64_t& seed) {
 
 void add_no_error(CLI::App& command, bool& no_error) {
     command.add_flag("--no-error", no_error, "do not measure the error of the result");
+}
+
+void add_remove_outliers(CLI::App& command, std::optional<double>& deviations) {
+    command
+        .add_option(kRemoveOutliers, deviations,
+                    "first remove points off all surfaces and lines; S: 1..100 standard "
+                    "deviations, 2.5 if not given; the more, the fewer")
+        ->type_name("[S]")
+        ->transform(real_number("standard deviations, 1..100, as in 2.5"));
+}
+
+std::optional<OutlierOptions> outlier_options(const std::optional<double>& deviations) {
+    if (!deviations) return std::nullopt;
+    const OutlierOptions options{.deviations = *deviations};
+    validate(options);
+    return options;
+}
+
+std::vector<std::string> with_deviations(std::vector<std::string> arguments) {
+    for (auto word = arguments.begin(); word != arguments.end() && *word != "--"; ++word) {
+        if (*word != kRemoveOutliers) continue;
+        const auto next = std::next(word);
+        if (next == arguments.end() || !finite_number(*next))
+            *word += "=" + three_digits(OutlierOptions{}.deviations);
+    }
+    return arguments;
 }
 
 void add_server(CLI::App& command, ServerValues& values) {

@@ -23,6 +23,10 @@ void add_input(CLI::App& command, std::string& input);
 void add_output(CLI::App& command, std::string& output);
 void add_seed(CLI::App& command, std::uint64_t& seed);
 void add_no_error(CLI::App& command, bool& no_error);
+void add_remove_outliers(CLI::App& command, std::optional<double>& deviations);
+std::optional<OutlierOptions> outlier_options(const std::optional<double>& deviations);
+/// `--remove-outliers` may stand without a value: CLI11 would take the next word for it.
+std::vector<std::string> with_deviations(std::vector<std::string> arguments);
 
 struct ServerValues {
     ServerOptions server;

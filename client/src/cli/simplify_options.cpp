@@ -22,6 +22,7 @@ struct Values {
     std::uint64_t seed = 0;
     std::vector<std::string> reductions;
     AddedValues added;
+    std::optional<double> outliers;
     MethodValues of_methods;
 };
 
@@ -57,6 +58,7 @@ SimplifyCommand simplify_command(const Values& values, const CLI::App& app) {
     set_method_options(values.of_methods, options);
     options.reductions = reductions_of(values.reductions);
     options.seed = values.seed;
+    command.job.outliers = outlier_options(values.outliers);
     const MethodValues& own = values.of_methods;
     if (!values.points && !values.ratio && values.max_error.empty() && !own.max_cluster_size &&
         !own.max_variation && !own.voxel_size)
@@ -97,6 +99,7 @@ CommandReader add_simplify(CLI::App& app) {
         ->type_name("E");
     add_seed(command, values.seed);
     add_reductions(command, values.reductions);
+    add_remove_outliers(command, values.outliers);
     add_added_attributes(command, values.added);
     add_encoding(command, values.file);
     add_method_options(command, values.of_methods, kMethods);

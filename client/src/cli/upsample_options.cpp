@@ -19,6 +19,7 @@ struct Values {
     std::uint64_t seed = 0;
     std::vector<std::string> reductions;
     AddedValues added;
+    std::optional<double> outliers;
     MethodValues of_methods;
 };
 
@@ -34,6 +35,7 @@ UpsampleCommand upsample_command(const Values& values) {
     options.particles = particle_options(values.of_methods);
     options.particles.seed = values.seed;
     options.particles.reductions = reductions_of(values.reductions);
+    command.job.outliers = outlier_options(values.outliers);
     validate(options);
     return command;
 }
@@ -58,6 +60,7 @@ CommandReader add_upsample(CLI::App& app) {
         ->capture_default_str()
         ->transform(whole_number());
     add_reductions(command, values.reductions);
+    add_remove_outliers(command, values.outliers);
     add_added_attributes(command, values.added);
     add_encoding(command, values.file);
     command.footer(

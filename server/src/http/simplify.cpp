@@ -34,7 +34,7 @@ constexpr std::array kJobFields = {
     Field{"max_variation", Kind::Number}, Field{"representative", Kind::Text},
     Field{"adaptivity", Kind::Number},    Field{"max_grading", Kind::Number},
     Field{"max_iterations", Kind::Count}, Field{"tolerance", Kind::Number},
-    Field{"voxel_size", Kind::Number},
+    Field{"voxel_size", Kind::Number},    Field{"remove_outliers", Kind::Number},
 };
 constexpr std::array kDracoFields = {
     Field{"position_bits", Kind::Count},     Field{"precision", Kind::Number},

@@ -136,10 +136,15 @@ bool SqliteJobStore::report_progress(const Lease& lease, const std::string& stag
 
 bool SqliteJobStore::report_source(const Lease& lease, const proto::CloudStatistics& source) {
     return write_leased(lease, [&](std::int64_t row) {
-        const std::string statistics = to_json(source);
-        writer_.run("UPDATE jobs SET source = ?1 WHERE row = ?2", statistics, row);
-        writer_.run("UPDATE clouds SET statistics = ?1 WHERE tenant = ?2 AND id = ?3", statistics,
-                    lease.tenant, lease.request.input);
+        writer_.run("UPDATE jobs SET source = ?1 WHERE row = ?2", to_json(source), row);
+        // Outliers are the job's alone, and so are bounds without them: better ones may be known.
+        proto::CloudStatistics cloud = source;
+        cloud.outliers.reset();
+        writer_.run(source.outliers ? "UPDATE clouds SET statistics = COALESCE(statistics, ?1) "
+                                      "WHERE tenant = ?2 AND id = ?3"
+                                    : "UPDATE clouds SET statistics = ?1 "
+                                      "WHERE tenant = ?2 AND id = ?3",
+                    to_json(cloud), lease.tenant, lease.request.input);
         JobReport report;
         report.source = source;
         add_event(row, "source", to_json(report));

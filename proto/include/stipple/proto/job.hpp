@@ -57,11 +57,15 @@ struct CloudStatistics {
     std::uint64_t points = 0;      ///< in the file
     std::uint64_t non_finite = 0;  ///< removed before any processing
     std::uint64_t duplicates = 0;
+    std::optional<std::uint64_t> outliers{};  ///< of a job that removed them, after the others
     Aabb bounds;                   ///< of the remaining points
     std::vector<CloudAttribute> attributes;
     std::string encoding;               ///< DecodeReport::encoding
     std::vector<std::string> skipped;   ///< DecodeReport::skipped
     std::vector<std::string> comments;  ///< DecodeReport::comments
+
+    /// What was removed, of all kinds.
+    std::uint64_t removed() const noexcept { return non_finite + duplicates + outliers.value_or(0); }
 };
 struct CloudDocument {
     std::string id;

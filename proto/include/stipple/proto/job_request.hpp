@@ -4,6 +4,7 @@
 #include "stipple/error_bounded.hpp"
 #include "stipple/lod_pyramid.hpp"
 #include "stipple/lod_tiles.hpp"
+#include "stipple/outliers.hpp"
 #include "stipple/proto/evaluation.hpp"
 #include "stipple/simplify.hpp"
 #include "stipple/surface_attributes.hpp"
@@ -39,16 +40,19 @@ struct SimplifyJob {
     OutputOptions output;
     AddedAttributes added{};
     bool error = true;  ///< whether to measure the error of the result
+    std::optional<OutlierOptions> outliers{};  ///< removed first, if present
 };
 struct UpsampleJob {
     UpsampleOptions options;
     OutputOptions output;
     AddedAttributes added{};
     bool error = true;
+    std::optional<OutlierOptions> outliers{};
 };
 struct AnalyzeJob {
     SurfaceAttributeOptions options;
     OutputOptions output;
+    std::optional<OutlierOptions> outliers{};
 };
 struct PyramidJob {
     LodPyramidOptions options;  ///< nested levels have additive tiles (`refine`)
@@ -65,6 +69,7 @@ struct PyramidJob {
     std::optional<std::uint64_t>
         base_bytes{};  ///< instead of `base_points`: size limit of the coarsest level's glb, which
                        ///< has at most 65,536 points and one per byte
+    std::optional<OutlierOptions> outliers{};
 };
 /// Compares clouds with the input, which is the reference.
 struct EvaluateJob {
@@ -78,6 +83,7 @@ inline constexpr std::size_t kMostCandidates = 16;
 /// The count-error curve of a method: figures, no clouds.
 struct CurveJob {
     ErrorCurveOptions options;
+    std::optional<OutlierOptions> outliers{};
 };
 
 /// The body of `POST /v1/jobs`: core's own option structs, one definition of each default. Unknown
@@ -129,6 +135,8 @@ struct CurveJob {
 ///      "range": 0.5, "pictures": false, "views": ["front", "right", "back", "left"], "up": "y",
 ///      "labels": ["A"]}
 ///
+/// Every type but evaluate has "remove_outliers": 2.5, in standard deviations; if absent, none are
+/// removed.
 /// Instead of the id of a cloud, the hash of a PLY or Draco file of a result may be given.
 struct JobRequest {
     std::string input;  ///< id of the cloud (of the reference): SHA-256 of its bytes, 64 lower-case
