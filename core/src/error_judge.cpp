@@ -22,7 +22,7 @@ constexpr std::uint64_t kFirstPart = 8;
 /// A search looks at so many places, and so many for each point of the cloud, and ends: else noise
 /// just below the bound, where some place out of millions is always a little too far, takes a
 /// thousand times as long as what made the candidates.
-constexpr std::uint64_t kMostLooks = 10'000'000, kMostLooksEach = 50;
+constexpr std::uint64_t kMostLooks = 30'000'000, kMostLooksEach = 150;
 constexpr std::uint64_t kSeed = 0, kAgainSeed = 1, kFirstSeed = 2;
 constexpr std::uint64_t kMeasuredEach = 100;        // enough for each point of a candidate
 constexpr std::uint64_t kEnoughMeasured = 300'000;  // unless it has more points than that

@@ -52,7 +52,7 @@ TEST(ErrorWatch, FindsFartherPlacesWhereTheSurfaceIsUnevenWhenItLooksAgain) {
     // Few points of a thin limb have neighbours all around it: no surface goes through them.
     PointCloud limb = sphere(3'000);
     for (Vec3f& p : limb.positions) p = {0.06F * p.x(), 0.06F * p.y(), p.z()};
-    const std::vector<Vec3f> few = hierarchical_clustering(limb, {.target_size = 90}).positions;
+    const std::vector<Vec3f> few = hierarchical_clustering(limb, {.target_size = 100}).positions;
     const ProbedSurface surface(limb.positions, Reading::Confirmed, {});
     ErrorWatch watch(surface, limb.positions, 1, Reading::Confirmed);
     watch.look_at(few, {});

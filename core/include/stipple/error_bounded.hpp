@@ -75,7 +75,7 @@ struct ErrorBoundedCloud {
 /// Places are looked for no farther beyond a border than `measure_error` draws them: there the
 /// planes through neighbours go on, but the surface does not.
 ///
-/// A search ends, whatever it has, once it has looked at 10 million places and 50 more for each
+/// A search ends, whatever it has, once it has looked at 30 million places and 150 more for each
 /// point of the cloud, as it may where the bound is just above the noise: with what holds so far,
 /// or else with the coarsest snapshot that does (`ended_early`).
 ///

@@ -442,8 +442,10 @@ await run({
         await visit(page, `/?job=${job}`);
         browser.refusalsExpected = true;
         const refused = page.waitForResponse((response) => response.request().method() === 'DELETE');
+        const told = page.waitForEvent('console', (message) => message.text().includes('409'));
         await page.locator('#dismiss').dblclick();
         assert.equal((await refused).status(), 409);
+        await told;
         await page.unrouteAll({ behavior: 'wait' });
         await page.locator('#dismiss').waitFor({ state: 'hidden' });
         browser.refusalsExpected = false;
