@@ -13,7 +13,7 @@ namespace stipple {
 /// The halves stand where the whole stood.
 ///
 /// @param target  as many as there are clusters, at most as many as points.
-/// O(M + splits (log M + size)).
+/// Expected O(N log(N / M)) for N points and M clusters.
 void split_clusters(std::span<const Vec3f> points, std::uint64_t target, Clusters& clusters,
                     const RunContext& context);
 
