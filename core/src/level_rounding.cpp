@@ -88,23 +88,21 @@ MeasuredLevel LevelRounding::round(MeasuredLevel&& unrounded, LevelGrid& taken,
     const double likely = exact * std::sqrt(2 * kAim * tolerance / std::max(added, least_added));
     // Many points take a while to be measured where rounding is hopeless.
     const bool hopeless = likely < finest.step && exact > 0 && normals.empty();
-    const auto share_above = [&](double of_exact, double of_rounded) {
-        return of_rounded > of_exact ? (of_rounded - of_exact) / (tolerance * of_exact) : 0;
-    };
     std::optional<MeasuredLevel> best;
     double step = exact > 0 ? std::max(likely, kCloser * fits) : longest;
     for (unsigned tries = 0; !hopeless && tries < kMostTries; ++tries) {
         step = std::min(step, longest);
         if (step < (best ? kBetter : kCloser) * fits) break;
         MeasuredLevel level(rounded(points, normals, grid(step), context), context);
-        // As a part of what is tolerated; it grows with the square of the step, or a little less.
         meter.glance(level, context);
-        double share = share_above(exact_at_a_glance, level.mean);
-        if (share <= 1) {
+        double rise = level.mean - exact_at_a_glance;
+        if (rise <= tolerance * exact) {
             meter.measure_roughly(level, context);
-            share = share_above(exact, level.mean);
+            rise = level.mean - exact;
         }
-        added = 2 * share * tolerance * (exact / step) * (exact / step);
+        added = 2 * exact * std::max(0.0, rise) / (step * step);
+        // As a part of what is tolerated; it grows with the square of the step, or a little less.
+        const double share = rise > 0 ? rise / (tolerance * exact) : 0;
         if (share > kSure) {
             longest = step / kCloser;
             step *= std::max(0.25, std::pow(kAim / share, 0.55));

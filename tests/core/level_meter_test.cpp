@@ -6,6 +6,7 @@
 
 #include <gtest/gtest.h>
 #include <algorithm>
+#include <cmath>
 
 namespace stipple {
 namespace {
@@ -40,6 +41,28 @@ TEST(LevelRounding, TakesACrowdToTheGridAsItIs) {
     const MeasuredLevel level =
         rounding.round(MeasuredLevel(std::vector<Vec3f>(crowd), {}), taken, meter, {});
     EXPECT_EQ(level.points, rounded(crowd, taken, {}));
+}
+
+TEST(LevelRounding, OfALevelWithoutErrorTellsNothingThatHarmsTheNext) {
+    std::vector<Vec3f> points;  // of a tilted plane, off which rounding takes them
+    for (const Vec3f& p : test::plane(20'000).positions)
+        points.emplace_back(p.x(), p.y(), 0.3F * p.x());
+    const std::vector<Index> order = hilbert_order(points, {});
+    std::vector<Vec3f> few, wavy;
+    for (std::size_t i = 0; i < points.size(); i += 10) {
+        few.push_back(points[order[i]]);
+        wavy.push_back(few.back() + Vec3f(0, 0, 0.01F * std::sin(40 * few.back().y())));
+    }
+    const LevelMeter meter(std::move(points), LodErrors::Sure, {});
+    for (const double tolerance : {0.0, 0.16}) {
+        LevelRounding rounding{.side = 1, .tolerance = tolerance, .position_bits = 14};
+        for (const auto* const level : {&few, &wavy}) {
+            LevelGrid taken{1, 1};
+            (void)rounding.round(MeasuredLevel(std::vector<Vec3f>(*level), {}), taken, meter, {});
+            EXPECT_GE(taken.step, rounding.finest_grid(meter).step);
+            EXPECT_LT(taken.step, 0.1);
+        }
+    }
 }
 
 TEST(LevelMeter, MakesNoSurfaceAnewForLevelsOfSmoothScans) {
