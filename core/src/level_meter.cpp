@@ -20,8 +20,8 @@ namespace {
 constexpr std::uint64_t kMany = 40'000;  // points of a source
 
 constexpr unsigned kGlance = 1;    // rounds that tell which rounding is much too coarse
-constexpr unsigned kRough = 2;     // that tell two roundings of the same points apart
-constexpr unsigned kSome = 4;      // that tell the error of a level before it is rounded
+constexpr unsigned kRough = 2;     // of rough errors
+constexpr unsigned kSome = 4;      // that tell two roundings of the same points apart
 constexpr unsigned kMostly = 16;   // that scans of surfaces need
 constexpr unsigned kOfSmall = 32;  // of a small source
 
@@ -95,8 +95,17 @@ void LevelMeter::glance(MeasuredLevel& level, const RunContext& context) const {
     measure(level, places_, kGlance, context);
 }
 
-void LevelMeter::measure_roughly(MeasuredLevel& level, const RunContext& context) const {
-    measure(level, places_, kRough, context);
+double LevelMeter::mean_at_a_glance(const MeasuredLevel& level) const {
+    const std::vector<Index> glanced = places_.of_first(kGlance);
+    std::vector<float> distances, areas;
+    auto next = glanced.begin();  // both are in the order of the curve
+    for (std::size_t i = 0; i < level.places.size() && next != glanced.end(); ++i) {
+        if (level.places[i] != *next) continue;
+        distances.push_back(level.distances[i]);
+        areas.push_back(level.areas[i]);
+        ++next;
+    }
+    return summarize("", distances, areas).mean;
 }
 
 void LevelMeter::measure_at_some(MeasuredLevel& level, const RunContext& context) const {
@@ -116,7 +125,7 @@ unsigned LevelMeter::least_rounds(std::uint64_t points) const {
 }
 
 void LevelMeter::measure_well(MeasuredLevel& level, const RunContext& context) {
-    if (errors_ == LodErrors::Rough) return measure_roughly(level, context);
+    if (errors_ == LodErrors::Rough) return measure_at_some(level, context);
     if (is_exact()) {
         level.places.clear();  // of other places
         return measure(level, every_, 1, context);

@@ -64,13 +64,13 @@ public:
     /// Of `measure_well`.
     const ErrorSamples& places() const noexcept { return (is_exact() ? every_ : places_).all(); }
 
-    /// Well enough to turn down a rounding of points: at half the places of `measure_roughly`.
+    /// Well enough to turn down a rounding of points.
     void glance(MeasuredLevel& level, const RunContext& context) const;
+    /// What it would say of a level that is measured at more places.
+    double mean_at_a_glance(const MeasuredLevel& level) const;
 
-    /// Well enough to compare two roundings of the same points.
-    void measure_roughly(MeasuredLevel& level, const RunContext& context) const;
-
-    /// At 4,096 places, or fewer where errors are rough.
+    /// At 4,096 places, or 2,048 where errors are rough: well enough to compare two roundings of
+    /// the same points.
     void measure_at_some(MeasuredLevel& level, const RunContext& context) const;
 
     /// As well as errors are to be known. Sure ones at one place for 128 points at least, and at

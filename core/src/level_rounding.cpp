@@ -67,10 +67,8 @@ MeasuredLevel LevelRounding::round(MeasuredLevel&& unrounded, LevelGrid& taken,
                                    const LevelMeter& meter, const RunContext& context) {
     const LevelGrid finest = finest_grid(meter);
     const std::vector<Vec3f>& points = unrounded.points;
-    meter.glance(unrounded, context);
-    const double exact_at_a_glance = unrounded.mean;
-    meter.measure_roughly(unrounded, context);
-    const double exact = unrounded.mean;
+    meter.measure_at_some(unrounded, context);
+    const double exact = unrounded.mean, exact_at_a_glance = meter.mean_at_a_glance(unrounded);
     // Where there are more points they are not worth the time: those who load them have waited
     // already.
     constexpr std::size_t kMost = 131'072;
@@ -97,7 +95,7 @@ MeasuredLevel LevelRounding::round(MeasuredLevel&& unrounded, LevelGrid& taken,
         meter.glance(level, context);
         double rise = level.mean - exact_at_a_glance;
         if (rise <= tolerance * exact) {
-            meter.measure_roughly(level, context);
+            meter.measure_at_some(level, context);
             rise = level.mean - exact;
         }
         added = 2 * exact * std::max(0.0, rise) / (step * step);

@@ -86,12 +86,16 @@ TEST(LevelMeter, MeasuresNoPlaceTwice) {
     MeasuredLevel level(std::move(points), {});
     meter.measure_at_some(level, {});
     level.distances.assign(level.distances.size(), 7);
-    meter.measure_roughly(level, {});  // fewer of them
-    EXPECT_EQ(std::ranges::count(level.distances, 7.0F), 2'048);
-    EXPECT_EQ(level.places.size(), 2'048U);
+    EXPECT_FLOAT_EQ(static_cast<float>(meter.mean_at_a_glance(level)), 7);
+    meter.glance(level, {});  // fewer of them
+    EXPECT_EQ(std::ranges::count(level.distances, 7.0F), 1'024);
+    EXPECT_EQ(level.places.size(), 1'024U);
     meter.measure_at_some(level, {});  // and others
-    EXPECT_EQ(std::ranges::count(level.distances, 7.0F), 2'048);
+    EXPECT_EQ(std::ranges::count(level.distances, 7.0F), 1'024);
     EXPECT_EQ(level.places.size(), 4'096U);
+    const double mean = meter.mean_at_a_glance(level);
+    meter.glance(level, {});
+    EXPECT_DOUBLE_EQ(level.mean, mean);
 }
 
 }  // namespace
