@@ -71,6 +71,12 @@ ErrorBoundedCloud whole(const PointCloud& cloud, double bound, unsigned tries) {
     return result;
 }
 
+/// Whether it is within the bound everywhere, as it is then measured.
+bool holds(ErrorBoundedCloud& candidate, ErrorJudge& judge) {
+    return judge.watch(candidate.cloud).places.empty() &&
+           judge.measure(candidate).max <= ErrorJudge::kWithin;
+}
+
 /// The search through the snapshots of one run.
 class ForestSearch {
 public:
@@ -148,17 +154,12 @@ private:
     std::optional<ErrorBoundedCloud> with_care(std::optional<ErrorBoundedCloud> found) {
         judge_.read(Reading::Confirmed);
         judge_.take_care();
-        if (found && holds(*found)) return found;
+        if (found && holds(*found, judge_)) return found;
         for (std::size_t level = finest_; forest_.size_of(level) <= most_wanted(); ++level) {
             ErrorBoundedCloud result{.cloud = forest_.level(level, quietly_)};
-            if (holds(result)) return result;
+            if (holds(result, judge_)) return result;
         }
         return std::nullopt;
-    }
-
-    bool holds(ErrorBoundedCloud& result) {
-        return judge_.watch(result.cloud).places.empty() &&
-               judge_.measure(result).max <= ErrorJudge::kWithin;
     }
 
     /// Makes the cut finer until it holds; none when that takes more than `most` points or rounds,
@@ -261,8 +262,7 @@ std::optional<ErrorBoundedCloud> fewer_everywhere(const PointCloud& cloud,
     for (std::size_t next = fewer.size(); next > holding;
          next = holding + (failing - holding + 1) / 2) {
         ErrorBoundedCloud candidate{.cloud = std::move(fewer[next - 1])};
-        if (judge.watch(candidate.cloud).places.empty() &&
-            judge.measure(candidate).max <= ErrorJudge::kWithin) {
+        if (holds(candidate, judge)) {
             best = std::move(candidate);
             holding = next;
         } else {
