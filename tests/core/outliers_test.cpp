@@ -1,6 +1,7 @@
 #include "stipple/outliers.hpp"
 
 #include "support/expect_error.hpp"
+#include "support/expect_same.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
@@ -146,13 +147,7 @@ TEST(RemoveOutliers, KeepsTheOrderAndTheAttributesOfTheRest) {
     cloud.positions.emplace_back(0, 9, 0);
     cloud = test::with_attributes(cloud);
     EXPECT_EQ(remove_outliers(cloud), 2U);
-    const PointCloud expected = test::with_attributes(test::sphere(5'000));
-    EXPECT_EQ(cloud.positions, expected.positions);
-    EXPECT_EQ(cloud.normals, expected.normals);
-    EXPECT_EQ(cloud.colors, expected.colors);
-    ASSERT_EQ(cloud.attributes.size(), expected.attributes.size());
-    for (std::size_t i = 0; i < expected.attributes.size(); ++i)
-        EXPECT_EQ(cloud.attributes[i].values, expected.attributes[i].values);
+    test::expect_same(cloud, test::with_attributes(test::sphere(5'000)));
     EXPECT_EQ(remove_outliers(cloud), 0U);
 }
 

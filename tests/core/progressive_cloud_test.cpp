@@ -7,6 +7,7 @@
 #include "stipple/neighbors.hpp"
 #include "stipple/surface_error.hpp"
 #include "support/expect_error.hpp"
+#include "support/expect_same.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
@@ -61,15 +62,6 @@ std::vector<std::size_t> partners(const PointCloud& decoded, const PointCloud& c
         found.push_back(static_cast<std::size_t>(nearest - cloud.positions.begin()));
     }
     return found;
-}
-
-void expect_same(const PointCloud& a, const PointCloud& b) {
-    EXPECT_EQ(a.positions, b.positions);
-    EXPECT_EQ(a.normals, b.normals);
-    EXPECT_EQ(a.colors, b.colors);
-    ASSERT_EQ(a.attributes.size(), b.attributes.size());
-    for (std::size_t i = 0; i < a.attributes.size(); ++i)
-        EXPECT_EQ(a.attributes[i].values, b.attributes[i].values);
 }
 
 // The range coder.
@@ -215,7 +207,7 @@ TEST(ProgressiveCloud, IsTheSameHoweverTheBytesCome) {
         const PointCloud whole = decode_first(stream, points, stream.size());
         ASSERT_EQ(whole.size(), points);
         for (const std::size_t piece : {1U, 7U, 1000U})
-            expect_same(decode_first(stream, points, piece), whole);
+            test::expect_same(decode_first(stream, points, piece), whole);
     }
 }
 
@@ -324,7 +316,7 @@ TEST(ProgressiveCloud, DecodesTheSameOnAnyNumberOfThreads) {
         decoder.feed(stream, {.threads = threads});
         return decoder.cloud({.threads = threads});
     };
-    expect_same(decoded(1), decoded(3));
+    test::expect_same(decoded(1), decoded(3));
 }
 
 TEST(ProgressiveCloud, HoldsDegenerateClouds) {
