@@ -8,9 +8,9 @@
 
 namespace stipple {
 
-/// Splits clusters until there are exactly `target`: of all of them, always the one of the largest
-/// total variation (Eq. 3), by the plane through its centroid across its longest direction (§3.1).
-/// The halves stand where the whole stood.
+/// Splits clusters until there are exactly `target`: of all of them, always the widest
+/// (`width_of_cluster`), by the plane through its centroid across its longest direction (§3.1). The
+/// halves stand where the whole stood.
 ///
 /// @param target  as many as there are clusters, at most as many as points.
 /// Expected O(N log(N / M)) for N points and M clusters.

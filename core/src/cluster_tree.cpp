@@ -275,10 +275,11 @@ std::size_t bytes_for(std::size_t points) noexcept {
 
 }  // namespace
 
-ClusterTree::ClusterTree(std::span<const Vec3f> points)
+ClusterTree::ClusterTree(std::span<const Vec3f> points, SplitPriority priority)
     : points_(points),
       memory_(bytes_for(points.size()), &large_memory_resource()),
-      nodes_(is_resident(points.size()) ? &memory_ : &large_memory_resource()) {
+      nodes_(is_resident(points.size()) ? &memory_ : &large_memory_resource()),
+      priority_(priority) {
     assert(!points.empty());
     const auto room_for = [&](std::size_t bytes) { return memory_.allocate(bytes, sizeof(Index)); };
     if (is_resident(points.size()))
@@ -287,10 +288,9 @@ ClusterTree::ClusterTree(std::span<const Vec3f> points)
 }
 
 ClusterTree::ClusterTree(std::span<const Vec3f> points, const Clusters& roots)
-    : ClusterTree(points) {
+    : ClusterTree(points, width_of_cluster) {
     std::ranges::copy(roots.members, members_.begin());
     roots_ = static_cast<Index>(roots.size());
-    priority_ = total_variation;
     nodes_.reserve(roots.size());
     for (std::size_t i = 0; i < roots.size(); ++i)
         nodes_.push_back(root_of(points, roots.of(i), roots.offsets[i]));

@@ -77,9 +77,9 @@ struct Cut {
 class ClusterTree {
 public:
     /// One root with all points: finite, no two alike, at least one. They must stay where they are.
-    explicit ClusterTree(std::span<const Vec3f> points);
-    /// A root for each cluster: none of the tree's reaches beyond one. Always the cluster of the
-    /// largest total variation (Eq. 3) is split, for the most even spacing.
+    explicit ClusterTree(std::span<const Vec3f> points, SplitPriority priority = gain_of_split);
+    /// A root for each cluster: none of the tree's reaches beyond one. Always the widest cluster is
+    /// split, for the most even spacing.
     ClusterTree(std::span<const Vec3f> points, const Clusters& roots);
     ClusterTree(const ClusterTree&) = delete;
     ClusterTree& operator=(const ClusterTree&) = delete;
@@ -115,7 +115,7 @@ private:
     std::span<Index> members_;
     Nodes nodes_;  ///< the roots first; none while there is but one and it has not grown
     Index roots_ = 1;
-    SplitPriority priority_ = gain_of_split;
+    SplitPriority priority_;
 };
 
 }  // namespace stipple

@@ -2,9 +2,10 @@
 
 #include "cloud_copy.hpp"
 #include "cluster_splitting.hpp"
+#include "cluster_tree.hpp"
 #include "first_touch.hpp"
+#include "gather.hpp"
 #include "incremental_levels.hpp"
-#include "level_bases.hpp"
 #include "parallel_for.hpp"
 #include "random.hpp"
 #include "refuse.hpp"
@@ -30,9 +31,6 @@ namespace stipple {
 namespace {
 
 constexpr double kStray = 0.5;  // of the bounds
-// Where clusters have fewer points in the mean than the first, they are split from regions of the
-// second and more: small regions take twice as long, and those in sparse places are all strays.
-constexpr std::uint64_t kSmall = 8, kRegion = 24;
 
 void check(const IncrementalClusteringOptions& options, std::size_t points) {
     if (points == 0) refuse("the cloud has no points: expected at least 1");
@@ -181,49 +179,46 @@ std::vector<Index> chosen_regions(const Grown& grown, std::size_t count,
     return chosen;
 }
 
-/// Clusters of clusters, as clusters of their points.
-Clusters joined(const Clusters& small, const Clusters& of_small, const RunContext& context) {
-    Clusters large{made_in_blocks<std::vector<Index>>(small.members.size(), context),
-                   of_small.offsets};
-    auto to = large.members.begin();
-    for_blocks_in_order(of_small.size(), context, [&](std::size_t begin, std::size_t end) {
-        for (std::size_t i = begin; i < end; ++i) {
-            large.offsets[i] = static_cast<Index>(to - large.members.begin());
-            for (const Index cluster : of_small.of(i))
-                to = std::ranges::copy(small.of(cluster), to).out;
-        }
-    });
-    large.offsets.back() = static_cast<Index>(large.members.size());
-    return large;
+/// Of the clusters, the share that is wider than twice the median: of some of them.
+double share_of_wide(std::span<const Vec3f> points, const Clusters& clusters) {
+    constexpr std::size_t kAsked = 4'096;
+    constexpr double kWide = 2;
+    const std::size_t stride = (clusters.size() + kAsked - 1) / kAsked;
+    std::vector<double> widths;
+    Gathered gathered(points);
+    for (std::size_t i = 0; i < clusters.size(); i += stride)
+        widths.push_back(width_of_cluster(gathered.moments_of(clusters.of(i)), {}));
+    const auto middle = widths.begin() + static_cast<std::ptrdiff_t>(widths.size() / 2);
+    std::ranges::nth_element(widths, middle);
+    const auto wide = std::ranges::count_if(
+        widths, [limit = kWide * *middle](double width) { return width > limit; });
+    return static_cast<double>(wide) / static_cast<double>(widths.size());
 }
 
-/// A level of which coarser ones are made.
-struct Base {
-    std::vector<Vec3f> points;
-    Clusters clusters;  ///< of the input's points, one for each
-};
-
-/// How many regions are to grow for so many clusters: a half, a quarter, ... where these are small.
-std::uint64_t regions_for(std::uint64_t clusters, std::uint64_t points) {
-    if (points / clusters >= kSmall) return clusters;
-    while (clusters > 1 && points / clusters < kRegion) clusters /= 2;
-    return clusters;
-}
-
-/// Of points, exactly as many clusters as are wanted.
-Clusters clusters_of(std::span<const Vec3f> points, const IncrementalClusteringOptions& options,
+/// Exactly so many clusters. Those that strays make wide are split, and as many fewer are grown.
+Clusters clusters_of(std::span<const Vec3f> points, const Grown& grown, std::uint64_t target,
                      const RunContext& context) {
-    if (!options.target_size) return incremental_clusters(points, options, context);
-    IncrementalClusteringOptions grown = options;
-    if (!options.max_variation)
-        grown.target_size = regions_for(*options.target_size, points.size());
-    constexpr double kGrown = 0.8;
-    Clusters clusters = incremental_clusters(points, grown, context.part(0, kGrown));
-    split_clusters(points, *options.target_size, clusters, context);
+    constexpr double kFew = 0.01, kMost = 0.2;
+    const auto joined = [&](std::uint64_t count) {
+        return with_strays_joined(points, grown.regions, chosen_regions(grown, count, context),
+                                  context);
+    };
+    Clusters clusters = joined(target);
+    const double wide = std::min(kMost, share_of_wide(points, clusters));
+    if (wide >= kFew) {
+        const double others = (1 - wide) * static_cast<double>(target);
+        clusters = joined(static_cast<std::uint64_t>(std::ceil(others)));
+    }
+    split_clusters(points, target, clusters, context);
     return clusters;
 }
 
 }  // namespace
+
+bool are_split(std::uint64_t clusters, std::uint64_t points,
+               const IncrementalClusteringOptions& options) {
+    return !options.max_variation && points / clusters < kPointsToGrow;
+}
 
 Clusters incremental_clusters(std::span<const Vec3f> points,
                               const IncrementalClusteringOptions& options,
@@ -231,10 +226,19 @@ Clusters incremental_clusters(std::span<const Vec3f> points,
     check(options, points.size());
     std::optional<std::uint64_t> target = options.target_size;
     if (target) target = std::min<std::uint64_t>(*target, points.size());
+    if (target && are_split(*target, points.size(), options)) {
+        ClusterTree tree(points, width_of_cluster);
+        std::vector<Index> offsets = tree.cut(*target, context).offsets;
+        return {{tree.members().begin(), tree.members().end()}, std::move(offsets)};
+    }
+    const RunContext quiet{.stop = context.stop, .progress = {}, .threads = context.threads};
     const Grown grown = grow(points, options, target, context.part(0.0, 0.8));
-    const std::size_t count = target.value_or(grown.far_enough);
-    return with_strays_joined(points, grown.regions, chosen_regions(grown, count, context),
-                              context.part(0.8, 1.0));
+    if (target && !options.max_variation) return clusters_of(points, grown, *target, quiet);
+    Clusters clusters =
+        with_strays_joined(points, grown.regions,
+                           chosen_regions(grown, target.value_or(grown.far_enough), quiet), quiet);
+    if (target) split_clusters(points, *target, clusters, quiet);
+    return clusters;
 }
 
 PointCloud incremental_clustering(const PointCloud& cloud,
@@ -245,46 +249,13 @@ PointCloud incremental_clustering(const PointCloud& cloud,
     if (options.target_size && *options.target_size >= cloud.size()) return copy_of(cloud, context);
     const std::vector<Reduction> reductions =
         reductions_for(cloud, options.reductions, options.representative);
-    const Clusters clusters = clusters_of(cloud.positions, options, context.part(0.0, 0.8));
+    const Clusters clusters =
+        incremental_clusters(cloud.positions, options, context.part(0.0, 0.8));
     context.checkpoint(0.85);
     PointCloud result = representatives(cloud, {clusters.members.data(), clusters.offsets},
                                         options.representative, reductions, context);
     context.checkpoint(1.0);
     return result;
-}
-
-void incremental_levels(const PointCloud& cloud, std::span<const std::uint64_t> sizes,
-                        const IncrementalClusteringOptions& options,
-                        const std::function<void(PointCloud&&)>& on_cloud,
-                        const RunContext& context) {
-    const std::vector<Reduction> reductions =
-        reductions_for(cloud, options.reductions, options.representative);
-    for (; !sizes.empty() && sizes.front() == cloud.size(); sizes = sizes.subspan(1))
-        on_cloud(copy_of(cloud, context));
-    std::optional<Base> base;  // else the cloud
-    const auto make = [&](const LevelsOfBase& levels, const RunContext& run) {
-        const std::span<const Vec3f> points = base ? base->points : cloud.positions;
-        const double each = 1.0 / static_cast<double>(levels.sizes.size());
-        std::optional<Base> next;
-        double done = 0;
-        for (const std::uint64_t size : levels.sizes) {
-            IncrementalClusteringOptions one = options;
-            one.target_size = size;
-            const double before = std::exchange(done, std::min(1.0, done + each));
-            Clusters clusters = clusters_of(points, one, run.part(before, done));
-            if (base) clusters = joined(base->clusters, clusters, context);
-            PointCloud level = representatives(cloud, {clusters.members.data(), clusters.offsets},
-                                               options.representative, reductions, context);
-            if (size == levels.next_base) next = {level.positions, std::move(clusters)};
-            on_cloud(std::move(level));
-        }
-        base = std::move(next);
-    };
-    if (options.max_variation)
-        make({sizes}, context);
-    else
-        for_each_base(cloud.size(), sizes, context, make);
-    context.checkpoint(1.0);
 }
 
 }  // namespace stipple

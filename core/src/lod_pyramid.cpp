@@ -1,21 +1,18 @@
 #include "stipple/lod_pyramid.hpp"
 
+#include "base_clusters.hpp"
 #include "cloud_copy.hpp"
 #include "cluster_tree.hpp"
-#include "first_touch.hpp"
-#include "gather.hpp"
 #include "incremental_levels.hpp"
 #include "iterative_levels.hpp"
 #include "multiphase_runs.hpp"
 #include "nested_order.hpp"
-#include "parallel_for.hpp"
 #include "refuse.hpp"
 #include "representatives.hpp"
 #include "snapshots.hpp"
 #include "stipple/neighbors.hpp"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <iterator>
 #include <map>
@@ -27,7 +24,6 @@ namespace stipple {
 namespace {
 
 constexpr std::size_t kMaxLevels = 64;
-constexpr std::size_t kBlock = 65'536;
 
 RunContext quiet(const RunContext& context) {
     return {.stop = context.stop, .progress = {}, .threads = context.threads};
@@ -63,39 +59,12 @@ std::vector<std::uint64_t> with_fitting_base(std::span<const std::uint64_t> size
     return fitting;
 }
 
-/// The clusters of a cut in the order of their first members, which are less than `end`: by how
-/// many first members are less, of which each has a bit.
-std::vector<Index> by_first_member(std::span<const Index> members, std::span<const Index> offsets,
-                                   std::size_t end, const RunContext& context) {
-    constexpr std::size_t kBits = 64;
-    std::vector<std::uint64_t> bits(end / kBits + 1);
-    const std::span<const Index> clusters = offsets.first(offsets.size() - 1);
-    for_blocks_in_order(clusters.size(), context, [&](std::size_t begin, std::size_t last) {
-        for (const Index i : clusters.subspan(begin, last - begin))
-            bits[members[i] / kBits] |= std::uint64_t{1} << members[i] % kBits;
-    });
-    std::vector<Index> less(bits.size());
-    for (std::size_t word = 1; word < bits.size(); ++word)
-        less[word] = less[word - 1] + static_cast<Index>(std::popcount(bits[word - 1]));
-    auto order = made_in_blocks<std::vector<Index>>(clusters.size(), context);
-    for_blocks_in_order(clusters.size(), context, [&](std::size_t begin, std::size_t last) {
-        for (std::size_t i = begin; i < last; ++i) {
-            const Index first = members[clusters[i]];
-            const std::uint64_t below = (std::uint64_t{1} << first % kBits) - 1;
-            const int in_word = std::popcount(bits[first / kBits] & below);
-            order[less[first / kBits] + static_cast<Index>(in_word)] = static_cast<Index>(i);
-        }
-    });
-    return order;
-}
-
 /// Coarsest first.
-/// @param points, order  of the tree, and which of the cloud's points they are; none: as they
-/// stand.
-std::vector<LodLevel> cut_levels(const PointCloud& cloud, std::span<const Vec3f> points,
-                                 std::span<const Index> order, ClusterTree& tree,
+/// @param tree  of the base.
+std::vector<LodLevel> cut_levels(const PointCloud& cloud, const LevelBase& base, ClusterTree& tree,
                                  std::span<const std::uint64_t> sizes,
                                  const LodPyramidOptions& options, const RunContext& context) {
+    if (sizes.empty()) return {};
     const Representative representative = options.simplification.hierarchical.representative;
     const std::vector<Reduction> reductions =
         reductions_for(cloud, options.simplification.reductions, representative);
@@ -103,24 +72,12 @@ std::vector<LodLevel> cut_levels(const PointCloud& cloud, std::span<const Vec3f>
     constexpr double kCut = 0.6, kGathered = 0.7;
     const std::vector<Cut> cuts = tree.cuts(finest_first, context.part(0, kCut));
     context.checkpoint(kCut);
-    // Once for all levels.
-    Samples samples(sizes.empty() ? 0 : cloud.size());
-    parallel_for_blocks(samples.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
-        const MutableSampleSpan part = samples.all().part(begin, end);
-        gather(points, tree.members().subspan(begin, end - begin), part);
-        if (order.empty()) return;
-        for (std::size_t i = 0; i < part.size; ++i) part.index[i] = order[part.index[i]];
-    });
-    const SampleSpan ordered = samples.all();
+    const BaseClusters clusters(base, tree.members(), context);
     std::vector<LodLevel> levels;
     for (auto cut = cuts.rbegin(); cut != cuts.rend(); ++cut) {
         context.checkpoint(std::lerp(
             kGathered, 1.0, static_cast<double>(levels.size()) / static_cast<double>(cuts.size())));
-        LodLevel& level = levels.emplace_back();
-        level.cloud = representatives(cloud, MemberLists{ordered.index, cut->offsets, ordered},
-                                      representative, reductions, context);
-        if (!order.empty())
-            level.order = by_first_member(tree.members(), cut->offsets, cloud.size(), context);
+        levels.push_back(clusters.level(cloud, cut->offsets, representative, reductions, context));
     }
     return levels;
 }
@@ -135,49 +92,10 @@ CloudOfSize cuts_of(const PointCloud& cloud, ClusterTree& tree, const SimplifyOp
     };
 }
 
-std::vector<Vec3f> in_order(std::span<const Vec3f> points, std::span<const Index> order,
-                            const RunContext& context) {
-    auto sorted = made_in_blocks<std::vector<Vec3f>>(order.size(), context);
-    parallel_for_blocks(order.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
-        constexpr std::size_t kAhead = 16;  // that far the memory is asked for in advance
-        for (std::size_t i = begin; i < end; ++i) {
-            __builtin_prefetch(&points[order[std::min(i + kAhead, end - 1)]]);
-            sorted[i] = points[order[i]];
-        }
-    });
-    return sorted;
-}
-
 CloudOfSize prefixes_of(const PointCloud& cloud, const RunContext& context) {
     return [&cloud, order = nested_order(cloud.positions, context)](std::uint64_t points,
                                                                     const RunContext& run) {
         return subset(cloud, std::span(order).first(points), run);
-    };
-}
-
-/// Levels made of each other.
-/// @param sizes  ascending.
-CloudOfSize levels_of_levels(const PointCloud& cloud, std::span<const std::uint64_t> sizes,
-                             const SimplifyOptions& options, const RunContext& context) {
-    std::vector<std::uint64_t> finest_first(sizes.rbegin(), sizes.rend());
-    if (finest_first.front() == cloud.size()) finest_first.erase(finest_first.begin());
-    std::map<std::uint64_t, PointCloud> levels;
-    const auto keep = [&levels](PointCloud&& made) {
-        const std::uint64_t points = made.size();
-        levels[points] = std::move(made);
-    };
-    if (options.method == Method::Iterative) {
-        IterativeSimplificationOptions iterative = options.iterative;
-        iterative.reductions = options.reductions;
-        iterative_levels(cloud, finest_first, iterative, keep, context);
-    } else {
-        IncrementalClusteringOptions incremental = options.incremental;
-        incremental.reductions = options.reductions;
-        incremental.seed = options.seed;
-        incremental_levels(cloud, finest_first, incremental, keep, context);
-    }
-    return [&cloud, levels = std::move(levels)](std::uint64_t points, const RunContext& run) {
-        return copy_of(points == cloud.size() ? cloud : levels.at(points), run);
     };
 }
 
@@ -338,34 +256,78 @@ std::span<const std::uint64_t> made_of(const std::vector<std::uint64_t>& sizes,
     return all.back() == cloud.size() ? all.first(all.size() - 1) : all;
 }
 
-/// All levels are cuts of one tree, and there before the first is handed on.
-/// @param whole  gives the cloud, after which it is not looked at.
-void build_cuts(const PointCloud& cloud, const std::function<PointCloud()>& whole, Sizes sizes,
-                const LodPyramidOptions& options, const std::function<void(LodLevel&&)>& on_level,
-                const RunContext& context) {
-    const double prepared = options.spacing ? 0.7 : 0.95;
-    std::vector<LodLevel> levels;
-    {  // what is not needed while levels are encoded
-        // The base is tried by clusters of the cloud's own points, and so it is cut.
-        const std::span<const Index> order =
-            sizes.tries.empty() ? options.order : std::span<const Index>();
-        std::vector<Vec3f> sorted;
-        std::span<const Vec3f> points(cloud.positions);
-        if (!order.empty()) points = sorted = in_order(points, order, context);
-        ClusterTree tree(points);
-        if (!sizes.tries.empty())
-            sizes.levels =
-                with_fitting_base(sizes.levels, sizes.tries, options,
-                                  cuts_of(cloud, tree, options.simplification), quiet(context));
-        levels = cut_levels(cloud, points, order, tree, made_of(sizes.levels, cloud), options,
-                            context.part(0, prepared));
+/// All but the whole cloud, coarsest first: cuts of one tree.
+/// @param sizes  made to fit.
+std::vector<LodLevel> levels_of_tree(const PointCloud& cloud, Sizes& sizes,
+                                     const LodPyramidOptions& options, const RunContext& context) {
+    // The base is tried by clusters of the cloud's own points, and so it is cut.
+    const std::span<const Index> order =
+        sizes.tries.empty() ? options.order : std::span<const Index>();
+    const LevelBase base(cloud, order, context);
+    ClusterTree tree(base.points());
+    if (!sizes.tries.empty())
+        sizes.levels =
+            with_fitting_base(sizes.levels, sizes.tries, options,
+                              cuts_of(cloud, tree, options.simplification), quiet(context));
+    std::vector<LodLevel> levels =
+        cut_levels(cloud, base, tree, made_of(sizes.levels, cloud), options, context);
+    if (order.empty())
+        for (LodLevel& level : levels) level.order.clear();
+    return levels;
+}
+
+/// The same of levels that are made of each other.
+std::vector<LodLevel> levels_of_levels(const PointCloud& cloud, Sizes& sizes,
+                                       const LodPyramidOptions& options,
+                                       const RunContext& context) {
+    const std::vector<std::uint64_t> all = sizes.all();
+    const std::span<const std::uint64_t> made = made_of(all, cloud);
+    const std::vector<std::uint64_t> finest_first(made.rbegin(), made.rend());
+    std::map<std::uint64_t, LodLevel> by_size;
+    const auto keep = [&by_size](LodLevel&& level) {
+        const std::uint64_t points = level.cloud.size();
+        by_size[points] = std::move(level);
+    };
+    const SimplifyOptions& method = options.simplification;
+    if (method.method == Method::Iterative) {
+        IterativeSimplificationOptions iterative = method.iterative;
+        iterative.reductions = method.reductions;
+        iterative_levels(
+            cloud, finest_first, iterative,
+            [&](PointCloud&& level) { keep({.cloud = std::move(level)}); }, context);
+    } else {
+        IncrementalClusteringOptions incremental = method.incremental;
+        incremental.reductions = method.reductions;
+        incremental.seed = method.seed;
+        incremental_levels(cloud, options.order, finest_first, incremental, keep, context);
     }
+    const auto level_of = [&](std::uint64_t points, const RunContext& run) {
+        return copy_of(points == cloud.size() ? cloud : by_size.at(points).cloud, run);
+    };
+    if (!sizes.tries.empty())
+        sizes.levels =
+            with_fitting_base(sizes.levels, sizes.tries, options, level_of, quiet(context));
+    std::vector<LodLevel> levels;
+    for (const std::uint64_t size : made_of(sizes.levels, cloud))
+        levels.push_back(std::move(by_size.at(size)));
+    return levels;
+}
+
+/// All levels are there before the first is handed on.
+/// @param whole  gives the cloud, after which it is not looked at.
+void build_at_once(const PointCloud& cloud, const std::function<PointCloud()>& whole, Sizes sizes,
+                   const LodPyramidOptions& options,
+                   const std::function<void(LodLevel&&)>& on_level, const RunContext& context) {
+    const double prepared = options.spacing ? 0.7 : 0.95;
+    const bool is_tree = options.simplification.method == Method::Hierarchical;
+    std::vector<LodLevel> levels = (is_tree ? levels_of_tree : levels_of_levels)(
+        cloud, sizes, options, context.part(0, prepared));
     LevelEmitter emitter(sizes.levels, prepared, options, on_level, context);
     for (LodLevel& next : levels) emitter.emit(std::move(next));
     if (levels.size() < sizes.levels.size()) emitter.emit({.cloud = whole()});
 }
 
-/// How the levels of a method that does not cut one tree are made, one after the other.
+/// How the levels of other methods are made, one after the other.
 struct LevelsInTurn {
     CloudOfSize level_of;
     double prepared;  ///< part of the work that was done before the first
@@ -381,10 +343,6 @@ LevelsInTurn levels_in_turn(const PointCloud& cloud, const Sizes& sizes,
         case Method::Multiphase:
             return {multiphase_runs_of(cloud, sizes.all(), method, context.part(0, kOfOneTree)),
                     kOfOneTree};
-        case Method::Iterative:
-        case Method::Incremental:
-            return {levels_of_levels(cloud, sizes.all(), method, context.part(0, at_once)),
-                    at_once};
         default:
             // The coarsest is there before the finest is begun.
             return {own_runs_of(cloud, method, context.part(0, kOfTheirOwn)), kOfTheirOwn};
@@ -421,8 +379,12 @@ void build(const PointCloud& cloud, const std::function<PointCloud()>& whole,
         refuse("order of ", options.order.size(), " points: expected all ", cloud.size());
     }
     context.checkpoint(0.0);
-    const bool cuts = options.simplification.method == Method::Hierarchical;
-    (cuts ? build_cuts : build_in_turn)(cloud, whole, std::move(sizes), options, on_level, context);
+    const Method method = options.simplification.method;
+    const bool at_once =
+        !options.nested && (method == Method::Hierarchical || method == Method::Iterative ||
+                            method == Method::Incremental);
+    (at_once ? build_at_once : build_in_turn)(cloud, whole, std::move(sizes), options, on_level,
+                                              context);
 }
 
 }  // namespace

@@ -103,14 +103,14 @@ PointCloud uneven_sphere(std::uint64_t points) {
     return cloud;
 }
 
-TEST(IncrementalClustering, SplitsSmallClustersInsteadOfLeavingGapsWhereItIsSparse) {
+TEST(IncrementalClustering, OfACountLeavesNoGapsWhereItIsSparse) {
     const PointCloud cloud = uneven_sphere(8'000);
-    const IncrementalClusteringOptions quarter{.target_size = 2'000};
-    const PointCloud split = incremental_clustering(cloud, quarter),
-                     grown = representatives(cloud, incremental_clusters(cloud.positions, quarter),
-                                             Representative::Nearest);
-    ASSERT_EQ(split.size(), grown.size());
-    EXPECT_LT(largest_gap(cloud, split), 0.8 * largest_gap(cloud, grown));
+    for (const std::uint64_t size : {5, 20, 100}) {
+        const PointCloud grown = incremental_clustering(cloud, {.max_cluster_size = size}),
+                         counted = incremental_clustering(cloud, {.target_size = grown.size()});
+        ASSERT_EQ(counted.size(), grown.size());
+        EXPECT_LT(largest_gap(cloud, counted), 0.7 * largest_gap(cloud, grown)) << size;
+    }
 }
 
 TEST(IncrementalClustering, OfABoundedSizeOnlyStraysMakeClustersLarger) {

@@ -21,7 +21,7 @@ struct IncrementalClusteringOptions {
     Representative representative = Representative::Nearest;
     std::map<std::string, Reduction>
         reductions{};        ///< by attribute name, overriding the attribute's own
-    std::uint64_t seed = 0;  ///< chooses the first seed point
+    std::uint64_t seed = 0;  ///< chooses the first seed point of clusters that are grown
 };
 
 /// Clustering by region growing (§3.1): a cluster takes the nearest free neighbours of its seed
@@ -30,14 +30,16 @@ struct IncrementalClusteringOptions {
 /// neither bound, go to the clusters with the closest centroids.
 ///
 /// Given `target_size`, n_max is the mean size of a cluster at which about as many clusters as
-/// wanted reach half of it; exactly that many, those closest to a bound, are not strays. With
-/// `max_variation` as well, trial regions estimate the n_max and variation bound that yield about
-/// that many: n_max up to half as large again, so that the clusters of flat parts make up for the
-/// small ones of curved parts; if there would still be too many, the bound on the variation yields.
-/// If there are too few, the clusters that vary most are split across their longest direction.
-/// Clusters of fewer than 8 points in the mean are all split in this way, from grown ones of 24 to
-/// 47: quicker, and without the gaps that stray clusters leave where points are sparse
-/// (bench/README.md, "Small clusters").
+/// wanted reach half of it; exactly that many, those closest to a bound, are not strays. Where
+/// points are unevenly dense, the points of strays lie far from all clusters and make some of them
+/// wide: then as many fewer are kept as are wider than twice the median, a fifth at most, and the
+/// widest are split, across their longest direction. Clusters of fewer than 8 points in the mean
+/// are not grown, but split in this way from the whole, the widest first: quicker, and as even.
+/// With `max_variation` as well, trial regions estimate the n_max and variation bound that yield
+/// about that many: n_max up to half as large again, so that the clusters of flat parts make up for
+/// the small ones of curved parts; if there would still be too many, the bound on the variation
+/// yields. If there are too few, the widest are split. What that gains is in bench/README.md, "Wide
+/// clusters".
 ///
 /// Departures from the paper: neighbours are spatial, not those of a graph, but a cluster reaches
 /// no farther than 1.3 times the radius that n_max points have about its seed, so that it cannot
@@ -59,8 +61,7 @@ PointCloud incremental_clustering(const PointCloud& cloud,
                                   const IncrementalClusteringOptions& options,
                                   const RunContext& context = {});
 
-/// The clusters alone, in the order in which they were grown; with a target, that many, however
-/// small, or fewer if some would have to be split.
+/// The clusters alone, in the order in which they were grown, halves in place of what was split.
 Clusters incremental_clusters(std::span<const Vec3f> points,
                               const IncrementalClusteringOptions& options,
                               const RunContext& context = {});

@@ -26,10 +26,10 @@ struct LodPyramidOptions {
                           ///< prefixes of one order, contraction to an end point in reverse. Only
                           ///< `iterative`, whose options and `reductions` are ignored
     bool spacing = true;  ///< measure each level's spacing; unnecessary if its tiles report it
-    std::span<const Index>
-        order{};  ///< of all points along a curve, if known (`LodTiler::order`): a tree of millions
-                  ///< then grows faster, over points that are adjacent in memory, with 12 more
-                  ///< bytes per point. Only for cuts without `base_fits`
+    std::span<const Index> order{};  ///< of all points along a curve, if known (`LodTiler::order`):
+                                     ///< a tree of millions then grows faster, over points that are
+                                     ///< adjacent in memory, with 12 more bytes per point. Only for
+                                     ///< `incremental`, and for `hierarchical` without `base_fits`
 };
 
 /// One level of a pyramid, 0 the coarsest.

@@ -1,0 +1,162 @@
+#include "base_clusters.hpp"
+
+#include "first_touch.hpp"
+#include "gather.hpp"
+#include "parallel_for.hpp"
+
+#include <algorithm>
+#include <bit>
+#include <cstdint>
+#include <utility>
+
+namespace stipple {
+
+namespace {
+
+constexpr std::size_t kBlock = 65'536;
+
+std::vector<Vec3f> in_order(std::span<const Vec3f> points, std::span<const Index> order,
+                            const RunContext& context) {
+    auto sorted = made_in_blocks<std::vector<Vec3f>>(order.size(), context);
+    parallel_for_blocks(order.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+        constexpr std::size_t kAhead = 16;  // that far the memory is asked for in advance
+        for (std::size_t i = begin; i < end; ++i) {
+            __builtin_prefetch(&points[order[std::min(i + kAhead, end - 1)]]);
+            sorted[i] = points[order[i]];
+        }
+    });
+    return sorted;
+}
+
+/// The clusters in the order of their first members: by how many first members are less, of which
+/// each has a bit.
+std::vector<Index> by_first_member(std::span<const Index> members, std::span<const Index> offsets,
+                                   const RunContext& context) {
+    constexpr std::size_t kBits = 64;
+    std::vector<std::uint64_t> bits(members.size() / kBits + 1);
+    const std::span<const Index> clusters = offsets.first(offsets.size() - 1);
+    for_blocks_in_order(clusters.size(), context, [&](std::size_t begin, std::size_t last) {
+        for (const Index i : clusters.subspan(begin, last - begin))
+            bits[members[i] / kBits] |= std::uint64_t{1} << members[i] % kBits;
+    });
+    std::vector<Index> less(bits.size());
+    for (std::size_t word = 1; word < bits.size(); ++word)
+        less[word] = less[word - 1] + static_cast<Index>(std::popcount(bits[word - 1]));
+    auto order = made_in_blocks<std::vector<Index>>(clusters.size(), context);
+    for_blocks_in_order(clusters.size(), context, [&](std::size_t begin, std::size_t last) {
+        for (std::size_t i = begin; i < last; ++i) {
+            const Index first = members[clusters[i]];
+            const std::uint64_t below = (std::uint64_t{1} << first % kBits) - 1;
+            const int in_word = std::popcount(bits[first / kBits] & below);
+            order[less[first / kBits] + static_cast<Index>(in_word)] = static_cast<Index>(i);
+        }
+    });
+    return order;
+}
+
+/// Copies samples four at a time: up to three more than are asked for.
+void copy_fours(const SampleSpan& from, const MutableSampleSpan& to) {
+    constexpr std::size_t kBytes = 4 * sizeof(float);
+    for (std::size_t i = 0; i < from.size; i += 4) {
+        __builtin_memcpy(to.x + i, from.x + i, kBytes);
+        __builtin_memcpy(to.y + i, from.y + i, kBytes);
+        __builtin_memcpy(to.z + i, from.z + i, kBytes);
+        __builtin_memcpy(to.index + i, from.index + i, kBytes);
+    }
+}
+
+void copy_each(const SampleSpan& from, const MutableSampleSpan& to) {
+    std::copy_n(from.x, from.size, to.x);
+    std::copy_n(from.y, from.size, to.y);
+    std::copy_n(from.z, from.size, to.z);
+    std::copy_n(from.index, from.size, to.index);
+}
+
+}  // namespace
+
+LevelBase::LevelBase(const PointCloud& cloud, std::span<const Index> order,
+                     const RunContext& context)
+    : points_(cloud.positions), order_(order) {
+    if (!order.empty()) points_ = sorted_ = in_order(cloud.positions, order, context);
+}
+
+BaseClusters::BaseClusters(const LevelBase& base, std::span<const Index> members,
+                           const RunContext& context)
+    : members_(members) {
+    if (!base.samples_) {
+        auto samples = std::make_shared<Samples>(members.size());
+        parallel_for_blocks(members.size(), kBlock, context,
+                            [&](std::size_t begin, std::size_t end) {
+                                const MutableSampleSpan part = samples->all().part(begin, end);
+                                gather(base.points_, members.subspan(begin, end - begin), part);
+                                if (base.order_.empty()) return;
+                                for (std::size_t i = 0; i < part.size; ++i)
+                                    part.index[i] = base.order_[part.index[i]];
+                            });
+        samples_ = std::move(samples);
+        return;
+    }
+    resize_in_blocks(begins_, members.size() + 1, context);
+    for_blocks_in_order(members.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i)
+            begins_[i + 1] = begins_[i] + base.parts_[members[i]].size;
+    });
+    auto samples = std::make_shared<Samples>(base.samples_->size());
+    const SampleSpan from = std::as_const(*base.samples_).all();
+    const MutableSampleSpan to = samples->all();
+    parallel_for_blocks(members.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+        constexpr std::size_t kMore = 3;  // that are written before what belongs there
+        for (std::size_t i = begin; i < end; ++i) {
+            const Index next = base.parts_[members[std::min(i + 12, end - 1)]].begin;
+            __builtin_prefetch(from.x + next);
+            __builtin_prefetch(from.y + next);
+            __builtin_prefetch(from.z + next);
+            __builtin_prefetch(from.index + next);
+            const LevelBase::Part part = base.parts_[members[i]];
+            const std::size_t part_end = part.begin + part.size;
+            const bool has_room =
+                begins_[i + 1] + kMore <= begins_[end] && part_end + kMore <= from.size;
+            (has_room ? copy_fours : copy_each)(from.part(part.begin, part_end),
+                                                to.part(begins_[i], begins_[i + 1]));
+        }
+    });
+    samples_ = std::move(samples);
+}
+
+std::vector<Index> BaseClusters::in_samples(std::span<const Index> offsets) const {
+    std::vector<Index> all(offsets.begin(), offsets.end());
+    if (!begins_.empty())
+        for (Index& offset : all) offset = begins_[offset];
+    return all;
+}
+
+LodLevel BaseClusters::level(const PointCloud& cloud, std::span<const Index> offsets,
+                             Representative kind, std::span<const Reduction> reductions,
+                             const RunContext& context) const {
+    const std::vector<Index> all = in_samples(offsets);
+    const SampleSpan samples = std::as_const(*samples_).all();
+    LodLevel level;
+    level.cloud =
+        representatives(cloud, MemberLists{samples.index, all, samples}, kind, reductions, context);
+    level.order = by_first_member(members_, offsets, context);
+    return level;
+}
+
+LevelBase BaseClusters::base_of(const LodLevel& level, std::span<const Index> offsets,
+                                const RunContext& context) const {
+    LevelBase base;
+    base.sorted_ = in_order(level.cloud.positions, level.order, context);
+    base.points_ = base.sorted_;
+    base.samples_ = samples_;
+    const std::vector<Index> all = in_samples(offsets);
+    resize_in_blocks(base.parts_, level.order.size(), context);
+    for_blocks_in_order(level.order.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+            const Index cluster = level.order[i];
+            base.parts_[i] = {all[cluster], all[cluster + 1] - all[cluster]};
+        }
+    });
+    return base;
+}
+
+}  // namespace stipple
