@@ -82,45 +82,49 @@ LevelBase::LevelBase(const PointCloud& cloud, std::span<const Index> order,
 
 BaseClusters::BaseClusters(const LevelBase& base, std::span<const Index> members,
                            const RunContext& context)
-    : members_(members) {
-    if (!base.samples_) {
-        auto samples = std::make_shared<Samples>(members.size());
-        parallel_for_blocks(members.size(), kBlock, context,
-                            [&](std::size_t begin, std::size_t end) {
-                                const MutableSampleSpan part = samples->all().part(begin, end);
-                                gather(base.points_, members.subspan(begin, end - begin), part);
-                                if (base.order_.empty()) return;
-                                for (std::size_t i = 0; i < part.size; ++i)
-                                    part.index[i] = base.order_[part.index[i]];
-                            });
-        samples_ = std::move(samples);
-        return;
-    }
-    resize_in_blocks(begins_, members.size() + 1, context);
-    for_blocks_in_order(members.size(), context, [&](std::size_t begin, std::size_t end) {
-        for (std::size_t i = begin; i < end; ++i)
-            begins_[i + 1] = begins_[i] + base.parts_[members[i]].size;
+    : base_(base), members_(members) {
+    if (base.samples_)
+        gather_parts(context);
+    else
+        gather_cloud(context);
+}
+
+void BaseClusters::gather_cloud(const RunContext& context) {
+    samples_ = std::make_shared<Samples>(members_.size());
+    parallel_for_blocks(members_.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+        const MutableSampleSpan part = samples_->all().part(begin, end);
+        gather(base_.points_, members_.subspan(begin, end - begin), part);
+        if (base_.order_.empty()) return;
+        for (std::size_t i = 0; i < part.size; ++i) part.index[i] = base_.order_[part.index[i]];
     });
-    auto samples = std::make_shared<Samples>(base.samples_->size());
-    const SampleSpan from = std::as_const(*base.samples_).all();
-    const MutableSampleSpan to = samples->all();
-    parallel_for_blocks(members.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
-        constexpr std::size_t kMore = 3;  // that are written before what belongs there
+}
+
+void BaseClusters::gather_parts(const RunContext& context) {
+    resize_in_blocks(begins_, members_.size() + 1, context);
+    for_blocks_in_order(members_.size(), context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {
-            const Index next = base.parts_[members[std::min(i + 12, end - 1)]].begin;
-            __builtin_prefetch(from.x + next);
-            __builtin_prefetch(from.y + next);
-            __builtin_prefetch(from.z + next);
-            __builtin_prefetch(from.index + next);
-            const LevelBase::Part part = base.parts_[members[i]];
-            const std::size_t part_end = part.begin + part.size;
-            const bool has_room =
-                begins_[i + 1] + kMore <= begins_[end] && part_end + kMore <= from.size;
-            (has_room ? copy_fours : copy_each)(from.part(part.begin, part_end),
-                                                to.part(begins_[i], begins_[i + 1]));
+            begins_[i + 1] = begins_[i];
+            for (const LevelBase::Part& part : base_.parts_of(members_[i]))
+                begins_[i + 1] += part.end - part.begin;
         }
     });
-    samples_ = std::move(samples);
+    samples_ = std::make_shared<Samples>(base_.samples_->size());
+    const SampleSpan from = std::as_const(*base_.samples_).all();
+    const MutableSampleSpan all = samples_->all();
+    parallel_for_blocks(members_.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+        constexpr std::size_t kMore = 3;  // that are written before what belongs there
+        std::size_t to = begins_[begin];
+        for (std::size_t i = begin; i < end; ++i) {
+            for (const LevelBase::Part& part : base_.parts_of(members_[i])) {
+                const std::size_t size = part.end - part.begin;
+                const bool has_room =
+                    to + size + kMore <= begins_[end] && part.end + kMore <= from.size;
+                (has_room ? copy_fours : copy_each)(from.part(part.begin, part.end),
+                                                    all.part(to, to + size));
+                to += size;
+            }
+        }
+    });
 }
 
 std::vector<Index> BaseClusters::in_samples(std::span<const Index> offsets) const {
@@ -147,15 +151,25 @@ LevelBase BaseClusters::base_of(const LodLevel& level, std::span<const Index> of
     LevelBase base;
     base.sorted_ = in_order(level.cloud.positions, level.order, context);
     base.points_ = base.sorted_;
-    base.samples_ = samples_;
-    const std::vector<Index> all = in_samples(offsets);
-    resize_in_blocks(base.parts_, level.order.size(), context);
+    const bool of_cloud = !base_.samples_;
+    base.samples_ = of_cloud ? samples_ : base_.samples_;
+    base.parts_.reserve(of_cloud ? level.order.size() : base_.parts_.size());
+    base.firsts_.reserve(level.order.size() + 1);
     for_blocks_in_order(level.order.size(), context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {
-            const Index cluster = level.order[i];
-            base.parts_[i] = {all[cluster], all[cluster + 1] - all[cluster]};
+            base.firsts_.push_back(static_cast<Index>(base.parts_.size()));
+            const Index first = offsets[level.order[i]], last = offsets[level.order[i] + 1];
+            if (of_cloud) {
+                base.parts_.push_back({first, last});
+                continue;
+            }
+            for (const Index member : members_.subspan(first, last - first)) {
+                const std::span<const LevelBase::Part> parts = base_.parts_of(member);
+                base.parts_.insert(base.parts_.end(), parts.begin(), parts.end());
+            }
         }
     });
+    base.firsts_.push_back(static_cast<Index>(base.parts_.size()));
     return base;
 }
 

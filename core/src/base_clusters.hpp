@@ -28,22 +28,27 @@ public:
 private:
     friend class BaseClusters;
     struct Part {
-        Index begin, size;
+        Index begin, end;
     };
 
     LevelBase() = default;
+
+    std::span<const Part> parts_of(Index point) const noexcept {
+        return {&parts_[firsts_[point]], firsts_[point + 1] - firsts_[point]};
+    }
 
     std::vector<Vec3f> sorted_;  ///< none where the cloud's points stand as they are
     std::span<const Vec3f> points_;
     std::span<const Index> order_;            ///< of the cloud's
     std::shared_ptr<const Samples> samples_;  ///< of the cloud; none: the points are those
-    std::vector<Part> parts_;                 ///< of the samples, for each point
+    std::vector<Part> parts_;                 ///< of the samples, point by point
+    std::vector<Index> firsts_;               ///< of each point's, one more for the end
 };
 
 /// What clusters of a base's points have of the cloud.
 class BaseClusters {
 public:
-    /// @param members  of all clusters, one behind the other; they must stay where they are.
+    /// Base and members, of all clusters one behind the other, must stay where they are.
     BaseClusters(const LevelBase& base, std::span<const Index> members, const RunContext& context);
 
     /// The level of their representatives, with its order along the base's curve.
@@ -57,8 +62,12 @@ public:
 private:
     std::vector<Index> in_samples(std::span<const Index> offsets) const;
 
+    void gather_cloud(const RunContext& context);
+    void gather_parts(const RunContext& context);
+
+    const LevelBase& base_;
     std::span<const Index> members_;
-    std::shared_ptr<const Samples> samples_;  ///< of the cloud, in the order of the members
+    std::shared_ptr<Samples> samples_;  ///< of the cloud, in the order of the members
     std::vector<Index> begins_;  ///< of each member's, one more for the end; none: it is one sample
 };
 

@@ -479,6 +479,10 @@ std::vector<SplitRank> ClusterTree::first_splits(std::size_t count, const RunCon
     return chosen;
 }
 
+void ClusterTree::forget_nodes() noexcept {
+    Nodes(nodes_.get_allocator()).swap(nodes_);
+}
+
 Cut ClusterTree::leaves(const RunContext& context) const {
     return cut_where([](const ClusterNode& node) { return node.is_split(); },
                      (nodes_.size() + roots_) / 2, context);

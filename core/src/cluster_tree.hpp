@@ -96,6 +96,9 @@ public:
     /// The leaves.
     Cut leaves(const RunContext& context) const;
 
+    /// Gives back the memory of the nodes: of the tree, only the members can be asked for then.
+    void forget_nodes() noexcept;
+
     /// The numbers of the points, cluster by cluster, left before right.
     std::span<const Index> members() const noexcept { return members_; }
 

@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <deque>
 #include <utility>
 #include <vector>
 
@@ -19,11 +20,13 @@ constexpr std::uint64_t kBetweenBases = 3;  // points of one for one of the next
 
 class LevelMaker {
 public:
-    LevelMaker(const PointCloud& cloud, std::span<const Index> order,
+    /// @param smallest  size of a level.
+    LevelMaker(const PointCloud& cloud, std::span<const Index> order, std::uint64_t smallest,
                const IncrementalClusteringOptions& options,
                const std::function<void(LodLevel&&)>& on_level, const RunContext& context)
         : cloud_(cloud),
           has_curve_(!order.empty()),
+          smallest_(smallest),
           options_(options),
           reductions_(reductions_for(cloud, options.reductions, options.representative)),
           on_level_(on_level) {
@@ -36,6 +39,7 @@ public:
         constexpr double kCut = 0.7;
         const std::vector<Cut> cuts = tree.cuts(sizes, context.part(0, kCut));
         context.checkpoint(kCut);
+        tree.forget_nodes();
         const BaseClusters clusters(base, tree.members(), context);
         for (const Cut& cut : cuts) emit(clusters, cut.offsets, context);
         context.checkpoint(1);
@@ -43,7 +47,7 @@ public:
 
     void grow(std::uint64_t size, const RunContext& context) {
         while (bases_.size() > 1 && bases_[1].points().size() / size >= kPointsToGrow)
-            bases_.erase(bases_.begin());
+            bases_.pop_front();
         const LevelBase& base = bases_.front();
         IncrementalClusteringOptions one = options_;
         one.target_size = size;
@@ -56,19 +60,26 @@ private:
               const RunContext& context) {
         LodLevel level =
             clusters.level(cloud_, offsets, options_.representative, reductions_, context);
-        const bool is_base = level.cloud.size() <= bases_.back().points().size() / kBetweenBases;
-        if (is_base && !options_.max_variation)
+        if (is_base(level.cloud.size()))
             bases_.push_back(clusters.base_of(level, offsets, context));
         if (!has_curve_) level.order.clear();
         on_level_(std::move(level));
     }
 
+    /// Whether levels to come may be grown over a level.
+    bool is_base(std::uint64_t size) const {
+        return !options_.max_variation && size / smallest_ >= kPointsToGrow &&
+               bases_.back().points().size() / size >= kBetweenBases;
+    }
+
     const PointCloud& cloud_;
     bool has_curve_;
+    std::uint64_t smallest_;
     const IncrementalClusteringOptions& options_;
     std::vector<Reduction> reductions_;
     const std::function<void(LodLevel&&)>& on_level_;
-    std::vector<LevelBase> bases_;  ///< finest first, from the one that the next level is of
+    /// Finest first, from the one that the next level is of. They must not move.
+    std::deque<LevelBase> bases_;
 };
 
 /// Of sizes, how many are cuts of one tree of the cloud.
@@ -91,7 +102,7 @@ void incremental_levels(const PointCloud& cloud, std::span<const Index> order,
     for (; !sizes.empty() && sizes.front() == cloud.size(); sizes = sizes.subspan(1))
         on_level({.cloud = copy_of(cloud, context)});
     if (sizes.empty()) return;
-    LevelMaker maker(cloud, order, options, on_level, context);
+    LevelMaker maker(cloud, order, sizes.back(), options, on_level, context);
     const std::size_t cuts = cut_count(sizes, cloud.size(), options);
     double done = 0;
     if (cuts > 0) {

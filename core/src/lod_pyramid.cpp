@@ -72,6 +72,7 @@ std::vector<LodLevel> cut_levels(const PointCloud& cloud, const LevelBase& base,
     constexpr double kCut = 0.6, kGathered = 0.7;
     const std::vector<Cut> cuts = tree.cuts(finest_first, context.part(0, kCut));
     context.checkpoint(kCut);
+    tree.forget_nodes();
     const BaseClusters clusters(base, tree.members(), context);
     std::vector<LodLevel> levels;
     for (auto cut = cuts.rbegin(); cut != cuts.rend(); ++cut) {
