@@ -399,32 +399,48 @@ void ClusterTree::grow_leaves(const SplitRule& rule, const RunContext& context) 
     std::size_t largest = 0;
     for (const Job& job : jobs) largest = std::max(largest, job.points);
     Rooms rooms(2 * largest);
-    std::vector<Nodes> grown;
-    for (std::size_t j = 0; j < jobs.size(); ++j) grown.emplace_back(&large_memory_resource());
-    const auto grow_job = [&](std::size_t j) {
-        const Job& job = jobs[j];
-        grown[j].reserve(nodes_of(job.points));
-        for (std::size_t i = job.begin; i < job.end; ++i) grown[j].push_back(nodes_[leaves[i]]);
+    const auto grow_job = [&](const Job& job, Nodes& nodes) {
+        nodes.clear();
+        nodes.reserve(nodes_of(job.points));
+        for (std::size_t i = job.begin; i < job.end; ++i) nodes.push_back(nodes_[leaves[i]]);
         if (room_.size > 0)
-            return grow_in(room_.part(2 * job.place, 2 * (job.place + job.points)), grown[j]);
-        rooms.use([&](const MutableSampleSpan& room) {
-            grow_in(room.part(0, 2 * job.points), grown[j]);
-        });
+            return grow_in(room_.part(2 * job.place, 2 * (job.place + job.points)), nodes);
+        rooms.use(
+            [&](const MutableSampleSpan& room) { grow_in(room.part(0, 2 * job.points), nodes); });
     };
-    with_threads(context, [&] {
-        parallel_for_blocks_with_progress(jobs.size(), 1, context,
-                                          [&](std::size_t j, std::size_t) { grow_job(j); });
-    });
-    std::size_t total = nodes_.size();
-    for (std::size_t j = 0; j < jobs.size(); ++j)
-        total += grown[j].size() - (jobs[j].end - jobs[j].begin);
-    reserve_in_blocks(nodes_, total, context);
-    for (std::size_t j = 0; j < jobs.size(); ++j) {
-        context.throw_if_stopped();
-        graft(nodes_, std::span(leaves).subspan(jobs[j].begin, jobs[j].end - jobs[j].begin),
-              grown[j]);
-        // Of the same resource: a swap leaves each with its own, and the wrong one would free.
-        Nodes(&large_memory_resource()).swap(grown[j]);
+    // Some at a time, in memory that is used again: new memory takes longer than to copy nodes.
+    const auto make_room = [&](const Job& job, std::size_t more) {
+        const std::size_t needed = nodes_.size() + more;
+        if (needed <= nodes_.capacity()) return;
+        constexpr double kAsMany = 1.25;  // for the points to come; what is not used costs nothing
+        const double likely = kAsMany * static_cast<double>(more) / static_cast<double>(job.points);
+        const double to_come = likely * static_cast<double>(place - job.place);
+        reserve_in_blocks(
+            nodes_, std::max(needed, nodes_.size() + static_cast<std::size_t>(to_come)), context);
+    };
+    std::vector<Nodes> grown;
+    for (std::size_t first = 0, last = 0; first < jobs.size(); first = last) {
+        const std::size_t most = jobs[first].place + kResident * context.thread_count();
+        while (last < jobs.size() &&
+               (last == first || jobs[last].place + jobs[last].points <= most))
+            ++last;
+        while (grown.size() < last - first) grown.emplace_back(&large_memory_resource());
+        const auto reached = [&](std::size_t job) {
+            return job < jobs.size()
+                       ? static_cast<double>(jobs[job].place) / static_cast<double>(place)
+                       : 1.0;
+        };
+        with_threads(context, [&] {
+            parallel_for_blocks_with_progress(
+                last - first, 1, context.part(reached(first), reached(last)),
+                [&](std::size_t i, std::size_t) { grow_job(jobs[first + i], grown[i]); });
+        });
+        for (std::size_t j = first; j < last; ++j) {
+            context.throw_if_stopped();
+            make_room(jobs[j], grown[j - first].size());
+            graft(nodes_, std::span(leaves).subspan(jobs[j].begin, jobs[j].end - jobs[j].begin),
+                  grown[j - first]);
+        }
     }
 }
 

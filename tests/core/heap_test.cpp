@@ -39,7 +39,7 @@ TEST(Heap, MemoryOfEverySizeLiesInHugePages) {
         prefer_huge_heap();
         int huge = 0;
         // The first fills what of the heap lies before its first huge page.
-        for (const std::size_t kib : {2'000U, 200U, 3'000U, 30'000U}) {
+        for (const std::size_t kib : {2'304U, 200U, 3'000U, 30'000U}) {
             const void* const memory = std::malloc(kib << 10U);
             const auto flags = flags_at(memory);
             huge += flags && flags->find(" hg ") != std::string::npos ? 1 : 0;
