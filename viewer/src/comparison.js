@@ -1,127 +1,183 @@
-import { byId, element, setHidden } from './element.js';
+import { colorize } from './coloring.js';
 import * as format from './format.js';
-import { drawnErrorOf } from './level_error.js';
+import { inputOf, summaryOf, titleOf } from './library.js';
+import { showProblem } from './notices.js';
+import { ResultSession } from './result_session.js';
+import { SplitView } from './split_view.js';
 
-const kStep = 0.02;
-const kOtherUnit = 100;  // times as large: metres and kilometres, not a part and the whole
+/** Nothing beside what is shown. */
+export const kAlone = { right: null, layout: null, at: null };
 
-/** Two results with one camera: what is on the right, the line between them, the labels above. */
+/** The result on the stage and, where two are compared, a level of it or another result on its right: with one camera, in the same colours. */
 export class Comparison {
-    /** @param onChoice  told which of `choices` is wanted on the right; @param onLayout  that they lie otherwise */
-    constructor(stage, { onStart, onEnd, onChoice, onLayout }) {
-        Object.assign(this, { stage, onStart, onEnd, onChoice, onLayout });
-        byId.compare.onclick = () => (this.isOn ? this.end() : this.start());
-        byId['compare-with'].onchange = () => onChoice(byId['compare-with'].value);
-        byId['compare-mode'].onclick = () => this.setMode(stage.split.mode === 'swipe' ? 'beside' : 'swipe');
-        byId.divider.onpointerdown = (event) => this.drag(event);
-        byId.divider.onkeydown = (event) => {
-            const { at, mode } = stage.split;
-            const to = { ArrowLeft: at - kStep, ArrowRight: at + kStep, Home: 0, End: 1 }[event.key];
-            if (mode === 'swipe' && to !== undefined) {
-                event.preventDefault();
-                this.moveTo(to);
-            }
-        };
-        addEventListener('resize', () => this.place());
+    /** @param onChange  told that other things are compared, or that they lie otherwise */
+    constructor(stage, library, look, { onChange }) {
+        Object.assign(this, { stage, library, look, onChange });
+        this.view = new SplitView(stage, {
+            onStart: () => this.begin(),
+            onEnd: () => this.leave(),
+            onChoice: (choice) => this.choose(choice),
+            onLayout: onChange,
+        });
+        this.left = null;      // the session of the result, or null
+        this.other = null;     // that of another result beside it, or null
+        this.beside = null;    // the index of a level of the same result beside it, or null: the finest
+        this.wanted = null;    // how two are to be compared once there is something to see, or null
+        this.stayedAt = null;  // the level or the bound on the left before two were compared
+        this.painted = [];     // the level on the right and what its colours were last asked to be
     }
 
     get isOn() {
-        return this.stage.split.mode !== 'one';
+        return this.view.isOn;
     }
 
-    start({ layout = null, at = null } = {}) {
-        byId.compare.ariaPressed = 'true';
-        document.body.classList.add('comparing');
-        this.setMode(layout ?? 'swipe');
-        this.moveTo(at ?? 0.5);
-        this.onStart();
+    /** What is compared and how, as the address has it. */
+    get how() {
+        if (!this.isOn) {
+            return this.wanted ?? kAlone;
+        }
+        const right = this.other ? `result:${this.other.id}` : `level:${this.beside ?? this.left.loader.levels.length - 1}`;
+        return { right, ...this.view.layout };
     }
 
-    /** How they lie; null: as at the start, or not at all. */
-    get layout() {
-        const { mode, at } = this.stage.split;
-        return { layout: mode === 'beside' ? mode : null, at: mode === 'swipe' && at !== 0.5 ? Number(at.toFixed(3)) : null };
+    /** @param session  of the result that is on the stage from now on, or null; @param how  it is to be compared, as the address has it */
+    setLeft(session, { right, layout, at } = kAlone) {
+        this.left = session;
+        this.wanted = right === null ? null : { right, layout, at };
+    }
+
+    /** The left side has come further. */
+    update() {
+        if (this.left.shown?.coloring && this.wanted) {
+            this.view.start(this.wanted);
+        }
+        this.show();
     }
 
     end() {
-        if (this.isOn) {
-            byId.compare.ariaPressed = 'false';
-            document.body.classList.remove('comparing');
-            this.setMode('one');
-            this.onEnd();
-        }
-    }
-
-    setMode(mode) {
-        this.stage.setSplit({ mode });
-        byId['compare-mode'].textContent = mode === 'swipe' ? 'Side by side' : 'Swipe';
-        byId.divider.classList.toggle('fixed', mode === 'beside');
-        byId.divider.tabIndex = mode === 'swipe' ? 0 : -1;
-        setHidden(byId.divider, mode === 'one', byId.compare);
-        setHidden(byId['compare-bar'], mode === 'one', byId.compare);
-        this.place();
-        this.onLayout();
-    }
-
-    drag(event) {
-        if (this.stage.split.mode === 'swipe') {
-            byId.divider.setPointerCapture(event.pointerId);
-            byId.divider.onpointermove = ({ clientX }) => {
-                const { left, right } = this.stage.insets;
-                this.moveTo((clientX - left) / (innerWidth - left - right));
-            };
-            byId.divider.onpointerup = byId.divider.onpointercancel = () => { byId.divider.onpointermove = null; };
-        }
-    }
-
-    moveTo(at) {
-        this.stage.setSplit({ at: Math.min(0.98, Math.max(0.02, at)) });
-        this.place();
-        this.onLayout();
+        this.view.end();
     }
 
     place() {
-        byId.divider.style.bottom = `${this.stage.insets.bottom}px`;  // its handle in the middle of what is seen
-        document.documentElement.style.setProperty('--split', `${this.stage.line()}px`);
-        byId.divider.ariaValueNow = String(Math.round(100 * this.stage.split.at));
+        this.view.place();
     }
 
-    /** @param groups  of choices: `{label, choices: [{value, text}]}`; @param chosen  the value of one of them */
-    showChoices(groups, chosen) {
-        byId['compare-with'].replaceChildren(...groups.filter(({ choices }) => choices.length > 0).map(({ label, choices }) =>
-            element('optgroup', { label }, ...choices.map(({ value, text }) => element('option', { value, textContent: text })))));
-        byId['compare-with'].value = chosen;
+    /** On the right the finest level, on the left one that is coarser: what does it lose? Of a single level: another result of its cloud. */
+    begin() {
+        const { left } = this;
+        const right = this.wanted?.right;
+        this.wanted = null;
+        this.beside = null;
+        this.stayedAt = { chosen: left.chosen, bound: left.bound };
+        if (right) {
+            this.choose(right);
+            return;
+        }
+        const { levels } = left.loader;
+        const sibling = levels.length === 1 && this.library.othersWithPicture(left.id).find((job) => left.job && inputOf(job) === inputOf(left.job));
+        if (sibling) {
+            this.choose(`result:${sibling.id}`);
+            return;
+        }
+        if (left.wanted === levels.at(-1) && levels.length > 1) {
+            left.choose(levels.length - 2);
+        }
+        this.show();
     }
 
-    /** What is left and right: levels, or null. @param methods  by which they were made, where that differs or may do so */
-    label(left, right, methods = []) {
-        const [leftText, rightText] = [left, right].map((level, i) => (level ? [methods[i], ...figuresOf(level)] : ['Loading']));
-        const doubt = left && right ? doubtOf(this.stage.boxOf(left), this.stage.boxOf(right)) : null;
-        byId['left-label'].textContent = textOf(leftText);
-        byId['right-label'].textContent = textOf([...rightText, doubt]);
+    leave() {
+        this.closeOther();
+        this.stage.panes[1].clear();
+        this.left.stayAt(this.stayedAt);
+        if (this.left.shown?.coloring) {
+            this.look.show([this.left.shown]);
+        }
     }
-}
 
-const textOf = (parts) => parts.filter(Boolean).join(' · ');
-
-/** Why there may be nothing to see of one beside the other, or null. */
-function doubtOf(box, other) {
-    const [size, otherSize] = [box, other].map(({ min, max }) => min.distanceTo(max));
-    if (size > kOtherUnit * otherSize && otherSize > 0 || otherSize > kOtherUnit * size && size > 0) {
-        return 'in different units?';
+    /** @param choice  for the right: `level:N`, from 0, or `result:ID` */
+    choose(choice) {
+        const [kind, value] = choice.split(':');
+        this.closeOther();
+        this.beside = kind === 'level' ? Number(value) : null;
+        if (kind === 'result') {
+            this.other = new ResultSession(this.library.jobs.find(({ id }) => id === value) ?? { id: value, type: 'job' }, this.stage.panes[1], {
+                dress: (level, signal) => this.dress(level, signal),
+                onJob: () => {},
+                onLevels: () => this.show(),
+                onFirstPicture: () => {},
+                onMissing: showProblem,
+                onError: showProblem,
+            });
+        }
+        this.show();
+        this.onChange();
     }
-    return box.intersectsBox(other) ? null : 'lies elsewhere';
-}
 
-/** What is drawn, which of a level that comes in tiles may be a part. */
-function drawnOf({ drawn, points }) {
-    return !drawn || drawn.points === points
-        ? format.compactPoints(points) : `${format.compactCount(drawn.points)} of ${format.compactPoints(points)}`;
-}
+    closeOther() {
+        this.other?.close();
+        this.other = null;
+        this.painted = [];
+    }
 
-/** A level has a file of its own, or is the first bytes of a stream; the bytes of a view of tiles are not known. */
-function figuresOf(level) {
-    const error = drawnErrorOf(level);
-    const bytes = level.tiles ? [] : [format.bytes(level.file?.bytes ?? level.bytes)];
-    return [drawnOf(level), ...bytes, ...(error ? [`error ${format.percent(error.mean)}`] : [])];
+    /** The level on the right, once it is there. */
+    get right() {
+        if (!this.isOn || this.other) {
+            return this.other?.shown;
+        }
+        const { levels } = this.left.loader;
+        return levels[this.beside]?.state === 'ready' ? levels[this.beside] : levels.findLast(({ state }) => state === 'ready');
+    }
+
+    show() {
+        if (!this.isOn) {
+            return;
+        }
+        const { left, other, right } = this;
+        if (right) {
+            this.paint(right);
+        }
+        this.view.label(left.shown, right, other ? [left, other].map(({ job }) => job?.request.method) : []);
+        const others = this.library.othersWithPicture(left.id);
+        this.view.showChoices([
+            { label: 'The same result', choices: left.loader.levels.map(({ level, points }) => ({ value: `level:${level}`, text: `Level ${level + 1}, ${format.compactCount(points)}` })) },
+            { label: 'Another result', choices: others.map((job) => ({ value: `result:${job.id}`, text: `${titleOf(job)}: ${summaryOf(job, this.library.cloudOf(job))}` })) },
+        ], other ? `result:${other.id}` : `level:${right?.level}`);
+    }
+
+    /** The level on the right, once for each choice of colours and range. */
+    paint(level) {
+        const wanted = [level, this.look.colorOf(level), this.rangeBeside(level)];
+        if (wanted.every((part, i) => part === this.painted[i])) {
+            return;
+        }
+        this.painted = wanted;
+        if (this.other) {
+            this.other.redress();
+        } else {
+            this.dress(level, this.left.abort.signal).then(() => this.stage.panes[1].show(level)).catch(showProblem);
+        }
+    }
+
+    /** Gives a level that is about to be shown the colours that are wanted now. Where both sides have the same values, one legend is true of both. */
+    async dress(level, signal) {
+        const { stage, look } = this;
+        const by = look.colorOf(level);
+        level.coloring ??= { by: 'own', range: null };  // as long as others are not there
+        const range = await colorize(level.whole ?? level, by, { way: stage.wayTo(level), range: this.rangeBeside(level), signal });
+        if (by !== look.colorOf(level)) {
+            await this.dress(level, signal);  // chosen meanwhile
+            return;
+        }
+        level.coloring = { by, range };
+        const shown = [this.left?.shown, this.right].filter((side) => side?.coloring);
+        if (shown.includes(level)) {
+            look.show(shown);
+        }
+    }
+
+    /** For a level on the right: the range of the same values on the left. */
+    rangeBeside(level) {
+        const left = this.left?.shown;
+        return left && left !== level && left.coloring?.by === this.look.colorOf(level) ? left.coloring.range : null;
+    }
 }

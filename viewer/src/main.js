@@ -1,8 +1,7 @@
 import { askAhead, cancelJob, getBytes, isFinal, kLost, persist, removeCloud, removeJob, startEvaluation, startJob } from './api.js';
 import { readAddress, writeAddress } from './address.js';
 import { ammonite } from './ammonite.js';
-import { colorize } from './coloring.js';
-import { Comparison } from './comparison.js';
+import { Comparison, kAlone } from './comparison.js';
 import { preloadDecoder } from './draco_levels.js';
 import { byId, element, setHidden } from './element.js';
 import * as format from './format.js';
@@ -39,7 +38,6 @@ if (!canDrawOn(byId.stage)) {
 }
 
 const kSoonMs = 100;
-const kAlone = { right: null, layout: null, at: null };
 const kAsNew = { chosen: null, bound: null, view: null, color: null, splatSize: null, shading: null, ...kAlone };
 const kNotStarted = 'The job could not be started';
 const kLegendGap = 10;
@@ -116,20 +114,15 @@ const uploads = new UploadQueue({
     onEnd: (all) => endUpload(all).catch(showProblem),
     onProgress: tellWelcome,
 });
-const comparison = new Comparison(stage, { onStart: startComparing, onEnd: endComparing, onChoice: compareWith, onLayout: remember });
+const comparison = new Comparison(stage, library, look, { onChange: remember });
 let session = null;
-let other = null;     // another result beside it, or null
-let comparing = null;  // how two are to be compared once there is something to see, or null
-let stayedAt = null;  // the level or the bound on the left before two were compared
-let beside = null;    // the index of a level of the same result beside it, or null: the finest
-let painted = [];     // the level on the right and what its colours were last asked to be
 let beforeUpload = null;  // what was shown when files set out
 const pending = new Map();  // what was asked of the server, by its key, and is not there yet
 let remembering = null;
 
 /** @param remembered  whether the address names it already; @param how  it is looked at, as the address has it */
 function open({ id, type }, { remembered = false, how = kAsNew } = {}) {
-    const { chosen, bound, view, color, splatSize, shading, right, layout, at } = how;
+    const { chosen, bound, view, color, splatSize, shading } = how;
     askAhead({ id, type });
     if (!remembered) {
         rememberNow();  // what is left, for who comes back
@@ -150,12 +143,11 @@ function open({ id, type }, { remembered = false, how = kAsNew } = {}) {
     let wasFinal = null;
     hud.open('Opening');
     stage.startView = view;
-    comparing = right && { right, layout, at };
     if (remembered) {
         look.restore({ color, splatSize, shading });
     }
     session = new ResultSession({ id, type, chosen, bound }, stage.panes[0], {
-        dress,
+        dress: (level, signal) => comparison.dress(level, signal),
         onJob: (job) => {
             byId.title.textContent = titleOf(job);
             document.title = `${titleOf(job)} – stipple`;
@@ -171,6 +163,7 @@ function open({ id, type }, { remembered = false, how = kAsNew } = {}) {
         onMissing: leave,
         onError: showProblem,
     });
+    comparison.setLeft(session, how);
     library.setCurrent(id);
     placeCloud();
 }
@@ -180,6 +173,7 @@ function closeResult() {
     report.hide();
     session.close();
     session = null;
+    comparison.setLeft(null);
     byId.point.hidden = true;
     setTools(false);
     hud.close();
@@ -245,35 +239,9 @@ function rememberNow() {
     clearTimeout(remembering);
     remembering = null;
     if (session && session.id === (readAddress()?.id ?? session.id)) {
-        const { id, type, chosen, bound, loader } = session;
-        const right = other ? `result:${other.id}` : `level:${beside ?? loader.levels.length - 1}`;
-        writeAddress({
-            id, type, chosen, bound, view: stage.view, ...look.chosen,
-            ...(comparison.isOn ? { right, ...comparison.layout } : comparing ?? kAlone),
-        });
+        const { id, type, chosen, bound } = session;
+        writeAddress({ id, type, chosen, bound, view: stage.view, ...look.chosen, ...comparison.how });
     }
-}
-
-/** The colours that are wanted now, for a level that is about to be shown. Where both sides have the same values, one legend is true of both. */
-async function dress(level, signal) {
-    const by = look.colorOf(level);
-    level.coloring ??= { by: 'own', range: null };  // as long as others are not there
-    const range = await colorize(level.whole ?? level, by, { way: stage.wayTo(level), range: rangeBeside(level), signal });
-    if (by !== look.colorOf(level)) {
-        await dress(level, signal);  // chosen meanwhile
-        return;
-    }
-    level.coloring = { by, range };
-    const shown = [session?.shown, rightLevel()].filter((side) => side?.coloring);
-    if (shown.includes(level)) {
-        look.show(shown);
-    }
-}
-
-/** For a level on the right: the range of the same values on the left. */
-function rangeBeside(level) {
-    const left = session?.shown;
-    return left && left !== level && left.coloring?.by === look.colorOf(level) ? left.coloring.range : null;
 }
 
 function showLevels({ id, loader, shown, bound, isComplete, isSettled, job, manifest, waits }) {
@@ -286,12 +254,7 @@ function showLevels({ id, loader, shown, bound, isComplete, isSettled, job, mani
     if (shown) {
         share.show({ id, type: session.type, formats: [...new Set(manifest.levels.flatMap(({ files }) => files.map((file) => file.format)))] });
     }
-    if (shown?.coloring && comparing) {
-        comparison.start(comparing);
-    }
-    if (comparison.isOn) {
-        showComparison();
-    }
+    comparison.update();
     const next = loader.levels.find(({ state }) => state === 'loading');
     if (job && isFinal(job)) {
         const large = loader.levels.find(({ state }) => state === 'large');
@@ -337,101 +300,6 @@ function showReport() {
         job, manifest, name: titleOf(job), canClose: loader.levels.length > 0,
         nameOf: (id) => library.clouds.find((cloud) => cloud.id === id)?.name,
     });
-}
-
-// ---- Two at once
-
-/** On the right the finest level, on the left one that is coarser: what does it lose? Of a single level: another result of its cloud. */
-function startComparing() {
-    const right = comparing?.right;
-    comparing = null;
-    beside = null;
-    stayedAt = { chosen: session.chosen, bound: session.bound };
-    if (right) {
-        compareWith(right);
-        return;
-    }
-    const { levels } = session.loader;
-    const sibling = levels.length === 1 && library.othersWithPicture(session.id).find((job) => session.job && inputOf(job) === inputOf(session.job));
-    if (sibling) {
-        compareWith(`result:${sibling.id}`);
-        return;
-    }
-    if (session.wanted === levels.at(-1) && levels.length > 1) {
-        session.choose(levels.length - 2);
-    }
-    showComparison();
-}
-
-function endComparing() {
-    other?.close();
-    other = null;
-    painted = [];
-    stage.panes[1].clear();
-    session.stayAt(stayedAt);
-    if (session.shown?.coloring) {
-        look.show([session.shown]);
-    }
-}
-
-function compareWith(choice) {
-    const [kind, value] = choice.split(':');
-    other?.close();
-    other = null;
-    painted = [];
-    beside = kind === 'level' ? Number(value) : null;
-    if (kind === 'result') {
-        other = new ResultSession(library.jobs.find(({ id }) => id === value) ?? { id: value, type: 'job' }, stage.panes[1], {
-            dress,
-            onJob: () => {},
-            onLevels: showComparison,
-            onFirstPicture: () => {},
-            onMissing: showProblem,
-            onError: showProblem,
-        });
-    }
-    showComparison();
-    remember();
-}
-
-/** The level on the right of a comparison, once it is there. */
-function rightLevel() {
-    if (!comparison.isOn || other) {
-        return other?.shown;
-    }
-    const { levels } = session.loader;
-    return levels[beside]?.state === 'ready' ? levels[beside] : levels.findLast(({ state }) => state === 'ready');
-}
-
-function showComparison() {
-    if (!comparison.isOn) {
-        return;
-    }
-    const { levels } = session.loader;
-    const right = rightLevel();
-    if (right) {
-        paintRight(right);
-    }
-    comparison.label(session.shown, right, other ? [session, other].map(({ job }) => job?.request.method) : []);
-    const others = library.othersWithPicture(session.id);
-    comparison.showChoices([
-        { label: 'The same result', choices: levels.map(({ level, points }) => ({ value: `level:${level}`, text: `Level ${level + 1}, ${format.compactCount(points)}` })) },
-        { label: 'Another result', choices: others.map((job) => ({ value: `result:${job.id}`, text: `${titleOf(job)}: ${summaryOf(job, library.cloudOf(job))}` })) },
-    ], other ? `result:${other.id}` : `level:${right?.level}`);
-}
-
-/** Once for each level, choice of colours and range. */
-function paintRight(level) {
-    const wanted = [level, look.colorOf(level), rangeBeside(level)];
-    if (wanted.every((part, i) => part === painted[i])) {
-        return;
-    }
-    painted = wanted;
-    if (other) {
-        other.redress();
-    } else {
-        dress(level, session.abort.signal).then(() => stage.panes[1].show(level)).catch(showProblem);
-    }
 }
 
 // ---- Jobs and files
