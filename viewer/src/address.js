@@ -1,5 +1,10 @@
 // What of the page is in its address: the result, and how it is looked at. So it is there again after a reload, or for someone else.
 
+/** How a result is looked at where an address says nothing of it. */
+export const kAsNew = {
+    chosen: null, bound: null, view: null, color: null, splatSize: null, shading: null, right: null, layout: null, at: null,
+};
+
 const kTypes = ['pyramid', 'job'];
 const kLayouts = ['beside', 'swipe'];
 const kFarthest = 1000;  // radii of the cloud from its middle

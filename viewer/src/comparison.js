@@ -6,7 +6,7 @@ import { ResultSession } from './result_session.js';
 import { SplitView } from './split_view.js';
 
 /** Nothing beside what is shown. */
-export const kAlone = { right: null, layout: null, at: null };
+const kAlone = { right: null, layout: null, at: null };
 
 /** The result on the stage and, where two are compared, a level of it or another result on its right: with one camera, in the same colours. */
 export class Comparison {

@@ -13,9 +13,8 @@ const kMoves = {
 /**
  * Keys that work everywhere but where one writes, unless they are switched off, and those that move the cloud while it has the focus.
  * @param onKey  by key, in lower case; @param onLevel  told the number of a level, from 0
- * @param onTurn  told turns to the left and up, and how much nearer; @param onPan  told pixels to the left and up
  */
-export function listenToKeys({ onTurn, onPan, onFocus, onLevel, onKey }) {
+export function listenToKeys(stage, { onLevel, onKey }) {
     byId.shortcuts.checked = recall('localStorage', kOff) === null;
     byId.shortcuts.onchange = () => keep('localStorage', kOff, byId.shortcuts.checked ? null : 'yes');
     byId.stage.onkeydown = (event) => {
@@ -25,11 +24,11 @@ export function listenToKeys({ onTurn, onPan, onFocus, onLevel, onKey }) {
         }
         event.preventDefault();
         if (!move) {
-            onFocus();
+            stage.focusMiddle();
         } else if (event.shiftKey && event.key.startsWith('Arrow')) {
-            onPan(...move.map((turn) => kPanPixels * Math.sign(turn)));
+            stage.pan(...move.map((turn) => kPanPixels * Math.sign(turn)));
         } else {
-            onTurn(...move);
+            stage.turn(...move);
         }
     };
     addEventListener('keydown', (event) => {

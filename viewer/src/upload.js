@@ -53,29 +53,3 @@ const unreadable = () => new Problem({
     detail: 'The browser cannot read it: check that it still exists unchanged and that you may open it.',
     status: null,  // the server was not asked
 });
-
-/**
- * Calls `onFiles` with the files that are dropped anywhere on the page; `onHover` tells when one is held above it.
- * @param onFolder  told the name of each folder among them
- */
-export function acceptDrops({ onFiles, onFolder, onHover }) {
-    let depth = 0;  // dragenter and dragleave also come for every child
-    const carriesFiles = (event) => event.dataTransfer?.types.includes('Files');
-    const hover = (change) => {
-        depth = change === 0 ? 0 : Math.max(0, depth + change);
-        onHover(depth > 0);
-    };
-    addEventListener('dragenter', (event) => carriesFiles(event) && hover(1));
-    addEventListener('dragleave', (event) => carriesFiles(event) && hover(-1));
-    addEventListener('dragover', (event) => carriesFiles(event) && event.preventDefault());
-    addEventListener('drop', (event) => {
-        if (carriesFiles(event)) {
-            event.preventDefault();
-            hover(0);
-            const isFolder = (item) => item.webkitGetAsEntry()?.isDirectory;
-            const items = [...event.dataTransfer.items].filter(({ kind }) => kind === 'file');
-            items.filter(isFolder).forEach((item) => onFolder(item.webkitGetAsEntry().name));
-            onFiles(items.filter((item) => !isFolder(item)).map((item) => item.getAsFile()));
-        }
-    });
-}

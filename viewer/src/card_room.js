@@ -1,0 +1,27 @@
+import { byId } from './element.js';
+import { isPhone } from './sheet.js';
+
+const kLegendGap = 10;
+const kTools = 56;  // pixels that they take where they stand on the stage
+const kFlat = 480;
+
+/** The insets of the page that the cards leave free, in pixels. */
+export function roomBesideCards() {
+    const library = byId.library.getBoundingClientRect();
+    const dock = byId.dock.getBoundingClientRect();
+    const hud = byId.hud.hidden ? null : byId.hud.getBoundingClientRect();
+    const legend = byId.legend.hidden || byId.hud.hidden ? 0 : byId.legend.offsetHeight + kLegendGap;
+    const card = [byId['look-card'], byId['share-card']].find(({ hidden }) => !hidden)?.getBoundingClientRect();
+    const labels = byId['left-label'].getBoundingClientRect();  // of a comparison
+    const isFlat = innerHeight <= kFlat;  // the tools stand at the right then
+    return isPhone()
+        ? { left: 0, right: isFlat ? kTools : 0, top: labels.bottom || (isFlat ? 0 : kTools), bottom: innerHeight - (hud ? hud.top - byId.grip.offsetHeight : dock.top) + legend }
+        : { left: library.right, right: card ? innerWidth - card.left : 0, top: labels.bottom, bottom: hud ? innerHeight - hud.top + legend : 0 };
+}
+
+/** Calls `act` whenever the page or a card has another size. */
+export function watchCards(act) {
+    addEventListener('resize', act);
+    const cards = new ResizeObserver(act);
+    [byId.hud, byId.legend, byId['look-card'], byId['share-card'], byId['left-label']].forEach((card) => cards.observe(card));
+}
