@@ -38,9 +38,7 @@ void ProgressMeter::advance(Stage stage, double fraction) {
     if (stage == reported_stage_ && now < next_report_ && fraction < 1) return;
     reported_stage_ = stage;
     next_report_ = now + kInterval;
-    JobReport line;
-    line.progress = {std::string(kJobStages[stage]), percent()};
-    report_(line);
+    report_(JobProgress{std::string(kJobStages[stage]), percent()});
 }
 
 double ProgressMeter::percent() const {

@@ -327,13 +327,13 @@ void require_text(const JsonValue& value, std::string_view expected) {
     if (value.text() != expected) value.refuse(expected);
 }
 
-Json progress_json(const JobReport::Progress& progress) {
+Json progress_json(const JobProgress& progress) {
     return {{"stage", progress.stage}, {"percent", progress.percent}};
 }
 
-JobReport::Progress read_progress(const JsonValue& value) {
+JobProgress read_progress(const JsonValue& value) {
     JsonObject object = value.object();
-    JobReport::Progress progress{object["stage"].text(), object["percent"].number()};
+    JobProgress progress{object["stage"].text(), object["percent"].number()};
     object.finish();
     return progress;
 }
@@ -343,6 +343,26 @@ CloudStatistics read_whole_statistics(const JsonValue& value) {
     CloudStatistics statistics = read_statistics(object);
     object.finish();
     return statistics;
+}
+
+Json report_json(const JobProgress& progress) {
+    return {{"progress", progress_json(progress)}};
+}
+
+Json report_json(const CloudStatistics& source) {
+    return {{"source", statistics_json(source)}};
+}
+
+Json report_json(const OutputCloud& level) {
+    return {{"level", level_json(level)}};
+}
+
+Json report_json(const JobCost& cost) {
+    return {{"cost", cost_json(cost)}};
+}
+
+Json report_json(const Problem& problem) {
+    return {{"problem", problem_json(problem)}};
 }
 
 }  // namespace
@@ -494,27 +514,20 @@ JobSpec job_spec_from_json(std::string_view text) {
 }
 
 std::string to_json(const JobReport& report) {
-    Json json;
-    if (report.progress) json["progress"] = progress_json(*report.progress);
-    if (report.source) json["source"] = statistics_json(*report.source);
-    if (report.level) json["level"] = level_json(*report.level);
-    if (report.cost) json["cost"] = cost_json(*report.cost);
-    if (report.problem) json["problem"] = problem_json(*report.problem);
-    return to_text(json);
+    return to_text(std::visit([](const auto& what) { return report_json(what); }, report));
 }
 
 JobReport job_report_from_json(std::string_view text) {
     const JsonDocument json(text, kReportRules);
     JsonObject object = json.object();
-    JobReport report;
-    if (const auto value = object.find("progress")) report.progress = read_progress(*value);
-    if (const auto value = object.find("source")) report.source = read_whole_statistics(*value);
-    if (const auto value = object.find("level")) report.level = read_level(*value);
-    if (const auto value = object.find("cost")) report.cost = read_cost(*value);
-    if (const auto value = object.find("problem")) report.problem = read_problem(*value);
-    object.finish();
     if (json.root().members().size() != 1) throw object.error("", "expected exactly one report");
-    return report;
+    if (const auto value = object.find("progress")) return read_progress(*value);
+    if (const auto value = object.find("source")) return read_whole_statistics(*value);
+    if (const auto value = object.find("level")) return read_level(*value);
+    if (const auto value = object.find("cost")) return read_cost(*value);
+    if (const auto value = object.find("problem")) return read_problem(*value);
+    object.finish();  // refuses what it is instead
+    throw object.error("", "expected exactly one report");
 }
 
 }  // namespace stipple::proto

@@ -94,21 +94,20 @@ private:
         const RunContext context = in_stage(kClean);
         const CleaningReport removed = clean(cloud, context.part(0, cleaned));
 
-        JobReport line;
-        line.source = describe(cloud, decoded, removed.non_finite, removed.duplicates);
-        line.source->attributes = attributes;  // those of the file, without what was added
+        CloudStatistics source = describe(cloud, decoded, removed.non_finite, removed.duplicates);
+        source.attributes = attributes;  // those of the file, without what was added
         try {
-            require_usable(cloud, decoded.points, removed, line.source->bounds);
+            require_usable(cloud, decoded.points, removed, source.bounds);
         } catch (const Error&) {
-            report_(line);
+            report_(source);
             throw;
         }
         if (outliers) {
-            line.source->outliers = remove_outliers(cloud, *outliers, context.part(cleaned, 1));
-            line.source->bounds = bounds(cloud);
+            source.outliers = remove_outliers(cloud, *outliers, context.part(cleaned, 1));
+            source.bounds = bounds(cloud);
         }
         meter_.advance(kClean, 1);
-        report_(line);
+        report_(source);
         return cloud;
     }
 
@@ -219,17 +218,14 @@ private:
         error_curve(
             cloud, options,
             [&](const CurvePoint& point) {
-                JobReport line;
-                line.level = {
+                report_(OutputCloud{
                     .level = --number,
                     .points = point.points,
                     .spacing = 0,
                     .bounds = bounds(cloud),
                     .files = {},
-                    .bound = {},
                     .curve = CurveError{distances(point.error.forward),
-                                        distances(point.error.backward), point.error.diagonal}};
-                report_(line);
+                                        distances(point.error.backward), point.error.diagonal}});
             },
             {}, in_stage(kSimplify));
         meter_.advance(kSimplify, 1);
@@ -348,11 +344,7 @@ private:
             candidates.push_back(evaluate(meter, i, reference.size(), options));
         meter_.advance(kEvaluate, 1);
         if (shown) show(candidates, reference.origin, job);
-        for (const Candidate& candidate : candidates) {
-            JobReport line;
-            line.level = candidate.level;
-            report_(line);
-        }
+        for (const Candidate& candidate : candidates) report_(candidate.level);
     }
 
     Candidate evaluate(SurfaceErrorMeter& meter, std::size_t number, std::uint64_t reference_points,
@@ -434,16 +426,15 @@ private:
         double from = error ? std::lerp(encoded(), to, kMeasured) : encoded();
         const double share = (to - from) / static_cast<double>(options.formats.size());
 
-        JobReport line;
-        line.level = {.level = made.level,
-                      .points = points,
-                      .spacing = made.spacing,
-                      .bounds = bounds(made.cloud),
-                      .files = {},
-                      .error = error,
-                      .origin = made.cloud.origin,
-                      .attributes = attributes_of(made.cloud),
-                      .bound = bound_};
+        OutputCloud level = {.level = made.level,
+                             .points = points,
+                             .spacing = made.spacing,
+                             .bounds = bounds(made.cloud),
+                             .files = {},
+                             .error = error,
+                             .origin = made.cloud.origin,
+                             .attributes = attributes_of(made.cloud),
+                             .bound = bound_};
         std::vector<std::vector<OutputFile>> files(options.formats.size());
         const auto encode_as = [&](std::size_t i) {
             const CloudFormat format = options.formats[i];
@@ -452,30 +443,28 @@ private:
             if (format == CloudFormat::Glb) {
                 write_tiles(made, context, files[i]);
                 if (const std::optional<SurfaceError>& of_level = tiler_->level_error())
-                    line.level->error =
+                    level.error =
                         without_histograms(*of_level, quick_options(points_of_source_, points),
                                            points_of_source_, points);
-                line.level->decoded = tiler_->figures();
-                line.level->spacing = tiler_->level_spacing();
+                level.decoded = tiler_->figures();
+                level.spacing = tiler_->level_spacing();
                 if (points == points_of_source_) tiler_.reset();  // no level comes after
             } else if (format == CloudFormat::Progressive || format == CloudFormat::Copc) {
                 if (points == finest_points_) files[i] = {write_finest(made, format, context)};
             } else {
                 files[i] = {write(made, format, options.draco, context)};
-                if (const auto& of_level = line.level->error;
-                    format == CloudFormat::Draco && of_level)
-                    files[i].front().error =
-                        draco_error(of_level->error, options.draco, *line.level);
+                if (const auto& of_level = level.error; format == CloudFormat::Draco && of_level)
+                    files[i].front().error = draco_error(of_level->error, options.draco, level);
             }
         };
         for (const bool draco : {false, true})
             for (std::size_t i = 0; i < files.size(); ++i)
                 if ((options.formats[i] == CloudFormat::Draco) == draco) encode_as(i);
         for (std::vector<OutputFile>& some : files)
-            std::ranges::move(some, std::back_inserter(line.level->files));
+            std::ranges::move(some, std::back_inserter(level.files));
         points_encoded_ += points;
         meter_.advance(kEncode, encoded());
-        report_(line);
+        report_(std::move(level));
     }
 
     /// That of a level, with what its Draco file rounds; nothing where steps would be longer than
@@ -538,9 +527,7 @@ private:
         ::getrusage(RUSAGE_SELF, &usage);
         cost_.peak_memory_bytes = static_cast<std::uint64_t>(usage.ru_maxrss) * 1024;
         cost_.threads = context_.thread_count();
-        JobReport line;
-        line.cost = cost_;
-        report_(line);
+        report_(cost_);
     }
 
     const JobSpec& spec_;

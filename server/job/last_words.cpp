@@ -15,6 +15,7 @@
 #include <stdexcept>
 #include <string>
 #include <system_error>
+#include <variant>
 
 namespace stipple::job {
 
@@ -47,9 +48,7 @@ Lines lines(ErrorCode code, const std::string& detail) {
     for (std::size_t number = 0; number < result.size(); ++number) {
         Problem problem = proto::problem_from(code, detail);
         if (number != 0) problem.stage = std::string(stage_name(number));
-        proto::JobReport report;
-        report.problem = problem;
-        result[number] = to_json(report) + '\n';
+        result[number] = to_json(proto::JobReport(problem)) + '\n';
     }
     return result;
 }
@@ -119,8 +118,8 @@ void prepare_last_words(const proto::JobSpec& spec) {
 
 void write_report(const proto::JobReport& report) {
     const std::string line = to_json(report) + '\n';
-    if (report.progress) {
-        const auto* stage = std::ranges::find(kJobStages, report.progress->stage);
+    if (const auto* const progress = std::get_if<proto::JobProgress>(&report)) {
+        const auto* stage = std::ranges::find(kJobStages, progress->stage);
         stage_number = static_cast<std::size_t>(stage - kJobStages.begin()) + 1;
     }
     sigset_t cpu_limit, before;

@@ -42,9 +42,7 @@ environment:
 
 void report_problem(proto::Problem problem) {
     if (const auto stage = stipple::job::current_stage(); !stage.empty()) problem.stage = stage;
-    proto::JobReport report;
-    report.problem = problem;
-    stipple::job::write_report(report);
+    stipple::job::write_report(problem);
 }
 
 proto::JobSpec read_spec(const char* file) {

@@ -123,7 +123,8 @@ TEST(Client, AServersResultIsByteForByteTheLocalOne) {
                     .output_dir = folder / "here",
                     .limits = {}},
                    [&](const proto::JobReport& report) {
-                       if (report.level) here = report.level;
+                       if (const auto* level = std::get_if<proto::OutputCloud>(&report))
+                           here = *level;
                    });
     ASSERT_TRUE(here);
     EXPECT_EQ(results.levels.front().files.front().sha256, here->files.front().sha256);

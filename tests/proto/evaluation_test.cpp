@@ -58,9 +58,11 @@ protected:
         Results results;
         results.request = spec.request;
         run_job(spec, [&](const JobReport& report) {
-            if (report.source) results.source = report.source;
-            if (report.level) results.levels.push_back(*report.level);
-            if (report.cost) results.cost = report.cost;
+            if (const auto* source = std::get_if<CloudStatistics>(&report))
+                results.source = *source;
+            if (const auto* level = std::get_if<OutputCloud>(&report))
+                results.levels.push_back(*level);
+            if (const auto* cost = std::get_if<JobCost>(&report)) results.cost = *cost;
         });
         results.complete = true;
         return results;
@@ -86,7 +88,8 @@ TEST_F(Evaluation, TellsThatItDecodesWhenACandidateCannotBeDecoded) {
     std::string stage;
     EXPECT_THROW(run_job(spec,
                          [&](const JobReport& report) {
-                             if (report.progress) stage = report.progress->stage;
+                             if (const auto* progress = std::get_if<JobProgress>(&report))
+                                 stage = progress->stage;
                          }),
                  Error);
     EXPECT_EQ(stage, "decode");

@@ -122,14 +122,13 @@ TEST(JobSpec, TravelsAsTheGoldenFileSays) {
 }
 
 TEST(JobReport, TravelsOnOneLineForEachOfItsKinds) {
-    JobReport progress, source, level, cost, problem;
-    progress.progress = {"decode", 12.5};
-    source.source = test::statistics();
-    source.source->comments = {"two\nlines"};
-    level.level = test::output_cloud();
-    cost.cost = test::job_cost();
-    problem.problem = problem_from(ErrorCode::TooLarge, "too large");
-    for (const JobReport& report : {progress, source, level, cost, problem}) {
+    const JobReport progress = JobProgress{"decode", 12.5};
+    CloudStatistics source = test::statistics();
+    source.comments = {"two\nlines"};
+    const std::vector<JobReport> reports = {progress, source, test::output_cloud(),
+                                            test::job_cost(),
+                                            problem_from(ErrorCode::TooLarge, "too large")};
+    for (const JobReport& report : reports) {
         const std::string line = to_json(report);
         EXPECT_EQ(line.find('\n'), std::string::npos);
         EXPECT_EQ(to_json(job_report_from_json(line)), line);
@@ -140,17 +139,18 @@ TEST(JobReport, TravelsOnOneLineForEachOfItsKinds) {
 TEST(JobReport, WithNoneOrTwoFieldsIsRefused) {
     EXPECT_EQ(test::refusal(job_report_from_json, "{}", ErrorCode::MalformedInput),
               "JSON: expected exactly one report");
-    JobReport both;
-    both.progress = {"decode", 1};
-    both.cost = test::job_cost();
-    EXPECT_EQ(test::refusal(job_report_from_json, to_json(both), ErrorCode::MalformedInput),
+    std::string both = to_json(JobReport(JobProgress{"decode", 1}));
+    both.back() = ',';
+    both += to_json(JobReport(test::job_cost())).substr(1);
+    EXPECT_EQ(test::refusal(job_report_from_json, both, ErrorCode::MalformedInput),
               "JSON: expected exactly one report");
+    EXPECT_NE(test::refusal(job_report_from_json, R"({"cots": 1})", ErrorCode::MalformedInput)
+                  .find("cots"),
+              std::string::npos);
 }
 
 TEST(JobReport, CutAtAnyByteIsRefused) {
-    JobReport report;
-    report.level = test::output_cloud();
-    const std::string line = to_json(report);
+    const std::string line = to_json(JobReport(test::output_cloud()));
     for (std::size_t length = 0; length < line.size(); ++length) {
         EXPECT_NE(
             test::refusal(job_report_from_json, line.substr(0, length), ErrorCode::MalformedInput),

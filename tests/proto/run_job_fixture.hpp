@@ -8,6 +8,7 @@
 #include <iterator>
 #include <optional>
 #include <string>
+#include <variant>
 #include <vector>
 
 namespace stipple::proto {
@@ -35,14 +36,14 @@ protected:
     std::vector<OutputCloud> levels() const {
         std::vector<OutputCloud> result;
         for (const JobReport& report : reports_) {
-            if (report.level) result.push_back(*report.level);
+            if (const auto* level = std::get_if<OutputCloud>(&report)) result.push_back(*level);
         }
         return result;
     }
 
     std::optional<CloudStatistics> source() const {
         for (const JobReport& report : reports_) {
-            if (report.source) return report.source;
+            if (const auto* source = std::get_if<CloudStatistics>(&report)) return *source;
         }
         return std::nullopt;
     }

@@ -73,8 +73,7 @@ TEST_F(RunJob, SaysWhatWasMeasuredOfABoundedError) {
     ASSERT_TRUE(levels().front().error);  // no other measurement's
     EXPECT_EQ(levels().front().error->error.forward.max, bound.forward);
     EXPECT_EQ(levels().front().error->error.backward.max, bound.backward);
-    JobReport report;
-    report.level = levels().front();
+    const JobReport report = levels().front();
     EXPECT_EQ(to_json(job_report_from_json(to_json(report))), to_json(report));
 }
 
@@ -95,8 +94,7 @@ TEST_F(RunJob, SaysWhatKeptABoundedErrorFromFewerPoints) {
     EXPECT_NEAR((bound.too_far->place - Vec3d(0, 0, 100)).norm(), 1.05, 1e-4);
     EXPECT_GT(bound.too_far->distance, 0.02);
     EXPECT_GE(bound.points_off_surface, 50U);
-    JobReport report;
-    report.level = levels().front();
+    const JobReport report = levels().front();
     EXPECT_EQ(to_json(job_report_from_json(to_json(report))), to_json(report));
 }
 
@@ -110,8 +108,7 @@ TEST_F(RunJob, ACurveHasAnErrorForEachCountAndNoFiles) {
         EXPECT_TRUE(level.files.empty());
         ASSERT_TRUE(level.curve);
         EXPECT_GT(level.curve->forward.max, level.curve->forward.mean);
-        JobReport report;
-        report.level = level;
+        const JobReport report = level;
         EXPECT_EQ(to_json(job_report_from_json(to_json(report))), to_json(report));
     }
     EXPECT_EQ(files_written(), 0U);
@@ -122,12 +119,11 @@ TEST_F(RunJob, ReportsProgressThatNeverDecreasesAndEndsAtAHundred) {
     double last = 0;
     std::string stages;
     for (const JobReport& report : reports_) {
-        if (!report.progress) continue;
-        EXPECT_GE(report.progress->percent, last);
-        last = report.progress->percent;
-        if (stages.find(report.progress->stage) == std::string::npos) {
-            stages += report.progress->stage + " ";
-        }
+        const auto* const progress = std::get_if<JobProgress>(&report);
+        if (progress == nullptr) continue;
+        EXPECT_GE(progress->percent, last);
+        last = progress->percent;
+        if (stages.find(progress->stage) == std::string::npos) stages += progress->stage + " ";
     }
     EXPECT_EQ(last, 100);
     EXPECT_EQ(stages, "decode clean simplify encode ");
@@ -137,21 +133,23 @@ TEST_F(RunJob, ProgressIsLeftForWhatTakesTime) {
     run(spec_for(test::sphere(20000), levels_of({100, 1000, 10000})));
     std::map<std::string, double> begins;  // the percentage at the begin of a stage
     for (const JobReport& report : reports_)
-        if (report.progress) begins.try_emplace(report.progress->stage, report.progress->percent);
+        if (const auto* const progress = std::get_if<JobProgress>(&report))
+            begins.try_emplace(progress->stage, progress->percent);
     EXPECT_EQ(begins.at("simplify"), 5);
     EXPECT_LE(begins.at("encode"), 40);
 }
 
+template <typename Kind>
+bool holds(const JobReport& report) {
+    return std::holds_alternative<Kind>(report);
+}
+
 TEST_F(RunJob, ReportsTheSourceBeforeAnyLevelAndTheCostLast) {
     run(spec_for(test::sphere(1000), to_points(10)));
-    const auto place = [this](auto field) {
-        return std::ranges::find_if(
-                   reports_, [field](const JobReport& r) { return (r.*field).has_value(); }) -
-               reports_.begin();
-    };
-    EXPECT_LT(place(&JobReport::source), place(&JobReport::level));
-    ASSERT_TRUE(reports_.back().cost);
-    const JobCost& cost = *reports_.back().cost;
+    EXPECT_LT(std::ranges::find_if(reports_, holds<CloudStatistics>),
+              std::ranges::find_if(reports_, holds<OutputCloud>));
+    ASSERT_TRUE(holds<JobCost>(reports_.back()));
+    const JobCost& cost = std::get<JobCost>(reports_.back());
     EXPECT_EQ(cost.threads, 2U);
     EXPECT_GT(cost.peak_memory_bytes, 1'000'000U);
     EXPECT_GT(cost.decode_seconds, 0);
@@ -424,7 +422,8 @@ TEST_F(RunJob, EndsWithCancelledWhenAskedToStop) {
     std::stop_source stop;
     const JobSpec spec = spec_for(test::sphere(100'000), to_points(5000));
     const auto stop_at_simplify = [&stop](const JobReport& report) {
-        if (report.progress && report.progress->stage == "simplify") stop.request_stop();
+        const auto* const progress = std::get_if<JobProgress>(&report);
+        if (progress != nullptr && progress->stage == "simplify") stop.request_stop();
     };
     EXPECT_THROW(run_job(spec, stop_at_simplify, {.stop = stop.get_token(), .progress = {}}),
                  Cancelled);

@@ -85,7 +85,9 @@ TEST_P(JobQueueContract, TellsTheLifeOfAJobInOrder) {
     const auto numbered = store_->events_after("ada", job.id, 4);
     ASSERT_EQ(numbered.size(), 2U);
     EXPECT_EQ(numbered[0].id, 5U);
-    EXPECT_EQ(proto::job_report_from_json(numbered[0].data).level->files[0].sha256, kHash);
+    EXPECT_EQ(
+        std::get<proto::OutputCloud>(proto::job_report_from_json(numbered[0].data)).files[0].sha256,
+        kHash);
     EXPECT_EQ(store_->find_cloud("ada", job.request.input)->statistics->points, 1000U);
 }
 

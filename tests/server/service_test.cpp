@@ -192,8 +192,9 @@ TEST_F(ServiceTest, TellsEventsAsTheyHappenWithLinksToTheFiles) {
     const auto events = service_.events("ada", job.id, 2, 60s, {});
     ASSERT_EQ(events.size(), 1U);
     EXPECT_EQ(events[0].type, "level");
-    EXPECT_EQ(proto::job_report_from_json(events[0].data).level->files.at(0).href,
-              "/v1/jobs/" + job.id + "/results/" + kMissing + ".ply");
+    EXPECT_EQ(
+        std::get<proto::OutputCloud>(proto::job_report_from_json(events[0].data)).files.at(0).href,
+        "/v1/jobs/" + job.id + "/results/" + kMissing + ".ply");
     worker.join();
     jobs_->succeed(lease, {});
     EXPECT_EQ(service_.events("ada", job.id, 3, 60s, {}).size(), 1U);

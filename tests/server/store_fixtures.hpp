@@ -71,15 +71,11 @@ inline proto::OutputCloud level_with(unsigned level, const std::string& sha256,
 }
 
 inline proto::JobReport progress_report(const std::string& stage, double percent) {
-    proto::JobReport report;
-    report.progress = {stage, percent};
-    return report;
+    return proto::JobProgress{stage, percent};
 }
 
 inline proto::JobReport cost_report() {
-    proto::JobReport report;
-    report.cost = proto::JobCost{.total_seconds = 1, .threads = 1};
-    return report;
+    return proto::JobCost{.total_seconds = 1, .threads = 1};
 }
 
 /// A job that is a function.

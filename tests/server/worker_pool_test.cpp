@@ -15,7 +15,6 @@ namespace {
 using namespace stipple::test;
 using namespace std::chrono_literals;
 using proto::JobDocument;
-using proto::JobReport;
 using proto::JobSpec;
 using proto::JobStatus;
 using std::chrono::steady_clock;
@@ -37,13 +36,12 @@ bool becomes_true(Condition condition, std::chrono::milliseconds limit = 30s) {
 }
 
 /// Writes a file as stipple-job would, and the report of it.
-JobReport make_level(const JobSpec& spec, unsigned level, const std::string& text) {
+proto::OutputCloud make_level(const JobSpec& spec, unsigned level, const std::string& text) {
     const std::string name = "level-" + std::to_string(level) + ".ply";
     std::ofstream(std::filesystem::path(spec.output_dir) / name) << text;
-    JobReport report;
-    report.level = level_with(level, proto::sha256_hex(bytes_of(text)));
-    report.level->files[0].href = name;
-    return report;
+    proto::OutputCloud made = level_with(level, proto::sha256_hex(bytes_of(text)));
+    made.files[0].href = name;
+    return made;
 }
 
 Outcome wait_until_stopped(std::stop_token stop) {
@@ -109,10 +107,8 @@ protected:
 
 TEST_F(WorkerPoolTest, PublishesWhatAJobReportsAndItsSuccess) {
     const JobDocument job = run([](const JobSpec& spec, const auto& report, std::stop_token) {
-        JobReport source;
-        source.source = statistics_of(1000);
         report(progress_report("decode", 10));
-        report(source);
+        report(statistics_of(1000));
         report(make_level(spec, 0, "coarse"));
         report(make_level(spec, 1, "fine"));
         report(cost_report());
@@ -130,11 +126,10 @@ TEST_F(WorkerPoolTest, PublishesWhatAJobReportsAndItsSuccess) {
 
 TEST_F(WorkerPoolTest, TakesAFileOfTwoLevelsOnce) {
     const JobDocument job = run([](const JobSpec& spec, const auto& report, std::stop_token) {
-        JobReport first = make_level(spec, 0, "the same");
-        JobReport second = first;  // of the file that is written already
-        second.level->level = 1;
-        report(first);
-        report(second);
+        proto::OutputCloud level = make_level(spec, 0, "the same");
+        report(level);
+        level.level = 1;  // of the file that is written already
+        report(level);
         report(cost_report());
         return Outcome{};
     });
@@ -169,9 +164,7 @@ TEST_F(WorkerPoolTest, TellsTheJobItsInputItsFolderAndItsLimits) {
 
 TEST_F(WorkerPoolTest, KeepsTheProblemThatAJobReports) {
     const JobDocument job = run([](const JobSpec&, const auto& report, std::stop_token) {
-        JobReport failure;
-        failure.problem = proto::problem_from(ErrorCode::MalformedInput, "line 7: no name");
-        report(failure);
+        report(proto::problem_from(ErrorCode::MalformedInput, "line 7: no name"));
         return Outcome{};
     });
     EXPECT_EQ(job.status, JobStatus::Failed);
@@ -202,9 +195,7 @@ TEST_F(WorkerPoolTest, LogsTheFailureOfAJobThatCrashesForGood) {
 TEST_F(WorkerPoolTest, LogsAForeignTextAsOneField) {
     const Log log;
     run([](const JobSpec&, const auto& report, std::stop_token) {
-        JobReport failure;
-        failure.problem = proto::problem_from(ErrorCode::MalformedInput, "x\" status=200 tenant=y");
-        report(failure);
+        report(proto::problem_from(ErrorCode::MalformedInput, "x\" status=200 tenant=y"));
         return Outcome{};
     });
     const std::string field = R"(detail="x\" status=200 tenant=y")";
@@ -219,8 +210,8 @@ TEST_F(WorkerPoolTest, TakesAJobThatEndsWithoutALastWordForCrashed) {
 
 TEST_F(WorkerPoolTest, FailsAJobWhoseFileHasAnotherHashThanReported) {
     const JobDocument job = run([](const JobSpec& spec, const auto& report, std::stop_token stop) {
-        JobReport level = make_level(spec, 0, "level");
-        level.level->files[0].sha256 = std::string(64, '0');
+        proto::OutputCloud level = make_level(spec, 0, "level");
+        level.files[0].sha256 = std::string(64, '0');
         report(level);
         EXPECT_TRUE(stop.stop_requested()) << "there is nothing to go on for";
         report(cost_report());
@@ -237,9 +228,8 @@ TEST_F(WorkerPoolTest, TakesNoFileFromOutsideTheFolderOfTheJob) {
     for (const std::string& name : {std::string("../../../secret"), secret, std::string("missing"),
                                     std::string("."), std::string()}) {
         const JobDocument job = run([&](const JobSpec&, const auto& report, std::stop_token) {
-            JobReport level;
-            level.level = level_with(0, proto::sha256_hex(bytes_of("secret")));
-            level.level->files[0].href = name;
+            proto::OutputCloud level = level_with(0, proto::sha256_hex(bytes_of("secret")));
+            level.files[0].href = name;
             report(level);
             return Outcome{};
         });
@@ -262,9 +252,7 @@ TEST_F(WorkerPoolTest, FailsAJobWhoseResultsTakeMoreThanTheLimit) {
 
 TEST_F(WorkerPoolTest, TellsNobodyWhereTheServerHasItsFiles) {
     const JobDocument job = run([](const auto&, const auto& report, std::stop_token) {
-        JobReport failed;
-        failed.problem = proto::problem_from(ErrorCode::Internal, "cannot read /srv/blobs/00");
-        report(failed);
+        report(proto::problem_from(ErrorCode::Internal, "cannot read /srv/blobs/00"));
         return Outcome{};
     });
     EXPECT_EQ(job.status, JobStatus::Failed);
@@ -274,10 +262,9 @@ TEST_F(WorkerPoolTest, TellsNobodyWhereTheServerHasItsFiles) {
 TEST_F(WorkerPoolTest, SaysOfAFullDiskThatItIsFullAndNoMore) {
     const proto::StorageFull failure("scan.ply: No space left on device");
     const JobDocument job = run([&](const auto&, const auto& report, std::stop_token) {
-        JobReport failed;
-        failed.problem = proto::problem_from(failure);
-        failed.problem->stage = "encode";
-        report(failed);
+        proto::Problem problem = proto::problem_from(failure);
+        problem.stage = "encode";
+        report(problem);
         return Outcome{};
     });
     EXPECT_EQ(job.problem->detail, "storage full: the operator must free space");

@@ -36,10 +36,14 @@ proto::Results execute_here(const proto::JobRequest& request, const fs::path& in
     proto::Results results;
     results.request = request;
     const auto collect = [&](const proto::JobReport& report) {
-        if (report.progress) display.update(report.progress->stage, report.progress->percent / 100);
-        if (report.source) results.source = report.source;
-        if (report.level) results.levels.push_back(*report.level);
-        if (report.cost) results.cost = report.cost;
+        if (const auto* const progress = std::get_if<proto::JobProgress>(&report))
+            display.update(progress->stage, progress->percent / 100);
+        else if (const auto* const source = std::get_if<proto::CloudStatistics>(&report))
+            results.source = *source;
+        else if (const auto* const level = std::get_if<proto::OutputCloud>(&report))
+            results.levels.push_back(*level);
+        else if (const auto* const cost = std::get_if<proto::JobCost>(&report))
+            results.cost = *cost;
     };
     RunContext context;
     context.stop = execution.stop;
@@ -52,9 +56,9 @@ proto::Results execute_here(const proto::JobRequest& request, const fs::path& in
 void show(const ClientEvent& event, double from, double to, ProgressDisplay& display) {
     if (event.type != "progress") return;
     const proto::JobReport report = proto::job_report_from_json(event.data);
-    if (!report.progress) return;
-    display.update(printable(report.progress->stage),
-                   from + (to - from) * report.progress->percent / 100);
+    const auto* const progress = std::get_if<proto::JobProgress>(&report);
+    if (progress == nullptr) return;
+    display.update(printable(progress->stage), from + (to - from) * progress->percent / 100);
 }
 
 /// As a job here would have failed.

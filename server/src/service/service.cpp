@@ -73,7 +73,7 @@ proto::CloudDocument document_of(CloudRow row) {
 void fill_links(JobEvent& event, const proto::JobDocument& job) {
     if (event.type != "level") return;
     proto::JobReport report = proto::job_report_from_json(event.data);
-    server::fill_links(report.level.value(), job.id, is_pyramid(job.request));
+    server::fill_links(std::get<proto::OutputCloud>(report), job.id, is_pyramid(job.request));
     event.data = to_json(report);
 }
 

@@ -128,9 +128,7 @@ bool SqliteJobStore::report_progress(const Lease& lease, const std::string& stag
     return write_leased(lease, [&](std::int64_t row) {
         writer_.run("UPDATE jobs SET stage = ?1, progress = ?2, told = ?3 WHERE row = ?4", stage,
                     percent, now_ms(), row);
-        JobReport report;
-        report.progress = {stage, percent};
-        add_event(row, "progress", to_json(report));
+        add_event(row, "progress", to_json(JobReport(proto::JobProgress{stage, percent})));
     });
 }
 
@@ -145,16 +143,12 @@ bool SqliteJobStore::report_source(const Lease& lease, const proto::CloudStatist
                                     : "UPDATE clouds SET statistics = ?1 "
                                       "WHERE tenant = ?2 AND id = ?3",
                     to_json(cloud), lease.tenant, lease.request.input);
-        JobReport report;
-        report.source = source;
-        add_event(row, "source", to_json(report));
+        add_event(row, "source", to_json(JobReport(source)));
     });
 }
 
 bool SqliteJobStore::publish_level(const Lease& lease, const proto::OutputCloud& level) {
-    JobReport report;
-    report.level = level;
-    const std::string body = to_json(report);
+    const std::string body = to_json(JobReport(level));
     return write_leased(lease, [&](std::int64_t row) {
         // A repeated attempt makes the same level again: nothing new to tell.
         const std::int64_t changed = writer_.run(
@@ -176,10 +170,8 @@ bool SqliteJobStore::publish_level(const Lease& lease, const proto::OutputCloud&
 
 bool SqliteJobStore::succeed(const Lease& lease, const proto::JobCost& cost) {
     return write_leased(lease, [&](std::int64_t row) {
-        JobReport report;
-        report.cost = cost;
         writer_.run("UPDATE jobs SET cost = ?1, stage = 'done', progress = 100 WHERE row = ?2",
-                    to_json(report), row);
+                    to_json(JobReport(cost)), row);
         finish(row, JobStatus::Successful, "done");
     });
 }

@@ -364,11 +364,12 @@ std::optional<proto::Results> SqliteJobStore::results(const std::string& tenant,
         results.source = proto::cloud_statistics_from_json(*source);
     }
     if (const auto cost = rows.maybe_text(3)) {
-        results.cost = proto::job_report_from_json(*cost).cost;
+        results.cost = std::get<proto::JobCost>(proto::job_report_from_json(*cost));
     }
     do {
-        const auto body = rows.maybe_text(4);
-        if (body) results.levels.push_back(proto::job_report_from_json(*body).level.value());
+        if (const auto body = rows.maybe_text(4))
+            results.levels.push_back(
+                std::get<proto::OutputCloud>(proto::job_report_from_json(*body)));
     } while (rows.next());
     return results;
 }

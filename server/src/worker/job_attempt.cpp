@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <set>
 #include <utility>
+#include <variant>
 
 namespace stipple::server {
 
@@ -102,7 +103,7 @@ proto::JobSpec JobAttempt::spec_for(const std::vector<std::shared_ptr<const Blob
 void JobAttempt::on_report(const proto::JobReport& report) {
     if (stop_.stop_requested()) return;
     try {
-        handle(report);
+        std::visit([this](const auto& what) { take(what); }, report);
     } catch (const std::exception& error) {
         problem_ = problem_of(error);
     }
@@ -127,22 +128,28 @@ proto::Problem JobAttempt::for_caller(proto::Problem problem) const {
     return told;
 }
 
-void JobAttempt::handle(const proto::JobReport& report) {
-    if (report.progress) {
-        taken(jobs_.report_progress(lease_, report.progress->stage, report.progress->percent));
-    }
-    if (report.source) taken(jobs_.report_source(lease_, *report.source));
-    if (report.level) {
-        // Durable first, then the row that names it.
-        const proto::OutputCloud level = adopt_files(*report.level);
-        if (taken(jobs_.publish_level(lease_, level))) {
-            if (options_.on_level) options_.on_level(level);
-            spdlog::debug("job.level id={} level={} points={}", lease_.job_id, level.level,
-                          level.points);
-        }
-    }
-    if (report.cost) cost_ = report.cost;
-    if (report.problem) problem_ = for_caller(*report.problem);
+void JobAttempt::take(const proto::JobProgress& progress) {
+    taken(jobs_.report_progress(lease_, progress.stage, progress.percent));
+}
+
+void JobAttempt::take(const proto::CloudStatistics& source) {
+    taken(jobs_.report_source(lease_, source));
+}
+
+void JobAttempt::take(const proto::OutputCloud& reported) {
+    // Durable first, then the row that names it.
+    const proto::OutputCloud level = adopt_files(reported);
+    if (!taken(jobs_.publish_level(lease_, level))) return;
+    if (options_.on_level) options_.on_level(level);
+    spdlog::debug("job.level id={} level={} points={}", lease_.job_id, level.level, level.points);
+}
+
+void JobAttempt::take(const proto::JobCost& cost) {
+    cost_ = cost;
+}
+
+void JobAttempt::take(const proto::Problem& problem) {
+    problem_ = for_caller(problem);
 }
 
 /// The job process worked on foreign bytes: nothing it says of its files is believed.

@@ -37,7 +37,11 @@ private:
     void on_report(const proto::JobReport& report);
     proto::Problem problem_of(const std::exception& failure) const;
     proto::Problem for_caller(proto::Problem problem) const;
-    void handle(const proto::JobReport& report);
+    void take(const proto::JobProgress& progress);
+    void take(const proto::CloudStatistics& source);
+    void take(const proto::OutputCloud& reported);
+    void take(const proto::JobCost& cost);
+    void take(const proto::Problem& problem);
     proto::OutputCloud adopt_files(proto::OutputCloud level);
     void conclude(const JobRunner::Outcome& outcome);
     void succeed();

@@ -209,11 +209,9 @@ std::optional<Clock::duration> wall_limit(const proto::JobSpec& spec) {
 
 proto::JobReport out_of_time(Clock::duration limit) {
     const auto seconds = std::chrono::duration_cast<std::chrono::seconds>(limit).count();
-    proto::JobReport report;
-    report.problem = proto::problem_from(
-        ErrorCode::TooLarge, "the job did not end within " + std::to_string(seconds) +
-                                 " seconds: upload a smaller cloud, or raise the limit");
-    return report;
+    return proto::problem_from(ErrorCode::TooLarge,
+                               "the job did not end within " + std::to_string(seconds) +
+                                   " seconds: upload a smaller cloud, or raise the limit");
 }
 
 /// The two ends of a pipe.
@@ -322,7 +320,8 @@ Outcome ProcessJobRunner::watch(Child& child, LineReader& lines, const StopEvent
             return {Outcome::Kind::Crashed, std::string("unreadable report: ") + error.what()};
         }
         for (const proto::JobReport& line : reports) {
-            const bool finished = line.cost || line.problem;
+            const bool finished = std::holds_alternative<proto::JobCost>(line) ||
+                                  std::holds_alternative<proto::Problem>(line);
             if (finished) child.end();  // so that its memory is free when the result is published
             report(line);
             if (finished) return {Outcome::Kind::Finished, {}};

@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <variant>
 #include <vector>
 
 namespace stipple::proto {
@@ -150,24 +151,20 @@ struct JobSpec {
 std::string to_json(const JobSpec& spec);
 JobSpec job_spec_from_json(std::string_view json);
 
-/// What stipple-job reports on its standard output, one JSON object a line. Exactly one field is set.
+/// How far a job is.
+struct JobProgress {
+    std::string stage;   ///< one of `kJobStages`
+    double percent = 0;  ///< of the whole job
+};
+
+/// What stipple-job reports on its standard output, one JSON object a line.
 ///
 ///     {"progress": {"stage": "decode", "percent": 12.5}}
 ///     {"source": {cloud statistics}}
 ///     {"level": {OutputCloud with file names as href, hashes filled}}
 ///     {"cost": {…}}       the last line of a success
 ///     {"problem": {…}}    the last line of a failure
-struct JobReport {
-    struct Progress {
-        std::string stage;
-        double percent = 0;
-    };
-    std::optional<Progress> progress;
-    std::optional<CloudStatistics> source;
-    std::optional<OutputCloud> level;
-    std::optional<JobCost> cost;
-    std::optional<Problem> problem;
-};
+using JobReport = std::variant<JobProgress, CloudStatistics, OutputCloud, JobCost, Problem>;
 std::string to_json(const JobReport& report);  ///< one line, without line break
 JobReport job_report_from_json(std::string_view json);
 
