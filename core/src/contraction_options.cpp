@@ -1,6 +1,7 @@
 #include "contraction_options.hpp"
 
 #include "contraction_quadrics.hpp"
+#include "option_ranges.hpp"
 #include "parallel_for.hpp"
 #include "refuse.hpp"
 #include "representatives.hpp"
@@ -15,12 +16,6 @@
 namespace stipple {
 
 namespace {
-
-constexpr unsigned kMinK = 3, kMaxK = 32;
-
-void check_weight(const std::string& name, double weight) {
-    require(weight >= 0 && std::isfinite(weight), name, weight, "a finite number, 0 or more");
-}
 
 /// The components of an attribute, each over the range of its finite values; what is not finite
 /// counts as the least of them.
@@ -54,14 +49,11 @@ void add_attribute(std::vector<std::vector<float>>& columns, const Attribute& at
 
 void check_contraction(const PointCloud& cloud, const IterativeSimplificationOptions& options) {
     if (cloud.empty()) refuse("the cloud has no points");
-    require(options.k >= kMinK && options.k <= kMaxK, "k", options.k, "3..32 neighbours");
-    if (options.max_displacement) check_weight("max_displacement", *options.max_displacement);
-    check_weight("color_weight", options.color_weight);
+    check_ranges(options);
     if (options.color_weight > 0 && cloud.colors.empty()) {
         refuse("color_weight: the cloud has no colours; omit it");
     }
     for (const auto& [name, weight] : options.attribute_weights) {
-        check_weight("attribute_weights: " + name, weight);
         if (find_attribute(cloud, name) == nullptr) {
             refuse("attribute_weights: the cloud has no attribute ", name);
         }

@@ -2,6 +2,7 @@
 
 #include "cloud_copy.hpp"
 #include "cluster_tree.hpp"
+#include "option_ranges.hpp"
 #include "parallel_for.hpp"
 #include "refuse.hpp"
 #include "representatives.hpp"
@@ -23,14 +24,7 @@ void check(const HierarchicalClusteringOptions& options, std::size_t points) {
     if (options.target_size && *options.target_size == 0) {
         refuse("target_size 0: expected 1..", points);
     }
-    if (options.max_cluster_size && *options.max_cluster_size == 0) {
-        refuse("max_cluster_size 0: expected at least 1");
-    }
-    if (options.max_variation) {
-        const double variation = *options.max_variation;
-        require(variation > 0 && variation <= 1.0 / 3.0, "max_variation", variation,
-                "above 0, at most 1/3");
-    }
+    check_ranges(options);
 }
 
 /// The clusters that the options ask for. A target is at most the number of points.

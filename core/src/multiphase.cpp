@@ -5,6 +5,7 @@
 #include "contraction_options.hpp"
 #include "first_touch.hpp"
 #include "multiphase_runs.hpp"
+#include "option_ranges.hpp"
 #include "parallel_for.hpp"
 #include "refuse.hpp"
 #include "representatives.hpp"
@@ -44,10 +45,9 @@ void fit(std::vector<Vec3f>& positions, std::span<const Vec3f> samples, const Me
 
 void check(const PointCloud& cloud, std::span<const std::uint64_t> sizes,
            const MultiphaseOptions& options) {
+    check_ranges(options);
     check_contraction(cloud, options.contraction);
     if (std::ranges::find(sizes, 0U) != sizes.end()) refuse("size 0: expected at least 1");
-    require(options.oversampling >= 1 && options.oversampling <= 1000, "oversampling",
-            options.oversampling, "1..1000");
 }
 
 /// Samples of the first phase: as many as the options say, and as there are points.

@@ -1,6 +1,7 @@
 #include "stipple/simplify.hpp"
 
 #include "cloud_copy.hpp"
+#include "option_ranges.hpp"
 #include "refuse.hpp"
 #include "stipple/error_bounded.hpp"
 #include "stipple/iterative_simplification.hpp"
@@ -13,70 +14,6 @@
 namespace stipple {
 
 namespace {
-
-void require_positive(const std::string& name, double value) {
-    require(value > 0 && std::isfinite(value), name, value, "a finite number above 0");
-}
-
-void require_not_negative(const std::string& name, double value) {
-    require(value >= 0 && std::isfinite(value), name, value, "a finite number, at least 0");
-}
-
-// The options of each method.
-
-template <typename ClusteringOptions>
-void check_bounds(const ClusteringOptions& options) {
-    if (options.max_cluster_size) {
-        const std::uint64_t size = *options.max_cluster_size;
-        require(size >= 1, "max_cluster_size", size, "at least 1");
-    }
-    if (options.max_variation) {
-        const double variation = *options.max_variation;
-        require(variation > 0 && variation <= 1.0 / 3.0, "max_variation", variation,
-                "above 0, at most 1/3");
-    }
-}
-
-void check(const IterativeSimplificationOptions& options) {
-    require(options.k >= 3 && options.k <= 32, "k", options.k, "3..32");
-    if (options.max_displacement) {
-        require_not_negative("max_displacement", *options.max_displacement);
-    }
-    require_not_negative("color_weight", options.color_weight);
-    for (const auto& [name, weight] : options.attribute_weights) {
-        require_not_negative("attribute_weights." + name, weight);
-    }
-}
-
-void check(const DensityRegion& region) {
-    const auto finite = [](const Vec3d& v) { return v.array().isFinite().all(); };
-    if (const auto* sphere = std::get_if<DensityRegion::Sphere>(&region.where)) {
-        if (!finite(sphere->center)) refuse("regions: the centre of a sphere is not finite");
-        require_positive("regions: the radius", sphere->radius);
-    } else if (const auto* box = std::get_if<DensityRegion::Box>(&region.where)) {
-        const bool ordered = (box->min.array() <= box->max.array()).all();
-        if (!finite(box->min) || !finite(box->max) || !ordered) {
-            refuse("regions: a box whose min is above its max, or is not finite");
-        }
-    } else if (const auto* scalar = std::get_if<DensityRegion::Scalar>(&region.where)) {
-        const bool finite_range = std::isfinite(scalar->low) && std::isfinite(scalar->high);
-        require(finite_range && scalar->low <= scalar->high, "regions: low", scalar->low,
-                "finite, at most high");
-    }
-    require_positive("regions: density", region.density);
-    require_not_negative("regions: transition", region.transition);
-}
-
-void check(const ParticleSimulationOptions& options) {
-    require(options.adaptivity >= 0 && options.adaptivity <= 1, "adaptivity", options.adaptivity,
-            "0 to 1");
-    require(options.max_grading >= 1 && std::isfinite(options.max_grading), "max_grading",
-            options.max_grading, "a finite number, at least 1");
-    for (const DensityRegion& region : options.regions) check(region);
-    require(options.max_iterations >= 1, "max_iterations", options.max_iterations, "at least 1");
-    require(options.tolerance > 0 && options.tolerance < 1, "tolerance", options.tolerance,
-            "above 0, below 1");
-}
 
 /// Whether bounds of the method's own say how many points there will be.
 bool has_bounds(const SimplifyOptions& options) {
@@ -114,20 +51,17 @@ std::string expected_targets(Method method) {
 void check_own_options(const SimplifyOptions& options) {
     switch (options.method) {
         case Method::Multiphase:
-            require(options.oversampling >= 1 && options.oversampling <= 1000, "oversampling",
-                    options.oversampling, "1 to 1000");
-            return check(options.iterative);
+            return check_ranges(MultiphaseOptions{options.oversampling, options.iterative});
         case Method::Hierarchical:
-            return check_bounds(options.hierarchical);
+            return check_ranges(options.hierarchical);
         case Method::Incremental:
-            return check_bounds(options.incremental);
+            return check_ranges(options.incremental);
         case Method::Iterative:
-            return check(options.iterative);
+            return check_ranges(options.iterative);
         case Method::Particles:
-            return check(options.particles);
+            return check_ranges(options.particles);
         case Method::Voxel:
-            if (options.voxel.voxel_size) require_positive("voxel_size", *options.voxel.voxel_size);
-            return;
+            return check_ranges(options.voxel);
         case Method::Random:
             if (!options.reductions.empty()) refuse("reductions: random keeps points as they are");
             return;
@@ -243,7 +177,7 @@ void validate(const UpsampleOptions& options) {
         require(*options.ratio > 1 && std::isfinite(*options.ratio), "ratio", *options.ratio,
                 "a finite number above 1");
     }
-    check(options.particles);
+    check_ranges(options.particles);
 }
 
 PointCloud upsample(const PointCloud& cloud, const UpsampleOptions& options,

@@ -322,12 +322,12 @@ TEST(IterativeSimplification, SaysWhatIsWrongWithAnOption) {
     };
     EXPECT_EQ(message({}, cloud), "target_size 0: expected at least 1");
     EXPECT_EQ(message({.target_size = 5}, {}), "the cloud has no points");
-    EXPECT_EQ(message({.target_size = 5, .k = 2}, cloud), "k 2: expected 3..32 neighbours");
-    EXPECT_EQ(message({.target_size = 5, .k = 33}, cloud), "k 33: expected 3..32 neighbours");
+    EXPECT_EQ(message({.target_size = 5, .k = 2}, cloud), "k 2: expected 3..32");
+    EXPECT_EQ(message({.target_size = 5, .k = 33}, cloud), "k 33: expected 3..32");
     EXPECT_EQ(message({.target_size = 5, .max_displacement = -0.5}, cloud),
-              "max_displacement -0.5: expected a finite number, 0 or more");
+              "max_displacement -0.5: expected a finite number, at least 0");
     EXPECT_EQ(message({.target_size = 5, .color_weight = std::nan("")}, cloud),
-              "color_weight nan: expected a finite number, 0 or more");
+              "color_weight nan: expected a finite number, at least 0");
     EXPECT_EQ(message({.target_size = 5, .color_weight = 1}, test::sphere(20)),
               "color_weight: the cloud has no colours; omit it");
     EXPECT_EQ(message({.target_size = 5, .attribute_weights = {{"heat", 1}}}, cloud),

@@ -260,11 +260,11 @@ TEST(Multiphase, RefusesOptionsOutOfRange) {
     for (const double m : {0.5, 1001.0, std::nan("")}) {
         MultiphaseOptions options = to(5);
         options.oversampling = m;
-        test::expect_refused(": expected 1..1000", [&] { multiphase(cloud, options); });
+        test::expect_refused(": expected 1 to 1000", [&] { multiphase(cloud, options); });
     }
     MultiphaseOptions options = to(5);
     options.contraction.k = 2;
-    test::expect_refused("k 2: expected 3..32 neighbours", [&] { multiphase(cloud, options); });
+    test::expect_refused("k 2: expected 3..32", [&] { multiphase(cloud, options); });
     options = to(5);
     options.contraction.reductions["nothing"] = Reduction::Max;
     test::expect_refused("reductions: no attribute nothing", [&] { multiphase(cloud, options); });
