@@ -20,7 +20,7 @@ export class JobStarter {
         this.pending = new Map();  // what was asked of the server, by its key, and is not there yet
     }
 
-    /** @param fields  of the job beside its type and the cloud that it is about */
+    /** Rejects where the server does. @param fields  of the job beside its type and the cloud that it is about */
     start(type, cloudId, fields) {
         return this.once(JSON.stringify([type, cloudId, fields]), async () => {
             this.onJob(await startJob(type, cloudId, type === 'evaluate' ? { map: ['drc'], ...fields } : fields));
@@ -31,18 +31,23 @@ export class JobStarter {
     startPyramid({ id, format: kind, bytes }) {
         const isLarge = bytes > kMostWhole * kFewestBytes[kind];
         // What is small is there within a second by the method of less error, too.
-        return this.start('pyramid', id, isLarge ? { formats: ['drc', 'glb'], tiles: { attributes: true } } : { formats: ['drc'], method: 'multiphase' });
+        return this.attempt('pyramid', id, isLarge ? { formats: ['drc', 'glb'], tiles: { attributes: true } } : { formats: ['drc'], method: 'multiphase' });
     }
 
     /** A simplification to so many points, by the method of a curve. */
     startAsCurve({ request: { type, input, count, points: measured, ...ofMethod } }, points) {
-        return this.start('simplify', input, { ...ofMethod, points, format: 'drc' });
+        return this.attempt('simplify', input, { ...ofMethod, points, format: 'drc' });
     }
 
     /** The same job once more, as it was asked for. */
     startAgain({ type, request }) {
         const { type: sameType, input, reference, candidate, ...fields } = request;
-        return this.start(type, inputOf({ request }), fields);
+        return this.attempt(type, inputOf({ request }), fields);
+    }
+
+    /** As `start`, but a refusal is shown. */
+    attempt(type, cloudId, fields) {
+        return this.start(type, cloudId, fields).catch((error) => showProblem(error, 'The job could not be started'));
     }
 
     /** Where the surface that a session shows is how far from that of the input. */

@@ -1,7 +1,7 @@
 import { listClouds, listJobs, pause } from './api.js';
 import { byId, element, exchange, setHidden } from './element.js';
 import * as format from './format.js';
-import { showProblem } from './notices.js';
+import { forgetProblems, showProblem } from './notices.js';
 
 const kPauseMs = 10_000;
 const kMore = 100;
@@ -112,7 +112,10 @@ export class Library {
         const row = this.row(`result-${job.id}`, titleOf(job), resultNote(job, this.cloudOf(job)), job.status === 'failed');
         row.ariaCurrent = String(job.id === this.current);
         row.dataset.result = job.id;
-        row.onclick = () => this.onResult(job);
+        row.onclick = () => {
+            forgetProblems();
+            this.onResult(job);
+        };
         return element('li', {}, row);
     }
 
@@ -120,7 +123,10 @@ export class Library {
         const isBuilt = this.pyramidOf(cloud.id) !== undefined;
         const row = this.row(`cloud-${cloud.id}`, nameOf(cloud), cloudNote(cloud), false);
         row.title = [isBuilt ? 'Show its pyramid' : 'Build its pyramid', cloud.points === undefined ? '' : keptOf(cloud).without].filter(Boolean).join('. ');
-        row.onclick = () => this.onCloud(cloud);
+        row.onclick = () => {
+            forgetProblems();
+            this.onCloud(cloud);
+        };
         const more = element('button', { id: `process-${cloud.id}`, className: 'more', textContent: 'Process', title: 'Simplify, add points, analyse, or build another pyramid', ariaLabel: `Process ${nameOf(cloud)}` });
         more.onclick = () => this.onParameters(cloud);
         return element('li', { className: 'with-more' }, row, more);

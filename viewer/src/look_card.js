@@ -38,23 +38,33 @@ export class LookCard {
         this.tell();
     }
 
+    get isOpen() {
+        return !byId['look-card'].hidden;
+    }
+
     toggle() {
-        setHidden(byId['look-card'], !byId['look-card'].hidden, byId.look);
-        byId.look.ariaExpanded = String(!byId['look-card'].hidden);
-        if (!byId['look-card'].hidden) {
+        setHidden(byId['look-card'], this.isOpen, byId.look);
+        byId.look.ariaExpanded = String(this.isOpen);
+        if (this.isOpen) {
             this.onOpen();
+        }
+    }
+
+    open() {
+        if (!this.isOpen) {
+            this.toggle();
+        }
+    }
+
+    close() {
+        if (this.isOpen) {
+            this.toggle();
         }
     }
 
     /** As before a choice was made: an error map shows distances. */
     forgetColor() {
         this.by = null;
-    }
-
-    setOpen(isOpen) {
-        if (byId['look-card'].hidden === isOpen) {
-            this.toggle();
-        }
     }
 
     /** What the colours of a level stand for now. */
@@ -69,9 +79,12 @@ export class LookCard {
         return [...own, ...kAlways.slice(0, 2), ...attributes.map(({ name }) => [name, titleOf(name)]), ...kAlways.slice(2)];
     }
 
-    /** What the colours say of one point of a level: `Classification: Ground`; null where they stand for no values, or for coordinates. */
-    valueAt({ colors, coloring }, index) {
-        const { by, range } = coloring;
+    /** What the colours say of a point of the stage: `Classification: Ground`; null where they stand for no values, or for coordinates. */
+    valueAt({ level, geometry, index }) {
+        if (geometry !== level.geometry || level.tiles) {
+            return null;
+        }
+        const { colors, coloring: { by, range } } = level;
         const value = range && !kLengths.slice(1).includes(by) ? colors?.get(by)?.valueOf?.(index) : undefined;
         if (value === undefined) {
             return null;

@@ -40,20 +40,11 @@ if (!canDrawOn(byId.stage)) {
 const stage = new Stage(byId.stage, {
     onPicture: (level) => session?.pictured(level),
     onMoved: () => bookmark.writeSoon(),
-    onPoint: ({ place, level, geometry, index }) => {
-        const value = geometry === level.geometry && !level.tiles ? look.valueAt(level, index) : null;
-        pointLabel.show({ place, radius: stage.home.radius, value });
-    },
+    onPoint: (point) => pointLabel.show(point, stage.home.radius, look.valueAt(point)),
 });
 const library = new Library({
-    onResult: (job) => {
-        forgetProblems();
-        open(job);
-    },
-    onCloud: (cloud) => {
-        forgetProblems();
-        openCloud(cloud);
-    },
+    onResult: (job) => open(job),
+    onCloud: openCloud,
     onParameters: (cloud) => form.open(subjectOf(cloud, { clouds: library.clouds, session })),
 });
 const hud = new Hud({
@@ -66,11 +57,11 @@ const hud = new Hud({
     onDownload: (file) => download(file, session).catch(showProblem),
     onMap: () => starter.startMap(session),
     onFigures: () => {
-        look.setOpen(false);
+        look.close();
         view.toggleReport(session);
     },
     onRemove: () => removeResult().catch(showProblem),
-    onAgain: () => starter.startAgain(session.job).catch(tellNotStarted),
+    onAgain: () => starter.startAgain(session.job),
     onRemoveAll: () => removeWithCloud().catch(showProblem),
 });
 const look = new LookCard({
@@ -89,12 +80,12 @@ const look = new LookCard({
 const share = new ShareCard({
     linkOf: () => bookmark.link(),
     onPicture: () => savePicture(stage, session).catch((error) => showProblem(error, 'The picture could not be saved')),
-    onOpen: () => look.setOpen(false),
+    onOpen: () => look.close(),
 });
 const report = new Report({
     onDownload: (file) => download(file, session).catch(showProblem),
-    onSimplify: (points) => starter.startAsCurve(session.job, points).catch(tellNotStarted),
-    onPyramid: () => starter.startPyramid(library.cloudOf(session.job)).catch(tellNotStarted),
+    onSimplify: (points) => starter.startAsCurve(session.job, points),
+    onPyramid: () => starter.startPyramid(library.cloudOf(session.job)),
 });
 const starter = new JobStarter({
     onJob: (job) => {
@@ -105,7 +96,7 @@ const starter = new JobStarter({
     onMap: (map) => {
         look.forgetColor();
         if (!isPhone()) {
-            look.setOpen(true);  // its legend says what the colours are
+            look.open();  // its legend says what the colours are
         }
         library.add(map);
         open(map);
@@ -243,22 +234,17 @@ async function openCloud(cloud) {
     if (known) {
         open(known);
     } else {
-        await starter.startPyramid(cloud).catch(tellNotStarted);
+        await starter.startPyramid(cloud);
     }
 }
-
-const tellNotStarted = (error) => showProblem(error, 'The job could not be started');
 
 function closeTopmost() {
     if (closeNewest()) {
         return;
     }
-    if (sheet.isOpen) {
-        sheet.close();
-    } else if (!byId['look-card'].hidden) {
-        look.toggle();
-    } else if (share.isOpen) {
-        share.close();
+    const card = [sheet, look, share].find(({ isOpen }) => isOpen);
+    if (card) {
+        card.close();
     } else if (report.isOpen && session?.shown) {
         report.hide();
     } else {

@@ -8,7 +8,7 @@ export class PointLabel {
     }
 
     /** @param place  in the coordinates of its file; @param radius  of the cloud; @param value  what its colour stands for, or null */
-    show({ place, radius, value }) {
+    show({ place }, radius, value) {
         byId.point.replaceChildren(element('span', { className: 'place', textContent: format.place(place, radius) }), ...(value ? [value] : []));
         byId.point.hidden = false;
     }
