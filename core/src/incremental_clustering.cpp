@@ -6,6 +6,7 @@
 #include "first_touch.hpp"
 #include "gather.hpp"
 #include "incremental_levels.hpp"
+#include "option_ranges.hpp"
 #include "parallel_for.hpp"
 #include "random.hpp"
 #include "refuse.hpp"
@@ -43,14 +44,7 @@ void check(const IncrementalClusteringOptions& options, std::size_t points) {
     if (options.target_size && *options.target_size == 0) {
         refuse("target_size 0: expected 1..", points);
     }
-    if (options.max_cluster_size && *options.max_cluster_size == 0) {
-        refuse("max_cluster_size 0: expected at least 1");
-    }
-    if (options.max_variation) {
-        const double variation = *options.max_variation;
-        require(variation > 0 && variation <= 1.0 / 3.0, "max_variation", variation,
-                "above 0, at most 1/3");
-    }
+    check_ranges(options);
 }
 
 /// How far a region came: at least 1 where it reached a bound.
