@@ -1,12 +1,14 @@
 #include "particle_relaxation.hpp"
 
 #include "first_touch.hpp"
+#include "float4.hpp"
 #include "parallel_for.hpp"
 #include "until_stopped.hpp"
 
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <functional>
 #include <numeric>
@@ -48,6 +50,43 @@ Vec3f along_plane(const Vec3f& force, float length, const Vec3f& normal, bool is
     return normal.unitOrthogonal() * (is_first ? length : -length);
 }
 
+/// Four neighbours of a particle, or those that are left; itself in place of what is missing.
+struct FourOthers {
+    std::array<Index, 4> particles;
+    std::size_t count;
+
+    FourOthers(std::span<const Index> near, std::size_t first, std::size_t i)
+        : count(std::min<std::size_t>(4, near.size() - first)) {
+        particles.fill(static_cast<Index>(i));
+        std::copy_n(&near[first], count, particles.begin());
+    }
+};
+
+/// A particle and four others: each lane is of one of them.
+struct FourPairs {
+    Float4 x, y, z;  ///< from the other to the particle
+    Float4 radius, distance;
+    Float4 overlap;  ///< of the radius over the distance; none where it is not above 0
+
+    /// @param half  of the repulsion radius, over what `places` have as spacing.
+    FourPairs(std::span<const std::array<float, 4>> places, std::size_t i,
+              const std::array<Index, 4>& others, float half) {
+        const Float4 own = load(places[i].data()), a = load(places[others[0]].data()),
+                     b = load(places[others[1]].data()), c = load(places[others[2]].data()),
+                     d = load(places[others[3]].data());
+        const Float4 ab = __builtin_shufflevector(a, b, 0, 4, 1, 5),
+                     cd = __builtin_shufflevector(c, d, 0, 4, 1, 5);
+        x = own[0] - __builtin_shufflevector(ab, cd, 0, 1, 4, 5);
+        y = own[1] - __builtin_shufflevector(ab, cd, 2, 3, 6, 7);
+        const Float4 ab_rest = __builtin_shufflevector(a, b, 2, 6, 3, 7),
+                     cd_rest = __builtin_shufflevector(c, d, 2, 6, 3, 7);
+        z = own[2] - __builtin_shufflevector(ab_rest, cd_rest, 0, 1, 4, 5);
+        radius = half * (own[3] + __builtin_shufflevector(ab_rest, cd_rest, 2, 3, 6, 7));
+        distance = square_root(x * x + (y * y + z * z));
+        overlap = radius - distance;
+    }
+};
+
 }  // namespace
 
 ParticleRelaxation::ParticleRelaxation(const ParticleSurface& surface, std::vector<float> spacing,
@@ -59,7 +98,7 @@ ParticleRelaxation::ParticleRelaxation(const ParticleSurface& surface, std::vect
     feet_.reserve(positions_.size());
     for (const Index sample : start.samples) feet_.push_back({.sample = sample});
     resize(positions_.size());
-    look_up_spacing();
+    update_places();
 }
 
 void ParticleRelaxation::resize(std::size_t count) {
@@ -69,7 +108,7 @@ void ParticleRelaxation::resize(std::size_t count) {
     parallel_for_blocks(count, kBlock, context_, [&](std::size_t begin, std::size_t end) {
         std::fill(&steps_[begin], &steps_[begin] + (end - begin), Vec3f::Zero());
     });
-    resize_in_blocks(relative_, count, context_);
+    resize_in_blocks(places_, count, context_);
     moved_.assign(count, 1);
     moves_.resize(count);
     neighborhoods_.resize((count + kBlock - 1) / kBlock);
@@ -152,7 +191,7 @@ void ParticleRelaxation::insert(std::vector<Place> places,
     positions_ = std::move(positions);
     feet_ = std::move(feet);
     resize(positions_.size());
-    look_up_spacing();
+    update_places();
 }
 
 bool ParticleRelaxation::split(std::size_t most) {
@@ -202,7 +241,7 @@ ParticleRelaxation::Progress ParticleRelaxation::step(float radius, bool find_sp
                         });
     std::swap(positions_, next_);
     std::swap(moved_, moves_);
-    look_up_spacing();
+    update_places();
     Progress result;
     strangers_ = 0;
     for (const BlockProgress& block : progress_) {
@@ -214,12 +253,13 @@ ParticleRelaxation::Progress ParticleRelaxation::step(float radius, bool find_sp
     return result;
 }
 
-void ParticleRelaxation::look_up_spacing() {
-    parallel_for_blocks(relative_.size(), kBlock, context_,
-                        [&](std::size_t begin, std::size_t end) {
-                            for (std::size_t i = begin; i < end; ++i)
-                                relative_[i] = spacing_[feet_[i].sample];
-                        });
+void ParticleRelaxation::update_places() {
+    parallel_for_blocks(places_.size(), kBlock, context_, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+            const Vec3f& p = positions_[i];
+            places_[i] = {p.x(), p.y(), p.z(), spacing_[feet_[i].sample]};
+        }
+    });
 }
 
 void ParticleRelaxation::settle() {
@@ -231,6 +271,7 @@ void ParticleRelaxation::settle() {
                 steps_[i].setZero();
             }
         });
+    update_places();
     found_at_.clear();
 }
 
@@ -253,47 +294,87 @@ void ParticleRelaxation::find_neighbors() {
 }
 
 /// The mean distance of particles, over the spacing, to the six nearest; those that are out of
-/// reach count as if they were just there. Of all particles or some hundred blocks of them.
+/// reach count as if they were just there. Of every so many-th particle of very many: of fewer than
+/// here it may waver, by which they would seem to come no nearer to rest.
 double ParticleRelaxation::mean_ring() const {
-    constexpr std::size_t kAsked = 128;
-    const std::size_t stride = (neighborhoods_.size() + kAsked - 1) / kAsked;
-    std::vector<double> sums((neighborhoods_.size() + stride - 1) / stride);
-    std::vector<std::size_t> counts(sums.size());
-    parallel_for_blocks(sums.size(), 1, context_, [&](std::size_t b, std::size_t) {
-        const std::size_t begin = b * stride * kBlock;
-        const std::size_t end = std::min(positions_.size(), begin + kBlock);
-        for (std::size_t i = begin; i < end; ++i) sums[b] += static_cast<double>(mean_of_ring(i));
-        counts[b] = end - begin;
-    });
-    return std::accumulate(sums.begin(), sums.end(), 0.0) /
-           static_cast<double>(std::accumulate(counts.begin(), counts.end(), std::size_t{0}));
+    constexpr std::size_t kAsked = 65'536;
+    const std::size_t stride = (positions_.size() + kAsked - 1) / kAsked;
+    std::vector<double> sums(neighborhoods_.size());
+    parallel_for_blocks(positions_.size(), kBlock, context_,
+                        [&](std::size_t begin, std::size_t end) {
+                            const std::size_t first = (begin + stride - 1) / stride * stride;
+                            for (std::size_t i = first; i < end; i += stride)
+                                sums[begin / kBlock] += static_cast<double>(mean_of_ring(i));
+                        });
+    const std::size_t count = (positions_.size() + stride - 1) / stride;
+    return std::accumulate(sums.begin(), sums.end(), 0.0) / static_cast<double>(count);
 }
 
 float ParticleRelaxation::mean_of_ring(std::size_t i) const {
-    std::array<float, kRing> nearest;
+    const std::span<const Index> near = neighborhoods_[i / kBlock].of(i % kBlock);
+    std::array<float, kRing> nearest;  // ascending
     nearest.fill(kReach);
-    for (const Index j : neighborhoods_[i / kBlock].of(i % kBlock)) {
-        float distance = 2 * (positions_[j] - positions_[i]).norm() / (spacing(i) + spacing(j));
-        for (float& place : nearest)
-            if (distance < place) std::swap(distance, place);
+    for (std::size_t first = 0; first < near.size(); first += 4) {
+        const FourOthers others(near, first, i);
+        const FourPairs pairs(places_, i, others.particles, 0.5F * factor_);
+        const Float4 distances = pairs.distance / pairs.radius;
+        for (std::size_t lane = 0; lane < others.count; ++lane) {
+            float distance = distances[lane];
+            for (float& place : nearest) {  // no branch, which none could foretell
+                const float nearer = std::min(place, distance);
+                distance = std::max(place, distance);
+                place = nearer;
+            }
+        }
     }
     return std::accumulate(nearest.begin(), nearest.end(), 0.0F) / kRing;
 }
 
-/// The total force (Eq. 8) on particle i.
-Vec3f ParticleRelaxation::force_on(std::size_t i, float radius, float& largest_overlap) const {
-    const Vec3f p = positions_[i];
-    const Vec3f normal = surface_.normal(feet_[i].sample);
-    Vec3f total = Vec3f::Zero();
-    for (const Index j : neighborhoods_[i / kBlock].of(i % kBlock)) {
-        const float r = radius * 0.5F * (spacing(i) + spacing(j));
-        const Vec3f force = repulsion(p, positions_[j], r);
-        const float length = positions_[j] == p ? r : force.norm();
-        if (length == 0) continue;
-        largest_overlap = std::max(largest_overlap, length / r);
-        total += radius < 1 || length == r ? along_plane(force, length, normal, i < j) : force;
+/// The total force (Eq. 8) on particle i, of `repulsion` by four others at once, or one by one
+/// where it has to be turned.
+Vec3f ParticleRelaxation::force_on(std::size_t i, float radius, bool& is_crowded) const {
+    const std::span<const Index> near = neighborhoods_[i / kBlock].of(i % kBlock);
+    const float half = 0.5F * radius * factor_;
+    Float4 x{}, y{}, z{};
+    Vec3f along = Vec3f::Zero();
+    for (std::size_t first = 0; first < near.size(); first += 4) {
+        const FourOthers others(near, first, i);
+        const FourPairs pairs(places_, i, others.particles, half);
+        const unsigned felt = lane_bits(pairs.overlap > Float4{}) & ((1U << others.count) - 1U);
+        if (felt == 0) continue;
+        is_crowded |= (felt & lane_bits(pairs.overlap > kCrowded * pairs.radius)) != 0;
+        if (radius >= 1 && (felt & lane_bits(pairs.distance == Float4{})) == 0) {
+            // Nothing by what is missing: the particle itself has no distance.
+            const Float4 by = (pairs.overlap > Float4{}) & (pairs.distance > Float4{})
+                                  ? pairs.overlap / pairs.distance
+                                  : Float4{};
+            x += pairs.x * by;
+            y += pairs.y * by;
+            z += pairs.z * by;
+            continue;
+        }
+        const Vec3f normal = surface_.normal(feet_[i].sample);
+        for (unsigned left = felt; left != 0; left &= left - 1) {
+            const auto lane = static_cast<std::size_t>(std::countr_zero(left));
+            const Index j = others.particles[lane];
+            const Vec3f force = repulsion(positions_[i], positions_[j], pairs.radius[lane]);
+            if (radius >= 1 && pairs.distance[lane] > 0)
+                along += force;
+            else
+                along += along_plane(force, pairs.overlap[lane], normal, i < j);
+        }
     }
-    return total;
+    return along + Vec3f(static_cast<float>(sum(x)), static_cast<float>(sum(y)),
+                         static_cast<float>(sum(z)));
+}
+
+/// What `move` will read of the surface: particles stand far apart among the samples, which are too
+/// many for the caches. That takes a third off a step of few particles among many samples.
+void ParticleRelaxation::fetch_ahead_of(std::size_t i, std::size_t end) const noexcept {
+    constexpr std::size_t kNear = 4, kFar = 8;
+    surface_.fetch(feet_[std::min(i + kFar, end - 1)]);
+    const std::size_t next = std::min(i + kNear, end - 1);
+    if (feet_[next].slack < steps_[next].norm()) surface_.fetch_neighbors(feet_[next]);
 }
 
 /// Whether particle i may move: else nothing has changed around it since it came to rest.
@@ -309,11 +390,12 @@ ParticleRelaxation::BlockProgress ParticleRelaxation::move(std::size_t begin, st
         const Vec3f p = positions_[i];
         next_[i] = p;
         moves_[i] = 0;
+        fetch_ahead_of(i, end);
         if (!is_awake(i)) continue;
         const float own = spacing(i), longest = kLongestStep * own;
-        float overlap = 0;
-        Vec3f step = kMomentum * steps_[i] + kForce * force_on(i, radius, overlap);
-        progress.crowded += overlap > kCrowded ? 1U : 0U;
+        bool is_crowded = false;
+        Vec3f step = kMomentum * steps_[i] + kForce * force_on(i, radius, is_crowded);
+        progress.crowded += is_crowded ? 1U : 0U;
         const float length = step.norm();
         if (length > kResting * own) {
             if (length > longest) step *= longest / length;

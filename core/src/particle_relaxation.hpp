@@ -6,6 +6,7 @@
 #include "stipple/point_cloud.hpp"
 #include "stipple/run_context.hpp"
 
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <span>
@@ -58,7 +59,7 @@ public:
 
     std::span<const Vec3f> positions() const noexcept { return positions_; }
     /// The spacing at particle i.
-    float spacing(std::size_t i) const noexcept { return factor_ * relative_[i]; }
+    float spacing(std::size_t i) const noexcept { return factor_ * places_[i][3]; }
 
     static constexpr float kReach = 1.6F;  ///< neighbours are known so far, over the spacing
 
@@ -82,12 +83,13 @@ private:
     std::vector<Place> places_between(float least_room) const;
     void insert(std::vector<Place> places, const std::vector<std::uint8_t>& leaving);
     void resize(std::size_t count);
-    void look_up_spacing();
+    void update_places();
     void find_neighbors();
     double mean_ring() const;
     bool is_awake(std::size_t i) const noexcept;
     float mean_of_ring(std::size_t i) const;
-    Vec3f force_on(std::size_t i, float radius, float& largest_overlap) const;
+    Vec3f force_on(std::size_t i, float radius, bool& is_crowded) const;
+    void fetch_ahead_of(std::size_t i, std::size_t end) const noexcept;
     BlockProgress move(std::size_t begin, std::size_t end, float radius);
 
     const ParticleSurface& surface_;
@@ -95,8 +97,8 @@ private:
     std::vector<float> spacing_;  ///< at the samples, up to `factor_`
     float factor_ = 1;
     std::vector<Vec3f> positions_, next_, steps_;
-    std::vector<float> relative_;              ///< `spacing_` at each particle
-    std::vector<std::uint8_t> moved_, moves_;  ///< by the last step, and by this one
+    std::vector<std::array<float, 4>> places_;  ///< x, y, z and `spacing_` of each
+    std::vector<std::uint8_t> moved_, moves_;   ///< by the last step, and by this one
     std::vector<ParticleSurface::Foot> feet_;
     std::vector<ParticleNeighborhoods> neighborhoods_;  ///< of each block
     std::vector<Vec3f> found_at_;                       ///< the positions when they were found

@@ -71,11 +71,12 @@ void check(const ParticleSimulationOptions& options, const PointCloud& cloud) {
 }
 
 /// How many points stand for the surface: all of them, or, for a uniform simplification, as many as
-/// particles can tell apart.
+/// particles can tell apart. In place of nearly all it is all, which another run may have left.
 std::size_t sample_count(std::size_t points, std::size_t particles,
                          const ParticleSimulationOptions& options) {
     const bool uniform = options.adaptivity == 0 && options.regions.empty();
-    return uniform ? std::min(points, kSamplesPerParticle * particles) : points;
+    const std::size_t told_apart = kSamplesPerParticle * particles;
+    return uniform && told_apart < points - points / 8 ? told_apart : points;
 }
 
 /// Every so many-th, that `count` are left.

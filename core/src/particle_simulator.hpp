@@ -9,7 +9,8 @@ namespace stipple {
 
 /// Particle simulations of one cloud, each of as many particles as it is asked for. What they have
 /// in common is made once: the order of the points, their moving least squares surface, and, where
-/// two runs need as many of them, the samples that stand for it.
+/// a run needs as many of them as the one before, or both nearly all, the samples that stand for
+/// it.
 class ParticleSimulator {
 public:
     /// @param options  whose `target_size` is not read.

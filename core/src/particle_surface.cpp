@@ -1,7 +1,11 @@
 #include "particle_surface.hpp"
 
+#include "float4.hpp"
+#include "tree_search.hpp"
+
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <limits>
 
@@ -17,31 +21,50 @@ constexpr float kAsGood = 0.2F;
 
 Index ParticleSurface::nearest(const Vec3f& p) const noexcept {
     std::array<Neighbor, 1> room;
-    return search_.nearest(p, room).front().index;
+    return find_nearest(tree_, p, room).front().index;
+}
+
+/// The neighbour of a sample that is nearest to p, the first of several; without neighbours the
+/// sample itself, as if it were far.
+Neighbor ParticleSurface::nearest_neighbor(const Vec3f& p, Index sample) const noexcept {
+    constexpr std::size_t kMost = kSampleNeighbors;
+    static_assert(kMost == 16);
+    const std::span<const Index> near = samples_.neighbors_of(sample);
+    if (near.empty()) return {std::numeric_limits<float>::max(), sample};
+    std::array<Float4, kMost / 4> distance_sq;
+    for (std::size_t four = 0; four < distance_sq.size(); ++four) {
+        const auto position = [&](std::size_t lane) -> const Vec3f& {
+            return samples_.positions[near[std::min(4 * four + lane, near.size() - 1)]];
+        };
+        const Vec3f &a = position(0), &b = position(1), &c = position(2), &d = position(3);
+        const Float4 x = Float4{a.x(), b.x(), c.x(), d.x()} - p.x(),
+                     y = Float4{a.y(), b.y(), c.y(), d.y()} - p.y(),
+                     z = Float4{a.z(), b.z(), c.z(), d.z()} - p.z();
+        distance_sq[four] = x * x + (y * y + z * z);
+    }
+    const Float4 of_lanes =
+        smaller(smaller(distance_sq[0], distance_sq[1]), smaller(distance_sq[2], distance_sq[3]));
+    const float least =
+        std::min(std::min(of_lanes[0], of_lanes[1]), std::min(of_lanes[2], of_lanes[3]));
+    unsigned are_least = 0;
+    for (unsigned four = 0; four < distance_sq.size(); ++four)
+        are_least |= lane_bits(distance_sq[four] == splat(least)) << 4 * four;
+    return {least, near[static_cast<std::size_t>(std::countr_zero(are_least))]};
 }
 
 /// From sample to neighbouring sample, as long as that leads nearer.
 void ParticleSurface::walk(const Vec3f& p, Foot& foot) const noexcept {
     float nearest_sq = (samples_.positions[foot.sample] - p).squaredNorm();
     while (true) {
-        float second_sq = std::numeric_limits<float>::max(), next_sq = nearest_sq;
-        Index next = foot.sample;
-        for (const Index j : samples_.neighbors_of(foot.sample)) {
-            const float distance_sq = (samples_.positions[j] - p).squaredNorm();
-            second_sq = std::min(second_sq, distance_sq);
-            if (distance_sq < next_sq) {
-                next_sq = distance_sq;
-                next = j;
-            }
-        }
-        if (next == foot.sample) {
+        const Neighbor next = nearest_neighbor(p, foot.sample);
+        if (!(next.distance_sq < nearest_sq)) {
             // The nearest stays the same while the particle moves by less than half the difference.
-            foot.slack = 0.5F * (std::sqrt(second_sq) - std::sqrt(nearest_sq)) +
+            foot.slack = 0.5F * (std::sqrt(next.distance_sq) - std::sqrt(nearest_sq)) +
                          kAsGood * samples_.planes[foot.sample].radius;
             return;
         }
-        foot.sample = next;
-        nearest_sq = next_sq;
+        foot.sample = next.index;
+        nearest_sq = next.distance_sq;
     }
 }
 
@@ -63,8 +86,11 @@ Vec3f ParticleSurface::project(const Vec3f& from, const Vec3f& to, Foot& foot) c
     if (foot.slack < 0) walk(to, foot);
     Projection projection = onto_plane(to, foot.sample);
     if (projection.held_back && foot.unasked <= 0) {
-        // Perhaps the walk came to no end, or the surface goes on where no neighbours lead.
-        foot.sample = nearest(to);
+        // Perhaps the walk came to no end, or the surface goes on where no neighbours lead. Mostly
+        // not, which is soon known.
+        const float nearer_sq =
+            std::nextafter((samples_.positions[foot.sample] - to).squaredNorm(), 0.0F);
+        if (any_within(tree_, to, nearer_sq)) foot.sample = nearest(to);
         foot.slack = foot.unasked = kAsGood * samples_.planes[foot.sample].radius;
         projection = onto_plane(to, foot.sample);
     }

@@ -2,6 +2,7 @@
 
 #include "box_of_most.hpp"
 #include "first_touch.hpp"
+#include "nearest_lists.hpp"
 #include "parallel_for.hpp"
 #include "symmetric_eigen.hpp"
 
@@ -13,7 +14,6 @@ namespace stipple {
 
 namespace {
 
-constexpr unsigned kNeighbors = 16;
 constexpr std::size_t kBlock = 1'024;
 
 // No place inside of evenly spread samples is further than about 0.3 radii from all of them. The
@@ -80,7 +80,7 @@ ParticleFrame::ParticleFrame(std::span<const Vec3f> points) {
 
 float TangentPlane::area() const noexcept {
     constexpr float kSmallest = 1e-30F;  // where samples coincide
-    return std::max(kSmallest, std::numbers::pi_v<float> / kNeighbors * radius * radius);
+    return std::max(kSmallest, std::numbers::pi_v<float> / kSampleNeighbors * radius * radius);
 }
 
 float TangentPlane::border() const noexcept {
@@ -99,13 +99,13 @@ SurfaceSamples sample_surface(const PointCloud& cloud, std::vector<Index> points
         for (std::size_t i = begin; i < end; ++i)
             s.positions[i] = frame.inside(cloud.positions[s.points[i]].cast<double>());
     });
-    NeighborLists found = k_nearest_neighbors(s.positions, kNeighbors, context);
+    NearestLists found = nearest_lists(s.positions, kSampleNeighbors, context);
     s.neighbors = std::move(found.indices);
-    s.neighbor_count = s.neighbors.size() / n;  // no more than there are others
+    s.neighbor_count = found.each;  // no more than there are others
     parallel_for_blocks(n, kBlock, context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {
-            const std::size_t k = s.neighbor_count;
-            analyze(s, i, k == 0 ? 0.0F : std::sqrt(found.distances_sq[(i + 1) * k - 1]));
+            const std::span<const Index> near = s.neighbors_of(i);
+            analyze(s, i, near.empty() ? 0.0F : (s.positions[near.back()] - s.positions[i]).norm());
         }
     });
     return s;

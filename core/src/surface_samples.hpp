@@ -35,13 +35,15 @@ struct TangentPlane {
     float border() const noexcept;
 };
 
+inline constexpr unsigned kSampleNeighbors = 16;
+
 /// Points that stand for a surface, and what is known of it there; one entry each, lengths in the
 /// units of the frame.
 struct SurfaceSamples {
     std::vector<Index> points;  ///< their numbers in the cloud
     std::vector<Vec3f> positions;
     std::vector<TangentPlane> planes;
-    std::vector<Index> neighbors;  ///< of each the `neighbor_count` nearest
+    std::vector<Index> neighbors;  ///< of each the `neighbor_count` nearest, 16 at most
     std::size_t neighbor_count = 0;
     std::vector<float> variation;  ///< sigma_n
 

@@ -78,7 +78,7 @@ struct ParticleSimulationOptions {
 ///
 /// O(n log n + N iterations), parallel, the same bytes for any number of threads. Beyond the clouds
 /// about 60 bytes per input point, 160 for each that represents the surface (at most 16 per
-/// particle for a uniform simulation, otherwise all) and 250 per particle.
+/// particle for a uniform simulation, otherwise all) and 260 per particle.
 PointCloud particle_simulation(const PointCloud& cloud, const ParticleSimulationOptions& options,
                                const RunContext& context = {});
 
