@@ -412,7 +412,7 @@ void ClusterTree::grow_leaves(const SplitRule& rule, const RunContext& context) 
     const auto make_room = [&](const Job& job, std::size_t more) {
         const std::size_t needed = nodes_.size() + more;
         if (needed <= nodes_.capacity()) return;
-        constexpr double kAsMany = 1.25;  // for the points to come; what is not used costs nothing
+        constexpr double kAsMany = 1.5;  // for the points to come; what is not used costs nothing
         const double likely = kAsMany * static_cast<double>(more) / static_cast<double>(job.points);
         const double to_come = likely * static_cast<double>(place - job.place);
         reserve_in_blocks(

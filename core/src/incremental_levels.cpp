@@ -15,7 +15,7 @@ namespace stipple {
 
 namespace {
 
-constexpr std::uint64_t kMostOfTree = 32;   // points of a cluster that is cut from the tree
+constexpr std::uint64_t kMostOfTree = 128;   // points of a cluster that is cut from the tree
 constexpr std::uint64_t kBetweenBases = 3;  // points of one for one of the next, at least
 
 class LevelMaker {
