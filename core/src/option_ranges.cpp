@@ -1,11 +1,11 @@
 #include "option_ranges.hpp"
 
+#include "particle_density.hpp"
 #include "refuse.hpp"
 
 #include <cmath>
 #include <cstdint>
 #include <string>
-#include <variant>
 
 namespace stipple {
 
@@ -26,25 +26,6 @@ void check_bounds(const ClusteringOptions& options) {
         require(variation > 0 && variation <= 1.0 / 3.0, "max_variation", variation,
                 "above 0, at most 1/3");
     }
-}
-
-void check_region(const DensityRegion& region) {
-    const auto finite = [](const Vec3d& v) { return v.array().isFinite().all(); };
-    if (const auto* sphere = std::get_if<DensityRegion::Sphere>(&region.where)) {
-        if (!finite(sphere->center)) refuse("regions: the centre of a sphere is not finite");
-        require_positive("regions: the radius", sphere->radius);
-    } else if (const auto* box = std::get_if<DensityRegion::Box>(&region.where)) {
-        const bool ordered = (box->min.array() <= box->max.array()).all();
-        if (!finite(box->min) || !finite(box->max) || !ordered) {
-            refuse("regions: a box whose min is above its max, or is not finite");
-        }
-    } else if (const auto* scalar = std::get_if<DensityRegion::Scalar>(&region.where)) {
-        const bool finite_range = std::isfinite(scalar->low) && std::isfinite(scalar->high);
-        require(finite_range && scalar->low <= scalar->high, "regions: low", scalar->low,
-                "finite, at most high");
-    }
-    require_positive("regions: density", region.density);
-    require_not_negative("regions: transition", region.transition);
 }
 
 }  // namespace
@@ -83,7 +64,7 @@ void check_ranges(const ParticleSimulationOptions& options) {
             "0 to 1");
     require(options.max_grading >= 1 && std::isfinite(options.max_grading), "max_grading",
             options.max_grading, "a finite number, at least 1");
-    for (const DensityRegion& region : options.regions) check_region(region);
+    check_ranges(options.regions);
     require(options.max_iterations >= 1, "max_iterations", options.max_iterations, "at least 1");
     require(options.tolerance > 0 && options.tolerance < 1, "tolerance", options.tolerance,
             "above 0, below 1");

@@ -67,7 +67,7 @@ double membership(const DensityRegion& region, const PointCloud& cloud, Index i)
 
 }  // namespace
 
-void validate(const std::vector<DensityRegion>& regions, const PointCloud& cloud) {
+void check_ranges(const std::vector<DensityRegion>& regions) {
     for (std::size_t r = 0; r < regions.size(); ++r) {
         const DensityRegion& region = regions[r];
         constexpr double kLeast = 1e-6, kMost = 1e6;
@@ -93,13 +93,20 @@ void validate(const std::vector<DensityRegion>& regions, const PointCloud& cloud
                            if (!std::isfinite(s.low) || !std::isfinite(s.high) || s.low > s.high)
                                refuse_region(r, "low ", s.low, " and high ", s.high,
                                              ": expected finite, low at most high");
-                           const Attribute* attribute = find_attribute(cloud, s.attribute);
-                           if (attribute == nullptr) refuse_region(r, "no attribute ", s.attribute);
-                           if (attribute->components != 1)
-                               refuse_region(r, "attribute ", s.attribute, " has ",
-                                             attribute->components, " components: expected 1");
                        }},
             region.where);
+    }
+}
+
+void check_attributes(const std::vector<DensityRegion>& regions, const PointCloud& cloud) {
+    for (std::size_t r = 0; r < regions.size(); ++r) {
+        const auto* const scalar = std::get_if<DensityRegion::Scalar>(&regions[r].where);
+        if (scalar == nullptr) continue;
+        const Attribute* const attribute = find_attribute(cloud, scalar->attribute);
+        if (attribute == nullptr) refuse_region(r, "no attribute ", scalar->attribute);
+        if (attribute->components != 1)
+            refuse_region(r, "attribute ", scalar->attribute, " has ", attribute->components,
+                          " components: expected 1");
     }
 }
 

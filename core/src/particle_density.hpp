@@ -8,9 +8,11 @@
 
 namespace stipple {
 
-/// Checks the regions. @throws Error(InvalidArgument) for one out of range, or an attribute that
-/// the cloud has not.
-void validate(const std::vector<DensityRegion>& regions, const PointCloud& cloud);
+/// @throws Error(InvalidArgument) for a region out of range.
+void check_ranges(const std::vector<DensityRegion>& regions);
+/// @throws Error(InvalidArgument) for an attribute that the cloud has not, or of several
+/// components.
+void check_attributes(const std::vector<DensityRegion>& regions, const PointCloud& cloud);
 
 /// By how much regions scale the repulsion radius at point i of the cloud: density^(-1/2) inside,
 /// 1 far away, and between them a smooth step of its logarithm (Fig. 11).

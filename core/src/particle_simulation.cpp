@@ -3,6 +3,7 @@
 #include "cloud_copy.hpp"
 #include "first_touch.hpp"
 #include "hilbert_order.hpp"
+#include "option_ranges.hpp"
 #include "parallel_for.hpp"
 #include "particle_density.hpp"
 #include "particle_relaxation.hpp"
@@ -60,14 +61,8 @@ void check_count(std::uint64_t particles) {
 
 void check(const ParticleSimulationOptions& options, const PointCloud& cloud) {
     if (cloud.empty()) refuse("the cloud has no points: expected at least 1");
-    require(options.adaptivity >= 0 && options.adaptivity <= 1, "adaptivity", options.adaptivity,
-            "0..1");
-    require(options.max_grading >= 1 && std::isfinite(options.max_grading), "max_grading",
-            options.max_grading, "at least 1, finite");
-    if (options.max_iterations == 0) refuse("max_iterations 0: expected at least 1");
-    require(options.tolerance > 0 && options.tolerance < 1, "tolerance", options.tolerance,
-            "above 0, below 1");
-    validate(options.regions, cloud);
+    check_ranges(options);
+    check_attributes(options.regions, cloud);
 }
 
 /// How many points stand for the surface: all of them, or, for a uniform simplification, as many as

@@ -148,7 +148,7 @@ TYPED_TEST(LevelsOfLevels, AreTheSameForAnyNumberOfThreads) {
 TYPED_TEST(LevelsOfLevels, TellTheirProgressWithinALevel) {
     std::vector<double> told;
     TypeParam::levels(
-        test::sphere(20'000), Sizes{5000, 1250, 312}, {}, [](PointCloud&&) {},
+        test::sphere(20'000), Sizes{5000, 1250, 100}, {}, [](PointCloud&&) {},
         {.progress = [&](double fraction) { told.push_back(fraction); }});
     EXPECT_TRUE(std::ranges::is_sorted(told));
     EXPECT_LT(told.front(), 0.5);  // the finest, which takes most of the time, ends at 0.7

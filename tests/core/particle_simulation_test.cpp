@@ -566,9 +566,10 @@ TEST(ParticleSimulation, RefusesOptionsOutOfRange) {
                          [&] { particle_simulation({}, {.target_size = 5}); });
     refuses({}, "target_size 0: expected 1..4294967295");
     refuses({.target_size = std::uint64_t{1} << 32U}, "target_size 4294967296: expected 1..");
-    refuses({.target_size = 5, .adaptivity = -0.1}, "adaptivity -0.1: expected 0..1");
-    refuses({.target_size = 5, .adaptivity = 1.1}, "adaptivity 1.1: expected 0..1");
-    refuses({.target_size = 5, .max_grading = 0.9}, "max_grading 0.9: expected at least 1");
+    refuses({.target_size = 5, .adaptivity = -0.1}, "adaptivity -0.1: expected 0 to 1");
+    refuses({.target_size = 5, .adaptivity = 1.1}, "adaptivity 1.1: expected 0 to 1");
+    refuses({.target_size = 5, .max_grading = 0.9},
+            "max_grading 0.9: expected a finite number, at least 1");
     refuses({.target_size = 5, .max_iterations = 0}, "max_iterations 0: expected at least 1");
     refuses({.target_size = 5, .tolerance = 0}, "tolerance 0: expected above 0, below 1");
     refuses({.target_size = 5, .reductions = {{"absent", Reduction::Mean}}},

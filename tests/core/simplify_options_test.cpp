@@ -126,6 +126,8 @@ TEST(SimplifyOptions, RefuseRegionsThatSayNothing) {
               "accepted");
     EXPECT_NE(refused({.where = DensityRegion::Scalar{"w", 2, 1}, .density = 2}), "accepted");
     EXPECT_NE(refused({.where = DensityRegion::Scalar{"w", 1, 2}, .density = 0}), "accepted");
+    EXPECT_EQ(refused({.where = DensityRegion::Scalar{"w", 1, 2}, .density = 1e7}),
+              "regions[0]: density 1e+07: expected 1e-06..1e+06");
     EXPECT_NE(refused({.where = DensityRegion::Scalar{"w", 1, 2}, .density = 2, .transition = -1}),
               "accepted");
 }

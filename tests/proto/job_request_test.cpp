@@ -321,7 +321,7 @@ TEST(JobRequest, ThatIsRefusedNamesFieldAndValueAndWhatIsExpected) {
          "regions[0].sphere.center: a list of 2: expected three numbers"},
         {simplify_with(R"("method": "particles", "points": 5, "regions": [
              {"sphere": {"center": [0, 0, 0], "radius": 1}, "density": 0}])"),
-         "regions: density 0: expected a finite number above 0"},
+         "regions[0]: density 0: expected 1e-06..1e+06"},
         {request_with("upsample", R"("ratio": 0.5)"),
          "ratio 0.5: expected a finite number above 1"},
         {request_with("upsample", ""), "target: expected exactly one of points and ratio"},
