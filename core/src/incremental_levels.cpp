@@ -7,7 +7,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <deque>
+#include <map>
 #include <utility>
 #include <vector>
 
@@ -15,29 +15,54 @@ namespace stipple {
 
 namespace {
 
-constexpr std::uint64_t kMostOfTree = 128;   // points of a cluster that is cut from the tree
-constexpr std::uint64_t kBetweenBases = 3;  // points of one for one of the next, at least
+constexpr std::uint64_t kMostOfTree = 128;  // points of a cluster that is cut from the tree
+
+/// How the levels are made, each finest first.
+struct Plan {
+    struct Grown {
+        std::uint64_t size;
+        std::uint64_t base;  ///< points of the cloud or of a level before, over which it is grown
+    };
+    std::span<const std::uint64_t> cuts;  ///< sizes; of one tree of the cloud
+    std::vector<Grown> grown;
+};
+
+Plan plan_for(std::span<const std::uint64_t> sizes, std::uint64_t points,
+              const IncrementalClusteringOptions& options) {
+    Plan plan;
+    auto first_grown = sizes.begin();
+    if (are_split(sizes.front(), points, options)) {
+        first_grown = std::ranges::find_if(
+            sizes, [&](std::uint64_t size) { return points / size >= kMostOfTree; });
+    }
+    plan.cuts = {sizes.begin(), first_grown};
+    auto too_few = sizes.begin();  // the first level of too few points to be a base
+    for (const std::uint64_t size : std::span(first_grown, sizes.end())) {
+        while (!options.max_variation && *too_few / size >= kPointsToGrow) ++too_few;
+        plan.grown.push_back({size, too_few == sizes.begin() ? points : *(too_few - 1)});
+    }
+    return plan;
+}
 
 class LevelMaker {
 public:
-    /// @param smallest  size of a level.
-    LevelMaker(const PointCloud& cloud, std::span<const Index> order, std::uint64_t smallest,
+    LevelMaker(const PointCloud& cloud, std::span<const Index> order, const Plan& plan,
                const IncrementalClusteringOptions& options,
                const std::function<void(LodLevel&&)>& on_level, const RunContext& context)
         : cloud_(cloud),
           has_curve_(!order.empty()),
-          smallest_(smallest),
+          plan_(plan),
           options_(options),
           reductions_(reductions_for(cloud, options.reductions, options.representative)),
           on_level_(on_level) {
-        bases_.emplace_back(cloud, order, context);
+        bases_.emplace(cloud.size(), LevelBase(cloud, order, context));
     }
 
-    void cut(std::span<const std::uint64_t> sizes, const RunContext& context) {
-        const LevelBase& base = bases_.front();
+    void cut(const RunContext& context) {
+        const LevelBase& base = bases_.begin()->second;
         ClusterTree tree(base.points(), width_of_cluster);
         constexpr double kCut = 0.7;
-        const std::vector<Cut> cuts = tree.cuts(sizes, context.part(0, kCut));
+        const std::vector<Cut> cuts = tree.cuts(plan_.cuts, context.part(0, kCut));
         context.checkpoint(kCut);
         tree.forget_nodes();
         const BaseClusters clusters(base, tree.members(), context);
@@ -45,12 +70,11 @@ public:
         context.checkpoint(1);
     }
 
-    void grow(std::uint64_t size, const RunContext& context) {
-        while (bases_.size() > 1 && bases_[1].points().size() / size >= kPointsToGrow)
-            bases_.pop_front();
-        const LevelBase& base = bases_.front();
+    void grow(const Plan::Grown& level, const RunContext& context) {
+        bases_.erase(bases_.upper_bound(level.base), bases_.end());  // bases of those before
+        const LevelBase& base = bases_.at(level.base);
         IncrementalClusteringOptions one = options_;
-        one.target_size = size;
+        one.target_size = level.size;
         const Clusters clusters = incremental_clusters(base.points(), one, context);
         emit(BaseClusters(base, clusters.members, context), clusters.offsets, context);
     }
@@ -60,36 +84,22 @@ private:
               const RunContext& context) {
         LodLevel level =
             clusters.level(cloud_, offsets, options_.representative, reductions_, context);
-        if (is_base(level.cloud.size()))
-            bases_.push_back(clusters.base_of(level, offsets, context));
+        const std::uint64_t size = level.cloud.size();
+        const bool is_base =
+            std::ranges::any_of(plan_.grown, [&](const auto& g) { return g.base == size; });
+        if (is_base) bases_.emplace(size, clusters.base_of(level, offsets, context));
         if (!has_curve_) level.order.clear();
         on_level_(std::move(level));
     }
 
-    /// Whether levels to come may be grown over a level.
-    bool is_base(std::uint64_t size) const {
-        return !options_.max_variation && size / smallest_ >= kPointsToGrow &&
-               bases_.back().points().size() / size >= kBetweenBases;
-    }
-
     const PointCloud& cloud_;
     bool has_curve_;
-    std::uint64_t smallest_;
+    const Plan& plan_;
     const IncrementalClusteringOptions& options_;
     std::vector<Reduction> reductions_;
     const std::function<void(LodLevel&&)>& on_level_;
-    /// Finest first, from the one that the next level is of. They must not move.
-    std::deque<LevelBase> bases_;
+    std::map<std::uint64_t, LevelBase> bases_;  ///< by their points; those that are still needed
 };
-
-/// Of sizes, how many are cuts of one tree of the cloud.
-std::size_t cut_count(std::span<const std::uint64_t> sizes, std::uint64_t points,
-                      const IncrementalClusteringOptions& options) {
-    if (sizes.empty() || !are_split(sizes.front(), points, options)) return 0;
-    const auto first_grown = std::ranges::find_if(
-        sizes, [&](std::uint64_t size) { return points / size >= kMostOfTree; });
-    return static_cast<std::size_t>(first_grown - sizes.begin());
-}
 
 }  // namespace
 
@@ -102,17 +112,17 @@ void incremental_levels(const PointCloud& cloud, std::span<const Index> order,
     for (; !sizes.empty() && sizes.front() == cloud.size(); sizes = sizes.subspan(1))
         on_level({.cloud = copy_of(cloud, context)});
     if (sizes.empty()) return;
-    LevelMaker maker(cloud, order, sizes.back(), options, on_level, context);
-    const std::size_t cuts = cut_count(sizes, cloud.size(), options);
+    const Plan plan = plan_for(sizes, cloud.size(), options);
+    LevelMaker maker(cloud, order, plan, options, on_level, context);
     double done = 0;
-    if (cuts > 0) {
-        done = cuts < sizes.size() ? kCut : 1;
-        maker.cut(sizes.first(cuts), context.part(0, done));
+    if (!plan.cuts.empty()) {
+        done = plan.grown.empty() ? 1 : kCut;
+        maker.cut(context.part(0, done));
     }
-    for (const std::uint64_t size : sizes.subspan(cuts)) {
-        const bool is_last = size == sizes.back();
+    for (const Plan::Grown& level : plan.grown) {
+        const bool is_last = &level == &plan.grown.back();
         const double before = std::exchange(done, is_last ? 1 : std::lerp(done, 1.0, kGrown));
-        maker.grow(size, context.part(before, done));
+        maker.grow(level, context.part(before, done));
     }
     context.checkpoint(1.0);
 }
