@@ -94,9 +94,14 @@ std::string Connection::file() const {
 }
 
 void Connection::script(const std::string& sql) {
-    if (sqlite3_exec(connection_.get(), sql.c_str(), nullptr, nullptr, nullptr) != SQLITE_OK) {
-        throw_failure(connection_.get());
-    }
+    if (!try_script(sql)) throw_failure(connection_.get());
+}
+
+bool Connection::try_script(const std::string& sql) {
+    const int result = sqlite3_exec(connection_.get(), sql.c_str(), nullptr, nullptr, nullptr);
+    if (result == SQLITE_BUSY) return false;
+    if (result != SQLITE_OK) throw_failure(connection_.get());
+    return true;
 }
 
 sqlite3_stmt* Connection::prepared(const char* sql) {

@@ -68,6 +68,9 @@ public:
 
     /// Runs statements that are not kept, separated by semicolons.
     void script(const std::string& sql);
+    /// The same. @return whether no other connection was in the way of what SQLite does not wait
+    /// for.
+    bool try_script(const std::string& sql);
 
     /// Rows ever changed over this connection.
     std::int64_t total_changes() const { return sqlite3_total_changes64(connection_.get()); }

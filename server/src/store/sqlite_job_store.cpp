@@ -7,11 +7,13 @@
 #include "stipple/error.hpp"
 #include "stipple/proto/digest.hpp"
 
+#include <chrono>
 #include <condition_variable>
 #include <cstdio>
 #include <ctime>
 #include <limits>
 #include <span>
+#include <thread>
 #include <utility>
 
 namespace stipple::server {
@@ -123,13 +125,25 @@ std::int64_t first_row(std::string_view listing, const std::optional<std::string
     return cursor ? decode_cursor(listing, *cursor) : std::numeric_limits<std::int64_t>::max();
 }
 
+/// SQLite changes the journal at once or not at all: not while others open the same new file.
+void use_write_ahead_log(sqlite::Connection& connection) {
+    constexpr auto kPatience = std::chrono::seconds(10);
+    constexpr auto kPause = std::chrono::milliseconds(5);
+    constexpr auto kChange = "PRAGMA journal_mode = WAL";
+    const auto end = std::chrono::steady_clock::now() + kPatience;
+    while (!connection.try_script(kChange)) {
+        if (std::chrono::steady_clock::now() > end) return connection.script(kChange);  // says why
+        std::this_thread::sleep_for(kPause);
+    }
+}
+
 }  // namespace
 
 SqliteJobStore::SqliteJobStore(const fs::path& file, Sharing sharing)
     : writer_(file), reader_(file) {
     sqlite::migrate(writer_);  // first: it refuses what is another's
-    writer_.script(
-        "PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL; PRAGMA foreign_keys = ON");
+    use_write_ahead_log(writer_);
+    writer_.script("PRAGMA synchronous = FULL; PRAGMA foreign_keys = ON");
     reader_.script("PRAGMA query_only = ON");
     sync_folder(fs::absolute(file).parent_path());
     if (sharing == Sharing::WithOtherProcesses) {
