@@ -65,13 +65,6 @@ void copy_fours(const SampleSpan& from, const MutableSampleSpan& to) {
     }
 }
 
-void copy_each(const SampleSpan& from, const MutableSampleSpan& to) {
-    std::copy_n(from.x, from.size, to.x);
-    std::copy_n(from.y, from.size, to.y);
-    std::copy_n(from.z, from.size, to.z);
-    std::copy_n(from.index, from.size, to.index);
-}
-
 }  // namespace
 
 LevelBase::LevelBase(const PointCloud& cloud, std::span<const Index> order,
@@ -119,8 +112,8 @@ void BaseClusters::gather_parts(const RunContext& context) {
                 const std::size_t size = part.end - part.begin;
                 const bool has_room =
                     to + size + kMore <= begins_[end] && part.end + kMore <= from.size;
-                (has_room ? copy_fours : copy_each)(from.part(part.begin, part.end),
-                                                    all.part(to, to + size));
+                (has_room ? copy_fours : copy_samples)(from.part(part.begin, part.end),
+                                                       all.part(to, to + size));
                 to += size;
             }
         }

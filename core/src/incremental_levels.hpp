@@ -18,10 +18,10 @@ bool are_split(std::uint64_t clusters, std::uint64_t points,
                const IncrementalClusteringOptions& options);
 
 /// Levels of `incremental_clustering`, finest first. Those whose clusters are split, and where
-/// there are such, others up to 128 points a cluster, are cuts of one tree of the cloud. Each of the
-/// others is grown over the points of the coarsest level that has at least eight times as many,
+/// there are such, others up to 128 points a cluster, are cuts of one tree of the cloud. Each of
+/// the others is grown over the points of the coarsest level that has at least eight times as many,
 /// else of the cloud, and represented by all that they have of the cloud; about as near to the
-/// surface as clusters of the cloud (bench/README.md, "Levels by method"). With `max_variation` all
+/// surface as clusters of the cloud (bench/README.md, "Wide clusters"). With `max_variation` all
 /// are of the cloud, whose variation it bounds.
 ///
 /// @param order  of the points along a curve, or empty; levels have their order along it.

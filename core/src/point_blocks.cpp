@@ -25,13 +25,6 @@ void append(std::vector<T>& to, const std::vector<T>& more) {
     to.insert(to.end(), more.begin(), more.end());
 }
 
-void copy_samples(const SampleSpan& from, const MutableSampleSpan& to) {
-    std::copy_n(from.x, from.size, to.x);
-    std::copy_n(from.y, from.size, to.y);
-    std::copy_n(from.z, from.size, to.z);
-    std::copy_n(from.index, from.size, to.index);
-}
-
 SampleBox box_of(const SampleSpan& samples, const RunContext& context) {
     constexpr float kFar = std::numeric_limits<float>::infinity();
     SampleBox all = {{kFar, kFar, kFar}, {-kFar, -kFar, -kFar}};

@@ -67,9 +67,7 @@ inline double total_variation(const SampleMoments& moments) noexcept {
 
 /// What splitting a cluster is worth where the spacing is to be even: the mean squared distance to
 /// the centroid, by the fourth root of the points. Where density varies, total variation leaves
-/// gaps in sparse parts; the mean alone makes many points of what is sparse. Of the powers of the
-/// count tried, 0 to 1, this was the least uneven on four scans (bench/README.md, "Wide
-/// clusters").
+/// gaps in sparse parts; the mean alone gives them so many points that dense parts lack them.
 inline double width_of_cluster(const SampleMoments& moments, const Spread&) noexcept {
     const double root = std::sqrt(static_cast<double>(moments.count));
     return total_variation(moments) / (root * std::sqrt(root));

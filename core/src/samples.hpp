@@ -3,6 +3,7 @@
 #include "large_memory.hpp"
 #include "stipple/point_cloud.hpp"
 
+#include <algorithm>
 #include <cstddef>
 #include <type_traits>
 
@@ -26,6 +27,13 @@ struct BasicSampleSpan {
 };
 using SampleSpan = BasicSampleSpan<false>;
 using MutableSampleSpan = BasicSampleSpan<true>;
+
+inline void copy_samples(const SampleSpan& from, const MutableSampleSpan& to) {
+    std::copy_n(from.x, from.size, to.x);
+    std::copy_n(from.y, from.size, to.y);
+    std::copy_n(from.z, from.size, to.z);
+    std::copy_n(from.index, from.size, to.index);
+}
 
 constexpr std::size_t kSampleBytes = 3 * sizeof(float) + sizeof(Index);
 
