@@ -1,14 +1,17 @@
 #include "tile_streams.hpp"
 
+#include "float4.hpp"
 #include "srgb.hpp"
 #include "stipple/error.hpp"
 
 #include <meshoptimizer.h>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <limits>
 #include <string>
+#include <tuple>
 #include <type_traits>
 #include <variant>
 
@@ -74,6 +77,54 @@ void for_each_of(std::span<const T> values, std::span<const Index> numbers, Visi
     }
 }
 
+/// Vectors of a block of vertices, coordinate by coordinate, as the filter OCTAHEDRAL of
+/// `EXT_meshopt_compression` has their directions in eight bits (those of no length: up). Not by
+/// the library, which takes one after the other, of length one.
+class OctahedralBlock {
+public:
+    void add(const Vec3f& v) noexcept {
+        for (std::size_t axis = 0; axis < 3; ++axis)
+            at_[axis][size_] = v[static_cast<Eigen::Index>(axis)];
+        ++size_;
+    }
+
+    /// Takes them out, four bytes each.
+    void write(std::byte* to) noexcept {
+        std::array<std::int32_t, kRoom> vertices;
+        for (std::size_t i = 0; i < size_; i += 4) {
+            const Int4 four = octahedral(load(&at_[0][i]), load(&at_[1][i]), load(&at_[2][i]));
+            std::memcpy(&vertices[i], &four, sizeof four);
+        }
+        std::memcpy(to, vertices.data(), 4 * size_);
+        size_ = 0;
+    }
+
+private:
+    static constexpr std::size_t kRoom = std::tuple_size_v<VertexEncoder::Column>;
+
+    static Float4 magnitude(Float4 v) noexcept { return v < 0.0F ? -v : v; }
+
+    /// The octahedron's lower half lies outside the square that the upper one fills.
+    static Int4 octahedral(Float4 x, Float4 y, Float4 z) noexcept {
+        constexpr float kMost = 127;
+        const Float4 one = splat(1.0F), length = magnitude(x) + magnitude(y) + magnitude(z);
+        const Int4 some = (length > 0.0F) & (length < std::numeric_limits<float>::infinity());
+        const Float4 u = some ? x / length : Float4{}, v = some ? y / length : Float4{};
+        const Int4 below = some & (z < 0.0F);
+        const auto code = [&](Float4 inside, Float4 other) {
+            const Float4 outside = one - magnitude(other);
+            const Float4 at = kMost * (below ? (inside < 0.0F ? -outside : outside) : inside);
+            const Float4 half = at < 0.0F ? splat(-0.5F) : splat(0.5F);
+            return __builtin_convertvector(at + half, Int4) & 0xFF;
+        };
+        constexpr std::int32_t kThird = 127 << 16;  // the sum of all three where it is up
+        return code(u, v) | code(v, u) << 8 | kThird;
+    }
+
+    std::array<std::array<float, kRoom>, 3> at_{};
+    std::size_t size_ = 0;
+};
+
 TileStream normal_stream(std::span<const Vec3f> normals, std::span<const Index> members,
                          VertexEncoder& encoder) {
     TileStream stream{.name = "NORMAL",
@@ -82,17 +133,13 @@ TileStream normal_stream(std::span<const Vec3f> normals, std::span<const Index> 
                       .normalized = true,
                       .stride = 4,
                       .octahedral = true};
-    std::vector<std::array<float, 4>> vectors;  // of a block
-    stream.bytes = encoder.encode(
-        members.size(), stream.stride, [&](std::size_t begin, std::size_t end, std::byte* to) {
-            vectors.clear();
-            for_each_of(normals, members.subspan(begin, end - begin), [&](const Vec3f& normal) {
-                const bool some = normal.allFinite() && normal.squaredNorm() > 0;
-                const Vec3f n = some ? normal.normalized() : Vec3f::UnitZ();
-                vectors.push_back({n.x(), n.y(), n.z(), 0});
-            });
-            meshopt_encodeFilterOct(to, vectors.size(), stream.stride, 8, vectors.front().data());
-        });
+    OctahedralBlock block;
+    stream.bytes = encoder.encode(members.size(), stream.stride,
+                                  [&](std::size_t begin, std::size_t end, std::byte* to) {
+                                      for_each_of(normals, members.subspan(begin, end - begin),
+                                                  [&](const Vec3f& normal) { block.add(normal); });
+                                      block.write(to);
+                                  });
     return stream;
 }
 

@@ -82,30 +82,51 @@ void to_differences(Column& column, std::uint8_t last, std::size_t size) noexcep
     std::fill(column.begin() + static_cast<std::ptrdiff_t>(size), column.end(), std::uint8_t{0});
 }
 
+/// How many lanes are set, given 255 for each.
+unsigned count_of(Bytes set) noexcept {
+    Bytes sums = -set;
+    sums +=
+        __builtin_shufflevector(sums, sums, 8, 9, 10, 11, 12, 13, 14, 15, 0, 1, 2, 3, 4, 5, 6, 7);
+    sums +=
+        __builtin_shufflevector(sums, sums, 4, 5, 6, 7, 0, 1, 2, 3, 12, 13, 14, 15, 8, 9, 10, 11);
+    sums +=
+        __builtin_shufflevector(sums, sums, 2, 3, 0, 1, 6, 7, 4, 5, 10, 11, 8, 9, 14, 15, 12, 13);
+    return static_cast<std::uint8_t>(sums[0] + sums[1]);
+}
+
 Packing least_packing(const std::uint8_t* group) noexcept {
-    std::uint8_t any = 0, above_2_bits = 0, above_4_bits = 0;
-    for (std::size_t i = 0; i < kGroup; ++i) {
-        any = static_cast<std::uint8_t>(any | group[i]);
-        above_2_bits = static_cast<std::uint8_t>(above_2_bits + (group[i] >= 3 ? 1 : 0));
-        above_4_bits = static_cast<std::uint8_t>(above_4_bits + (group[i] >= 15 ? 1 : 0));
-    }
-    if (any == 0) return {0, 0};
-    const unsigned by_2 = 4U + above_2_bits, by_4 = 8U + above_4_bits;
+    Bytes values;
+    std::memcpy(&values, group, sizeof values);
+    const unsigned some = count_of(reinterpret_cast<Bytes>(values >= 1));
+    if (some == 0) return {0, 0};
+    const unsigned by_2 = 4U + count_of(reinterpret_cast<Bytes>(values >= 3)),
+                   by_4 = 8U + count_of(reinterpret_cast<Bytes>(values >= 15));
     if (std::min(by_2, by_4) >= kGroup) return {3, kGroup};
     return by_2 <= by_4 ? Packing{1, by_2} : Packing{2, by_4};
 }
 
-/// What does not fit into the bits follows in whole bytes. @return  the end; a byte behind it may
-/// be written to.
+/// Of each two bytes side by side one, the first `kBits` higher than the second; the last eight are
+/// of no use.
+template <unsigned kBits>
+Bytes pairs_in_one(Bytes v) noexcept {
+    const Bytes first = __builtin_shufflevector(v, v, 0, 2, 4, 6, 8, 10, 12, 14, 0, 2, 4, 6, 8, 10,
+                                                12, 14),
+                second = __builtin_shufflevector(v, v, 1, 3, 5, 7, 9, 11, 13, 15, 1, 3, 5, 7, 9, 11,
+                                                 13, 15);
+    return (first << kBits) | second;
+}
+
+/// What does not fit into the bits follows in whole bytes. @return  the end; a few bytes behind it
+/// may be written to, never more than whole bytes would take.
 template <unsigned kBits>
 std::uint8_t* write_packed(const std::uint8_t* group, std::uint8_t* to) noexcept {
     constexpr std::uint8_t kMost = (1U << kBits) - 1;
-    for (std::size_t i = 0; i < kGroup;) {
-        unsigned packed = 0;
-        for (unsigned filled = 0; filled < 8; filled += kBits)
-            packed = packed << kBits | std::min(group[i++], kMost);
-        *to++ = static_cast<std::uint8_t>(packed);
-    }
+    Bytes values;
+    std::memcpy(&values, group, sizeof values);
+    Bytes packed = pairs_in_one<kBits>(values < kMost ? values : Bytes{} + kMost);
+    if constexpr (kBits == 2) packed = pairs_in_one<4>(packed);
+    std::memcpy(to, &packed, kGroup / 2);
+    to += kGroup * kBits / 8;
     for (std::size_t i = 0; i < kGroup; ++i) {
         *to = group[i];
         to += group[i] >= kMost ? 1 : 0;

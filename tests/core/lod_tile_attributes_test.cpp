@@ -46,6 +46,30 @@ TEST(LodTiles, KeepNormalsColoursAndAttributes) {
         EXPECT_TRUE(decode_tile(tile).attributes.empty()) << "not asked for";
 }
 
+TEST(LodTiles, KeepDirectionsOfNormalsOfAnyLength) {
+    PointCloud cloud = numbered(test::sphere(3'000));
+    for (std::size_t i = 0; i < cloud.size(); ++i)
+        cloud.normals.push_back(cloud.positions[i].normalized());
+    const std::vector<Vec3f> directions = cloud.normals;
+    constexpr std::array<float, 4> kLengths = {1, 1e-30F, 1e30F, 0.3F};
+    for (std::size_t i = 0; i < cloud.size(); ++i) cloud.normals[i] *= kLengths[i % 4];
+    for (const LodTile& tile : tiles_of(cloud, {.attributes = true})) {
+        const PointCloud decoded = decode_tile(tile);
+        const std::vector<std::size_t> numbers = numbers_of(decoded);
+        for (std::size_t i = 0; i < numbers.size(); ++i)
+            EXPECT_LT((decoded.normals[i] - directions[numbers[i]]).norm(), 0.02F);
+    }
+}
+
+TEST(LodTiles, HaveNormalsUpwardsWhereThereIsNoDirection) {
+    constexpr float kInfinity = std::numeric_limits<float>::infinity();
+    PointCloud cloud = test::plane(3);
+    cloud.normals = {Vec3f::Zero(), Vec3f(0, std::numeric_limits<float>::quiet_NaN(), 1),
+                     Vec3f(-kInfinity, 0, 1)};
+    for (const Vec3f& normal : decode_tile(tiles_of(cloud, {}).front()).normals)
+        EXPECT_EQ(normal, Vec3f(0, 0, 1));
+}
+
 TEST(LodTiles, HaveNoNumbersThatGltfForbids) {
     PointCloud cloud = numbered(test::sphere(900));
     std::vector<float> some(cloud.size(), 0.5F), whole(cloud.size(), 2.5F);
