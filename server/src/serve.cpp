@@ -195,8 +195,9 @@ int serve(const ServerConfig& config) {
 
     std::optional<Housekeeper> housekeeper;
     if (config.role != Role::Worker)
-        housekeeper.emplace(HousekeeperOptions{.retention = config.limits.retention}, *jobs,
-                            *blobs);
+        housekeeper.emplace(HousekeeperOptions{.retention = config.limits.retention,
+                                               .cloud_retention = config.limits.cloud_retention},
+                            *jobs, *blobs);
     std::optional<WorkerPool> workers;
     if (config.role != Role::Api)
         workers.emplace(worker_options(config, service), config.limits, *jobs, *blobs, *runner);

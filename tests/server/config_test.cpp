@@ -73,12 +73,14 @@ TEST(Config, WhatWouldOnlyBreakTheServerIsRefused) {
     EXPECT_EQ(served({"--threads", "1024", "--max-memory", "8GB"}).threads, 1024U);
 }
 
-TEST(Config, ResultsAreKeptForAHundredYearsAtMost) {
+TEST(Config, ResultsAndCloudsAreKeptForAHundredYearsAtMost) {
     EXPECT_EQ(served({"--retention-seconds", "3155760000"}).limits.retention.count(), 3155760000);
-    for (const char* seconds :
-         {"9999999999", "10000000000", "9223372036854775807", "18446744073709551615"}) {
-        EXPECT_EQ(refusal({"--retention-seconds", seconds}),
-                  "--retention-seconds: " + std::string(seconds) + ": expected 0..3162240000");
+    EXPECT_EQ(served({"--cloud-retention-seconds", "86400"}).limits.cloud_retention.count(), 86400);
+    for (const char* flag : {"--retention-seconds", "--cloud-retention-seconds"}) {
+        for (const char* seconds :
+             {"9999999999", "10000000000", "9223372036854775807", "18446744073709551615"})
+            EXPECT_EQ(refusal({flag, seconds}),
+                      std::string(flag) + ": " + seconds + ": expected 0..3162240000");
     }
 }
 

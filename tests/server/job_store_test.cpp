@@ -250,13 +250,43 @@ TEST_P(JobStoreContract, RemovesWhatEndedLongAgoAndNothingElse) {
     const JobDocument running = submit();
     claim();
     const JobDocument waiting = submit();
-    store_->remove_expired(1h);
+    EXPECT_EQ(store_->remove_expired_jobs(1h), 0U);
     EXPECT_TRUE(store_->find_job("ada", finished.id));
     std::this_thread::sleep_for(5ms);
-    store_->remove_expired(0s);
+    EXPECT_EQ(store_->remove_expired_jobs(0s), 1U);
     EXPECT_FALSE(store_->find_job("ada", finished.id));
     EXPECT_TRUE(store_->find_job("ada", running.id));
     EXPECT_TRUE(store_->find_job("ada", waiting.id));
+}
+
+TEST_P(JobStoreContract, RemovesCloudsThatNobodyHasUsedForLong) {
+    const std::string unused = put_cloud(*store_, "ada", "unused"),
+                      uploaded = put_cloud(*store_, "ada", "uploaded again"),
+                      named = put_cloud(*store_, "ada", "named by a job");
+    EXPECT_EQ(store_->remove_expired_clouds(1h), 0U);
+    constexpr auto kLong = 2s;
+    std::this_thread::sleep_for(kLong + 500ms);
+    put_cloud(*store_, "ada", "uploaded again");
+    store_->submit("ada", simplify_request(named), {}, {});
+    EXPECT_EQ(store_->remove_expired_clouds(kLong), 1U);
+    EXPECT_FALSE(store_->find_cloud("ada", unused));
+    EXPECT_TRUE(store_->find_cloud("ada", uploaded));
+    EXPECT_TRUE(store_->find_cloud("ada", named));
+}
+
+TEST_P(JobStoreContract, KeepsCloudsThatAnUnfinishedJobNeeds) {
+    const JobDocument job = submit();
+    const std::string candidate = put_cloud(*store_, "ada", "candidate");
+    proto::EvaluateJob to_candidate;
+    to_candidate.candidates = {candidate};
+    const JobDocument evaluation =
+        store_->submit("ada", {job.request.input, to_candidate}, {}, {}).document;
+    std::this_thread::sleep_for(5ms);
+    EXPECT_EQ(store_->remove_expired_clouds(0s), 0U);
+    store_->succeed(claim(), {});
+    store_->dismiss("ada", evaluation.id);
+    EXPECT_EQ(store_->remove_expired_clouds(0s), 2U);
+    EXPECT_TRUE(store_->find_job("ada", job.id)) << "results stay";
 }
 
 TEST_P(JobStoreContract, NamesEveryBlobThatARowNeeds) {
@@ -346,10 +376,12 @@ TEST(SqliteJobStore, BringsADatabaseOfAnOlderVersionUpToDate) {
     const TemporaryFolder folder;
     const std::string cloud = put_cloud(*open_sqlite_job_store(folder / "jobs.sqlite"), "ada", "a");
     run_sql(folder / "jobs.sqlite",  // as it was then
+            "DROP INDEX clouds_by_use; ALTER TABLE clouds DROP COLUMN used; "
             "ALTER TABLE clouds DROP COLUMN name; ALTER TABLE jobs DROP COLUMN lost; "
             "DROP TABLE ended; PRAGMA application_id = 0; PRAGMA user_version = 1");
     const auto store = open_sqlite_job_store(folder / "jobs.sqlite");
     EXPECT_EQ(store->find_cloud("ada", cloud)->name, std::nullopt);
+    EXPECT_EQ(store->remove_expired_clouds(1h), 0U) << "its time begins now";
     EXPECT_EQ(put_cloud(*store, "ada", "another").size(), 64U);
 }
 
@@ -364,6 +396,7 @@ TEST(SqliteJobStore, CountsOnInADatabaseThatCountedNothing) {
         job = store->submit("ada", request(*store), {}, {}).document;
     }
     run_sql(folder / "jobs.sqlite",  // as it was then
+            "DROP INDEX clouds_by_use; ALTER TABLE clouds DROP COLUMN used; "
             "ALTER TABLE jobs DROP COLUMN lost; DROP TABLE ended; "
             "PRAGMA application_id = 0; PRAGMA user_version = 2");
     const auto store = open_sqlite_job_store(folder / "jobs.sqlite");

@@ -222,7 +222,7 @@ TEST_F(ServiceTest, IsReadyUnlessBlobsCannotBeWritten) {
 class HousekeeperTest : public ServiceTest {
 protected:
     HousekeeperOptions options(std::chrono::milliseconds grace) const {
-        return {.retention = 3600s, .period = 10ms, .grace = grace};
+        return {.retention = 1h, .cloud_retention = 1h, .period = 10ms, .grace = grace};
     }
     /// Whether the blob goes within a time in which the housekeeper sweeps often.
     bool goes(const std::string& blob, std::chrono::milliseconds time) {
@@ -269,7 +269,8 @@ TEST_F(HousekeeperTest, MakesRoomAlsoWhereNoRowCanBeRemoved) {
         .script("CREATE TRIGGER full BEFORE DELETE ON jobs BEGIN SELECT RAISE(ABORT, 'full'); END");
     const std::string orphan = put_blob(*blobs_, "orphan");
     std::this_thread::sleep_for(5ms);
-    const Housekeeper housekeeper({.retention = 0s, .period = 10ms, .grace = 0ms}, *jobs_, *blobs_);
+    const Housekeeper housekeeper(
+        {.retention = 0s, .cloud_retention = 1h, .period = 10ms, .grace = 0ms}, *jobs_, *blobs_);
     EXPECT_TRUE(goes(orphan, 10s));
     EXPECT_TRUE(jobs_->find_job("ada", job.id));
 }
@@ -278,12 +279,22 @@ TEST_F(HousekeeperTest, RemovesJobsWhoseTimeIsOver) {
     const JobDocument job = submit_simplify();
     service_.dismiss("ada", job.id);
     std::this_thread::sleep_for(5ms);
-    const Housekeeper housekeeper({.retention = 0s, .period = 10ms, .grace = 1h}, *jobs_, *blobs_);
+    const Housekeeper housekeeper(
+        {.retention = 0s, .cloud_retention = 1h, .period = 10ms, .grace = 1h}, *jobs_, *blobs_);
     const auto deadline = steady_clock::now() + 10s;
     while (jobs_->find_job("ada", job.id) && steady_clock::now() < deadline) {
         std::this_thread::sleep_for(5ms);
     }
     EXPECT_FALSE(jobs_->find_job("ada", job.id));
+}
+
+TEST_F(HousekeeperTest, RemovesCloudsWhoseTimeIsOverWithTheirBytes) {
+    const std::string cloud = upload(kPly).id;
+    std::this_thread::sleep_for(5ms);
+    const Housekeeper housekeeper(
+        {.retention = 1h, .cloud_retention = 0s, .period = 10ms, .grace = 0ms}, *jobs_, *blobs_);
+    EXPECT_TRUE(goes(cloud, 10s));
+    EXPECT_FALSE(jobs_->find_cloud("ada", cloud));
 }
 
 }  // namespace

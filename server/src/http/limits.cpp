@@ -21,6 +21,7 @@ Reply get_limits(Resources& resources, Request&) {
         {"max_queued_jobs", limits.queue.max_queued},
         {"max_running_jobs", limits.queue.max_running},
         {"retention_seconds", limits.retention.count()},
+        {"cloud_retention_seconds", limits.cloud_retention.count()},
         {"max_wait_seconds", limits.max_wait.count()},
         {"formats", formats},
         {"methods", methods},

@@ -49,7 +49,9 @@ void Housekeeper::sweep() {
     candidates_ = std::move(unreferenced);
 
     // Files first: on a full disk no row can be removed before they made room.
-    jobs_.remove_expired(options_.retention);
+    const std::uint64_t jobs = jobs_.remove_expired_jobs(options_.retention),
+                        clouds = jobs_.remove_expired_clouds(options_.cloud_retention);
+    if (jobs + clouds > 0) spdlog::info("expired.removed jobs={} clouds={}", jobs, clouds);
 }
 
 }  // namespace stipple::server

@@ -11,14 +11,14 @@
 namespace stipple::server {
 
 struct HousekeeperOptions {
-    std::chrono::seconds retention{
-        7 * 24 * 3600};  ///< how long a job and its results are kept after its end
+    std::chrono::seconds retention;              ///< of a job and its results after its end
+    std::chrono::seconds cloud_retention;        ///< of a cloud after its last use
     std::chrono::milliseconds period{60'000};    ///< between two sweeps
     std::chrono::milliseconds grace{3'600'000};  ///< a blob younger than this is never removed
 };
 
-/// Removes expired jobs, and blobs that no row needs any more. Starts in the constructor, ends in
-/// the destructor.
+/// Removes expired jobs and clouds, and blobs that no row needs any more. Starts in the
+/// constructor, ends in the destructor.
 ///
 /// A blob goes when it is older than the grace period and two sweeps in a row found no row that
 /// names it: bytes are durable before the row that names them is written, so a young blob may be

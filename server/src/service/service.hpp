@@ -26,8 +26,9 @@ struct Limits {
     std::uint64_t max_job_cpu_seconds = 15 * 60;
     std::uint64_t max_job_output_bytes = 8ULL << 30;
     QueueLimits queue;
-    std::chrono::seconds retention{7 * 24 * 3600};
-    std::chrono::seconds max_wait{60};  ///< longest long poll
+    std::chrono::seconds retention{7 * 24 * 3600};         ///< of jobs after their end
+    std::chrono::seconds cloud_retention{30 * 24 * 3600};  ///< after their last use
+    std::chrono::seconds max_wait{60};                     ///< longest long poll
 
     /// The memory of a job on so many bytes and threads (0: one a processor): 1 GiB, 1,024 times
     /// the input and the stacks, at most `max_job_memory_bytes`. A cloud of any use needs less, and

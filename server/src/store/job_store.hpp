@@ -149,9 +149,11 @@ public:
         std::map<std::string, std::uint64_t> ended;  ///< ever, by status; removed ones too
     };
     virtual Counts counts() = 0;
-    /// Removes jobs that ended longer ago than `retention`, with their results. Clouds stay until
-    /// they are removed.
-    virtual void remove_expired(std::chrono::seconds retention) = 0;
+    /// Removes jobs that ended longer ago than `retention`, with their results. Returns how many.
+    virtual std::uint64_t remove_expired_jobs(std::chrono::seconds retention) = 0;
+    /// Removes clouds that were uploaded, and last named by a new job, longer ago than `retention`,
+    /// but those that an unfinished job needs. Returns how many.
+    virtual std::uint64_t remove_expired_clouds(std::chrono::seconds retention) = 0;
     /// Blobs that a row needs: clouds, inputs of unfinished jobs, results.
     virtual std::vector<std::string> referenced_blobs() = 0;
     /// @throws Error(Internal) when the database does not answer.

@@ -30,6 +30,14 @@ std::vector<std::string> blobs_named_by(sqlite::Connection& connection) {
     return blobs;
 }
 
+/// In milliseconds since 1970; nothing where it is before that: what is kept for so long never
+/// goes.
+std::optional<std::int64_t> time_before(std::chrono::seconds ago) {
+    const auto now = std::chrono::system_clock::now().time_since_epoch();
+    if (ago >= std::chrono::floor<std::chrono::seconds>(now)) return {};
+    return now_ms() - milliseconds(ago);
+}
+
 }  // namespace
 
 // The worker's side.
@@ -280,13 +288,25 @@ JobStore::Counts SqliteJobStore::counts() {
     return counts;
 }
 
-void SqliteJobStore::remove_expired(std::chrono::seconds retention) {
-    // Nothing ended before 1970; a much longer time would have no number in milliseconds.
-    const auto now = std::chrono::system_clock::now().time_since_epoch();
-    if (retention >= std::chrono::floor<std::chrono::seconds>(now)) return;
-    write([&] {
-        return writer_.run("DELETE FROM jobs WHERE finished < ?1",
-                           now_ms() - milliseconds(retention));
+std::uint64_t SqliteJobStore::remove_expired_jobs(std::chrono::seconds retention) {
+    const std::optional<std::int64_t> before = time_before(retention);
+    if (!before) return 0;
+    return write([&] {
+        return static_cast<std::uint64_t>(
+            writer_.run("DELETE FROM jobs WHERE finished < ?1", *before));
+    });
+}
+
+std::uint64_t SqliteJobStore::remove_expired_clouds(std::chrono::seconds retention) {
+    const std::optional<std::int64_t> before = time_before(retention);
+    if (!before) return 0;
+    return write([&] {
+        return static_cast<std::uint64_t>(
+            writer_.run("DELETE FROM clouds WHERE used < ?1 AND NOT EXISTS "
+                        "(SELECT 1 FROM jobs WHERE jobs.tenant = clouds.tenant AND "
+                        "status IN ('accepted', 'running') AND (input = clouds.id OR "
+                        "clouds.id IN (SELECT value FROM json_each(request, '$.candidates'))))",
+                        *before));
     });
 }
 

@@ -180,10 +180,11 @@ Submitted SqliteJobStore::put_cloud(const CloudRow& row) {
         std::optional<std::string> statistics;
         if (row.statistics) statistics = to_json(*row.statistics);
         const std::int64_t added = writer_.run(
-            "INSERT INTO clouds (tenant, id, name, format, bytes, created, statistics) "
-            "VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7) ON CONFLICT DO NOTHING",
+            "INSERT INTO clouds (tenant, id, name, format, bytes, created, used, statistics) "
+            "VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?6, ?7) ON CONFLICT DO NOTHING",
             row.tenant, row.id, row.name, to_string(row.format), row.bytes, now_ms(), statistics);
         if (added == 1) return Submitted::Created;
+        note_use(row.tenant, row.id);
         if (row.name) {
             writer_.run("UPDATE clouds SET name = ?1 WHERE tenant = ?2 AND id = ?3", row.name,
                         row.tenant, row.id);
@@ -206,6 +207,11 @@ Page<CloudRow> SqliteJobStore::list_clouds(const std::string& tenant, unsigned l
     const std::lock_guard lock(reader_mutex_);
     Rows rows = reader_.query(kListClouds.c_str(), tenant, below, limit + 1);
     return read_page(rows, limit, kClouds, kCloudRowColumn, cloud_of);
+}
+
+void SqliteJobStore::note_use(const std::string& tenant, const std::string& cloud) {
+    writer_.run("UPDATE clouds SET used = ?1 WHERE tenant = ?2 AND id = ?3", now_ms(), tenant,
+                cloud);
 }
 
 bool SqliteJobStore::remove_cloud(const std::string& tenant, const std::string& id) {
@@ -278,6 +284,7 @@ std::int64_t SqliteJobStore::insert_job(const std::string& tenant, const proto::
             "WHERE tenant = ?1 AND sha256 = ?2 LIMIT 1",
             tenant, id);
         if (!rows.next()) throw Error(ErrorCode::NotFound, "input " + id + ": no such cloud");
+        note_use(tenant, id);
     }
     writer_.run(
         "INSERT INTO jobs (id, tenant, type, input, request, message, created, updated) "

@@ -66,7 +66,8 @@ public:
 
     void recover() override;
     Counts counts() override;
-    void remove_expired(std::chrono::seconds retention) override;
+    std::uint64_t remove_expired_jobs(std::chrono::seconds retention) override;
+    std::uint64_t remove_expired_clouds(std::chrono::seconds retention) override;
     std::vector<std::string> referenced_blobs() override;
     void probe() override;
 
@@ -92,6 +93,7 @@ private:
     Lease start(std::int64_t row, std::chrono::seconds lease_time);
     void requeue(std::int64_t row, const std::string& message);
     void requeue_expired();
+    void note_use(const std::string& tenant, const std::string& cloud);
     void requeue_lost(std::int64_t row, const std::string& message);
     void finish(std::int64_t row, proto::JobStatus status, const std::string& message);
     proto::JobDocument dismissed(std::int64_t row);

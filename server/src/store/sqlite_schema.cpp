@@ -98,8 +98,15 @@ INSERT INTO ended (status) VALUES ('successful'), ('failed'), ('dismissed');
 PRAGMA application_id = 0x5354504C;
 )sql";
 
+// Of clouds that are there already nobody knows: their time begins now.
+constexpr const char* kUseOfClouds = R"sql(
+ALTER TABLE clouds ADD COLUMN used INTEGER NOT NULL DEFAULT 0;  -- uploaded, or named by a new job
+UPDATE clouds SET used = strftime('%s', 'now') * 1000;
+CREATE INDEX clouds_by_use ON clouds (used);
+)sql";
+
 /// Step n leads from schema n to n + 1. Steps that were released are never changed.
-constexpr std::array kSteps = {kFirstSchema, kNamesOfClouds, kCountsOfEnds};
+constexpr std::array kSteps = {kFirstSchema, kNamesOfClouds, kCountsOfEnds, kUseOfClouds};
 /// The first schema of a database that says whose it is.
 constexpr std::size_t kFirstNamed = 3;
 
