@@ -164,7 +164,7 @@ void add_limits(CLI::App& serve, Flags& flags, Limits& limits) {
         "how long a finished job is kept, up to a\nhundred years")
         ->check(within(0, 100 * kYear));
     add(serve, "--cloud-retention-seconds", flags.cloud_retention_seconds,
-        "how long a cloud that no new job names is kept,\nup to a hundred years")
+        "how long a cloud that no new job names is kept;\nas long as finished jobs at least")
         ->check(within(0, 100 * kYear));
     add(serve, "--max-wait", flags.max_wait_seconds, "longest long poll, up to 3600 seconds")
         ->check(within(0, 3600));
@@ -212,7 +212,8 @@ void finish(const Flags& flags, ServerConfig& config) {
     config.role = flags.role;
     config.drain_timeout = std::chrono::seconds(flags.drain_seconds);
     config.limits.retention = std::chrono::seconds(flags.retention_seconds);
-    config.limits.cloud_retention = std::chrono::seconds(flags.cloud_retention_seconds);
+    config.limits.cloud_retention =
+        std::max(std::chrono::seconds(flags.cloud_retention_seconds), config.limits.retention);
     config.limits.max_wait = std::chrono::seconds(flags.max_wait_seconds);
     if (!flags.api_keys.empty()) config.api_keys = flags.api_keys;
     const std::uint64_t stacks = Limits::stacks_of(config.threads);

@@ -75,7 +75,13 @@ TEST(Config, WhatWouldOnlyBreakTheServerIsRefused) {
 
 TEST(Config, ResultsAndCloudsAreKeptForAHundredYearsAtMost) {
     EXPECT_EQ(served({"--retention-seconds", "3155760000"}).limits.retention.count(), 3155760000);
-    EXPECT_EQ(served({"--cloud-retention-seconds", "86400"}).limits.cloud_retention.count(), 86400);
+    EXPECT_EQ(served({}).limits.cloud_retention.count(), 30 * 86400);
+    const auto cloud_retention = [](const char* seconds) {
+        return served({"--cloud-retention-seconds", seconds, "--retention-seconds", "3600"})
+            .limits.cloud_retention.count();
+    };
+    EXPECT_EQ(cloud_retention("86400"), 86400);
+    EXPECT_EQ(cloud_retention("60"), 3600) << "as long as results";
     for (const char* flag : {"--retention-seconds", "--cloud-retention-seconds"}) {
         for (const char* seconds :
              {"9999999999", "10000000000", "9223372036854775807", "18446744073709551615"})
