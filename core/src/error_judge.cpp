@@ -21,8 +21,9 @@ constexpr std::uint64_t kUnevenAgain = 600'000;  // more places where a candidat
 constexpr std::uint64_t kFirstPart = 8;
 /// A search looks at so many places, and so many for each point of the cloud, and ends: else noise
 /// just below the bound, where some place out of millions is always a little too far, takes a
-/// thousand times as long as what made the candidates.
-constexpr std::uint64_t kMostLooks = 30'000'000, kMostLooksEach = 150;
+/// thousand times as long as what made the candidates. Of a large cloud each is less: somebody
+/// waits.
+constexpr std::uint64_t kMostLooks = 60'000'000, kMostLooksEach = 150, kMostLooksEachOfMany = 25;
 constexpr std::uint64_t kSeed = 0, kAgainSeed = 1, kFirstSeed = 2;
 constexpr std::uint64_t kMeasuredEach = 100;        // enough for each point of a candidate
 constexpr std::uint64_t kEnoughMeasured = 300'000;  // unless it has more points than that
@@ -103,7 +104,8 @@ bool ErrorJudge::can_be_kept(std::size_t points_of_surface) const noexcept {
 
 bool ErrorJudge::is_spent() const noexcept {
     const std::uint64_t looks = looks_ + (watch_ ? watch_->looks() : 0);
-    return looks > kMostLooks + kMostLooksEach * cloud_.size();
+    const std::uint64_t points = cloud_.size(), some = std::min<std::uint64_t>(points, kManyPoints);
+    return looks > kMostLooks + kMostLooksEach * some + kMostLooksEachOfMany * (points - some);
 }
 
 void ErrorJudge::read(Reading reading) {
@@ -146,6 +148,7 @@ ErrorJudge::Finding ErrorJudge::watch(const PointCloud& candidate) {
         watch_.emplace(surface_, std::move(places), margin(), reading_);
     }
     watch_->look_at(frame_.into(candidate, quietly_), quietly_);
+    looks_ += cloud_.size();  // to see where anything has changed takes about as long as so many
     remember(candidate.size(), watch_->farthest_place(), watch_->max());
     return found_by_watch();
 }

@@ -143,14 +143,17 @@ bool SnapshotForest::mark_all(std::span<const Vec3f> places, const RunContext& c
 
 bool SnapshotForest::grade(std::span<const Index> cut, const RunContext& context) {
     std::vector<Vec3f> points(cut.size());
-    for (std::size_t i = 0; i < cut.size(); ++i) points[i] = nodes_.positions[cut[i]];
+    std::vector<std::uint8_t> levels(cut.size());
+    for (std::size_t i = 0; i < cut.size(); ++i) {
+        points[i] = nodes_.positions[cut[i]];
+        levels[i] = level_of(cut[i]);
+    }
     const NearestLists near = nearest_lists(points, kAround, context);
     std::atomic<bool> changed = false;
     parallel_for_blocks(cut.size(), 2048, context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {
-            const std::size_t level = level_of(cut[i]);
             const bool too_coarse = std::ranges::any_of(
-                near.of(i), [&](Index j) { return level_of(cut[j]) > level + kMostJump; });
+                near.of(i), [&](Index j) { return levels[j] > levels[i] + kMostJump; });
             if (!too_coarse) continue;
             too_coarse_[cut[i]] = 1;
             changed = true;
@@ -159,9 +162,9 @@ bool SnapshotForest::grade(std::span<const Index> cut, const RunContext& context
     return changed;
 }
 
-std::size_t SnapshotForest::level_of(Index node) const noexcept {
-    return static_cast<std::size_t>(std::ranges::upper_bound(offsets_, node) - offsets_.begin()) -
-           1;
+std::uint8_t SnapshotForest::level_of(Index node) const noexcept {
+    const auto levels = std::ranges::upper_bound(offsets_, node) - offsets_.begin();
+    return static_cast<std::uint8_t>(levels - 1);
 }
 
 void SnapshotForest::mark_below(Index node, unsigned steps) {

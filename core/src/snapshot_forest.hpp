@@ -52,7 +52,7 @@ public:
     PointCloud cloud_of(std::span<const Index> cut, const RunContext& context) const;
 
 private:
-    std::size_t level_of(Index node) const noexcept;
+    std::uint8_t level_of(Index node) const noexcept;
     std::span<const Index> children_of(Index node) const noexcept;
     void mark_below(Index node, unsigned steps);
 
