@@ -10,8 +10,10 @@ export const count = (n) => kCounts.format(n);
 /** 134.3K is 134K: for places too narrow for every digit. */
 export const compactCount = (n) => (n < 10_000 ? count(n) : kCompact.format(n));
 export const compactPoints = (n) => `${compactCount(n)} ${n === 1 ? 'point' : 'points'}`;
-/** `312K of 2M`, and all, or more, as one number with every digit. */
-export const share = (part, all) => (part >= all ? count(part) : `${compactCount(part)} of ${compactCount(all)}`);
+/** `312K of 2M`; where both look alike, and of all or more, one number. */
+export const compactShare = (part, all) => [...new Set([part, all].map(compactCount))].join(' of ');
+/** The same, and all as one number with every digit. */
+export const share = (part, all) => (part >= all ? count(part) : compactShare(part, all));
 export const points = (n) => `${count(n)} ${n === 1 ? 'point' : 'points'}`;
 
 export function bytes(n) {
@@ -78,5 +80,5 @@ export function ago(time, now = Date.now()) {
             return relative.format(-Math.floor(seconds / size), unit);
         }
     }
-    return 'a minute ago';
+    return relative.format(-1, 'minute');
 }

@@ -142,9 +142,11 @@ export class Hud {
         this.actionsOf = level;
         this.actionsOver = this.isOver;
         const { files, error, ply } = level;
-        const saved = files.filter(({ format: extension }) => extension in format.kKinds).map((file) =>
-            action(file.format, [`Save ${format.kKinds[file.format]}`, `, ${format.bytes(file.bytes)}`], 'Save what is shown', () => this.onDownload(file)));
-        if (ply) {
+        const saved = files.filter(({ format: extension }) => extension in format.kKinds).map((file) => {
+            const size = `, ${format.bytes(file.bytes)}`;
+            return action(file.format, [`Save ${format.kKinds[file.format]}`, size], `Save what is shown${size}`, () => this.onDownload(file));
+        });
+        if (ply && !files.some(({ format: extension }) => extension === 'ply')) {
             saved.unshift(action('ply', `Save ${format.kKinds.ply}`, 'Save what is shown', () => this.onDownload({ format: 'ply', ply })));
         }
         // Of a level with a file the figures tell whether it was measured, of one without its mean, which is 0 for the input itself.

@@ -205,6 +205,5 @@ function cloudNote(cloud) {
     if (cloud.points === undefined) {
         return kind;
     }
-    const { points, without } = keptOf(cloud);
-    return `${without ? `${format.compactCount(points)} of ` : ''}${format.compactPoints(cloud.points)} · ${kind}`;
+    return `${format.compactShare(keptOf(cloud).points, cloud.points)} ${cloud.points === 1 ? 'point' : 'points'} · ${kind}`;
 }

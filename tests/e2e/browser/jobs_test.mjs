@@ -172,6 +172,19 @@ await run({
         await shows(page, kTorusPoints);
     },
 
+    async 'A result in every format offers each file once, and leaves room for its name'() {
+        const formats = ['drc', 'ply', 'glb', 'stpc', 'copc.laz'];
+        await visit(page, `/?pyramid=${await startJob({ type: 'pyramid', input: cloud, formats })}`);
+        await shows(page, kTorusPoints);
+        await page.locator('#action-remove').waitFor();
+        await save(page, 'formats');
+        const names = await page.locator('#files button').allInnerTexts();
+        assert.deepEqual(names.filter((name) => name.startsWith('Save')), ['Save Draco', 'Save PLY', 'Save stream', 'Save COPC']);
+        const cut = await page.locator('#title, #activity, #files').evaluateAll((parts) =>
+            parts.filter(({ clientWidth, scrollWidth }) => scrollWidth > clientWidth).map(({ id }) => id));
+        assert.deepEqual(cut, []);
+    },
+
     async 'Splats that were measured as ellipses cover what round ones do'() {
         const simplified = { type: 'simplify', input: cloud, points: 3000, format: 'drc' };
         const lit = [];

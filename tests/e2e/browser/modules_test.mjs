@@ -240,6 +240,16 @@ test('The ends of a range differ, and are told in one notation', async () => {
     assert.deepEqual(ends(5, 5), ['5', '5']);
 });
 
+test('A share of points is two numbers where they differ as they are shown', async () => {
+    const { compactShare, share, ago } = await moduleOf('format.js');
+    assert.equal(compactShare(435_545, 437_645), '436K of 438K');
+    assert.equal(compactShare(1_268_065, 1_268_079), '1.27M');
+    assert.equal(share(312_000, 2_000_000), '312K of 2M');
+    assert.equal(share(2_000_000, 2_000_000), '2,000,000');
+    const now = Date.parse('2030-01-01T00:01:00Z');
+    assert.deepEqual([50_000, 70_000].map((past) => ago(new Date(now - past).toISOString(), now)), Array(2).fill('1 minute ago'));
+});
+
 test('Few whole numbers are categories: classes by their names, others by themselves, each with a colour of its own', async () => {
     const { categoriesOf } = await moduleOf('categories.js');
     const classes = categoriesOf('classification', [2, 6, 2, 5, 42]);
