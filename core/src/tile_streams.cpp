@@ -206,7 +206,27 @@ constexpr Type type_for() {
     return Type::Float;
 }
 
-void add_attribute(const Attribute& attribute, std::span<const Index> members,
+template <typename T>
+double float_offset(const std::vector<T>& values) {
+    if constexpr (type_for<T>() != Type::Float || std::is_same_v<T, float>) {
+        return 0;
+    } else {
+        constexpr double kFar = 4;  // two bits more
+        double least = std::numeric_limits<double>::infinity(), most = -least;
+        bool is_exact = true;
+        for (const T v : values) {
+            const auto value = static_cast<double>(v);
+            if (!std::isfinite(value)) continue;
+            least = std::min(least, value);
+            most = std::max(most, value);
+            is_exact = is_exact && static_cast<double>(static_cast<float>(value)) == value;
+        }
+        const bool is_far = std::max(-least, most) > kFar * (most - least);
+        return is_far && !is_exact ? std::floor(least) : 0;
+    }
+}
+
+void add_attribute(const Attribute& attribute, std::span<const Index> members, double offset,
                    VertexEncoder& encoder, std::vector<TileStream>& streams) {
     const unsigned all = attribute.components, each = all <= 4 ? all : 1;
     std::visit(
@@ -221,8 +241,9 @@ void add_attribute(const Attribute& attribute, std::span<const Index> members,
                 TileStream stream = make_stream<Stored>(
                     std::move(name), type, each, members.size(), encoder,
                     [&](std::size_t i, unsigned c) {
-                        const auto value =
-                            static_cast<Stored>(values[std::size_t{members[i]} * all + first + c]);
+                        const T own = values[std::size_t{members[i]} * all + first + c];
+                        const auto value = static_cast<Stored>(
+                            type == Type::Float ? static_cast<double>(own) - offset : own);
                         if constexpr (type == Type::Float) {
                             if (!std::isfinite(value)) {
                                 has_no_data = true;
@@ -232,6 +253,7 @@ void add_attribute(const Attribute& attribute, std::span<const Index> members,
                         return value;
                     });
                 stream.has_no_data = has_no_data;
+                stream.offset = offset;
                 streams.push_back(std::move(stream));
             }
         },
@@ -278,6 +300,14 @@ Attribute read_attribute(const TileStream& stream, const std::vector<std::byte>&
             std::ranges::replace(values, TileStream::kNoData, std::numeric_limits<T>::quiet_NaN());
     }
     Attribute attribute{stream.name.substr(1), std::move(values), stream.components};
+    if constexpr (std::is_same_v<T, float>) {
+        if (stream.offset != 0) {
+            const auto& less = std::get<std::vector<float>>(attribute.values);
+            std::vector<double> whole(less.begin(), less.end());
+            for (double& value : whole) value += stream.offset;
+            attribute.values = std::move(whole);
+        }
+    }
     attribute.reduction = default_reduction(attribute.values);
     return attribute;
 }
@@ -344,9 +374,19 @@ void read_stream(const TileStream& stream, const LodTile& tile, PointCloud& clou
 
 }  // namespace
 
+FloatOffsets float_offsets(const PointCloud& source) {
+    FloatOffsets offsets;
+    for (const Attribute& attribute : source.attributes) {
+        const double offset =
+            std::visit([](const auto& values) { return float_offset(values); }, attribute.values);
+        if (offset != 0) offsets.emplace(attribute.name, offset);
+    }
+    return offsets;
+}
+
 std::vector<TileStream> encode_streams(const PointCloud& cloud, std::span<const Index> members,
                                        std::span<const GridPoint> points, bool attributes,
-                                       VertexEncoder& encoder) {
+                                       const FloatOffsets& offsets, VertexEncoder& encoder) {
     std::vector<TileStream> streams;
     streams.push_back(position_stream(points, encoder));
     if (!cloud.normals.empty()) streams.push_back(normal_stream(cloud.normals, members, encoder));
@@ -355,8 +395,11 @@ std::vector<TileStream> encode_streams(const PointCloud& cloud, std::span<const 
         if (cloud.has_alpha) streams.push_back(alpha_stream(cloud, members, encoder));
     }
     if (attributes) {
-        for (const Attribute& attribute : cloud.attributes)
-            add_attribute(attribute, members, encoder, streams);
+        for (const Attribute& attribute : cloud.attributes) {
+            const auto found = offsets.find(attribute.name);
+            const double offset = found == offsets.end() ? 0 : found->second;
+            add_attribute(attribute, members, offset, encoder, streams);
+        }
     }
     return streams;
 }

@@ -4,17 +4,28 @@
 #include "stipple/lod_tiles.hpp"
 #include "vertex_codec.hpp"
 
+#include <functional>
+#include <map>
 #include <span>
+#include <string>
 #include <vector>
 
 namespace stipple {
 
+/// By the names of attributes.
+using FloatOffsets = std::map<std::string, double, std::less<>>;
+
+/// What to take off 32-bit integers and doubles before they become floats, where these would tell
+/// few of them apart, since they lie much farther from zero than from each other: the whole number
+/// below the least.
+FloatOffsets float_offsets(const PointCloud& source);
+
 /// The streams of a tile: the grid points at `POSITION`, and what `cloud` has for its points
 /// `members`, which stand beside them. Normals take 8 bits for each axis of an octahedron, colours
-/// are kept, integers of 32 bits and doubles become floats. Where an attribute has more than four
-/// components each is a stream of its own.
+/// are kept, integers of 32 bits and doubles become floats, less their offsets. Where an attribute
+/// has more than four components each is a stream of its own.
 std::vector<TileStream> encode_streams(const PointCloud& cloud, std::span<const Index> members,
                                        std::span<const GridPoint> points, bool attributes,
-                                       VertexEncoder& encoder);
+                                       const FloatOffsets& offsets, VertexEncoder& encoder);
 
 }  // namespace stipple

@@ -80,20 +80,24 @@ Json view_json(const TileStream& stream, const LodTile& tile, std::size_t decode
             {"extensions", {{kMeshopt, packed}}}};
 }
 
-/// What stands for values that are not finite, of the attributes that have some. A name of a
-/// property is an identifier, which that of an attribute need not be.
-Json no_data_json(const LodTile& tile) {
+/// The same for each component.
+template <typename T>
+Json of_each(T value, const TileStream& stream) {
+    return stream.components == 1 ? Json(value) : Json(std::vector<T>(stream.components, value));
+}
+
+/// What stands for values that are not finite, of the attributes that have some, and what was taken
+/// off the others. A name of a property is an identifier, which that of an attribute need not be.
+Json metadata_json(const LodTile& tile) {
     Json described, places;
     for (const TileStream& stream : tile.streams) {
-        if (!stream.has_no_data) continue;
+        if (!stream.has_no_data && stream.offset == 0) continue;
         const std::string id = "p" + std::to_string(described.size());
-        described[id] = {
-            {"name", stream.name.substr(1)},
-            {"type", shape_of(stream.components)},
-            {"componentType", "FLOAT32"},
-            {"noData", stream.components == 1
-                           ? Json(TileStream::kNoData)
-                           : Json(std::vector<float>(stream.components, TileStream::kNoData))}};
+        Json& property = described[id] = {{"name", stream.name.substr(1)},
+                                          {"type", shape_of(stream.components)},
+                                          {"componentType", "FLOAT32"}};
+        if (stream.offset != 0) property["offset"] = of_each(stream.offset, stream);
+        if (stream.has_no_data) property["noData"] = of_each(TileStream::kNoData, stream);
         places[id] = {{"attribute", stream.name}};
     }
     if (described.empty()) return {};
@@ -154,13 +158,16 @@ TileStream read_stream(const nlohmann::json& root, const std::string& name, std:
     return stream;
 }
 
-/// Whether a value stands for those of the attribute that are not finite.
-bool has_no_data(const nlohmann::json& root, const std::string& name) {
-    const nlohmann::json::json_pointer at("/extensions/" + std::string(kMetadata) +
-                                          "/propertyAttributes/0/properties");
-    return root.contains(at) && std::ranges::any_of(root.at(at), [&](const auto& property) {
-               return property.at("attribute") == name;
-           });
+/// What the metadata say of an attribute.
+nlohmann::json property_of(const nlohmann::json& root, const std::string& name) {
+    const nlohmann::json::json_pointer metadata("/extensions/" + std::string(kMetadata));
+    if (!root.contains(metadata)) return nlohmann::json::object();
+    const auto& places = root.at(metadata).at("propertyAttributes").at(0).at("properties");
+    for (const auto& [id, place] : places.items()) {
+        if (place.at("attribute") != name) continue;
+        return root.at(metadata).at("schema").at("classes").at("point").at("properties").at(id);
+    }
+    return nlohmann::json::object();
 }
 
 }  // namespace
@@ -192,9 +199,9 @@ std::vector<std::byte> encode_glb(const LodTile& tile) {
         {"buffers",
          {{{"byteLength", binary.size()}},
           {{"byteLength", decoded}, {"extensions", {{kMeshopt, {{"fallback", true}}}}}}}}};
-    if (Json no_data = no_data_json(tile); !no_data.empty()) {
+    if (Json metadata = metadata_json(tile); !metadata.empty()) {
         json["extensionsUsed"].push_back(kMetadata);
-        json["extensions"] = {{kMetadata, std::move(no_data)}};
+        json["extensions"] = {{kMetadata, std::move(metadata)}};
         json["meshes"][0]["primitives"][0]["extensions"] = {
             {kMetadata, {{"propertyAttributes", {0}}}}};
     }
@@ -223,8 +230,12 @@ LodTile decode_glb(std::span<const std::byte> bytes) try {
     tile.offset = Vec3d(matrix.at(12), -matrix.at(14).get<double>(), matrix.at(13));
     tile.last = position.at("max");
     for (const auto& [name, accessor] : attributes.items()) {
-        tile.streams.push_back(read_stream(root, name, accessor, chunks.binary));
-        tile.streams.back().has_no_data = has_no_data(root, name);
+        TileStream& stream =
+            tile.streams.emplace_back(read_stream(root, name, accessor, chunks.binary));
+        const auto property = property_of(root, name);
+        stream.has_no_data = property.contains("noData");
+        if (const auto offset = property.find("offset"); offset != property.end())
+            stream.offset = offset->is_array() ? offset->at(0) : *offset;
     }
     return tile;
 } catch (const nlohmann::json::exception& error) {

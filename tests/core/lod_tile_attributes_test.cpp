@@ -101,6 +101,41 @@ TEST(LodTiles, HaveNoNumbersThatGltfForbids) {
     EXPECT_EQ(std::ranges::count(values_of(stored, "far"), TileStream::kNoData), 1);
 }
 
+TEST(LodTiles, TellNumbersApartThatLieFarFromZero) {
+    PointCloud cloud = numbered(test::sphere(3'000));
+    const std::size_t n = cloud.size();
+    std::vector<double> times(2 * n), near(n);
+    std::vector<std::uint32_t> ids(n);
+    for (std::size_t i = 0; i < n; ++i) {
+        times[2 * i] = 1.3e9 + 0.01 * static_cast<double>(i);
+        times[2 * i + 1] = i == 7 ? std::numeric_limits<double>::quiet_NaN() : times[2 * i] + 0.25;
+        near[i] = 0.1 * static_cast<double>(i);
+        ids[i] = 4'000'000'000U + static_cast<std::uint32_t>(i);
+    }
+    cloud.attributes.push_back({"times", times, 2, Reduction::Mean});
+    cloud.attributes.push_back({"near", near, 1, Reduction::Mean});
+    cloud.attributes.push_back({"ids", ids, 1, Reduction::Nearest});
+    for (const LodTile& tile : tiles_of(cloud, {.max_points = 1'000, .attributes = true})) {
+        const PointCloud decoded = decode_tile(tile);
+        const auto of = [&](const char* name) {
+            return std::get<std::vector<double>>(find_attribute(decoded, name)->values);
+        };
+        EXPECT_TRUE(
+            std::holds_alternative<std::vector<float>>(find_attribute(decoded, "near")->values));
+        const std::vector<std::size_t> numbers = numbers_of(decoded);
+        for (std::size_t i = 0; i < numbers.size(); ++i) {
+            const std::size_t number = numbers[i];
+            EXPECT_NEAR(of("times")[2 * i], times[2 * number], 2e-6);
+            EXPECT_EQ(std::isnan(of("times")[2 * i + 1]), number == 7);
+            EXPECT_EQ(of("ids")[i], ids[number]);
+        }
+        for (const TileStream& stream : tile.streams) {
+            const double offset = stream.name == "_times" ? 1.3e9 : stream.name == "_ids" ? 4e9 : 0;
+            EXPECT_EQ(stream.offset, offset) << stream.name;
+        }
+    }
+}
+
 TEST(LodTiles, KeepAllColoursThoughGltfHasThemLinear) {
     PointCloud cloud = test::plane(256);
     for (std::size_t i = 0; i < 256; ++i) {

@@ -107,6 +107,22 @@ TEST(Glb, SaysWhatStandsForValuesThatAreNotFinite) {
     }
 }
 
+TEST(Glb, SaysWhatWasTakenOffNumbersFarFromZero) {
+    PointCloud cloud = test::sphere(50);
+    std::vector<double> times(cloud.size());
+    for (std::size_t i = 0; i < times.size(); ++i) times[i] = 1.3e9 + 0.25 * static_cast<double>(i);
+    cloud.attributes = {{"gps_time", times, 1, Reduction::Mean}};
+    const std::vector<std::byte> glb =
+        encode_glb(LodTiler(cloud, {.attributes = true}).add_level(cloud, true).front());
+    const std::string_view text(reinterpret_cast<const char*>(glb.data()), glb.size());
+    EXPECT_NE(text.find(R"("offset":1300000000.0)"), text.npos);
+    EXPECT_EQ(text.find("noData"), text.npos);
+    const PointCloud back = decode_tile(decode_glb(glb));
+    std::vector<double> values = std::get<std::vector<double>>(back.attributes.front().values);
+    std::ranges::sort(values);
+    EXPECT_EQ(values, times);
+}
+
 TEST(Glb, ThatIsCutOffIsRefused) {
     const PointCloud cloud = test::sphere(50);
     const std::vector<std::byte> glb =

@@ -17,15 +17,14 @@ export async function readTile(glb) {
     const { attributes } = gltf.meshes[0].primitives[0];
     const accessorOf = (name) => gltf.accessors[attributes[name]];
     const read = (name) => (name in attributes ? decoded(gltf, accessorOf(name), binary) : null);
-    const { properties = {} } = gltf.extensions?.EXT_structural_metadata?.propertyAttributes[0] ?? {};
-    const lacking = new Set(Object.values(properties).map(({ attribute }) => attribute));
+    const told = propertiesOf(gltf);
     const isOfTheCloud = (name) => name.startsWith('_') && !accessorOf(name).normalized; // normalized: the alpha of colours
     return {
         positions: placed(read('POSITION'), gltf.nodes.find(({ mesh }) => mesh !== undefined).matrix),
         normals: floats(read('NORMAL')),
         colors: inSrgb(read('COLOR_0')),
         attributes: Object.fromEntries(Object.keys(attributes).filter(isOfTheCloud)
-            .map((name) => [name.slice(1), plain(read(name), accessorOf(name), lacking.has(name))])),
+            .map((name) => [name.slice(1), plain(read(name), accessorOf(name), told.get(name))])),
     };
 }
 
@@ -42,13 +41,19 @@ function decoded(gltf, { bufferView, componentType, count }, binary) {
 
 const kComponents = { SCALAR: 1, VEC2: 2, VEC3: 3, VEC4: 4 };
 
-/** The float that stands for those that are not finite, which glTF forbids. */
-const kNoData = -(2 - 2 ** -23) * 2 ** 127;
+/** By the names of attributes: what stands for values that are not finite, which glTF forbids, and what was taken off the others. */
+function propertiesOf({ extensions }) {
+    const { schema, propertyAttributes } = extensions?.EXT_structural_metadata ?? { propertyAttributes: [{ properties: {} }] };
+    return new Map(Object.entries(propertyAttributes[0].properties).map(([id, { attribute }]) => [attribute, schema.classes.point.properties[id]]));
+}
 
-function plain({ count, at }, { type }, isLacking) {
+function plain({ count, at }, { type }, { noData, offset = 0 } = {}) {
     const components = kComponents[type];
-    const values = Float32Array.from({ length: count * components }, (_, j) => at(Math.floor(j / components), j % components));
-    return { components, values: isLacking ? values.map((value) => (value === kNoData ? NaN : value)) : values };
+    const [lacking] = [noData].flat();
+    const [start] = [offset].flat();
+    const valueOf = (value) => (value === lacking ? NaN : value + start);
+    const Values = start ? Float64Array : Float32Array;
+    return { components, values: Values.from({ length: count * components }, (_, j) => valueOf(at(Math.floor(j / components), j % components))) };
 }
 
 /** By the node's matrix, which also turns z up to y up: turned back here, as 3D Tiles ask. */

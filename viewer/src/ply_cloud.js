@@ -51,7 +51,7 @@ export function readPly(buffer) {
         positions: columns(kPositions, isDouble ? Float64Array : Float32Array).values,
         normals: has(kNormals) ? columns(kNormals, Float32Array).values : null,
         colors: has(kColors.slice(0, 3)) ? withAlpha(columns(kColors, Uint8Array)) : null,
-        attributes: Object.fromEntries(others.map(({ name }) => [name, columns([name], Float32Array)])),
+        attributes: Object.fromEntries(others.map(({ name, type }) => [name, columns([name], kTypes[type][0] > 4 ? Float64Array : Float32Array)])),
     };
 }
 

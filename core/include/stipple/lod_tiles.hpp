@@ -87,6 +87,8 @@ struct TileStream {
     bool octahedral = false;         ///< unit vectors, packed before compression
     bool has_no_data = false;        ///< whether some values are `kNoData`: they were not finite,
                                      ///< which glTF forbids
+    double offset = 0;               ///< of `Float`: was taken off the values, as of GPS times that
+                                     ///< floats would not tell apart; the same in all tiles
     std::vector<std::byte> bytes{};  ///< vertex codec version 0 of meshoptimizer, for further
                                      ///< compression by Brotli or gzip
 };
@@ -187,7 +189,7 @@ private:
 };
 
 /// The decoded points of a tile, relative to `center`: positions, normals, colours, attributes.
-/// Values of attributes that were not finite are NaN.
+/// Values of attributes that were not finite are NaN; those with an offset are doubles.
 /// @throws Error(MalformedInput) for streams that cannot be decoded.
 PointCloud decode_tile(const LodTile& tile, const Vec3d& center = Vec3d::Zero());
 
