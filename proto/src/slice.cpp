@@ -367,8 +367,10 @@ private:
             if (!error || error->max > bound) continue;
             if (tiled(level)) require_room(most_points(level));
             Candidate candidate{read_level(i), {}, {}};
-            if (candidate.cloud().empty())
+            if (candidate.cloud().empty()) {  // the box may lie between the points of the level
+                if (i + 1 < pyramid_.levels.size()) continue;
                 throw Error(ErrorCode::NotFound, "no point lies in the box");
+            }
             require_room(candidate.cloud().size());
             candidate.bytes = encoded(candidate.cloud());
             error->max += rounding_of(candidate).max;

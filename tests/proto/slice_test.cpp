@@ -284,6 +284,19 @@ TEST(Slice, TakesTheCoarsestLevelWithinAnError) {
     EXPECT_EQ(both().slice({.max_error = 1e-9}).points, 8000U);
 }
 
+TEST(Slice, TakesTheCoarsestLevelWithinAnErrorThatHasAPointInTheBox) {
+    const Vec3d place = source().positions[4'321].cast<double>();
+    const Aabb around{place - Vec3d::Constant(1e-3), place + Vec3d::Constant(1e-3)};
+    const Pyramid tiles(source(), {200, 8'000}, {CloudFormat::Glb});
+    for (const Pyramid* pyramid : {&both(), &tiles}) {
+        const Slice slice = pyramid->slice({.max_error = 1.0, .box = around});
+        EXPECT_EQ(slice.points, 1U);
+        EXPECT_LT((bounds(cloud_of(slice)).min - place).norm(), 1e-3);
+    }
+    const Vec3d inner = 0.5 * place;
+    EXPECT_EQ(refusal(both(), {.max_error = 1.0, .box = Aabb{inner, inner}}), ErrorCode::NotFound);
+}
+
 TEST(Slice, TakesAnErrorAsAPartOfTheDiagonal) {
     const double diagonal = both().results.source->bounds.diagonal();
     const double error = both().results.levels[2].error->error.max() + 1e-9;
