@@ -5,6 +5,7 @@
 #include "attribute_name.hpp"
 #include "box_of_most.hpp"
 #include "chain_order.hpp"
+#include "directions.hpp"
 #include "gaps.hpp"
 #include "grid_step.hpp"
 #include "in_quotes.hpp"
@@ -326,7 +327,7 @@ void fill(Cloud& cloud, std::span<const Index> order, const DracoEncodeOptions& 
         give_back(vectors);
     };
     add_vectors(GeometryAttribute::POSITION, 0, cloud.positions, position_bits);
-    if (!cloud.normals.empty())
+    if (have_directions(cloud.normals))
         add_vectors(GeometryAttribute::NORMAL, 1, cloud.normals, options.normal_bits);
     if (!cloud.colors.empty()) {
         static_assert(offsetof(Rgba8, a) == 3, "colours without alpha are the first three bytes");
@@ -408,7 +409,8 @@ std::vector<std::byte> encode(Cloud& cloud, const DracoEncodeOptions& options,
 
     Encoded encoded;
     {
-        const bool bare = cloud.normals.empty() && cloud.colors.empty() && cloud.attributes.empty();
+        const bool bare =
+            !have_directions(cloud.normals) && cloud.colors.empty() && cloud.attributes.empty();
         std::vector<Index> order;
         if (options.coding == DracoCoding::Auto && !bare && are_finite(cloud.positions))
             order = order_of(cloud, step, context);

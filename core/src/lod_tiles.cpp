@@ -74,7 +74,7 @@ struct LodTiler::State {
     Aabb box;      ///< of the source
     Vec3d middle;  ///< of that
     ErrorFrame frame;
-    FloatOffsets offsets;
+    TileContents contents;
     std::vector<Index> order;  ///< of the source's points, along a curve
     LevelMeter meter;
     LevelRounding rounding;
@@ -259,8 +259,7 @@ struct LodTiler::State {
         tile.spacing = is_crowd(members.size(), point_at)
                            ? 0
                            : mean_gap(*level.tree, members.size(), asked, point_at) / frame.scale;
-        tile.streams =
-            encode_streams(cloud, at.numbers, at.sorted, options.attributes, offsets, at.encoder);
+        tile.streams = encode_streams(cloud, at.numbers, at.sorted, contents, at.encoder);
     }
 };
 
@@ -275,7 +274,7 @@ LodTiler::LodTiler(const PointCloud& source, const LodTileOptions& options,
     state.box = bounds(source);
     state.middle = 0.5 * (state.box.min + state.box.max);
     state.frame = ErrorFrame(state.box, source);
-    if (options.attributes) state.offsets = float_offsets(source);
+    state.contents = TileContents(source, options.attributes);
     state.rounding = {.side = (state.box.max - state.box.min).maxCoeff() * state.frame.scale,
                       .tolerance = options.tolerance,
                       .position_bits = options.position_bits};

@@ -1,5 +1,6 @@
 #include "tile_streams.hpp"
 
+#include "directions.hpp"
 #include "float4.hpp"
 #include "srgb.hpp"
 #include "stipple/error.hpp"
@@ -374,30 +375,31 @@ void read_stream(const TileStream& stream, const LodTile& tile, PointCloud& clou
 
 }  // namespace
 
-FloatOffsets float_offsets(const PointCloud& source) {
-    FloatOffsets offsets;
+TileContents::TileContents(const PointCloud& source, bool attributes_)
+    : normals(source.normals.empty() || have_directions(source.normals)), attributes(attributes_) {
+    if (!attributes) return;
     for (const Attribute& attribute : source.attributes) {
         const double offset =
             std::visit([](const auto& values) { return float_offset(values); }, attribute.values);
         if (offset != 0) offsets.emplace(attribute.name, offset);
     }
-    return offsets;
 }
 
 std::vector<TileStream> encode_streams(const PointCloud& cloud, std::span<const Index> members,
-                                       std::span<const GridPoint> points, bool attributes,
-                                       const FloatOffsets& offsets, VertexEncoder& encoder) {
+                                       std::span<const GridPoint> points,
+                                       const TileContents& contents, VertexEncoder& encoder) {
     std::vector<TileStream> streams;
     streams.push_back(position_stream(points, encoder));
-    if (!cloud.normals.empty()) streams.push_back(normal_stream(cloud.normals, members, encoder));
+    if (contents.normals && !cloud.normals.empty())
+        streams.push_back(normal_stream(cloud.normals, members, encoder));
     if (!cloud.colors.empty()) {
         streams.push_back(color_stream(cloud.colors, members, encoder));
         if (cloud.has_alpha) streams.push_back(alpha_stream(cloud, members, encoder));
     }
-    if (attributes) {
+    if (contents.attributes) {
         for (const Attribute& attribute : cloud.attributes) {
-            const auto found = offsets.find(attribute.name);
-            const double offset = found == offsets.end() ? 0 : found->second;
+            const auto found = contents.offsets.find(attribute.name);
+            const double offset = found == contents.offsets.end() ? 0 : found->second;
             add_attribute(attribute, members, offset, encoder, streams);
         }
     }

@@ -270,6 +270,14 @@ TEST(Draco, KeepsNormalsWithinTheStepOfTheOctahedron) {
     }
 }
 
+TEST(Draco, HasNoNormalsWhereNoneHasADirection) {
+    PointCloud cloud = test::sphere(500);
+    cloud.normals.assign(cloud.size(), Vec3f::Zero());
+    EXPECT_TRUE(decode_cloud(encode_draco(cloud)).normals.empty());
+    cloud.normals[7] = Vec3f::UnitZ();
+    EXPECT_EQ(decode_cloud(encode_draco(cloud)).normals.size(), cloud.size());
+}
+
 TEST(Draco, TakesNoMoreMemoryForManyBitsThanForFew) {
     // Draco's own table of symbols would have 2^31 entries, 8 GB.
     const auto encode_in_a_gigabyte = [] {

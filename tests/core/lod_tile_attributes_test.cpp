@@ -63,11 +63,19 @@ TEST(LodTiles, KeepDirectionsOfNormalsOfAnyLength) {
 
 TEST(LodTiles, HaveNormalsUpwardsWhereThereIsNoDirection) {
     constexpr float kInfinity = std::numeric_limits<float>::infinity();
-    PointCloud cloud = test::plane(3);
+    PointCloud cloud = test::plane(4);
     cloud.normals = {Vec3f::Zero(), Vec3f(0, std::numeric_limits<float>::quiet_NaN(), 1),
-                     Vec3f(-kInfinity, 0, 1)};
+                     Vec3f(-kInfinity, 0, 1), Vec3f(0, 0, 2)};
     for (const Vec3f& normal : decode_tile(tiles_of(cloud, {}).front()).normals)
         EXPECT_EQ(normal, Vec3f(0, 0, 1));
+}
+
+TEST(LodTiles, HaveNoNormalsWhereNoneHasADirection) {
+    PointCloud cloud = test::sphere(900);
+    cloud.normals.assign(cloud.size(), Vec3f::Zero());
+    EXPECT_TRUE(decode_tile(tiles_of(cloud, {}).front()).normals.empty());
+    cloud.normals.back() = Vec3f::UnitX();
+    EXPECT_EQ(decode_tile(tiles_of(cloud, {}).front()).normals.size(), cloud.size());
 }
 
 TEST(LodTiles, HaveNoNumbersThatGltfForbids) {

@@ -54,7 +54,7 @@ export function robustSpacing(positions, spacing) {
 
 /**
  * @param {Float32Array} positions  x y z of each point
- * @param {?Float32Array} normals  kept as they are; null: estimated, of either sign
+ * @param {?Float32Array} normals  kept as they are; those without a direction, or null: estimated, of either sign
  * @param {number} spacing  mean distance to the nearest other point
  * @param {number} largest  radius of a splat, spacings: at the border of a tile the neighbours are in another
  * @returns {Int16Array} of each point: normal (0 0 0 where it has none, shorter where it is in doubt) and radius, as fractions of 32767
@@ -79,7 +79,8 @@ export function estimateSurface(positions, normals, spacing, largest = kLargestR
     for (let at = 0; at < count; at += 1) {
         const i = grid.members[at];
         grid.nearestTo(at, nearest);
-        if (!normals && nearest.count >= 3) {
+        const hasNormal = surface[4 * i] !== 0 || surface[4 * i + 1] !== 0 || surface[4 * i + 2] !== 0;
+        if (!hasNormal && nearest.count >= 3) {
             storePlaneNormal(surface, i, grid.positions, at, nearest);
         }
         const radius = splatRadius(surface, i, grid.positions, at, nearest, cell, spacing);

@@ -114,7 +114,8 @@ struct DracoEncodeOptions {
 /// origin as `stipple.origin` (3 doubles). Unique ids are fixed: position 0, normal 1, colour 2,
 /// generic attributes from 3 on in the order of the cloud. Doubles, wide integers and values that
 /// are not finite are coded losslessly, which the kd-tree cannot do: it refuses such a cloud, and
-/// `Auto` uses the sequential coding. An empty cloud keeps only its origin.
+/// `Auto` uses the sequential coding. Normals of which none has a direction, as in files of Gaussian
+/// splats, are left out: Draco would give them one. An empty cloud keeps only its origin.
 /// @throws Error(InvalidArgument) for an option out of range.
 ///
 /// Google's encoder, too, checks `context.stop` only before and after its work.

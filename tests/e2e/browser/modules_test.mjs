@@ -23,6 +23,17 @@ test('Estimated normals of a sphere point along its radius', async () => {
     });
 });
 
+test('Normals that are zero are estimated, others are kept', async () => {
+    const { estimateSurface } = await moduleOf('surface_estimate.js');
+    const points = spherePoints(3000);
+    const normals = new Float32Array(3 * points.length);  // as files of Gaussian splats have them
+    normals.set([1, 0, 0], 3 * 7);
+    const surface = estimateSurface(Float32Array.from(points.flat()), normals, 0.06);
+    const along = (i, [x, y, z]) => Math.abs(x * surface[4 * i] + y * surface[4 * i + 1] + z * surface[4 * i + 2]) /
+        Math.hypot(surface[4 * i], surface[4 * i + 1], surface[4 * i + 2]);
+    points.forEach((point, i) => assert.ok(along(i, i === 7 ? [1, 0, 0] : point) > 0.999, `point ${i}`));
+});
+
 test('A point far off does not stretch the spacing, and many points in one place take no time', async () => {
     const { estimateSurface, robustSpacing } = await moduleOf('surface_estimate.js');
     const points = Float32Array.from([...spherePoints(20_000), [1e8, 0, 0]].flat());
