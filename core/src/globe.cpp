@@ -15,19 +15,24 @@ namespace stipple {
 
 namespace {
 
-constexpr unsigned kEarthCentred = 4978;
+constexpr unsigned kEarthCentred = 4978, kWebMercator = 3857;
 constexpr double kAxis = 6'378'137.0, kFlattening = 1 / 298.257223563;  // WGS 84
 constexpr double kDegree = std::numbers::pi / 180;
 
+enum class Datum { Wgs84, Etrs89, Nad83 };
+
+/// Of UTM.
 struct Zone {
     unsigned number = 0;  ///< 1..60; 0: none
     bool south = false;
+    Datum datum = Datum::Wgs84;
 };
 
 Zone zone_of(unsigned epsg) noexcept {
     if (epsg > 32'600 && epsg <= 32'660) return {epsg - 32'600, false};
     if (epsg > 32'700 && epsg <= 32'760) return {epsg - 32'700, true};
-    if (epsg >= 25'828 && epsg <= 25'838) return {epsg - 25'800, false};
+    if (epsg >= 25'828 && epsg <= 25'838) return {epsg - 25'800, false, Datum::Etrs89};
+    if (epsg > 26'900 && epsg <= 26'923) return {epsg - 26'900, false, Datum::Nad83};
     return {};
 }
 
@@ -37,6 +42,11 @@ Vec3d earth_centred(double latitude, double longitude, double height) {
     const double radius = kAxis / std::sqrt(1 - e2 * s * s);
     return {(radius + height) * c * std::cos(longitude),
             (radius + height) * c * std::sin(longitude), (radius * (1 - e2) + height) * s};
+}
+
+/// From easting and northing on the sphere of web maps, and height.
+Vec3d earth_centred_of_web(const Vec3d& place) {
+    return earth_centred(std::atan(std::sinh(place.y() / kAxis)), place.x() / kAxis, place.z());
 }
 
 /// From easting, northing and height.
@@ -68,8 +78,9 @@ Vec3d earth_centred(const Zone& zone, const Vec3d& place) {
 void check_known(unsigned epsg) {
     if (is_on_globe(epsg)) return;
     refuse("epsg ", epsg,
-           ": expected 4978 (earth-centred), 32601..32660, 32701..32760 (UTM on WGS 84) or "
-           "25828..25838 (UTM on ETRS89)");
+           ": expected 4978 (earth-centred), 3857 (web maps), 32601..32660, 32701..32760 (UTM on "
+           "WGS 84), 25828..25838 (UTM on ETRS89) or 26901..26923 (UTM on NAD83); reproject other "
+           "coordinates first");
 }
 
 /// `NAME["title",content,AUTHORITY["EPSG","code"]]`
@@ -80,40 +91,53 @@ std::string node(const char* name, const std::string& title, const std::string& 
 }
 
 /// Datum and prime meridian.
-std::string datum_text(bool is_etrs) {
-    const std::string meridian = "," + node("PRIMEM", "Greenwich", "0", 8901) + ",";
-    if (is_etrs)
-        return node("DATUM", "European_Terrestrial_Reference_System_1989",
-                    node("SPHEROID", "GRS 1980", "6378137,298.257222101", 7019), 6258) +
-               meridian;
-    return node("DATUM", "WGS_1984", node("SPHEROID", "WGS 84", "6378137,298.257223563", 7030),
-                6326) +
-           meridian;
+std::string datum_text(Datum datum) {
+    const std::string meridian = node("PRIMEM", "Greenwich", "0", 8901),
+                      sphere_80 = node("SPHEROID", "GRS 1980", "6378137,298.257222101", 7019),
+                      sphere_84 = node("SPHEROID", "WGS 84", "6378137,298.257223563", 7030);
+    const std::string text =
+        datum == Datum::Etrs89
+            ? node("DATUM", "European_Terrestrial_Reference_System_1989", sphere_80, 6258)
+        : datum == Datum::Nad83 ? node("DATUM", "North_American_Datum_1983", sphere_80, 6269)
+                                : node("DATUM", "WGS_1984", sphere_84, 6326);
+    return text + ',' + meridian + ',';
+}
+
+const char* name_of(Datum datum) noexcept {
+    return datum == Datum::Etrs89 ? "ETRS89" : datum == Datum::Nad83 ? "NAD83" : "WGS 84";
+}
+
+/// In degrees.
+std::string geographic_text(Datum datum) {
+    const unsigned epsg = datum == Datum::Etrs89 ? 4258 : datum == Datum::Nad83 ? 4269 : 4326;
+    const std::string degree = node("UNIT", "degree", "0.0174532925199433", 9122);
+    return node("GEOGCS", name_of(datum), datum_text(datum) + degree, epsg);
 }
 
 }  // namespace
 
 bool is_on_globe(unsigned epsg) noexcept {
-    return epsg == kEarthCentred || zone_of(epsg).number != 0;
+    return epsg == kEarthCentred || epsg == kWebMercator || zone_of(epsg).number != 0;
 }
 
 Eigen::Matrix4d globe_frame(unsigned epsg, const Vec3d& place) {
     check_known(epsg);
     Eigen::Matrix4d frame = Eigen::Matrix4d::Identity();
     if (epsg == kEarthCentred) return frame;
-    constexpr double kFar = 1e7;
-    if (!(place.cwiseAbs().maxCoeff() <= kFar)) {
-        refuse("epsg ", epsg,
-               ": the cloud lies beyond 10,000 km: its coordinates belong to another system");
+    const bool is_web = epsg == kWebMercator;
+    if (!(place.cwiseAbs().maxCoeff() <= (is_web ? 2.1e7 : 1e7))) {
+        refuse("epsg ", epsg, ": the cloud lies beyond ", is_web ? "21,000" : "10,000",
+               " km: its coordinates belong to another system");
     }
-    const Zone zone = zone_of(epsg);
+    const auto on_globe = [is_web, zone = zone_of(epsg)](const Vec3d& at) {
+        return is_web ? earth_centred_of_web(at) : earth_centred(zone, at);
+    };
     constexpr double kStep = 10;  // metres: what is not linear cancels, what is rounded is small
     for (int axis = 0; axis < 3; ++axis) {
         const Vec3d step = kStep * Vec3d::Unit(axis);
-        frame.col(axis).head<3>() =
-            (earth_centred(zone, place + step) - earth_centred(zone, place - step)) / (2 * kStep);
+        frame.col(axis).head<3>() = (on_globe(place + step) - on_globe(place - step)) / (2 * kStep);
     }
-    frame.col(3).head<3>() = earth_centred(zone, place) - frame.topLeftCorner<3, 3>() * place;
+    frame.col(3).head<3>() = on_globe(place) - frame.topLeftCorner<3, 3>() * place;
     return frame;
 }
 
@@ -122,28 +146,36 @@ std::string well_known_text(unsigned epsg) {
     const std::string metre = node("UNIT", "metre", "1", 9001);
     if (epsg == kEarthCentred) {
         return node("GEOCCS", "WGS 84",
-                    datum_text(false) + metre +
+                    datum_text(Datum::Wgs84) + metre +
                         ",AXIS[\"Geocentric X\",OTHER],AXIS[\"Geocentric Y\",OTHER],"
                         "AXIS[\"Geocentric Z\",NORTH]",
                     epsg);
     }
+    const std::string axes = metre + ",AXIS[\"Easting\",EAST],AXIS[\"Northing\",NORTH]";
+    if (epsg == kWebMercator) {  // which WKT 1 has no word for: as GDAL writes it
+        return node(
+            "PROJCS", "WGS 84 / Pseudo-Mercator",
+            geographic_text(Datum::Wgs84) +
+                ",PROJECTION[\"Mercator_1SP\"],PARAMETER[\"central_meridian\",0],"
+                "PARAMETER[\"scale_factor\",1],PARAMETER[\"false_easting\",0],"
+                "PARAMETER[\"false_northing\",0]," +
+                axes +
+                ",EXTENSION[\"PROJ4\",\"+proj=merc +a=6378137 +b=6378137 +lat_ts=0 +lon_0=0 "
+                "+x_0=0 +y_0=0 +k=1 +units=m +nadgrids=@null +wktext +no_defs\"]",
+            epsg);
+    }
     const Zone zone = zone_of(epsg);
-    const bool is_etrs = epsg < 32'600;
-    const std::string datum = is_etrs ? "ETRS89" : "WGS 84";
-    const std::string geographic = node(
-        "GEOGCS", datum, datum_text(is_etrs) + node("UNIT", "degree", "0.0174532925199433", 9122),
-        is_etrs ? 4258 : 4326);
     const int meridian = 6 * static_cast<int>(zone.number) - 183;
     return node("PROJCS",
-                datum + " / UTM zone " + std::to_string(zone.number) + (zone.south ? "S" : "N"),
-                geographic +
+                std::string(name_of(zone.datum)) + " / UTM zone " + std::to_string(zone.number) +
+                    (zone.south ? "S" : "N"),
+                geographic_text(zone.datum) +
                     ",PROJECTION[\"Transverse_Mercator\"],PARAMETER[\"latitude_of_origin\",0],"
                     "PARAMETER[\"central_meridian\"," +
                     std::to_string(meridian) +
                     "],PARAMETER[\"scale_factor\",0.9996],PARAMETER[\"false_easting\",500000],"
                     "PARAMETER[\"false_northing\"," +
-                    (zone.south ? "10000000" : "0") + "]," + metre +
-                    ",AXIS[\"Easting\",EAST],AXIS[\"Northing\",NORTH]",
+                    (zone.south ? "10000000" : "0") + "]," + axes,
                 epsg);
 }
 

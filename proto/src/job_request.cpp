@@ -256,7 +256,7 @@ void read_tiles(const JsonValue& value, PyramidJob& job) {
     if (epsg) {
         job.epsg = epsg->small_integer();
         if (!is_on_globe(*job.epsg))
-            epsg->refuse("4978, 32601..32660, 32701..32760 or 25828..25838");
+            epsg->refuse("4978, 3857, 32601..32660, 32701..32760, 25828..25838 or 26901..26923");
     }
     object.finish();
 }

@@ -31,6 +31,30 @@ TEST(GlobeFrame, PutsPlacesWherePROJPutsThem) {
     }
 }
 
+TEST(GlobeFrame, PutsPlacesOfWebMapsWhereTheirLatitudesAre) {
+    struct Known {
+        Vec3d place, on_globe;
+    };
+    // Latitude 2 atan(exp(y / a)) - 90 degrees, longitude x / a, on the ellipsoid.
+    const Known all[] = {
+        {{0, 0, 0}, {6378137, 0, 0}},
+        {{-13'693'000, 5'683'000, 130}, {-2444206.9745, -3762841.1123, 4517920.7396}},
+        {{951'781.6, 6'002'500.5, 400}, {4279774.8630, 643435.3334, 4669934.1281}}};
+    for (const Known& known : all) {
+        const Vec3d is = on_globe(3857, known.place, known.place);
+        EXPECT_LT((is - known.on_globe).norm(), 0.001) << is.transpose();
+    }
+    const Eigen::Matrix3d axes = globe_frame(3857, all[2].place).topLeftCorner<3, 3>();
+    EXPECT_NEAR(axes.col(0).norm(), 0.678, 1e-3) << "a metre there, at 47 degrees north";
+    EXPECT_NEAR(axes.col(2).norm(), 1, 1e-9);
+    EXPECT_GT(axes.determinant(), 0) << "not mirrored";
+}
+
+TEST(GlobeFrame, OfNad83IsThatOfWgs84) {
+    const Vec3d place(630'084, 4'833'438, 100);
+    EXPECT_EQ(globe_frame(26917, place), globe_frame(32617, place));
+}
+
 TEST(GlobeFrame, StandsUprightAndKeepsLengthsButForTheScaleOfTheMap) {
     const Vec3d place(500'000, 5'400'000, 0);
     const Eigen::Matrix3d axes = globe_frame(32633, place).topLeftCorner<3, 3>();
@@ -58,8 +82,10 @@ TEST(GlobeFrame, OfEarthCentredCoordinatesLeavesThemAlone) {
 }
 
 TEST(GlobeFrame, RefusesSystemsAndPlacesItDoesNotKnow) {
-    EXPECT_TRUE(is_on_globe(32601) && is_on_globe(32760) && is_on_globe(25832));
-    for (const unsigned epsg : {0U, 4326U, 32600U, 32661U, 32700U, 32761U, 25827U, 25839U}) {
+    EXPECT_TRUE(is_on_globe(32601) && is_on_globe(32760) && is_on_globe(25832) &&
+                is_on_globe(26901));
+    for (const unsigned epsg :
+         {0U, 4326U, 32600U, 32661U, 32700U, 32761U, 25827U, 25839U, 26900U, 26924U}) {
         EXPECT_FALSE(is_on_globe(epsg));
         test::expect_refused(": expected 4978 (earth-centred)",
                              [&] { globe_frame(epsg, Vec3d::Zero()); });
@@ -68,6 +94,8 @@ TEST(GlobeFrame, RefusesSystemsAndPlacesItDoesNotKnow) {
                          [&] { globe_frame(32633, Vec3d(2e7, 0, 0)); });
     test::expect_refused("the cloud lies beyond 10,000 km",
                          [&] { globe_frame(32633, Vec3d(std::nan(""), 0, 0)); });
+    test::expect_refused("the cloud lies beyond 21,000 km",
+                         [&] { globe_frame(3857, Vec3d(0, 2.2e7, 0)); });
 }
 
 TEST(WellKnownText, NamesTheSystemAndItsParameters) {
@@ -79,6 +107,10 @@ TEST(WellKnownText, NamesTheSystemAndItsParameters) {
     EXPECT_TRUE(well_known_text(25828).starts_with("PROJCS[\"ETRS89 / UTM zone 28N\","));
     EXPECT_NE(well_known_text(32601).find("\"central_meridian\",-177]"), std::string::npos);
     EXPECT_TRUE(well_known_text(4978).starts_with("GEOCCS[\"WGS 84\","));
+    EXPECT_TRUE(well_known_text(26910).starts_with(
+        "PROJCS[\"NAD83 / UTM zone 10N\",GEOGCS[\"NAD83\",DATUM[\"North_American_Datum_1983\","));
+    EXPECT_TRUE(
+        well_known_text(3857).ends_with("+wktext +no_defs\"],AUTHORITY[\"EPSG\",\"3857\"]]"));
     test::expect_refused("epsg 4326: expected 4978 (earth-centred)",
                          [&] { well_known_text(4326); });
 }

@@ -291,7 +291,7 @@ TEST(JobRequest, ThatIsRefusedNamesFieldAndValueAndWhatIsExpected) {
         {pyramid_with(R"("tiles": {"transform": [1,0,0,0,0,1,0,0,0,0,0,0,0,0,0,1]})"),
          "tiles.transform: a list of 16: expected a transform that keeps three dimensions"},
         {pyramid_with(R"("tiles": {"epsg": 4326})"),
-         "tiles.epsg: 4326: expected 4978, 32601..32660, 32701..32760 or 25828..25838"},
+         "tiles.epsg: 4326: expected 4978, 3857, 32601..32660, 32701..32760, 25828..25838 or 26901..26923"},
         {pyramid_with(
              R"("tiles": {"epsg": 32633, "transform": [1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]})"),
          "tiles.epsg: excludes transform: give one of the two"},
