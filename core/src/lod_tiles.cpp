@@ -211,6 +211,8 @@ struct LodTiler::State {
         const bool is_fine = grid.step / frame.scale <= kShort * level_spacing;
         figures.spacing =
             is_fine ? level_spacing : spacing_of(level.points, level.tree.get(), context);
+        const bool is_level = tiles.size() == 1 && !options.additive;
+        if (is_level) tiles.front().spacing = figures.spacing;
     }
 
     /// What the tiles of one thread are made in.

@@ -193,6 +193,15 @@ TEST(LodTiles, TellTheSpacingOfMostThoughAPointIsVeryFarOff) {
     EXPECT_LT(tiler.figures().spacing, 0.2);
 }
 
+TEST(LodTiles, OfOneTileHaveTheFiguresOfTheirLevel) {
+    const PointCloud cloud = test::cube(5'000);
+    LodTiler tiler(cloud, {});
+    const std::vector<LodTile> tiles = tiler.add_level(cloud, true);
+    ASSERT_EQ(tiles.size(), 1U);
+    EXPECT_EQ(tiles[0].spacing, tiler.figures().spacing);
+    EXPECT_EQ(tiles[0].error.mean, tiler.figures().error.mean);
+}
+
 TEST(LodTiles, AreRefusedWhereThereWouldBeTooMany) {
     const PointCloud cloud = test::plane(31'000);
     LodTiler tiler(cloud, {.max_points = 1, .errors = LodErrors::Rough});
