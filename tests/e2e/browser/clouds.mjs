@@ -39,29 +39,28 @@ export const truncated = () => sphere(1000).subarray(0, 4000);
 /**
  * @param points  `[x, y, z]`, and `red, green, blue` where `isColored`, and `alpha` where `hasAlpha`
  * @param scalars  by name, of a point
- * @param type  of coordinates: `float` or `double`
+ * @param type  of coordinates and scalars: `float` or `double`
  */
 export function ply(points, isColored, { hasAlpha = false, scalars = {}, type = 'float' } = {}) {
     const channels = isColored ? ['red', 'green', 'blue', ...(hasAlpha ? ['alpha'] : [])] : [];
     const header = ['ply', 'format binary_little_endian 1.0', `element vertex ${points.length}`,
         ...['x', 'y', 'z'].map((name) => `property ${type} ${name}`),
         ...channels.map((name) => `property uchar ${name}`),
-        ...Object.keys(scalars).map((name) => `property float ${name}`), 'end_header', ''];
+        ...Object.keys(scalars).map((name) => `property ${type} ${name}`), 'end_header', ''];
     const size = type === 'double' ? 8 : 4;
     const fixed = 3 * size + channels.length;
-    const stride = fixed + 4 * Object.keys(scalars).length;
+    const stride = fixed + size * Object.keys(scalars).length;
     const body = Buffer.alloc(stride * points.length);
+    const write = (value, at) => (type === 'double' ? body.writeDoubleLE(value, at) : body.writeFloatLE(value, at));
     points.forEach((point, i) => {
         point.forEach((value, k) => {
             if (k >= 3) {
                 body.writeUInt8(value, stride * i + 3 * size + k - 3);
-            } else if (type === 'double') {
-                body.writeDoubleLE(value, stride * i + size * k);
             } else {
-                body.writeFloatLE(value, stride * i + size * k);
+                write(value, stride * i + size * k);
             }
         });
-        Object.values(scalars).forEach((valueOf, k) => body.writeFloatLE(valueOf(point), stride * i + fixed + 4 * k));
+        Object.values(scalars).forEach((valueOf, k) => write(valueOf(point), stride * i + fixed + size * k));
     });
     return Buffer.concat([Buffer.from(header.join('\n')), body]);
 }

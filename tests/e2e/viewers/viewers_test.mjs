@@ -24,7 +24,7 @@ const kSize = 640;
 const kColor = [200, 100, 50];
 const kViewers = ['tiles_renderer', 'cesium', 'draco_loader', 'loaders_gl_tiles', 'loaders_gl_draco'];
 const kLevels = ['draco_loader', 'loaders_gl_draco'];  // that read one level
-const kAdding = ['tiles_renderer', 'cesium', 'loaders_gl_tiles'];  // that read tiles
+const kTiled = ['tiles_renderer', 'cesium', 'loaders_gl_tiles'];  // that read tiles
 
 /** Scans that are drawn too, where they are there; `leastAlike`: colours that are nearly grey have no strongest channel. */
 const kScans = [
@@ -61,6 +61,8 @@ const server = await startServer(options.bin);
 const job = await pyramidOf(ply(cloud, true));
 const adding = await pyramidOf(ply(cloud, true), { refine: 'add' });
 const double = await pyramidOf(ply(cloud, true, { type: 'double' }));
+const described = await pyramidOf(ply(cloud, true, { type: 'double', scalars: { gps_time: ([x]) => 1.3e9 + x, some: ([x, y]) => (y > kCentre[1] ? NaN : x) } }),
+    { tiles: { max_points: 16_000, attributes: true } });
 const bundles = Object.fromEntries(await Promise.all([...kViewers, 'cesium_globe'].map(
     async (name) => [name, await bundled(name, { readme: options.readme, modules })])));
 const colors = await Promise.all([0, 128, 255].map(async (alpha) => {
@@ -73,7 +75,8 @@ const pages = await servePages(bundles, modules, { '/shelf/v1/pyramids/exported/
 let failed = 0;
 for (const name of kViewers) await check(name, () => checkPicture(name, job));
 for (const name of kLevels) await check(`${name}, double coordinates`, () => checkPicture(name, double));
-for (const name of kAdding) await check(`${name}, tiles that add`, () => checkPicture(name, adding));
+for (const name of kTiled) await check(`${name}, tiles that add`, () => checkPicture(name, adding));
+for (const name of kTiled) await check(`${name}, attributes that have metadata`, () => checkPicture(name, described));
 for (const [alpha, pyramid] of colors)
     for (const name of kViewers) await check(`${name}, ${alpha}`, () => checkColor(name, pyramid));
 exportCloud();
