@@ -29,10 +29,24 @@ export async function decodeLevel(bytes) {
     return geometry;
 }
 
-/** The values of the attribute with a unique id, point by point; takes `bytes` over. */
-export async function decodeAttribute(bytes, id) {
-    const geometry = await decode(bytes, { position: 0, value: id }, { position: 'Float32Array', value: 'Float32Array' });
-    return geometry.getAttribute('value').array;
+/** Of types wider than a float, the one that tells whole numbers apart. */
+const kWholes = { int32: 'Int32Array', uint32: 'Uint32Array', float64: 'Int32Array' };
+
+/** The values of the attribute with a unique id, point by point; takes `bytes` over. The decoder has no doubles: large ones are whole numbers. */
+export async function decodeAttribute(bytes, id, type) {
+    const wholes = kWholes[type] ?? 'Float32Array';
+    const geometry = await decode(bytes, { position: 0, value: id, whole: id }, { position: 'Float32Array', value: 'Float32Array', whole: wholes });
+    const [{ array: values }, { array: whole }] = ['value', 'whole'].map((name) => geometry.getAttribute(name));
+    return type === 'float64' ? wholeWhereLarge(values, whole) : whole;
+}
+
+const kExact = 2 ** 24;  // up to it floats have every whole number
+const kMostWhole = 2 ** 31 - 2 ** 7;  // the largest float that is an int
+
+/** GPS times of one flight, 1.3e9 s and some, are one and the same float. */
+function wholeWhereLarge(values, whole) {
+    const isLarge = values.every((value) => Math.abs(value) <= kMostWhole) && values.some((value) => Math.abs(value) > kExact);
+    return isLarge ? Float64Array.from(values, (value, i) => (Math.abs(value) > kExact ? whole[i] : value)) : values;
 }
 
 async function decode(bytes, ids, types) {

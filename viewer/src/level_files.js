@@ -37,11 +37,11 @@ export function sourceOf({ levels, request, source }, number) {
 export const middleOf = ({ bounds: { min, max } }) => new Vector3(...min).add(new Vector3(...max)).multiplyScalar(0.5);
 
 function ofDraco(file, attributes) {
-    const read = async (id, signal) => decodeAttribute(await getBytes(file.href, signal), id);
+    const read = async (id, type, signal) => decodeAttribute(await getBytes(file.href, signal), id, type);
     return {
         file,
         files: [file],
-        attributes: attributes.map((attribute, i) => ({ ...attribute, read: (signal) => read(kFirstAttributeId + i, signal) })),
+        attributes: attributes.map((attribute, i) => ({ ...attribute, read: (signal) => read(kFirstAttributeId + i, attribute.type, signal) })),
         async load([buffer], level, signal) {
             return withSurface(await decodeLevel(buffer), level, signal);
         },

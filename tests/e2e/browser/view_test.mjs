@@ -358,7 +358,7 @@ await run({
 
     async 'A legend tells coordinates as they are in the file, and classes by their names'() {
         const points = Array.from({ length: 3000 }, (_, i) => [465_000 + i % 60, 5_247_000 + Math.floor(i / 60), 400 + (i % 7) / 10]);
-        const buffer = ply(points, false, { type: 'double', scalars: { classification: ([x]) => (x % 2 === 0 ? 2 : 6) } });
+        const buffer = ply(points, false, { type: 'double', scalars: { classification: ([x]) => (x % 2 === 0 ? 2 : 6), gps_time: ([x]) => 1.3e9 + x - 465_000 } });
         const before = await settledPyramid(page);
         await choose(page, { name: 'terrain.ply', buffer });
         await settledPyramid(page, before);
@@ -369,6 +369,9 @@ await run({
         await colorBy('x');
         await page.locator('#legend-name').getByText('Position, x').waitFor();
         assert.deepEqual(await page.locator('#legend-scale').innerText(), '465,000\n465,059');
+        await colorBy('gps_time');
+        await page.locator('#legend-name').getByText('Gps time').waitFor();
+        assert.deepEqual(await page.locator('#legend-scale').innerText(), '1,300,000,000\n1,300,000,059');
         await colorBy('classification');
         await page.locator('#legend-categories').getByText('Building').waitFor();
         assert.equal(await page.locator('#legend-categories').innerText(), 'Ground\nBuilding');
