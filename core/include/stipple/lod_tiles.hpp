@@ -63,7 +63,7 @@ struct TileError {
 struct LodFigures {
     TileError error;          ///< over the part of the source in the cell of the tile
     double spacing = 0;       ///< mean distance to the nearest other decoded point of the level
-    double cover_radius = 0;  ///< largest distance, over the samples, from a point of the source in
+    double cover_radius = 0;  ///< largest distance, over the samples, from a place of the source in
                               ///< the cell to the nearest decoded point of the level
 };
 
