@@ -149,17 +149,27 @@ private:
         return points < kLarge ? points * 9 / 10 : points / 2;
     }
 
-    /// Where the judge is spent: what was found, if it holds with care; else the coarsest snapshot
-    /// that does. Each has a quarter more points than the one before, so that it takes few tries.
+    /// Where the judge is spent: what was found, if it holds with care; else a snapshot that does,
+    /// by bisection, so that it takes few tries: one where not even the finest holds, as in noise.
     std::optional<ErrorBoundedCloud> with_care(std::optional<ErrorBoundedCloud> found) {
         judge_.read(Reading::Confirmed);
         judge_.take_care();
         if (found && holds(*found, judge_)) return found;
-        for (std::size_t level = finest_; forest_.size_of(level) <= most_wanted(); ++level) {
-            ErrorBoundedCloud result{.cloud = forest_.level(level, quietly_)};
-            if (holds(result, judge_)) return result;
+        std::size_t coarse = finest_, fine = finest_;  // the levels from `coarse` to before `fine`
+        while (forest_.size_of(fine) <= most_wanted()) ++fine;
+        std::optional<ErrorBoundedCloud> best;
+        for (std::size_t next = fine - 1; coarse < fine; next = coarse + (fine - coarse) / 2) {
+            ErrorBoundedCloud candidate{.cloud = forest_.level(next, quietly_)};
+            if (holds(candidate, judge_)) {
+                best = std::move(candidate);
+                fine = next;
+            } else if (best) {
+                coarse = next + 1;
+            } else {
+                break;
+            }
         }
-        return std::nullopt;
+        return best;
     }
 
     /// Makes the cut finer until it holds; none when that takes more than `most` points or rounds,

@@ -75,9 +75,10 @@ struct ErrorBoundedCloud {
 /// Places are looked for no farther beyond a border than `measure_error` draws them: there the
 /// planes through neighbours go on, but the surface does not.
 ///
-/// A search ends, whatever it has, once it has looked at 30 million places and 150 more for each
-/// point of the cloud, as it may where the bound is just above the noise: with what holds so far,
-/// or else with the coarsest snapshot that does (`ended_early`).
+/// A search ends, whatever it has, once it has looked at 60 million places, 150 more for each of a
+/// million points of the cloud, and 25 for each of the others, a round as one for each point, as it
+/// may where the bound is just above the noise: with what holds so far, or else with a coarse
+/// snapshot that does (`ended_early`).
 ///
 /// If no smaller cloud is within the bound, or, for 50,000 points and more, none of up to half of
 /// them, the result is the input itself, with an error of 0. A point of the input that is farther
