@@ -93,11 +93,17 @@ void add_method_cases(std::vector<Case>& all) {
         method_case(Method::Multiphase, "10M", 100'000, hierarchy, {plain(Method::Hierarchical)}));
 }
 
-/// What the plots show: time and error against target, time against input, as the paper's Fig. 9.
-void add_series(std::vector<Case>& all) {
+/// All methods of ours but the random subset.
+std::vector<Way> our_ways() {
     std::vector<Way> ways;
     for (const Method method : kMethods)
         if (method != Method::Random) ways.push_back(plain(method));
+    return ways;
+}
+
+/// What the plots show: time and error against target, time against input, as the paper's Fig. 9.
+void add_series(std::vector<Case>& all) {
+    const std::vector<Way> ways = our_ways();
     const std::vector<std::string> peers = {"CGAL hierarchy"};
     for (const std::size_t target : {1'000, 2'000, 5'000, 10'000, 20'000, 50'000, 100'000})
         all.push_back(
@@ -126,6 +132,25 @@ const std::vector<Case>& all_cases() {
         add_series(all);
         return all;
     }();
+    return cases;
+}
+
+std::vector<Case> scan_cases(const BenchOptions& options) {
+    std::vector<Case> cases;
+    for (const std::string& scan : options.scans) {
+        const auto add = [&](std::size_t points, const std::string& name) {
+            cases.push_back({name, "all methods and peers", [=](S& s, N& case_name) {
+                                 const std::size_t hundredth = std::max<std::size_t>(
+                                     1, s.models().get(scan).cloud.size() / 100);
+                                 simplification(s, case_name, scan,
+                                                points == 0 ? hundredth : points, our_ways(), {""});
+                             }});
+        };
+        const std::string name = "scan/" + std::filesystem::path(scan).stem().string();
+        for (const std::size_t points : options.points)
+            add(points, name + '/' + std::to_string(points));
+        if (options.points.empty()) add(0, name);
+    }
     return cases;
 }
 

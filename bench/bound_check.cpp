@@ -3,7 +3,6 @@
 
 #include "models.hpp"
 #include "program.hpp"
-#include "stipple/cleaning.hpp"
 #include "stipple/error.hpp"
 #include "stipple/error_bounded.hpp"
 #include "surface_distance.hpp"
@@ -29,17 +28,6 @@ struct CheckOptions {
     unsigned threads = 0;
     bool only_promise = false;
 };
-
-PointCloud load(const std::string& name) {
-    if (!std::filesystem::exists(name)) return Models({}).get(name).cloud;
-    PointCloud cloud;
-    const TriangleMesh mesh = read_triangles(name);
-    cloud.origin = mesh.vertices.empty() ? Vec3d::Zero() : mesh.vertices.front();
-    for (const Vec3d& p : mesh.vertices)
-        cloud.positions.push_back((p - cloud.origin).cast<float>());
-    clean(cloud);
-    return cloud;
-}
 
 /// Turned at random, which moves every tree, grid and tie; seed 0 leaves it as it is.
 PointCloud turned(PointCloud cloud, std::uint64_t seed) {
@@ -145,8 +133,9 @@ int run(const CheckOptions& options) {
         "| model | method | bound | seeds | points | kept | whole | random | points | "
         "independent | certain | broken | s "
         "|\n|---|---|---|---|---|---|---|---|---|---|---|---|---|\n");
+    Models models({});
     for (const std::string& model : options.models) {
-        const PointCloud cloud = load(model);
+        const PointCloud& cloud = models.get(model).cloud;
         const std::string name = std::filesystem::path(model).stem().string();
         std::uint64_t seed = options.first;
         for (const std::string& method : options.methods)

@@ -19,9 +19,11 @@ namespace stipple::bench {
 
 /// What the command line asked for.
 struct BenchOptions {
-    std::string filter;       ///< a case runs when its name holds this
-    std::string contestants;  ///< and of it those contestants whose names hold this
-    unsigned repeat = 5;      ///< timed rounds after the warm-up
+    std::string filter;               ///< a case runs when its name holds this
+    std::string contestants;          ///< and of it those contestants whose names hold this
+    std::vector<std::string> scans;   ///< files to compare on; none: the cases of the list
+    std::vector<std::size_t> points;  ///< of results for them; none: a hundredth of each
+    unsigned repeat = 5;              ///< timed rounds after the warm-up
     std::vector<unsigned> threads = {1, 2};
     double patience_s = 20;  ///< a contestant that has run for so long sits out the other rounds
     std::size_t samples = 100'000;  ///< of the error measure; 0: no error
@@ -107,5 +109,7 @@ struct Case {
     std::function<void(Session&, const std::string& name)> run;
 };
 const std::vector<Case>& all_cases();
+/// For scans of one's own: all methods against all peers.
+std::vector<Case> scan_cases(const BenchOptions& options);
 
 }  // namespace stipple::bench

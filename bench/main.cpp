@@ -37,7 +37,7 @@ bool run_cases(const BenchOptions& options) {
               << "Ratios: times the first row's time.\n"
               << "Compared with: " << tools_present() << ".\n";
     Session session(options);
-    for (const Case& c : all_cases())
+    for (const Case& c : options.scans.empty() ? all_cases() : scan_cases(options))
         if (c.name.find(options.filter) != std::string::npos) c.run(session, c.name);
     if (!options.json.empty()) {
         std::ofstream out(options.json);
@@ -62,6 +62,17 @@ int main(int argc, char** argv) {
     app.add_option("--contestants", options.contestants,
                    "and of them only contestants whose name holds TEXT")
         ->type_name("TEXT");
+    app.add_option("--scan", options.scans,
+                   "PLY files of yours: all methods and peers for each, instead of the cases")
+        ->type_name("FILE")
+        ->check(CLI::ExistingFile)
+        ->delimiter(',')
+        ->allow_extra_args(false);
+    app.add_option("--points", options.points,
+                   "of the results for those; a hundredth of each scan when not given")
+        ->delimiter(',')
+        ->allow_extra_args(false)
+        ->check(at_least(1));
     app.add_option("--repeat", options.repeat, "timed rounds after a warm-up")
         ->check(at_least(1))
         ->capture_default_str();

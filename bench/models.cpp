@@ -330,7 +330,11 @@ Model Models::load(const std::string& name) {
         model.file = find_scan(folder_ / "dragon_vrip.ply", temporary_);
         points = 437'645;
     } else if (points == 0) {
-        throw std::invalid_argument("model " + name + ": expected igea, dragon, 250k, 2M...");
+        model.file = find_scan(name, temporary_);
+        if (model.synthetic()) {
+            throw std::invalid_argument("model " + name +
+                                        ": expected igea, dragon, 250k, 2M... or a PLY file");
+        }
     }
     if (model.synthetic()) {
         model.cloud = bumpy_sphere(points);
@@ -338,7 +342,12 @@ Model Models::load(const std::string& name) {
         model.foot = bumpy_sphere_foot;
     } else {
         model.mesh = read_triangles(model.file);
-        for (const Vec3d& v : model.mesh.vertices) model.cloud.positions.push_back(v.cast<float>());
+        std::vector<Vec3d>& vertices = model.mesh.vertices;
+        if (points == 0 && !vertices.empty()) {
+            const Vec3d origin = vertices.front();
+            for (Vec3d& v : vertices) v -= origin;
+        }
+        for (const Vec3d& v : vertices) model.cloud.positions.push_back(v.cast<float>());
     }
     clean(model.cloud);
     return model;

@@ -26,8 +26,10 @@ struct Model {
 ///     igea     `igea.ply` of the models folder                             134,345 points
 ///     dragon   `dragon_vrip.ply` of the models folder, perhaps with `.gz`  437,645 points
 ///     2M       a bumpy sphere, always synthetic; also 1M, 10M, 250k...   2,000,000 points
+///     a path   of any PLY file that `read_triangles` knows, perhaps with `.gz`
 ///
-/// A scan that is not there is replaced by a bumpy sphere of as many points.
+/// The igea or the dragon, if not there, is replaced by a bumpy sphere of as many points. A file of
+/// a path is moved so that its first point is the origin: others may be too far off for floats.
 class Models {
 public:
     /// @param folder  where the scans are, or empty.

@@ -72,7 +72,8 @@ Contestant contestant(const Peer& peer, unsigned threads) {
 }
 
 std::string described(const Model& model) {
-    return model.name + (model.synthetic() ? " (synthetic)" : "") + ": " +
+    const std::string name = std::filesystem::path(model.name).stem().string();
+    return name + (model.synthetic() ? " (synthetic)" : "") + ": " +
            proto::with_separators(model.cloud.size()) + " points";
 }
 
