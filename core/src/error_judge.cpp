@@ -67,8 +67,8 @@ ErrorJudge::ErrorJudge(const PointCloud& cloud, double bound, const RunContext& 
       bound_(bound),
       quietly_{.stop = context.stop, .progress = {}, .threads = context.threads},
       frame_(bounds(cloud), cloud),
-      surface_(frame_.into(cloud, quietly_), Reading::Confirmed, quietly_),
-      points_(points_of_surface()) {
+      surface_(frame_.into(cloud, quietly_), Reading::Confirmed, quietly_) {
+    part_points();
     const std::size_t step = std::max<std::size_t>(1, points_.size() / kGlance);
     for (std::size_t i = 0; i < points_.size(); i += step) some_points_.push_back(points_[i]);
 }
@@ -81,14 +81,12 @@ void ErrorJudge::remember(std::uint64_t points, const Vec3f& place, double dista
                 .distance = in_units};
 }
 
-std::vector<Vec3f> ErrorJudge::points_of_surface() {
+void ErrorJudge::part_points() {
     const Probes own = surface_.measure(surface_.some_points(cloud_.size(), quietly_), surface_,
                                         margin(), quietly_);
-    std::vector<Vec3f> points;
     for (std::size_t i = 0; i < own.places.size(); ++i)
-        if (own.distances[i] <= margin()) points.push_back(own.places[i]);
-    if (!can_be_kept(points.size())) remember(cloud_.size(), own.farthest(), own.max());
-    return points;
+        (own.distances[i] <= margin() ? points_ : off_surface_).push_back(own.places[i]);
+    if (!can_be_kept(points_.size())) remember(cloud_.size(), own.farthest(), own.max());
 }
 
 std::vector<Vec3f> ErrorJudge::out_of_frame(std::span<const Vec3f> places) const {
@@ -145,7 +143,7 @@ ErrorJudge::Finding ErrorJudge::watch(const PointCloud& candidate) {
                 static_cast<unsigned>(std::clamp<std::size_t>(kManyPlaces / cloud_.size(), 1, 10));
             append(places, surface_.places_around(places, 1, each, 0, quietly_).places);
         }
-        watch_.emplace(surface_, std::move(places), margin(), reading_);
+        watch_.emplace(surface_, std::move(places), off_surface_, margin(), reading_);
     }
     watch_->look_at(frame_.into(candidate, quietly_), quietly_);
     looks_ += cloud_.size();  // to see where anything has changed takes about as long as so many

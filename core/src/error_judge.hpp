@@ -31,7 +31,7 @@ public:
     /// that is not known well enough to tell. The few that are not are no places of it.
     bool can_be_kept() const noexcept { return can_be_kept(points_.size()); }
     /// How many are not.
-    std::uint64_t points_off_surface() const noexcept { return cloud_.size() - points_.size(); }
+    std::uint64_t points_off_surface() const noexcept { return off_surface_.size(); }
 
     /// How candidates are read from now on, but for glances; `Confirmed` before.
     void read(Reading reading);
@@ -67,7 +67,8 @@ public:
     const std::optional<TooFar>& too_far() const noexcept { return too_far_; }
 
 private:
-    std::vector<Vec3f> points_of_surface();
+    /// Finds out which points are of the surface and which are not.
+    void part_points();
     bool can_be_kept(std::size_t points_of_surface) const noexcept;
     /// @param place, distance  as in the frame of the surfaces.
     void remember(std::uint64_t points, const Vec3f& place, double distance);
@@ -89,7 +90,8 @@ private:
     ProbedSurface surface_;
     std::optional<TooFar> too_far_;
     std::vector<Vec3f> points_;       ///< of the cloud that are of its surface
-    std::vector<Vec3f> some_points_;  ///< of those, for glances
+    std::vector<Vec3f> off_surface_;  ///< and those that are not
+    std::vector<Vec3f> some_points_;  ///< of the first, for glances
     Reading reading_ = Reading::Confirmed;
     bool careful_ = false;
     std::optional<ErrorWatch> watch_;

@@ -47,13 +47,16 @@ std::vector<Vec3f> at(std::span<const Vec3f> points, std::span<const Index> whic
 
 }  // namespace
 
-ErrorWatch::ErrorWatch(const ProbedSurface& surface, std::vector<Vec3f> places, double margin,
-                       Reading reading)
+ErrorWatch::ErrorWatch(const ProbedSurface& surface, std::vector<Vec3f> places,
+                       std::vector<Vec3f> off_surface, double margin, Reading reading)
     : surface_(surface),
+      off_surface_(std::move(off_surface)),
       margin_(margin),
       reading_(reading),
       places_(std::move(places)),
-      forward_(places_.size()) {}
+      forward_(places_.size()) {
+    std::ranges::sort(off_surface_, before);
+}
 
 void ErrorWatch::look_at(std::vector<Vec3f> points, const RunContext& context) {
     // What is known of points that stay is kept; those that came or went are the changes.
@@ -160,6 +163,8 @@ std::vector<std::uint8_t> ErrorWatch::look_around(const ProbedSurface& from,
         const Index center = which[around.centers[i]];
         if (!from_candidate) extend(center, probes.places[i], probes.reach[i]);
         if (probes.distances[i] <= spots[center].distance) continue;
+        if (from_candidate && std::ranges::binary_search(off_surface_, probes.places[i], before))
+            continue;  // a point of the input, however fine the candidate
         spots[center].distance = probes.distances[i];
         spots[center].farthest = probes.places[i];
     }

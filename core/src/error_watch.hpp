@@ -18,11 +18,12 @@ namespace stipple {
 /// places that are nearly too far.
 class ErrorWatch {
 public:
-    /// @param places  of the surface. @param margin  what is too far, as the distance between two
-    /// places.
-    /// @param surface  must outlive the watch. @param reading  of the candidates.
-    ErrorWatch(const ProbedSurface& surface, std::vector<Vec3f> places, double margin,
-               Reading reading);
+    /// @param surface  must outlive the watch. @param places  of the surface.
+    /// @param off_surface  points that are none of its places, nor of a candidate that has them.
+    /// @param margin  what is too far, as the distance between two places.
+    /// @param reading  of the candidates.
+    ErrorWatch(const ProbedSurface& surface, std::vector<Vec3f> places,
+               std::vector<Vec3f> off_surface, double margin, Reading reading);
 
     /// Takes a candidate for the last one's. @param points  at least one.
     void look_at(std::vector<Vec3f> points, const RunContext& context);
@@ -87,6 +88,7 @@ private:
     }
 
     const ProbedSurface& surface_;
+    std::vector<Vec3f> off_surface_;  ///< sorted
     double margin_;
     Reading reading_;
     std::vector<Vec3f> places_, points_;    ///< of the surface; of the last candidate

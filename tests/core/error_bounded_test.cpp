@@ -170,6 +170,17 @@ TEST(ErrorBounded, DoesNotFollowAFewPointsThatAreOffTheSurface) {
     EXPECT_LE(measured_again(cloud, found.cloud, ErrorSampling::Surface), 0.02 * 1.02);
 }
 
+TEST(ErrorBounded, AFewPointsThatAreOffTheSurfaceDoNotKeepAllOthers) {
+    if (test::kSanitized) GTEST_SKIP() << "too slow under a sanitizer";
+    PointCloud cloud = horned_sphere(3'000);
+    // On the horn, where all points are needed.
+    for (std::size_t i = 0; i < cloud.size(); ++i)
+        if (cloud.positions[i].z() > 1.2F && i % 16 == 0) cloud.positions[i] += Vec3f(0.1F, 0, 0);
+    const ErrorBoundedCloud found = simplify_within_error(cloud, within(0.02));
+    EXPECT_GT(found.points_off_surface, 0U);
+    EXPECT_FALSE(found.whole);
+}
+
 TEST(ErrorBounded, OfALargeCloudFewPointsHold) {
     if (test::kSanitized) GTEST_SKIP() << "too slow under a sanitizer";
     const PointCloud cloud = bumpy_sphere(210'000);
