@@ -19,11 +19,11 @@ namespace stipple::bench {
 
 /// What the command line asked for.
 struct BenchOptions {
-    std::string filter;               ///< a case runs when its name holds this
-    std::string contestants;          ///< and of it those contestants whose names hold this
-    std::vector<std::string> scans;   ///< files to compare on; none: the cases of the list
-    std::vector<std::size_t> points;  ///< of results for them; none: a hundredth of each
-    unsigned repeat = 5;              ///< timed rounds after the warm-up
+    std::string filter;                    ///< a case runs when its name holds this
+    std::vector<std::string> contestants;  ///< and of it those whose names hold one of these
+    std::vector<std::string> scans;        ///< files to compare on; none: the cases of the list
+    std::vector<std::size_t> points;       ///< of results for them; none: a hundredth of each
+    unsigned repeat = 5;                   ///< timed rounds after the warm-up
     std::vector<unsigned> threads = {1, 2};
     double patience_s = 20;  ///< a contestant that has run for so long sits out the other rounds
     std::size_t samples = 100'000;  ///< of the error measure; 0: no error
@@ -75,6 +75,7 @@ Contestant contestant(const Peer& peer, unsigned threads);
 /// `igea: 134,345 points`.
 std::string described(const Model& model);
 RunContext on_threads(unsigned threads);
+bool holds_any(const std::string& name, const std::vector<std::string>& parts);
 
 // The cases: what each compares is said in the list of all_cases.cpp.
 

@@ -60,8 +60,10 @@ int main(int argc, char** argv) {
     app.add_option("--filter", options.filter, "only cases whose name holds TEXT")
         ->type_name("TEXT");
     app.add_option("--contestants", options.contestants,
-                   "and of them only contestants whose name holds TEXT")
-        ->type_name("TEXT");
+                   "and of them only contestants whose name holds one of TEXT,...")
+        ->type_name("TEXT")
+        ->delimiter(',')
+        ->allow_extra_args(false);
     app.add_option("--scan", options.scans,
                    "PLY files of yours: all methods and peers for each, instead of the cases")
         ->type_name("FILE")

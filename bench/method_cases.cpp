@@ -71,11 +71,6 @@ Contestant simplifier(Session& session, const Model& model, const Peer& peer, un
             .release = [=] { loaded->reset(); }};
 }
 
-bool holds_any(const std::string& name, const std::vector<std::string>& parts) {
-    return std::ranges::any_of(
-        parts, [&](const std::string& part) { return name.find(part) != std::string::npos; });
-}
-
 }  // namespace
 
 Way plain(Method method) {

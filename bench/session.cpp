@@ -34,7 +34,8 @@ std::vector<Figure> figures_of(const SurfaceDistance& error) {
 }  // namespace
 
 bool Session::invited(const std::string& contestant) const {
-    return contestant.find(options_.contestants) != std::string::npos;
+    const std::vector<std::string>& parts = options_.contestants;
+    return parts.empty() || holds_any(contestant, parts);
 }
 
 void Session::contest(CaseResult head, std::vector<Contestant> contestants) {
@@ -75,6 +76,11 @@ std::string described(const Model& model) {
     const std::string name = std::filesystem::path(model.name).stem().string();
     return name + (model.synthetic() ? " (synthetic)" : "") + ": " +
            proto::with_separators(model.cloud.size()) + " points";
+}
+
+bool holds_any(const std::string& name, const std::vector<std::string>& parts) {
+    return std::ranges::any_of(
+        parts, [&](const std::string& part) { return name.find(part) != std::string::npos; });
 }
 
 RunContext on_threads(unsigned threads) {
