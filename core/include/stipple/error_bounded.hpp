@@ -83,9 +83,9 @@ struct ErrorBoundedCloud {
 /// If no smaller cloud is within the bound, or, for 50,000 points and more, none of up to half of
 /// them, the result is the input itself, with an error of 0. A point of the input that is farther
 /// than the bound from the input's own surface does not count as a place of it, and is not
-/// measured; nor is it where the result has it. If more than one in a hundred points are, the bound is below the noise, and the result
-/// is the input as well; `too_far` then has all its points, and the one farthest from its own
-/// surface.
+/// measured; nor is it where the result has it. If more than one in a hundred points are, the bound
+/// is below the noise, and the result is the input as well; `too_far` then has all its points, and
+/// the one farthest from its own surface.
 ///
 /// @throws Error(InvalidArgument) for a bound that is not finite and positive, a method that is not
 /// one of `kErrorBoundedMethods`, other options out of range, or a cloud without points;
