@@ -43,21 +43,23 @@ PointCloud turned(PointCloud cloud, std::uint64_t seed) {
 /// What is left of a promise: each the largest over all measurements, over the bound.
 struct Outcome {
     double random = 0;       ///< `measure_error`, four times as many random places as before
-    double points = 0;       ///< and at points that are within the bound of their own surface
+    double points = 0;       ///< and at points that are safely within it of their own surface
     double independent = 0;  ///< the measure of surface_distance.hpp
     double certain = 0;      ///< of that what is certain
 };
 
-/// From the points that are within the bound of their own surface: those that are not are noise.
+/// From the points that are safely within the bound of their own surface: those that are not are
+/// noise.
 double max_at_points(const PointCloud& cloud, const ErrorBoundedCloud& found,
                      const RunContext& context) {
     const SurfaceErrorOptions options{
         .sampling = ErrorSampling::Points, .samples = cloud.size(), .keep_samples = true};
     const DirectedError own = measure_error(cloud, cloud, options, context).forward;
     const DirectedError error = measure_error(cloud, found.cloud, options, context).forward;
+    constexpr double kSafe = 0.95;
     double max = 0;
     for (std::size_t i = 0; i < own.distances.size(); ++i)
-        if (own.distances[i] <= found.bound)
+        if (own.distances[i] <= kSafe * found.bound)
             max = std::max(max, static_cast<double>(error.distances[i]));
     return max;
 }

@@ -34,7 +34,7 @@ struct ErrorBoundedCloud {
     SurfaceError error{};  ///< as measured last, with the samples that found the largest error
     ErrorSampling sampling = ErrorSampling::Surface;  ///< of that measurement
     std::uint64_t points_off_surface =
-        0;               ///< of the input, farther than the bound from its own surface: not counted
+        0;               ///< of the input, off its own surface by 95 % of the bound: not counted
     unsigned tries = 0;  ///< number of clouds measured
     bool whole =
         false;  ///< the result is the input itself: no smaller cloud was found within the bound
@@ -82,7 +82,7 @@ struct ErrorBoundedCloud {
 ///
 /// If no smaller cloud is within the bound, or, for 50,000 points and more, none of up to half of
 /// them, the result is the input itself, with an error of 0. A point of the input that is farther
-/// than the bound from the input's own surface does not count as a place of it, and is not
+/// than 95 % of the bound from the input's own surface does not count as a place of it, and is not
 /// measured; nor is it where the result has it. If more than one in a hundred points are, the bound
 /// is below the noise, and the result is the input as well; `too_far` then has all its points, and
 /// the one farthest from its own surface.
