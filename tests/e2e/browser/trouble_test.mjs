@@ -62,7 +62,7 @@ await run({
         });
         await page.goto(browser.url);
         assert.equal(await settledPyramid(page), pyramid);
-        await page.unrouteAll();
+        await page.unrouteAll({ behavior: 'wait' });
     },
 
     async 'A decoder that does not come is asked for again, and the levels are shown'() {
