@@ -179,6 +179,7 @@ TEST(ErrorBounded, AFewPointsThatAreOffTheSurfaceDoNotKeepAllOthers) {
     const ErrorBoundedCloud found = simplify_within_error(cloud, within(0.02));
     EXPECT_GT(found.points_off_surface, 0U);
     EXPECT_FALSE(found.whole);
+    EXPECT_LE(measured_again(cloud, found.cloud, ErrorSampling::Surface), 0.02 * 1.02);
 }
 
 TEST(ErrorBounded, OfALargeCloudFewPointsHold) {
