@@ -42,7 +42,8 @@ struct WideColors {
     void resize(std::size_t n) { values.resize(n, {kFull, kFull, kFull, kFull}); }
     /// Integers have 8 bits where none is above 255; floats where one is above 2, as no share of a
     /// colour is. Alpha alone may still be of the whole range.
-    void narrow(std::vector<Rgba8>& colors) const {
+    /// @returns whether they had.
+    bool narrow(std::vector<Rgba8>& colors) const {
         const auto largest = [](const Color& c) { return std::max({c[0], c[1], c[2]}); };
         const auto is_small = [&](const Color& c) { return !(largest(c) > T(255)); };
         const auto is_large = [&](const Color& c) { return largest(c) > T(2); };
@@ -60,6 +61,7 @@ struct WideColors {
             colors[i] = {narrowed(r), narrowed(g), narrowed(b),
                          whole_alpha ? to_channel(a) : narrowed(a)};
         }
+        return eight_bits;
     }
 };
 

@@ -14,7 +14,7 @@ namespace stipple {
 namespace {
 
 /// Whether the first vertex has a line to itself, as in all but hand-made files. Then every one
-/// must.
+/// must; else the text must have as many values as the header declares.
 bool starts_with_one_per_line(AsciiCursor cursor, std::size_t values) {
     cursor.skip_blanks();
     for (std::size_t i = 0; i < values; ++i) {
@@ -163,6 +163,19 @@ void check_following(AsciiCursor cursor, std::span<const PlyElement> following,
     for (const PlyElement& element : following) skip_element(cursor, element, context);
 }
 
+/// Names lines that follow all that the header declares.
+void report_surplus(std::string_view text, DecodeReport& report) {
+    std::size_t lines = 0;
+    while (!text.empty()) {
+        const std::string_view line = text.substr(0, text.find('\n'));
+        if (!std::ranges::all_of(line, ply_number::is_blank)) ++lines;
+        text.remove_prefix(std::min(text.size(), line.size() + 1));
+    }
+    if (lines > 0)
+        report.skipped.push_back(std::to_string(lines) + (lines == 1 ? " line" : " lines") +
+                                 " after the last vertex");
+}
+
 }  // namespace
 
 PointCloud decode_ascii_ply(const PlyLayout& layout, const RunContext& context,
@@ -182,6 +195,15 @@ PointCloud decode_ascii_ply(const PlyLayout& layout, const RunContext& context,
     if (lists || !starts_with_one_per_line(cursor, vertex->properties.size())) {
         PointCloud cloud = decode_values(cursor, layout, context, report);
         for (const PlyElement& element : following) skip_element(cursor, element, context);
+        cursor.skip_blanks();
+        if (!lists && cursor.remaining() != 0)
+            cursor.fail(nullptr,
+                        "the text goes on with " +
+                            in_quotes(ply_number::word_at(cursor.position(),
+                                                          cursor.position() + cursor.remaining())) +
+                            " after all that the header declares: lines may have more values "
+                            "than the " +
+                            std::to_string(vertex->properties.size()) + " properties of a vertex");
         return cloud;
     }
 
@@ -194,7 +216,9 @@ PointCloud decode_ascii_ply(const PlyLayout& layout, const RunContext& context,
         for (const PlyElement& element : following) skip_element(cursor, element, context);
     } else {
         check_following(cursor, following, blocks, rows, context);
+        cursor.seek(end_of_lines(blocks, rows));
     }
+    if (following.empty()) report_surplus({cursor.position(), cursor.remaining()}, report);
     return destination.finish(report);
 }
 

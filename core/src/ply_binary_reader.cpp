@@ -234,6 +234,11 @@ PointCloud decode(const PlyLayout& layout, const RunContext& context, DecodeRepo
         cloud = element.has_list() ? decode_values(cursor, layout, context, report)
                                    : decode_rows(cursor, layout, context, report);
     }
+    // Less than a point may be a line's end.
+    if (&layout.header.elements.back() == layout.vertex &&
+        cursor.remaining() >= std::max<std::uint64_t>(1, layout.vertex->least_bytes()))
+        report.skipped.push_back(std::to_string(cursor.remaining()) +
+                                 " bytes after the last vertex");
     return cloud;
 }
 

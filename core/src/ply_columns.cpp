@@ -36,7 +36,8 @@ PlyDestination::PlyDestination(const PlyLayout& layout, std::optional<Vec3d> ori
 
 PointCloud PlyDestination::finish(DecodeReport& report) {
     if (wide_ && !origin_) place_coordinates();
-    if (!wide_colors_.values.empty()) wide_colors_.narrow(cloud_.colors);
+    if (!wide_colors_.values.empty() && !wide_colors_.narrow(cloud_.colors))
+        report.skipped.emplace_back("lower 8 bits of 16-bit colours");
     if (!float_colors_.values.empty()) float_colors_.narrow(cloud_.colors);
     cloud_.origin = origin_.value_or(Vec3d::Zero());
     cloud_.double_precision = wide_;

@@ -350,6 +350,34 @@ TEST(PlyReader, ReadsTextThatIsNotOneVertexALine) {
     }
 }
 
+TEST(PlyReader, RefusesLinesWithMoreValuesThanTheHeaderDeclares) {
+    const std::string header = "element vertex 4\n" + kXyz;
+    for (const std::string_view body : {"1 2 3 9\n4 5 6 9\n7 8 9 9\n1 1 1 9\n",
+                                        "1 2 3 7 7 7\n4 5 6 7 7 7\n7 8 9 7 7 7\n1 1 1 7 7 7\n",
+                                        "1 2 3 99\n4 5 6\n7 8 9\n1 1 1\n"}) {
+        EXPECT_NE(message_of(ascii(header, body)).find("more values than the 3"),
+                  std::string::npos);
+    }
+}
+
+TEST(PlyReader, NamesWhatFollowsTheLastVertex) {
+    const std::string header = "element vertex 2\n" + kXyz;
+    const auto skipped = [&](const std::string& text) {
+        DecodeReport report;
+        decode(text, &report);
+        return report.skipped;
+    };
+    EXPECT_EQ(skipped(ascii(header, "1 2 3\n4 5 6\n\n \n")), std::vector<std::string>{});
+    EXPECT_EQ(skipped(ascii(header, "1 2 3\n4 5 6\n7 8 9\n\n1 1 1")),
+              std::vector<std::string>{"2 lines after the last vertex"});
+    EXPECT_EQ(skipped(ascii(header, "1 2 3\n\n4 5 6\n7 8 9\n")),
+              std::vector<std::string>{"1 line after the last vertex"});
+    std::string binary = text_of(encode_ply(test::sphere(5)));
+    EXPECT_EQ(skipped(binary + "\n"), std::vector<std::string>{});
+    EXPECT_EQ(skipped(binary + std::string(24, 'x')),
+              std::vector<std::string>{"24 bytes after the last vertex"});
+}
+
 TEST(PlyReader, ReadsLongTextAlikeOnAnyNumberOfThreads) {
     const PointCloud cloud = test::with_attributes(test::sphere(60'000, 0.1));
     std::string text = text_of(encode_ply(cloud, {.encoding = PlyEncoding::Ascii, .comments = {}}));

@@ -48,7 +48,8 @@ struct DecodeReport {
     std::uint64_t points = 0;  ///< points in the cloud, before any cleaning
     std::uint64_t faces = 0;   ///< ignored faces
     std::vector<std::string>
-        skipped;  ///< ignored elements and list properties, such as `face.vertex_indices`
+        skipped;  ///< ignored elements and list properties, such as `face.vertex_indices`; what
+                  ///< follows the last vertex, and what 16-bit colours lose, in words
     std::vector<std::string>
         comments;  ///< `comment` and `obj_info` lines of a PLY header, without the keyword
 };
@@ -114,8 +115,8 @@ struct DracoEncodeOptions {
 /// origin as `stipple.origin` (3 doubles). Unique ids are fixed: position 0, normal 1, colour 2,
 /// generic attributes from 3 on in the order of the cloud. Doubles, wide integers and values that
 /// are not finite are coded losslessly, which the kd-tree cannot do: it refuses such a cloud, and
-/// `Auto` uses the sequential coding. Normals of which none has a direction, as in files of Gaussian
-/// splats, are left out: Draco would give them one. An empty cloud keeps only its origin.
+/// `Auto` uses the sequential coding. Normals of which none has a direction, as in files of
+/// Gaussian splats, are left out: Draco would give them one. An empty cloud keeps only its origin.
 /// @throws Error(InvalidArgument) for an option out of range.
 ///
 /// Google's encoder, too, checks `context.stop` only before and after its work.
@@ -128,8 +129,9 @@ std::vector<std::byte> encode_draco(const PointCloud& cloud, const DracoEncodeOp
 std::vector<std::byte> encode_draco(PointCloud&& cloud, const DracoEncodeOptions& options = {},
                                     const RunContext& context = {});
 
-/// Writes a cloud in the format of the extension (`.ply`, `.drc`, `.stpc`, `.laz`: `encode_copc`),
-/// through a temporary file beside it, so that the file is either complete or absent.
+/// Writes a cloud in the format of the extension (`.ply`, `.drc`, `.stpc`, `.laz`: `encode_copc`;
+/// of `.stpc` the position bits, 1..24, or the precision are those for `.drc`), through a temporary
+/// file beside it, so that the file is either complete or absent.
 /// @throws Error(UnsupportedFormat) for another extension, Error(NotFound) for a missing folder,
 /// Error(InvalidArgument) if writing is not permitted, Error(Internal) for any other write failure.
 void write_cloud(const PointCloud& cloud, const std::filesystem::path& file,
