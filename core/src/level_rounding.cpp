@@ -51,16 +51,17 @@ LevelGrid LevelRounding::grid(double step) const {
     return {step, static_cast<unsigned>(std::max<double>(bits, kLeastBits))};
 }
 
-double LevelRounding::step_of(unsigned bits) const {
+double LevelRounding::step_of(unsigned bits, double side) {
     return side / static_cast<double>((std::uint64_t{1} << bits) - 2);
 }
 
 LevelGrid LevelRounding::finest_grid(const LevelMeter& meter) const {
     if (side == 0) return {1, position_bits};
-    if (precision) return grid(std::max(2 * *precision, step_of(kMostBits)));
+    if (precision) return grid(2 * *precision);
     // With longer steps than the spacing the points of one part would fall into one place.
     const double longest = meter.spacing() > 0 ? meter.spacing() : side;
-    return grid(std::max(std::min(step_of(position_bits), longest), step_of(kMostBits)));
+    return grid(
+        std::max(std::min(step_of(position_bits, side_of_most), longest), step_of(kMostBits)));
 }
 
 MeasuredLevel LevelRounding::round(MeasuredLevel&& unrounded, LevelGrid& taken,

@@ -37,11 +37,14 @@ struct LevelRounding {
     static constexpr unsigned kLeastBits = 2, kMostBits = 29;
 
     double side = 0;                     ///< of the source's box, the longest
+    double side_of_most = side;          ///< of that around most points, where strays are far off
     double tolerance = 0;                ///< `LodTileOptions`
     unsigned position_bits = kMostBits;  ///< the same
     std::optional<double> precision{};   ///< the same
     double added = 0;  ///< the variance of what rounding added to the last level, in squared steps
 
+    /// No precision is finer.
+    double least_precision() const { return 0.5 * step_of(kMostBits); }
     /// That of the finest level; no level's is finer.
     LevelGrid finest_grid(const LevelMeter& meter) const;
 
@@ -52,7 +55,8 @@ struct LevelRounding {
 
 private:
     LevelGrid grid(double step) const;
-    double step_of(unsigned bits) const;
+    double step_of(unsigned bits) const { return step_of(bits, side); }
+    static double step_of(unsigned bits, double side);
 };
 
 /// Each to the nearest place of the grid.

@@ -1,5 +1,6 @@
 #include "stipple/lod_tiles.hpp"
 
+#include "box_of_most.hpp"
 #include "chain_order.hpp"
 #include "distance_statistics.hpp"
 #include "error_estimate.hpp"
@@ -280,7 +281,21 @@ LodTiler::LodTiler(const PointCloud& source, const LodTileOptions& options,
     state.rounding = {.side = (state.box.max - state.box.min).maxCoeff() * state.frame.scale,
                       .tolerance = options.tolerance,
                       .position_bits = options.position_bits};
-    if (options.precision) state.rounding.precision = *options.precision * state.frame.scale;
+    constexpr double kFar = 16;  // as for Draco files
+    const double side_of_most =
+        longest_side(box_of_most(
+            some_of(source.size(),
+                    [&](std::size_t i) { return Vec3d(source.positions[i].cast<double>()); }))) *
+        state.frame.scale;
+    if (side_of_most > 0 && state.rounding.side > kFar * side_of_most)
+        state.rounding.side_of_most = side_of_most;
+    if (options.precision) {
+        state.rounding.precision = *options.precision * state.frame.scale;
+        if (*state.rounding.precision < state.rounding.least_precision())
+            refuse("precision ", *options.precision, ": expected at least ",
+                   state.rounding.least_precision() / state.frame.scale,
+                   ", which tiles of a cloud as wide as this one can have");
+    }
 
     state.order = hilbert_order(source.positions, context);
     context.checkpoint(0.2);

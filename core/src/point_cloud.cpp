@@ -1,5 +1,6 @@
 #include "stipple/point_cloud.hpp"
 
+#include "box_of_most.hpp"
 #include "cloud_copy.hpp"
 #include "float4.hpp"
 #include "point_bounds.hpp"
@@ -115,6 +116,12 @@ Extent extent_of(std::span<const Vec3f> points) {
 
 Aabb bounds(const PointCloud& cloud) {
     return extent_of(cloud.positions).box(cloud.origin);
+}
+
+Vec3d middle_of_most(const PointCloud& cloud) {
+    const Aabb box = box_of_most(some_of(
+        cloud.size(), [&](std::size_t i) { return Vec3d(cloud.positions[i].cast<double>()); }));
+    return box.empty() ? Vec3d::Zero() : Vec3d(cloud.origin + 0.5 * (box.min + box.max));
 }
 
 std::optional<Aabb> finite_bounds(const PointCloud& cloud) {

@@ -184,6 +184,7 @@ void add_statistics(Json& json, const CloudStatistics& statistics) {
                        {"duplicates", statistics.duplicates}};
     if (statistics.outliers) json["removed"]["outliers"] = *statistics.outliers;
     if (!statistics.bounds.empty()) json["bounds"] = bounds_json(statistics.bounds);
+    if (statistics.middle) json["middle"] = vector_json(*statistics.middle);
     json["attributes"] = attributes_json(statistics.attributes);
     json["encoding"] = statistics.encoding;
     json["skipped"] = statistics.skipped;
@@ -199,6 +200,7 @@ CloudStatistics read_statistics(JsonObject& object) {
     if (const auto outliers = removed.find("outliers")) statistics.outliers = outliers->integer();
     removed.finish();
     if (const auto box = object.find("bounds")) statistics.bounds = read_bounds(*box);
+    if (const auto middle = object.find("middle")) statistics.middle = read_vector(*middle);
     statistics.attributes = read_attributes(object["attributes"]);
     statistics.encoding = object["encoding"].text();
     statistics.skipped = object["skipped"].list_of(read_text);
@@ -270,11 +272,14 @@ std::vector<CloudAttribute> attributes_of(const PointCloud& cloud) {
 
 CloudStatistics describe(const PointCloud& cleaned, const DecodeReport& report,
                          std::uint64_t non_finite, std::uint64_t duplicates) {
+    std::optional<Vec3d> middle;
+    if (!cleaned.empty()) middle = middle_of_most(cleaned);
     return {.points = report.points,
             .non_finite = non_finite,
             .duplicates = duplicates,
             .outliers = {},
             .bounds = bounds(cleaned),
+            .middle = middle,
             .attributes = attributes_of(cleaned),
             .encoding = report.encoding,
             .skipped = first_lines(report.skipped),

@@ -53,6 +53,7 @@ PointCloud JobRun::read() {
     if (outliers) {
         source.outliers = remove_outliers(cloud, *outliers, context.part(cleaned, 1));
         source.bounds = bounds(cloud);
+        source.middle = middle_of_most(cloud);
     }
     advance(kClean, 1);
     report(source);

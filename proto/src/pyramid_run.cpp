@@ -35,10 +35,7 @@ public:
           job_(job),
           points_of_source_(cloud.size()),
           sizes_(lod_sizes(cloud.size(), job.options)) {
-        if (job.epsg) {
-            const Aabb box = bounds(cloud);
-            globe_frame(*job.epsg, 0.5 * (box.min + box.max));  // refuses others' places
-        }
+        if (job.epsg) globe_frame(*job.epsg, middle_of_most(cloud));  // refuses others' places
     }
 
     void build(PointCloud&& cloud) {

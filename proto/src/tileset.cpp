@@ -268,14 +268,15 @@ private:
     std::vector<Open> open_;
 };
 
-/// From the tiles' coordinates, relative to the middle of the source's box.
+/// From the tiles' coordinates, relative to the middle of the source's box. On the globe it is
+/// exact at the middle of most points: that of the box may lie far off all but a stray one.
 Json transform_json(const Results& results) {
     Eigen::Matrix4d m = Eigen::Matrix4d::Identity();
     const Aabb& box = results.source.value().bounds;
     const Vec3d center = 0.5 * (box.min + box.max);
     m.topRightCorner<3, 1>() = center;
     const auto& job = std::get<PyramidJob>(results.request.job);
-    if (job.epsg) m = globe_frame(*job.epsg, center) * m;
+    if (job.epsg) m = globe_frame(*job.epsg, results.source->middle.value_or(center)) * m;
     if (job.transform) m = Eigen::Map<const Eigen::Matrix4d>(job.transform->data()) * m;
     return std::vector<double>(m.data(), m.data() + m.size());
 }

@@ -131,6 +131,16 @@ TEST(LodTiles, OfACloudWithAPointFarOffTellItsOtherPointsApart) {
     }
 }
 
+TEST(LodTiles, OfACloudWithAPointFarOffAreAsFineAsWithoutIt) {
+    PointCloud cloud = test::plane(20'000);
+    const double step = tiles_of(cloud, {}).front().step;
+    for (const float far : {1e3F, 1e4F}) {
+        PointCloud with_stray = cloud;
+        with_stray.positions.push_back({far, 0, 0});
+        for (const LodTile& tile : tiles_of(with_stray, {})) EXPECT_LE(tile.step, step);
+    }
+}
+
 /// Of a cloud that was `numbered`: each axis of each point is where it was, within a precision.
 void expect_within(double precision, std::vector<LodTile> tiles, const Vec3d& center,
                    const PointCloud& cloud) {
@@ -559,6 +569,19 @@ TEST(LodTiles, StopWhenAskedTo) {
     std::stop_source stop;
     stop.request_stop();
     EXPECT_THROW(tiler.add_level(cloud, true, {.stop = stop.get_token()}), Cancelled);
+}
+
+TEST(LodTiles, RefuseAPrecisionThatTheyCannotHave) {
+    const PointCloud cloud = test::sphere(100);
+    try {
+        tiles_of(cloud, {.precision = 1e-12});
+        ADD_FAILURE() << "made tiles";
+    } catch (const Error& error) {
+        EXPECT_NE(std::string(error.what()).find("precision 1e-12: expected at least 1.8"),
+                  std::string::npos)
+            << error.what();
+    }
+    EXPECT_LE(tiles_of(cloud, {.precision = 2e-9}).front().step, 4.1e-9);
 }
 
 TEST(LodTiles, RefuseOptionsOutOfRange) {

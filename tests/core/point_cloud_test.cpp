@@ -32,6 +32,14 @@ TEST(PointCloud, BoundsAddTheOriginAndLeaveOutWhatIsNotFinite) {
     EXPECT_EQ(bounds({}).diagonal(), 0.0);
 }
 
+TEST(PointCloud, TheMiddleOfMostIsNotMovedByStrays) {
+    PointCloud cloud = test::sphere(5'000);
+    cloud.origin = {1e6, 0, 0};
+    for (int i = 0; i < 20; ++i) cloud.positions.emplace_back(1e5F, -1e7F, 3.0F);
+    EXPECT_LT((middle_of_most(cloud) - cloud.origin).norm(), 0.1);
+    EXPECT_EQ(middle_of_most({}), Vec3d(0, 0, 0));
+}
+
 TEST(PointCloud, ASubsetHasAllAttributesInTheOrderAsked) {
     PointCloud cloud = test::with_attributes(test::cube(10));
     cloud.origin = {1, 2, 3};

@@ -29,6 +29,7 @@ Results results_of(const PointCloud& cloud, std::vector<std::uint64_t> sizes,
                     .complete = true,
                     .cost = {}};
     results.source->bounds = bounds(cloud);
+    results.source->middle = middle_of_most(cloud);
     LodTiler tiler(cloud, job.tiles);
     std::size_t number = 0;
     build_lod_pyramid(cloud, job.options, [&](LodLevel&& level) {
@@ -372,6 +373,27 @@ TEST(Tileset, StandsOnTheGlobeWhereItsSystemSays) {
     const Vec3d place(m[12], m[13], m[14]), up(m[8], m[9], m[10]);
     EXPECT_LT((place - Vec3d(4730326.4165, 1060415.2879, -4131075.7569)).norm(), 0.1);
     EXPECT_GT(up.dot(place.normalized()), 0.99);
+}
+
+TEST(Tileset, StandsOnTheGlobeThoughAPointIsFarOff) {
+    PointCloud cloud = test::sphere(2'000);
+    cloud.origin = Vec3d(300'000, 5'500'000, 50);
+    const auto places_of = [&](std::size_t stray) {
+        Results results = results_of(cloud, {cloud.size()}, 2'000);
+        std::get<PyramidJob>(results.request.job).epsg = 32733;
+        const json root = parsed(tileset_files(results)).at("tileset.json")["root"];
+        const std::vector<double> m = root["transform"];
+        const Eigen::Matrix4d on_globe = Eigen::Map<const Eigen::Matrix4d>(m.data());
+        const Aabb box = bounds(cloud);
+        const Vec3d top = cloud.origin + Vec3d(0, 0, 1);
+        EXPECT_EQ(cloud.size(), 2'000 + stray);
+        const Vec3d from_middle = top - 0.5 * (box.min + box.max);
+        return Vec3d(on_globe.topLeftCorner<3, 3>() * from_middle +
+                     on_globe.topRightCorner<3, 1>());
+    };
+    const Vec3d place = places_of(0);
+    cloud.positions.push_back((-cloud.origin).cast<float>());
+    EXPECT_LT((places_of(1) - place).norm(), 0.1);
 }
 
 TEST(Tileset, IsNoneWithoutTiles) {

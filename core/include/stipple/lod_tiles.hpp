@@ -26,7 +26,8 @@ enum class LodErrors {
 
 struct LodTileOptions {
     unsigned position_bits =
-        14;  ///< 2..24 per axis, for the longest side: in the finest level, and the most that any
+        14;  ///< 2..24 per axis, for the longest side (where strays lie far off, of the box around
+             ///< most points): in the finest level, and the most that any
              ///< level uses; more if steps would otherwise exceed the spacing of the source
     std::optional<double>
         precision{};  ///< instead of position_bits: the largest error per axis of the finest level,

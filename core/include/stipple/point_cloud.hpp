@@ -92,6 +92,10 @@ void require_squares(double diagonal);
 /// Bounds of the finite positions, in the unit of the input, origin added. O(N).
 Aabb bounds(const PointCloud& cloud);
 
+/// The middle of the box in which nine of ten of some thousand points lie along each axis, origin
+/// added: strays do not move it. Of a cloud with finite positions; zero where there are none.
+Vec3d middle_of_most(const PointCloud& cloud);
+
 /// The points of `cloud` at `indices`, in that order, with all their attributes. O(indices).
 PointCloud subset(const PointCloud& cloud, std::span<const Index> indices);
 

@@ -59,6 +59,7 @@ struct CloudStatistics {
     std::uint64_t duplicates = 0;
     std::optional<std::uint64_t> outliers{};  ///< of a job that removed them, after the others
     Aabb bounds;                   ///< of the remaining points
+    std::optional<Vec3d> middle{};  ///< of most of them (`middle_of_most`)
     std::vector<CloudAttribute> attributes;
     std::string encoding;               ///< DecodeReport::encoding
     std::vector<std::string> skipped;   ///< DecodeReport::skipped
