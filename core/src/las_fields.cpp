@@ -7,6 +7,7 @@
 #include <bit>
 #include <cctype>
 #include <cmath>
+#include <initializer_list>
 #include <limits>
 #include <string_view>
 #include <type_traits>
@@ -98,8 +99,7 @@ bool LasFields::take_as_known(const Attribute& attribute) {
         field = values_of(attribute);
         return !field.empty();
     };
-    const bool is_return = is_named(attribute, kReturnNumber) || is_named(attribute, kReturnCount);
-    return (is_return && !returns.empty()) ||
+    return &attribute == return_number_ || &attribute == return_count_ ||
            take(intensities, "intensity", whole_numbers<std::uint16_t>) ||
            take(classifications, "classification", whole_numbers<std::uint8_t>) ||
            take(user_data, "user_data", whole_numbers<std::uint8_t>) ||
@@ -109,14 +109,15 @@ bool LasFields::take_as_known(const Attribute& attribute) {
 
 /// Where there are both numbers, and they make sense.
 void LasFields::take_returns(const PointCloud& cloud) {
-    const auto numbers_of = [&](std::string_view name) {
+    const auto named = [&](std::string_view name) -> const Attribute* {
         const auto found = std::ranges::find_if(
             cloud.attributes, [&](const Attribute& a) { return is_named(a, name); });
-        return found == cloud.attributes.end() ? std::vector<std::uint8_t>{}
-                                               : whole_numbers<std::uint8_t>(*found);
+        return found == cloud.attributes.end() ? nullptr : &*found;
     };
-    const std::vector<std::uint8_t> numbers = numbers_of(kReturnNumber),
-                                    counts = numbers_of(kReturnCount);
+    const Attribute *const number = named(kReturnNumber), *const count = named(kReturnCount);
+    if (number == nullptr || count == nullptr) return;
+    const std::vector<std::uint8_t> numbers = whole_numbers<std::uint8_t>(*number),
+                                    counts = whole_numbers<std::uint8_t>(*count);
     if (numbers.empty() || counts.empty()) return;
     for (std::size_t i = 0; i < numbers.size(); ++i) {
         constexpr std::uint8_t kMost = 15;
@@ -126,6 +127,8 @@ void LasFields::take_returns(const PointCloud& cloud) {
         }
         returns.push_back({numbers[i], counts[i]});
     }
+    return_number_ = number;
+    return_count_ = count;
 }
 
 void LasFields::add(const Attribute& attribute) {
@@ -141,6 +144,30 @@ void LasFields::add(const Attribute& attribute) {
 }
 
 void LasFields::add(LasExtraField field) {
+    constexpr std::size_t kLongest = 32;
+    // By what readers call the fields of LAS that have values of this cloud.
+    const auto is_of_las = [&](std::string_view name) {
+        const auto is_one_of = [name](std::initializer_list<std::string_view> names) {
+            return std::ranges::find(names, name) != names.end();
+        };
+        return is_one_of({"X", "Y", "Z", "Red", "Green", "Blue"}) ||
+               (!intensities.empty() && name == "Intensity") ||
+               (!classifications.empty() && name == "Classification") ||
+               (!user_data.empty() && name == "UserData") ||
+               (!sources.empty() && name == "PointSourceId") ||
+               (!times.empty() && name == "GpsTime") ||
+               (!returns.empty() && is_one_of({"ReturnNumber", "NumberOfReturns"}));
+    };
+    const auto is_taken = [&](std::string_view name) {
+        return is_of_las(name) ||
+               std::ranges::find(extras, name, &LasExtraField::name) != extras.end();
+    };
+    const std::string whole = field.name;
+    field.name.resize(std::min(whole.size(), kLongest));
+    for (unsigned n = 2; is_taken(field.name); ++n) {
+        const std::string number = "_" + std::to_string(n);
+        field.name = whole.substr(0, kLongest - number.size()) + number;
+    }
     extra_size += field.size;
     extras.push_back(std::move(field));
 }

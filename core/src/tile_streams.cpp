@@ -238,6 +238,8 @@ void add_attribute(const Attribute& attribute, std::span<const Index> members, d
                 std::string name(1, '_');
                 name += attribute.name;
                 if (all > 4) name += '_' + std::to_string(first);
+                while (std::ranges::find(streams, name, &TileStream::name) != streams.end())
+                    name += '_';
                 bool has_no_data = false;
                 TileStream stream = make_stream<Stored>(
                     std::move(name), type, each, members.size(), encoder,

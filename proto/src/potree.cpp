@@ -88,6 +88,18 @@ Column scalar_column(std::string name, std::span<const Index> order, Value value
             }};
 }
 
+/// The name of an attribute; another one for those that loaders take for columns of their own, and
+/// for one that is there.
+std::string free_name(std::string name, std::span<const Column> columns) {
+    constexpr std::array<std::string_view, 9> kOfLoaders = {
+        "position", "POSITION_CARTESIAN", "rgb", "rgba", "RGBA", "NORMAL", "NormalX", "NormalY",
+        "NormalZ"};
+    while (std::ranges::find(kOfLoaders, name) != kOfLoaders.end() ||
+           std::ranges::find(columns, name, &Column::name) != columns.end())
+        name += '_';
+    return name;
+}
+
 std::vector<Column> columns_of(const PointCloud& cloud, const SampledOctree& octree) {
     std::vector<Column> columns;
     const std::span<const Index> order = octree.order();
@@ -116,6 +128,9 @@ std::vector<Column> columns_of(const PointCloud& cloud, const SampledOctree& oct
                                    static_cast<std::uint16_t>(257 * c.b)};
                                std::memcpy(to, rgb.data(), sizeof rgb);
                            }});
+        if (cloud.has_alpha)
+            columns.push_back(scalar_column<std::uint8_t>(
+                "alpha", order, [&cloud](Index i) { return cloud.colors[i].a; }));
     }
     for (int axis = 0; !cloud.normals.empty() && axis < 3; ++axis) {
         columns.push_back(
@@ -130,10 +145,11 @@ std::vector<Column> columns_of(const PointCloud& cloud, const SampledOctree& oct
             std::visit(
                 [&](const auto& values) {
                     using T = typename std::decay_t<decltype(values)>::value_type;
-                    columns.push_back(scalar_column<T>(
-                        name, order, [&values, n = attribute.components, c](Index i) {
-                            return values[std::size_t{n} * i + c];
-                        }));
+                    columns.push_back(
+                        scalar_column<T>(free_name(name, columns), order,
+                                         [&values, n = attribute.components, c](Index i) {
+                                             return values[std::size_t{n} * i + c];
+                                         }));
                 },
                 attribute.values);
         }

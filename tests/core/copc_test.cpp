@@ -137,6 +137,20 @@ TEST(Copc, TellsTheCoordinateSystemItIsGiven) {
     EXPECT_NE(refusal(test::sphere(10), {.epsg = 4326}).find("epsg 4326"), std::string::npos);
 }
 
+TEST(Copc, GivesEachExtraFieldANameOfItsOwn) {
+    PointCloud cloud = test::sphere(10);
+    const std::string longer = "a_name_that_is_longer_than_LAS_allows";
+    for (const std::string& name : {longer + "1", longer + "2", std::string("X")})
+        cloud.attributes.push_back({name, std::vector<float>(10, 0.5F)});
+    const std::vector<std::byte> file = encode_copc(cloud);
+    const std::string_view text(reinterpret_cast<const char*>(file.data()), file.size());
+    const std::size_t first = text.find("a_name_that_is_longer_than_LAS_a");
+    ASSERT_NE(first, std::string_view::npos);
+    constexpr std::size_t kField = 192;
+    EXPECT_EQ(text.substr(first + kField, 32), "a_name_that_is_longer_than_LAS_2");
+    EXPECT_EQ(text.substr(first + 2 * kField, 4), std::string_view("X_2\0", 4));
+}
+
 TEST(Copc, RefusesWhatTheFormatCannotHold) {
     PointCloud cloud = test::sphere(10);
     EXPECT_NE(refusal({}).find("no points"), std::string::npos);

@@ -174,6 +174,19 @@ TEST(Potree, NamesEveryAttributeWithItsTypeAndRange) {
                                                                   : attribute.name + "_0"));
 }
 
+TEST(Potree, GivesNoAttributeTheNameOfAColumnOfLoaders) {
+    PointCloud cloud = test::sphere(4);
+    cloud.colors.assign(4, {1, 2, 3, 4});
+    cloud.has_alpha = true;
+    for (const char* name : {"rgb", "position", "alpha", "fine"})
+        cloud.attributes.push_back({name, std::vector<float>(4, 1.0F)});
+    const Folder folder = written(cloud, {});
+    std::vector<std::string> names;
+    for (const json& attribute : folder.metadata["attributes"]) names.push_back(attribute["name"]);
+    EXPECT_EQ(names, (std::vector<std::string>{"position", "rgb", "alpha", "rgb_", "position_",
+                                               "alpha_", "fine"}));
+}
+
 TEST(Potree, TellsTheRangeOfFiniteValues) {
     PointCloud cloud = test::sphere(4);
     const float inf = std::numeric_limits<float>::infinity();
