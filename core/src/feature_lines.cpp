@@ -10,8 +10,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <functional>
+#include <numeric>
 #include <tuple>
+#include <utility>
 #include <vector>
 
 // Follows: Pauly, Keiser and Gross 2003, "Multi-scale feature extraction on point-sampled
@@ -111,21 +114,50 @@ std::vector<Index> thin_to_ridge(std::span<const Vec3f> points, const Weighted& 
 /// Nodes and the links between them.
 using Links = std::vector<std::vector<Index>>;
 
-/// Whether `to` can be reached from `from` over fewer than `steps` links.
-bool is_near(const Links& links, Index from, Index to, unsigned steps) {
-    std::vector<Index> reached = {from};
-    std::size_t first = 0;
-    for (unsigned step = 1; step < steps; ++step) {
-        const std::size_t end = reached.size();
-        for (; first < end; ++first) {
-            for (const Index next : links[reached[first]]) {
-                if (next == to) return true;
-                if (std::ranges::find(reached, next) == reached.end()) reached.push_back(next);
+/// A graph that grows, and tells how many links lie between two of its nodes.
+class LinkedNodes {
+public:
+    explicit LinkedNodes(std::size_t nodes) : links_(nodes), parts_(nodes), seen_(nodes) {
+        std::iota(parts_.begin(), parts_.end(), Index{0});
+    }
+
+    void link(Index a, Index b) {
+        links_[a].push_back(b);
+        links_[b].push_back(a);
+        parts_[part_of(a)] = part_of(b);
+    }
+    /// Whether `to` can be reached from `from` over fewer than `steps` links.
+    bool is_near(Index from, Index to, unsigned steps) {
+        if (part_of(from) != part_of(to)) return false;
+        ++search_;
+        reached_.assign(1, from);
+        seen_[from] = search_;
+        std::size_t first = 0;
+        for (unsigned step = 1; step < steps; ++step) {
+            const std::size_t end = reached_.size();
+            for (; first < end; ++first) {
+                for (const Index next : links_[reached_[first]]) {
+                    if (next == to) return true;
+                    if (std::exchange(seen_[next], search_) != search_) reached_.push_back(next);
+                }
             }
         }
+        return false;
     }
-    return false;
-}
+    Links take() { return std::move(links_); }
+
+private:
+    Index part_of(Index node) {
+        while (parts_[node] != node) node = parts_[node] = parts_[parts_[node]];
+        return node;
+    }
+
+    Links links_;
+    std::vector<Index> parts_;         ///< a node of the same part, up to one that is its own
+    std::vector<std::uint64_t> seen_;  ///< the last search that came by
+    std::vector<Index> reached_;
+    std::uint64_t search_ = 0;
+};
 
 /// The minimum spanning graph: the shortest link first, each that joins two parts or closes a loop
 /// of at least `min_links`.
@@ -147,14 +179,12 @@ Links span(const Nodes& nodes, const Weighted& weighted, unsigned min_links,
     }
     std::ranges::sort(pairs, until_stopped(context, std::less<>()));
     pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
-    Links links(nodes.numbers.size());
+    LinkedNodes linked(nodes.numbers.size());
     for (const auto& [distance_sq, a, b] : pairs) {
         context.throw_if_stopped();
-        if (is_near(links, a, b, min_links)) continue;
-        links[a].push_back(b);
-        links[b].push_back(a);
+        if (!linked.is_near(a, b, min_links)) linked.link(a, b);
     }
-    return links;
+    return linked.take();
 }
 
 void unlink(Links& links, Index a, Index b) {

@@ -164,7 +164,7 @@ private:
 struct Walker {
     static constexpr std::size_t kNone = std::numeric_limits<std::size_t>::max();
 
-    std::size_t query = kNone;
+    std::size_t query = kNone, same_until = kNone;  ///< those from `query` are at the same place
     Vec3d q, x;
     Patch* patch = nullptr;
     bool own_patch = false;  ///< made for x just now, so that it holds what it must
@@ -225,7 +225,10 @@ private:
             return;
         }
         ++busy_;
-        w.query = next_++;
+        w.query = next_;
+        while (++next_ != end_ && queries_[next_] == queries_[w.query]) {
+        }
+        w.same_until = next_;
         w.q = queries_[w.query].cast<double>();
         w.direct = {};
         w.from_sample = !shared_->holds(w.q) &&
@@ -410,7 +413,7 @@ private:
         const Walker& w = walkers_[lane];
         if (options_.degree == 2) foot = quadratic_.find(w.q, foot);
         foot.to_sample = w.to_sample;
-        found_(w.query, foot);
+        for (std::size_t i = w.query; i < w.same_until; ++i) found_(i, foot);
         begin_query(lane);
     }
 

@@ -92,8 +92,10 @@ struct ErrorBoundedCloud {
 /// Error(TooLarge) for more than 1.25e9 points of which 100,000 are not enough.
 ///
 /// Time: mostly one run of the method, seldom two (for particles one for each of up to 50 counts),
-/// a measurement, and a tenth of one for each of some tens of other `tries`. Memory: that of the
-/// method, three clouds, and 60 bytes for each place measured.
+/// a measurement, and a tenth of one for each of some tens of other `tries`; where the bound is
+/// just above the noise, or the density very uneven, up to 60 million places, which take minutes
+/// for clouds of any size. Memory: that of the method, three clouds, and 60 bytes for each place
+/// measured.
 ErrorBoundedCloud simplify_within_error(const PointCloud& cloud, const SimplifyOptions& options,
                                         const RunContext& context = {});
 

@@ -43,8 +43,8 @@ struct FeatureLines {
 /// about four spacings merge into one.
 /// @throws Error(InvalidArgument) for an option out of range.
 ///
-/// Expected O(N), parallel; about 50 bytes per point while it runs. The same result for any number
-/// of threads.
+/// Expected O(N), parallel, and more for a large `min_links`, within which loops are looked for;
+/// about 50 bytes per point while it runs. The same result for any number of threads.
 FeatureLines find_feature_lines(std::span<const Vec3f> points,
                                 const FeatureLineOptions& options = {},
                                 const RunContext& context = {});
