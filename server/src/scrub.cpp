@@ -16,8 +16,7 @@
 namespace stipple::server {
 
 int scrub(const ServerConfig& config) {
-    if (!std::filesystem::is_directory(blobs_in(config.data)) ||
-        !std::filesystem::exists(database_in(config.data)))
+    if (!std::filesystem::is_directory(blobs_in(config.data)) || !is_store(config.data))
         throw Error(ErrorCode::NotFound,
                     "--data " + config.data.string() + ": no store there: nothing to compare");
     const auto locks = lock_parts_to_read(config.data, parts_of(Role::All));

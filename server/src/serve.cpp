@@ -167,7 +167,8 @@ int serve(const ServerConfig& config) {
     if (config.role != Role::Worker) make_room_for(config.max_connections);
     make_data_folder(config.data);
     const auto locks = lock_parts(config.data, parts_of(config.role));
-    const auto keys = config.api_keys ? http::ApiKeys::read(*config.api_keys) : http::ApiKeys();
+    const auto keys =
+        config.api_keys ? std::make_shared<http::ApiKeyFile>(*config.api_keys) : nullptr;
     const auto jobs = open_jobs(config);  // before there are files, by which a folder is judged
     close_to_others(database_in(config.data));
     const auto blobs = open_blobs(config);

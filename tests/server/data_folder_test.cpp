@@ -31,9 +31,19 @@ TEST(DataFolder, IsNotSomebodyElsesFolder) {
         expect_error(ErrorCode::InvalidArgument, std::string("it has ") + file,
                      [&] { make_data_folder(folder.path()); });
         EXPECT_TRUE(fs::exists(folder / file));
-        write(database_in(folder.path()));
-        make_data_folder(folder.path());
+        std::ofstream(database_in(folder.path())).flush();
+        expect_error(ErrorCode::InvalidArgument, "but an empty stipple.sqlite",
+                     [&] { make_data_folder(folder.path()); });
+        open_sqlite_job_store(database_in(folder.path()));
+        EXPECT_NO_THROW(make_data_folder(folder.path()));
     }
+}
+
+TEST(DataFolder, IsNoStoreByADatabaseThatIsDamaged) {
+    const TemporaryFolder folder;
+    write(folder / "blobs/ab/file");
+    write(database_in(folder.path()));
+    EXPECT_THROW(make_data_folder(folder.path()), Error);
 }
 
 TEST(DataFolder, MayHaveFilesThatAreNobodysBusiness) {

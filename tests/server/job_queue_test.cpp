@@ -33,6 +33,17 @@ TEST_P(JobQueueContract, GivesTheTenantWithTheFewestRunningJobsItsTurn) {
     EXPECT_EQ(claim().tenant, "ada");
 }
 
+TEST_P(JobQueueContract, LetsTenantsTakeTurnsAtOneWorker) {
+    for (int i = 0; i < 3; ++i) submit("ada");
+    for (const char* tenant : {"bob", "eve"}) submit(tenant);
+    std::string turns;
+    while (const auto lease = store_->claim(limits_, 60s)) {
+        turns += lease->tenant + ' ';
+        store_->succeed(*lease, {});
+    }
+    EXPECT_EQ(turns, "ada bob eve ada ada ");
+}
+
 TEST_P(JobQueueContract, RunsNoMoreJobsOfATenantThanItsLimit) {
     limits_.max_running = 1;
     submit();
@@ -163,6 +174,7 @@ TEST_P(JobQueueContract, TakesNoWriteUnderALeaseThatAnotherHoldsNow) {
     EXPECT_FALSE(store_->succeed(stale, {}));
     EXPECT_FALSE(store_->fail(stale, kProblem));
     EXPECT_FALSE(store_->crashed(stale, "signal 9 (Killed)"));
+    EXPECT_FALSE(store_->ran_out_of_room(stale, kProblem));
     EXPECT_FALSE(store_->release(stale));
 
     EXPECT_EQ(to_json(find(job.id)), before);

@@ -261,18 +261,33 @@ TEST_F(WorkerPoolTest, TellsNobodyWhereTheServerHasItsFiles) {
 
 TEST_F(WorkerPoolTest, SaysOfAFullDiskThatItIsFullAndNoMore) {
     const proto::StorageFull failure("scan.ply: No space left on device");
+    int attempts = 0;
     const JobDocument job = run([&](const auto&, const auto& report, std::stop_token) {
+        ++attempts;
         proto::Problem problem = proto::problem_from(failure);
         problem.stage = "encode";
         report(problem);
         return Outcome{};
     });
+    EXPECT_EQ(attempts, 3) << "there may be room again";
     EXPECT_EQ(job.problem->detail, "storage full: the operator must free space");
-    EXPECT_EQ(job.problem->status, 500);
+    EXPECT_EQ(job.problem->status, proto::kStorageFullStatus);
     EXPECT_EQ(job.problem->stage, "encode");
     const JobDocument broken =
         run([&](const auto&, const auto&, std::stop_token) -> Outcome { throw failure; });
     EXPECT_EQ(broken.problem->detail, job.problem->detail);
+}
+
+TEST_F(WorkerPoolTest, FinishesAJobThatFoundTheDiskFullWhenThereIsRoomAgain) {
+    int attempts = 0;
+    const JobDocument job = run([&](const JobSpec& spec, const auto& report, std::stop_token) {
+        if (++attempts == 1) throw proto::StorageFull("No space left on device");
+        report(make_level(spec, 0, "level"));
+        report(cost_report());
+        return Outcome{};
+    });
+    EXPECT_EQ(job.status, JobStatus::Successful);
+    EXPECT_EQ(attempts, 2);
 }
 
 TEST_F(WorkerPoolTest, FailsAJobWhoseInputIsMissing) {

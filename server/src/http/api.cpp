@@ -80,10 +80,10 @@ Reply failure_reply(std::exception_ptr failure, const Request& request) {
 
 Api::Api(ApiOptions options, Service& service, Metrics& metrics)
     : options_(std::move(options)),
-      resources_(service, options_.keys.required(),
+      resources_(service, options_.keys != nullptr,
                  {.connections = options_.max_connections,
                   .of_address = options_.max_connections_per_address,
-                  .tenants = options_.keys.tenants()}),
+                  .tenants = options_.keys ? options_.keys->keys()->tenants() : 0}),
       metrics_(metrics) {}
 
 Reply Api::handle(Request& request) {
@@ -100,6 +100,18 @@ Reply Api::handle(Request& request) {
     return reply;
 }
 
+/// What no route takes.
+void refuse_bodies_of_other_kinds(const Request& request) {
+    const auto coding = request.headers.find("Content-Encoding").value_or("identity");
+    if (!equal_ignoring_case(coding, "identity"))
+        throw HttpError(415, "Content-Encoding is not supported: send the bytes unpacked");
+    const auto type = request.headers.find("Content-Type").value_or("");
+    if (equal_ignoring_case(type.substr(0, 10), "multipart/"))
+        throw HttpError(415,
+                        "a multipart form is not supported: send the file itself as the body, as "
+                        "`curl --data-binary @FILE` does");
+}
+
 Reply Api::answer(Request& request) {
     RouteMatch match = find_route(request.method, request.path);
     if (match.same_path == nullptr) throw HttpError(404, "no such path: /docs lists all paths");
@@ -112,6 +124,7 @@ Reply Api::answer(Request& request) {
             proto::problem_from_status(405, request.method + ": this path allows " + match.allow),
             std::move(headers));
     }
+    refuse_bodies_of_other_kinds(request);
     refuse_foreign_names(request);
     authorize(*match.route, request);
     refuse_foreign_sites(*match.route, request);
@@ -137,13 +150,13 @@ void Api::refuse_foreign_names(const Request& request) const {
 
 void Api::authorize(const Route& route, Request& request) const {
     request.tenant = "default";
-    if (!options_.keys.required() || route.scope == Scope::Open) return;
+    if (!options_.keys || route.scope == Scope::Open) return;
     constexpr std::string_view kBearer = "Bearer ";
     const auto field = request.headers.find("Authorization").value_or("");
     if (!equal_ignoring_case(field.substr(0, kBearer.size()), kBearer)) {
         throw unauthorized("an API key is needed: Authorization: Bearer KEY");
     }
-    const auto grant = options_.keys.find(trimmed(field.substr(kBearer.size())));
+    const auto grant = options_.keys->keys()->find(trimmed(field.substr(kBearer.size())));
     if (!grant) throw unauthorized("this API key is unknown");
     if (!grant->allows(route.scope)) {
         throw HttpError(403, std::string("this API key may not ") +

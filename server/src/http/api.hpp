@@ -3,13 +3,15 @@
 #include "http/metrics.hpp"
 #include "http/routes.hpp"
 
+#include <memory>
 #include <string>
 #include <vector>
 
 namespace stipple::server::http {
 
 struct ApiOptions {
-    ApiKeys keys;
+    /// None: everyone may do everything, as the tenant `default`.
+    std::shared_ptr<ApiKeyFile> keys{};
     std::vector<std::string>
         cors_origins;    ///< whose scripts may use the API: `https://example.org`, or `*`
     bool local = false;  ///< for this machine alone: domains in `Host` must be among the next

@@ -1,8 +1,11 @@
 #include "http/api_keys.hpp"
 
+#include "log_text.hpp"
+
 #include "stipple/error.hpp"
 #include "stipple/proto/digest.hpp"
 
+#include <spdlog/spdlog.h>
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
@@ -142,6 +145,32 @@ std::optional<ApiKeys::Grant> ApiKeys::find(std::string_view key) const {
     for (const Entry& entry : entries_)
         if (equal_in_constant_time(entry.key_sha256, hash)) found = &entry;
     return found != nullptr ? std::optional(found->grant) : std::nullopt;
+}
+
+ApiKeyFile::ApiKeyFile(std::filesystem::path file)
+    : file_(std::move(file)),
+      stamp_(stamp()),
+      keys_(std::make_shared<const ApiKeys>(ApiKeys::read(file_))) {}
+
+std::shared_ptr<const ApiKeys> ApiKeyFile::keys() {
+    const std::lock_guard lock(mutex_);
+    const Stamp now = stamp();
+    if (now == stamp_) return keys_;
+    stamp_ = now;  // before it is read: what is written meanwhile is read the next time
+    try {
+        keys_ = std::make_shared<const ApiKeys>(ApiKeys::read(file_));
+        spdlog::info("keys.read tenants={}", keys_->tenants());
+    } catch (const Error& error) {
+        spdlog::error("keys.failed error={} effect=\"those of before stay in force\"",
+                      log_text(error.what()));
+    }
+    return keys_;
+}
+
+ApiKeyFile::Stamp ApiKeyFile::stamp() const noexcept {
+    std::error_code missing;
+    return {.written = std::filesystem::last_write_time(file_, missing),
+            .bytes = std::filesystem::file_size(file_, missing)};
 }
 
 }  // namespace stipple::server::http

@@ -2,6 +2,8 @@
 
 #include <cstddef>
 #include <filesystem>
+#include <memory>
+#include <mutex>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -25,12 +27,9 @@ public:
         bool allows(Scope scope) const noexcept;
     };
 
-    /// No keys: everyone may do everything, as the tenant `default`.
-    ApiKeys() = default;
     /// @throws Error(InvalidArgument) naming the file, the entry and what is wrong with it.
     static ApiKeys read(const std::filesystem::path& file);
 
-    bool required() const noexcept { return !entries_.empty(); }
     std::size_t tenants() const;  ///< how many there are
     /// Takes the same time for every key.
     std::optional<Grant> find(std::string_view key) const;
@@ -41,6 +40,31 @@ private:
         Grant grant;
     };
     std::vector<Entry> entries_;
+};
+
+/// The keys of a file as it has them now: a key that is taken out of it is unknown from then on.
+class ApiKeyFile {
+public:
+    /// @throws as `ApiKeys::read`.
+    explicit ApiKeyFile(std::filesystem::path file);
+
+    /// Those of the file, or while it is wrong, which is logged, those that it had before. Any
+    /// thread; one `stat` where the file is as it was.
+    std::shared_ptr<const ApiKeys> keys();
+
+private:
+    /// What tells a file from how it was.
+    struct Stamp {
+        std::filesystem::file_time_type written;
+        std::uintmax_t bytes = 0;
+        bool operator==(const Stamp&) const = default;
+    };
+    Stamp stamp() const noexcept;
+
+    const std::filesystem::path file_;
+    std::mutex mutex_;
+    Stamp stamp_;
+    std::shared_ptr<const ApiKeys> keys_;
 };
 
 }  // namespace stipple::server::http

@@ -47,7 +47,9 @@ constexpr Places places_among(const Senders& senders, unsigned all) noexcept {
 /// all of a kind.
 class Permits {
 public:
-    Permits(std::string kind, const Places& places) : kind_(std::move(kind)), places_(places) {}
+    Permits(std::string kind, const Places& places,
+            std::chrono::milliseconds patience = std::chrono::seconds(1))
+        : kind_(std::move(kind)), places_(places), patience_(patience) {}
 
     /// Held while the returned object lives. Waits a moment for a place, since most are free again
     /// soon: the thread is that of the sender's own connection.
@@ -55,7 +57,7 @@ public:
     std::shared_ptr<void> take(const Request& request) {
         std::unique_lock lock(mutex_);
         const auto is_free = [&] { return !what_is_full(request); };
-        if (!freed_.wait_for(lock, kMoment, is_free)) throw refusal(*what_is_full(request));
+        if (!freed_.wait_for(lock, patience_, is_free)) throw refusal(*what_is_full(request));
         ++taken_;
         ++of_address_[request.remote_address];
         ++of_tenant_[request.tenant];
@@ -65,7 +67,6 @@ public:
 
 private:
     using Taken = std::map<std::string, unsigned, std::less<>>;
-    static constexpr std::chrono::milliseconds kMoment{1000};
 
     /// Who has as many places as they may, in words.
     std::optional<std::string> what_is_full(const Request& request) const {
@@ -106,6 +107,7 @@ private:
 
     const std::string kind_;
     const Places places_;
+    const std::chrono::milliseconds patience_;
     std::mutex mutex_;  ///< for all below
     std::condition_variable freed_;
     unsigned taken_ = 0;

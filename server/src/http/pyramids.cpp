@@ -9,6 +9,7 @@
 #include "stipple/proto/pyramid_export.hpp"
 #include "stipple/proto/slice.hpp"
 
+#include <algorithm>
 #include <array>
 #include <charconv>
 #include <ctime>
@@ -17,6 +18,8 @@
 namespace stipple::server::http {
 
 namespace {
+
+constexpr std::array kSliceFormats = {CloudFormat::Ply, CloudFormat::Draco, CloudFormat::Glb};
 
 /// `inline`, which may ask for one format.
 std::optional<CloudFormat> query_inline(const Request& request, CloudFormat format) {
@@ -81,7 +84,8 @@ std::optional<Aabb> query_box(const Request& request) {
 
 proto::SliceOptions read_slice_query(const Request& request) {
     allow_query(request, {"points", "bytes", "max_error", "box", "format"});
-    proto::SliceOptions options{.points = query_count(request, "points", 1, UINT32_MAX),
+    const std::uint64_t most = proto::SliceOptions{}.max_points;
+    proto::SliceOptions options{.points = query_count(request, "points", 1, most),
                                 .bytes = query_count(request, "bytes", 1, INT64_MAX),
                                 .box = query_box(request)};
     const auto bound = request.query_value("max_error");
@@ -89,8 +93,12 @@ proto::SliceOptions read_slice_query(const Request& request) {
         options.max_error_rel = proto::part_of_diagonal(*bound);
     else
         options.max_error = query_number(request, "max_error");
-    if (const auto format = request.query_value("format"))
-        options.format = cloud_format_from_name(*format);
+    if (const auto format = request.query_value("format")) {
+        const auto known =
+            std::ranges::find(kSliceFormats, *format, [](CloudFormat f) { return to_string(f); });
+        if (known == kSliceFormats.end()) refuse("format", *format, "ply, drc or glb");
+        options.format = *known;
+    }
     validate(options);
     return options;
 }

@@ -144,17 +144,7 @@ void read_framing(RequestHead& head) {
 }
 
 /// What no route of ours takes.
-void refuse_bodies_of_other_kinds(const RequestHead& head) {
-    if (const auto coding = head.headers.find("Content-Encoding");
-        coding && !equal_ignoring_case(*coding, "identity")) {
-        throw HttpError(415, "Content-Encoding is not supported: send the bytes unpacked");
-    }
-    const auto type = head.headers.find("Content-Type").value_or("");
-    if (equal_ignoring_case(type.substr(0, 10), "multipart/")) {
-        throw HttpError(415,
-                        "a multipart form is not supported: send the file itself as the body, as "
-                        "`curl --data-binary @FILE` does");
-    }
+void refuse_bodies_of_other_methods(const RequestHead& head) {
     if (head.has_body() && head.method != "POST") {
         throw HttpError(400, "a " + head.method + " request must not have a body");
     }
@@ -190,7 +180,7 @@ RequestHead parse_head(std::string_view text) {
     }
     read_framing(head);
     read_connection(head);
-    refuse_bodies_of_other_kinds(head);
+    refuse_bodies_of_other_methods(head);
     return head;
 }
 

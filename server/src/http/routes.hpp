@@ -13,7 +13,7 @@ namespace stipple::server::http {
 
 /// Slices that are cut at a time: the only replies for which the service itself computes.
 inline constexpr unsigned kMostSlices = 4;
-inline constexpr std::chrono::seconds kLongestSlice{30};
+inline constexpr std::chrono::seconds kLongestSlice{30}, kLongestWaitForSlice{10};
 
 /// What the handlers work with.
 struct Resources {
@@ -28,7 +28,7 @@ struct Resources {
           downloads("downloads", places_among(senders, senders.connections / 4 + 1)),
           waits("long polls", places_among(senders, senders.connections / 4 + 1)),
           streams("event streams", places_among(senders, senders.connections / 4 + 1)),
-          slices("slices of pyramids", places_among(senders, kMostSlices)) {}
+          slices("slices of pyramids", places_among(senders, kMostSlices), kLongestWaitForSlice) {}
 };
 
 /// Whether scripts of other sites may read the reply: those that the server was told of, or all.

@@ -151,6 +151,11 @@ Submission<proto::JobDocument> Service::submit(const std::string& tenant,
                                                const proto::JobRequest& request,
                                                const std::optional<std::string>& idempotency_key) {
     if (idempotency_key) check_key(*idempotency_key);
+    if (const auto* const upsampling = std::get_if<proto::UpsampleJob>(&request.job);
+        upsampling != nullptr && upsampling->options.points > limits_.decode.max_points)
+        throw Error(ErrorCode::TooLarge, "points " + std::to_string(*upsampling->options.points) +
+                                             ": the limit is " +
+                                             std::to_string(limits_.decode.max_points));
     std::visit([](const auto& job) { validate(job.options); }, request.job);
     const auto input = jobs_.find_cloud(tenant, request.input);
     if (input && input->statistics) check_known_cloud(*input->statistics, limits_);

@@ -1,5 +1,7 @@
 #include "store/data_folder.hpp"
 
+#include "store/sqlite_schema.hpp"
+
 #include "stipple/error.hpp"
 
 #include <fcntl.h>
@@ -34,12 +36,15 @@ void refuse_foreign(const fs::path& folder) {
     for (const fs::path& own : {blobs_in(folder), scratch_in(folder)}) {
         // In this order: the database of a store that another process makes comes before its files.
         const std::optional<fs::path> file = any_file_in(own);
-        if (!file || fs::exists(database_in(folder))) continue;
-        throw unusable(folder, "it has " + file->lexically_relative(folder).string() + ", but no " +
-                                   database_in(folder).filename().string() +
-                                   ", so it is not a store, and its files would be removed: give "
-                                   "another folder, or move " +
-                                   own.filename().string() + " elsewhere");
+        if (!file || is_store(folder)) continue;
+        const fs::path database = database_in(folder);
+        throw unusable(folder,
+                       "it has " + file->lexically_relative(folder).string() +
+                           (fs::exists(database) ? ", but an empty " : ", but no ") +
+                           database.filename().string() +
+                           ", so it is not a store, and its files would be removed: give another "
+                           "folder, put the database back, or move " +
+                           own.filename().string() + " elsewhere");
     }
 }
 
@@ -78,6 +83,14 @@ fs::path blobs_in(const fs::path& folder) {
 }
 fs::path scratch_in(const fs::path& folder) {
     return folder / "scratch";
+}
+
+bool is_store(const fs::path& folder) {
+    const fs::path database = database_in(folder);
+    std::error_code missing;
+    if (fs::file_size(database, missing) == 0 || missing) return false;
+    sqlite::Connection connection(database, sqlite::Access::Read);
+    return sqlite::check_schema(connection) > 0;
 }
 
 void make_data_folder(const fs::path& folder) {

@@ -15,8 +15,12 @@ std::filesystem::path database_in(const std::filesystem::path& folder);
 std::filesystem::path blobs_in(const std::filesystem::path& folder);
 std::filesystem::path scratch_in(const std::filesystem::path& folder);
 
+/// Whether a store was made there: it has a database, and not an empty one, which knows of no file.
+/// @throws Error for a database that is damaged, another program's or a newer version's.
+bool is_store(const std::filesystem::path& folder);
+
 /// Makes the folder where there is none. @throws Error(InvalidArgument) when that fails, and for a
-/// folder of somebody else's: without a database, but with files where a store has its own.
+/// folder of somebody else's: not a store, but with files where a store has its own.
 void make_data_folder(const std::filesystem::path& folder);
 
 /// Each part (`api`, `worker`) runs once on a folder: the locks live as long as they are kept.

@@ -310,8 +310,9 @@ std::shared_ptr<const BlobReader> FileBlobStore::open(const std::string& sha256)
 
 std::vector<std::string> FileBlobStore::older_than(system_clock::time_point time) const {
     std::vector<std::string> names;
-    for (auto entry = fs::recursive_directory_iterator(root_);
-         const fs::directory_entry& file : entry) {
+    // A disk that is mounted there may have folders of its own, as `lost+found`.
+    constexpr auto kOwnOnly = fs::directory_options::skip_permission_denied;
+    for (const fs::directory_entry& file : fs::recursive_directory_iterator(root_, kOwnOnly)) {
         std::string name = file.path().filename().string();
         struct stat status {};
         if (!proto::is_sha256(name) || ::stat(file.path().c_str(), &status) != 0) continue;

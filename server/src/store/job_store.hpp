@@ -81,6 +81,7 @@ public:
     // Clouds.
     /// Of one that is there already, a name takes the place of the one it had.
     virtual Submitted put_cloud(const CloudRow& row) = 0;
+    /// Counts as a use of it, by which clouds are kept, to the hour.
     virtual std::optional<CloudRow> find_cloud(const std::string& tenant,
                                                const std::string& id) = 0;
     virtual Page<CloudRow> list_clouds(const std::string& tenant, unsigned limit,
@@ -124,8 +125,8 @@ public:
 
     // The worker's side. Each returns false, having changed nothing, when the lease is stale: the
     // job was dismissed, or given to another worker.
-    /// The oldest job of the tenant with the fewest running ones. Jobs whose lease ran out go back
-    /// to the queue first.
+    /// The oldest job of the tenant with the fewest running ones; of several, whose last turn is
+    /// longest ago. Jobs whose lease ran out go back to the queue first.
     virtual std::optional<Lease> claim(const QueueLimits& limits,
                                        std::chrono::seconds lease_time) = 0;
     virtual bool renew(const Lease& lease, std::chrono::seconds lease_time) = 0;
@@ -137,6 +138,8 @@ public:
     /// The child died (signal, no last word). Back to the queue, or failed as poison the second
     /// time.
     virtual bool crashed(const Lease& lease, const std::string& how) = 0;
+    /// The disk was full. Back to the queue, or failed by the problem the third time.
+    virtual bool ran_out_of_room(const Lease& lease, const proto::Problem& problem) = 0;
     virtual bool release(const Lease& lease) = 0;  ///< back to the queue, at no cost: shutdown
     virtual bool holds(const Lease& lease) = 0;    ///< whether the lease is good; changes nothing
 
@@ -151,8 +154,8 @@ public:
     virtual Counts counts() = 0;
     /// Removes jobs that ended longer ago than `retention`, with their results. Returns how many.
     virtual std::uint64_t remove_expired_jobs(std::chrono::seconds retention) = 0;
-    /// Removes clouds that were uploaded, and last named by a new job, longer ago than `retention`,
-    /// but those that an unfinished job needs. Returns how many.
+    /// Removes clouds that were uploaded, last named by a new job and last looked for longer ago
+    /// than `retention`, but those that an unfinished job needs. Returns how many.
     virtual std::uint64_t remove_expired_clouds(std::chrono::seconds retention) = 0;
     /// Blobs that a row needs: clouds, inputs of unfinished jobs, results.
     virtual std::vector<std::string> referenced_blobs() = 0;

@@ -17,7 +17,8 @@ namespace {
 constexpr std::int64_t kProgressPeriodMs = 250;
 constexpr double kProgressStep = 1.0;  // percent
 constexpr std::int64_t kCrashesToFail = 2;
-constexpr std::uint64_t kMostLost = 10;  // workers that are lost with a job
+constexpr std::uint64_t kMostLost = 10;  // attempts of a job that are lost with their workers
+constexpr std::uint64_t kMostFull = 3;   // the same on a full disk, with what was lost before
 
 std::vector<std::string> blobs_named_by(sqlite::Connection& connection) {
     Rows rows = connection.query(
@@ -66,8 +67,9 @@ std::optional<std::int64_t> SqliteJobStore::next_in_queue(const QueueLimits& lim
         "              WHERE status = 'running' GROUP BY tenant), "
         "     head AS (SELECT tenant, min(row) AS row FROM jobs "
         "              WHERE status = 'accepted' GROUP BY tenant) "
-        "SELECT head.row FROM head LEFT JOIN busy USING (tenant) "
-        "WHERE coalesce(busy.jobs, 0) < ?1 ORDER BY coalesce(busy.jobs, 0), head.row LIMIT 1",
+        "SELECT head.row FROM head LEFT JOIN busy USING (tenant) LEFT JOIN turns USING (tenant) "
+        "WHERE coalesce(busy.jobs, 0) < ?1 "
+        "ORDER BY coalesce(busy.jobs, 0), coalesce(turns.turn, 0), head.row LIMIT 1",
         limits.max_running);
     if (!rows.next()) return std::nullopt;
     return rows.integer(0);
@@ -84,6 +86,10 @@ Lease SqliteJobStore::start(std::int64_t row, std::chrono::seconds lease_time) {
         "UPDATE jobs SET status = 'running', stage = 'decode', message = 'running', progress = 0, "
         "told = 0, started = ?1, updated = ?1, lease_token = ?2, lease_until = ?3 WHERE row = ?4",
         now, lease.token, now + milliseconds(lease_time), row);
+    writer_.run(
+        "INSERT INTO turns SELECT ?1, coalesce(max(turn), 0) + 1 FROM turns WHERE true "
+        "ON CONFLICT DO UPDATE SET turn = excluded.turn",
+        lease.tenant);
     add_status_event(row, JobStatus::Running);
     return lease;
 }
@@ -99,14 +105,16 @@ void SqliteJobStore::requeue_expired() {
         requeue_lost(row, "its worker went silent: waiting for another");
 }
 
+std::uint64_t SqliteJobStore::count_lost(std::int64_t row) {
+    writer_.run("UPDATE jobs SET lost = lost + 1 WHERE row = ?1", row);
+    Rows rows = writer_.query("SELECT lost FROM jobs WHERE row = ?1", row);
+    rows.next();
+    return rows.count(0);
+}
+
 /// A job may be what takes its workers down, as by the memory that all of a machine share.
 void SqliteJobStore::requeue_lost(std::int64_t row, const std::string& message) {
-    writer_.run("UPDATE jobs SET lost = lost + 1 WHERE row = ?1", row);
-    {
-        Rows rows = writer_.query("SELECT lost FROM jobs WHERE row = ?1", row);
-        rows.next();
-        if (rows.count(0) < kMostLost) return requeue(row, message);
-    }
+    if (count_lost(row) < kMostLost) return requeue(row, message);
     finish_failed(row,
                   proto::problem_from(ErrorCode::Internal,
                                       "its worker was lost in " + std::to_string(kMostLost) +
@@ -201,6 +209,13 @@ bool SqliteJobStore::crashed(const Lease& lease, const std::string& how) {
             proto::problem_from(ErrorCode::Internal, "the job process died twice: " + how);
         problem.stage = rows.text(1);
         finish_failed(row, problem);
+    });
+}
+
+bool SqliteJobStore::ran_out_of_room(const Lease& lease, const proto::Problem& problem) {
+    return write_leased(lease, [&](std::int64_t row) {
+        if (count_lost(row) >= kMostFull) return finish_failed(row, problem);
+        requeue(row, "the disk was full: waiting for room");
     });
 }
 

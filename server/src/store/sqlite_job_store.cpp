@@ -6,6 +6,7 @@
 
 #include "stipple/error.hpp"
 #include "stipple/proto/digest.hpp"
+#include "stipple/proto/problem.hpp"
 
 #include <chrono>
 #include <condition_variable>
@@ -82,6 +83,7 @@ JobDocument document_of(const Rows& rows) {
 const std::string kSelectCloud =
     "SELECT tenant, id, name, format, bytes, created, statistics, row FROM clouds ";
 const std::string kFindCloud = kSelectCloud + "WHERE tenant = ?1 AND id = ?2";
+const char* const kUseOfCloud = "SELECT used FROM clouds WHERE tenant = ?1 AND id = ?2";
 const std::string kListClouds =
     kSelectCloud + "WHERE tenant = ?1 AND row < ?2 ORDER BY row DESC LIMIT ?3";
 constexpr int kCloudRowColumn = 7;
@@ -116,6 +118,9 @@ auto read_page(Rows& rows, unsigned limit, std::string_view listing, int row_col
     }
     return page;
 }
+
+/// To read a cloud is a use of it, which is written no more often.
+constexpr std::int64_t kUsePeriodMs = 3'600'000;
 
 constexpr std::string_view kClouds = "clouds";
 constexpr std::string_view kJobs = "jobs";
@@ -195,10 +200,22 @@ Submitted SqliteJobStore::put_cloud(const CloudRow& row) {
 
 std::optional<CloudRow> SqliteJobStore::find_cloud(const std::string& tenant,
                                                    const std::string& id) {
-    const std::lock_guard lock(reader_mutex_);
-    Rows rows = reader_.query(kFindCloud.c_str(), tenant, id);
-    if (!rows.next()) return std::nullopt;
-    return cloud_of(rows);
+    std::optional<CloudRow> cloud;
+    bool is_noted = true;
+    {
+        const std::lock_guard lock(reader_mutex_);
+        Rows rows = reader_.query(kFindCloud.c_str(), tenant, id);
+        if (!rows.next()) return std::nullopt;
+        cloud = cloud_of(rows);
+        Rows use = reader_.query(kUseOfCloud, tenant, id);
+        is_noted = !use.next() || use.integer(0) > now_ms() - kUsePeriodMs;
+    }
+    if (is_noted) return cloud;
+    try {
+        write([&] { return note_use(tenant, id), true; });
+    } catch (const proto::StorageFull&) {  // it can be read all the same
+    }
+    return cloud;
 }
 
 Page<CloudRow> SqliteJobStore::list_clouds(const std::string& tenant, unsigned limit,
@@ -274,16 +291,36 @@ void SqliteJobStore::check_queue(const std::string& tenant, const QueueLimits& l
     check_queued(rows.count(0), limits);
 }
 
+/// Whether a job of the tenant's made such a cloud. Its tiles and pictures are none that can be
+/// read.
+void SqliteJobStore::require_made_cloud(const std::string& tenant, const std::string& id) {
+    Rows made = writer_.query(
+        "SELECT jobs.row FROM jobs JOIN outputs ON outputs.job = jobs.row "
+        "WHERE tenant = ?1 AND sha256 = ?2 LIMIT 1",
+        tenant, id);
+    if (!made.next()) throw Error(ErrorCode::NotFound, "input " + id + ": no such cloud");
+    Rows level = writer_.query("SELECT body FROM levels WHERE job = ?1 AND instr(body, ?2) > 0",
+                               made.integer(0), id);
+    std::optional<CloudFormat> format;  // none of a picture
+    if (level.next()) {
+        const auto report = proto::job_report_from_json(level.text(0));
+        for (const proto::OutputFile& file : std::get<proto::OutputCloud>(report).files)
+            if (file.sha256 == id) format = file.format;
+    }
+    if (format == CloudFormat::Ply || format == CloudFormat::Draco ||
+        format == CloudFormat::Progressive)
+        return;
+    throw Error(ErrorCode::UnsupportedFormat,
+                "input " + id + ": a " + (format ? std::string(to_string(*format)) : "png") +
+                    " file that a job made: expected a cloud, or a result as ply, drc or stpc");
+}
+
 std::int64_t SqliteJobStore::insert_job(const std::string& tenant, const proto::JobRequest& request,
                                         const std::string& canonical) {
     for (const std::string& id : proto::inputs_of(request)) {
-        // A cloud of the tenant's, or a file that a job of the tenant's made.
-        Rows rows = writer_.query(
-            "SELECT 1 FROM clouds WHERE tenant = ?1 AND id = ?2 UNION ALL "
-            "SELECT 1 FROM jobs JOIN outputs ON outputs.job = jobs.row "
-            "WHERE tenant = ?1 AND sha256 = ?2 LIMIT 1",
-            tenant, id);
-        if (!rows.next()) throw Error(ErrorCode::NotFound, "input " + id + ": no such cloud");
+        Rows cloud =
+            writer_.query("SELECT 1 FROM clouds WHERE tenant = ?1 AND id = ?2", tenant, id);
+        if (!cloud.next()) require_made_cloud(tenant, id);
         note_use(tenant, id);
     }
     writer_.run(

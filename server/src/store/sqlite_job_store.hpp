@@ -61,6 +61,7 @@ public:
     bool succeed(const Lease& lease, const proto::JobCost& cost) override;
     bool fail(const Lease& lease, const proto::Problem& problem) override;
     bool crashed(const Lease& lease, const std::string& how) override;
+    bool ran_out_of_room(const Lease& lease, const proto::Problem& problem) override;
     bool release(const Lease& lease) override;
     bool holds(const Lease& lease) override;
 
@@ -93,8 +94,10 @@ private:
     Lease start(std::int64_t row, std::chrono::seconds lease_time);
     void requeue(std::int64_t row, const std::string& message);
     void requeue_expired();
+    void require_made_cloud(const std::string& tenant, const std::string& id);
     void note_use(const std::string& tenant, const std::string& cloud);
     void requeue_lost(std::int64_t row, const std::string& message);
+    std::uint64_t count_lost(std::int64_t row);
     void finish(std::int64_t row, proto::JobStatus status, const std::string& message);
     proto::JobDocument dismissed(std::int64_t row);
     void finish_failed(std::int64_t row, const proto::Problem& problem);

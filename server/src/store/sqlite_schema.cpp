@@ -105,8 +105,16 @@ UPDATE clouds SET used = strftime('%s', 'now') * 1000;
 CREATE INDEX clouds_by_use ON clouds (used);
 )sql";
 
+constexpr const char* kTurnsOfTenants = R"sql(
+CREATE TABLE turns (
+    tenant TEXT PRIMARY KEY,
+    turn   INTEGER NOT NULL  -- grows with every job that is begun
+) STRICT, WITHOUT ROWID;
+)sql";
+
 /// Step n leads from schema n to n + 1. Steps that were released are never changed.
-constexpr std::array kSteps = {kFirstSchema, kNamesOfClouds, kCountsOfEnds, kUseOfClouds};
+constexpr std::array kSteps = {kFirstSchema, kNamesOfClouds, kCountsOfEnds, kUseOfClouds,
+                               kTurnsOfTenants};
 /// The first schema of a database that says whose it is.
 constexpr std::size_t kFirstNamed = 3;
 

@@ -42,6 +42,10 @@ private:
     const fs::path path_;
 };
 
+bool is_full(const proto::Problem& problem) noexcept {
+    return problem.status == proto::kStorageFullStatus;
+}
+
 }  // namespace
 
 JobAttempt::JobAttempt(Lease lease, const WorkerPoolOptions& options, const Limits& limits,
@@ -61,7 +65,7 @@ void JobAttempt::run(JobRunner& runner) noexcept try {
         const ScratchFolder folder(options_.scratch / lease_.job_id);
         run_in(folder.path(), runner);
     } catch (const std::exception& error) {
-        fail(problem_of(error));
+        fail(problem_of(error));  // now that its files are gone, which made room
     }
 } catch (const std::exception& error) {
     // Not even the failure could be written: the lease runs out, and the job is tried again.
@@ -120,10 +124,12 @@ proto::Problem JobAttempt::problem_of(const std::exception& failure) const {
 proto::Problem JobAttempt::for_caller(proto::Problem problem) const {
     if (problem.status < 500) return problem;
     spdlog::error("job.broken id={} error={}", lease_.job_id, log_text(problem.detail));
-    const bool is_full = problem.status == proto::kStorageFullStatus;
-    proto::Problem told = proto::problem_from(
-        ErrorCode::Internal, is_full ? "storage full: the operator must free space"
-                                     : "the service could not run the job; its log says why");
+    proto::Problem told =
+        is_full(problem)
+            ? proto::problem_from_status(problem.status,
+                                         "storage full: the operator must free space")
+            : proto::problem_from(ErrorCode::Internal,
+                                  "the service could not run the job; its log says why");
     told.stage = std::move(problem.stage);
     return told;
 }
@@ -225,7 +231,12 @@ void JobAttempt::succeed() {
 }
 
 void JobAttempt::fail(const proto::Problem& problem) {
-    if (taken(jobs_.fail(lease_, problem))) log_failed(problem);
+    if (!is_full(problem)) {
+        if (taken(jobs_.fail(lease_, problem))) log_failed(problem);
+    } else if (taken(jobs_.ran_out_of_room(lease_, problem))) {
+        spdlog::warn("job.ran_out_of_room id={}", lease_.job_id);
+        log_if_failed();
+    }
 }
 
 void JobAttempt::log_failed(const proto::Problem& problem) const {
@@ -234,11 +245,16 @@ void JobAttempt::log_failed(const proto::Problem& problem) const {
                 log_text(problem.detail));
 }
 
+/// Where the store decided whether the job is tried again.
+void JobAttempt::log_if_failed() const {
+    const auto job = jobs_.find_job(lease_.tenant, lease_.job_id);
+    if (job && job->status == proto::JobStatus::Failed && job->problem) log_failed(*job->problem);
+}
+
 void JobAttempt::crash(const std::string& how) {
     if (!taken(jobs_.crashed(lease_, how))) return;
     spdlog::warn("job.crashed id={} how={}", lease_.job_id, log_text(how));
-    const auto job = jobs_.find_job(lease_.tenant, lease_.job_id);
-    if (job && job->status == proto::JobStatus::Failed && job->problem) log_failed(*job->problem);
+    log_if_failed();
 }
 
 void JobAttempt::hand_back() {

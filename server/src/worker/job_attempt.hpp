@@ -47,6 +47,7 @@ private:
     void succeed();
     void fail(const proto::Problem& problem);
     void log_failed(const proto::Problem& problem) const;
+    void log_if_failed() const;
     void crash(const std::string& how);
     void hand_back();
     /// Whether a write was taken; when not, the lease is lost.

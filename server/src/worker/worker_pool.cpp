@@ -4,8 +4,11 @@
 #include "store/data_folder.hpp"
 #include "worker/job_attempt.hpp"
 
+#include "stipple/proto/problem.hpp"
+
 #include <spdlog/spdlog.h>
 #include <algorithm>
+#include <atomic>
 #include <condition_variable>
 #include <mutex>
 #include <thread>
@@ -55,6 +58,7 @@ struct WorkerPool::State {
     bool drained = false;                               ///< no job may go on
     std::optional<steady_clock::time_point> drain_end;  ///< once it is draining
     std::condition_variable ended;                      ///< one fewer is running
+    std::atomic<bool> is_full = false;                  ///< the disk was, as it was said
 
     std::jthread keeper;  ///< renews leases until the last worker has ended
     std::vector<std::jthread> workers;
@@ -105,7 +109,12 @@ void WorkerPool::State::work(const std::stop_token& stop) {
 }
 
 std::optional<Lease> WorkerPool::State::claim() try {
+    blobs.check_room();  // on a full disk no job is worth beginning
+    if (is_full.exchange(false)) spdlog::info("disk.has_room");
     return jobs.claim(limits.queue, options.lease);
+} catch (const proto::StorageFull& error) {
+    if (!is_full.exchange(true)) spdlog::error("disk.full error={}", log_text(error.what()));
+    return std::nullopt;
 } catch (const std::exception& error) {
     spdlog::error("queue.failed error={}", log_text(error.what()));
     return std::nullopt;
