@@ -191,6 +191,9 @@ Client& Client::operator=(Client&&) noexcept = default;
 
 proto::CloudDocument Client::upload(const fs::path& file, const ByteProgress& progress) {
     const HttpConnection& http = implementation_->http();
+    // A pipe would be read to its end for its hash, and then be empty.
+    if (fs::exists(file) && !fs::is_regular_file(file))
+        throw Error(ErrorCode::InvalidArgument, file.string() + ": expected a regular file");
     const std::string id = proto::sha256_of_file(file);
     const HttpReply known =
         with_retries(http.stop_token(), [&] { return http.get("/v1/clouds/" + id); });

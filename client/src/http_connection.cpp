@@ -104,7 +104,7 @@ HttpReply HttpConnection::perform(const std::string& path, std::chrono::seconds 
                                   bool ended_by_caller_is_fine, Call&& call) const {
     constexpr std::chrono::seconds kConnectTime{5};
     httplib::Client client(url_.text());
-    client.set_connection_timeout(kConnectTime);
+    client.set_connection_timeout(std::min(kConnectTime, timeout_));
     client.set_read_timeout(timeout_ + extra_time);
     client.set_write_timeout(timeout_);
     client.set_follow_location(false);  // the API key is for this address alone

@@ -1,6 +1,8 @@
+#include "cli/bucket.hpp"
 #include "cli/command_line.hpp"
 #include "cli/commands.hpp"
 #include "cli/interrupt.hpp"
+#include "cli/method_options.hpp"
 #include "cli/text.hpp"
 #include "stipple/error.hpp"
 #include "stipple/heap.hpp"
@@ -36,10 +38,12 @@ int main(int argc, char** argv) {
         return 0;
     } catch (const UsageError& error) {
         return fail(session.terminal, error.what(), kUsageFailure);
+    } catch (const PartlyPut& stopped) {
+        return fail(session.terminal, stopped.what(), kSignalBase + interrupt.signal());
     } catch (const stipple::Cancelled&) {
         return fail(session.terminal, "stopped; nothing was written",
                     kSignalBase + interrupt.signal());
     } catch (const std::exception& error) {
-        return fail(session.terminal, error.what(), kRuntimeFailure);
+        return fail(session.terminal, naming_method_option(error.what()), kRuntimeFailure);
     }
 }

@@ -10,9 +10,13 @@
 namespace stipple::proto {
 
 std::optional<std::uint64_t> bytes_of_size(std::string_view text, std::chars_format format) {
-    static constexpr std::array<std::pair<std::string_view, double>, 10> kUnits = {{
+    static constexpr std::array<std::pair<std::string_view, double>, 14> kUnits = {{
         {"", 1},
         {"b", 1},
+        {"k", 1e3},
+        {"m", 1e6},
+        {"g", 1e9},
+        {"t", 1e12},
         {"kb", 1e3},
         {"mb", 1e6},
         {"gb", 1e9},

@@ -199,8 +199,6 @@ void add_options(Json& json, const CurveJob& job) {
     add_outliers(json, job.outliers);
 }
 
-constexpr std::array kPyramidFormats = {CloudFormat::Draco, CloudFormat::Ply, CloudFormat::Glb,
-                                        CloudFormat::Progressive, CloudFormat::Copc};
 /// Those of a job that names none: the others are of the finest level alone.
 constexpr std::span kUsualFormats = std::span(kPyramidFormats).first(3);
 

@@ -9,6 +9,7 @@ TEST(ByteSize, IsWhatPeopleWrite) {
     EXPECT_EQ(bytes_of_size("0"), 0U);
     EXPECT_EQ(bytes_of_size("14600"), 14'600U);
     EXPECT_EQ(bytes_of_size("15kB"), 15'000U);
+    EXPECT_EQ(bytes_of_size("10k"), 10'000U);
     EXPECT_EQ(bytes_of_size("1.5 MiB"), 1'572'864U);
     EXPECT_EQ(bytes_of_size("2gb"), 2'000'000'000U);
     EXPECT_EQ(bytes_of_size("1TB"), 1'000'000'000'000U);
@@ -19,7 +20,7 @@ TEST(ByteSize, IsWhatPeopleWrite) {
 
 TEST(ByteSize, IsNothingElse) {
     for (const char* const text :
-         {"", "kB", "5kg", "-1", "nan", "inf", "1e19", "2000000TB", "3 k", "3 k B", "0x10"})
+         {"", "kB", "5kg", "-1", "nan", "inf", "1e19", "2000000TB", "3 kk", "3 k B", "0x10"})
         EXPECT_EQ(bytes_of_size(text), std::nullopt) << text;
 }
 

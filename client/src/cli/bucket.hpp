@@ -1,5 +1,7 @@
 #pragma once
 
+#include "stipple/error.hpp"
+
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -47,6 +49,14 @@ struct BucketObject {
     std::filesystem::path file;
     std::string key;  ///< below the prefix
     std::string media_type, cache_control;
+};
+
+/// Stopped when some of the objects were there.
+class PartlyPut : public Cancelled {
+public:
+    const char* what() const noexcept override {
+        return "stopped; some files are in the bucket, but none that lists them";
+    }
 };
 
 /// Puts all of them, several at a time, each signed with its hash (AWS Signature 4), and tries

@@ -176,6 +176,16 @@ void add_particle_options(CLI::App& command, MethodValues& values) {
         ->transform(real_number("a number in (0, 1), as in 0.01"));
 }
 
+std::string naming_method_option(const std::string& refusal) {
+    const std::size_t length = refusal.find_first_not_of("abcdefghijklmnopqrstuvwxyz_");
+    const std::string field = refusal.substr(0, length);
+    const auto fields = proto::method_fields();
+    const bool is_known =
+        field == "reductions" ||
+        std::ranges::find(fields, field, &proto::MethodField::name) != fields.end();
+    return is_known ? option_of(field) + refusal.substr(field.size()) : refusal;
+}
+
 void refuse_options_of_other_methods(const CLI::App& command, Method method) {
     for (const proto::MethodField& field : proto::method_fields()) {
         const std::string name = option_of(field.name);

@@ -32,6 +32,9 @@ void add_method_options(CLI::App& command, MethodValues& values, std::span<const
 /// Those of `particles` alone, which are those of `upsample`.
 void add_particle_options(CLI::App& command, MethodValues& values);
 
+/// What a method refuses once it knows the cloud begins with a field of a request: here with the
+/// option that stands for it.
+std::string naming_method_option(const std::string& refusal);
 /// @throws UsageError naming an option on the command line that belongs to other methods.
 void refuse_options_of_other_methods(const CLI::App& command, Method method);
 /// Sets the options of every method. @throws UsageError.

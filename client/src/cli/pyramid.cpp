@@ -169,7 +169,8 @@ BucketObject object_of(const fs::path& file, const fs::path& folder) {
             never_changes ? "public, max-age=31536000, immutable" : "no-cache"};
 }
 
-/// What the folder holds, into a bucket, the last file last.
+/// What the folder holds, into a bucket, each file after those that it names: first tiles, then
+/// tilesets, and the last file last.
 void put(const BucketAddress& bucket, const BucketAccess& access, const fs::path& folder,
          std::span<const fs::path> files, const std::stop_token& stop, ProgressDisplay& display) {
     std::vector<BucketObject> objects;
@@ -181,10 +182,21 @@ void put(const BucketAddress& bucket, const BucketAccess& access, const fs::path
     const auto on_bytes = [&](std::uint64_t bytes) {
         display.update("upload", static_cast<double>(sent + bytes) / static_cast<double>(all));
     };
-    const std::span<const BucketObject> last = std::span(objects).last(1);
-    put_objects(bucket, access, std::span(objects).first(objects.size() - 1), on_bytes, stop);
-    sent = all - fs::file_size(last.front().file);
-    put_objects(bucket, access, last, on_bytes, stop);
+    const auto last = std::prev(objects.end());
+    const auto tilesets = std::stable_partition(objects.begin(), last, [](const BucketObject& o) {
+        return o.media_type != "application/json";
+    });
+    const auto put_these = [&](auto begin, auto end) {
+        put_objects(bucket, access, {begin, end}, on_bytes, stop);
+        for (auto object = begin; object != end; ++object) sent += fs::file_size(object->file);
+    };
+    try {
+        put_these(objects.begin(), tilesets);
+        put_these(tilesets, last);
+        put_these(last, objects.end());
+    } catch (const Cancelled&) {
+        throw PartlyPut();
+    }
 }
 
 std::uint64_t bytes_of(const fs::path& folder, std::span<const fs::path> files) {

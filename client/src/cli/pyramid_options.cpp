@@ -7,8 +7,10 @@
 #include <algorithm>
 #include <array>
 #include <cstdint>
+#include <iterator>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -77,12 +79,10 @@ PyramidCommand pyramid_command(const Values& values, const CLI::App& app) {
     method.seed = values.seed;
     command.job.base_bytes = values.base_bytes;
     command.job.error = !values.no_error;
-    std::vector<CloudFormat>& formats = command.job.output.formats;
-    for (const std::string& name : values.formats) {
-        const CloudFormat format = cloud_format_from_name(name);
-        if (std::find(formats.begin(), formats.end(), format) == formats.end())
-            formats.push_back(format);
-    }
+    std::set<CloudFormat> named;
+    for (const std::string& name : values.formats) named.insert(cloud_format_from_name(name));
+    std::ranges::copy_if(proto::kPyramidFormats, std::back_inserter(command.job.output.formats),
+                         [&](CloudFormat format) { return named.contains(format); });
     command.job.output.draco = draco_options(values.encoding);
     command.job.tiles = values.tiles;
     command.job.tiles.precision = values.encoding.precision;

@@ -65,7 +65,8 @@ CommandReader add_slice(CLI::App& app) {
         ->transform(byte_count());
     budget
         ->add_option("--max-error", values.max_error,
-                     "the coarsest level within this: input units, or 0.1% of the diagonal")
+                     "the coarsest level measured to be within this: input units, or 0.1% of the "
+                     "diagonal")
         ->type_name("E");
     budget->require_option(1);
     command

@@ -93,6 +93,7 @@ try {
     const puts = store.asked.filter(({ method }) => method === 'PUT').map(({ path }) => path);
     assert.equal(puts.at(-1), 'order/manifest.json');
     assert.equal(puts.filter((path) => path === 'order/manifest.json').length, 1);
+    assert.ok(puts.at(-2).endsWith('.json') && !puts.slice(0, -2).some((path) => path.endsWith('tileset.json')), 'a file comes after those that it names');
 
     // A folder of Potree 2, too; and keys that expire.
     assert.deepEqual(await pyramid(['s3://scans/potree', '--layout', 'potree'], { AWS_SESSION_TOKEN: 'for/an+hour==' }), { code: 0, err: '' });

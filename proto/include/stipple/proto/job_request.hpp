@@ -54,6 +54,10 @@ struct AnalyzeJob {
     OutputOptions output;
     std::optional<OutlierOptions> outliers{};
 };
+/// What a pyramid can have, in the order in which its files are listed.
+inline constexpr std::array kPyramidFormats = {CloudFormat::Draco, CloudFormat::Ply, CloudFormat::Glb,
+                                               CloudFormat::Progressive, CloudFormat::Copc};
+
 struct PyramidJob {
     LodPyramidOptions options;  ///< nested levels have additive tiles (`refine`)
     OutputOptions output;
