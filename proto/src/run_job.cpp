@@ -164,8 +164,14 @@ void run_job(const JobSpec& spec, const std::function<void(const JobReport&)>& r
 
 std::string memory_limit_message(const JobSpec& spec) {
     if (spec.max_memory_bytes == 0) return "the memory of this machine is too small for the cloud";
+    const auto* const evaluation = std::get_if<EvaluateJob>(&spec.request.job);
+    const std::string remedy = std::holds_alternative<UpsampleJob>(spec.request.job)
+                                   ? "ask for fewer points"
+                               : evaluation != nullptr && evaluation->options.measure.samples > 0
+                                   ? "ask for fewer samples"
+                                   : "upload a smaller cloud";
     return "the job needs more than its memory limit of " + std::to_string(spec.max_memory_bytes) +
-           " bytes: upload a smaller cloud, or raise the limit";
+           " bytes: " + remedy + ", or raise the limit";
 }
 
 }  // namespace stipple::proto
