@@ -68,11 +68,16 @@ export class Hud {
             const stage = job.status === 'accepted' ? 'Waiting' : kStages[job.stage] ?? 'Working';
             this.showActivity(stage, `, ${Math.round(job.progress)} %`);
         } else {
-            this.showActivity({ failed: 'Failed', dismissed: 'Cancelled' }[job.status] ?? '');
+            this.showEnd(job);
         }
         if (job.status === 'failed') {
             this.showReason(job);
         }
+    }
+
+    /** How a job ended that did not succeed. */
+    showEnd(job) {
+        this.showActivity({ failed: 'Failed', dismissed: 'Cancelled' }[job.status] ?? '');
     }
 
     /** Why there is no result, or not all of it. */
@@ -88,9 +93,9 @@ export class Hud {
 
     /**
      * @param levels  of the LevelLoader; @param shown  the one on the stage, or null
-     * @param bound  of the error, where that was asked for, or null
+     * @param hasAll  whether no more will come; @param bound  of the error, where that was asked for, or null
      */
-    showLevels(levels, shown, loadedBytes, isComplete, bound) {
+    showLevels(levels, shown, loadedBytes, hasAll, bound) {
         byId.level.max = Math.max(1, levels.length);
         byId.level.disabled = levels.length < 2;
         byId.segments.replaceChildren(...levels.map((level) => element('li', {
@@ -103,7 +108,7 @@ export class Hud {
             byId.level.value = shown.level + 1;
             byId.level.ariaValueText = `Level ${shown.level + 1}, ${format.points(shown.points)}`;
             byId.points.textContent = format.share(shown.drawn?.points ?? shown.points, shown.points);
-            byId['level-name'].textContent = `${shown.level + 1} of ${levels.length}${isComplete ? '' : '+'}`;
+            byId['level-name'].textContent = `${shown.level + 1} of ${levels.length}${hasAll ? '' : '+'}`;
         }
     }
 

@@ -7,8 +7,11 @@ const kStarts = { pyramid: 'Build the pyramid', simplify: 'Simplify', evaluate: 
 const kMethods = JOB_FORMS.flatMap(({ fields }) => fields).find(({ name, choices }) => name === 'method' && choices.includes('random')).choices;
 const kOwners = new RegExp(`^For ((?:all|${kMethods.join('|')})(?:(?:, | and | but )(?:${kMethods.join('|')}))*)[.,;:]? ?`);
 
-/** What the form has no need to say: it shows no field of another method. */
-const kOfContract = / ?A field of another method is refused\./;
+/** What the form has no need to say: it shows no field of another method, and only one for candidates. */
+const kOfContract = / ?(?:A field of another method is refused|Give either `candidate` or `candidates`)\./;
+
+/** A description of the API in the words of the form. */
+const worded = (text) => text.replace(kOfContract, '').replace(/`(\w+)`|\b([a-z]+(?:_[a-z]+)+)\b/g, (_, quoted, plain) => titleOf({ name: quoted ?? plain }));
 
 /** Asked for first; the rest is folded away. */
 const kFirst = {
@@ -117,9 +120,9 @@ export class JobForm {
         for (const button of byId['job-types'].children) {
             button.ariaPressed = String(button.dataset.type === type);
         }
-        byId['job-about'].textContent = this.form.description.replace(kOfContract, '').replace(/`(\w+)`/g, (_, name) => titleOf({ name }));
+        byId['job-about'].textContent = worded(this.form.description);
         const context = { clouds: this.subject.others, attributes: this.subject.attributes };
-        this.fields = this.form.fields.map((field) => ({ ...field, about: field.description.replace(kOwners, '').trim(), preset: kPresetsOf[type]?.[field.name] ?? kPresets[field.name] }));
+        this.fields = this.form.fields.map((field) => ({ ...field, about: worded(field.description.replace(kOwners, '').trim()).replace(/^not with/, 'Not with'), preset: kPresetsOf[type]?.[field.name] ?? kPresets[field.name] }));
         this.parts = this.fields.map((field) => fieldOf(field, context));
         const isFirst = ({ name }) => kFirst[type].includes(name);
         const rows = (wanted) => this.parts.filter((_, i) => isFirst(this.fields[i]) === wanted).map(({ row }) => row);

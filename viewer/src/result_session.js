@@ -174,9 +174,14 @@ export class ResultSession {
         }
     }
 
+    /** Whether no more levels will come than those that are there. */
+    get hasAll() {
+        return this.isComplete || (this.loader.levels.length > 0 && this.job !== null && isGivenUp(this.job));
+    }
+
     /** Whether everything that is listed and not too large is on the screen or was given up. */
     get isSettled() {
-        return this.isComplete && this.job !== null && !this.loader.isFollowing && (this.shown?.tiles?.isComplete ?? true) &&
+        return this.hasAll && this.job !== null && !this.loader.isFollowing && (this.shown?.tiles?.isComplete ?? true) &&
             this.loader.levels.every(({ state }) => state !== 'loading') && this.pane.level === (this.shown ?? null);
     }
 

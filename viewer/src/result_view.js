@@ -35,8 +35,8 @@ export class ResultView {
     /** As far as it has come. */
     show(session) {
         const { hud } = this;
-        const { id, type, loader, shown, bound, isComplete, isSettled, job, manifest, waits } = session;
-        hud.showLevels(loader.levels, shown, loader.loadedBytes, isComplete, bound);
+        const { id, type, loader, shown, bound, hasAll, isSettled, job, manifest, waits } = session;
+        hud.showLevels(loader.levels, shown, loader.loadedBytes, hasAll, bound);
         if (job && manifest?.levels.length > 0 && loader.levels.length === 0 && !manifest.request.formats?.includes('stpc')) {
             this.showReport(session);
             hud.showPlain({ id, levels: manifest.levels });
@@ -52,6 +52,8 @@ export class ResultView {
                 hud.showActivity(`Loading ${format.compactCount(next.points)} points`);
             } else if (job.status === 'successful') {
                 hud.showActivity(large ? `${format.compactCount(large.points)} more on request` : this.about(session));
+            } else {
+                hud.showEnd(job);
             }
         }
         hud.setWaiting(waits > 0);

@@ -323,6 +323,21 @@ await run({
         browser.refusalsExpected = false;
     },
 
+    async 'A pyramid that was given up says so once its levels are there'() {
+        const job = await startJob({ type: 'pyramid', input: cloud, levels: [210, 720], formats: ['drc'] });
+        const changed = (change) => async (route) => {
+            const response = await route.fetch();
+            await route.fulfill({ response, json: { ...await response.json(), ...change } });
+        };
+        await page.route(`**/v1/jobs/${job}`, changed({ status: 'dismissed' }));
+        await page.route(`**/v1/pyramids/${job}/manifest.json`, changed({ complete: false }));
+        await visit(page, `/?pyramid=${job}`);
+        await page.locator('html[data-state=settled]').waitFor({ state: 'attached' });
+        assert.equal(await page.locator('#activity').textContent(), 'Cancelled');
+        assert.match(await page.locator('#level-name').textContent(), /^2 of 2$/);
+        await page.unrouteAll({ behavior: 'wait' });
+    },
+
     async 'A job that was given up is started again as it was asked for'() {
         const given = { type: 'simplify', input: cloud, points: 690, method: 'voxel', format: 'drc' };
         const job = await startJob(given);
