@@ -74,6 +74,7 @@ protected:
         writer->commit();
         input_ = put_cloud(*jobs_, "ada", kCloud);
         options_.scratch = folder_ / "scratch";
+        options_.rest = 1ms;
     }
 
     JobDocument submit() {

@@ -233,7 +233,10 @@ void JobAttempt::succeed() {
 void JobAttempt::fail(const proto::Problem& problem) {
     if (!is_full(problem)) {
         if (taken(jobs_.fail(lease_, problem))) log_failed(problem);
-    } else if (taken(jobs_.ran_out_of_room(lease_, problem))) {
+        return;
+    }
+    ran_out_of_room_ = true;
+    if (taken(jobs_.ran_out_of_room(lease_, problem))) {
         spdlog::warn("job.ran_out_of_room id={}", lease_.job_id);
         log_if_failed();
     }

@@ -26,6 +26,9 @@ public:
     /// To the end, whatever it is: nothing is thrown.
     void run(JobRunner& runner) noexcept;
 
+    /// Once it has run: whether it found the disk full.
+    bool ran_out_of_room() const noexcept { return ran_out_of_room_; }
+
     /// Ends it soon. Drained: handed back to the queue. LeaseLost: nothing more is written. Any
     /// thread; the first reason stands.
     void stop(Stop reason);
@@ -68,6 +71,7 @@ private:
     std::map<std::string, std::uint64_t> adopted_;  ///< bytes of the files, by their hashes
     std::optional<proto::JobCost> cost_;
     std::optional<proto::Problem> problem_;
+    bool ran_out_of_room_ = false;
 };
 
 }  // namespace stipple::server

@@ -42,7 +42,7 @@ struct WorkerPool::State {
     void begin_drain();
     void work(const std::stop_token& stop);
     std::optional<Lease> claim();
-    void run(Lease lease);
+    void run(Lease lease, const std::stop_token& stop);
     void keep_leases(const std::stop_token& stop);
     void stop_before_others_may_claim(steady_clock::duration silent);
     std::vector<std::shared_ptr<JobAttempt>> attempts();
@@ -101,7 +101,7 @@ void WorkerPool::State::work(const std::stop_token& stop) {
         // once.
         const std::uint64_t seen = jobs.version();
         if (auto lease = claim()) {
-            run(std::move(*lease));
+            run(std::move(*lease), stop);
         } else {
             jobs.wait_for_change(seen, steady_clock::now() + kIdlePoll, stop);
         }
@@ -120,7 +120,7 @@ std::optional<Lease> WorkerPool::State::claim() try {
     return std::nullopt;
 }
 
-void WorkerPool::State::run(Lease lease) {
+void WorkerPool::State::run(Lease lease, const std::stop_token& stop) {
     const auto attempt =
         std::make_shared<JobAttempt>(std::move(lease), options, limits, jobs, blobs);
     {
@@ -134,6 +134,7 @@ void WorkerPool::State::run(Lease lease) {
         std::erase(running, attempt);
     }
     ended.notify_all();
+    if (attempt->ran_out_of_room()) pause(options.rest, stop);
 }
 
 std::vector<std::shared_ptr<JobAttempt>> WorkerPool::State::attempts() {

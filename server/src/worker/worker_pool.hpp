@@ -2,6 +2,7 @@
 
 #include "service/service.hpp"
 
+#include <chrono>
 #include <filesystem>
 #include <functional>
 #include <memory>
@@ -40,6 +41,8 @@ struct WorkerPoolOptions {
     std::chrono::seconds lease{30};
     std::chrono::seconds drain{
         30};  ///< how long running jobs may go on when stopping; then they are handed back
+    std::chrono::milliseconds rest{
+        60'000};  ///< of a worker whose job found the disk full: there may be room by then
     std::function<void(const proto::OutputCloud&)> on_level{};  ///< told of each published level
 };
 
