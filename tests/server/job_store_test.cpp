@@ -372,6 +372,39 @@ void run_sql(const std::filesystem::path& file, const char* sql) {
     sqlite3_close(connection);
 }
 
+TEST(SqliteJobStore, KeepsACloudThatIsAskedFor) {
+    const TemporaryFolder folder;
+    const auto store = open_sqlite_job_store(folder / "jobs.sqlite");
+    const std::string asked_for = put_cloud(*store, "ada", "asked for");
+    put_cloud(*store, "ada", "forgotten");
+    run_sql(folder / "jobs.sqlite", "UPDATE clouds SET used = used - 7200000");
+    EXPECT_TRUE(store->find_cloud("ada", asked_for));
+    EXPECT_EQ(store->remove_expired_clouds(1h), 1U);
+    EXPECT_TRUE(store->find_cloud("ada", asked_for));
+}
+
+TEST(SqliteJobStore, TakesOnlyCloudsOfResultsForInputs) {
+    const TemporaryFolder folder;
+    const auto store = open_sqlite_job_store(folder / "jobs.sqlite");
+    store->submit("ada", pyramid_request(put_cloud(*store, "ada", "cloud")), {}, {});
+    const Lease lease = store->claim({}, 60s).value();
+    proto::OutputCloud level = level_with(0, std::string(64, 'a'));
+    const auto add = [&](CloudFormat format, char digit) {
+        level.files.push_back({format, 100, std::string(64, digit), ""});
+    };
+    add(CloudFormat::Draco, 'b');
+    add(CloudFormat::Copc, 'c');
+    store->publish_level(lease, level);
+    const auto submit = [&](char digit) {
+        store->submit("ada", simplify_request(std::string(64, digit)), {}, {});
+    };
+    EXPECT_NO_THROW(submit('a'));
+    EXPECT_NO_THROW(submit('b'));
+    expect_error(ErrorCode::UnsupportedFormat, "a copc.laz file that a job made",
+                 [&] { submit('c'); });
+    expect_error(ErrorCode::NotFound, "no such cloud", [&] { submit('d'); });
+}
+
 TEST(SqliteJobStore, BringsADatabaseOfAnOlderVersionUpToDate) {
     const TemporaryFolder folder;
     const std::string cloud = put_cloud(*open_sqlite_job_store(folder / "jobs.sqlite"), "ada", "a");
