@@ -18,14 +18,15 @@ let cloud = null;
 await run({
     async 'A list that does not come is asked for again, and its notice goes'() {
         browser.refusalsExpected = true;
-        let asked = 0;
-        await page.route('**/v1/clouds?*', (route) => (asked++ === 0 ? route.fulfill({ status: 503, body: '' }) : route.continue()));
+        let refuses = true;
+        await page.route('**/v1/clouds?*', (route) => (refuses ? route.fulfill({ status: 503, body: '' }) : route.continue()));
         const told = lost.waitFor();
         await page.reload();
         await told;
+        refuses = false;  // not before: on a busy machine the notice would be gone unseen
         await page.getByText('Drop a point cloud here').waitFor();
         await lost.waitFor({ state: 'detached' });
-        await page.unrouteAll();
+        await page.unrouteAll({ behavior: 'wait' });
         browser.refusalsExpected = false;
     },
 
