@@ -122,7 +122,7 @@ export class JobForm {
         }
         byId['job-about'].textContent = worded(this.form.description);
         const context = { clouds: this.subject.others, attributes: this.subject.attributes };
-        this.fields = this.form.fields.map((field) => ({ ...field, about: worded(field.description.replace(kOwners, '').trim()).replace(/^not with/, 'Not with'), preset: kPresetsOf[type]?.[field.name] ?? kPresets[field.name] }));
+        this.fields = this.form.fields.map((field) => ({ ...field, about: worded(field.description.replace(kOwners, '').trim()), preset: kPresetsOf[type]?.[field.name] ?? kPresets[field.name] }));
         this.parts = this.fields.map((field) => fieldOf(field, context));
         const isFirst = ({ name }) => kFirst[type].includes(name);
         const rows = (wanted) => this.parts.filter((_, i) => isFirst(this.fields[i]) === wanted).map(({ row }) => row);

@@ -81,12 +81,11 @@ JobDocument document_of(const Rows& rows) {
 
 // Columns as `cloud_of` reads them.
 const std::string kSelectCloud =
-    "SELECT tenant, id, name, format, bytes, created, statistics, row FROM clouds ";
+    "SELECT tenant, id, name, format, bytes, created, statistics, row, used FROM clouds ";
 const std::string kFindCloud = kSelectCloud + "WHERE tenant = ?1 AND id = ?2";
-const char* const kUseOfCloud = "SELECT used FROM clouds WHERE tenant = ?1 AND id = ?2";
 const std::string kListClouds =
     kSelectCloud + "WHERE tenant = ?1 AND row < ?2 ORDER BY row DESC LIMIT ?3";
-constexpr int kCloudRowColumn = 7;
+constexpr int kCloudRowColumn = 7, kCloudUsedColumn = 8;
 
 CloudRow cloud_of(const Rows& rows) {
     CloudRow cloud{.tenant = rows.text(0),
@@ -201,14 +200,13 @@ Submitted SqliteJobStore::put_cloud(const CloudRow& row) {
 std::optional<CloudRow> SqliteJobStore::find_cloud(const std::string& tenant,
                                                    const std::string& id) {
     std::optional<CloudRow> cloud;
-    bool is_noted = true;
+    bool is_noted = false;
     {
         const std::lock_guard lock(reader_mutex_);
         Rows rows = reader_.query(kFindCloud.c_str(), tenant, id);
         if (!rows.next()) return std::nullopt;
         cloud = cloud_of(rows);
-        Rows use = reader_.query(kUseOfCloud, tenant, id);
-        is_noted = !use.next() || use.integer(0) > now_ms() - kUsePeriodMs;
+        is_noted = rows.integer(kCloudUsedColumn) > now_ms() - kUsePeriodMs;
     }
     if (is_noted) return cloud;
     try {
