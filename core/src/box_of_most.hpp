@@ -38,6 +38,9 @@ inline Aabb box_of_most(std::vector<Vec3d> some) {
     return box;
 }
 
+/// A grid has its bits for most points where the box of all is so many times as wide as theirs.
+inline constexpr double kFarOffGrid = 16;
+
 inline double longest_side(const Aabb& box) {
     return box.empty() ? 0 : (box.max - box.min).maxCoeff();
 }

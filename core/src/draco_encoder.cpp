@@ -126,14 +126,13 @@ bool crowds(std::vector<Vec3d> some, double side, unsigned bits) {
 /// exact floats, where the decoder's single precision would not hold so many.
 unsigned bits_for_most(std::span<const Vec3f> positions, const Extent& extent,
                        const DracoEncodeOptions& options, const RunContext& context) {
-    constexpr double kFar = 16;
     constexpr unsigned kMostOfFloat = 22;
     const std::vector<Vec3d> some = some_of(
         positions.size(), [&](std::size_t i) { return Vec3d(positions[i].cast<double>()); });
     const double most = longest_side(box_of_most(some));
     if (!(most > 0)) return options.position_bits;
     unsigned bits = options.position_bits;
-    if (extent.side > kFar * most) {
+    if (extent.side > kFarOffGrid * most) {
         bits += static_cast<unsigned>(std::ceil(std::log2(extent.side / most)));
     } else if (crowds(some, extent.side, bits)) {
         const double spacing = median_gap(PointTree(positions, PointTree::Leaves::Loose, context));

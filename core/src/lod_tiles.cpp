@@ -281,13 +281,12 @@ LodTiler::LodTiler(const PointCloud& source, const LodTileOptions& options,
     state.rounding = {.side = (state.box.max - state.box.min).maxCoeff() * state.frame.scale,
                       .tolerance = options.tolerance,
                       .position_bits = options.position_bits};
-    constexpr double kFar = 16;  // as for Draco files
     const double side_of_most =
         longest_side(box_of_most(
             some_of(source.size(),
                     [&](std::size_t i) { return Vec3d(source.positions[i].cast<double>()); }))) *
         state.frame.scale;
-    if (side_of_most > 0 && state.rounding.side > kFar * side_of_most)
+    if (side_of_most > 0 && state.rounding.side > kFarOffGrid * side_of_most)
         state.rounding.side_of_most = side_of_most;
     if (options.precision) {
         state.rounding.precision = *options.precision * state.frame.scale;

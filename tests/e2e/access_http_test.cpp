@@ -65,6 +65,12 @@ TEST(Stippled, TellsCachesThatWhatItSharesDependsOnTheSite) {
         request(server.port(), "GET", "/v1/clouds", {}, {"Origin: https://app.example"});
     EXPECT_EQ(shared.field("Vary"), "Origin");
     EXPECT_EQ(shared.field("Access-Control-Allow-Origin"), "https://app.example");
+    // A page that sends a form is told what is wrong with it.
+    const HttpReply form =
+        request(server.port(), "POST", "/v1/clouds", "ply",
+                {"Origin: https://app.example", "Content-Type: multipart/form-data; boundary=x"});
+    EXPECT_EQ(form.status, 415);
+    EXPECT_EQ(form.field("Access-Control-Allow-Origin"), "https://app.example");
 }
 
 }  // namespace

@@ -14,7 +14,7 @@ namespace stipple::proto {
 
 /// accepted -> running -> successful | failed | dismissed; accepted -> dismissed; running -> accepted, if an attempt
 /// ended without a result and the job will be retried: the server was stopped or restarted, its worker was lost, or its
-/// process died. The names are those of OGC API - Processes.
+/// process died or found the disk full. The names are those of OGC API - Processes.
 enum class JobStatus { Accepted, Running, Successful, Failed, Dismissed };
 std::string_view to_string(JobStatus status) noexcept;
 JobStatus job_status_from_name(std::string_view name);
