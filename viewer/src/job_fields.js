@@ -23,6 +23,12 @@ const kTitles = { k: 'neighbours (k)', epsg: 'EPSG code' };
 
 export const titleOf = ({ name }) => kTitles[name] ?? name.replaceAll('_', ' ');
 
+/** What the form has no need to say: it shows no field of another method, and only one for candidates. */
+const kOfContract = / ?(?:A field of another method is refused|Give either `candidate` or `candidates`)\./;
+
+/** A description of the API in the words of the form. */
+export const worded = (text) => text.replace(kOfContract, '').replace(/`(\w+)`|\b([a-z]+(?:_[a-z]+)+)\b/g, (_, quoted, plain) => titleOf({ name: quoted ?? plain }));
+
 function singleOf(field, context) {
     const input = inputOf(field, context);
     const row = element('label', { className: 'field' }, nameOf(field), input, aboutOf(field));
@@ -101,7 +107,7 @@ export const valuesOf = (fields, parts) => Object.fromEntries(
 
 const nameOf = (field) => element('span', { className: 'field-name', textContent: titleOf(field) });
 
-const aboutOf = ({ about, description }) => element('span', { className: 'field-about', textContent: about ?? description });
+const aboutOf = ({ about, description }) => element('span', { className: 'field-about', textContent: worded(about ?? description) });
 
 function inputOf(field, { attributes }) {
     const { name, kind, choices, preset, default: standard, minimum, maximum, exclusiveMinimum, exclusiveMaximum } = field;

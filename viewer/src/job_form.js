@@ -1,17 +1,11 @@
 import { actOnSecondClick, byId, element } from './element.js';
-import { fieldOf, titleOf, valuesOf } from './job_fields.js';
+import { fieldOf, titleOf, valuesOf, worded } from './job_fields.js';
 
 /* global JOB_FORMS: the types of jobs and their fields, from openapi.yaml by build.mjs */
 const kTitles = { pyramid: 'Pyramid', simplify: 'Simplify', evaluate: 'Compare', upsample: 'Add points', analyze: 'Analyse', curve: 'Curve' };
 const kStarts = { pyramid: 'Build the pyramid', simplify: 'Simplify', evaluate: 'Measure the error', upsample: 'Add points', analyze: 'Analyse', curve: 'Measure the curve' };
 const kMethods = JOB_FORMS.flatMap(({ fields }) => fields).find(({ name, choices }) => name === 'method' && choices.includes('random')).choices;
 const kOwners = new RegExp(`^For ((?:all|${kMethods.join('|')})(?:(?:, | and | but )(?:${kMethods.join('|')}))*)[.,;:]? ?`);
-
-/** What the form has no need to say: it shows no field of another method, and only one for candidates. */
-const kOfContract = / ?(?:A field of another method is refused|Give either `candidate` or `candidates`)\./;
-
-/** A description of the API in the words of the form. */
-const worded = (text) => text.replace(kOfContract, '').replace(/`(\w+)`|\b([a-z]+(?:_[a-z]+)+)\b/g, (_, quoted, plain) => titleOf({ name: quoted ?? plain }));
 
 /** Asked for first; the rest is folded away. */
 const kFirst = {
@@ -122,7 +116,7 @@ export class JobForm {
         }
         byId['job-about'].textContent = worded(this.form.description);
         const context = { clouds: this.subject.others, attributes: this.subject.attributes };
-        this.fields = this.form.fields.map((field) => ({ ...field, about: worded(field.description.replace(kOwners, '').trim()), preset: kPresetsOf[type]?.[field.name] ?? kPresets[field.name] }));
+        this.fields = this.form.fields.map((field) => ({ ...field, about: field.description.replace(kOwners, '').trim(), preset: kPresetsOf[type]?.[field.name] ?? kPresets[field.name] }));
         this.parts = this.fields.map((field) => fieldOf(field, context));
         const isFirst = ({ name }) => kFirst[type].includes(name);
         const rows = (wanted) => this.parts.filter((_, i) => isFirst(this.fields[i]) === wanted).map(({ row }) => row);
