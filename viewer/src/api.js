@@ -87,7 +87,8 @@ export function getManifest({ id, type }, signal) {
 export const startJob = (type, cloudId, fields) => postJob({ type, [type === 'evaluate' ? 'reference' : 'input']: cloudId, ...fields });
 
 /** The distances of two clouds, by their hashes, as a coloured cloud. */
-export const startEvaluation = (reference, candidate) => postJob({ type: 'evaluate', reference, candidate, map: ['drc'] });
+/** @param label  what the candidate is called where its distances are shown */
+export const startEvaluation = (reference, candidate, label) => postJob({ type: 'evaluate', reference, candidate, labels: [label], map: ['drc'] });
 
 async function postJob(job) {
     return readJson(await send('/v1/jobs', {

@@ -136,10 +136,12 @@ export class Comparison {
         if (right) {
             this.paint(right);
         }
-        this.view.label(left.shown, right, other ? [left, other].map(({ job }) => job?.request.method) : []);
+        const labels = left.job?.request.labels ?? [];  // of an evaluation, in which each level is another candidate's map
+        const names = other ? [left, other].map(({ job }) => job?.request.method) : [left.shown, right].map((level) => labels[level?.level]);
+        this.view.label(left.shown, right, names);
         const others = this.library.othersWithPicture(left.id);
         this.view.showChoices([
-            { label: 'The same result', choices: left.loader.levels.map(({ level, points }) => ({ value: `level:${level}`, text: `Level ${level + 1}, ${format.compactCount(points)}` })) },
+            { label: 'The same result', choices: left.loader.levels.map(({ level, points }) => ({ value: `level:${level}`, text: labels[level] ?? `Level ${level + 1}, ${format.compactCount(points)}` })) },
             { label: 'Another result', choices: others.map((job) => ({ value: `result:${job.id}`, text: `${titleOf(job)}: ${summaryOf(job, this.library.cloudOf(job))}` })) },
         ], other ? `result:${other.id}` : `level:${right?.level}`);
     }

@@ -24,6 +24,8 @@ const kPresetsOf = { simplify: { ratio: 0.1 } };
 /** Only one of these makes sense: filling it in empties the others. */
 const kOneOf = { simplify: ['points', 'ratio', 'max_error'], upsample: ['points', 'ratio'] };
 
+const kLongestLabel = 50;  // characters, of up to 4 bytes: the server takes 200
+
 /** The dialog that asks for the parameters of a job. */
 export class JobForm {
     /**
@@ -68,7 +70,7 @@ export class JobForm {
         byId['job-start'].ariaBusy = 'true';
         this.tell('');
         try {
-            await onStart({ cloud: this.subject.cloud, type: this.form.type, fields: valuesOf(this.fields, this.parts) });
+            await onStart({ cloud: this.subject.cloud, type: this.form.type, fields: this.named(valuesOf(this.fields, this.parts)) });
             byId['job-dialog'].close();
             focusOn(byId.results.querySelector('[aria-current=true]'), byId.stage);
         } catch (error) {
@@ -77,6 +79,12 @@ export class JobForm {
         }
         this.isStarting = false;
         byId['job-start'].ariaBusy = 'false';
+    }
+
+    /** Candidates are called as in the form, unless they were given other names. */
+    named(fields) {
+        const nameOf = (id) => this.subject.others.find((other) => other.id === id).name;
+        return fields.candidates ? { labels: fields.candidates.map((id) => [...nameOf(id)].slice(0, kLongestLabel).join('')), ...fields } : fields;
     }
 
     emptyOthers({ name, value }) {

@@ -1,5 +1,6 @@
 import { isFinal, removeCloud, startEvaluation, startJob } from './api.js';
 import { fileNameOf } from './download.js';
+import * as format from './format.js';
 import { followJob } from './job_follower.js';
 import { kMostWhole } from './level_loader.js';
 import { inputOf } from './library.js';
@@ -54,7 +55,7 @@ export class JobStarter {
     startMap({ id, job, shown }) {
         return this.once(`map ${id} ${shown.level}`, async () => {
             try {
-                this.onMap(await this.measure(inputOf(job), shown));
+                this.onMap(await this.measure(inputOf(job), shown, `${format.points(shown.points)}, ${job.request.method ?? job.type}`));
             } catch (error) {
                 showProblem(error, 'The error could not be measured');
             }
@@ -62,15 +63,15 @@ export class JobStarter {
     }
 
     /** A level without a file becomes a cloud of its own, for as long as it is measured. */
-    async measure(reference, level) {
+    async measure(reference, level, label) {
         const { file, ply } = level;
         if (file) {
-            return startEvaluation(reference, file.sha256);
+            return startEvaluation(reference, file.sha256, label);
         }
         const { id, isNew } = await uploadCloud(new File([await ply()], fileNameOf(level, 'ply')));
         const remove = () => isNew && removeCloud(id).then(() => this.onCloudsChanged()).catch(showProblem);
         try {
-            const map = await startEvaluation(reference, id);
+            const map = await startEvaluation(reference, id, label);
             const removeOnceOver = (job) => isFinal(job) && remove();  // until then it is needed
             followJob(map.id, { onJob: removeOnceOver, onLost: () => {}, onError: remove, signal: new AbortController().signal });
             return map;

@@ -187,7 +187,7 @@ export function summaryOf({ type, request, levels_ready: levels }, cloud) {
         case 'simplify': return `${request.points ? pointsOf(request, cloud) : request.max_error ? `Within ${request.max_error}` : 'Simplified'}, ${request.method}`;
         case 'upsample': return request.points ? format.compactPoints(request.points) : 'More points';
         case 'analyze': return 'Analysis';
-        case 'evaluate': return request.map.length > 0 ? 'Error map' : 'Distances';
+        case 'evaluate': return evaluationOf(request);
         case 'curve': return `Error by points, ${request.method}`;
         case 'pyramid': {
             const count = request.formats.includes('stpc') ? 'stream' : request.formats.join() === 'copc.laz' ? 'COPC'
@@ -195,6 +195,11 @@ export function summaryOf({ type, request, levels_ready: levels }, cloud) {
             return cloud?.points === undefined ? count : `${format.compactPoints(keptOf(cloud).points)}, ${count}`;
         }
     }
+}
+
+function evaluationOf({ map, candidates, labels }) {
+    const what = candidates.length === 1 ? labels[0] : `${candidates.length} clouds`;
+    return map.length > 0 ? ['Error map', what].filter(Boolean).join(' of ') : ['Distances', what].filter(Boolean).join(' to ');
 }
 
 /** As many as were asked for, or all there are. */

@@ -86,8 +86,12 @@ export class Report {
 }
 
 function evaluation({ levels, request }, name, nameOf) {
+    const titleOf = (points, i) => {
+        const called = request.labels[i] ?? nameOf(request.candidates[i]);
+        return called?.includes(points) ? called : [called, points].filter(Boolean).join(', ');
+    };
     const groupsOf = (rowsOf) => levels.map(({ points, error }, i) =>
-        [[request.labels[i] ?? nameOf(request.candidates[i]), format.points(points)].filter(Boolean).join(', '),
+        [titleOf(format.points(points), i),
             kDirections.flatMap(([direction, title]) => rowsOf(error[direction], title))]);
     const figures = groupsOf(({ relative }, title) => [[title, ...kFigures.map(([figure]) => asPercent(relative[figure]))]]);
     const attributes = groupsOf(({ attributes = [] }, title) => attributes.map(({ name: attribute, mean, rms, max }) =>

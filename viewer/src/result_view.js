@@ -65,7 +65,8 @@ export class ResultView {
         const cloud = this.library.cloudOf(job);
         const source = manifest?.source ?? cloud;
         const without = source?.points === undefined ? '' : keptOf(source).without;
-        return [summaryOf(job, cloud), shown?.tiles && 'by view', without].filter(Boolean).join(', ');
+        const candidate = job.request.candidates?.length > 1 && job.request.labels[shown?.level];
+        return [summaryOf(job, cloud), candidate, shown?.tiles && 'by view', without].filter(Boolean).join(', ');
     }
 
     toggleReport(session) {

@@ -96,9 +96,9 @@ export class SplitView {
         byId['compare-with'].value = chosen;
     }
 
-    /** What is left and right: levels, or null. @param methods  by which they were made, where that differs or may do so */
-    label(left, right, methods = []) {
-        const [leftText, rightText] = [left, right].map((level, i) => (level ? [methods[i], ...figuresOf(level)] : ['Loading']));
+    /** What is left and right: levels, or null. @param names  what tells them apart beside their figures, where something does */
+    label(left, right, names) {
+        const [leftText, rightText] = [left, right].map((level, i) => (level ? [names[i], ...figuresOf(level)] : ['Loading']));
         const doubt = left && right ? doubtOf(this.stage.boxOf(left), this.stage.boxOf(right)) : null;
         byId['left-label'].textContent = textOf(leftText);
         byId['right-label'].textContent = textOf([...rightText, doubt]);

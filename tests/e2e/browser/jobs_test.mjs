@@ -133,6 +133,20 @@ await run({
         assert.deepEqual(JSON.parse(readFileSync(await download.path(), 'utf8')).levels, levels);
     },
 
+    async 'Maps of several candidates are told apart by what these are called'() {
+        const candidates = await Promise.all([2000, 500].map(async (points) =>
+            (await manifestOf(await startJob({ type: 'simplify', input: cloud, points, format: 'drc' }))).levels[0].files[0].sha256));
+        await visit(page, `/?job=${await startJob({ type: 'evaluate', reference: cloud, candidates, labels: ['fine', 'coarse'], map: ['drc'] })}`);
+        await page.locator('#activity').getByText('Error map of 2 clouds, coarse').waitFor();
+        await page.keyboard.press('c');
+        await page.locator('#left-label').getByText(/^fine/).waitFor();
+        await page.locator('#right-label').getByText(/^coarse/).waitFor();
+        await page.locator('#compare-with').selectOption({ label: 'fine' });
+        await page.locator('#right-label').getByText(/^fine/).waitFor();
+        await save(page, 'two-maps');
+        await page.keyboard.press('c');
+    },
+
     async 'The curve of the error is read by keys and by a pointer, as a table too, and a cloud of that many points is made'() {
         const curve = await startJob({ type: 'curve', input: cloud, points: [300, 1000, 3000, 10_000] });
         await visit(page, `/?job=${curve}`);
@@ -210,6 +224,7 @@ await run({
         assert.match(download.suggestedFilename(), /-1234\.drc$/);
         await page.locator('#files').getByText('Error map').click();
         await page.waitForFunction(() => document.getElementById('color').value === 'distance');
+        await page.locator('#results [aria-current=true]').getByText('Error map of 1,234 points, voxel').waitFor();
         await rest(page);
         await save(page, 'error-map');
         for (const [x, y] of [[640, 560], [780, 330]]) {  // close to the surface, which has no gaps there
