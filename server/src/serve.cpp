@@ -160,6 +160,8 @@ fs::path job_program() {
 
 int serve(const ServerConfig& config) {
     spdlog::set_level(spdlog::level::from_str(config.log_level));
+    // RFC 3339: one time for all machines whose lines are read together.
+    spdlog::set_pattern("%Y-%m-%dT%H:%M:%S.%eZ [%^%l%$] %v", spdlog::pattern_time_type::utc);
     StopSignal stop;
     std::unique_ptr<JobRunner> runner;
     if (config.role != Role::Api) runner = make_process_job_runner(job_program());
