@@ -184,12 +184,14 @@ std::vector<std::size_t> stages(std::size_t count, std::size_t samples) {
 /// What particles move on, and how far apart they should be there, up to a common factor.
 struct Ground {
     SurfaceSamples samples;
+    std::vector<std::uint8_t> rough;
     std::vector<float> areas, spacing;
     ParticleSurface surface;
 
     Ground(SurfaceSamples samples_, std::vector<float> areas_, std::vector<float> spacing_,
            const MlsSurface& mls, const ParticleFrame& frame, const RunContext& context)
         : samples(std::move(samples_)),
+          rough(rough_samples(samples, context)),
           areas(std::move(areas_)),
           spacing(std::move(spacing_)),
           surface(samples, mls, frame, context) {}
@@ -197,7 +199,7 @@ struct Ground {
     Ground& operator=(const Ground&) = delete;
 
     std::vector<float> shares_of(std::size_t count, const RunContext& context) const {
-        return particle_shares(areas, spacing, count, context);
+        return particle_shares(areas, spacing, rough, count, context);
     }
     std::vector<float> scaled_spacing(std::span<const float> shares,
                                       const RunContext& context) const {
@@ -206,15 +208,6 @@ struct Ground {
         return scaled;
     }
 };
-
-std::vector<float> areas_of(const SurfaceSamples& samples, const RunContext& context) {
-    std::vector<float> areas;
-    areas.reserve(samples.size());
-    for_blocks_in_order(samples.size(), context, [&](std::size_t begin, std::size_t end) {
-        for (std::size_t i = begin; i < end; ++i) areas.push_back(samples.planes[i].area());
-    });
-    return areas;
-}
 
 /// The ground of the points, and later of particles in their place.
 class Simulation {
@@ -298,7 +291,7 @@ private:
             }
         });
         SurfaceSamples samples = sample_surface(cloud, std::move(numbers), frame_, context_);
-        std::vector<float> areas = areas_of(samples, context_);
+        std::vector<float> areas = sample_areas(samples, context_);
         return std::make_shared<const Ground>(std::move(samples), std::move(areas),
                                               std::move(spacing), mls_, frame_, context_);
     }
@@ -402,7 +395,7 @@ struct ParticleSimulator::Implementation {
             sample_surface(cloud, wanted == order.size() ? order : thinned(order, wanted, context),
                            frame, context);
         context.checkpoint(0.6);
-        std::vector<float> areas = areas_of(samples, context);
+        std::vector<float> areas = sample_areas(samples, context);
         std::vector<float> spacing = relative_spacing(cloud, samples, areas, options, context);
         context.checkpoint(0.8);
         ground = std::make_shared<const Ground>(std::move(samples), std::move(areas),

@@ -1,5 +1,6 @@
 #include "particle_spread.hpp"
 
+#include "first_touch.hpp"
 #include "parallel_for.hpp"
 #include "random.hpp"
 
@@ -44,14 +45,15 @@ Vec3f place_around(const SurfaceSamples& samples, Index sample, std::size_t rank
 }  // namespace
 
 std::vector<float> particle_shares(std::span<const float> areas, std::span<const float> spacing,
-                                   std::size_t count, const RunContext& context) {
+                                   std::span<const std::uint8_t> rough, std::size_t count,
+                                   const RunContext& context) {
     std::vector<float> shares(areas.size());
     for_blocks_in_order(shares.size(), context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) shares[i] = areas[i] / (spacing[i] * spacing[i]);
     });
     const auto particles = static_cast<double>(count);
-    constexpr double kMost = 8;
-    const double bound = std::max(1.0, kMost * particles / static_cast<double>(shares.size()));
+    constexpr double kMost = 4;
+    const double bound = kMost * particles / static_cast<double>(shares.size());
     double scale = particles / sum_of(shares);
     // What is cut off one falls to the others, of which more are cut off then.
     for (std::size_t cut = 0;;) {
@@ -60,7 +62,7 @@ std::vector<float> particle_shares(std::span<const float> areas, std::span<const
         std::size_t beyond = 0;
         for_blocks_in_order(shares.size(), context, [&](std::size_t begin, std::size_t end) {
             for (std::size_t i = begin; i < end; ++i) {
-                const bool is_cut = static_cast<double>(shares[i]) >= limit;
+                const bool is_cut = rough[i] != 0 && static_cast<double>(shares[i]) >= limit;
                 rest += is_cut ? 0 : static_cast<double>(shares[i]);
                 beyond += is_cut ? 1 : 0;
             }
@@ -71,10 +73,41 @@ std::vector<float> particle_shares(std::span<const float> areas, std::span<const
         scale = left / rest;
     }
     for_blocks_in_order(shares.size(), context, [&](std::size_t begin, std::size_t end) {
-        for (float& share : std::span(shares).subspan(begin, end - begin))
-            share = static_cast<float>(std::min(bound, static_cast<double>(share) * scale));
+        for (std::size_t i = begin; i < end; ++i) {
+            const double share = static_cast<double>(shares[i]) * scale;
+            shares[i] = static_cast<float>(rough[i] != 0 ? std::min(bound, share) : share);
+        }
     });
     return shares;
+}
+
+std::vector<float> sample_areas(const SurfaceSamples& samples, const RunContext& context) {
+    constexpr float kMost = 8;  // of the upper quartile
+    auto areas = made_in_blocks<std::vector<float>>(samples.size(), context);
+    parallel_for_blocks(samples.size(), 1'024, context, [&](std::size_t begin, std::size_t end) {
+        std::vector<float> around;
+        for (std::size_t i = begin; i < end; ++i) {
+            around.clear();
+            for (const Index j : samples.neighbors_of(i))
+                around.push_back(samples.planes[j].area());
+            areas[i] = samples.planes[i].area();
+            if (around.empty()) continue;
+            const auto quartile =
+                around.begin() + static_cast<std::ptrdiff_t>(3 * around.size() / 4);
+            std::ranges::nth_element(around, quartile);
+            areas[i] = std::min(areas[i], kMost * *quartile);
+        }
+    });
+    return areas;
+}
+
+std::vector<std::uint8_t> rough_samples(const SurfaceSamples& samples, const RunContext& context) {
+    constexpr float kRough = 0.05F;  // sigma_n, which is 1/3 where points lie all around
+    auto rough = made_in_blocks<std::vector<std::uint8_t>>(samples.size(), context);
+    for_blocks_in_order(rough.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) rough[i] = samples.variation[i] > kRough;
+    });
+    return rough;
 }
 
 SpreadParticles spread_particles(const SurfaceSamples& samples, std::span<const float> shares,

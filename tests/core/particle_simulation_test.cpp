@@ -4,6 +4,7 @@
 #include "particle_relaxation.hpp"
 #include "particle_spread.hpp"
 #include "particle_surface.hpp"
+#include "random.hpp"
 #include "stipple/cleaning.hpp"
 #include "stipple/codec.hpp"
 #include "stipple/error.hpp"
@@ -16,8 +17,10 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
 #include <numbers>
 #include <numeric>
+#include <set>
 #include <string_view>
 
 namespace stipple {
@@ -205,31 +208,50 @@ TEST(ParticleSurface, LeadsToTheNearestSample) {
 
 TEST(ParticleShares, FollowTheAreaOverTheSquaredSpacing) {
     const std::vector<float> areas = {1, 3, 1, 3}, spacing = {1, 1, 2, 2};
-    const auto shares = particle_shares(areas, spacing, 2);
+    const auto shares = particle_shares(areas, spacing, std::vector<std::uint8_t>(4, 0), 2);
     EXPECT_NEAR(shares[1] / shares[0], 3.0, 1e-5);
     EXPECT_NEAR(shares[0] / shares[2], 4.0, 1e-5);
     EXPECT_NEAR(std::accumulate(shares.begin(), shares.end(), 0.0), 2.0, 1e-5);
 }
 
-TEST(ParticleShares, OfAPointFarFromAllOthersIsOneParticle) {
+TEST(ParticleShares, AreBoundedWherePointsLieAllAround) {
     for (const float far : {1e6F, 1e30F}) {
         std::vector<float> areas(1000, 1.0F);
+        std::vector<std::uint8_t> rough(1000, 0);
         areas[500] = far;
         areas[600] = std::sqrt(far);
-        const auto shares = particle_shares(areas, std::vector<float>(1000, 1.0F), 100);
-        EXPECT_NEAR(shares[500], 1.0, 1e-6);
-        EXPECT_NEAR(shares[600], 1.0, 1e-6);
-        EXPECT_NEAR(shares[0], 98.0 / 998.0, 1e-6);
+        rough[500] = rough[600] = 1;
+        const auto shares = particle_shares(areas, std::vector<float>(1000, 1.0F), rough, 100);
+        EXPECT_NEAR(shares[500], 0.4, 1e-6);
+        EXPECT_NEAR(shares[600], 0.4, 1e-6);
+        EXPECT_NEAR(shares[0], 99.2 / 998.0, 1e-6);
     }
 }
 
-TEST(ParticleShares, OfASinglePointFarOffMayBeAllThereAre) {
-    std::vector<float> areas(1000, 1.0F);
-    areas[500] = 1e30F;
-    const auto shares = particle_shares(areas, std::vector<float>(1000, 1.0F), 1);
-    EXPECT_NEAR(shares[500], 1.0, 1e-6);
-    EXPECT_GE(shares[0], 0.0);
-    EXPECT_LT(shares[0], 1e-3);
+TEST(ParticleSimulation, SpreadsEvenlyHoweverUnevenlyThePointsLie) {
+    // Nine of ten points in a hundredth of the area.
+    constexpr std::size_t kPoints = 50'000;
+    constexpr float kDense = 0.1F;
+    PointCloud cloud;
+    for (std::size_t i = 0; i < kPoints; ++i) {
+        const float side = i % 10 == 0 ? 1.0F : kDense;
+        const auto x = static_cast<float>(random_unit(1, 2 * i)) * side,
+                   y = static_cast<float>(random_unit(1, 2 * i + 1)) * side;
+        cloud.positions.push_back({x, y, 0.05F * std::sin(6 * x) * std::cos(6 * y)});
+    }
+    for (const double part : {0.05, 0.1, 0.2}) {
+        const double count = part * static_cast<double>(kPoints);
+        const auto result =
+            particle_simulation(cloud, {.target_size = static_cast<std::uint64_t>(count)});
+        const auto dense = std::ranges::count_if(
+            result.positions, [](const Vec3f& p) { return p.x() < kDense && p.y() < kDense; });
+        EXPECT_NEAR(static_cast<double>(dense), kDense * kDense * count,
+                    0.4 * kDense * kDense * count)
+            << count;
+        std::set<std::array<float, 3>> places;
+        for (const Vec3f& p : result.positions) places.insert({p.x(), p.y(), p.z()});
+        EXPECT_EQ(places.size(), result.size()) << count;
+    }
 }
 
 TEST(ParticleSimulation, KeepsToTheSurfaceBesideAPointFarOff) {
