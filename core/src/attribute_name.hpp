@@ -1,6 +1,9 @@
 #pragma once
 
+#include "stipple/point_cloud.hpp"
+
 #include <algorithm>
+#include <string>
 #include <string_view>
 
 namespace stipple {
@@ -13,5 +16,13 @@ inline bool is_attribute_name(std::string_view name) noexcept {
     return !name.empty() && name.size() <= 255 &&
            std::ranges::all_of(name, [](char c) { return c > ' ' && c < '\x7f'; });
 }
+
+/// A name that an attribute may have, as close to a foreign one as can be: an underscore stands for
+/// what is no printable ASCII. Empty where nothing is left of it.
+std::string attribute_name_of(std::string_view foreign);
+
+/// Gives each attribute a name that is allowed, no other has, and no PLY file of the cloud needs
+/// for its coordinates, normals or colours: `red_2`.
+void settle_names(PointCloud& cloud);
 
 }  // namespace stipple

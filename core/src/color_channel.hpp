@@ -7,6 +7,7 @@
 #include <concepts>
 #include <cstdint>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 namespace stipple {
@@ -29,6 +30,17 @@ std::uint8_t to_channel(T value) noexcept {
     }
 }
 
+/// A channel of any type as one of `WideColors`: integers are cut off at 65535.
+template <typename Channel, typename T>
+Channel to_wide_channel(T value) noexcept {
+    if constexpr (std::integral<Channel> && std::integral<T>) {
+        if (std::cmp_less(value, 0)) return 0;
+        return std::cmp_greater(value, 65'535) ? Channel(65'535) : static_cast<Channel>(value);
+    } else {
+        return static_cast<Channel>(value);
+    }
+}
+
 /// Colours of a type that most programs fill, but some as if it had 8 bits: which, all of a cloud
 /// together tell.
 template <typename T>
@@ -40,16 +52,17 @@ struct WideColors {
     std::vector<Color> values;
 
     void resize(std::size_t n) { values.resize(n, {kFull, kFull, kFull, kFull}); }
-    /// Integers have 8 bits where none is above 255; floats where one is above 2, as no share of a
+    /// Integers have 8 bits where none is above 255, and 8 bits in the upper ones of 16, as LAS
+    /// prescribes, where all are multiples of 256; floats where one is above 2, as no share of a
     /// colour is. Alpha alone may still be of the whole range.
-    /// @returns whether they had.
+    /// @returns whether nothing of them is lost.
     bool narrow(std::vector<Rgba8>& colors) const {
-        const auto largest = [](const Color& c) { return std::max({c[0], c[1], c[2]}); };
-        const auto is_small = [&](const Color& c) { return !(largest(c) > T(255)); };
-        const auto is_large = [&](const Color& c) { return largest(c) > T(2); };
-        const bool eight_bits = std::is_integral_v<T> ? std::ranges::all_of(values, is_small)
-                                                      : std::ranges::any_of(values, is_large);
+        const bool eight_bits = has_eight_bits();
+        const bool upper_bits = !eight_bits && all_are_multiples_of(256);
         const auto narrowed = [&](T v) {
+            if constexpr (std::is_integral_v<T>) {
+                if (upper_bits) return static_cast<std::uint8_t>(v / 256);
+            }
             if (!eight_bits) return to_channel(v);
             constexpr T kRounding = std::is_integral_v<T> ? T(0) : T(0.5);
             return v > 0 ? static_cast<std::uint8_t>(std::min<T>(v, 255) + kRounding)
@@ -57,11 +70,29 @@ struct WideColors {
         };
         for (std::size_t i = 0; i < values.size(); ++i) {
             const auto& [r, g, b, a] = values[i];
-            const bool whole_alpha = std::is_integral_v<T> ? a > T(255) : a <= T(1);
+            const bool whole_alpha =
+                std::is_integral_v<T> ? a > T(255) && !(upper_bits && a != kFull) : a <= T(1);
             colors[i] = {narrowed(r), narrowed(g), narrowed(b),
                          whole_alpha ? to_channel(a) : narrowed(a)};
         }
-        return eight_bits;
+        return eight_bits || upper_bits || all_are_multiples_of(257);
+    }
+
+private:
+    bool has_eight_bits() const {
+        const auto largest = [](const Color& c) { return std::max({c[0], c[1], c[2]}); };
+        const auto is_small = [&](const Color& c) { return !(largest(c) > T(255)); };
+        const auto is_large = [&](const Color& c) { return largest(c) > T(2); };
+        return std::is_integral_v<T> ? std::ranges::all_of(values, is_small)
+                                     : std::ranges::any_of(values, is_large);
+    }
+    bool all_are_multiples_of(unsigned factor) const {
+        if constexpr (!std::is_integral_v<T>)
+            return false;
+        else
+            return std::ranges::all_of(values, [&](const Color& c) {
+                return c[0] % factor == 0 && c[1] % factor == 0 && c[2] % factor == 0;
+            });
     }
 };
 

@@ -8,6 +8,7 @@
 #include "draco_header.hpp"
 #include "georeference.hpp"
 #include "in_quotes.hpp"
+#include "normal_scale.hpp"
 #include "stipple/error.hpp"
 
 #include <draco/compression/decode.h>
@@ -188,11 +189,14 @@ void read_positions(const draco::PointCloud& geometry, const PointAttribute& att
         cloud.positions[i] = (coordinate(i) - cloud.origin).cast<float>();
 }
 
-/// As colours of T, 16 bits or floats, of which the attribute's type is one.
+/// As colours of T, 16 bits or floats; the attribute's values are such, or wider.
 template <typename T>
 void read_wide_colors(const draco::PointCloud& geometry, const PointAttribute& attribute,
                       PointCloud& cloud) {
-    const std::vector<T> flat = read_as<T>(geometry, attribute);
+    const std::vector<T> flat = with_data_type(attribute.data_type(), [&]<typename From>() {
+        return convert_values<From, T>(geometry, attribute,
+                                       [](From v) { return to_wide_channel<T>(v); });
+    });
     const std::size_t step = cloud.has_alpha ? 4 : 3;
     WideColors<T> wide;
     wide.resize(cloud.colors.size());
@@ -206,15 +210,14 @@ void read_colors(const draco::PointCloud& geometry, const PointAttribute& attrib
                  PointCloud& cloud) {
     cloud.has_alpha = attribute.num_components() == 4;
     cloud.colors.resize(geometry.num_points());
-    if (attribute.data_type() == draco::DT_UINT16)
-        return read_wide_colors<std::uint16_t>(geometry, attribute, cloud);
-    if (attribute.data_type() == draco::DT_FLOAT32)
+    const draco::DataType type = attribute.data_type();
+    if (type == draco::DT_FLOAT32 || type == draco::DT_FLOAT64)
         return read_wide_colors<float>(geometry, attribute, cloud);
-    const std::vector<std::uint8_t> flat =
-        with_data_type(attribute.data_type(), [&]<typename From>() {
-            return convert_values<From, std::uint8_t>(geometry, attribute,
-                                                      [](From v) { return to_channel(v); });
-        });
+    if (bytes_of(type) > 1) return read_wide_colors<std::uint16_t>(geometry, attribute, cloud);
+    const std::vector<std::uint8_t> flat = with_data_type(type, [&]<typename From>() {
+        return convert_values<From, std::uint8_t>(geometry, attribute,
+                                                  [](From v) { return to_channel(v); });
+    });
     const std::size_t step = cloud.has_alpha ? 4 : 3;
     for (std::size_t i = 0; i < cloud.colors.size(); ++i) {
         const std::uint8_t* const c = flat.data() + i * step;
@@ -223,21 +226,16 @@ void read_colors(const draco::PointCloud& geometry, const PointAttribute& attrib
 }
 
 /// From the metadata (`name`, which the tools of Draco and PDAL write too), else by what it is.
-std::string name_of(const draco::PointCloud& geometry, int id, const PointCloud& cloud) {
+std::string name_of(const draco::PointCloud& geometry, int id) {
     const PointAttribute& attribute = *geometry.attribute(id);
-    std::string name;
     const draco::AttributeMetadata* const metadata = geometry.GetAttributeMetadataByAttributeId(id);
-    const bool named =
-        metadata != nullptr && metadata->GetEntryString("name", &name) && is_attribute_name(name);
-    if (!named) {
-        name = attribute.attribute_type() == GeometryAttribute::TEX_COORD
-                   ? "texcoord"
-                   : "generic_" + std::to_string(attribute.unique_id());
-    }
-    const std::string stem = name;
-    for (unsigned i = 2; find_attribute(cloud, name) != nullptr; ++i)
-        name = stem + "_" + std::to_string(i);
-    return name;
+    std::string name;
+    if (metadata != nullptr && metadata->GetEntryString("name", &name) &&
+        !attribute_name_of(name).empty())
+        return name;
+    return attribute.attribute_type() == GeometryAttribute::TEX_COORD
+               ? "texcoord"
+               : "generic_" + std::to_string(attribute.unique_id());
 }
 
 /// Doubles that the encoder wrote for integers, as these.
@@ -279,7 +277,7 @@ AttributeValues read_values(const draco::PointCloud& geometry, int id) {
 void read_attribute(const draco::PointCloud& geometry, int id, PointCloud& cloud) {
     AttributeValues values = read_values(geometry, id);
     const Reduction reduction = default_reduction(values);
-    cloud.attributes.push_back({name_of(geometry, id, cloud), std::move(values),
+    cloud.attributes.push_back({name_of(geometry, id), std::move(values),
                                 static_cast<unsigned>(geometry.attribute(id)->num_components()),
                                 reduction});
 }
@@ -328,6 +326,8 @@ PointCloud decode_draco(std::span<const std::byte> file, const DecodeLimits& lim
             read_positions(*geometry, attribute, cloud);
         } else if (id == normals && components == 3) {
             cloud.normals = read_vectors(*geometry, attribute);
+            const float scale = with_data_type(attribute.data_type(), normal_scale);
+            for (Vec3f& normal : cloud.normals) normal *= scale;
         } else if (id == colors && (components == 3 || components == 4)) {
             read_colors(*geometry, attribute, cloud);
         } else {
@@ -336,6 +336,7 @@ PointCloud decode_draco(std::span<const std::byte> file, const DecodeLimits& lim
         context.checkpoint(0.7 + 0.3 * (id + 1) / geometry->num_attributes());
     }
     read_origin(*geometry, cloud);
+    settle_names(cloud);
 
     report.encoding = header.encoding;
     report.points = geometry->num_points();

@@ -1,8 +1,10 @@
 #include "ply_columns.hpp"
 
+#include "attribute_name.hpp"
 #include "box_of_most.hpp"
 #include "first_touch.hpp"
 #include "georeference.hpp"
+#include "normal_scale.hpp"
 
 #include <algorithm>
 #include <array>
@@ -14,7 +16,7 @@ namespace {
 
 AttributeValues values_of(PlyType type, std::size_t count) {
     return with_type(type, [&]<typename T>() {
-        std::vector<T> values;
+        std::vector<Kept<T>> values;
         resize_in_huge_pages(values, count);
         return AttributeValues(std::move(values));
     });
@@ -42,6 +44,8 @@ PointCloud PlyDestination::finish(DecodeReport& report) {
     cloud_.origin = origin_.value_or(Vec3d::Zero());
     cloud_.double_precision = wide_;
     for (auto& [property, sink] : lists_) keep_or_report(*property, sink, report);
+    if (layout_.has(PlyRole::Normal)) scale_normals();
+    settle_names(cloud_);
     return std::move(cloud_);
 }
 
@@ -51,7 +55,9 @@ void PlyDestination::allocate() {
     if (wide_ && !origin_) resize_in_huge_pages(coordinates_, n);
     if (layout_.has(PlyRole::Normal)) resize_in_huge_pages(cloud_.normals, n);
     if (layout_.has(PlyRole::Color)) resize_in_huge_pages(cloud_.colors, n);
-    if (colors_are({PlyType::UInt16})) wide_colors_.resize(n);
+    if (colors_are({PlyType::Int16, PlyType::UInt16, PlyType::Int32, PlyType::UInt32,
+                    PlyType::Int64, PlyType::UInt64}))
+        wide_colors_.resize(n);
     if (colors_are({PlyType::Float32, PlyType::Float64})) float_colors_.resize(n);
     cloud_.has_alpha = layout_.has(PlyRole::Color, 3);
     for (std::size_t i = 0; i < layout_.roles.size(); ++i) {
@@ -97,6 +103,17 @@ PlySink PlyDestination::sink_for(const PlyRole& role, const PlyProperty& propert
     if (!property.is_list()) return AttributeSink{&cloud_.attributes[attribute++].values};
     lists_.emplace_back(&property, ListSink{values_of(property.type, 0), {}, true});
     return &lists_.back().second;
+}
+
+/// Integers that stand for -1..1.
+void PlyDestination::scale_normals() {
+    for (std::size_t i = 0; i < layout_.roles.size(); ++i) {
+        const PlyRole& role = layout_.roles[i];
+        if (role.kind != PlyRole::Normal) continue;
+        const float scale = with_type(layout_.vertex->properties[i].type, normal_scale);
+        if (scale == 1) continue;
+        for (Vec3f& normal : cloud_.normals) normal[role.component] *= scale;
+    }
 }
 
 void PlyDestination::place_coordinates() {

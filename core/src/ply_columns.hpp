@@ -65,7 +65,7 @@ struct WideColorSink {
     unsigned channel;
     template <typename T>
     void operator()(std::size_t row, T value) const noexcept {
-        out[row][channel] = static_cast<Channel>(value);
+        out[row][channel] = to_wide_channel<Channel>(value);
     }
 };
 
@@ -73,7 +73,7 @@ struct AttributeSink {
     AttributeValues* values;
     template <typename T>
     void operator()(std::size_t row, T value) const noexcept {
-        (*std::get_if<std::vector<T>>(values))[row] = value;
+        (*std::get_if<std::vector<Kept<T>>>(values))[row] = static_cast<Kept<T>>(value);
     }
 };
 
@@ -87,14 +87,15 @@ struct ListSink {
     void read(Cursor& cursor, const PlyProperty& property) {
         const std::uint64_t count = read_list_length(cursor, property);
         cursor.require(property, count);
-        auto& kept = std::get<std::vector<T>>(values);
+        auto& kept = std::get<std::vector<Kept<T>>>(values);
         if (!length) length = count;
         if (uniform && count != *length) {
             uniform = false;
             kept = {};
         }
         if (!uniform) return cursor.skip(property, count);
-        for (std::uint64_t i = 0; i < count; ++i) kept.push_back(cursor.template read<T>(property));
+        for (std::uint64_t i = 0; i < count; ++i)
+            kept.push_back(static_cast<Kept<T>>(cursor.template read<T>(property)));
     }
 };
 
@@ -127,6 +128,7 @@ private:
     /// Whether there are colours, and all channels are of one of these types.
     bool colors_are(std::initializer_list<PlyType> types) const;
     PlySink sink_for(const PlyRole& role, const PlyProperty& property, std::size_t& attribute);
+    void scale_normals();
     void place_coordinates();
     void keep_or_report(const PlyProperty& property, ListSink& list, DecodeReport& report);
 
@@ -135,7 +137,7 @@ private:
     std::optional<Vec3d> origin_;
     PointCloud cloud_;
     std::vector<Vec3d> coordinates_;
-    WideColors<std::uint16_t> wide_colors_;  ///< where all channels have 16 bits,
+    WideColors<std::uint16_t> wide_colors_;  ///< where all channels have 16 bits or more,
     WideColors<float> float_colors_;         ///< or are floats
     std::deque<std::pair<const PlyProperty*, ListSink>> lists_;  // a deque: columns point into it
 };

@@ -187,7 +187,7 @@ public:
     /// The word here is not of that type.
     [[noreturn]] void fail_value(const PlyProperty& property, PlyType type) const {
         std::string expected = "a number";
-        if (type < PlyType::Float32) {
+        if (type != PlyType::Float32 && type != PlyType::Float64) {
             expected = with_type(type, []<typename T>() {
                 return "a whole number " + std::to_string(std::numeric_limits<T>::min()) + ".." +
                        std::to_string(std::numeric_limits<T>::max());

@@ -15,24 +15,17 @@ namespace {
 constexpr std::size_t kLongestHeader = std::size_t{1} << 20;
 constexpr std::size_t kMostProperties = 4096;
 
-constexpr std::array<std::pair<std::string_view, PlyType>, 17> kTypeNames = {{
-    {"char", PlyType::Int8},
-    {"uchar", PlyType::UInt8},
-    {"short", PlyType::Int16},
-    {"ushort", PlyType::UInt16},
-    {"int", PlyType::Int32},
-    {"uint", PlyType::UInt32},
-    {"float", PlyType::Float32},
-    {"double", PlyType::Float64},
-    {"int8", PlyType::Int8},
-    {"uint8", PlyType::UInt8},
-    {"int16", PlyType::Int16},
-    {"uint16", PlyType::UInt16},
-    {"int32", PlyType::Int32},
-    {"uint32", PlyType::UInt32},
-    {"float32", PlyType::Float32},
-    {"float64", PlyType::Float64},
-    {"bool", PlyType::UInt8},  // not in the format, but written by tools over NumPy: one byte
+constexpr std::array<std::pair<std::string_view, PlyType>, 19> kTypeNames = {{
+    {"char", PlyType::Int8},       {"uchar", PlyType::UInt8},
+    {"short", PlyType::Int16},     {"ushort", PlyType::UInt16},
+    {"int", PlyType::Int32},       {"uint", PlyType::UInt32},
+    {"float", PlyType::Float32},   {"double", PlyType::Float64},
+    {"int64", PlyType::Int64},  // not in the format either
+    {"uint64", PlyType::UInt64},   {"int8", PlyType::Int8},
+    {"uint8", PlyType::UInt8},     {"int16", PlyType::Int16},
+    {"uint16", PlyType::UInt16},   {"int32", PlyType::Int32},
+    {"uint32", PlyType::UInt32},   {"float32", PlyType::Float32},
+    {"float64", PlyType::Float64}, {"bool", PlyType::UInt8},  // nor this: one byte
 }};
 
 class HeaderParser {
@@ -156,7 +149,8 @@ private:
         PlyProperty property{std::string(words_.back()), type_named(words_[words_.size() - 2]), {}};
         if (list) {
             property.count_type = type_named(words_[2]);
-            if (*property.count_type >= PlyType::Float32) {
+            if (*property.count_type == PlyType::Float32 ||
+                *property.count_type == PlyType::Float64) {
                 fail("list " + in_quotes(property.name) + " has a length of type " +
                      in_quotes(words_[2]) + ": expected an integer type");
             }

@@ -8,12 +8,29 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <type_traits>
 #include <vector>
 
 namespace stipple {
 
-/// The order of the alternatives of `AttributeValues`.
-enum class PlyType : std::uint8_t { Int8, UInt8, Int16, UInt16, Int32, UInt32, Float32, Float64 };
+/// In the order of the alternatives of `AttributeValues`; then those that the format has not, but
+/// that tools over NumPy write: they are kept as doubles, exact up to 2^53.
+enum class PlyType : std::uint8_t {
+    Int8,
+    UInt8,
+    Int16,
+    UInt16,
+    Int32,
+    UInt32,
+    Float32,
+    Float64,
+    Int64,
+    UInt64
+};
+
+/// What values of a type in a file are kept as.
+template <typename T>
+using Kept = std::conditional_t<std::is_integral_v<T> && sizeof(T) == 8, double, T>;
 
 /// Calls `f.template operator()<T>()` with the C++ type of `type`.
 template <typename F>
@@ -33,6 +50,10 @@ decltype(auto) with_type(PlyType type, F&& f) {
             return f.template operator()<std::uint32_t>();
         case PlyType::Float32:
             return f.template operator()<float>();
+        case PlyType::Int64:
+            return f.template operator()<std::int64_t>();
+        case PlyType::UInt64:
+            return f.template operator()<std::uint64_t>();
         case PlyType::Float64:
             break;
     }

@@ -1,7 +1,7 @@
 #include "ply_layout.hpp"
 
-#include "attribute_name.hpp"
 #include "in_quotes.hpp"
+#include "ply_names.hpp"
 #include "stipple/error.hpp"
 
 #include <algorithm>
@@ -16,11 +16,10 @@ namespace stipple {
 
 namespace {
 
-constexpr std::array<std::string_view, 3> kPositionNames = {"x", "y", "z"};
 constexpr std::array<std::array<std::string_view, 3>, 2> kNormalNames = {
-    {{"nx", "ny", "nz"}, {"normal_x", "normal_y", "normal_z"}}};
+    {kPlyNormals, {"normal_x", "normal_y", "normal_z"}}};
 constexpr std::array<std::array<std::string_view, 4>, 3> kColorNames = {
-    {{"red", "green", "blue", "alpha"},
+    {kPlyColors,
      {"r", "g", "b", "a"},
      {"diffuse_red", "diffuse_green", "diffuse_blue", "diffuse_alpha"}}};
 
@@ -49,14 +48,14 @@ std::vector<PlyRole> assign_roles(const PlyElement& vertex) {
         }
     };
 
-    for (const std::string_view name : kPositionNames) {
+    for (const std::string_view name : kPlyAxes) {
         if (!index_of(name)) {
             throw Error(ErrorCode::MalformedInput,
                         "PLY header: element 'vertex' has no property '" + std::string(name) +
                             "': a point needs x, y and z");
         }
     }
-    assign(kPositionNames, PlyRole::Position);
+    assign(kPlyAxes, PlyRole::Position);
     assign_first_whole(kNormalNames, PlyRole::Normal);
     assign_first_whole(kColorNames, PlyRole::Color);
     return roles;
@@ -72,9 +71,8 @@ bool PlyLayout::has(PlyRole::Kind kind, unsigned component) const {
 bool PlyLayout::wide_coordinates() const {
     for (std::size_t i = 0; i < roles.size(); ++i) {
         const PlyType type = vertex->properties[i].type;
-        const bool wide =
-            type == PlyType::Float64 || type == PlyType::Int32 || type == PlyType::UInt32;
-        if (wide && roles[i].kind == PlyRole::Position) return true;
+        const bool fits_float = type == PlyType::Float32 || size_of(type) <= 2;
+        if (!fits_float && roles[i].kind == PlyRole::Position) return true;
     }
     return false;
 }
@@ -112,11 +110,12 @@ void check_against(const DecodeLimits& limits, const PlyLayout& layout) {
                 " properties of a vertex besides position, normal and colour: expected at most " +
                 std::to_string(limits.max_attributes) + "; remove some, or raise the limit");
     }
+    const auto is_control = [](char c) { return (c >= 0 && c < ' ') || c == '\x7f'; };
     for (const PlyProperty& property : layout.vertex->properties) {
-        if (!is_attribute_name(property.name)) {
+        if (std::ranges::any_of(property.name, is_control)) {
             throw Error(ErrorCode::MalformedInput,
                         "PLY header: property " + in_quotes(property.name) +
-                            " of element 'vertex': expected " + std::string(kAttributeNameRule));
+                            " of element 'vertex': expected a name without control characters");
         }
     }
 }

@@ -4,6 +4,7 @@
 #include "in_quotes.hpp"
 #include "parallel_for.hpp"
 #include "ply_header.hpp"
+#include "ply_names.hpp"
 #include "refuse.hpp"
 #include "stipple/codec.hpp"
 
@@ -88,28 +89,26 @@ struct Field {
 };
 
 std::vector<Field> fields_of(const PointCloud& cloud) {
-    constexpr std::array kAxes = {"x", "y", "z"};
-    constexpr std::array kNormals = {"nx", "ny", "nz"};
-    constexpr std::array kColors = {"red", "green", "blue", "alpha"};
     constexpr std::array kChannels = {&Rgba8::r, &Rgba8::g, &Rgba8::b, &Rgba8::a};
     const bool wide = cloud.double_precision || !cloud.origin.isZero(0);
 
     std::vector<Field> fields;
     for (unsigned i = 0; i < 3; ++i) {
         if (wide) {
-            fields.push_back({kAxes[i], PlyType::Float64, 1,
+            fields.push_back({std::string(kPlyAxes[i]), PlyType::Float64, 1,
                               CoordinateSource{cloud.positions.data(), i, cloud.origin[i]}});
         } else {
-            fields.push_back(
-                {kAxes[i], PlyType::Float32, 1, AxisSource{cloud.positions.data(), i}});
+            fields.push_back({std::string(kPlyAxes[i]), PlyType::Float32, 1,
+                              AxisSource{cloud.positions.data(), i}});
         }
     }
     for (unsigned i = 0; i < 3 && !cloud.normals.empty(); ++i) {
-        fields.push_back({kNormals[i], PlyType::Float32, 1, AxisSource{cloud.normals.data(), i}});
+        fields.push_back({std::string(kPlyNormals[i]), PlyType::Float32, 1,
+                          AxisSource{cloud.normals.data(), i}});
     }
     for (unsigned i = 0; i < (cloud.has_alpha ? 4U : 3U) && !cloud.colors.empty(); ++i) {
-        fields.push_back(
-            {kColors[i], PlyType::UInt8, 1, ChannelSource{cloud.colors.data(), kChannels[i]}});
+        fields.push_back({std::string(kPlyColors[i]), PlyType::UInt8, 1,
+                          ChannelSource{cloud.colors.data(), kChannels[i]}});
     }
     for (const Attribute& attribute : cloud.attributes) {
         fields.push_back({attribute.name, static_cast<PlyType>(attribute.values.index()),
