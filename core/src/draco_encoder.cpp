@@ -11,6 +11,7 @@
 #include "in_quotes.hpp"
 #include "parallel_for.hpp"
 #include "point_tree.hpp"
+#include "random.hpp"
 #include "refuse.hpp"
 #include "stipple/codec.hpp"
 #include "stipple/error.hpp"
@@ -18,6 +19,7 @@
 #include <draco/compression/expert_encode.h>
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstddef>
 #include <cstring>
@@ -65,6 +67,7 @@ void require_finite(const Vectors& vectors, const char* what) {
 struct Extent {
     double side = 0;
     double largest = 0;
+    Vec3f low = Vec3f::Zero();  ///< of the box
 };
 
 Extent extent_of(std::span<const Vec3f> positions) {
@@ -83,7 +86,7 @@ Extent extent_of(std::span<const Vec3f> positions) {
         refuse(
             "the extent of the positions is too small for Draco's arithmetic; position_bits 0 "
             "keeps them exactly");
-    return {side, std::max(low.cwiseAbs().maxCoeff(), high.cwiseAbs().maxCoeff())};
+    return {side, std::max(low.cwiseAbs().maxCoeff(), high.cwiseAbs().maxCoeff()), low};
 }
 
 /// The fewest bits whose error per axis is at most `precision`. The largest error is half a step,
@@ -105,7 +108,7 @@ unsigned bits_for(double precision, const Extent& extent) {
 
 /// Whether a grid leaves points that are spread over all of a cloud few places: fewer than half as
 /// many as a curve through its box would have.
-bool crowds(std::vector<Vec3d> some, double side, unsigned bits) {
+bool crowds(std::span<const Vec3d> some, double side, unsigned bits) {
     if (some.size() < 2) return false;
     Vec3d low = some.front();
     for (const Vec3d& p : some) low = low.cwiseMin(p);
@@ -121,12 +124,44 @@ bool crowds(std::vector<Vec3d> some, double side, unsigned bits) {
     return 2 * distinct < std::min(static_cast<double>(some.size()), last + 1);
 }
 
+/// Whether fewer places of a grid have points, by a tenth, than the cloud has points in different
+/// places: by some of the grid's places.
+bool merges(std::span<const Vec3f> positions, const Extent& extent, unsigned bits,
+            const RunContext& context) {
+    constexpr std::size_t kAsked = 8'192;
+    constexpr double kFewer = 0.9;
+    const auto steps = static_cast<float>((std::exp2(bits) - 1) / extent.side);
+    const std::uint64_t part = positions.size() / kAsked + 1;
+    std::vector<std::uint64_t> places, points;  // by hashes
+    for_blocks_in_order(positions.size(), context, [&](std::size_t begin, std::size_t end) {
+        for (const Vec3f& p : positions.subspan(begin, end - begin)) {
+            std::uint64_t place = 0, point = 0;
+            for (int axis = 0; axis < 3; ++axis) {
+                const float at = std::round((p[axis] - extent.low[axis]) * steps);
+                place = random_bits(place, static_cast<std::uint64_t>(at));
+            }
+            if (below(place, part) != 0) continue;
+            for (const float x : p) point = random_bits(point, std::bit_cast<std::uint32_t>(x));
+            places.push_back(place);
+            points.push_back(point);
+        }
+    });
+    const auto distinct = [](std::vector<std::uint64_t>& hashes) {
+        std::ranges::sort(hashes);
+        return static_cast<double>(hashes.size() - std::ranges::unique(hashes).size());
+    };
+    return distinct(places) < kFewer * distinct(points);
+}
+
 /// A few points far off, or parts far apart, would leave the others a few steps of the grid: then
-/// the bits are those of the box about most points, and of steps no longer than the spacing. 0,
-/// exact floats, where the decoder's single precision would not hold so many.
+/// the bits are those of the box about most points, and of steps no longer than the spacing, as
+/// they are where many points of a long and narrow cloud would fall together (who asks for fewer
+/// bits than the usual ones wants them to). 0, exact floats, where the decoder's single precision
+/// would not hold so many.
 unsigned bits_for_most(std::span<const Vec3f> positions, const Extent& extent,
                        const DracoEncodeOptions& options, const RunContext& context) {
     constexpr unsigned kMostOfFloat = 22;
+    constexpr unsigned kUsualBits = DracoEncodeOptions{}.position_bits;
     const std::vector<Vec3d> some = some_of(
         positions.size(), [&](std::size_t i) { return Vec3d(positions[i].cast<double>()); });
     const double most = longest_side(box_of_most(some));
@@ -134,7 +169,8 @@ unsigned bits_for_most(std::span<const Vec3f> positions, const Extent& extent,
     unsigned bits = options.position_bits;
     if (extent.side > kFarOffGrid * most) {
         bits += static_cast<unsigned>(std::ceil(std::log2(extent.side / most)));
-    } else if (crowds(some, extent.side, bits)) {
+    } else if (crowds(some, extent.side, bits) ||
+               (bits >= kUsualBits && merges(positions, extent, bits, context))) {
         const double spacing = median_gap(PointTree(positions, PointTree::Leaves::Loose, context));
         if (spacing > 0)
             bits = std::max(bits,
@@ -356,8 +392,17 @@ void fill(Cloud& cloud, std::span<const Index> order, const DracoEncodeOptions& 
 std::string hindrance_to_kd_tree(const Encoded& encoded) {
     for (int id = 0; id < encoded.geometry.num_attributes(); ++id) {
         const draco::PointAttribute& attribute = *encoded.geometry.attribute(id);
-        const std::string which = "attribute " + std::to_string(attribute.unique_id());
-        if (attribute.data_type() == draco::DT_FLOAT64) return which + " has doubles";
+        const auto* const metadata = encoded.geometry.GetAttributeMetadataByAttributeId(id);
+        std::string name, original_type;
+        if (metadata != nullptr) {
+            metadata->GetEntryString("name", &name);
+            metadata->GetEntryString("stipple.type", &original_type);
+        }
+        const std::string which = name.empty() ? "the cloud" : "attribute " + in_quotes(name);
+        if (attribute.data_type() == draco::DT_FLOAT64) {
+            return which +
+                   (original_type.empty() ? " has doubles" : " has integers of too wide a range");
+        }
         if (attribute.data_type() == draco::DT_FLOAT32 &&
             encoded.quantization_bits[static_cast<std::size_t>(id)] == 0) {
             return which + " has unquantised floats";

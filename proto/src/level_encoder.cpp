@@ -81,13 +81,15 @@ double LevelEncoder::measured(std::uint64_t points) const {
     return std::lerp(encoded(), encoded(points), kMeasured);
 }
 
-/// That of a level, if measured, with what its Draco file rounds; nothing where steps would be
-/// longer than its spacing: the file then has shorter ones, or exact floats.
+/// That of a level, if measured, with what its Draco file rounds at most: where points would fall
+/// together, its steps are no longer than their spacing.
 std::optional<FileError> LevelEncoder::draco_error(const OutputCloud& level) const {
     if (!level.error) return std::nullopt;
     const double side = (level.bounds.max - level.bounds.min).maxCoeff();
-    const double step = longest_step(options_.draco, side);
-    if (step > level.spacing) return std::nullopt;
+    double step = longest_step(options_.draco, side);
+    const bool are_usual = options_.draco.position_bits >= DracoEncodeOptions{}.position_bits;
+    if (are_usual && !options_.draco.precision && level.spacing > 0)
+        step = std::min(step, level.spacing);
     const SurfaceError& error = level.error->error;
     const FileError added = error_of_step(step);
     return FileError{error.mean() + added.mean, error.max() + added.max};

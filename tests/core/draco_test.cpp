@@ -1,3 +1,4 @@
+#include "random.hpp"
 #include "stipple/codec.hpp"
 #include "stipple/error.hpp"
 #include "support/support.hpp"
@@ -254,6 +255,28 @@ TEST_P(DracoCodings, TellsThePointsOfPartsFarApartFromEachOther) {
     EXPECT_GT(places.size(), cloud.size() / 2);
 }
 
+TEST_P(DracoCodings, TellsThePointsOfALongPipeFromEachOtherUnlessFewBitsAreAskedFor) {
+    constexpr std::size_t kPoints = 20'000;
+    PointCloud cloud;
+    for (std::size_t i = 0; i < kPoints; ++i) {
+        const double angle = 6.2831853 * random_unit(1, i);
+        cloud.positions.emplace_back(static_cast<float>(4'000 * random_unit(2, i)),
+                                     static_cast<float>(0.3 * std::cos(angle)),
+                                     static_cast<float>(0.3 * std::sin(angle)));
+    }
+    const auto places = [&](unsigned bits) {
+        DracoEncodeOptions options;
+        options.coding = GetParam();
+        options.position_bits = bits;
+        std::set<std::array<float, 3>> found;
+        for (const Vec3f& p : round_trip(cloud, options).positions)
+            found.insert({p.x(), p.y(), p.z()});
+        return found.size();
+    };
+    EXPECT_GT(places(14), kPoints * 9 / 10);
+    EXPECT_LT(places(12), kPoints * 6 / 10);
+}
+
 INSTANTIATE_TEST_SUITE_P(Codings, DracoCodings,
                          testing::Values(DracoCoding::Sequential, DracoCoding::KdTree),
                          [](const auto& which) {
@@ -366,8 +389,9 @@ TEST(Draco, RefusesWhatItCannotHoldAndSaysWhy) {
     EXPECT_EQ(message(bad, {}).find("the position of point 7 is not finite"), 0U);
     bad = cloud;
     add(bad, "time", std::vector<double>(10, 0.5));
-    EXPECT_NE(message(bad, {.coding = DracoCoding::KdTree, .precision = {}}).find("doubles"),
-              std::string::npos);
+    EXPECT_EQ(message(bad, {.coding = DracoCoding::KdTree, .precision = {}}),
+              "kd-tree coding: attribute 'time' has doubles, which it cannot hold; use sequential "
+              "coding");
     bad.attributes[0].name = "two words";
     EXPECT_NE(message(bad, {}).find("two words"), std::string::npos);
 }
@@ -411,6 +435,11 @@ TEST(Draco, ReadsAttributesOfOtherPrograms) {
     auto metadata = std::make_unique<draco::AttributeMetadata>();
     metadata->AddEntryString("name", "GpsTime");
     geometry.AddAttributeMetadata(named, std::move(metadata));
+    add_to(Type::NORMAL, draco::DT_INT8, 3, std::array<std::int8_t, 6>{127, 0, 0, 0, -127, 0});
+    const int odd = add_to(Type::GENERIC, draco::DT_FLOAT32, 1, std::array{7.F, 8.F});
+    metadata = std::make_unique<draco::AttributeMetadata>();
+    metadata->AddEntryString("name", "h\xc3\xb6he (m)");
+    geometry.AddAttributeMetadata(odd, std::move(metadata));
     draco::ExpertEncoder encoder(geometry);
     encoder.SetEncodingMethod(draco::POINT_CLOUD_SEQUENTIAL_ENCODING);
     draco::EncoderBuffer buffer;
@@ -423,7 +452,9 @@ TEST(Draco, ReadsAttributesOfOtherPrograms) {
               Vec3d(1'000'000'003, 5, -7));
     EXPECT_EQ(cloud.colors.at(0), (Rgba8{0, 128, 255, 255}));
     EXPECT_EQ(cloud.colors.at(1), (Rgba8{255, 0, 0, 255}));
-    ASSERT_EQ(cloud.attributes.size(), 3U);
+    EXPECT_EQ(cloud.normals, (std::vector<Vec3f>{{1, 0, 0}, {0, -1, 0}}));
+    ASSERT_EQ(cloud.attributes.size(), 4U);
+    EXPECT_EQ(cloud.attributes[3].name, "h_he_(m)");
     EXPECT_EQ(cloud.attributes[0].name, "texcoord");
     EXPECT_EQ(cloud.attributes[0].components, 2U);
     EXPECT_EQ(cloud.attributes[1].name, "GpsTime");
