@@ -17,6 +17,7 @@
 #include <array>
 #include <bit>
 #include <cmath>
+#include <cstdint>
 #include <cstring>
 #include <numeric>
 #include <optional>
@@ -37,13 +38,23 @@ constexpr unsigned kMostBits = 30;
 
 // The grid.
 
-/// Whether all coordinates lie on multiples of a step, as far as single precision tells.
-bool lie_on_grid(const PointCloud& cloud, double step, double unsure, const RunContext& context) {
+/// By how much rounding to single precision may have moved a number, at most.
+double rounding_of(float rounded) {
+    constexpr std::uint32_t kExponent = 0x7f800000;
+    return 0x1p-24 * static_cast<double>(
+                         std::bit_cast<float>(std::bit_cast<std::uint32_t>(rounded) & kExponent));
+}
+
+/// Whether all coordinates lie on multiples of a step, as far as single precision tells: of those
+/// near the origin it tells most.
+bool lie_on_grid(const PointCloud& cloud, double step, const RunContext& context) {
     for (std::size_t i = 0; i < cloud.size(); ++i) {
         constexpr std::size_t kBetweenChecks = 65'536;
         if (i % kBetweenChecks == 0) context.throw_if_stopped();
         for (int axis = 0; axis < 3; ++axis) {
-            const double x = cloud.origin[axis] + static_cast<double>(cloud.positions[i][axis]);
+            const float p = cloud.positions[i][axis];
+            const double x = cloud.origin[axis] + static_cast<double>(p);
+            const double unsure = rounding_of(p) + 0x1p-50 * std::abs(x);
             if (std::abs(x - step * std::round(x / step)) > unsure) return false;
         }
     }
@@ -75,11 +86,10 @@ int find_exponent(const PointCloud& cloud, const Aabb& box, const CopcOptions& o
     for (const Vec3f& p : cloud.positions) largest = std::max(largest, p.cwiseAbs().maxCoeff());
     if (!(side > 0)) return 0;  // any
     const double unsure = std::ldexp(std::max(static_cast<double>(largest), side), -24);
-    // Where half a step is near what is unsure, all coordinates lie on the grid.
-    constexpr double kSure = 16;
-    for (int e = static_cast<int>(std::floor(std::log10(side))); power_of_ten(e) > kSure * unsure;
-         --e)
-        if (lie_on_grid(cloud, power_of_ten(e), unsure, context)) return e;
+    // Where half a step is what is unsure, any coordinate so far from the origin lies on the grid.
+    const double least = 2 * rounding_of(largest);
+    for (int e = static_cast<int>(std::floor(std::log10(side))); power_of_ten(e) > least; --e)
+        if (lie_on_grid(cloud, power_of_ten(e), context)) return e;
     return static_cast<int>(std::floor(std::log10(unsure)));
 }
 

@@ -1,5 +1,6 @@
 #include "stipple/copc.hpp"
 
+#include "random.hpp"
 #include "stipple/codec.hpp"
 #include "stipple/error.hpp"
 #include "stipple/globe.hpp"
@@ -107,6 +108,23 @@ TEST(Copc, TakesTheLongestDecimalStepOnWhichAllPointsLie) {
     EXPECT_EQ(step_of(encode_copc(cloud)), 0.01);
     cloud.positions[1999].z() = 7.125F;
     EXPECT_EQ(step_of(encode_copc(cloud)), 0.001);
+}
+
+TEST(Copc, KnowsMillimetresInATileOfTenKilometres) {
+    constexpr double kSide = 10'000, kStep = 0.001;
+    PointCloud cloud;
+    cloud.origin = Vec3d(500'000, 5'200'000, 400);
+    for (std::uint64_t i = 0; i < 2'000; ++i) {
+        const auto on_grid = [&](std::uint64_t of) {
+            return static_cast<float>(kStep *
+                                      std::round((random_unit(3, of) - 0.5) * kSide / kStep));
+        };
+        cloud.positions.emplace_back(on_grid(2 * i), on_grid(2 * i + 1), 7);
+    }
+    EXPECT_EQ(step_of(encode_copc(cloud)), kStep);
+    // A place of which one float tells that it is beside the grid.
+    cloud.positions[5].z() = 7.0004F;
+    EXPECT_LT(step_of(encode_copc(cloud)), kStep);
 }
 
 TEST(Copc, ElseTakesAStepAsShortAsFloatsTellApart) {
