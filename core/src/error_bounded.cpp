@@ -28,8 +28,8 @@ constexpr std::size_t kMostCounts = 64;
 constexpr unsigned kMostRounds = 100;
 constexpr unsigned kPatience = 32;      // rounds of small steps; then they grow
 constexpr unsigned kLetterRounds = 24;  // to hold for those, too, who measure by the letter
-// Of a cloud of so many points more than half are not looked for: to tell that it needs them takes
-// many times as long as to find a fraction.
+// Of a cloud of so many points no front of more than half is looked for: to tell that it needs them
+// takes many times as long as to find a fraction.
 constexpr std::size_t kLarge = 50'000;
 constexpr double kQuickly = 100'000;  // points of the finest snapshot of a first run
 
@@ -298,12 +298,9 @@ ErrorBoundedCloud search_forest(const PointCloud& cloud, const SimplifyOptions& 
         too_few = search.too_few();
         if (found || is_last) break;
     }
-    std::optional<ErrorBoundedCloud> fewer;
-    if (found || cloud.size() < kLarge) {
-        const std::uint64_t size = found ? found->cloud.size() : cloud.size();
-        judge.take_care();
-        fewer = fewer_everywhere(cloud, options, size, too_few, judge, context);
-    }
+    const std::uint64_t size = found ? found->cloud.size() : cloud.size();
+    judge.take_care();
+    auto fewer = fewer_everywhere(cloud, options, size, too_few, judge, context);
     if (fewer) return std::move(*fewer);
     return found ? std::move(*found) : whole(cloud, bound, judge.tries());
 }

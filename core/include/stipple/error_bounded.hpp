@@ -80,8 +80,9 @@ struct ErrorBoundedCloud {
 /// may where the bound is just above the noise: with what holds so far, or else with a coarse
 /// snapshot that does (`ended_early`).
 ///
-/// If no smaller cloud is within the bound, or, for 50,000 points and more, none of up to half of
-/// them, the result is the input itself, with an error of 0. A point of the input that is farther
+/// If no smaller cloud is within the bound, or, for 50,000 points and more, none so made of up to
+/// half of them and no snapshot of more that seems to be, the result is the input itself, with an
+/// error of 0. A point of the input that is farther
 /// than 95 % of the bound from the input's own surface does not count as a place of it, and is not
 /// measured; nor is it where the result has it. If more than one in a hundred points are, the bound
 /// is below the noise, and the result is the input as well; `too_far` then has all its points, and
