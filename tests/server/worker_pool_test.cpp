@@ -1,5 +1,6 @@
 #include "worker/worker_pool.hpp"
 
+#include "store/sqlite.hpp"
 #include "store_fixtures.hpp"
 
 #include <spdlog/sinks/ostream_sink.h>
@@ -393,6 +394,27 @@ TEST_F(WorkerPoolTest, RenewsTheLeaseOfALongJob) {
     });
     EXPECT_EQ(job.status, JobStatus::Successful);
     EXPECT_EQ(attempts, 1);
+}
+
+TEST_F(WorkerPoolTest, RunsALostJobAgainBesideTheAttemptThatStillEnds) {
+    options_.workers = 2;
+    std::atomic<unsigned> begun = 0;
+    std::filesystem::path first;
+    const JobDocument job =
+        run([&](const JobSpec& spec, const auto& report, const std::stop_token& stop) {
+            if (begun++ == 0) {
+                first = spec.output_dir;
+                sqlite::Connection(folder_ / "jobs.sqlite")
+                    .run("UPDATE jobs SET lease_until = 0");  // as if its worker had slept
+                return wait_until_stopped(stop);
+            }
+            EXPECT_TRUE(becomes_true([&] { return !std::filesystem::exists(first); }));
+            report(make_level(spec, 0, "coarse"));
+            report(cost_report());
+            return Outcome{};
+        });
+    EXPECT_EQ(job.status, JobStatus::Successful);
+    EXPECT_EQ(begun, 2U);
 }
 
 TEST_F(WorkerPoolTest, LetsARunningJobEndBeforeItEnds) {

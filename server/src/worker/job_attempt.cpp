@@ -23,7 +23,6 @@ constexpr unsigned kMaxLevels = 256;
 class ScratchFolder {
 public:
     explicit ScratchFolder(fs::path path) : path_(std::move(path)) {
-        fs::remove_all(path_);  // of an attempt that was cut off
         fs::create_directories(path_ / "output");
     }
     ScratchFolder(const ScratchFolder&) = delete;
@@ -62,7 +61,9 @@ void JobAttempt::run(JobRunner& runner) noexcept try {
     spdlog::info("job.started id={} tenant={} type={} attempt={}", lease_.job_id, lease_.tenant,
                  type_name(lease_.request), lease_.token);
     try {
-        const ScratchFolder folder(options_.scratch / lease_.job_id);
+        // Of its own: an attempt that lost its lease may still be ending.
+        const ScratchFolder folder(options_.scratch /
+                                   (lease_.job_id + '-' + std::to_string(lease_.token)));
         run_in(folder.path(), runner);
     } catch (const std::exception& error) {
         fail(problem_of(error));  // now that its files are gone, which made room

@@ -19,6 +19,7 @@ namespace stipple::server {
 namespace {
 
 using std::chrono::steady_clock;
+using std::chrono::system_clock;
 
 /// An idle worker looks at the queue at least so often: a lease of another may have run out.
 constexpr std::chrono::seconds kIdlePoll{1};
@@ -44,6 +45,7 @@ struct WorkerPool::State {
     std::optional<Lease> claim();
     void run(Lease lease, const std::stop_token& stop);
     void keep_leases(const std::stop_token& stop);
+    void renew_leases();
     void stop_before_others_may_claim(steady_clock::duration silent);
     std::vector<std::shared_ptr<JobAttempt>> attempts();
 
@@ -59,6 +61,7 @@ struct WorkerPool::State {
     std::optional<steady_clock::time_point> drain_end;  ///< once it is draining
     std::condition_variable ended;                      ///< one fewer is running
     std::atomic<bool> is_full = false;                  ///< the disk was, as it was said
+    std::atomic<system_clock::time_point> renewed{system_clock::now()};  ///< the leases were
 
     std::jthread keeper;  ///< renews leases until the last worker has ended
     std::vector<std::jthread> workers;
@@ -111,6 +114,8 @@ void WorkerPool::State::work(const std::stop_token& stop) {
 std::optional<Lease> WorkerPool::State::claim() try {
     blobs.check_room();  // on a full disk no job is worth beginning
     if (is_full.exchange(false)) spdlog::info("disk.has_room");
+    // Where the whole process slept, as with its machine, its own jobs' leases have run out.
+    if (system_clock::now() >= renewed.load() + options.lease / 2) renew_leases();
     return jobs.claim(limits.queue, options.lease);
 } catch (const proto::StorageFull& error) {
     if (!is_full.exchange(true)) spdlog::error("disk.full error={}", log_text(error.what()));
@@ -144,25 +149,32 @@ std::vector<std::shared_ptr<JobAttempt>> WorkerPool::State::attempts() {
 
 void WorkerPool::State::keep_leases(const std::stop_token& stop) {
     const steady_clock::duration renewal = steady_clock::duration(options.lease) / 3;
-    steady_clock::time_point renewed = steady_clock::now();
+    steady_clock::time_point renewed_at = steady_clock::now();
     while (!stop.stop_requested()) {
         const std::uint64_t seen = jobs.version();
         const steady_clock::time_point now = steady_clock::now();
-        const bool renewing = now >= renewed + renewal;
+        const bool renewing = now >= renewed_at + renewal;
         try {
-            for (const auto& attempt : attempts()) {
-                const bool good = renewing ? jobs.renew(attempt->lease(), options.lease)
-                                           : jobs.holds(attempt->lease());
-                if (!good) attempt->stop(JobAttempt::Stop::LeaseLost);
+            if (renewing) {
+                renew_leases();
+                renewed_at = now;
             }
-            if (renewing) renewed = now;
+            for (const auto& attempt : attempts())
+                if (!jobs.holds(attempt->lease())) attempt->stop(JobAttempt::Stop::LeaseLost);
         } catch (const std::exception& error) {
             spdlog::error("lease.failed error={}", log_text(error.what()));
-            stop_before_others_may_claim(now - renewed);
+            stop_before_others_may_claim(now - renewed_at);
         }
         pause(kLookPeriod, stop);
-        jobs.wait_for_change(seen, std::max(renewed + renewal, now + kLookPeriod), stop);
+        jobs.wait_for_change(seen, std::max(renewed_at + renewal, now + kLookPeriod), stop);
     }
+}
+
+void WorkerPool::State::renew_leases() {
+    for (const auto& attempt : attempts())
+        if (!jobs.renew(attempt->lease(), options.lease))
+            attempt->stop(JobAttempt::Stop::LeaseLost);
+    renewed = system_clock::now();
 }
 
 /// A lease that could not be renewed for so long may soon be another's: its job must not run twice
