@@ -121,6 +121,7 @@ http::GuardedServerOptions guard(const ServerConfig& config, const ListenAddress
 http::GuardedServerOptions admin_guard(const ServerConfig& config) {
     http::GuardedServerOptions options = guard(config, config.admin);
     options.max_connections = options.max_connections_per_address = 64;
+    options.free_of_few = 8;  // it still answers where the other listener turns away
     return options;
 }
 

@@ -199,12 +199,13 @@ bool GuardedServer::ensure_thread() {
 }
 
 /// A connection may need a file, too, and the health check both: half as many descriptors as
-/// connections stay free, of few half; a quarter of these is for farewells. The system gives the
+/// connections stay free, of few a part; a quarter of these is for farewells. The system gives the
 /// lowest that is free, so that a new one tells how many there are.
 bool GuardedServer::leaves_descriptors(const FileDescriptor& newest, bool farewell) const noexcept {
     rlimit limit{};
     ::getrlimit(RLIMIT_NOFILE, &limit);
-    const rlim_t spare = std::min<rlim_t>(options_.max_connections / 2, limit.rlim_cur / 2);
+    const rlim_t spare =
+        std::min<rlim_t>(options_.max_connections / 2, limit.rlim_cur / options_.free_of_few);
     const rlim_t kept = farewell ? spare - spare / 4 : spare;
     return static_cast<rlim_t>(newest.get()) < limit.rlim_cur - kept;
 }

@@ -25,6 +25,7 @@ struct GuardedServerOptions {
     std::uint16_t port = 0;  ///< 0: any that is free
     unsigned max_connections = 512;
     unsigned max_connections_per_address = 128;
+    unsigned free_of_few = 2;  ///< where there are few file descriptors, one in so many stays free
     Patience patience;
 };
 

@@ -5,8 +5,12 @@
 #include <brotli/encode.h>
 #include <zlib.h>
 #include <algorithm>
+#include <csetjmp>
+#include <cstddef>
 #include <cstdint>
+#include <cstdlib>
 #include <memory>
+#include <new>
 
 namespace stipple::server {
 
@@ -34,32 +38,79 @@ std::vector<std::byte> gzip(std::span<const std::byte> bytes, int level) {
     return packed;
 }
 
-/// Piece by piece, so that it can be stopped. Empty then, and when it becomes no smaller.
-std::vector<std::byte> brotli(std::span<const std::byte> bytes, int level,
-                              const std::stop_token& stop) {
-    const std::unique_ptr<BrotliEncoderState, void (*)(BrotliEncoderState*)> encoder(
-        ::BrotliEncoderCreateInstance(nullptr, nullptr, nullptr), ::BrotliEncoderDestroyInstance);
-    if (!encoder) throw Error(ErrorCode::Internal, "Brotli cannot begin");
-    ::BrotliEncoderSetParameter(encoder.get(), BROTLI_PARAM_QUALITY,
-                                static_cast<std::uint32_t>(level));
-    ::BrotliEncoderSetParameter(encoder.get(), BROTLI_PARAM_SIZE_HINT,
+/// What Brotli takes. Where there is no more, Brotli 1.0 ends the process: it is left by a jump to
+/// `ran_out` instead, over frames of C alone, and all that it took is given back in the end.
+class BrotliMemory {
+public:
+    BrotliMemory() = default;
+    BrotliMemory(const BrotliMemory&) = delete;
+    BrotliMemory& operator=(const BrotliMemory&) = delete;
+    ~BrotliMemory() {
+        while (last_ != nullptr) give_back(last_);
+    }
+
+    static void* take(void* memory, std::size_t bytes) {
+        auto& self = *static_cast<BrotliMemory*>(memory);
+        void* const room = std::malloc(sizeof(Block) + bytes);
+        if (room == nullptr) std::longjmp(self.ran_out, 1);
+        auto* const block = new (room) Block{self.last_, nullptr};
+        if (self.last_ != nullptr) self.last_->after = block;
+        self.last_ = block;
+        return block + 1;
+    }
+    static void release(void* memory, void* bytes) {
+        if (bytes != nullptr)
+            static_cast<BrotliMemory*>(memory)->give_back(static_cast<Block*>(bytes) - 1);
+    }
+
+    std::jmp_buf ran_out{};
+
+private:
+    struct alignas(std::max_align_t) Block {
+        Block *before, *after;
+    };
+
+    void give_back(Block* block) {
+        (block->after != nullptr ? block->after->before : last_) = block->before;
+        if (block->before != nullptr) block->before->after = block->after;
+        std::free(block);
+    }
+
+    Block* last_ = nullptr;
+};
+
+/// Piece by piece, so that it can be stopped. Has no object with a destructor, since a jump may
+/// leave it. @returns how many bytes were written; 0 when stopped, or when they become no fewer.
+[[gnu::noinline]] std::size_t brotli_into(std::span<std::byte> packed,
+                                          std::span<const std::byte> bytes, int level,
+                                          const std::stop_token& stop, BrotliMemory& memory) {
+    BrotliEncoderState* const encoder =
+        ::BrotliEncoderCreateInstance(BrotliMemory::take, BrotliMemory::release, &memory);
+    ::BrotliEncoderSetParameter(encoder, BROTLI_PARAM_QUALITY, static_cast<std::uint32_t>(level));
+    ::BrotliEncoderSetParameter(encoder, BROTLI_PARAM_SIZE_HINT,
                                 static_cast<std::uint32_t>(bytes.size()));
-    std::vector<std::byte> packed(bytes.size());
     std::size_t room = packed.size();
     auto* out = reinterpret_cast<std::uint8_t*>(packed.data());
-    while (!::BrotliEncoderIsFinished(encoder.get())) {
-        if (stop.stop_requested() || room == 0) return {};
+    while (!::BrotliEncoderIsFinished(encoder)) {
+        if (stop.stop_requested() || room == 0) return 0;
         std::size_t piece = std::min(bytes.size(), kPiece);
         const auto* in = reinterpret_cast<const std::uint8_t*>(bytes.data());
         bytes = bytes.subspan(piece);
         const auto operation = bytes.empty() ? BROTLI_OPERATION_FINISH : BROTLI_OPERATION_PROCESS;
-        if (!::BrotliEncoderCompressStream(encoder.get(), operation, &piece, &in, &room, &out,
-                                           nullptr)) {
+        if (!::BrotliEncoderCompressStream(encoder, operation, &piece, &in, &room, &out, nullptr))
             throw Error(ErrorCode::Internal, "Brotli did not end");
-        }
-        if (piece != 0) return {};  // no room
+        if (piece != 0) return 0;  // no room
     }
-    packed.resize(packed.size() - room);
+    return packed.size() - room;
+}
+
+/// Empty when stopped, and when it becomes no smaller.
+std::vector<std::byte> brotli(std::span<const std::byte> bytes, int level,
+                              const std::stop_token& stop) {
+    std::vector<std::byte> packed(bytes.size());
+    BrotliMemory memory;
+    if (setjmp(memory.ran_out) != 0) throw std::bad_alloc();
+    packed.resize(brotli_into(packed, bytes, level, stop, memory));
     return packed;
 }
 
