@@ -510,4 +510,8 @@ JobRequest evaluation_from_json(std::string_view json) {
     return validated(read_evaluation(object));
 }
 
+DracoEncodeOptions draco_options_from_json(std::string_view json) {
+    return read_draco(JsonDocument(json, kRequestRules).root());
+}
+
 }  // namespace stipple::proto

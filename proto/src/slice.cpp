@@ -2,7 +2,7 @@
 
 #include "draco_rounding.hpp"
 #include "job_cloud.hpp"
-#include "json_reader.hpp"
+#include "json_parts.hpp"
 #include "stipple/error.hpp"
 #include "stipple/proto/tiles.hpp"
 #include "stipple/surface_error.hpp"
@@ -507,6 +507,9 @@ void validate(const SliceOptions& options) {
         refuse("expected exactly one of points, bytes and max_error");
     }
     if (options.points == 0) refuse("points 0: expected at least 1");
+    if (options.format == CloudFormat::Glb && options.points > kMostGlbPoints)
+        refuse(std::to_string(*options.points) + " points: a glb has at most " +
+               std::to_string(kMostGlbPoints) + "; ask for ply or drc, or use the tileset");
     if (options.bytes == 0) refuse("bytes 0: expected at least 1");
     for (const auto& bound : {options.max_error, options.max_error_rel})
         if (bound && !(*bound > 0 && std::isfinite(*bound)))
@@ -517,6 +520,17 @@ void validate(const SliceOptions& options) {
         (options.box->empty() || !options.box->min.allFinite() || !options.box->max.allFinite())) {
         refuse("box: expected six finite numbers, x0 <= x1, y0 <= y1 and z0 <= z1");
     }
+}
+
+/// What differs from the defaults.
+std::string draco_query(const DracoEncodeOptions& options) {
+    const Json defaults = draco_json({}), draco = draco_json(options);
+    std::string query;
+    for (const auto& [name, value] : draco.items()) {
+        if (defaults.value(name, Json()) == value) continue;
+        query += '&' + name + '=' + (value.is_string() ? value.get<std::string>() : value.dump());
+    }
+    return query;
 }
 
 std::string slice_query(const SliceOptions& options) {
@@ -532,6 +546,7 @@ std::string slice_query(const SliceOptions& options) {
         const std::string list = numbers.dump();
         query += "&box=" + list.substr(1, list.size() - 2);
     }
+    if (options.format == CloudFormat::Draco) query += draco_query(options.draco);
     return query;
 }
 

@@ -452,6 +452,10 @@ TEST(Slice, RefusesWhatCannotBe) {
 
 TEST(Slice, HasAQueryThatSaysAllOfIt) {
     EXPECT_EQ(slice_query({.points = 5, .format = CloudFormat::Draco}), "format=drc&points=5");
+    EXPECT_EQ(slice_query({.points = 5,
+                           .format = CloudFormat::Draco,
+                           .draco = {.coding = DracoCoding::KdTree, .precision = 0.25}}),
+              "format=drc&points=5&coding=kd-tree&precision=0.25");
     EXPECT_EQ(slice_query({.max_error = 0.5, .box = Aabb{Vec3d(0, -1, 2.5), Vec3d(1, 1, 3)}}),
               "format=ply&max_error=0.5&box=0.0,-1.0,2.5,1.0,1.0,3.0");
     EXPECT_EQ(slice_query({.max_error_rel = 0.003}), "format=ply&max_error=0.3%25");

@@ -1,5 +1,6 @@
 #include "http/client_watch.hpp"
 #include "http/conditional.hpp"
+#include "http/job_fields.hpp"
 #include "http/output_reply.hpp"
 #include "http/query.hpp"
 #include "http/routes.hpp"
@@ -83,7 +84,9 @@ std::optional<Aabb> query_box(const Request& request) {
 }
 
 proto::SliceOptions read_slice_query(const Request& request) {
-    allow_query(request, {"points", "bytes", "max_error", "box", "format"});
+    std::vector<std::string_view> names = {"points", "bytes", "max_error", "box", "format"};
+    add_names(names, kDracoFields);
+    allow_query(request, names);
     const std::uint64_t most = proto::SliceOptions{}.max_points;
     proto::SliceOptions options{.points = query_count(request, "points", 1, most),
                                 .bytes = query_count(request, "bytes", 1, INT64_MAX),
@@ -99,6 +102,7 @@ proto::SliceOptions read_slice_query(const Request& request) {
         if (known == kSliceFormats.end()) refuse("format", *format, "ply, drc or glb");
         options.format = *known;
     }
+    options.draco = query_draco(request, options.format);
     validate(options);
     return options;
 }

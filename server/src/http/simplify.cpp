@@ -1,4 +1,5 @@
 #include "http/conditional.hpp"
+#include "http/job_fields.hpp"
 #include "http/query.hpp"
 #include "http/routes.hpp"
 #include "http/upload.hpp"
@@ -16,45 +17,20 @@ using namespace std::chrono_literals;
 using namespace std::string_view_literals;
 using Json = nlohmann::json;
 
-/// A field of the job request by its query parameter; the request's own reader checks ranges and
-/// names.
-enum class Kind { Text, Count, Number, Truth, Distance };
-struct Field {
-    const char* name;
-    Kind kind;
-};
+using Kind = JobField::Kind;
 constexpr std::array kJobFields = {
-    Field{"method", Kind::Text},          Field{"points", Kind::Count},
-    Field{"ratio", Kind::Number},         Field{"seed", Kind::Count},
-    Field{"max_error", Kind::Distance},   Field{"error", Kind::Truth},
-    Field{"splats", Kind::Text},          Field{"source_index", Kind::Truth},
-    Field{"oversampling", Kind::Number},  Field{"k", Kind::Count},
-    Field{"placement", Kind::Text},       Field{"max_displacement", Kind::Number},
-    Field{"color_weight", Kind::Number},  Field{"max_cluster_size", Kind::Count},
-    Field{"max_variation", Kind::Number}, Field{"representative", Kind::Text},
-    Field{"adaptivity", Kind::Number},    Field{"max_grading", Kind::Number},
-    Field{"max_iterations", Kind::Count}, Field{"tolerance", Kind::Number},
-    Field{"voxel_size", Kind::Number},    Field{"remove_outliers", Kind::Number},
+    JobField{"method", Kind::Text},          JobField{"points", Kind::Count},
+    JobField{"ratio", Kind::Number},         JobField{"seed", Kind::Count},
+    JobField{"max_error", Kind::Distance},   JobField{"error", Kind::Truth},
+    JobField{"splats", Kind::Text},          JobField{"source_index", Kind::Truth},
+    JobField{"oversampling", Kind::Number},  JobField{"k", Kind::Count},
+    JobField{"placement", Kind::Text},       JobField{"max_displacement", Kind::Number},
+    JobField{"color_weight", Kind::Number},  JobField{"max_cluster_size", Kind::Count},
+    JobField{"max_variation", Kind::Number}, JobField{"representative", Kind::Text},
+    JobField{"adaptivity", Kind::Number},    JobField{"max_grading", Kind::Number},
+    JobField{"max_iterations", Kind::Count}, JobField{"tolerance", Kind::Number},
+    JobField{"voxel_size", Kind::Number},    JobField{"remove_outliers", Kind::Number},
 };
-constexpr std::array kDracoFields = {
-    Field{"position_bits", Kind::Count},     Field{"precision", Kind::Number},
-    Field{"normal_bits", Kind::Count},       Field{"attribute_bits", Kind::Count},
-    Field{"compression_level", Kind::Count}, Field{"coding", Kind::Text},
-};
-
-void copy_fields(const Request& request, std::span<const Field> fields, Json& out) {
-    for (const auto& [name, kind] : fields) {
-        const auto text = request.query_value(name);
-        if (!text) continue;
-        if (kind == Kind::Text) out[name] = *text;
-        if (kind == Kind::Count) out[name] = *query_count(request, name, 0, UINT64_MAX);
-        if (kind == Kind::Number) out[name] = *query_number(request, name);
-        if (kind == Kind::Distance && text->ends_with('%')) out[name] = *text;
-        if (kind == Kind::Distance && !text->ends_with('%'))
-            out[name] = *query_number(request, name);
-        if (kind == Kind::Truth) out[name] = *query_truth(request, name);
-    }
-}
 
 /// The format that `Accept` wants most, of equals the first; PLY when it takes anything.
 CloudFormat accepted_format(const Request& request) {
@@ -82,8 +58,8 @@ CloudFormat accepted_format(const Request& request) {
 
 std::vector<std::string_view> query_names() {
     std::vector<std::string_view> names = {"format", "wait"};
-    for (const Field& field : kJobFields) names.emplace_back(field.name);
-    for (const Field& field : kDracoFields) names.emplace_back(field.name);
+    add_names(names, kJobFields);
+    add_names(names, kDracoFields);
     return names;
 }
 
@@ -94,14 +70,11 @@ proto::JobRequest read_query(const Request& request) {
     copy_fields(request, kJobFields, json);
     const auto format = request.query_value("format");
     json["format"] = format ? *format : std::string(to_string(accepted_format(request)));
-    Json draco = Json::object();
-    copy_fields(request, kDracoFields, draco);
-    if (!draco.empty() &&
-        cloud_format_from_name(json["format"].get<std::string>()) != CloudFormat::Draco) {
-        throw HttpError(400, draco.begin().key() + ": belongs to format drc");
-    }
-    if (!draco.empty()) json["draco"] = std::move(draco);
-    return proto::job_request_from_json(json.dump(-1, ' ', false, Json::error_handler_t::replace));
+    proto::JobRequest job =
+        proto::job_request_from_json(json.dump(-1, ' ', false, Json::error_handler_t::replace));
+    proto::OutputOptions& output = std::get<proto::SimplifyJob>(job.job).output;
+    output.draco = query_draco(request, output.formats.front());
+    return job;
 }
 
 /// A queue that is full before the cloud comes would refuse it afterwards, when it is stored. With

@@ -165,6 +165,8 @@ std::string to_json(const JobRequest& request);
 JobRequest job_request_from_json(std::string_view json);
 /// The same for the body of `POST /v1/evaluations`, where the type may be omitted.
 JobRequest evaluation_from_json(std::string_view json);
+/// The same for an object as `draco` is in requests.
+DracoEncodeOptions draco_options_from_json(std::string_view json);
 
 /// `0.1%` as a fraction of the diagonal: 0.001.
 /// @throws Error(InvalidArgument) for other text.
