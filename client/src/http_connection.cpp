@@ -56,7 +56,14 @@ std::string what_happened(httplib::Error error, std::chrono::seconds waited) {
     }
 }
 
+bool is_of_tls(httplib::Error error) {
+    return error == httplib::Error::SSLConnection || error == httplib::Error::SSLLoadingCerts ||
+           error == httplib::Error::SSLServerVerification;
+}
+
 std::string remedy(httplib::Error error) {
+    if (is_of_tls(error))
+        return "stippled itself speaks http://; https:// needs a proxy with a trusted certificate";
     if (error == httplib::Error::Canceled) return "send it again once it is complete";
     if (error == httplib::Error::Write)
         return "it may refuse requests of this size (GET /v1/limits)";
@@ -117,9 +124,11 @@ HttpReply HttpConnection::perform(const std::string& path, std::chrono::seconds 
     if (!result) {
         if (ended_by_caller_is_fine && result.error() == httplib::Error::Canceled)
             return HttpReply{200, {}, {}, {}, {}};
-        throw ConnectionError(url_.text() + path + ": " +
-                              what_happened(result.error(), timeout_ + extra_time) + ": " +
-                              remedy(result.error()));
+        const std::string message = url_.text() + path + ": " +
+                                    what_happened(result.error(), timeout_ + extra_time) + ": " +
+                                    remedy(result.error());
+        if (is_of_tls(result.error())) throw Error(ErrorCode::InvalidArgument, message);
+        throw ConnectionError(message);
     }
     return reply_of(*result);
 }

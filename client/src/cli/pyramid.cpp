@@ -279,8 +279,11 @@ void summarise(const PyramidCommand& command, const proto::Results& results, std
     if (!losses.empty()) std::cerr << style.dim(losses) << '\n';
 }
 
-ordered_json figures(const PyramidCommand& command, const proto::Results& results,
-                     std::uint64_t bytes) {
+ordered_json figures(const PyramidCommand& command, proto::Results results, std::uint64_t bytes) {
+    for (proto::OutputCloud& level : results.levels) {
+        if (command.potree) level.files.clear();  // of which its folder was made
+        for (proto::OutputFile& file : level.files) file.href = proto::file_name(level, file);
+    }
     ordered_json json;
     json["input"] = input_json(command.input, *results.source);
     json["input"]["sha256"] = results.request.input;
