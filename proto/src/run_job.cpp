@@ -170,8 +170,8 @@ std::string memory_limit_message(const JobSpec& spec) {
                                : evaluation != nullptr && evaluation->options.measure.samples > 0
                                    ? "ask for fewer samples"
                                    : "upload a smaller cloud";
-    return "the job needs more than its memory limit of " + std::to_string(spec.max_memory_bytes) +
-           " bytes: " + remedy + ", or raise the limit";
+    return "the job needs more than the " + std::to_string(spec.max_memory_bytes) +
+           " bytes of memory that it may have, by the size of its input and the limits: " + remedy;
 }
 
 }  // namespace stipple::proto

@@ -150,7 +150,7 @@ TEST_F(ProcessJobRunner, NamesTheMemoryLimitThatWasTooSmall) {
     EXPECT_EQ(outcome.kind, Kind::Finished) << outcome.how;
     ASSERT_TRUE(problem());
     EXPECT_EQ(problem()->status, 413);
-    EXPECT_NE(problem()->detail.find("memory limit of 33554432 bytes"), std::string::npos)
+    EXPECT_NE(problem()->detail.find("more than the 33554432 bytes of memory"), std::string::npos)
         << problem()->detail;
 }
 
