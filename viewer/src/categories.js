@@ -13,37 +13,40 @@ const kClasses = [
 ];
 const kColors = ['#4e9bd9', '#f2933c', '#5fb85f', '#e0605e', '#a685d6', '#a5745f', '#e78ac8', '#9aa0a8', '#c6c244', '#3fc1c9', '#f0c27b', '#7f9c3b'];
 
+const kShades = [[255, 0], [255, 0.45], [0, 0.35]];  // of each colour: itself, lighter and darker, so that 1 and 13 are told apart
+
 /** What scans have their classes under. */
 const isClassification = (name) => /^(scalar_)?class(ification)?$/i.test(name);
 
 /**
  * What there is of few whole numbers: `values`, ascending, `nameOf` and `colorOf` each; null where numbers are not names.
- * @param values  of a sample of the attribute
+ * @param values  of all points, since few of them may have what matters most
  */
 export function categoriesOf(attribute, values) {
     const found = new Set();
+    const isAsprs = isClassification(attribute);
+    const most = kMost + (isAsprs ? kClasses.length : 0);
     for (const value of values) {
         found.add(value);
-        if (found.size > kMost + (isClassification(attribute) ? kClasses.length : 0) || !Number.isInteger(value)) {
+        if (found.size > most || !Number.isInteger(value)) {
             return null;
         }
     }
     if (found.size === 0) {
         return null;
     }
-    const sorted = [...found].sort((a, b) => a - b);
-    const isAsprs = isClassification(attribute);
-    const place = placeIn(sorted);
     return {
-        values: sorted,
+        values: [...found].sort((a, b) => a - b),
         nameOf: (value) => (isAsprs && kClasses[value]?.[0]) || value.toLocaleString('en').replaceAll('-', '\u2212'),
-        colorOf: (value) => (isAsprs && kClasses[value]?.[1]) || kColors[place(value)],
+        colorOf: (value) => (isAsprs && kClasses[value]?.[1]) || colorOfNumber(value),
     };
 }
 
-/** By the number itself, which does not depend on what else there is; else, where two would look alike, by their order. */
-function placeIn(sorted) {
-    const byNumber = (value) => ((Math.round(value) % kColors.length) + kColors.length) % kColors.length;
-    const isUnique = new Set(sorted.map(byNumber)).size === sorted.length;
-    return isUnique ? byNumber : (value) => Math.max(0, sorted.indexOf(value)) % kColors.length;
+/** By the number itself, which does not depend on what else there is, here or in another level. */
+function colorOfNumber(value) {
+    const all = kShades.length * kColors.length;
+    const number = ((Math.round(value) % all) + all) % all;
+    const [mixed, share] = kShades[Math.floor(number / kColors.length)];
+    const channels = kColors[number % kColors.length].match(/[\da-f]{2}/g).map((digits) => parseInt(digits, 16));
+    return `#${channels.map((channel) => Math.round(channel + share * (mixed - channel)).toString(16).padStart(2, '0')).join('')}`;
 }

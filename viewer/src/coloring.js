@@ -7,10 +7,15 @@ import { categoriesOf } from './categories.js';
 const kOutliers = 0.01;  // share at either end of the values that the range leaves out
 const kSampled = 20_000;
 const kAxes = ['x', 'y', 'z'];
+const kBuiltIn = ['own', 'clay', 'normal', ...kAxes];
+const kNoCategories = { values: [] };
 const kNoValues = { values: [], components: 1 };
 const kGreyBytes = [128, 128, 128];
 const bytesOf = (hex) => hex.match(/[\da-f]{2}/g).map((digits) => parseInt(digits, 16));
 const kViridis = Array.from({ length: 256 }, (_, i) => bytesOf(interpolateViridis(i / 255)));
+
+/** What an attribute's colours go by: its name, unless that names others. */
+export const keyOf = (name) => (kBuiltIn.includes(name) ? `attribute:${name}` : name);
 
 /** For a legend: where there is no value, and the lower end of the colour map. */
 export const kGrey = `rgb(${kGreyBytes})`;
@@ -29,9 +34,9 @@ export async function colorize(level, by, { way, range = null, signal }) {
     const { geometry } = level;
     level.colors ??= startingWith(geometry);
     if (!level.colors.has(by)) {
-        const attribute = level.attributes.find(({ name }) => name === by);
+        const attribute = level.attributes.find(({ name }) => keyOf(name) === by);
         const valueOf = valuesOf(geometry, by, way, attribute && { ...attribute, values: await attribute.read(signal) });
-        level.colors.set(by, { valueOf, own: valueOf && { ...rangeOf(geometry.getAttribute('position').count, valueOf, attribute?.name), start: startOf(level, by, way) } });
+        level.colors.set(by, { valueOf, own: valueOf && { ...rangeOf(geometry.getAttribute('position').count, valueOf, attribute), start: startOf(level, by, way) } });
     }
     const colors = level.colors.get(by);
     const wanted = colors.own && (range ?? colors.own);
@@ -51,7 +56,7 @@ export function colorizeTile({ cloud, attributes }, by, range, origin) {
     cloud.userData.colors ??= startingWith(cloud);
     const { colors } = cloud.userData;
     if (!colors.has(by) || colors.get(by).range !== range) {
-        colors.set(by, { array: computed(cloud, valuesOf(cloud, by, origin, attributes[by]), range), range });
+        colors.set(by, { array: computed(cloud, valuesOf(cloud, by, origin, attributes[by.replace(/^attribute:/, '')]), range), range });
     }
     setColors(cloud, colors.get(by).array);
 }
@@ -130,7 +135,17 @@ function rangeOf(count, valueOf, attribute) {
     sample.sort((a, b) => a - b);
     const at = (share) => sample[Math.round(share * (sample.length - 1))] ?? 0;
     const [low, high] = [at(kOutliers), at(1 - kOutliers)];
-    return { low, high, below: low > at(0), above: high < at(1), missing: isMissing, categories: attribute === undefined ? null : categoriesOf(attribute, sample) };
+    const all = function* all() {
+        for (let i = 0; i < count; i += 1) {
+            if (Number.isFinite(valueOf(i))) {
+                yield valueOf(i);
+            }
+        }
+    };
+    // Doubles measure something, as times, which single precision leaves few.
+    const areNames = attribute !== undefined && attribute.type !== 'float64';
+    const categories = sample.length === 0 ? kNoCategories : areNames ? categoriesOf(attribute.name, all()) : null;
+    return { low, high, below: low > at(0), above: high < at(1), missing: isMissing, categories };
 }
 
 /** Values by the colour map, or by that of their category; grey where there is none. */

@@ -105,7 +105,10 @@ export class Comparison {
                 onJob: () => {},
                 onLevels: () => this.show(),
                 onFirstPicture: () => {},
-                onMissing: showProblem,
+                onMissing: (error) => {
+                    showProblem(error);
+                    this.choose(`level:${this.left.loader.levels.length - 1}`);
+                },
                 onError: showProblem,
             });
         }

@@ -19,7 +19,7 @@ export function listenToKeys(stage, { onLevel, onKey }) {
     byId.shortcuts.onchange = () => keep('localStorage', kOff, byId.shortcuts.checked ? null : 'yes');
     byId.stage.onkeydown = (event) => {
         const move = kMoves[event.key];
-        if (event.ctrlKey || event.metaKey || !(move || event.key === 'Enter')) {
+        if (event.ctrlKey || event.metaKey || event.altKey || !(move || event.key === 'Enter')) {
             return;
         }
         event.preventDefault();
@@ -41,7 +41,9 @@ export function listenToKeys(stage, { onLevel, onKey }) {
         const act = onKey[event.key.toLowerCase()];
         if (act) {
             event.preventDefault();
-            act();
+            if (!event.repeat) {
+                act();
+            }
         } else if (event.key >= '1' && event.key <= '9') {
             onLevel(Number(event.key) - 1);
         }

@@ -1,10 +1,10 @@
 import { byId, element, setHidden } from './element.js';
 import * as format from './format.js';
-import { kGradient, kGrey, kLowest } from './coloring.js';
+import { keyOf, kGradient, kGrey, kLowest } from './coloring.js';
 
 const kDistance = 'distance';  // the attribute of an error map
 const kAlways = [['clay', 'Clay'], ['normal', 'Normals'], ['x', 'Position, x'], ['y', 'Position, y'], ['z', 'Position, z']];
-const kLengths = [kDistance, 'x', 'y', 'z'];  // in the unit of the cloud, whichever that is
+const kAxes = ['x', 'y', 'z'];
 
 /** The card that says how the cloud is drawn, and the legend of the values that its colours stand for. */
 export class LookCard {
@@ -70,13 +70,13 @@ export class LookCard {
     /** What the colours of a level stand for now. */
     colorOf(level) {
         const choices = this.choices(level).map(([value]) => value);
-        return [this.by, kDistance].find((by) => choices.includes(by)) ?? choices[0];
+        return [this.by, ...(isErrorMap(level) ? [kDistance] : [])].find((by) => choices.includes(by)) ?? choices[0];
     }
 
     choices(level) {
         const own = level.isColored ? [['own', 'Own colours']] : [];
         const attributes = level.tiles && !level.tiles.withAttributes ? [] : level.attributes;
-        return [...own, ...kAlways.slice(0, 2), ...attributes.map(({ name }) => [name, titleOf(name)]), ...kAlways.slice(2)];
+        return [...own, ...kAlways.slice(0, 2), ...attributes.map(({ name }) => [keyOf(name), isErrorMap(level) && name === kDistance ? 'Distance to input' : titleOf(name)]), ...kAlways.slice(2)];
     }
 
     /** What the colours say of a point of the stage: `Classification: Ground`; null where they stand for no values, or for coordinates. */
@@ -85,12 +85,12 @@ export class LookCard {
             return null;
         }
         const { colors, coloring: { by, range } } = level;
-        const value = range && !kLengths.slice(1).includes(by) ? colors?.get(by)?.valueOf?.(index) : undefined;
+        const value = range && !kAxes.includes(by) ? colors?.get(by)?.valueOf?.(index) : undefined;
         if (value === undefined) {
             return null;
         }
         const text = !Number.isFinite(value) ? 'no value' : range.categories ? range.categories.nameOf(value) : format.ends(value, value)[0];
-        return `${titleOf(by)}: ${text}`;
+        return `${new Map(this.choices(level)).get(by)}: ${text}`;
     }
 
     /** @param levels  that are on the stage, one or left and right, each with its `coloring` */
@@ -121,12 +121,16 @@ export class LookCard {
     }
 }
 
+/** The levels of an evaluation, which have a range of distances. */
+const isErrorMap = ({ error }) => error?.range !== undefined;
+
 /** What the ends of the colour map are called: distances as all errors are, coordinates as they are in the file. */
 function scaleOf({ error, coloring: { range: { low, high, start } } }, values) {
-    if (values === kDistance && error?.diagonal > 0) {
+    const isDistance = values === kDistance && isErrorMap({ error });
+    if (isDistance && error.diagonal > 0) {
         return { low: 100 * low / error.diagonal, high: 100 * high / error.diagonal, unit: '% of the diagonal' };
     }
-    return { low: low + start, high: high + start, unit: kLengths.includes(values) ? 'in units of the cloud' : null };
+    return { low: low + start, high: high + start, unit: isDistance || kAxes.includes(values) ? 'in units of the cloud' : null };
 }
 
 /** As a category, where all values are one. */
@@ -139,4 +143,4 @@ function swatch(color, text) {
 }
 
 /** An attribute's name as a person would write it. */
-const titleOf = (name) => (name === kDistance ? 'Distance to input' : (name[0].toUpperCase() + name.slice(1)).replaceAll('_', ' '));
+const titleOf = (name) => (name[0].toUpperCase() + name.slice(1)).replaceAll('_', ' ');

@@ -26,6 +26,8 @@ import { preloadSurface } from './surface.js';
 import { followTheme } from './theme.js';
 import { Toolbar } from './toolbar.js';
 
+const kNotFound = 404;
+
 const linked = readAddress();
 if (linked) {
     askAhead(linked);
@@ -139,8 +141,9 @@ function open({ id, type }, { remembered = false, how = kAsNew } = {}) {
         bookmark.write();  // what is left, for who comes back
     }
     comparison.end();
+    const isAnother = session?.id !== id;
     session?.close();
-    if (!remembered) {
+    if (!remembered && isAnother) {
         history.pushState(null, '', `/?${type === 'pyramid' ? 'pyramid' : 'job'}=${id}`);
     }
     view.open();
@@ -189,7 +192,11 @@ function closeResult() {
 /** Takes what is shown from the server, and shows the newest that is left, unless another was opened meanwhile. */
 async function removeResult() {
     const removed = session;
-    await removeJob(removed.id);
+    await removeJob(removed.id).catch((error) => {
+        if (error.status !== kNotFound) {
+            throw error;
+        }
+    });
     if (session !== removed) {
         await library.refresh();
         return;

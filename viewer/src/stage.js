@@ -10,6 +10,7 @@ const kMargin = 1.17;          // around a fitted cloud
 const kFittedPoints = 20_000;  // enough to know how large a cloud is
 const kFittedShare = 0.995;
 const kGlideMs = 650;
+const kLeftPerSecond = 0.0035;  // of the speed that a drag leaves, however many frames there are
 const kRestMs = 140;           // without a change: draw once more, finer
 const kPickPixels = 14;
 const kTurnsPerSecond = 1 / 40;
@@ -149,7 +150,6 @@ export class Stage {
         this.controls = new OrbitControls(this.camera, this.canvas);
         Object.assign(this.controls, {
             enableDamping: true,
-            dampingFactor: 0.09,
             rotateSpeed: 0.75,
             minDistance: kNearest * (this.home?.radius ?? 1),
             maxDistance: kFarthest * (this.home?.radius ?? 1),
@@ -331,7 +331,9 @@ export class Stage {
         if (this.glide) {
             this.advanceGlide();
         }
-        this.controls.update(Math.min(kLongestFrameS, (now - this.frameAt) / 1000));
+        const seconds = Math.min(kLongestFrameS, (now - this.frameAt) / 1000);
+        this.controls.dampingFactor = 1 - kLeftPerSecond ** seconds;
+        this.controls.update(seconds);
         this.frameAt = now;
         if (this.hasMoved()) {
             this.changed();

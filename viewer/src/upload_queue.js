@@ -48,18 +48,39 @@ export class UploadQueue {
         this.isBusy = true;
         this.onStart();
         const clouds = [];
+        const refused = [];
+        let forget = () => {};
         while (this.waiting.length > 0) {
             const upload = this.waiting.shift();
-            const cloud = await this.send(upload);
+            try {
+                clouds.push(await this.send(upload));
+            } catch (error) {
+                if (!upload.abort.signal.aborted) {
+                    refused.push({ file: upload.file, error });
+                    forget();
+                    forget = this.tell(refused);
+                }
+            }
             removeRow(upload);
-            clouds.push(...(cloud ? [cloud] : []));
         }
         this.isBusy = false;
         byId['upload-told'].textContent = '';
         this.onEnd({ cloud: clouds.at(-1) ?? null, count: clouds.length });
     }
 
-    /** The document of the cloud, or null where the file was not accepted, or called off. */
+    /** What became of files that are not there, in one notice. */
+    tell(refused) {
+        const lost = refused.filter(({ error }) => mayPass(error)).map(({ file }) => file);
+        const action = lost.length > 0 ? { action: { name: 'Try again', act: () => this.add(lost) } } : {};
+        const what = lost.length === refused.length ? 'sent' : 'accepted';
+        if (refused.length === 1) {
+            return showProblem(refused[0].error, `${refused[0].file.name} was not ${what}`, action);
+        }
+        const message = refused.map(({ file, error }) => `${file.name}: ${error.message}`).join('\n');
+        return showProblem({ message }, `${refused.length} files were not ${what}`, action);
+    }
+
+    /** The document of the cloud. */
     async send({ file, abort: { signal }, note, bar }) {
         const rate = new Rate();
         const tell = (text, told = text) => {
@@ -69,27 +90,18 @@ export class UploadQueue {
         };
         bar.hidden = false;
         tell('Sending');
-        try {
-            return await uploadCloud(file, {
-                signal,
-                onProgress: (sent, all) => {
-                    bar.value = all > 0 ? sent / all : 1;
-                    if (sent < all) {
-                        tell([format.bytesOf(sent, all), rate.left(sent, all)].filter(Boolean).join(', '),
-                            `${kToldPercent * Math.floor(100 * sent / all / kToldPercent)} % sent`);
-                    } else {
-                        tell('Storing');
-                    }
-                },
-            });
-        } catch (error) {
-            if (!signal.aborted) {
-                const isLost = mayPass(error);
-                showProblem(error, `${file.name} was not ${isLost ? 'sent' : 'accepted'}`,
-                    isLost ? { action: { name: 'Try again', act: () => this.add([file]) } } : {});
-            }
-            return null;
-        }
+        return uploadCloud(file, {
+            signal,
+            onProgress: (sent, all) => {
+                bar.value = all > 0 ? sent / all : 1;
+                if (sent < all) {
+                    tell([format.bytesOf(sent, all), rate.left(sent, all)].filter(Boolean).join(', '),
+                        `${kToldPercent * Math.floor(100 * sent / all / kToldPercent)} % sent`);
+                } else {
+                    tell('Storing');
+                }
+            },
+        });
     }
 }
 

@@ -269,7 +269,9 @@ test('Few whole numbers are categories: classes by their names, others by themse
         const labels = categoriesOf('label', values);
         assert.equal(new Set(values.map(labels.colorOf)).size, values.length);
     }
-    assert.equal(categoriesOf('label', [1, 3]).colorOf(3), categoriesOf('label', [1, 2, 3]).colorOf(3));
+    for (const others of [[1], [1, 2], [15, 27]]) {
+        assert.equal(categoriesOf('label', [3, ...others]).colorOf(3), categoriesOf('label', [3]).colorOf(3));
+    }
     assert.equal(categoriesOf('height', [1, 2.5]), null);
     assert.equal(categoriesOf('intensity', Array.from({ length: 200 }, (_, i) => i)), null);
     assert.equal(categoriesOf('empty', []), null);

@@ -201,6 +201,10 @@ await run({
         await page.getByText('The file is empty').waitFor();
         await page.locator('#stage').press('Escape');
         assert.equal(await notices(), '');
+        const several = ['a.las', 'b.las', 'c.txt', 'd.txt', 'e.txt'];
+        await page.locator('#file').setInputFiles(several.map((name) => ({ name, buffer: Buffer.alloc(0), mimeType: 'application/octet-stream' })));
+        await page.getByText('5 files were not accepted').waitFor();
+        assert.deepEqual((await page.locator('.notice p').innerText()).split('\n').map((line) => line.split(':')[0]), several);
         await chooseEmpty();
         await page.locator('#results .row').first().click();
         assert.equal(await notices(), '');
