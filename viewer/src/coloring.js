@@ -6,6 +6,7 @@ import { categoriesOf } from './categories.js';
 
 const kOutliers = 0.01;  // share at either end of the values that the range leaves out
 const kSampled = 20_000;
+const kMostExact = 2 ** 24;  // from which on single precision has not all whole numbers
 const kAxes = ['x', 'y', 'z'];
 const kBuiltIn = ['own', 'clay', 'normal', ...kAxes];
 const kNoCategories = { values: [] };
@@ -142,8 +143,9 @@ function rangeOf(count, valueOf, attribute) {
             }
         }
     };
-    // Doubles measure something, as times, which single precision leaves few.
-    const areNames = attribute !== undefined && attribute.type !== 'float64';
+    // Large doubles measure something, as times, of which single precision leaves few.
+    const areLarge = attribute?.type === 'float64' && Math.max(-at(0), at(1)) >= kMostExact;
+    const areNames = attribute !== undefined && !areLarge;
     const categories = sample.length === 0 ? kNoCategories : areNames ? categoriesOf(attribute.name, all()) : null;
     return { low, high, below: low > at(0), above: high < at(1), missing: isMissing, categories };
 }

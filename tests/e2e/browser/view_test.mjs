@@ -358,7 +358,7 @@ await run({
 
     async 'A legend tells coordinates as they are in the file, and classes by their names'() {
         const points = Array.from({ length: 3000 }, (_, i) => [465_000 + i % 60, 5_247_000 + Math.floor(i / 60), 400 + (i % 7) / 10]);
-        const buffer = ply(points, false, { type: 'double', scalars: { classification: ([x]) => (x % 2 === 0 ? 2 : 6), gps_time: ([x]) => 1.3e9 + x - 465_000 } });
+        const buffer = ply(points, false, { type: 'double', scalars: { classification: ([x]) => (x % 2 === 0 ? 2 : 6), gps_time: ([x]) => 1.3e9 + x - 465_000, pulse: ([x]) => 3.2e8 + 32 * (x % 7) } });
         const before = await settledPyramid(page);
         await choose(page, { name: 'terrain.ply', buffer });
         await settledPyramid(page, before);
@@ -372,6 +372,9 @@ await run({
         await colorBy('gps_time');
         await page.locator('#legend-name').getByText('Gps time').waitFor();
         assert.deepEqual(await page.locator('#legend-scale').innerText(), '1,300,000,000\n1,300,000,059');
+        await colorBy('pulse');
+        await page.locator('#legend-name').getByText('Pulse').waitFor();
+        assert.equal(await page.locator('#legend-scale').isVisible(), true);  // no categories, though there are few whole numbers
         await colorBy('classification');
         await page.locator('#legend-categories').getByText('Building').waitFor();
         assert.equal(await page.locator('#legend-categories').innerText(), 'Ground\nBuilding');
