@@ -36,7 +36,8 @@ std::string describe_unknown(std::span<const std::byte> bytes) {
     std::string hint;
     if (head.starts_with("\x1f\x8b")) hint = "; it is compressed by gzip: unpack it first";
     if (head.starts_with("PK\x03\x04")) hint = "; it is a zip archive: unpack it first";
-    if (head.starts_with("LASF")) hint = "; it is a LAS file: convert it to PLY first, as with CloudCompare";
+    if (head.starts_with("LASF"))
+        hint = "; it is a LAS file: convert it to PLY first, as with CloudCompare";
     if (head.starts_with("version https:/"))
         hint = "; it is a Git LFS pointer, not the file: fetch it with 'git lfs pull'";
     return "neither PLY nor Draco: the file starts with " + in_quotes(head) +

@@ -15,17 +15,15 @@ namespace {
 constexpr std::size_t kLongestHeader = std::size_t{1} << 20;
 constexpr std::size_t kMostProperties = 4096;
 
+/// The first name of each type is what is written.
 constexpr std::array<std::pair<std::string_view, PlyType>, 19> kTypeNames = {{
-    {"char", PlyType::Int8},       {"uchar", PlyType::UInt8},
-    {"short", PlyType::Int16},     {"ushort", PlyType::UInt16},
-    {"int", PlyType::Int32},       {"uint", PlyType::UInt32},
-    {"float", PlyType::Float32},   {"double", PlyType::Float64},
-    {"int64", PlyType::Int64},  // not in the format either
-    {"uint64", PlyType::UInt64},   {"int8", PlyType::Int8},
-    {"uint8", PlyType::UInt8},     {"int16", PlyType::Int16},
-    {"uint16", PlyType::UInt16},   {"int32", PlyType::Int32},
-    {"uint32", PlyType::UInt32},   {"float32", PlyType::Float32},
-    {"float64", PlyType::Float64}, {"bool", PlyType::UInt8},  // nor this: one byte
+    {"char", PlyType::Int8},     {"uchar", PlyType::UInt8},     {"short", PlyType::Int16},
+    {"ushort", PlyType::UInt16}, {"int", PlyType::Int32},       {"uint", PlyType::UInt32},
+    {"float", PlyType::Float32}, {"double", PlyType::Float64},  {"int64", PlyType::Int64},
+    {"uint64", PlyType::UInt64}, {"int8", PlyType::Int8},       {"uint8", PlyType::UInt8},
+    {"int16", PlyType::Int16},   {"uint16", PlyType::UInt16},   {"int32", PlyType::Int32},
+    {"uint32", PlyType::UInt32}, {"float32", PlyType::Float32}, {"float64", PlyType::Float64},
+    {"bool", PlyType::UInt8},  // not in the format, but written by tools over NumPy: one byte
 }};
 
 class HeaderParser {

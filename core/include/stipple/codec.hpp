@@ -57,15 +57,18 @@ struct DecodeReport {
 /// Decodes a PLY, Draco or progressive file in memory (or mapped there).
 ///
 /// PLY: ascii, little and big endian; any property types and names; elements in any order. Double
-/// or 32-bit integer coordinates are kept through `PointCloud::origin` (float relative to the
-/// centre of the box). Colours under their usual names (`red`, `r`, `diffuse_red`; 8 bits; 16 bits,
-/// which are scaled unless no value is above 255; or float 0..1) become `colors`; `nx ny nz` become
-/// `normals` unchanged; every other scalar property becomes an attribute. A list property of the
-/// points becomes an attribute of several components if all its lists have one length; otherwise it
-/// is ignored and named in the report. The type `bool` is a byte; numbers beyond a type's range
-/// become infinite or zero; unknown header lines before the first element are skipped and named in
-/// the report. Draco: point clouds and meshes (ignoring faces); generic attributes with their names
-/// from the metadata. Progressive: all points that the bytes contain, see `ProgressiveDecoder`.
+/// or wide integer coordinates are kept through `PointCloud::origin` (float relative to the centre
+/// of the box). Colours under their usual names (`red`, `r`, `diffuse_red`; 8 bits; 16 bits or
+/// more, which are scaled unless no value is above 255; or float 0..1) become `colors`; `nx ny nz`
+/// become `normals` (small integers as shares of their range); every other scalar property becomes
+/// an attribute, 64-bit integers one of doubles. An attribute whose name no PLY file can have, or
+/// needs for coordinates, normals or colours, gets another one: `h_he`, `red_2`. A list property of
+/// the points becomes an attribute of several components if all its lists have one length;
+/// otherwise it is ignored and named in the report. The type `bool` is a byte; numbers beyond a
+/// type's range become infinite or zero; unknown header lines before the first element are skipped
+/// and named in the report. Draco: point clouds and meshes (ignoring faces); generic attributes
+/// with their names from the metadata. Progressive: all points that the bytes contain, see
+/// `ProgressiveDecoder`.
 ///
 /// @param report  filled unless null.
 /// @throws Error(UnsupportedFormat) for bytes in none of these formats; Error(MalformedInput)
