@@ -173,6 +173,9 @@ TEST_F(ServedPyramid, CutsACloudByBudgetAndPlace) {
                   {"If-None-Match: " + reply.field("ETag")})
                   .status,
               304);
+    EXPECT_GT(get("/slice?points=700&format=drc&position_bits=0").body.size(),
+              get("/slice?points=700&format=drc").body.size());
+    EXPECT_EQ(get("/slice?points=700&position_bits=0").status, 400);
     EXPECT_LE(get("/slice?bytes=9000").body.size(), 9000U);
     EXPECT_EQ(get("/slice?max_error=0.5").field("Stipple-Level"), "0");
 
