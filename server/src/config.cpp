@@ -164,8 +164,9 @@ void add_limits(CLI::App& serve, Flags& flags, Limits& limits) {
         "how long a finished job is kept, up to a\nhundred years")
         ->check(within(0, 100 * kYear));
     add(serve, "--cloud-retention-seconds", flags.cloud_retention_seconds,
-        "how long a cloud is kept that is neither asked for nor\nnamed by a new job; as long as "
-        "finished jobs at least")
+        "how long a cloud that is neither asked for nor\nnamed by a new job is kept; as long as "
+        "finished\n"
+        "jobs at least")
         ->check(within(0, 100 * kYear));
     add(serve, "--max-wait", flags.max_wait_seconds, "longest long poll, up to 3600 seconds")
         ->check(within(0, 3600));

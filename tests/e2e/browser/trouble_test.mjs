@@ -210,6 +210,17 @@ await run({
         assert.equal(await notices(), '');
     },
 
+    async 'Beside a result that is gone there is the finest level of what is left'() {
+        browser.refusalsExpected = true;
+        const id = await settledPyramid(page);
+        await visit(page, `/?pyramid=${id}&with=${'0'.repeat(32)}`);
+        await page.getByText('no such job').waitFor();
+        await page.locator('#right-label').getByText('points').waitFor();
+        assert.match(await page.locator('#compare-with').inputValue(), /^level:/);
+        await page.keyboard.press('c');
+        browser.refusalsExpected = false;
+    },
+
     async 'What was cleaned away is told'() {
         const before = await settledPyramid(page);
         await choose(page, { name: 'twice.ply', buffer: ply(Array.from({ length: 600 }, (_, i) => [Math.floor(i / 2) / 300, 0, 0]), false) });
