@@ -34,7 +34,13 @@ HttpReply reply_of(const httplib::Response& response) {
             {response.headers.begin(), response.headers.end()}};
 }
 
+bool is_of_tls(httplib::Error error) {
+    return error == httplib::Error::SSLConnection || error == httplib::Error::SSLLoadingCerts ||
+           error == httplib::Error::SSLServerVerification;
+}
+
 std::string what_happened(httplib::Error error, std::chrono::seconds waited) {
+    if (is_of_tls(error)) return "no trusted TLS connection";
     switch (error) {
         case httplib::Error::Connection:
             return "cannot connect";
@@ -45,20 +51,11 @@ std::string what_happened(httplib::Error error, std::chrono::seconds waited) {
                    std::to_string(waited.count()) + " s)";
         case httplib::Error::Write:
             return "the connection closed while the request was being sent";
-        case httplib::Error::SSLConnection:
-        case httplib::Error::SSLLoadingCerts:
-        case httplib::Error::SSLServerVerification:
-            return "no trusted TLS connection";
         case httplib::Error::Canceled:
             return "the file became shorter while it was being sent";
         default:
             return httplib::to_string(error);
     }
-}
-
-bool is_of_tls(httplib::Error error) {
-    return error == httplib::Error::SSLConnection || error == httplib::Error::SSLLoadingCerts ||
-           error == httplib::Error::SSLServerVerification;
 }
 
 std::string remedy(httplib::Error error) {

@@ -7,7 +7,7 @@ import { categoriesOf } from './categories.js';
 const kOutliers = 0.01;  // share at either end of the values that the range leaves out
 const kSampled = 20_000;
 const kMostExact = 2 ** 24;  // from which on single precision has not all whole numbers
-const kAxes = ['x', 'y', 'z'];
+export const kAxes = ['x', 'y', 'z'];
 const kBuiltIn = ['own', 'clay', 'normal', ...kAxes];
 const kNoCategories = { values: [] };
 const kNoValues = { values: [], components: 1 };

@@ -1,10 +1,9 @@
 import { byId, element, setHidden } from './element.js';
 import * as format from './format.js';
-import { keyOf, kGradient, kGrey, kLowest } from './coloring.js';
+import { kAxes, keyOf, kGradient, kGrey, kLowest } from './coloring.js';
 
 const kDistance = 'distance';  // the attribute of an error map
 const kAlways = [['clay', 'Clay'], ['normal', 'Normals'], ['x', 'Position, x'], ['y', 'Position, y'], ['z', 'Position, z']];
-const kAxes = ['x', 'y', 'z'];
 
 /** The card that says how the cloud is drawn, and the legend of the values that its colours stand for. */
 export class LookCard {

@@ -158,9 +158,10 @@ void WorkerPool::State::keep_leases(const std::stop_token& stop) {
             if (renewing) {
                 renew_leases();
                 renewed_at = now;
+            } else {
+                for (const auto& attempt : attempts())
+                    if (!jobs.holds(attempt->lease())) attempt->stop(JobAttempt::Stop::LeaseLost);
             }
-            for (const auto& attempt : attempts())
-                if (!jobs.holds(attempt->lease())) attempt->stop(JobAttempt::Stop::LeaseLost);
         } catch (const std::exception& error) {
             spdlog::error("lease.failed error={}", log_text(error.what()));
             stop_before_others_may_claim(now - renewed_at);
