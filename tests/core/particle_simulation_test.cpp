@@ -1,17 +1,13 @@
 #include "stipple/particle_simulation.hpp"
 
-#include "hilbert_order.hpp"
-#include "particle_relaxation.hpp"
-#include "particle_spread.hpp"
-#include "particle_surface.hpp"
 #include "random.hpp"
 #include "stipple/cleaning.hpp"
 #include "stipple/codec.hpp"
 #include "stipple/error.hpp"
 #include "stipple/neighbors.hpp"
 #include "support/expect_error.hpp"
+#include "support/square_grid.hpp"
 #include "support/support.hpp"
-#include "surface_samples.hpp"
 
 #include <gtest/gtest.h>
 #include <algorithm>
@@ -19,7 +15,6 @@
 #include <cmath>
 #include <cstdint>
 #include <numbers>
-#include <numeric>
 #include <set>
 #include <string_view>
 
@@ -72,16 +67,6 @@ double distance_to_torus(const Vec3f& p) {
     return std::abs(std::hypot(ring, static_cast<double>(p.z())) - 0.4);
 }
 
-/// A square grid of the unit square.
-PointCloud square_grid(std::size_t side) {
-    PointCloud cloud;
-    for (std::size_t i = 0; i < side * side; ++i)
-        cloud.positions.emplace_back(static_cast<float>(i % side) / static_cast<float>(side - 1),
-                                     static_cast<float>(i / side) / static_cast<float>(side - 1),
-                                     0.0F);
-    return cloud;
-}
-
 /// The surface of the unit cube.
 PointCloud box_surface(std::size_t n) {
     PointCloud cloud;
@@ -98,134 +83,8 @@ PointCloud box_surface(std::size_t n) {
     return cloud;
 }
 
-/// What particles move on. Everything is in its frame, where a unit square is 2 wide.
-struct Ground {
-    explicit Ground(const PointCloud& cloud)
-        : frame(cloud.positions),
-          samples(sample_surface(cloud, hilbert_order(cloud.positions, {}), frame, {})),
-          mls(cloud.positions, MlsOptions{}, {}),
-          surface(samples, mls, frame, {}) {}
-
-    Index nearest(const Vec3f& p) const {
-        const auto distance_sq = [&](const Vec3f& q) { return (q - p).squaredNorm(); };
-        return static_cast<Index>(std::ranges::min_element(samples.positions, {}, distance_sq) -
-                                  samples.positions.begin());
-    }
-
-    ParticleFrame frame;
-    SurfaceSamples samples;
-    MlsSurface mls;
-    ParticleSurface surface;
-};
-
 std::size_t count_within(const std::vector<Vec3f>& points, const auto& where) {
     return static_cast<std::size_t>(std::ranges::count_if(points, where));
-}
-
-TEST(Repulsion, IsAsLongAsTheRadiusLessTheDistance) {
-    const Vec3f f = repulsion({1, 0, 0}, {0, 0, 0}, 1.5F);
-    EXPECT_FLOAT_EQ(f.x(), 0.5F);
-    EXPECT_EQ(f.y(), 0);
-    EXPECT_EQ(f.z(), 0);
-    const Vec3f slanted = repulsion({0, 0, 0}, {3, 4, 0}, 10.0F);
-    EXPECT_FLOAT_EQ(slanted.x(), -3.0F);
-    EXPECT_FLOAT_EQ(slanted.y(), -4.0F);
-}
-
-TEST(Repulsion, IsZeroFromTheRadiusOnAndWhereParticlesCoincide) {
-    EXPECT_EQ(repulsion({2, 0, 0}, {0, 0, 0}, 2.0F), Vec3f::Zero());
-    EXPECT_EQ(repulsion({5, 0, 0}, {0, 0, 0}, 2.0F), Vec3f::Zero());
-    EXPECT_EQ(repulsion({1, 1, 1}, {1, 1, 1}, 2.0F), Vec3f::Zero());
-}
-
-TEST(Repulsion, OfTheCornersOfATriangleSumsToAForceFromItsCentre) {
-    // Eq. 8, side 1 and r = 2: two forces of length 1 that enclose 60 degrees.
-    const float h = std::sqrt(3.0F) / 2;
-    const Vec3f a(0, 0, 0), b(1, 0, 0), c(0.5F, h, 0);
-    const Vec3f total = repulsion(c, a, 2.0F) + repulsion(c, b, 2.0F);
-    EXPECT_NEAR(total.x(), 0.0F, 1e-6F);
-    EXPECT_NEAR(total.y(), std::sqrt(3.0F), 1e-6F);
-}
-
-TEST(ParticleRelaxation, MovesEachByTheForcesOfAllOthers) {
-    const PointCloud cloud = square_grid(64);
-    const Ground ground(cloud);
-    constexpr float kSpacing = 0.2F, kForce = 0.35F;
-    for (const float radius : {1.25F, 0.88F}) {
-        for (std::size_t count = 2; count < 12; ++count) {
-            SpreadParticles start;
-            for (const Vec3f& p : test::plane(count, 7).positions)
-                start.positions.emplace_back(0.3F * p);
-            for (const Vec3f& p : start.positions) start.samples.push_back(ground.nearest(p));
-            ParticleRelaxation particles(ground.surface, std::vector<float>(cloud.size(), kSpacing),
-                                         start, {});
-            particles.step(radius, false);
-            for (std::size_t i = 0; i < count; ++i) {
-                Vec3f force = Vec3f::Zero();
-                for (const Vec3f& p : start.positions)
-                    force += repulsion(start.positions[i], p, radius * kSpacing);
-                Vec3f step = kForce * force;
-                if (step.norm() > 0.5F * kSpacing) step *= 0.5F * kSpacing / step.norm();
-                EXPECT_LT((particles.positions()[i] - start.positions[i] - step).norm(), 1e-5F)
-                    << count << " particles, radius " << radius;
-            }
-        }
-    }
-}
-
-TEST(ParticleRelaxation, PartsParticlesThatCoincide) {
-    const PointCloud cloud = square_grid(64);
-    const Ground ground(cloud);
-    for (const float radius : {1.25F, 0.88F}) {
-        SpreadParticles start;
-        for (const float x : {0.0F, 0.0F, 0.05F}) start.positions.emplace_back(x, 0.0F, 0.0F);
-        for (const Vec3f& p : start.positions) start.samples.push_back(ground.nearest(p));
-        ParticleRelaxation particles(ground.surface, std::vector<float>(cloud.size(), 0.2F), start,
-                                     {});
-        for (int i = 0; i < 40; ++i) particles.step(radius, false);
-        const std::span<const Vec3f> p = particles.positions();
-        EXPECT_GT((p[0] - p[1]).norm(), 0.9F * radius * 0.2F) << radius;
-    }
-}
-
-TEST(ParticleSurface, LeadsToTheNearestSample) {
-    for (const std::size_t points : {3U, 6U, 15U, 2'000U}) {
-        const PointCloud cloud = test::plane(points, 3);
-        const Ground ground(cloud);
-        const std::vector<Vec3f> targets = test::plane(100, 4).positions;
-        for (std::size_t i = 0; i < targets.size(); ++i) {
-            const Vec3f to = 2 * targets[i] - Vec3f(1, 1, 0);
-            ParticleSurface::Foot foot{.sample = static_cast<Index>(i % points)};
-            foot.slack = -1;  // walks
-            ground.surface.project(ground.samples.positions[foot.sample], to, foot);
-            const auto distance = [&](Index s) {
-                return (ground.samples.positions[s] - to).norm();
-            };
-            EXPECT_LE(distance(foot.sample), distance(ground.nearest(to))) << points;
-        }
-    }
-}
-
-TEST(ParticleShares, FollowTheAreaOverTheSquaredSpacing) {
-    const std::vector<float> areas = {1, 3, 1, 3}, spacing = {1, 1, 2, 2};
-    const auto shares = particle_shares(areas, spacing, std::vector<std::uint8_t>(4, 0), 2);
-    EXPECT_NEAR(shares[1] / shares[0], 3.0, 1e-5);
-    EXPECT_NEAR(shares[0] / shares[2], 4.0, 1e-5);
-    EXPECT_NEAR(std::accumulate(shares.begin(), shares.end(), 0.0), 2.0, 1e-5);
-}
-
-TEST(ParticleShares, AreBoundedWherePointsLieAllAround) {
-    for (const float far : {1e6F, 1e30F}) {
-        std::vector<float> areas(1000, 1.0F);
-        std::vector<std::uint8_t> rough(1000, 0);
-        areas[500] = far;
-        areas[600] = std::sqrt(far);
-        rough[500] = rough[600] = 1;
-        const auto shares = particle_shares(areas, std::vector<float>(1000, 1.0F), rough, 100);
-        EXPECT_NEAR(shares[500], 0.4, 1e-6);
-        EXPECT_NEAR(shares[600], 0.4, 1e-6);
-        EXPECT_NEAR(shares[0], 99.2 / 998.0, 1e-6);
-    }
 }
 
 TEST(ParticleSimulation, SpreadsEvenlyHoweverUnevenlyThePointsLie) {
@@ -291,7 +150,7 @@ TEST(ParticleSimulation, SpreadsUniformlyOverAnUnevenInput) {
 }
 
 TEST(ParticleSimulation, KeepsParticlesWithinTheBordersOfAnOpenSurface) {
-    const auto result = particle_simulation(square_grid(150), {.target_size = 400});
+    const auto result = particle_simulation(test::square_grid(150), {.target_size = 400});
     for (const Vec3f& p : result.positions) {
         for (int axis = 0; axis < 2; ++axis) {
             EXPECT_GT(p[axis], -0.01F);
@@ -306,7 +165,7 @@ TEST(ParticleSimulation, KeepsParticlesWithinTheBordersOfAnOpenSurface) {
 
 TEST(ParticleSimulation, LeavesHolesOpen) {
     PointCloud cloud;
-    for (const Vec3f& p : square_grid(150).positions)
+    for (const Vec3f& p : test::square_grid(150).positions)
         if ((p - Vec3f(0.5F, 0.5F, 0)).norm() > 0.2F) cloud.positions.push_back(p);
     for (const Vec3f& p : particle_simulation(cloud, {.target_size = 400}).positions)
         EXPECT_GT((p - Vec3f(0.5F, 0.5F, 0)).norm(), 0.185F);

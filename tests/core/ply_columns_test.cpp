@@ -1,0 +1,161 @@
+#include "stipple/codec.hpp"
+#include "support/ply_text.hpp"
+
+#include <gtest/gtest.h>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+// What becomes of the properties of a vertex.
+
+namespace stipple {
+namespace {
+
+using namespace stipple::test;
+
+std::vector<Rgba8> colors_of(const std::string& type, const std::string& rows,
+                             const std::string& more = "") {
+    const std::string channel = "property " + type;
+    const std::string text =
+        "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\n"
+        "property float y\nproperty float z\n" +
+        channel + " red\n" + channel + " green\n" + channel + " blue\n" + more + "end_header\n" +
+        rows;
+    return decode_cloud(std::as_bytes(std::span(text))).colors;
+}
+
+TEST(PlyColumns, TakesColoursOf16BitsAsTheyAreWhereNoneIsAbove255) {
+    EXPECT_EQ(colors_of("ushort", "0 0 0 255 128 0\n1 0 0 1 2 3\n"),
+              (std::vector<Rgba8>{{255, 128, 0, 255}, {1, 2, 3, 255}}));
+    EXPECT_EQ(colors_of("ushort", "0 0 0 65535 32896 0\n1 0 0 257 2 255\n"),
+              (std::vector<Rgba8>{{255, 128, 0, 255}, {1, 0, 1, 255}}));
+}
+
+TEST(PlyColumns, TakesTheUpperBitsOfColoursAsLasHasThemAndTellsWhatIsLost) {
+    const auto skipped = [](const std::string& rows) {
+        DecodeReport report;
+        decode(ascii("element vertex 2\n" + kXyz +
+                         "property ushort red\nproperty ushort green\nproperty ushort blue\n",
+                     rows),
+               &report);
+        return report.skipped.size();
+    };
+    const std::string las = "0 0 0 65280 32768 0\n1 0 0 256 512 768\n",
+                      full = "0 0 0 65535 257 0\n1 0 0 0 514 771\n",
+                      neither = "0 0 0 65535 256 0\n1 0 0 0 514 771\n";
+    EXPECT_EQ(colors_of("ushort", las), (std::vector<Rgba8>{{255, 128, 0, 255}, {1, 2, 3, 255}}));
+    EXPECT_EQ(colors_of("ushort", full), (std::vector<Rgba8>{{255, 1, 0, 255}, {0, 2, 3, 255}}));
+    EXPECT_EQ(skipped(las), 0U);
+    EXPECT_EQ(skipped(full), 0U);
+    EXPECT_EQ(skipped(neither), 1U);
+}
+
+TEST(PlyColumns, TakesColoursOfWiderIntegersAsThoseOf16Bits) {
+    for (const char* const type : {"int", "uint", "int64"}) {
+        EXPECT_EQ(colors_of(type, "0 0 0 255 128 0\n1 0 0 1 2 3\n"),
+                  (std::vector<Rgba8>{{255, 128, 0, 255}, {1, 2, 3, 255}}));
+        EXPECT_EQ(colors_of(type, "0 0 0 65535 32896 0\n1 0 0 257 2 70000\n"),
+                  (std::vector<Rgba8>{{255, 128, 0, 255}, {1, 0, 255, 255}}));
+    }
+    EXPECT_EQ(colors_of("short", "0 0 0 32639 -1 0\n1 0 0 257 514 771\n"),
+              (std::vector<Rgba8>{{127, 0, 0, 255}, {1, 2, 3, 255}}));
+}
+
+TEST(PlyColumns, KeepsIntegersOf64BitsAsDoubles) {
+    const std::string elements = "element vertex 1\n" + kXyz + "property int64 id\n";
+    EXPECT_EQ(values<double>(decode(ascii(elements, "0 0 0 -9007199254740992\n")), "id").at(0),
+              -0x1p53);
+    for (const bool big : {false, true}) {
+        std::string file = std::string("ply\nformat binary_") + (big ? "big" : "little") +
+                           "_endian 1.0\n" + elements +
+                           "property list uint64 uint64 w\nend_header\n";
+        for (int axis = 0; axis < 3; ++axis) append(file, float(axis), big);
+        append(file, std::int64_t{-5'000'000'000}, big);
+        append(file, std::uint64_t{1}, big);
+        append(file, std::uint64_t{1} << 63, big);
+        const PointCloud cloud = decode(file);
+        EXPECT_EQ(values<double>(cloud, "id").at(0), -5e9);
+        EXPECT_EQ(values<double>(cloud, "w").at(0), 0x1p63);
+        EXPECT_EQ(cloud.positions.at(0), Vec3f(0, 1, 2));
+    }
+}
+
+TEST(PlyColumns, TakesNormalsOfSmallIntegersAsShares) {
+    const PointCloud cloud = decode(ascii(
+        "element vertex 1\n" + kXyz + "property char nx\nproperty short ny\nproperty int nz\n",
+        "0 0 0 127 -32767 2\n"));
+    EXPECT_EQ(cloud.normals.at(0), Vec3f(1, -1, 2));
+}
+
+TEST(PlyColumns, GivesAttributesNamesThatItsOwnFilesCanHave) {
+    const PointCloud cloud = decode(
+        ascii("element vertex 1\n" + kXyz +
+                  "property uchar r\nproperty uchar g\nproperty uchar b\nproperty float red\n"
+                  "property float h\xc3\xb6he\nproperty float h_he\nproperty float nx\n",
+              "0 0 0 1 2 3 4 5 6 7\n"));
+    EXPECT_EQ(values<float>(cloud, "red_2").at(0), 4);
+    EXPECT_EQ(values<float>(cloud, "h_he").at(0), 5);
+    EXPECT_EQ(values<float>(cloud, "h_he_2").at(0), 6);
+    EXPECT_EQ(values<float>(cloud, "nx").at(0), 7);  // without normals it is free
+    const PointCloud back = decode(text_of(encode_ply(cloud)));
+    EXPECT_EQ(back.colors, cloud.colors);
+    EXPECT_EQ(values<float>(back, "red_2").at(0), 4);
+}
+
+TEST(PlyColumns, TakesColoursOfFloatsAsSharesOrAs8BitsByWhatTheCloudHas) {
+    const std::vector<Rgba8> shares = {{0, 128, 255, 255}, {255, 0, 64, 255}};
+    EXPECT_EQ(colors_of("float", "0 0 0 0 0.5 1\n1 0 0 1.01 -1 0.25\n"), shares);
+    EXPECT_EQ(colors_of("double", "0 0 0 0 127.6 255\n1 0 0 300 nan 64\n"), shares);
+    EXPECT_EQ(
+        colors_of("float", "0 0 0 0 128 255 1\n1 0 0 255 0 64 0.5\n", "property float alpha\n"),
+        (std::vector<Rgba8>{{0, 128, 255, 255}, {255, 0, 64, 128}}));
+}
+
+TEST(PlyColumns, ReadsCoordinatesColorsNormalsAndScalarsByTheirUsualNames) {
+    const PointCloud cloud =
+        decode(ascii("element vertex 1\nproperty float nx\nproperty float ny\nproperty float "
+                     "nz\nproperty double z\nproperty short x\n"
+                     "property float y\nproperty uchar r\nproperty ushort g\nproperty float "
+                     "b\nproperty uchar a\nproperty short k\n",
+                     "0 0 1 3.5 -1 2 10 65535 0.5 77 -9\n"));
+    ASSERT_EQ(cloud.size(), 1U);
+    EXPECT_EQ((cloud.origin + cloud.positions[0].cast<double>()).eval(), Vec3d(-1, 2, 3.5));
+    EXPECT_EQ(cloud.normals.at(0), Vec3f(0, 0, 1));
+    EXPECT_EQ(cloud.colors.at(0), (Rgba8{10, 255, 128, 77}));
+    EXPECT_TRUE(cloud.has_alpha);
+    EXPECT_EQ(values<std::int16_t>(cloud, "k").at(0), -9);
+}
+
+TEST(PlyColumns, PrefersRedGreenBlueAndKeepsASecondFamilyAsAttributes) {
+    const PointCloud cloud = decode(
+        ascii("element vertex 1\n" + kXyz +
+                  "property uchar diffuse_red\nproperty uchar diffuse_green\nproperty uchar "
+                  "diffuse_blue\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n",
+              "0 0 0 1 2 3 4 5 6\n"));
+    EXPECT_EQ(cloud.colors.at(0), (Rgba8{4, 5, 6, 255}));
+    EXPECT_FALSE(cloud.has_alpha);
+    EXPECT_EQ(values<std::uint8_t>(cloud, "diffuse_blue").at(0), 3);
+}
+
+TEST(PlyColumns, KeepsAnIncompleteColorAsAttribute) {
+    const PointCloud cloud =
+        decode(ascii("element vertex 1\n" + kXyz + "property uchar red\n", "0 0 0 9\n"));
+    EXPECT_TRUE(cloud.colors.empty());
+    EXPECT_EQ(values<std::uint8_t>(cloud, "red").at(0), 9);
+}
+
+TEST(PlyColumns, KeepsListsOfOneLengthAndReportsTheOthers) {
+    const std::string header = "element vertex 2\n" + kXyz + "property list uchar short w\n";
+    DecodeReport report;
+    const PointCloud even = decode(ascii(header, "0 0 0 2 1 2\n1 1 1 2 3 4\n"), &report);
+    EXPECT_EQ(values<std::int16_t>(even, "w"), (std::vector<std::int16_t>{1, 2, 3, 4}));
+    EXPECT_EQ(even.attributes[0].components, 2U);
+    EXPECT_TRUE(report.skipped.empty());
+    const PointCloud uneven = decode(ascii(header, "0 0 0 2 1 2\n1 1 1 1 3\n"), &report);
+    EXPECT_TRUE(uneven.attributes.empty());
+    EXPECT_EQ(uneven.positions[1], Vec3f(1, 1, 1));
+    EXPECT_EQ(report.skipped, std::vector<std::string>{"vertex.w"});
+}
+
+}  // namespace
+}  // namespace stipple
