@@ -6,6 +6,7 @@
 #include "parallel_for.hpp"
 #include "point_tree.hpp"
 #include "progress_for.hpp"
+#include "tangent_plane.hpp"
 #include "tree_search.hpp"
 
 #include <algorithm>

@@ -1,10 +1,9 @@
 #include "contraction_options.hpp"
 
-#include "contraction_quadrics.hpp"
-#include "option_ranges.hpp"
 #include "parallel_for.hpp"
 #include "refuse.hpp"
 #include "representatives.hpp"
+#include "tangent_plane.hpp"
 
 #include <algorithm>
 #include <array>
@@ -46,6 +45,23 @@ void add_attribute(std::vector<std::vector<float>>& columns, const Attribute& at
 }
 
 }  // namespace
+
+void check_ranges(const IterativeSimplificationOptions& options) {
+    require(options.k >= 3 && options.k <= 32, "k", options.k, "3..32");
+    if (options.max_displacement) {
+        require_not_negative("max_displacement", *options.max_displacement);
+    }
+    require_not_negative("color_weight", options.color_weight);
+    for (const auto& [name, weight] : options.attribute_weights) {
+        require_not_negative("attribute_weights." + name, weight);
+    }
+}
+
+void check_ranges(const MultiphaseOptions& options) {
+    require(options.oversampling >= 1 && options.oversampling <= 1000, "oversampling",
+            options.oversampling, "1 to 1000");
+    check_ranges(options.contraction);
+}
 
 void check_contraction(const PointCloud& cloud, const IterativeSimplificationOptions& options) {
     if (cloud.empty()) refuse("the cloud has no points");

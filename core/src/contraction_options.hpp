@@ -1,12 +1,18 @@
 #pragma once
 
 #include "stipple/iterative_simplification.hpp"
+#include "stipple/multiphase.hpp"
 #include "stipple/neighbors.hpp"
 
 #include <span>
 #include <vector>
 
 namespace stipple {
+
+/// The ranges of the options, but for the target, that hold whatever the cloud.
+/// @throws Error(InvalidArgument).
+void check_ranges(const IterativeSimplificationOptions& options);
+void check_ranges(const MultiphaseOptions& options);
 
 /// @throws Error(InvalidArgument) for a cloud without points, and options but for the target that
 /// are out of range or name what the cloud has not.

@@ -15,10 +15,6 @@ struct Tangent {
     bool border = false;      ///< whether it does
 };
 
-/// The tangent plane (§2.1) of a sample by the offsets of its neighbours; any where they do not
-/// span one.
-Vec3d normal_from(std::span<const Vec3d> neighbors) noexcept;
-
 /// Whether the neighbours leave so wide an angle of the tangent plane empty that it has to be
 /// looked at closely: a quick test that is true of every sample on a border, and of few others.
 bool may_be_on_border(std::span<const Vec3d> neighbors, const Vec3d& normal) noexcept;

@@ -1,11 +1,11 @@
 #include "curvature_contraction.hpp"
 
-#include "contraction_quadrics.hpp"
 #include "contraction_relaxation.hpp"
 #include "first_touch.hpp"
 #include "gaussian.hpp"
 #include "nearest_lists.hpp"
 #include "parallel_for.hpp"
+#include "tangent_plane.hpp"
 
 #include <algorithm>
 #include <cmath>

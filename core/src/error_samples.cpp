@@ -1,12 +1,12 @@
 #include "error_samples.hpp"
 
-#include "contraction_quadrics.hpp"
 #include "first_touch.hpp"
 #include "nearby_search.hpp"
 #include "nearest_kernels.hpp"
 #include "parallel_for.hpp"
 #include "random.hpp"
 #include "stipple/particle_simulation.hpp"
+#include "tangent_plane.hpp"
 #include "tree_search.hpp"
 
 #include <Eigen/Geometry>

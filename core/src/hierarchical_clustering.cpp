@@ -2,7 +2,7 @@
 
 #include "cloud_copy.hpp"
 #include "cluster_tree.hpp"
-#include "option_ranges.hpp"
+#include "clustering_options.hpp"
 #include "parallel_for.hpp"
 #include "refuse.hpp"
 #include "representatives.hpp"

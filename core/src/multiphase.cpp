@@ -5,7 +5,6 @@
 #include "contraction_options.hpp"
 #include "first_touch.hpp"
 #include "multiphase_runs.hpp"
-#include "option_ranges.hpp"
 #include "parallel_for.hpp"
 #include "refuse.hpp"
 #include "representatives.hpp"

@@ -3,7 +3,6 @@
 #include "cloud_copy.hpp"
 #include "first_touch.hpp"
 #include "hilbert_order.hpp"
-#include "option_ranges.hpp"
 #include "parallel_for.hpp"
 #include "particle_density.hpp"
 #include "particle_relaxation.hpp"
@@ -363,6 +362,17 @@ Sources find_sources(const NeighborSearch& search, std::size_t points,
 }
 
 }  // namespace
+
+void check_ranges(const ParticleSimulationOptions& options) {
+    require(options.adaptivity >= 0 && options.adaptivity <= 1, "adaptivity", options.adaptivity,
+            "0 to 1");
+    require(options.max_grading >= 1 && std::isfinite(options.max_grading), "max_grading",
+            options.max_grading, "a finite number, at least 1");
+    check_ranges(options.regions);
+    require(options.max_iterations >= 1, "max_iterations", options.max_iterations, "at least 1");
+    require(options.tolerance > 0 && options.tolerance < 1, "tolerance", options.tolerance,
+            "above 0, below 1");
+}
 
 struct ParticleSimulator::Implementation {
     const PointCloud& cloud;

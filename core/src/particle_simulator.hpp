@@ -7,6 +7,10 @@
 
 namespace stipple {
 
+/// The ranges of the options, but for the target, that hold whatever the cloud.
+/// @throws Error(InvalidArgument).
+void check_ranges(const ParticleSimulationOptions& options);
+
 /// Particle simulations of one cloud, each of as many particles as it is asked for. What they have
 /// in common is made once: the order of the points, their moving least squares surface, and, where
 /// a run needs as many of them as the one before, or both nearly all, the samples that stand for

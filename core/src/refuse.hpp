@@ -2,6 +2,7 @@
 
 #include "stipple/error.hpp"
 
+#include <cmath>
 #include <sstream>
 #include <string_view>
 
@@ -20,6 +21,14 @@ template <typename... Parts>
 template <typename T>
 void require(bool fits, std::string_view name, const T& value, std::string_view expected) {
     if (!fits) refuse(name, ' ', value, ": expected ", expected);
+}
+
+inline void require_positive(std::string_view name, double value) {
+    require(value > 0 && std::isfinite(value), name, value, "a finite number above 0");
+}
+
+inline void require_not_negative(std::string_view name, double value) {
+    require(value >= 0 && std::isfinite(value), name, value, "a finite number, at least 0");
 }
 
 }  // namespace stipple

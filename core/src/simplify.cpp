@@ -1,7 +1,9 @@
 #include "stipple/simplify.hpp"
 
 #include "cloud_copy.hpp"
-#include "option_ranges.hpp"
+#include "clustering_options.hpp"
+#include "contraction_options.hpp"
+#include "particle_simulator.hpp"
 #include "refuse.hpp"
 #include "stipple/error_bounded.hpp"
 #include "stipple/iterative_simplification.hpp"

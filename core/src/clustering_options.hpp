@@ -2,11 +2,7 @@
 
 #include "stipple/hierarchical_clustering.hpp"
 #include "stipple/incremental_clustering.hpp"
-#include "stipple/multiphase.hpp"
-#include "stipple/particle_simulation.hpp"
 #include "stipple/voxel_clustering.hpp"
-
-#include <string>
 
 namespace stipple {
 
@@ -16,12 +12,6 @@ namespace stipple {
 
 void check_ranges(const HierarchicalClusteringOptions& options);
 void check_ranges(const IncrementalClusteringOptions& options);
-void check_ranges(const IterativeSimplificationOptions& options);
-void check_ranges(const MultiphaseOptions& options);
-void check_ranges(const ParticleSimulationOptions& options);
 void check_ranges(const VoxelClusteringOptions& options);
-
-/// A finite number above 0.
-void require_positive(const std::string& name, double value);
 
 }  // namespace stipple
