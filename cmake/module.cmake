@@ -1,6 +1,6 @@
-# stipple_add_module(NAME PUBLIC targets... PRIVATE targets... PRECOMPILE headers...): a folder's whole list file. It takes the sources from
-# src/, the public headers from include/, and adds the alias stipple::NAME, the warnings, the install rule and a check
-# that each public header compiles alone.
+# stipple_add_module(NAME FOLDERS folders... PUBLIC targets... PRIVATE targets... PRECOMPILE headers...): a folder's whole list file. It takes
+# the sources from src/ and its FOLDERS, the public headers from include/, and adds the alias stipple::NAME, the warnings, the install rule and
+# a check that each public header compiles alone.
 
 add_library(stipple_build_flags INTERFACE)
 target_compile_features(stipple_build_flags INTERFACE cxx_std_20)
@@ -42,9 +42,10 @@ function(stipple_precompile target)
 endfunction()
 
 function(stipple_add_module name)
-    cmake_parse_arguments(arg "" "" "PUBLIC;PRIVATE;PRECOMPILE" ${ARGN})
+    cmake_parse_arguments(arg "" "" "FOLDERS;PUBLIC;PRIVATE;PRECOMPILE" ${ARGN})
     file(GLOB_RECURSE headers CONFIGURE_DEPENDS ${CMAKE_CURRENT_SOURCE_DIR}/include/*.hpp)
-    file(GLOB sources CONFIGURE_DEPENDS ${CMAKE_CURRENT_SOURCE_DIR}/src/*.cpp)
+    list(TRANSFORM arg_FOLDERS REPLACE ".+" "${CMAKE_CURRENT_SOURCE_DIR}/src/\\0/*.cpp" OUTPUT_VARIABLE in_folders)
+    file(GLOB sources CONFIGURE_DEPENDS ${CMAKE_CURRENT_SOURCE_DIR}/src/*.cpp ${in_folders})
     list(FILTER sources EXCLUDE REGEX "/main\\.cpp$")
 
     add_library(stipple_${name} STATIC ${sources})
@@ -65,8 +66,10 @@ function(stipple_add_module name)
     foreach(header IN LISTS headers)
         cmake_path(RELATIVE_PATH header BASE_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR}/include OUTPUT_VARIABLE relative)
         cmake_path(GET relative STEM stem)
-        if(EXISTS ${CMAKE_CURRENT_SOURCE_DIR}/src/${stem}.cpp)
-            file(STRINGS src/${stem}.cpp first_include REGEX "^#include" LIMIT_COUNT 1)
+        set(source ${sources})
+        list(FILTER source INCLUDE REGEX "/${stem}\\.cpp$")
+        if(source)
+            file(STRINGS ${source} first_include REGEX "^#include" LIMIT_COUNT 1)
             if(first_include STREQUAL "#include \"${relative}\"")
                 continue()
             endif()

@@ -34,7 +34,7 @@ const mediaTypes = {
 rmSync(page, { recursive: true, force: true });
 mkdirSync(join(page, 'assets'), { recursive: true });
 const assets = placePlainFiles();
-assets['surface_worker.js'] = place('surface_worker.js', await bundle('src/surface_worker.js'));
+assets['surface_worker.js'] = place('surface_worker.js', await bundle('src/loading/surface_worker.js'));
 assets['viewer.js'] = place('viewer.js', await bundle('src/main.js', {
     ASSETS: JSON.stringify(assets),
     JOB_FORMS: JSON.stringify(jobForms(join(source, '../openapi.yaml'), modules)),

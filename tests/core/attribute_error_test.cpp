@@ -1,4 +1,4 @@
-#include "color_difference.hpp"
+#include "cloud/color_difference.hpp"
 #include "stipple/surface_error.hpp"
 #include "support/support.hpp"
 

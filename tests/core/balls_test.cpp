@@ -1,4 +1,4 @@
-#include "balls.hpp"
+#include "neighbors/balls.hpp"
 
 #include "support/support.hpp"
 
@@ -7,7 +7,7 @@
 #include <cmath>
 #include <random>
 
-// Points within balls (core/src/balls.hpp) against a look at every point and ball.
+// Points within balls (core/src/neighbors/balls.hpp) against a look at every point and ball.
 
 namespace stipple {
 namespace {

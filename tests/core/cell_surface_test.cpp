@@ -1,4 +1,4 @@
-#include "cell_surface.hpp"
+#include "progressive/cell_surface.hpp"
 
 #include <gtest/gtest.h>
 #include <algorithm>

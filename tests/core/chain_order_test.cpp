@@ -1,8 +1,8 @@
-#include "chain_order.hpp"
+#include "cloud/chain_order.hpp"
 
-#include "hilbert_order.hpp"
-#include "kernel_sets.hpp"
-#include "random.hpp"
+#include "base/kernel_sets.hpp"
+#include "base/random.hpp"
+#include "cloud/hilbert_order.hpp"
 #include "stipple/codec.hpp"
 #include "support/support.hpp"
 

@@ -1,4 +1,4 @@
-#include "cluster_kernels.hpp"
+#include "clustering/cluster_kernels.hpp"
 
 #include "support/support.hpp"
 

@@ -1,6 +1,6 @@
-#include "cluster_tree.hpp"
+#include "clustering/cluster_tree.hpp"
 
-#include "large_split.hpp"
+#include "clustering/large_split.hpp"
 #include "stipple/error.hpp"
 #include "support/support.hpp"
 

@@ -1,7 +1,7 @@
-#include "contraction.hpp"
+#include "contraction/contraction.hpp"
 
-#include "contraction_quadrics.hpp"
-#include "contraction_relaxation.hpp"
+#include "contraction/contraction_quadrics.hpp"
+#include "contraction/contraction_relaxation.hpp"
 #include "support/oracles.hpp"
 #include "support/support.hpp"
 

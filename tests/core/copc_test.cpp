@@ -1,6 +1,6 @@
 #include "stipple/copc.hpp"
 
-#include "random.hpp"
+#include "base/random.hpp"
 #include "stipple/codec.hpp"
 #include "stipple/error.hpp"
 #include "stipple/globe.hpp"

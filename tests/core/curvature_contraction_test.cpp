@@ -1,4 +1,4 @@
-#include "curvature_contraction.hpp"
+#include "contraction/curvature_contraction.hpp"
 
 #include "support/support.hpp"
 

@@ -1,6 +1,6 @@
-#include "curve_normals.hpp"
+#include "analysis/curve_normals.hpp"
 
-#include "normal_kernels.hpp"
+#include "analysis/normal_kernels.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
@@ -11,7 +11,7 @@
 #include <cmath>
 #include <cstdint>
 
-// Normals by the points beside each other on a curve (core/src/curve_normals.hpp).
+// Normals by the points beside each other on a curve (core/src/analysis/curve_normals.hpp).
 
 namespace stipple {
 namespace {

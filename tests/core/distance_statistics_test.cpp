@@ -1,4 +1,4 @@
-#include "distance_statistics.hpp"
+#include "base/distance_statistics.hpp"
 
 #include <gtest/gtest.h>
 #include <algorithm>

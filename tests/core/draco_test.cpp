@@ -1,4 +1,4 @@
-#include "random.hpp"
+#include "base/random.hpp"
 #include "stipple/codec.hpp"
 #include "stipple/error.hpp"
 #include "support/support.hpp"

@@ -1,7 +1,7 @@
 #include "stipple/error_bounded.hpp"
 
-#include "foot_finder.hpp"
-#include "point_tree.hpp"
+#include "error/foot_finder.hpp"
+#include "neighbors/point_tree.hpp"
 #include "stipple/error.hpp"
 #include "support/expect_error.hpp"
 #include "support/support.hpp"

@@ -1,4 +1,4 @@
-#include "error_watch.hpp"
+#include "error/error_watch.hpp"
 
 #include "stipple/hierarchical_clustering.hpp"
 #include "support/support.hpp"

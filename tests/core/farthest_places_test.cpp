@@ -1,6 +1,6 @@
-#include "farthest_places.hpp"
+#include "error/farthest_places.hpp"
 
-#include "error_samples.hpp"
+#include "error/error_samples.hpp"
 #include "stipple/surface_error.hpp"
 #include "support/support.hpp"
 

@@ -1,6 +1,6 @@
-#include "fit_kernels.hpp"
+#include "contraction/fit_kernels.hpp"
 
-#include "mls_fit.hpp"
+#include "analysis/mls_fit.hpp"
 
 #include <gtest/gtest.h>
 #include <Eigen/Geometry>

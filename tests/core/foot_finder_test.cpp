@@ -1,6 +1,6 @@
-#include "foot_finder.hpp"
+#include "error/foot_finder.hpp"
 
-#include "plane_kernels.hpp"
+#include "error/plane_kernels.hpp"
 #include "support/eigen_system.hpp"
 #include "support/support.hpp"
 

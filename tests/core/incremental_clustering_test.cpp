@@ -1,6 +1,6 @@
 #include "stipple/incremental_clustering.hpp"
 
-#include "random.hpp"
+#include "base/random.hpp"
 #include "stipple/hierarchical_clustering.hpp"
 #include "stipple/neighbors.hpp"
 #include "support/expect_error.hpp"

@@ -1,6 +1,6 @@
 #include "stipple/iterative_simplification.hpp"
 
-#include "contraction_quadrics.hpp"
+#include "contraction/contraction_quadrics.hpp"
 #include "stipple/error.hpp"
 #include "stipple/neighbors.hpp"
 #include "support/expect_error.hpp"

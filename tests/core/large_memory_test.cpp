@@ -1,4 +1,4 @@
-#include "large_memory.hpp"
+#include "base/large_memory.hpp"
 
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -8,7 +8,7 @@
 #include <numeric>
 #include <utility>
 
-// Memory of working arrays (core/src/large_memory.hpp).
+// Memory of working arrays (core/src/base/large_memory.hpp).
 
 namespace stipple {
 namespace {

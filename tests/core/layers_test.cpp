@@ -1,6 +1,6 @@
-#include "layers.hpp"
+#include "clustering/layers.hpp"
 
-#include "gather.hpp"
+#include "clustering/gather.hpp"
 #include "stipple/hierarchical_clustering.hpp"
 #include "stipple/iterative_simplification.hpp"
 #include "stipple/multiphase.hpp"

@@ -1,6 +1,6 @@
-#include "laz_chunk.hpp"
-#include "laz_coder.hpp"
-#include "random.hpp"
+#include "codec/laz_chunk.hpp"
+#include "base/random.hpp"
+#include "codec/laz_coder.hpp"
 
 #include <gtest/gtest.h>
 #include <cstring>

@@ -1,4 +1,4 @@
-#include "level_bases.hpp"
+#include "contraction/level_bases.hpp"
 
 #include <gtest/gtest.h>
 #include <cstdint>

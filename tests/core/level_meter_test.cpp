@@ -1,7 +1,7 @@
-#include "level_meter.hpp"
+#include "pyramid/level_meter.hpp"
 
-#include "hilbert_order.hpp"
-#include "level_rounding.hpp"
+#include "cloud/hilbert_order.hpp"
+#include "pyramid/level_rounding.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>

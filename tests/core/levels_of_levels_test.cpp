@@ -1,5 +1,5 @@
-#include "incremental_levels.hpp"
-#include "iterative_levels.hpp"
+#include "clustering/incremental_levels.hpp"
+#include "contraction/iterative_levels.hpp"
 #include "stipple/codec.hpp"
 #include "stipple/surface_error.hpp"
 #include "support/expect_error.hpp"

@@ -1,6 +1,6 @@
-#include "local_surface.hpp"
+#include "error/local_surface.hpp"
 
-#include "error_samples.hpp"
+#include "error/error_samples.hpp"
 
 #include "support/support.hpp"
 
@@ -9,7 +9,7 @@
 #include <numbers>
 #include <random>
 
-// A surface in places (core/src/local_surface.hpp) against the whole of it.
+// A surface in places (core/src/error/local_surface.hpp) against the whole of it.
 
 namespace stipple {
 namespace {

@@ -1,8 +1,8 @@
-#include "srgb.hpp"
+#include "cloud/srgb.hpp"
+#include "pyramid/vertex_codec.hpp"
 #include "stipple/lod_tiles.hpp"
 #include "support/lod_tiles.hpp"
 #include "support/support.hpp"
-#include "vertex_codec.hpp"
 
 #include <gtest/gtest.h>
 #include <algorithm>

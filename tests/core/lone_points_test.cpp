@@ -1,6 +1,6 @@
-#include "lone_points.hpp"
+#include "error/lone_points.hpp"
 
-#include "error_samples.hpp"
+#include "error/error_samples.hpp"
 #include "stipple/surface_error.hpp"
 #include "support/support.hpp"
 
@@ -8,7 +8,7 @@
 #include <algorithm>
 #include <random>
 
-// Points off every surface (core/src/lone_points.hpp): what they weigh and how far they are.
+// Points off every surface (core/src/error/lone_points.hpp): what they weigh and how far they are.
 
 namespace stipple {
 namespace {

@@ -1,7 +1,7 @@
 #include "stipple/mls.hpp"
 
-#include "kernel_sets.hpp"
-#include "mls_fit.hpp"
+#include "analysis/mls_fit.hpp"
+#include "base/kernel_sets.hpp"
 #include "stipple/error.hpp"
 #include "support/expect_error.hpp"
 #include "support/support.hpp"

@@ -1,6 +1,6 @@
 #include "stipple/multiphase.hpp"
 
-#include "multiphase_runs.hpp"
+#include "contraction/multiphase_runs.hpp"
 #include "stipple/hierarchical_clustering.hpp"
 #include "stipple/mls.hpp"
 #include "support/expect_error.hpp"

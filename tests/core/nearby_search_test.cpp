@@ -1,8 +1,8 @@
-#include "nearby_search.hpp"
+#include "neighbors/nearby_search.hpp"
 
-#include "point_tree.hpp"
+#include "neighbors/point_tree.hpp"
+#include "neighbors/tree_search.hpp"
 #include "support/support.hpp"
-#include "tree_search.hpp"
 
 #include <gtest/gtest.h>
 #include <algorithm>

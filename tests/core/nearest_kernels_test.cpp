@@ -1,6 +1,6 @@
-#include "nearest_kernels.hpp"
+#include "neighbors/nearest_kernels.hpp"
 
-#include "covariance_kernels.hpp"
+#include "analysis/covariance_kernels.hpp"
 #include "support/eigen_system.hpp"
 #include "support/support.hpp"
 

@@ -1,4 +1,4 @@
-#include "kernel_sets.hpp"
+#include "base/kernel_sets.hpp"
 #include "stipple/error.hpp"
 #include "stipple/neighbors.hpp"
 #include "support/support.hpp"

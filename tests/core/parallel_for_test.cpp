@@ -1,4 +1,4 @@
-#include "parallel_for.hpp"
+#include "base/parallel_for.hpp"
 
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>

@@ -1,11 +1,11 @@
-#include "particle_relaxation.hpp"
+#include "particles/particle_relaxation.hpp"
 
-#include "hilbert_order.hpp"
-#include "particle_spread.hpp"
-#include "particle_surface.hpp"
+#include "cloud/hilbert_order.hpp"
+#include "particles/particle_spread.hpp"
+#include "particles/particle_surface.hpp"
+#include "particles/surface_samples.hpp"
 #include "support/square_grid.hpp"
 #include "support/support.hpp"
-#include "surface_samples.hpp"
 
 #include <gtest/gtest.h>
 #include <algorithm>

@@ -1,6 +1,6 @@
 #include "stipple/particle_simulation.hpp"
 
-#include "random.hpp"
+#include "base/random.hpp"
 #include "stipple/cleaning.hpp"
 #include "stipple/codec.hpp"
 #include "stipple/error.hpp"

@@ -1,4 +1,4 @@
-#include "particle_spread.hpp"
+#include "particles/particle_spread.hpp"
 
 #include <gtest/gtest.h>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "particle_tree.hpp"
+#include "particles/particle_tree.hpp"
 
 #include "support/support.hpp"
 

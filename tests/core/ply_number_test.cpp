@@ -1,4 +1,4 @@
-#include "ply_number.hpp"
+#include "codec/ply_number.hpp"
 
 #include <gtest/gtest.h>
 #include <array>

@@ -1,7 +1,7 @@
 #include "stipple/progressive_cloud.hpp"
 
-#include "nested_order.hpp"
-#include "range_coder.hpp"
+#include "contraction/nested_order.hpp"
+#include "progressive/range_coder.hpp"
 #include "stipple/cleaning.hpp"
 #include "stipple/error.hpp"
 #include "stipple/neighbors.hpp"

@@ -1,4 +1,4 @@
-#include "quadric.hpp"
+#include "contraction/quadric.hpp"
 
 #include <gtest/gtest.h>
 

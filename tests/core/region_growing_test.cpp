@@ -1,7 +1,7 @@
-#include "region_growing.hpp"
+#include "clustering/region_growing.hpp"
 
-#include "random.hpp"
-#include "stray_points.hpp"
+#include "base/random.hpp"
+#include "clustering/stray_points.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>

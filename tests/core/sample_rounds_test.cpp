@@ -1,4 +1,4 @@
-#include "sample_rounds.hpp"
+#include "error/sample_rounds.hpp"
 
 #include "support/support.hpp"
 
@@ -6,8 +6,8 @@
 
 #include <algorithm>
 
-// Places in rounds (core/src/sample_rounds.hpp), and how they are drawn
-// (core/src/error_samples.hpp).
+// Places in rounds (core/src/error/sample_rounds.hpp), and how they are drawn
+// (core/src/error/error_samples.hpp).
 
 namespace stipple {
 namespace {

@@ -1,4 +1,4 @@
-#include "sharpening.hpp"
+#include "progressive/sharpening.hpp"
 
 #include <gtest/gtest.h>
 #include <cmath>

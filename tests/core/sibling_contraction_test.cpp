@@ -1,8 +1,8 @@
-#include "sibling_contraction.hpp"
+#include "contraction/sibling_contraction.hpp"
 
-#include "cluster_tree.hpp"
-#include "contraction.hpp"
-#include "sample_quadrics.hpp"
+#include "clustering/cluster_tree.hpp"
+#include "contraction/contraction.hpp"
+#include "contraction/sample_quadrics.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>

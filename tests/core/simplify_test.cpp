@@ -1,6 +1,6 @@
 #include "stipple/simplify.hpp"
 
-#include "kernel_sets.hpp"
+#include "base/kernel_sets.hpp"
 #include "stipple/cleaning.hpp"
 #include "stipple/error.hpp"
 #include "stipple/surface_attributes.hpp"

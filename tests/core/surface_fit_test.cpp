@@ -1,4 +1,4 @@
-#include "surface_fit.hpp"
+#include "contraction/surface_fit.hpp"
 
 #include "stipple/neighbors.hpp"
 #include "support/support.hpp"

@@ -1,4 +1,4 @@
-#include "surface_probe.hpp"
+#include "error/surface_probe.hpp"
 
 #include <gtest/gtest.h>
 #include <algorithm>

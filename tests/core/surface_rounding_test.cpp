@@ -1,4 +1,4 @@
-#include "surface_rounding.hpp"
+#include "pyramid/surface_rounding.hpp"
 
 #include "support/support.hpp"
 

@@ -1,4 +1,4 @@
-#include "symmetric_eigen.hpp"
+#include "base/symmetric_eigen.hpp"
 
 #include "support/eigen_system.hpp"
 

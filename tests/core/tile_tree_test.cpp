@@ -1,4 +1,4 @@
-#include "tile_tree.hpp"
+#include "pyramid/tile_tree.hpp"
 
 #include "support/support.hpp"
 

@@ -1,6 +1,6 @@
-#include "vertex_codec.hpp"
+#include "pyramid/vertex_codec.hpp"
 
-#include "random.hpp"
+#include "base/random.hpp"
 #include "stipple/lod_tiles.hpp"
 
 #include <gtest/gtest.h>

@@ -1,4 +1,4 @@
-#include "voronoi_cell.hpp"
+#include "rendering/voronoi_cell.hpp"
 
 #include <gtest/gtest.h>
 #include <Eigen/LU>

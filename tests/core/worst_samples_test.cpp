@@ -1,4 +1,4 @@
-#include "worst_samples.hpp"
+#include "error/worst_samples.hpp"
 
 #include "support/support.hpp"
 

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "contraction.hpp"
+#include "contraction/contraction.hpp"
 #include "stipple/hierarchical_clustering.hpp"
 #include "stipple/point_cloud.hpp"
 

@@ -14,7 +14,7 @@ const moduleOf = (name) => import(pathToFileURL(resolve(options.viewer, 'src', n
 const floatOf = (value) => Buffer.from(Float32Array.of(value).buffer);
 
 test('Estimated normals of a sphere point along its radius', async () => {
-    const { estimateSurface } = await moduleOf('surface_estimate.js');
+    const { estimateSurface } = await moduleOf('loading/surface_estimate.js');
     const points = spherePoints(3000);
     const surface = estimateSurface(Float32Array.from(points.flat()), null, 0.06);
     points.forEach((point, i) => {
@@ -24,7 +24,7 @@ test('Estimated normals of a sphere point along its radius', async () => {
 });
 
 test('Normals that are zero are estimated, others are kept', async () => {
-    const { estimateSurface } = await moduleOf('surface_estimate.js');
+    const { estimateSurface } = await moduleOf('loading/surface_estimate.js');
     const points = spherePoints(3000);
     const normals = new Float32Array(3 * points.length);  // as files of Gaussian splats have them
     normals.set([1, 0, 0], 3 * 7);
@@ -35,7 +35,7 @@ test('Normals that are zero are estimated, others are kept', async () => {
 });
 
 test('A point far off does not stretch the spacing, and many points in one place take no time', async () => {
-    const { estimateSurface, robustSpacing } = await moduleOf('surface_estimate.js');
+    const { estimateSurface, robustSpacing } = await moduleOf('loading/surface_estimate.js');
     const points = Float32Array.from([...spherePoints(20_000), [1e8, 0, 0]].flat());
     const spacing = robustSpacing(points, 5000);
     assert.ok(spacing > 0.01 && spacing < 0.06, `spacing ${spacing}`);
@@ -46,7 +46,7 @@ test('A point far off does not stretch the spacing, and many points in one place
 });
 
 test('Opposite points of a random sphere are no neighbours', async () => {
-    const { estimateSurface } = await moduleOf('surface_estimate.js');
+    const { estimateSurface } = await moduleOf('loading/surface_estimate.js');
     const fraction = (i, step) => (i * step) % 1;
     const points = Array.from({ length: 20_000 }, (_, i) => {
         const z = 1 - 2 * fraction(i, 0.7548776662466927), angle = 2 * Math.PI * fraction(i, 0.5698402909980532);
@@ -59,7 +59,7 @@ test('Opposite points of a random sphere are no neighbours', async () => {
 });
 
 test('Splats leave no gap between points that stand in bunches', async () => {
-    const { estimateSurface, kLargestRadius } = await moduleOf('surface_estimate.js');
+    const { estimateSurface, kLargestRadius } = await moduleOf('loading/surface_estimate.js');
     const side = 12, spacing = 0.2;
     const bunch = Array.from({ length: 7 }, (_, i) => (i === 0 ? [0, 0] : [spacing * Math.cos(i * Math.PI / 3), spacing * Math.sin(i * Math.PI / 3)]));
     const points = Array.from({ length: side * side }, (_, i) => [i % side, Math.floor(i / side)])
@@ -72,7 +72,7 @@ test('Splats leave no gap between points that stand in bunches', async () => {
 });
 
 test('A PLY file that is written is read as it was, doubles and attributes of several values too', async () => {
-    const { plyOf, readPly } = await moduleOf('ply_cloud.js');
+    const { plyOf, readPly } = await moduleOf('decoding/ply_cloud.js');
     const cloud = {
         count: 2, origin: [5e6, 0, -3], positions: Float32Array.of(0.25, 1, 2, 3, 4, 5, 9, 9, 9), normals: Float32Array.of(0, 0, 1, 0, 1, 0),
         colors: Uint8Array.of(1, 2, 3, 4, 5, 6), colorComponents: 3,
@@ -90,7 +90,7 @@ test('A PLY file that is written is read as it was, doubles and attributes of se
 });
 
 test('Lists of a PLY file are read whatever integers count them', async () => {
-    const { readPly } = await moduleOf('ply_cloud.js');
+    const { readPly } = await moduleOf('decoding/ply_cloud.js');
     const counts = { char: 'Int8', uint8: 'UInt8', short: 'Int16LE', uint16: 'UInt16LE', int: 'Int32LE', uint32: 'UInt32LE' };
     for (const [type, kind] of Object.entries(counts)) {
         const header = ['ply', 'format binary_little_endian 1.0', 'element vertex 2', ...['x', 'y', 'z'].map((name) => `property float ${name}`),
@@ -109,7 +109,7 @@ test('Lists of a PLY file are read whatever integers count them', async () => {
 });
 
 test('A stream is taken in small pieces without being copied for each', async () => {
-    const { ProgressiveDecoder } = await moduleOf('progressive_cloud.js');
+    const { ProgressiveDecoder } = await moduleOf('decoding/progressive_cloud.js');
     const stream = new Uint8Array(2 ** 20 - 1);  // of which the header lacks one byte
     const decoder = new ProgressiveDecoder();
     stream.set([0x53, 0x54, 0x50, 0x43, 3, 0, 0, 0, 0, 0, 16, 0]);
@@ -124,7 +124,7 @@ test('A stream is taken in small pieces without being copied for each', async ()
 });
 
 test('A splat reaches where the cells of its neighbours meet, and not much farther', async () => {
-    const { estimateSurface, kLargestRadius } = await moduleOf('surface_estimate.js');
+    const { estimateSurface, kLargestRadius } = await moduleOf('loading/surface_estimate.js');
     const side = 40;
     const points = Array.from({ length: side * side }, (_, i) => [i % side + 0.5 * (Math.floor(i / side) % 2), Math.sqrt(0.75) * Math.floor(i / side), 0]);
     const surface = estimateSurface(Float32Array.from(points.flat()), null, 1);
@@ -134,7 +134,7 @@ test('A splat reaches where the cells of its neighbours meet, and not much farth
 });
 
 test('Where neighbours lie all around, as in leaves, a normal says that it is in doubt, given or not', async () => {
-    const { estimateSurface } = await moduleOf('surface_estimate.js');
+    const { estimateSurface } = await moduleOf('loading/surface_estimate.js');
     const fraction = (i, step) => (i * step) % 1;
     const inside = Array.from({ length: 4000 }, (_, i) => [fraction(i, 0.8191725), fraction(i, 0.6710436), fraction(i, 0.5497005)]);
     const up = Float32Array.from({ length: 3 * inside.length }, (_, k) => (k % 3 === 2 ? 1 : 0));
@@ -148,7 +148,7 @@ test('Where neighbours lie all around, as in leaves, a normal says that it is in
 });
 
 test('Of a tree of tiles those are drawn that are fine enough, and coarser ones until all of these are there', async () => {
-    const { select, treeOf } = await moduleOf('tile_tree.js');
+    const { select, treeOf } = await moduleOf('loading/tile_tree.js');
     const json = (error, children = []) => ({
         boundingVolume: { box: [children.length, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1] }, geometricError: 100,
         content: { uri: `${error}.glb` }, extras: { error: { p99: error }, spacing: 1 }, children,
@@ -176,7 +176,7 @@ test('Of a tree of tiles those are drawn that are fine enough, and coarser ones 
 });
 
 test('Tiles of a group without content are chosen as if they stood in its place', async () => {
-    const { select, treeOf } = await moduleOf('tile_tree.js');
+    const { select, treeOf } = await moduleOf('loading/tile_tree.js');
     const boundingVolume = { box: [0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1] };
     for (const refine of ['REPLACE', 'ADD']) {
         const json = (error, children = []) => ({
@@ -201,7 +201,7 @@ test('Tiles of a group without content are chosen as if they stood in its place'
 });
 
 test('The error of tiles is the mean over their surface, and the largest of any', async () => {
-    const { errorOfTiles, treeOf } = await moduleOf('tile_tree.js');
+    const { errorOfTiles, treeOf } = await moduleOf('loading/tile_tree.js');
     const tile = (points, spacing, error, refine = 'REPLACE') => treeOf({
         boundingVolume: { box: [0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1] }, refine, extras: { points, spacing, error },
     });
@@ -215,7 +215,7 @@ test('The error of tiles is the mean over their surface, and the largest of any'
 });
 
 test('Of tiles that add to each other a tile is drawn with those above it, in splats as small as theirs', async () => {
-    const { select, treeOf } = await moduleOf('tile_tree.js');
+    const { select, treeOf } = await moduleOf('loading/tile_tree.js');
     const json = (error, children = []) => ({
         boundingVolume: { box: [0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1] }, geometricError: 100, refine: 'ADD',
         content: { uri: `${error}.glb` }, extras: { error: { p99: error }, spacing: error / 10 }, children,
@@ -241,7 +241,7 @@ test('Of tiles that add to each other a tile is drawn with those above it, in sp
 });
 
 test('The ends of a range differ, and are told in one notation', async () => {
-    const { ends } = await moduleOf('format.js');
+    const { ends } = await moduleOf('page/format.js');
     assert.deepEqual(ends(5_247_003.6, 5_247_297.2), ['5,247,004', '5,247,297']);
     assert.deepEqual(ends(300_000_096, 300_009_920), ['300,000,096', '300,009,920']);
     assert.deepEqual(ends(7.2e-7, 0.000156), ['0.000001', '0.000156']);
@@ -252,7 +252,7 @@ test('The ends of a range differ, and are told in one notation', async () => {
 });
 
 test('A share of points is two numbers where they differ as they are shown', async () => {
-    const { compactShare, share, ago } = await moduleOf('format.js');
+    const { compactShare, share, ago } = await moduleOf('page/format.js');
     assert.equal(compactShare(435_545, 437_645), '436K of 438K');
     assert.equal(compactShare(1_268_065, 1_268_079), '1.27M');
     assert.equal(share(312_000, 2_000_000), '312K of 2M');
@@ -262,7 +262,7 @@ test('A share of points is two numbers where they differ as they are shown', asy
 });
 
 test('Few whole numbers are categories: classes by their names, others by themselves, each with a colour of its own', async () => {
-    const { categoriesOf } = await moduleOf('categories.js');
+    const { categoriesOf } = await moduleOf('drawing/categories.js');
     const classes = categoriesOf('classification', [2, 6, 2, 5, 42]);
     assert.deepEqual(classes.values.map(classes.nameOf), ['Ground', 'High vegetation', 'Building', '42']);
     for (const values of [[1, 2, 3], [0, 12, 24], [-1, 0]]) {
@@ -278,7 +278,7 @@ test('Few whole numbers are categories: classes by their names, others by themse
 });
 
 test('The lines for other programs name the result, and are complete', async () => {
-    const { kPrograms } = await moduleOf('program_lines.js');
+    const { kPrograms } = await moduleOf('cards/program_lines.js');
     const AsyncFunction = (async () => {}).constructor;
     const result = { server: 'https://levels.example', id: '0123abcd', hasKey: false };
     for (const part of [{ collection: 'pyramids', manifest: 'manifest.json' }, { collection: 'jobs', manifest: 'results' }]) {

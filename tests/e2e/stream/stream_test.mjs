@@ -19,7 +19,7 @@ const run = (...args) => execFileSync(join(options.bin, 'stipple'), [...args, '-
 // Beside a package.json by which node takes them for modules.
 writeFileSync(join(folder, 'package.json'), '{"type": "module"}');
 for (const name of ['progressive_cloud.js', 'progressive_layout.js', 'place_model.js', 'range_decoder.js', 'cell_surface.js']) {
-    copyFileSync(resolve(options.viewer, 'src', name), join(folder, name));
+    copyFileSync(resolve(options.viewer, 'src/decoding', name), join(folder, name));
 }
 const { ProgressiveDecoder } = await import(pathToFileURL(join(folder, 'progressive_cloud.js')));
 

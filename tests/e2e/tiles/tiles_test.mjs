@@ -25,7 +25,7 @@ const load = (path) => import(pathToFileURL(join(modules, 'three', path)));
 const THREE = await load('build/three.module.js');
 const { GLTFLoader } = await load('examples/jsm/loaders/GLTFLoader.js');
 const { MeshoptDecoder } = await load('examples/jsm/libs/meshopt_decoder.module.js');
-const { readTile } = await importViewer('glb_tile.js');
+const { readTile } = await importDecoder('glb_tile.js');
 const fitsSchema = new Ajv({ allErrors: true }).compile(JSON.parse(readFileSync(options.schema, 'utf8')));
 
 const run = (...args) => execFileSync(join(options.bin, 'stipple'), args, { stdio: ['ignore', 'pipe', 'inherit'] });
@@ -43,9 +43,9 @@ function synthesized(...args) {
     return file;
 }
 
-/** A module of the viewer, with three.js from the modules of the test. */
-function importViewer(name) {
-    const source = readFileSync(new URL(`../../../viewer/src/${name}`, import.meta.url), 'utf8');
+/** A decoder of the viewer, with three.js from the modules of the test. */
+function importDecoder(name) {
+    const source = readFileSync(new URL(`../../../viewer/src/decoding/${name}`, import.meta.url), 'utf8');
     const copy = join(folder, name.replace(/js$/, 'mjs'));
     writeFileSync(copy, source.replaceAll("'three/addons/", `'${pathToFileURL(join(modules, 'three/examples/jsm'))}/`));
     return import(pathToFileURL(copy));

@@ -15,7 +15,7 @@ import { gunzipSync } from 'node:zlib';
 import { Browser, findChromium } from '../browser/browser.mjs';
 import { coloredTorusPoints, ply, spherePoints } from '../browser/clouds.mjs';
 import { startServer } from '../browser/server.mjs';
-import { readPly } from '../../../viewer/src/ply_cloud.js';
+import { readPly } from '../../../viewer/src/decoding/ply_cloud.js';
 import { bundled, servePages } from './pages.mjs';
 import { compare, meanColor, pictureOf } from './reference.mjs';
 

@@ -1,0 +1,44 @@
+#include "codec/attribute_name.hpp"
+
+#include "codec/ply_names.hpp"
+
+#include <set>
+
+namespace stipple {
+
+namespace {
+
+constexpr std::size_t kLongest = 255;
+
+}  // namespace
+
+std::string attribute_name_of(std::string_view foreign) {
+    std::string name;
+    bool any = false;
+    for (const char c : foreign) {
+        const bool is_allowed = is_attribute_name({&c, 1});
+        any = any || is_allowed;
+        // One for all bytes of a letter, or several such.
+        if (is_allowed || name.empty() || name.back() != '_') name += is_allowed ? c : '_';
+    }
+    return any ? name.substr(0, kLongest) : std::string();
+}
+
+void settle_names(PointCloud& cloud) {
+    std::set<std::string, std::less<>> taken(kPlyAxes.begin(), kPlyAxes.end());
+    if (!cloud.normals.empty()) taken.insert(kPlyNormals.begin(), kPlyNormals.end());
+    if (!cloud.colors.empty())
+        taken.insert(kPlyColors.begin(), kPlyColors.end() - (cloud.has_alpha ? 0 : 1));
+    for (Attribute& attribute : cloud.attributes) {
+        std::string name = attribute_name_of(attribute.name);
+        if (name.empty()) name = "attribute";
+        const std::string stem = name;
+        for (unsigned i = 2; !taken.insert(name).second; ++i) {
+            const std::string number = "_" + std::to_string(i);
+            name = stem.substr(0, kLongest - number.size()) + number;
+        }
+        attribute.name = std::move(name);
+    }
+}
+
+}  // namespace stipple

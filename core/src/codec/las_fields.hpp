@@ -1,0 +1,46 @@
+#pragma once
+
+#include "codec/laz_chunk.hpp"
+#include "stipple/point_cloud.hpp"
+
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace stipple {
+
+/// A field that LAS does not know: among the extra bytes of a point.
+struct LasExtraField {
+    std::string name;  ///< 1 to 32 bytes; no other field with values has it
+    std::uint8_t type = 0;             ///< as LAS numbers types
+    std::size_t size = 0, stride = 0;  ///< bytes: of a value; from one point to the next
+    const std::byte* first = nullptr;  ///< the value of point 0 of the cloud
+};
+
+/// What a cloud has beside positions and colours, as the points of a LAS file have it; in the order
+/// of the cloud, which must outlive it. Attributes that are named like fields of LAS (in any case,
+/// with or without underscores, or "scalar_" before them), and whose values such a field can hold,
+/// are that field: intensity, classification, user_data, point_source_id, gps_time, and
+/// return_number with number_of_returns.
+struct LasFields {
+    // Of each point, or empty.
+    std::vector<std::uint16_t> intensities, sources;
+    std::vector<std::uint8_t> classifications, user_data;
+    std::vector<LazReturn> returns;
+    std::vector<double> times;
+    std::vector<LasExtraField> extras;
+    std::size_t extra_size = 0;  ///< bytes of all extras of a point
+
+    /// @throws Error(InvalidArgument) for more extra bytes than a point can have.
+    explicit LasFields(const PointCloud& cloud);
+
+private:
+    bool take_as_known(const Attribute& attribute);
+    void take_returns(const PointCloud& cloud);
+    const Attribute *return_number_ = nullptr, *return_count_ = nullptr;  ///< those taken
+    void add(const Attribute& attribute);
+    void add(LasExtraField field);
+};
+
+}  // namespace stipple

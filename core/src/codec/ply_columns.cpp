@@ -1,0 +1,145 @@
+#include "codec/ply_columns.hpp"
+
+#include "base/first_touch.hpp"
+#include "cloud/box_of_most.hpp"
+#include "cloud/georeference.hpp"
+#include "codec/attribute_name.hpp"
+#include "codec/normal_scale.hpp"
+
+#include <algorithm>
+#include <array>
+#include <utility>
+
+namespace stipple {
+
+namespace {
+
+AttributeValues values_of(PlyType type, std::size_t count) {
+    return with_type(type, [&]<typename T>() {
+        std::vector<Kept<T>> values;
+        resize_in_huge_pages(values, count);
+        return AttributeValues(std::move(values));
+    });
+}
+
+}  // namespace
+
+PlyDestination::PlyDestination(const PlyLayout& layout, std::optional<Vec3d> origin)
+    : layout_(layout), wide_(layout.wide_coordinates()), origin_(origin) {
+    allocate();
+    std::size_t offset = 0;
+    std::size_t attribute = 0;
+    for (std::size_t i = 0; i < layout.roles.size(); ++i) {
+        const PlyProperty& property = layout.vertex->properties[i];
+        columns.push_back({&property, offset, sink_for(layout.roles[i], property, attribute)});
+        offset += size_of(property.type);
+    }
+}
+
+PointCloud PlyDestination::finish(DecodeReport& report) {
+    if (wide_ && !origin_) place_coordinates();
+    if (!wide_colors_.values.empty() && !wide_colors_.narrow(cloud_.colors))
+        report.skipped.emplace_back("lower 8 bits of 16-bit colours");
+    if (!float_colors_.values.empty()) float_colors_.narrow(cloud_.colors);
+    cloud_.origin = origin_.value_or(Vec3d::Zero());
+    cloud_.double_precision = wide_;
+    for (auto& [property, sink] : lists_) keep_or_report(*property, sink, report);
+    if (layout_.has(PlyRole::Normal)) scale_normals();
+    settle_names(cloud_);
+    return std::move(cloud_);
+}
+
+void PlyDestination::allocate() {
+    const auto n = static_cast<std::size_t>(layout_.vertex->count);
+    resize_in_huge_pages(cloud_.positions, n);
+    if (wide_ && !origin_) resize_in_huge_pages(coordinates_, n);
+    if (layout_.has(PlyRole::Normal)) resize_in_huge_pages(cloud_.normals, n);
+    if (layout_.has(PlyRole::Color)) resize_in_huge_pages(cloud_.colors, n);
+    if (colors_are({PlyType::Int16, PlyType::UInt16, PlyType::Int32, PlyType::UInt32,
+                    PlyType::Int64, PlyType::UInt64}))
+        wide_colors_.resize(n);
+    if (colors_are({PlyType::Float32, PlyType::Float64})) float_colors_.resize(n);
+    cloud_.has_alpha = layout_.has(PlyRole::Color, 3);
+    for (std::size_t i = 0; i < layout_.roles.size(); ++i) {
+        const PlyProperty& property = layout_.vertex->properties[i];
+        if (layout_.roles[i].kind != PlyRole::Attribute || property.is_list()) continue;
+        AttributeValues values = values_of(property.type, n);
+        const Reduction reduction = default_reduction(values);
+        cloud_.attributes.push_back({property.name, std::move(values), 1, reduction});
+    }
+}
+
+bool PlyDestination::colors_are(std::initializer_list<PlyType> types) const {
+    bool any = false;
+    for (std::size_t i = 0; i < layout_.roles.size(); ++i) {
+        if (layout_.roles[i].kind != PlyRole::Color) continue;
+        if (std::ranges::find(types, layout_.vertex->properties[i].type) == types.end())
+            return false;
+        any = true;
+    }
+    return any;
+}
+
+PlySink PlyDestination::sink_for(const PlyRole& role, const PlyProperty& property,
+                                 std::size_t& attribute) {
+    constexpr std::array kChannels = {&Rgba8::r, &Rgba8::g, &Rgba8::b, &Rgba8::a};
+    switch (role.kind) {
+        case PlyRole::Position:
+            if (!wide_) return VectorSink{cloud_.positions.data(), role.component};
+            if (!origin_) return CoordinateSink{coordinates_.data(), role.component};
+            return GeoreferencedSink{cloud_.positions.data(), role.component,
+                                     (*origin_)[role.component]};
+        case PlyRole::Normal:
+            return VectorSink{cloud_.normals.data(), role.component};
+        case PlyRole::Color:
+            if (!wide_colors_.values.empty())
+                return WideColorSink<std::uint16_t>{wide_colors_.values.data(), role.component};
+            if (!float_colors_.values.empty())
+                return WideColorSink<float>{float_colors_.values.data(), role.component};
+            return ColorSink{cloud_.colors.data(), kChannels[role.component]};
+        case PlyRole::Attribute:
+            break;
+    }
+    if (!property.is_list()) return AttributeSink{&cloud_.attributes[attribute++].values};
+    lists_.emplace_back(&property, ListSink{values_of(property.type, 0), {}, true});
+    return &lists_.back().second;
+}
+
+/// Integers that stand for -1..1.
+void PlyDestination::scale_normals() {
+    for (std::size_t i = 0; i < layout_.roles.size(); ++i) {
+        const PlyRole& role = layout_.roles[i];
+        if (role.kind != PlyRole::Normal) continue;
+        const float scale = with_type(layout_.vertex->properties[i].type, normal_scale);
+        if (scale == 1) continue;
+        for (Vec3f& normal : cloud_.normals) normal[role.component] *= scale;
+    }
+}
+
+void PlyDestination::place_coordinates() {
+    Aabb box;
+    for (const Vec3d& p : coordinates_) {
+        if (!p.allFinite()) continue;
+        box.min = box.min.cwiseMin(p);
+        box.max = box.max.cwiseMax(p);
+    }
+    origin_ = choose_origin(
+        box, some_of(coordinates_.size(), [&](std::size_t i) { return coordinates_[i]; }));
+    for (std::size_t i = 0; i < coordinates_.size(); ++i) {
+        cloud_.positions[i] = (coordinates_[i] - *origin_).cast<float>();
+    }
+    coordinates_ = {};
+}
+
+void PlyDestination::keep_or_report(const PlyProperty& property, ListSink& list,
+                                    DecodeReport& report) {
+    if (!list.uniform || list.length.value_or(0) == 0) {
+        report.skipped.push_back("vertex." + property.name);
+        return;
+    }
+    const Reduction reduction = default_reduction(list.values);
+    cloud_.attributes.push_back(
+        {property.name, std::move(list.values), static_cast<unsigned>(*list.length), reduction});
+}
+
+}  // namespace stipple

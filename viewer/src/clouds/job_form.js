@@ -1,0 +1,164 @@
+import { actOnSecondClick, byId, element } from '../page/element.js';
+import { fieldOf, titleOf, valuesOf, worded } from './job_fields.js';
+
+/* global JOB_FORMS: the types of jobs and their fields, from openapi.yaml by build.mjs */
+const kTitles = { pyramid: 'Pyramid', simplify: 'Simplify', evaluate: 'Compare', upsample: 'Add points', analyze: 'Analyse', curve: 'Curve' };
+const kStarts = { pyramid: 'Build the pyramid', simplify: 'Simplify', evaluate: 'Measure the error', upsample: 'Add points', analyze: 'Analyse', curve: 'Measure the curve' };
+const kMethods = JOB_FORMS.flatMap(({ fields }) => fields).find(({ name, choices }) => name === 'method' && choices.includes('random')).choices;
+const kOwners = new RegExp(`^For ((?:all|${kMethods.join('|')})(?:(?:, | and | but )(?:${kMethods.join('|')}))*)[.,;:]? ?`);
+
+/** Asked for first; the rest is folded away. */
+const kFirst = {
+    pyramid: ['method', 'levels', 'ratio', 'base_points', 'formats'],
+    simplify: ['method', 'points', 'ratio', 'max_error'],
+    evaluate: ['candidates', 'map', 'pictures'],
+    upsample: ['points', 'ratio'],
+    analyze: ['k', 'orient', 'feature_lines'],
+    curve: ['method', 'count', 'points'],
+};
+
+/** What the page asks for where the contract leaves it open, or would make what it cannot show. */
+const kPresets = { format: 'drc', map: ['drc'] };
+const kPresetsOf = { simplify: { ratio: 0.1 } };
+
+/** Only one of these makes sense: filling it in empties the others. */
+const kOneOf = { simplify: ['points', 'ratio', 'max_error'], upsample: ['points', 'ratio'] };
+
+const kLongestLabel = 50;  // characters, of up to 4 bytes: the server takes 200
+
+/** The dialog that asks for the parameters of a job. */
+export class JobForm {
+    /**
+     * @param onStart  told the type and the fields that were filled in; rejects where the server does, and the form stays
+     * @param onRemove  told the cloud
+     */
+    constructor({ onStart, onRemove }) {
+        byId['job-types'].replaceChildren(...JOB_FORMS.map(({ type }) => {
+            const button = element('button', { type: 'button', textContent: kTitles[type] });
+            button.dataset.type = type;
+            button.onclick = () => this.choose(type);
+            return button;
+        }));
+        byId['job-form'].oninput = ({ target }) => {
+            this.tell('');
+            this.emptyOthers(target);
+            this.showFitting();
+        };
+        byId['job-form'].onsubmit = (event) => {
+            event.preventDefault();
+            this.start(onStart);
+        };
+        // What is wrong is shown also where it was folded away.
+        byId['job-form'].addEventListener('invalid', ({ target }) => {
+            for (let fold = target.closest('details'); fold; fold = fold.parentElement.closest('details')) {
+                fold.open = true;
+            }
+        }, true);
+        byId['job-close'].onclick = () => byId['job-dialog'].close();
+        actOnSecondClick(byId['job-remove'], () => {
+            byId['job-dialog'].close();
+            onRemove(this.subject.cloud);
+        });
+    }
+
+    /** Its button stays enabled, so that it keeps the focus. */
+    async start(onStart) {
+        if (this.isStarting) {
+            return;
+        }
+        this.isStarting = true;
+        byId['job-start'].ariaBusy = 'true';
+        this.tell('');
+        try {
+            await onStart({ cloud: this.subject.cloud, type: this.form.type, fields: this.named(valuesOf(this.fields, this.parts)) });
+            byId['job-dialog'].close();
+            focusOn(byId.results.querySelector('[aria-current=true]'), byId.stage);
+        } catch (error) {
+            this.tell(error.message.replace(/^target: e/, 'E'));  // of several fields, none of which is called so
+            this.markTarget(/^target:/.test(error.message));
+        }
+        this.isStarting = false;
+        byId['job-start'].ariaBusy = 'false';
+    }
+
+    /** Candidates are called as in the form, unless they were given other names. */
+    named(fields) {
+        const nameOf = (id) => this.subject.others.find((other) => other.id === id).name;
+        return fields.candidates ? { labels: fields.candidates.map((id) => [...nameOf(id)].slice(0, kLongestLabel).join('')), ...fields } : fields;
+    }
+
+    emptyOthers({ name, value }) {
+        const names = kOneOf[this.form.type] ?? [];
+        if (names.includes(name) && value !== '') {
+            names.filter((other) => other !== name).forEach((other) => { byId['job-form'].elements[other].value = ''; });
+        }
+    }
+
+    markTarget(isWrong) {
+        for (const name of kOneOf[this.form.type] ?? []) {
+            byId['job-form'].elements[name].ariaInvalid = String(isWrong);
+        }
+    }
+
+    tell(problem) {
+        if (problem === '') {
+            this.markTarget(false);
+        }
+        byId['job-problem'].textContent = problem;
+        byId['job-problem'].hidden = problem === '';
+    }
+
+    /** @param subject  what the job is for: `{cloud, name, attributes, others}`, the last `{id, name}` of what it can be compared with */
+    open(subject) {
+        this.subject = subject;
+        byId['job-title'].textContent = subject.name;
+        byId['job-title'].title = subject.name;
+        this.choose(this.form?.type ?? 'pyramid');
+        byId['job-dialog'].showModal();
+    }
+
+    choose(type) {
+        this.form = JOB_FORMS.find((form) => form.type === type);
+        for (const button of byId['job-types'].children) {
+            button.ariaPressed = String(button.dataset.type === type);
+        }
+        byId['job-about'].textContent = worded(this.form.description);
+        const context = { clouds: this.subject.others, attributes: this.subject.attributes };
+        this.fields = this.form.fields.map((field) => ({ ...field, about: field.description.replace(kOwners, '').trim(), preset: kPresetsOf[type]?.[field.name] ?? kPresets[field.name] }));
+        this.parts = this.fields.map((field) => fieldOf(field, context));
+        const isFirst = ({ name }) => kFirst[type].includes(name);
+        const rows = (wanted) => this.parts.filter((_, i) => isFirst(this.fields[i]) === wanted).map(({ row }) => row);
+        const order = (row) => kFirst[type].indexOf(this.fields[this.parts.findIndex((part) => part.row === row)].name);
+        byId['job-fields'].replaceChildren(
+            ...rows(true).sort((a, b) => order(a) - order(b)),
+            element('details', { className: 'group more-fields' }, element('summary', { textContent: 'More' }), ...rows(false)));
+        byId['job-fields'].scrollTop = 0;
+        byId['job-start'].textContent = kStarts[type];
+        this.tell('');
+        this.showFitting();
+    }
+
+    /** Only the fields of the method that is chosen. What is not seen is not checked either. */
+    showFitting() {
+        const method = byId['job-form'].elements.method?.value;
+        this.parts.forEach(({ row }, i) => {
+            row.hidden = !isOf(method, this.fields[i].description);
+            row.querySelectorAll('input, select').forEach((input) => { input.disabled = row.hidden; });
+        });
+    }
+}
+
+/** What the dialog was opened by may be gone by now. */
+function focusOn(...parts) {
+    for (const part of parts) {
+        if (document.activeElement === document.body || byId['job-dialog'].contains(document.activeElement)) {
+            part?.focus();
+        }
+    }
+}
+
+/** The contract says "For hierarchical and incremental, ..." of a field that only they have. */
+function isOf(method, about) {
+    const owners = kOwners.exec(about)?.[1].split(/, | and | but /);
+    return !method || !owners || owners.includes(method) !== owners.includes('all');
+}

@@ -1,0 +1,295 @@
+import { BufferAttribute, BufferGeometry, Vector3 } from 'three';
+
+import { getBytes, persist, readBytes } from '../api/api.js';
+import { plyOf } from '../decoding/ply_cloud.js';
+import { ProgressiveDecoder } from '../decoding/progressive_cloud.js';
+import { middleOf, sourceOf, withSurface } from './level_files.js';
+import { TileStream } from './tile_stream.js';
+
+/** Attributes of results with `splats: ellipse`. */
+const kHalfAxes = ['major', 'minor'];
+
+/** Of attributes, as in openapi.yaml. */
+const kTypesOfStream = ['int8', 'uint8', 'int16', 'uint16', 'int32', 'uint32', 'float32', 'float64'];
+
+const kHeaderPiece = 256;
+
+/** A stream is decoded piece by piece, so that the page can be drawn between: bytes, milliseconds. */
+const kPieceOfStream = 2_048;
+const kBetweenFrames = 20;
+
+/** The first batches of a stream are too few points to look at. */
+const kFirstOfStream = 1_000;
+
+/** Of levels with more points than this only the tiles are loaded that the camera asks for; the address can have another number. */
+export const kMostWhole = Number(new URLSearchParams(location.search).get('whole') ?? 500_000);
+
+/** Where there are no tiles, finer levels than this wait until they are asked for: a browser's memory is not a server's. */
+const kMostPoints = 8_000_000;
+
+/**
+ * Brings the levels of one pyramid in, coarsest first. While one is decoded the next one is under way. `update` may be called
+ * again whenever the manifest has grown. Where there is a progressive stream, its batches stand for the levels: they are shown
+ * as the bytes come. While the server cannot be reached, it is asked again: `onLost` is told.
+ *
+ * What has no file that can be drawn is not among the `levels`. One that is there is its entry of the manifest with its `source` and `file` (see level_files.js), `attributes` (each can `read` its
+ * values), `state` (`listed`, `loading`, `ready`, `large`, `failed`) and, once ready, `geometry`: position, surface (see
+ * surface_estimate.js) and perhaps color. Where it has no file to be saved, `ply` gives one.
+ * A level with many points has `tiles` (a TileStream) instead, `drawn`, the `points` and the `error` of what is seen of it now, and `whole`, the
+ * finest level without, whose geometry stands in until the tiles are there.
+ */
+export class LevelLoader {
+    constructor({ id, onReady, onChange, onTiles, onLost, onError, signal }) {
+        this.id = id;
+        this.levels = [];
+        this.loadedBytes = 0;
+        this.onReady = onReady;
+        this.onChange = onChange;
+        this.onError = onError;
+        this.onTiles = onTiles;
+        this.patience = { signal, onLost };
+        this.signal = signal;
+        this.known = 0;
+        this.fetching = Promise.resolve();
+        this.decoding = Promise.resolve();
+    }
+
+    update(manifest) {
+        const hasStream = manifest.request.formats?.includes('stpc');
+        const entries = manifest.levels.slice(this.known);
+        const first = this.known;
+        this.known += entries.length;
+        for (const [i, entry] of entries.entries()) {
+            const stream = entry.files.find((file) => file.format === 'stpc');
+            if (stream) {
+                this.stream = { file: stream, entry, bounds: manifest.source.bounds };
+                this.follow(this.stream);
+            }
+            if (hasStream) {
+                continue;
+            }
+            const source = sourceOf(manifest, first + i);
+            const hasEllipses = manifest.request.splats === 'ellipse';
+            if (!source) {
+                continue;  // figures alone, or files for other programs
+            }
+            const { file, attributes } = source;
+            const ply = file ? null : () => getBytes(`/v1/pyramids/${this.id}/slice?points=${entry.points}`);
+            const bytes = source.files.reduce((sum, part) => sum + part.bytes, 0);
+            const level = { ...entry, source, file, bytes, attributes, ply, hasEllipses, state: 'listed' };
+            this.levels.push(level);
+            if (this.levels.length > 1 && level.points > kMostWhole && level.files.some(({ format }) => format === 'glb')) {
+                level.isTiled = true;
+            } else if (level.points > kMostPoints) {
+                level.state = 'large';
+            } else {
+                this.load(level);
+            }
+        }
+        if (manifest.complete) {
+            this.streamTiles(manifest);
+        }
+        if (entries.length > 0) {
+            this.onChange();
+        }
+    }
+
+    /** Shows a stream batch by batch, as far as a browser's memory goes. */
+    async follow({ file, entry, bounds }) {
+        const decoder = new ProgressiveDecoder();
+        const diagonal = Math.hypot(...bounds.max.map((high, axis) => high - bounds.min[axis]));
+        let looked = performance.now();
+        const pause = async () => {
+            if (performance.now() - looked > kBetweenFrames) {
+                await new Promise((resolve) => setTimeout(resolve)); // the page goes on meanwhile
+                looked = performance.now();
+            }
+        };
+        const take = async (piece) => {
+            this.loadedBytes += piece.length;
+            for (let rest = piece; rest.length > 0;) {
+                // Not beyond the end of a batch, where all points are equally exact; the header comes first.
+                const next = decoder.batches.find(({ bytes }) => bytes > decoder.taken);
+                const end = next?.bytes ?? decoder.taken + kHeaderPiece;
+                const part = rest.subarray(0, Math.min(end - decoder.taken, kPieceOfStream));
+                decoder.feed(part);
+                rest = rest.subarray(part.length);
+                await pause();
+                if (this.levels.length === 0 && decoder.total > 0) {
+                    this.levels.push(...levelsOf(decoder, entry, diagonal));
+                }
+                const level = this.levels.find(({ bytes }) => bytes === decoder.taken);
+                if (level) {
+                    await this.show(level, await withSurface(await geometryOf(decoder, pause), level, this.signal));
+                }
+            }
+            return decoder.taken >= this.levels.at(-1)?.bytes;
+        };
+        this.isFollowing = true;
+        try {
+            await persist(() => readBytes(file.href, decoder.taken, take, this.signal), this.patience);
+        } catch (error) {
+            const missing = this.levels.filter(({ state }) => state === 'loading');
+            (missing.length > 0 ? missing : [entry]).forEach((level) => this.fail(level, error));
+        }
+        this.isFollowing = false;
+        this.onChange();
+    }
+
+    async show(level, { geometry, spacing }) {
+        Object.assign(level, { geometry, spacing });
+        if (level.hasEllipses) {
+            await this.readEllipses(level);
+        }
+        level.isColored = level.geometry.hasAttribute('color');
+        level.state = 'ready';
+        if (this.signal.aborted) {
+            level.geometry.dispose();
+        } else {
+            this.onReady(level);
+        }
+    }
+
+    /** What the splats of a result reach, where it was measured. */
+    async readEllipses({ geometry, attributes }) {
+        for (const { name, read } of attributes.filter(({ name }) => kHalfAxes.includes(name))) {
+            geometry.setAttribute(name, new BufferAttribute(await read(this.signal), 3));
+        }
+    }
+
+    /** Loads what waits until it is asked for, and once more what failed. */
+    ask(level) {
+        if (level.state !== 'large' && level.state !== 'failed') {
+            return;
+        }
+        if (this.stream) {
+            this.levels.filter(({ state }) => state === 'failed').forEach((failed) => { failed.state = 'loading'; });
+            this.follow(this.stream);
+        } else {
+            this.load(level);
+        }
+    }
+
+    load(level) {
+        level.state = 'loading';
+        const bytes = this.fetching.then(() => Promise.all(level.source.files.map(({ href }) =>
+            persist(() => getBytes(href, this.signal), this.patience))));
+        const before = this.decoding;
+        this.fetching = bytes.catch(() => {});
+        this.decoding = bytes
+            .then(async (buffers) => {
+                await before;
+                this.loadedBytes += buffers.reduce((sum, { byteLength }) => sum + byteLength, 0);
+                const loaded = await persist(() => level.source.load(buffers, level, this.signal), this.patience);  // the decoder comes from there, too
+                level.points = loaded.geometry.getAttribute('position').count;
+                await this.show(level, loaded);
+            })
+            .catch((error) => this.fail(level, error));
+    }
+
+    /** Once all levels are there, and those that are loaded whole are shown. */
+    streamTiles({ source, request }) {
+        const tiled = this.levels.filter(({ isTiled, tiles }) => isTiled && !tiles);
+        if (tiled.length === 0) {
+            return;
+        }
+        const tiles = new TileStream(`/v1/pyramids/${this.id}/tileset.json`, {
+            withAttributes: request.tiles?.attributes === true,
+            patience: this.patience,
+            onLoaded: (bytes) => {
+                this.loadedBytes += bytes;
+                this.onTiles({ isNew: true });
+            },
+            onDrawn: () => this.onTiles({ isNew: false }),
+            onError: (error) => this.onError(tiled[0], error),
+        });
+        for (const level of tiled) {
+            level.tiles = tiles;
+            level.state = 'loading';
+        }
+        this.decoding = this.decoding.then(() => {
+            const whole = this.levels.findLast(({ state }) => state === 'ready');
+            if (!whole) {
+                tiled.forEach((level) => { level.state = 'failed'; });  // as those before them
+                return;
+            }
+            // Draco's coordinates may have an origin of their own, the manifest's are those of the file.
+            tiles.center = whole.geometry.boundingBox.getCenter(new Vector3()).add(middleOf(source)).sub(middleOf(whole));
+            for (const level of tiled) {
+                Object.assign(level, {
+                    whole, geometry: whole.geometry, spacing: whole.spacing, drawn: { points: whole.points }, bound: null, isColored: whole.isColored, state: 'ready',
+                });
+                this.onReady(level);
+            }
+        });
+    }
+
+    fail(level, error) {
+        level.state = 'failed';
+        if (!this.signal.aborted) {
+            this.onError(level, error);
+        }
+    }
+
+    dispose() {
+        this.levels.forEach((level) => {
+            level.geometry?.dispose();
+            level.tiles?.dispose();
+        });
+    }
+}
+
+/** A level for each batch of a stream that is worth a look. */
+function levelsOf(decoder, entry, diagonal) {
+    const least = Math.min(kFirstOfStream, decoder.total);
+    return decoder.batches.filter(({ points }) => points >= least && points <= kMostPoints).map((batch, level) => ({
+        ...entry,
+        level,
+        points: batch.points,
+        bytes: batch.bytes,
+        files: batch.points === entry.points ? entry.files : [],
+        attributes: decoder.layout.attributes.map(({ name, components }, number) => ({
+            name, components, read: async () => decoder.attribute(number, batch.points),
+        })),
+        error: { relative: { mean: batch.meanError / diagonal } },
+        spacing: entry.spacing * Math.sqrt(entry.points / batch.points),
+        state: 'loading',
+    })).map((level) => Object.assign(level, { ply: async () => plyOfStream(decoder, level) }));
+}
+
+/** What is shown of a stream as a file: its places are those of then, what else points have does not change. */
+function plyOfStream(decoder, { geometry, points }) {
+    const { origin, alpha, attributes } = decoder.layout;
+    return plyOf({
+        count: points,
+        origin,
+        positions: geometry.getAttribute('position').array,
+        normals: decoder.pointNormals(),
+        colors: decoder.colors(),
+        colorComponents: alpha ? 4 : 3,
+        attributes: attributes.map(({ name, type, components }, number) => ({
+            name, components, type: kTypesOfStream[type], values: decoder.attribute(number, points),
+        })),
+    });
+}
+
+/** The points of a stream so far. */
+async function geometryOf(decoder, pause) {
+    const work = decoder.findPositions();
+    let step = work.next();
+    while (!step.done) {
+        await pause();
+        step = work.next();
+    }
+    const geometry = new BufferGeometry();
+    geometry.setAttribute('position', new BufferAttribute(step.value, 3));
+    const normals = decoder.pointNormals();
+    if (normals) {
+        geometry.setAttribute('normal', new BufferAttribute(normals, 3));
+    }
+    const colors = decoder.colors();
+    if (colors) {
+        geometry.setAttribute('color', new BufferAttribute(colors, decoder.layout.alpha ? 4 : 3, true));
+    }
+    return geometry;
+}
