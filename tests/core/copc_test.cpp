@@ -141,6 +141,18 @@ TEST(Copc, KeepsThePrecisionAskedFor) {
     EXPECT_DOUBLE_EQ(step_of(encode_copc(cloud, {.precision = 0.05})), 0.1);
 }
 
+TEST(Copc, CountsWhatReadingDoublesHasRoundedToThePrecision) {
+    PointCloud cloud = test::sphere(3000);
+    for (Vec3f& p : cloud.positions) p *= 50'000;  // floats have 2 mm there, or 4
+    EXPECT_DOUBLE_EQ(step_of(encode_copc(cloud, {.precision = 0.0055})), 0.01);
+    cloud.double_precision = true;
+    EXPECT_DOUBLE_EQ(step_of(encode_copc(cloud, {.precision = 0.0055})), 0.001);
+    EXPECT_NE(refusal(cloud, {.precision = 0.0005}).find("in single precision"), std::string::npos);
+    // On a grid that floats tell apart they are put back.
+    for (Vec3f& p : cloud.positions) p = (p * 10).array().round() / 10;
+    EXPECT_DOUBLE_EQ(step_of(encode_copc(cloud, {.precision = 0.055})), 0.1);
+}
+
 TEST(Copc, TellsTheCoordinateSystemItIsGiven) {
     const std::vector<std::byte> file = encode_copc(test::sphere(100), {.epsg = 32633});
     const std::string_view text(reinterpret_cast<const char*>(file.data()), file.size());
@@ -167,6 +179,16 @@ TEST(Copc, GivesEachExtraFieldANameOfItsOwn) {
     constexpr std::size_t kField = 192;
     EXPECT_EQ(text.substr(first + kField, 32), "a_name_that_is_longer_than_LAS_2");
     EXPECT_EQ(text.substr(first + 2 * kField, 4), std::string_view("X_2\0", 4));
+}
+
+TEST(Copc, GivesNoExtraFieldANameOfLasThatAnotherHas) {
+    PointCloud cloud = test::sphere(10);
+    cloud.attributes = {{"Intensity", std::vector<float>(10, 0.5F)},
+                        {"intensity", std::vector<std::uint16_t>(10, 700)}};
+    const std::vector<std::byte> file = encode_copc(cloud);
+    const std::string_view text(reinterpret_cast<const char*>(file.data()), file.size());
+    EXPECT_NE(text.find(std::string_view("Intensity_2\0", 12)), std::string_view::npos);
+    EXPECT_EQ(text.find(std::string_view("Intensity\0", 10)), std::string_view::npos);
 }
 
 TEST(Copc, RefusesWhatTheFormatCannotHold) {

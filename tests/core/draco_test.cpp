@@ -1,6 +1,7 @@
 #include "base/random.hpp"
 #include "stipple/codec.hpp"
 #include "stipple/error.hpp"
+#include "support/expect_error.hpp"
 #include "support/support.hpp"
 
 #include <draco/compression/expert_encode.h>
@@ -133,11 +134,58 @@ TEST(Draco, KeepsWholeNumbersThatAreWrittenAsFloats) {
     add(cloud, "numbers", numbers);
     add(cloud, "shares", shares);
     add(cloud, "large", std::vector<float>(cloud.size(), 3e9F));
+    std::vector<float> gaps = labels;
+    gaps[77] = -99'999'999;
+    add(cloud, "gaps", gaps);
     const PointCloud back = round_trip(cloud, {.coding = DracoCoding::Sequential, .precision = {}});
-    for (const char* const name : {"labels", "numbers", "large"})
+    for (const char* const name : {"labels", "numbers", "large", "gaps"})
         EXPECT_EQ(find_attribute(back, name)->values, find_attribute(cloud, name)->values) << name;
     const auto& coarse = std::get<std::vector<float>>(find_attribute(back, "shares")->values);
     EXPECT_NE(coarse, shares);
+}
+
+TEST(Draco, KeepsIntegersNearTheEndsOfTheirRange) {
+    PointCloud cloud = test::sphere(3'000);
+    using Int32 = std::numeric_limits<std::int32_t>;
+    for (const std::int32_t spread : {1, 1'000, 65'535, (1 << 24) - 1}) {
+        std::vector<std::int32_t> low(cloud.size()), high(cloud.size());
+        std::vector<std::uint32_t> middle(cloud.size());
+        for (std::size_t i = 0; i < cloud.size(); ++i) {
+            const auto at = static_cast<std::int32_t>(random_bits(5, i) %
+                                                      (static_cast<std::uint64_t>(spread) + 1));
+            low[i] = Int32::min() + at;
+            high[i] = Int32::max() - at;
+            middle[i] = static_cast<std::uint32_t>(Int32::max()) + static_cast<std::uint32_t>(at);
+        }
+        cloud.attributes.clear();
+        add(cloud, "low", low);
+        add(cloud, "high", high);
+        add(cloud, "middle", middle);
+        for (const DracoCoding coding : {DracoCoding::Sequential, DracoCoding::Auto}) {
+            const PointCloud back = round_trip(cloud, {.coding = coding, .precision = {}});
+            std::vector<Row> rows = rows_of(cloud), rows_back = rows_of(back);
+            for (std::vector<Row>* const all : {&rows, &rows_back})
+                for (Row& row : *all) row.erase(row.begin(), row.begin() + 3);
+            EXPECT_EQ(sorted(rows_back), sorted(rows)) << spread;
+        }
+    }
+}
+
+TEST(Draco, KeepsFloatsThatSpreadTooLittleForItsSteps) {
+    PointCloud cloud = test::sphere(1'000);
+    for (const float scale : {1e-34F, 1e-36F, 1e-40F}) {
+        std::vector<float> weights;
+        for (const Vec3f& p : cloud.positions) weights.push_back(scale * (1 + p.x()));
+        cloud.attributes.clear();
+        add(cloud, "weights", weights);
+        const PointCloud back =
+            round_trip(cloud, {.coding = DracoCoding::Sequential, .precision = {}});
+        EXPECT_EQ(back.attributes.at(0).values, cloud.attributes.at(0).values) << scale;
+    }
+    for (Vec3f& p : cloud.positions) p *= 1e-30F;
+    EXPECT_EQ(round_trip(cloud, {.position_bits = 14, .precision = {}}).size(), cloud.size());
+    test::expect_refused("position_bits 0 keeps them exactly",
+                         [&] { encode_draco(cloud, {.position_bits = 30, .precision = {}}); });
 }
 
 TEST(Draco, KeepsEveryIntegerThroughTheKdTreeUpToTheOrder) {

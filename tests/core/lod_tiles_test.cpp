@@ -234,6 +234,11 @@ TEST(LodTiles, RefuseAPrecisionThatTheyCannotHave) {
     test::expect_refused("precision 1e-12: expected at least 1.8",
                          [&] { tiles_of(cloud, {.precision = 1e-12}); });
     EXPECT_LE(tiles_of(cloud, {.precision = 2e-9}).front().step, 4.1e-9);
+    PointCloud wide = cloud;
+    wide.double_precision = true;  // so that they were rounded by up to 6e-8
+    test::expect_refused("precision 2e-09: expected at least 1.1",
+                         [&] { tiles_of(wide, {.precision = 2e-9}); });
+    EXPECT_LE(tiles_of(wide, {.precision = 1e-6}).front().step, 2e-6 - 1e-7);
 }
 
 TEST(LodTiles, RefuseOptionsOutOfRange) {

@@ -143,9 +143,20 @@ TEST(ProgressiveCloud, RefusesACloudWhoseSquaresAreNothing) {
 }
 
 TEST(ProgressiveCloud, KeepsThePrecisionAskedFor) {
-    const PointCloud cloud = test::cube(1'000);
-    const PointCloud decoded = decode_progressive(encode_progressive(cloud, {.precision = 1e-3}));
-    EXPECT_LE(farthest(cloud, decoded), 1.001e-3);
+    for (const float away : {0.0F, 900.0F, 30'000.0F}) {
+        PointCloud cloud = test::cube(1'000);
+        for (Vec3f& p : cloud.positions) p += Vec3f::Constant(away);
+        const PointCloud decoded =
+            decode_progressive(encode_progressive(cloud, {.precision = 1e-3}));
+        EXPECT_LE(farthest(cloud, decoded), 1e-3);
+        EXPECT_LE(farthest(decoded, cloud), 1e-3);
+        cloud.double_precision = true;
+        const auto encode = [&] { encode_progressive(cloud, {.precision = 1e-3}); };
+        if (away > 20'000)
+            test::expect_refused("in single precision", encode);
+        else
+            EXPECT_NO_THROW(encode());
+    }
 }
 
 TEST(ProgressiveCloud, KeepsAllAttributesWithThePoint) {
@@ -408,7 +419,7 @@ TEST(ProgressiveCloud, RefusesGridsThatReachFartherThanCloudsMay) {
     for (const auto precision : {std::optional<double>(), std::optional(1e15)})
         EXPECT_EQ(decode_progressive(encode_progressive(one, {.precision = precision})).positions,
                   one.positions);
-    test::expect_refused("the grid is 4e+16 across: expected at most 4e+15",
+    test::expect_refused("the grid is 2e+16 across: expected at most 4e+15",
                          [&] { encode_progressive(one, {.precision = 1e16}); });
     PointCloud wide = one;
     wide.positions = {{0, 0, 0}, {9.9e14F, 0, 0}};

@@ -1,20 +1,17 @@
 #pragma once
 
+#include "base/in_words.hpp"
 #include "stipple/error.hpp"
 
 #include <cmath>
-#include <sstream>
 #include <string_view>
 
 namespace stipple {
 
-/// Throws Error(InvalidArgument); the message is the parts one behind the other, as a stream writes
-/// them.
+/// Throws Error(InvalidArgument); the message is the parts, `in_words`.
 template <typename... Parts>
 [[noreturn]] void refuse(const Parts&... parts) {
-    std::ostringstream message;
-    (message << ... << parts);
-    throw Error(ErrorCode::InvalidArgument, message.str());
+    throw Error(ErrorCode::InvalidArgument, in_words(parts...));
 }
 
 /// Refuses a value that does not fit: `k 2: expected 3..32`.

@@ -2,6 +2,7 @@
 
 #include "base/byte_writer.hpp"
 #include "base/first_touch.hpp"
+#include "base/in_words.hpp"
 #include "base/parallel_for.hpp"
 #include "cloud/box_of_most.hpp"
 #include "cloud/chain_order.hpp"
@@ -22,7 +23,6 @@
 #include <numeric>
 #include <optional>
 #include <span>
-#include <sstream>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -65,25 +65,25 @@ double power_of_ten(int exponent) {
     return std::pow(10.0, exponent);
 }
 
-std::string in_words(double value) {
-    std::ostringstream text;
-    text << value;
-    return text.str();
-}
-
 /// The power of ten that a file's steps are of.
 int find_exponent(const PointCloud& cloud, const Aabb& box, const CopcOptions& options,
                   const RunContext& context) {
     const double side = (box.max - box.min).maxCoeff();
-    if (options.precision) {
-        const double precision = *options.precision;
-        if (!makes_steps(precision))
-            throw Error(ErrorCode::InvalidArgument,
-                        "precision " + in_words(precision) + ": expected a finite length above 0");
-        return static_cast<int>(std::floor(std::log10(2 * precision)));
-    }
     float largest = 0;
     for (const Vec3f& p : cloud.positions) largest = std::max(largest, p.cwiseAbs().maxCoeff());
+    if (options.precision) {
+        const auto exponent_of = [](double half_step) {
+            return static_cast<int>(std::floor(std::log10(2 * half_step)));
+        };
+        const double left = precision_left(*options.precision, 0, side);
+        if (!cloud.double_precision) return exponent_of(left);
+        // A grid on which they lay takes back what rounding to floats has moved them by.
+        const int longest = exponent_of(left);
+        if (power_of_ten(longest) > 2 * rounding_of(largest) &&
+            lie_on_grid(cloud, power_of_ten(longest), context))
+            return longest;
+        return exponent_of(precision_left(left, rounding_of_reading(cloud), side));
+    }
     if (!(side > 0)) return 0;  // any
     const double unsure = std::ldexp(std::max(static_cast<double>(largest), side), -24);
     // Where half a step is what is unsure, any coordinate so far from the origin lies on the grid.

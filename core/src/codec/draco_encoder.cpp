@@ -81,21 +81,24 @@ Extent extent_of(std::span<const Vec3f> positions) {
     const double side = (high.cast<double>() - low.cast<double>()).maxCoeff();
     if (side > double{std::numeric_limits<float>::max()})
         refuse("the positions exceed the range of single precision");
-    constexpr double kShortest = 1e-30;  // of which a step is no subnormal number
-    if (side > 0 && side < kShortest)
-        refuse(
-            "the extent of the positions is too small for Draco's arithmetic; position_bits 0 "
-            "keeps them exactly");
     return {side, std::max(low.cwiseAbs().maxCoeff(), high.cwiseAbs().maxCoeff()), low};
+}
+
+/// Whether Draco's arithmetic, in floats, has a step of so many bits, and how many of them there
+/// are to the unit.
+bool has_step(double range, unsigned bits) {
+    const double steps = std::exp2(bits) - 1;
+    return range == 0 || (range / steps >= double{std::numeric_limits<float>::min()} &&
+                          steps / range <= double{std::numeric_limits<float>::max()});
 }
 
 /// The fewest bits whose error per axis is at most `precision`. The largest error is half a step,
 /// side / (2^bits - 1) / 2, and what the decoder's single-precision arithmetic adds: it rounds
 /// three times, numbers up to the side or the largest coordinate.
-unsigned bits_for(double precision, const Extent& extent) {
+/// @param read  by how much reading has rounded them.
+unsigned bits_for(double precision, const Extent& extent, double read) {
     require(makes_steps(precision), "precision", precision, "a finite number above 0");
-    constexpr double kRounding = 0x1p-24;
-    const double rounding = kRounding * (3 * extent.side + extent.largest);
+    const double rounding = read + rounding_of_floats(3 * extent.side + extent.largest);
     const double levels = extent.side / (2 * (precision - rounding)) + 1;
     const double bits = extent.side == 0 ? 1 : std::ceil(std::log2(levels));
     if (precision <= rounding || bits > kMostBits) {
@@ -262,34 +265,41 @@ constexpr draco::DataType data_type_of() {
     return draco::DT_FLOAT64;
 }
 
-/// Draco refuses to quantise what is not finite or spreads beyond a float; such values stay as they
-/// are.
-bool can_be_quantized(const std::vector<float>& values) {
+/// Draco refuses to quantise what is not finite or spreads beyond a float, and makes something else
+/// of what spreads too little; such values stay as they are.
+bool can_be_quantized(const std::vector<float>& values, unsigned bits) {
     if (values.empty()) return false;
     const auto [low, high] = std::ranges::minmax(values);
     return std::ranges::all_of(values, [](float v) { return std::isfinite(v); }) &&
-           std::isfinite(high - low);
+           std::isfinite(high - low) && has_step(double{high} - double{low}, bits);
 }
 
-/// Draco takes integers through int32, and its encoder keeps a table as long as the largest
-/// difference: from 2^31 on it crashes, and below it takes gigabytes. What spreads wider than this
-/// goes as doubles, which any reader understands.
+/// Draco takes integers through int32, predicts them up to the range of all beyond both ends, and
+/// its encoder keeps a table as long as the largest difference: from 2^31 on it crashes, and below
+/// it takes gigabytes. What spreads wider than this, or lies so near the ends of int32, goes as
+/// doubles, which any reader understands.
 template <typename T>
 bool can_be_entropy_coded(const std::vector<T>& values) {
     constexpr std::int64_t kWidest = std::int64_t{1} << 24;
     if (values.empty()) return true;
     const auto [low, high] = std::ranges::minmax(values);
-    return std::int64_t{high} <= std::numeric_limits<std::int32_t>::max() &&
-           std::int64_t{high} - std::int64_t{low} < kWidest;
+    const std::int64_t range = std::int64_t{high} - std::int64_t{low};
+    using Int32 = std::numeric_limits<std::int32_t>;
+    return range < kWidest && std::int64_t{high} + range < Int32::max() &&
+           std::int64_t{low} - range > Int32::min();
 }
 
-/// Floats that are all whole numbers, as labels and counts that some programs write so: quantised
-/// they would be none any more.
+/// Whether all are whole numbers, as labels and counts that some programs write as floats:
+/// quantised they would be none any more.
+bool are_whole(const std::vector<float>& values) {
+    return std::ranges::all_of(values,
+                               [](float v) { return std::isfinite(v) && v == std::trunc(v); });
+}
+
+/// Whole numbers as integers, where Draco holds them.
 std::optional<std::vector<std::int32_t>> as_integers(const std::vector<float>& values) {
     constexpr float kBeyond = 2'147'483'648.0F;  // 2^31
-    const bool are_whole = std::ranges::all_of(
-        values, [](float v) { return std::abs(v) < kBeyond && v == std::trunc(v); });
-    if (!are_whole) return {};
+    if (!std::ranges::all_of(values, [](float v) { return std::abs(v) < kBeyond; })) return {};
     std::vector<std::int32_t> integers(values.begin(), values.end());
     if (!can_be_entropy_coded(integers)) return {};
     return integers;
@@ -318,12 +328,14 @@ void add_generic(OneAttribute& attribute, std::uint32_t unique_id, unsigned attr
             }
             int bits = 0;
             if constexpr (std::is_same_v<T, float>) {
-                if (const auto integers = as_integers(values)) {
+                if (!are_whole(values)) {
+                    if (can_be_quantized(values, attribute_bits))
+                        bits = static_cast<int>(attribute_bits);
+                } else if (const auto integers = as_integers(values)) {
                     original_type = "float32";
                     give_back(values);
                     return add(draco::DT_INT32, *integers, 0);
                 }
-                if (can_be_quantized(values)) bits = static_cast<int>(attribute_bits);
             }
             const int added = add(data_type_of<T>(), values, bits);
             give_back(values);
@@ -390,6 +402,7 @@ void fill(Cloud& cloud, std::span<const Index> order, const DracoEncodeOptions& 
 
 /// Why the kd-tree coding cannot hold the cloud; empty when it can.
 std::string hindrance_to_kd_tree(const Encoded& encoded) {
+    if (encoded.geometry.num_points() == 0) return "there are no points";
     for (int id = 0; id < encoded.geometry.num_attributes(); ++id) {
         const draco::PointAttribute& attribute = *encoded.geometry.attribute(id);
         const auto* const metadata = encoded.geometry.GetAttributeMetadataByAttributeId(id);
@@ -408,7 +421,7 @@ std::string hindrance_to_kd_tree(const Encoded& encoded) {
             return which + " has unquantised floats";
         }
     }
-    return encoded.geometry.num_points() == 0 ? "there are no points" : "";
+    return "";
 }
 
 draco::PointCloudEncodingMethod method_for(const Encoded& encoded, DracoCoding coding) {
@@ -444,8 +457,11 @@ std::vector<std::byte> encode(Cloud& cloud, const DracoEncodeOptions& options,
     if (position_bits != 0 || options.precision) {
         const Extent extent = extent_of(cloud.positions);
         position_bits = options.precision
-                            ? bits_for(*options.precision, extent)
+                            ? bits_for(*options.precision, extent, rounding_of_reading(cloud))
                             : bits_for_most(cloud.positions, extent, options, context);
+        if (!has_step(extent.side, position_bits))
+            refuse("the positions are only ", extent.side, " apart, too little for ", position_bits,
+                   " bits in Draco's arithmetic; position_bits 0 keeps them exactly");
         if (position_bits != 0) step = extent.side / (std::exp2(position_bits) - 1);
     }
     if (cloud.empty()) position_bits = 0;

@@ -84,8 +84,11 @@ LasFields::LasFields(const PointCloud& cloud) {
                         sizeof(Vec3f)));
     if (!cloud.colors.empty() && cloud.has_alpha)
         add(extra_field("alpha", &cloud.colors.front().a, sizeof(Rgba8)));
+    // The known ones first: a name of theirs is free for an extra field only where they have none.
+    std::vector<const Attribute*> others;
     for (const Attribute& attribute : cloud.attributes)
-        if (!take_as_known(attribute)) add(attribute);
+        if (!take_as_known(attribute)) others.push_back(&attribute);
+    for (const Attribute* const attribute : others) add(*attribute);
     constexpr std::size_t kMost = 65'535 - kLazPointSize - kLazColorSize;
     if (extra_size > kMost)
         throw Error(ErrorCode::InvalidArgument,

@@ -12,7 +12,7 @@ namespace stipple {
 
 /// A field that LAS does not know: among the extra bytes of a point.
 struct LasExtraField {
-    std::string name;  ///< 1 to 32 bytes; no other field with values has it
+    std::string name;                  ///< 1 to 32 bytes; no other field with values has it
     std::uint8_t type = 0;             ///< as LAS numbers types
     std::size_t size = 0, stride = 0;  ///< bytes: of a value; from one point to the next
     const std::byte* first = nullptr;  ///< the value of point 0 of the cloud

@@ -71,7 +71,10 @@ void choose_grid(const PointCloud& cloud, const ProgressiveOptions& options,
     const double side = (high.cast<double>() - layout.low).maxCoeff();
     double bits = options.position_bits;
     if (options.precision) {
-        layout.step = 2 * *options.precision;
+        const double largest = std::max(low.cwiseAbs().maxCoeff(), high.cwiseAbs().maxCoeff());
+        const double rounding = rounding_of_floats(largest);  // of what is decoded
+        const double left = precision_left(*options.precision, rounding_of_reading(cloud), side);
+        layout.step = 2 * half_step_of_floats(left, rounding);
         bits = std::max(1.0, std::ceil(std::log2(side / layout.step + 1)));
         require(bits <= kMostGridBits, "precision", *options.precision,
                 "a value that 24 bits can give");

@@ -1,6 +1,7 @@
 #include "progressive/progressive_layout.hpp"
 
 #include "base/byte_writer.hpp"
+#include "base/in_words.hpp"
 #include "codec/attribute_name.hpp"
 #include "stipple/error.hpp"
 
@@ -8,7 +9,6 @@
 #include <bit>
 #include <cmath>
 #include <limits>
-#include <sstream>
 #include <string_view>
 
 namespace stipple {
@@ -74,19 +74,18 @@ void require_reach(const ProgressiveLayout& layout, ErrorCode code) {
     constexpr double kMostAcross = 4e15, kFarthest = std::numeric_limits<float>::max();
     const double across = std::ldexp(layout.step, layout.grid_bits);
     const double reach = layout.low.cwiseAbs().maxCoeff() + across;
-    std::ostringstream message;
-    message << "progressive stream: ";
     if (across > kMostAcross) {
-        message << "the grid is " << across << " across: expected at most " << kMostAcross
-                << "; give the cloud in a larger unit, or without points that are far from all "
-                   "others";
-    } else if (reach > kFarthest) {
-        message << "the grid reaches " << reach << " from the origin: expected at most "
-                << kFarthest << "; give the cloud in a larger unit";
-    } else {
-        return;
+        throw Error(
+            code, in_words("progressive stream: the grid is ", across, " across: expected at most ",
+                           kMostAcross,
+                           "; give the cloud in a larger unit, or without points that are far "
+                           "from all others"));
     }
-    throw Error(code, message.str());
+    if (reach > kFarthest) {
+        throw Error(code, in_words("progressive stream: the grid reaches ", reach,
+                                   " from the origin: expected at most ", kFarthest,
+                                   "; give the cloud in a larger unit"));
+    }
 }
 
 ProgressiveAttribute read_attribute(Reader& in) {

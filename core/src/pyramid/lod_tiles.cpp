@@ -289,11 +289,15 @@ LodTiler::LodTiler(const PointCloud& source, const LodTileOptions& options,
     if (side_of_most > 0 && state.rounding.side > kFarOffGrid * side_of_most)
         state.rounding.side_of_most = side_of_most;
     if (options.precision) {
-        state.rounding.precision = *options.precision * state.frame.scale;
-        if (*state.rounding.precision < state.rounding.least_precision())
-            refuse("precision ", *options.precision, ": expected at least ",
-                   state.rounding.least_precision() / state.frame.scale,
+        const double side = (state.box.max - state.box.min).maxCoeff();
+        const double left = precision_left(*options.precision, rounding_of_reading(source), side);
+        const double least = state.rounding.least_precision() / state.frame.scale;
+        if (left < least)
+            refuse("precision ", *options.precision, ": expected at least ", least,
                    ", which tiles of a cloud as wide as this one can have");
+        // About the middle they are floats again.
+        const double half_step = half_step_of_floats(left, rounding_of_floats(side / 2));
+        state.rounding.precision = std::max(half_step, least) * state.frame.scale;
     }
 
     state.order = hilbert_order(source.positions, context);

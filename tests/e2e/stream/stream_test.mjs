@@ -134,7 +134,7 @@ try {
     const ofAlpha = spherePoints(700).map((place, i) => [...place, i % 256, (7 * i) % 256, 50, (3 * i) % 256]);
     const clusters = range(600).map((i) => [5e6 + (i % 2) * 1e4 + Math.sin(i), Math.cos(1.7 * i), Math.sin(0.3 * i)]);
     const clouds = [
-        ['small.ply'], ['small.ply', '--precision', '1e-5'],
+        ['small.ply'], ['small.ply', '--precision', '2e-5'],
         [written('alpha.ply', ofAlpha, true, { hasAlpha: true, scalars: { gap: ([x]) => (x > 0 ? Infinity : x), height: ([, , z]) => z } })],
         [written('sphere.ply', spherePoints(1200), false)], [written('double.ply', clusters, false, { type: 'double' })],
         [written('line.ply', range(500).map((i) => [i, 0, 0]), false)], [written('plane.ply', range(900).map((i) => [i % 30, Math.floor(i / 30), 5]), false)],
