@@ -1,4 +1,5 @@
 #include "stipple/codec.hpp"
+#include "support/expect_error.hpp"
 #include "support/ply_text.hpp"
 
 #include <gtest/gtest.h>
@@ -65,6 +66,9 @@ TEST(PlyColumns, KeepsIntegersOf64BitsAsDoubles) {
     const std::string elements = "element vertex 1\n" + kXyz + "property int64 id\n";
     EXPECT_EQ(values<double>(decode(ascii(elements, "0 0 0 -9007199254740992\n")), "id").at(0),
               -0x1p53);
+    for (const char* const beyond : {"9223372036854775808", "-9223372036854777856", "1e19"})
+        test::expect_error(ErrorCode::MalformedInput, beyond,
+                           [&] { decode(ascii(elements, std::string("0 0 0 ") + beyond + "\n")); });
     for (const bool big : {false, true}) {
         std::string file = std::string("ply\nformat binary_") + (big ? "big" : "little") +
                            "_endian 1.0\n" + elements +
@@ -106,6 +110,7 @@ TEST(PlyColumns, TakesColoursOfFloatsAsSharesOrAs8BitsByWhatTheCloudHas) {
     const std::vector<Rgba8> shares = {{0, 128, 255, 255}, {255, 0, 64, 255}};
     EXPECT_EQ(colors_of("float", "0 0 0 0 0.5 1\n1 0 0 1.01 -1 0.25\n"), shares);
     EXPECT_EQ(colors_of("double", "0 0 0 0 127.6 255\n1 0 0 300 nan 64\n"), shares);
+    EXPECT_EQ(colors_of("float", "0 0 0 0 0.5 1\n1 0 0 inf -inf 0.25\n"), shares);
     EXPECT_EQ(
         colors_of("float", "0 0 0 0 128 255 1\n1 0 0 255 0 64 0.5\n", "property float alpha\n"),
         (std::vector<Rgba8>{{0, 128, 255, 255}, {255, 0, 64, 128}}));
@@ -124,6 +129,18 @@ TEST(PlyColumns, ReadsCoordinatesColorsNormalsAndScalarsByTheirUsualNames) {
     EXPECT_EQ(cloud.colors.at(0), (Rgba8{10, 255, 128, 77}));
     EXPECT_TRUE(cloud.has_alpha);
     EXPECT_EQ(values<std::int16_t>(cloud, "k").at(0), -9);
+}
+
+TEST(PlyColumns, KnowsColoursByOtherUsualNames) {
+    for (const auto& names : {std::array{"Red", "Green", "Blue"},
+                              {"R", "G", "B"},
+                              {"diffuse_r", "diffuse_g", "diffuse_b"}}) {
+        std::string elements = "element vertex 1\n" + kXyz;
+        for (const std::string name : names) elements += "property uchar " + name + "\n";
+        EXPECT_EQ(decode(ascii(elements, "0 0 0 1 2 3\n")).colors,
+                  (std::vector<Rgba8>{{1, 2, 3, 255}}))
+            << names[0];
+    }
 }
 
 TEST(PlyColumns, PrefersRedGreenBlueAndKeepsASecondFamilyAsAttributes) {

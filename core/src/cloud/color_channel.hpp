@@ -6,6 +6,8 @@
 #include <array>
 #include <concepts>
 #include <cstdint>
+#include <limits>
+#include <span>
 #include <type_traits>
 #include <utility>
 #include <vector>
@@ -53,8 +55,8 @@ struct WideColors {
 
     void resize(std::size_t n) { values.resize(n, {kFull, kFull, kFull, kFull}); }
     /// Integers have 8 bits where none is above 255, and 8 bits in the upper ones of 16, as LAS
-    /// prescribes, where all are multiples of 256; floats where one is above 2, as no share of a
-    /// colour is. Alpha alone may still be of the whole range.
+    /// prescribes, where all are multiples of 256; floats where one is above 2 and finite, as no
+    /// share of a colour is. Alpha alone may still be of the whole range.
     /// @returns whether nothing of them is lost.
     bool narrow(std::vector<Rgba8>& colors) const {
         const bool eight_bits = has_eight_bits();
@@ -82,7 +84,11 @@ private:
     bool has_eight_bits() const {
         const auto largest = [](const Color& c) { return std::max({c[0], c[1], c[2]}); };
         const auto is_small = [&](const Color& c) { return !(largest(c) > T(255)); };
-        const auto is_large = [&](const Color& c) { return largest(c) > T(2); };
+        const auto is_large = [&](const Color& c) {
+            return std::ranges::any_of(std::span(c).template first<3>(), [](T v) {
+                return v > T(2) && v <= std::numeric_limits<T>::max();
+            });
+        };
         return std::is_integral_v<T> ? std::ranges::all_of(values, is_small)
                                      : std::ranges::any_of(values, is_large);
     }

@@ -18,16 +18,23 @@ namespace {
 
 constexpr std::array<std::array<std::string_view, 3>, 2> kNormalNames = {
     {kPlyNormals, {"normal_x", "normal_y", "normal_z"}}};
-constexpr std::array<std::array<std::string_view, 4>, 3> kColorNames = {
+constexpr std::array<std::array<std::string_view, 4>, 4> kColorNames = {
     {kPlyColors,
      {"r", "g", "b", "a"},
-     {"diffuse_red", "diffuse_green", "diffuse_blue", "diffuse_alpha"}}};
+     {"diffuse_red", "diffuse_green", "diffuse_blue", "diffuse_alpha"},
+     {"diffuse_r", "diffuse_g", "diffuse_b", "diffuse_a"}}};
+
+/// Whether a name is another but for capitals, as in `Red`.
+bool equals(std::string_view a, std::string_view b) {
+    const auto lower = [](char c) { return 'A' <= c && c <= 'Z' ? static_cast<char>(c + 32) : c; };
+    return std::ranges::equal(a, b, {}, lower, lower);
+}
 
 std::vector<PlyRole> assign_roles(const PlyElement& vertex) {
     std::vector<PlyRole> roles(vertex.properties.size());
     const auto index_of = [&](std::string_view name) -> std::optional<std::size_t> {
         const auto found = std::ranges::find_if(vertex.properties, [&](const PlyProperty& p) {
-            return p.name == name && !p.is_list();
+            return equals(p.name, name) && !p.is_list();
         });
         if (found == vertex.properties.end()) return std::nullopt;
         return static_cast<std::size_t>(found - vertex.properties.begin());

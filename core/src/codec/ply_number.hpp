@@ -136,8 +136,9 @@ const char* parse(const char* p, const char* end, T& value) noexcept {
     if (error == std::errc() && (stop == end || is_blank(*stop))) return stop;
     double real = 0;
     const char* const real_end = parse(p, end, real);
+    const double beyond = std::ldexp(1.0, std::numeric_limits<T>::digits);  // the largest and 1
     if (real_end == nullptr || !(real >= double(std::numeric_limits<T>::min())) ||
-        !(real <= double(std::numeric_limits<T>::max())) || real != std::trunc(real)) {
+        !(real < beyond) || real != std::trunc(real)) {
         return nullptr;
     }
     value = static_cast<T>(real);
