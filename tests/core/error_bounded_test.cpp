@@ -357,6 +357,7 @@ TEST(ErrorCurve, TakesTheCountsThatACloudHas) {
               (std::vector<std::uint64_t>{50, 10}));
     test::expect_refused("points: the cloud has 10: expected at least one count below that",
                          [&] { curve_counts(10, {.points = {10}}); });
+    test::expect_refused("count 65: expected at most 64", [&] { curve_counts(5'000, 65); });
     test::expect_refused("points 10: expected ascending counts", [&] {
         validate(ErrorCurveOptions{.points = {10, 10}});
     });

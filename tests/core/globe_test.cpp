@@ -92,8 +92,10 @@ TEST(GlobeFrame, RefusesSystemsAndPlacesItDoesNotKnow) {
     }
     test::expect_refused("the cloud lies beyond 10,000 km",
                          [&] { globe_frame(32633, Vec3d(2e7, 0, 0)); });
-    test::expect_refused("the cloud lies beyond 10,000 km",
-                         [&] { globe_frame(32633, Vec3d(std::nan(""), 0, 0)); });
+    for (const unsigned epsg : {32633U, 3857U, 4978U})
+        for (int axis = 0; axis < 3; ++axis)
+            test::expect_refused("the cloud lies at no finite place",
+                                 [&] { globe_frame(epsg, std::nan("") * Vec3d::Unit(axis)); });
     test::expect_refused("the cloud lies beyond 21,000 km",
                          [&] { globe_frame(3857, Vec3d(0, 2.2e7, 0)); });
 }

@@ -21,6 +21,12 @@ TEST(PointCloud, ValidateNamesTheArrayThatDoesNotFit) {
     }
 }
 
+TEST(PointCloud, HasAFiniteOrigin) {
+    PointCloud cloud = test::cube(10);
+    cloud.origin.y() = std::numeric_limits<double>::quiet_NaN();
+    EXPECT_THROW(validate(cloud), Error);
+}
+
 TEST(PointCloud, BoundsAddTheOriginAndLeaveOutWhatIsNotFinite) {
     PointCloud cloud;
     cloud.origin = {1e6, 0, 0};

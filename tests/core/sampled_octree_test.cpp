@@ -120,6 +120,14 @@ TEST(SampledOctree, RefusesWhatItCannotDo) {
                          [&] { SampledOctree(cloud, cube_of_ten_bits(), {.grid = 257}); });
     test::expect_refused("max_points 0: expected at least 1",
                          [&] { SampledOctree(cloud, cube_of_ten_bits(), {.max_points = 0}); });
+    for (const double step : {0.0, -1.0, std::nan(""), HUGE_VAL})
+        test::expect_refused("step of the cube", [&] {
+            SampledOctree(cloud, {.low = Vec3d::Zero(), .step = step, .bits = 10});
+        });
+    for (const unsigned bits : {0U, 31U})
+        test::expect_refused("bits of the cube", [&] {
+            SampledOctree(cloud, {.low = Vec3d::Zero(), .step = 1, .bits = bits});
+        });
 }
 
 }  // namespace

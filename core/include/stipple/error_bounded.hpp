@@ -123,6 +123,7 @@ struct CurvePoint {
 /// `count` counts for a curve, evenly spaced on a logarithmic axis, descending: from half of the
 /// `points`, at most a million, down to a thousandth of them, at least 20. Fewer if there are not
 /// that many.
+/// @throws Error(InvalidArgument) for more than 64.
 std::vector<std::uint64_t> curve_counts(std::uint64_t points, unsigned count = 24);
 
 /// How the error grows with fewer points: snapshots of one run (particles: one run for each) at the

@@ -80,7 +80,7 @@ struct PointCloud {
     bool empty() const noexcept { return positions.empty(); }
 };
 
-/// Checks that every array has N entries or none.
+/// Checks that every array has N entries or none, and that the origin is finite.
 /// @throws Error(InvalidArgument) naming the array that does not.
 void validate(const PointCloud& cloud);
 

@@ -12,7 +12,7 @@ struct RunContext {
     std::function<void(double)>
         progress{};  ///< called with 0..1, never decreasing, on the calling thread only; only by
                      ///< long computations, and not always up to 1
-    unsigned threads = 0;  ///< 0: one per hardware thread
+    unsigned threads = 0;  ///< 0: one per hardware thread; at most 1024 are used
 
     /// Reports `fraction` and throws `Cancelled` when asked to stop. For the calling thread.
     void checkpoint(double fraction) const;

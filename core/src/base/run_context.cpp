@@ -17,7 +17,9 @@ void RunContext::throw_if_stopped() const {
 }
 
 unsigned RunContext::thread_count() const noexcept {
-    return threads != 0 ? threads : std::max(1U, std::thread::hardware_concurrency());
+    constexpr unsigned kMost = 1024;
+    return std::min(kMost,
+                    threads != 0 ? threads : std::max(1U, std::thread::hardware_concurrency()));
 }
 
 RunContext RunContext::part(double from, double to) const {

@@ -1,11 +1,11 @@
 #include "cloud/georeference.hpp"
 
+#include "base/in_words.hpp"
 #include "cloud/box_of_most.hpp"
 #include "stipple/error.hpp"
 
 #include <cmath>
 #include <limits>
-#include <sstream>
 #include <utility>
 
 namespace stipple {
@@ -15,18 +15,17 @@ Vec3d choose_origin(const Aabb& all, std::vector<Vec3d> some) {
     double side = longest_side(all);
     constexpr double kLongestSide = 1e37;
     if (!(side <= kLongestSide)) {
-        std::ostringstream message;
-        message << "the coordinates spread over " << side << ": expected at most " << kLongestSide
-                << ", the range of single precision";
-        throw Error(ErrorCode::MalformedInput, message.str());
+        throw Error(ErrorCode::MalformedInput,
+                    in_words("the coordinates spread over ", side, ": expected at most ",
+                             kLongestSide, ", the range of single precision"));
     }
     constexpr double kShortestSide = std::numeric_limits<float>::min();
     if (side > 0 && side < kShortestSide) {
-        std::ostringstream message;
-        message << "the coordinates spread over " << side << ": expected at least " << kShortestSide
-                << ", the least of single precision, or a single place; give them "
-                << "in a smaller unit";
-        throw Error(ErrorCode::MalformedInput, message.str());
+        throw Error(
+            ErrorCode::MalformedInput,
+            in_words("the coordinates spread over ", side, ": expected at least ", kShortestSide,
+                     ", the least of single precision, or a single place; give them in a "
+                     "smaller unit"));
     }
     constexpr double kFarOff = 64;
     const Aabb most = box_of_most(std::move(some));

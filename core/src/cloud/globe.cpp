@@ -122,6 +122,7 @@ bool is_on_globe(unsigned epsg) noexcept {
 
 Eigen::Matrix4d globe_frame(unsigned epsg, const Vec3d& place) {
     check_known(epsg);
+    if (!place.allFinite()) refuse("epsg ", epsg, ": the cloud lies at no finite place");
     Eigen::Matrix4d frame = Eigen::Matrix4d::Identity();
     if (epsg == kEarthCentred) return frame;
     const bool is_web = epsg == kWebMercator;

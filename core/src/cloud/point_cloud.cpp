@@ -1,5 +1,6 @@
 #include "stipple/point_cloud.hpp"
 
+#include "base/in_words.hpp"
 #include "cloud/box_of_most.hpp"
 #include "cloud/cloud_copy.hpp"
 #include "cloud/float4.hpp"
@@ -10,7 +11,6 @@
 #include <array>
 #include <limits>
 #include <span>
-#include <sstream>
 #include <utility>
 
 namespace stipple {
@@ -25,14 +25,16 @@ void require_squares(double diagonal) {
     constexpr double kShortest = 1e-15, kLongest = 1e15;
     if (diagonal == 0 || (diagonal >= kShortest && diagonal <= kLongest)) return;
     const bool is_short = diagonal < kShortest;
-    std::ostringstream message;
-    message << "the cloud is " << diagonal << " across: expected " << kShortest << " to "
-            << kLongest << ", or a single place; give it in a " << (is_short ? "smaller" : "larger")
-            << " unit" << (is_short ? "" : ", or without points that are far from all others");
-    throw Error(ErrorCode::MalformedInput, message.str());
+    throw Error(ErrorCode::MalformedInput,
+                in_words("the cloud is ", diagonal, " across: expected ", kShortest, " to ",
+                         kLongest, ", or a single place; give it in a ",
+                         is_short ? "smaller unit"
+                                  : "larger unit, or without points that are far from all others"));
 }
 
 void validate(const PointCloud& cloud) {
+    if (!cloud.origin.allFinite())
+        throw Error(ErrorCode::InvalidArgument, "the origin is not finite");
     const std::size_t n = cloud.size();
     const auto check = [n](const std::string& what, std::size_t entries, std::size_t components) {
         if (entries != n * components) {

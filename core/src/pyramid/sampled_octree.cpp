@@ -3,6 +3,7 @@
 #include "base/first_touch.hpp"
 #include "base/parallel_for.hpp"
 #include "base/refuse.hpp"
+#include "cloud/grid_step.hpp"
 #include "cloud/hilbert_order.hpp"
 
 #include <algorithm>
@@ -158,6 +159,8 @@ SampledOctree::SampledOctree(const PointCloud& cloud, const OctreeCube& cube,
                              const SampledOctreeOptions& options, const RunContext& context)
     : cube_(cube) {
     check(cloud, options);
+    require(makes_steps(cube.step), "step of the cube", cube.step, "a finite number above 0");
+    require(cube.bits >= 1 && cube.bits <= 30, "bits of the cube", cube.bits, "1..30");
     const std::vector<Index> along_curve = hilbert_order(cloud.positions, context);
     const std::vector<Position> positions = on_grid(cloud, along_curve, cube, context);
     Builder built(positions, cube, options, context);

@@ -338,6 +338,7 @@ ErrorBoundedCloud simplify_within_error(const PointCloud& cloud, const SimplifyO
 }
 
 std::vector<std::uint64_t> curve_counts(std::uint64_t points, unsigned count) {
+    require(count <= kMostCounts, "count", count, "at most 64");
     constexpr double kMost = 1e6;  // to measure at more takes minutes
     const double least = std::max(20.0, 1e-3 * static_cast<double>(points));
     const double most = std::min(0.5 * static_cast<double>(points), std::max(kMost, least));

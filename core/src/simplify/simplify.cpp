@@ -121,7 +121,8 @@ Method method_from_name(std::string_view name) {
 void validate(const SimplifyOptions& options) {
     if (options.max_error) require_positive("max_error", *options.max_error);
     if (options.max_error_rel)
-        require_positive("max_error as a fraction of the diagonal", *options.max_error_rel);
+        require(*options.max_error_rel > 0 && std::isfinite(*options.max_error_rel), "max_error",
+                *options.max_error_rel, "a finite fraction of the diagonal, above 0");
     const bool bounds_error = options.max_error || options.max_error_rel;
     if (bounds_error) require_error_bounded(options.method);
     const int targets = int{options.points.has_value()} + int{options.ratio.has_value()} +
