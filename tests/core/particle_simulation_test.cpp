@@ -374,6 +374,29 @@ TEST(ParticleSimulation, KeepsParticlesOfALineOnIt) {
         EXPECT_LT((p - direction * direction.dot(p)).norm(), 1e-3F);
 }
 
+TEST(ParticleSimulation, PutsNoTwoOfNearlyAllPointsOfALineAtOnePlace) {
+    const PointCloud line = test::line(5'000);
+    std::vector<Vec3f> found = particle_simulation(line, {.target_size = 4'990}).positions;
+    const auto comes_before = [](const Vec3f& a, const Vec3f& b) {
+        return std::ranges::lexicographical_compare(a, b);
+    };
+    std::ranges::sort(found, comes_before);
+    EXPECT_EQ(std::ranges::adjacent_find(found), found.end());
+}
+
+TEST(ParticleSimulation, KeepsTheColoursOfTheSidesOfAWallApart) {
+    constexpr std::size_t kPoints = 40'000;
+    PointCloud wall = test::wall(kPoints, 2 / std::sqrt(kPoints / 2.0F));
+    const auto mixed = [&wall] {
+        return std::ranges::count_if(
+            particle_simulation(wall, {.target_size = 1'500}).colors,
+            [](const Rgba8& color) { return color.r != 0 && color.b != 0; });
+    };
+    EXPECT_LT(mixed(), 40);
+    for (const Vec3f& p : wall.positions) wall.normals.emplace_back(0, 0, p.z() > 0 ? 1 : -1);
+    EXPECT_LT(mixed(), 8);
+}
+
 TEST(ParticleSimulation, WorksFarFromTheOriginAndAtAnyScale) {
     for (const float scale : {1e-15F, 1e15F}) {
         PointCloud cloud = test::sphere(5000);

@@ -1,8 +1,10 @@
 #include "stipple/particle_simulation.hpp"
 
+#include "analysis/tangent_plane.hpp"
 #include "base/first_touch.hpp"
 #include "base/parallel_for.hpp"
 #include "base/refuse.hpp"
+#include "base/until_stopped.hpp"
 #include "cloud/cloud_copy.hpp"
 #include "cloud/hilbert_order.hpp"
 #include "clustering/representatives.hpp"
@@ -18,10 +20,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <memory>
 #include <numbers>
+#include <numeric>
 #include <optional>
+#include <set>
 #include <utility>
 
 // Follows: Pauly, Gross, Kobbelt 2002, §3.3. Departures:
@@ -308,10 +313,35 @@ struct Sources {
     std::vector<Index> members, offsets, nearest;
 };
 
+/// Of the points nearest to a place those that lie on the side of a thin wall on which the nearest
+/// of all does: across from it they lie above or below its tangent plane rather than beside it, and
+/// their normals look the other way. In the same order.
+std::span<Neighbor> on_one_side(std::span<Neighbor> found, const PointCloud& cloud) {
+    constexpr std::size_t kForPlane = 6;
+    constexpr float kBeside = 0.7F;  // the sine of the steepest way
+    std::array<Vec3d, kForPlane> offsets;
+    const Index nearest = found.front().index;
+    const Vec3f& from = cloud.positions[nearest];
+    const std::size_t count = std::min(found.size(), kForPlane);
+    for (std::size_t i = 1; i < count; ++i)
+        offsets[i - 1] = (cloud.positions[found[i].index] - from).cast<double>();
+    if (count < 4) return found;
+    const Vec3f normal = normal_from(std::span(offsets).first(count - 1)).cast<float>();
+    const auto is_across = [&](const Neighbor& neighbor) {
+        const Vec3f way = cloud.positions[neighbor.index] - from;
+        if (std::abs(normal.dot(way)) > kBeside * way.norm()) return true;
+        return !cloud.normals.empty() &&
+               cloud.normals[neighbor.index].dot(cloud.normals[nearest]) < 0;
+    };
+    const auto others = std::ranges::stable_partition(
+        found, [&](const Neighbor& neighbor) { return !is_across(neighbor); });
+    return found.first(found.size() - others.size());
+}
+
 /// With fewer particles than points, as many of the nearest points as there are to a particle, at
 /// most; else the four nearest, the nearer the more often: each by Franke and Little's weight,
 /// which is large at a point and 0 at the next farther one, so that values change smoothly.
-Sources find_sources(const NeighborSearch& search, std::size_t points,
+Sources find_sources(const NeighborSearch& search, const PointCloud& cloud,
                      const std::vector<Vec3f>& positions, const RunContext& context) {
     constexpr std::size_t kInterpolated = 4, kAveraged = 16;
     constexpr float kTimes = 8;
@@ -320,7 +350,7 @@ Sources find_sources(const NeighborSearch& search, std::size_t points,
     if (positions.size() > kMost)
         refuse("target_size ", positions.size(), ": expected at most ", kMost,
                " for a cloud with attributes");
-    const std::size_t share = points / positions.size();
+    const std::size_t share = cloud.size() / positions.size();
     const bool interpolate = share < kInterpolated;
     const std::size_t wanted = interpolate ? kInterpolated + 1 : std::min(share, kAveraged);
     Sources sources;
@@ -331,8 +361,8 @@ Sources find_sources(const NeighborSearch& search, std::size_t points,
         std::array<Neighbor, kAveraged> room;
         std::vector<Index>& members = blocks[begin / kBlock];
         for (std::size_t i = begin; i < end; ++i) {
-            const std::span<Neighbor> found =
-                search.nearest(positions[i], std::span(room).first(wanted));
+            std::span<Neighbor> found = search.nearest(positions[i], std::span(room).first(wanted));
+            if (!interpolate) found = on_one_side(found, cloud);
             const float limit = std::sqrt(found.back().distance_sq);
             const auto weight = [limit](const Neighbor& n) {
                 const float d = std::max(std::sqrt(n.distance_sq), 1e-3F * limit);
@@ -373,6 +403,45 @@ void check_ranges(const ParticleSimulationOptions& options) {
     require(options.tolerance > 0 && options.tolerance < 1, "tolerance", options.tolerance,
             "above 0, below 1");
 }
+
+namespace {
+
+/// Puts particles that are where one before them is, as rounding to floats may leave them, at
+/// points of the cloud at which none is: the nearest, as far as they are free.
+void part_equal(std::vector<Vec3f>& positions, std::span<const Vec3f> points,
+                const std::function<const NeighborSearch&()>& search, const RunContext& context) {
+    constexpr std::size_t kAsked = 32;
+    const auto comes_before = [](const Vec3f& a, const Vec3f& b) {
+        return std::ranges::lexicographical_compare(a, b);
+    };
+    std::vector<Index> order(positions.size());
+    std::iota(order.begin(), order.end(), Index{0});
+    std::ranges::sort(order, until_stopped(context, [&](Index a, Index b) {
+                          if (positions[a] == positions[b]) return a < b;
+                          return comes_before(positions[a], positions[b]);
+                      }));
+    std::vector<Index> repeated;
+    for (std::size_t i = 1; i < order.size(); ++i)
+        if (positions[order[i]] == positions[order[i - 1]]) repeated.push_back(order[i]);
+    if (repeated.empty()) return;
+    std::ranges::sort(repeated);
+    std::set<Vec3f, decltype(comes_before)> taken(positions.begin(), positions.end(), comes_before);
+    std::array<Neighbor, kAsked> room;
+    std::size_t next = 0;  // of the cloud, where all that are near are taken
+    for (const Index i : repeated) {
+        const auto take = [&](const Vec3f& point) {
+            const bool is_free = taken.insert(point).second;
+            if (is_free) positions[i] = point;
+            return is_free;
+        };
+        const std::span<const Neighbor> near = search().nearest(positions[i], room);
+        if (std::ranges::any_of(near, [&](const Neighbor& n) { return take(points[n.index]); }))
+            continue;
+        while (next < points.size() && !take(points[next])) ++next;
+    }
+}
+
+}  // namespace
 
 struct ParticleSimulator::Implementation {
     const PointCloud& cloud;
@@ -416,8 +485,12 @@ struct ParticleSimulator::Implementation {
     /// Where the attributes of particles are from; nothing where there are none.
     Sources sources_of(const std::vector<Vec3f>& positions, const RunContext& context) {
         if (cloud.normals.empty() && cloud.colors.empty() && cloud.attributes.empty()) return {};
+        return find_sources(search_in(context), cloud, positions, context);
+    }
+
+    const NeighborSearch& search_in(const RunContext& context) {
         if (!search) search.emplace(cloud.positions, context);
-        return find_sources(*search, cloud.size(), positions, context);
+        return *search;
     }
 };
 
@@ -450,6 +523,9 @@ PointCloud ParticleSimulator::run(std::uint64_t particles, const RunContext& con
         for (const Vec3f& p : relaxed.positions().subspan(begin, end - begin))
             positions.push_back(of.frame.outside(p).cast<float>());
     });
+    part_equal(
+        positions, of.cloud.positions, [&]() -> const auto& { return of.search_in(context); },
+        context);
     const Sources sources = of.sources_of(positions, context);
     PointCloud result =
         merged_cloud(of.cloud, std::move(positions), {sources.members.data(), sources.offsets},
