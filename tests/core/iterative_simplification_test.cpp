@@ -1,6 +1,6 @@
 #include "stipple/iterative_simplification.hpp"
 
-#include "contraction/contraction_quadrics.hpp"
+#include "analysis/tangent_plane.hpp"
 #include "stipple/error.hpp"
 #include "stipple/neighbors.hpp"
 #include "support/expect_error.hpp"
@@ -187,6 +187,24 @@ TEST(IterativeSimplification, KeepsPointsAsNearToTheSurfaceAsAskedFor) {
         const PointCloud result =
             iterative_simplification(cloud, {.target_size = 200, .max_displacement = limit});
         for (const Vec3f& p : result.positions) EXPECT_NEAR(p.norm(), 1, limit + 2e-4);
+    }
+}
+
+TEST(IterativeSimplification, KeepsPointsAsNearToTheSurfaceAtEdgesAsAskedFor) {
+    PointCloud cube = test::plane(30'000);  // the surface of [0, 1]^3
+    for (std::size_t i = 0; i < cube.size(); ++i) {
+        const Vec3f p = cube.positions[i];
+        Vec3f& q = cube.positions[i];
+        for (int axis = 0; axis < 3; ++axis) q[(axis + static_cast<int>(i % 3)) % 3] = p[axis];
+        if (i % 2 == 0) q = Vec3f::Ones() - q;
+    }
+    for (const double limit : {0.0, 0.001, 0.005}) {
+        const PointCloud result =
+            iterative_simplification(cube, {.target_size = 600, .max_displacement = limit});
+        for (const Vec3f& p : result.positions) {
+            const Vec3f from_middle = (p - Vec3f::Constant(0.5F)).cwiseAbs();
+            EXPECT_NEAR(from_middle.maxCoeff(), 0.5, limit + 1e-3) << limit;
+        }
     }
 }
 

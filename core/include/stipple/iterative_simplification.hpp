@@ -23,9 +23,11 @@ struct IterativeSimplificationOptions {
     std::uint64_t target_size = 0;  ///< exactly this many points, >= 1; all if there are fewer
     unsigned k = 6;  ///< number of neighbours with which a point may contract (§3.2), 3..32
     Placement placement = Placement::Optimal;
-    std::optional<double> max_displacement{};  ///< input units, >= 0: no new point is farther than
-                                               ///< this from the tangent plane of the input point
-                                               ///< nearest to it; 0 puts all on the surface
+    std::optional<double>
+        max_displacement{};  ///< input units, >= 0: no new point is farther than this from the
+                             ///< tangent plane of the input point nearest to it, or, where the
+                             ///< neighbours of that lie about no plane, as at edges and in noise,
+                             ///< from that point itself; 0 puts all on the surface
     double color_weight =
         0;  ///< cost of a colour difference of full range, as a fraction of the bounding-box
             ///< diagonal, >= 0; 0: shape alone; above 0 only for clouds with colours

@@ -9,6 +9,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <string>
 #include <utility>
 
@@ -105,32 +106,45 @@ void bound_displacement(std::span<Vec3f> points, const std::vector<Vec3f>& input
                         const NeighborSearch& search, double limit, const RunContext& context) {
     constexpr std::size_t kBlock = 256, kNeighborhood = 16;
     constexpr unsigned kRounds = 8;
+    constexpr double kFlat = 0.15;  // how far off a plane, of the reach of a neighbourhood
     parallel_for_blocks(points.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
         std::array<Neighbor, kNeighborhood> room;
         std::array<Vec3d, kNeighborhood> around;
         const auto nearest_to = [&](const Vec3f& p) {
             return search.nearest(p, std::span(room).first(1))[0].index;
         };
-        const auto normal_at = [&](Index point) {
+        const auto normal_at = [&](Index point) -> std::optional<Vec3d> {
             std::size_t count = 0;
             for (const Neighbor& neighbor : search.nearest(input[point], room))
                 if (neighbor.index != point)
                     around[count++] = (input[neighbor.index] - input[point]).cast<double>();
-            return normal_from(std::span(around).first(count));
+            const Vec3d normal = normal_from(std::span(around).first(count));
+            double off = 0, reach = 0;
+            for (const Vec3d& way : std::span(around).first(count)) {
+                off = std::max(off, std::abs(normal.dot(way)));
+                reach = std::max(reach, way.norm());
+            }
+            return off <= std::max(limit, kFlat * reach) ? std::optional(normal) : std::nullopt;
         };
         for (Vec3f& p : points.subspan(begin, end - begin)) {
             Index nearest = nearest_to(p);
             // On the way to the plane of one another point may become the nearest.
             for (unsigned round = 0;; ++round) {
-                const Vec3d normal = normal_at(nearest);
-                const double height = normal.dot((p - input[nearest]).cast<double>());
+                const auto normal = normal_at(nearest);
+                if (!normal) {  // as at an edge: its neighbours lie about no plane
+                    const Vec3d way = (p - input[nearest]).cast<double>();
+                    if (const double length = way.norm(); length > limit)
+                        p = input[nearest] + (way * (limit / length)).cast<float>();
+                    break;
+                }
+                const double height = normal->dot((p - input[nearest]).cast<double>());
                 const double excess = std::abs(height) - limit;
                 if (excess <= 0) break;
                 if (round == kRounds) {
                     p = input[nearest];
                     break;
                 }
-                p -= (std::copysign(excess, height) * normal).cast<float>();
+                p -= (std::copysign(excess, height) * *normal).cast<float>();
                 if (const Index before = std::exchange(nearest, nearest_to(p)); nearest == before)
                     break;
             }

@@ -29,7 +29,8 @@ struct Features {
 };
 
 /// Moves points towards the tangent planes of the input points nearest to them until they are at
-/// most `limit` away; to such a point itself where that comes to no end.
+/// most `limit` away; towards such a point itself where its neighbours lie about no plane, or where
+/// that comes to no end.
 void bound_displacement(std::span<Vec3f> points, const std::vector<Vec3f>& input,
                         const NeighborSearch& search, double limit, const RunContext& context);
 
