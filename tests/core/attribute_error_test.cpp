@@ -81,8 +81,9 @@ TEST(AttributeErrors, LeaveOutWhatIsNoNumberAmongNeighbours) {
     const auto with_heat = [](PointCloud cloud, float offset) {
         std::vector<float> heat;
         for (const Vec3f& p : cloud.positions)
-            heat.push_back(heat.size() % 3 == 0 ? std::numeric_limits<float>::quiet_NaN()
-                                                : p.x() + offset);
+            heat.push_back(heat.size() % 3 == 0   ? std::numeric_limits<float>::quiet_NaN()
+                           : heat.size() % 7 == 0 ? std::numeric_limits<float>::infinity()
+                                                  : p.x() + offset);
         cloud.attributes = {{"heat", heat, 1, Reduction::Mean}};
         return cloud;
     };

@@ -105,7 +105,7 @@ struct Blend {
         for (double& w : weights) w /= total;
     }
 
-    /// The mean of the numbers among the values, as scans have some that are none.
+    /// The mean of the finite numbers among the values, as scans have some that are none.
     /// @param one, missing  room, as large as v.
     void value(const PointCloud& cloud, const Comparison& attribute, Value v, Value one,
                Value missing) const {
@@ -116,8 +116,8 @@ struct Blend {
         for (std::size_t i = 0; i < points.size(); ++i) {
             attribute.value(cloud, points[i].index, one);
             for (std::size_t c = 0; c < v.size(); ++c)
-                (std::isnan(one[c]) ? missing : v)[c] +=
-                    weights[i] * (std::isnan(one[c]) ? 1.0 : one[c]);
+                (std::isfinite(one[c]) ? v : missing)[c] +=
+                    weights[i] * (std::isfinite(one[c]) ? one[c] : 1.0);
         }
         constexpr double kAll = 1 - 1e-9;
         for (std::size_t c = 0; c < v.size(); ++c) {
@@ -155,10 +155,11 @@ std::vector<AttributeError> attribute_errors(const AttributedSurface& from,
     });
     std::vector<AttributeError> errors;
     for (std::size_t a = 0; a < list.size(); ++a) {
-        // Of values that are no numbers there is no difference.
+        // Of values that are no numbers there is no difference, nor of those farther apart than
+        // single precision holds.
         std::vector<float> known, around;
         for (std::size_t i = 0; i < areas.size(); ++i) {
-            if (std::isnan(differences[a][i])) continue;
+            if (!std::isfinite(differences[a][i])) continue;
             known.push_back(differences[a][i]);
             around.push_back(areas[i]);
         }

@@ -61,6 +61,9 @@ struct Side {
 };
 
 /// What the feet of samples say, as something finds them: find(found), as `FootFinder::find`.
+///
+/// A place that was drawn several times, as a stray point is that stands for a wide area, counts as
+/// one with the weight of all: as many that agree it would make the mean look sure.
 template <typename Find>
 DirectedError estimate_direction(const ErrorSamples& samples, const ErrorFrame& frame,
                                  const RunContext& context, Find&& find) {
@@ -72,7 +75,18 @@ DirectedError estimate_direction(const ErrorSamples& samples, const ErrorFrame& 
         endless[i] = !foot.converged && !foot.beyond;
         covers[i] = static_cast<float>(foot.to_sample);
     });
-    return summarize_places(distances, samples.areas, endless, covers, frame, context);
+    std::vector<float> areas;
+    for (std::size_t i = 0; i < samples.size(); ++i) {
+        if (i > 0 && samples.positions[i] == samples.positions[i - 1]) {
+            areas.back() += samples.areas[i];
+            continue;
+        }
+        const std::size_t to = areas.size();
+        distances[to] = distances[i], endless[to] = endless[i], covers[to] = covers[i];
+        areas.push_back(samples.areas[i]);
+    }
+    const auto first = [n = areas.size()](auto& values) { return std::span(values).first(n); };
+    return summarize_places(first(distances), areas, first(endless), first(covers), frame, context);
 }
 
 }  // namespace

@@ -47,7 +47,7 @@ public:
         unsigned k = 20;
         unsigned degree = 1;  ///< of the basis: 1 or 2
         unsigned max_iterations = 30;
-        double tolerance = 1e-3;     ///< a foot moves by less than this part of h
+        double tolerance = 1e-3;  ///< a foot moves by less than this part of h
         double sure_part = 0;  ///< a way also ends where its steps will change the distance by less
                                ///< than this part of it: for who asks for distances, not for feet
         bool across_sample = false;  ///< what counts where no way ends: no more than the way to the

@@ -96,8 +96,8 @@ inline float kth_smallest(const Distances& distances, std::int32_t k, float t) n
             count_high = count;
         }
         if (low == high && i >= kQuick) return low;
-        const float part = (static_cast<float>(k - count_low) - 0.5F) /
-                           static_cast<float>(count_high - count_low);
+        const float part =
+            (static_cast<float>(k - count_low) - 0.5F) / static_cast<float>(count_high - count_low);
         const float between = low + (high - low) * part;
         t = high == infinity ? (low > 0 ? low + low : distances.least_beyond(0))
             : between < high ? between
@@ -126,8 +126,8 @@ inline std::array<float, 4> sums_of(Float8 a, Float8 b, Float8 c, Float8 d) noex
 }
 
 /// Of one lane, given the squared distances of its candidates.
-inline void add_moments(const PlaneLanes::Candidates& c, const float* distances_sq,
-                        float radius_sq, std::size_t lane, Moments<Floats>& to) noexcept {
+inline void add_moments(const PlaneLanes::Candidates& c, const float* distances_sq, float radius_sq,
+                        std::size_t lane, Moments<Floats>& to) noexcept {
     Moments<Float8> m;
     const float scale = 9.0F / (radius_sq > 1e-30F ? radius_sq : 1e-30F);  // 1 / h^2
     for (std::uint32_t g = 0; g < c.groups; ++g) {
@@ -175,9 +175,8 @@ inline void find_neighborhood(PlaneLanes& lanes, std::size_t lane, Moments<Float
         nearest = min(nearest, d);
         __builtin_memcpy(distances_sq + g * kLanes, &d, sizeof d);
     }
-    const float radius_sq =
-        kth_smallest({distances_sq, c.groups}, static_cast<std::int32_t>(lanes.k),
-                     lanes.radius_guess_sq[lane]);
+    const float radius_sq = kth_smallest(
+        {distances_sq, c.groups}, static_cast<std::int32_t>(lanes.k), lanes.radius_guess_sq[lane]);
     lanes.radius_sq[lane] = radius_sq;
     lanes.nearest_sq[lane] = least_of(nearest);
     add_moments(c, distances_sq, radius_sq, lane, to);
