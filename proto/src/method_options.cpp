@@ -7,8 +7,9 @@
 #include <algorithm>
 #include <array>
 #include <charconv>
-#include <iomanip>
-#include <sstream>
+#include <cstdint>
+#include <optional>
+#include <string>
 
 namespace stipple::proto {
 
@@ -207,26 +208,53 @@ void add_max_error(Json& json, const SimplifyOptions& options) {
     if (options.max_error_rel) json["max_error"] = percent_text(*options.max_error_rel);
 }
 
-std::string percent_text(double part) {
-    for (int digits = 1; digits < 20; ++digits) {
-        std::ostringstream text;
-        text << std::setprecision(digits) << 100 * part << '%';
-        if (part_of_diagonal(text.str()) == part) return text.str();
+namespace {
+
+/// A number whose decimal point is moved: 100 times a double is not always a double.
+/// @returns nothing where the text is no number.
+std::optional<double> with_point_moved(std::string_view text, int places) {
+    const auto e = std::min(text.find_first_of("eE"), text.size());
+    int exponent = 0;
+    if (e < text.size()) {
+        const char* const digits = text.data() + e + (text.substr(e + 1).starts_with('+') ? 2 : 1);
+        const char* const end = text.data() + text.size();
+        const auto [stop, error] = std::from_chars(digits, end, exponent);
+        if (error != std::errc() || stop != end) return {};
     }
-    std::ostringstream text;
-    text << std::setprecision(20) << 100 * part << '%';
-    return text.str();
+    const std::string moved =
+        std::string(text.substr(0, e)) + 'e' + std::to_string(std::int64_t{exponent} + places);
+    double value = 0;
+    const auto [stop, error] = std::from_chars(moved.data(), moved.data() + moved.size(), value);
+    if (error != std::errc() || stop != moved.data() + moved.size()) return {};
+    return value;
+}
+
+/// The shortest text that reads back as the number.
+std::string shortest(double value, std::chars_format format) {
+    std::array<char, 32> text{};
+    return {text.data(), std::to_chars(text.data(), text.data() + text.size(), value, format).ptr};
+}
+
+}  // namespace
+
+std::string percent_text(double part) {
+    const std::string digits = shortest(part, std::chars_format::scientific);
+    const double percent = with_point_moved(digits, 2).value_or(100 * part);
+    std::string text = shortest(percent, std::chars_format::general);
+    if (with_point_moved(text, -2) == part) return text + '%';
+    const auto e = digits.find('e');
+    const int exponent = std::stoi(digits.substr(e + 1));
+    return digits.substr(0, e + 1) + std::to_string(exponent + 2) + '%';
 }
 
 double part_of_diagonal(std::string_view text) {
-    double percent = 0;
-    const char* const end = text.data() + text.size();
-    const auto [stop, error] = std::from_chars(text.data(), end, percent);
-    if (error != std::errc() || std::string_view(stop, end) != "%")
+    const auto part =
+        text.ends_with('%') ? with_point_moved(text.substr(0, text.size() - 1), -2) : std::nullopt;
+    if (!part)
         throw Error(ErrorCode::InvalidArgument,
                     "max_error " + std::string(text.substr(0, 60)) +
                         ": expected a distance in input units, or as in 0.1% of the diagonal");
-    return percent / 100;
+    return *part;
 }
 
 bool MethodField::has(Method method) const noexcept {

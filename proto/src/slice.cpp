@@ -12,6 +12,7 @@
 #include <limits>
 #include <memory>
 #include <string>
+#include <string_view>
 
 namespace stipple::proto {
 
@@ -45,6 +46,13 @@ struct Candidate {
 /// As short as tells it apart, however small: 1e-09, 0.25.
 std::string number(double value) {
     return std::isfinite(value) ? Json(value).dump() : std::to_string(value);
+}
+
+/// Of `float64`: 8.
+std::uint64_t size_of_type(std::string_view name) noexcept {
+    if (name.ends_with("64")) return 8;
+    if (name.ends_with("32")) return 4;
+    return name.ends_with("16") ? 2 : 1;
 }
 
 const OutputFile* find_ply(const OutputCloud& level) {
@@ -223,22 +231,37 @@ private:
         return points;
     }
 
+    /// Of a point in memory, with the attributes that it is read with.
+    std::uint64_t bytes_of_point(const OutputCloud& level) const {
+        const bool all = !tiled(level) || job_.tiles.attributes;
+        std::uint64_t bytes = sizeof(Vec3f);
+        for (const CloudAttribute& attribute : level.attributes)
+            if (all || attribute.name == "normal" || attribute.name == "color")
+                bytes += std::uint64_t{attribute.components} * size_of_type(attribute.type);
+        return bytes;
+    }
+
+    /// @throws Error(TooLarge) where the level has more points here than are read.
+    void require_readable(const OutputCloud& level) const {
+        const std::uint64_t points = most_points(level), bytes = bytes_of_point(level);
+        const std::uint64_t most =
+            std::min(kMostRead * options_.max_points, options_.max_read_bytes / bytes);
+        if (points <= most) return;
+        throw Error(ErrorCode::TooLarge,
+                    "level " + std::to_string(level.level) + " has " + std::to_string(points) +
+                        " points of " + std::to_string(bytes) + " bytes here: at most " +
+                        std::to_string(most) + " are read; ask for fewer points, or a smaller box");
+    }
+
     std::shared_ptr<const Cut> read_level(std::size_t number) const {
         const OutputCloud& level = pyramid_.levels[number];
         context_.throw_if_stopped();
-        if (const std::uint64_t points = most_points(level), most = kMostRead * options_.max_points;
-            points > most) {
-            throw Error(ErrorCode::TooLarge,
-                        "level " + std::to_string(level.level) + " has " + std::to_string(points) +
-                            " points here: at most " + std::to_string(most) +
-                            " are read; ask for fewer points, or a smaller box");
-        }
+        require_readable(level);
         Cut cut{number, {}, error_of(level)};
         if (tiled(level)) {
             read_tiles(level, cut.cloud);
         } else if (const OutputFile* const ply = find_ply(level)) {
-            cut.cloud =
-                decode_cloud(read_(*ply), DecodeLimits{.max_points = level.points}, context_);
+            cut.cloud = read_ply(*ply, level.points);
             if (options_.box)
                 cut.cloud = points_in(std::move(cut.cloud), *options_.box, *options_.box);
         } else {
@@ -249,16 +272,32 @@ private:
         return std::make_shared<const Cut>(std::move(cut));
     }
 
+    /// Bytes of another format are not decoded: Draco's needs its own process.
+    PointCloud read_ply(const OutputFile& file, std::uint64_t points) const {
+        const std::vector<std::byte> bytes = read_(file);
+        if (detect_format(bytes) != CloudFormat::Ply)
+            throw Error(ErrorCode::MalformedInput,
+                        file.sha256 + ": expected PLY, as the manifest says");
+        PointCloud cloud = decode_cloud(bytes, DecodeLimits{.max_points = points}, context_);
+        require_points(file, cloud.size(), points);
+        return cloud;
+    }
+
+    static void require_points(const OutputFile& file, std::uint64_t found,
+                               std::uint64_t expected) {
+        if (found == expected) return;
+        throw Error(ErrorCode::MalformedInput, file.sha256 + ": expected " +
+                                                   std::to_string(expected) +
+                                                   " points, as the manifest says");
+    }
+
     /// In the frame of the source.
     void read_tiles(const OutputCloud& level, PointCloud& cloud) const {
         cloud.origin = origin_;
         for_tiles(level, [&](const OutputFile& file) {
             context_.throw_if_stopped();
             LodTile tile = decode_glb(read_(file));
-            if (tile.points != file.tile->points)
-                throw Error(ErrorCode::MalformedInput, file.sha256 + ": expected " +
-                                                           std::to_string(file.tile->points) +
-                                                           " points, as the manifest says");
+            require_points(file, tile.points, file.tile->points);
             tile.offset += center_ - origin_;
             PointCloud part = decode_tile(tile, origin_);
             if (options_.box)

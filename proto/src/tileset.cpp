@@ -296,10 +296,12 @@ TilesetError tileset_error_from_name(std::string_view name) {
 }
 
 void validate(const TilesetOptions& options) {
+    if (options.max_tiles == 0)
+        throw Error(ErrorCode::InvalidArgument, "max_tiles 0: expected at least 1");
     const double scale = options.error_scale;
     if (scale >= TilesetOptions::kLeastScale && scale <= TilesetOptions::kMostScale) return;
-    throw Error(ErrorCode::InvalidArgument,
-                "errorScale " + Json(scale).dump() + ": expected 1e-6..1e6");
+    const std::string value = std::isfinite(scale) ? Json(scale).dump() : std::to_string(scale);
+    throw Error(ErrorCode::InvalidArgument, "errorScale " + value + ": expected 1e-6..1e6");
 }
 
 std::string tileset_query(const TilesetOptions& options) {

@@ -3,7 +3,9 @@
 #include "documents.hpp"
 
 #include <gtest/gtest.h>
+#include <cmath>
 #include <nlohmann/json.hpp>
+#include <random>
 
 namespace stipple::proto {
 namespace {
@@ -57,6 +59,20 @@ TEST(JobRequest, TakesEveryFieldOfASimplifyJob) {
     EXPECT_EQ(job.output.draco.attribute_bits, 9U);
     EXPECT_EQ(job.output.draco.compression_level, 10U);
     EXPECT_EQ(job.output.draco.coding, DracoCoding::KdTree);
+}
+
+TEST(JobRequest, APartOfTheDiagonalReadsBackAsTheSameNumber) {
+    std::mt19937_64 random(7);
+    for (int i = 0; i < 100'000; ++i) {
+        const double part = std::ldexp(static_cast<double>(1 + (random() >> 11U)),
+                                       -53 - static_cast<int>(random() % 40));
+        ASSERT_EQ(part_of_diagonal(percent_text(part)), part) << percent_text(part);
+    }
+    EXPECT_EQ(percent_text(0.001), "0.1%");
+    EXPECT_EQ(percent_text(0.25), "25%");
+    EXPECT_EQ(percent_text(1e-9), "1e-07%");
+    for (const char* const text : {"", "%", "1", "1%%", "1e%", "1e-99999999999%", "nan%", "x%"})
+        EXPECT_THROW(part_of_diagonal(text), Error) << text;
 }
 
 TEST(JobRequest, AMaxErrorIsALengthOrAPartOfTheDiagonal) {
@@ -291,7 +307,8 @@ TEST(JobRequest, ThatIsRefusedNamesFieldAndValueAndWhatIsExpected) {
         {pyramid_with(R"("tiles": {"transform": [1,0,0,0,0,1,0,0,0,0,0,0,0,0,0,1]})"),
          "tiles.transform: a list of 16: expected a transform that keeps three dimensions"},
         {pyramid_with(R"("tiles": {"epsg": 4326})"),
-         "tiles.epsg: 4326: expected 4978, 3857, 32601..32660, 32701..32760, 25828..25838 or 26901..26923"},
+         "tiles.epsg: 4326: expected 4978, 3857, 32601..32660, 32701..32760, 25828..25838 or "
+         "26901..26923"},
         {pyramid_with(
              R"("tiles": {"epsg": 32633, "transform": [1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]})"),
          "tiles.epsg: excludes transform: give one of the two"},

@@ -445,6 +445,15 @@ TEST(Slice, RefusesWhatCannotBe) {
               ErrorCode::NotFound);
     EXPECT_EQ(refusal(both(), {.points = 3000, .max_points = 2000}), ErrorCode::TooLarge);
     EXPECT_EQ(refusal(both(), {.max_error = 1e-9, .max_points = 2000}), ErrorCode::TooLarge);
+    EXPECT_EQ(refusal(both(), {.points = 3000, .max_read_bytes = 30'000}), ErrorCode::TooLarge);
+    Pyramid contradicting = both();
+    for (OutputCloud& level : contradicting.results.levels)
+        for (OutputFile& file : level.files)
+            if (file.format == CloudFormat::Ply)
+                contradicting.files[file.sha256] = encode_draco(source());
+    EXPECT_EQ(refusal(contradicting, {.points = 100}), ErrorCode::MalformedInput);
+    for (auto& [name, bytes] : contradicting.files) bytes = encode_ply(test::sphere(150));
+    EXPECT_EQ(refusal(contradicting, {.points = 100}), ErrorCode::MalformedInput);
     Pyramid unfinished = both();
     unfinished.results.complete = false;
     EXPECT_EQ(refusal(unfinished, {.points = 1}), ErrorCode::InvalidArgument);

@@ -206,6 +206,7 @@ TEST(Tileset, OfAnotherErrorCarriesItOnToTheFilesThatItNames) {
     const TilesetOptions options{.max_tiles = 5, .error = TilesetError::Mean, .error_scale = 0.5};
     EXPECT_EQ(tileset_query(options), "?error=avg&errorScale=0.5");
     EXPECT_EQ(tileset_query({.error_scale = 2}), "?errorScale=2.0");
+    EXPECT_THROW(validate(TilesetOptions{.max_tiles = 0}), Error);
     EXPECT_EQ(tileset_query({}), "");
     std::size_t named = 0;
     for (const TilesetFile& file : tileset_files(results, options)) {

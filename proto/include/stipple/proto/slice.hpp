@@ -27,6 +27,7 @@ struct SliceOptions {
     CloudFormat format = CloudFormat::Ply;  ///< not a progressive stream
     DracoEncodeOptions draco{};
     std::uint64_t max_points = 1'000'000;  ///< most points returned
+    std::uint64_t max_read_bytes = 256U << 20;  ///< most memory of the points of a level that are read
 };
 
 /// @throws Error(InvalidArgument) for no budget or several, or one out of range; for a box whose
@@ -70,7 +71,7 @@ using FileReader = std::function<std::vector<std::byte>(const OutputFile&)>;
 ///
 /// @throws Error(InvalidArgument) like `validate`, for a budget that nothing fits, and for a
 /// pyramid with only Draco levels; Error(NotFound) if no point lies in the box; Error(TooLarge) for
-/// more than `max_points`; Error(MalformedInput) for files that contradict the manifest.
+/// more than `max_points` or `max_read_bytes`; Error(MalformedInput) for files that contradict the manifest.
 Slice slice_pyramid(const Results& pyramid, const SliceOptions& options, const FileReader& read,
                     const RunContext& context = {});
 
