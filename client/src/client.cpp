@@ -60,6 +60,10 @@ HttpReply with_retries(
     }
 }
 
+Error not_ours(const std::string& where) {
+    return {ErrorCode::Internal, where + ": its answer is none of a stippled server: is it one?"};
+}
+
 /// The reply, when it is a good one. @throws Error for what the server says, or for its not being
 /// ours.
 HttpReply expect_ok(HttpReply reply, const std::string& where) {
@@ -74,6 +78,12 @@ HttpReply expect_ok(HttpReply reply, const std::string& where) {
                                          " and no problem document: is it a stippled server?");
 }
 
+/// The same of a reply that tells of a job.
+void expect_document(HttpReply reply, const std::string& where) {
+    const std::string body = expect_ok(std::move(reply), where).body;
+    if (!json::accept(body)) throw not_ours(where);
+}
+
 /// Ids become part of a path: only what ids are made of may.
 const std::string& checked_id(const std::string& id) {
     const bool hexadecimal = std::all_of(id.begin(), id.end(), [](char c) {
@@ -83,6 +93,16 @@ const std::string& checked_id(const std::string& id) {
         throw Error(ErrorCode::InvalidArgument,
                     "id '" + id + "': expected lower-case hexadecimal digits");
     return id;
+}
+
+/// It becomes part of a head: nothing in it may end its line.
+void check_idempotency_key(const std::string& key) {
+    constexpr std::size_t kLongest = 255;
+    const auto is_printable = [](char c) { return ' ' <= c && c <= '~'; };
+    if (key.size() <= kLongest && std::ranges::all_of(key, is_printable)) return;
+    throw Error(ErrorCode::InvalidArgument,
+                "idempotency key of " + std::to_string(key.size()) +
+                    " bytes: expected 1..255 printable ASCII characters");
 }
 
 /// Whatever it holds is kept from being read as more of the query.
@@ -235,6 +255,7 @@ CloudPage Client::clouds(const std::optional<std::string>& cursor) {
 
 proto::JobDocument Client::submit(const proto::JobRequest& request, std::string idempotency_key) {
     if (idempotency_key.empty()) idempotency_key = proto::random_hex(16);
+    check_idempotency_key(idempotency_key);
     const HttpConnection& http = implementation_->http();
     const HttpHeaders headers = {{"Idempotency-Key", idempotency_key}};
     const std::string body = proto::to_json(request);
@@ -314,7 +335,6 @@ proto::Slice Client::slice(const std::string& pyramid_id, const proto::SliceOpti
     };
     const HttpReply reply =
         expect_ok(with_retries(http.stop_token(), fetch), implementation_->where(path));
-    partial.keep();
     const auto number = [&](std::string_view name) -> std::optional<double> {
         const auto text = reply.field(name);
         const json value = text ? json::parse(*text, nullptr, false) : json();
@@ -322,6 +342,8 @@ proto::Slice Client::slice(const std::string& pyramid_id, const proto::SliceOpti
     };
     proto::Slice slice;
     slice.points = static_cast<std::uint64_t>(number("Stipple-Points").value_or(0));
+    if (slice.points == 0) throw not_ours(implementation_->where(path));
+    partial.keep();
     slice.level = static_cast<unsigned>(number("Stipple-Level").value_or(0));
     if (const auto text = reply.field("Stipple-Origin")) {
         const json place = json::parse('[' + std::string(*text) + ']', nullptr, false);
@@ -370,7 +392,7 @@ void Client::dismiss(const std::string& id) {
     const HttpConnection& http = implementation_->http();
     HttpReply reply = with_retries(http.stop_token(), [&] { return http.remove(path); });
     constexpr int kEnded = 409;  // also by this request, when its first reply was lost
-    if (reply.status != kEnded) expect_ok(std::move(reply), implementation_->where(path));
+    if (reply.status != kEnded) expect_document(std::move(reply), implementation_->where(path));
 }
 
 void Client::remove(const std::string& id) {
@@ -382,11 +404,13 @@ void Client::remove(const std::string& id) {
         return http.remove(path);
     });
     const bool gone = attempts > 1 && reply.status == 404;
-    if (!gone) expect_ok(std::move(reply), implementation_->where(path));
+    if (!gone) expect_document(std::move(reply), implementation_->where(path));
 }
 
 std::string Client::limits() {
-    return implementation_->get("/v1/limits");
+    std::string limits = implementation_->get("/v1/limits");
+    if (!json::accept(limits)) throw not_ours(implementation_->where("/v1/limits"));
+    return limits;
 }
 
 }  // namespace stipple

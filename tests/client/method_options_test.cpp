@@ -120,6 +120,19 @@ TEST(CommandLine, AnOptionOfAnotherMethodIsRefusedWithItsOwners) {
     }
 }
 
+TEST(CommandLine, WhatTheLibraryRefusesIsNamedAsTheOption) {
+    const auto refused = [](std::vector<std::string> more) {
+        std::vector<std::string> words = {"simplify", "i.ply", "o.ply"};
+        words.insert(words.end(), more.begin(), more.end());
+        return refusal(words);
+    };
+    EXPECT_TRUE(
+        refused({"-n", "5", "--attribute-weight", "heat=-1"}).starts_with("--attribute-weight"));
+    EXPECT_TRUE(refused({"-n", "5", "-m", "particles", "--region", "sphere:0,0,0,0:4"})
+                    .starts_with("--region[0]: radius 0"));
+    EXPECT_TRUE(refused({"--max-error", "0%"}).starts_with("--max-error 0: expected"));
+}
+
 TEST(CommandLine, MaxErrorNamesTheMethodsThatHaveIt) {
     for (const char* const method : {"voxel", "random", "incremental"}) {
         const std::string message =

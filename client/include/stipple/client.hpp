@@ -97,7 +97,8 @@ public:
     void download(const proto::OutputFile& file, const std::filesystem::path& destination,
                   const ByteProgress& progress = {});
     /// Cuts a cloud from a finished pyramid, on the server, and downloads it to `destination`,
-    /// completely or not at all. Returns its description, without the bytes.
+    /// completely or not at all, with the server's limits, not those of the options. Returns its
+    /// description, without the bytes.
     /// @throws Error also for options out of range.
     proto::Slice slice(const std::string& pyramid_id, const proto::SliceOptions& options,
                        const std::filesystem::path& destination);

@@ -2,6 +2,7 @@
 
 #include "cli/command_options.hpp"
 #include "cli/help.hpp"
+#include "cli/method_options.hpp"
 #include "cli/shared_options.hpp"
 #include "cli/unknown_words.hpp"
 #include "stipple/error.hpp"
@@ -21,12 +22,12 @@ std::vector<std::string> reversed(std::vector<std::string> arguments) {
 
 /// A refusal of the library begins with the field that it refuses: here that is an option.
 std::string naming_option(const CLI::App& app, const std::string& message) {
-    std::string field = message.substr(0, message.find_first_not_of("abcdefghijklmnopqrstuvwxyz_"));
-    const std::size_t length = field.size();
-    std::ranges::replace(field, '_', '-');
+    const std::string field =
+        message.substr(0, message.find_first_not_of("abcdefghijklmnopqrstuvwxyz_"));
+    const std::string option = option_of(field);
     for (const CLI::App* const command : app.get_subcommands())
-        if (command->get_option_no_throw("--" + field) != nullptr)
-            return "--" + field + message.substr(length);
+        if (command->get_option_no_throw(option) != nullptr)
+            return option + message.substr(field.size());
     return message;
 }
 

@@ -10,9 +10,7 @@
 #include <algorithm>
 
 namespace stipple::cli {
-namespace {
 
-/// The option that stands for a field of a request.
 std::string option_of(std::string_view field) {
     if (field == "reductions") return "--reduce";
     if (field == "attribute_weights") return "--attribute-weight";
@@ -21,6 +19,8 @@ std::string option_of(std::string_view field) {
     std::replace(name.begin(), name.end(), '_', '-');
     return name;
 }
+
+namespace {
 
 void add_contraction(CLI::App& command, MethodValues& values) {
     command
@@ -39,7 +39,7 @@ void add_contraction(CLI::App& command, MethodValues& values) {
         ->capture_default_str();
     command
         .add_option("--max-displacement", values.contraction.max_displacement,
-                    "largest distance of a point from the input, input units")
+                    "largest distance of a point from the surface of the input, in its units")
         ->type_name("D")
         ->transform(real_number("a length, in input units, as in 0.01"));
     command
@@ -181,7 +181,7 @@ std::string naming_method_option(const std::string& refusal) {
     const std::string field = refusal.substr(0, length);
     const auto fields = proto::method_fields();
     const bool is_known =
-        field == "reductions" ||
+        field == "reductions" || field == "max_error" ||
         std::ranges::find(fields, field, &proto::MethodField::name) != fields.end();
     return is_known ? option_of(field) + refusal.substr(field.size()) : refusal;
 }

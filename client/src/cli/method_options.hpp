@@ -6,6 +6,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace CLI {
@@ -32,6 +33,8 @@ void add_method_options(CLI::App& command, MethodValues& values, std::span<const
 /// Those of `particles` alone, which are those of `upsample`.
 void add_particle_options(CLI::App& command, MethodValues& values);
 
+/// The option that stands for a field of a request: `--reduce` for `reductions`.
+std::string option_of(std::string_view field);
 /// What a method refuses once it knows the cloud begins with a field of a request: here with the
 /// option that stands for it.
 std::string naming_method_option(const std::string& refusal);

@@ -15,11 +15,10 @@ namespace {
 }  // namespace
 
 std::vector<NearestKernels> available_nearest_kernels() {
-    return with_avx2<NearestKernels>(
-        {"plain", plain::gather, plain::choose, plain::rank, plain::nearest, plain::within,
-         plain::around, plain::spread},
-        {"avx2", avx2::gather, avx2::choose, avx2::rank, avx2::nearest, avx2::within, avx2::around,
-         avx2::spread});
+    return with_avx2<NearestKernels>({"plain", plain::gather, plain::choose, plain::rank,
+                                      plain::nearest, plain::within, plain::around, plain::spread},
+                                     {"avx2", avx2::gather, avx2::choose, avx2::rank, avx2::nearest,
+                                      avx2::within, avx2::around, avx2::spread});
 }
 
 const NearestKernels& nearest_kernels() {
