@@ -226,6 +226,31 @@ TEST_F(OutputsTest, PacksDocumentsUnderTagsOfTheirOwn) {
                  [&] { outputs_.document("ada", job, "tileset-1.json", {}); });
 }
 
+TEST_F(OutputsTest, HasDocumentsUnderTheirNamesAlone) {
+    const std::string job = pyramid_with("tile");
+    for (const auto& accepted : {std::span<const Coding>(), std::span<const Coding>(kBrotliFirst)})
+        for (const char* name : {"manifest.json", "tileset.json"})
+            outputs_.document("ada", job, name, accepted);
+    for (const std::string name :
+         {"tileset.json.br", "tileset.json.br.br", "tileset.json?error=avg", "tileset-.json",
+          "tileset-0.json.br", "tileset-a.json", "manifest.json#drc", "../x/tileset.json", ""})
+        expect_error(ErrorCode::NotFound, "no such file of this pyramid",
+                     [&] { outputs_.document("ada", job, name, kBrotliFirst); });
+}
+
+TEST_F(OutputsTest, OfASharedStoreAreAsNewAsTheJobs) {
+    const auto shared = open_sqlite_job_store(folder_ / "jobs.sqlite", Sharing::WithOtherProcesses);
+    Outputs outputs(*shared, *blobs_);
+    const std::string job =
+        jobs_->submit("ada", pyramid_request(put_cloud(*jobs_, "ada", "cloud")), {}, {})
+            .document.id;
+    const Lease lease = jobs_->claim({}, 60s).value();
+    EXPECT_FALSE(outputs.results("ada", job)->complete);
+    jobs_->publish_level(lease, level_with(0, put_blob(*blobs_, "tile")));
+    jobs_->succeed(lease, {});
+    EXPECT_TRUE(outputs.results("ada", job)->complete);
+}
+
 /// A pyramid of a tile and one below it.
 class TilesetTest : public OutputsTest {
 protected:

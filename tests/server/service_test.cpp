@@ -120,6 +120,31 @@ TEST_F(ServiceTest, RefusesAtOnceACloudThatIsKnownToHaveNoPoint) {
                  [&] { service_.submit("ada", simplify_request(cloud), {}); });
 }
 
+TEST_F(ServiceTest, TellsWhoRepeatsARequestOfItsJobWhateverIsKnownSince) {
+    const auto request = simplify_request(upload(kPly).id);
+    const JobDocument job = service_.submit("ada", request, "key").document;
+    proto::CloudStatistics statistics = statistics_of(5);
+    statistics.non_finite = 5;
+    EXPECT_TRUE(jobs_->report_source(claim(), statistics));
+    const auto again = service_.submit("ada", request, "key");
+    EXPECT_TRUE(again.existed);
+    EXPECT_EQ(again.document.id, job.id);
+    EXPECT_EQ(again.document.links.size(), job.links.size());
+    expect_error(ErrorCode::Conflict, "was used for another request",
+                 [&] { service_.submit("ada", simplify_request(request.input, 7), "key"); });
+    expect_error(ErrorCode::MalformedInput, "no point with finite coordinates",
+                 [&] { service_.submit("ada", request, "another key"); });
+}
+
+TEST_F(ServiceTest, ShowsProgressAfterTheClockWasSetBack) {
+    const JobDocument job = submit_simplify();
+    const Lease lease = claim();
+    sqlite::Connection(folder_ / "jobs.sqlite")
+        .run("UPDATE jobs SET told = told + ?1", std::int64_t{4'000'000'000'000});
+    EXPECT_TRUE(jobs_->report_progress(lease, "simplify", 40));
+    EXPECT_EQ(service_.job("ada", job.id).progress, 40);
+}
+
 TEST_F(ServiceTest, LinksAJobToWhatBelongsToIt) {
     const auto href = [](const JobDocument& job, const std::string& rel) {
         const auto link = std::ranges::find(job.links, rel, &proto::Link::rel);
@@ -184,12 +209,12 @@ TEST_F(ServiceTest, EndsALongPollAtItsLimitAndWhenAskedToStop) {
 TEST_F(ServiceTest, TellsEventsAsTheyHappenWithLinksToTheFiles) {
     const JobDocument job = submit_simplify();
     const Lease lease = claim();
-    EXPECT_EQ(service_.events("ada", job.id, 0, 0ms, {}).size(), 2U);
+    EXPECT_EQ(service_.events("ada", job.id, 0, 0ms, {}).items.size(), 2U);
     std::jthread worker([&] {
         std::this_thread::sleep_for(30ms);
         jobs_->publish_level(lease, level_with(0, kMissing));
     });
-    const auto events = service_.events("ada", job.id, 2, 60s, {});
+    const auto events = service_.events("ada", job.id, 2, 60s, {}).items;
     ASSERT_EQ(events.size(), 1U);
     EXPECT_EQ(events[0].type, "level");
     EXPECT_EQ(
@@ -197,9 +222,11 @@ TEST_F(ServiceTest, TellsEventsAsTheyHappenWithLinksToTheFiles) {
         "/v1/jobs/" + job.id + "/results/" + kMissing + ".ply");
     worker.join();
     jobs_->succeed(lease, {});
-    EXPECT_EQ(service_.events("ada", job.id, 3, 60s, {}).size(), 1U);
+    EXPECT_EQ(service_.events("ada", job.id, 3, 60s, {}).items.size(), 1U);
     const auto start = steady_clock::now();
-    EXPECT_TRUE(service_.events("ada", job.id, 4, 60s, {}).empty()) << "nothing more will come";
+    const auto none = service_.events("ada", job.id, 4, 60s, {});
+    EXPECT_TRUE(none.items.empty());
+    EXPECT_TRUE(none.complete) << "nothing more will come";
     EXPECT_LT(steady_clock::now() - start, 1s);
 }
 

@@ -82,8 +82,7 @@ Api::Api(ApiOptions options, Service& service, Metrics& metrics)
     : options_(std::move(options)),
       resources_(service, options_.keys != nullptr,
                  {.connections = options_.max_connections,
-                  .of_address = options_.max_connections_per_address,
-                  .tenants = options_.keys ? options_.keys->keys()->tenants() : 0}),
+                  .of_address = options_.max_connections_per_address}),
       metrics_(metrics) {}
 
 Reply Api::handle(Request& request) {
@@ -156,13 +155,15 @@ void Api::authorize(const Route& route, Request& request) const {
     if (!equal_ignoring_case(field.substr(0, kBearer.size()), kBearer)) {
         throw unauthorized("an API key is needed: Authorization: Bearer KEY");
     }
-    const auto grant = options_.keys->keys()->find(trimmed(field.substr(kBearer.size())));
+    const auto keys = options_.keys->keys();
+    const auto grant = keys->find(trimmed(field.substr(kBearer.size())));
     if (!grant) throw unauthorized("this API key is unknown");
     if (!grant->allows(route.scope)) {
         throw HttpError(403, std::string("this API key may not ") +
                                  (route.scope == Scope::Read ? "read" : "submit"));
     }
     request.tenant = grant->tenant;
+    request.tenants = keys->tenants();
 }
 
 /// A page of another site can make a browser send requests here, even to a server that listens on

@@ -5,6 +5,8 @@
 #include "stipple/error.hpp"
 #include "stipple/proto/digest.hpp"
 
+#include <sys/stat.h>
+
 #include <spdlog/spdlog.h>
 #include <algorithm>
 #include <cerrno>
@@ -127,16 +129,13 @@ ApiKeys ApiKeys::read(const std::filesystem::path& file) {
             }
             keys.entries_.push_back(entry);
         }
+        std::set<std::string_view> tenants;
+        for (const Entry& entry : keys.entries_) tenants.insert(entry.grant.tenant);
+        keys.tenants_ = tenants.size();
     } catch (const Error& error) {
         throw invalid("--api-keys " + file.string() + ": " + at + error.what());
     }
     return keys;
-}
-
-std::size_t ApiKeys::tenants() const {
-    std::set<std::string_view> names;
-    for (const Entry& entry : entries_) names.insert(entry.grant.tenant);
-    return names.size();
 }
 
 std::optional<ApiKeys::Grant> ApiKeys::find(std::string_view key) const {
@@ -149,14 +148,14 @@ std::optional<ApiKeys::Grant> ApiKeys::find(std::string_view key) const {
 
 ApiKeyFile::ApiKeyFile(std::filesystem::path file)
     : file_(std::move(file)),
-      stamp_(stamp()),
+      read_from_(identity()),
       keys_(std::make_shared<const ApiKeys>(ApiKeys::read(file_))) {}
 
 std::shared_ptr<const ApiKeys> ApiKeyFile::keys() {
     const std::lock_guard lock(mutex_);
-    const Stamp now = stamp();
-    if (now == stamp_) return keys_;
-    stamp_ = now;  // before it is read: what is written meanwhile is read the next time
+    const FileIdentity now = identity();
+    if (now == read_from_) return keys_;
+    read_from_ = now;  // before it is read: what is written meanwhile is read the next time
     try {
         keys_ = std::make_shared<const ApiKeys>(ApiKeys::read(file_));
         spdlog::info("keys.read tenants={}", keys_->tenants());
@@ -167,10 +166,9 @@ std::shared_ptr<const ApiKeys> ApiKeyFile::keys() {
     return keys_;
 }
 
-ApiKeyFile::Stamp ApiKeyFile::stamp() const noexcept {
-    std::error_code missing;
-    return {.written = std::filesystem::last_write_time(file_, missing),
-            .bytes = std::filesystem::file_size(file_, missing)};
+FileIdentity ApiKeyFile::identity() const noexcept {
+    struct stat status {};
+    return ::stat(file_.c_str(), &status) == 0 ? identity_of(status) : FileIdentity{};
 }
 
 }  // namespace stipple::server::http

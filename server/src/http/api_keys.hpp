@@ -1,5 +1,7 @@
 #pragma once
 
+#include "store/posix_file.hpp"
+
 #include <cstddef>
 #include <filesystem>
 #include <memory>
@@ -30,7 +32,7 @@ public:
     /// @throws Error(InvalidArgument) naming the file, the entry and what is wrong with it.
     static ApiKeys read(const std::filesystem::path& file);
 
-    std::size_t tenants() const;  ///< how many there are
+    std::size_t tenants() const noexcept { return tenants_; }  ///< how many there are
     /// Takes the same time for every key.
     std::optional<Grant> find(std::string_view key) const;
 
@@ -40,6 +42,7 @@ private:
         Grant grant;
     };
     std::vector<Entry> entries_;
+    std::size_t tenants_ = 0;
 };
 
 /// The keys of a file as it has them now: a key that is taken out of it is unknown from then on.
@@ -53,17 +56,11 @@ public:
     std::shared_ptr<const ApiKeys> keys();
 
 private:
-    /// What tells a file from how it was.
-    struct Stamp {
-        std::filesystem::file_time_type written;
-        std::uintmax_t bytes = 0;
-        bool operator==(const Stamp&) const = default;
-    };
-    Stamp stamp() const noexcept;
+    FileIdentity identity() const noexcept;
 
     const std::filesystem::path file_;
     std::mutex mutex_;
-    Stamp stamp_;
+    FileIdentity read_from_;  ///< what was read, also where it was wrong
     std::shared_ptr<const ApiKeys> keys_;
 };
 

@@ -34,14 +34,13 @@ Stream event_stream(Service& service, const Request& request, const std::string&
         auto last_write = steady_clock::now();
         while (!stop.stop_requested()) {
             const auto events = service.events(tenant, job_id, last, kLookAtClient, stop);
-            for (const JobEvent& event : events) {
+            for (const JobEvent& event : events.items) {
                 write(event_text(event));
                 last = event.id;
                 last_write = steady_clock::now();
                 if (is_last(event)) return;
             }
-            // A client that resumes behind the last event of a job that has ended.
-            if (events.empty() && proto::is_final(service.job(tenant, job_id).status)) return;
+            if (events.complete) return;  // a client that resumed behind the last event
             if (client_gone()) throw Disconnected();
             if (steady_clock::now() - last_write >= kHeartbeat) {
                 write(": still here\n\n");

@@ -163,7 +163,7 @@ Reply follow_job(Resources& resources, Request& request) {
     const std::uint64_t after = first_wanted(request);
     const proto::JobDocument job = resources.service.job(request.tenant, request.path_value("id"));
     if (proto::is_final(job.status) &&
-        resources.service.events(request.tenant, job.id, after, 0ms, request.stop).empty()) {
+        resources.service.events(request.tenant, job.id, after, 0ms, request.stop).items.empty()) {
         Reply nothing_more;
         nothing_more.status = 204;  // after any other an EventSource asks again
         return nothing_more;

@@ -94,9 +94,10 @@ struct Request {
     std::function<bool()> client_gone;  ///< looks at the connection; cheap
 
     // Filled by the application.
-    std::string id;          ///< of this request, in every log line and in the reply
-    std::string tenant;      ///< whose things are seen
-    std::string_view route;  ///< template of the path: `/v1/jobs/{id}`; empty when there is none
+    std::string id;           ///< of this request, in every log line and in the reply
+    std::string tenant;       ///< whose things are seen
+    std::size_t tenants = 1;  ///< how many there are now
+    std::string_view route;   ///< template of the path: `/v1/jobs/{id}`; empty when there is none
     std::map<std::string, std::string, std::less<>> path_values;
 
     const std::string& path_value(std::string_view name) const {

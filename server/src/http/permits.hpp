@@ -19,14 +19,13 @@ namespace stipple::server::http {
 struct Places {
     unsigned all = 1;
     unsigned of_address = all;
-    unsigned of_tenant = all;
+    unsigned of_tenant = all;  ///< where there are others
 };
 
 /// Whom a server is for.
 struct Senders {
     unsigned connections = 512;
     unsigned of_address = 128;  ///< connections of one
-    std::size_t tenants = 1;
 };
 
 /// Of so many places an address may have the part that it may have of the connections (behind a
@@ -39,7 +38,7 @@ constexpr Places places_among(const Senders& senders, unsigned all) noexcept {
     };
     return {.all = all,
             .of_address = part_of(senders.of_address, senders.connections),
-            .of_tenant = senders.tenants > 1 ? part_of(1, 4) : all};
+            .of_tenant = part_of(1, 4)};
 }
 
 /// Places for requests of a kind that may hold their thread for long. Together the kinds have fewer
@@ -79,7 +78,7 @@ private:
         if (taken_by(of_address_, request.remote_address) >= places_.of_address)
             return "your address has " + std::to_string(places_.of_address) + " of the " + all +
                    ", its limit";
-        if (taken_by(of_tenant_, request.tenant) >= places_.of_tenant)
+        if (request.tenants > 1 && taken_by(of_tenant_, request.tenant) >= places_.of_tenant)
             return "tenant " + request.tenant + " has " + std::to_string(places_.of_tenant) +
                    " of the " + all + ", its limit";
         return std::nullopt;

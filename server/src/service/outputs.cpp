@@ -43,6 +43,18 @@ std::string document_key(const std::string& job_id, const std::string& name,
     return key;
 }
 
+/// Whether a pyramid may have a document of this name: `tileset-12.json` is one. What others chose
+/// becomes no part of a key of the cache.
+bool is_document(std::string_view name) noexcept {
+    constexpr std::string_view kStem = "tileset-", kEnd = ".json";
+    if (name == "manifest.json" || name == "tileset.json") return true;
+    if (!name.starts_with(kStem) || !name.ends_with(kEnd)) return false;
+    name.remove_prefix(kStem.size());
+    if (name.size() <= kEnd.size()) return false;
+    name.remove_suffix(kEnd.size());
+    return std::ranges::all_of(name, [](char c) { return '0' <= c && c <= '9'; });
+}
+
 StoredFile stored(OutputCache::File file, Coding coding, bool negotiated) {
     return {std::move(file.bytes), std::move(file.tag), coding, negotiated};
 }
@@ -168,6 +180,8 @@ std::shared_ptr<const Outputs::Job> Outputs::remembered(const std::string& key,
         job = found->second;
         job->used = ++uses_;
     }
+    // What another process wrote shows a moment later; a job that goes on is read anew.
+    if (!job->is_final && jobs_.is_shared()) return nullptr;
     const std::uint64_t version = jobs_.version();
     if (job->seen == version) return job;
     if (!job->is_final) return nullptr;
@@ -237,6 +251,7 @@ StoredFile Outputs::document(const std::string& tenant, const std::string& job_i
                              const DocumentOptions& options) {
     const auto job = find(tenant, job_id);
     if (!job || !is_pyramid(job->results)) throw no_such("pyramid: " + job_id);
+    if (!is_document(name)) throw no_such_document(name);
     if (!job->is_final) return stored(plain_document(*job, name, options), Coding::Identity, true);
 
     const std::string key = document_key(job_id, name, options);

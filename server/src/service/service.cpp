@@ -150,7 +150,12 @@ void Service::remove_cloud(const std::string& tenant, const std::string& id) {
 Submission<proto::JobDocument> Service::submit(const std::string& tenant,
                                                const proto::JobRequest& request,
                                                const std::optional<std::string>& idempotency_key) {
-    if (idempotency_key) check_key(*idempotency_key);
+    if (idempotency_key) {
+        check_key(*idempotency_key);
+        // Before all that may have changed since: who repeats a request learns of its job.
+        if (auto known = jobs_.find_submitted(tenant, request, *idempotency_key))
+            return {with_links(std::move(*known)), true};
+    }
     if (const auto* const upsampling = std::get_if<proto::UpsampleJob>(&request.job);
         upsampling != nullptr && upsampling->options.points > limits_.decode.max_points)
         throw Error(ErrorCode::TooLarge, "points " + std::to_string(*upsampling->options.points) +
@@ -208,19 +213,19 @@ proto::JobDocument Service::cancel(const std::string& tenant, const std::string&
     return with_links(std::move(*document));
 }
 
-std::vector<JobEvent> Service::events(const std::string& tenant, const std::string& id,
-                                      std::uint64_t after, std::chrono::milliseconds wait,
-                                      std::stop_token stop) {
+Service::JobEvents Service::events(const std::string& tenant, const std::string& id,
+                                   std::uint64_t after, std::chrono::milliseconds wait,
+                                   std::stop_token stop) {
     const auto deadline =
         steady_clock::now() + std::min<std::chrono::milliseconds>(wait, limits_.max_wait);
     while (true) {
         const std::uint64_t seen = jobs_.version();
         // The document first: once it is final, every event is there.
         const proto::JobDocument document = job(tenant, id);
-        std::vector<JobEvent> events = jobs_.events_after(tenant, id, after);
-        if (!events.empty() || is_final(document.status) || steady_clock::now() >= deadline ||
+        JobEvents events{jobs_.events_after(tenant, id, after), is_final(document.status)};
+        if (!events.items.empty() || events.complete || steady_clock::now() >= deadline ||
             stop.stop_requested()) {
-            for (JobEvent& event : events) fill_links(event, document);
+            for (JobEvent& event : events.items) fill_links(event, document);
             return events;
         }
         jobs_.wait_for_change(seen, deadline, stop);

@@ -82,10 +82,13 @@ public:
     proto::JobDocument dismiss(const std::string& tenant, const std::string& id);
     /// The document of a job that is dismissed. @throws Error(Conflict) for one that has ended.
     proto::JobDocument cancel(const std::string& tenant, const std::string& id);
+    struct JobEvents {
+        std::vector<JobEvent> items;
+        bool complete = false;  ///< the job has ended: there will be no others
+    };
     /// Events after `after`; waits up to `wait` for the first of them.
-    std::vector<JobEvent> events(const std::string& tenant, const std::string& id,
-                                 std::uint64_t after, std::chrono::milliseconds wait,
-                                 std::stop_token stop);
+    JobEvents events(const std::string& tenant, const std::string& id, std::uint64_t after,
+                     std::chrono::milliseconds wait, std::stop_token stop);
     /// Also of a running job: what is there so far, `complete` false. Links filled.
     proto::Results results(const std::string& tenant, const std::string& id);
     /// The files of results, as they are sent.

@@ -97,6 +97,11 @@ public:
                                                   const proto::JobRequest& request,
                                                   const std::optional<std::string>& idempotency_key,
                                                   const QueueLimits& limits) = 0;
+    /// The job that this request with this key was given; nothing when the key is new.
+    /// @throws Error(Conflict) when it was used for another request.
+    virtual std::optional<proto::JobDocument> find_submitted(
+        const std::string& tenant, const proto::JobRequest& request,
+        const std::string& idempotency_key) = 0;
     virtual std::optional<proto::JobDocument> find_job(const std::string& tenant,
                                                        const std::string& id) = 0;
     struct JobFilter {
@@ -118,7 +123,9 @@ public:
     virtual std::optional<proto::Results> results(const std::string& tenant,
                                                   const std::string& id) = 0;
     /// Grows every time something is written: a cheap way to see that something may have changed.
+    /// Of what another process wrote, within 20 ms or so.
     virtual std::uint64_t version() const noexcept = 0;
+    virtual bool is_shared() const noexcept = 0;  ///< whether other processes write to it, too
     /// Returns when `version()` is no longer `seen`, at `deadline`, or when asked to stop.
     virtual void wait_for_change(std::uint64_t seen, std::chrono::steady_clock::time_point deadline,
                                  std::stop_token stop) const = 0;
@@ -166,8 +173,7 @@ public:
 /// Whether other processes write to a store while this one has it open.
 enum class Sharing { Alone, WithOtherProcesses };
 
-/// SQLite in WAL mode, `synchronous=FULL`. Shared, `version()` tells of what another process wrote
-/// within 20 ms or so.
+/// SQLite in WAL mode, `synchronous=FULL`.
 std::unique_ptr<JobStore> open_sqlite_job_store(const std::filesystem::path& file,
                                                 Sharing sharing = Sharing::Alone);
 

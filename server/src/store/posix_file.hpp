@@ -1,11 +1,13 @@
 #pragma once
 
+#include <sys/stat.h>
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <span>
 #include <string>
 #include <string_view>
+#include <tuple>
 #include <utility>
 
 namespace stipple::server {
@@ -28,6 +30,14 @@ public:
 private:
     int fd_ = -1;
 };
+
+/// What changes when a file is written or another is put in its place: device, number, size, and
+/// the time of the last change in s and ns, which nobody can set back.
+using FileIdentity = std::tuple<dev_t, ino_t, off_t, std::int64_t, std::int64_t>;
+inline FileIdentity identity_of(const struct stat& status) noexcept {
+    return {status.st_dev, status.st_ino, status.st_size, status.st_ctim.tv_sec,
+            status.st_ctim.tv_nsec};
+}
 
 /// Throws Error(Internal) for `errno`; proto::StorageFull when the disk or the quota is.
 [[noreturn]] void throw_errno(std::string_view what, const std::filesystem::path& file);

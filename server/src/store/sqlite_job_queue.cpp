@@ -138,7 +138,8 @@ bool SqliteJobStore::report_progress(const Lease& lease, const std::string& stag
         if (!rows.next()) return false;
         percent = std::clamp(percent, rows.real(1), 100.0);
         const bool moved = rows.text(0) != stage || percent >= rows.real(1) + kProgressStep;
-        const bool due = now_ms() - rows.integer(2) >= kProgressPeriodMs;
+        const std::int64_t ago = now_ms() - rows.integer(2);
+        const bool due = ago < 0 || ago >= kProgressPeriodMs;  // < 0: the clock was set back
         if (!moved || !due) return true;
     }
     return write_leased(lease, [&](std::int64_t row) {

@@ -141,6 +141,30 @@ void use_write_ahead_log(sqlite::Connection& connection) {
     }
 }
 
+std::string fingerprint_of(const std::string& canonical) {
+    return proto::sha256_hex(std::as_bytes(std::span(canonical)));
+}
+
+/// The row of the job that a key was used for.
+std::optional<std::int64_t> find_replayed(sqlite::Connection& connection, const std::string& tenant,
+                                          const std::string& key, const std::string& fingerprint) {
+    Rows rows = connection.query(
+        "SELECT job, fingerprint FROM idempotency WHERE tenant = ?1 AND key = ?2", tenant, key);
+    if (!rows.next()) return std::nullopt;
+    if (rows.text(1) != fingerprint) {
+        throw Error(ErrorCode::Conflict,
+                    "idempotency key \"" + key +
+                        "\" was used for another request: use a new key for a new request");
+    }
+    return rows.integer(0);
+}
+
+JobDocument document_of_row(sqlite::Connection& connection, std::int64_t row) {
+    Rows rows = connection.query(kJobOfRow.c_str(), row);
+    rows.next();
+    return document_of(rows);
+}
+
 }  // namespace
 
 SqliteJobStore::SqliteJobStore(const fs::path& file, Sharing sharing)
@@ -251,10 +275,10 @@ Submission<JobDocument> SqliteJobStore::submit(const std::string& tenant,
                                                const std::optional<std::string>& idempotency_key,
                                                const QueueLimits& limits) {
     const std::string canonical = to_json(request);
-    const std::string fingerprint = proto::sha256_hex(std::as_bytes(std::span(canonical)));
+    const std::string fingerprint = fingerprint_of(canonical);
     return write([&]() -> Submission<JobDocument> {
         if (idempotency_key) {
-            if (const auto row = find_replayed(tenant, *idempotency_key, fingerprint))
+            if (const auto row = find_replayed(writer_, tenant, *idempotency_key, fingerprint))
                 return {document(*row), true};
         }
         check_queue(tenant, limits);
@@ -266,20 +290,6 @@ Submission<JobDocument> SqliteJobStore::submit(const std::string& tenant,
         }
         return {document(row), false};
     });
-}
-
-std::optional<std::int64_t> SqliteJobStore::find_replayed(const std::string& tenant,
-                                                          const std::string& key,
-                                                          const std::string& fingerprint) {
-    Rows rows = writer_.query(
-        "SELECT job, fingerprint FROM idempotency WHERE tenant = ?1 AND key = ?2", tenant, key);
-    if (!rows.next()) return std::nullopt;
-    if (rows.text(1) != fingerprint) {
-        throw Error(ErrorCode::Conflict,
-                    "idempotency key \"" + key +
-                        "\" was used for another request: use a new key for a new request");
-    }
-    return rows.integer(0);
 }
 
 void SqliteJobStore::check_queue(const std::string& tenant, const QueueLimits& limits) {
@@ -331,9 +341,17 @@ std::int64_t SqliteJobStore::insert_job(const std::string& tenant, const proto::
 }
 
 JobDocument SqliteJobStore::document(std::int64_t row) {
-    Rows rows = writer_.query(kJobOfRow.c_str(), row);
-    rows.next();
-    return document_of(rows);
+    return document_of_row(writer_, row);
+}
+
+std::optional<JobDocument> SqliteJobStore::find_submitted(const std::string& tenant,
+                                                          const proto::JobRequest& request,
+                                                          const std::string& idempotency_key) {
+    const std::string fingerprint = fingerprint_of(to_json(request));
+    const std::lock_guard lock(reader_mutex_);
+    const auto row = find_replayed(reader_, tenant, idempotency_key, fingerprint);
+    if (!row) return std::nullopt;
+    return document_of_row(reader_, *row);
 }
 
 std::optional<JobDocument> SqliteJobStore::find_job(const std::string& tenant,

@@ -34,6 +34,9 @@ public:
                                           const proto::JobRequest& request,
                                           const std::optional<std::string>& idempotency_key,
                                           const QueueLimits& limits) override;
+    std::optional<proto::JobDocument> find_submitted(const std::string& tenant,
+                                                     const proto::JobRequest& request,
+                                                     const std::string& idempotency_key) override;
     std::optional<proto::JobDocument> find_job(const std::string& tenant,
                                                const std::string& id) override;
     Page<proto::JobDocument> list_jobs(const std::string& tenant, const JobFilter& filter,
@@ -48,6 +51,7 @@ public:
     std::optional<proto::Results> results(const std::string& tenant,
                                           const std::string& id) override;
     std::uint64_t version() const noexcept override { return changes_.version(); }
+    bool is_shared() const noexcept override { return lookout_.joinable(); }
     void wait_for_change(std::uint64_t seen, std::chrono::steady_clock::time_point deadline,
                          std::stop_token stop) const override {
         changes_.wait(seen, deadline, std::move(stop));
@@ -82,8 +86,6 @@ private:
     bool write_leased(const Lease& lease, Change change);
 
     // Parts of a write: the caller holds the writer and a transaction.
-    std::optional<std::int64_t> find_replayed(const std::string& tenant, const std::string& key,
-                                              const std::string& fingerprint);
     std::int64_t insert_job(const std::string& tenant, const proto::JobRequest& request,
                             const std::string& canonical);
     void check_queue(const std::string& tenant, const QueueLimits& limits);

@@ -18,9 +18,4 @@ void VerifiedFiles::remove(const std::string& sha256) {
     files_.erase(sha256);
 }
 
-VerifiedFiles::Identity VerifiedFiles::identity_of(const struct stat& status) noexcept {
-    return {status.st_dev, status.st_ino, status.st_size, status.st_ctim.tv_sec,
-            status.st_ctim.tv_nsec};
-}
-
 }  // namespace stipple::server

@@ -1,11 +1,11 @@
 #pragma once
 
+#include "store/posix_file.hpp"
+
 #include <sys/stat.h>
-#include <cstdint>
 #include <map>
 #include <mutex>
 #include <string>
-#include <tuple>
 
 namespace stipple::server {
 
@@ -18,12 +18,8 @@ public:
     void remove(const std::string& sha256);
 
 private:
-    /// What changes with the file.
-    using Identity = std::tuple<dev_t, ino_t, off_t, std::int64_t, std::int64_t>;
-    static Identity identity_of(const struct stat& status) noexcept;
-
     mutable std::mutex mutex_;
-    std::map<std::string, Identity> files_;
+    std::map<std::string, FileIdentity> files_;
 };
 
 }  // namespace stipple::server
