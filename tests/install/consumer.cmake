@@ -15,6 +15,8 @@ run(${CMAKE_COMMAND} --install ${BUILD_DIR} --prefix ${WORK_DIR}/prefix)
 run(${CMAKE_COMMAND} -S ${SOURCE_DIR}/consumer -B ${WORK_DIR}/build -G Ninja -DCMAKE_PREFIX_PATH=${WORK_DIR}/prefix
     -DCMAKE_DISABLE_FIND_PACKAGE_nanoflann=ON -DCMAKE_DISABLE_FIND_PACKAGE_GTest=ON)
 run(${CMAKE_COMMAND} --build ${WORK_DIR}/build)
+run(${CMAKE_COMMAND} -E env PKG_CONFIG_LIBDIR=${WORK_DIR} ${CMAKE_COMMAND} -S ${SOURCE_DIR}/consumer -B ${WORK_DIR}/blind -G Ninja
+    -DCMAKE_PREFIX_PATH=${WORK_DIR}/prefix -DWITHOUT_PKG_CONFIG=ON)
 run(${WORK_DIR}/build/consumer)
 run(${WORK_DIR}/prefix/bin/stipple --version)
 file(REMOVE_RECURSE ${WORK_DIR})
