@@ -42,7 +42,7 @@ if (!canDrawOn(byId.stage)) {
 const stage = new Stage(byId.stage, {
     onPicture: (level) => session?.pictured(level),
     onMoved: () => bookmark.writeSoon(),
-    onPoint: (point) => pointLabel.show(point, stage.home.radius, look.valueAt(point)),
+    onPoint: (point) => pointLabel.show(point, stage.home.radius, () => look.valueAt(point)),
 });
 const library = new Library({
     onResult: (job) => open(job),
@@ -62,7 +62,7 @@ const hud = new Hud({
         look.close();
         view.toggleReport(session);
     },
-    onRemove: () => removeResult().catch(showProblem),
+    onRemove: () => removeResult(session).catch(showProblem),
     onAgain: () => starter.startAgain(session.job),
     onRemoveAll: () => removeWithCloud().catch(showProblem),
 });
@@ -87,7 +87,7 @@ const share = new ShareCard({
 const report = new Report({
     onDownload: (file) => download(file, session).catch(showProblem),
     onSimplify: (points) => starter.startAsCurve(session.job, points),
-    onPyramid: () => starter.startPyramid(library.cloudOf(session.job)),
+    onPyramid: () => starter.startPyramid(library.cloudOf(session.job) ?? { id: inputOf(session.job), name: session.job.input_name }),
 });
 const starter = new JobStarter({
     onJob: (job) => {
@@ -137,8 +137,8 @@ let session = null;
 /** @param remembered  whether the address names it already; @param how  it is looked at, as the address has it */
 function open({ id, type }, { remembered = false, how = kAsNew } = {}) {
     askAhead({ id, type });
-    if (!remembered) {
-        bookmark.write();  // what is left, for who comes back
+    if (!remembered && session) {
+        history.replaceState(null, '', bookmark.link());  // what is left, for who comes back
     }
     comparison.end();
     const isAnother = session?.id !== id;
@@ -157,7 +157,10 @@ function open({ id, type }, { remembered = false, how = kAsNew } = {}) {
         look.restore(how);
     }
     session = new ResultSession({ id, type, chosen: how.chosen, bound: how.bound }, stage.panes[0], {
-        dress: (level, signal) => comparison.dress(level, signal),
+        dress: async (level, signal) => {
+            await comparison.dress(level, signal);
+            pointLabel.renew();
+        },
         onJob: (job) => {
             view.showJob(job);
             library.update(job);
@@ -189,14 +192,16 @@ function closeResult() {
     library.setCurrent(null);
 }
 
-/** Takes what is shown from the server, and shows the newest that is left, unless another was opened meanwhile. */
-async function removeResult() {
-    const removed = session;
-    await removeJob(removed.id).catch((error) => {
-        if (error.status !== kNotFound) {
-            throw error;
-        }
-    });
+/** What somebody else took away is gone as well. */
+const unlessGone = (removal) => removal.catch((error) => {
+    if (error.status !== kNotFound) {
+        throw error;
+    }
+});
+
+/** Takes a result that was shown from the server, and shows the newest that is left, unless another was opened meanwhile. */
+async function removeResult(removed) {
+    await unlessGone(removeJob(removed.id));
     if (session !== removed) {
         await library.refresh();
         return;
@@ -208,8 +213,9 @@ async function removeResult() {
 
 /** Of a cloud that cannot be read there is nothing to keep. */
 async function removeWithCloud() {
-    await removeCloud(inputOf(session.job));
-    await removeResult();
+    const removed = session;
+    await unlessGone(removeCloud(inputOf(removed.job)));
+    await removeResult(removed);
 }
 
 /** What the address names cannot be shown: there is the rest of the library. */

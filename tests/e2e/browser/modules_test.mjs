@@ -78,13 +78,15 @@ test('A PLY file that is written is read as it was, doubles and attributes of se
         colors: Uint8Array.of(1, 2, 3, 4, 5, 6), colorComponents: 3,
         attributes: [
             { name: 'axis', type: 'float32', components: 3, values: [0, 1, 2, 3, 4, 5] }, { name: 'class', type: 'uint16', components: 1, values: [7, 65_535] },
+            { name: 'object', type: 'uint32', components: 1, values: [4_000_000_001, 4_000_000_002] },
         ],
     };
     const read = readPly(plyOf(cloud).buffer);
     assert.deepEqual([...read.positions], [5e6 + 0.25, 1, -1, 5e6 + 3, 4, 2]);
     assert.deepEqual(read.normals, cloud.normals);
     assert.deepEqual([...read.colors], [1, 2, 3, 255, 4, 5, 6, 255]);
-    assert.deepEqual(Object.keys(read.attributes), ['axis', 'class']);
+    assert.deepEqual(Object.keys(read.attributes), ['axis', 'class', 'object']);
+    assert.deepEqual([...read.attributes.object.values], [4_000_000_001, 4_000_000_002]);
     assert.deepEqual([...read.attributes.axis.values, ...read.attributes.class.values], [0, 1, 2, 3, 4, 5, 7, 65_535]);
     assert.throws(() => readPly(plyOf(cloud).buffer.slice(0, -1)), /ends before/);
 });
@@ -249,6 +251,15 @@ test('The ends of a range differ, and are told in one notation', async () => {
     assert.deepEqual(ends(-1.5e30, 2e30), ['\u22121.50e+30', '2.00e+30']);
     assert.deepEqual(ends(-1e-9, 1), ['0', '1']);
     assert.deepEqual(ends(5, 5), ['5', '5']);
+});
+
+test('A value has the digits that it has', async () => {
+    const { value } = await moduleOf('page/format.js');
+    assert.equal(value(1_300_000_047), '1,300,000,047');
+    assert.equal(value(1_300_000_123.5), '1,300,000,123.5');
+    assert.equal(value(Math.fround(0.1)), '0.1');
+    assert.equal(value(-2), '\u22122');
+    assert.equal(value(2e-9), '2.00e\u22129');
 });
 
 test('A share of points is two numbers where they differ as they are shown', async () => {

@@ -157,14 +157,18 @@ export async function persist(ask, { signal, onLost }) {
                 }
                 onOver ??= onLost(error);
             }
-            await pause(Math.min(kLongestPauseMs, kFirstPauseMs * 2 ** (tried - 1)));
+            await pause(Math.min(kLongestPauseMs, kFirstPauseMs * 2 ** (tried - 1)), signal);
         }
     } finally {
         onOver?.();
     }
 }
 
-export const pause = (ms) => new Promise((resolve) => { setTimeout(resolve, ms); });
+/** Ends at once when `signal` says so. */
+export const pause = (ms, signal) => new Promise((resolve) => {
+    setTimeout(resolve, ms);
+    signal?.addEventListener('abort', resolve, { once: true });
+});
 
 /** Whether the same request may succeed a little later. */
 export const mayPass = ({ status }) => status === 0 || status === 429 || status >= 500;

@@ -159,7 +159,16 @@ export class Comparison {
         if (this.other) {
             this.other.redress();
         } else {
-            this.dress(level, this.left.abort.signal).then(() => this.stage.panes[1].show(level)).catch(showProblem);
+            this.showRight(level);
+        }
+    }
+
+    /** In the colours of now, or where they cannot be had, of before; unless another is wanted by then. */
+    async showRight(level) {
+        const { signal } = this.left.abort;
+        await this.dress(level, signal).catch((error) => signal.aborted || showProblem(error, 'The colours could not be shown'));
+        if (!signal.aborted && !this.other && level === this.right) {
+            this.stage.panes[1].show(level);
         }
     }
 

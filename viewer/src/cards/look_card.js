@@ -88,7 +88,9 @@ export class LookCard {
         if (value === undefined) {
             return null;
         }
-        const text = !Number.isFinite(value) ? 'no value' : range.categories ? range.categories.nameOf(value) : format.ends(value, value)[0];
+        const { of, unit } = scaleOf(level, by);
+        const text = !Number.isFinite(value) ? 'no value' : range.categories ? range.categories.nameOf(value)
+            : unit ? `${format.quantity(of(value))} ${unit}` : format.value(value);
         return `${new Map(this.choices(level)).get(by)}: ${text}`;
     }
 
@@ -104,7 +106,8 @@ export class LookCard {
         if (told) {
             const { by: values, range } = told.coloring;
             const isOfBoth = levels.every(({ coloring }) => coloring.by === values);
-            const { low, high, unit } = scaleOf(told, values);
+            const { of, unit } = scaleOf(told, values);
+            const [low, high] = [of(range.low), of(range.high)];
             const [lowText, highText] = format.ends(low, high);
             byId['legend-name'].textContent = [choices.get(values), unit, isOfBoth ? null : told === levels[0] ? 'left' : 'right'].filter(Boolean).join(', ');
             const categories = range.categories ?? (high > low ? null : constant(lowText));
@@ -123,13 +126,13 @@ export class LookCard {
 /** The levels of an evaluation, which have a range of distances. */
 const isErrorMap = ({ error }) => error?.range !== undefined;
 
-/** What the ends of the colour map are called: distances as all errors are, coordinates as they are in the file. */
-function scaleOf({ error, coloring: { range: { low, high, start } } }, values) {
+/** What a value `of` the colour map is called: distances as all errors are, coordinates as they are in the file. */
+function scaleOf({ error, coloring: { range: { start } } }, values) {
     const isDistance = values === kDistance && isErrorMap({ error });
     if (isDistance && error.diagonal > 0) {
-        return { low: 100 * low / error.diagonal, high: 100 * high / error.diagonal, unit: '% of the diagonal' };
+        return { of: (x) => 100 * x / error.diagonal, unit: '% of the diagonal' };
     }
-    return { low: low + start, high: high + start, unit: isDistance || kAxes.includes(values) ? 'in units of the cloud' : null };
+    return { of: (x) => x + start, unit: isDistance || kAxes.includes(values) ? 'in units of the cloud' : null };
 }
 
 /** As a category, where all values are one. */

@@ -7,10 +7,19 @@ export class PointLabel {
         byId.stage.addEventListener('pointerdown', () => this.hide());
     }
 
-    /** @param place  in the coordinates of its file; @param radius  of the cloud; @param value  what its colour stands for, or null */
+    /** @param place  in the coordinates of its file; @param radius  of the cloud; @param value  tells what its colour stands for now, or null */
     show({ place }, radius, value) {
-        byId.point.replaceChildren(element('span', { className: 'place', textContent: format.place(place, radius) }), ...(value ? [value] : []));
+        this.place = element('span', { className: 'place', textContent: format.place(place, radius) });
+        this.value = value;
         byId.point.hidden = false;
+        this.renew();
+    }
+
+    /** Colours stand for something else. */
+    renew() {
+        if (!byId.point.hidden) {
+            byId.point.replaceChildren(...[this.place, this.value()].filter(Boolean));
+        }
     }
 
     hide() {

@@ -55,7 +55,7 @@ export class JobForm {
             }
         }, true);
         byId['job-close'].onclick = () => byId['job-dialog'].close();
-        actOnSecondClick(byId['job-remove'], () => {
+        this.keep = actOnSecondClick(byId['job-remove'], () => {
             byId['job-dialog'].close();
             onRemove(this.subject.cloud);
         });
@@ -111,6 +111,7 @@ export class JobForm {
     /** @param subject  what the job is for: `{cloud, name, attributes, others}`, the last `{id, name}` of what it can be compared with */
     open(subject) {
         this.subject = subject;
+        this.keep();  // what was asked of another cloud is not answered for this one
         byId['job-title'].textContent = subject.name;
         byId['job-title'].title = subject.name;
         this.choose(this.form?.type ?? 'pyramid');

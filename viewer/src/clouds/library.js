@@ -206,7 +206,7 @@ function evaluationOf({ map, candidates, labels }) {
 const pointsOf = ({ points }, cloud) => format.compactPoints(Math.min(points, cloud?.points ?? points));
 
 function cloudNote(cloud) {
-    const kind = `${cloud.format === 'drc' ? 'Draco' : 'PLY'}, ${format.bytes(cloud.bytes)}`;
+    const kind = `${format.kKinds[cloud.format]}, ${format.bytes(cloud.bytes)}`;
     if (cloud.points === undefined) {
         return kind;
     }

@@ -4,6 +4,7 @@ const kTypes = {
     char: [1, 'Int8'], uchar: [1, 'Uint8'], short: [2, 'Int16'], ushort: [2, 'Uint16'], int: [4, 'Int32'], uint: [4, 'Uint32'],
     float: [4, 'Float32'], double: [8, 'Float64'],
 };
+const kWide = ['int', 'uint', 'double'];  // of which single precision does not hold all values
 const kNames = { int8: 'char', uint8: 'uchar', int16: 'short', uint16: 'ushort', int32: 'int', uint32: 'uint', float32: 'float', float64: 'double' };
 const kPositions = ['x', 'y', 'z'];
 const kNormals = ['nx', 'ny', 'nz'];
@@ -13,7 +14,7 @@ const kLongestHeader = 65_536;
 
 /**
  * The points of a file.
- * @returns positions (doubles where the file has them) and unit normals as floats, colours as 4 bytes each, sRGB, or null; `attributes`: by name, `{values, components}`
+ * @returns positions (doubles where the file has them) and unit normals as floats, colours as 4 bytes each, sRGB, or null; `attributes`: by name, `{values, components}`, each value as it is in the file
  */
 export function readPly(buffer) {
     const { count, properties, start } = readHeader(buffer);
@@ -51,7 +52,7 @@ export function readPly(buffer) {
         positions: columns(kPositions, isDouble ? Float64Array : Float32Array).values,
         normals: has(kNormals) ? columns(kNormals, Float32Array).values : null,
         colors: has(kColors.slice(0, 3)) ? withAlpha(columns(kColors, Uint8Array)) : null,
-        attributes: Object.fromEntries(others.map(({ name, type }) => [name, columns([name], kTypes[type][0] > 4 ? Float64Array : Float32Array)])),
+        attributes: Object.fromEntries(others.map(({ name, type }) => [name, columns([name], kWide.includes(type) ? Float64Array : Float32Array)])),
     };
 }
 

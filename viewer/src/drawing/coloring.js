@@ -135,7 +135,8 @@ function rangeOf(count, valueOf, attribute) {
     }
     sample.sort((a, b) => a - b);
     const at = (share) => sample[Math.round(share * (sample.length - 1))] ?? 0;
-    const [low, high] = [at(kOutliers), at(1 - kOutliers)];
+    const most = [at(kOutliers), at(1 - kOutliers)];
+    const [low, high] = most[0] < most[1] ? most : [at(0), at(1)];  // where most have one value, the few others are what there is to see
     const all = function* all() {
         for (let i = 0; i < count; i += 1) {
             if (Number.isFinite(valueOf(i))) {
@@ -161,7 +162,7 @@ function mapped(count, valueOf, { low, high, categories }) {
         return known.get(value);
     };
     const colorOf = categories ? (value) => (Number.isFinite(value) ? ofCategory(value) : kGreyBytes)
-        : (value) => kViridis[Math.min(255, Math.max(0, Math.round((value - low) * scale)))] ?? kGreyBytes;
+        : (value) => (Number.isFinite(value) ? kViridis[Math.min(255, Math.max(0, Math.round((value - low) * scale)))] : kGreyBytes);
     const array = new Uint8Array(4 * count);
     for (let i = 0; i < count; i += 1) {
         array.set(colorOf(valueOf(i)), 4 * i);

@@ -24,6 +24,7 @@ const kNearest = 2e-3;         // radii of a cloud from the camera to what it tu
 const kFarthest = 100;         // ... where the cloud is a dot
 const kLongestFrameS = 1;      // of rotation: a page that was hidden does not jump far
 const kMostSamples = 36e6;     // of pictures at rest, 12 bytes each
+const kSlack = 1.05;           // of the size of a cloud, for its splats
 const kStill = 3e-5;           // of its distance, what the camera may move in a picture at rest
 
 const kContext = { alpha: true, antialias: false, powerPreference: 'high-performance' };
@@ -65,7 +66,16 @@ export class Stage {
         new ResizeObserver(() => this.changed()).observe(canvas);
         canvas.addEventListener('dblclick', (event) => this.focusAt(event.offsetX, event.offsetY));
         canvas.addEventListener('webglcontextrestored', () => this.changed());
+        this.watchDensity();
         this.renderer.setAnimationLoop((now) => this.frame(now));
+    }
+
+    /** Of pixels: another where the window is moved to another screen, at the same size. */
+    watchDensity() {
+        matchMedia(`(resolution: ${devicePixelRatio}dppx)`).addEventListener('change', () => {
+            this.changed();
+            this.watchDensity();
+        }, { once: true });
     }
 
     /** Has the shaders of clouds with (or without) colours compiled before one is shown: that takes longer than its first level. */
@@ -121,6 +131,7 @@ export class Stage {
 
     lookFrom(view) {
         const [position, target] = [view.slice(0, 3), view.slice(3)].map((place) => new Vector3(...place).multiplyScalar(this.home.radius));
+        this.glide = null;
         this.camera.position.copy(position);
         this.controls.target.copy(target);
         this.isAtHome = false;
@@ -212,7 +223,7 @@ export class Stage {
     fit({ glide = true } = {}) {
         if (this.home) {
             this.moveTo(new Vector3(), this.home.direction, this.fittingDistance(this.home.direction), glide);
-            this.isAtHome = true;
+            this.isAtHome = !this.autoRotate;
         }
     }
 
@@ -289,8 +300,10 @@ export class Stage {
     moveTo(target, direction, distance, glide) {
         const to = { target: target.clone(), position: target.clone().addScaledVector(direction, distance) };
         if (!glide || matchMedia('(prefers-reduced-motion: reduce)').matches) {
+            this.glide = null;
             this.controls.target.copy(to.target);
             this.camera.position.copy(to.position);
+            this.camera.lookAt(to.target);
         } else {
             this.glide = {
                 from: { target: this.controls.target.clone(), position: this.camera.position.clone() },
@@ -443,12 +456,18 @@ export class Stage {
     }
 
     /** Turns the camera's picture into that of a view. Depth is spent on the cloud alone, near it on what is looked at. */
-    aim({ width, height, shiftX, shiftY }) {
-        const radius = 1.05 * (this.home?.radius ?? 1), reach = 1.05 * (this.home?.reach ?? 1);
+    aim({ pane, width, height, shiftX, shiftY }) {
+        const radius = kSlack * (this.home?.radius ?? 1), reach = kSlack * (this.home?.reach ?? 1);
         const distance = this.camera.position.length();
+        let [nearest, farthest] = [distance - radius, distance + reach];
+        if (pane.level && !pane.isFirst) {  // which may be of another cloud
+            const { center, radius: other } = pane.level.geometry.boundingSphere;
+            const away = center.clone().add(this.wayTo(pane.level)).sub(this.home.center).distanceTo(this.camera.position);
+            [nearest, farthest] = [Math.min(nearest, away - kSlack * other), Math.max(farthest, away + kSlack * other)];
+        }
         this.camera.aspect = width / height;
-        this.camera.near = Math.max(distance - radius, 2e-3 * radius);
-        this.camera.far = Math.max(distance + reach, 2 * this.camera.near);
+        this.camera.near = Math.max(nearest, 2e-3 * radius);
+        this.camera.far = Math.max(farthest, 2 * this.camera.near);
         this.camera.setViewOffset(width, height, shiftX, shiftY, width, height);
         this.camera.updateMatrixWorld();
     }

@@ -71,6 +71,9 @@ export class ResultSession {
         onJob(job);
         const reading = this.readManifest();
         await (isGivenUp(job) ? reading.catch(() => {}) : reading);  // of that there may be levels, or only the problem
+        if (isGivenUp(job) && this.manifest) {
+            this.loader.streamTiles(this.manifest);  // of the levels that there are
+        }
         this.tell();  // the levels may all have been there before the job was known
     }
 

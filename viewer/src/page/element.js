@@ -7,23 +7,27 @@ export function element(name, properties = {}, ...children) {
 
 const kDoubtMs = 5_000;
 
-/** Has a button ask once more before it acts: what it does cannot be undone. */
+/** Has a button ask once more before it acts: what it does cannot be undone. @returns what takes the question back */
 export function actOnSecondClick(button, act) {
     const { textContent } = button;
     let isAsked = false;
+    let doubt = null;
     const ask = (wanted) => {
+        clearTimeout(doubt);
         isAsked = wanted;
         button.textContent = wanted ? 'Really?' : textContent;
         button.classList.toggle('alarm', wanted);
     };
     button.onclick = () => {
-        if (isAsked) {
+        const isSure = isAsked;
+        ask(!isSure);
+        if (isSure) {
             act();
         } else {
-            setTimeout(() => ask(false), kDoubtMs);
+            doubt = setTimeout(() => ask(false), kDoubtMs);
         }
-        ask(!isAsked);
     };
+    return () => ask(false);
 }
 
 /** Puts other children in. Where one of the old had the focus, the new one with its id has it, or else the stage. */

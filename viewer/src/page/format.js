@@ -45,11 +45,21 @@ export function place(coordinates, size) {
     return coordinates.map((x) => withMinus(x.toLocaleString('en', { minimumFractionDigits: decimals, maximumFractionDigits: decimals }))).join('  ');
 }
 
+/** A value by itself: a whole number with all its digits, others with those that single precision has, or double. */
+export function value(x) {
+    const size = Math.abs(x);
+    if (x !== 0 && (size < kTiny || size >= kHuge)) {
+        return withMinus(x.toExponential(2));
+    }
+    const digits = Math.fround(x) === x ? 7 : 15;
+    return withMinus(x.toLocaleString('en', Number.isInteger(x) ? {} : { maximumSignificantDigits: digits }));
+}
+
 /** The ends of a range: both in one notation, with as many digits as tell one from the other. */
 export function ends(low, high) {
     const [largest, length] = [Math.max(Math.abs(low), Math.abs(high)), high - low];
     if (!(length > 0)) {
-        return [low, high].map((x) => withMinus(largest > 0 && (largest < kTiny || largest >= kHuge) ? x.toExponential(2) : x.toLocaleString('en', { maximumSignificantDigits: 7 })));
+        return [low, high].map(value);
     }
     const step = Math.floor(Math.log10(length)) - 2;  // three digits of the difference
     if (largest < kTiny || largest >= kHuge) {
