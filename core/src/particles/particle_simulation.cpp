@@ -391,21 +391,6 @@ Sources find_sources(const NeighborSearch& search, const PointCloud& cloud,
     return sources;
 }
 
-}  // namespace
-
-void check_ranges(const ParticleSimulationOptions& options) {
-    require(options.adaptivity >= 0 && options.adaptivity <= 1, "adaptivity", options.adaptivity,
-            "0 to 1");
-    require(options.max_grading >= 1 && std::isfinite(options.max_grading), "max_grading",
-            options.max_grading, "a finite number, at least 1");
-    check_ranges(options.regions);
-    require(options.max_iterations >= 1, "max_iterations", options.max_iterations, "at least 1");
-    require(options.tolerance > 0 && options.tolerance < 1, "tolerance", options.tolerance,
-            "above 0, below 1");
-}
-
-namespace {
-
 /// Puts particles that are where one before them is, as rounding to floats may leave them, at
 /// points of the cloud at which none is: the nearest, as far as they are free.
 void part_equal(std::vector<Vec3f>& positions, std::span<const Vec3f> points,
@@ -442,6 +427,17 @@ void part_equal(std::vector<Vec3f>& positions, std::span<const Vec3f> points,
 }
 
 }  // namespace
+
+void check_ranges(const ParticleSimulationOptions& options) {
+    require(options.adaptivity >= 0 && options.adaptivity <= 1, "adaptivity", options.adaptivity,
+            "0 to 1");
+    require(options.max_grading >= 1 && std::isfinite(options.max_grading), "max_grading",
+            options.max_grading, "a finite number, at least 1");
+    check_ranges(options.regions);
+    require(options.max_iterations >= 1, "max_iterations", options.max_iterations, "at least 1");
+    require(options.tolerance > 0 && options.tolerance < 1, "tolerance", options.tolerance,
+            "above 0, below 1");
+}
 
 struct ParticleSimulator::Implementation {
     const PointCloud& cloud;
