@@ -352,12 +352,15 @@ TEST_P(AnyMethod, RefusesTargetsThatAreNoneOrTwoOrOutOfRange) {
 TEST_P(AnyMethod, NamesTheAttributesThereAreWhenAReductionNamesAnother) {
     SimplifyOptions options;
     options.method = GetParam();
-    options.points = 3;
     options.reductions["intensiti"] = Reduction::Max;
-    const std::string message = refusal(test::with_attributes(test::cube(10)), options);
-    EXPECT_EQ(message, GetParam() == Method::Random
-                           ? "reductions: random keeps points as they are"
-                           : "reductions: no attribute intensiti; the cloud has: height, label");
+    for (const std::uint64_t points : {3U, 10U, 20U}) {  // of 10
+        options.points = points;
+        const std::string message = refusal(test::with_attributes(test::cube(10)), options);
+        EXPECT_EQ(message,
+                  GetParam() == Method::Random
+                      ? "reductions: random keeps points as they are"
+                      : "reductions: no attribute intensiti; the cloud has: height, label");
+    }
 }
 
 TEST_P(AnyMethod, RefusesArraysOfAnotherLength) {

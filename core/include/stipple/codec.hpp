@@ -110,7 +110,8 @@ struct DracoEncodeOptions {
     unsigned attribute_bits =
         16;  ///< 1..30 for floating-point attributes; 0: unquantised. Integers are lossless, as are
              ///< floats that are all whole numbers.
-    unsigned compression_level = 7;  ///< 0 fastest .. 10 smallest
+    unsigned compression_level = 7;  ///< 0 fastest .. 10 smallest; of the sequential coding all
+                                     ///< levels take about as long and as many bytes
 };
 
 /// Encodes a cloud. Draco keeps every point (including duplicates) and every attribute; generic

@@ -240,9 +240,9 @@ PointCloud incremental_clustering(const PointCloud& cloud,
                                   const RunContext& context) {
     validate(cloud);
     check(options, cloud.size());
-    if (options.target_size && *options.target_size >= cloud.size()) return copy_of(cloud, context);
     const std::vector<Reduction> reductions =
         reductions_for(cloud, options.reductions, options.representative);
+    if (options.target_size && *options.target_size >= cloud.size()) return copy_of(cloud, context);
     const Clusters clusters =
         incremental_clusters(cloud.positions, options, context.part(0.0, 0.8));
     context.checkpoint(0.85);

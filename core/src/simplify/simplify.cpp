@@ -3,6 +3,7 @@
 #include "base/refuse.hpp"
 #include "cloud/cloud_copy.hpp"
 #include "clustering/clustering_options.hpp"
+#include "clustering/representatives.hpp"
 #include "contraction/contraction_options.hpp"
 #include "particles/particle_simulator.hpp"
 #include "stipple/error_bounded.hpp"
@@ -146,6 +147,8 @@ PointCloud simplify(const PointCloud& cloud, const SimplifyOptions& options,
         return simplify_within_error(cloud, options, context).cloud;
     std::optional<std::uint64_t> target = options.points;
     if (options.ratio) target = scaled(cloud.size(), *options.ratio);
+    // Attributes that it names must be there, also where nothing is reduced.
+    reductions_for(cloud, options.reductions, Representative::Centroid);
     if (target && *target >= cloud.size()) return copy_of(cloud, context);
 
     const auto own = [&](const auto& defaults) { return with_common(defaults, options, target); };

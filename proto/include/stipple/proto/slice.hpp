@@ -31,7 +31,7 @@ struct SliceOptions {
 };
 
 /// @throws Error(InvalidArgument) for no budget or several, or one out of range; for a box whose
-/// minimum corner is not below its maximum; for a format that slices do not offer.
+/// minimum corner is above its maximum; for a format that slices do not offer.
 void validate(const SliceOptions& options);
 
 /// The query of `GET /v1/pyramids/{id}/slice`: `points=5000&box=0,0,0,1,1,1&format=drc`.
