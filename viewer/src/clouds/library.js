@@ -14,6 +14,7 @@ export class Library {
         this.jobs = [];
         this.wanted = { clouds: kMore, results: kMore };  // how many, newest first
         this.current = null;
+        this.lastLook = null;
         this.shownAs = null;  // the lists as they are on the page
         for (const list of ['clouds', 'results']) {
             byId[`older-${list}`].onclick = () => {
@@ -23,13 +24,21 @@ export class Library {
         }
     }
 
-    async refresh() {
-        const [clouds, jobs] = await Promise.all([listClouds(this.wanted.clouds), listJobs(this.wanted.results)]);
-        this.clouds = clouds.items;
-        this.jobs = jobs.items;
-        showOlder('clouds', clouds.areMore);
-        showOlder('results', jobs.areMore);
-        this.show();
+    /** Of several looks at a time the last one counts: those before may still have what was removed since. */
+    refresh() {
+        const look = Promise.all([listClouds(this.wanted.clouds), listJobs(this.wanted.results)]).then(([clouds, jobs]) => {
+            if (look !== this.lastLook) {
+                return this.lastLook;
+            }
+            this.clouds = clouds.items;
+            this.jobs = jobs.items;
+            showOlder('clouds', clouds.areMore);
+            showOlder('results', jobs.areMore);
+            this.show();
+            return undefined;
+        });
+        this.lastLook = look;
+        return look;
     }
 
     /** One that was just started is there without being asked for. */

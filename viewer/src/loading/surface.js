@@ -83,7 +83,7 @@ function started() {
         }
     };
     worker.onerror = () => {
-        [...waiting.keys()].forEach((id) => fail(id, 'estimating the surface ran out of memory'));
+        [...waiting.keys()].forEach((id) => fail(id, 'the surface could not be estimated: for lack of memory, or since the page is another version than its server; load it anew'));
         end(self);
     };
     return self;
