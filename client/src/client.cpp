@@ -4,6 +4,7 @@
 #include "event_stream.hpp"
 #include "http_connection.hpp"
 #include "stipple/proto/digest.hpp"
+#include "stipple/proto/idempotency_key.hpp"
 
 #include <unistd.h>
 #include <algorithm>
@@ -61,7 +62,7 @@ HttpReply with_retries(
 }
 
 Error not_ours(const std::string& where) {
-    return {ErrorCode::Internal, where + ": its answer is none of a stippled server: is it one?"};
+    return {ErrorCode::Internal, where + ": not the answer of a stippled server: is it one?"};
 }
 
 /// The reply, when it is a good one. @throws Error for what the server says, or for its not being
@@ -93,16 +94,6 @@ const std::string& checked_id(const std::string& id) {
         throw Error(ErrorCode::InvalidArgument,
                     "id '" + id + "': expected lower-case hexadecimal digits");
     return id;
-}
-
-/// It becomes part of a head: nothing in it may end its line.
-void check_idempotency_key(const std::string& key) {
-    constexpr std::size_t kLongest = 255;
-    const auto is_printable = [](char c) { return ' ' <= c && c <= '~'; };
-    if (key.size() <= kLongest && std::ranges::all_of(key, is_printable)) return;
-    throw Error(ErrorCode::InvalidArgument,
-                "idempotency key of " + std::to_string(key.size()) +
-                    " bytes: expected 1..255 printable ASCII characters");
 }
 
 /// Whatever it holds is kept from being read as more of the query.
@@ -255,7 +246,7 @@ CloudPage Client::clouds(const std::optional<std::string>& cursor) {
 
 proto::JobDocument Client::submit(const proto::JobRequest& request, std::string idempotency_key) {
     if (idempotency_key.empty()) idempotency_key = proto::random_hex(16);
-    check_idempotency_key(idempotency_key);
+    proto::check_idempotency_key(idempotency_key);
     const HttpConnection& http = implementation_->http();
     const HttpHeaders headers = {{"Idempotency-Key", idempotency_key}};
     const std::string body = proto::to_json(request);

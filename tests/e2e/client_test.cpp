@@ -6,6 +6,7 @@
 #include "stipple/codec.hpp"
 #include "stipple/error.hpp"
 #include "stipple/proto/run_job.hpp"
+#include "support/expect_error.hpp"
 #include "support/stippled_process.hpp"
 
 #include <gtest/gtest.h>
@@ -112,6 +113,7 @@ TEST(Client, AServersResultIsByteForByteTheLocalOne) {
     job.options.points = 321;
     job.output.formats = {CloudFormat::Ply};
     const proto::JobRequest request{client.upload(folder / "in.ply").id, job};
+    test::expect_refused("printable ASCII", [&] { client.submit(request, "a\r\nX: y"); });
     const auto document = client.wait(client.submit(request).id);
     ASSERT_EQ(document.status, proto::JobStatus::Successful);
     const auto results = client.results(document.id);

@@ -4,6 +4,7 @@
 
 #include "stipple/error.hpp"
 #include "stipple/proto/digest.hpp"
+#include "stipple/proto/idempotency_key.hpp"
 
 #include <algorithm>
 
@@ -14,7 +15,6 @@ namespace {
 using std::chrono::steady_clock;
 
 constexpr const char* kJson = "application/json";
-constexpr std::size_t kMaxKeyLength = 255;
 constexpr unsigned kMaxPage = 1000;
 
 Error no_such(const char* what, const std::string& id) {
@@ -25,14 +25,6 @@ void check_page(unsigned limit) {
     if (limit >= 1 && limit <= kMaxPage) return;
     throw Error(ErrorCode::InvalidArgument,
                 "limit " + std::to_string(limit) + ": expected 1.." + std::to_string(kMaxPage));
-}
-
-void check_key(const std::string& key) {
-    const bool printable = std::ranges::all_of(key, [](char c) { return ' ' <= c && c <= '~'; });
-    if (!key.empty() && key.size() <= kMaxKeyLength && printable) return;
-    throw Error(ErrorCode::InvalidArgument,
-                "idempotency key of " + std::to_string(key.size()) + " bytes: expected 1.." +
-                    std::to_string(kMaxKeyLength) + " printable ASCII characters");
 }
 
 bool is_pyramid(const proto::JobRequest& request) {
@@ -151,7 +143,7 @@ Submission<proto::JobDocument> Service::submit(const std::string& tenant,
                                                const proto::JobRequest& request,
                                                const std::optional<std::string>& idempotency_key) {
     if (idempotency_key) {
-        check_key(*idempotency_key);
+        proto::check_idempotency_key(*idempotency_key);
         // Before all that may have changed since: who repeats a request learns of its job.
         if (auto known = jobs_.find_submitted(tenant, request, *idempotency_key))
             return {with_links(std::move(*known)), true};
