@@ -166,8 +166,13 @@ export async function persist(ask, { signal, onLost }) {
 
 /** Ends at once when `signal` says so. */
 export const pause = (ms, signal) => new Promise((resolve) => {
-    setTimeout(resolve, ms);
-    signal?.addEventListener('abort', resolve, { once: true });
+    const end = () => {
+        clearTimeout(timer);
+        signal?.removeEventListener('abort', end);
+        resolve();
+    };
+    const timer = setTimeout(end, ms);
+    signal?.addEventListener('abort', end);
 });
 
 /** Whether the same request may succeed a little later. */
