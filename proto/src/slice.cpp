@@ -3,13 +3,12 @@
 #include "draco_rounding.hpp"
 #include "job_cloud.hpp"
 #include "json_parts.hpp"
+#include "slice_levels.hpp"
 #include "stipple/error.hpp"
-#include "stipple/proto/tiles.hpp"
 #include "stipple/surface_error.hpp"
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <memory>
 #include <string>
 #include <string_view>
@@ -20,23 +19,11 @@ namespace {
 
 constexpr std::uint64_t kMostGlbPoints = 65'536;
 constexpr int kMostTries = 12;
-constexpr double kCloseEnough = 0.98;   // of a budget of bytes
-constexpr std::uint64_t kMostRead = 4;  // points, for each that may be returned
-
-struct Distances {
-    double mean = 0, max = 0;
-};
-
-/// Points of a level that lie in the box, and how far that level is from the source.
-struct Cut {
-    std::size_t level = 0;
-    PointCloud cloud;
-    std::optional<Distances> error;
-};
+constexpr double kCloseEnough = 0.98;  // of a budget of bytes
 
 /// A cloud that may be the answer: a cut, or fewer points of it.
 struct Candidate {
-    std::shared_ptr<const Cut> cut;
+    std::shared_ptr<const LevelCut> cut;
     std::optional<PointCloud> trimmed;
     std::vector<std::byte> bytes;
 
@@ -46,69 +33,6 @@ struct Candidate {
 /// As short as tells it apart, however small: 1e-09, 0.25.
 std::string number(double value) {
     return std::isfinite(value) ? Json(value).dump() : std::to_string(value);
-}
-
-/// Of `float64`: 8.
-std::uint64_t size_of_type(std::string_view name) noexcept {
-    if (name.ends_with("64")) return 8;
-    if (name.ends_with("32")) return 4;
-    return name.ends_with("16") ? 2 : 1;
-}
-
-const OutputFile* find_ply(const OutputCloud& level) {
-    const auto found = std::ranges::find(level.files, CloudFormat::Ply, &OutputFile::format);
-    return found == level.files.end() ? nullptr : &*found;
-}
-
-void append(PointCloud& to, PointCloud&& from) {
-    if (to.empty()) {
-        to = std::move(from);
-        return;
-    }
-    const auto add = [](auto& all, auto& more) { all.insert(all.end(), more.begin(), more.end()); };
-    add(to.positions, from.positions);
-    add(to.normals, from.normals);
-    add(to.colors, from.colors);
-    for (std::size_t i = 0; i < to.attributes.size(); ++i) {
-        std::visit(
-            [&](auto& all) {
-                add(all, std::get<std::decay_t<decltype(all)>>(from.attributes.at(i).values));
-            },
-            to.attributes[i].values);
-    }
-}
-
-bool meet(const Aabb& a, const Aabb& b) {
-    return (a.min.array() <= b.max.array()).all() && (b.min.array() <= a.max.array()).all();
-}
-
-/// The float next to a place in the box, relative to the origin: in the box, too, if floats are
-/// that close.
-Vec3f float_in(const Aabb& box, const Vec3d& place, const Vec3d& origin) {
-    constexpr float kFar = std::numeric_limits<float>::infinity();
-    Vec3f p = (place - origin).cast<float>();
-    for (int axis = 0; axis < 3; ++axis) {
-        const double at = origin[axis] + static_cast<double>(p[axis]);
-        if (at < box.min[axis]) p[axis] = std::nextafter(p[axis], kFar);
-        if (at > box.max[axis]) p[axis] = std::nextafter(p[axis], -kFar);
-    }
-    return p;
-}
-
-/// The points in the box, and those that may lie in it though they are rounded: these are moved
-/// onto its faces.
-/// @param reach  the box with what rounding may have taken across its faces.
-PointCloud points_in(PointCloud&& cloud, const Aabb& box, const Aabb& reach) {
-    std::vector<Index> inside;
-    for (std::size_t i = 0; i < cloud.size(); ++i) {
-        const Vec3d p = cloud.origin + cloud.positions[i].cast<double>();
-        if (!((p.array() >= reach.min.array()).all() && (p.array() <= reach.max.array()).all()))
-            continue;
-        inside.push_back(static_cast<Index>(i));
-        const Vec3d nearest = p.cwiseMax(box.min).cwiseMin(box.max);
-        if (p != nearest) cloud.positions[i] = float_in(box, nearest, cloud.origin);
-    }
-    return inside.size() == cloud.size() ? std::move(cloud) : subset(cloud, inside);
 }
 
 /// Brings positions that a method moved out of the box of others back to its faces.
@@ -141,13 +65,8 @@ public:
         : pyramid_(pyramid),
           job_(std::get<PyramidJob>(pyramid.request.job)),
           options_(options),
-          read_(read),
           context_(context),
-          cuts_(pyramid.levels.size()) {
-        const Aabb& source = pyramid.source.value().bounds;
-        center_ = 0.5 * (source.min + source.max);
-        origin_ = pyramid.levels.front().origin.value_or(center_);
-    }
+          levels_(pyramid, options, read, context) {}
 
     Slice run() {
         if (options_.points) return sliced(with_points(*options_.points));
@@ -159,193 +78,11 @@ public:
     }
 
 private:
-    // Levels.
-
-    /// Whether to read the level from tiles.
-    bool tiled(const OutputCloud& level) const {
-        const bool tiles = std::ranges::any_of(
-            level.files, [](const OutputFile& f) { return f.tile.has_value(); });
-        return tiles && (find_ply(level) == nullptr || (options_.box && keep_attributes(level)));
-    }
-
-    /// Whether tiles have the attributes as they are that they are asked to have: all but those
-    /// that a float does not hold.
-    bool keep_attributes(const OutputCloud& level) const {
-        const auto is_wide = [](const CloudAttribute& attribute) {
-            return attribute.type == "int32" || attribute.type == "uint32" ||
-                   attribute.type == "float64";
-        };
-        return !job_.tiles.attributes || std::ranges::none_of(level.attributes, is_wide);
-    }
-
-    bool in_box(const OutputFile& file) const {
-        if (!file.tile) return false;
-        if (!options_.box) return true;
-        return meet(*options_.box, pyramid_.source.value().bounds) &&
-               meet(reach_of(*file.tile), box_of(*file.tile));
-    }
-
-    /// Of the points of a tile.
-    Aabb box_of(const LodTile& tile) const {
-        const Vec3d low = center_ + tile.offset;
-        return {low, low + tile.step * Vec3d(tile.last[0], tile.last[1], tile.last[2])};
-    }
-
-    /// The box with what rounding may have taken across its faces: half a step, and what floats
-    /// round. Outside of the source's box there was nothing.
-    Aabb reach_of(const LodTile& tile) const {
-        const Aabb &box = *options_.box, &source = pyramid_.source.value().bounds;
-        const Aabb points = box_of(tile);
-        double largest = 0;  // of the numbers that were rounded to floats
-        for (const Vec3d& from : {center_, origin_})
-            for (const Vec3d& corner : {points.min, points.max})
-                largest = std::max(largest, (corner - from).cwiseAbs().maxCoeff());
-        constexpr double kFloat = std::numeric_limits<float>::epsilon(),
-                         kFar = std::numeric_limits<double>::infinity();
-        const double off = 0.5 * tile.step + kFloat * largest;
-        Aabb reach{box.min.array() - off, box.max.array() + off};
-        for (int axis = 0; axis < 3; ++axis) {
-            if (box.min[axis] <= source.min[axis]) reach.min[axis] = -kFar;
-            if (box.max[axis] >= source.max[axis]) reach.max[axis] = kFar;
-        }
-        return reach;
-    }
-
-    /// Calls visit(file) for the tiles in the box that are the level: those of coarser ones, too,
-    /// where tiles are additive.
-    template <typename Visit>
-    void for_tiles(const OutputCloud& level, Visit&& visit) const {
-        for (const OutputCloud& other : pyramid_.levels) {
-            const bool above = job_.options.nested && other.level < level.level;
-            if (!above && other.level != level.level) continue;
-            for (const OutputFile& file : other.files)
-                if (in_box(file)) visit(file);
-        }
-    }
-
-    /// The most points that the level can have in the box.
-    std::uint64_t most_points(const OutputCloud& level) const {
-        if (!tiled(level)) return level.points;
-        std::uint64_t points = 0;
-        for_tiles(level, [&](const OutputFile& file) { points += file.tile->points; });
-        return points;
-    }
-
-    /// Of a point in memory, with the attributes that it is read with.
-    std::uint64_t bytes_of_point(const OutputCloud& level) const {
-        const bool all = !tiled(level) || job_.tiles.attributes;
-        std::uint64_t bytes = sizeof(Vec3f);
-        for (const CloudAttribute& attribute : level.attributes)
-            if (all || attribute.name == "normal" || attribute.name == "color")
-                bytes += std::uint64_t{attribute.components} * size_of_type(attribute.type);
-        return bytes;
-    }
-
-    /// @throws Error(TooLarge) where the level has more points here than are read.
-    void require_readable(const OutputCloud& level) const {
-        const std::uint64_t points = most_points(level), bytes = bytes_of_point(level);
-        const std::uint64_t most =
-            std::min(kMostRead * options_.max_points, options_.max_read_bytes / bytes);
-        if (points <= most) return;
-        throw Error(ErrorCode::TooLarge,
-                    "level " + std::to_string(level.level) + " has " + std::to_string(points) +
-                        " points of " + std::to_string(bytes) + " bytes here: at most " +
-                        std::to_string(most) + " are read; ask for fewer points, or a smaller box");
-    }
-
-    std::shared_ptr<const Cut> read_level(std::size_t number) const {
-        const OutputCloud& level = pyramid_.levels[number];
-        context_.throw_if_stopped();
-        require_readable(level);
-        Cut cut{number, {}, error_of(level)};
-        if (tiled(level)) {
-            read_tiles(level, cut.cloud);
-        } else if (const OutputFile* const ply = find_ply(level)) {
-            cut.cloud = read_ply(*ply, level.points);
-            if (options_.box)
-                cut.cloud = points_in(std::move(cut.cloud), *options_.box, *options_.box);
-        } else {
-            throw Error(ErrorCode::InvalidArgument,
-                        "this pyramid has neither PLY levels nor tiles: make it with one of the "
-                        "formats ply and glb to cut clouds from it");
-        }
-        return std::make_shared<const Cut>(std::move(cut));
-    }
-
-    /// Bytes of another format are not decoded: Draco's needs its own process.
-    PointCloud read_ply(const OutputFile& file, std::uint64_t points) const {
-        const std::vector<std::byte> bytes = read_(file);
-        if (detect_format(bytes) != CloudFormat::Ply)
-            throw Error(ErrorCode::MalformedInput,
-                        file.sha256 + ": expected PLY, as the manifest says");
-        PointCloud cloud = decode_cloud(bytes, DecodeLimits{.max_points = points}, context_);
-        require_points(file, cloud.size(), points);
-        return cloud;
-    }
-
-    static void require_points(const OutputFile& file, std::uint64_t found,
-                               std::uint64_t expected) {
-        if (found == expected) return;
-        throw Error(ErrorCode::MalformedInput, file.sha256 + ": expected " +
-                                                   std::to_string(expected) +
-                                                   " points, as the manifest says");
-    }
-
-    /// In the frame of the source.
-    void read_tiles(const OutputCloud& level, PointCloud& cloud) const {
-        cloud.origin = origin_;
-        for_tiles(level, [&](const OutputFile& file) {
-            context_.throw_if_stopped();
-            LodTile tile = decode_glb(read_(file));
-            require_points(file, tile.points, file.tile->points);
-            tile.offset += center_ - origin_;
-            PointCloud part = decode_tile(tile, origin_);
-            if (options_.box)
-                part = points_in(std::move(part), *options_.box, reach_of(*file.tile));
-            append(cloud, std::move(part));
-        });
-    }
-
-    /// That of the level, or of its tiles here: where they are read, and where it was not measured.
-    /// Where tiles are additive a level has none in places to which it adds nothing: that of all
-    /// its tiles then.
-    std::optional<Distances> error_of(const OutputCloud& level) const {
-        if (level.error && !tiled(level))
-            return Distances{level.error->error.mean(), level.error->error.max()};
-        if (job_.options.nested && level.decoded)
-            return Distances{level.decoded->error.mean, level.decoded->error.max};
-        Distances error;
-        double points = 0;
-        for (const OutputFile& file : level.files) {
-            if (!in_box(file)) continue;
-            const double share = static_cast<double>(file.tile->points);
-            error.mean += share * file.tile->error.mean;
-            error.max = std::max(error.max, file.tile->error.max);
-            points += share;
-        }
-        if (points == 0) return std::nullopt;
-        error.mean /= points;
-        return error;
-    }
-
-    /// The coarsest level with so many points in the box, or the finest.
-    std::shared_ptr<const Cut> level_with(std::uint64_t points) {
-        const std::size_t finest = pyramid_.levels.size() - 1;
-        for (std::size_t i = 0;; ++i) {
-            if (i < finest && most_points(pyramid_.levels[i]) < points) continue;
-            if (!cuts_[i]) cuts_[i] = read_level(i);
-            if (cuts_[i]->cloud.size() < points && i < finest) continue;
-            if (cuts_[i]->cloud.empty())
-                throw Error(ErrorCode::NotFound, "no point lies in the box");
-            return cuts_[i];
-        }
-    }
-
     // Budgets.
 
     Candidate with_points(std::uint64_t points) {
-        require_room(std::min(points, most_points(pyramid_.levels.back())));
-        Candidate candidate{level_with(points), {}, {}};
+        require_room(std::min(points, levels_.most_points(pyramid_.levels.back())));
+        Candidate candidate{levels_.level_with(points), {}, {}};
         const PointCloud& all = candidate.cut->cloud;
         if (all.size() > points) candidate.trimmed = simplified(all, points);
         candidate.bytes = encoded(candidate.cloud());
@@ -399,13 +136,13 @@ private:
     }
 
     Candidate within_error(double bound) {
-        std::optional<Distances> error;
+        std::optional<LevelDistances> error;
         for (std::size_t i = 0; i < pyramid_.levels.size(); ++i) {
             const OutputCloud& level = pyramid_.levels[i];
-            error = error_of(level);
+            error = levels_.error_of(level);
             if (!error || error->max > bound) continue;
-            if (tiled(level)) require_room(most_points(level));
-            Candidate candidate{read_level(i), {}, {}};
+            if (levels_.tiled(level)) require_room(levels_.most_points(level));
+            Candidate candidate{levels_.read_level(i), {}, {}};
             if (candidate.cloud().empty()) {  // the box may lie between the points of the level
                 if (i + 1 < pyramid_.levels.size()) continue;
                 throw Error(ErrorCode::NotFound, "no point lies in the box");
@@ -415,7 +152,7 @@ private:
             error->max += rounding_of(candidate).max;
             if (error->max <= bound) return candidate;
         }
-        if (most_points(pyramid_.levels.back()) == 0)
+        if (levels_.most_points(pyramid_.levels.back()) == 0)
             throw Error(ErrorCode::NotFound, "no point lies in the box");
         throw Error(ErrorCode::InvalidArgument,
                     "max_error " + number(bound) +
@@ -426,7 +163,7 @@ private:
 
     /// Of the finest level, and that may be returned.
     std::uint64_t most_points() const {
-        return std::min({options_.max_points, most_points(pyramid_.levels.back()),
+        return std::min({options_.max_points, levels_.most_points(pyramid_.levels.back()),
                          options_.format == CloudFormat::Glb ? kMostGlbPoints : UINT64_MAX});
     }
 
@@ -456,8 +193,8 @@ private:
     }
 
     Slice sliced(Candidate&& candidate) const {
-        const Cut& cut = *candidate.cut;
-        const Distances rounding = rounding_of(candidate);
+        const LevelCut& cut = *candidate.cut;
+        const LevelDistances rounding = rounding_of(candidate);
         Slice slice{.bytes = std::move(candidate.bytes),
                     .points = candidate.cloud().size(),
                     .level = pyramid_.levels[cut.level].level,
@@ -511,7 +248,7 @@ private:
     }
 
     /// What rounding adds, at most: steps are the longest that the format may take.
-    Distances rounding_of(const Candidate& candidate) const {
+    LevelDistances rounding_of(const Candidate& candidate) const {
         double step = 0;
         if (options_.format == CloudFormat::Glb) {
             const LodTile tile = decode_glb(candidate.bytes);
@@ -527,11 +264,8 @@ private:
     const Results& pyramid_;
     const PyramidJob& job_;
     const SliceOptions& options_;
-    const FileReader& read_;
     const RunContext& context_;
-    Vec3d center_;  ///< of the source's box: tiles are relative to it
-    Vec3d origin_;  ///< of the source's positions
-    std::vector<std::shared_ptr<const Cut>> cuts_;  ///< of the levels that were read
+    SliceLevels levels_;
 };
 
 }  // namespace
