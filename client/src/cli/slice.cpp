@@ -28,7 +28,8 @@ proto::Slice slice_here(const SliceCommand& command, const Session& session) {
         files.push_back(folder / file.name);
     require_apart(files, {command.output, command.common.json});
     proto::SliceOptions options = command.options;
-    options.max_points = UINT32_MAX;  // of a server
+    options.max_points = UINT32_MAX;  // both are limits of a server
+    options.max_read_bytes = UINT64_MAX;
     const RunContext context = context_of(command.common, session);
     fs::path at = folder / "manifest.json";  // the file that is being read
     const auto read = [&](const proto::OutputFile& file) {
