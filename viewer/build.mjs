@@ -42,10 +42,10 @@ assets['viewer.js'] = place('viewer.js', await bundle('src/main.js', {
 placePage();
 writeFileSync(join(out, 'viewer_files.cpp'), cppSource(filesUnder(page).map(describe)));
 
-/** Puts a file where it is served from, under a name with a hash of its bytes, so that it can be cached for ever; its URL. */
+/** Puts a file where it is served from, under a name with a hash of its bytes, so that it can be cached for ever; its URL, relative to the page's. */
 function place(name, bytes) {
     const { name: stem, ext } = parse(name);
-    const url = `/assets/${stem}-${digest(bytes).slice(0, 12)}${ext}`;
+    const url = `assets/${stem}-${digest(bytes).slice(0, 12)}${ext}`;
     writeFileSync(join(page, url), bytes);
     return url;
 }
@@ -76,7 +76,7 @@ async function bundle(entry, define = {}) {
 /** The page names its files as they are called in the sources. */
 function placePage() {
     const html = readFileSync(join(source, 'index.html'), 'utf8');
-    writeFileSync(join(page, 'index.html'), html.replaceAll(/\/assets\/([\w.]+)/g, (_, name) => assets[name]));
+    writeFileSync(join(page, 'index.html'), html.replaceAll(/assets\/([\w.]+)/g, (_, name) => assets[name]));
 }
 
 function digest(bytes) {

@@ -10,7 +10,7 @@ namespace {
 
 [[noreturn]] void refuse(std::string_view text, const std::string& why) {
     throw Error(ErrorCode::InvalidArgument, "server address '" + std::string(text) + "': " + why +
-                                                ": expected http://HOST[:PORT]");
+                                                ": expected http://HOST[:PORT][/PATH]");
 }
 
 int default_port(std::string_view scheme) {
@@ -20,6 +20,10 @@ int default_port(std::string_view scheme) {
 bool is_host_character(char c) {
     return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '-' ||
            c == '.' || c == '_';
+}
+
+bool is_path_character(char c) {
+    return is_host_character(c) || c == '/';
 }
 
 bool is_address_character(char c) {
@@ -38,9 +42,13 @@ int parse_port(std::string_view text, std::string_view digits) {
 
 }  // namespace
 
-std::string BaseUrl::text() const {
+std::string BaseUrl::origin() const {
     const std::string address = scheme + "://" + host;
     return port == default_port(scheme) ? address : address + ":" + std::to_string(port);
+}
+
+std::string BaseUrl::on_host(const std::string& server_path) const {
+    return server_path.starts_with(path + "/") ? server_path : path + server_path;
 }
 
 BaseUrl parse_base_url(std::string_view text) {
@@ -53,7 +61,12 @@ BaseUrl parse_base_url(std::string_view text) {
 
     std::string_view rest = text.substr(separator + 3);
     if (rest.ends_with('/')) rest.remove_suffix(1);
-    if (rest.find_first_of("/?#") != std::string_view::npos) refuse(text, "a path is not allowed");
+    if (rest.find_first_of("?#") != std::string_view::npos) refuse(text, "a query is not allowed");
+    const std::size_t path_begin = std::min(rest.find('/'), rest.size());
+    url.path = rest.substr(path_begin);
+    rest = rest.substr(0, path_begin);
+    if (!std::ranges::all_of(url.path, is_path_character) || url.path.find("//") != url.path.npos)
+        refuse(text, "path '" + url.path + "' has other than letters, digits, '-', '_' and '.'");
     if (rest.find('@') != std::string_view::npos)
         refuse(text, "a name or password is not allowed (use an API key)");
 

@@ -35,16 +35,19 @@ void pause(Seconds time, const std::stop_token& stop) {
 }
 
 /// Repeats what may be repeated: when no answer came, or the server asked for a little patience.
-/// @param got_on  since the last attempt: it counts as the first again.
+/// @param got_on  since the last attempt: it counts as the first again, and a server that was there
+/// is waited for longer, a minute: it may start anew.
 template <typename Call>
 HttpReply with_retries(
     const std::stop_token& stop, Call&& call,
     const std::function<bool()>& got_on = [] { return false; }) {
-    constexpr int kAttempts = 4;
+    constexpr int kAttempts = 4, kAttemptsOnceThere = 10;
     constexpr Seconds kLongestPause{10.0}, kFirstPause{0.1};
     Seconds delay = kFirstPause;
-    for (int attempt = 1;; ++attempt, delay *= 4) {
+    int attempts = kAttempts;
+    for (int attempt = 1;; ++attempt, delay = std::min(4 * delay, kLongestPause)) {
         if (got_on()) {
+            attempts = kAttemptsOnceThere;
             attempt = 1;
             delay = kFirstPause;
         }
@@ -52,10 +55,10 @@ HttpReply with_retries(
             HttpReply reply = call();
             const bool busy = reply.status == 429 || reply.status == 503;
             const Seconds asked(reply.retry_after.value_or(delay.count()));
-            if (!busy || attempt == kAttempts || asked > kLongestPause) return reply;
+            if (!busy || attempt == attempts || asked > kLongestPause) return reply;
             pause(std::max(asked, delay), stop);
         } catch (const ConnectionError&) {
-            if (attempt == kAttempts) throw;
+            if (attempt == attempts) throw;
             pause(delay, stop);
         }
     }
@@ -187,7 +190,10 @@ public:
         return expect_ok(reply, where(path)).body;
     }
 
-    std::string where(const std::string& path) const { return http_.url().text() + path; }
+    std::string where(const std::string& path) const {
+        const BaseUrl& url = http_.url();
+        return url.origin() + url.on_host(path);
+    }
     const HttpConnection& http() const { return http_; }
 
 private:
@@ -296,7 +302,14 @@ proto::JobDocument Client::follow(const std::string& id,
         };
         std::uint64_t seen = after;
         const auto got_on = [&] { return std::exchange(seen, after) != after; };
-        expect_ok(with_retries(http.stop_token(), listen, got_on), implementation_->where(path));
+        try {
+            expect_ok(with_retries(http.stop_token(), listen, got_on),
+                      implementation_->where(path));
+        } catch (const ConnectionError& error) {
+            throw ConnectionError(std::string(error.what()) + "; job " + id +
+                                  " may go on there: its results will be at " +
+                                  implementation_->where("/v1/jobs/" + id + "/results"));
+        }
         // A stream that ends with nothing new: the job is over, or the server is going down.
         if (!final && after == before) {
             if (proto::is_final(job(id).status)) break;

@@ -104,10 +104,11 @@ HttpConnection::HttpConnection(BaseUrl url, const std::string& api_key,
 }
 
 template <typename Call>
-HttpReply HttpConnection::perform(const std::string& path, std::chrono::seconds extra_time,
+HttpReply HttpConnection::perform(const std::string& server_path, std::chrono::seconds extra_time,
                                   bool ended_by_caller_is_fine, Call&& call) const {
     constexpr std::chrono::seconds kConnectTime{5};
-    httplib::Client client(url_.text());
+    const std::string path = url_.on_host(server_path);
+    httplib::Client client(url_.origin());
     client.set_connection_timeout(std::min(kConnectTime, timeout_));
     client.set_read_timeout(timeout_ + extra_time);
     client.set_write_timeout(timeout_);
@@ -116,12 +117,12 @@ HttpReply HttpConnection::perform(const std::string& path, std::chrono::seconds 
 
     const std::stop_callback shut_down(stop_, [&] { client.stop(); });
     if (stop_.stop_requested()) throw Cancelled();
-    const httplib::Result result = call(client);
+    const httplib::Result result = call(client, path);
     if (stop_.stop_requested()) throw Cancelled();
     if (!result) {
         if (ended_by_caller_is_fine && result.error() == httplib::Error::Canceled)
             return HttpReply{200, {}, {}, {}, {}};
-        const std::string message = url_.text() + path + ": " +
+        const std::string message = url_.origin() + path + ": " +
                                     what_happened(result.error(), timeout_ + extra_time) + ": " +
                                     remedy(result.error());
         if (is_of_tls(result.error())) throw Error(ErrorCode::InvalidArgument, message);
@@ -131,9 +132,10 @@ HttpReply HttpConnection::perform(const std::string& path, std::chrono::seconds 
 }
 
 HttpReply HttpConnection::get(const std::string& path, std::chrono::seconds extra_time) const {
-    return perform(path, extra_time, false, [&](httplib::Client& client) {
-        return client.Get(path, with(common_headers_, {}));
-    });
+    return perform(path, extra_time, false,
+                   [&](httplib::Client& client, const std::string& target) {
+                       return client.Get(target, with(common_headers_, {}));
+                   });
 }
 
 HttpReply HttpConnection::get(const std::string& path, const HttpHeaders& headers,
@@ -141,27 +143,28 @@ HttpReply HttpConnection::get(const std::string& path, const HttpHeaders& header
     // The content of a bad reply is a problem document, and not for the receiver.
     bool good = false;
     std::string problem;
-    HttpReply reply = perform(path, {}, true, [&](httplib::Client& client) {
-        return client.Get(
-            path, with(common_headers_, headers),
-            [&](const httplib::Response& head) {
-                good = head.status >= 200 && head.status < 300;
-                return true;
-            },
-            [&](const char* data, std::size_t size) {
-                if (good) return receiver({data, size});
-                problem.append(data, size);
-                return problem.size() < 65536;
-            });
-    });
+    HttpReply reply =
+        perform(path, {}, true, [&](httplib::Client& client, const std::string& target) {
+            return client.Get(
+                target, with(common_headers_, headers),
+                [&](const httplib::Response& head) {
+                    good = head.status >= 200 && head.status < 300;
+                    return true;
+                },
+                [&](const char* data, std::size_t size) {
+                    if (good) return receiver({data, size});
+                    problem.append(data, size);
+                    return problem.size() < 65536;
+                });
+        });
     if (!reply.ok()) reply.body = std::move(problem);
     return reply;
 }
 
 HttpReply HttpConnection::post(const std::string& path, const HttpHeaders& headers,
                                const std::string& body) const {
-    return perform(path, {}, false, [&](httplib::Client& client) {
-        return client.Post(path, with(common_headers_, headers), body, "application/json");
+    return perform(path, {}, false, [&](httplib::Client& client, const std::string& target) {
+        return client.Post(target, with(common_headers_, headers), body, "application/json");
     });
 }
 
@@ -189,18 +192,19 @@ HttpReply HttpConnection::post(const std::string& path, std::uint64_t bytes,
     if (bytes > 0) length.emplace_back("Content-Length", std::to_string(bytes));
     // The server answers once all is hashed and durable: give the disk the time that the wire had.
     constexpr std::chrono::seconds kTimeToStore{120};
-    return perform(path, kTimeToStore, false, [&](httplib::Client& client) {
-        const auto provide = [&](std::size_t, std::size_t, httplib::DataSink& sink) {
-            return send(sink, client.socket());
-        };
-        return client.Post(path, with(common_headers_, length), known_bytes, provide,
-                           "application/octet-stream");
-    });
+    return perform(path, kTimeToStore, false,
+                   [&](httplib::Client& client, const std::string& target) {
+                       const auto provide = [&](std::size_t, std::size_t, httplib::DataSink& sink) {
+                           return send(sink, client.socket());
+                       };
+                       return client.Post(target, with(common_headers_, length), known_bytes,
+                                          provide, "application/octet-stream");
+                   });
 }
 
 HttpReply HttpConnection::remove(const std::string& path) const {
-    return perform(path, {}, false, [&](httplib::Client& client) {
-        return client.Delete(path, with(common_headers_, {}));
+    return perform(path, {}, false, [&](httplib::Client& client, const std::string& target) {
+        return client.Delete(target, with(common_headers_, {}));
     });
 }
 

@@ -63,7 +63,7 @@ public:
 
 private:
     template <typename Call>
-    HttpReply perform(const std::string& path, std::chrono::seconds extra_time,
+    HttpReply perform(const std::string& server_path, std::chrono::seconds extra_time,
                       bool ended_by_caller_is_fine, Call&& call) const;
 
     BaseUrl url_;

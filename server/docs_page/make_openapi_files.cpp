@@ -97,14 +97,14 @@ public:
         out_ << "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
              << "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>"
              << escaped(text_of(info, "title"))
-             << " API</title>\n<link rel=\"stylesheet\" href=\"/docs.css\">\n"
+             << " API</title>\n<link rel=\"stylesheet\" href=\"docs.css\">\n"
              << "</head>\n<body>\n<div class=\"layout\">\n";
         contents();
         out_ << "<main>\n<h1>" << escaped(text_of(info, "title")) << " <small>"
              << escaped(text_of(info, "version")) << "</small></h1>\n<p class=\"summary\">"
              << inline_text(text_of(info, "summary")) << "</p>\n"
              << block_text(text_of(info, "description"))
-             << "<p>As <a href=\"/openapi.yaml\">OpenAPI 3.1</a>. <a href=\"/\">The "
+             << "<p>As <a href=\"openapi.yaml\">OpenAPI 3.1</a>. <a href=\"./\">The "
                 "viewer</a>.</p>\n";
         for (const auto& tag : document_["tags"]) operations_of(tag);
         schemas();

@@ -112,6 +112,18 @@ bool is_origin(const std::string& text) {
     return has_only(scheme, kOfSchemes) && has_only(host, kOfHosts);
 }
 
+/// Whether every segment of it is one in an address as it stands.
+bool is_path_prefix(const std::string& text) {
+    if (!text.starts_with('/')) return text.empty();
+    for (std::string_view rest = text; !rest.empty();) {
+        rest.remove_prefix(1);
+        const std::string_view segment = rest.substr(0, rest.find('/'));
+        if (!has_only(segment, kOfDomains) || segment == "." || segment == "..") return false;
+        rest.remove_prefix(segment.size());
+    }
+    return true;
+}
+
 void add_addresses(CLI::App& serve, Flags& flags) {
     add(serve, "--listen", flags.listen, "address of the API, HOST:PORT; port 0: any free");
     add(serve, "--admin", flags.admin, "address of /livez, /readyz and /metrics");
@@ -193,6 +205,11 @@ void add_guards(CLI::App& serve, Flags& flags, ServerConfig& config) {
         ->check(expecting("a domain such as clouds.example.org, without scheme or port; one per "
                           "flag",
                           [](const std::string& text) { return has_only(text, kOfDomains); }));
+    add(serve, "--path-prefix", config.path_prefix,
+        "path under which a proxy offers the service,\nsuch as /stipple; requests may leave it out")
+        ->check(expecting("a slash and letters, digits, '-', '_' or '.', as /stipple or "
+                          "/scans/lab; no slash at the end",
+                          is_path_prefix));
     add(serve, "--log-level", config.log_level, "debug, info, warn or error")
         ->check(CLI::IsMember({"debug", "info", "warn", "error"}).description(""));
 }

@@ -44,6 +44,7 @@ struct ServerConfig {
     std::optional<std::filesystem::path> api_keys;
     bool insecure_no_auth = false;
     std::vector<std::string> cors_origins;
+    std::string path_prefix;              ///< of all paths, under which a proxy offers the service
     std::vector<std::string> host_names;  ///< by which a server for this machine alone is reached
     std::string log_level = "info";
 };

@@ -176,7 +176,7 @@ int serve(const ServerConfig& config) {
     close_to_others(database_in(config.data));
     const auto blobs = open_blobs(config);
     if (config.role != Role::Api) jobs->recover();
-    Service service(config.limits, *jobs, *blobs);
+    Service service(config.limits, *jobs, *blobs, Links(config.path_prefix));
 
     http::Metrics metrics;
     http::Api api({.keys = keys,

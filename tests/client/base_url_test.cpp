@@ -33,6 +33,15 @@ TEST(BaseUrl, MayEndWithOneSlash) {
     EXPECT_EQ(parse_base_url("http://localhost:8080/").text(), "http://localhost:8080");
 }
 
+TEST(BaseUrl, MayHaveAPathUnderWhichAProxyOffersTheServer) {
+    const BaseUrl url = parse_base_url("https://example.org:8443/scans/lab/");
+    EXPECT_EQ(url.text(), "https://example.org:8443/scans/lab");
+    EXPECT_EQ(url.origin(), "https://example.org:8443");
+    EXPECT_EQ(url.on_host("/v1/jobs"), "/scans/lab/v1/jobs");
+    EXPECT_EQ(url.on_host("/scans/lab/v1/jobs"), "/scans/lab/v1/jobs");  // a link in a reply
+    EXPECT_EQ(parse_base_url("http://a").on_host("/v1/jobs"), "/v1/jobs");
+}
+
 TEST(BaseUrl, KnowsIpv6AddressesInBrackets) {
     const BaseUrl url = parse_base_url("http://[::1]:8080");
     EXPECT_EQ(url.host, "[::1]");
@@ -53,7 +62,9 @@ TEST(BaseUrl, RefusesEveryOtherFormAndSaysWhy) {
     EXPECT_NE(refusal("http://a:65536").find("1..65535"), std::string::npos);
     EXPECT_NE(refusal("http://a:").find("1..65535"), std::string::npos);
     EXPECT_NE(refusal("http://a:8x").find("1..65535"), std::string::npos);
-    EXPECT_NE(refusal("http://a/v1").find("path"), std::string::npos);
+    EXPECT_NE(refusal("http://a/v1?x").find("query"), std::string::npos);
+    EXPECT_NE(refusal("http://a/v 1").find("letters"), std::string::npos);
+    EXPECT_NE(refusal("http://a//b").find("//b"), std::string::npos);
     EXPECT_NE(refusal("http://user:secret@a").find("password"), std::string::npos);
     EXPECT_NE(refusal("http://[::1").find("']'"), std::string::npos);
     EXPECT_NE(refusal("http://a\r\nX: y").find("character"), std::string::npos);

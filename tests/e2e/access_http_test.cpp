@@ -53,6 +53,30 @@ TEST(Stippled, AnswersToNoDomainButThoseItWasToldOf) {
         EXPECT_EQ(status_as(host), 421) << host;
 }
 
+/// A proxy that offers the service under a path may pass the path on or leave it out.
+TEST(Stippled, IsServedUnderThePathOfAProxy) {
+    const StippledProcess server({"--path-prefix", "/scans/lab"});
+    const std::string bytes = as_ply(sphere(100));
+    const HttpReply uploaded = request(server.port(), "POST", "/scans/lab/v1/clouds", bytes);
+    const std::string place = "/scans/lab/v1/clouds/" + hash_of(bytes);
+    EXPECT_EQ(uploaded.status, 201);
+    EXPECT_EQ(uploaded.field("Location"), place);
+    EXPECT_EQ(Json::parse(uploaded.body)["links"][0]["href"], place);
+    EXPECT_EQ(request(server.port(), "GET", place).status, 200);
+    EXPECT_EQ(request(server.port(), "GET", "/v1/clouds/" + hash_of(bytes)).status, 200);
+    EXPECT_EQ(request(server.port(), "GET", "/scans/labs/v1/clouds").status, 404);
+
+    EXPECT_EQ(request(server.port(), "GET", "/scans/lab/openapi.yaml").status, 200);
+    const HttpReply page = request(server.port(), "GET", "/scans/lab");
+    EXPECT_EQ(page.status, 308);
+    EXPECT_EQ(page.field("Location"), "/scans/lab/");
+
+    request(server.port(), "POST", "/v1/clouds", as_ply(sphere(101)));
+    EXPECT_TRUE(request(server.port(), "GET", "/v1/clouds?limit=1")
+                    .field("Link")
+                    .starts_with("</scans/lab/v1/clouds?cursor="));
+}
+
 TEST(Stippled, TellsCachesThatWhatItSharesDependsOnTheSite) {
     const StippledProcess server({"--cors-origin", "https://app.example"});
     const HttpReply own = request(server.port(), "GET", "/v1/clouds");

@@ -146,7 +146,7 @@ protected:
     TemporaryFolder folder_;
     std::unique_ptr<BlobStore> blobs_ = open_file_blob_store(folder_ / "blobs");
     std::unique_ptr<JobStore> jobs_ = open_sqlite_job_store(folder_ / "jobs.sqlite");
-    Outputs outputs_{*jobs_, *blobs_};
+    Outputs outputs_{*jobs_, *blobs_, Links()};
     std::string file_, name_;  ///< its hash, and that with the extension
 };
 
@@ -240,7 +240,7 @@ TEST_F(OutputsTest, HasDocumentsUnderTheirNamesAlone) {
 
 TEST_F(OutputsTest, OfASharedStoreAreAsNewAsTheJobs) {
     const auto shared = open_sqlite_job_store(folder_ / "jobs.sqlite", Sharing::WithOtherProcesses);
-    Outputs outputs(*shared, *blobs_);
+    Outputs outputs(*shared, *blobs_, Links());
     const std::string job =
         jobs_->submit("ada", pyramid_request(put_cloud(*jobs_, "ada", "cloud")), {}, {})
             .document.id;
@@ -322,7 +322,7 @@ TEST_F(TilesetTest, OfAJobThatWasDismissedStaysAndItsManifestSaysSo) {
 }
 
 TEST_F(OutputsTest, ForgetsTheJobThatWasNotAskedForLongestWhereAllListTooManyFiles) {
-    Outputs outputs(*jobs_, *blobs_, 200);
+    Outputs outputs(*jobs_, *blobs_, Links(), 200);
     std::vector<std::weak_ptr<const proto::Results>> made;
     for (int i = 0; i < 3; ++i) {
         const proto::JobDocument job =

@@ -21,7 +21,7 @@ import { Bookmark } from './page/bookmark.js';
 import { roomBesideCards, watchCards } from './page/card_room.js';
 import { byId } from './page/element.js';
 import { listenToKeys } from './page/keys.js';
-import { closeNewest, forgetProblems, showProblem } from './page/notices.js';
+import { closeNewest, forgetProblems, showMissing, showProblem } from './page/notices.js';
 import { isPhone, Sheet } from './page/sheet.js';
 import { followTheme } from './page/theme.js';
 import { Toolbar } from './page/toolbar.js';
@@ -221,11 +221,7 @@ async function removeWithCloud() {
 /** What the address names cannot be shown: there is the rest of the library. */
 function leave(error) {
     closeResult();
-    if (error.status === 404) {
-        showProblem(new Error('It may have been removed, or its address is incomplete.'), 'This result does not exist');
-    } else {
-        showProblem(error, 'The result could not be opened');
-    }
+    showMissing(error);
     library.refresh().then(invite).catch(showProblem);
 }
 

@@ -141,7 +141,8 @@ std::string error_line(const proto::ErrorFigures& figures, const TextStyle& styl
 }
 
 void print_line(const std::string& text, const Terminal& terminal) {
-    std::cerr << (terminal.interactive() ? wrapped(text, terminal.columns()) : text) << '\n';
+    // In one write: others write to the same terminal, and would come between.
+    std::cerr << (terminal.interactive() ? wrapped(text, terminal.columns()) : text) + '\n';
 }
 
 void print_warnings(const proto::ErrorFigures& figures, const fs::path& candidate,

@@ -67,6 +67,9 @@ void require_known_options(const CLI::App& app, const std::vector<std::string>& 
         const std::string name = argument.substr(0, argument.find('='));
         if (!name.starts_with("--") || command.get_option_no_throw(name) != nullptr) continue;
         const std::string near = option_near(command, name);
+        if (near == name)  // of a command, which is yet to come
+            throw UsageError(name + ": give it after the command, as in: stipple COMMAND FILE " +
+                             name);
         throw UsageError(name + ": no such option" +
                          (near.empty() ? " (see --help)" : ": did you mean " + near + "?"));
     }

@@ -87,6 +87,7 @@ Api::Api(ApiOptions options, Service& service, Metrics& metrics)
 
 Reply Api::handle(Request& request) {
     request.id = request_id(request.headers.find("X-Request-Id").value_or(""));
+    take_prefix(request);
     Reply reply;
     try {
         reply = answer(request);
@@ -111,7 +112,23 @@ void refuse_bodies_of_other_kinds(const Request& request) {
                         "`curl --data-binary @FILE` does");
 }
 
+/// A proxy may leave the prefix where it is or take it away.
+void Api::take_prefix(Request& request) const {
+    request.path_prefix = resources_.service.links().prefix();
+    const std::string_view rest =
+        std::string_view(request.path)
+            .substr(request.path.starts_with(request.path_prefix) ? request.path_prefix.size() : 0);
+    if (rest.starts_with('/')) request.path = std::string(rest);
+}
+
 Reply Api::answer(Request& request) {
+    // What the page names lies below its address, which must end with a slash.
+    if (!request.path_prefix.empty() && request.path == request.path_prefix) {
+        Reply reply;
+        reply.status = 308;
+        reply.headers.set("Location", request.path_prefix + "/");
+        return reply;
+    }
     RouteMatch match = find_route(request.method, request.path);
     if (match.same_path == nullptr) throw HttpError(404, "no such path: /docs lists all paths");
     request.route = match.same_path->path;

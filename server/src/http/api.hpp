@@ -33,6 +33,7 @@ public:
 
 private:
     Reply answer(Request& request);
+    void take_prefix(Request& request) const;
     void authorize(const Route& route, Request& request) const;
     void refuse_foreign_names(const Request& request) const;
     void refuse_foreign_sites(const Route& route, const Request& request) const;

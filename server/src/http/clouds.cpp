@@ -52,7 +52,7 @@ Reply upload_cloud(Resources& resources, Request& request) {
     const auto name = query_label(request, "name");
     const auto [cloud, existed] = receive_cloud(resources, request, name);
     Reply reply = json_reply(existed ? 200 : 201, proto::to_json(cloud));
-    reply.headers.set("Location", "/v1/clouds/" + cloud.id);
+    reply.headers.set("Location", resources.service.links().cloud(cloud.id));
     return reply;
 }
 

@@ -93,7 +93,7 @@ Reply submit_job(Resources& resources, Request& request) {
     const auto key = idempotency_key(request);
     const auto [job, existed] = resources.service.submit(request.tenant, wanted, key);
     Reply reply = job_reply(existed ? 200 : 201, job);
-    reply.headers.set("Location", "/v1/jobs/" + job.id);
+    reply.headers.set("Location", resources.service.links().job(job.id));
     return reply;
 }
 
@@ -111,7 +111,7 @@ Reply evaluate(Resources& resources, Request& request) {
     if (job.status == proto::JobStatus::Failed && job.problem) throw HttpError(*job.problem);
     if (job.status != proto::JobStatus::Successful) {
         Reply reply = job_reply(201, job);
-        reply.headers.set("Location", "/v1/jobs/" + job.id);
+        reply.headers.set("Location", resources.service.links().job(job.id));
         return reply;
     }
     Reply reply =

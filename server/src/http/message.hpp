@@ -94,6 +94,7 @@ struct Request {
     std::function<bool()> client_gone;  ///< looks at the connection; cheap
 
     // Filled by the application.
+    std::string path_prefix;  ///< of paths in replies; `path` is without it
     std::string id;           ///< of this request, in every log line and in the reply
     std::string tenant;       ///< whose things are seen
     std::size_t tenants = 1;  ///< how many there are now

@@ -115,7 +115,7 @@ Reply page_reply(const Request& request, const std::vector<std::string>& items,
                  const std::optional<std::string>& next) {
     Reply reply = json_reply(200, proto::page_json(items, next));
     if (next) {
-        std::string href = request.path + "?cursor=" + percent_encoded(*next);
+        std::string href = request.path_prefix + request.path + "?cursor=" + percent_encoded(*next);
         for (const auto& [name, value] : request.query)
             if (name != "cursor") href += "&" + name + "=" + percent_encoded(value);
         reply.headers.set("Link", "<" + href + ">; rel=\"next\"");

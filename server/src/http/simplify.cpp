@@ -126,7 +126,7 @@ Reply simplify(Resources& resources, Request& request) {
         return result_reply(resources, request, job, std::move(place));
     if (job.status == proto::JobStatus::Failed && job.problem) throw HttpError(*job.problem);
     Reply reply = json_reply(201, proto::to_json(job));
-    reply.headers.set("Location", "/v1/jobs/" + job.id);
+    reply.headers.set("Location", resources.service.links().job(job.id));
     return reply;
 }
 

@@ -72,15 +72,6 @@ std::optional<proto::Problem> why_incomplete(const proto::JobDocument& job) {
     return job.problem;
 }
 
-void fill_links(proto::OutputCloud& level, const std::string& job_id, bool pyramid) {
-    const std::string folder =
-        pyramid ? "/v1/pyramids/" + job_id + "/" : "/v1/jobs/" + job_id + "/results/";
-    for (proto::OutputFile& file : level.files)
-        file.href = folder + file.sha256 + "." + std::string(to_string(file.format));
-    for (proto::PictureFile& picture : level.pictures)
-        picture.href = folder + picture.sha256 + "." + std::string(kPictureExtension);
-}
-
 std::uint64_t StoredFile::size() const noexcept {
     if (const auto* const bytes = std::get_if<Bytes>(&content)) return (*bytes)->size();
     return std::get<std::shared_ptr<const BlobReader>>(content)->size();
@@ -103,14 +94,14 @@ struct Outputs::Job {
     /// Of a final job, once its tileset was written: however that is done, its files have these.
     mutable std::optional<std::set<std::string>> tileset_names;
 
-    Job(const proto::JobDocument& document, proto::Results&& made)
+    Job(const proto::JobDocument& document, proto::Results&& made, const Links& links)
         : id(document.id), is_final(proto::is_final(document.status)), results(std::move(made)) {
         // Who asks again and again while it is not complete learns that it never will be.
         results.problem = why_incomplete(document);
         raise_tile_errors(results);
         for (proto::OutputCloud& level : results.levels) {
             file_count += level.files.size();
-            fill_links(level, id, is_pyramid(results));
+            links.fill(level, id, is_pyramid(results));
             for (const proto::OutputFile& file : level.files)
                 files.emplace(file.sha256,
                               Listed{to_string(file.format), file.bytes, packs(file.format)});
@@ -120,9 +111,10 @@ struct Outputs::Job {
     }
 };
 
-Outputs::Outputs(JobStore& jobs, BlobStore& blobs, std::size_t max_files)
+Outputs::Outputs(JobStore& jobs, BlobStore& blobs, Links links, std::size_t max_files)
     : jobs_(jobs),
       blobs_(blobs),
+      links_(std::move(links)),
       max_files_(max_files),
       cache_(kCacheBytes),
       packer_(blobs, [this](const std::string& sha256, const Packing& packing) {
@@ -146,7 +138,7 @@ std::shared_ptr<const Outputs::Job> Outputs::find(const std::string& tenant,
     const auto document = jobs_.find_job(tenant, id);
     auto results = jobs_.results(tenant, id);
     if (!document || !results) return nullptr;
-    auto job = std::make_shared<const Job>(*document, std::move(*results));
+    auto job = std::make_shared<const Job>(*document, std::move(*results), links_);
     job->seen = version;
 
     const std::lock_guard lock(recent_mutex_);

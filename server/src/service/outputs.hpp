@@ -1,5 +1,6 @@
 #pragma once
 
+#include "service/links.hpp"
 #include "service/output_cache.hpp"
 #include "service/packer.hpp"
 #include "store/job_store.hpp"
@@ -23,9 +24,6 @@ inline constexpr std::string_view kPictureExtension = "png";
 
 /// Why a job that ended without success made no more; nothing of any other.
 std::optional<proto::Problem> why_incomplete(const proto::JobDocument& job);
-
-/// Fills in where the files of a level are served.
-void fill_links(proto::OutputCloud& level, const std::string& job_id, bool pyramid);
 
 /// A file as it is sent.
 struct StoredFile {
@@ -52,7 +50,7 @@ struct DocumentOptions {
 class Outputs {
 public:
     /// @param max_files  that the jobs list which are remembered: some 3 kB each
-    Outputs(JobStore& jobs, BlobStore& blobs, std::size_t max_files = 200'000);
+    Outputs(JobStore& jobs, BlobStore& blobs, Links links, std::size_t max_files = 200'000);
 
     /// What a job made so far, with the links of its files; null when there is no such job.
     std::shared_ptr<const proto::Results> results(const std::string& tenant, const std::string& id);
@@ -94,6 +92,7 @@ private:
 
     JobStore& jobs_;
     BlobStore& blobs_;
+    const Links links_;
     const std::size_t max_files_;
     OutputCache cache_;
     std::mutex recent_mutex_;  ///< for both below

@@ -14,7 +14,6 @@ namespace {
 
 using std::chrono::steady_clock;
 
-constexpr const char* kJson = "application/json";
 constexpr unsigned kMaxPage = 1000;
 
 Error no_such(const char* what, const std::string& id) {
@@ -29,44 +28,6 @@ void check_page(unsigned limit) {
 
 bool is_pyramid(const proto::JobRequest& request) {
     return std::holds_alternative<proto::PyramidJob>(request.job);
-}
-
-std::vector<proto::Link> links_of(const proto::JobDocument& job) {
-    const std::string self = "/v1/jobs/" + job.id;
-    std::vector<proto::Link> links = {{"self", self, kJson},
-                                      {"events", self + "/events", "text/event-stream"},
-                                      {"results", self + "/results", kJson}};
-    if (is_pyramid(job.request)) {
-        links.push_back({"pyramid", "/v1/pyramids/" + job.id + "/manifest.json", kJson});
-        links.push_back({"tileset", "/v1/pyramids/" + job.id + "/tileset.json", kJson});
-        links.push_back({"viewer", "/?pyramid=" + job.id, "text/html"});
-    }
-    return links;
-}
-
-proto::JobDocument with_links(proto::JobDocument job) {
-    job.links = links_of(job);
-    return job;
-}
-
-proto::CloudDocument document_of(CloudRow row) {
-    const std::string self = "/v1/clouds/" + row.id;
-    return {.id = row.id,
-            .name = std::move(row.name),
-            .format = row.format,
-            .bytes = row.bytes,
-            .created = std::move(row.created),
-            .statistics = std::move(row.statistics),
-            .links = {{"self", self, kJson},
-                      {"content", self + "/content", std::string(media_type(row.format))}}};
-}
-
-/// Fills in the links of an event that tells of a level.
-void fill_links(JobEvent& event, const proto::JobDocument& job) {
-    if (event.type != "level") return;
-    proto::JobReport report = proto::job_report_from_json(event.data);
-    server::fill_links(std::get<proto::OutputCloud>(report), job.id, is_pyramid(job.request));
-    event.data = to_json(report);
 }
 
 /// What earlier jobs found out about the input: a job that could only fail is refused at once.
@@ -84,8 +45,40 @@ void check_known_cloud(const proto::CloudStatistics& cloud, const Limits& limits
 
 }  // namespace
 
-Service::Service(Limits limits, JobStore& jobs, BlobStore& blobs)
-    : limits_(std::move(limits)), jobs_(jobs), blobs_(blobs), outputs_(jobs, blobs) {}
+Service::Service(Limits limits, JobStore& jobs, BlobStore& blobs, Links links)
+    : limits_(std::move(limits)),
+      jobs_(jobs),
+      blobs_(blobs),
+      links_(std::move(links)),
+      outputs_(jobs, blobs, links_) {}
+
+void Service::fill_links(proto::JobDocument& job) const {
+    job.links = links_.of_job(job.id, is_pyramid(job.request));
+}
+
+proto::JobDocument Service::with_links(proto::JobDocument job) const {
+    fill_links(job);
+    return job;
+}
+
+proto::CloudDocument Service::document_of(CloudRow row) const {
+    std::vector<proto::Link> links = links_.of_cloud(row.id, row.format);
+    return {.id = row.id,
+            .name = std::move(row.name),
+            .format = row.format,
+            .bytes = row.bytes,
+            .created = std::move(row.created),
+            .statistics = std::move(row.statistics),
+            .links = std::move(links)};
+}
+
+/// Fills in the links of an event that tells of a level.
+void Service::fill_links(JobEvent& event, const proto::JobDocument& job) const {
+    if (event.type != "level") return;
+    proto::JobReport report = proto::job_report_from_json(event.data);
+    links_.fill(std::get<proto::OutputCloud>(report), job.id, is_pyramid(job.request));
+    event.data = to_json(report);
+}
 
 // Clouds.
 
@@ -160,7 +153,7 @@ Submission<proto::JobDocument> Service::submit(const std::string& tenant,
     blobs_.check_room();
 
     auto submission = jobs_.submit(tenant, request, idempotency_key, limits_.queue);
-    submission.document.links = links_of(submission.document);
+    fill_links(submission.document);
     return submission;
 }
 
@@ -189,7 +182,7 @@ Page<proto::JobDocument> Service::jobs(const std::string& tenant, const JobStore
                                        unsigned limit, const std::optional<std::string>& cursor) {
     check_page(limit);
     auto page = jobs_.list_jobs(tenant, filter, limit, cursor);
-    for (proto::JobDocument& document : page.items) document.links = links_of(document);
+    for (proto::JobDocument& document : page.items) fill_links(document);
     return page;
 }
 

@@ -50,9 +50,10 @@ struct Limits {
 /// another's is NotFound. All failures are `Error`.
 class Service {
 public:
-    Service(Limits limits, JobStore& jobs, BlobStore& blobs);
+    Service(Limits limits, JobStore& jobs, BlobStore& blobs, Links links = Links());
 
     const Limits& limits() const noexcept { return limits_; }
+    const Links& links() const noexcept { return links_; }
 
     /// An upload: write the bytes, then `finish_upload`.
     std::unique_ptr<BlobWriter> begin_upload();
@@ -99,9 +100,15 @@ public:
     void check_ready();
 
 private:
+    void fill_links(proto::JobDocument& job) const;
+    void fill_links(JobEvent& event, const proto::JobDocument& job) const;
+    proto::JobDocument with_links(proto::JobDocument job) const;
+    proto::CloudDocument document_of(CloudRow row) const;
+
     const Limits limits_;
     JobStore& jobs_;
     BlobStore& blobs_;
+    const Links links_;
     Outputs outputs_;
 };
 

@@ -214,7 +214,7 @@ await run({
         browser.refusalsExpected = true;
         const id = await settledPyramid(page);
         await visit(page, `/?pyramid=${id}&with=${'0'.repeat(32)}`);
-        await page.getByText('no such job').waitFor();
+        await page.getByText('It may have been removed').waitFor();
         await page.locator('#right-label').getByText('points').waitFor();
         assert.match(await page.locator('#compare-with').inputValue(), /^level:/);
         await page.keyboard.press('c');

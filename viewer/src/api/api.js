@@ -55,7 +55,7 @@ async function list(collection, count) {
     const items = [];
     let next;
     do {
-        const page = await getJson(`/v1/${collection}?limit=${kPage}${next ? `&cursor=${encodeURIComponent(next)}` : ''}`);
+        const page = await getJson(`v1/${collection}?limit=${kPage}${next ? `&cursor=${encodeURIComponent(next)}` : ''}`);
         items.push(...page.items);
         next = page.next;
     } while (next && items.length < count);
@@ -84,19 +84,16 @@ export function getManifest({ id, type }, signal) {
 }
 
 /** @param fields  of the job beside its type and the cloud that it is about */
-export const startJob = (type, cloudId, fields) => postJob({ type, [type === 'evaluate' ? 'reference' : 'input']: cloudId, ...fields });
-
-/** The distances of two clouds, by their hashes, as a coloured cloud. */
-/** @param label  what the candidate is called where its distances are shown */
-export const startEvaluation = (reference, candidate, label) => postJob({ type: 'evaluate', reference, candidate, labels: [label], map: ['drc'] });
-
-async function postJob(job) {
-    return readJson(await send('/v1/jobs', {
+export async function startJob(type, cloudId, fields) {
+    return readJson(await send('v1/jobs', {
         method: 'POST',
         headers: { 'Content-Type': 'application/json' },
-        body: JSON.stringify(job),
+        body: JSON.stringify({ type, [type === 'evaluate' ? 'reference' : 'input']: cloudId, ...fields }),
     }));
 }
+
+/** The distances of two clouds, by their hashes, as a coloured cloud. @param label  what the candidate is called where they are shown */
+export const startEvaluation = (reference, candidate, label) => startJob('evaluate', reference, { candidate, labels: [label], map: ['drc'] });
 
 /** One that has ended meanwhile stays as it is. */
 export async function cancelJob(id) {
@@ -136,7 +133,7 @@ export function problemFrom(status, statusText, text) {
 
 export const unreachable = () => new Problem({
     title: 'The server cannot be reached',
-    detail: 'Check that stippled is running and that this machine is online, then try again.',
+    detail: 'Check that the server (stippled) runs and that this machine is online.',
 });
 
 export const kLost = 'Connection lost; trying again';
@@ -179,7 +176,7 @@ export const pause = (ms, signal) => new Promise((resolve) => {
 export const mayPass = ({ status }) => status === 0 || status === 429 || status >= 500;
 
 /** The ids of links may be anything. */
-const pathOf = (collection, id) => `/v1/${collection}/${encodeURIComponent(id)}`;
+const pathOf = (collection, id) => `v1/${collection}/${encodeURIComponent(id)}`;
 
 async function send(url, init = {}) {
     const response = await arrival(fetch(url, { ...init, headers: { ...init.headers, ...authorization() } }));

@@ -26,7 +26,7 @@ export async function uploadCloud(file, { onProgress = () => {}, signal } = {}) 
 function send(file, onProgress, signal) {
     return new Promise((resolve, reject) => {
         const request = new XMLHttpRequest();
-        request.open('POST', `/v1/clouds?name=${encodeURIComponent(file.name.replace(/\p{Cc}/gu, ''))}`);
+        request.open('POST', `v1/clouds?name=${encodeURIComponent(file.name.replace(/\p{Cc}/gu, ''))}`);
         request.setRequestHeader('Content-Type', 'application/octet-stream');
         Object.entries(authorization()).forEach(([name, value]) => request.setRequestHeader(name, value));
         request.upload.onprogress = ({ loaded, total }) => onProgress(loaded, total);

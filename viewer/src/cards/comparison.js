@@ -2,7 +2,7 @@ import { inputOf, summaryOf, titleOf } from '../clouds/library.js';
 import { colorize } from '../drawing/coloring.js';
 import { ResultSession } from '../loading/result_session.js';
 import * as format from '../page/format.js';
-import { showProblem } from '../page/notices.js';
+import { showMissing, showProblem } from '../page/notices.js';
 import { SplitView } from './split_view.js';
 
 /** Nothing beside what is shown. */
@@ -106,7 +106,7 @@ export class Comparison {
                 onLevels: () => this.show(),
                 onFirstPicture: () => {},
                 onMissing: (error) => {
-                    showProblem(error);
+                    showMissing(error);
                     this.choose(`level:${this.left.loader.levels.length - 1}`);
                 },
                 onError: showProblem,

@@ -171,7 +171,7 @@ export class Hud {
         this.actionsOver = this.isOver;
         const pictures = levels.flatMap(({ pictures: some = [] }) => some).map((picture) =>
             action(picture.sha256, `Save ${format.kKinds.png}, ${format.bytes(picture.bytes)}`, 'Save the picture', () => this.onDownload({ ...picture, format: 'png' })));
-        this.showActions(...pictures, action('figures', 'Save figures', 'Save all measurements as JSON', () => this.onDownload({ href: `/v1/jobs/${id}/results`, format: 'json' })));
+        this.showActions(...pictures, action('figures', 'Save figures', 'Save all measurements as JSON', () => this.onDownload({ href: `v1/jobs/${id}/results`, format: 'json' })));
     }
 
     showActions(...actions) {

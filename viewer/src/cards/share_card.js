@@ -43,7 +43,7 @@ export class ShareCard {
         }
         this.shownAs = shownAs;
         this.result = {
-            server: location.origin, id,
+            server: new URL('.', document.baseURI).href.replace(/\/$/, ''), id,
             collection: type === 'pyramid' ? 'pyramids' : 'jobs', manifest: type === 'pyramid' ? 'manifest.json' : 'results',
             hasKey: Object.keys(authorization()).length > 0,
         };

@@ -40,11 +40,15 @@ export class Intake {
 
     async end({ cloud, count }) {
         this.welcome.invite();
-        if (cloud && this.shown() === this.before) {
-            await this.onSent(cloud);
-        } else if (cloud) {
-            offer(count > 1 ? `${count} clouds were added` : `${nameOf(cloud)} was added`, 'Open it', () => this.onChosen(cloud));
-            await this.onAdded();
+        if (!cloud) {
+            return;
         }
+        const listed = this.onAdded();  // also where no job can be started
+        if (this.shown() === this.before) {
+            await this.onSent(cloud);
+        } else {
+            offer(count > 1 ? `${count} clouds were added` : `${nameOf(cloud)} was added`, 'Open it', () => this.onChosen(cloud));
+        }
+        await listed;
     }
 }

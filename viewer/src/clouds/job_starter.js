@@ -1,4 +1,4 @@
-import { isFinal, removeCloud, startEvaluation, startJob } from '../api/api.js';
+import { isFinal, mayPass, removeCloud, startEvaluation, startJob } from '../api/api.js';
 import { fileNameOf } from '../api/download.js';
 import { followJob } from '../api/job_follower.js';
 import { uploadCloud } from '../api/upload.js';
@@ -24,7 +24,7 @@ export class JobStarter {
     /** Rejects where the server does. @param fields  of the job beside its type and the cloud that it is about */
     start(type, cloudId, fields) {
         return this.once(JSON.stringify([type, cloudId, fields]), async () => {
-            this.onJob(await startJob(type, cloudId, type === 'evaluate' ? { map: ['drc'], ...fields } : fields));
+            this.onJob(await startJob(type, cloudId, fields));
         });
     }
 
@@ -46,9 +46,10 @@ export class JobStarter {
         return this.attempt(type, inputOf({ request }), fields);
     }
 
-    /** As `start`, but a refusal is shown. */
+    /** As `start`, but a refusal is shown, and one that may pass can be tried again. */
     attempt(type, cloudId, fields) {
-        return this.start(type, cloudId, fields).catch((error) => showProblem(error, 'The job could not be started'));
+        const again = { action: { name: 'Try again', act: () => this.attempt(type, cloudId, fields) } };
+        return this.start(type, cloudId, fields).catch((error) => showProblem(error, 'The job could not be started', mayPass(error) ? again : {}));
     }
 
     /** Where the surface that a session shows is how far from that of the input. */

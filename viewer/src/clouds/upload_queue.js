@@ -18,6 +18,7 @@ export class UploadQueue {
         Object.assign(this, { onStart, onEnd, onProgress });
         this.waiting = [];
         this.isBusy = false;
+        addEventListener('beforeunload', (event) => this.isBusy && event.preventDefault());  // what is sent would be lost
     }
 
     add(files) {

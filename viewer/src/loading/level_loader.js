@@ -74,7 +74,7 @@ export class LevelLoader {
                 continue;  // figures alone, or files for other programs
             }
             const { file, attributes } = source;
-            const ply = file ? null : () => getBytes(`/v1/pyramids/${this.id}/slice?points=${entry.points}`);
+            const ply = file ? null : () => getBytes(`v1/pyramids/${this.id}/slice?points=${entry.points}`);
             const bytes = source.files.reduce((sum, part) => sum + part.bytes, 0);
             const level = { ...entry, source, file, bytes, attributes, ply, hasEllipses, state: 'listed' };
             this.levels.push(level);
@@ -193,7 +193,7 @@ export class LevelLoader {
         if (tiled.length === 0) {
             return;
         }
-        const tiles = new TileStream(`/v1/pyramids/${this.id}/tileset.json`, {
+        const tiles = new TileStream(`v1/pyramids/${this.id}/tileset.json`, {
             withAttributes: request.tiles?.attributes === true,
             patience: this.patience,
             onLoaded: (bytes) => {

@@ -16,6 +16,15 @@ export function showProblem(error, title = error.title ?? 'Something went wrong'
     return show(notice);
 }
 
+/** Tells why a result that an address names is not there. */
+export function showMissing(error) {
+    if (error.status === 404) {
+        showProblem(new Error('It may have been removed, or its address is incomplete.'), 'This result does not exist');
+    } else {
+        showProblem(error, 'The result could not be opened');
+    }
+}
+
 /** Tells of something that can be acted upon, by a button with a name. It goes after a while, unless someone is about to press it. */
 export function offer(title, name, act) {
     const notice = noticeOf(element('strong', { textContent: title }), { name, act });
