@@ -8,6 +8,7 @@
 
 #include <unistd.h>
 #include <algorithm>
+#include <array>
 #include <cctype>
 #include <charconv>
 #include <condition_variable>
@@ -53,7 +54,9 @@ HttpReply with_retries(
         }
         try {
             HttpReply reply = call();
-            const bool busy = reply.status == 429 || reply.status == 503;
+            // 502 and 504 are a proxy's, whose server starts anew.
+            constexpr std::array kBusy{429, 502, 503, 504};
+            const bool busy = std::ranges::find(kBusy, reply.status) != kBusy.end();
             const Seconds asked(reply.retry_after.value_or(delay.count()));
             if (!busy || attempt == attempts || asked > kLongestPause) return reply;
             pause(std::max(asked, delay), stop);

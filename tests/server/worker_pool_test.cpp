@@ -489,8 +489,9 @@ TEST_F(WorkerPoolTest, RunsAgainWhatARestartInterrupted) {
     jobs_.reset();
     jobs_ = open_sqlite_job_store(folder_ / "jobs.sqlite");
     jobs_->recover();
-    std::filesystem::create_directories(options_.scratch / job.id / "output");
-    std::ofstream(options_.scratch / job.id / "output/left.ply") << "left behind";
+    const std::filesystem::path left = options_.scratch / (job.id + "-1");
+    std::filesystem::create_directories(left / "output");
+    std::ofstream(left / "output/left.ply") << "left behind";
     bool folder_is_empty = false;
     FunctionRunner runner([&](const JobSpec& spec, const auto& report, std::stop_token) {
         folder_is_empty = std::filesystem::is_empty(spec.output_dir);
@@ -500,6 +501,7 @@ TEST_F(WorkerPoolTest, RunsAgainWhatARestartInterrupted) {
     const WorkerPool pool(options_, limits_, *jobs_, *blobs_, runner);
     EXPECT_EQ(wait_for_end(job).status, JobStatus::Successful);
     EXPECT_TRUE(folder_is_empty);
+    EXPECT_FALSE(std::filesystem::exists(left / "output/left.ply"));
 }
 
 }  // namespace

@@ -47,11 +47,22 @@ Submission<proto::CloudDocument> receive_cloud(Resources& resources, Request& re
     return resources.service.finish_upload(request.tenant, *upload, head, name);
 }
 
+namespace {
+
+/// Of one tenant, so that no cache on the way gives it to another.
+Reply cloud_reply(int status, const proto::CloudDocument& cloud) {
+    Reply reply = json_reply(status, proto::to_json(cloud));
+    reply.headers.set("Cache-Control", "no-store");
+    return reply;
+}
+
+}  // namespace
+
 Reply upload_cloud(Resources& resources, Request& request) {
     allow_query(request, {"name"});
     const auto name = query_label(request, "name");
     const auto [cloud, existed] = receive_cloud(resources, request, name);
-    Reply reply = json_reply(existed ? 200 : 201, proto::to_json(cloud));
+    Reply reply = cloud_reply(existed ? 200 : 201, cloud);
     reply.headers.set("Location", resources.service.links().cloud(cloud.id));
     return reply;
 }
@@ -64,8 +75,7 @@ Reply list_clouds(Resources& resources, Request& request) {
 
 Reply get_cloud(Resources& resources, Request& request) {
     allow_query(request, {});
-    return json_reply(
-        200, proto::to_json(resources.service.cloud(request.tenant, request.path_value("id"))));
+    return cloud_reply(200, resources.service.cloud(request.tenant, request.path_value("id")));
 }
 
 Reply remove_cloud(Resources& resources, Request& request) {
@@ -73,7 +83,7 @@ Reply remove_cloud(Resources& resources, Request& request) {
     const proto::CloudDocument cloud =
         resources.service.cloud(request.tenant, request.path_value("id"));
     resources.service.remove_cloud(request.tenant, cloud.id);
-    return json_reply(200, proto::to_json(cloud));
+    return cloud_reply(200, cloud);
 }
 
 Reply get_cloud_content(Resources& resources, Request& request) {

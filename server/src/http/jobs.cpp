@@ -117,7 +117,7 @@ Reply evaluate(Resources& resources, Request& request) {
     Reply reply =
         json_reply(200, proto::evaluation_json(resources.service.results(request.tenant, job.id)));
     reply.headers.set("Cache-Control", "no-store");
-    reply.headers.set("Link", "</v1/jobs/" + job.id + ">; rel=\"via\"");
+    reply.headers.set("Link", "<" + resources.service.links().job(job.id) + ">; rel=\"via\"");
     return reply;
 }
 

@@ -114,6 +114,7 @@ PageQuery query_page(const Request& request) {
 Reply page_reply(const Request& request, const std::vector<std::string>& items,
                  const std::optional<std::string>& next) {
     Reply reply = json_reply(200, proto::page_json(items, next));
+    reply.headers.set("Cache-Control", "no-store");  // of one tenant
     if (next) {
         std::string href = request.path_prefix + request.path + "?cursor=" + percent_encoded(*next);
         for (const auto& [name, value] : request.query)

@@ -101,7 +101,7 @@ Reply result_reply(Resources& resources, const Request& request, const proto::Jo
                 .permit = std::move(place)};
     reply.headers.set("ETag", '"' + file.sha256 + '"');
     reply.headers.set("Cache-Control", "no-store");
-    reply.headers.set("Link", "</v1/jobs/" + job.id + ">; rel=\"via\"");
+    reply.headers.set("Link", "<" + resources.service.links().job(job.id) + ">; rel=\"via\"");
     reply.headers.set("Stipple-Points", std::to_string(cloud.points));
     if (cloud.error) {
         reply.headers.set("Stipple-Error-Mean", Json(cloud.error->error.mean()).dump());

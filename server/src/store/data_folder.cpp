@@ -66,11 +66,14 @@ std::vector<FileDescriptor> lock(const fs::path& folder, const std::vector<std::
     return locks;
 }
 
-/// As `proto::random_hex(16)` makes them.
+/// As `proto::random_hex(16)` makes them; of scratch, the token of the attempt follows a dash.
 bool is_random_name(std::string_view name) {
     constexpr std::size_t kDigits = 32;
-    return name.size() == kDigits &&
-           name.find_first_not_of("0123456789abcdef") == std::string_view::npos;
+    const std::string_view token = name.substr(std::min(kDigits, name.size()));
+    return name.substr(0, kDigits).find_first_not_of("0123456789abcdef") == name.npos &&
+           name.size() >= kDigits &&
+           (token.empty() || (token.size() > 1 && token.front() == '-' &&
+                              token.find_first_not_of("0123456789", 1) == token.npos));
 }
 
 }  // namespace

@@ -2,7 +2,6 @@ import { byId } from './element.js';
 import { isPhone } from './sheet.js';
 
 const kLegendGap = 10;
-const kTools = 56;  // pixels that they take where they stand on the stage
 const kFlat = 480;
 
 /** The insets of the page that the cards leave free, in pixels. */
@@ -13,9 +12,10 @@ export function roomBesideCards() {
     const legend = byId.legend.hidden || byId.hud.hidden ? 0 : byId.legend.offsetHeight + kLegendGap;
     const card = [byId['look-card'], byId['share-card']].find(({ hidden }) => !hidden)?.getBoundingClientRect();
     const labels = byId['left-label'].getBoundingClientRect();  // of a comparison
-    const isFlat = innerHeight <= kFlat;  // the tools stand at the right then
+    const tools = byId.tools.getBoundingClientRect();  // of a phone: at its right where it lies on its side
+    const isFlat = innerHeight <= kFlat;
     return isPhone()
-        ? { left: 0, right: isFlat ? kTools : 0, top: labels.bottom || (isFlat ? 0 : kTools), bottom: innerHeight - (hud ? hud.top - byId.grip.offsetHeight : dock.top) + legend }
+        ? { left: 0, right: isFlat ? innerWidth - tools.left : 0, top: labels.bottom || (isFlat ? 0 : tools.bottom), bottom: innerHeight - (hud ? hud.top - byId.grip.offsetHeight : dock.top) + legend }
         : { left: library.right, right: card ? innerWidth - card.left : 0, top: labels.bottom, bottom: hud ? innerHeight - hud.top + legend : 0 };
 }
 
