@@ -111,6 +111,21 @@ TEST(CommandLine, PyramidTakesALadderOrARatio) {
         std::string::npos);
 }
 
+TEST(CommandLine, APyramidRefusesWhatNoneOfItsFormatsTakes) {
+    const auto refused = [](const char* option, const char* value, const char* formats) {
+        return refusal({"pyramid", "in.ply", "out", "--formats", formats, option, value});
+    };
+    EXPECT_EQ(refused("--tile-bits", "9", "drc,ply"),
+              "--tile-bits: no format of --formats takes it: omit it, or add glb");
+    EXPECT_EQ(refused("--coding", "kd-tree", "glb"),
+              "--coding: no format of --formats takes it: omit it, or add drc");
+    EXPECT_EQ(refused("--epsg", "32633", "stpc"),
+              "--epsg: no format of --formats takes it: omit it, or add glb or copc.laz");
+    EXPECT_EQ(refused("--precision", "0.1", "stpc"), "accepted");
+    EXPECT_EQ(refusal({"pyramid", "in.ply", "out", "--tile-bits", "9", "--precision", "0.1"}),
+              "--tile-bits excludes --precision: give one of the two");
+}
+
 TEST(CommandLine, APotreeFolderTakesNoOptionOfLevels) {
     const auto command = parsed<PyramidCommand>({"pyramid", "in.ply", "out", "--layout", "potree"});
     EXPECT_TRUE(command.potree);

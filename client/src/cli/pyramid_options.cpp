@@ -54,6 +54,38 @@ PyramidCommand potree_command(PyramidCommand command, const CLI::App& app) {
     return command;
 }
 
+/// Refuses an option that no format of the pyramid takes: it would be lost without a word.
+void require_options_of_formats(const CLI::App& app, const std::set<CloudFormat>& formats) {
+    struct FormatOption {
+        const char* name;
+        std::vector<CloudFormat> takers;
+    };
+    using enum CloudFormat;
+    static const std::array kOptions = {
+        FormatOption{"--position-bits", {Draco}},
+        FormatOption{"--normal-bits", {Draco}},
+        FormatOption{"--attribute-bits", {Draco}},
+        FormatOption{"--coding", {Draco}},
+        FormatOption{"--precision", {Draco, Glb, Progressive, Copc}},
+        FormatOption{"--tile-bits", {Glb}},
+        FormatOption{"--tile-points", {Glb}},
+        FormatOption{"--tile-attributes", {Glb}},
+        FormatOption{"--exact-errors", {Glb}},
+        FormatOption{"--transform", {Glb}},
+        FormatOption{"--epsg", {Glb, Copc}}};
+    for (const auto& [name, takers] : kOptions) {
+        const auto is_there = [&](CloudFormat format) { return formats.contains(format); };
+        if (app.count(name) == 0 || std::ranges::any_of(takers, is_there)) continue;
+        std::string names;
+        for (const CloudFormat format : takers)
+            names += (names.empty() ? "" : " or ") + std::string(to_string(format));
+        throw UsageError(std::string(name) + ": no format of --formats takes it: omit it, or add " +
+                         names);
+    }
+    if (app.count("--tile-bits") > 0 && app.count("--precision") > 0)
+        throw UsageError("--tile-bits excludes --precision: give one of the two");
+}
+
 PyramidCommand pyramid_command(const Values& values, const CLI::App& app) {
     PyramidCommand command{
         values.input, values.output, {}, values.layout == "potree", server_options(values.server),
@@ -81,6 +113,7 @@ PyramidCommand pyramid_command(const Values& values, const CLI::App& app) {
     command.job.error = !values.no_error;
     std::set<CloudFormat> named;
     for (const std::string& name : values.formats) named.insert(cloud_format_from_name(name));
+    require_options_of_formats(app, named);
     std::ranges::copy_if(proto::kPyramidFormats, std::back_inserter(command.job.output.formats),
                          [&](CloudFormat format) { return named.contains(format); });
     command.job.output.draco = draco_options(values.encoding);
