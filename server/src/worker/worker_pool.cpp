@@ -42,7 +42,7 @@ struct WorkerPool::State {
 
     void begin_drain();
     void work(const std::stop_token& stop);
-    std::optional<Lease> claim();
+    std::optional<Lease> claim(const std::stop_token& stop);
     void run(Lease lease, const std::stop_token& stop);
     void keep_leases(const std::stop_token& stop);
     void renew_leases();
@@ -53,6 +53,7 @@ struct WorkerPool::State {
     const Limits limits;
     JobStore& jobs;
     BlobStore& blobs;
+    std::mutex claiming;  ///< held from the look at the stop to the claim
     JobRunner& runner;
 
     std::mutex mutex;
@@ -83,7 +84,7 @@ WorkerPool::State::State(const WorkerPoolOptions& given_options, const Limits& g
 
 void WorkerPool::State::begin_drain() {
     for (std::jthread& worker : workers) worker.request_stop();
-    const std::lock_guard lock(mutex);
+    const std::scoped_lock lock(claiming, mutex);  // from here on no job is claimed
     if (!drain_end) drain_end = steady_clock::now() + options.drain;
 }
 
@@ -103,7 +104,7 @@ void WorkerPool::State::work(const std::stop_token& stop) {
         // Taken before the look at the queue: a job that is submitted after it ends the wait at
         // once.
         const std::uint64_t seen = jobs.version();
-        if (auto lease = claim()) {
+        if (auto lease = claim(stop)) {
             run(std::move(*lease), stop);
         } else {
             jobs.wait_for_change(seen, steady_clock::now() + kIdlePoll, stop);
@@ -111,11 +112,13 @@ void WorkerPool::State::work(const std::stop_token& stop) {
     }
 }
 
-std::optional<Lease> WorkerPool::State::claim() try {
+std::optional<Lease> WorkerPool::State::claim(const std::stop_token& stop) try {
     blobs.check_room();  // on a full disk no job is worth beginning
     if (is_full.exchange(false)) spdlog::info("disk.has_room");
     // Where the whole process slept, as with its machine, its own jobs' leases have run out.
     if (system_clock::now() >= renewed.load() + options.lease / 2) renew_leases();
+    const std::lock_guard lock(claiming);
+    if (stop.stop_requested()) return std::nullopt;
     return jobs.claim(limits.queue, options.lease);
 } catch (const proto::StorageFull& error) {
     if (!is_full.exchange(true)) spdlog::error("disk.full error={}", log_text(error.what()));
