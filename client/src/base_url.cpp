@@ -65,8 +65,10 @@ BaseUrl parse_base_url(std::string_view text) {
     const std::size_t path_begin = std::min(rest.find('/'), rest.size());
     url.path = rest.substr(path_begin);
     rest = rest.substr(0, path_begin);
-    if (!std::ranges::all_of(url.path, is_path_character) || url.path.find("//") != url.path.npos)
-        refuse(text, "path '" + url.path + "' has other than letters, digits, '-', '_' and '.'");
+    if (!std::ranges::all_of(url.path, is_path_character) ||
+        (url.path + '/').find("//") != std::string::npos)
+        refuse(text, "path '" + url.path +
+                         "' has an empty part, or other than letters, digits, '-', '_' and '.'");
     if (rest.find('@') != std::string_view::npos)
         refuse(text, "a name or password is not allowed (use an API key)");
 

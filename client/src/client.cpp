@@ -309,9 +309,9 @@ proto::JobDocument Client::follow(const std::string& id,
             expect_ok(with_retries(http.stop_token(), listen, got_on),
                       implementation_->where(path));
         } catch (const ConnectionError& error) {
-            throw ConnectionError(std::string(error.what()) + "; job " + id +
+            throw ConnectionError(std::string(error.what()) + " (job " + id +
                                   " may go on there: its results will be at " +
-                                  implementation_->where("/v1/jobs/" + id + "/results"));
+                                  implementation_->where("/v1/jobs/" + id + "/results") + ")");
         }
         // A stream that ends with nothing new: the job is over, or the server is going down.
         if (!final && after == before) {

@@ -30,7 +30,8 @@ using stipple::ErrorCode;
 constexpr const char* kUsage = R"(usage: stipple-job SPEC
 
 Runs the job described by the JSON file SPEC and reports on standard output, one JSON object per line; the last one is
-{"cost": ...} or {"problem": ...}, with exit status 0 for both. stippled starts it; by hand, `stipple simplify` is more convenient.
+{"cost": ...} or {"problem": ...}, with exit status 0 for both. stippled starts it; by hand, `stipple simplify` is more
+convenient.
 
 SPEC: {"request": {...}, "input_file": "...", "output_dir": "...", "limits": {"max_points": N, "max_attributes": N},
        "max_memory_bytes": N, "max_cpu_seconds": N, "max_file_bytes": N, "threads": N}

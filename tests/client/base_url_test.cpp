@@ -64,6 +64,7 @@ TEST(BaseUrl, RefusesEveryOtherFormAndSaysWhy) {
     EXPECT_NE(refusal("http://a:8x").find("1..65535"), std::string::npos);
     EXPECT_NE(refusal("http://a/v1?x").find("query"), std::string::npos);
     EXPECT_NE(refusal("http://a/v 1").find("letters"), std::string::npos);
+    EXPECT_NE(refusal("http://a//").find("empty"), std::string::npos);
     EXPECT_NE(refusal("http://a//b").find("//b"), std::string::npos);
     EXPECT_NE(refusal("http://user:secret@a").find("password"), std::string::npos);
     EXPECT_NE(refusal("http://[::1").find("']'"), std::string::npos);

@@ -57,6 +57,8 @@ TEST(CommandLine, AnUnknownOptionIsToldTheOneNearIt) {
               "--max-eror: no such option: did you mean --max-error?");
     EXPECT_EQ(refusal({"slice", "levels", "o.ply", "--bites", "5"}),
               "--bites: no such option: did you mean --bytes?");
+    EXPECT_EQ(refusal({"--points", "5", "simplify", "i.ply", "o.ply"}),
+              "--points: give it after the command, as in: stipple COMMAND FILE --points");
     EXPECT_EQ(refusal({"simplify", "i.ply", "o.ply", "--verbose", "-n", "5"}),
               "--verbose: no such option (see --help)");
     EXPECT_EQ(refusal({"curve", "i.ply", "--voxel-sise", "5"}),  // it has no --voxel-size either

@@ -123,7 +123,7 @@ TEST(CommandLine, APyramidRefusesWhatNoneOfItsFormatsTakes) {
               "--epsg: no format of --formats takes it: omit it, or add glb or copc.laz");
     EXPECT_EQ(refused("--precision", "0.1", "stpc"), "accepted");
     EXPECT_EQ(refusal({"pyramid", "in.ply", "out", "--tile-bits", "9", "--precision", "0.1"}),
-              "--tile-bits excludes --precision: give one of the two");
+              "--tile-bits excludes --precision (see --help)");
 }
 
 TEST(CommandLine, APotreeFolderTakesNoOptionOfLevels) {

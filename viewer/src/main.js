@@ -144,7 +144,7 @@ function open({ id, type }, { remembered = false, how = kAsNew } = {}) {
     const isAnother = session?.id !== id;
     session?.close();
     if (!remembered && isAnother) {
-        history.pushState(null, '', `/?${type === 'pyramid' ? 'pyramid' : 'job'}=${id}`);
+        history.pushState(null, '', `?${type === 'pyramid' ? 'pyramid' : 'job'}=${id}`);
     }
     view.open();
     pointLabel.hide();
@@ -207,7 +207,7 @@ async function removeResult(removed) {
         return;
     }
     closeResult();
-    history.replaceState(null, '', '/');
+    history.replaceState(null, '', './');
     await openLinked();
 }
 

@@ -54,36 +54,28 @@ PyramidCommand potree_command(PyramidCommand command, const CLI::App& app) {
     return command;
 }
 
-/// Refuses an option that no format of the pyramid takes: it would be lost without a word.
-void require_options_of_formats(const CLI::App& app, const std::set<CloudFormat>& formats) {
-    struct FormatOption {
-        const char* name;
-        std::vector<CloudFormat> takers;
-    };
-    using enum CloudFormat;
+/// @throws UsageError for an option that no format of the pyramid takes.
+void require_options_of_levels(const CLI::App& app, const std::vector<std::string>& formats) {
     static const std::array kOptions = {
-        FormatOption{"--position-bits", {Draco}},
-        FormatOption{"--normal-bits", {Draco}},
-        FormatOption{"--attribute-bits", {Draco}},
-        FormatOption{"--coding", {Draco}},
-        FormatOption{"--precision", {Draco, Glb, Progressive, Copc}},
-        FormatOption{"--tile-bits", {Glb}},
-        FormatOption{"--tile-points", {Glb}},
-        FormatOption{"--tile-attributes", {Glb}},
-        FormatOption{"--exact-errors", {Glb}},
-        FormatOption{"--transform", {Glb}},
-        FormatOption{"--epsg", {Glb, Copc}}};
-    for (const auto& [name, takers] : kOptions) {
-        const auto is_there = [&](CloudFormat format) { return formats.contains(format); };
-        if (app.count(name) == 0 || std::ranges::any_of(takers, is_there)) continue;
-        std::string names;
-        for (const CloudFormat format : takers)
-            names += (names.empty() ? "" : " or ") + std::string(to_string(format));
-        throw UsageError(std::string(name) + ": no format of --formats takes it: omit it, or add " +
-                         names);
-    }
-    if (app.count("--tile-bits") > 0 && app.count("--precision") > 0)
-        throw UsageError("--tile-bits excludes --precision: give one of the two");
+        FormatOption{"--position-bits", {"drc"}},
+        FormatOption{"--normal-bits", {"drc"}},
+        FormatOption{"--attribute-bits", {"drc"}},
+        FormatOption{"--coding", {"drc"}},
+        FormatOption{"--precision", {"drc", "glb", "stpc", "copc.laz"}},
+        FormatOption{"--tile-bits", {"glb"}},
+        FormatOption{"--tile-points", {"glb"}},
+        FormatOption{"--tile-attributes", {"glb"}},
+        FormatOption{"--exact-errors", {"glb"}},
+        FormatOption{"--transform", {"glb"}},
+        FormatOption{"--epsg", {"glb", "copc.laz"}}};
+    const FormatOption* const lost =
+        option_of_no_format(app, kOptions, {formats.begin(), formats.end()});
+    if (lost == nullptr) return;
+    std::string takers;
+    for (const std::string_view format : lost->takers)
+        takers += (takers.empty() ? "" : " or ") + std::string(format);
+    throw UsageError(std::string(lost->name) +
+                     ": no format of --formats takes it: omit it, or add " + takers);
 }
 
 PyramidCommand pyramid_command(const Values& values, const CLI::App& app) {
@@ -113,7 +105,7 @@ PyramidCommand pyramid_command(const Values& values, const CLI::App& app) {
     command.job.error = !values.no_error;
     std::set<CloudFormat> named;
     for (const std::string& name : values.formats) named.insert(cloud_format_from_name(name));
-    require_options_of_formats(app, named);
+    require_options_of_levels(app, values.formats);
     std::ranges::copy_if(proto::kPyramidFormats, std::back_inserter(command.job.output.formats),
                          [&](CloudFormat format) { return named.contains(format); });
     command.job.output.draco = draco_options(values.encoding);
@@ -222,6 +214,7 @@ CommandReader add_pyramid(CLI::App& app) {
     add_remove_outliers(command, values.outliers);
     add_no_error(command, values.no_error);
     add_draco(command, values.encoding, ".drc, .laz, .stpc and the finest tiles");
+    command.get_option("--tile-bits")->excludes("--precision");
     add_server(command, values.server);
     add_common(command, values.common);
     add_method_options(command, values.of_methods, kMethods);

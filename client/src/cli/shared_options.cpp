@@ -197,11 +197,18 @@ CloudFormat format_of(const fs::path& file, std::string_view endings) {
     throw UsageError(file.string() + ": the name must end with " + std::string(endings));
 }
 
+const FormatOption* option_of_no_format(const CLI::App& command,
+                                        std::span<const FormatOption> options,
+                                        const std::set<std::string, std::less<>>& formats) {
+    const auto lost = std::ranges::find_if(options, [&](const FormatOption& option) {
+        const CLI::Option* const given = command.get_option_no_throw(option.name);
+        return given != nullptr && given->count() > 0 &&
+               std::ranges::none_of(option.takers, [&](auto own) { return formats.contains(own); });
+    });
+    return lost == options.end() ? nullptr : &*lost;
+}
+
 void require_options_of_formats(const CLI::App& command, const std::vector<std::string>& outputs) {
-    struct FormatOption {
-        const char* name;
-        std::vector<std::string_view> extensions;
-    };
     static const std::array kOptions = {FormatOption{"--position-bits", {".drc"}},
                                         FormatOption{"--normal-bits", {".drc"}},
                                         FormatOption{"--attribute-bits", {".drc"}},
@@ -213,18 +220,14 @@ void require_options_of_formats(const CLI::App& command, const std::vector<std::
                                         FormatOption{"--up", {".png"}}};
     std::set<std::string, std::less<>> given;
     for (const fs::path output : outputs) given.insert(extension_of(output));
-    for (const auto& [name, extensions] : kOptions) {
-        const CLI::Option* const option = command.get_option_no_throw(name);
-        if (option == nullptr || option->count() == 0) continue;
-        if (std::ranges::any_of(extensions, [&](auto own) { return given.contains(own); }))
-            continue;
-        const std::string own(extensions.front());
-        throw UsageError(
-            std::string(name) + ": belongs to " + own +
-            (command.get_name() == "evaluate"
-                 ? ": omit it, or add a --map that ends with " + own
-                 : ", not to " + *given.begin() + ": omit it, or change the ending of OUT"));
-    }
+    const FormatOption* const lost = option_of_no_format(command, kOptions, given);
+    if (lost == nullptr) return;
+    const std::string own(lost->takers.front());
+    throw UsageError(
+        std::string(lost->name) + ": belongs to " + own +
+        (command.get_name() == "evaluate"
+             ? ": omit it, or add a --map that ends with " + own
+             : ", not to " + *given.begin() + ": omit it, or change the ending of OUT"));
 }
 
 void hide(CLI::App& command, std::initializer_list<const char*> bounds) {

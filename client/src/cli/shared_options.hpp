@@ -9,6 +9,8 @@
 #include <initializer_list>
 #include <map>
 #include <optional>
+#include <set>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -69,6 +71,17 @@ void add_encoding(CLI::App& command, FileValues& values);
 
 /// The format that the end of a name says. @throws UsageError.
 CloudFormat format_of(const std::filesystem::path& file, std::string_view endings = ".ply or .drc");
+/// An option and the formats that take it.
+struct FormatOption {
+    const char* name;
+    std::vector<std::string_view> takers;
+};
+/// The first option that was given and that none of the formats takes, so that it would change
+/// nothing; null when there is none.
+const FormatOption* option_of_no_format(const CLI::App& command,
+                                        std::span<const FormatOption> options,
+                                        const std::set<std::string, std::less<>>& formats);
+
 /// An option of another format than those of the outputs would change nothing. @throws UsageError.
 void require_options_of_formats(const CLI::App& command, const std::vector<std::string>& outputs);
 

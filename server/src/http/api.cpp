@@ -114,11 +114,10 @@ void refuse_bodies_of_other_kinds(const Request& request) {
 
 /// A proxy may leave the prefix where it is or take it away.
 void Api::take_prefix(Request& request) const {
-    request.path_prefix = resources_.service.links().prefix();
-    const std::string_view rest =
-        std::string_view(request.path)
-            .substr(request.path.starts_with(request.path_prefix) ? request.path_prefix.size() : 0);
-    if (rest.starts_with('/')) request.path = std::string(rest);
+    const std::string& prefix = resources_.service.links().prefix();
+    if (prefix.empty()) return;
+    request.path_prefix = prefix;
+    if (request.path.starts_with(prefix + '/')) request.path.erase(0, prefix.size());
 }
 
 Reply Api::answer(Request& request) {

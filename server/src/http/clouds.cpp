@@ -25,6 +25,13 @@ void check_length(const Request& request, const Limits& limits) {
     }
 }
 
+/// Of one tenant, so that no cache on the way gives it to another.
+Reply cloud_reply(int status, const proto::CloudDocument& cloud) {
+    Reply reply = json_reply(status, proto::to_json(cloud));
+    reply.headers.set("Cache-Control", "no-store");
+    return reply;
+}
+
 }  // namespace
 
 Submission<proto::CloudDocument> receive_cloud(Resources& resources, Request& request,
@@ -46,17 +53,6 @@ Submission<proto::CloudDocument> receive_cloud(Resources& resources, Request& re
     }
     return resources.service.finish_upload(request.tenant, *upload, head, name);
 }
-
-namespace {
-
-/// Of one tenant, so that no cache on the way gives it to another.
-Reply cloud_reply(int status, const proto::CloudDocument& cloud) {
-    Reply reply = json_reply(status, proto::to_json(cloud));
-    reply.headers.set("Cache-Control", "no-store");
-    return reply;
-}
-
-}  // namespace
 
 Reply upload_cloud(Resources& resources, Request& request) {
     allow_query(request, {"name"});

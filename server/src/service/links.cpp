@@ -1,7 +1,5 @@
 #include "service/links.hpp"
 
-#include "service/outputs.hpp"
-
 #include <utility>
 
 namespace stipple::server {

@@ -5,9 +5,12 @@
 #include "stipple/proto/results.hpp"
 
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace stipple::server {
+
+inline constexpr std::string_view kPictureExtension = "png";
 
 /// Where replies say that things are: absolute paths, behind the prefix under which a proxy offers
 /// this server.

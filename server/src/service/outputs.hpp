@@ -20,8 +20,6 @@
 
 namespace stipple::server {
 
-inline constexpr std::string_view kPictureExtension = "png";
-
 /// Why a job that ended without success made no more; nothing of any other.
 std::optional<proto::Problem> why_incomplete(const proto::JobDocument& job);
 

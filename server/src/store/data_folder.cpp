@@ -66,14 +66,16 @@ std::vector<FileDescriptor> lock(const fs::path& folder, const std::vector<std::
     return locks;
 }
 
-/// As `proto::random_hex(16)` makes them; of scratch, the token of the attempt follows a dash.
-bool is_random_name(std::string_view name) {
+/// Of a temporary file or folder: as `proto::random_hex(16)` makes them, in scratch with a dash and
+/// the token of the attempt behind.
+bool is_temporary(std::string_view name) {
     constexpr std::size_t kDigits = 32;
-    const std::string_view token = name.substr(std::min(kDigits, name.size()));
-    return name.substr(0, kDigits).find_first_not_of("0123456789abcdef") == name.npos &&
-           name.size() >= kDigits &&
-           (token.empty() || (token.size() > 1 && token.front() == '-' &&
-                              token.find_first_not_of("0123456789", 1) == token.npos));
+    const auto dash = std::min(name.find('-'), name.size());
+    const std::string_view random = name.substr(0, dash), token = name.substr(dash);
+    return random.size() == kDigits &&
+           random.find_first_not_of("0123456789abcdef") == random.npos &&
+           (token.empty() ||
+            (token.size() > 1 && token.find_first_not_of("0123456789", 1) == token.npos));
 }
 
 }  // namespace
@@ -122,7 +124,7 @@ void clear_leftovers(const fs::path& folder) {
     }
     fs::create_directories(folder);
     for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
-        if (is_random_name(entry.path().filename().string())) fs::remove_all(entry.path());
+        if (is_temporary(entry.path().filename().string())) fs::remove_all(entry.path());
     }
 }
 

@@ -53,9 +53,9 @@ struct WorkerPool::State {
     const Limits limits;
     JobStore& jobs;
     BlobStore& blobs;
-    std::mutex claiming;  ///< held from the look at the stop to the claim
     JobRunner& runner;
 
+    std::mutex claiming;  ///< held from the look at the stop to the claim
     std::mutex mutex;
     std::vector<std::shared_ptr<JobAttempt>> running;
     bool drained = false;                               ///< no job may go on

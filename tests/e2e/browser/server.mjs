@@ -7,13 +7,13 @@ import { tmpdir } from 'node:os';
 import { join } from 'node:path';
 import { setTimeout as sleep } from 'node:timers/promises';
 
-/** With `key`, a server that answers its bearer alone. */
-export async function startServer(binaries, { key } = {}) {
+/** With `key`, a server that answers its bearer alone; `flags` are more of `stippled serve`. */
+export async function startServer(binaries, { key, flags = [] } = {}) {
     const data = mkdtempSync(join(tmpdir(), 'stipple-browser-'));
     const [port, adminPort] = await freePorts(2);
     const child = spawn(join(binaries, 'stippled'),
         ['serve', '--listen', `127.0.0.1:${port}`, '--admin', `127.0.0.1:${adminPort}`, '--data', data,
-            ...(key ? ['--api-keys', keyFile(data, key)] : [])],
+            ...flags, ...(key ? ['--api-keys', keyFile(data, key)] : [])],
         { stdio: ['ignore', 'pipe', 'pipe'] });
     let log = '';
     child.stdout.on('data', (text) => { log += text; });

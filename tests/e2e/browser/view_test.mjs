@@ -421,6 +421,22 @@ await run({
             await keyed.stop();
         }
     },
+
+    async 'Under a path of a proxy the page is all there'() {
+        const proxied = await startServer(options.bin, { flags: ['--path-prefix', '/scans/lab'] });
+        const visitor = new Browser(browser.chromium, proxied.url);
+        try {
+            const guest = await visitor.open('/scans/lab', { scale });  // it leads to the same with a slash
+            await choose(guest, { name: 'line.ply', buffer: line(500) });
+            await settledPyramid(guest);
+            await guest.reload();
+            await settledPyramid(guest);
+            assert.match(guest.url(), /\/scans\/lab\/\?/);
+            assert.deepEqual(visitor.faults, []);
+        } finally {
+            await proxied.stop();
+        }
+    },
 });
 
 /** Counts in `window.textures` how many there are more than now. */

@@ -40,15 +40,12 @@ export class Intake {
 
     async end({ cloud, count }) {
         this.welcome.invite();
-        if (!cloud) {
-            return;
-        }
-        const listed = this.onAdded();  // also where no job can be started
-        if (this.shown() === this.before) {
+        if (cloud && this.shown() === this.before) {
+            this.onAdded().catch(() => {});  // also where no job can be started; the list looks again by itself
             await this.onSent(cloud);
-        } else {
+        } else if (cloud) {
             offer(count > 1 ? `${count} clouds were added` : `${nameOf(cloud)} was added`, 'Open it', () => this.onChosen(cloud));
+            await this.onAdded();
         }
-        await listed;
     }
 }
