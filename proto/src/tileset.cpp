@@ -33,7 +33,8 @@ struct Node {
 
 /// The geometric error of a tile, without those below.
 double own_error(const LodTile& tile, bool is_leaf, TilesetError error) {
-    const double least = 0.25 * tile.step;
+    // Above 0, with which some viewers draw nothing.
+    const double least = 1e-3 * tile.step;
     switch (error) {
         case TilesetError::Mean:
             return std::max(tile.error.mean, least);

@@ -125,7 +125,7 @@ void expect_within(double precision, std::vector<LodTile> tiles, const Vec3d& ce
         for (std::size_t i = 0; i < numbers.size(); ++i) {
             const Vec3d was = cloud.positions[numbers[i]].cast<double>();
             const Vec3d is = place + decoded.positions[i].cast<double>();
-            const double rounding = 1e-6 * was.norm();
+            const double rounding = 1e-7 * decoded.positions[i].norm();
             ASSERT_LE((was - is).cwiseAbs().maxCoeff(), precision + rounding);
         }
     }
@@ -142,9 +142,9 @@ TEST(LodTiles, OfTheFinestLevelKeepThePrecisionThatWasAskedFor) {
 }
 
 TEST(LodTiles, KeepThePrecisionThatWasAskedForThoughAPointIsFarOff) {
-    constexpr double kPrecision = 0.001;  // 26 bits of the whole
+    constexpr double kPrecision = 0.0007;  // 26 bits of the whole, with what floats round
     PointCloud cloud = test::sphere(20'000);
-    cloud.positions.push_back({1e5F, 0, 0});
+    cloud.positions.push_back({1e4F, 0, 0});
     cloud = numbered(std::move(cloud));
     LodTiler tiler(cloud, {.precision = kPrecision, .attributes = true});
     expect_within(kPrecision, tiler.add_level(cloud, true), tiler.center(), cloud);
@@ -231,14 +231,53 @@ TEST(LodTiles, StopWhenAskedTo) {
 
 TEST(LodTiles, RefuseAPrecisionThatTheyCannotHave) {
     const PointCloud cloud = test::sphere(100);
-    test::expect_refused("precision 1e-12: expected at least 1.8",
+    test::expect_refused("precision 1e-12: expected at least 1.1",
                          [&] { tiles_of(cloud, {.precision = 1e-12}); });
-    EXPECT_LE(tiles_of(cloud, {.precision = 2e-9}).front().step, 4.1e-9);
+    // About the middle they are floats anew, rounded by up to 6e-8; doubles were so before.
+    test::expect_refused("precision 5e-08: expected at least 1.1",
+                         [&] { tiles_of(cloud, {.precision = 5e-8}); });
+    EXPECT_LE(tiles_of(cloud, {.precision = 1e-6}).front().step, 2e-6 - 1e-7);
     PointCloud wide = cloud;
-    wide.double_precision = true;  // so that they were rounded by up to 6e-8
-    test::expect_refused("precision 2e-09: expected at least 1.1",
-                         [&] { tiles_of(wide, {.precision = 2e-9}); });
-    EXPECT_LE(tiles_of(wide, {.precision = 1e-6}).front().step, 2e-6 - 1e-7);
+    wide.double_precision = true;
+    test::expect_refused("precision 1e-07: expected at least 2.3",
+                         [&] { tiles_of(wide, {.precision = 1e-7}); });
+    EXPECT_LE(tiles_of(wide, {.precision = 1e-6}).front().step, 2e-6 - 2e-7);
+}
+
+TEST(LodTiles, OfClustersFarApartHaveThePrecisionOrAreRefused) {
+    PointCloud cloud = test::sphere(1'000);
+    for (const Vec3f& p : test::sphere(1'000).positions)
+        cloud.positions.push_back(p + Vec3f(1e5F, 3, 0));
+    cloud = numbered(std::move(cloud));
+    unsigned kept = 0;
+    for (const double precision : {0.1, 0.03, 0.01, 0.007, 0.005, 0.001}) {
+        try {
+            LodTiler tiler(cloud, {.precision = precision, .attributes = true});
+            expect_within(precision, tiler.add_level(cloud, true), tiler.center(), cloud);
+            ++kept;
+        } catch (const Error& refused) {
+            EXPECT_NE(std::string(refused.what()).find("expected at least 0.00596"),
+                      std::string::npos)
+                << refused.what();
+        }
+    }
+    EXPECT_EQ(kept, 5U);
+}
+
+TEST(LodTiles, TakeThePrecisionThatARefusalNames) {
+    PointCloud cloud = test::sphere(100);
+    cloud.double_precision = true;
+    for (Vec3f& p : cloud.positions) p *= 1e5F;
+    for (double precision = 1e-4; precision < 1; precision *= 1.07) {
+        try {
+            tiles_of(cloud, {.precision = precision});
+        } catch (const Error& refused) {
+            const std::string text = refused.what();
+            const double least = std::stod(text.substr(text.find("at least ") + 9));
+            EXPECT_GT(least, precision);
+            EXPECT_NO_THROW(tiles_of(cloud, {.precision = 1.001 * least})) << text;
+        }
+    }
 }
 
 TEST(LodTiles, RefuseOptionsOutOfRange) {

@@ -186,7 +186,7 @@ TEST(Tileset, TellsTheErrorThatIsAskedFor) {
                 const double step = results.levels[tile["extras"]["level"].get<std::size_t>()]
                                         .files.front()
                                         .tile->step;
-                EXPECT_LE(tile["geometricError"], std::max(expected, 0.25 * scale * step) + 1e-12);
+                EXPECT_LE(tile["geometricError"], std::max(expected, 1e-3 * scale * step) + 1e-12);
                 if (parent == nullptr) return;
                 EXPECT_LE(tile["geometricError"], (*parent)["geometricError"]);
             });

@@ -25,16 +25,6 @@ TEST(ClientWatch, StopsWhatIsComputedWhenTheClientLeaves) {
     EXPECT_TRUE(stops(watch.left()));
 }
 
-TEST(ClientWatch, StopsWhatIsComputedWhenTheServerStops) {
-    std::stop_source server;
-    Request request;
-    request.client_gone = [] { return false; };
-    request.stop = server.get_token();
-    const ClientWatch watch(request, 60s);
-    server.request_stop();
-    EXPECT_TRUE(watch.left().stop_requested());
-}
-
 TEST(ClientWatch, StopsWhatTakesTooLong) {
     Request request;
     request.client_gone = [] { return false; };

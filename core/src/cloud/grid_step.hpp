@@ -42,11 +42,4 @@ inline double precision_left(double precision, double moved, double side) {
            " apart in single precision");
 }
 
-/// Half the step of a grid whose places are told in single precision: rounding adds to it, unless
-/// it takes positions that were floats back to where they were.
-inline double half_step_of_floats(double precision, double rounding) noexcept {
-    if (rounding <= kUncounted * precision) return precision;
-    return std::max(precision - rounding, precision / 2);
-}
-
 }  // namespace stipple

@@ -4,6 +4,7 @@
 #include "base/parallel_for.hpp"
 #include "cloud/box_of_most.hpp"
 #include "cloud/boxed_cloud.hpp"
+#include "cloud/grid_step.hpp"
 #include "stipple/point_cloud.hpp"
 #include "stipple/run_context.hpp"
 
@@ -55,6 +56,14 @@ struct ErrorFrame {
     /// The way back.
     Vec3f out_of(const Vec3f& place, const PointCloud& cloud) const {
         return (place.cast<double>() / scale + center - cloud.origin).cast<float>();
+    }
+    /// By how much the way there moves positions that lie in a box, along an axis, at most: a float
+    /// is no farther from what it is shifted to than the shift is long.
+    double rounding_of(const Aabb& box, const PointCloud& cloud) const {
+        const Vec3d farthest =
+            (box.min - center).cwiseAbs().cwiseMax((box.max - center).cwiseAbs());
+        const Vec3d shift = (cloud.origin - center).cwiseAbs();
+        return shift.cwiseMin(farthest.unaryExpr(&rounding_of_floats)).maxCoeff();
     }
 
 private:

@@ -60,6 +60,13 @@ void check(const PointCloud& cloud, const ProgressiveOptions& options) {
            " bits cannot tell them apart; remove far-off points, or set a precision");
 }
 
+/// Half the step of a grid whose places are told in single precision, in the frame of the cloud:
+/// rounding adds to it, unless it takes positions that were floats back to where they were.
+double half_step_of_floats(double precision, double rounding) {
+    if (rounding <= kUncounted * precision) return precision;
+    return std::max(precision - rounding, precision / 2);
+}
+
 void choose_grid(const PointCloud& cloud, const ProgressiveOptions& options,
                  ProgressiveLayout& layout, const RunContext& context) {
     Vec3f low = cloud.positions.front(), high = low;

@@ -290,14 +290,14 @@ LodTiler::LodTiler(const PointCloud& source, const LodTileOptions& options,
         state.rounding.side_of_most = side_of_most;
     if (options.precision) {
         const double side = (state.box.max - state.box.min).maxCoeff();
-        const double left = precision_left(*options.precision, rounding_of_reading(source), side);
+        const double moved =
+            rounding_of_reading(source) + state.frame.rounding_of(state.box, source);
+        const double left = precision_left(*options.precision, moved, side);
         const double least = state.rounding.least_precision() / state.frame.scale;
         if (left < least)
-            refuse("precision ", *options.precision, ": expected at least ", least,
+            refuse("precision ", *options.precision, ": expected at least ", moved + least,
                    ", which tiles of a cloud as wide as this one can have");
-        // About the middle they are floats again.
-        const double half_step = half_step_of_floats(left, rounding_of_floats(side / 2));
-        state.rounding.precision = std::max(half_step, least) * state.frame.scale;
+        state.rounding.precision = left * state.frame.scale;
     }
 
     state.order = hilbert_order(source.positions, context);

@@ -119,6 +119,7 @@ void ClientSocket::wait_until_writable() {
 }
 
 bool ClientSocket::peer_gone() const noexcept {
+    if (abort_.raised()) return true;
     char byte = 0;
     const ssize_t n = ::recv(fd_.get(), &byte, 1, MSG_PEEK | MSG_DONTWAIT);
     return n == 0 || (n < 0 && errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR);

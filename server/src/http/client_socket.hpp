@@ -52,7 +52,8 @@ public:
     /// the kernel are not taken.
     void write_all(std::string_view bytes);
 
-    /// Whether the client has closed the connection, as far as is known without waiting.
+    /// Whether the client has closed the connection, as far as is known without waiting, or `abort`
+    /// has cut it.
     bool peer_gone() const noexcept;
 
     /// Ends our side and takes what still comes for a moment, so that our last words are not lost

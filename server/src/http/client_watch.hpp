@@ -4,21 +4,19 @@
 
 #include <chrono>
 #include <condition_variable>
-#include <functional>
 #include <mutex>
 #include <stop_token>
 #include <thread>
 
 namespace stipple::server::http {
 
-/// Stops what is computed for a reply once nobody waits for it any more: when the client closes the
-/// connection, when the server stops, and when it takes longer than `longest`. For as long as the
+/// Stops what is computed for a reply once nobody can have it any more: when the client closes the
+/// connection, when the server cuts it, and when it takes longer than `longest`. For as long as the
 /// watch lives, which the request outlives.
 class ClientWatch {
 public:
     ClientWatch(const Request& request, std::chrono::seconds longest)
         : ends_(std::chrono::steady_clock::now() + longest),
-          server_stops_(request.stop, [this] { left_.request_stop(); }),
           thread_([this, &request](const std::stop_token& done) {
               std::mutex mutex;
               std::condition_variable_any wake;
@@ -38,7 +36,6 @@ private:
 
     const std::chrono::steady_clock::time_point ends_;
     std::stop_source left_;
-    std::stop_callback<std::function<void()>> server_stops_;
     std::jthread thread_;
 };
 

@@ -90,8 +90,8 @@ struct Request {
     RequestBody* body = nullptr;
     std::string remote_address;
     std::string_view version;           ///< HTTP/1.1 or HTTP/1.0
-    std::stop_token stop;               ///< requested when the server stops
-    std::function<bool()> client_gone;  ///< looks at the connection; cheap
+    std::stop_token stop;               ///< requested when the server begins to stop: no waiting
+    std::function<bool()> client_gone;  ///< whether no reply can reach it; cheap
 
     // Filled by the application.
     std::string path_prefix;  ///< of paths in replies; `path` is without it
