@@ -24,6 +24,8 @@ constexpr std::array kSurfaces = {
     Named<ErrorSurface>{ErrorSurface::Samples, "samples"},
 };
 
+constexpr std::size_t kMostLabelBytes = 200;
+
 [[noreturn]] void refuse(const std::string& what) {
     throw Error(ErrorCode::InvalidArgument, what);
 }
@@ -181,18 +183,22 @@ ErrorFigures read_error(JsonObject& object) {
 void validate(const EvaluationOptions& options) {
     validate(options.measure);
     if (options.range && !(*options.range > 0 && std::isfinite(*options.range)))
-        refuse("range: expected a distance above 0, in input units");
+        refuse("range " + Json(*options.range).dump() +
+               ": expected a distance above 0, in input units");
     if (options.up != 'x' && options.up != 'y' && options.up != 'z')
         refuse("up " + std::string(1, options.up) + ": expected x, y or z");
     if (options.views.empty() || options.views.size() > kViews.size())
-        refuse("views: expected 1 to " + std::to_string(kViews.size()));
+        refuse(std::to_string(options.views.size()) + " views: expected 1 to " +
+               std::to_string(kViews.size()));
     for (const std::string& view : options.views) {
         if (std::ranges::find(kViews, view) != kViews.end()) continue;
         refuse("views: \"" + view.substr(0, 60) +
                "\": expected front, right, back, left, top or bottom");
     }
     for (const std::string& label : options.labels) {
-        if (label.size() > 200) refuse("labels: expected at most 200 bytes each");
+        if (label.size() > kMostLabelBytes)
+            refuse("a label of " + std::to_string(label.size()) + " bytes: expected at most " +
+                   std::to_string(kMostLabelBytes));
     }
 }
 
@@ -207,7 +213,9 @@ EvaluateJob read_evaluate(JsonObject& object) {
                            "expected either candidates or candidate, for a single one");
     job.candidates = one ? std::vector{one->text()} : several->list_of(text_of);
     if (job.candidates.empty() || job.candidates.size() > kMostCandidates)
-        throw object.error("candidates", "expected 1 to " + std::to_string(kMostCandidates));
+        throw object.error("candidates", std::to_string(job.candidates.size()) +
+                                             " of them: expected 1 to " +
+                                             std::to_string(kMostCandidates));
     if (const auto value = object.find("samples")) measure.samples = value->integer();
     if (const auto value = object.find("sampling")) measure.sampling = one_of(kSamplings, *value);
     if (const auto value = object.find("basis")) measure.surface = one_of(kSurfaces, *value);

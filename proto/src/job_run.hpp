@@ -24,7 +24,7 @@ public:
     /// A context whose progress is that of a stage.
     RunContext in_stage(Stage stage);
     /// A context whose progress nobody sees.
-    RunContext quietly() const { return {context_.stop, {}, context_.threads}; }
+    RunContext quietly() const { return context_.quietly(); }
     void advance(Stage stage, double fraction) { meter_.advance(stage, fraction); }
 
     /// The input, cleaned; what it is is reported.

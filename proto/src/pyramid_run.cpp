@@ -102,9 +102,10 @@ private:
                 bytes += encode_glb(tile).size();
             tiler_->restart();
             if (level.size() == 1 && bytes > most_bytes) {
-                throw Error(ErrorCode::InvalidArgument, "base_bytes " + std::to_string(most_bytes) +
-                                                            ": one point takes " +
-                                                            std::to_string(bytes));
+                throw Error(ErrorCode::InvalidArgument,
+                            "a coarsest level of " + std::to_string(most_bytes) +
+                                " bytes: expected at least the " + std::to_string(bytes) +
+                                " that one point takes");
             }
             return bytes <= most_bytes;
         };

@@ -145,15 +145,14 @@ private:
             Candidate candidate{levels_.read_level(i), {}, {}};
             if (candidate.cloud().empty()) {  // the box may lie between the points of the level
                 if (i + 1 < pyramid_.levels.size()) continue;
-                throw Error(ErrorCode::NotFound, "no point lies in the box");
+                levels_.refuse_empty_box();
             }
             require_room(candidate.cloud().size());
             candidate.bytes = encoded(candidate.cloud());
             error->max += rounding_of(candidate).max;
             if (error->max <= bound) return candidate;
         }
-        if (levels_.most_points(pyramid_.levels.back()) == 0)
-            throw Error(ErrorCode::NotFound, "no point lies in the box");
+        if (levels_.most_points(pyramid_.levels.back()) == 0) levels_.refuse_empty_box();
         throw Error(ErrorCode::InvalidArgument,
                     "max_error " + number(bound) +
                         (error ? ": expected at least " + number(error->max) +

@@ -1,5 +1,6 @@
 #include "slice_levels.hpp"
 
+#include "json_reader.hpp"
 #include "stipple/codec.hpp"
 #include "stipple/error.hpp"
 
@@ -255,13 +256,23 @@ std::optional<LevelDistances> SliceLevels::error_of(const OutputCloud& level) co
     return error;
 }
 
+void SliceLevels::refuse_empty_box() const {
+    const auto text = [](const Vec3d& place) {
+        return Json{place.x(), place.y(), place.z()}.dump();
+    };
+    const Aabb& all = pyramid_.source.value().bounds;
+    throw Error(ErrorCode::NotFound, "no point lies in the box " + text(options_.box->min) +
+                                         " to " + text(options_.box->max) + ": the cloud spans " +
+                                         text(all.min) + " to " + text(all.max));
+}
+
 std::shared_ptr<const LevelCut> SliceLevels::level_with(std::uint64_t points) {
     const std::size_t finest = pyramid_.levels.size() - 1;
     for (std::size_t i = 0;; ++i) {
         if (i < finest && most_points(pyramid_.levels[i]) < points) continue;
         if (!cuts_[i]) cuts_[i] = read_level(i);
         if (cuts_[i]->cloud.size() < points && i < finest) continue;
-        if (cuts_[i]->cloud.empty()) throw Error(ErrorCode::NotFound, "no point lies in the box");
+        if (cuts_[i]->cloud.empty()) refuse_empty_box();
         return cuts_[i];
     }
 }

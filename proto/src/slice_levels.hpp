@@ -40,6 +40,8 @@ public:
     /// The coarsest level with so many points in the box, or the finest.
     /// @throws Error(NotFound) where no point lies in the box.
     std::shared_ptr<const LevelCut> level_with(std::uint64_t points);
+    /// @throws Error(NotFound) that tells where the points are.
+    [[noreturn]] void refuse_empty_box() const;
 
 private:
     bool keep_attributes(const OutputCloud& level) const;

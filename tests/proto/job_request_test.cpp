@@ -502,12 +502,12 @@ TEST(JobRequest, ToEvaluateIsRefusedByNameAndValue) {
     const std::string candidate = R"("candidate": ")" + kInput + "\"";
     EXPECT_EQ(refused(R"("seed": 1)"),
               "candidates: expected either candidates or candidate, for a single one");
-    EXPECT_EQ(refused(R"("candidates": [])"), "candidates: expected 1 to 16");
+    EXPECT_EQ(refused(R"("candidates": [])"), "candidates: 0 of them: expected 1 to 16");
     EXPECT_EQ(refused(R"("candidate": "x")"),
               "candidates: expected ids of clouds: 64 lower-case hexadecimal digits");
     EXPECT_EQ(refused(candidate + R"(, "k": 5)"), "k 5: expected 6..64");
     EXPECT_EQ(refused(candidate + R"(, "range": 0)"),
-              "range: expected a distance above 0, in input units");
+              "range 0.0: expected a distance above 0, in input units");
     EXPECT_EQ(refused(candidate + R"(, "views": ["inside"])"),
               "views: \"inside\": expected front, right, back, left, top or bottom");
     EXPECT_EQ(refused(candidate + R"(, "labels": ["a", "b"])"),

@@ -42,15 +42,14 @@ inline CLI::Validator small_number(std::string expected) {
         "");
 }
 
-/// Bits of a quantised value, from `least` to 30. @param exact  what 0 stands for; null: nothing.
-inline CLI::Validator bit_count(unsigned least, const char* exact) {
+/// Bits of a quantised value. @param exact  what 0 stands for; null: nothing.
+inline CLI::Validator bit_count(unsigned least, unsigned most, const char* exact = nullptr) {
     return CLI::Validator(
-        [least, exact](std::string& text) -> std::string {
-            constexpr unsigned kMost = 30;
+        [least, most, exact](std::string& text) -> std::string {
             const bool whole = whole_number()(text).empty();
-            const std::uint64_t bits = whole ? std::stoull(text) : kMost + 1;
-            if ((bits >= least && bits <= kMost) || (bits == 0 && exact != nullptr)) return {};
-            return text + ": expected " + std::to_string(least) + ".." + std::to_string(kMost) +
+            const std::uint64_t bits = whole ? std::stoull(text) : most + 1;
+            if ((bits >= least && bits <= most) || (bits == 0 && exact != nullptr)) return {};
+            return text + ": expected " + std::to_string(least) + ".." + std::to_string(most) +
                    (exact == nullptr ? "" : std::string(", or 0: ") + exact);
         },
         "");

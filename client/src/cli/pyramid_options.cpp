@@ -188,11 +188,13 @@ CommandReader add_pyramid(CLI::App& app) {
         .add_option("--tile-bits", values.tiles.position_bits,
                     "bits per axis of the finest tiles, 2..24 for the longest side; default 14")
         ->type_name("B")
-        ->transform(small_number("2..24"));
+        ->transform(bit_count(2, 24));
     command
-        .add_option("--tile-points", values.tiles.max_points, "most points per tile; default 65536")
+        .add_option("--tile-points", values.tiles.max_points,
+                    "most points per tile, 1..65536; default 65536")
         ->type_name("N")
-        ->transform(point_count());
+        ->transform(point_count())
+        ->check(CLI::Range(1, 65536));
     command.add_flag("--tile-attributes", values.tiles.attributes,
                      "include scalar attributes in tiles: 32-bit integers and doubles as floats");
     command.add_flag_callback(

@@ -145,7 +145,7 @@ void add_draco(CLI::App& command, EncodingValues& values, const std::string& pre
                            .add_option("--position-bits", values.draco.position_bits,
                                        "for .drc: 1..30, or 0: exact floats; default 14")
                            ->type_name("B")
-                           ->transform(bit_count(1, "exact floats"));
+                           ->transform(bit_count(1, 30, "exact floats"));
     command
         .add_option("--precision", values.precision,
                     "for " + precise + ": largest error per axis, input units")
@@ -154,12 +154,12 @@ void add_draco(CLI::App& command, EncodingValues& values, const std::string& pre
         ->transform(precision());
     command.add_option("--normal-bits", values.draco.normal_bits, "for .drc: 2..30; default 10")
         ->type_name("B")
-        ->transform(bit_count(2, nullptr));
+        ->transform(bit_count(2, 30));
     command
         .add_option("--attribute-bits", values.draco.attribute_bits,
                     "for .drc: 1..30 for floats, or 0: exact floats; default 16")
         ->type_name("B")
-        ->transform(bit_count(1, "exact floats"));
+        ->transform(bit_count(1, 30, "exact floats"));
     command
         .add_option("--coding", values.coding,
                     "for .drc: auto (default), sequential (keeps the order) or kd-tree")

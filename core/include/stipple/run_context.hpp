@@ -25,6 +25,9 @@ struct RunContext {
 
     /// A context whose progress 0..1 appears as `from..to` of this one.
     RunContext part(double from, double to) const;
+
+    /// A context whose progress nobody sees.
+    RunContext quietly() const { return {.stop = stop, .progress = {}, .threads = threads}; }
 };
 
 }  // namespace stipple

@@ -465,7 +465,7 @@ std::vector<Cut> ClusterTree::cuts(std::span<const std::uint64_t> sizes,
             continue;
         }
         if (splits.empty())
-            splits = first_splits(size - roots_, {context.stop, {}, context.threads});
+            splits = first_splits(size - roots_, context.quietly());
         else
             keep_first(splits, size - roots_, context);
         const auto is_above = [last = splits.back()](const ClusterNode& node) {

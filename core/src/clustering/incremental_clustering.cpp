@@ -225,7 +225,7 @@ Clusters incremental_clusters(std::span<const Vec3f> points,
         std::vector<Index> offsets = tree.cut(*target, context).offsets;
         return {{tree.members().begin(), tree.members().end()}, std::move(offsets)};
     }
-    const RunContext quiet{.stop = context.stop, .progress = {}, .threads = context.threads};
+    const RunContext quiet = context.quietly();
     const Grown grown = grow(points, options, target, context.part(0.0, 0.8));
     if (target && !options.max_variation) return clusters_of(points, grown, *target, quiet);
     Clusters clusters =

@@ -152,7 +152,7 @@ private:
         stipple::contract(
             cloud_.positions, {}, levels.sizes, options,
             [&](ContractionSnapshot&& snapshot) {
-                on_snapshot(std::move(snapshot), {context.stop, {}, context.threads});
+                on_snapshot(std::move(snapshot), context.quietly());
             },
             context);
     }

@@ -65,7 +65,7 @@ std::vector<Vec3f> places_above(double bound, const DirectedError& error,
 ErrorJudge::ErrorJudge(const PointCloud& cloud, double bound, const RunContext& context)
     : cloud_(cloud),
       bound_(bound),
-      quietly_{.stop = context.stop, .progress = {}, .threads = context.threads},
+      quietly_(context.quietly()),
       frame_(bounds(cloud), cloud),
       surface_(frame_.into(cloud, quietly_), Reading::Confirmed, quietly_) {
     part_points();

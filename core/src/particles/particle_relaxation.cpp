@@ -92,7 +92,7 @@ struct FourPairs {
 ParticleRelaxation::ParticleRelaxation(const ParticleSurface& surface, std::vector<float> spacing,
                                        SpreadParticles start, const RunContext& context)
     : surface_(surface),
-      context_{context.stop, {}, context.threads},
+      context_(context.quietly()),
       spacing_(std::move(spacing)),
       positions_(std::move(start.positions)) {
     feet_.reserve(positions_.size());

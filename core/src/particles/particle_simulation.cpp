@@ -222,7 +222,7 @@ public:
         : mls_(mls),
           frame_(frame),
           options_(options),
-          context_{context.stop, {}, context.threads},
+          context_(context.quietly()),
           ground_(std::move(ground)) {}
 
     /// As many particles as are wanted, at rest on tangent planes.

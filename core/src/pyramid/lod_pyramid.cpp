@@ -25,10 +25,6 @@ namespace {
 
 constexpr std::size_t kMaxLevels = 64;
 
-RunContext quiet(const RunContext& context) {
-    return {.stop = context.stop, .progress = {}, .threads = context.threads};
-}
-
 /// Sizes that the coarsest level may have where it is to fit, smallest first.
 std::vector<std::uint64_t> sizes_to_try(std::uint64_t points, const LodPyramidOptions& options) {
     constexpr double kSmaller = 0.9;
@@ -224,7 +220,7 @@ public:
           context_(context) {}
 
     void emit(LodLevel&& next) {
-        if (options_.spacing) next.spacing = mean_spacing(next.cloud.positions, quiet(context_));
+        if (options_.spacing) next.spacing = mean_spacing(next.cloud.positions, context_.quietly());
         emitted_ += next.cloud.size();
         next.level = level_++;
         on_level_(std::move(next));
@@ -269,7 +265,7 @@ std::vector<LodLevel> levels_of_tree(const PointCloud& cloud, Sizes& sizes,
     if (!sizes.tries.empty())
         sizes.levels =
             with_fitting_base(sizes.levels, sizes.tries, options,
-                              cuts_of(cloud, tree, options.simplification), quiet(context));
+                              cuts_of(cloud, tree, options.simplification), context.quietly());
     std::vector<LodLevel> levels =
         cut_levels(cloud, base, tree, made_of(sizes.levels, cloud), options, context);
     if (order.empty())
@@ -307,7 +303,7 @@ std::vector<LodLevel> levels_of_levels(const PointCloud& cloud, Sizes& sizes,
     };
     if (!sizes.tries.empty())
         sizes.levels =
-            with_fitting_base(sizes.levels, sizes.tries, options, level_of, quiet(context));
+            with_fitting_base(sizes.levels, sizes.tries, options, level_of, context.quietly());
     std::vector<LodLevel> levels;
     for (const std::uint64_t size : made_of(sizes.levels, cloud))
         levels.push_back(std::move(by_size.at(size)));
@@ -356,8 +352,8 @@ void build_in_turn(const PointCloud& cloud, const std::function<PointCloud()>& w
                    const std::function<void(LodLevel&&)>& on_level, const RunContext& context) {
     LevelsInTurn in_turn = levels_in_turn(cloud, sizes, options, context);
     if (!sizes.tries.empty())
-        sizes.levels =
-            with_fitting_base(sizes.levels, sizes.tries, options, in_turn.level_of, quiet(context));
+        sizes.levels = with_fitting_base(sizes.levels, sizes.tries, options, in_turn.level_of,
+                                         context.quietly());
     LevelEmitter emitter(sizes.levels, in_turn.prepared, options, on_level, context);
     const std::span<const std::uint64_t> made = options.nested
                                                     ? std::span<const std::uint64_t>(sizes.levels)

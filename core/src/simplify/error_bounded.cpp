@@ -84,7 +84,7 @@ public:
         : forest_(std::move(forest)),
           judge_(judge),
           context_(context),
-          quietly_{.stop = context.stop, .progress = {}, .threads = context.threads} {}
+          quietly_(context.quietly()) {}
 
     /// No snapshot of so few points holds everywhere. Known after the run.
     std::uint64_t too_few() const { return finest_ == 0 ? 0 : forest_.size_of(finest_ - 1); }
@@ -247,7 +247,7 @@ std::vector<PointCloud> fewer_at_a_look(const PointCloud& cloud, const SimplifyO
         misses = holds ? 0 : misses + 1;
         if (holds) fewer.push_back(std::move(snapshot));
     };
-    const RunContext quiet{.stop = context.stop, .progress = {}, .threads = context.threads};
+    const RunContext quiet = context.quietly();
     if (options.method == Method::Particles) {  // each is a run of its own
         const CloudOfSize run = runs_of(cloud, options, quiet);
         for (const std::uint64_t count : counts)
@@ -389,7 +389,7 @@ void error_curve(const PointCloud& cloud, const ErrorCurveOptions& options,
                  const SurfaceErrorOptions& measure, const RunContext& context) {
     if (cloud.empty()) refuse("the cloud has no points: expected at least 1");
     const std::vector<std::uint64_t> counts = curve_counts(cloud.size(), options);
-    const RunContext quietly{.stop = context.stop, .progress = {}, .threads = context.threads};
+    const RunContext quietly = context.quietly();
     std::size_t done = 0;
     context.checkpoint(0.0);
     SurfaceErrorMeter meter(cloud, measure, quietly);
