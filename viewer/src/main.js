@@ -47,7 +47,7 @@ const stage = new Stage(byId.stage, {
 const library = new Library({
     onResult: (job) => open(job),
     onCloud: openCloud,
-    onParameters: (cloud) => form.open(subjectOf(cloud, { clouds: library.clouds, session })),
+    onParameters: async (cloud) => form.open(await subjectOf(cloud, library, session)),
 });
 const hud = new Hud({
     onLevel: choose,

@@ -288,7 +288,13 @@ await run({
         holds(request.regions[0], { sphere: { center: [1, 0, 0], radius: 0.5 }, density: 3 });
         await shows(page, 900);
 
+        const shown = await page.locator('[aria-current=true]').getAttribute('data-result');
+        await startJob({ type: 'simplify', input: await cloudOf(shown), points: 800, method: 'multiphase', format: 'drc' });
+        await page.locator('#results').getByText('800 points, multiphase ·').waitFor();
         await openForm('Compare');
+        await page.locator('#job-start').click();
+        await page.locator('#job-problem').getByText('Choose at least one').waitFor();
+        await page.locator('#job-fields label').getByText('800 points, multiphase').waitFor();  // of a result that is not shown
         await page.locator('#job-fields label').getByText('900 points').click();
         const { candidates, candidate, map } = await started();
         const [{ files }] = (await manifestOf(await settledPyramid(page))).levels;

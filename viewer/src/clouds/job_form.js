@@ -70,7 +70,11 @@ export class JobForm {
         byId['job-start'].ariaBusy = 'true';
         this.tell('');
         try {
-            await onStart({ cloud: this.subject.cloud, type: this.form.type, fields: this.named(valuesOf(this.fields, this.parts)) });
+            const fields = this.named(valuesOf(this.fields, this.parts));
+            if (this.form.type === 'evaluate' && !fields.candidates) {
+                throw new Error('Choose at least one cloud to compare with.');
+            }
+            await onStart({ cloud: this.subject.cloud, type: this.form.type, fields });
             byId['job-dialog'].close();
             focusOn(byId.results.querySelector('[aria-current=true]'), byId.stage);
         } catch (error) {
@@ -110,6 +114,9 @@ export class JobForm {
 
     /** @param subject  what the job is for: `{cloud, name, attributes, others}`, the last `{id, name}` of what it can be compared with */
     open(subject) {
+        if (byId['job-dialog'].open) {
+            return;  // a double click
+        }
         this.subject = subject;
         this.keep();  // what was asked of another cloud is not answered for this one
         byId['job-title'].textContent = subject.name;
