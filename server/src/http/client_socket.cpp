@@ -129,9 +129,13 @@ void ClientSocket::close_gently() noexcept {
     ::shutdown(fd_.get(), SHUT_WR);
     const auto deadline = Clock::now() + 1s;
     std::array<char, 16 * 1024> discarded;
-    for (std::size_t budget = 16U << 20; budget > discarded.size(); budget -= discarded.size()) {
+    constexpr std::size_t kMost = 16U << 20;
+    for (std::size_t bytes = 0; bytes < kMost && Clock::now() < deadline;) {
         const ssize_t n = ::recv(fd_.get(), discarded.data(), discarded.size(), MSG_DONTWAIT);
-        if (n > 0) continue;
+        if (n > 0) {
+            bytes += static_cast<std::size_t>(n);
+            continue;
+        }
         const bool later = n < 0 && (errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR);
         if (!later || wait_for(POLLIN, deadline, false) != Waited::Ready) return;
     }
