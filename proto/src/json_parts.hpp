@@ -32,6 +32,14 @@ Json error_json(const ErrorFigures& figures);
 /// Takes the figures from an object that may hold more.
 ErrorFigures read_error(JsonObject& object);
 
+Json level_json(const OutputCloud& cloud);
+OutputCloud read_level(const JsonValue& value);
+Json files_json(const OutputCloud& cloud);
+Json pictures_json(const OutputCloud& cloud);
+
+Json cost_json(const JobCost& cost);
+JobCost read_cost(const JsonValue& value);
+
 Json vector_json(const Vec3d& v);
 Vec3d read_vector(const JsonValue& value);
 

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "stipple/proto/results.hpp"
+#include "stipple/proto/job_process.hpp"
 
 namespace stipple::job {
 

@@ -1,4 +1,4 @@
-#include "stipple/proto/results.hpp"
+#include "stipple/proto/job_process.hpp"
 
 #include "documents.hpp"
 

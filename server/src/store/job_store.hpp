@@ -1,7 +1,7 @@
 #pragma once
 
 #include "stipple/proto/job.hpp"
-#include "stipple/proto/results.hpp"
+#include "stipple/proto/job_process.hpp"
 
 #include <chrono>
 #include <cstdint>
