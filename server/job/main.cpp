@@ -19,6 +19,7 @@
 #include <fstream>
 #include <iterator>
 #include <string>
+#include <string_view>
 #include <utility>
 
 namespace {
@@ -89,9 +90,11 @@ void run(const char* spec_file) {
 }  // namespace
 
 int main(int argc, char** argv) {
-    if (argc != 2 || argv[1][0] == '-') {
-        std::fputs(kUsage, stderr);
-        return 2;
+    const bool asked =
+        argc == 2 && (argv[1] == std::string_view("--help") || argv[1] == std::string_view("-h"));
+    if (asked || argc != 2 || argv[1][0] == '-') {
+        std::fputs(kUsage, asked ? stdout : stderr);
+        return asked ? 0 : 2;
     }
     stipple::prefer_huge_heap();
     try {
