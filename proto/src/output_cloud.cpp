@@ -1,6 +1,7 @@
 #include "json_parts.hpp"
 #include "stipple/proto/digest.hpp"
 
+#include <algorithm>
 #include <span>
 
 namespace stipple::proto {
