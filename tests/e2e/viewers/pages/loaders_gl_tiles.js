@@ -2,12 +2,15 @@ import { load } from '@loaders.gl/core';
 import { Tiles3DLoader } from '@loaders.gl/3d-tiles';
 import { TILE_REFINEMENT } from '@loaders.gl/tiles';
 import { BufferAttribute, BufferGeometry, Group, Points, PointsMaterial } from 'three';
-import { show } from 'readme:loaders.gl, tile by tile?tileset,content';
+import { show } from 'readme:loaders.gl, tile by tile?tileset,contents';
 
 import { job, server, tell } from './asked.js';
 import { camera, renderer, scene } from './three_scene.js';
 
-const { tileset, content } = await show({ server, job });
+const { tileset, contents } = await show({ server, job });
+if (contents.length === 0 || contents.some(({ gltf }) => !gltf)) {
+    throw new Error(`${contents.length} tiles to begin with`);
+}
 const placed = new Group();
 placed.matrixAutoUpdate = false;
 placed.matrix.fromArray(tileset.root.transform);
@@ -15,7 +18,7 @@ scene.add(placed);
 
 let points = 0;
 for (const tile of finest(tileset.root)) {
-    const { gltf } = tile === tileset.root ? content : await load(tile.contentUrl, Tiles3DLoader);
+    const { gltf } = await load(tile.contentUrl, Tiles3DLoader);
     const upright = new Group();
     upright.rotation.x = Math.PI / 2;  // y up becomes z up
     placed.add(upright);
@@ -27,7 +30,8 @@ tell({ points });
 /** The tiles that show all there is. */
 function finest(tile) {
     const below = (tile.children ?? []).flatMap(finest);
-    return below.length > 0 && tile.refine === TILE_REFINEMENT.REPLACE ? below : [tile, ...below];
+    const isReplaced = below.length > 0 && tile.refine === TILE_REFINEMENT.REPLACE;
+    return isReplaced || !tile.contentUrl ? below : [tile, ...below];
 }
 
 function drawn({ matrix, translation, rotation, scale, mesh, children = [] }, spacing) {
