@@ -2,7 +2,9 @@
 
 #include "store_fixtures.hpp"
 
+#include <chrono>
 #include <fstream>
+#include <thread>
 
 namespace stipple::server {
 namespace {
@@ -64,6 +66,16 @@ TEST(DataFolder, IsThatOfOneProcessForEachPart) {
             lock(folder.path(), {"worker", "api"});
         });
     }
+}
+
+TEST(DataFolder, IsWaitedForWhereItsProcessIsAboutToEnd) {
+    const TemporaryFolder folder;
+    auto api = lock_parts(folder.path(), {"api"});
+    const std::jthread ending([&] {
+        std::this_thread::sleep_for(std::chrono::milliseconds(100));
+        api.clear();
+    });
+    EXPECT_NO_THROW(lock_parts(folder.path(), {"api"}));
 }
 
 TEST(DataFolder, LosesOnlyWhatIsNamedAsTheServerNamesIt) {

@@ -8,8 +8,10 @@
 #include <sys/file.h>
 #include <algorithm>
 #include <cerrno>
+#include <chrono>
 #include <optional>
 #include <string_view>
+#include <thread>
 
 namespace stipple::server {
 
@@ -48,6 +50,18 @@ void refuse_foreign(const fs::path& folder) {
     }
 }
 
+/// Of a server that was killed while it started a job, the job's process still holds the lock until
+/// it has become another program: a moment, on a busy machine a longer one.
+bool take_lock(const FileDescriptor& file) {
+    constexpr int kTries = 20;
+    constexpr std::chrono::milliseconds kPause{50};
+    for (int tries = 1; ::flock(file.get(), LOCK_EX | LOCK_NB) != 0; ++tries) {
+        if (tries == kTries) return false;
+        std::this_thread::sleep_for(kPause);
+    }
+    return true;
+}
+
 std::vector<FileDescriptor> lock(const fs::path& folder, const std::vector<std::string>& parts,
                                  int flags) {
     std::vector<FileDescriptor> locks;
@@ -56,7 +70,7 @@ std::vector<FileDescriptor> lock(const fs::path& folder, const std::vector<std::
         FileDescriptor fd = open_file(file, flags);
         if (!fd && errno == ENOENT && (flags & O_CREAT) == 0) continue;
         if (!fd) throw_errno("cannot open", file);
-        if (::flock(fd.get(), LOCK_EX | LOCK_NB) != 0) {
+        if (!take_lock(fd)) {
             throw Error(
                 ErrorCode::Conflict,
                 "--data " + folder.string() + ": another stippled runs on this folder as " + part);
