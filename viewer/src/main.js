@@ -1,4 +1,4 @@
-import { askAhead, cancelJob, isFinal, kLost, persist, removeCloud, removeJob } from './api/api.js';
+import { askAhead, cancelJob, getJob, isFinal, kLost, persist, removeCloud, removeJob } from './api/api.js';
 import { download, savePicture } from './api/download.js';
 import { Comparison } from './cards/comparison.js';
 import { Hud } from './cards/hud.js';
@@ -48,6 +48,10 @@ const library = new Library({
     onResult: (job) => open(job),
     onCloud: openCloud,
     onParameters: async (cloud) => form.open(await subjectOf(cloud, library, session)),
+    onChange: () => {
+        comparison.show();
+        leaveIfGone().catch(() => {});  // that it cannot be asked for is told elsewhere
+    },
 });
 const hud = new Hud({
     onLevel: choose,
@@ -107,7 +111,7 @@ const starter = new JobStarter({
 });
 const form = new JobForm({
     onStart: ({ cloud, type, fields }) => starter.start(type, cloud, fields),
-    onRemove: (cloud) => removeCloud(cloud).then(() => library.refresh()).catch(showProblem),
+    onRemove: (cloud) => unlessGone(removeCloud(cloud)).then(() => library.refresh()).catch(showProblem),
 });
 const toolbar = new Toolbar({
     onFit: () => {
@@ -223,6 +227,24 @@ function leave(error) {
     closeResult();
     showMissing(error);
     library.refresh().then(invite).catch(showProblem);
+}
+
+/** What is shown may have been taken away elsewhere, or be older than those that are listed. */
+async function leaveIfGone() {
+    const shown = session;
+    if (!shown?.job || library.jobs.some(({ id }) => id === shown.id)) {
+        return;
+    }
+    try {
+        await getJob(shown.id);
+    } catch (error) {
+        if (error.status !== kNotFound) {
+            throw error;
+        }
+        if (session === shown) {
+            leave(error);
+        }
+    }
 }
 
 /** Asks for a cloud where nothing is shown. */

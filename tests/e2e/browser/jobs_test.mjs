@@ -139,10 +139,10 @@ await run({
         await visit(page, `/?job=${await startJob({ type: 'evaluate', reference: cloud, candidates, labels: ['fine', 'coarse'], map: ['drc'] })}`);
         await page.locator('#activity').getByText('Error map of 2 clouds, coarse').waitFor();
         await page.keyboard.press('c');
-        await page.locator('#left-label').getByText(/^fine/).waitFor();
-        await page.locator('#right-label').getByText(/^coarse/).waitFor();
+        await page.locator('#left-label').getByText(/^Error map of fine · error/).waitFor();
+        await page.locator('#right-label').getByText(/^Error map of coarse · error/).waitFor();
         await page.locator('#compare-with').selectOption({ label: 'fine' });
-        await page.locator('#right-label').getByText(/^fine/).waitFor();
+        await page.locator('#right-label').getByText(/^Error map of fine · error/).waitFor();
         await save(page, 'two-maps');
         await page.keyboard.press('c');
     },

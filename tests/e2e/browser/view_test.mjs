@@ -398,7 +398,7 @@ await run({
         visitor.refusalsExpected = true;
         try {
             const stranger = await visitor.open('/', { scale });
-            for (const [entry, reason] of [['wrong', 'an API key is needed'], [key, 'this API key is unknown']]) {
+            for (const [entry, reason] of [['wrong', 'This server asks for an API key'], [key, 'this API key is unknown']]) {
                 await stranger.getByText(reason).waitFor();
                 await save(stranger, 'key');
                 await stranger.locator('#key').fill('ключ');  // no header can carry it

@@ -187,7 +187,7 @@ async function send(url, init = {}) {
     if (problem.status !== kKeyNeeded) {
         throw problem;
     }
-    await askForKey(problem.message);
+    await askForKey(Object.keys(authorization()).length > 0 ? problem.message : 'This server asks for an API key.');
     return send(url, init);
 }
 

@@ -139,14 +139,23 @@ export class Comparison {
         if (right) {
             this.paint(right);
         }
-        const labels = left.job?.request.labels ?? [];  // of an evaluation, in which each level is another candidate's map
-        const names = other ? [left, other].map(({ job }) => job?.request.method) : [left.shown, right].map((level) => labels[level?.level]);
-        this.view.label(left.shown, right, names);
+        this.view.label(this.sideOf(left, left.shown), this.sideOf(other ?? left, right));
+        const labels = left.job?.request.labels ?? [];
         const others = this.library.othersWithPicture(left.id);
         this.view.showChoices([
             { label: 'The same result', choices: left.loader.levels.map(({ level, points }) => ({ value: `level:${level}`, text: labels[level] ?? `Level ${level + 1}, ${format.compactCount(points)}` })) },
             { label: 'Another result', choices: others.map((job) => ({ value: `result:${job.id}`, text: `${titleOf(job)}: ${summaryOf(job, this.library.cloudOf(job))}` })) },
         ], other ? `result:${other.id}` : `level:${right?.level}`);
+    }
+
+    /** What stands above a level: what tells it from the other side, beside its figures. A map's are not those of what it is about. */
+    sideOf({ job }, level) {
+        const { left, other } = this;
+        const ofTwoClouds = other?.job && left.job && inputOf(other.job) !== inputOf(left.job);
+        const label = job?.request.labels?.[level?.level];  // of an evaluation, in which each level is another candidate's map
+        const isMap = job?.type === 'evaluate';
+        const kind = isMap ? ['Error map', label].filter(Boolean).join(' of ') : other && job?.request.method;
+        return { level, isMap, names: [ofTwoClouds && titleOf(job), kind] };
     }
 
     /** The level on the right, once for each choice of colours and range. */

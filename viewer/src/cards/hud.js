@@ -52,6 +52,9 @@ export class Hud {
         if (this.type !== job.type) {
             this.type = job.type;
             this.actionsOf = null;
+            const isOfCandidates = job.type === 'evaluate';
+            byId['level-title'].textContent = isOfCandidates ? 'Candidate' : 'Level';
+            byId.level.ariaLabel = isOfCandidates ? 'Candidate' : 'Level of detail';
         }
         const isBusy = job.status === 'accepted' || job.status === 'running';
         byId.hud.classList.toggle('busy', isBusy);
@@ -120,8 +123,9 @@ export class Hud {
         byId.error.textContent = error ? format.percent(error.mean) : '–';
         byId['error-name'].textContent = shown?.tiles ? 'Error in view' : 'Error';
         byId['error-figure'].title = error ? titleOf(error) + (shown.tiles ? '. For what is drawn: finer closer to the camera' : '') : '';
-        byId['error-slider'].hidden = !(least < most);
-        if (least < most) {
+        const hasBounds = least < most && this.type !== 'evaluate';  // of candidates none is a finer one
+        byId['error-slider'].hidden = !hasBounds;
+        if (hasBounds) {
             byId['error-bound'].min = -Math.log2(most);
             byId['error-bound'].max = -Math.log2(least) + (errors.includes(0) ? 1 : 0);  // one octave for none at all
             this.showBound(shown, bound);

@@ -5,7 +5,13 @@ const kTiles = 'glb';
 const tilesetOf = ({ server, id }) => `${server}/v1/pyramids/${id}/tileset.json`;
 const manifestOf = ({ server, id, collection, manifest }) => `${server}/v1/${collection}/${id}/${manifest}`;
 
-/** Each with a `name`, the format of files that it `needs`, if any, and `linesFor({server, id, collection, manifest, hasKey})`. */
+/** Of a result `{server, id, collection, manifest, hasKey}`. */
+export function linesOf({ linesFor, showsKey }, result) {
+    const note = result.hasKey && !showsKey ? '// This server wants a key with each request: Authorization: Bearer KEY\n' : '';
+    return note + linesFor(result);
+}
+
+/** Each with a `name`, the format of files that it `needs`, if any, `linesFor` a result, and whether these `showsKey` where one is needed. */
 export const kPrograms = [{
     name: 'Cesium', needs: kTiles,
     linesFor: (result) => `import { Cartesian3, Cesium3DTileset, Transforms } from 'cesium';
@@ -50,8 +56,10 @@ scene.add(points);`,
 import { Tiles3DLoader } from '@loaders.gl/3d-tiles';
 const tileset = await load(
     '${tilesetOf(result)}', Tiles3DLoader);
-const content = await load(tileset.root.contentUrl, Tiles3DLoader);
-// The points are in content.gltf; and so on with tileset.root.children`,
+const coarsest = (tile) => (tile.contentUrl ? [tile.contentUrl]
+    : tile.children.flatMap(coarsest));  // finer ones are their children
+const contents = await Promise.all(coarsest(tileset.root)
+    .map((url) => load(url, Tiles3DLoader)));  // points are in the gltf of each`,
 }, {
     name: 'loaders.gl, one level', needs: kDraco,
     linesFor: (result) => `import { load } from '@loaders.gl/core';
@@ -62,7 +70,7 @@ const { origin, files } = levels.at(-1);  // positions are relative to origin
 const { href } = files.find((file) => file.format === 'drc');
 const { attributes } = await load(new URL(href, manifest.url).href, DracoLoader);`,
 }, {
-    name: 'curl',
+    name: 'curl', showsKey: true,
     linesFor: (result) => {
         const curl = `curl -sS${result.hasKey ? ' -H "Authorization: Bearer $STIPPLE_KEY"' : ''}`;
         const all = result.collection === 'pyramids' ? `

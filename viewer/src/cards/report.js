@@ -101,7 +101,7 @@ function evaluation({ levels, request }, name, nameOf) {
         table(['Percent of the diagonal', ...kFigures.map(([, title]) => title)], figures),
         note(`The diagonal is ${format.quantity(levels[0].error.diagonal)}, in units of the cloud.`),
         ...(attributes.some(([, rows]) => rows.length > 0) ? [table(['Attributes', 'Mean', 'RMS', 'Largest'], attributes), note('Colours as CIEDE2000, normals in radians.')] : []),
-        ...[...warnings].map((warning) => note(`Beware: ${warning}.`)),
+        ...[...warnings].map((warning) => note(`Beware: ${warning}${/[.?!]$/.test(warning) ? '' : '.'}`)),
         ...levels.flatMap(({ pictures = [] }) => pictures.map(pictureOf)),
     ]];
 }

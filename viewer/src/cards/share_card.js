@@ -1,7 +1,7 @@
 import { authorization } from '../api/api_key.js';
 import { byId, element, setHidden } from '../page/element.js';
 import { showProblem } from '../page/notices.js';
-import { kPrograms } from './program_lines.js';
+import { kPrograms, linesOf } from './program_lines.js';
 
 const kToldMs = 2_000;
 
@@ -56,7 +56,7 @@ export class ShareCard {
     }
 
     showLines() {
-        byId['share-lines'].textContent = kPrograms.find(({ name }) => name === byId['share-for'].value).linesFor(this.result);
+        byId['share-lines'].textContent = linesOf(kPrograms.find(({ name }) => name === byId['share-for'].value), this.result);
         byId['share-lines'].scrollTo(0, 0);
     }
 }

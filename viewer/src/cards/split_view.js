@@ -85,7 +85,9 @@ export class SplitView {
 
     place() {
         byId.divider.style.bottom = `${this.stage.insets.bottom}px`;  // its handle in the middle of what is seen
-        document.documentElement.style.setProperty('--split', `${this.stage.line()}px`);
+        const { style } = document.documentElement;
+        style.setProperty('--split', `${this.stage.line()}px`);
+        style.setProperty('--right', `${this.stage.insets.right}px`);
         byId.divider.ariaValueNow = String(Math.round(100 * this.stage.split.at));
     }
 
@@ -96,10 +98,10 @@ export class SplitView {
         byId['compare-with'].value = chosen;
     }
 
-    /** What is left and right: levels, or null. @param names  what tells them apart beside their figures, where something does */
-    label(left, right, names) {
-        const [leftText, rightText] = [left, right].map((level, i) => (level ? [names[i], ...figuresOf(level)] : ['Loading']));
-        const doubt = left && right ? doubtOf(this.stage.boxOf(left), this.stage.boxOf(right)) : null;
+    /** What is left and right: `level`, or null, `names`, what tells them apart, and whether it `isMap`. */
+    label(left, right) {
+        const [leftText, rightText] = [left, right].map(({ level, names, isMap }) => (level ? [...names, ...figuresOf(level, isMap)] : ['Loading']));
+        const doubt = left.level && right.level ? doubtOf(this.stage.boxOf(left.level), this.stage.boxOf(right.level)) : null;
         byId['left-label'].textContent = textOf(leftText);
         byId['right-label'].textContent = textOf([...rightText, doubt]);
     }
@@ -122,9 +124,9 @@ function drawnOf({ drawn, points }) {
         ? format.compactPoints(points) : `${format.compactCount(drawn.points)} of ${format.compactPoints(points)}`;
 }
 
-/** A level has a file of its own, or is the first bytes of a stream; the bytes of a view of tiles are not known. */
-function figuresOf(level) {
+/** A level has a file of its own, or is the first bytes of a stream; the bytes of a view of tiles are not known. Of a map the error alone. */
+function figuresOf(level, isMap) {
     const error = drawnErrorOf(level);
     const bytes = level.tiles ? [] : [format.bytes(level.file?.bytes ?? level.bytes)];
-    return [drawnOf(level), ...bytes, ...(error ? [`error ${format.percent(error.mean)}`] : [])];
+    return [...(isMap ? [] : [drawnOf(level), ...bytes]), ...(error ? [`error ${format.percent(error.mean)}`] : [])];
 }

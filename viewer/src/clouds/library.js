@@ -8,8 +8,9 @@ const kMore = 100;
 
 /** The lists of clouds and of what was made of them. */
 export class Library {
-    constructor({ onResult, onCloud, onParameters }) {
-        Object.assign(this, { onResult, onCloud, onParameters });
+    /** @param onChange  told that the lists are others; beside it what is told what was chosen */
+    constructor({ onResult, onCloud, onParameters, onChange }) {
+        Object.assign(this, { onResult, onCloud, onParameters, onChange });
         this.clouds = [];
         this.jobs = [];
         this.wanted = { clouds: kMore, results: kMore };  // how many, newest first
@@ -65,7 +66,7 @@ export class Library {
         if (at >= 0) {
             this.jobs[at] = job;
             const note = byId.results.querySelector(`[data-result="${job.id}"] .row-note`);
-            note.textContent = resultNote(job, this.cloudOf(job));
+            note.textContent = note.title = resultNote(job, this.cloudOf(job));
         }
     }
 
@@ -106,6 +107,7 @@ export class Library {
         exchange(byId.clouds, ...this.clouds.map((cloud) => this.cloudRow(cloud)));
         byId['clouds-section'].hidden = this.clouds.length === 0;
         this.findCurrent();
+        this.onChange();
     }
 
     /** Scrolls to the current row, once: afterwards the person may look elsewhere. */
@@ -144,7 +146,7 @@ export class Library {
     row(id, name, note, isAlarm) {
         return element('button', { id, className: 'row' }, element('span', { className: 'row-text' },
             element('span', { className: 'row-name', textContent: name, title: name }),
-            element('span', { className: isAlarm ? 'row-note alarm' : 'row-note', textContent: note })));
+            element('span', { className: isAlarm ? 'row-note alarm' : 'row-note', textContent: note, title: note })));
     }
 }
 
@@ -200,7 +202,7 @@ export function summaryOf({ type, request, levels_ready: levels }, cloud) {
         case 'curve': return `Error by points, ${request.method}`;
         case 'pyramid': {
             const count = request.formats.includes('stpc') ? 'stream' : request.formats.join() === 'copc.laz' ? 'COPC'
-                : `${levels} ${levels === 1 ? 'level' : 'levels'}`;
+                : `${levels} ${levels === 1 ? 'level' : 'levels'}, ${request.method}`;
             return cloud?.points === undefined ? count : `${format.compactPoints(keptOf(cloud).points)}, ${count}`;
         }
     }

@@ -15,7 +15,7 @@ export function roomBesideCards() {
     const tools = byId.tools.getBoundingClientRect();  // of a phone: at its right where it lies on its side
     const isFlat = innerHeight <= kFlat;
     return isPhone()
-        ? { left: 0, right: isFlat ? innerWidth - tools.left : 0, top: labels.bottom || (isFlat ? 0 : tools.bottom), bottom: innerHeight - (hud ? hud.top - byId.grip.offsetHeight : dock.top) + legend }
+        ? { left: 0, right: isFlat ? innerWidth - (card ?? tools).left : 0, top: labels.bottom || (isFlat ? 0 : tools.bottom), bottom: innerHeight - (hud ? hud.top - byId.grip.offsetHeight : dock.top) + legend }
         : { left: library.right, right: card ? innerWidth - card.left : 0, top: labels.bottom, bottom: hud ? innerHeight - hud.top + legend : 0 };
 }
 

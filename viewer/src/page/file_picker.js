@@ -42,8 +42,9 @@ function acceptDrops({ onFiles, onFolder, onHover }) {
             hover(0);
             const isFolder = (item) => item.webkitGetAsEntry()?.isDirectory;
             const items = [...event.dataTransfer.items].filter(({ kind }) => kind === 'file');
-            items.filter(isFolder).forEach((item) => onFolder(item.webkitGetAsEntry().name));
-            onFiles(items.filter((item) => !isFolder(item)).map((item) => item.getAsFile()));
+            const folders = items.filter(isFolder);
+            onFiles(items.filter((item) => !folders.includes(item)).map((item) => item.getAsFile()));
+            folders.forEach((item) => onFolder(item.webkitGetAsEntry().name));  // after the files, with which notices of before go
         }
     });
 }
