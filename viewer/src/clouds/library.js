@@ -200,11 +200,9 @@ export function summaryOf({ type, request, levels_ready: levels }, cloud) {
         case 'analyze': return 'Analysis';
         case 'evaluate': return evaluationOf(request);
         case 'curve': return `Error by points, ${request.method}`;
-        case 'pyramid': {
-            const count = request.formats.includes('stpc') ? 'stream' : request.formats.join() === 'copc.laz' ? 'COPC'
+        case 'pyramid':
+            return request.formats.includes('stpc') ? 'Stream' : request.formats.join() === 'copc.laz' ? 'COPC'
                 : `${levels} ${levels === 1 ? 'level' : 'levels'}, ${request.method}`;
-            return cloud?.points === undefined ? count : `${format.compactPoints(keptOf(cloud).points)}, ${count}`;
-        }
     }
 }
 
