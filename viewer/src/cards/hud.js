@@ -109,7 +109,7 @@ export class Hud {
         if (shown) {
             this.showFiles(shown);
             byId.level.value = shown.level + 1;
-            byId.level.ariaValueText = `Level ${shown.level + 1}, ${format.points(shown.points)}`;
+            byId.level.ariaValueText = `${byId['level-title'].textContent} ${shown.level + 1}, ${format.points(shown.points)}`;
             byId.points.textContent = format.share(shown.drawn?.points ?? shown.points, shown.points);
             byId['level-name'].textContent = `${shown.level + 1} of ${levels.length}${hasAll ? '' : '+'}`;
         }
