@@ -259,9 +259,13 @@ struct LodTiler::State {
         for (int axis = 0; axis < 3; ++axis)
             tile.offset[axis] = static_cast<double>(least[axis]) * tile.step + shift[axis];
         const auto point_at = [&](std::size_t i) { return level.points[members[i]]; };
-        tile.spacing = is_crowd(members.size(), point_at)
-                           ? 0
-                           : mean_gap(*level.tree, members.size(), asked, point_at) / frame.scale;
+        // A tile of points in the air is no sparse part of the surface.
+        constexpr double kMostSpacings = 8;
+        tile.spacing =
+            is_crowd(members.size(), point_at)
+                ? 0
+                : std::min(mean_gap(*level.tree, members.size(), asked, point_at) / frame.scale,
+                           kMostSpacings * level_spacing);
         tile.streams = encode_streams(cloud, at.numbers, at.sorted, contents, at.encoder);
     }
 };

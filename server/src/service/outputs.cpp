@@ -301,11 +301,14 @@ OutputCache::File Outputs::plain_document(const Job& job, const std::string& nam
 
 proto::Results Outputs::with_coarsest_inside(proto::Results results, CloudFormat format) const {
     if (results.levels.empty()) return results;
-    auto& files = results.levels.front().files;
-    const auto file = std::ranges::find(files, format, &proto::OutputFile::format);
-    if (file == files.end() || file->bytes > kMostInlined) return results;
-    file->href = "data:" + std::string(media_type(format)) + ";base64," +
-                 proto::base64(read_all(*open(file->sha256)));
+    std::uint64_t bytes = 0;
+    for (proto::OutputFile& file : results.levels.front().files) {
+        if (file.format != format) continue;
+        bytes += file.bytes;
+        if (bytes > kMostInlined) break;
+        file.href = "data:" + std::string(media_type(format)) + ";base64," +
+                    proto::base64(read_all(*open(file.sha256)));
+    }
     return results;
 }
 

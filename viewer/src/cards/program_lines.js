@@ -17,7 +17,7 @@ export const kPrograms = [{
     linesFor: (result) => `import { Cartesian3, Cesium3DTileset, Transforms } from 'cesium';
 const tileset = await Cesium3DTileset.fromUrl(
     '${tilesetOf(result)}',
-    { pointCloudShading: { attenuation: true } });
+    { pointCloudShading: { attenuation: true, maximumAttenuation: 32, geometricErrorScale: 2 } });
 // Only without tiles.epsg or tiles.transform: where on the globe
 tileset.modelMatrix = Transforms.eastNorthUpToFixedFrame(
     Cartesian3.fromDegrees(8.55, 47.37));
@@ -32,8 +32,9 @@ const tiles = new TilesRenderer(
 tiles.registerPlugin(new GLTFExtensionsPlugin({ meshoptDecoder: MeshoptDecoder }));
 tiles.setCamera(camera);
 tiles.setResolutionFromRenderer(camera, renderer);
+const wide = 2 / Math.tan(camera.fov * Math.PI / 360);  // spacings
 tiles.addEventListener('load-model', ({ scene: model, tile }) => model.traverse(({ material }) =>
-    Object.assign(material ?? {}, { size: 2 * tile.extras.spacing, sizeAttenuation: true })));
+    Object.assign(material ?? {}, { size: wide * tile.extras.spacing, sizeAttenuation: true })));
 scene.add(tiles.group);  // call tiles.update() before each frame`,
 }, {
     name: 'three.js, one level', needs: kDraco,
@@ -47,7 +48,7 @@ const { href } = files.find((file) => file.format === 'drc');
 const geometry = await new DRACOLoader().setDecoderPath('/draco/')
     .loadAsync(new URL(href, manifest.url).href);
 const points = new Points(geometry, new PointsMaterial({
-    size: 2 * spacing, vertexColors: geometry.hasAttribute('color') }));
+    size: 2 * spacing / Math.tan(camera.fov * Math.PI / 360), vertexColors: geometry.hasAttribute('color') }));
 points.position.set(...origin);
 scene.add(points);`,
 }, {

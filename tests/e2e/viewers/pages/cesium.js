@@ -9,7 +9,7 @@ const viewer = new CesiumWidget('stage', {
 });
 const { tileset } = await show({ server, job, viewer });
 tileset.maximumScreenSpaceError = 1;  // every level, down to the finest tiles
-tileset.pointCloudShading.maximumAttenuation = 16;  // as by default
+tileset.pointCloudShading.maximumAttenuation = 16;  // of the default error: with that above points were cut to a pixel
 tileset.pointCloudShading.eyeDomeLighting = !view.isFlat;  // it darkens what lies behind
 
 const place = ([x, y, z]) => Matrix4.multiplyByPoint(tileset.modelMatrix, new Cartesian3(x, y, z), new Cartesian3());
