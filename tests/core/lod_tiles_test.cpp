@@ -104,6 +104,15 @@ TEST(LodTiles, OfACloudWithAPointFarOffTellItsOtherPointsApart) {
     }
 }
 
+TEST(LodTiles, OfAPointFarOffTellNoWideSpacing) {
+    PointCloud cloud = test::sphere(20'000);
+    const double spacing = mean_spacing(cloud.positions);
+    cloud.positions.push_back({1e6F, 0, 0});
+    const auto tiles = tiles_of(cloud, {});
+    ASSERT_GT(tiles.size(), 1U);
+    for (const LodTile& tile : tiles) EXPECT_LT(tile.spacing, 10 * spacing);
+}
+
 TEST(LodTiles, OfACloudWithAPointFarOffAreAsFineAsWithoutIt) {
     PointCloud cloud = test::plane(20'000);
     const double step = tiles_of(cloud, {}).front().step;
