@@ -257,6 +257,7 @@ std::optional<LevelDistances> SliceLevels::error_of(const OutputCloud& level) co
 }
 
 void SliceLevels::refuse_empty_box() const {
+    if (!options_.box) throw Error(ErrorCode::NotFound, "the pyramid has no points");
     const auto text = [](const Vec3d& place) {
         return Json{place.x(), place.y(), place.z()}.dump();
     };
