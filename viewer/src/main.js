@@ -173,6 +173,7 @@ function open({ id, type }, { remembered = false, how = kAsNew } = {}) {
                 library.refresh().then(() => session?.tell(), showProblem);  // what was found out about the cloud
             }
         },
+        onBytes: (loading) => view.showArrival(loading),
         onLevels: (shown) => {
             view.show(shown);
             comparison.update();

@@ -245,6 +245,24 @@ await run({
         rmSync(parent, { recursive: true });
     },
 
+    async 'On a slow line the bytes are told as they come'() {
+        const before = await settledPyramid(page);
+        const { id } = await (await fetch(`${server.url}/v1/clouds?name=slow.ply`, { method: 'POST', body: torus.buffer })).json();
+        const slow = await startJob({ type: 'pyramid', input: id, formats: ['drc'], method: 'random' });
+        await page.evaluate(() => dispatchEvent(new Event('focus')));  // the lists are asked for anew
+        await page.locator(`#result-${slow}`).waitFor();
+        const devtools = await page.context().newCDPSession(page);
+        await devtools.send('Network.enable');
+        const limit = (downloadThroughput) => devtools.send('Network.emulateNetworkConditions', { offline: false, latency: 0, downloadThroughput, uploadThroughput: -1 });
+        await limit(50_000);
+        await page.locator(`#result-${slow}`).click();
+        await page.locator('#activity-share').getByText(/^, [1-9]\d? %$/).waitFor();
+        await page.waitForFunction(() => [...document.querySelectorAll('#segments li.loading')].some(({ style }) => Number(style.getPropertyValue('--arrived')) > 0));
+        await limit(-1);
+        await settledPyramid(page, before);
+        await devtools.detach();
+    },
+
     async 'Clouds of other places, or in other units, are compared with a word about that'() {
         const near = await settledPyramid(page);
         for (const [name, place, word] of [['far.ply', (i) => [50 + i / 500, 0, 0], 'lies elsewhere'], ['large.ply', (i) => [2 * i, 0, 0], 'in different units?']]) {

@@ -22,9 +22,18 @@ export async function getJson(url, signal) {
     return readJson(await send(url, { signal }));
 }
 
-export async function getBytes(url, signal) {
-    const response = await send(url, { signal });
-    return arrival(response.arrayBuffer());
+/** @param onPiece  told how many bytes have come since it was last told */
+export async function getBytes(url, signal, onPiece = () => {}) {
+    const reader = (await send(url, { signal })).body.getReader();
+    const pieces = [];
+    for (;;) {
+        const { done, value } = await arrival(reader.read());
+        if (done) {
+            return new Blob(pieces).arrayBuffer();
+        }
+        pieces.push(value);
+        onPiece(value.length);
+    }
 }
 
 /** The bytes from one on, as they come: `take` is called with each piece, and says whether that was enough. */

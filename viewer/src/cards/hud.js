@@ -104,7 +104,7 @@ export class Hud {
         byId.segments.replaceChildren(...levels.map((level) => element('li', {
             className: shown && level.level <= shown.level ? 'shown' : level.state,
         })));
-        byId.bytes.textContent = format.bytes(loadedBytes);
+        this.showArrival(levels, loadedBytes);
         this.showErrors(levels, shown, bound);
         if (shown) {
             this.showFiles(shown);
@@ -113,6 +113,14 @@ export class Hud {
             byId.points.textContent = format.share(shown.drawn?.points ?? shown.points, shown.points);
             byId['level-name'].textContent = `${shown.level + 1} of ${levels.length}${hasAll ? '' : '+'}`;
         }
+    }
+
+    /** Of what is on its way, how much is there. */
+    showArrival(levels, loadedBytes) {
+        byId.bytes.textContent = format.bytes(loadedBytes);
+        levels.forEach(({ arrived, bytes }, i) => {
+            byId.segments.children[i]?.style.setProperty('--arrived', arrived ? arrived / bytes : 0);
+        });
     }
 
     /** The measured error of what is shown, and the bounds to choose from. */

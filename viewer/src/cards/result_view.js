@@ -46,10 +46,9 @@ export class ResultView {
             this.share.show({ id, type, formats: [...new Set(manifest.levels.flatMap(({ files }) => files.map((file) => file.format)))] });
         }
         if (job && isFinal(job)) {
-            const next = loader.levels.find(({ state }) => state === 'loading');
             const large = loader.levels.find(({ state }) => state === 'large');
-            if (next) {
-                hud.showActivity(`Loading ${format.compactCount(next.points)} points`);
+            if (loader.levels.some(({ state }) => state === 'loading')) {
+                this.showArrival(session);
             } else if (job.status === 'successful') {
                 hud.showActivity(large ? `${format.compactCount(large.points)} more on request` : this.about(session));
             } else {
@@ -58,6 +57,16 @@ export class ResultView {
         }
         hud.setWaiting(waits > 0);
         document.documentElement.dataset.state = isSettled ? 'settled' : 'loading';
+    }
+
+    /** How much of it has come. */
+    showArrival({ loader, job }) {
+        this.hud.showArrival(loader.levels, loader.loadedBytes);
+        const next = loader.levels.find(({ state }) => state === 'loading');
+        if (next && job && isFinal(job)) {
+            const percent = Math.floor(100 * next.arrived / next.bytes);
+            this.hud.showActivity(`Loading ${format.compactCount(next.points)} points`, percent > 0 && percent < 100 ? `, ${percent} %` : '');
+        }
     }
 
     /** What kind of result it is, and whether all of its cloud is in it. */

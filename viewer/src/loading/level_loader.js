@@ -33,18 +33,19 @@ const kMostPoints = 8_000_000;
  * as the bytes come. While the server cannot be reached, it is asked again: `onLost` is told.
  *
  * What has no file that can be drawn is not among the `levels`. One that is there is its entry of the manifest with its `source` and `file` (see level_files.js), `attributes` (each can `read` its
- * values), `state` (`listed`, `loading`, `ready`, `large`, `failed`) and, once ready, `geometry`: position, surface (see
+ * values), `state` (`listed`, `loading`, `ready`, `large`, `failed`), `arrived` (the bytes of it that are there, while it loads) and, once ready, `geometry`: position, surface (see
  * surface_estimate.js) and perhaps color. Where it has no file to be saved, `ply` gives one.
  * A level with many points has `tiles` (a TileStream) instead, `drawn`, the `points` and the `error` of what is seen of it now, and `whole`, the
  * finest level without, whose geometry stands in until the tiles are there.
  */
 export class LevelLoader {
-    constructor({ id, onReady, onChange, onTiles, onLost, onError, signal }) {
+    constructor({ id, onReady, onChange, onBytes, onTiles, onLost, onError, signal }) {
         this.id = id;
         this.levels = [];
         this.loadedBytes = 0;
         this.onReady = onReady;
         this.onChange = onChange;
+        this.onBytes = onBytes;
         this.onError = onError;
         this.onTiles = onTiles;
         this.patience = { signal, onLost };
@@ -118,6 +119,8 @@ export class LevelLoader {
                 if (this.levels.length === 0 && decoder.total > 0) {
                     this.levels.push(...levelsOf(decoder, entry, diagonal));
                 }
+                this.levels.forEach((level) => { level.arrived = Math.min(decoder.taken, level.bytes); });
+                this.onBytes();
                 const level = this.levels.find(({ bytes }) => bytes === decoder.taken);
                 if (level) {
                     await this.show(level, await withSurface(await geometryOf(decoder, pause), level, this.signal));
@@ -172,19 +175,35 @@ export class LevelLoader {
 
     load(level) {
         level.state = 'loading';
-        const bytes = this.fetching.then(() => Promise.all(level.source.files.map(({ href }) =>
-            persist(() => getBytes(href, this.signal), this.patience))));
+        level.arrived = 0;
+        const bytes = this.fetching.then(() => Promise.all(level.source.files.map((file) =>
+            persist(() => this.receive(level, file), this.patience))));
         const before = this.decoding;
         this.fetching = bytes.catch(() => {});
         this.decoding = bytes
             .then(async (buffers) => {
                 await before;
-                this.loadedBytes += buffers.reduce((sum, { byteLength }) => sum + byteLength, 0);
                 const loaded = await persist(() => level.source.load(buffers, level, this.signal), this.patience);  // the decoder comes from there, too
                 level.points = loaded.geometry.getAttribute('position').count;
                 await this.show(level, loaded);
             })
             .catch((error) => this.fail(level, error));
+    }
+
+    /** A file of a level. What came of one that did not come whole counts for the line, not for the level. */
+    async receive(level, { href }) {
+        let came = 0;
+        try {
+            return await getBytes(href, this.signal, (bytes) => {
+                came += bytes;
+                level.arrived += bytes;
+                this.loadedBytes += bytes;
+                this.onBytes();
+            });
+        } catch (error) {
+            level.arrived -= came;
+            throw error;
+        }
     }
 
     /** Once all levels are there, and those that are loaded whole are shown. */

@@ -13,7 +13,7 @@ export class ResultSession {
      * @param dress  gives a level its colours before it is shown; @param onMissing  told why there is no such job
      * @param onError  shows what went wrong; what it returns takes that away
      */
-    constructor({ id, type, chosen = null, bound = null }, pane, { dress, onJob, onLevels, onFirstPicture, onMissing, onError }) {
+    constructor({ id, type, chosen = null, bound = null }, pane, { dress, onJob, onLevels, onBytes = () => {}, onFirstPicture, onMissing, onError }) {
         this.id = id;
         this.type = type;
         this.pane = pane;
@@ -43,6 +43,7 @@ export class ResultSession {
             signal: this.abort.signal,
             onReady: () => this.showBest(),
             onChange: () => this.tell(),
+            onBytes: () => onBytes(this),
             onTiles: ({ isNew }) => {
                 if (isNew) {
                     pane.stage.changed();
