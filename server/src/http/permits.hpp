@@ -28,9 +28,9 @@ struct Senders {
     unsigned of_address = 128;  ///< connections of one
 };
 
-/// Of so many places an address may have the part that it may have of the connections (behind a
-/// proxy, all), and a tenant a quarter where there are others; each of them two at least, as far as
-/// there are two.
+/// Of `all` places one address may hold the share that it may hold of the connections (all of them
+/// behind a proxy), and one tenant a quarter while there are others; each at least two, if there
+/// are two.
 constexpr Places places_among(const Senders& senders, unsigned all) noexcept {
     const auto part_of = [all](std::uint64_t part, std::uint64_t whole) {
         const std::uint64_t places = (all * part + whole - 1) / whole;

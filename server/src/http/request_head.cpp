@@ -35,14 +35,22 @@ std::string_view take_line(std::string_view& text) {
     return line;
 }
 
+/// What was sent, as a refusal repeats it.
+std::string shown(std::string_view text) {
+    constexpr std::size_t kLongest = 40;
+    const bool is_long = text.size() > kLongest;
+    return "`" + std::string(text.substr(0, kLongest)) + (is_long ? "...`" : "`");
+}
+
 void read_version(std::string_view version, RequestHead& head) {
     if (version == "HTTP/1.1") return;
     if (version == "HTTP/1.0") {
         head.http_1_0 = true;
     } else if (version.starts_with("HTTP/")) {
-        throw HttpError(505, "only HTTP/1.0 and HTTP/1.1 are supported");
+        throw HttpError(505, shown(version) + ": expected HTTP/1.0 or HTTP/1.1");
     } else {
-        throw HttpError(400, "the request line does not end with an HTTP version");
+        throw HttpError(400,
+                        "the request line ends with " + shown(version) + ": expected HTTP/1.1");
     }
 }
 
@@ -60,7 +68,8 @@ void read_request_line(std::string_view line, RequestHead& head) {
     const auto first = line.find(' ');
     const auto last = line.rfind(' ');
     if (first == line.npos || first == last) {
-        throw HttpError(400, "the request line is not `METHOD target HTTP/1.1`");
+        throw HttpError(
+            400, "the request line is " + shown(line) + ": expected `METHOD target HTTP/1.1`");
     }
     const std::string_view method = line.substr(0, first);
     const std::string_view target = line.substr(first + 1, last - first - 1);
@@ -68,15 +77,16 @@ void read_request_line(std::string_view line, RequestHead& head) {
         throw HttpError(414, "the target has " + std::to_string(target.size()) +
                                  " bytes: at most " + std::to_string(kMaxTargetBytes));
     }
-    if (!is_token(method)) throw HttpError(400, "the method is not a word");
+    if (!is_token(method)) throw HttpError(400, "the method " + shown(method) + " is not a word");
     read_version(line.substr(last + 1), head);
     if (std::ranges::find(kMethods, method) == kMethods.end()) {
-        throw HttpError(501, "this method is unknown");
+        throw HttpError(501, "the method " + shown(method) + " is unknown");
     }
     const std::string_view path = without_authority(target);
     const bool printable = std::ranges::all_of(path, [](char c) { return c > ' ' && c < 0x7F; });
     if (!path.starts_with('/') || !printable) {
-        throw HttpError(400, "the target is not a path of printable ASCII characters");
+        throw HttpError(
+            400, "the target " + shown(path) + " is not a path of printable ASCII characters");
     }
     head.method = method;
     head.target = path;
@@ -100,7 +110,7 @@ void read_field(std::string_view line, RequestHead& head) {
     const auto colon = line.find(':');
     const std::string_view name = line.substr(0, colon);
     if (colon == line.npos || !is_token(name)) {
-        throw HttpError(400, "a header line is not `Name: value`");
+        throw HttpError(400, "the header line " + shown(line) + " is not `Name: value`");
     }
     const std::string_view value = trimmed(line.substr(colon + 1));
     const bool clean =
@@ -120,7 +130,7 @@ std::uint64_t parse_length(std::string_view text) {
     const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), length);
     // A length that only an unsigned number holds is no length of anything.
     if (error != std::errc() || end != text.data() + text.size() || length > INT64_MAX) {
-        throw HttpError(400, "Content-Length is not a number of bytes");
+        throw HttpError(400, "Content-Length is " + shown(text) + ": expected a number of bytes");
     }
     return length;
 }
@@ -132,13 +142,15 @@ void read_framing(RequestHead& head) {
     const auto length = headers.find("Content-Length");
     const auto coding = headers.find("Transfer-Encoding");
     if (length && coding) {
-        throw HttpError(400, "Content-Length and Transfer-Encoding exclude each other");
+        throw HttpError(
+            400, "Content-Length and Transfer-Encoding exclude each other: give one of the two");
     }
     if (length) head.content_length = parse_length(*length);
     if (!coding) return;
     if (headers.count("Transfer-Encoding") > 1 || !equal_ignoring_case(*coding, "chunked") ||
         head.http_1_0) {
-        throw HttpError(501, "the only supported transfer coding is chunked, in HTTP/1.1");
+        throw HttpError(501, "Transfer-Encoding is " + shown(*coding) +
+                                 ": expected chunked alone, in HTTP/1.1");
     }
     head.chunked = true;
 }
@@ -153,7 +165,7 @@ void refuse_bodies_of_other_methods(const RequestHead& head) {
 void read_connection(RequestHead& head) {
     if (const auto expect = head.headers.find("Expect")) {
         if (!equal_ignoring_case(*expect, "100-continue")) {
-            throw HttpError(417, "the only supported expectation is 100-continue");
+            throw HttpError(417, "Expect is " + shown(*expect) + ": expected 100-continue");
         }
         head.expects_continue = !head.http_1_0;
     }
@@ -176,7 +188,8 @@ RequestHead parse_head(std::string_view text) {
     read_request_line(take_line(text), head);
     while (!text.empty()) read_field(take_line(text), head);
     if (!head.http_1_0 && head.headers.count("Host") != 1) {
-        throw HttpError(400, "exactly one Host field is needed");
+        throw HttpError(
+            400, std::to_string(head.headers.count("Host")) + " Host fields: expected exactly one");
     }
     read_framing(head);
     read_connection(head);
