@@ -224,21 +224,25 @@ std::array<double, 16> read_transform(const JsonValue& value) {
     return transform;
 }
 
+/// To a grid of so many bits, or within a length.
+template <typename Options>
+void read_rounding(JsonObject& object, unsigned least_bits, unsigned most_bits, Options& options) {
+    const auto position_bits = object.find("position_bits");
+    const auto precision = object.find("precision");
+    if (position_bits && precision)
+        throw object.error("precision", "excludes position_bits: give one of the two");
+    if (position_bits) options.position_bits = position_bits->small_integer(least_bits, most_bits);
+    if (!precision) return;
+    options.precision = precision->number();
+    if (!(*options.precision > 0)) precision->refuse("a length above 0, in input units");
+}
+
 void read_tiles(const JsonValue& value, PyramidJob& job) {
     if (!has_grid(job) && !value.members().empty())
         value.refuse("none without glb, stpc or copc.laz among the formats");
     JsonObject object = value.object();
     LodTileOptions& tiles = job.tiles;
-    const auto position_bits = object.find("position_bits");
-    const auto precision = object.find("precision");
-    if (position_bits && precision) {
-        throw object.error("precision", "excludes position_bits: give one of the two");
-    }
-    if (position_bits) tiles.position_bits = position_bits->small_integer(2, 24);
-    if (precision) {
-        tiles.precision = precision->number();
-        if (!(*tiles.precision > 0)) precision->refuse("a length above 0, in input units");
-    }
+    read_rounding(object, 2, 24, tiles);
     if (const auto most = object.find("max_points"))
         tiles.max_points = most->small_integer(1, 65'536);
     take(object, "attributes", tiles.attributes);
@@ -358,16 +362,7 @@ void add_options(Json& json, const PyramidJob& job) {
 DracoEncodeOptions read_draco(const JsonValue& value) {
     JsonObject object = value.object();
     DracoEncodeOptions options;
-    const auto position_bits = object.find("position_bits");
-    const auto precision = object.find("precision");
-    if (position_bits && precision) {
-        throw object.error("precision", "excludes position_bits: give one of the two");
-    }
-    if (position_bits) options.position_bits = position_bits->small_integer(0, 30);
-    if (precision) {
-        options.precision = precision->number();
-        if (!(*options.precision > 0)) precision->refuse("a length above 0, in input units");
-    }
+    read_rounding(object, 0, 30, options);
     if (const auto bits = object.find("normal_bits")) {
         options.normal_bits = bits->small_integer(2, 30);
     }

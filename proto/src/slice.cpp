@@ -136,7 +136,7 @@ private:
     }
 
     Candidate within_error(double bound) {
-        std::optional<LevelDistances> error;
+        std::optional<FileError> error;
         for (std::size_t i = 0; i < pyramid_.levels.size(); ++i) {
             const OutputCloud& level = pyramid_.levels[i];
             error = levels_.error_of(level);
@@ -193,7 +193,7 @@ private:
 
     Slice sliced(Candidate&& candidate) const {
         const LevelCut& cut = *candidate.cut;
-        const LevelDistances rounding = rounding_of(candidate);
+        const FileError rounding = rounding_of(candidate);
         Slice slice{.bytes = std::move(candidate.bytes),
                     .points = candidate.cloud().size(),
                     .level = pyramid_.levels[cut.level].level,
@@ -247,7 +247,7 @@ private:
     }
 
     /// What rounding adds, at most: steps are the longest that the format may take.
-    LevelDistances rounding_of(const Candidate& candidate) const {
+    FileError rounding_of(const Candidate& candidate) const {
         double step = 0;
         if (options_.format == CloudFormat::Glb) {
             const LodTile tile = decode_glb(candidate.bytes);
@@ -256,8 +256,7 @@ private:
         } else if (options_.format == CloudFormat::Draco) {
             step = longest_step(options_.draco, longest_side(candidate.cloud()));
         }
-        const FileError added = error_of_step(step);
-        return {added.mean, added.max};
+        return error_of_step(step);
     }
 
     const Results& pyramid_;

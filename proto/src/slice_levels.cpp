@@ -237,12 +237,12 @@ void SliceLevels::read_tiles(const OutputCloud& level, PointCloud& cloud) const 
 /// That of the level, or of its tiles here: where they are read, and where it was not measured.
 /// Where tiles are additive a level has none in places to which it adds nothing: that of all
 /// its tiles then.
-std::optional<LevelDistances> SliceLevels::error_of(const OutputCloud& level) const {
+std::optional<FileError> SliceLevels::error_of(const OutputCloud& level) const {
     if (level.error && !tiled(level))
-        return LevelDistances{level.error->error.mean(), level.error->error.max()};
+        return FileError{level.error->error.mean(), level.error->error.max()};
     if (job_.options.nested && level.decoded)
-        return LevelDistances{level.decoded->error.mean, level.decoded->error.max};
-    LevelDistances error;
+        return FileError{level.decoded->error.mean, level.decoded->error.max};
+    FileError error;
     double points = 0;
     for (const OutputFile& file : level.files) {
         if (!in_box(file)) continue;

@@ -10,15 +10,11 @@
 
 namespace stipple::proto {
 
-struct LevelDistances {
-    double mean = 0, max = 0;
-};
-
 /// Points of a level that lie in the box, and how far that level is from the source.
 struct LevelCut {
     std::size_t level = 0;
     PointCloud cloud;
-    std::optional<LevelDistances> error;
+    std::optional<FileError> error;
 };
 
 /// The levels of a pyramid as slices are cut from them: as far as they lie in a box, read from PLY
@@ -34,7 +30,7 @@ public:
     /// The most points that the level can have in the box.
     std::uint64_t most_points(const OutputCloud& level) const;
     /// That of the level, or of its tiles here: where they are read, and where it was not measured.
-    std::optional<LevelDistances> error_of(const OutputCloud& level) const;
+    std::optional<FileError> error_of(const OutputCloud& level) const;
     /// @throws Error(TooLarge) where the level has more points here than are read.
     std::shared_ptr<const LevelCut> read_level(std::size_t number) const;
     /// The coarsest level with so many points in the box, or the finest.
