@@ -36,7 +36,7 @@ bool is_stream(const fs::path& file) {
     if (!fs::is_regular_file(file)) return false;  // of a pipe the first bytes would be gone
     std::array<char, 4> magic{};
     std::ifstream(file, std::ios::binary).read(magic.data(), magic.size());
-    return std::string_view(magic.data(), magic.size()) == "STPC";
+    return detect_format(std::as_bytes(std::span(magic))) == CloudFormat::Progressive;
 }
 
 /// What a stream, which may have been cut, or its first bytes or points hold, without a look at the

@@ -1,8 +1,5 @@
 #include "cli/files.hpp"
 
-#include "stipple/copc.hpp"
-#include "stipple/progressive_cloud.hpp"
-
 #include <unistd.h>
 #include <algorithm>
 #include <cctype>
@@ -28,17 +25,6 @@ bool is_same(const fs::path& a, const fs::path& b) {
 
 std::string text_of(int code) {
     return std::generic_category().message(code);
-}
-
-std::vector<std::byte> encoded(const PointCloud& cloud, const std::string& extension,
-                               const PlyEncodeOptions& ply, const DracoEncodeOptions& draco,
-                               const CopcOptions& copc, const RunContext& context) {
-    if (extension == ".drc") return encode_draco(cloud, draco, context);
-    if (extension == ".laz") return encode_copc(cloud, copc, context);
-    if (extension == ".stpc")
-        return encode_progressive(
-            cloud, {.position_bits = draco.position_bits, .precision = draco.precision}, context);
-    return encode_ply(cloud, ply, context);
 }
 
 }  // namespace
@@ -179,7 +165,7 @@ void write_cloud_into_place(const PointCloud& cloud, const fs::path& file,
                             const CopcOptions& copc, const RunContext& context) {
     const std::vector<std::byte> bytes = [&] {
         try {
-            return encoded(cloud, extension_of(file), ply, draco, copc, context);
+            return encode_cloud(cloud, file, ply, draco, copc, context);
         } catch (const Error& error) {
             throw Error(error.code(), file.string() + ": " + error.what());
         }

@@ -13,7 +13,6 @@
 #include <array>
 #include <chrono>
 #include <cstdlib>
-#include <fstream>
 #include <iostream>
 #include <optional>
 #include <ranges>
@@ -113,15 +112,6 @@ void make_folder(const fs::path& folder) {
                                                     (error ? ": " + error.message() : ""));
 }
 
-void publish_text(const std::string& text, const std::string& name, const fs::path& scratch,
-                  const fs::path& folder) {
-    std::ofstream file(scratch / name, std::ios::binary);
-    file << text;
-    file.close();
-    if (!file) throw Error(ErrorCode::Internal, (folder / name).string() + ": cannot be written");
-    move_into_place(scratch / name, folder / name);
-}
-
 /// The manifest comes last: while it is missing or old, nobody takes the new files for a whole.
 /// @returns their names, in this order.
 std::vector<fs::path> publish(const proto::Results& results, const fs::path& scratch,
@@ -136,7 +126,7 @@ std::vector<fs::path> publish(const proto::Results& results, const fs::path& scr
         if (file.stored) {
             move_into_place(scratch / file.stored->href, folder / file.name);
         } else {
-            publish_text(file.text, file.name, scratch, folder);
+            write_text(folder / file.name, file.text);
         }
         files.emplace_back(file.name);
     }

@@ -133,9 +133,16 @@ std::vector<std::byte> encode_draco(const PointCloud& cloud, const DracoEncodeOp
 std::vector<std::byte> encode_draco(PointCloud&& cloud, const DracoEncodeOptions& options = {},
                                     const RunContext& context = {});
 
-/// Writes a cloud in the format of the extension (`.ply`, `.drc`, `.stpc`, `.laz`: `encode_copc`;
-/// of `.stpc` the position bits, 1..24, or the precision are those for `.drc`), through a temporary
-/// file beside it, so that the file is either complete or absent.
+/// Encodes a cloud in the format of the file's extension (`.ply`, `.drc`, `.stpc`, `.laz`:
+/// `encode_copc`; of `.stpc` the position bits, 1..24, or the precision are those for `.drc`).
+/// @throws Error(UnsupportedFormat) for another extension.
+std::vector<std::byte> encode_cloud(const PointCloud& cloud, const std::filesystem::path& file,
+                                    const PlyEncodeOptions& ply = {},
+                                    const DracoEncodeOptions& draco = {},
+                                    const CopcOptions& copc = {}, const RunContext& context = {});
+
+/// Writes what `encode_cloud` makes, through a temporary file beside it, so that the file is either
+/// complete or absent.
 /// @throws Error(UnsupportedFormat) for another extension, Error(NotFound) for a missing folder,
 /// Error(InvalidArgument) if writing is not permitted, Error(Internal) for any other write failure.
 void write_cloud(const PointCloud& cloud, const std::filesystem::path& file,

@@ -165,22 +165,6 @@ PointCloud decode(std::span<const std::byte> bytes, const DecodeLimits& limits,
     return cloud;
 }
 
-std::vector<std::byte> encode_for(const fs::path& file, const PointCloud& cloud,
-                                  const PlyEncodeOptions& ply, const DracoEncodeOptions& draco,
-                                  const CopcOptions& copc, const RunContext& context) {
-    std::string extension = file.extension().string();
-    for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-    if (extension == ".ply") return encode_ply(cloud, ply, context);
-    if (extension == ".drc") return encode_draco(cloud, draco, context);
-    if (extension == ".laz") return encode_copc(cloud, copc, context);
-    if (extension == ".stpc")
-        return encode_progressive(
-            cloud, {.position_bits = draco.position_bits, .precision = draco.precision}, context);
-    throw Error(ErrorCode::UnsupportedFormat, "cannot write " + file.string() + ": extension " +
-                                                  in_quotes(extension) +
-                                                  ", expected .ply, .drc, .stpc or .laz");
-}
-
 }  // namespace
 
 std::string_view to_string(CloudFormat format) noexcept {
@@ -254,10 +238,26 @@ PointCloud read_cloud(const fs::path& file, const DecodeLimits& limits, const Ru
     return decode_cloud(bytes.get(), limits, context, report);
 }
 
+std::vector<std::byte> encode_cloud(const PointCloud& cloud, const fs::path& file,
+                                    const PlyEncodeOptions& ply, const DracoEncodeOptions& draco,
+                                    const CopcOptions& copc, const RunContext& context) {
+    std::string extension = file.extension().string();
+    for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+    if (extension == ".ply") return encode_ply(cloud, ply, context);
+    if (extension == ".drc") return encode_draco(cloud, draco, context);
+    if (extension == ".laz") return encode_copc(cloud, copc, context);
+    if (extension == ".stpc")
+        return encode_progressive(
+            cloud, {.position_bits = draco.position_bits, .precision = draco.precision}, context);
+    throw Error(ErrorCode::UnsupportedFormat, "cannot write " + file.string() + ": extension " +
+                                                  in_quotes(extension) +
+                                                  ", expected .ply, .drc, .stpc or .laz");
+}
+
 void write_cloud(const PointCloud& cloud, const fs::path& file, const PlyEncodeOptions& ply,
                  const DracoEncodeOptions& draco, const CopcOptions& copc,
                  const RunContext& context) {
-    write_whole(file, encode_for(file, cloud, ply, draco, copc, context));
+    write_whole(file, encode_cloud(cloud, file, ply, draco, copc, context));
 }
 
 }  // namespace stipple
