@@ -71,6 +71,28 @@ test('Splats leave no gap between points that stand in bunches', async () => {
     }
 });
 
+test('Splats close a part that is much sparser than the rest, but for a few strays', async () => {
+    const { estimateSurface, kLargestRadius } = await moduleOf('loading/surface_estimate.js');
+    const spacing = 0.01, gap = 0.3;
+    const sheet = (side, step) => Array.from({ length: side * side }, (_, i) => [step * (i % side), step * Math.floor(i / side), 0]);
+    const sparse = sheet(30, gap).map(([x, y, z]) => [x + 5, y, z]);
+    const strays = [[0, 0, 40], [0, 40, 40], [40, 0, 40]];
+    const radiiOf = (points) => {
+        const surface = estimateSurface(Float32Array.from(points.flat()), null, spacing);
+        return points.map((_, i) => kLargestRadius * spacing * surface[4 * i + 3] / 32767);
+    };
+    const radii = radiiOf([...sheet(100, spacing), ...sparse]).slice(-sparse.length);
+    assert.ok(Math.min(...radii) > gap / Math.sqrt(2) && Math.max(...radii) < 3 * gap, `radii ${Math.min(...radii)} to ${Math.max(...radii)}`);
+    assert.ok(Math.max(...radiiOf([...sheet(100, spacing), ...strays])) < 3 * spacing);
+});
+
+test('A spacing that is not told is that of most points, and of one place none', async () => {
+    const { robustSpacing } = await moduleOf('loading/surface_estimate.js');
+    const points = Float32Array.from({ length: 300 }, (_, k) => (k % 3 === 0 ? k / 3 : 0));
+    assert.equal(robustSpacing(points, 0), 1);
+    assert.equal(robustSpacing(new Float32Array(30), 0), 0);
+});
+
 test('A PLY file that is written is read as it was, doubles and attributes of several values too', async () => {
     const { plyOf, readPly } = await moduleOf('decoding/ply_cloud.js');
     const cloud = {

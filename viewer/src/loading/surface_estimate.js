@@ -2,9 +2,13 @@
 // among them in its tangent plane (as the Voronoi cells of Dyer, Zhang, Möller 2009): where three cells meet, three discs have to.
 // Where the neighbours do not lie about a plane, as in leaves, a splat is a round one that faces the viewer: its normal is shorter.
 
-/** A splat's radius is stored as a fraction of this many spacings. */
-export const kLargestRadius = 6;
+/** A splat's radius is stored as a fraction of this many spacings: `kLargest` of those in the sparsest parts. */
+export const kLargestRadius = 96;
 
+const kLargest = 6;             // radius, spacings of the part that the point is in
+const kSparser = 4;             // spacings of parts are told apart by powers of this,
+const kSparsest = 16;           // up to this many times the spacing of all
+const kFewSparse = 0.002;       // of the points: so few are no part of the surface, but strays
 const kSmallestRadius = 0.5;
 const kNeighbors = 16;
 const kSpacingNeighbor = 5;     // the sixth nearest: a hexagonal ring
@@ -30,7 +34,8 @@ const kFarOff = 4;              // median gaps: a longer spacing is that of a fe
 
 /**
  * A spacing that a few points far off do not stretch: a mean of theirs would put all others into one cell.
- * @returns {number} `spacing`, or the middle one of some points' distances to the nearest in another place, where that is far less
+ * @returns {number} `spacing`, or the middle one of some points' distances to the nearest in another place, where that is far less or nothing was
+ * told; 0 of one place alone
  */
 export function robustSpacing(positions, spacing) {
     const count = positions.length / 3;
@@ -49,43 +54,56 @@ export function robustSpacing(positions, spacing) {
         gaps.push(Math.sqrt(least));
     }
     const median = gaps.sort((a, b) => a - b)[kAskedForGap >> 1];
-    return spacing > kFarOff * median ? median : spacing;
+    return spacing > 0 && spacing <= kFarOff * median ? spacing : Number.isFinite(median) ? median : 0;
 }
 
 /**
  * @param {Float32Array} positions  x y z of each point
  * @param {?Float32Array} normals  kept as they are; those without a direction, or null: estimated, of either sign
  * @param {number} spacing  mean distance to the nearest other point
- * @param {number} largest  radius of a splat, spacings: at the border of a tile the neighbours are in another
+ * @param {number} largest  radius of a splat, spacings of the part that it is in: at the border of a tile the neighbours are in another
  * @returns {Int16Array} of each point: normal (0 0 0 where it has none, shorter where it is in doubt) and radius, as fractions of 32767
  */
-export function estimateSurface(positions, normals, spacing, largest = kLargestRadius) {
+export function estimateSurface(positions, normals, spacing, largest = kLargest) {
     const count = positions.length / 3;
     const surface = new Int16Array(4 * count);
-    if (normals) {
-        for (let i = 0; i < count; i += 1) {
-            storeUnit(surface, i, normals[3 * i], normals[3 * i + 1], normals[3 * i + 2]);
+    const cell = new TangentCell();
+    const nearest = new Nearest(kNeighbors);
+    const isLeft = new Uint8Array(count).fill(1);
+    let left = count;
+    for (let local = spacing; local > 0 && local <= kSparsest * spacing && left > kFewSparse * count; local *= kSparser) {
+        const grid = new PointGrid(positions, 2.5 * local);
+        for (let at = 0; at < count; at += 1) {
+            const i = grid.members[at];
+            if (!isLeft[i]) {
+                continue;
+            }
+            grid.nearestTo(at, nearest);
+            const isSparse = nearest.count <= kSpacingNeighbor;
+            if (isSparse && local > spacing) {
+                continue;  // what the few neighbours told will do
+            }
+            surface[4 * i] = surface[4 * i + 1] = surface[4 * i + 2] = 0;
+            if (normals) {
+                storeUnit(surface, i, normals[3 * i], normals[3 * i + 1], normals[3 * i + 2]);
+            }
+            const hasNormal = surface[4 * i] !== 0 || surface[4 * i + 1] !== 0 || surface[4 * i + 2] !== 0;
+            if (!hasNormal && nearest.count >= 3) {
+                storePlaneNormal(surface, i, grid.positions, at, nearest);
+            }
+            const radius = splatRadius(surface, i, grid.positions, at, nearest, cell, spacing);
+            const stored = Math.min(largest * local, Math.max(kSmallestRadius * spacing, radius ?? spacing));
+            surface[4 * i + 3] = kFull * stored / (kLargestRadius * spacing);
+            if (!isSparse) {
+                isLeft[i] = 0;
+                left -= 1;
+            }
         }
     }
     if (!(spacing > 0)) {
         for (let i = 0; i < count; i += 1) {
             surface[4 * i + 3] = kFull / kLargestRadius;
         }
-        return surface;
-    }
-    const cell = new TangentCell();
-    const grid = new PointGrid(positions, 2.5 * spacing);
-    const nearest = new Nearest(kNeighbors);
-    for (let at = 0; at < count; at += 1) {
-        const i = grid.members[at];
-        grid.nearestTo(at, nearest);
-        const hasNormal = surface[4 * i] !== 0 || surface[4 * i + 1] !== 0 || surface[4 * i + 2] !== 0;
-        if (!hasNormal && nearest.count >= 3) {
-            storePlaneNormal(surface, i, grid.positions, at, nearest);
-        }
-        const radius = splatRadius(surface, i, grid.positions, at, nearest, cell, spacing);
-        const stored = Math.min(largest * spacing, Math.max(kSmallestRadius * spacing, radius ?? spacing));
-        surface[4 * i + 3] = kFull * stored / (kLargestRadius * spacing);
     }
     return surface;
 }
