@@ -113,6 +113,24 @@ TEST(LodTiles, OfAPointFarOffTellNoWideSpacing) {
     for (const LodTile& tile : tiles) EXPECT_LT(tile.spacing, 10 * spacing);
 }
 
+TEST(LodTiles, WhosePointsShareTheirPlacesTellTheSpacingOfThose) {
+    PointCloud cloud = test::plane(40'000);
+    const double spacing = mean_spacing(cloud.positions);
+    // Steps of ten spacings: a hundred points to a place.
+    const auto tiles = tiles_of(cloud, {.precision = 5 * spacing, .max_points = 10'000});
+    ASSERT_GT(tiles.size(), 1U);
+    for (const LodTile& tile : tiles) EXPECT_NEAR(tile.spacing / tile.step, 1, 0.3);
+}
+
+TEST(LodTiles, OfACloudWithAllPointsThriceTellTheSpacingOfOne) {
+    PointCloud cloud = test::sphere(8'000);
+    const double spacing = tiles_of(cloud, {}).front().spacing;
+    const std::vector<Vec3f> once = cloud.positions;
+    for (int times = 0; times < 2; ++times)
+        cloud.positions.insert(cloud.positions.end(), once.begin(), once.end());
+    EXPECT_NEAR(tiles_of(cloud, {}).front().spacing / spacing, 1, 0.1);
+}
+
 TEST(LodTiles, OfACloudWithAPointFarOffAreAsFineAsWithoutIt) {
     PointCloud cloud = test::plane(20'000);
     const double step = tiles_of(cloud, {}).front().step;
@@ -181,8 +199,9 @@ TEST(LodTiles, TellTheSpacingOfMostThoughAPointIsVeryFarOff) {
     cloud.positions.push_back({0, 0, 1e9F});
     some.push_back(50'000);
     LodTiler tiler(cloud, {.position_bits = 20});
-    tiler.add_level(subset(cloud, some), false);
-    EXPECT_LT(tiler.figures().spacing, 0.2);
+    const auto tiles = tiler.add_level(subset(cloud, some), false);
+    EXPECT_LT(tiler.level_spacing(), 0.2);
+    EXPECT_LT(tiler.figures().spacing, 2 * tiles.front().step);
 }
 
 TEST(LodTiles, OfOneTileHaveTheFiguresOfTheirLevel) {

@@ -62,9 +62,10 @@ struct TileError {
 
 /// Measurements of a tile, or of all tiles of a level, as decoded. Input units.
 struct LodFigures {
-    TileError error;          ///< over the part of the source in the cell of the tile
-    double spacing = 0;       ///< mean distance to the nearest other decoded point of the level; of a
-                              ///< tile at most 8 times that of the level: points in the air are no surface
+    TileError error;     ///< over the part of the source in the cell of the tile
+    double spacing = 0;  ///< mean distance to the nearest other decoded point of the level, or,
+                         ///< where most points share places, from place to place; of a tile at most
+                         ///< 8 times that of the level, or steps: points in the air are no surface
     double cover_radius = 0;  ///< largest distance, over the samples, from a place of the source in
                               ///< the cell to the nearest decoded point of the level
 };

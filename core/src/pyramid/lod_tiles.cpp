@@ -86,19 +86,37 @@ struct LodTiler::State {
     double level_spacing = 0;  ///< before rounding
     std::optional<SurfaceError> level_error;
 
-    /// Of points in the order of a curve; 0 where most have others at their places. In the unit of
-    /// the input.
-    /// @param known  their tree; none: it is made.
+    /// Mean distance from a point to the nearest other, in the unit of the input; where most have
+    /// others at their places, from place to place, 0 of one place alone.
+    /// @param point_at  in the order of a curve. @param asked  how many points tell it.
+    /// @param all  of the points, and perhaps of others.
+    template <typename PointAt>
+    double spacing_of(std::size_t count, PointAt&& point_at, const PointTree& all,
+                      std::size_t asked, const RunContext& context) const {
+        double gap = 0;
+        if (!is_crowd(count, point_at)) gap = mean_gap(all, count, asked, point_at);
+        if (gap > 0) return gap / frame.scale;
+        std::vector<Vec3f> places(count);
+        for (std::size_t i = 0; i < count; ++i) places[i] = point_at(i);
+        std::ranges::sort(places, [](const Vec3f& a, const Vec3f& b) {
+            return std::ranges::lexicographical_compare(a, b);
+        });
+        const auto others = std::ranges::unique(places);
+        places.erase(others.begin(), others.end());
+        if (places.size() == 1) return 0;
+        const PointTree apart(places, PointTree::Leaves::Loose, context);
+        return mean_gap(apart, places.size(), asked, [&](std::size_t i) { return places[i]; }) /
+               frame.scale;
+    }
+
+    /// That of all points of a level. @param known  their tree; none: it is made.
     double spacing_of(std::span<const Vec3f> points, const PointTree* known,
                       const RunContext& context) const {
         constexpr std::size_t kAsked = 512;  // within 6 % of that of all points on five scans
         const auto point_at = [points](std::size_t i) { return points[i]; };
-        if (is_crowd(points.size(), point_at)) return 0;
-        const auto gap_in = [&](const PointTree& all) {
-            return mean_gap(all, points.size(), kAsked, point_at) / frame.scale;
-        };
-        return known ? gap_in(*known)
-                     : gap_in(PointTree(points, PointTree::Leaves::Given, context));
+        if (known) return spacing_of(points.size(), point_at, *known, kAsked, context);
+        const PointTree made(points, PointTree::Leaves::Given, context);
+        return spacing_of(points.size(), point_at, made, kAsked, context);
     }
 
     /// From the source, as far as the diagonals and `unrounded` tell; none: it is the source.
@@ -229,7 +247,8 @@ struct LodTiler::State {
     /// @param asked  how many points tell the spacing.
     void encode(LodTile& tile, const PointCloud& cloud, std::span<const Index> members,
                 std::span<const Index> numbers, const MeasuredLevel& level,
-                const LevelGrid& grid_taken, std::size_t asked, Workbench& at) const {
+                const LevelGrid& grid_taken, std::size_t asked, Workbench& at,
+                const RunContext& context) const {
         Vec3f low = level.points[members.front()];
         for (const Index i : members) low = low.cwiseMin(level.points[i]);
         std::array<std::int32_t, 3> least;
@@ -261,11 +280,8 @@ struct LodTiler::State {
         const auto point_at = [&](std::size_t i) { return level.points[members[i]]; };
         // A tile of points in the air is no sparse part of the surface.
         constexpr double kMostSpacings = 8;
-        tile.spacing =
-            is_crowd(members.size(), point_at)
-                ? 0
-                : std::min(mean_gap(*level.tree, members.size(), asked, point_at) / frame.scale,
-                           kMostSpacings * level_spacing);
+        tile.spacing = std::min(spacing_of(members.size(), point_at, *level.tree, asked, context),
+                                kMostSpacings * std::max(level_spacing, tile.step));
         tile.streams = encode_streams(cloud, at.numbers, at.sorted, contents, at.encoder);
     }
 };
@@ -385,16 +401,19 @@ std::vector<LodTile> LodTiler::add_level(const PointCloud& cloud, bool whole,
     // Some at one bench, and yet enough to do for each thread.
     const std::size_t threads = context.thread_count();
     const std::size_t together = std::max<std::size_t>(1, parts.size() / (threads * threads));
-    parallel_for_blocks_with_progress(
-        parts.size(), together, context.part(0.5, 0.9), [&](std::size_t begin, std::size_t end) {
-            State::Workbench bench;
-            for (std::size_t t = begin; t < end; ++t) {
-                context.throw_if_stopped();
-                tiles[t].level = state.levels;
-                if (parts[t].parent != TileTree::kNone) tiles[t].parent = parts[t].parent;
-                state.encode(tiles[t], cloud, parts[t].points, order, level, grid, asked, bench);
-            }
-        });
+    parallel_for_blocks_with_progress(parts.size(), together, context.part(0.5, 0.9),
+                                      [&](std::size_t begin, std::size_t end) {
+                                          State::Workbench bench;
+                                          const RunContext alone{.threads = 1};
+                                          for (std::size_t t = begin; t < end; ++t) {
+                                              context.throw_if_stopped();
+                                              tiles[t].level = state.levels;
+                                              if (parts[t].parent != TileTree::kNone)
+                                                  tiles[t].parent = parts[t].parent;
+                                              state.encode(tiles[t], cloud, parts[t].points, order,
+                                                           level, grid, asked, bench, alone);
+                                          }
+                                      });
     context.checkpoint(0.9);
     state.add_errors(tiles, level, grid, context);
     ++state.levels;
