@@ -100,16 +100,31 @@ std::string free_name(std::string name, std::span<const Column> columns) {
     return name;
 }
 
+/// Of the points as they are rounded; loaders fit the view to it.
+Aabb box_of(const SampledOctree& octree) {
+    SampledOctree::Position low = octree.positions().front(), high = low;
+    for (const SampledOctree::Position& p : octree.positions()) {
+        for (int axis = 0; axis < 3; ++axis) {
+            low[axis] = std::min(low[axis], p[axis]);
+            high[axis] = std::max(high[axis], p[axis]);
+        }
+    }
+    const auto place = [&octree](const SampledOctree::Position& p) -> Vec3d {
+        return octree.cube().low + octree.cube().step * Vec3d(p[0], p[1], p[2]);
+    };
+    return {place(low), place(high)};
+}
+
 std::vector<Column> columns_of(const PointCloud& cloud, const SampledOctree& octree) {
     std::vector<Column> columns;
     const std::span<const Index> order = octree.order();
-    const Vec3d low = octree.cube().low, high = low + Vec3d::Constant(octree.cube().side());
+    const Aabb box = box_of(octree);
     columns.push_back({"position",
                        "int32",
                        12,
                        3,
-                       {low.x(), low.y(), low.z()},
-                       {high.x(), high.y(), high.z()},
+                       {box.min.x(), box.min.y(), box.min.z()},
+                       {box.max.x(), box.max.y(), box.max.z()},
                        [positions = octree.positions()](std::size_t at, std::byte* to) {
                            std::memcpy(to, &positions[at], sizeof positions[at]);
                        }});

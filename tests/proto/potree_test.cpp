@@ -174,6 +174,21 @@ TEST(Potree, NamesEveryAttributeWithItsTypeAndRange) {
                                                                   : attribute.name + "_0"));
 }
 
+TEST(Potree, TellsTheBoxOfItsPointsBesideItsCube) {
+    PointCloud cloud = test::sphere(500);
+    for (Vec3f& p : cloud.positions) p.z() *= 0.1F;
+    const Folder folder = written(cloud, {});
+    const json position = folder.metadata["attributes"][0];
+    ASSERT_EQ(position["name"], "position");
+    const Aabb box = bounds(cloud);
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        const auto k = static_cast<Eigen::Index>(axis);
+        EXPECT_NEAR(position["min"][axis], box.min[k], 1e-6);
+        EXPECT_NEAR(position["max"][axis], box.max[k], 1e-6);
+    }
+    EXPECT_GT(folder.metadata["boundingBox"]["max"][2], 1.0);
+}
+
 TEST(Potree, GivesNoAttributeTheNameOfAColumnOfLoaders) {
     PointCloud cloud = test::sphere(4);
     cloud.colors.assign(4, {1, 2, 3, 4});
