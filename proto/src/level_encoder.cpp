@@ -1,7 +1,7 @@
 #include "level_encoder.hpp"
 
-#include "draco_rounding.hpp"
 #include "job_files.hpp"
+#include "rounding_error.hpp"
 #include "stipple/codec.hpp"
 
 #include <algorithm>
@@ -14,10 +14,10 @@
 namespace stipple::proto {
 
 OutputFile write_level(LodLevel& made, CloudFormat format, const DracoEncodeOptions& draco,
-                       const RunContext& context, const JobSpec& spec) {
-    const std::vector<std::byte> bytes = format == CloudFormat::Draco
-                                             ? encode_draco(std::move(made.cloud), draco, context)
-                                             : encode_ply(made.cloud, {}, context);
+                       const RunContext& context, const JobSpec& spec, double* step) {
+    const std::vector<std::byte> bytes =
+        format == CloudFormat::Draco ? encode_draco(std::move(made.cloud), draco, context, step)
+                                     : encode_ply(made.cloud, {}, context);
     return write_output("level-" + std::to_string(made.level), format, bytes, spec);
 }
 
@@ -54,8 +54,9 @@ void LevelEncoder::encode(LodLevel&& made, const std::optional<ErrorFigures>& er
             files[i] = write_other_(made, format, context, level);
             return;
         }
-        files[i] = {write_level(made, format, options_.draco, context, run_.spec())};
-        if (format == CloudFormat::Draco) files[i].front().error = draco_error(level);
+        double step = 0;
+        files[i] = {write_level(made, format, options_.draco, context, run_.spec(), &step)};
+        if (format == CloudFormat::Draco) files[i].front().error = draco_error(level, step);
     };
     for (const bool draco : {false, true})
         for (std::size_t i = 0; i < files.size(); ++i)
@@ -81,15 +82,8 @@ double LevelEncoder::measured(std::uint64_t points) const {
     return std::lerp(encoded(), encoded(points), kMeasured);
 }
 
-/// That of a level, if measured, with what its Draco file rounds at most: where points would fall
-/// together, its steps are no longer than their spacing.
-std::optional<FileError> LevelEncoder::draco_error(const OutputCloud& level) const {
+std::optional<FileError> LevelEncoder::draco_error(const OutputCloud& level, double step) const {
     if (!level.error) return std::nullopt;
-    const double side = (level.bounds.max - level.bounds.min).maxCoeff();
-    double step = longest_step(options_.draco, side);
-    const bool are_usual = options_.draco.position_bits >= DracoEncodeOptions{}.position_bits;
-    if (are_usual && !options_.draco.precision && level.spacing > 0)
-        step = std::min(step, level.spacing);
     const SurfaceError& error = level.error->error;
     const FileError added = error_of_step(step);
     return FileError{error.mean() + added.mean, error.max() + added.max};

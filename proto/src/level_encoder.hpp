@@ -10,9 +10,10 @@
 
 namespace stipple::proto {
 
-/// A level as one file, Draco or PLY. Spends the level where that is Draco.
+/// A level as one file, Draco or PLY. Spends the level where that is Draco, and tells the step of
+/// its grid where that is asked for.
 OutputFile write_level(LodLevel& made, CloudFormat format, const DracoEncodeOptions& draco,
-                       const RunContext& context, const JobSpec& spec);
+                       const RunContext& context, const JobSpec& spec, double* step = nullptr);
 
 /// Writes the levels of a result one after the other, in every format that is wanted, and reports
 /// each once its files are complete.
@@ -40,7 +41,8 @@ private:
     double encoded(std::uint64_t more = 0) const;
     /// Where the measuring of a level of so many points ends.
     double measured(std::uint64_t points) const;
-    std::optional<FileError> draco_error(const OutputCloud& level) const;
+    /// That of a level, if measured, with what a Draco file of such steps rounds at most.
+    std::optional<FileError> draco_error(const OutputCloud& level, double step) const;
 
     JobRun& run_;
     const OutputOptions options_;

@@ -1,8 +1,8 @@
 #include "stipple/proto/slice.hpp"
 
-#include "draco_rounding.hpp"
 #include "job_cloud.hpp"
 #include "json_parts.hpp"
+#include "rounding_error.hpp"
 #include "slice_levels.hpp"
 #include "stipple/error.hpp"
 #include "stipple/surface_error.hpp"
@@ -26,6 +26,7 @@ struct Candidate {
     std::shared_ptr<const LevelCut> cut;
     std::optional<PointCloud> trimmed;
     std::vector<std::byte> bytes;
+    double step = 0;  ///< of the grid that they are rounded to
 
     const PointCloud& cloud() const { return trimmed ? *trimmed : cut->cloud; }
 };
@@ -85,7 +86,7 @@ private:
         Candidate candidate{levels_.level_with(points), {}, {}};
         const PointCloud& all = candidate.cut->cloud;
         if (all.size() > points) candidate.trimmed = simplified(all, points);
-        candidate.bytes = encoded(candidate.cloud());
+        encode(candidate);
         return candidate;
     }
 
@@ -148,8 +149,8 @@ private:
                 levels_.refuse_empty_box();
             }
             require_room(candidate.cloud().size());
-            candidate.bytes = encoded(candidate.cloud());
-            error->max += rounding_of(candidate).max;
+            encode(candidate);
+            error->max += error_of_step(candidate.step).max;
             if (error->max <= bound) return candidate;
         }
         if (levels_.most_points(pyramid_.levels.back()) == 0) levels_.refuse_empty_box();
@@ -193,7 +194,7 @@ private:
 
     Slice sliced(Candidate&& candidate) const {
         const LevelCut& cut = *candidate.cut;
-        const FileError rounding = rounding_of(candidate);
+        const FileError rounding = error_of_step(candidate.step);
         Slice slice{.bytes = std::move(candidate.bytes),
                     .points = candidate.cloud().size(),
                     .level = pyramid_.levels[cut.level].level,
@@ -211,18 +212,24 @@ private:
         return slice;
     }
 
-    std::vector<std::byte> encoded(const PointCloud& cloud) const {
+    void encode(Candidate& candidate) const {
+        const PointCloud& cloud = candidate.cloud();
         switch (options_.format) {
             case CloudFormat::Ply:
-                return encode_ply(cloud, {}, context_);
+                candidate.bytes = encode_ply(cloud, {}, context_);
+                return;
             case CloudFormat::Draco:
-                return encode_draco(cloud, options_.draco, context_);
+                candidate.bytes = encode_draco(cloud, options_.draco, context_, &candidate.step);
+                return;
             case CloudFormat::Glb:
             case CloudFormat::Progressive:  // refused by `validate`, as the next
             case CloudFormat::Copc:
                 break;
         }
-        return encode_glb(tile_of(cloud));
+        const LodTile tile = tile_of(cloud);
+        const bool is_place = tile.last == decltype(tile.last){};
+        candidate.step = is_place ? 0 : tile.step;  // one place alone is where it was
+        candidate.bytes = encode_glb(tile);
     }
 
     /// All of a cloud as one tile, in steps so long that it is not cut.
@@ -244,19 +251,6 @@ private:
     static double longest_side(const PointCloud& cloud) {
         const Aabb box = bounds(cloud);
         return (box.max - box.min).maxCoeff();
-    }
-
-    /// What rounding adds, at most: steps are the longest that the format may take.
-    FileError rounding_of(const Candidate& candidate) const {
-        double step = 0;
-        if (options_.format == CloudFormat::Glb) {
-            const LodTile tile = decode_glb(candidate.bytes);
-            const bool is_place = tile.last == decltype(tile.last){};
-            if (!is_place) step = tile.step;  // one place alone is where it was
-        } else if (options_.format == CloudFormat::Draco) {
-            step = longest_step(options_.draco, longest_side(candidate.cloud()));
-        }
-        return error_of_step(step);
     }
 
     const Results& pyramid_;

@@ -1,6 +1,7 @@
 #include "slice_levels.hpp"
 
 #include "json_reader.hpp"
+#include "rounding_error.hpp"
 #include "stipple/codec.hpp"
 #include "stipple/error.hpp"
 
@@ -243,9 +244,10 @@ std::optional<FileError> SliceLevels::error_of(const OutputCloud& level) const {
     if (job_.options.nested && level.decoded)
         return FileError{level.decoded->error.mean, level.decoded->error.max};
     FileError error;
-    double points = 0;
+    double points = 0, longest_step = 0;
     for (const OutputFile& file : level.files) {
         if (!in_box(file)) continue;
+        longest_step = std::max(longest_step, file.tile->step);
         const double share = static_cast<double>(file.tile->points);
         error.mean += share * file.tile->error.mean;
         error.max = std::max(error.max, file.tile->error.max);
@@ -253,7 +255,12 @@ std::optional<FileError> SliceLevels::error_of(const OutputCloud& level) const {
     }
     if (points == 0) return std::nullopt;
     error.mean /= points;
-    return error;
+    if (!level.error) return error;
+    // What the level was measured to have before its points were rounded: of a noisy cloud a tile
+    // tells how far the noise is from its own surface.
+    const FileError rounding = error_of_step(longest_step);
+    return FileError{std::min(error.mean, level.error->error.mean() + rounding.mean),
+                     std::min(error.max, level.error->error.max() + rounding.max)};
 }
 
 void SliceLevels::refuse_empty_box() const {

@@ -9,7 +9,9 @@
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
+#include <algorithm>
 #include <map>
+#include <ranges>
 #include <set>
 
 namespace stipple::proto {
@@ -315,6 +317,25 @@ TEST(Slice, TakesTheErrorOfTilesWhereThatOfLevelsWasNotMeasured) {
               ErrorCode::NotFound);
 }
 
+TEST(Slice, OfABoxAroundNoiseTellsNoMoreThanTheErrorOfItsLevelAndTheRounding) {
+    const PointCloud noise =
+        test::cube(4'000);  // far from its own surface, where tiles look for it
+    const Pyramid pyramid(noise, {500, 4'000}, {CloudFormat::Ply, CloudFormat::Glb});
+    const OutputCloud& finest = pyramid.results.levels.back();
+    const double step = finest.files.back().tile->step;
+    ASSERT_GT(finest.decoded->error.max, 2 * step);
+    const Aabb all = finest.bounds;
+    const Slice slice = pyramid.slice({.max_error = step, .box = all});
+    EXPECT_EQ(slice.points, 4'000U);
+    EXPECT_LE(slice.error_max.value(), step);
+    const PointCloud cut = cloud_of(slice);
+    for (std::size_t i = 0; i < noise.size(); i += 40) {
+        const auto to = [&](const Vec3f& p) { return (p - noise.positions[i]).norm(); };
+        EXPECT_LE(std::ranges::min(cut.positions | std::views::transform(to)),
+                  slice.error_max.value());
+    }
+}
+
 TEST(Slice, TellsAnErrorThatIsNoLessThanItsOwn) {
     const Slice slice = both().slice({.points = 600});
     const SurfaceError own = measure_error(source(), cloud_of(slice), {});
@@ -381,6 +402,18 @@ TEST(Slice, CountsWhatItsFormatRounds) {
     EXPECT_GE(*slice.error_max, error.forward.max);
     EXPECT_EQ(refusal(both(), {.max_error = 1e-3, .format = CloudFormat::Draco, .draco = coarse}),
               ErrorCode::InvalidArgument);
+}
+
+TEST(Slice, OfExactFloatsHasTheErrorOfItsLevel) {
+    const PointCloud far = [] {  // whose Draco file has no grid: it would have too many steps
+        PointCloud cloud = test::sphere(8'000);
+        cloud.positions.push_back({1e6F, 0, 0});
+        return cloud;
+    }();
+    const Pyramid pyramid(far, {far.size()}, {CloudFormat::Ply});
+    const Slice slice = pyramid.slice({.max_error = 1e-9, .format = CloudFormat::Draco});
+    EXPECT_EQ(cloud_of(slice).size(), far.size());
+    EXPECT_EQ(slice.error_max, 0.0);
 }
 
 TEST(Slice, OfOnePointHasNoErrorInAnyFormat) {

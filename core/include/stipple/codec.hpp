@@ -121,17 +121,18 @@ struct DracoEncodeOptions {
 /// are not finite are coded losslessly, which the kd-tree cannot do: it refuses such a cloud, and
 /// `Auto` uses the sequential coding. Normals of which none has a direction, as in files of
 /// Gaussian splats, are left out: Draco would give them one. An empty cloud keeps only its origin.
+/// @param step  unless null, set to that of the positions' grid, input units; 0: they are exact.
 /// @throws Error(InvalidArgument) for an option out of range.
 ///
 /// Google's encoder, too, checks `context.stop` only before and after its work.
 std::vector<std::byte> encode_ply(const PointCloud& cloud, const PlyEncodeOptions& options = {},
                                   const RunContext& context = {});
 std::vector<std::byte> encode_draco(const PointCloud& cloud, const DracoEncodeOptions& options = {},
-                                    const RunContext& context = {});
+                                    const RunContext& context = {}, double* step = nullptr);
 /// The same, consuming the cloud: each part of it is freed once Draco has it, which saves that much
 /// memory.
 std::vector<std::byte> encode_draco(PointCloud&& cloud, const DracoEncodeOptions& options = {},
-                                    const RunContext& context = {});
+                                    const RunContext& context = {}, double* step = nullptr);
 
 /// Encodes a cloud in the format of the file's extension (`.ply`, `.drc`, `.stpc`, `.laz`:
 /// `encode_copc`; of `.stpc` the position bits, 1..24, or the precision are those for `.drc`).

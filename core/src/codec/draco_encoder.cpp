@@ -446,7 +446,7 @@ std::vector<Index> order_of(const PointCloud& cloud, double step, const RunConte
 /// @param cloud  is spent unless it is const.
 template <typename Cloud>
 std::vector<std::byte> encode(Cloud& cloud, const DracoEncodeOptions& options,
-                              const RunContext& context) {
+                              const RunContext& context, double* told_step) {
     check(options);
     validate(cloud);
     if (options.position_bits != 0 || options.precision)
@@ -464,6 +464,7 @@ std::vector<std::byte> encode(Cloud& cloud, const DracoEncodeOptions& options,
                    " bits in Draco's arithmetic; position_bits 0 keeps them exactly");
         if (position_bits != 0) step = extent.side / (std::exp2(position_bits) - 1);
     }
+    if (told_step != nullptr) *told_step = step;
     if (cloud.empty()) position_bits = 0;
     context.checkpoint(0);
 
@@ -500,13 +501,13 @@ std::vector<std::byte> encode(Cloud& cloud, const DracoEncodeOptions& options,
 }  // namespace
 
 std::vector<std::byte> encode_draco(const PointCloud& cloud, const DracoEncodeOptions& options,
-                                    const RunContext& context) {
-    return encode(cloud, options, context);
+                                    const RunContext& context, double* step) {
+    return encode(cloud, options, context, step);
 }
 
 std::vector<std::byte> encode_draco(PointCloud&& cloud, const DracoEncodeOptions& options,
-                                    const RunContext& context) {
-    return encode(cloud, options, context);
+                                    const RunContext& context, double* step) {
+    return encode(cloud, options, context, step);
 }
 
 }  // namespace stipple
