@@ -69,7 +69,7 @@ std::uint64_t sample_count(const Surface& surface, const SurfaceErrorOptions& op
     if (options.samples > 0) return options.samples;
     const std::uint64_t points = surface.points.size();
     // Particles through a few points crowd, which takes long to come to rest.
-    constexpr std::uint64_t kEnoughOfEach = 400;
+    constexpr std::uint64_t kEnoughOfEach = 64;
     const bool crowd = options.sampling == ErrorSampling::Particles;
     return std::max(points, crowd ? std::min(kEnough, kEnoughOfEach * points) : kEnough);
 }
