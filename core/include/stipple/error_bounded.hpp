@@ -80,13 +80,14 @@ struct ErrorBoundedCloud {
 /// may where the bound is just above the noise: with what holds so far, or else with a coarse
 /// snapshot that does (`ended_early`).
 ///
-/// If no smaller cloud is within the bound, or, for 50,000 points and more, none so made of up to
-/// half of them and no snapshot of more that seems to be, the result is the input itself, with an
-/// error of 0. A point of the input that is farther
-/// than 95 % of the bound from the input's own surface does not count as a place of it, and is not
-/// measured; nor is it where the result has it. If more than one in a hundred points are, the bound
-/// is below the noise, and the result is the input as well; `too_far` then has all its points, and
-/// the one farthest from its own surface.
+/// If no smaller cloud is within the bound, the result is the input itself, with an error of 0. Of
+/// 50,000 points and more, clouds of more than half of them are not looked for, but for snapshots
+/// that seem to hold.
+///
+/// Noise: a point of the input that is farther than 95 % of the bound from the input's own surface
+/// is no place of that surface. It is not measured, in the input or in a result that kept it. If
+/// more than one point in a hundred is so far off, the bound is below the noise: the result is the
+/// input, and `too_far` has all its points, and the one farthest from its own surface.
 ///
 /// @throws Error(InvalidArgument) for a bound that is not finite and positive, a method that is not
 /// one of `kErrorBoundedMethods`, other options out of range, or a cloud without points;

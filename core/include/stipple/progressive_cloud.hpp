@@ -19,7 +19,8 @@ struct ProgressiveOptions {
                                   ///< stream; more if steps would otherwise exceed the spacing
     std::optional<double>
         precision{};  ///< instead of position_bits: the largest error per axis at the end, input
-                      ///< units; refused if it takes more than 24 bits
+                      ///< units; less than a hundredth of it by single precision is not counted, so
+                      ///< that decimal steps stay decimal. Refused if it takes more than 24 bits
     unsigned normal_bits = 8;  ///< 2..16 for each of the two coordinates of a normal, octahedral
     unsigned attribute_bits =
         16;  ///< 1..32 for floats, over the range of each attribute; 0: lossless, as are integers,

@@ -198,9 +198,10 @@ bool GuardedServer::ensure_thread() {
     return true;
 }
 
-/// A connection may need a file, too, and the health check both: half as many descriptors as
-/// connections stay free, of few a part; a quarter of these is for farewells. The system gives the
-/// lowest that is free, so that a new one tells how many there are.
+/// Whether enough descriptors stay free beside this one: the system gives the lowest free number,
+/// so that the number tells how many are taken. Files that connections open and the health check
+/// need some: half as many as there may be connections, or a part of a low limit; farewells may
+/// take a quarter of those.
 bool GuardedServer::leaves_descriptors(const FileDescriptor& newest, bool farewell) const noexcept {
     rlimit limit{};
     ::getrlimit(RLIMIT_NOFILE, &limit);
