@@ -21,7 +21,7 @@ export function estimateSurfaceInWorker(positions, normals, { spacing, points },
 
 /**
  * The same of the points in files, with their colours or null and their attributes. Takes the files over.
- * @param what  `files`, all of one `kind` (`ply`, `glb`); `offset`, which is added to their positions; `largest`: radius of a splat, spacings
+ * @param what  `files`, all of one `kind` (`ply`, `glb`); `offset`, which is added to their positions; `isTile`: whether beyond their border lie points of other tiles
  */
 export const readFilesInWorker = (what, { spacing, points }, signal) => ask({ ...what, spacing, points }, what.files, signal);
 

@@ -6,8 +6,10 @@
 export const kLargestRadius = 96;
 
 const kLargest = 6;             // radius, spacings of the part that the point is in
+const kLargestInTiles = 3;      // for beyond the border of a tile lie points of another
 const kSparser = 4;             // spacings of parts are told apart by powers of this,
 const kSparsest = 16;           // up to this many times the spacing of all
+const kGrid = 2.5;              // cells of a grid, spacings
 const kFewSparse = 0.002;       // of the points: so few are no part of the surface, but strays
 const kSmallestRadius = 0.5;
 const kNeighbors = 16;
@@ -61,51 +63,83 @@ export function robustSpacing(positions, spacing) {
  * @param {Float32Array} positions  x y z of each point
  * @param {?Float32Array} normals  kept as they are; those without a direction, or null: estimated, of either sign
  * @param {number} spacing  mean distance to the nearest other point
- * @param {number} largest  radius of a splat, spacings of the part that it is in: at the border of a tile the neighbours are in another
+ * @param {boolean} isTile  whether beyond the border lie points of other tiles
  * @returns {Int16Array} of each point: normal (0 0 0 where it has none, shorter where it is in doubt) and radius, as fractions of 32767
  */
-export function estimateSurface(positions, normals, spacing, largest = kLargest) {
+export function estimateSurface(positions, normals, spacing, isTile = false) {
     const count = positions.length / 3;
     const surface = new Int16Array(4 * count);
-    const cell = new TangentCell();
-    const nearest = new Nearest(kNeighbors);
-    const isLeft = new Uint8Array(count).fill(1);
-    let left = count;
-    for (let local = spacing; local > 0 && local <= kSparsest * spacing && left > kFewSparse * count; local *= kSparser) {
-        const grid = new PointGrid(positions, 2.5 * local);
-        for (let at = 0; at < count; at += 1) {
-            const i = grid.members[at];
-            if (!isLeft[i]) {
-                continue;
-            }
-            grid.nearestTo(at, nearest);
-            const isSparse = nearest.count <= kSpacingNeighbor;
-            if (isSparse && local > spacing) {
-                continue;  // what the few neighbours told will do
-            }
-            surface[4 * i] = surface[4 * i + 1] = surface[4 * i + 2] = 0;
-            if (normals) {
-                storeUnit(surface, i, normals[3 * i], normals[3 * i + 1], normals[3 * i + 2]);
-            }
-            const hasNormal = surface[4 * i] !== 0 || surface[4 * i + 1] !== 0 || surface[4 * i + 2] !== 0;
-            if (!hasNormal && nearest.count >= 3) {
-                storePlaneNormal(surface, i, grid.positions, at, nearest);
-            }
-            const radius = splatRadius(surface, i, grid.positions, at, nearest, cell, spacing);
-            const stored = Math.min(largest * local, Math.max(kSmallestRadius * spacing, radius ?? spacing));
-            surface[4 * i + 3] = kFull * stored / (kLargestRadius * spacing);
-            if (!isSparse) {
-                isLeft[i] = 0;
-                left -= 1;
-            }
+    if (normals) {
+        for (let i = 0; i < count; i += 1) {
+            storeUnit(surface, i, normals[3 * i], normals[3 * i + 1], normals[3 * i + 2]);
         }
     }
     if (!(spacing > 0)) {
         for (let i = 0; i < count; i += 1) {
             surface[4 * i + 3] = kFull / kLargestRadius;
         }
+        return surface;
     }
+    const largest = (isTile ? kLargestInTiles : kLargest) * spacing;
+    const cell = new TangentCell();
+    const grid = new PointGrid(positions, kGrid * spacing);
+    const nearest = new Nearest(kNeighbors);
+    const isSparse = new Uint8Array(count);
+    for (let at = 0; at < count; at += 1) {
+        const i = grid.members[at];
+        grid.nearestTo(at, nearest);
+        if (!hasNormal(surface, i) && nearest.count >= 3) {
+            storePlaneNormal(surface, i, grid.positions, at, nearest);
+        }
+        const radius = splatRadius(surface, i, grid.positions, at, nearest, cell, spacing);
+        storeRadius(surface, i, Math.min(largest, Math.max(kSmallestRadius * spacing, radius ?? spacing)), spacing);
+        isSparse[i] = nearest.count <= kSpacingNeighbor ? 1 : 0;
+    }
+    closeSparseParts(surface, isSparse, positions, normals, spacing);
     return surface;
+}
+
+/** Parts of the surface whose points have hardly a neighbour at the spacing of all: by those that are farther off. */
+function closeSparseParts(surface, isSparse, positions, normals, spacing) {
+    const count = isSparse.length;
+    let left = isSparse.reduce((sum, is) => sum + is, 0);
+    const cell = new TangentCell();
+    const nearest = new Nearest(kNeighbors);
+    const found = new Int16Array(4);  // as the surface has them, of one point
+    for (let local = kSparser * spacing; local <= kSparsest * spacing && left > kFewSparse * count; local *= kSparser) {
+        const grid = new PointGrid(positions, kGrid * local);
+        for (let at = 0; at < count; at += 1) {
+            const i = grid.members[at];
+            if (isSparse[i]) {
+                grid.nearestTo(at, nearest);
+            }
+            if (!isSparse[i] || nearest.count <= kSpacingNeighbor) {
+                continue;
+            }
+            isSparse[i] = 0;
+            left -= 1;
+            found.fill(0);
+            if (normals) {
+                storeUnit(found, 0, normals[3 * i], normals[3 * i + 1], normals[3 * i + 2]);
+            }
+            if (!hasNormal(found, 0)) {
+                storePlaneNormal(found, 0, grid.positions, at, nearest);
+            }
+            const radius = splatRadius(found, 0, grid.positions, at, nearest, cell, spacing);
+            // What stands alone, as leaves or birds do, is no surface; at its border points lie on one side.
+            if (cell.roughness <= kFlat) {
+                const beside = cell.isOpen ? kRadiusByDistance * Math.sqrt(nearest.distanceSq[1]) : Infinity;
+                storeRadius(found, 0, Math.min(radius, beside, kLargest * local), spacing);
+                surface.set(found, 4 * i);
+            }
+        }
+    }
+}
+
+const hasNormal = (surface, i) => surface[4 * i] !== 0 || surface[4 * i + 1] !== 0 || surface[4 * i + 2] !== 0;
+
+function storeRadius(surface, i, radius, spacing) {
+    surface[4 * i + 3] = kFull * radius / (kLargestRadius * spacing);
 }
 
 /** Null of a point without neighbours. The normal of a point is made shorter where it is in doubt. */

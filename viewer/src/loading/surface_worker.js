@@ -4,12 +4,12 @@ import { readPly } from '../decoding/ply_cloud.js';
 import { estimateSurface, robustSpacing } from './surface_estimate.js';
 
 /** Of points, or of those in files. */
-onmessage = async ({ data: { id, files, kind, offset, largest, spacing: told, points, ...given } }) => {
+onmessage = async ({ data: { id, files, kind, offset, isTile, spacing: told, points, ...given } }) => {
     try {
         const { positions, normals, colors = null, attributes = {} } = files ? joined(await Promise.all(files.map(readers[kind])), offset) : given;
         // An error map has other points than the candidate whose spacing is told.
         const spacing = robustSpacing(positions, told * Math.sqrt(points / (positions.length / 3)));
-        const surface = estimateSurface(positions, normals, spacing, largest);
+        const surface = estimateSurface(positions, normals, spacing, isTile);
         const arrays = [positions, surface, ...(colors ? [colors] : []), ...Object.values(attributes).map(({ values }) => values)];
         postMessage({ id, positions, surface, spacing, colors, attributes }, arrays.map(({ buffer }) => buffer));
     } catch (error) {

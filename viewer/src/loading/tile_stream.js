@@ -7,7 +7,6 @@ import { readFilesInWorker } from './surface.js';
 import { errorOfTiles, select, treeOf } from './tile_tree.js';
 
 const kPixels = 2;              // of error
-const kLargestInTiles = 3;      // radius of a splat, spacings: beyond the border of a tile lie points of another
 const kAtOnce = 6;              // requests on their way
 const kMostPoints = 8_000_000;  // kept, drawn or not
 
@@ -84,7 +83,7 @@ export class TileStream {
             } else {
                 const glb = await persist(() => getBytes(address, this.signal), this.patience);
                 bytes = glb.byteLength;
-                const what = { files: [glb], kind: 'glb', offset: [0, 0, 0], largest: kLargestInTiles };
+                const what = { files: [glb], kind: 'glb', offset: [0, 0, 0], isTile: true };
                 const read = await readFilesInWorker(what, { spacing: tile.spacing, points: tile.count }, this.signal);
                 tile.spacing = read.spacing;
                 tile.cloud = geometryOf(read);
