@@ -240,6 +240,7 @@ struct LodTiler::State {
         std::vector<Index> numbers;
         BlockChain chain;
         VertexEncoder encoder;
+        RunContext context{.threads = 1};
     };
 
     /// Sorts and compresses the points of a part.
@@ -247,8 +248,7 @@ struct LodTiler::State {
     /// @param asked  how many points tell the spacing.
     void encode(LodTile& tile, const PointCloud& cloud, std::span<const Index> members,
                 std::span<const Index> numbers, const MeasuredLevel& level,
-                const LevelGrid& grid_taken, std::size_t asked, Workbench& at,
-                const RunContext& context) const {
+                const LevelGrid& grid_taken, std::size_t asked, Workbench& at) const {
         Vec3f low = level.points[members.front()];
         for (const Index i : members) low = low.cwiseMin(level.points[i]);
         std::array<std::int32_t, 3> least;
@@ -280,8 +280,9 @@ struct LodTiler::State {
         const auto point_at = [&](std::size_t i) { return level.points[members[i]]; };
         // A tile of points in the air is no sparse part of the surface.
         constexpr double kMostSpacings = 8;
-        tile.spacing = std::min(spacing_of(members.size(), point_at, *level.tree, asked, context),
-                                kMostSpacings * std::max(level_spacing, tile.step));
+        tile.spacing =
+            std::min(spacing_of(members.size(), point_at, *level.tree, asked, at.context),
+                     kMostSpacings * std::max(level_spacing, tile.step));
         tile.streams = encode_streams(cloud, at.numbers, at.sorted, contents, at.encoder);
     }
 };
@@ -401,19 +402,16 @@ std::vector<LodTile> LodTiler::add_level(const PointCloud& cloud, bool whole,
     // Some at one bench, and yet enough to do for each thread.
     const std::size_t threads = context.thread_count();
     const std::size_t together = std::max<std::size_t>(1, parts.size() / (threads * threads));
-    parallel_for_blocks_with_progress(parts.size(), together, context.part(0.5, 0.9),
-                                      [&](std::size_t begin, std::size_t end) {
-                                          State::Workbench bench;
-                                          const RunContext alone{.threads = 1};
-                                          for (std::size_t t = begin; t < end; ++t) {
-                                              context.throw_if_stopped();
-                                              tiles[t].level = state.levels;
-                                              if (parts[t].parent != TileTree::kNone)
-                                                  tiles[t].parent = parts[t].parent;
-                                              state.encode(tiles[t], cloud, parts[t].points, order,
-                                                           level, grid, asked, bench, alone);
-                                          }
-                                      });
+    parallel_for_blocks_with_progress(
+        parts.size(), together, context.part(0.5, 0.9), [&](std::size_t begin, std::size_t end) {
+            State::Workbench bench;
+            for (std::size_t t = begin; t < end; ++t) {
+                context.throw_if_stopped();
+                tiles[t].level = state.levels;
+                if (parts[t].parent != TileTree::kNone) tiles[t].parent = parts[t].parent;
+                state.encode(tiles[t], cloud, parts[t].points, order, level, grid, asked, bench);
+            }
+        });
     context.checkpoint(0.9);
     state.add_errors(tiles, level, grid, context);
     ++state.levels;
