@@ -252,6 +252,18 @@ void finish(const Flags& flags, ServerConfig& config) {
     }
 }
 
+/// A word that nobody knows, before what is missing for it.
+[[noreturn]] void refuse_unknown(const std::string& word, const CLI::App* command) {
+    const std::string help =
+        "; see stippled " + (command ? command->get_name() + " " : std::string()) + "--help";
+    throw Error(ErrorCode::InvalidArgument,
+                word +
+                    (command || word.starts_with('-')
+                         ? ": no such flag"
+                         : ": no such command: expected serve, healthcheck or scrub") +
+                    help);
+}
+
 }  // namespace
 
 ListenAddress parse_address(const std::string& text) {
@@ -323,8 +335,12 @@ std::optional<Command> parse_command_line(int argc, const char* const* argv) {
         if (what.starts_with(kUnknown)) what = what.substr(kUnknown.size()) + ": no such flag";
         throw Error(ErrorCode::InvalidArgument, "--config: " + what);
     } catch (const CLI::ParseError& error) {
-        const char* const way = app.get_subcommands().empty() ? "; see stippled --help" : "";
-        throw Error(ErrorCode::InvalidArgument, std::string(error.what()) + way);
+        const bool has_command = !app.get_subcommands().empty();
+        const std::vector<std::string> unknown = app.remaining(true);
+        if (!unknown.empty())
+            refuse_unknown(unknown.front(), has_command ? app.get_subcommands().front() : nullptr);
+        throw Error(ErrorCode::InvalidArgument,
+                    error.what() + std::string(has_command ? "" : "; see stippled --help"));
     }
     command.kind = healthcheck.parsed() ? Command::Kind::Healthcheck
                    : scrub.parsed()     ? Command::Kind::Scrub

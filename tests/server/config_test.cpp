@@ -139,5 +139,19 @@ TEST(Config, WhoNamesNoCommandIsToldOfTheHelp) {
     }
 }
 
+TEST(Config, AnUnknownWordIsNamedBeforeWhatIsMissing) {
+    const auto expect = [](const char* text, const std::vector<const char*>& arguments) {
+        test::expect_error(ErrorCode::InvalidArgument, text, [&] {
+            parse_command_line(static_cast<int>(arguments.size()), arguments.data());
+        });
+    };
+    expect("--lisen: no such flag; see stippled serve --help",
+           {"stippled", "serve", "--lisen", "127.0.0.1:80"});
+    expect("--lisen: no such flag", {"stippled", "serve", "--data", "x", "--lisen", "y"});
+    expect("srve: no such command: expected serve, healthcheck or scrub",
+           {"stippled", "srve", "--data", "x"});
+    expect("--data is required", {"stippled", "serve"});
+}
+
 }  // namespace
 }  // namespace stipple::server
