@@ -2,9 +2,6 @@
 // among them in its tangent plane (as the Voronoi cells of Dyer, Zhang, Möller 2009): where three cells meet, three discs have to.
 // Where the neighbours do not lie about a plane, as in leaves, a splat is a round one that faces the viewer: its normal is shorter.
 
-/** A splat's radius is stored as a fraction of this many spacings: `kLargest` of those in the sparsest parts. */
-export const kLargestRadius = 96;
-
 const kLargest = 6;             // radius, spacings of the part that the point is in
 const kLargestInTiles = 3;      // for beyond the border of a tile lie points of another
 const kSparser = 4;             // spacings of parts are told apart by powers of this,
@@ -33,6 +30,9 @@ const kCornersY = Float64Array.from({ length: kCorners }, (_, k) => Math.sin(2 *
 const kMostMet = 1024;          // points looked at for one: of more in one place, those that come first are enough
 const kAskedForGap = 31;        // points that tell a spacing
 const kFarOff = 4;              // median gaps: a longer spacing is that of a few points far off
+
+/** A splat's radius is stored as a fraction of this many spacings. */
+export const kLargestRadius = kLargest * kSparsest;
 
 /**
  * A spacing that a few points far off do not stretch: a mean of theirs would put all others into one cell.
@@ -110,10 +110,11 @@ function closeSparseParts(surface, isSparse, positions, normals, spacing) {
         const grid = new PointGrid(positions, kGrid * local);
         for (let at = 0; at < count; at += 1) {
             const i = grid.members[at];
-            if (isSparse[i]) {
-                grid.nearestTo(at, nearest);
+            if (!isSparse[i]) {
+                continue;
             }
-            if (!isSparse[i] || nearest.count <= kSpacingNeighbor) {
+            grid.nearestTo(at, nearest);
+            if (nearest.count <= kSpacingNeighbor) {
                 continue;
             }
             isSparse[i] = 0;
