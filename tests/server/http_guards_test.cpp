@@ -57,6 +57,26 @@ TEST(RequestHead, RefusesABodyWhoseLengthCanBeReadInTwoWays) {
     }
 }
 
+TEST(RequestHead, RefusalsRepeatWhatWasSentButNoLineThatMayHoldAKey) {
+    const auto text_of = [](const std::string& fields, const std::string& line) {
+        try {
+            head_of(fields, line);
+        } catch (const HttpError& error) {
+            return error.problem.detail;
+        }
+        return std::string("accepted");
+    };
+    const std::string post = "POST /v1/clouds HTTP/1.1", key = "Authorization: Bearer abcdef";
+    EXPECT_NE(text_of("Content-Length: 1k", post).find("`1k`"), std::string::npos);
+    EXPECT_NE(text_of("Expect: 200-ok", post).find("`200-ok`"), std::string::npos);
+    EXPECT_NE(text_of("", "PURGE / HTTP/1.1").find("`PURGE`"), std::string::npos);
+    EXPECT_NE(text_of("", "GET / HTTP/2.0").find("`HTTP/2.0`"), std::string::npos);
+    EXPECT_EQ(text_of("Expect: " + std::string(90, 'x'), post).find(std::string(41, 'x')),
+              std::string::npos);
+    EXPECT_EQ(text_of("", key).find("abcdef"), std::string::npos);
+    EXPECT_EQ(text_of("Authorization Bearer abcdef", post).find("abcdef"), std::string::npos);
+}
+
 TEST(RequestHead, RefusesControlCharactersInAnyDisguise) {
     EXPECT_EQ(refusal_of(std::string("X-A: a\0b", 8)), 400);
     EXPECT_EQ(refusal_of("X-A: a\nb"), 400);
