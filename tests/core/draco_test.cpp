@@ -325,6 +325,21 @@ TEST_P(DracoCodings, TellsThePointsOfALongPipeFromEachOtherUnlessFewBitsAreAsked
     EXPECT_LT(places(12), kPoints * 6 / 10);
 }
 
+TEST_P(DracoCodings, TellsTheStepsOfItsGrid) {
+    PointCloud cloud = test::sphere(2'000);
+    for (const unsigned bits : {8U, 12U}) {
+        double step = 0;
+        const PointCloud back = decode_cloud(encode_draco(
+            cloud, {.coding = GetParam(), .position_bits = bits, .precision = {}}, {}, &step));
+        ASSERT_GT(step, 0);
+        const Vec3d low = bounds(back).min;
+        for (const Vec3f& p : back.positions) {
+            const Vec3d steps = (p.cast<double>() - low) / step;
+            EXPECT_LT((steps - steps.array().round().matrix()).cwiseAbs().maxCoeff(), 0.01);
+        }
+    }
+}
+
 INSTANTIATE_TEST_SUITE_P(Codings, DracoCodings,
                          testing::Values(DracoCoding::Sequential, DracoCoding::KdTree),
                          [](const auto& which) {
@@ -535,6 +550,18 @@ TEST(Draco, KeepsExactFloatsThatSpreadBeyondSinglePrecision) {
     cloud.colors.assign(3, Rgba8{1, 2, 3, 255});
     const PointCloud back = round_trip(cloud, {.position_bits = 0, .precision = {}});
     EXPECT_EQ(sorted(rows_of(back)), sorted(rows_of(cloud)));
+}
+
+TEST(Draco, TellsNoStepsOfExactFloats) {
+    PointCloud cloud = test::sphere(2'000);
+    double step = 1;
+    encode_draco(cloud, {.position_bits = 0, .precision = {}}, {}, &step);
+    EXPECT_EQ(step, 0);
+    cloud.positions.push_back({1e6F, 0, 0});  // by which they would have too many bits for floats
+    cloud.colors.assign(cloud.size(), {1, 2, 3, 255});
+    step = 1;
+    encode_draco(cloud, {}, {}, &step);
+    EXPECT_EQ(step, 0);
 }
 
 TEST(Draco, SpendsACloudForTheSameBytes) {

@@ -18,7 +18,6 @@
 #include <limits>
 #include <optional>
 #include <span>
-#include <string_view>
 #include <vector>
 
 namespace stipple::cli {
