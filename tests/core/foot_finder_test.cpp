@@ -1,5 +1,6 @@
 #include "error/foot_finder.hpp"
 
+#include "error/line_foot.hpp"
 #include "error/plane_kernels.hpp"
 #include "support/eigen_system.hpp"
 #include "support/support.hpp"
@@ -10,6 +11,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <numbers>
 #include <random>
 #include <vector>
 
@@ -36,6 +38,25 @@ struct SlowFoot {
     bool converged = false;
 };
 
+struct SlowFit {
+    Vec3d mean;
+    test::EigenSystem axes;
+};
+
+SlowFit slow_fit(const std::vector<Vec3d>& near, const Vec3d& x, double h) {
+    const auto weight = [&](const Vec3d& p) { return std::exp(-(p - x).squaredNorm() / (h * h)); };
+    double total = 0;
+    Vec3d mean = Vec3d::Zero();
+    for (const Vec3d& p : near) {
+        total += weight(p);
+        mean += weight(p) * p;
+    }
+    mean /= total;
+    Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
+    for (const Vec3d& p : near) covariance += weight(p) * (p - mean) * (p - mean).transpose();
+    return {mean, test::eigen_system(covariance)};
+}
+
 SlowFoot slow_foot(const std::vector<Vec3f>& points, unsigned k, const Vec3d& q, Vec3d x,
                    int steps = 200) {
     SlowFoot foot;
@@ -46,20 +67,19 @@ SlowFoot slow_foot(const std::vector<Vec3f>& points, unsigned k, const Vec3d& q,
                                   [&](const Vec3d& p) { return (p - x).squaredNorm(); });
         near.resize(k);
         foot.h = (near.back() - x).norm() / 3;
-        const auto weight = [&](const Vec3d& p) {
-            return std::exp(-(p - x).squaredNorm() / (foot.h * foot.h));
-        };
-        double total = 0;
-        Vec3d a = Vec3d::Zero();
-        for (const Vec3d& p : near) {
-            total += weight(p);
-            a += weight(p) * p;
+        const SlowFit plane = slow_fit(near, x, foot.h);
+        const Vec3d n = plane.axes.vectors.col(0);
+        Vec3d next = q - n.dot(q - plane.mean) * n;
+        const double line = line_part(plane.axes.values[1] / plane.axes.values[2],
+                                      plane.axes.values[0] / plane.axes.values[1]);
+        if (line > 0) {
+            const double narrow = std::max(line_scale(k) * foot.h, (near.front() - x).norm());
+            std::erase_if(near, [&](const Vec3d& p) { return (p - x).norm() > 3 * narrow; });
+            const SlowFit fit = slow_fit(near, x, narrow);
+            const Vec3d along = fit.axes.vectors.col(2);
+            const Vec3d on_line = fit.mean + along.dot(q - fit.mean) * along;
+            next += line * (on_line - next);
         }
-        a /= total;
-        Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
-        for (const Vec3d& p : near) covariance += weight(p) * (p - a) * (p - a).transpose();
-        const Vec3d n = test::eigen_system(covariance).vectors.col(0);
-        const Vec3d next = q - n.dot(q - a) * n;
         foot.converged = (next - x).norm() <= 1e-4 * foot.h;
         foot.distance = (q - next).norm();
         x = next;
@@ -92,6 +112,77 @@ TEST(FootFinder, FindsTheFixedPointsOfTheSlowForm) {
         EXPECT_GT(compared, 250) << k;
         EXPECT_LE(differ, compared / 100) << k;
     }
+}
+
+/// n points of a circle, of which each is off by the noise in all directions.
+std::vector<Vec3f> circle(std::size_t n, double noise = 0) {
+    std::mt19937_64 random(7);
+    std::normal_distribution<double> normal(0, 1);
+    std::vector<Vec3f> points;
+    for (std::size_t i = 0; i < n; ++i) {
+        const double angle = 2 * std::numbers::pi * static_cast<double>(i) / static_cast<double>(n);
+        const Vec3d off(normal(random), normal(random), normal(random));
+        points.push_back((Vec3d(std::cos(angle), std::sin(angle), 0) + noise * off).cast<float>());
+    }
+    return points;
+}
+
+std::vector<Foot> feet_on(const std::vector<Vec3f>& points, const std::vector<Vec3f>& queries) {
+    const PointTree tree(points, PointTree::Leaves::Compact, {});
+    std::vector<Foot> feet(queries.size());
+    FootFinder(points, tree, {})
+        .find(queries, [&](std::size_t i, const Foot& foot) { feet[i] = foot; }, {});
+    return feet;
+}
+
+TEST(FootFinder, FindsFeetOnWires) {
+    std::vector<Vec3f> queries;
+    for (int i = 0; i < 500; ++i) {  // in its plane, off it, and both
+        const float angle = 0.0123F * static_cast<float>(i), off = 0.03F;
+        const float away = i % 3 == 0 ? 0.0F : off, up = i % 3 == 1 ? 0.0F : off;
+        queries.emplace_back((1 + away) * std::cos(angle), (1 + away) * std::sin(angle), up);
+    }
+    for (const double noise : {0.0, 2e-5}) {
+        const std::vector<Foot> feet = feet_on(circle(1'000, noise), queries);
+        for (std::size_t i = 0; i < feet.size(); ++i) {
+            const Vec3d q = queries[i].cast<double>();
+            const double distance = std::hypot(std::hypot(q.x(), q.y()) - 1, q.z());
+            EXPECT_NEAR(feet[i].distance, distance, 1e-4 + 4 * noise) << i << ' ' << noise;
+            EXPECT_NEAR((feet[i].point - q).norm(), feet[i].distance, 1e-6);
+            EXPECT_TRUE(feet[i].on_surface()) << i << ' ' << noise;
+        }
+    }
+}
+
+TEST(FootFinder, FindsFeetBetweenThePointsOfAStraightLine) {
+    std::vector<Vec3f> points, queries;
+    for (int i = 0; i < 100; ++i) points.emplace_back(static_cast<float>(i), 0.0F, 0.0F);
+    for (int i = 10; i < 890; ++i) queries.emplace_back(0.1F * static_cast<float>(i), 0.25F, 0.0F);
+    for (const Foot& foot : feet_on(points, queries)) EXPECT_NEAR(foot.distance, 0.25, 1e-5);
+}
+
+TEST(FootFinder, FindsTheSurfaceBetweenTheLinesOfAScan) {
+    // Ten times as dense along the lines: most neighbours are of one line, with some noise.
+    std::mt19937_64 random(3);
+    std::normal_distribution<float> normal(0, 0.001F);
+    std::vector<Vec3f> points, queries;
+    for (int line = 0; line < 20; ++line)
+        for (int i = 0; i < 200; ++i)
+            points.emplace_back(0.1F * static_cast<float>(i), static_cast<float>(line),
+                                normal(random));
+    for (int i = 0; i < 500; ++i)
+        queries.emplace_back(4 + 0.02F * static_cast<float>(i), 4 + 0.023F * static_cast<float>(i),
+                             0.0F);
+    double sum = 0;
+    for (const Foot& foot : feet_on(points, queries)) sum += foot.distance;
+    EXPECT_LT(sum / static_cast<double>(queries.size()), 0.01);  // of lines that are 1 apart
+}
+
+TEST(FootFinder, FindsNoFarFootWhereAllNeighboursCoincide) {
+    std::vector<Vec3f> points(30, Vec3f(1, 2, 3));
+    for (const Foot& foot : feet_on(points, {Vec3f(1, 2, 3), Vec3f(1, 2, 4)}))
+        EXPECT_TRUE(std::isfinite(foot.distance));
+    EXPECT_EQ(feet_on(points, {Vec3f(1, 2, 4)}).front().distance, 1);
 }
 
 TEST(FootFinder, GivesUpNoWalkThatWouldEnd) {
@@ -196,6 +287,7 @@ TEST(PlaneKernels, GiveTheSameBits) {
             EXPECT_EQ(other.step_sq, plain.step_sq);
             EXPECT_EQ(other.normal.x, plain.normal.x);
             EXPECT_EQ(other.foot.z, plain.foot.z);
+            EXPECT_EQ(other.breadth, plain.breadth);
             EXPECT_EQ(other.flat, plain.flat);
         }
         for (std::size_t lane = 0; lane < PlaneLanes::kLanes; ++lane) {

@@ -4,6 +4,7 @@
 #include "base/first_touch.hpp"
 #include "base/parallel_for.hpp"
 #include "base/random.hpp"
+#include "base/weighted_moments.hpp"
 #include "neighbors/nearby_search.hpp"
 #include "neighbors/nearest_kernels.hpp"
 #include "neighbors/tree_search.hpp"
@@ -23,6 +24,7 @@ namespace stipple {
 namespace {
 
 constexpr std::size_t kBlock = 4096, kBetweenChecks = 65'536;
+constexpr std::size_t kThird = 3, kAround = 8;  // neighbours
 
 /// The i-th random place of a seed in the unit disk.
 Eigen::Vector2f in_disk(std::uint64_t seed, std::uint64_t i) noexcept {
@@ -210,18 +212,6 @@ private:
     std::vector<float> distances_sq_;
 };
 
-/// Of each of some points of the tree the squared distance to its `nth` neighbour, or to the
-/// farthest when there are fewer. Quickest for points that follow each other in the tree.
-std::vector<float> distances_sq(const PointTree& tree, std::span<const Vec3f> points,
-                                std::size_t nth, const RunContext& context) {
-    auto distances = made_in_blocks<std::vector<float>>(points.size(), context);
-    parallel_for_blocks(points.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
-        NearestDistances nearest(tree, nth + 1);  // the point itself is one of them
-        for (std::size_t i = begin; i < end; ++i) distances[i] = nearest.find(points[i]).largest;
-    });
-    return distances;
-}
-
 /// The points of the tree that an array of their numbers, or such a range, names.
 template <typename Numbers>
 std::vector<Vec3f> points_of(const PointTree& tree, const Numbers& numbers,
@@ -249,13 +239,40 @@ std::vector<Vec3f> feet_on(const FootFinder& surface, std::span<const Vec3f> pla
     return feet;
 }
 
+/// The line that a point and its neighbours lie on, as those of a wire do.
+struct LineAround {
+    Vec3f direction = Vec3f::UnitX();
+    float across = 1;  ///< how far from it places are drawn: 1 on a surface, 0 on a line
+};
+
+/// @param nearest  of `points` to a point, itself among them.
+LineAround line_around(std::span<const Neighbor> nearest, std::span<const Vec3f> points) {
+    constexpr double kLine = 0.01, kSurface = 0.04;  // λ1 / λ2
+    WeightedMoments moments;
+    const Vec3d first = points[nearest.front().index].cast<double>();
+    for (const Neighbor& neighbor : nearest)
+        moments.add(points[neighbor.index].cast<double>() - first, 1);
+    const Symmetric3 covariance = moments.covariance();
+    const auto [least, middle, largest] = eigenvalues(covariance);
+    if (!(middle < kSurface * largest)) return {};
+    const double across = (middle / largest - kLine) / (kSurface - kLine);
+    return {eigenvector(covariance, largest).cast<float>(),
+            static_cast<float>(std::max(0.0, across))};
+}
+
 /// A point moved in its tangent plane by the i-th random way of a seed.
 ///
 /// @param spacing_sq  the squared distance to its third neighbour.
-Vec3f moved(const Vec3f& point, const Vec3f& normal, float spacing_sq, std::uint64_t seed,
-            std::uint64_t i) {
-    const Vec3f u = normal.unitOrthogonal(), v = normal.cross(u);
+Vec3f moved(const Vec3f& point, const Vec3f& normal, const LineAround& line, float spacing_sq,
+            std::uint64_t seed, std::uint64_t i) {
     const Eigen::Vector2f move = kPlaceReach * std::sqrt(spacing_sq) * in_disk(~seed, i);
+    if (line.across < 1) {
+        // There the third neighbour is twice as far as the next.
+        const float along = 0.5F + 0.5F * line.across;
+        const Vec3f v = normal.cross(line.direction).stableNormalized();
+        return point + along * move.x() * line.direction + line.across * move.y() * v;
+    }
+    const Vec3f u = normal.unitOrthogonal(), v = normal.cross(u);
     return point + move.x() * u + move.y() * v;
 }
 
@@ -360,19 +377,24 @@ ErrorSamples take_points_by_area(const LonePoints& points, std::uint64_t count, 
 SurfacePlaces random_places(const LonePoints& points, const FootFinder& surface,
                             std::span<const Vec3f> bases, std::uint64_t seed,
                             const RunContext& context) {
-    const PointTree& tree = points.tree();
     std::vector<Vec3f> used;
     for_blocks_in_order(bases.size(), context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i)
             if (i == 0 || bases[i] != bases[i - 1]) used.push_back(bases[i]);
     });
     auto normals = made_in_blocks<std::vector<Vec3f>>(used.size(), context);
-    constexpr std::size_t kThird = 3;
-    const std::vector<float> spacings_sq = distances_sq(tree, used, kThird, context);
+    auto lines = made_in_blocks<std::vector<LineAround>>(used.size(), context);
+    auto spacings_sq = made_in_blocks<std::vector<float>>(used.size(), context);
     auto lone = made_in_blocks<std::vector<std::uint8_t>>(used.size(), context);
     parallel_for_blocks(used.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
-        for (std::size_t i = begin; i < end; ++i)
+        NearbySearch search(points.tree(), kAround + 1, 2 * kAround + 2);
+        for (std::size_t i = begin; i < end; ++i) {
+            const std::span<Neighbor> nearest = search.find_nearest_few(used[i]);
+            std::ranges::sort(nearest);  // the point itself comes first
+            spacings_sq[i] = nearest[std::min(kThird, nearest.size() - 1)].distance_sq;
+            lines[i] = line_around(nearest, surface.points());
             lone[i] = points.holds(used[i], std::sqrt(spacings_sq[i])) ? 1 : 0;
+        }
     });
     surface.find(
         used, [&](std::size_t i, const Foot& foot) { normals[i] = foot.normal.cast<float>(); },
@@ -384,7 +406,7 @@ SurfacePlaces random_places(const LonePoints& points, const FootFinder& surface,
     for (std::size_t i = 0; i < bases.size(); ++i) {
         if (i % kBetweenChecks == 0) context.throw_if_stopped();
         if (i > 0 && bases[i] != bases[i - 1]) ++base;
-        places[i] = moved(used[base], normals[base], spacings_sq[base], seed, i);
+        places[i] = moved(used[base], normals[base], lines[base], spacings_sq[base], seed, i);
         alone[i] = lone[base];
     }
     SurfacePlaces found = {.positions = feet_or(bases, alone, surface, places, context),
@@ -397,7 +419,6 @@ SurfacePlaces random_places(const LonePoints& points, const FootFinder& surface,
 std::vector<Vec3f> places_beside(const LonePoints& points, const FootFinder& surface,
                                  std::span<const Vec3f> bases, std::uint64_t seed,
                                  const RunContext& context) {
-    constexpr std::size_t kThird = 3, kAround = 8;
     auto places = made_in_blocks<std::vector<Vec3f>>(bases.size(), context);
     auto is_lone = made_in_blocks<std::vector<std::uint8_t>>(bases.size(), context);
     parallel_for_blocks(bases.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
@@ -411,7 +432,8 @@ std::vector<Vec3f> places_beside(const LonePoints& points, const FootFinder& sur
                 ways.push_back((surface.points()[neighbor.index] - bases[i]).cast<double>());
             const Vec3d normal = normal_from(ways);
             const float spacing_sq = nearest[std::min(kThird, nearest.size() - 1)].distance_sq;
-            places[i] = moved(bases[i], normal.cast<float>(), spacing_sq, seed, i);
+            places[i] = moved(bases[i], normal.cast<float>(),
+                              line_around(nearest, surface.points()), spacing_sq, seed, i);
             is_lone[i] = points.holds(nearest) ? 1 : 0;
         }
     });
@@ -458,7 +480,6 @@ ErrorSamples take_particles(const LonePoints& points, const FootFinder& surface,
     ErrorSamples samples;
     samples.resize(count, context);
     parallel_for_blocks(count, kBlock, context, [&](std::size_t begin, std::size_t end) {
-        constexpr std::size_t kThird = 3;
         std::array<Neighbor, kThird + 1> room;
         for (std::size_t i = begin; i < end; ++i) {
             const std::span<const Neighbor> found = find_nearest(points.tree(), particles[i], room);

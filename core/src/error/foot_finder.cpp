@@ -1,16 +1,19 @@
 #include "error/foot_finder.hpp"
 
 #include "base/parallel_for.hpp"
+#include "error/line_foot.hpp"
 #include "error/plane_kernels.hpp"
 #include "error/quadratic_foot.hpp"
 #include "neighbors/nearest_kernels.hpp"
 #include "neighbors/tree_search.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <vector>
 
 // Eight queries are on their way at once, one in each lane of the vector code. Those near each
@@ -195,6 +198,7 @@ public:
           found_(found),
           k_(static_cast<unsigned>(std::min<std::size_t>(options.k, points.size()))),
           reach_(std::sqrt(std::max(1.0, kReaching / k_))),
+          line_scale_(line_scale(k_)),
           maker_(points, tree, k_, std::min<std::size_t>(points.size(), 2 * k_ + 8)),
           lanes_(k_, maker_.room()),
           quadratic_(points, tree, options),
@@ -326,27 +330,29 @@ private:
             else
                 w.to_sample = std::sqrt(static_cast<double>(lanes_.nearest_sq[lane]));
         }
+        const std::optional<Step> found = step_of(lane, r);
+        if (!found) return finish_start(lane);
         // There is no surface where there are no samples.
-        const double nearness = lanes_.nearest_sq[lane] / lanes_.radius_sq[lane];
+        const double nearness = lanes_.nearest_sq[lane] / found->reach_sq;
         constexpr double kLost = 0.5;
-        if (!lanes_.flat[lane] || (w.iteration > 0 && nearness > kLost)) return finish_start(lane);
+        if (w.iteration > 0 && nearness > kLost) return finish_start(lane);
 
-        const Vec3d foot = w.patch->center + get(lanes_.foot, lane);
-        const double step = std::sqrt(static_cast<double>(lanes_.step_sq[lane]));
-        const double h = r / 3.0;
+        const Vec3d& foot = found->foot;
+        const double step = found->length, h = found->h, distance = std::abs(found->height);
         if (options_.across_sample && w.from_sample && w.iteration == 0)
-            w.off_surface = std::abs(static_cast<double>(lanes_.height[lane]) -
-                                     get(lanes_.normal, lane).dot(w.q - w.sample));
+            w.off_surface = std::abs(found->height - found->normal.dot(w.q - w.sample));
         if (step < w.least_step) {
             w.least_step = step;
             w.best.point = foot;
-            w.best.normal = get(lanes_.normal, lane);
-            w.best.distance = std::abs(static_cast<double>(lanes_.height[lane]));
+            w.best.normal = found->normal;
+            w.best.distance = distance;
+            w.best.radius = r;
             w.best.h = h;
             w.best.off_center =
-                3 * std::sqrt(static_cast<double>(lanes_.offset_sq[lane] / lanes_.radius_sq[lane]));
+                3 * std::sqrt(static_cast<double>(found->offset_sq / found->reach_sq));
             w.best.emptiness = std::sqrt(nearness);
-            w.best.roundness = static_cast<double>(lanes_.roundness[lane]);
+            w.best.roundness = (1 - found->line) * static_cast<double>(lanes_.roundness[lane]);
+            w.best.line = found->line;
         }
         // Steps along the surface shrink by about the same factor each time, which the first step,
         // across it, does not tell; but normals turn by no more than about 2 / h. What the steps
@@ -356,7 +362,6 @@ private:
             step <= options_.tolerance * h ||
             (shrinking < 0.5 && step * shrinking <= options_.tolerance * h * (1.0 - shrinking));
         // Where the way goes along the surface the distance is known long before the foot is.
-        const double distance = std::abs(static_cast<double>(lanes_.height[lane]));
         const double along = step / w.last_step, change = std::abs(distance - w.last_distance);
         w.best.converged |= w.iteration > 1 && along < 1 &&
                             change * along <= options_.sure_part * distance * (1 - along);
@@ -366,6 +371,51 @@ private:
             goes_round(w, foot, step, h))
             return finish_start(lane);
         place(lane, foot);
+    }
+
+    /// Where a walk goes next.
+    struct Step {
+        Vec3d foot, normal;
+        double height;    ///< of the query over the foot, along the normal
+        double length;    ///< of the step
+        float reach_sq;   ///< how far points have a say
+        float offset_sq;  ///< to their mean
+        double h;         ///< a third of how far
+        double line;      ///< how far it is a step onto a line, not onto a plane
+    };
+
+    /// Onto the plane of the neighbourhood, or the line. Nothing where there is neither.
+    /// @param r  radius of the neighbourhood.
+    std::optional<Step> step_of(std::size_t lane, double r) const {
+        const Walker& w = walkers_[lane];
+        const Patch& patch = *w.patch;
+        Step step = {.foot = patch.center + get(lanes_.foot, lane),
+                     .normal = get(lanes_.normal, lane),
+                     .height = static_cast<double>(lanes_.height[lane]),
+                     .length = std::sqrt(static_cast<double>(lanes_.step_sq[lane])),
+                     .reach_sq = lanes_.radius_sq[lane],
+                     .offset_sq = lanes_.offset_sq[lane],
+                     .h = r / 3.0,
+                     .line = line_part(static_cast<double>(lanes_.breadth[lane]),
+                                       static_cast<double>(lanes_.roundness[lane]))};
+        const bool is_plane = lanes_.flat[lane];
+        if (step.line == 0) return is_plane ? std::optional(step) : std::nullopt;
+
+        const Vec3d place = w.x - patch.center;
+        const std::optional<LocalLine> line =
+            fit_line({{patch.axis(0), patch.axis(1), patch.axis(2)}, patch.size}, place,
+                     line_scale_ * step.h, r);
+        if (!line) return std::nullopt;
+        const Vec3d foot = patch.center + line->foot_of(w.q - patch.center);
+        step.foot = is_plane ? Vec3d(step.foot + step.line * (foot - step.foot)) : foot;
+        const Vec3d way = w.q - step.foot;
+        step.height = way.norm();
+        step.normal = step.height > 0 ? Vec3d(way / step.height) : line->direction.unitOrthogonal();
+        step.length = (step.foot - w.x).norm();
+        step.h *= 1 - step.line + step.line * line_scale_;
+        step.reach_sq = static_cast<float>(9 * step.h * step.h);
+        step.offset_sq = static_cast<float>((line->point - place).squaredNorm());
+        return step;
     }
 
     /// Whether long steps have led back to where the walk was before, as they will again (R. Brent
@@ -434,6 +484,7 @@ private:
     const std::function<void(std::size_t, const Foot&)>& found_;
     unsigned k_;
     double reach_;  ///< of the surface around a sample, over the radius of its neighbourhood
+    double line_scale_;
     PatchMaker maker_;
     PlaneLanes lanes_;
     QuadraticFoot quadratic_;

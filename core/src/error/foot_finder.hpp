@@ -16,10 +16,12 @@ struct Foot {
     Vec3d normal = Vec3d::UnitZ();  ///< of the surface there; the sign is any
     double distance = 0;            ///< d(q, S')
     double to_sample = 0;           ///< from q to the nearest sample
-    double h = 0;                   ///< scale of the weights at the foot
+    double radius = 0;              ///< of the neighbourhood there
+    double h = 0;                   ///< scale of the weights there: r / 3, less on a line
     double off_center = 0;          ///< from there to the mean of its neighbourhood, over h
-    double emptiness = 0;           ///< from there to the nearest sample, over r = 3 h
-    double roundness = 0;           ///< λ0 / λ1 there, in 0..1
+    double emptiness = 0;           ///< from there to the nearest sample, over 3 h
+    double roundness = 0;           ///< λ0 / λ1 there, in 0..1; less on a line
+    double line = 0;                ///< how far it is the foot on a line, not on a plane: 0..1
     bool converged = false;
     bool beyond = false;  ///< where the surface has no samples: `distance` is how far they are
 

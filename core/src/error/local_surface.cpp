@@ -29,7 +29,7 @@ std::vector<Index> one_of_each(std::size_t stride, std::size_t n) {
 /// Whether all neighbours of a foot are within a ball, as far as the surface is flat there.
 bool holds(const Ball& ball, const Foot& foot) {
     constexpr double kExact = 0.999;
-    const double r = 3 * foot.h, R = kExact * ball.radius;
+    const double r = foot.radius, R = kExact * ball.radius;
     return (foot.point - ball.center.cast<double>()).squaredNorm() + r * r <= R * R;
 }
 
@@ -111,7 +111,7 @@ void LocalSurface::find(const Part& part, std::span<const Ball> places,
             if (std::ranges::any_of(own, [&](const Ball& ball) { return holds(ball, foot); }))
                 continue;
             const Ball wider = {asked[j], 2 * own.front().radius};
-            const Ball beside = {foot.point.cast<float>(), static_cast<float>(6 * foot.h)};
+            const Ball beside = {foot.point.cast<float>(), static_cast<float>(2 * foot.radius)};
             const bool is_near = (beside.center - wider.center).norm() <= 2 * wider.radius;
             still_open.push_back(open[j]);
             larger.push_back(wider);

@@ -42,6 +42,7 @@ struct PlaneLanes {
     Floats offset_sq{};               ///< from the place to the weighted mean of its neighbourhood
     Floats roundness{};               ///< λ0 / λ1 of the neighbourhood: 0 on a plane, 1 where its
                                       ///< normal is arbitrary
+    Floats breadth{};                 ///< λ1 / λ2: 0 on a line
     Floats height{};                  ///< of the query over it
     Floats step_sq{};                 ///< from the place to the foot
     std::array<bool, kLanes> flat{};  ///< false where the candidates carry no plane

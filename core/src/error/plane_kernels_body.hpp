@@ -255,6 +255,7 @@ inline void find_planes(PlaneLanes& lanes, const Moments<Floats>& moments,
     const Double4 inside = others * others - 4.0 * product;
     const Double4 middle = 0.5 * (others - square_root(inside > 0.0 ? inside : Double4{}));
     const Double4 roundness = middle > least ? least / middle : Double4{} + 1.0;
+    const Double4 breadth = middle / (others - middle);
 
     // The rows of the matrix less its eigenvalue span what is orthogonal to the eigenvector.
     const Vector a{s.xx - least, s.xy, s.xz}, b{s.xy, s.yy - least, s.yz},
@@ -285,6 +286,7 @@ inline void find_planes(PlaneLanes& lanes, const Moments<Floats>& moments,
     store(n.y, lanes.normal.y, first);
     store(n.z, lanes.normal.z, first);
     store(roundness, lanes.roundness, first);
+    store(breadth, lanes.breadth, first);
     store(height, lanes.height, first);
     store(sx * sx + sy * sy + sz * sz, lanes.step_sq, first);
     for (std::size_t lane = 0; lane < 4; ++lane) lanes.flat[first + lane] = flat[lane] != 0;

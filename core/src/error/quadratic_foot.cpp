@@ -10,7 +10,7 @@ QuadraticFoot::QuadraticFoot(std::span<const Vec3f> points, const PointTree& tre
     : points_(points), options_(options), search_(tree, options.k, 2 * std::size_t{options.k}) {}
 
 Foot QuadraticFoot::find(const Vec3d& q, const Foot& linear) {
-    if (!linear.converged || linear.beyond) return linear;
+    if (!linear.converged || linear.beyond || linear.line > 0) return linear;
     Foot foot = linear;
     foot.converged = false;
     for (unsigned i = 0; i < options_.max_iterations && !foot.converged; ++i) {
@@ -25,7 +25,8 @@ Foot QuadraticFoot::find(const Vec3d& q, const Foot& linear) {
             around_.z[j] = d.z();
             radius_sq = std::max(radius_sq, d.squaredNorm());
         }
-        foot.h = std::sqrt(radius_sq) / 3.0;
+        foot.radius = std::sqrt(radius_sq);
+        foot.h = foot.radius / 3.0;
         if (foot.h == 0) return linear;
         const MlsPlane plane = fit_weighted_plane(around_, foot.h);
         if (plane.kind != MlsPlane::Kind::Weighted) return linear;

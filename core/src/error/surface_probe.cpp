@@ -48,10 +48,10 @@ bool is_uneven(const Foot& foot) {
 /// How far from a query points have a say in its foot: as far as the neighbourhood of the foot
 /// reaches, and a little for those on the way.
 float reach_of(const Vec3f& query, const Foot& foot) {
-    constexpr double kFurther = 1.2, kNeighborhood = 3;  // r = 3 h
+    constexpr double kFurther = 1.2;
     if (foot.h == 0) return std::numeric_limits<float>::infinity();
     const double away = (query.cast<double>() - foot.point).norm();
-    return static_cast<float>(kFurther * (away + kNeighborhood * foot.h));
+    return static_cast<float>(kFurther * (away + foot.radius));
 }
 
 }  // namespace
@@ -143,8 +143,8 @@ PlacesAround ProbedSurface::places_around(std::span<const Vec3f> centers, float 
     finder_.find(
         centers,
         [&](std::size_t c, const Foot& foot) {
-            const auto h = static_cast<float>(foot.h);
-            scales[c] = lone_points_.holds(centers[c], 3 * h) ? 0.0F : h;
+            const auto radius = static_cast<float>(foot.radius);
+            scales[c] = lone_points_.holds(centers[c], radius) ? 0.0F : static_cast<float>(foot.h);
             normals[c] = foot.normal.cast<float>();
             around.reach[c] = reach_of(centers[c], foot);
         },
