@@ -95,7 +95,8 @@ private:
     Candidate within_bytes(double budget) {
         std::optional<Candidate> best;
         const double most = static_cast<double>(std::max<std::uint64_t>(1, most_points()));
-        double points = budget / bytes_a_point(budget), fits = 0, too_many = most + 1;
+        const double aim = (1 + kCloseEnough) / 2 * budget;
+        double points = aim / bytes_a_point(budget), fits = 0, too_many = most + 1;
         double points_before = 0, bytes_before = 0;
         Candidate tried;
         for (int i = 0; i < kMostTries && too_many - fits > 1; ++i) {
@@ -107,8 +108,7 @@ private:
             const bool all = got < points;
             (bytes <= budget ? fits : too_many) = points;
             const double more = (bytes - bytes_before) / (got - points_before);
-            points = got + ((1 + kCloseEnough) / 2 * budget - bytes) /
-                               (std::isfinite(more) && more > 0 ? more : bytes / got);
+            points = got + (aim - bytes) / (std::isfinite(more) && more > 0 ? more : bytes / got);
             points_before = got, bytes_before = bytes;
             if (bytes > budget) continue;
             best = std::move(tried);

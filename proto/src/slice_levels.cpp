@@ -136,14 +136,14 @@ Aabb SliceLevels::box_of(const LodTile& tile) const {
 Aabb SliceLevels::reach_of(const LodTile& tile) const {
     const Aabb &box = *options_.box, &source = pyramid_.source.value().bounds;
     const Aabb points = box_of(tile);
-    double largest = 0;  // of the numbers that were rounded to floats
+    Vec3d largest = Vec3d::Zero();  // of the numbers that were rounded to floats
     for (const Vec3d& from : {center_, origin_})
         for (const Vec3d& corner : {points.min, points.max})
-            largest = std::max(largest, (corner - from).cwiseAbs().maxCoeff());
-    constexpr double kFloat = std::numeric_limits<float>::epsilon(),
-                     kFar = std::numeric_limits<double>::infinity();
-    const double off = 0.5 * tile.step + kFloat * largest;
-    Aabb reach{box.min.array() - off, box.max.array() + off};
+            largest = largest.cwiseMax((corner - from).cwiseAbs());
+    constexpr double kFar = std::numeric_limits<double>::infinity(),
+                     kFloat = 0x1p-23;  // twice: to the tile's frame, and to the cloud's
+    const Vec3d off = (0.5 * tile.step + kFloat * largest.array()).matrix();
+    Aabb reach{box.min - off, box.max + off};
     for (int axis = 0; axis < 3; ++axis) {
         if (box.min[axis] <= source.min[axis]) reach.min[axis] = -kFar;
         if (box.max[axis] >= source.max[axis]) reach.max[axis] = kFar;

@@ -10,6 +10,8 @@
 
 #include <gtest/gtest.h>
 #include <algorithm>
+#include <cmath>
+#include <cstddef>
 #include <map>
 #include <ranges>
 #include <set>
@@ -252,6 +254,24 @@ TEST(Slice, StaysInABoxWhoseFacesAreNoFloats) {
     const Aabb cut = bounds(cloud_of(tiles.slice({.points = 8'000, .box = box})));
     EXPECT_TRUE((cut.min.array() >= box.min.array()).all()) << cut.min.transpose();
     EXPECT_TRUE((cut.max.array() <= box.max.array()).all()) << cut.max.transpose();
+}
+
+TEST(Slice, TakesNoMoreIntoAThinBoxBecauseAnotherAxisHasLargeCoordinates) {
+    PointCloud cloud = test::sphere(8'000);  // in floats, as surveyors' coordinates often come
+    for (Vec3f& p : cloud.positions) p = 50 * p + Vec3f(500'000, 4'000'000, 100);
+    const Pyramid tiles(cloud, {8'000}, {CloudFormat::Glb});
+    const double step = tiles.results.levels.front().files.front().tile->step;
+    const Aabb all = bounds(cloud);
+    const Aabb slab{{all.min.x(), all.min.y(), 99.9}, {all.max.x(), all.max.y(), 100.1}};
+    const auto within = [&](double more) {
+        return std::ranges::count_if(cloud.positions, [&](const Vec3f& p) {
+            return std::abs(static_cast<double>(p.z()) - 100) <= 0.1 + more;
+        });
+    };
+    const auto points =
+        static_cast<std::ptrdiff_t>(tiles.slice({.points = 8'000, .box = slab}).points);
+    EXPECT_GE(points, within(0));
+    EXPECT_LE(points, within(1.01 * step));  // half a step to the grid, and half one beyond
 }
 
 TEST(Slice, FromTilesStandsInTheFrameOfTheSource) {
