@@ -1,5 +1,6 @@
 // What commands do to files, and to those that stand where results go.
 
+#include "stipple/proto/digest.hpp"
 #include "support/stipple_cli.hpp"
 #include "support/support.hpp"
 
@@ -7,6 +8,7 @@
 #include <sys/stat.h>
 #include <algorithm>
 #include <fstream>
+#include <map>
 #include <nlohmann/json.hpp>
 
 namespace stipple {
@@ -202,6 +204,40 @@ TEST_F(StippleCli, ALimitOnFilesIsAnErrorThatLeavesNothing) {
         EXPECT_EQ(outcome.err.find(".stipple-"), std::string::npos) << outcome.err;
         EXPECT_EQ(files(), std::vector<std::string>{"in.ply"}) << command;
     }
+}
+
+TEST_F(StippleCli, APyramidThatFindsNoRoomLeavesTheOneBeforeAsItWas) {
+    synthesize("a.ply", 100);
+    ASSERT_EQ(stipple("synthesize b.ply --points 100 --seed 2").exit_code, 0);
+    const std::string levels = " levels --formats ply --levels ";
+    ASSERT_EQ(stipple("pyramid a.ply" + levels + "10,20,30,40,50,60,70,80,90,100").exit_code, 0);
+    const auto hashes = [&] {
+        std::map<std::string, std::string> found;
+        for (const auto& entry : fs::directory_iterator(folder_ / "levels"))
+            found[entry.path().filename()] = proto::sha256_of_file(entry.path());
+        return found;
+    };
+    const std::map<std::string, std::string> before = hashes();
+    // Its levels have room, its manifest has not.
+    const Outcome outcome =
+        stipple("pyramid b.ply" + levels + "10,20,30,40,50,60,70,80,90,100", "ulimit -f 12; ");
+    EXPECT_EQ(outcome.exit_code, 1);
+    EXPECT_NE(outcome.err.find("levels/manifest.json: cannot be written"), std::string::npos)
+        << outcome.err;
+    EXPECT_EQ(hashes(), before);
+}
+
+TEST_F(StippleCli, ASliceOfAFileThatIsNotOfThePyramidIsRefused) {
+    synthesize("a.ply", 100);
+    ASSERT_EQ(stipple("pyramid a.ply levels --formats ply --levels 20,100").exit_code, 0);
+    ASSERT_EQ(stipple("slice levels out.ply -n 50").exit_code, 0);
+    fs::copy_file(folder_ / "levels/level-0.ply", folder_ / "levels/level-1.ply",
+                  fs::copy_options::overwrite_existing);
+    const Outcome outcome = stipple("slice levels out.ply -n 50");
+    EXPECT_EQ(outcome.exit_code, 1);
+    EXPECT_NE(outcome.err.find("level-1.ply: not the file that manifest.json tells of"),
+              std::string::npos)
+        << outcome.err;
 }
 
 TEST_F(StippleCli, NamesMayBeAsLongAsTheFileSystemTakes) {

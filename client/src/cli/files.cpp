@@ -145,18 +145,22 @@ void move_into_place(const fs::path& from, const fs::path& to) {
                     to.string() + ": cannot be written: " + error.message());
 }
 
-void write_text(const fs::path& file, std::string_view text) {
-    const ScratchFolder beside(folder_of(file));
-    const fs::path whole = beside.path() / "whole";
+void write_new_file(const fs::path& file, std::string_view text, const fs::path& named) {
     errno = 0;
-    std::ofstream stream(whole, std::ios::binary);
+    std::ofstream stream(file, std::ios::binary);
     stream << text;
     if (stream) stream.close();
     if (!stream) {
         const int code = errno;
-        throw Error(ErrorCode::Internal, file.string() + ": cannot be written" +
+        throw Error(ErrorCode::Internal, named.string() + ": cannot be written" +
                                              (code == 0 ? "" : ": " + text_of(code)));
     }
+}
+
+void write_text(const fs::path& file, std::string_view text) {
+    const ScratchFolder beside(folder_of(file));
+    const fs::path whole = beside.path() / "whole";
+    write_new_file(whole, text, file);
     move_into_place(whole, file);
 }
 

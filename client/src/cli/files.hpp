@@ -57,6 +57,10 @@ void require_place_of(const std::filesystem::path& file);
 void move_into_place(const std::filesystem::path& from, const std::filesystem::path& to);
 /// Whole or not at all. @throws Error naming the file, and why it could not be written.
 void write_text(const std::filesystem::path& file, std::string_view text);
+/// Into a scratch folder.
+/// @param named  what an error calls it: where it is to be in the end.
+void write_new_file(const std::filesystem::path& file, std::string_view text,
+                    const std::filesystem::path& named);
 /// A cloud, likewise, in the format that the end of the name says (`.ply`, `.drc`, `.stpc`,
 /// `.laz`); a failure to encode it names the file, too.
 void write_cloud_into_place(const PointCloud& cloud, const std::filesystem::path& file,

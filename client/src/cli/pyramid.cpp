@@ -112,23 +112,24 @@ void make_folder(const fs::path& folder) {
                                                     (error ? ": " + error.message() : ""));
 }
 
+/// All files are whole before the first takes its place, so that a full disk leaves what was there.
 /// The manifest comes last: while it is missing or old, nobody takes the new files for a whole.
 /// @returns their names, in this order.
 std::vector<fs::path> publish(const proto::Results& results, const fs::path& scratch,
                               const PyramidCommand& command, const fs::path& folder) {
     const std::vector<proto::ExportFile> all = proto::export_files(results);
-    for (const proto::ExportFile& file : all) {  // a server may name them as it likes
+    std::vector<fs::path> sources;
+    for (const proto::ExportFile& file : all) {
+        // A server may name them as it likes.
         require_apart({command.input}, {folder / file.name});
         require_apart({}, {folder / file.name, command.common.json});
+        sources.push_back(scratch / (file.stored ? file.stored->href : file.name));
+        if (!file.stored) write_new_file(sources.back(), file.text, folder / file.name);
     }
     std::vector<fs::path> files;
-    for (const proto::ExportFile& file : all) {
-        if (file.stored) {
-            move_into_place(scratch / file.stored->href, folder / file.name);
-        } else {
-            write_text(folder / file.name, file.text);
-        }
-        files.emplace_back(file.name);
+    for (std::size_t i = 0; i < all.size(); ++i) {
+        move_into_place(sources[i], folder / all[i].name);
+        files.emplace_back(all[i].name);
     }
     return files;
 }

@@ -4,10 +4,14 @@
 #include "cli/job_execution.hpp"
 #include "cli/report.hpp"
 #include "cli/units.hpp"
+#include "stipple/error.hpp"
+#include "stipple/proto/digest.hpp"
 #include "stipple/proto/pyramid_export.hpp"
 
 #include <chrono>
+#include <cstddef>
 #include <iostream>
+#include <vector>
 
 namespace stipple::cli {
 namespace {
@@ -35,7 +39,11 @@ proto::Slice slice_here(const SliceCommand& command, const Session& session) {
     const auto read = [&](const proto::OutputFile& file) {
         // A manifest of foreign making names no file elsewhere.
         at = folder / fs::path(file.href).filename();
-        return read_file(at);
+        std::vector<std::byte> bytes = read_file(at);
+        if (bytes.size() != file.bytes || proto::sha256_hex(bytes) != file.sha256)
+            throw Error(ErrorCode::MalformedInput,
+                        "not the file that manifest.json tells of: make the pyramid again");
+        return bytes;
     };
     const auto cut = [&] {
         try {
