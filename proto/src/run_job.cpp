@@ -3,13 +3,18 @@
 #include "job_cloud.hpp"
 #include "job_run.hpp"
 #include "level_encoder.hpp"
+#include "rounding_error.hpp"
+#include "stipple/error.hpp"
 #include "stipple/error_bounded.hpp"
 #include "stipple/neighbors.hpp"
 #include "stipple/surface_attributes.hpp"
 
+#include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <new>
 #include <optional>
+#include <sstream>
 #include <stdexcept>
 #include <utility>
 #include <variant>
@@ -18,17 +23,50 @@ namespace stipple::proto {
 
 namespace {
 
-MeasuredBound measured(const ErrorBoundedCloud& found) {
-    return {.max_error = found.bound,
-            .forward = found.error.forward.max,
-            .backward = found.error.backward.max,
+/// By how much an output moves points of a cloud, at most, in input units.
+double rounding_of(const OutputOptions& output, const PointCloud& cloud) {
+    if (std::ranges::find(output.formats, CloudFormat::Draco) == output.formats.end()) return 0;
+    const DracoEncodeOptions& draco = output.draco;
+    if (draco.position_bits == 0 && !draco.precision) return 0;
+    const Aabb box = bounds(cloud);  // the result's is no larger, nor is its step
+    const double step = draco.precision
+                            ? 2 * *draco.precision
+                            : (box.max - box.min).maxCoeff() / (std::exp2(draco.position_bits) - 1);
+    return error_of_step(step).max;
+}
+
+/// The options with a bound that is kept by what is written, too: less by the rounding.
+/// @throws Error(InvalidArgument) where nothing of it is left.
+SimplifyOptions with_room_for(double rounding, SimplifyOptions options, const PointCloud& cloud) {
+    if (rounding == 0) return options;
+    const double bound =
+        options.max_error ? *options.max_error : *options.max_error_rel * bounds(cloud).diagonal();
+    if (!(rounding < bound)) {
+        std::ostringstream text;
+        text << "max_error " << bound << ": expected more than " << rounding
+             << ", by which a Draco file rounds positions here; more position_bits or a smaller "
+                "precision round less, and PLY not at all";
+        throw Error(ErrorCode::InvalidArgument, text.str());
+    }
+    options.max_error = bound - rounding;
+    options.max_error_rel.reset();
+    return options;
+}
+
+/// @param rounding  of what is written, which counts.
+MeasuredBound measured(const ErrorBoundedCloud& found, double rounding) {
+    std::optional<TooFar> too_far = found.too_far;
+    if (too_far) too_far->distance += rounding;
+    return {.max_error = found.bound + rounding,
+            .forward = found.error.forward.max + rounding,
+            .backward = found.error.backward.max + rounding,
             .samples = found.error.forward.samples,
             .sampling = found.sampling,
             .points_off_surface = found.points_off_surface,
             .tries = found.tries,
             .whole = found.whole,
             .ended_early = found.ended_early,
-            .too_far = found.too_far};
+            .too_far = too_far};
 }
 
 LodLevel level(const JobRun& run, unsigned number, PointCloud&& cloud) {
@@ -74,9 +112,11 @@ void make(JobRun& run, PointCloud&& cloud, const SimplifyJob& job) {
     make_points(run, kSimplify, cloud, job, [&](const RunContext& context) -> Computed {
         if (!options.max_error && !options.max_error_rel)
             return {simplify(cloud, options, context)};
-        ErrorBoundedCloud found = simplify_within_error(cloud, options, context);
+        const double rounding = rounding_of(job.output, cloud);
+        ErrorBoundedCloud found =
+            simplify_within_error(cloud, with_room_for(rounding, options, cloud), context);
         Computed result;
-        result.bound = measured(found);
+        result.bound = measured(found, rounding);
         if (!found.whole) {
             result.error = figures_of_result(std::move(found.error), {.sampling = found.sampling},
                                              cloud.size(), found.cloud.size());

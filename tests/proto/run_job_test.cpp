@@ -1,6 +1,7 @@
 #include "run_job_fixture.hpp"
 
 #include "stipple/proto/digest.hpp"
+#include "stipple/surface_error.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -75,6 +76,36 @@ TEST_F(RunJob, SaysWhatWasMeasuredOfABoundedError) {
     EXPECT_EQ(levels().front().error->error.backward.max, bound.backward);
     const JobReport report = levels().front();
     EXPECT_EQ(to_json(job_report_from_json(to_json(report))), to_json(report));
+}
+
+TEST_F(RunJob, KeepsABoundedErrorInADracoFileThatRounds) {
+    if (test::kSanitized) GTEST_SKIP() << "too slow under a sanitizer";
+    const PointCloud cloud = test::sphere(1000);
+    SimplifyJob job;
+    job.options.method = Method::Hierarchical;
+    job.options.max_error = 0.08;
+    job.output.formats = {CloudFormat::Draco};
+    job.output.draco.position_bits = 6;
+    run(spec_for(cloud, job));
+    const OutputCloud level = levels().front();
+    ASSERT_TRUE(level.bound);
+    EXPECT_NEAR(level.bound->max_error, 0.08, 1e-6);
+    const double told = std::max(level.bound->forward, level.bound->backward);
+    EXPECT_LE(told, 0.08);
+    const double found = measure_error(cloud, read_cloud(folder_ / "out" / "level-0.drc")).max();
+    EXPECT_LE(found, told);
+    EXPECT_GT(found, 0.01);  // the grid alone makes that much
+
+    job.options.max_error = 0.02;
+    try {
+        run(spec_for(cloud, job));
+        FAIL() << "rounds by more";
+    } catch (const Error& error) {
+        EXPECT_EQ(error.code(), ErrorCode::InvalidArgument);
+        EXPECT_NE(std::string(error.what()).find("max_error 0.02: expected more than 0.027"),
+                  std::string::npos)
+            << error.what();
+    }
 }
 
 TEST_F(RunJob, SaysWhatKeptABoundedErrorFromFewerPoints) {

@@ -66,6 +66,8 @@ ordered_json figures(const FileCommand<Job>& command, const proto::Results& resu
     if (cloud.bound) json["bound"] = ordered_json::parse(proto::to_json(*cloud.bound));
     if (const auto method = proto::method_of(results.request)) json["method"] = to_string(*method);
     if (cloud.error) json["error"] = ordered_json::parse(proto::to_json(*cloud.error));
+    if (file.error)
+        json["output"]["error"] = {{"mean", file.error->mean}, {"max", file.error->max}};
     if (const auto warnings = warnings_of(command, cloud); !warnings.empty())
         json["warnings"] = warnings;
     if (results.cost) add_cost(json, *results.cost);
