@@ -175,6 +175,7 @@ TEST_P(JobQueueContract, TakesNoWriteUnderALeaseThatAnotherHoldsNow) {
     EXPECT_FALSE(store_->fail(stale, kProblem));
     EXPECT_FALSE(store_->crashed(stale, "signal 9 (Killed)"));
     EXPECT_FALSE(store_->ran_out_of_room(stale, kProblem));
+    store_->still_no_room(0ms, kProblem);  // it waits for none
     EXPECT_FALSE(store_->release(stale));
 
     EXPECT_EQ(to_json(find(job.id)), before);
@@ -182,6 +183,19 @@ TEST_P(JobQueueContract, TakesNoWriteUnderALeaseThatAnotherHoldsNow) {
     EXPECT_FALSE(store_->find_cloud("ada", job.request.input)->statistics);
     EXPECT_TRUE(store_->holds(good));
     EXPECT_TRUE(store_->succeed(good, {}));
+}
+
+TEST_P(JobQueueContract, FailsAJobThatWaitsForRoomForTooLong) {
+    const JobDocument job = submit(), other = submit("grace");
+    EXPECT_TRUE(store_->ran_out_of_room(claim(), kProblem));
+    EXPECT_EQ(find(job.id).message, "the disk was full: waiting for room");
+    store_->still_no_room(60s, kProblem);  // it has not rested yet
+    store_->still_no_room(0ms, kProblem);
+    EXPECT_EQ(find(job.id).status, JobStatus::Accepted);
+    store_->still_no_room(0ms, kProblem);
+    EXPECT_EQ(find(job.id).status, JobStatus::Failed);
+    EXPECT_EQ(find(job.id).problem->detail, kProblem.detail);
+    EXPECT_EQ(claim().job_id, other.id);  // which waits for a worker alone
 }
 
 TEST_P(JobQueueContract, TakesNoWriteOfADismissedJob) {

@@ -147,6 +147,9 @@ public:
     virtual bool crashed(const Lease& lease, const std::string& how) = 0;
     /// The disk was full. Back to the queue, or failed by the problem the third time.
     virtual bool ran_out_of_room(const Lease& lease, const proto::Problem& problem) = 0;
+    /// The disk has been full for so long that jobs which wait for room would have been tried
+    /// again: counts as a try that ran out of it.
+    virtual void still_no_room(std::chrono::milliseconds rest, const proto::Problem& problem) = 0;
     virtual bool release(const Lease& lease) = 0;  ///< back to the queue, at no cost: shutdown
     virtual bool holds(const Lease& lease) = 0;    ///< whether the lease is good; changes nothing
 

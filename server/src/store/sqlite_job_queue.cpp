@@ -5,6 +5,7 @@
 #include "stipple/error.hpp"
 
 #include <algorithm>
+#include <chrono>
 
 namespace stipple::server {
 
@@ -19,6 +20,7 @@ constexpr double kProgressStep = 1.0;  // percent
 constexpr std::int64_t kCrashesToFail = 2;
 constexpr std::uint64_t kMostLost = 10;  // attempts of a job that are lost with their workers
 constexpr std::uint64_t kMostFull = 3;   // the same on a full disk, with what was lost before
+const std::string kWaitsForRoom = "the disk was full: waiting for room";
 
 std::vector<std::string> blobs_named_by(sqlite::Connection& connection) {
     Rows rows = connection.query(
@@ -214,10 +216,26 @@ bool SqliteJobStore::crashed(const Lease& lease, const std::string& how) {
 }
 
 bool SqliteJobStore::ran_out_of_room(const Lease& lease, const proto::Problem& problem) {
-    return write_leased(lease, [&](std::int64_t row) {
-        if (count_lost(row) >= kMostFull) return finish_failed(row, problem);
-        requeue(row, "the disk was full: waiting for room");
+    return write_leased(lease, [&](std::int64_t row) { requeue_without_room(row, problem); });
+}
+
+void SqliteJobStore::still_no_room(std::chrono::milliseconds rest, const proto::Problem& problem) {
+    write([&] {
+        std::vector<std::int64_t> waiting;
+        {
+            Rows rows = writer_.query(
+                "SELECT row FROM jobs WHERE status = 'accepted' AND message = ?1 AND updated <= ?2",
+                kWaitsForRoom, now_ms() - rest.count());
+            while (rows.next()) waiting.push_back(rows.integer(0));
+        }
+        for (const std::int64_t row : waiting) requeue_without_room(row, problem);
+        return waiting.size();
     });
+}
+
+void SqliteJobStore::requeue_without_room(std::int64_t row, const proto::Problem& problem) {
+    if (count_lost(row) >= kMostFull) return finish_failed(row, problem);
+    requeue(row, kWaitsForRoom);
 }
 
 bool SqliteJobStore::release(const Lease& lease) {

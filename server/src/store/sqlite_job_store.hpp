@@ -66,6 +66,7 @@ public:
     bool fail(const Lease& lease, const proto::Problem& problem) override;
     bool crashed(const Lease& lease, const std::string& how) override;
     bool ran_out_of_room(const Lease& lease, const proto::Problem& problem) override;
+    void still_no_room(std::chrono::milliseconds rest, const proto::Problem& problem) override;
     bool release(const Lease& lease) override;
     bool holds(const Lease& lease) override;
 
@@ -96,6 +97,7 @@ private:
     Lease start(std::int64_t row, std::chrono::seconds lease_time);
     void requeue(std::int64_t row, const std::string& message);
     void requeue_expired();
+    void requeue_without_room(std::int64_t row, const proto::Problem& problem);
     void require_made_cloud(const std::string& tenant, const std::string& id);
     void note_use(const std::string& tenant, const std::string& cloud);
     void requeue_lost(std::int64_t row, const std::string& message);
