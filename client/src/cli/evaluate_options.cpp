@@ -110,7 +110,8 @@ CommandReader add_evaluate(CLI::App& app) {
         ->capture_default_str()
         ->transform(whole_number());
     command.add_flag("--attributes", options.measure.attributes,
-                     "compare colours, normals and scalars, too");
+                     "compare colours, normals and scalars, too, smoothed like\n"
+                     "the surface: over 20 neighbours");
     command.add_option("--range", options.range, "distance of the last colour; chosen by default")
         ->type_name("MAX")
         ->transform(real_number("a distance above 0, in input units, as in 0.5"));

@@ -47,7 +47,7 @@ void add_contraction(CLI::App& command, MethodValues& values) {
                     "cost of a colour difference; 0: shape alone")
         ->type_name("W")
         ->capture_default_str()
-        ->transform(real_number("a number of at least 0, as in 0.1"));
+        ->transform(real_number("a number of at least 0, as in 0.01"));
     command
         .add_option("--attribute-weight", values.attribute_weights,
                     "the same for an attribute; may be repeated")

@@ -108,7 +108,7 @@ CommandReader add_simplify(CLI::App& app) {
         "  stipple simplify scan.ply small.ply --points 5000\n"
         "  stipple simplify scan.ply small.drc --ratio 0.01 --precision 0.001\n"
         "  stipple simplify scan.ply small.ply --max-error 0.1%\n"
-        "  stipple simplify scan.ply small.ply -m iterative -n 5000 --color-weight 0.1\n"
+        "  stipple simplify scan.ply small.ply -m iterative -n 5000 --color-weight 0.01\n"
         "  stipple simplify scan.ply small.ply -m hierarchical --max-variation 0.02\n"
         "  stipple simplify scan.ply even.ply -m particles -n 5000 \\\n"
         "      --region sphere:0,0,0,1:4\n"

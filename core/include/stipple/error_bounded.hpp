@@ -128,7 +128,9 @@ struct CurvePoint {
 std::vector<std::uint64_t> curve_counts(std::uint64_t points, unsigned count = 24);
 
 /// How the error grows with fewer points: snapshots of one run (particles: one run for each) at the
-/// counts of the options (`curve_counts`), each measured by `measure_error` with `measure`.
+/// counts of the options (`curve_counts`), each measured by `measure_error` with `measure`. With
+/// multiphase, whose second phase begins at the largest count, `simplify` to one of the others may
+/// give half or twice the error.
 ///
 /// @param on_point  called for each count, descending, on the calling thread.
 /// @throws Error(InvalidArgument) like `curve_counts`, or for a cloud without points.
