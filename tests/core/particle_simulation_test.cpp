@@ -15,6 +15,7 @@
 #include <cmath>
 #include <cstdint>
 #include <numbers>
+#include <ranges>
 #include <set>
 #include <string_view>
 
@@ -110,6 +111,32 @@ TEST(ParticleSimulation, SpreadsEvenlyHoweverUnevenlyThePointsLie) {
         std::set<std::array<float, 3>> places;
         for (const Vec3f& p : result.positions) places.insert({p.x(), p.y(), p.z()});
         EXPECT_EQ(places.size(), result.size()) << count;
+    }
+}
+
+TEST(ParticleSimulation, LeavesNoSparsePartEmptyWhereParticlesAreFew) {
+    // Half of a sphere has a thousandth of its points.
+    const PointCloud even = test::sphere(60'000);
+    PointCloud cloud;
+    std::vector<Vec3f> sparse;
+    for (std::size_t i = 0; i < even.size(); ++i) {
+        const Vec3f& p = even.positions[i];
+        if (p.z() < 0 && i % 500 != 0) continue;
+        cloud.positions.push_back(p);
+        if (p.z() < 0) sparse.push_back(p);
+    }
+    for (const std::uint64_t count : {150U, 600U}) {
+        const auto result = particle_simulation(cloud, {.target_size = count});
+        const auto below =
+            std::ranges::count_if(result.positions, [](const Vec3f& p) { return p.z() < 0; });
+        EXPECT_GT(static_cast<double>(below), 0.2 * static_cast<double>(count)) << count;
+        for (const Vec3f& p : sparse) {
+            const auto far =
+                std::ranges::min(result.positions | std::views::transform([&](const Vec3f& q) {
+                                     return (p - q).norm();
+                                 }));
+            EXPECT_LT(far, 0.4F) << count;
+        }
     }
 }
 

@@ -78,13 +78,54 @@ std::size_t sample_count(std::size_t points, std::size_t particles,
     return uniform && told_apart < points - points / 8 ? told_apart : points;
 }
 
-/// Every so many-th, that `count` are left.
-std::vector<Index> thinned(std::span<const Index> order, std::size_t count,
+/// Which points of an order along a curve have their neighbours on it much farther than most: where
+/// the cloud is sparse.
+std::vector<std::uint8_t> sparse_ones(const PointCloud& cloud, std::span<const Index> order,
+                                      const RunContext& context) {
+    constexpr std::size_t kBeside = 4, kAsked = 4'096;
+    constexpr float kMuchFarther = 5;  // than the median: in an even cloud hardly one of a billion
+    const auto nearest_beside = [&](std::size_t i) {
+        const Vec3f& p = cloud.positions[order[i]];
+        float least = std::numeric_limits<float>::infinity();
+        for (std::size_t j = i - std::min(i, kBeside); j < std::min(order.size(), i + kBeside + 1);
+             ++j)
+            if (j != i) least = std::min(least, (cloud.positions[order[j]] - p).squaredNorm());
+        return least;
+    };
+    std::vector<float> asked;
+    for (std::size_t i = 0; i < order.size(); i += 1 + order.size() / kAsked)
+        asked.push_back(nearest_beside(i));
+    const auto middle = asked.begin() + static_cast<std::ptrdiff_t>(asked.size() / 2);
+    std::ranges::nth_element(asked, middle);
+    const float much = kMuchFarther * kMuchFarther * *middle;
+    auto sparse = made_in_blocks<std::vector<std::uint8_t>>(order.size(), context);
+    parallel_for_blocks(order.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) sparse[i] = nearest_beside(i) > much ? 1 : 0;
+    });
+    return sparse;
+}
+
+/// Every so many-th, that `count` are left; but where the cloud is sparse all, up to as many again:
+/// there a few stand for much of the surface.
+std::vector<Index> thinned(const PointCloud& cloud, std::span<const Index> order, std::size_t count,
                            const RunContext& context) {
     const std::size_t n = order.size();
-    auto chosen = made_in_blocks<std::vector<Index>>(count, context);
-    for_blocks_in_order(count, context, [&](std::size_t begin, std::size_t end) {
-        for (std::size_t i = begin; i < end; ++i) chosen[i] = order[(2 * i + 1) * n / (2 * count)];
+    const std::vector<std::uint8_t> sparse = sparse_ones(cloud, order, context);
+    const auto all = static_cast<std::size_t>(std::ranges::count(sparse, 1));
+    std::vector<Index> chosen;
+    chosen.reserve(count + std::min(all, count));
+    std::size_t taken = 0, seen = 0;  // of the even ones, of the sparse ones
+    for_blocks_in_order(n, context, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+            const bool is_next = taken < count && i == (2 * taken + 1) * n / (2 * count);
+            taken += is_next ? 1 : 0;
+            bool is_kept = false;
+            if (sparse[i] != 0) {
+                is_kept = all <= count || seen * count / all != (seen + 1) * count / all;
+                ++seen;
+            }
+            if (is_next || is_kept) chosen.push_back(order[i]);
+        }
     });
     return chosen;
 }
@@ -448,6 +489,7 @@ struct ParticleSimulator::Implementation {
     std::vector<Index> order;  ///< along a space-filling curve
     std::optional<MlsSurface> mls;
     std::shared_ptr<const Ground> ground;  ///< of the last run
+    std::size_t ground_wanted = 0;         ///< how many points it was to have
     std::optional<NeighborSearch> search;  ///< once attributes were taken from points nearby
 
     Implementation(const PointCloud& cloud_, const ParticleSimulationOptions& options_,
@@ -464,11 +506,12 @@ struct ParticleSimulator::Implementation {
     /// For so many particles.
     const std::shared_ptr<const Ground>& ground_for(std::size_t count, const RunContext& context) {
         const std::size_t wanted = sample_count(cloud.size(), count, options);
-        if (ground != nullptr && ground->samples.size() == wanted) return ground;
+        if (ground != nullptr && ground_wanted == wanted) return ground;
         ground = nullptr;
-        SurfaceSamples samples =
-            sample_surface(cloud, wanted == order.size() ? order : thinned(order, wanted, context),
-                           frame, context);
+        ground_wanted = wanted;
+        SurfaceSamples samples = sample_surface(
+            cloud, wanted == order.size() ? order : thinned(cloud, order, wanted, context), frame,
+            context);
         context.checkpoint(0.6);
         std::vector<float> areas = sample_areas(samples, context);
         std::vector<float> spacing = relative_spacing(cloud, samples, areas, options, context);
