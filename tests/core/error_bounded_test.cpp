@@ -321,6 +321,26 @@ TEST(ErrorBounded, StopsWhenAsked) {
     EXPECT_THROW(simplify_within_error(sphere(1'000), within(0.1), context), Cancelled);
 }
 
+TEST(ErrorBounded, KeepsFewPointsOfAWire) {
+    // A catenary, within the bound of which straight lines between 30 points are.
+    if (test::kSanitized) GTEST_SKIP() << "too slow under a sanitizer";
+    constexpr std::size_t kPoints = 1'500;
+    std::mt19937_64 random(2);
+    std::uniform_real_distribution<double> along(-50, 50);
+    PointCloud wire;
+    for (std::size_t i = 0; i < kPoints; ++i) {
+        const double x = along(random);
+        wire.positions.push_back(Vec3d(x, 0, 40 * std::cosh(x / 40)).cast<float>());
+    }
+    for (const ErrorSampling sampling : {ErrorSampling::Points, ErrorSampling::Surface}) {
+        const SurfaceErrorOptions options{.sampling = sampling};
+        EXPECT_LT(measure_error(wire, wire, options).backward.max, 0.01);
+    }
+    const ErrorBoundedCloud found = simplify_within_error(wire, within(0.1));
+    EXPECT_LT(found.cloud.size(), 400U);  // where the nearest points counted, all
+    EXPECT_LT(measured_again(wire, found.cloud, ErrorSampling::Surface), 0.1);
+}
+
 TEST(ErrorBounded, DoesNotFailByAPointFarOff) {
     PointCloud cloud = sphere(600);
     cloud.positions[7] = {10, 0, 0};
