@@ -77,6 +77,8 @@ CommandReader add_curve(CLI::App& app) {
     add_method_options(command, values.of_methods, kErrorBoundedMethods);
     hide(command, {"--max-cluster-size", "--max-variation"});
     command.footer(
+        "Counts are stages of one run where a method allows it; with multiphase,\n"
+        "simplify to one of them alone may have half or twice the error.\n\n"
         "Examples:\n"
         "  stipple curve scan.ply --plot curve.svg\n"
         "  stipple curve scan.ply -m iterative --points 1000,5000,20k --json curve.json");

@@ -12,7 +12,7 @@
 namespace stipple {
 
 double line_part(double breadth, double roundness) noexcept {
-    // Each is at an end of its range, or between.
+    // How far a value is from one to another, 0..1.
     const auto part = [](double value, double none, double all) {
         return std::clamp((value - none) / (all - none), 0.0, 1.0);
     };
