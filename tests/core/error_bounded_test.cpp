@@ -1,5 +1,6 @@
 #include "stipple/error_bounded.hpp"
 
+#include "error/error_judge.hpp"
 #include "error/foot_finder.hpp"
 #include "neighbors/point_tree.hpp"
 #include "stipple/error.hpp"
@@ -319,6 +320,25 @@ TEST(ErrorBounded, StopsWhenAsked) {
     RunContext context;
     context.stop = source.get_token();
     EXPECT_THROW(simplify_within_error(sphere(1'000), within(0.1), context), Cancelled);
+}
+
+TEST(ErrorBounded, LooksAtPointsThatLieOffTheirOwnSurface) {
+    const PointCloud cloud = sphere(4'000);
+    constexpr double kBound = 0.06;
+    ErrorBoundedCloud candidate;
+    candidate.cloud = sphere(300);
+    ErrorJudge judge(cloud, kBound, {});
+    judge.watch(candidate.cloud);
+    EXPECT_LE(judge.measure(candidate).max, ErrorJudge::kWithin);
+    // The surface passes far below it, with twenty neighbours.
+    candidate.cloud.positions[150] *= 1.08F;
+    judge.watch(candidate.cloud);
+    const ErrorJudge::Finding finding = judge.measure(candidate);
+    EXPECT_LT(candidate.error.max(), kBound);
+    EXPECT_NEAR(finding.max, 0.08 / kBound, 0.1);
+    EXPECT_TRUE(std::ranges::any_of(finding.places, [&](const Vec3f& place) {
+        return (place - candidate.cloud.positions[150]).norm() < 1e-4F;
+    }));
 }
 
 TEST(ErrorBounded, KeepsFewPointsOfAWire) {

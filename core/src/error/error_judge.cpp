@@ -207,12 +207,28 @@ ErrorJudge::Finding ErrorJudge::measured(ErrorBoundedCloud& candidate, std::uint
         look_closer(surface_, places_above(kRaised * bound_, forward, kMostRaised), other, finding);
         look_closer(other, places_above(kRaised * bound_, backward, kMostRaised), surface_,
                     finding);
+        look_at_points(candidate.cloud, finding);
     }
     for (DirectedError* const direction : {&forward, &backward}) {
         direction->positions = {};
         direction->distances = {};
     }
     return finding;
+}
+
+void ErrorJudge::look_at_points(const PointCloud& candidate, Finding& finding) {
+    const Probes own =
+        surface_.measure(frame_.into(candidate, quietly_), surface_, margin(), quietly_);
+    looks_ += own.places.size();
+    std::vector<Vec3f> too_far;
+    for (std::size_t i = 0; i < own.places.size(); ++i) {
+        const float distance = own.distances[i];
+        if (distance <= margin() || surface_.to_point(own.places[i]) <= margin()) continue;
+        too_far.push_back(own.places[i]);
+        finding.max =
+            std::max(finding.max, static_cast<double>(distance) / (bound_ * frame_.scale));
+    }
+    append(finding.places, out_of_frame(too_far));
 }
 
 void ErrorJudge::look_closer(const ProbedSurface& from, std::span<const Vec3f> raised,

@@ -378,9 +378,9 @@ private:
         Vec3d foot, normal;
         double height;    ///< of the query over the foot, along the normal
         double length;    ///< of the step
-        float reach_sq;   ///< how far points have a say
-        float offset_sq;  ///< to their mean
-        double h;         ///< a third of how far
+        float reach_sq;   ///< how far points have a say, squared
+        float offset_sq;  ///< from the place to their mean, squared
+        double h;         ///< scale of their weights: a third of the reach
         double line;      ///< how far it is a step onto a line, not onto a plane
     };
 

@@ -17,9 +17,9 @@ struct PointsByAxis {
 };
 
 /// How far a neighbourhood is one of a line and not of a surface, by λ1 / λ2 and λ0 / λ1 of its
-/// weighted covariance: 1 where it is hardly broader than a line, or where that is broad but about
-/// as thick, so that no plane through it is better than another; 0 on a surface, also on the lines
-/// of a scan as long as others beside them tell which; and in between, so that no distance leaps.
+/// weighted covariance: 1 where it has hardly any breadth, or little and about as much thickness,
+/// so that no plane through it is better than another; 0 on a surface, also on the lines of a scan
+/// as long as others beside them tell which; between both in between, so that no distance leaps.
 double line_part(double breadth, double roundness) noexcept;
 
 /// A line through points, such as wires and edges are: what of a curve is near a place.

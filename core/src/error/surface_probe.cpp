@@ -120,6 +120,10 @@ Probes ProbedSurface::measure(std::vector<Vec3f> places, const ProbedSurface& ot
     return probes;
 }
 
+float ProbedSurface::to_point(const Vec3f& place) const {
+    return (finder_.nearest_sample(place) - place).norm();
+}
+
 bool ProbedSurface::is_beyond_border(const Foot& foot) const {
     if (foot.off_center <= kOneSided) return false;
     const Vec3f place = foot.point.cast<float>();

@@ -68,6 +68,9 @@ public:
     Probes measure(std::vector<Vec3f> places, const ProbedSurface& other, double doubtful,
                    const RunContext& context) const;
 
+    /// How far its nearest point is.
+    float to_point(const Vec3f& place) const;
+
 private:
     /// Whether a foot lies beside all points on one side, farther off than any place is drawn by
     /// who measures: planes go on there, the surface does not.

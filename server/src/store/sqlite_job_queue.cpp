@@ -20,7 +20,7 @@ constexpr double kProgressStep = 1.0;  // percent
 constexpr std::int64_t kCrashesToFail = 2;
 constexpr std::uint64_t kMostLost = 10;  // attempts of a job that are lost with their workers
 constexpr std::uint64_t kMostFull = 3;   // the same on a full disk, with what was lost before
-const std::string kWaitsForRoom = "the disk was full: waiting for room";
+constexpr std::string_view kWaitsForRoom = "the disk was full: waiting for room";
 
 std::vector<std::string> blobs_named_by(sqlite::Connection& connection) {
     Rows rows = connection.query(
@@ -235,7 +235,7 @@ void SqliteJobStore::still_no_room(std::chrono::milliseconds rest, const proto::
 
 void SqliteJobStore::requeue_without_room(std::int64_t row, const proto::Problem& problem) {
     if (count_lost(row) >= kMostFull) return finish_failed(row, problem);
-    requeue(row, kWaitsForRoom);
+    requeue(row, std::string(kWaitsForRoom));
 }
 
 bool SqliteJobStore::release(const Lease& lease) {
