@@ -23,34 +23,25 @@ namespace stipple::proto {
 
 namespace {
 
-/// By how much an output moves points of a cloud, at most, in input units.
-double rounding_of(const OutputOptions& output, const PointCloud& cloud) {
+/// By how much an output moves points within a bound of a box, at most, in input units.
+double rounding_of(const OutputOptions& output, const Aabb& box, double bound) {
     if (std::ranges::find(output.formats, CloudFormat::Draco) == output.formats.end()) return 0;
     const DracoEncodeOptions& draco = output.draco;
-    if (draco.position_bits == 0 && !draco.precision) return 0;
-    const Aabb box = bounds(cloud);  // the result's is no larger, nor is its step
-    const double step = draco.precision
-                            ? 2 * *draco.precision
-                            : (box.max - box.min).maxCoeff() / (std::exp2(draco.position_bits) - 1);
-    return error_of_step(step).max;
+    if (draco.precision) return error_of_step(2 * *draco.precision).max;
+    if (draco.position_bits == 0) return 0;
+    const double side = (box.max - box.min).maxCoeff() + 2 * bound;
+    return error_of_step(side / (std::exp2(draco.position_bits) - 1)).max;
 }
 
-/// The options with a bound that is kept by what is written, too: less by the rounding.
-/// @throws Error(InvalidArgument) where nothing of it is left.
-SimplifyOptions with_room_for(double rounding, SimplifyOptions options, const PointCloud& cloud) {
-    if (rounding == 0) return options;
-    const double bound =
-        options.max_error ? *options.max_error : *options.max_error_rel * bounds(cloud).diagonal();
-    if (!(rounding < bound)) {
-        std::ostringstream text;
-        text << "max_error " << bound << ": expected more than " << rounding
-             << ", by which a Draco file rounds positions here; more position_bits or a smaller "
-                "precision round less, and PLY not at all";
-        throw Error(ErrorCode::InvalidArgument, text.str());
-    }
-    options.max_error = bound - rounding;
-    options.max_error_rel.reset();
-    return options;
+/// What is left of a bound for the cloud where what is written keeps it, too.
+/// @throws Error(InvalidArgument) where that is nothing.
+double bound_without(double rounding, double bound) {
+    if (rounding < bound) return bound - rounding;
+    std::ostringstream text;
+    text << "max_error " << bound << ": expected more than " << rounding
+         << ", by which a Draco file rounds positions here; more position_bits or a smaller "
+            "precision round less, and PLY not at all";
+    throw Error(ErrorCode::InvalidArgument, text.str());
 }
 
 /// @param rounding  of what is written, which counts.
@@ -112,9 +103,15 @@ void make(JobRun& run, PointCloud&& cloud, const SimplifyJob& job) {
     make_points(run, kSimplify, cloud, job, [&](const RunContext& context) -> Computed {
         if (!options.max_error && !options.max_error_rel)
             return {simplify(cloud, options, context)};
-        const double rounding = rounding_of(job.output, cloud);
-        ErrorBoundedCloud found =
-            simplify_within_error(cloud, with_room_for(rounding, options, cloud), context);
+        const Aabb box = bounds(cloud);
+        const double bound =
+            options.max_error ? *options.max_error : *options.max_error_rel * box.diagonal();
+        const double rounding = rounding_of(job.output, box, bound);
+        if (rounding > 0) {
+            options.max_error = bound_without(rounding, bound);
+            options.max_error_rel.reset();
+        }
+        ErrorBoundedCloud found = simplify_within_error(cloud, options, context);
         Computed result;
         result.bound = measured(found, rounding);
         if (!found.whole) {

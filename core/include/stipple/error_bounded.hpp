@@ -60,8 +60,8 @@ struct ErrorBoundedCloud {
 /// candidate; in later tries only where points changed. Once none of these is too far, it measures
 /// more places where distances are large or the candidate's surface is uneven. Then the result is
 /// measured independently: at random places of each surface, twice as many as the cloud has points,
-/// at least 200,000, but no more than 300,000 or a hundred per point of the result; and at more of
-/// them around large distances. All must be within 97 % of the bound; otherwise the search
+/// at least 200,000, but no more than 300,000 or a hundred per point of the result; at more of them
+/// around large distances; and at the points of the result. All must be within 97 % of the bound; otherwise the search
 /// continues from the result, in larger steps after 16 rounds. A maximum over samples is below that
 /// over the whole surface, so another measurement may find slightly more: the last 3 % are for
 /// this.
@@ -129,8 +129,7 @@ std::vector<std::uint64_t> curve_counts(std::uint64_t points, unsigned count = 2
 
 /// How the error grows with fewer points: snapshots of one run (particles: one run for each) at the
 /// counts of the options (`curve_counts`), each measured by `measure_error` with `measure`. With
-/// multiphase, whose second phase begins at the largest count, `simplify` to one of the others may
-/// give half or twice the error.
+/// multiphase, `simplify` to one of them alone may give half or twice the error.
 ///
 /// @param on_point  called for each count, descending, on the calling thread.
 /// @throws Error(InvalidArgument) like `curve_counts`, or for a cloud without points.

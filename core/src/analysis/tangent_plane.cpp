@@ -1,10 +1,8 @@
 #include "analysis/tangent_plane.hpp"
 
-#include "base/symmetric_eigen.hpp"
-
 namespace stipple {
 
-Vec3d normal_from(std::span<const Vec3d> neighbors) noexcept {
+Symmetric3 scatter_of(std::span<const Vec3d> neighbors) noexcept {
     Vec3d sum = Vec3d::Zero();
     Symmetric3 m;
     for (const Vec3d& e : neighbors) {
@@ -24,6 +22,11 @@ Vec3d normal_from(std::span<const Vec3d> neighbors) noexcept {
     m.yy -= mean.y() * sum.y();
     m.yz -= mean.y() * sum.z();
     m.zz -= mean.z() * sum.z();
+    return m;
+}
+
+Vec3d normal_from(std::span<const Vec3d> neighbors) noexcept {
+    const Symmetric3 m = scatter_of(neighbors);
     return eigenvector(m, eigenvalues(m)[0]);
 }
 

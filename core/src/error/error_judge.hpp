@@ -75,10 +75,10 @@ private:
     Finding found_by_watch() const;
     /// At so many places, and closer where distances are large. Keeps the figures.
     Finding measured(ErrorBoundedCloud& candidate, std::uint64_t samples, std::uint64_t seed);
-    /// At many places around raised ones; adds to what was found.
     /// Points of a candidate may lie off its own surface, where no place is looked for. They are
     /// too far where they are so from the surface of the cloud and from all of its points.
     void look_at_points(const PointCloud& candidate, Finding& finding);
+    /// At many places around raised ones; adds to what was found.
     void look_closer(const ProbedSurface& from, std::span<const Vec3f> raised,
                      const ProbedSurface& other, Finding& finding) const;
     /// Places of the frame as positions of the cloud.

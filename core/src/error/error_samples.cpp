@@ -4,7 +4,6 @@
 #include "base/first_touch.hpp"
 #include "base/parallel_for.hpp"
 #include "base/random.hpp"
-#include "base/weighted_moments.hpp"
 #include "neighbors/nearby_search.hpp"
 #include "neighbors/nearest_kernels.hpp"
 #include "neighbors/tree_search.hpp"
@@ -181,29 +180,24 @@ public:
           search_(tree, count, 2 * count),
           distances_sq_(2 * count) {}
 
-    struct Found {
-        double sum = 0;
-        float largest = 0;
-    };
-    /// Of the `count` least, or all where there are fewer.
-    Found find(const Vec3f& place) {
+    /// The sum of the `count` least, or of all where there are fewer.
+    double sum_of_least(const Vec3f& place) {
         const std::span<const Neighbor> found = search_.find(place);
         const std::span<float> distances_sq = std::span(distances_sq_).first(found.size());
         std::ranges::transform(found, distances_sq.begin(), &Neighbor::distance_sq);
-        Found least;
+        double sum = 0;
+        float largest = 0;
         std::size_t n = 0;
         for (const float d : distances_sq) {
             // Counting the nearer ones of so few takes less time than sorting.
             std::uint32_t nearer = 0;
             for (const float other : distances_sq) nearer += static_cast<std::uint32_t>(other < d);
             if (nearer >= count_) continue;
-            least.largest = std::max(least.largest, d);
-            least.sum += d;
+            largest = std::max(largest, d);
+            sum += d;
             ++n;
         }
-        least.sum -=
-            static_cast<double>(n - count_) * least.largest;  // of those as far as the last
-        return least;
+        return sum - static_cast<double>(n - count_) * largest;  // of those as far as the last
     }
 
 private:
@@ -239,38 +233,43 @@ std::vector<Vec3f> feet_on(const FootFinder& surface, std::span<const Vec3f> pla
     return feet;
 }
 
-/// The line that a point and its neighbours lie on, as those of a wire do.
-struct LineAround {
-    Vec3f direction = Vec3f::UnitX();
-    float across = 1;  ///< how far from it places are drawn: 1 on a surface, 0 on a line
+/// How the points nearest to one lie around it.
+struct Around {
+    Vec3f normal = Vec3f::UnitZ();
+    Vec3f along = Vec3f::UnitX();  ///< the line that they lie on, as those of a wire do
+    float across = 1;      ///< how far from it places are drawn: 1 on a surface, 0 on a line
+    float spacing_sq = 0;  ///< the squared distance to the third
 };
 
-/// @param nearest  of `points` to a point, itself among them.
-LineAround line_around(std::span<const Neighbor> nearest, std::span<const Vec3f> points) {
+/// @param nearest  of `points` to one of them, that itself the first. @param ways  room.
+Around around_point(std::span<const Neighbor> nearest, std::span<const Vec3f> points,
+                    std::vector<Vec3d>& ways) {
     constexpr double kLine = 0.01, kSurface = 0.04;  // λ1 / λ2
-    WeightedMoments moments;
-    const Vec3d first = points[nearest.front().index].cast<double>();
-    for (const Neighbor& neighbor : nearest)
-        moments.add(points[neighbor.index].cast<double>() - first, 1);
-    const Symmetric3 covariance = moments.covariance();
-    const auto [least, middle, largest] = eigenvalues(covariance);
-    if (!(middle < kSurface * largest)) return {};
-    const double across = (middle / largest - kLine) / (kSurface - kLine);
-    return {eigenvector(covariance, largest).cast<float>(),
-            static_cast<float>(std::max(0.0, across))};
+    ways.clear();
+    const Vec3f& point = points[nearest.front().index];
+    for (const Neighbor& neighbor : nearest.subspan(1))
+        ways.push_back((points[neighbor.index] - point).cast<double>());
+    const Symmetric3 scatter = scatter_of(ways);
+    const auto [least, middle, largest] = eigenvalues(scatter);
+    Around around = {.normal = eigenvector(scatter, least).cast<float>(),
+                     .spacing_sq = nearest[std::min(kThird, nearest.size() - 1)].distance_sq};
+    if (middle < kSurface * largest) {
+        around.along = eigenvector(scatter, largest).cast<float>();
+        around.across =
+            static_cast<float>(std::max(0.0, (middle / largest - kLine) / (kSurface - kLine)));
+    }
+    return around;
 }
 
 /// A point moved in its tangent plane by the i-th random way of a seed.
-///
-/// @param spacing_sq  the squared distance to its third neighbour.
-Vec3f moved(const Vec3f& point, const Vec3f& normal, const LineAround& line, float spacing_sq,
-            std::uint64_t seed, std::uint64_t i) {
-    const Eigen::Vector2f move = kPlaceReach * std::sqrt(spacing_sq) * in_disk(~seed, i);
-    if (line.across < 1) {
+Vec3f moved(const Vec3f& point, const Around& around, std::uint64_t seed, std::uint64_t i) {
+    const Vec3f& normal = around.normal;
+    const Eigen::Vector2f move = kPlaceReach * std::sqrt(around.spacing_sq) * in_disk(~seed, i);
+    if (around.across < 1) {
         // There the third neighbour is twice as far as the next.
-        const float along = 0.5F + 0.5F * line.across;
-        const Vec3f v = normal.cross(line.direction).stableNormalized();
-        return point + along * move.x() * line.direction + line.across * move.y() * v;
+        const float reach = 0.5F + 0.5F * around.across;
+        const Vec3f v = normal.cross(around.along).stableNormalized();
+        return point + reach * move.x() * around.along + around.across * move.y() * v;
     }
     const Vec3f u = normal.unitOrthogonal(), v = normal.cross(u);
     return point + move.x() * u + move.y() * v;
@@ -313,7 +312,7 @@ PointAreas areas_around(const LonePoints& points, std::span<const Vec3f> which,
         NearestDistances nearest(tree, kEight + 1);
         const auto count = static_cast<double>(std::min(kEight + 1, tree.size()));
         for (std::size_t i = begin; i < end; ++i) {
-            const auto mean = static_cast<float>(nearest.find(which[i]).sum / count);
+            const auto mean = static_cast<float>(nearest.sum_of_least(which[i]) / count);
             const LonePoints::Area area = points.area_of(which[i], mean);
             areas[i] = area.area;
             doubtful_sq[i] = area.doubtful_sq;
@@ -382,22 +381,21 @@ SurfacePlaces random_places(const LonePoints& points, const FootFinder& surface,
         for (std::size_t i = begin; i < end; ++i)
             if (i == 0 || bases[i] != bases[i - 1]) used.push_back(bases[i]);
     });
-    auto normals = made_in_blocks<std::vector<Vec3f>>(used.size(), context);
-    auto lines = made_in_blocks<std::vector<LineAround>>(used.size(), context);
-    auto spacings_sq = made_in_blocks<std::vector<float>>(used.size(), context);
+    auto around = made_in_blocks<std::vector<Around>>(used.size(), context);
     auto lone = made_in_blocks<std::vector<std::uint8_t>>(used.size(), context);
     parallel_for_blocks(used.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
         NearbySearch search(points.tree(), kAround + 1, 2 * kAround + 2);
+        std::vector<Vec3d> ways;
         for (std::size_t i = begin; i < end; ++i) {
             const std::span<Neighbor> nearest = search.find_nearest_few(used[i]);
             std::ranges::sort(nearest);  // the point itself comes first
-            spacings_sq[i] = nearest[std::min(kThird, nearest.size() - 1)].distance_sq;
-            lines[i] = line_around(nearest, surface.points());
-            lone[i] = points.holds(used[i], std::sqrt(spacings_sq[i])) ? 1 : 0;
+            around[i] = around_point(nearest, surface.points(), ways);
+            lone[i] = points.holds(used[i], std::sqrt(around[i].spacing_sq)) ? 1 : 0;
         }
     });
     surface.find(
-        used, [&](std::size_t i, const Foot& foot) { normals[i] = foot.normal.cast<float>(); },
+        used,
+        [&](std::size_t i, const Foot& foot) { around[i].normal = foot.normal.cast<float>(); },
         context);
 
     auto places = made_in_blocks<std::vector<Vec3f>>(bases.size(), context);
@@ -406,7 +404,7 @@ SurfacePlaces random_places(const LonePoints& points, const FootFinder& surface,
     for (std::size_t i = 0; i < bases.size(); ++i) {
         if (i % kBetweenChecks == 0) context.throw_if_stopped();
         if (i > 0 && bases[i] != bases[i - 1]) ++base;
-        places[i] = moved(used[base], normals[base], lines[base], spacings_sq[base], seed, i);
+        places[i] = moved(used[base], around[base], seed, i);
         alone[i] = lone[base];
     }
     SurfacePlaces found = {.positions = feet_or(bases, alone, surface, places, context),
@@ -427,13 +425,8 @@ std::vector<Vec3f> places_beside(const LonePoints& points, const FootFinder& sur
         for (std::size_t i = begin; i < end; ++i) {
             const std::span<Neighbor> nearest = search.find_nearest_few(bases[i]);
             std::ranges::sort(nearest);  // the point itself comes first
-            ways.clear();
-            for (const Neighbor& neighbor : nearest.subspan(1))
-                ways.push_back((surface.points()[neighbor.index] - bases[i]).cast<double>());
-            const Vec3d normal = normal_from(ways);
-            const float spacing_sq = nearest[std::min(kThird, nearest.size() - 1)].distance_sq;
-            places[i] = moved(bases[i], normal.cast<float>(),
-                              line_around(nearest, surface.points()), spacing_sq, seed, i);
+            const Around around = around_point(nearest, surface.points(), ways);
+            places[i] = moved(bases[i], around, seed, i);
             is_lone[i] = points.holds(nearest) ? 1 : 0;
         }
     });
