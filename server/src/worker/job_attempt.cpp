@@ -47,6 +47,11 @@ bool is_full(const proto::Problem& problem) noexcept {
 
 }  // namespace
 
+proto::Problem storage_full_problem() {
+    return proto::problem_from_status(proto::kStorageFullStatus,
+                                      "storage full: the operator must free space");
+}
+
 JobAttempt::JobAttempt(Lease lease, const WorkerPoolOptions& options, const Limits& limits,
                        JobStore& jobs, BlobStore& blobs)
     : lease_(std::move(lease)), options_(options), limits_(limits), jobs_(jobs), blobs_(blobs) {}
@@ -127,8 +132,7 @@ proto::Problem JobAttempt::for_caller(proto::Problem problem) const {
     spdlog::error("job.broken id={} error={}", lease_.job_id, log_text(problem.detail));
     proto::Problem told =
         is_full(problem)
-            ? proto::problem_from_status(problem.status,
-                                         "storage full: the operator must free space")
+            ? storage_full_problem()
             : proto::problem_from(ErrorCode::Internal,
                                   "the service could not run the job; its log says why");
     told.stage = std::move(problem.stage);

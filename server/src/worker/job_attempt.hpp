@@ -12,6 +12,9 @@
 
 namespace stipple::server {
 
+/// What a caller is told of a full disk: no folder of the service.
+proto::Problem storage_full_problem();
+
 /// One attempt at a job, under one lease: runs it, publishes what it reports, writes down how it
 /// ended.
 class JobAttempt {

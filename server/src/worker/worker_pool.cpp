@@ -43,7 +43,7 @@ struct WorkerPool::State {
     void begin_drain();
     void work(const std::stop_token& stop);
     std::optional<Lease> claim(const std::stop_token& stop);
-    void give_up_waiting_for_room(const proto::StorageFull& error);
+    void give_up_waiting_for_room();
     void run(Lease lease, const std::stop_token& stop);
     void keep_leases(const std::stop_token& stop);
     void renew_leases();
@@ -123,7 +123,7 @@ std::optional<Lease> WorkerPool::State::claim(const std::stop_token& stop) try {
     return jobs.claim(limits.queue, options.lease);
 } catch (const proto::StorageFull& error) {
     if (!is_full.exchange(true)) spdlog::error("disk.full error={}", log_text(error.what()));
-    give_up_waiting_for_room(error);
+    give_up_waiting_for_room();
     return std::nullopt;
 } catch (const std::exception& error) {
     spdlog::error("queue.failed error={}", log_text(error.what()));
@@ -131,8 +131,8 @@ std::optional<Lease> WorkerPool::State::claim(const std::stop_token& stop) try {
 }
 
 /// What a job has published may be what fills the disk.
-void WorkerPool::State::give_up_waiting_for_room(const proto::StorageFull& error) try {
-    jobs.still_no_room(options.rest, proto::problem_from(error));
+void WorkerPool::State::give_up_waiting_for_room() try {
+    jobs.still_no_room(options.rest, storage_full_problem());
 } catch (const std::exception& failure) {
     spdlog::error("queue.failed error={}", log_text(failure.what()));
 }
