@@ -1,10 +1,9 @@
 #include "cli/bucket.hpp"
 
+#include "cli/curl.hpp"
 #include "stipple/error.hpp"
 #include "stipple/proto/digest.hpp"
 #include "stipple/run_context.hpp"
-
-#include <curl/curl.h>
 
 #include <algorithm>
 #include <array>
@@ -25,19 +24,19 @@ constexpr unsigned kMostTries = 4;
 constexpr std::uint64_t kLargest = std::uint64_t{5} << 30;
 
 struct FreeText {
-    void operator()(char* text) const { curl_free(text); }
+    void operator()(char* text) const { curl().free(text); }
 };
 struct FreeList {
-    void operator()(curl_slist* list) const { curl_slist_free_all(list); }
+    void operator()(curl_slist* list) const { curl().slist_free_all(list); }
 };
 struct CloseFile {
     void operator()(std::FILE* file) const { static_cast<void>(std::fclose(file)); }
 };
 struct CloseEasy {
-    void operator()(CURL* easy) const { curl_easy_cleanup(easy); }
+    void operator()(CURL* easy) const { curl().easy_cleanup(easy); }
 };
 struct CloseMulti {
-    void operator()(CURLM* multi) const { curl_multi_cleanup(multi); }
+    void operator()(CURLM* multi) const { curl().multi_cleanup(multi); }
 };
 
 template <typename T>
@@ -50,7 +49,7 @@ T required(T pointer) {
 std::string encoded(std::string_view key) {
     constexpr std::string_view kSlash = "%2F";
     const std::unique_ptr<char, FreeText> all(
-        required(curl_easy_escape(nullptr, key.data(), static_cast<int>(key.size()))));
+        required(curl().easy_escape(nullptr, key.data(), static_cast<int>(key.size()))));
     std::string text(all.get());
     for (std::size_t at = text.find(kSlash); at != text.npos; at = text.find(kSlash, at))
         text.replace(at, kSlash.size(), "/");
@@ -73,7 +72,7 @@ class Request {
 public:
     /// @param sha256  of the body.
     Request(const BucketAccess& access, const std::string& url, const std::string& sha256)
-        : easy_(required(curl_easy_init())) {
+        : easy_(required(curl().easy_init())) {
         add_header("x-amz-content-sha256: " + sha256);
         if (!access.session_token.empty())
             add_header("x-amz-security-token: " + access.session_token);
@@ -97,11 +96,11 @@ public:
     CURL* easy() const noexcept { return easy_.get(); }
     template <typename Value>
     void set(CURLoption option, Value value) {
-        const CURLcode code = curl_easy_setopt(easy_.get(), option, value);
-        if (code != CURLE_OK) throw Error(ErrorCode::Internal, curl_easy_strerror(code));
+        const CURLcode code = curl().easy_setopt(easy_.get(), option, value);
+        if (code != CURLE_OK) throw Error(ErrorCode::Internal, curl().easy_strerror(code));
     }
     void add_header(const std::string& line) {
-        curl_slist* const longer = required(curl_slist_append(headers_.get(), line.c_str()));
+        curl_slist* const longer = required(curl().slist_append(headers_.get(), line.c_str()));
         static_cast<void>(headers_.release());  // it is in the longer one
         headers_.reset(longer);
         set(CURLOPT_HTTPHEADER, longer);
@@ -117,7 +116,8 @@ public:
     std::string reason() const { return element(reply_, "Code"); }
     Error error(CURLcode code, const std::string& about) const {
         if (code != CURLE_OK) {
-            const std::string what = failure_[0] != 0 ? failure_.data() : curl_easy_strerror(code);
+            const std::string what =
+                failure_[0] != 0 ? failure_.data() : curl().easy_strerror(code);
             return {ErrorCode::Internal, about + ": " + what};
         }
         std::string what = reason();
@@ -131,7 +131,7 @@ public:
 private:
     long status() const {
         long status = 0;
-        curl_easy_getinfo(easy_.get(), CURLINFO_RESPONSE_CODE, &status);
+        curl().easy_getinfo(easy_.get(), CURLINFO_RESPONSE_CODE, &status);
         return status;
     }
 
@@ -180,7 +180,7 @@ struct Transfer {
 
     std::uint64_t bytes_sent() const {
         curl_off_t bytes = 0;
-        curl_easy_getinfo(request.easy(), CURLINFO_SIZE_UPLOAD_T, &bytes);
+        curl().easy_getinfo(request.easy(), CURLINFO_SIZE_UPLOAD_T, &bytes);
         return static_cast<std::uint64_t>(bytes);
     }
 };
@@ -188,17 +188,17 @@ struct Transfer {
 /// All transfers that are under way.
 class Transfers {
 public:
-    Transfers() : multi_(required(curl_multi_init())) {}
+    Transfers() : multi_(required(curl().multi_init())) {}
     ~Transfers() {
         for (const auto& transfer : running_)
-            curl_multi_remove_handle(multi_.get(), transfer->request.easy());
+            curl().multi_remove_handle(multi_.get(), transfer->request.easy());
     }
     Transfers(const Transfers&) = delete;
     Transfers& operator=(const Transfers&) = delete;
 
     std::size_t size() const noexcept { return running_.size(); }
     void begin(std::unique_ptr<Transfer> transfer) {
-        curl_multi_add_handle(multi_.get(), transfer->request.easy());
+        curl().multi_add_handle(multi_.get(), transfer->request.easy());
         running_.push_back(std::move(transfer));
     }
 
@@ -207,14 +207,14 @@ public:
     void go_on(OnEnd&& on_end) {
         constexpr int kMoment = 100;  // ms
         int left = 0;
-        check(curl_multi_perform(multi_.get(), &left));
-        check(curl_multi_poll(multi_.get(), nullptr, 0, kMoment, nullptr));
-        while (const CURLMsg* const message = curl_multi_info_read(multi_.get(), &left)) {
+        check(curl().multi_perform(multi_.get(), &left));
+        check(curl().multi_poll(multi_.get(), nullptr, 0, kMoment, nullptr));
+        while (const CURLMsg* const message = curl().multi_info_read(multi_.get(), &left)) {
             if (message->msg != CURLMSG_DONE) continue;
             const CURLcode code = message->data.result;
             const auto ended = std::ranges::find(running_, message->easy_handle,
                                                  [](const auto& t) { return t->request.easy(); });
-            curl_multi_remove_handle(multi_.get(), message->easy_handle);
+            curl().multi_remove_handle(multi_.get(), message->easy_handle);
             const std::unique_ptr<Transfer> transfer = std::move(*ended);
             running_.erase(ended);
             on_end(*transfer, code);
@@ -229,7 +229,7 @@ public:
 
 private:
     static void check(CURLMcode code) {
-        if (code != CURLM_OK) throw Error(ErrorCode::Internal, curl_multi_strerror(code));
+        if (code != CURLM_OK) throw Error(ErrorCode::Internal, curl().multi_strerror(code));
     }
 
     std::unique_ptr<CURLM, CloseMulti> multi_;
@@ -312,7 +312,7 @@ void require_bucket(const BucketAddress& bucket, const BucketAccess& access) {
     const std::string key = bucket.prefix + "manifest.json";
     Request request(access, object_url(bucket, access, key), proto::sha256_hex({}));
     request.set(CURLOPT_RANGE, "0-0");
-    const CURLcode code = curl_easy_perform(request.easy());
+    const CURLcode code = curl().easy_perform(request.easy());
     const std::string reason = request.reason();
     // Who may only write is told nothing of what is there.
     if (request.succeeded(code) || reason == "NoSuchKey" || reason == "AccessDenied") return;
