@@ -15,8 +15,8 @@ struct CopcOptions {
     std::optional<double>
         precision{};  ///< the largest error per axis, in input units, > 0: the step of the grid is
                       ///< the largest power of ten below twice as much. Absent: see `encode_copc`
-    std::optional<unsigned> epsg{};  ///< the coordinate system, one of `is_on_globe`; absent: the
-                                     ///< file names no coordinate system
+    std::optional<unsigned> epsg{};  ///< the coordinate system, one of `is_on_globe`; absent: a
+                                     ///< local one of which nothing is known
 };
 
 /// A cloud as a Cloud Optimized Point Cloud (COPC 1.0): a LAZ file (LAS 1.4, layered compression),

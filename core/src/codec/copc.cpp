@@ -222,8 +222,14 @@ void put_extra_fields_record(ByteWriter& to, std::span<const LasExtraField> fiel
     }
 }
 
-void put_system_record(ByteWriter& to, unsigned epsg) {
-    const std::string text = well_known_text(epsg);
+/// LAS asks for a system, and some readers refuse files without one. Of this one nothing is known
+/// but that it is no map's; 32767 is a local datum of any kind (OGC 01-009).
+constexpr std::string_view kUnknownSystem =
+    "LOCAL_CS[\"unknown\",LOCAL_DATUM[\"unknown\",32767],UNIT[\"unknown\",1],"
+    "AXIS[\"X\",EAST],AXIS[\"Y\",NORTH]]";
+
+void put_system_record(ByteWriter& to, std::optional<unsigned> epsg) {
+    const std::string text = epsg ? well_known_text(*epsg) : std::string(kUnknownSystem);
     put_record_head(to, "LASF_Projection", 2112, text.size() + 1, "OGC WKT");
     to.put(text);
     to.put_zeros(1);
@@ -380,8 +386,8 @@ struct Head {
         put_info(records);
         put_laszip_record(records, has_colors, fields.extra_size);
         if (!fields.extras.empty()) put_extra_fields_record(records, fields.extras);
-        if (epsg) put_system_record(records, *epsg);
-        const unsigned count = 2 + (fields.extras.empty() ? 0 : 1) + (epsg ? 1 : 0);
+        put_system_record(records, epsg);
+        const unsigned count = 3 + (fields.extras.empty() ? 0 : 1);
         ByteWriter head;
         put_header(head, kHeaderSize + records.bytes.size(), count);
         head.put(records.bytes);

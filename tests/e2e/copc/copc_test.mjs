@@ -58,6 +58,7 @@ async function checkForm({ copc, nodes, bytes }, points) {
     const { header, info } = copc;
     assert.equal(header.pointCount, points);
     assert.equal(nodes.reduce((sum, node) => sum + node.pointCount, 0), points);
+    assert.match(copc.wkt, /^[A-Z_]+\["/, 'a coordinate system, known or not');
     // The chunks lie one behind the other, those of the upper depths first, and are one LAZ file.
     nodes.sort((a, b) => a.pointDataOffset - b.pointDataOffset);
     let at = header.pointDataOffset + 8, depth = 0;
