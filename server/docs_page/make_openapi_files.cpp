@@ -99,13 +99,14 @@ public:
              << escaped(text_of(info, "title"))
              << " API</title>\n<link rel=\"stylesheet\" href=\"docs.css\">\n"
              << "</head>\n<body>\n<div class=\"layout\">\n";
-        contents();
-        out_ << "<main>\n<h1>" << escaped(text_of(info, "title")) << " <small>"
+        out_ << "<header>\n<h1>" << escaped(text_of(info, "title")) << " <small>"
              << escaped(text_of(info, "version")) << "</small></h1>\n<p class=\"summary\">"
              << inline_text(text_of(info, "summary")) << "</p>\n"
              << block_text(text_of(info, "description"))
              << "<p>As <a href=\"openapi.yaml\">OpenAPI 3.1</a>. <a href=\"./\">The "
-                "viewer</a>.</p>\n";
+                "viewer</a>.</p>\n</header>\n";
+        contents();
+        out_ << "<main>\n";
         for (const auto& tag : document_["tags"]) operations_of(tag);
         schemas();
         out_ << "</main>\n</div>\n</body>\n</html>\n";
