@@ -100,14 +100,16 @@ const starter = new JobStarter({
         look.forgetColor();
     },
     onMap: (map) => {
+        const { view: seenFrom } = stage;
         look.forgetColor();
         if (!isPhone()) {
             look.open();  // its legend says what the colours are
         }
         library.add(map);
-        open(map);
+        open(map, { how: { ...kAsNew, view: seenFrom } });  // what was looked at is what is asked about
     },
     onCloudsChanged: () => library.refresh(),
+    mapOf: (reference, candidate) => library.mapOf(reference, candidate),
 });
 const form = new JobForm({
     onStart: ({ cloud, type, fields }) => starter.start(type, cloud, fields),

@@ -25,6 +25,7 @@ export class Comparison {
         this.wanted = null;    // how two are to be compared once there is something to see, or null
         this.stayedAt = null;  // the level or the bound on the left before two were compared
         this.painted = [];     // the level on the right and what its colours were last asked to be
+        this.ranges = new Map();  // of the values of candidates of one evaluation, from that which was shown first
     }
 
     get isOn() {
@@ -43,6 +44,7 @@ export class Comparison {
     /** @param session  of the result that is on the stage from now on, or null; @param how  it is to be compared, as the address has it */
     setLeft(session, { right, layout, at } = kAlone) {
         this.left = session;
+        this.ranges.clear();
         this.wanted = right === null ? null : { right, layout, at };
     }
 
@@ -192,15 +194,26 @@ export class Comparison {
             return;
         }
         level.coloring = { by, range };
+        if (this.isCandidate(level) && !this.ranges.has(by)) {
+            this.ranges.set(by, range);
+        }
         const shown = [this.left?.shown, this.right].filter((side) => side?.coloring);
         if (shown.includes(level)) {
             look.show(shown);
         }
     }
 
-    /** For a level on the right: the range of the same values on the left. */
+    /** For a level on the right: the range of the same values on the left. For a candidate: that of the others, so that their colours tell which is better. */
     rangeBeside(level) {
         const left = this.left?.shown;
-        return left && left !== level && left.coloring?.by === this.look.colorOf(level) ? left.coloring.range : null;
+        const by = this.look.colorOf(level);
+        if (this.isCandidate(level) && this.ranges.has(by)) {
+            return this.ranges.get(by);
+        }
+        return left && left !== level && left.coloring?.by === by ? left.coloring.range : null;
+    }
+
+    isCandidate(level) {
+        return this.left?.type === 'evaluate' && this.left.loader.levels.includes(level);
     }
 }

@@ -1,4 +1,4 @@
-import { drawnErrorOf, meanErrorOf } from '../loading/level_error.js';
+import { confidenceOf, drawnErrorOf, meanErrorOf } from '../loading/level_error.js';
 import { actOnSecondClick, byId, element, exchange, setHidden } from '../page/element.js';
 import * as format from '../page/format.js';
 
@@ -130,7 +130,7 @@ export class Hud {
         const error = shown && drawnErrorOf(shown);
         byId.error.textContent = error ? format.percent(error.mean) : '–';
         byId['error-name'].textContent = shown?.tiles ? 'Error in view' : 'Error';
-        byId['error-figure'].title = error ? titleOf(error) + (shown.tiles ? '. For what is drawn: finer closer to the camera' : '') : '';
+        byId['error-figure'].title = error ? this.errorTitle(shown, error) : '';
         const hasBounds = least < most && this.type !== 'evaluate';  // of candidates none is a finer one
         byId['error-slider'].hidden = !hasBounds;
         if (hasBounds) {
@@ -138,6 +138,14 @@ export class Hud {
             byId['error-bound'].max = -Math.log2(least) + (errors.includes(0) ? 1 : 0);  // one octave for none at all
             this.showBound(shown, bound);
         }
+    }
+
+    /** The largest is that of all points of an evaluation alone: else it is that of the samples that were measured. */
+    errorTitle(shown, { mean, max }) {
+        const sure = shown.tiles ? undefined : confidenceOf(shown);
+        const ofMean = `Mean distance to the surface of the input ${format.percent(mean)}${sure > 0 ? ` \u00b1 ${format.percent(sure)}` : ''} of its diagonal`;
+        const ofLargest = max >= 0 ? `, largest ${this.type === 'evaluate' ? '' : 'at least '}${format.percent(max)}` : '';
+        return `${ofMean}${ofLargest}${shown.tiles ? '. For what is drawn: finer closer to the camera' : ''}`;
     }
 
     /** Without a bound, of a level its own error. Of tiles there is none then: how fine they are is up to the view. */
@@ -234,6 +242,3 @@ const action = (name, text, title, onclick) => {
     return element('button', { id: `action-${name}`, className: 'action', title, onclick }, label,
         ...(size ? [element('span', { className: 'size', textContent: size })] : []));
 };
-
-const titleOf = ({ mean, max }) => `Mean distance to the surface of the input ${format.percent(mean)} of its diagonal${
-    max >= 0 ? `, largest ${format.percent(max)}` : ''}`;

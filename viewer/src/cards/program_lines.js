@@ -5,7 +5,10 @@ const kTiles = 'glb';
 const tilesetOf = ({ server, id }) => `${server}/v1/pyramids/${id}/tileset.json`;
 const manifestOf = ({ server, id, collection, manifest }) => `${server}/v1/${collection}/${id}/${manifest}`;
 
-/** Of a result `{server, id, collection, manifest, hasKey}`. */
+/** The finest level, or one that was chosen. */
+const levelOf = ({ level }) => (level === null ? 'levels.at(-1)' : `levels[${level}]`);
+
+/** Of a result `{server, id, collection, manifest, level, hasKey}`. */
 export function linesOf({ linesFor, showsKey }, result) {
     const note = result.hasKey && !showsKey ? '// This server wants a key with each request: Authorization: Bearer KEY\n' : '';
     return note + linesFor(result);
@@ -43,7 +46,7 @@ import { Points, PointsMaterial } from 'three';
 import { DRACOLoader } from 'three/addons/loaders/DRACOLoader.js';
 const manifest = await fetch('${manifestOf(result)}');
 const { levels } = await manifest.json();
-const { spacing, origin, files } = levels.at(-1);
+const { spacing, origin, files } = ${levelOf(result)};
 const { href } = files.find((file) => file.format === 'drc');
 const geometry = await new DRACOLoader().setDecoderPath('/draco/')
     .loadAsync(new URL(href, manifest.url).href);
@@ -67,7 +70,7 @@ const contents = await Promise.all(coarsest(tileset.root)
 import { DracoLoader } from '@loaders.gl/draco';
 const manifest = await fetch('${manifestOf(result)}');
 const { levels } = await manifest.json();
-const { origin, files } = levels.at(-1);  // positions are relative to origin
+const { origin, files } = ${levelOf(result)};  // positions are relative to origin
 const { href } = files.find((file) => file.format === 'drc');
 const { attributes } = await load(new URL(href, manifest.url).href, DracoLoader);`,
 }, {

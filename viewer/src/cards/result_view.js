@@ -1,5 +1,6 @@
 import { isFinal } from '../api/api.js';
 import { keptOf, summaryOf, titleOf } from '../clouds/library.js';
+import { drawnErrorOf } from '../loading/level_error.js';
 import { byId } from '../page/element.js';
 import * as format from '../page/format.js';
 
@@ -43,14 +44,15 @@ export class ResultView {
         }
         this.setHasPicture(Boolean(shown));
         if (shown) {
-            this.share.show({ id, type, formats: [...new Set(manifest.levels.flatMap(({ files }) => files.map((file) => file.format)))] });
+            const level = session.chosen === null && bound === null ? null : shown.level;
+            this.share.show({ id, type, level, formats: [...new Set(manifest.levels.flatMap(({ files }) => files.map((file) => file.format)))] });
         }
         if (job && isFinal(job)) {
             const large = loader.levels.find(({ state }) => state === 'large');
             if (loader.levels.some(({ state }) => state === 'loading')) {
                 this.showArrival(session);
             } else if (job.status === 'successful') {
-                hud.showActivity(large ? `${format.compactCount(large.points)} more on request` : this.about(session));
+                hud.showActivity(isTooCoarse(session) ? 'Loading finer points' : large ? `${format.compactCount(large.points)} more on request` : this.about(session));
             } else {
                 hud.showEnd(job);
             }
@@ -102,3 +104,7 @@ export class ResultView {
         }
     }
 }
+
+/** Whether the tiles that are drawn do not keep to the bound that was asked for yet. */
+const isTooCoarse = ({ shown, bound }) =>
+    bound !== null && shown?.tiles?.isComplete === false && drawnErrorOf(shown)?.mean > bound;

@@ -44,7 +44,9 @@ export class Library {
 
     /** One that was just started is there without being asked for. */
     add(job) {
-        this.jobs = [job, ...this.jobs.filter(({ id }) => id !== job.id)];
+        if (!this.jobs.some(({ id }) => id === job.id)) {
+            this.jobs = [job, ...this.jobs];
+        }
         this.show();
     }
 
@@ -87,6 +89,12 @@ export class Library {
     pyramidOf(cloudId) {
         return this.jobs.find((job) => job.type === 'pyramid' && hasPicture(job) && inputOf(job) === cloudId &&
             !['failed', 'dismissed'].includes(job.status));
+    }
+
+    /** A map of how far one candidate is from a reference, or of one that is being made. */
+    mapOf(reference, candidate) {
+        return this.jobs.find((job) => job.type === 'evaluate' && hasPicture(job) && !['failed', 'dismissed'].includes(job.status) &&
+            inputOf(job) === reference && job.request.candidates.length === 1 && job.request.candidates[0] === candidate);
     }
 
     /** What a result can be compared with by eye. */

@@ -40,6 +40,8 @@ export class Pane {
         if (this.isFirst && isNew) {
             this.stage.placeFor(level);
             this.stage.draw(1);  // not a frame later: the next level may be decoded by then
+        } else if (this.isFirst) {
+            this.stage.stepBack();
         }
         this.stage.changed();
     }

@@ -9,6 +9,7 @@ const kFewPoints = 1000;
 const kMargin = 1.17;          // around a fitted cloud
 const kFittedPoints = 20_000;  // enough to know how large a cloud is
 const kFittedShare = 0.995;
+const kNotable = 1.02;         // of the distance from a cloud
 const kGlideMs = 650;
 const kLeftPerSecond = 0.0035;  // of the speed that a drag leaves, however many frames there are
 const kRestMs = 140;           // without a change: draw once more, finer
@@ -224,6 +225,14 @@ export class Stage {
         if (this.home) {
             this.moveTo(new Vector3(), this.home.direction, this.fittingDistance(this.home.direction), glide);
             this.isAtHome = !this.autoRotate;
+        }
+    }
+
+    /** For a finer level that reaches farther than what the camera was placed for. Nothing else moves it while levels come. */
+    stepBack() {
+        const away = this.camera.position.distanceTo(this.controls.target);
+        if (this.isAtHome && !this.glide && this.fittingDistance(this.home.direction) > kNotable * away) {
+            this.fit();
         }
     }
 

@@ -10,5 +10,8 @@ export function wholeErrorOf({ file, source, decoded, error }) {
     return rounded && error?.diagonal > 0 ? { mean: rounded.mean / error.diagonal, max: rounded.max / error.diagonal } : error?.relative;
 }
 
+/** Half width of the 95 % confidence interval of a level's mean, relative to the size of the cloud; nothing where it is not known. */
+export const confidenceOf = ({ error }) => error?.forward?.relative?.mean_confidence;
+
 /** `mean` and `max` of what is seen of a level, relative to the size of the cloud; nothing where it was not measured. */
 export const drawnErrorOf = (level) => (level.drawn ? level.drawn.error : wholeErrorOf(level));
