@@ -4,6 +4,7 @@
 #include "level_encoder.hpp"
 #include "stipple/copc.hpp"
 #include "stipple/globe.hpp"
+#include "stipple/lod_error_meter.hpp"
 #include "stipple/lod_pyramid.hpp"
 #include "stipple/lod_tiles.hpp"
 #include "stipple/progressive_cloud.hpp"
@@ -43,6 +44,8 @@ public:
         const auto start = Clock::now();
         if (std::ranges::find(job_.output.formats, CloudFormat::Glb) != job_.output.formats.end())
             begin_tiles(cloud);
+        else if (job_.error && sizes_.front() < points_of_source_)
+            begin_errors(cloud);
         LodPyramidOptions levels = job_.options;
         to_frame_of(cloud, levels.simplification.particles);
         levels.spacing = tiler_ == nullptr;  // else the tiles say it
@@ -58,12 +61,8 @@ public:
             std::move(cloud), levels,
             [&](LodLevel&& made) {
                 std::optional<ErrorFigures> error;
-                if (job_.error && tiler_ == nullptr) {
-                    // The level of all points is the source itself.
-                    const PointCloud& source = cloud.empty() ? made.cloud : cloud;
-                    error =
-                        run_.result_error(source, made.cloud, encoder.measuring(made.cloud.size()));
-                }
+                if (job_.error && tiler_ == nullptr)
+                    error = error_of(made.cloud, encoder.measuring(made.cloud.size()));
                 encoder.encode(std::move(made), error);
             },
             run_.in_stage(kSimplify));
@@ -84,6 +83,25 @@ private:
         tiles.level_errors = job_.error;
         if (!job_.error && tiles.errors == LodErrors::Sure) tiles.errors = LodErrors::Rough;
         tiler_ = std::make_unique<LodTiler>(cloud, tiles, run_.in_stage(kEncode).part(0, kTiler));
+    }
+
+    void begin_errors(const PointCloud& cloud) {
+        const Stopwatch watch(run_.cost().error_seconds);
+        meter_ = std::make_unique<LodErrorMeter>(cloud, run_.quietly());
+    }
+
+    /// Of a level without tiles.
+    ErrorFigures error_of(const PointCloud& level, const RunContext& context) {
+        const Stopwatch watch(run_.cost().error_seconds);
+        SurfaceError error;
+        if (level.size() == points_of_source_) {  // the source itself
+            error.diagonal = bounds(level).diagonal();
+            meter_.reset();  // no level comes after
+        } else {
+            error = meter_->measure(level, context);
+        }
+        return figures_of_result(std::move(error), quick_options(points_of_source_, level.size()),
+                                 points_of_source_, level.size());
     }
 
     /// Has the coarsest level chosen by what its tiles take.
@@ -162,6 +180,7 @@ private:
     const std::uint64_t points_of_source_;
     const std::vector<std::uint64_t> sizes_;  ///< of the levels, the finest last
     std::unique_ptr<LodTiler> tiler_;         ///< if it is to have tiles, until all are made
+    std::unique_ptr<LodErrorMeter> meter_;    ///< if it has none, and is to be measured
 };
 
 }  // namespace

@@ -1,6 +1,7 @@
 #include "pyramid/level_meter.hpp"
 
 #include "base/distance_statistics.hpp"
+#include "error/error_estimate.hpp"
 #include "error/error_samples.hpp"
 #include "error/foot_finder.hpp"
 #include "neighbors/gaps.hpp"
@@ -146,6 +147,16 @@ void LevelMeter::measure_well(MeasuredLevel& level, const RunContext& context) {
             std::ceil(needed), std::max(rounds + 1, least), std::max(2 * rounds, least)));
         rounds = std::min(rounds, most);
     }
+}
+
+SurfaceError LevelMeter::error_of(const MeasuredLevel& level, const ErrorFrame& frame,
+                                  const RunContext& context) {
+    SurfaceError error;
+    error.forward =
+        summarize_places(level.distances, level.areas, level.endless, level.covers, frame, context);
+    error.backward =
+        estimate_backward(*surface(context), level.samples(), *level.tree, frame, context);
+    return error;
 }
 
 /// At the places of so many rounds, of which it may have been measured at some, or at more.

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "error/error_frame.hpp"
 #include "error/framed_surface.hpp"
 #include "error/lone_points.hpp"
 #include "error/sample_rounds.hpp"
@@ -7,6 +8,7 @@
 #include "stipple/lod_tiles.hpp"
 #include "stipple/point_cloud.hpp"
 #include "stipple/run_context.hpp"
+#include "stipple/surface_error.hpp"
 
 #include <cstddef>
 #include <cstdint>
@@ -77,6 +79,10 @@ public:
     /// more while chance would decide: of as many rounds as the spread of those that there are
     /// calls for.
     void measure_well(MeasuredLevel& level, const RunContext& context);
+
+    /// What was measured last, and the way back, by few samples: all but the diagonals.
+    SurfaceError error_of(const MeasuredLevel& level, const ErrorFrame& frame,
+                          const RunContext& context);
 
 private:
     bool is_exact() const noexcept { return errors_ == LodErrors::Exact; }

@@ -7,7 +7,6 @@
 #include "cloud/chain_order.hpp"
 #include "cloud/grid_step.hpp"
 #include "cloud/hilbert_order.hpp"
-#include "error/error_estimate.hpp"
 #include "error/error_frame.hpp"
 #include "neighbors/gaps.hpp"
 #include "pyramid/level_meter.hpp"
@@ -123,14 +122,12 @@ struct LodTiler::State {
     SurfaceError error_of(const PointCloud& level, MeasuredLevel* unrounded,
                           const RunContext& context) {
         SurfaceError error;
+        if (unrounded != nullptr) {
+            meter.measure_at_some(*unrounded, context);
+            error = meter.error_of(*unrounded, frame, context);
+        }
         error.diagonal = box.diagonal();
         error.candidate_diagonal = bounds(level).diagonal();
-        if (unrounded == nullptr) return error;
-        meter.measure_at_some(*unrounded, context);
-        error.forward = summarize_places(unrounded->distances, unrounded->areas, unrounded->endless,
-                                         unrounded->covers, frame, context);
-        error.backward = estimate_backward(*meter.surface(context), unrounded->samples(),
-                                           *unrounded->tree, frame, context);
         return error;
     }
 
