@@ -34,13 +34,13 @@ export class Pane {
 
     /** Shows a level in place of the one before; the first one of a cloud also places the camera. */
     show(level) {
-        const isNew = this.level === null;
+        const before = this.level;
         this.showsTiles &&= level === this.level;
         this.level = level;
-        if (this.isFirst && isNew) {
+        if (this.isFirst && !before) {
             this.stage.placeFor(level);
             this.stage.draw(1);  // not a frame later: the next level may be decoded by then
-        } else if (this.isFirst) {
+        } else if (this.isFirst && level.points > before.points) {
             this.stage.stepBack();
         }
         this.stage.changed();
