@@ -100,8 +100,13 @@ private:
         } else {
             error = meter_->measure(level, context);
         }
-        return figures_of_result(std::move(error), quick_options(points_of_source_, level.size()),
-                                 points_of_source_, level.size());
+        return figures_of(std::move(error), level.size());
+    }
+
+    /// @param points  of the level.
+    ErrorFigures figures_of(SurfaceError error, std::uint64_t points) const {
+        return figures_of_result(std::move(error), quick_options(points_of_source_, points),
+                                 points_of_source_, points);
     }
 
     /// Has the coarsest level chosen by what its tiles take.
@@ -138,8 +143,7 @@ private:
         }
         std::vector<OutputFile> files = write_tiles(made, context);
         if (const std::optional<SurfaceError>& error = tiler_->level_error())
-            level.error = figures_of_result(*error, quick_options(points_of_source_, level.points),
-                                            points_of_source_, level.points);
+            level.error = figures_of(*error, level.points);
         level.decoded = tiler_->figures();
         level.spacing = tiler_->level_spacing();
         if (level.points == points_of_source_) tiler_.reset();  // no level comes after

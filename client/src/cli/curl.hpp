@@ -5,8 +5,8 @@
 namespace stipple::cli {
 
 /// The functions of libcurl that are called here. It is loaded when the first of them is asked for:
-/// linked, it and the forty libraries that it loads in turn would be more than half of the time in
-/// which every command starts.
+/// linked, it and the 24 libraries that it loads in turn would take a third of the time in which
+/// every command starts.
 struct Curl {
     decltype(&curl_easy_init) easy_init;
     decltype(&curl_easy_cleanup) easy_cleanup;

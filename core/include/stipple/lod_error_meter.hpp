@@ -16,8 +16,8 @@ namespace stipple {
 /// 131,072, while these do not determine the mean to 1.6 %. To the source, at as many points of the
 /// level as `estimate_error` takes. The maximum is the largest distance met, a lower bound.
 ///
-/// O(N log N), parallel, the same for any number of threads: about 0.2 us per point of the source
-/// and 4 us per place; about 60 bytes per point of the source.
+/// O(N log N), parallel, the same for any number of threads; about 60 bytes per point of the
+/// source.
 class LodErrorMeter {
 public:
     /// @param source  a cleaned cloud of at least one point; not needed afterwards.
