@@ -157,6 +157,32 @@ test('A splat reaches where the cells of its neighbours meet, and not much farth
     assert.ok(radius > Math.sqrt(1 / 3) && radius < 1, `radius ${radius}`);  // of hexagons of width 1
 });
 
+test('Splats of evenly spaced points leave no gap at a border, and reach little beyond it', async () => {
+    const { estimateSurface, kLargestRadius } = await moduleOf('loading/surface_estimate.js');
+    const side = 40, row = Math.sqrt(0.75);
+    const points = Array.from({ length: side * side }, (_, i) => [i % side + 0.5 * (Math.floor(i / side) % 2), row * Math.floor(i / side), 0]);
+    const surface = estimateSurface(Float32Array.from(points.flat()), null, 1);
+    const radius = (i) => kLargestRadius * surface[4 * i + 3] / 32767;
+    for (let x = 2; x < side - 2; x += 1) {
+        assert.ok(radius(x) < 1.3, `point ${x}: radius ${radius(x)}`);
+        for (const [px, py] of [[x + 0.5, 0], [x + 0.5, row / 3], [x, 2 * row / 3]]) {
+            assert.ok(points.some(([qx, qy], i) => Math.hypot(qx - px, qy - py) < radius(i)), `a gap at ${px}, ${py}`);
+        }
+    }
+});
+
+test('The two sides of a thin wall are planes where their normals tell them apart', async () => {
+    const { estimateSurface } = await moduleOf('loading/surface_estimate.js');
+    const side = 40;
+    const points = [0, 1].flatMap((z) => Array.from({ length: side * side }, (_, i) => [i % side, Math.floor(i / side), z]));
+    const shortest = (normalOf) => {
+        const surface = estimateSurface(Float32Array.from(points.flat()), Float32Array.from(points.flatMap(normalOf)), 1);
+        return Math.min(...points.map((_, i) => Math.hypot(...surface.subarray(4 * i, 4 * i + 3)) / 32767));
+    };
+    assert.ok(shortest(([, , z]) => [0, 0, 2 * z - 1]) > 0.99);
+    assert.ok(shortest(() => [0, 0, 1]) < 0.9);
+});
+
 test('Where neighbours lie all around, as in leaves, a normal says that it is in doubt, given or not', async () => {
     const { estimateSurface } = await moduleOf('loading/surface_estimate.js');
     const fraction = (i, step) => (i * step) % 1;

@@ -341,6 +341,9 @@ await run({
 
     async 'Splats of slopes that are seen from the side lie on them, as smaller ones do'() {
         const side = 200;
+        await page.locator('#look').click();
+        await page.locator('#look-reset').click();  // of the link before: smaller ones than meet
+        await page.locator('#look').click();
         await choose(page, { name: 'waves.ply', buffer: waves(side) });
         await shows(page, side * side);
         const { x, y, width, height } = stageOf(page);

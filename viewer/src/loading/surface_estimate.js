@@ -1,6 +1,7 @@
 // Normals by the plane through the nearest neighbours (Pauly, Gross, Kobbelt 2002, §2), splat sizes by the cell that a point has
 // among them in its tangent plane (as the Voronoi cells of Dyer, Zhang, Möller 2009): where three cells meet, three discs have to.
-// Where the neighbours do not lie about a plane, as in leaves, a splat is a round one that faces the viewer: its normal is shorter.
+// Where the neighbours of the same sheet do not lie about a plane, as in leaves, a splat is a round one that faces the viewer: its
+// normal is shorter.
 
 const kLargest = 6;             // radius, spacings of the part that the point is in
 const kLargestInTiles = 3;      // for beyond the border of a tile lie points of another
@@ -8,18 +9,32 @@ const kSparser = 4;             // spacings of parts are told apart by powers of
 const kSparsest = 16;           // up to this many times the spacing of all
 const kGrid = 2.5;              // cells of a grid, spacings
 const kFewSparse = 0.002;       // of the points: so few are no part of the surface, but strays
+const kLargestSparse = 1.5;     // spacings, of those until they are known to be
 const kSmallestRadius = 0.5;
 const kNeighbors = 16;
 const kSpacingNeighbor = 5;     // the sixth nearest: a hexagonal ring
 const kOverlap = 1.25;          // of discs beyond where cells meet: what overlaps blends
-const kRadiusByDistance = 0.95; // and no smaller than this by the sixth nearest: scans have gaps where their strips meet
-const kOpenByReach = 0.6;       // where a cell is open, as at a border, by the farthest neighbour; where points stand in bunches, too
+const kByDistance = 0.95;       // and no smaller than this by the sixth nearest: scans have gaps where their strips meet
+const kOpenByReach = 0.6;       // where a cell is open, by the farthest neighbour: where points stand in bunches, or end
+// Where points lie evenly, as those of coarse levels do, it takes less, and less reaches beyond edges and silhouettes:
+const kClosedByDistanceIfEven = 0.6;
+const kBorderByDistanceIfEven = 0.5;
+const kBlobByDistanceIfEven = 0.4;
+const kLargestBlobIfEven = 1.2;
+const kAskedForEvenness = 255;
+const kUneven = 0.42, kEven = 0.54;  // the nearest by the sixth nearest, in the mean: by chance 0.37, in a square grid 0.71
+const kWide = 0.5;              // how wide a neighbourhood is by its length, as moments, where points lie alike to all sides
+const kOneSided = 0.35;         // how far its middle is off, by its distances: 0.6 at a border
 const kLine = 0.15;             // how wide a horn or a wire is by its length, as moments, which is open, too; the corner of a sheet: 0.22
 const kWindow = 0.56;           // of the farthest neighbour: corners of a cell farther off than half may be those of points unseen
 const kInWindow = 0.9;          // between an octagon's inner and outer circle
 const kBlobByDistance = 0.5;    // of a splat that faces the viewer
 const kLargestBlob = 2.5;       // spacings: what stands alone is no surface
 const kSteepest = 3;            // slope at which a neighbour belongs to another sheet
+const kWeightReach = 1.2;       // of neighbours in a plane: where their weight would be 0, by the farthest's squared distance
+const kLeastCosine = 0.5;       // of two normals of a sheet,
+const kLeastHeightSq = 0.09;    // and those of the far side of a wall look the other way and stand so high, by squared distance
+const kLeastOfSheet = 3;
 const kFlat = 0.22;             // roughness (height above the plane, by distance) up to which a normal is true
 const kRough = 0.5;             // and from which it tells nothing; of points all around it is 0.58
 const kLeastNormal = 0.12;      // the length that says so: its direction still lights a little
@@ -81,9 +96,9 @@ export function estimateSurface(positions, normals, spacing, isTile = false) {
         return surface;
     }
     const largest = (isTile ? kLargestInTiles : kLargest) * spacing;
-    const cell = new TangentCell();
     const grid = new PointGrid(positions, kGrid * spacing);
     const nearest = new Nearest(kNeighbors);
+    const cloud = { normals, spacing, nearest, cell: new TangentCell(), sizes: splatSizes(evenness(grid, nearest)) };
     const isSparse = new Uint8Array(count);
     for (let at = 0; at < count; at += 1) {
         const i = grid.members[at];
@@ -91,20 +106,46 @@ export function estimateSurface(positions, normals, spacing, isTile = false) {
         if (!hasNormal(surface, i) && nearest.count >= 3) {
             storePlaneNormal(surface, i, grid.positions, at, nearest);
         }
-        const radius = splatRadius(surface, i, grid.positions, at, nearest, cell, spacing);
-        storeRadius(surface, i, Math.min(largest, Math.max(kSmallestRadius * spacing, radius ?? spacing)), spacing);
         isSparse[i] = nearest.count <= kSpacingNeighbor ? 1 : 0;
+        const most = isSparse[i] ? kLargestSparse * spacing : largest;
+        const radius = splatRadius(surface, i, grid, at, cloud);
+        storeRadius(surface, i, Math.min(most, Math.max(kSmallestRadius * spacing, radius ?? spacing)), spacing);
     }
-    closeSparseParts(surface, isSparse, positions, normals, spacing);
+    closeSparseParts(surface, isSparse, positions, cloud);
     return surface;
 }
 
+/** How evenly points lie, 0..1, by some of them. */
+function evenness(grid, nearest) {
+    const count = grid.members.length;
+    let asked = 0, sum = 0;
+    for (let k = 0; k < kAskedForEvenness; k += 1) {
+        grid.nearestTo(Math.floor((k + 0.5) * count / kAskedForEvenness), nearest);
+        if (nearest.count > kSpacingNeighbor && nearest.distanceSq[kSpacingNeighbor] > 0) {
+            asked += 1;
+            sum += Math.sqrt(nearest.distanceSq[0] / nearest.distanceSq[kSpacingNeighbor]);
+        }
+    }
+    return asked > 0 ? Math.min(1, Math.max(0, (sum / asked - kUneven) / (kEven - kUneven))) : 0;
+}
+
+/** Those that depend on how evenly points lie. */
+function splatSizes(even) {
+    const between = (uneven, ifEven) => uneven + even * (ifEven - uneven);
+    return {
+        closedByDistance: between(kByDistance, kClosedByDistanceIfEven),
+        borderByDistance: between(kByDistance, kBorderByDistanceIfEven),
+        borderByReach: between(kOpenByReach, 0),
+        blobByDistance: between(kBlobByDistance, kBlobByDistanceIfEven),
+        largestBlob: between(kLargestBlob, kLargestBlobIfEven),
+    };
+}
+
 /** Parts of the surface whose points have hardly a neighbour at the spacing of all: by those that are farther off. */
-function closeSparseParts(surface, isSparse, positions, normals, spacing) {
+function closeSparseParts(surface, isSparse, positions, cloud) {
+    const { normals, spacing, nearest, cell } = cloud;
     const count = isSparse.length;
     let left = isSparse.reduce((sum, is) => sum + is, 0);
-    const cell = new TangentCell();
-    const nearest = new Nearest(kNeighbors);
     const found = new Int16Array(4);  // as the surface has them, of one point
     for (let local = kSparser * spacing; local <= kSparsest * spacing && left > kFewSparse * count; local *= kSparser) {
         const grid = new PointGrid(positions, kGrid * local);
@@ -126,10 +167,10 @@ function closeSparseParts(surface, isSparse, positions, normals, spacing) {
             if (!hasNormal(found, 0)) {
                 storePlaneNormal(found, 0, grid.positions, at, nearest);
             }
-            const radius = splatRadius(found, 0, grid.positions, at, nearest, cell, spacing);
+            const radius = splatRadius(found, 0, grid, at, cloud);
             // What stands alone, as leaves or birds do, is no surface; at its border points lie on one side.
             if (cell.roughness <= kFlat) {
-                const beside = cell.isOpen ? kRadiusByDistance * Math.sqrt(nearest.distanceSq[1]) : Infinity;
+                const beside = cell.isOpen ? kByDistance * Math.sqrt(nearest.distanceSq[1]) : Infinity;
                 storeRadius(found, 0, Math.min(radius, beside, kLargest * local), spacing);
                 surface.set(found, 4 * i);
             }
@@ -144,7 +185,7 @@ function storeRadius(surface, i, radius, spacing) {
 }
 
 /** Null of a point without neighbours. The normal of a point is made shorter where it is in doubt. */
-function splatRadius(surface, i, positions, at, nearest, cell, spacing) {
+function splatRadius(surface, i, grid, at, { normals, spacing, nearest, cell, sizes }) {
     if (nearest.count === 0) {
         return null;
     }
@@ -155,15 +196,26 @@ function splatRadius(surface, i, positions, at, nearest, cell, spacing) {
     if (x === 0 && y === 0 && z === 0) {
         return kOpenByReach * farthest;
     }
-    cell.measure(x, y, z, positions, at, nearest);
-    const open = cell.isOpen && cell.width > kLine ? kOpenByReach * farthest : 0;
-    const radius = Math.max(kOverlap * cell.reach, kRadiusByDistance * distance, open);
+    cell.measure(x, y, z, grid, at, nearest, normals);
+    let byDistance = kByDistance, byReach = 0;
+    if (cell.isOpen && cell.offCenter > kOneSided) {
+        byDistance = sizes.borderByDistance;
+        byReach = sizes.borderByReach;
+    } else if (cell.isOpen) {
+        byReach = kOpenByReach;
+    } else if (cell.width > kWide) {
+        byDistance = sizes.closedByDistance;
+    }
+    if (cell.width <= kLine) {
+        byReach = 0;
+    }
+    const radius = Math.max(kOverlap * cell.reach, byDistance * distance, byReach * farthest);
     const doubt = Math.min(1, Math.max(0, (cell.roughness - kFlat) / (kRough - kFlat)));
     const length = 1 - doubt * (1 - kLeastNormal);
     for (let k = 0; k < 3; k += 1) {
         surface[4 * i + k] *= length;
     }
-    return radius + doubt * (Math.min(radius, kBlobByDistance * distance, kLargestBlob * spacing) - radius);
+    return radius + doubt * (Math.min(radius, sizes.blobByDistance * distance, sizes.largestBlob * spacing) - radius);
 }
 
 /** The Voronoi cell of a point among its neighbours, laid into its tangent plane. */
@@ -178,11 +230,13 @@ class TangentCell {
         // What was measured last:
         this.reach = 0;       // how far its farthest corner lies
         this.isOpen = false;  // whether neighbours on some side are missing
-        this.roughness = 0;   // of the neighbours: their heights by their distances
+        this.roughness = 0;   // of the neighbours of the same sheet: their heights by their distances
         this.width = 1;       // of those in the plane, by their length: second moments around the point
+        this.offCenter = 0;   // from the point to the middle of those, by their distances
     }
 
-    measure(nx, ny, nz, positions, at, nearest) {
+    /** @param normals  of the cloud, or null */
+    measure(nx, ny, nz, { positions, members }, at, nearest, normals) {
         // Two axes across a unit normal (Duff and others 2017).
         const sign = nz < 0 ? -1 : 1;
         const a = -1 / (sign + nz), b = nx * ny * a;
@@ -191,18 +245,23 @@ class TangentCell {
         const window = kWindow * Math.sqrt(nearest.distanceSq[nearest.count - 1]);
         this.start(window);
         let farthest = window;
-        let heights = 0, distances = 0;
-        let uu = 0, uv = 0, vv = 0;
+        let ofSheet = 0, heights = 0, distances = 0;
+        let sumU = 0, sumV = 0, uu = 0, uv = 0, vv = 0;
         for (let n = 0; n < nearest.count; n += 1) {
             const from = 3 * nearest.index[n];
             const dx = positions[from] - positions[3 * at];
             const dy = positions[from + 1] - positions[3 * at + 1];
             const dz = positions[from + 2] - positions[3 * at + 2];
             const height = nx * dx + ny * dy + nz * dz;
-            heights += height * height;
-            distances += nearest.distanceSq[n];
+            if (isOfSheet(normals, members[nearest.index[n]], nx, ny, nz, height * height / nearest.distanceSq[n])) {
+                ofSheet += 1;
+                heights += height * height;
+                distances += nearest.distanceSq[n];
+            }
             const u = ux * dx + uy * dy + uz * dz, v = vx * dx + vy * dy + vz * dz;
             const across = Math.sqrt(u * u + v * v);
+            sumU += u;
+            sumV += v;
             uu += u * u;
             uv += u * v;
             vv += v * v;
@@ -212,7 +271,8 @@ class TangentCell {
                 farthest = this.farthest();
             }
         }
-        this.roughness = distances > 0 ? Math.sqrt(heights / distances) : 0;
+        this.roughness = ofSheet < Math.min(kLeastOfSheet, nearest.count) ? kRough : distances > 0 ? Math.sqrt(heights / distances) : 0;
+        this.offCenter = uu + vv > 0 ? Math.sqrt((sumU * sumU + sumV * sumV) / (nearest.count * (uu + vv))) : 0;
         const spread = Math.hypot(uu - vv, 2 * uv);
         this.width = uu + vv > 0 ? (uu + vv - spread) / (uu + vv + spread) : 1;
         this.isOpen = farthest > kInWindow * window;
@@ -265,6 +325,23 @@ class TangentCell {
         }
         return Math.sqrt(mostSq);
     }
+}
+
+/**
+ * Whether a neighbour is of the sheet of a point with normal n: not around a corner, nor of the far side of a wall. Scans turn normals
+ * either way; without any, all are.
+ * @param heightSq  above the plane of n, by squared distance
+ */
+function isOfSheet(normals, neighbor, nx, ny, nz, heightSq) {
+    if (!normals) {
+        return true;
+    }
+    const x = normals[3 * neighbor], y = normals[3 * neighbor + 1], z = normals[3 * neighbor + 2];
+    const along = nx * x + ny * y + nz * z;
+    if (along * along < kLeastCosine * kLeastCosine * (x * x + y * y + z * z)) {
+        return false;
+    }
+    return along >= 0 || heightSq < kLeastHeightSq;
 }
 
 /** The k points nearest to another so far, by their place in the grid, in ascending order of distance. */
@@ -369,25 +446,27 @@ function rowHash(y, z) {
     return Math.imul(hash ^ (hash >>> 15), 0x2c1b3c6d);
 }
 
-/** The eigenvector of the smallest eigenvalue of the neighbours' covariance (Eq. 1). */
+/** The eigenvector of the smallest eigenvalue of the neighbours' covariance (Eq. 1), those nearby weighing more: coarse levels bend. */
 function storePlaneNormal(surface, i, positions, at, nearest) {
-    const { index, count } = nearest;
-    let mx = positions[3 * at], my = positions[3 * at + 1], mz = positions[3 * at + 2];
-    for (let n = 0; n < count; n += 1) {
-        mx += positions[3 * index[n]];
-        my += positions[3 * index[n] + 1];
-        mz += positions[3 * index[n] + 2];
-    }
-    mx /= count + 1;
-    my /= count + 1;
-    mz /= count + 1;
+    const { index, count, distanceSq } = nearest;
+    const reachSq = kWeightReach * distanceSq[count - 1];
+    let total = 1;
+    let mx = 0, my = 0, mz = 0;  // from the point, which weighs 1
     let xx = 0, xy = 0, xz = 0, yy = 0, yz = 0, zz = 0;
-    for (let n = -1; n < count; n += 1) {
-        const from = 3 * (n < 0 ? at : index[n]);
-        const x = positions[from] - mx, y = positions[from + 1] - my, z = positions[from + 2] - mz;
-        xx += x * x; xy += x * y; xz += x * z;
-        yy += y * y; yz += y * z; zz += z * z;
+    for (let n = 0; n < count; n += 1) {
+        const from = 3 * index[n];
+        const x = positions[from] - positions[3 * at];
+        const y = positions[from + 1] - positions[3 * at + 1];
+        const z = positions[from + 2] - positions[3 * at + 2];
+        const root = 1 - distanceSq[n] / reachSq;
+        const weight = root * root;
+        total += weight;
+        mx += weight * x; my += weight * y; mz += weight * z;
+        xx += weight * x * x; xy += weight * x * y; xz += weight * x * z;
+        yy += weight * y * y; yz += weight * y * z; zz += weight * z * z;
     }
+    xx -= mx * mx / total; xy -= mx * my / total; xz -= mx * mz / total;
+    yy -= my * my / total; yz -= my * mz / total; zz -= mz * mz / total;
     const smallest = smallestEigenvalue(xx, xy, xz, yy, yz, zz);
     xx -= smallest;
     yy -= smallest;
