@@ -1,4 +1,5 @@
 import { confidenceOf, drawnErrorOf, meanErrorOf } from '../loading/level_error.js';
+import { fadeWhereCut } from '../page/cut_edges.js';
 import { actOnSecondClick, byId, element, exchange, setHidden } from '../page/element.js';
 import * as format from '../page/format.js';
 
@@ -14,8 +15,7 @@ export class Hud {
         Object.assign(this, { onDownload, onMap, onFigures, onRemove, onAgain, onRemoveAll });
         byId.dismiss.onclick = onCancel;
         byId.level.oninput = () => onLevel(Number(byId.level.value) - 1);
-        byId.files.onscroll = () => this.showCut();
-        new ResizeObserver(() => this.showCut()).observe(byId.files);
+        fadeWhereCut(byId.files);
         byId['error-bound'].oninput = () => {
             onError(kSlack * 2 ** -Number(byId['error-bound'].value));  // finer to the right, as levels are
         };
@@ -202,13 +202,6 @@ export class Hud {
         remove.forEach((button) => actOnSecondClick(button, this.onRemove));
         exchange(byId.files, ...actions, ...again, ...removeAll, ...remove);
         byId.files.hidden = byId.files.children.length === 0;
-        this.showCut();
-    }
-
-    /** Whether there is more of the actions than is seen: their edge fades then. */
-    showCut() {
-        const { scrollLeft, clientWidth, scrollWidth } = byId.files;
-        byId.files.classList.toggle('cut', scrollLeft + clientWidth < scrollWidth - 1);
     }
 
     /** @param share  of it that is done: only for the eye, since the progress bar tells it, too */

@@ -1,4 +1,5 @@
 import { listClouds, listJobs, pause } from '../api/api.js';
+import { fadeWhereCut } from '../page/cut_edges.js';
 import { byId, element, exchange, setHidden } from '../page/element.js';
 import * as format from '../page/format.js';
 import { forgetProblems, showProblem } from '../page/notices.js';
@@ -18,6 +19,7 @@ export class Library {
         this.lastLook = null;
         this.shownAs = null;  // the lists as they are on the page
         for (const list of ['clouds', 'results']) {
+            fadeWhereCut(byId[list]);
             byId[`older-${list}`].onclick = () => {
                 this.wanted[list] += kMore;
                 this.refresh().catch(showProblem);
