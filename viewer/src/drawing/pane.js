@@ -4,6 +4,8 @@ import { colorizeTile } from './coloring.js';
 import { ResolvePass } from './resolve_pass.js';
 import { kEllipseOverlap, largestRadiusOf } from './splat_materials.js';
 
+const kStep = 0.2;  // from one splat to the next of the same surface, spacings
+
 /** One level at a time on its part of the stage. */
 export class Pane {
     constructor(stage, onPicture) {
@@ -96,7 +98,10 @@ export class Pane {
         const pixels = (length) => Math.round(length * ratio);
         this.resolve.setSize(pixels(view.width), pixels(view.height), samples);
         this.drawSplats(view, ratio * samples);
-        this.resolve.render(renderer, camera, { view, ratio, reach: 1.2 * ratio * samples, shading: look.shading });
+        const spacings = this.scene.children.map(({ userData }) => userData.spacing);
+        this.resolve.render(renderer, camera, {
+            view, ratio, reach: 1.2 * ratio * samples, shading: look.shading, stepHeight: kStep * look.splatSize * Math.min(...spacings),
+        });
         this.onPicture(this.level);
     }
 

@@ -13,6 +13,7 @@ const kFragmentShader = /* glsl */ `
     uniform float reach;           // of the shading, in texels
     uniform float near, far;
     uniform float strength;
+    uniform float stepHeight;      // up to which it draws no line, in units of the cloud
     out vec4 result;
 
     float logDistance(vec2 at) {
@@ -23,11 +24,12 @@ const kFragmentShader = /* glsl */ `
     // Eye-dome lighting (Boucheny 2009): what lies behind its surroundings is darker. Two rings: lines and hollows.
     float shade(vec2 at) {
         float own = logDistance(at);
+        float rise = stepHeight / (exp2(own) * 0.693147);  // in logarithms
         float sum = 0.0;
         for (int i = 0; i < 8; i++) {
             float angle = 0.785398 * float(i);
             vec2 direction = vec2(cos(angle), sin(angle)) * texel * reach;
-            sum += clamp(own - logDistance(at + direction), 0.0, 0.008);
+            sum += clamp(own - logDistance(at + direction) - rise, 0.0, 0.008);
             sum += 0.3 * clamp(own - logDistance(at + 5.0 * direction), 0.0, 0.025);
         }
         return max(0.4, exp(-strength * sum));
@@ -78,6 +80,7 @@ export class ResolvePass {
             near: { value: 1 },
             far: { value: 2 },
             strength: { value: kShading },
+            stepHeight: { value: 0 },
         };
         this.scene = new Scene();
         this.camera = new OrthographicCamera(-1, 1, 1, -1, 0, 1);
@@ -101,13 +104,17 @@ export class ResolvePass {
         this.uniforms.samples.value = samples;
     }
 
-    /** @param reach  of the shading, in samples; @param shading  how strong, 1: as designed */
-    render(renderer, camera, { view, ratio, reach, shading }) {
+    /**
+     * @param reach  of the shading, in samples; @param shading  how strong, 1: as designed; @param stepHeight  up to which it draws no line, in
+     * units of the cloud: splats of one surface lie in steps
+     */
+    render(renderer, camera, { view, ratio, reach, shading, stepHeight }) {
         const { left, width, height, clip } = view;
         this.uniforms.near.value = camera.near;
         this.uniforms.far.value = camera.far;
         this.uniforms.reach.value = reach;
         this.uniforms.strength.value = kShading * shading;
+        this.uniforms.stepHeight.value = stepHeight;
         this.uniforms.corner.value.set(Math.round(left * ratio), 0);
         renderer.setRenderTarget(null);
         renderer.setViewport(left, 0, width, height);
