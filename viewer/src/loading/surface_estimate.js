@@ -17,7 +17,7 @@ const kOverlap = 1.25;          // of discs beyond where cells meet: what overla
 const kByDistance = 0.95;       // and no smaller than this by the sixth nearest: scans have gaps where their strips meet
 const kOpenByReach = 0.6;       // where a cell is open, by the farthest neighbour: where points stand in bunches, or end
 // Where points lie evenly, as those of coarse levels do, it takes less, and less reaches beyond edges and silhouettes:
-const kClosedByDistanceIfEven = 0.6;
+const kClosedByDistanceIfEven = 0.75;
 const kBorderByDistanceIfEven = 0.5;
 const kBlobByDistanceIfEven = 0.4;
 const kLargestBlobIfEven = 1.2;
