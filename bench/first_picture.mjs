@@ -16,6 +16,7 @@ import { Browser, findChromium } from '../tests/e2e/browser/browser.mjs';
 import { sphere } from '../tests/e2e/browser/clouds.mjs';
 import { startServer } from '../tests/e2e/browser/server.mjs';
 import { bundled, servePages } from '../tests/e2e/viewers/pages.mjs';
+import { pyramidOf } from './server_pyramid.mjs';
 
 const here = dirname(fileURLToPath(import.meta.url));
 const { values: options, positionals: clouds } = parseArgs({
@@ -31,10 +32,10 @@ const server = await startServer(options.bin);
 const pages = await servePages({ app: await bundled(join(here, 'first_picture_page'), { modules }) }, modules);
 const browser = await Browser.launch(playwright, findChromium(), server.url, pages.url);
 
-const small = await pyramidOf(sphere(100));
+const small = await pyramidOf(server.url, sphere(100));
 for (const path of clouds) {
     const bytes = readFileSync(path);
-    const cloud = await pyramidOf(path.endsWith('.gz') ? gunzipSync(bytes) : bytes);
+    const cloud = await pyramidOf(server.url, path.endsWith('.gz') ? gunzipSync(bytes) : bytes);
     console.log(`${basename(path)}: ${cloud.manifest.levels.map(({ points }) => points).join(', ')} points`);
     const timed = {
         'our viewer': () => inOurViewer(cloud),
@@ -57,20 +58,6 @@ for (const path of clouds) {
 await browser.close();
 await server.stop();
 pages.close();
-
-async function pyramidOf(file) {
-    const post = async (path, body, type) =>
-        (await fetch(server.url + path, { method: 'POST', headers: { 'Content-Type': type }, body })).json();
-    const { id: input } = await post('/v1/clouds', file, 'application/octet-stream');
-    const { id } = await post('/v1/jobs', JSON.stringify({ type: 'pyramid', input }), 'application/json');
-    for (let job = {}; job.status !== 'successful';) {
-        job = await (await fetch(`${server.url}/v1/jobs/${id}?wait=20`)).json();
-        if (!['accepted', 'running', 'successful'].includes(job.status)) {
-            throw new Error(`no pyramid: ${job.message ?? job.detail}`);
-        }
-    }
-    return { id, manifest: await (await fetch(`${server.url}/v1/jobs/${id}/results`)).json() };
-}
 
 /** From now on the page has a slow line. */
 async function throttle(page) {
