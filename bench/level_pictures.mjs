@@ -57,9 +57,6 @@ async function pictureOf(address) {
     await page.evaluate(() => {
         document.body.style.visibility = 'hidden';
         document.getElementById('stage').style.visibility = 'visible';
-        for (const card of document.querySelectorAll('#library, #hud, #tools, #legend')) {
-            card.style.visibility = 'hidden';
-        }
     });
     await page.waitForFunction(() => document.getElementById('points').textContent !== '');
     let [shown, since] = [null, 0];
