@@ -1,6 +1,7 @@
 #include "stipple/codec.hpp"
 #include "stipple/error.hpp"
 #include "support/expect_error.hpp"
+#include "support/ply_text.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
@@ -270,6 +271,60 @@ TEST(Codec, KnowsFormatsByNameAndByFirstBytes) {
     EXPECT_EQ(cloud_format_from_name("draco"), CloudFormat::Draco);
     test::expect_error(ErrorCode::UnsupportedFormat, "format 'obj': expected ply, drc",
                        [&] { cloud_format_from_name("obj"); });
+}
+
+TEST(CheckHead, TellsTheFormatsThatAreRead) {
+    const auto format = [](std::string_view head) {
+        return check_head(test::bytes_of(head), 1000);
+    };
+    EXPECT_EQ(format("DRACO\x02\x02"), CloudFormat::Draco);
+    EXPECT_EQ(format("STPC\x01"), CloudFormat::Progressive);
+    EXPECT_EQ(format("ply\nformat ascii 1.0\n"), CloudFormat::Ply) << "its header goes on";
+}
+
+TEST(CheckHead, RefusesEveryOtherFormatSayingWhatItProbablyIs) {
+    const auto refused = [](std::string_view head, std::string_view reason) {
+        test::expect_error(ErrorCode::UnsupportedFormat, reason,
+                           [head] { check_head(test::bytes_of(head), 1000); });
+    };
+    refused("", "the file is empty: expected PLY");
+    refused("hello", "neither PLY, Draco nor a progressive stream: the file starts with 'hello'");
+    refused("plyformat ascii 1.0", "--data-binary");
+    refused("\x1F\x8B\x08", "unpack it first");
+    refused("PK\x03\x04", "unpack it first");
+    refused("\x28\xB5\x2F\xFD", "unpack it first");
+    refused("LASF", "convert it to PLY first");
+    refused("version https://git-lfs", "git lfs pull");
+    refused("glTF\x02", "nor a progressive stream");
+}
+
+TEST(CheckHead, RefusesAPlyFileByItsHeaderAndItsSize) {
+    for (const PlyEncoding encoding :
+         {PlyEncoding::BinaryLittleEndian, PlyEncoding::BinaryBigEndian, PlyEncoding::Ascii}) {
+        const auto file = encode_ply(test::sphere(1000), {.encoding = encoding, .comments = {}});
+        const std::span head = std::span(file).first(200);
+        const std::uint64_t least = encoding == PlyEncoding::Ascii ? 6000 : 12000;
+        EXPECT_EQ(check_head(head, file.size()), CloudFormat::Ply);
+        EXPECT_EQ(check_head(file, file.size()), CloudFormat::Ply);
+        const auto refused = [&](ErrorCode code, std::string_view reason, auto... arguments) {
+            test::expect_error(code, reason, [&] { check_head(head, arguments...); });
+        };
+        refused(ErrorCode::MalformedInput, "declares 1000 of element 'vertex'", least - 1);
+        refused(ErrorCode::MalformedInput, "the file is cut short", std::uint64_t{200});
+        refused(ErrorCode::TooLarge, "1000 vertices: expected at most 999", file.size(),
+                DecodeLimits{.max_points = 999});
+    }
+}
+
+TEST(CheckHead, LeavesAHeaderThatGoesOnToTheDecoder) {
+    const std::string_view head =
+        "ply\nformat ascii 1.0\ncomment end_header\nelement vertex 9\nproperty int q\n";
+    EXPECT_EQ(check_head(test::bytes_of(head), head.size() + 1), CloudFormat::Ply);
+    test::expect_error(ErrorCode::MalformedInput, "without end_header",
+                       [&] { check_head(test::bytes_of(head), head.size()); });
+    const std::string whole = std::string(head) + "end_header\n";
+    test::expect_error(ErrorCode::MalformedInput, "no property 'x'",
+                       [&] { check_head(test::bytes_of(whole), 1000); });
 }
 
 TEST(Codec, WritesWholeFilesByTheirExtensionAndLeavesNothingBeside) {

@@ -1,5 +1,6 @@
 // The real stippled under attack: memory stays bounded, health checks are answered, and others are
 // served meanwhile.
+#include "support/ply_text.hpp"
 #include "support/stippled_process.hpp"
 
 #include <gtest/gtest.h>
@@ -223,7 +224,7 @@ TEST(Attack, NineHundredIdleConnectionsFailNoHealthCheck) {
 TEST(Attack, LongPollsAndStreamsNeverTakeTheLastThread) {
     // Nothing claims jobs here: the job stays queued while it is asked about.
     const StippledProcess server({"--role", "api", "--max-connections", "16"});
-    const HttpReply cloud = request(server.port(), "POST", "/v1/clouds", "ply\nformat ascii 1.0\n");
+    const HttpReply cloud = request(server.port(), "POST", "/v1/clouds", kOnePoint);
     const std::string input = nlohmann::json::parse(cloud.body).at("id");
     const nlohmann::json job = {{"type", "simplify"}, {"input", input}, {"points", 1}};
     const HttpReply queued =
@@ -266,7 +267,8 @@ TEST(Attack, OneSenderCannotTakeAllPlacesForUploads) {
     EXPECT_NE(refused.body.find("your address has 3 of the 9 places"), std::string::npos)
         << refused.body;
     RawConnection other(server.port(), "127.0.0.2");
-    other.send(kPost + "Content-Length: 4\r\n\r\nply\n");
+    other.send(kPost + "Content-Length: " + std::to_string(kOnePoint.size()) + "\r\n\r\n" +
+               kOnePoint);
     EXPECT_EQ(other.receive(kGenerous).status, 201);
 }
 
@@ -291,8 +293,7 @@ struct Polled {
     std::list<RawConnection> polls;
 
     Polled() {
-        const HttpReply reply =
-            request(server.port(), "POST", "/v1/clouds", "ply\nformat ascii 1.0\n");
+        const HttpReply reply = request(server.port(), "POST", "/v1/clouds", kOnePoint);
         cloud = nlohmann::json::parse(reply.body).at("id");
         const nlohmann::json job = {{"type", "simplify"}, {"input", cloud}, {"points", 1}};
         const HttpReply queued = request(server.port(), "POST", "/v1/jobs", job.dump(),
@@ -312,8 +313,9 @@ struct Polled {
 
 TEST(Attack, WhoIsRefusedAPlaceToWaitHasChangedNothing) {
     const Polled polled;
-    EXPECT_EQ(request(polled.server.port(), "POST", "/v1/simplify?points=1", "ply\nother").status,
-              503);
+    EXPECT_EQ(
+        request(polled.server.port(), "POST", "/v1/simplify?points=1", kOnePoint + "1").status,
+        503);
     const nlohmann::json pair = {{"reference", polled.cloud}, {"candidate", polled.cloud}};
     EXPECT_EQ(request(polled.server.port(), "POST", "/v1/evaluations", pair.dump(),
                       {"Content-Type: application/json"})
@@ -325,13 +327,13 @@ TEST(Attack, WhoIsRefusedAPlaceToWaitHasChangedNothing) {
 
 TEST(Attack, AFullQueueStoresNoCloudInVain) {
     const StippledProcess server({"--max-queued", "0"});
-    EXPECT_EQ(request(server.port(), "POST", "/v1/simplify?points=1", "ply\nany").status, 429);
+    EXPECT_EQ(request(server.port(), "POST", "/v1/simplify?points=1", kOnePoint).status, 429);
     EXPECT_EQ(request(server.port(), "GET", "/v1/clouds").body, "{\"items\":[]}");
 }
 
 TEST(Attack, WhoLeavesTakesAJobAlongThatNobodyElseKnows) {
     const StippledProcess server({"--role", "api"});
-    const std::string body = "ply\nformat ascii 1.0\n";
+    const std::string body = kOnePoint;
     const auto status = [&server]() -> std::string {
         const auto jobs = nlohmann::json::parse(request(server.port(), "GET", "/v1/jobs").body);
         return jobs.at("items").empty() ? "none" : jobs.at("items").at(0).at("status");

@@ -59,6 +59,25 @@ TEST(Stippled, NamesWhatIsWrongWithAQueryAndItsValue) {
     EXPECT_TRUE(detail("GET", "/v1/jobs?cursor=a%00b").starts_with("cursor \"a?b\": expected the"));
 }
 
+TEST(Stippled, RefusesAPlyFileByItsHeaderBeforeTheRestIsSent) {
+    const StippledProcess server({"--max-points", "100000"});
+    const auto answer = [&server](std::size_t points, std::size_t length) {
+        RawConnection connection(server.port());
+        connection.send(
+            "POST /v1/clouds HTTP/1.1\r\nHost: h\r\nContent-Length: " + std::to_string(length) +
+            "\r\n\r\n" + ascii("element vertex " + std::to_string(points) + "\n" + kXyz, "") +
+            std::string(64 << 10, '0'));
+        return connection.receive();
+    };
+    const HttpReply large = answer(100'001, 1'000'000);
+    EXPECT_EQ(problem_of(large), "too-large");
+    EXPECT_NE(large.body.find("100001 vertices: expected at most 100000"), std::string::npos);
+    const HttpReply cut = answer(100'000, 500'000);
+    EXPECT_EQ(problem_of(cut), "malformed-input");
+    EXPECT_NE(cut.body.find("the file is cut short"), std::string::npos) << cut.body;
+    EXPECT_EQ(request(server.port(), "GET", "/v1/clouds").body, "{\"items\":[]}");
+}
+
 TEST(Stippled, RefusesAParameterThatComesTwiceLikeAnyOther) {
     const StippledProcess server({"--cors-origin", "*"});
     const HttpReply reply = request(server.port(), "GET", "/v1/jobs?limit=1&limit=2", {},

@@ -116,7 +116,7 @@ TEST(Stippled, ReturnsTheSameJobForTheSameIdempotencyKey) {
 
 TEST(Stippled, SaysWhyNoMoreLevelsComeOfAJobThatWasDismissedOrFailed) {
     const StippledProcess server;
-    const std::string failed = submit(server, pyramid_of(upload(server, "ply\nnonsense\n")));
+    const std::string failed = submit(server, pyramid_of(upload(server, kNoPoint)));
     ASSERT_EQ(finished(server, failed).at("status"), "failed");
     const HttpReply manifest =
         request(server.port(), "GET", "/v1/pyramids/" + failed + "/manifest.json");

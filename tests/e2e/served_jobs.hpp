@@ -1,6 +1,7 @@
 // What tests over HTTP send to a real stippled, and how they read its replies.
 #pragma once
 
+#include "support/ply_text.hpp"
 #include "support/stippled_process.hpp"
 
 #include "stipple/codec.hpp"

@@ -74,8 +74,7 @@ TEST(Stippled, SimplifiesInOneCall) {
     EXPECT_EQ(problem_of(request(server.port(), "POST", "/v1/simplify?points=9", bytes,
                                  {"Accept: image/png"})),
               "not-acceptable");
-    EXPECT_EQ(problem_of(request(server.port(), "POST", "/v1/simplify?points=9&wait=60",
-                                 "ply\nnonsense\n")),
+    EXPECT_EQ(problem_of(request(server.port(), "POST", "/v1/simplify?points=9&wait=60", kNoPoint)),
               "malformed-input");
 }
 

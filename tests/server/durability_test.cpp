@@ -34,7 +34,7 @@ void acknowledge(int pipe, const std::string& what) {
     Service service({}, *jobs, *blobs);
     for (int i = 0;; ++i) {
         const std::string name = std::to_string(round) + "." + std::to_string(i);
-        const std::string text = "ply " + name + std::string(20'000, '.');
+        const std::string text = kOnePoint + name + std::string(20'000, '.');
         const auto upload = service.begin_upload();
         upload->write(bytes_of(text));
         const auto cloud =
@@ -121,7 +121,7 @@ TEST(Durability, KeepsWhatWasAcknowledgedWhenTheServiceIsKilledAtAnyMoment) {
     jobs->recover();
     Service service({}, *jobs, *blobs);
     for (const std::string& id : acknowledged.clouds) {
-        EXPECT_EQ(text_of(*service.cloud_content("ada", id)).substr(0, 4), "ply ") << id;
+        EXPECT_TRUE(text_of(*service.cloud_content("ada", id)).starts_with(kOnePoint)) << id;
     }
     for (const std::string& id : acknowledged.jobs) {
         const auto status = service.job("ada", id).status;

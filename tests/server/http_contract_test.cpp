@@ -1,7 +1,6 @@
 // Holds the program and openapi.yaml together.
 #include "http/api.hpp"
 #include "http/routes.hpp"
-#include "service/upload_format.hpp"
 #include "stipple/proto/job_request.hpp"
 
 #include <gtest/gtest.h>
@@ -222,7 +221,7 @@ TEST(OpenApi, ListsTheFormatsThatCanBeUploaded) {
     std::vector<std::string> documented, taken;
     for (const auto& name : document()["components"]["schemas"]["CloudFormat"]["enum"])
         documented.push_back(name.as<std::string>());
-    for (const CloudFormat format : kUploadFormats) taken.emplace_back(to_string(format));
+    for (const CloudFormat format : kReadFormats) taken.emplace_back(to_string(format));
     EXPECT_EQ(documented, taken);
 }
 

@@ -17,7 +17,7 @@ using proto::JobDocument;
 using proto::JobStatus;
 using std::chrono::steady_clock;
 
-constexpr std::string_view kPly = "ply\nformat ascii 1.0\n";
+const std::string& kPly = kOnePoint;
 const std::string kMissing(64, '0');
 
 class ServiceTest : public testing::Test {
@@ -70,6 +70,8 @@ TEST_F(ServiceTest, RefusesBytesThatAreNoCloud) {
     expect_error(ErrorCode::UnsupportedFormat, "neither PLY, Draco nor a progressive stream",
                  [&] { upload("PK\x03\x04"); });
     expect_error(ErrorCode::UnsupportedFormat, "empty", [&] { upload(""); });
+    expect_error(ErrorCode::MalformedInput, "the file is cut short",
+                 [&] { upload(kPly.substr(0, kPly.size() - 3)); });
     EXPECT_TRUE(service_.clouds("ada", 10, {}).items.empty());
 }
 

@@ -2,6 +2,7 @@
 
 #include "service/service.hpp"
 #include "support/expect_error.hpp"
+#include "support/ply_text.hpp"
 #include "support/support.hpp"
 #include "worker/worker_pool.hpp"
 
@@ -12,10 +13,6 @@
 #include <string_view>
 
 namespace stipple::test {
-
-inline std::span<const std::byte> bytes_of(std::string_view text) {
-    return std::as_bytes(std::span(text));
-}
 
 inline std::string text_of(const server::BlobReader& blob) {
     std::string text(blob.size(), '\0');

@@ -36,6 +36,9 @@ inline std::string ascii(std::string_view elements, std::string_view body) {
 }
 
 inline const std::string kXyz = "property float x\nproperty float y\nproperty float z\n";
+inline const std::string kOnePoint = ascii("element vertex 1\n" + kXyz, "0 0 0\n");
+/// Of which only who reads the point finds that it is none.
+inline const std::string kNoPoint = ascii("element vertex 1\n" + kXyz, "0 0 zero\n");
 
 template <typename T>
 void append(std::string& bytes, T value, bool big = false) {

@@ -4,7 +4,9 @@
 #include "stipple/point_cloud.hpp"
 #include "stipple/run_context.hpp"
 
+#include <array>
 #include <cstddef>
+#include <cstdint>
 #include <filesystem>
 #include <optional>
 #include <span>
@@ -28,8 +30,11 @@ std::string_view media_type(CloudFormat format) noexcept;
 /// The inverse of `to_string`; also accepts `draco`, `stream` and `copc`.
 /// @throws Error(UnsupportedFormat) naming the formats offered.
 CloudFormat cloud_format_from_name(std::string_view name);
-/// The format by the first bytes (`ply`, `DRACO` or `STPC`), never by a file's name; nothing for
-/// bytes in none of these formats.
+/// What `decode_cloud` reads.
+inline constexpr std::array kReadFormats = {CloudFormat::Ply, CloudFormat::Draco,
+                                            CloudFormat::Progressive};
+/// Which of these a file is in by its first bytes (`ply`, `DRACO` or `STPC`), never by its name;
+/// nothing for any other.
 std::optional<CloudFormat> detect_format(std::span<const std::byte> head) noexcept;
 
 /// What a decoder accepts. Checked against what the header declares, before anything is allocated.
@@ -39,6 +44,14 @@ struct DecodeLimits {
     std::uint64_t max_memory_bytes = 0;  ///< the memory limit of this process, if the caller has
                                          ///< set one: named in the error for a file that needs more
 };
+
+/// Refuses by the first bytes of a file what `decode_cloud` would refuse once all are there: what
+/// it does not read and, if they hold the header of a PLY file, one that is invalid, declares more
+/// than the limits allow, or more than the file can hold. All else is for `decode_cloud` to find.
+/// @param file_bytes  the size of the whole file
+/// @return the format. @throws Error as `decode_cloud`. Cost: linear in the bytes given.
+CloudFormat check_head(std::span<const std::byte> head, std::uint64_t file_bytes,
+                       const DecodeLimits& limits = {});
 
 /// What the file contained and what was dropped.
 struct DecodeReport {

@@ -10,6 +10,8 @@
 #include <sys/mman.h>
 #include <sys/stat.h>
 #include <unistd.h>
+#include <algorithm>
+#include <array>
 #include <atomic>
 #include <cctype>
 #include <cerrno>
@@ -28,20 +30,34 @@ std::string_view as_text(std::span<const std::byte> bytes) noexcept {
     return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
 }
 
-/// What the bytes probably are, for who sent the wrong file.
-std::string describe_unknown(std::span<const std::byte> bytes) {
+/// What a file probably is that is in no format that is read, for who sent it.
+std::string hint_for(std::string_view text) {
+    using namespace std::string_view_literals;
+    constexpr std::array kPacked = {"\x1F\x8B"sv, "PK\x03\x04"sv, "\x28\xB5\x2F\xFD"sv};
+    if (text.starts_with("ply")) {
+        return "; no line break follows: send the bytes as they are, with curl by --data-binary, "
+               "since -d takes line breaks out";
+    }
+    if (std::ranges::any_of(kPacked, [text](auto magic) { return text.starts_with(magic); }))
+        return "; it is a packed file: unpack it first";
+    if (text.starts_with("LASF"))
+        return "; it is a LAS or LAZ file: convert it to PLY first, as with CloudCompare";
+    if (text.starts_with("version https:/"))
+        return "; it is a Git LFS pointer, not the file: fetch it with 'git lfs pull'";
+    return "";
+}
+
+/// @throws Error(UnsupportedFormat) for what is in none that is read.
+CloudFormat format_of(std::span<const std::byte> bytes) {
+    if (const auto format = detect_format(bytes)) return *format;
+    constexpr std::size_t kQuoted = 16;
     const std::string_view text = as_text(bytes);
-    if (text.empty()) return "the file is empty: expected PLY or Draco";
-    const std::string_view head = text.substr(0, 16);
-    std::string hint;
-    if (head.starts_with("\x1f\x8b")) hint = "; it is compressed by gzip: unpack it first";
-    if (head.starts_with("PK\x03\x04")) hint = "; it is a zip archive: unpack it first";
-    if (head.starts_with("LASF"))
-        hint = "; it is a LAS file: convert it to PLY first, as with CloudCompare";
-    if (head.starts_with("version https:/"))
-        hint = "; it is a Git LFS pointer, not the file: fetch it with 'git lfs pull'";
-    return "neither PLY nor Draco: the file starts with " + in_quotes(head) +
-           ", expected 'ply', 'DRACO' or 'STPC' (a progressive stream)" + hint;
+    throw Error(ErrorCode::UnsupportedFormat,
+                text.empty()
+                    ? "the file is empty: expected PLY, Draco or a progressive stream"
+                    : "neither PLY, Draco nor a progressive stream: the file starts with " +
+                          in_quotes(text.substr(0, kQuoted)) +
+                          ", expected 'ply' and a line break, 'DRACO' or 'STPC'" + hint_for(text));
 }
 
 [[noreturn]] void fail_io(const std::string& what, const fs::path& file, int error) {
@@ -219,12 +235,17 @@ std::optional<CloudFormat> detect_format(std::span<const std::byte> head) noexce
     return ply ? std::optional(CloudFormat::Ply) : std::nullopt;
 }
 
+CloudFormat check_head(std::span<const std::byte> head, std::uint64_t file_bytes,
+                       const DecodeLimits& limits) {
+    const CloudFormat format = format_of(head);
+    if (format == CloudFormat::Ply) check_ply_head(head, file_bytes, limits);
+    return format;
+}
+
 PointCloud decode_cloud(std::span<const std::byte> bytes, const DecodeLimits& limits,
                         const RunContext& context, DecodeReport* report) {
-    const std::optional<CloudFormat> format = detect_format(bytes);
-    if (!format) throw Error(ErrorCode::UnsupportedFormat, describe_unknown(bytes));
     DecodeReport local;
-    local.format = *format;
+    local.format = format_of(bytes);
     context.checkpoint(0);
     PointCloud cloud = decode(bytes, limits, context, local);
     context.checkpoint(1);

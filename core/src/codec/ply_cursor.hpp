@@ -74,16 +74,8 @@ public:
 
     /// All of the element can still follow.
     void require(const PlyElement& element) const {
-        const std::uint64_t bytes = element.least_bytes();
-        if (bytes != 0 && element.count > remaining() / bytes) {
-            throw Error(ErrorCode::MalformedInput,
-                        "PLY: the header declares " + std::to_string(element.count) +
-                            " of element " + in_quotes(element.name) +
-                            (element.has_list() ? ", at least " : ", ") + std::to_string(bytes) +
-                            " bytes each, but only " + std::to_string(remaining()) +
-                            " bytes follow byte " + std::to_string(here_ - file_) +
-                            ": the file is cut short or the count is wrong");
-        }
+        (void)earliest_end(element, kEncoding, static_cast<std::uint64_t>(here_ - file_),
+                           static_cast<std::uint64_t>(end_ - file_));
     }
 
     [[noreturn]] void fail(const PlyProperty* property, const std::string& what) const {
@@ -101,6 +93,10 @@ private:
                             std::to_string(size_of(property.type)) + " bytes, but only " +
                             std::to_string(remaining()) + " bytes follow");
     }
+
+    // Of the bytes of this machine, whose order is that of the file unless they are swapped.
+    static constexpr PlyEncoding kEncoding =
+        kSwap ? PlyEncoding::BinaryBigEndian : PlyEncoding::BinaryLittleEndian;
 
     const std::byte* file_;
     const std::byte* here_;
@@ -146,17 +142,8 @@ public:
     }
 
     void require(const PlyElement& element) const {
-        // A value takes a digit and, but for the last, a blank.
-        const std::uint64_t bytes = 2 * element.properties.size();
-        if (bytes != 0 && element.count > (remaining() + 1) / bytes) {
-            throw Error(ErrorCode::MalformedInput,
-                        "PLY: the header declares " + std::to_string(element.count) +
-                            " of element " + in_quotes(element.name) + ", at least " +
-                            std::to_string(bytes) + " characters each, but only " +
-                            std::to_string(remaining()) + " bytes follow byte " +
-                            std::to_string(here_ - file_) +
-                            ": the file is cut short or the count is wrong");
-        }
+        (void)earliest_end(element, PlyEncoding::Ascii, static_cast<std::uint64_t>(here_ - file_),
+                           static_cast<std::uint64_t>(end_ - file_));
     }
 
     /// Passes blanks; true at the end of a line or of the file, which is not passed.

@@ -226,8 +226,37 @@ std::uint64_t PlyElement::least_bytes() const noexcept {
     return bytes;
 }
 
+std::uint64_t earliest_end(const PlyElement& element, PlyEncoding encoding, std::uint64_t at,
+                           std::uint64_t file_bytes) {
+    const bool ascii = encoding == PlyEncoding::Ascii;
+    // A value of a text takes a digit and, but for the last of the file, a blank.
+    const std::uint64_t bytes = ascii ? 2 * element.properties.size() : element.least_bytes();
+    const std::uint64_t remaining = file_bytes - at;
+    if (bytes != 0 && element.count > (remaining + (ascii ? 1 : 0)) / bytes) {
+        throw Error(ErrorCode::MalformedInput,
+                    "PLY: the header declares " + std::to_string(element.count) + " of element " +
+                        in_quotes(element.name) +
+                        (ascii || element.has_list() ? ", at least " : ", ") +
+                        std::to_string(bytes) + (ascii ? " characters" : " bytes") +
+                        " each, but only " + std::to_string(remaining) + " bytes follow byte " +
+                        std::to_string(at) + ": the file is cut short or the count is wrong");
+    }
+    return std::min(at + element.count * bytes, file_bytes);
+}
+
 PlyHeader parse_ply_header(std::span<const std::byte> file) {
     return HeaderParser({reinterpret_cast<const char*>(file.data()), file.size()}).parse();
+}
+
+bool holds_ply_header(std::span<const std::byte> head) noexcept {
+    constexpr std::string_view kLastWord = "end_header", kLineEnds = "\r\n";
+    const std::string_view text(reinterpret_cast<const char*>(head.data()), head.size());
+    std::size_t at = 0;
+    while ((at = text.find(kLastWord, at + 1)) != text.npos) {
+        if (kLineEnds.find(text[at - 1]) != kLineEnds.npos)
+            return text.find_first_of(kLineEnds, at) != text.npos;
+    }
+    return false;
 }
 
 }  // namespace stipple

@@ -85,6 +85,11 @@ struct PlyElement {
     std::uint64_t least_bytes() const noexcept;
 };
 
+/// Where all of an element that begins at byte `at` ends at the earliest.
+/// @throws Error(MalformedInput) where the file, of `file_bytes`, ends before.
+std::uint64_t earliest_end(const PlyElement& element, PlyEncoding encoding, std::uint64_t at,
+                           std::uint64_t file_bytes);
+
 struct PlyHeader {
     PlyEncoding encoding = PlyEncoding::Ascii;
     std::vector<PlyElement> elements;
@@ -98,5 +103,8 @@ struct PlyHeader {
 /// are an error after it.
 /// @throws Error(MalformedInput), Error(UnsupportedFormat) naming the line.
 PlyHeader parse_ply_header(std::span<const std::byte> file);
+
+/// Whether the first bytes of a file hold all of its header.
+bool holds_ply_header(std::span<const std::byte> head) noexcept;
 
 }  // namespace stipple

@@ -16,4 +16,14 @@ PointCloud decode_ply(std::span<const std::byte> file, const DecodeLimits& limit
                : decode_binary_ply(layout, context, report);
 }
 
+void check_ply_head(std::span<const std::byte> head, std::uint64_t file_bytes,
+                    const DecodeLimits& limits) {
+    if (head.size() < file_bytes && !holds_ply_header(head)) return;
+    const PlyLayout layout = ply_layout_of(head);
+    check_against(limits, layout);
+    std::uint64_t at = layout.header.body;
+    for (const PlyElement& element : layout.header.elements)
+        at = earliest_end(element, layout.header.encoding, at, file_bytes);
+}
+
 }  // namespace stipple

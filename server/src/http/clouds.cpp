@@ -2,17 +2,20 @@
 #include "http/query.hpp"
 #include "http/routes.hpp"
 #include "http/upload.hpp"
-#include "service/upload_format.hpp"
 
 #include <algorithm>
+#include <cstdint>
+#include <limits>
 
 namespace stipple::server::http {
 
 namespace {
 
 constexpr std::size_t kPieceBytes = 256 * 1024;
+constexpr std::uint64_t kAnyLength = std::numeric_limits<std::uint64_t>::max();
 
-void check_length(const Request& request, const Limits& limits) {
+/// What the request says of the length of its body, if that is not above the limit.
+std::optional<std::uint64_t> checked_length(const Request& request, const Limits& limits) {
     if (!request.body->announced()) {
         throw HttpError(411,
                         "no body was announced: send the file with Content-Length, or chunked");
@@ -23,6 +26,7 @@ void check_length(const Request& request, const Limits& limits) {
                                  std::to_string(limits.max_upload_bytes) +
                                  " are accepted (GET /v1/limits)");
     }
+    return length;
 }
 
 /// Of one tenant, so that no cache on the way gives it to another.
@@ -36,7 +40,8 @@ Reply cloud_reply(int status, const proto::CloudDocument& cloud) {
 
 Submission<proto::CloudDocument> receive_cloud(Resources& resources, Request& request,
                                                const std::optional<std::string>& name) {
-    check_length(request, resources.service.limits());
+    const Limits& limits = resources.service.limits();
+    const auto length = checked_length(request, limits);
     const auto permit = resources.uploads.take(request);
     const auto upload = resources.service.begin_upload();
     std::vector<std::byte> piece(kPieceBytes);
@@ -46,8 +51,9 @@ Submission<proto::CloudDocument> receive_cloud(Resources& resources, Request& re
         if (head.size() < kUploadHeadBytes) {
             const auto wanted = bytes.first(std::min(n, kUploadHeadBytes - head.size()));
             head.insert(head.end(), wanted.begin(), wanted.end());
-            // What is no cloud is refused before the rest of it is sent.
-            if (head.size() == kUploadHeadBytes) (void)upload_format(head);
+            // What is no cloud, too large or cut short is refused before the rest of it is sent.
+            if (head.size() == kUploadHeadBytes)
+                (void)check_head(head, length.value_or(kAnyLength), limits.decode);
         }
         upload->write(bytes);
     }

@@ -1,5 +1,4 @@
 #include "http/routes.hpp"
-#include "service/upload_format.hpp"
 
 #include <nlohmann/json.hpp>
 
@@ -10,7 +9,7 @@ Reply get_limits(Resources& resources, Request&) {
     auto methods = nlohmann::json::array();
     for (const Method method : kMethods) methods.push_back(to_string(method));
     auto formats = nlohmann::json::array();
-    for (const CloudFormat format : kUploadFormats) formats.push_back(to_string(format));
+    for (const CloudFormat format : kReadFormats) formats.push_back(to_string(format));
     const nlohmann::json json = {
         {"max_upload_bytes", limits.max_upload_bytes},
         {"max_points", limits.decode.max_points},

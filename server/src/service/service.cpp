@@ -1,7 +1,5 @@
 #include "service/service.hpp"
 
-#include "service/upload_format.hpp"
-
 #include "stipple/error.hpp"
 #include "stipple/proto/digest.hpp"
 #include "stipple/proto/idempotency_key.hpp"
@@ -90,8 +88,8 @@ Submission<proto::CloudDocument> Service::finish_upload(const std::string& tenan
                                                         BlobWriter& upload,
                                                         std::span<const std::byte> head,
                                                         const std::optional<std::string>& name) {
-    const CloudFormat format = upload_format(head);
     const std::uint64_t bytes = upload.size();
+    const CloudFormat format = check_head(head, bytes, limits_.decode);
     const std::string id = upload.commit();
     const Submitted submitted = jobs_.put_cloud({.tenant = tenant,
                                                  .id = id,

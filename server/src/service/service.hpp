@@ -45,6 +45,9 @@ struct Limits {
     }
 };
 
+/// Enough of the first bytes of an upload to hold the header of nearly every PLY file.
+inline constexpr std::size_t kUploadHeadBytes = std::size_t{64} << 10;
+
 /// What each route means: no requests and no replies; of HTTP only the addresses in `links`, of
 /// JSON text only that of events. One object for all threads. Every call names the tenant; what is
 /// another's is NotFound. All failures are `Error`.
@@ -57,8 +60,9 @@ public:
 
     /// An upload: write the bytes, then `finish_upload`.
     std::unique_ptr<BlobWriter> begin_upload();
-    /// Refuses what is no cloud by its first bytes (`head`, see `upload_format`). Durable when it
-    /// returns. @param name  for people; at most 1000 bytes, no control characters
+    /// Durable when it returns. @param head  the first bytes, at least `kUploadHeadBytes` or all:
+    /// what `check_head` refuses of them is refused. @param name  for people; at most 1000 bytes,
+    /// no control characters
     Submission<proto::CloudDocument> finish_upload(const std::string& tenant, BlobWriter& upload,
                                                    std::span<const std::byte> head,
                                                    const std::optional<std::string>& name);
