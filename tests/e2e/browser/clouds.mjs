@@ -36,6 +36,10 @@ export const onePoint = () => ply([[1, 2, 3]], false);
 /** A header that promises more than follows. */
 export const truncated = () => sphere(1000).subarray(0, 4000);
 
+/** A value that is no number, which only who reads the points finds. */
+export const broken = () => Buffer.from(['ply', 'format ascii 1.0', 'element vertex 2',
+    ...['x', 'y', 'z'].map((name) => `property float ${name}`), 'end_header', '0 0 0', '1 two 3', ''].join('\n'));
+
 /**
  * @param points  `[x, y, z]`, and `red, green, blue` where `isColored`, and `alpha` where `hasAlpha`
  * @param scalars  by name, of a point

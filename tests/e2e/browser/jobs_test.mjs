@@ -4,7 +4,7 @@
 import assert from 'node:assert/strict';
 import { readFileSync } from 'node:fs';
 
-import { line, onePoint, ply, spherePoints, truncated } from './clouds.mjs';
+import { broken, line, onePoint, ply, spherePoints, truncated } from './clouds.mjs';
 import {
     browser, choose, cloudOf, differenceOf, kTorusPoints, litShare, manifestOf, rest, restingPicture, run, save, scale, server, settledPyramid, shows,
     startJob, torus, visit,
@@ -257,6 +257,7 @@ await run({
 
     async 'Formats that are ticked, groups, regions and candidates reach the server as they were filled in'() {
         await openForm('Pyramid');
+        assert.equal(await page.locator('[name=method]').inputValue(), 'multiphase');  // as where the cloud is dropped
         for (const format of ['drc', 'ply']) {
             await page.locator(`[name=formats][value=${format}]`).uncheck();
         }
@@ -327,13 +328,18 @@ await run({
         assert.ok(await litShare(page) > 0.15, 'tiles');
     },
 
-    async 'A refused file and a broken one are explained in the words of the server'() {
+    async 'Refused files and a broken one are explained in the words of the server'() {
         browser.refusalsExpected = true;
         await choose(page, { name: 'notes.txt', buffer: Buffer.from('hello') });
         await page.getByText('notes.txt was not accepted').waitFor();
+        const before = await idsOf('clouds');
         await choose(page, { name: 'cut.ply', buffer: truncated() });
+        await page.locator('.notice').getByText('the file is cut short').waitFor();
+        assert.deepEqual(await idsOf('clouds'), before);
+        await save(page, 'refused');
+        await choose(page, { name: 'broken.ply', buffer: broken() });
         await page.locator('#activity').getByText('Failed').waitFor();
-        await page.locator('#reason').getByText(/malformed|vertex|bytes|points/i).waitFor();
+        await page.locator('#reason').getByText("'two': expected a number").waitFor();
         await save(page, 'failed');
         await page.locator('#files').getByRole('button', { name: 'Remove', exact: true }).click();
         await page.locator('#files').getByText('Really?').click();
@@ -379,7 +385,7 @@ await run({
 
     async 'A cloud that cannot be read is removed with the result that says so'() {
         const before = await settledPyramid(page);
-        await choose(page, { name: 'cut.ply', buffer: truncated() });
+        await choose(page, { name: 'broken.ply', buffer: broken() });
         await page.locator('#reason').waitFor();
         const [{ id }] = await listOf('clouds');
         for (let click = 0; click < 2; click += 1) {

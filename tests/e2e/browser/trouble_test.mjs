@@ -6,7 +6,7 @@ import { mkdirSync, mkdtempSync, rmSync } from 'node:fs';
 import { tmpdir } from 'node:os';
 import { join } from 'node:path';
 
-import { line, ply, truncated } from './clouds.mjs';
+import { broken, line, ply } from './clouds.mjs';
 import {
     browser, choose, cloudOf, kTorusPoints, litShare, rest, run, save, scale, server, settledPyramid, shows, startJob, torus, visit,
 } from './suite.mjs';
@@ -43,8 +43,8 @@ await run({
     },
 
     async 'A failed job keeps its reason, and the page invites to add another cloud'() {
-        await choose(page, { name: 'cut.ply', buffer: truncated() });
-        await page.locator('#reason').getByText(/malformed|vertex|bytes|points/i).waitFor();
+        await choose(page, { name: 'broken.ply', buffer: broken() });
+        await page.locator('#reason').getByText("'two': expected a number").waitFor();
         assert.equal(await page.locator('.notice').count(), 0);
         await save(page, 'failed');
         await page.goto(browser.url);

@@ -59,7 +59,7 @@ const sameSet = (a, b) => a.length === b.length && a.every((value) => b.includes
 
 /** Fields that belong together, folded. An object that is asked for by its presence alone has a box to tick. */
 function groupOf(field, context, { isOpen = false } = {}) {
-    const fields = field.fields.map((part) => fieldOf(part, context));
+    const fields = field.fields.map((part) => fieldOf({ ...part, preset: field.preset?.[part.name] }, context));
     const row = element('details', { className: 'group', open: isOpen },
         element('summary', {}, nameOf(field)), aboutOf(field), ...fields.map((part) => part.row));
     const present = /^If present/.test(field.description) ? element('input', { type: 'checkbox', name: field.name, ariaLabel: titleOf(field) }) : null;
@@ -118,7 +118,7 @@ function inputOf(field, { attributes }) {
             select.value = preset ?? standard ?? choices[0];
             return select;
         }
-        case 'boolean': return element('input', { name, type: 'checkbox', checked: standard === true });
+        case 'boolean': return element('input', { name, type: 'checkbox', checked: (preset ?? standard) === true });
         case 'quantity': return text('0.05 or 0.1%', ' *[\\d.eE+\\-]+ *%? *');
         case 'text': return text('');
         case 'list': return listInput(field, text);

@@ -112,7 +112,10 @@ export class JobForm {
         byId['job-problem'].hidden = problem === '';
     }
 
-    /** @param subject  what the job is for: `{cloud, name, attributes, others}`, the last `{id, name}` of what it can be compared with */
+    /**
+     * @param subject  what the job is for: `{cloud, name, attributes, others, presets}`; `others`: `{id, name}` of what it can be compared with,
+     * `presets`: what fields of a type of job start with for it
+     */
     open(subject) {
         if (byId['job-dialog'].open) {
             return;  // a double click
@@ -132,7 +135,8 @@ export class JobForm {
         }
         byId['job-about'].textContent = worded(this.form.description);
         const context = { clouds: this.subject.others, attributes: this.subject.attributes };
-        this.fields = this.form.fields.map((field) => ({ ...field, about: field.description.replace(kOwners, '').trim(), preset: kPresetsOf[type]?.[field.name] ?? kPresets[field.name] }));
+        const presets = { ...kPresets, ...kPresetsOf[type], ...this.subject.presets[type] };
+        this.fields = this.form.fields.map((field) => ({ ...field, about: field.description.replace(kOwners, '').trim(), preset: presets[field.name] }));
         this.parts = this.fields.map((field) => fieldOf(field, context));
         const isFirst = ({ name }) => kFirst[type].includes(name);
         const rows = (wanted) => this.parts.filter((_, i) => isFirst(this.fields[i]) === wanted).map(({ row }) => row);

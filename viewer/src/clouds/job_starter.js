@@ -10,6 +10,11 @@ import { inputOf } from './library.js';
 /** Bytes of a point in a small file of each kind: a pyramid with large levels needs tiles, which take the server longer to make. */
 const kFewestBytes = { ply: 12, drc: 1.5, stpc: 1.5 };
 
+const isLarge = ({ format: kind, bytes }) => bytes > kMostWhole * kFewestBytes[kind];
+
+/** How the pyramid of a cloud is best made: what is small is there within a second by the method of less error, too. */
+export const pyramidFor = (cloud) => (isLarge(cloud) ? { tiles: { attributes: true } } : { method: 'multiphase' });
+
 /** Starts jobs: each once where it is asked for again before it is there, as by a double click. */
 export class JobStarter {
     /**
@@ -29,11 +34,9 @@ export class JobStarter {
         });
     }
 
-    /** A pyramid to look at. */
-    startPyramid({ id, format: kind, bytes }) {
-        const isLarge = bytes > kMostWhole * kFewestBytes[kind];
-        // What is small is there within a second by the method of less error, too.
-        return this.attempt('pyramid', id, isLarge ? { formats: ['drc', 'glb'], tiles: { attributes: true } } : { formats: ['drc'], method: 'multiphase' });
+    /** A pyramid to look at, in the formats that the page shows. */
+    startPyramid(cloud) {
+        return this.attempt('pyramid', cloud.id, { ...pyramidFor(cloud), formats: isLarge(cloud) ? ['drc', 'glb'] : ['drc'] });
     }
 
     /** A simplification to so many points, by the method of a curve. */
