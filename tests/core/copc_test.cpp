@@ -110,6 +110,15 @@ TEST(Copc, TakesTheLongestDecimalStepOnWhichAllPointsLie) {
     EXPECT_EQ(step_of(encode_copc(cloud)), 0.001);
 }
 
+TEST(Copc, SeesThroughTheDustThatArithmeticLeavesAtZero) {
+    PointCloud cloud;
+    for (int i = 0; i < 500; ++i)
+        cloud.positions.emplace_back(static_cast<float>(0.001 * (i % 89)),
+                                     static_cast<float>(0.001 * (i / 89)), 0.007F);
+    cloud.positions[89].x() = -2.2e-18F;
+    EXPECT_EQ(step_of(encode_copc(cloud)), 0.001);
+}
+
 TEST(Copc, KnowsMillimetresInATileOfTenKilometres) {
     constexpr double kSide = 10'000, kStep = 0.001;
     PointCloud cloud;

@@ -46,15 +46,17 @@ double rounding_of(float rounded) {
 }
 
 /// Whether all coordinates lie on multiples of a step, as far as single precision tells: of those
-/// near the origin it tells most.
+/// near the origin it tells most. Of what was moved or turned, zeros are left with the dust of its
+/// arithmetic.
 bool lie_on_grid(const PointCloud& cloud, double step, const RunContext& context) {
+    const double dust = std::ldexp(step, -static_cast<int>(kMostBits));
     for (std::size_t i = 0; i < cloud.size(); ++i) {
         constexpr std::size_t kBetweenChecks = 65'536;
         if (i % kBetweenChecks == 0) context.throw_if_stopped();
         for (int axis = 0; axis < 3; ++axis) {
             const float p = cloud.positions[i][axis];
             const double x = cloud.origin[axis] + static_cast<double>(p);
-            const double unsure = rounding_of(p) + 0x1p-50 * std::abs(x);
+            const double unsure = rounding_of(p) + 0x1p-50 * std::abs(x) + dust;
             if (std::abs(x - step * std::round(x / step)) > unsure) return false;
         }
     }
