@@ -2,6 +2,7 @@
 
 #include "stipple/error.hpp"
 #include "stipple/simplify.hpp"
+#include "support/expect_error.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
@@ -12,6 +13,7 @@
 #include <random>
 #include <stop_token>
 #include <string>
+#include <utility>
 
 namespace stipple {
 namespace {
@@ -439,6 +441,25 @@ TEST(SurfaceError, StopsWhenAsked) {
     std::stop_source source;
     source.request_stop();
     EXPECT_THROW(measure_error(a, a, {}, {.stop = source.get_token()}), Cancelled);
+}
+
+TEST(SurfaceError, RefusesACandidateWhoseDistancesNoFloatTells) {
+    for (const std::size_t points : {20U, 300U}) {  // measured each in their way
+        const PointCloud cloud = sphere(points), tiny = scaled(sphere(20), 1e-10F);
+        const PointCloud far = shifted(sphere(points), {1e30F, 0, 0});
+        PointCloud farther = cloud;
+        farther.origin.x() = 1e39;
+        for (const auto& [reference, candidate] :
+             {std::pair(&cloud, &far), {&cloud, &farther}, {&tiny, &far}}) {
+            const auto refused = [](auto measure) {
+                test::expect_error(ErrorCode::MalformedInput, "in the same unit and place",
+                                   measure);
+            };
+            refused([&] { measure_error(*reference, *candidate); });
+            refused([&] { measure_error(*reference, *candidate, {.attributes = true}); });
+            refused([&] { estimate_error(*reference, *candidate); });
+        }
+    }
 }
 
 TEST(SurfaceError, RefusesWhatCannotBeCompared) {

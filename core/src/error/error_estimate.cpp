@@ -106,11 +106,12 @@ SurfaceError estimate_error(const PointCloud& reference, const PointCloud& candi
                             const RunContext& context) {
     const SurfaceErrorOptions options = quick_options(reference.size(), candidate.size());
     const BoxedCloud boxed_reference(reference, "reference"), boxed(candidate, "candidate");
+    const ErrorFrame frame(boxed_reference);
+    frame.require_reach(boxed);
     context.throw_if_stopped();
     if (auto far = measure_far(boxed_reference, boxed, options, context)) return std::move(*far);
     const FootFinder::Options finding = {
         .k = options.k, .max_iterations = options.max_iterations, .tolerance = options.tolerance};
-    const ErrorFrame frame(boxed_reference);
     Side S(boxed_reference, frame, options, finding, context);
     context.checkpoint(0.3);
     Side S_prime(boxed, frame, options, finding, context);

@@ -1,10 +1,12 @@
 #pragma once
 
 #include "base/first_touch.hpp"
+#include "base/in_words.hpp"
 #include "base/parallel_for.hpp"
 #include "cloud/box_of_most.hpp"
 #include "cloud/boxed_cloud.hpp"
 #include "cloud/grid_step.hpp"
+#include "stipple/error.hpp"
 #include "stipple/point_cloud.hpp"
 #include "stipple/run_context.hpp"
 
@@ -38,6 +40,20 @@ struct ErrorFrame {
             center = 0.5 * (most.min + most.max);
     }
     explicit ErrorFrame(const BoxedCloud& reference) : ErrorFrame(reference.box, reference.cloud) {}
+
+    /// Squares of places of a cloud can be told in single precision.
+    /// @throws Error(MalformedInput) where it reaches too far from the reference.
+    void require_reach(const BoxedCloud& candidate) const {
+        constexpr double kFarthest = 1e15;
+        const Aabb& box = candidate.box;
+        const double reach =
+            (box.min - center).cwiseAbs().cwiseMax((box.max - center).cwiseAbs()).maxCoeff();
+        if (reach * scale <= kFarthest) return;
+        throw Error(
+            ErrorCode::MalformedInput,
+            in_words("the candidate reaches ", reach, " from the reference: at most ",
+                     kFarthest / scale, " can be measured; are both in the same unit and place?"));
+    }
 
     std::vector<Vec3f> into(const PointCloud& cloud, const RunContext& context) const {
         return into(
