@@ -1,9 +1,11 @@
+#include "base/random.hpp"
 #include "cloud/color_difference.hpp"
 #include "stipple/surface_error.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <numbers>
 #include <stdexcept>
@@ -94,6 +96,38 @@ TEST(AttributeErrors, LeaveOutWhatIsNoNumberAmongNeighbours) {
         EXPECT_NEAR(attribute(d, "heat").mean, 0.5, 0.02);
         EXPECT_NEAR(attribute(d, "heat").max, 0.5, 0.1);
     }
+}
+
+TEST(AttributeErrors, OfACloudAndItselfAreNone) {
+    PointCloud cloud = test::plane(44'000);  // of which points are taken as samples
+    for (Vec3f& p : cloud.positions) p.z() = 0.3F * p.x() + 0.2F * p.y();
+    for (std::size_t i = 0; i < cloud.size(); ++i) {
+        const auto random = [&](std::uint64_t c) {
+            return static_cast<std::uint8_t>(255 * random_unit(c, i));
+        };
+        cloud.colors.push_back({random(1), random(2), random(3), 255});
+    }
+    for (const std::uint64_t samples : {std::uint64_t{0}, std::uint64_t{3000}}) {
+        const SurfaceError error =
+            measure_error(cloud, cloud, {.samples = samples, .attributes = true});
+        for (const DirectedError& d : {error.forward, error.backward})
+            EXPECT_LT(attribute(d, "color").max, 0.01) << samples;
+    }
+}
+
+TEST(AttributeErrors, CountNoNormalThatIsNone) {
+    PointCloud a = test::plane(3000), b = a;
+    a.normals.assign(a.size(), Vec3f::UnitZ());
+    b.normals.assign(b.size(), Vec3f::Zero());
+    const auto normal_of = [](const PointCloud& from, const PointCloud& to) {
+        return attribute(measure_error(from, to, {.samples = 500, .attributes = true}).forward,
+                         "normal");
+    };
+    EXPECT_TRUE(std::isnan(normal_of(a, b).max)) << "there is none to compare with";
+    EXPECT_TRUE(std::isnan(normal_of(b, a).max));
+    for (std::size_t i = 0; i < b.size(); i += 20) b.normals[i] = Vec3f::UnitZ();
+    EXPECT_LT(normal_of(a, b).max, 1e-6);
+    EXPECT_LT(normal_of(b, a).max, 1e-6);
 }
 
 }  // namespace

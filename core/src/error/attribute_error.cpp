@@ -51,6 +51,7 @@ Comparison normals() {
     };
     const auto difference = [](Value a, Value b) {
         const Vec3d m(a[0], a[1], a[2]), n(b[0], b[1], b[2]);
+        if (m.isZero(0) || n.isZero(0)) return std::numeric_limits<double>::quiet_NaN();  // none
         return std::atan2(m.cross(n).norm(), m.dot(n));
     };
     return {"normal", 3, true, value, difference};
@@ -109,8 +110,7 @@ struct Blend {
     /// @param one, missing  room, as large as v.
     void value(const PointCloud& cloud, const Comparison& attribute, Value v, Value one,
                Value missing) const {
-        if (!attribute.averaged || points.front().distance_sq == 0)
-            return attribute.value(cloud, points.front().index, v);
+        if (!attribute.averaged) return attribute.value(cloud, points.front().index, v);
         std::ranges::fill(v, 0.0);
         std::ranges::fill(missing, 0.0);  // the weights of what is none
         for (std::size_t i = 0; i < points.size(); ++i) {

@@ -128,7 +128,8 @@ void find_nearest_points(const Surface& surface, std::span<const Vec3f> queries,
 /// The distances of samples, and of what may be farther: places that stand for no area.
 struct MeasuredSamples {
     MeasuredPlaces measured;
-    std::vector<Vec3f> feet;  ///< of the samples, where attributes are compared
+    /// Where attributes are compared: the samples as they were taken, and their feet.
+    std::vector<Vec3f> taken, feet;
     std::uint64_t failed = 0;
     double cover = 0;  ///< largest distance from a sample to the nearest point
 };
@@ -155,12 +156,14 @@ MeasuredSamples measure_samples(const Surface& from, const Surface& to, ErrorSam
     };
     if (options.surface == ErrorSurface::Samples) {
         find_nearest_points(to, places, found, context);
+        if (options.attributes) all.taken = places;
         all.cover = cover;
         return all;
     }
     to.finder.find(places, found, context);
     all.failed = failed;
     all.cover = cover;
+    if (options.attributes) all.taken = places;  // of which the worst are moved
     confirm_worst(places, distances, to.finder, are_points ? nullptr : &from.finder, from.points,
                   from.tree, context);
     if (!known.empty() && searches(options))
@@ -194,7 +197,7 @@ DirectedError measure_direction(const Surface& from, const Surface& to, ErrorSam
     error.cover_radius = all.cover / frame.scale;
     error.not_converged = static_cast<double>(all.failed) / static_cast<double>(n);
     if (options.attributes)
-        error.attributes = attribute_errors(from.attributed(), to.attributed(), places, all.feet,
+        error.attributes = attribute_errors(from.attributed(), to.attributed(), all.taken, all.feet,
                                             areas, options.k, context);
     if (options.keep_samples) {
         error.distances = std::move(lengths);
@@ -279,6 +282,7 @@ SurfaceError SurfaceErrorMeter::measure(const PointCloud& candidate, std::uint64
     const ErrorFrame& frame = state_->frame;
     const Surface& S = state_->surface;
     const BoxedCloud boxed(candidate, "candidate");
+    frame.require_reach(boxed);
     context.throw_if_stopped();
     if (!options.attributes)
         if (auto far = measure_far(reference, boxed, options, context)) return std::move(*far);
