@@ -3,12 +3,6 @@
 
 #include "base/float_lanes_body.hpp"
 
-[[gnu::always_inline]] inline Float8 load(const float* from) noexcept {
-    Float8 v;
-    __builtin_memcpy(&v, from, sizeof v);
-    return v;
-}
-
 [[gnu::always_inline]] inline Float8 square_root(Float8 v) noexcept {
     Float8 root;
 #if defined(STIPPLE_KERNELS_AVX2)

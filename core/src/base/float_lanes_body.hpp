@@ -16,6 +16,11 @@ using Long4 = std::int64_t __attribute__((vector_size(32)));
     __builtin_memcpy(&v, from.data(), sizeof v);
     return v;
 }
+[[gnu::always_inline]] inline Float8 load(const float* from) noexcept {
+    Float8 v;
+    __builtin_memcpy(&v, from, sizeof v);
+    return v;
+}
 [[gnu::always_inline]] inline void store(Float8 v, Floats& to) noexcept {
     __builtin_memcpy(to.data(), &v, sizeof v);
 }
@@ -27,6 +32,20 @@ using Long4 = std::int64_t __attribute__((vector_size(32)));
 }
 [[gnu::always_inline]] inline Int8 narrow(Long8 mask) noexcept {
     return __builtin_convertvector(mask, Int8);
+}
+
+/// Of each of four the sums of lanes side by side, in pairs, of either half.
+[[gnu::always_inline]] inline Float8 pairs_of(Float8 a, Float8 b) noexcept {
+    return __builtin_shufflevector(a, b, 0, 2, 8, 10, 4, 6, 12, 14) +
+           __builtin_shufflevector(a, b, 1, 3, 9, 11, 5, 7, 13, 15);
+}
+/// The sums over the lanes of each of four.
+inline std::array<float, 4> sums_of(Float8 a, Float8 b, Float8 c, Float8 d) noexcept {
+    const Float8 halves = pairs_of(pairs_of(a, b), pairs_of(c, d));
+    const Float8 whole = halves + __builtin_shufflevector(halves, halves, 4, 5, 6, 7, 0, 1, 2, 3);
+    std::array<float, 4> sums;
+    __builtin_memcpy(sums.data(), &whole, sizeof sums);
+    return sums;
 }
 
 inline Double8 square_root(Double8 v) noexcept {

@@ -2,22 +2,13 @@
 // namespace of its own. It uses eight lanes as the compiler makes them of what the set has; only
 // packing and roots are written for each.
 
-using Float8 = float __attribute__((vector_size(32)));
-using Double4 = double __attribute__((vector_size(32)));
-using Int8 = std::int32_t __attribute__((vector_size(32)));
+#include "base/float_lanes_body.hpp"
 
-constexpr std::size_t kLanes = 8;
 constexpr std::size_t kFlush = 16;  // groups of eight summed up in floats
 
 struct Group {
     Float8 x, y, z;
 };
-
-inline Float8 load(const float* from) noexcept {
-    Float8 v;
-    __builtin_memcpy(&v, from, sizeof v);
-    return v;
-}
 
 /// Eight samples relative to a reference.
 inline Group whole_group(const SampleSpan& s, std::size_t i,
@@ -194,21 +185,6 @@ std::size_t partition(const SampleSpan& samples, const SplitPlane& split_plane,
         back -= kLanes - count;
     }
     return front;
-}
-
-/// Of each of four the sums of lanes side by side, in pairs, of either half.
-inline Float8 pairs_of(Float8 a, Float8 b) noexcept {
-    return __builtin_shufflevector(a, b, 0, 2, 8, 10, 4, 6, 12, 14) +
-           __builtin_shufflevector(a, b, 1, 3, 9, 11, 5, 7, 13, 15);
-}
-
-/// The sums over the lanes of each of four.
-inline std::array<float, 4> sums_of(Float8 a, Float8 b, Float8 c, Float8 d) noexcept {
-    const Float8 halves = pairs_of(pairs_of(a, b), pairs_of(c, d));
-    const Float8 whole = halves + __builtin_shufflevector(halves, halves, 4, 5, 6, 7, 0, 1, 2, 3);
-    std::array<float, 4> sums;
-    __builtin_memcpy(sums.data(), &whole, sizeof sums);
-    return sums;
 }
 
 SampleSums sums(const SampleSpan& s, const std::array<float, 3>& reference) noexcept {

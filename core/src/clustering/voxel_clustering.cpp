@@ -82,7 +82,6 @@ public:
         if (slot.number == kEmpty) slot = {key, count_++};
         return slot.number;
     }
-    Index count() const noexcept { return count_; }
 
 private:
     static constexpr Index kEmpty = std::numeric_limits<Index>::max();

@@ -22,12 +22,6 @@
 #endif
 }
 
-[[gnu::always_inline]] inline Float8 load(const float* from) noexcept {
-    Float8 v;
-    __builtin_memcpy(&v, from, sizeof v);
-    return v;
-}
-
 inline float least_of(Float8 v) noexcept {
     v = min(v, __builtin_shufflevector(v, v, 4, 5, 6, 7, 0, 1, 2, 3));
     v = min(v, __builtin_shufflevector(v, v, 2, 3, 0, 1, 6, 7, 4, 5));
@@ -78,13 +72,15 @@ struct Distances {
 /// Counts how many are at most t, and moves t between what is too low and too high: the number
 /// within a radius grows about as its square on a surface, so that a straight line through the last
 /// counts soon meets it. Where it does not, as where many are equal, both become distances that
-/// occur, of which one moves every time.
+/// occur, of which one moves every time: there are as many tries as that takes, so that numbers that
+/// are none end it, too.
 inline float kth_smallest(const Distances& distances, std::int32_t k, float t) noexcept {
     constexpr int kQuick = 8;  // tries
     const float infinity = __builtin_inff();
     float low = 0, high = infinity;
     std::int32_t count_low = 0, count_high = 2 * k;
-    for (int i = 0;; ++i) {
+    const int tries = kQuick + static_cast<int>(distances.groups * kLanes);
+    for (int i = 0; i < tries; ++i) {
         const std::int32_t count = distances.count_within(t);
         if (count == k) return distances.largest_within(t);
         if (count == k - 1) return distances.least_beyond(t);
@@ -103,6 +99,7 @@ inline float kth_smallest(const Distances& distances, std::int32_t k, float t) n
             : between < high ? between
                              : low;
     }
+    return low;
 }
 
 /// The sums over neighbourhoods that their planes are made of.
@@ -110,20 +107,6 @@ template <typename T>
 struct Moments {
     T w{}, x{}, y{}, z{}, xx{}, xy{}, xz{}, yy{}, yz{}, zz{};
 };
-
-/// Of each of four the sums of lanes side by side, in pairs, of either half.
-[[gnu::always_inline]] inline Float8 pairs_of(Float8 a, Float8 b) noexcept {
-    return __builtin_shufflevector(a, b, 0, 2, 8, 10, 4, 6, 12, 14) +
-           __builtin_shufflevector(a, b, 1, 3, 9, 11, 5, 7, 13, 15);
-}
-/// The sums over the lanes of each of four.
-inline std::array<float, 4> sums_of(Float8 a, Float8 b, Float8 c, Float8 d) noexcept {
-    const Float8 halves = pairs_of(pairs_of(a, b), pairs_of(c, d));
-    const Float8 whole = halves + __builtin_shufflevector(halves, halves, 4, 5, 6, 7, 0, 1, 2, 3);
-    std::array<float, 4> sums;
-    __builtin_memcpy(sums.data(), &whole, sizeof sums);
-    return sums;
-}
 
 /// Of one lane, given the squared distances of its candidates.
 inline void add_moments(const PlaneLanes::Candidates& c, const float* distances_sq, float radius_sq,
