@@ -39,6 +39,27 @@ TEST(CellBlocks, FindTheCellsOfABlockInOrder) {
     }
 }
 
+TEST(CellBlocks, GiveEachOfTheirCellsOnceAndInOrder) {
+    const std::vector<Cell> cells = scattered(500, 64, 2);
+    for (const unsigned bits : {0U, 5U, 24U}) {
+        CellBlocks blocks(cells, bits);
+        const CellBlocks all = blocks;
+        for (const Cell& cell : cells) {
+            std::vector<Index> expected;
+            all.for_each_in(all.block_of(cell),
+                            [&](Index i, const Cell&) { return expected.push_back(i), true; });
+            const auto first = blocks.take_from(blocks.block_of(cell));
+            if (!first) continue;  // they were taken with another
+            std::vector<Index> taken = {*first};
+            while (const auto next = blocks.take_from(blocks.block_of(cell)))
+                taken.push_back(*next);
+            ASSERT_EQ(taken, expected);
+        }
+        EXPECT_FALSE(blocks.take_from({-1, 0, 0}));
+    }
+    EXPECT_FALSE(CellBlocks().take_from({}));
+}
+
 TEST(CellBlocks, AreAsLargeAsAShareOfTheCellsAllows) {
     std::vector<Cell> cells;
     for (std::int32_t x = 0; x < 16; ++x)

@@ -66,7 +66,8 @@ public:
 
     /// The next bytes, any number of them. Anything after the end of the stream is ignored.
     /// @throws Error(MalformedInput) for bytes that are not such a stream, Error(UnsupportedFormat)
-    /// for a later version, Error(TooLarge) over a limit.
+    /// for a later version, Error(TooLarge) over a limit. After any of these, or `Cancelled`, it
+    /// can only be destroyed.
     ///
     /// Allocates for what arrived, not for what a header claims: for at most 8 points per byte, or
     /// fewer if they have more than 16 channels.

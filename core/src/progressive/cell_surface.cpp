@@ -7,6 +7,7 @@
 #include <bit>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <optional>
 
 namespace stipple {
@@ -184,6 +185,26 @@ CellBlocks::CellBlocks(std::span<const Cell> cells, unsigned edge_bits)
     // What was where a bucket ends is now where it begins.
     std::shift_left(begin_.begin(), begin_.end(), 1);
     begin_.back() = static_cast<Index>(cells.size());
+}
+
+std::optional<Index> CellBlocks::take_from(const Cell& block) {
+    if (begin_.empty()) return std::nullopt;
+    if (left_.empty()) {
+        left_.resize(cells_.size() + 1);
+        std::iota(left_.begin(), left_.end(), Index{0});
+    }
+    const std::uint32_t bucket = bucket_of(block);
+    for (Index at = first_left(begin_[bucket]); at < begin_[bucket + 1]; at = first_left(at + 1)) {
+        if (block_of(cells_[at]) != block) continue;
+        left_[at] = at + 1;
+        return numbers_[at];
+    }
+    return std::nullopt;
+}
+
+Index CellBlocks::first_left(Index from) noexcept {
+    while (left_[from] != from) from = left_[from] = left_[left_[from]];
+    return from;
 }
 
 std::uint32_t CellBlocks::bucket_of(const Cell& block) const noexcept {

@@ -5,6 +5,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -41,16 +42,22 @@ public:
             if (block_of(cells_[at]) == block && !each(numbers_[at], cells_[at])) return;
     }
 
+    /// The least number of a cell in a block, which is in none from then on: not for `for_each_in`.
+    /// However many a block holds, each is found in about the same time.
+    std::optional<Index> take_from(const Cell& block);
+
     /// The cells' numbers, those of a block together.
     std::span<const Index> numbers() const noexcept { return numbers_; }
 
 private:
     std::uint32_t bucket_of(const Cell& block) const noexcept;
+    Index first_left(Index from) noexcept;
 
     unsigned edge_bits_ = 0, bucket_bits_ = 0;
     std::vector<Index> begin_;    ///< of each bucket
     std::vector<Index> numbers_;  ///< of the cells, bucket by bucket
     std::vector<Cell> cells_;     ///< as the numbers have them
+    std::vector<Index> left_;  ///< once cells are taken: by place, one on the way to the next left
 };
 
 /// Of each block that holds one of the cells the first, in their order.

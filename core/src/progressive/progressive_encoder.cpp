@@ -389,15 +389,11 @@ void Encoder::begin_round(std::size_t known, std::size_t target) {
 }
 
 bool Encoder::lies_in(const Cell& cell) {
-    bool found = false;
-    by_cell_.for_each_in(cell, [&](Index i, const Cell&) {
-        if (came_[i]) return true;
-        found = true;
-        came_[i] = true;
-        coming_ = first_ + i;
-        return false;
-    });
-    return found;
+    const auto next = by_cell_.take_from(cell);
+    if (!next) return false;
+    came_[*next] = true;
+    coming_ = first_ + *next;
+    return true;
 }
 
 void Encoder::begin_far() {
