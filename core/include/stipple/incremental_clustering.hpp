@@ -14,8 +14,8 @@ struct IncrementalClusteringOptions {
     std::optional<std::uint64_t>
         target_size{};  ///< exactly this many points: the size bound is searched; instead of the
                         ///< two below, or with `max_variation`, which then shapes the clusters
-    std::optional<std::uint64_t>
-        max_cluster_size{};  ///< n_max >= 1: largest number of points in a cluster
+    std::optional<std::uint64_t> max_cluster_size{};  ///< n_max >= 1: largest number of points in a
+                                                      ///< cluster, before stray points join it
     std::optional<double>
         max_variation{};  ///< sigma_max in (0, 1/3]: growth stops at this surface variation
     Representative representative = Representative::Nearest;
