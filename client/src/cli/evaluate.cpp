@@ -73,7 +73,7 @@ void print(std::ostream& out, const proto::OutputCloud& cloud, const TextStyle& 
               with_separators(backward.samples));
     for (std::size_t i = 0; i < forward.attributes.size() && i < backward.attributes.size(); ++i) {
         const auto mean = [](const AttributeError& a) {
-            return three_digits(a.mean) + ", at most " + three_digits(a.max);
+            return three_digits(a.mean) + " (max " + three_digits(a.max) + ")";
         };
         print_row(out, style, printable(forward.attributes[i].name), mean(forward.attributes[i]),
                   mean(backward.attributes[i]));
