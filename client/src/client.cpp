@@ -85,7 +85,19 @@ HttpReply expect_ok(HttpReply reply, const std::string& where) {
                                          " and no problem document: is it a stippled server?");
 }
 
-/// The same of a reply that tells of a job.
+/// The document in a reply. One that `read` refuses says something of the server, not of the file
+/// or the job that the request was about.
+template <typename Document>
+Document document_of(const std::string& body, const std::string& where,
+                     Document (*read)(std::string_view)) {
+    try {
+        return read(body);
+    } catch (const Error&) {
+        throw not_ours(where);
+    }
+}
+
+/// A good reply that tells of a job.
 void expect_document(HttpReply reply, const std::string& where) {
     const std::string body = expect_ok(std::move(reply), where).body;
     if (!json::accept(body)) throw not_ours(where);
@@ -193,6 +205,12 @@ public:
         return expect_ok(reply, where(path)).body;
     }
 
+    template <typename Document>
+    Document get_document(const std::string& path, Document (*read)(std::string_view),
+                          std::chrono::seconds extra_time = {}) const {
+        return document_of(get(path, extra_time), where(path), read);
+    }
+
     std::string where(const std::string& path) const {
         const BaseUrl& url = http_.url();
         return url.origin() + url.on_host(path);
@@ -215,11 +233,12 @@ proto::CloudDocument Client::upload(const fs::path& file, const ByteProgress& pr
     if (fs::exists(file) && !fs::is_regular_file(file))
         throw Error(ErrorCode::InvalidArgument, file.string() + ": expected a regular file");
     const std::string id = proto::sha256_of_file(file);
+    const auto cloud_in = [](const HttpReply& reply, const std::string& where) {
+        return document_of(expect_ok(reply, where).body, where, proto::cloud_document_from_json);
+    };
     const HttpReply known =
         with_retries(http.stop_token(), [&] { return http.get("/v1/clouds/" + id); });
-    if (known.status != 404)
-        return proto::cloud_document_from_json(
-            expect_ok(known, implementation_->where("/v1/clouds/" + id)).body);
+    if (known.status != 404) return cloud_in(known, implementation_->where("/v1/clouds/" + id));
 
     const std::uint64_t bytes = fs::file_size(file);
     std::ifstream stream(file, std::ios::binary);
@@ -231,23 +250,23 @@ proto::CloudDocument Client::upload(const fs::path& file, const ByteProgress& pr
     const HttpReply reply =
         http.post("/v1/clouds?name=" + query_escaped(cloud_name(file)), bytes, source);
     if (progress) progress(bytes, bytes);
-    return proto::cloud_document_from_json(
-        expect_ok(reply, implementation_->where("/v1/clouds")).body);
+    return cloud_in(reply, implementation_->where("/v1/clouds"));
 }
 
 proto::CloudDocument Client::cloud(const std::string& id) {
-    return proto::cloud_document_from_json(implementation_->get("/v1/clouds/" + checked_id(id)));
+    return implementation_->get_document("/v1/clouds/" + checked_id(id),
+                                         proto::cloud_document_from_json);
 }
 
 CloudPage Client::clouds(const std::optional<std::string>& cursor) {
     const std::string query = cursor ? "?cursor=" + query_escaped(*cursor) : "";
+    const std::string where = implementation_->where("/v1/clouds");
     const json page = json::parse(implementation_->get("/v1/clouds" + query), nullptr, false);
     if (!page.is_object() || !page.contains("items") || !page["items"].is_array())
-        throw Error(ErrorCode::MalformedInput,
-                    implementation_->where("/v1/clouds") + ": not a page of clouds");
+        throw not_ours(where);
     CloudPage clouds;
     for (const json& item : page["items"])
-        clouds.items.push_back(proto::cloud_document_from_json(item.dump()));
+        clouds.items.push_back(document_of(item.dump(), where, proto::cloud_document_from_json));
     if (const auto next = page.find("next"); next != page.end() && next->is_string())
         clouds.next = next->get<std::string>();
     return clouds;
@@ -261,11 +280,13 @@ proto::JobDocument Client::submit(const proto::JobRequest& request, std::string 
     const std::string body = proto::to_json(request);
     const HttpReply reply =
         with_retries(http.stop_token(), [&] { return http.post("/v1/jobs", headers, body); });
-    return proto::job_document_from_json(expect_ok(reply, implementation_->where("/v1/jobs")).body);
+    const std::string where = implementation_->where("/v1/jobs");
+    return document_of(expect_ok(reply, where).body, where, proto::job_document_from_json);
 }
 
 proto::JobDocument Client::job(const std::string& id) {
-    return proto::job_document_from_json(implementation_->get("/v1/jobs/" + checked_id(id)));
+    return implementation_->get_document("/v1/jobs/" + checked_id(id),
+                                         proto::job_document_from_json);
 }
 
 proto::JobDocument Client::wait(const std::string& id) {
@@ -273,7 +294,7 @@ proto::JobDocument Client::wait(const std::string& id) {
         "/v1/jobs/" + checked_id(id) + "?wait=" + std::to_string(kLongPoll.count());
     for (;;) {
         proto::JobDocument document =
-            proto::job_document_from_json(implementation_->get(path, kLongPoll));
+            implementation_->get_document(path, proto::job_document_from_json, kLongPoll);
         if (proto::is_final(document.status)) return document;
     }
 }
@@ -323,8 +344,8 @@ proto::JobDocument Client::follow(const std::string& id,
 }
 
 proto::Results Client::results(const std::string& id) {
-    return proto::results_from_json(
-        implementation_->get("/v1/jobs/" + checked_id(id) + "/results"));
+    return implementation_->get_document("/v1/jobs/" + checked_id(id) + "/results",
+                                         proto::results_from_json);
 }
 
 proto::Slice Client::slice(const std::string& pyramid_id, const proto::SliceOptions& options,

@@ -6,7 +6,7 @@ namespace stipple::proto {
 
 namespace {
 
-constexpr JsonRules kReportRules{ErrorCode::MalformedInput, 16 << 20, 12};
+constexpr JsonRules kReportRules{.max_bytes = 16 << 20, .max_depth = 12};
 
 Json statistics_json(const CloudStatistics& statistics) {
     Json json;
@@ -70,7 +70,7 @@ std::string to_json(const JobSpec& spec) {
 }
 
 JobSpec job_spec_from_json(std::string_view text) {
-    const JsonDocument json(text, {});
+    const JsonDocument json(text, {.unknown_fields = UnknownFields::Refused});
     JsonObject object = json.object();
     JobSpec spec;
     spec.request = read_request(object["request"]);
@@ -98,14 +98,14 @@ std::string to_json(const JobReport& report) {
 JobReport job_report_from_json(std::string_view text) {
     const JsonDocument json(text, kReportRules);
     JsonObject object = json.object();
-    if (json.root().members().size() != 1) throw object.error("", "expected exactly one report");
+    const auto members = json.root().members();
+    if (members.size() != 1) throw object.error("", "expected exactly one report");
     if (const auto value = object.find("progress")) return read_progress(*value);
     if (const auto value = object.find("source")) return read_whole_statistics(*value);
     if (const auto value = object.find("level")) return read_level(*value);
     if (const auto value = object.find("cost")) return read_cost(*value);
     if (const auto value = object.find("problem")) return read_problem(*value);
-    object.finish();  // refuses what it is instead
-    throw object.error("", "expected exactly one report");
+    throw object.error(members[0].first, "expected progress, source, level, cost or problem");
 }
 
 }  // namespace stipple::proto

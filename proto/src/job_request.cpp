@@ -16,7 +16,8 @@ namespace stipple::proto {
 
 namespace {
 
-constexpr JsonRules kRequestRules{ErrorCode::InvalidArgument, 1 << 20, 8};
+constexpr JsonRules kRequestRules{ErrorCode::InvalidArgument, 1 << 20, 8, UnknownFields::Refused};
+constexpr JsonRules kStoredRules{ErrorCode::Internal, 1 << 20, 8, UnknownFields::Ignored};
 
 /// Of a job that makes one file.
 OutputOptions read_output(JsonObject& object) {
@@ -495,6 +496,10 @@ std::string to_json(const JobRequest& request) {
 
 JobRequest job_request_from_json(std::string_view json) {
     return validated(read_request(JsonDocument(json, kRequestRules).root()));
+}
+
+JobRequest stored_request_from_json(std::string_view json) {
+    return read_request(JsonDocument(json, kStoredRules).root());
 }
 
 JobRequest evaluation_from_json(std::string_view json) {

@@ -116,7 +116,7 @@ std::vector<JsonValue> JsonValue::items() const {
     std::vector<JsonValue> result;
     result.reserve(value_->size());
     for (std::size_t i = 0; i < value_->size(); ++i) {
-        result.emplace_back((*value_)[i], path_ + "[" + std::to_string(i) + "]", code_);
+        result.emplace_back((*value_)[i], path_ + "[" + std::to_string(i) + "]", *rules_);
     }
     return result;
 }
@@ -125,7 +125,7 @@ std::vector<std::pair<std::string, JsonValue>> JsonValue::members() const {
     if (!value_->is_object()) refuse("an object");
     std::vector<std::pair<std::string, JsonValue>> result;
     for (const auto& [name, value] : value_->items()) {
-        result.emplace_back(name, JsonValue(value, join(path_, name), code_));
+        result.emplace_back(name, JsonValue(value, join(path_, name), *rules_));
     }
     return result;
 }
@@ -137,7 +137,8 @@ JsonObject JsonValue::object() const {
 
 void JsonValue::refuse(std::string_view expected) const {
     const std::string where = path_.empty() ? "JSON" : path_;
-    throw Error(code_, where + ": " + shown(*value_) + ": expected " + std::string(expected));
+    throw Error(rules_->code,
+                where + ": " + shown(*value_) + ": expected " + std::string(expected));
 }
 
 std::string JsonValue::located(const std::string& message) const {
@@ -154,10 +155,11 @@ std::optional<JsonValue> JsonObject::find(const char* name) {
     known_.insert(name);
     const auto found = value_.value_->find(name);
     if (found == value_.value_->end()) return std::nullopt;
-    return JsonValue(*found, join(value_.path_, name), value_.code_);
+    return JsonValue(*found, join(value_.path_, name), *value_.rules_);
 }
 
 void JsonObject::finish() const {
+    if (value_.rules_->unknown_fields == UnknownFields::Ignored) return;
     for (const auto& [name, value] : value_.value_->items()) {
         if (known_.contains(name)) continue;
         std::string names;
@@ -168,10 +170,10 @@ void JsonObject::finish() const {
 
 Error JsonObject::error(std::string_view name, std::string_view what) const {
     const std::string where = name.empty() ? value_.path_ : join(value_.path_, name);
-    return Error(value_.code_, (where.empty() ? "JSON" : where) + ": " + std::string(what));
+    return Error(value_.rules_->code, (where.empty() ? "JSON" : where) + ": " + std::string(what));
 }
 
 JsonDocument::JsonDocument(std::string_view text, const JsonRules& rules)
-    : json_(parse(text, rules)), code_(rules.code) {}
+    : rules_(rules), json_(parse(text, rules)) {}
 
 }  // namespace stipple::proto

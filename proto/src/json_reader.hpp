@@ -20,11 +20,16 @@ using Json = nlohmann::ordered_json;
 /// One line. Bytes that are not UTF-8 (a PLY comment can hold any) become U+FFFD.
 std::string to_text(const Json& json);
 
+/// What a program that does not know a field makes of it: a mistake of who asks for something, news
+/// of a later version that tells something.
+enum class UnknownFields { Refused, Ignored };
+
 /// What a text may be. All refusals carry `code`.
 struct JsonRules {
     ErrorCode code = ErrorCode::MalformedInput;
     std::size_t max_bytes = 64 << 20;
     int max_depth = 16;
+    UnknownFields unknown_fields = UnknownFields::Ignored;
 };
 
 class JsonObject;
@@ -33,8 +38,8 @@ class JsonObject;
 /// and what is expected: `points: -3: expected an integer of at least 1`.
 class JsonValue {
 public:
-    JsonValue(const nlohmann::json& value, std::string path, ErrorCode code)
-        : value_(&value), path_(std::move(path)), code_(code) {}
+    JsonValue(const nlohmann::json& value, std::string path, const JsonRules& rules)
+        : value_(&value), path_(std::move(path)), rules_(&rules) {}
 
     bool is_text() const { return value_->is_string(); }
     std::string text() const;
@@ -58,7 +63,7 @@ public:
         try {
             return from_name(std::string_view(name));
         } catch (const Error& error) {
-            throw Error(code_, located(error.what()));
+            throw Error(rules_->code, located(error.what()));
         }
     }
 
@@ -80,10 +85,10 @@ private:
 
     const nlohmann::json* value_;
     std::string path_;
-    ErrorCode code_;
+    const JsonRules* rules_;
 };
 
-/// An object whose fields are taken one by one; what nobody took is refused by `finish`.
+/// An object whose fields are taken one by one.
 class JsonObject {
 public:
     explicit JsonObject(const JsonValue& value) : value_(value) {}
@@ -93,7 +98,7 @@ public:
     /// A field that may be absent.
     std::optional<JsonValue> find(const char* name);
     bool has(std::string_view name) const { return value_.value_->contains(name); }
-    /// Refuses fields that were never asked for. Call when all were.
+    /// Refuses fields that were never asked for, where the rules say so. Call when all were.
     void finish() const;
     /// An error about the field `name`, or about the object as a whole when it is empty.
     Error error(std::string_view name, std::string_view what) const;
@@ -108,12 +113,12 @@ private:
 class JsonDocument {
 public:
     JsonDocument(std::string_view text, const JsonRules& rules);
-    JsonValue root() const { return {json_, "", code_}; }
+    JsonValue root() const { return {json_, "", rules_}; }
     JsonObject object() const { return root().object(); }
 
 private:
+    JsonRules rules_;
     nlohmann::json json_;
-    ErrorCode code_;
 };
 
 }  // namespace stipple::proto

@@ -5,11 +5,13 @@
 #include "stipple/cleaning.hpp"
 #include "stipple/codec.hpp"
 #include "stipple/error.hpp"
+#include "stipple/proto/digest.hpp"
 #include "stipple/proto/run_job.hpp"
 #include "support/expect_error.hpp"
 #include "support/stippled_process.hpp"
 
 #include <gtest/gtest.h>
+#include <httplib.h>
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -154,6 +156,47 @@ TEST(Client, ATinyFileThatAsksForAllMemoryEndsItsJobWhileOthersGoOn) {
         RecordProperty(bomb, std::to_string(took.count()));
         EXPECT_EQ(client.wait(good_job.id).status, proto::JobStatus::Successful);
     }
+}
+
+/// Answers every request as a host of single-page applications does.
+class PageHost {
+public:
+    PageHost() {
+        host_.set_pre_routing_handler([](const httplib::Request&, httplib::Response& reply) {
+            reply.set_content("<!doctype html><title>Scans</title>", "text/html");
+            return httplib::Server::HandlerResponse::Handled;
+        });
+        port_ = host_.bind_to_any_port("127.0.0.1");
+        thread_ = std::thread([this] { host_.listen_after_bind(); });
+    }
+    ~PageHost() {
+        host_.stop();
+        thread_.join();
+    }
+    std::string url() const { return "http://127.0.0.1:" + std::to_string(port_); }
+
+private:
+    httplib::Server host_;
+    int port_ = 0;
+    std::thread thread_;
+};
+
+TEST(Client, WhatIsNoStippledServerIsSaidToBeNone) {
+    const PageHost host;
+    const test::TemporaryFolder folder;
+    write_cloud(test::sphere(10), folder / "in.ply");
+    Client client(host.url());
+    const auto expect_told = [](auto call) {
+        test::expect_error(ErrorCode::Internal, "not the answer of a stippled server", call);
+    };
+    const std::string id = proto::sha256_of_file(folder / "in.ply");
+    expect_told([&] { client.upload(folder / "in.ply"); });
+    expect_told([&] { client.cloud(id); });
+    expect_told([&] { client.clouds(); });
+    expect_told([&] { client.submit(pyramid_request(id)); });
+    expect_told([&] { client.job("0"); });
+    expect_told([&] { client.wait("0"); });
+    expect_told([&] { client.results("0"); });
 }
 
 TEST(Client, AFinishedJobIsLeftByADismissalAndGoneOnceItIsRemoved) {

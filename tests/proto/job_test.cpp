@@ -51,6 +51,15 @@ TEST(JobDocument, ThatIsMalformedIsRefusedByThePathOfTheField) {
               "request.draco.coding: \"zip\": expected one of auto, sequential, kd-tree");
 }
 
+TEST(JobDocument, OfALaterVersionIsReadAsFarAsItIsKnown) {
+    const std::string text = to_json(test::failed_job());
+    auto json = nlohmann::json::parse(text);
+    json["shard"] = 7;
+    json["links"][0]["title"] = "self";
+    json["request"]["draco"]["speed"] = 9;
+    EXPECT_EQ(to_json(job_document_from_json(json.dump())), text);
+}
+
 TEST(CloudDocument, TravelsAsTheGoldenFileSays) {
     const std::string text = to_json(test::cloud_document());
     EXPECT_EQ(text, golden("cloud.json"));

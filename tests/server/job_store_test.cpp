@@ -514,5 +514,29 @@ TEST(SqliteJobStore, FailsAJobWhoseRequestItCannotReadAndGoesOnToTheNext) {
     EXPECT_FALSE(store->claim({}, 60s));
 }
 
+TEST(SqliteJobStore, TellsOfJobsOfALaterVersionWhatItKnowsAndOfTheOthersAll) {
+    const TemporaryFolder folder;
+    std::vector<std::string> ids;
+    {
+        const auto store = open_sqlite_job_store(folder / "jobs.sqlite");
+        const auto request = simplify_request(put_cloud(*store, "ada", "cloud"));
+        for (int i = 0; i < 3; ++i)
+            ids.push_back(store->submit("ada", request, {}, {}).document.id);
+    }
+    run_sql(folder / "jobs.sqlite",
+            "UPDATE jobs SET request = json_set(request, '$.sharpness', 1) WHERE row = 1;"
+            "UPDATE jobs SET request = json_set(request, '$.type', 'sculpt') WHERE row = 2");
+    const auto store = open_sqlite_job_store(folder / "jobs.sqlite");
+    const auto listed = store->list_jobs("ada", {}, 10, {}).items;
+    ASSERT_EQ(listed.size(), 2U);
+    EXPECT_EQ(listed[0].id, ids[2]);
+    EXPECT_EQ(listed[1].id, ids[0]);
+    EXPECT_TRUE(store->results("ada", ids[0]));
+    expect_error(ErrorCode::Internal, "sculpt", [&] { store->find_job("ada", ids[1]); });
+    EXPECT_EQ(store->dismiss("ada", ids[0])->status, JobStatus::Dismissed);
+    EXPECT_EQ(store->dismiss("ada", ids[0])->id, ids[0]);
+    EXPECT_FALSE(store->find_job("ada", ids[0]));
+}
+
 }  // namespace
 }  // namespace stipple::server

@@ -62,7 +62,7 @@ constexpr int kJobRowColumn = 13;
 JobDocument document_of(const Rows& rows) {
     JobDocument document;
     document.id = rows.text(0);
-    document.request = proto::job_request_from_json(rows.text(1));
+    document.request = proto::stored_request_from_json(rows.text(1));
     document.status = proto::job_status_from_name(rows.text(2));
     document.stage = rows.text(3);
     document.message = rows.text(4);
@@ -101,7 +101,8 @@ CloudRow cloud_of(const Rows& rows) {
     return cloud;
 }
 
-/// Reads one row more than a page holds, to know whether another page follows.
+/// Reads one row more than a page holds, to know whether another page follows. What a later version
+/// wrote and this one cannot read is left out: it hides nothing else.
 template <typename ItemOf>
 auto read_page(Rows& rows, unsigned limit, std::string_view listing, int row_column,
                ItemOf item_of) {
@@ -112,8 +113,11 @@ auto read_page(Rows& rows, unsigned limit, std::string_view listing, int row_col
             page.next = encode_cursor(listing, last_row);
             break;
         }
-        page.items.push_back(item_of(rows));
         last_row = rows.integer(row_column);
+        try {
+            page.items.push_back(item_of(rows));
+        } catch (const Error&) {
+        }
     }
     return page;
 }
@@ -423,28 +427,34 @@ std::vector<JobEvent> SqliteJobStore::events_after(const std::string& tenant, co
 
 std::optional<proto::Results> SqliteJobStore::results(const std::string& tenant,
                                                       const std::string& id) {
-    const std::lock_guard lock(reader_mutex_);
-    // One row per level, and one with nulls for a job without any: a single consistent read.
-    Rows rows = reader_.query(
-        "SELECT request, status, source, cost, body FROM jobs "
-        "LEFT JOIN levels ON levels.job = jobs.row "
-        "WHERE tenant = ?1 AND id = ?2 ORDER BY level",
-        tenant, id);
-    if (!rows.next()) return std::nullopt;
+    std::string request, status;
+    std::optional<std::string> source, cost;
+    std::vector<std::string> levels;
+    {
+        const std::lock_guard lock(reader_mutex_);
+        // One row per level, and one with nulls for a job without any: a single consistent read.
+        Rows rows = reader_.query(
+            "SELECT request, status, source, cost, body FROM jobs "
+            "LEFT JOIN levels ON levels.job = jobs.row "
+            "WHERE tenant = ?1 AND id = ?2 ORDER BY level",
+            tenant, id);
+        if (!rows.next()) return std::nullopt;
+        request = rows.text(0);
+        status = rows.text(1);
+        source = rows.maybe_text(2);
+        cost = rows.maybe_text(3);
+        do {
+            if (auto body = rows.maybe_text(4)) levels.push_back(*std::move(body));
+        } while (rows.next());
+    }
+    // Levels of many tiles take a second to read: others do not wait for that.
     proto::Results results;
-    results.request = proto::job_request_from_json(rows.text(0));
-    results.complete = proto::job_status_from_name(rows.text(1)) == JobStatus::Successful;
-    if (const auto source = rows.maybe_text(2)) {
-        results.source = proto::cloud_statistics_from_json(*source);
-    }
-    if (const auto cost = rows.maybe_text(3)) {
-        results.cost = std::get<proto::JobCost>(proto::job_report_from_json(*cost));
-    }
-    do {
-        if (const auto body = rows.maybe_text(4))
-            results.levels.push_back(
-                std::get<proto::OutputCloud>(proto::job_report_from_json(*body)));
-    } while (rows.next());
+    results.request = proto::stored_request_from_json(request);
+    results.complete = proto::job_status_from_name(status) == JobStatus::Successful;
+    if (source) results.source = proto::cloud_statistics_from_json(*source);
+    if (cost) results.cost = std::get<proto::JobCost>(proto::job_report_from_json(*cost));
+    for (const std::string& level : levels)
+        results.levels.push_back(std::get<proto::OutputCloud>(proto::job_report_from_json(level)));
     return results;
 }
 

@@ -163,9 +163,12 @@ std::string_view type_name(const JobRequest& request) noexcept;
 std::string to_json(const JobRequest& request);
 /// Strict: @throws Error(InvalidArgument) naming the field, its value and what is expected.
 JobRequest job_request_from_json(std::string_view json);
-/// The same for the body of `POST /v1/evaluations`, where the type may be omitted.
+/// One that was accepted before, as it is told of: fields of a later version are left out.
+/// @throws Error(Internal) for one that no version that is known wrote.
+JobRequest stored_request_from_json(std::string_view json);
+/// As `job_request_from_json` for the body of `POST /v1/evaluations`, where the type may be omitted.
 JobRequest evaluation_from_json(std::string_view json);
-/// The same for an object as `draco` is in requests.
+/// As `job_request_from_json` for an object as `draco` is in requests.
 DracoEncodeOptions draco_options_from_json(std::string_view json);
 
 /// `0.1%` as a fraction of the diagonal: 0.001.
