@@ -70,6 +70,8 @@ TEST(Stippled, IsServedUnderThePathOfAProxy) {
     const HttpReply page = request(server.port(), "GET", "/scans/lab");
     EXPECT_EQ(page.status, 308);
     EXPECT_EQ(page.field("Location"), "/scans/lab/");
+    EXPECT_EQ(request(server.port(), "GET", "/scans/lab?pyramid=1%202").field("Location"),
+              "/scans/lab/?pyramid=1%202");
 
     request(server.port(), "POST", "/v1/clouds", as_ply(sphere(101)));
     EXPECT_TRUE(request(server.port(), "GET", "/v1/clouds?limit=1")

@@ -81,5 +81,19 @@ TEST(Stippled, SaysWhyCloudsCannotBeCompared) {
     EXPECT_NE(reference.body.find("no points"), std::string::npos) << reference.body;
 }
 
+TEST(Stippled, SaysOfADismissedEvaluationThatItIsNotToBeWaitedFor) {
+    const StippledProcess server({"--role", "api"});
+    const std::string id = upload(server, as_ply(sphere(100)));
+    const std::string body = Json{{"reference", id}, {"candidate", id}}.dump();
+    const std::vector<std::string> keyed = {kJson[0], "Idempotency-Key: mine"};
+    const auto evaluate = [&] {
+        return request(server.port(), "POST", "/v1/evaluations?wait=0", body, keyed);
+    };
+    const HttpReply queued = evaluate();
+    ASSERT_EQ(queued.status, 201);
+    ASSERT_EQ(request(server.port(), "DELETE", queued.field("Location")).status, 200);
+    EXPECT_EQ(problem_of(evaluate()), "conflict");
+}
+
 }  // namespace
 }  // namespace stipple::test

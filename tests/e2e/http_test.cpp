@@ -118,6 +118,7 @@ TEST(Stippled, ServesItsContractItsDocsAndItsLimits) {
 TEST(Stippled, TellsOperatorsHowItIs) {
     const StippledProcess server;
     EXPECT_EQ(request(server.admin_port(), "GET", "/livez").status, 200);
+    EXPECT_EQ(request(server.admin_port(), "POST", "/livez").field("Allow"), "GET, HEAD");
     EXPECT_EQ(request(server.admin_port(), "GET", "/readyz").status, 200);
     request(server.port(), "GET", "/v1/limits");
     EXPECT_EQ(request(server.port(), "POST", "/v1/simplify?points=10&wait=60", as_ply(sphere(100)))

@@ -285,6 +285,30 @@ TEST_F(TilesetTest, IsWrittenOnceForAllOfItsFiles) {
     EXPECT_NE(plain(document("tileset-1.json", 9)).find("geometricError"), std::string::npos);
 }
 
+TEST_F(TilesetTest, IsWrittenInATurnAndSentFromMemoryWithout) {
+    jobs_->succeed(lease_, {});
+    int turns = 0;
+    bool is_held = false;
+    const Turn turn = [&] {
+        ++turns;
+        is_held = true;
+        return std::shared_ptr<void>(&is_held, [](bool* held) { *held = false; });
+    };
+    for (const auto accepted : {std::span<const Coding>(kBrotliFirst), std::span<const Coding>()}) {
+        for (int i = 0; i < 2; ++i) {
+            outputs_.document("ada", id_, "tileset.json", accepted, {}, turn);
+            EXPECT_FALSE(is_held);
+            EXPECT_EQ(turns, 1) << i;
+        }
+    }
+    expect_error(ErrorCode::Conflict, "not now", [&] {
+        outputs_.document("ada", id_, "tileset.json", {}, {.tileset = {.error_scale = 2}},
+                          []() -> std::shared_ptr<void> {
+                              throw Error(ErrorCode::Conflict, "not now");
+                          });
+    });
+}
+
 TEST_F(TilesetTest, IsNotWrittenForAFileThatItDoesNotHave) {
     jobs_->succeed(lease_, {});
     document("tileset.json", 9);

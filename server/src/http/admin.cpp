@@ -24,8 +24,13 @@ Admin::Admin(Service& service, Metrics& metrics, std::function<unsigned()> conne
 
 Reply Admin::handle(Request& request) {
     try {
-        if (request.method != "GET" && request.method != "HEAD")
-            throw HttpError(405, "only GET and HEAD are allowed");
+        if (request.method != "GET" && request.method != "HEAD") {
+            Headers headers;
+            headers.add("Allow", "GET, HEAD");
+            throw HttpError(
+                proto::problem_from_status(405, request.method + ": this path allows GET, HEAD"),
+                std::move(headers));
+        }
         if (request.path == "/livez") return text_reply("alive\n");
         if (request.path == "/readyz") return ready();
         if (request.path == "/metrics") {

@@ -125,7 +125,7 @@ Reply Api::answer(Request& request) {
     if (!request.path_prefix.empty() && request.path == request.path_prefix) {
         Reply reply;
         reply.status = 308;
-        reply.headers.set("Location", request.path_prefix + "/");
+        reply.headers.set("Location", request.path_prefix + "/" + request.query_text);
         return reply;
     }
     RouteMatch match = find_route(request.method, request.path);

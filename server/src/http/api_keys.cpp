@@ -16,6 +16,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 #include <span>
+#include <system_error>
 
 namespace stipple::server::http {
 
@@ -79,7 +80,9 @@ std::string read_hash(const Json& entry) {
 }
 
 std::string read_text(const std::filesystem::path& file) {
-    if (std::filesystem::is_directory(file)) throw invalid("is a folder: expected a JSON file");
+    std::error_code none;  // what there is of it, opening it says
+    if (std::filesystem::is_directory(file, none))
+        throw invalid("is a folder: expected a JSON file");
     std::ifstream in(file);
     if (!in) throw invalid(std::string("cannot be read: ") + std::strerror(errno));
     return {std::istreambuf_iterator<char>(in), {}};

@@ -285,6 +285,8 @@ private:
         for (const auto& [name, value] : parsed.params) {
             if (!request_.query.emplace(name, value).second) request_.repeated_query = name;
         }
+        request_.query_text =
+            head_.target.substr(std::min(head_.target.find('?'), head_.target.size()));
         Reply reply;
         try {
             reply = application_.handle(request_);

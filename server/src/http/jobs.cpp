@@ -108,7 +108,7 @@ Reply evaluate(Resources& resources, Request& request) {
     // Who gave it a key means to ask for it again.
     const proto::JobDocument job = key ? wait_for_job(resources, request, queued.id, wait)
                                        : wait_for_own_job(resources, request, queued.id, wait);
-    if (job.status == proto::JobStatus::Failed && job.problem) throw HttpError(*job.problem);
+    if (const auto problem = why_incomplete(job)) throw HttpError(*problem);
     if (job.status != proto::JobStatus::Successful) {
         Reply reply = job_reply(201, job);
         reply.headers.set("Location", resources.service.links().job(job.id));

@@ -86,6 +86,7 @@ struct Request {
     std::string path;  ///< percent-decoded, without the query
     std::map<std::string, std::string, std::less<>> query;
     std::optional<std::string> repeated_query;  ///< a parameter that came twice
+    std::string query_text;                     ///< as it came, with its `?`; empty without
     Headers headers;
     RequestBody* body = nullptr;
     std::string remote_address;

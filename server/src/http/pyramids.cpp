@@ -33,8 +33,14 @@ std::optional<CloudFormat> query_inline(const Request& request, CloudFormat form
 /// A document of a pyramid: it grows while the job runs.
 Reply document_reply(Resources& resources, const Request& request, const std::string& name,
                      const DocumentOptions& options) {
-    StoredFile file = resources.service.outputs().document(
-        request.tenant, request.path_value("id"), name, accepted_file_codings(request), options);
+    const auto turn = [&] {
+        auto place = resources.documents.take(request);
+        if (request.client_gone()) throw Disconnected();
+        return place;
+    };
+    StoredFile file =
+        resources.service.outputs().document(request.tenant, request.path_value("id"), name,
+                                             accepted_file_codings(request), options, turn);
     return file_reply(request, std::move(file), "application/json", "no-cache");
 }
 

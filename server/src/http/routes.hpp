@@ -11,15 +11,16 @@
 
 namespace stipple::server::http {
 
-/// Slices that are cut at a time: the only replies for which the service itself computes.
-inline constexpr unsigned kMostSlices = 4;
-inline constexpr std::chrono::seconds kLongestSlice{30}, kLongestWaitForSlice{10};
+/// What the service itself computes, so many at a time: slices, and documents of pyramids that are
+/// not in its memory. Others wait for a place.
+inline constexpr unsigned kMostSlices = 4, kMostDocuments = 4;
+inline constexpr std::chrono::seconds kLongestWaitForPlace{10}, kLongestSlice{30};
 
 /// What the handlers work with.
 struct Resources {
     Service& service;
     bool with_keys = false;  ///< replies are for their tenant alone
-    Permits uploads, downloads, waits, streams, slices;
+    Permits uploads, downloads, waits, streams, slices, documents;
 
     Resources(Service& the_service, bool keys, const Senders& senders)
         : service(the_service),
@@ -28,7 +29,9 @@ struct Resources {
           downloads("downloads", places_among(senders, senders.connections / 4 + 1)),
           waits("long polls", places_among(senders, senders.connections / 4 + 1)),
           streams("event streams", places_among(senders, senders.connections / 4 + 1)),
-          slices("slices of pyramids", places_among(senders, kMostSlices), kLongestWaitForSlice) {}
+          slices("slices of pyramids", places_among(senders, kMostSlices), kLongestWaitForPlace),
+          documents("documents of pyramids", places_among(senders, kMostDocuments),
+                    kLongestWaitForPlace) {}
 };
 
 /// Whether scripts of other sites may read the reply: those that the server was told of, or all.

@@ -124,7 +124,7 @@ Reply simplify(Resources& resources, Request& request) {
 
     if (job.status == proto::JobStatus::Successful)
         return result_reply(resources, request, job, std::move(place));
-    if (job.status == proto::JobStatus::Failed && job.problem) throw HttpError(*job.problem);
+    if (const auto problem = why_incomplete(job)) throw HttpError(*problem);
     Reply reply = json_reply(201, proto::to_json(job));
     reply.headers.set("Location", resources.service.links().job(job.id));
     return reply;

@@ -240,11 +240,16 @@ std::optional<OutputCache::File> Outputs::packed(const std::string& sha256, Codi
 
 StoredFile Outputs::document(const std::string& tenant, const std::string& job_id,
                              const std::string& name, std::span<const Coding> accepted,
-                             const DocumentOptions& options) {
+                             const DocumentOptions& options, const Turn& turn) {
     const auto job = find(tenant, job_id);
     if (!job || !is_pyramid(job->results)) throw no_such("pyramid: " + job_id);
     if (!is_document(name)) throw no_such_document(name);
-    if (!job->is_final) return stored(plain_document(*job, name, options), Coding::Identity, true);
+    std::shared_ptr<void> mine;
+    const auto begin = [&] {
+        if (turn && !mine) mine = turn();
+    };
+    if (!job->is_final)
+        return stored(plain_document(*job, name, options, begin), Coding::Identity, true);
 
     const std::string key = document_key(job_id, name, options);
     for (const Coding coding : accepted) {
@@ -252,7 +257,8 @@ StoredFile Outputs::document(const std::string& tenant, const std::string& job_i
         const std::string packed_key = key + "." + std::string(to_string(coding));
         auto file = cache_.find(packed_key);
         if (!file) {
-            const OutputCache::File plain = plain_document(*job, name, options);
+            const OutputCache::File plain = plain_document(*job, name, options, begin);
+            begin();
             const Packing& packing = coding == Coding::Brotli ? kQuickBrotli : kGzip;
             file.emplace(OutputCache::File{{}, plain.tag + "-" + std::string(packing.name)});
             if (auto bytes = pack(*plain.bytes, packing))
@@ -261,20 +267,23 @@ StoredFile Outputs::document(const std::string& tenant, const std::string& job_i
         }
         if (file->bytes) return stored(std::move(*file), coding, true);
     }
-    return stored(plain_document(*job, name, options), Coding::Identity, true);
+    return stored(plain_document(*job, name, options, begin), Coding::Identity, true);
 }
 
 /// A tileset is written as a whole. Of a job that has ended all its files are kept, some 25 MB of
 /// the largest: who walks through them has them written once.
 OutputCache::File Outputs::plain_document(const Job& job, const std::string& name,
-                                          const DocumentOptions& options) {
+                                          const DocumentOptions& options,
+                                          const std::function<void()>& begin) {
     const bool is_manifest = name == "manifest.json";
+    const std::string key = document_key(job.id, name, options);
+    const auto known = [&] { return job.is_final ? cache_.find(key) : std::nullopt; };
+    if (auto file = known()) return *file;
+    begin();
     const std::lock_guard lock(job.writing);  // of several who ask at a time, the first has it made
-    if (job.is_final) {
-        if (auto file = cache_.find(document_key(job.id, name, options))) return *file;
-        if (!is_manifest && job.tileset_names && !job.tileset_names->contains(name))
-            throw no_such_document(name);
-    }
+    if (auto file = known()) return *file;
+    if (job.is_final && !is_manifest && job.tileset_names && !job.tileset_names->contains(name))
+        throw no_such_document(name);
     const proto::Results changed =
         options.inlined ? with_coarsest_inside(job.results, *options.inlined) : proto::Results{};
     const proto::Results& results = options.inlined ? changed : job.results;

@@ -9,6 +9,7 @@
 
 #include <atomic>
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -32,6 +33,10 @@ struct StoredFile {
 
     std::uint64_t size() const noexcept;
 };
+
+/// Asked for before a document is written, which takes a second for the largest, and held until it
+/// is. Throws where there is none, or where nobody waits for the document any more.
+using Turn = std::function<std::shared_ptr<void>()>;
 
 /// How a document of a pyramid is written.
 struct DocumentOptions {
@@ -61,10 +66,11 @@ public:
                     std::span<const Coding> accepted);
 
     /// `manifest.json`, `tileset.json` or another file of the tileset of a pyramid. The manifest of
-    /// a job that ended without success says why, as `problem`. @throws Error(NotFound).
+    /// a job that ended without success says why, as `problem`. @throws Error(NotFound), and what
+    /// `turn` throws.
     StoredFile document(const std::string& tenant, const std::string& job_id,
                         const std::string& name, std::span<const Coding> accepted,
-                        const DocumentOptions& options = {});
+                        const DocumentOptions& options = {}, const Turn& turn = {});
 
     /// The bytes of a listed file. @throws Error(Internal) when they are missing.
     std::shared_ptr<const BlobReader> open(const std::string& sha256) const;
@@ -84,7 +90,8 @@ private:
                                           const std::string& id);
     void forget_oldest();
     OutputCache::File plain_document(const Job& job, const std::string& name,
-                                     const DocumentOptions& options);
+                                     const DocumentOptions& options,
+                                     const std::function<void()>& begin);
     proto::Results with_coarsest_inside(proto::Results results, CloudFormat format) const;
     std::optional<OutputCache::File> packed(const std::string& sha256, Coding coding);
 

@@ -4,6 +4,7 @@ namespace stipple::server {
 
 void VerifiedFiles::add(const std::string& sha256, const struct stat& status) {
     const std::lock_guard lock(mutex_);
+    if (files_.size() >= kMost) files_.clear();
     files_.insert_or_assign(sha256, identity_of(status));
 }
 
