@@ -16,7 +16,7 @@ import { preloadDecoder } from './decoding/draco_levels.js';
 import { canDrawOn, Stage } from './drawing/stage.js';
 import { ResultSession } from './loading/result_session.js';
 import { preloadSurface } from './loading/surface.js';
-import { kAsNew, readAddress } from './page/address.js';
+import { addressOf, kAsNew, readAddress } from './page/address.js';
 import { Bookmark } from './page/bookmark.js';
 import { roomBesideCards, watchCards } from './page/card_room.js';
 import { byId } from './page/element.js';
@@ -150,7 +150,7 @@ function open({ id, type }, { remembered = false, how = kAsNew } = {}) {
     const isAnother = session?.id !== id;
     session?.close();
     if (!remembered && isAnother) {
-        history.pushState(null, '', `?${type === 'pyramid' ? 'pyramid' : 'job'}=${id}`);
+        history.pushState(null, '', addressOf({ id, type }));
     }
     view.open();
     pointLabel.hide();
@@ -214,7 +214,7 @@ async function removeResult(removed) {
         return;
     }
     closeResult();
-    history.replaceState(null, '', './');
+    history.replaceState(null, '', addressOf(null));
     await openLinked();
 }
 

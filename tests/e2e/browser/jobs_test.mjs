@@ -53,6 +53,31 @@ await run({
         await page.keyboard.press('l');
     },
 
+    async 'A batch of a stream that failed is read once more when it is asked for, with all that its points have'() {
+        await page.addInitScript(() => {
+            const post = Worker.prototype.postMessage;
+            let asked = 0;
+            Worker.prototype.postMessage = function (message, buffers) {
+                asked += 1;
+                if (asked === 3 && location.search.includes('failing')) {
+                    setTimeout(() => this.onmessage({ data: { id: message.id, failure: 'Array buffer allocation failed' } }));
+                } else {
+                    post.call(this, message, buffers);
+                }
+            };
+        });
+        await page.goto(`${browser.url}/?failing&pyramid=${await startJob({ type: 'pyramid', input: cloud, formats: ['stpc'] })}`);
+        await page.locator('.notice').getByText('Array buffer allocation failed').waitFor();
+        assert.equal(await page.locator('.notice').count(), 1);
+        await page.locator('#level').fill(await page.locator('#level').getAttribute('max'));
+        await shows(page, kTorusPoints);
+        await page.locator('.notice button').click();
+        await colorsStandForHeight();
+        await page.locator('#level').fill('2');
+        await shows(page, kTorusPoints / 8);
+        await colorsStandForHeight();
+    },
+
     async 'A pyramid of tiles alone, and one of PLY files, are shown level by level, where one of Draco files stands'() {
         const levels = { levels: [2000, 8000, kTorusPoints] };
         const [drc, ...others] = await Promise.all([['drc'], ['ply'], ['glb']].map((formats) =>

@@ -45,6 +45,13 @@ test('A point far off does not stretch the spacing, and many points in one place
     assert.ok(performance.now() - start < 15_000);
 });
 
+test('Points whose cells no number tells from the next are met, too', async () => {
+    const { estimateSurface } = await moduleOf('loading/surface_estimate.js');
+    const points = [...spherePoints(1000), [3e13, 0, 0], [0, -3e13, 0], [0, 0, 3e20]];
+    const surface = estimateSurface(Float32Array.from(points.flat()), null, 0.0003);
+    assert.equal(surface.length, 4 * points.length);
+});
+
 test('Opposite points of a random sphere are no neighbours', async () => {
     const { estimateSurface } = await moduleOf('loading/surface_estimate.js');
     const fraction = (i, step) => (i * step) % 1;
@@ -351,4 +358,45 @@ test('The lines for other programs name the result, and are complete', async () 
     }
     const { linesFor } = kPrograms.find(({ name }) => name === 'curl');
     assert.match(linesFor({ ...result, collection: 'jobs', manifest: 'results', hasKey: true }), /Bearer \$/);
+});
+
+test('The address of another result says nothing of the one before, and keeps the rest', async () => {
+    globalThis.location = new URL('http://host/scans/?whole=1000&pyramid=abc&level=2&view=1,2,3,0,0,0#there');
+    const { addressOf, readAddress } = await moduleOf('page/address.js');
+    assert.equal(readAddress().chosen, 1);
+    assert.equal(addressOf({ id: 'def', type: 'simplify' }), 'http://host/scans/?whole=1000&job=def#there');
+    assert.equal(addressOf(null), 'http://host/scans/?whole=1000#there');
+});
+
+/** As far as modules ask for them. */
+function pretendBrowser({ storage }) {
+    const elements = {};
+    globalThis.location = new URL('http://host/');
+    globalThis.document = { getElementById: (id) => (elements[id] ??= { showModal() {}, close() {} }) };
+    globalThis.window = { get sessionStorage() { return storage(); }, get localStorage() { return storage(); } };
+}
+
+test('A key that the browser may not keep is used all the same', async () => {
+    pretendBrowser({ storage: () => { throw new Error('SecurityError'); } });
+    const { askForKey, authorization } = await moduleOf('api/api_key.js');
+    assert.deepEqual(authorization(), {});
+    const asked = askForKey('This server asks for an API key.');
+    document.getElementById('key').value = ' right ';
+    document.getElementById('key-form').onsubmit({ preventDefault() {} });
+    await asked;
+    assert.deepEqual(authorization(), { Authorization: 'Bearer right' });
+});
+
+test('An upload that is answered by a page ends', async () => {
+    pretendBrowser({ storage: () => ({ getItem: () => null }) });
+    globalThis.XMLHttpRequest = class {
+        upload = {};
+        status = 200;
+        responseText = '<html>Sign in</html>';
+        open() {}
+        setRequestHeader() {}
+        send() { setTimeout(() => this.onload()); }
+    };
+    const { uploadCloud } = await moduleOf('api/upload.js');
+    await assert.rejects(uploadCloud(new File(['ply'], 'a.ply')), { title: 'The server cannot be reached' });
 });

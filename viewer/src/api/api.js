@@ -200,7 +200,7 @@ async function send(url, init = {}) {
     return send(url, init);
 }
 
-const readJson = (response) => arrival(response.json());
+export const readJson = (response) => arrival(response.json());
 
 /** What the network brings, or the problem that it does not. */
 async function arrival(promise) {

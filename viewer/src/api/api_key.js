@@ -5,10 +5,11 @@ import { keep, recall } from '../page/storage.js';
 const kName = 'stipple.api-key';
 const kSendable = /^[\x20-\x7e]+$/;  // in a header field; the input's pattern, too
 let asking = null;
+let entered = null;  // also where the browser keeps nothing
 
 /** The header fields that show the key; none while there is no key. */
 export function authorization() {
-    const key = ['sessionStorage', 'localStorage'].map((where) => recall(where, kName)).find((kept) => kept && kSendable.test(kept));
+    const key = [entered, recall('sessionStorage', kName), recall('localStorage', kName)].find((known) => known && kSendable.test(known));
     return key ? { Authorization: `Bearer ${key}` } : {};
 }
 
@@ -18,9 +19,9 @@ export function askForKey(reason) {
         byId['key-reason'].textContent = reason;
         byId['key-form'].onsubmit = (event) => {
             event.preventDefault();
-            const key = byId.key.value.trim();
-            keep('sessionStorage', kName, key);
-            keep('localStorage', kName, byId['key-stays'].checked ? key : null);
+            entered = byId.key.value.trim();
+            keep('sessionStorage', kName, entered);
+            keep('localStorage', kName, byId['key-stays'].checked ? entered : null);
             byId.key.value = '';
             byId['key-dialog'].close();
             asking = null;

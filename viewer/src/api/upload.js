@@ -1,4 +1,4 @@
-import { kKeyNeeded, Problem, problemFrom, unreachable } from './api.js';
+import { kKeyNeeded, Problem, problemFrom, readJson, unreachable } from './api.js';
 import { askForKey, authorization } from './api_key.js';
 
 const kCreated = 201;
@@ -12,7 +12,8 @@ export async function uploadCloud(file, { onProgress = () => {}, signal } = {}) 
         throw new Problem({ title: 'The file is empty', detail: 'The file is empty: it has no bytes.', status: null });
     }
     try {
-        return await send(file, onProgress, signal);
+        const { status, responseText } = await send(file, onProgress, signal);
+        return { ...await readJson(new Response(responseText)), isNew: status === kCreated };
     } catch (error) {
         if (error.status !== kKeyNeeded) {
             throw error;
@@ -22,7 +23,7 @@ export async function uploadCloud(file, { onProgress = () => {}, signal } = {}) 
     }
 }
 
-/** By XMLHttpRequest, since fetch tells no upload progress. */
+/** By XMLHttpRequest, since fetch tells no upload progress: resolves to it. */
 function send(file, onProgress, signal) {
     return new Promise((resolve, reject) => {
         const request = new XMLHttpRequest();
@@ -32,7 +33,7 @@ function send(file, onProgress, signal) {
         request.upload.onprogress = ({ loaded, total }) => onProgress(loaded, total);
         request.onload = () => {
             if (request.status >= 200 && request.status < 300) {
-                resolve({ ...JSON.parse(request.responseText), isNew: request.status === kCreated });
+                resolve(request);
             } else {
                 reject(problemFrom(request.status, request.statusText, request.responseText));
             }

@@ -22,7 +22,7 @@ const kBetweenFrames = 20;
 const kFirstOfStream = 1_000;
 
 /** Of levels with more points than this only the tiles are loaded that the camera asks for; the address can have another number. */
-export const kMostWhole = Number(new URLSearchParams(location.search).get('whole') ?? 500_000);
+export const kMostWhole = Number(new URLSearchParams(location.search).get('whole')) || 500_000;
 
 /** Where there are no tiles, finer levels than this wait until they are asked for: a browser's memory is not a server's. */
 const kMostPoints = 8_000_000;
@@ -121,8 +121,9 @@ export class LevelLoader {
                 }
                 this.levels.forEach((level) => { level.arrived = Math.min(decoder.taken, level.bytes); });
                 this.onBytes();
-                const level = this.levels.find(({ bytes }) => bytes === decoder.taken);
+                const level = this.levels.find(({ bytes, state }) => bytes === decoder.taken && state !== 'ready');
                 if (level) {
+                    level.decoder = decoder;
                     await this.show(level, await withSurface(await geometryOf(decoder, pause), level, this.signal));
                 }
             }
@@ -132,8 +133,9 @@ export class LevelLoader {
         try {
             await persist(() => readBytes(file.href, decoder.taken, take, this.signal), this.patience);
         } catch (error) {
-            const missing = this.levels.filter(({ state }) => state === 'loading');
-            (missing.length > 0 ? missing : [entry]).forEach((level) => this.fail(level, error));
+            const [next = entry, ...others] = this.levels.filter(({ state }) => state === 'loading');
+            others.forEach((level) => { level.state = 'failed'; });  // for the same reason
+            this.fail(next, error);
         }
         this.isFollowing = false;
         this.onChange();
@@ -258,26 +260,31 @@ export class LevelLoader {
     }
 }
 
-/** A level for each batch of a stream that is worth a look. */
+/** A level for each batch of a stream that is worth a look, with the `decoder` that has its points: another one where it was asked for again. */
 function levelsOf(decoder, entry, diagonal) {
     const least = Math.min(kFirstOfStream, decoder.total);
-    return decoder.batches.filter(({ points }) => points >= least && points <= kMostPoints).map((batch, level) => ({
-        ...entry,
-        level,
-        points: batch.points,
-        bytes: batch.bytes,
-        files: batch.points === entry.points ? entry.files : [],
-        attributes: decoder.layout.attributes.map(({ name, components }, number) => ({
-            name, components, read: async () => decoder.attribute(number, batch.points),
-        })),
-        error: { relative: { mean: batch.meanError / diagonal } },
-        spacing: entry.spacing * Math.sqrt(entry.points / batch.points),
-        state: 'loading',
-    })).map((level) => Object.assign(level, { ply: async () => plyOfStream(decoder, level) }));
+    return decoder.batches.filter(({ points }) => points >= least && points <= kMostPoints).map((batch, number) => {
+        const level = {
+            ...entry,
+            level: number,
+            points: batch.points,
+            bytes: batch.bytes,
+            files: batch.points === entry.points ? entry.files : [],
+            error: { relative: { mean: batch.meanError / diagonal } },
+            spacing: entry.spacing * Math.sqrt(entry.points / batch.points),
+            state: 'loading',
+            decoder,
+        };
+        level.attributes = decoder.layout.attributes.map(({ name, components }, attribute) => ({
+            name, components, read: async () => level.decoder.attribute(attribute, level.points),
+        }));
+        level.ply = async () => plyOfStream(level);
+        return level;
+    });
 }
 
 /** What is shown of a stream as a file: its places are those of then, what else points have does not change. */
-function plyOfStream(decoder, { geometry, points }) {
+function plyOfStream({ decoder, geometry, points }) {
     const { origin, alpha, attributes } = decoder.layout;
     return plyOf({
         count: points,

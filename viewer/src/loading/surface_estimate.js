@@ -416,12 +416,13 @@ class PointGrid {
         const cx = this.cell(x), cy = this.cell(y), cz = this.cell(z);
         nearest.count = 0;
         let left = kMostMet;
-        for (let kz = cz - ring; kz <= cz + ring; kz += 1) {
-            for (let ky = cy - ring; ky <= cy + ring; ky += 1) {
-                const row = rowOf(ky, kz);
-                const hash = rowHash(ky, kz);
-                for (let kx = cx - ring; kx <= cx + ring; kx += 1) {
-                    const bucket = (hash + kx) & mask;
+        // By offsets: to the cell of a point that is very far off, 1 adds nothing.
+        for (let k = -ring; k <= ring; k += 1) {
+            for (let j = -ring; j <= ring; j += 1) {
+                const row = rowOf(cy + j, cz + k);
+                const hash = rowHash(cy + j, cz + k);
+                for (let i = -ring; i <= ring; i += 1) {
+                    const bucket = (hash + cx + i) & mask;
                     const end = Math.min(starts[bucket + 1], starts[bucket] + left);
                     left -= end - starts[bucket];
                     for (let other = starts[bucket]; other < end; other += 1) {

@@ -6,6 +6,7 @@ export const kAsNew = {
 };
 
 const kTypes = ['pyramid', 'job'];
+const kLooks = ['level', 'error', 'color', 'splat', 'shading', 'view', 'beside', 'with', 'layout', 'at'];
 const kLayouts = ['beside', 'swipe'];
 const kFarthest = 1000;  // radii of the cloud from its middle
 const kDigits = 10;  // a bound is as exact as the errors that it is compared with
@@ -35,15 +36,25 @@ export function readAddress() {
     };
 }
 
+/** The address of a result that is not yet looked at, or, of null, that of the page without one; what it has beside these stays. */
+export function addressOf(result) {
+    const address = new URL(location.href);
+    [...kTypes, ...kLooks].forEach((name) => address.searchParams.delete(name));
+    if (result) {
+        address.searchParams.set(result.type === 'pyramid' ? 'pyramid' : 'job', result.id);
+    }
+    return address.href;
+}
+
 /** Two places, apart, from which the cloud can be seen. */
 function isView(view) {
     const [position, target] = [view.slice(0, 3), view.slice(3)];
     return view.length === 6 && view.every((x) => Math.abs(x) <= kFarthest) && position.some((x, axis) => x !== target[axis]);
 }
 
-/** Writes the same; what the address has beside it stays. */
+/** Writes what `readAddress` reads; what the address has beside it stays. */
 export function writeAddress({ id, type, chosen, bound, color, splatSize, shading, view, right, layout, at }) {
-    const address = new URL(location.href);
+    const address = new URL(addressOf({ id, type }));
     const [kind, other] = right?.split(':') ?? [];
     const how = {
         level: chosen === null ? null : chosen + 1,
@@ -57,11 +68,8 @@ export function writeAddress({ id, type, chosen, bound, color, splatSize, shadin
     if (!readAddress() && Object.values(how).every((value) => value === null)) {
         return;  // whatever is newest
     }
-    for (const [name, value] of Object.entries({ pyramid: type === 'pyramid' ? id : null, job: type === 'pyramid' ? null : id, ...how })) {
-        address.searchParams.delete(name);
-        if (value !== null) {
-            address.searchParams.set(name, value);
-        }
+    for (const name of kLooks.filter((look) => how[look] !== null)) {
+        address.searchParams.set(name, how[name]);
     }
     const wanted = address.href.replaceAll('%2C', ',');
     if (wanted !== location.href) {

@@ -1,4 +1,4 @@
-import { readAddress, writeAddress } from './address.js';
+import { addressOf, readAddress, writeAddress } from './address.js';
 
 const kSoonMs = 100;
 
@@ -28,11 +28,6 @@ export class Bookmark {
     /** The address of what is shown, also where the page shows it only because it is the newest. */
     link() {
         this.write();
-        const address = new URL(location.href);
-        if (!readAddress()) {
-            const { id, type } = this.seen();
-            address.searchParams.set(type === 'pyramid' ? 'pyramid' : 'job', id);
-        }
-        return address.href;
+        return readAddress() ? location.href : addressOf(this.seen());
     }
 }
