@@ -30,34 +30,33 @@ std::string_view as_text(std::span<const std::byte> bytes) noexcept {
     return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
 }
 
-/// What a file probably is that is in no format that is read, for who sent it.
-std::string hint_for(std::string_view text) {
+/// What a file is, as far as can be told, that is in no format that is read; and what to do.
+std::string describe_unknown(std::string_view text) {
     using namespace std::string_view_literals;
     constexpr std::array kPacked = {"\x1F\x8B"sv, "PK\x03\x04"sv, "\x28\xB5\x2F\xFD"sv};
     if (text.starts_with("ply")) {
-        return "; no line break follows: send the bytes as they are, with curl by --data-binary, "
-               "since -d takes line breaks out";
+        return "it begins with 'ply', but no line break follows: send the bytes as they are, with "
+               "curl by --data-binary, since -d takes line breaks out";
     }
     if (std::ranges::any_of(kPacked, [text](auto magic) { return text.starts_with(magic); }))
-        return "; it is a packed file: unpack it first";
+        return "it is a packed file: unpack it first";
     if (text.starts_with("LASF"))
-        return "; it is a LAS or LAZ file: convert it to PLY first, as with CloudCompare";
+        return "it is a LAS or LAZ file: convert it to PLY first, as with CloudCompare";
     if (text.starts_with("version https:/"))
-        return "; it is a Git LFS pointer, not the file: fetch it with 'git lfs pull'";
-    return "";
+        return "it is a Git LFS pointer, not the file: fetch it with 'git lfs pull'";
+    constexpr std::size_t kQuoted = 16;
+    return "the file starts with " + in_quotes(text.substr(0, kQuoted)) +
+           ", expected 'ply' and a line break, 'DRACO' or 'STPC'";
 }
 
 /// @throws Error(UnsupportedFormat) for what is in none that is read.
 CloudFormat format_of(std::span<const std::byte> bytes) {
     if (const auto format = detect_format(bytes)) return *format;
-    constexpr std::size_t kQuoted = 16;
     const std::string_view text = as_text(bytes);
     throw Error(ErrorCode::UnsupportedFormat,
                 text.empty()
                     ? "the file is empty: expected PLY, Draco or a progressive stream"
-                    : "neither PLY, Draco nor a progressive stream: the file starts with " +
-                          in_quotes(text.substr(0, kQuoted)) +
-                          ", expected 'ply' and a line break, 'DRACO' or 'STPC'" + hint_for(text));
+                    : "neither PLY, Draco nor a progressive stream: " + describe_unknown(text));
 }
 
 [[noreturn]] void fail_io(const std::string& what, const fs::path& file, int error) {
