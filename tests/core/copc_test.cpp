@@ -215,11 +215,13 @@ TEST(Copc, RefusesWhatTheFormatCannotHold) {
     for (const double precision : {1e-12, 1e-320})
         EXPECT_NE(refusal(cloud, {.precision = precision}).find("2^30"), std::string::npos);
     EXPECT_NE(refusal(cloud, {.precision = 1.2e308}).find("finite"), std::string::npos);
-    Attribute wide{"wide", std::vector<double>(9000 * 10), 9000};
-    cloud.attributes.push_back(wide);
-    EXPECT_NE(refusal(cloud).find("72000 bytes"), std::string::npos);
-    cloud.attributes.front() = {"narrow", std::vector<std::uint8_t>(400 * 10), 400};
-    EXPECT_NE(refusal(cloud).find("400 attributes"), std::string::npos);
+    const std::string long_name(42, 'n');  // all its fields begin with the same 32 bytes
+    cloud.attributes = {{long_name, std::vector<std::uint8_t>(341 * 10), 341}};
+    EXPECT_EQ(refusal(cloud), "");
+    cloud.attributes.push_back({"one", std::vector<std::uint8_t>(10)});
+    EXPECT_NE(refusal(cloud).find("341 components, all together have 342"), std::string::npos);
+    cloud.attributes = {{long_name, std::vector<std::uint8_t>(50'000 * 10), 50'000}};
+    EXPECT_NE(refusal(cloud).find("50000 components"), std::string::npos);
     cloud.attributes.clear();
     cloud.positions[3].y() = std::numeric_limits<float>::quiet_NaN();
     EXPECT_NE(refusal(cloud).find("not finite"), std::string::npos);

@@ -170,7 +170,7 @@ LazPoints points_of_node(const PointCloud& cloud, const LasFields& fields,
 // The file.
 
 constexpr std::size_t kHeaderSize = 375, kExtendedRecordHead = 60;
-constexpr std::size_t kInfoSize = 160, kExtraFieldSize = 192, kEntrySize = 32;
+constexpr std::size_t kInfoSize = 160, kEntrySize = 32;
 constexpr std::size_t kTablePointer = 8;  // before the first chunk
 
 void put_record_head(ByteWriter& to, std::string_view user, std::uint16_t id, std::size_t size,
@@ -209,11 +209,6 @@ void put_laszip_record(ByteWriter& to, bool has_colors, std::size_t extra_size) 
 }
 
 void put_extra_fields_record(ByteWriter& to, std::span<const LasExtraField> fields) {
-    constexpr std::size_t kMostFields = 0xFFFF / kExtraFieldSize;
-    if (fields.size() > kMostFields)
-        throw Error(ErrorCode::InvalidArgument, std::to_string(fields.size()) +
-                                                    " attributes: a LAS file holds at most " +
-                                                    std::to_string(kMostFields));
     put_record_head(to, "LASF_Spec", 4, kExtraFieldSize * fields.size(), "Extra bytes");
     for (const LasExtraField& field : fields) {
         to.put_zeros(2);

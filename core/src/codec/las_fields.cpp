@@ -1,6 +1,6 @@
 #include "codec/las_fields.hpp"
 
-#include "codec/laz_chunk.hpp"
+#include "base/in_quotes.hpp"
 #include "stipple/error.hpp"
 
 #include <algorithm>
@@ -88,12 +88,21 @@ LasFields::LasFields(const PointCloud& cloud) {
     std::vector<const Attribute*> others;
     for (const Attribute& attribute : cloud.attributes)
         if (!take_as_known(attribute)) others.push_back(&attribute);
+    require_room(others);
     for (const Attribute* const attribute : others) add(*attribute);
-    constexpr std::size_t kMost = 65'535 - kLazPointSize - kLazColorSize;
-    if (extra_size > kMost)
-        throw Error(ErrorCode::InvalidArgument,
-                    "the attributes take " + std::to_string(extra_size) +
-                        " bytes per point: LAS holds at most " + std::to_string(kMost));
+}
+
+/// Before each gets a name that no other has.
+void LasFields::require_room(std::span<const Attribute* const> others) const {
+    std::size_t all = extras.size();
+    for (const Attribute* const attribute : others) all += attribute->components;
+    if (all <= kMostExtraFields) return;
+    const Attribute& widest = **std::ranges::max_element(others, {}, &Attribute::components);
+    throw Error(ErrorCode::InvalidArgument,
+                "attribute " + in_quotes(widest.name) + " has " +
+                    std::to_string(widest.components) + " components, all together have " +
+                    std::to_string(all) + ": a LAS file holds at most " +
+                    std::to_string(kMostExtraFields) + " beside its own fields; leave some out");
 }
 
 bool LasFields::take_as_known(const Attribute& attribute) {

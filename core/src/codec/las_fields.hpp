@@ -5,10 +5,14 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <span>
 #include <string>
 #include <vector>
 
 namespace stipple {
+
+/// What the record has that tells of the extra bytes of a point: its size is one of 16 bits.
+inline constexpr std::size_t kExtraFieldSize = 192, kMostExtraFields = 0xFFFF / kExtraFieldSize;
 
 /// A field that LAS does not know: among the extra bytes of a point.
 struct LasExtraField {
@@ -32,12 +36,13 @@ struct LasFields {
     std::vector<LasExtraField> extras;
     std::size_t extra_size = 0;  ///< bytes of all extras of a point
 
-    /// @throws Error(InvalidArgument) for more extra bytes than a point can have.
+    /// @throws Error(InvalidArgument) for more than a file can tell of.
     explicit LasFields(const PointCloud& cloud);
 
 private:
     bool take_as_known(const Attribute& attribute);
     void take_returns(const PointCloud& cloud);
+    void require_room(std::span<const Attribute* const> others) const;
     const Attribute *return_number_ = nullptr, *return_count_ = nullptr;  ///< those taken
     void add(const Attribute& attribute);
     void add(LasExtraField field);
