@@ -32,6 +32,14 @@ TEST(PlyColumns, TakesColoursOf16BitsAsTheyAreWhereNoneIsAbove255) {
               (std::vector<Rgba8>{{255, 128, 0, 255}, {1, 0, 1, 255}}));
 }
 
+TEST(PlyColumns, TakesWideColoursAsTheyAreBesideAnAlphaOfAnotherType) {
+    const std::vector<Rgba8> expected = {{200, 100, 50, 255}, {1, 2, 3, 128}};
+    const std::string rows = "0 0 0 200 100 50 255\n1 0 0 1 2 3 128\n";
+    for (const std::string type : {"ushort", "int", "float"})
+        EXPECT_EQ(colors_of(type, rows, "property uchar alpha\n"), expected) << type;
+    EXPECT_EQ(colors_of("int", rows, "property ushort alpha\n"), expected);
+}
+
 TEST(PlyColumns, TakesTheUpperBitsOfColoursAsLasHasThemAndTellsWhatIsLost) {
     const auto skipped = [](const std::string& rows) {
         DecodeReport report;

@@ -302,6 +302,38 @@ TEST(PlyReader, NamesTheFirstBadLineOnAnyNumberOfThreads) {
     }
 }
 
+TEST(PlyReader, CountsLinesThatEndInCarriageReturnsAndKeepsCommentsOnOneLine) {
+    std::string text = ascii("element vertex 2\n" + kXyz, "0 0 0\n1 zwei 3\n");
+    std::ranges::replace(text, '\n', '\r');
+    test::expect_error(ErrorCode::MalformedInput, "line 9 (vertex 1, property y)",
+                       [&] { decode(text); });
+    DecodeReport report;
+    const PointCloud cloud =
+        decode(ascii("comment a\rb\nelement vertex 1\n" + kXyz, "0 0 0\n"), &report);
+    EXPECT_EQ(report.comments, std::vector<std::string>{"a b"});
+    EXPECT_NO_THROW(encode_ply(cloud, {.encoding = {}, .comments = report.comments}));
+}
+
+TEST(PlyReader, PlacesCloudsByTheirFinitePointsAlone) {
+    PointCloud cloud = test::sphere(101);
+    cloud.double_precision = true;
+    const std::vector<std::byte> file = encode_ply(cloud);
+    std::string text = text_of(file);
+    const std::size_t last = text.size() - 3 * sizeof(double);
+    const double none[] = {std::numeric_limits<double>::quiet_NaN(), 1e300, 0};
+    std::memcpy(&text[last], none, sizeof none);
+    const PointCloud read = decode(text);
+    EXPECT_EQ(read.size(), 101U);
+    EXPECT_LT(read.positions[0].norm(), 10);
+}
+
+TEST(PlyReader, RefusesMoreElementsThanAnyFileHas) {
+    std::string elements;
+    for (int i = 0; i < 5000; ++i) elements += "element e" + std::to_string(i) + " 0\n";
+    test::expect_error(ErrorCode::MalformedInput, "more than 4096 elements",
+                       [&] { decode(ascii(elements, "")); });
+}
+
 TEST(PlyReader, RejectsAHeaderThatPromisesMorePointsThanTheFileHolds) {
     EXPECT_NE(
         message_of("ply\nformat binary_little_endian 1.0\nelement vertex 190000000\n" + kXyz +

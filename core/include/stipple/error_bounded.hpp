@@ -62,7 +62,7 @@ struct ErrorBoundedCloud {
 /// measured independently: at random places of each surface, twice as many as the cloud has points,
 /// at least 200,000, but no more than 300,000 or a hundred per point of the result; at more of them
 /// around large distances; and at the points of the result. All must be within 97 % of the bound; otherwise the search
-/// continues from the result, in larger steps after 16 rounds. A maximum over samples is below that
+/// continues from the result, in larger steps after 32 rounds. A maximum over samples is below that
 /// over the whole surface, so another measurement may find slightly more: the last 3 % are for
 /// this.
 ///

@@ -57,8 +57,9 @@ struct WideColors {
     /// Integers have 8 bits where none is above 255, and 8 bits in the upper ones of 16, as LAS
     /// prescribes, where all are multiples of 256; floats where one is above 2 and finite, as no
     /// share of a colour is. Alpha alone may still be of the whole range.
+    /// @param keeps_alpha  that of the colours stays, since it was no such channel.
     /// @returns whether nothing of them is lost.
-    bool narrow(std::vector<Rgba8>& colors) const {
+    bool narrow(std::vector<Rgba8>& colors, bool keeps_alpha = false) const {
         const bool eight_bits = has_eight_bits();
         const bool upper_bits = !eight_bits && all_are_multiples_of(256);
         const auto narrowed = [&](T v) {
@@ -74,8 +75,8 @@ struct WideColors {
             const auto& [r, g, b, a] = values[i];
             const bool whole_alpha =
                 std::is_integral_v<T> ? a > T(255) && !(upper_bits && a != kFull) : a <= T(1);
-            colors[i] = {narrowed(r), narrowed(g), narrowed(b),
-                         whole_alpha ? to_channel(a) : narrowed(a)};
+            const std::uint8_t alpha = whole_alpha ? to_channel(a) : narrowed(a);
+            colors[i] = {narrowed(r), narrowed(g), narrowed(b), keeps_alpha ? colors[i].a : alpha};
         }
         return eight_bits || upper_bits || all_are_multiples_of(257);
     }

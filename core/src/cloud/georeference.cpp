@@ -15,9 +15,11 @@ Vec3d choose_origin(const Aabb& all, std::vector<Vec3d> some) {
     double side = longest_side(all);
     constexpr double kLongestSide = 1e37;
     if (!(side <= kLongestSide)) {
-        throw Error(ErrorCode::MalformedInput,
-                    in_words("the coordinates spread over ", side, ": expected at most ",
-                             kLongestSide, ", the range of single precision"));
+        throw Error(
+            ErrorCode::MalformedInput,
+            in_words("the coordinates spread over ", side, ": expected at most ", kLongestSide,
+                     ", the range of single precision; remove far-off points, or give them "
+                     "in a larger unit"));
     }
     constexpr double kShortestSide = std::numeric_limits<float>::min();
     if (side > 0 && side < kShortestSide) {

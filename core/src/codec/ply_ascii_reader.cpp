@@ -3,6 +3,7 @@
 #include "stipple/error.hpp"
 
 #include <algorithm>
+#include <array>
 #include <exception>
 #include <numeric>
 #include <string_view>
@@ -114,24 +115,24 @@ bool read_lines_in_blocks(const AsciiCursor& cursor, const TextBlocks& blocks,
     const auto last = std::ranges::lower_bound(blocks.newlines_before, rows);
     const auto used = std::min(static_cast<std::size_t>(last - blocks.newlines_before.begin()) + 1,
                                blocks.size());
-    std::vector<BlockOutcome> outcomes(used, BlockOutcome::Read);
-    std::vector<std::exception_ptr> faults(used);
     constexpr std::size_t kBlocksPerReport = 64;
     for (std::size_t first = 0; first < used; first += kBlocksPerReport) {
         context.checkpoint(static_cast<double>(first) / static_cast<double>(used));
-        parallel_for_blocks(
-            std::min(kBlocksPerReport, used - first), 1, context, [&](std::size_t b, std::size_t) {
-                try {
-                    outcomes[first + b] = read_block(cursor, blocks, first + b, read_row, rows);
-                } catch (const Error&) {
-                    faults[first + b] = std::current_exception();
-                }
-            });
-    }
-    if (std::ranges::find(outcomes, BlockOutcome::HasBlankLine) != outcomes.end()) return false;
-    // The first in the file, whichever thread found one first.
-    for (const std::exception_ptr& fault : faults) {
-        if (fault) std::rethrow_exception(fault);
+        const std::size_t count = std::min(kBlocksPerReport, used - first);
+        std::array<BlockOutcome, kBlocksPerReport> outcomes{};
+        std::array<std::exception_ptr, kBlocksPerReport> faults;
+        parallel_for_blocks(count, 1, context, [&](std::size_t b, std::size_t) {
+            try {
+                outcomes[b] = read_block(cursor, blocks, first + b, read_row, rows);
+            } catch (const Error&) {
+                faults[b] = std::current_exception();
+            }
+        });
+        // The first in the file, whichever thread found one first: nothing after it is read.
+        for (std::size_t b = 0; b < count; ++b) {
+            if (outcomes[b] == BlockOutcome::HasBlankLine) return false;
+            if (faults[b]) std::rethrow_exception(faults[b]);
+        }
     }
     return true;
 }

@@ -106,36 +106,6 @@ struct Rows {
 };
 
 template <bool kSwap>
-Aabb bounds_of_coordinates(const Rows& rows, const PlyLayout& layout, const RunContext& context) {
-    const auto n = static_cast<std::size_t>(layout.vertex->count);
-    std::vector<Aabb> boxes((n + kRowsPerBlock - 1) / kRowsPerBlock);
-    parallel_for_blocks(n, kRowsPerBlock, context, [&](std::size_t begin, std::size_t end) {
-        Aabb& box = boxes[begin / kRowsPerBlock];
-        std::size_t offset = 0;
-        for (std::size_t i = 0; i < layout.roles.size(); ++i) {
-            const PlyType type = layout.vertex->properties[i].type;
-            if (layout.roles[i].kind == PlyRole::Position) {
-                const unsigned axis = layout.roles[i].component;
-                with_type(type, [&]<typename T>() {
-                    for (std::size_t row = begin; row < end; ++row) {
-                        const auto value =
-                            static_cast<double>(BinaryCursor<kSwap>::template load<T>(
-                                rows.data + row * rows.stride + offset));
-                        if (!std::isfinite(value)) continue;
-                        box.min[axis] = std::min(box.min[axis], value);
-                        box.max[axis] = std::max(box.max[axis], value);
-                    }
-                });
-            }
-            offset += size_of(type);
-        }
-    });
-    return std::accumulate(boxes.begin(), boxes.end(), Aabb{}, [](const Aabb& a, const Aabb& b) {
-        return Aabb{a.min.cwiseMin(b.min), a.max.cwiseMax(b.max)};
-    });
-}
-
-template <bool kSwap>
 Vec3d coordinate(const Rows& rows, const PlyLayout& layout, std::size_t row) {
     Vec3d p = Vec3d::Zero();
     const std::byte* from = rows.data + row * rows.stride;
@@ -149,6 +119,45 @@ Vec3d coordinate(const Rows& rows, const PlyLayout& layout, std::size_t row) {
         from += size_of(type);
     }
     return p;
+}
+
+template <bool kSwap>
+Aabb bounds_of_coordinates(const Rows& rows, const PlyLayout& layout, const RunContext& context) {
+    const auto n = static_cast<std::size_t>(layout.vertex->count);
+    std::vector<Aabb> boxes((n + kRowsPerBlock - 1) / kRowsPerBlock);
+    parallel_for_blocks(n, kRowsPerBlock, context, [&](std::size_t begin, std::size_t end) {
+        Aabb& box = boxes[begin / kRowsPerBlock];
+        bool is_finite = true;
+        std::size_t offset = 0;
+        for (std::size_t i = 0; i < layout.roles.size(); ++i) {
+            const PlyType type = layout.vertex->properties[i].type;
+            if (layout.roles[i].kind == PlyRole::Position) {
+                const unsigned axis = layout.roles[i].component;
+                with_type(type, [&]<typename T>() {
+                    for (std::size_t row = begin; row < end; ++row) {
+                        const auto value =
+                            static_cast<double>(BinaryCursor<kSwap>::template load<T>(
+                                rows.data + row * rows.stride + offset));
+                        is_finite = is_finite && std::isfinite(value);
+                        box.min[axis] = std::min(box.min[axis], value);
+                        box.max[axis] = std::max(box.max[axis], value);
+                    }
+                });
+            }
+            offset += size_of(type);
+        }
+        if (is_finite) return;
+        box = {};  // without points that have no place, whatever their other coordinates are
+        for (std::size_t row = begin; row < end; ++row) {
+            const Vec3d p = coordinate<kSwap>(rows, layout, row);
+            if (!p.allFinite()) continue;
+            box.min = box.min.cwiseMin(p);
+            box.max = box.max.cwiseMax(p);
+        }
+    });
+    return std::accumulate(boxes.begin(), boxes.end(), Aabb{}, [](const Aabb& a, const Aabb& b) {
+        return Aabb{a.min.cwiseMin(b.min), a.max.cwiseMax(b.max)};
+    });
 }
 
 /// Whether the column and the two after it are the floats of a vector, side by side in the file as

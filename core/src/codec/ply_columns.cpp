@@ -14,6 +14,8 @@ namespace stipple {
 
 namespace {
 
+constexpr unsigned kAlpha = 3;  // of the components of a colour
+
 AttributeValues values_of(PlyType type, std::size_t count) {
     return with_type(type, [&]<typename T>() {
         std::vector<Kept<T>> values;
@@ -38,9 +40,9 @@ PlyDestination::PlyDestination(const PlyLayout& layout, std::optional<Vec3d> ori
 
 PointCloud PlyDestination::finish(DecodeReport& report) {
     if (wide_ && !origin_) place_coordinates();
-    if (!wide_colors_.values.empty() && !wide_colors_.narrow(cloud_.colors))
+    if (!wide_colors_.values.empty() && !wide_colors_.narrow(cloud_.colors, alpha_apart_))
         report.skipped.emplace_back("lower 8 bits of 16-bit colours");
-    if (!float_colors_.values.empty()) float_colors_.narrow(cloud_.colors);
+    if (!float_colors_.values.empty()) float_colors_.narrow(cloud_.colors, alpha_apart_);
     cloud_.origin = origin_.value_or(Vec3d::Zero());
     cloud_.double_precision = wide_;
     for (auto& [property, sink] : lists_) keep_or_report(*property, sink, report);
@@ -55,11 +57,12 @@ void PlyDestination::allocate() {
     if (wide_ && !origin_) resize_in_huge_pages(coordinates_, n);
     if (layout_.has(PlyRole::Normal)) resize_in_huge_pages(cloud_.normals, n);
     if (layout_.has(PlyRole::Color)) resize_in_huge_pages(cloud_.colors, n);
-    if (colors_are({PlyType::Int16, PlyType::UInt16, PlyType::Int32, PlyType::UInt32,
-                    PlyType::Int64, PlyType::UInt64}))
-        wide_colors_.resize(n);
-    if (colors_are({PlyType::Float32, PlyType::Float64})) float_colors_.resize(n);
-    cloud_.has_alpha = layout_.has(PlyRole::Color, 3);
+    constexpr std::array kWide = {PlyType::Int16,  PlyType::UInt16, PlyType::Int32,
+                                  PlyType::UInt32, PlyType::Int64,  PlyType::UInt64};
+    constexpr std::array kFloating = {PlyType::Float32, PlyType::Float64};
+    cloud_.has_alpha = layout_.has(PlyRole::Color, kAlpha);
+    keep_colors(kWide, wide_colors_);
+    keep_colors(kFloating, float_colors_);
     for (std::size_t i = 0; i < layout_.roles.size(); ++i) {
         const PlyProperty& property = layout_.vertex->properties[i];
         if (layout_.roles[i].kind != PlyRole::Attribute || property.is_list()) continue;
@@ -69,15 +72,28 @@ void PlyDestination::allocate() {
     }
 }
 
-bool PlyDestination::colors_are(std::initializer_list<PlyType> types) const {
+bool PlyDestination::colors_are(std::span<const PlyType> types) const {
     bool any = false;
     for (std::size_t i = 0; i < layout_.roles.size(); ++i) {
-        if (layout_.roles[i].kind != PlyRole::Color) continue;
+        const PlyRole& role = layout_.roles[i];
+        if (role.kind != PlyRole::Color || role.component == kAlpha) continue;
         if (std::ranges::find(types, layout_.vertex->properties[i].type) == types.end())
             return false;
         any = true;
     }
     return any;
+}
+
+/// Room for them, if they are of one of these types.
+void PlyDestination::keep_colors(std::span<const PlyType> types, auto& colors) {
+    if (!colors_are(types)) return;
+    colors.resize(static_cast<std::size_t>(layout_.vertex->count));
+    for (std::size_t i = 0; i < layout_.roles.size(); ++i) {
+        const PlyRole& role = layout_.roles[i];
+        if (role.kind == PlyRole::Color && role.component == kAlpha)
+            alpha_apart_ =
+                std::ranges::find(types, layout_.vertex->properties[i].type) == types.end();
+    }
 }
 
 PlySink PlyDestination::sink_for(const PlyRole& role, const PlyProperty& property,
@@ -92,6 +108,8 @@ PlySink PlyDestination::sink_for(const PlyRole& role, const PlyProperty& propert
         case PlyRole::Normal:
             return VectorSink{cloud_.normals.data(), role.component};
         case PlyRole::Color:
+            if (role.component == kAlpha && alpha_apart_)
+                return ColorSink{cloud_.colors.data(), &Rgba8::a};
             if (!wide_colors_.values.empty())
                 return WideColorSink<std::uint16_t>{wide_colors_.values.data(), role.component};
             if (!float_colors_.values.empty())

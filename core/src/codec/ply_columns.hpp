@@ -8,8 +8,8 @@
 #include <cstddef>
 #include <cstdint>
 #include <deque>
-#include <initializer_list>
 #include <optional>
+#include <span>
 #include <utility>
 #include <variant>
 #include <vector>
@@ -125,8 +125,9 @@ public:
 
 private:
     void allocate();
-    /// Whether there are colours, and all channels are of one of these types.
-    bool colors_are(std::initializer_list<PlyType> types) const;
+    /// Whether there are colours, and red, green and blue are of one of these types.
+    bool colors_are(std::span<const PlyType> types) const;
+    void keep_colors(std::span<const PlyType> types, auto& colors);
     PlySink sink_for(const PlyRole& role, const PlyProperty& property, std::size_t& attribute);
     void scale_normals();
     void place_coordinates();
@@ -137,8 +138,9 @@ private:
     std::optional<Vec3d> origin_;
     PointCloud cloud_;
     std::vector<Vec3d> coordinates_;
-    WideColors<std::uint16_t> wide_colors_;  ///< where all channels have 16 bits or more,
+    WideColors<std::uint16_t> wide_colors_;  ///< where the channels have 16 bits or more,
     WideColors<float> float_colors_;         ///< or are floats
+    bool alpha_apart_ = false;               ///< it is of neither kind, though they are
     std::deque<std::pair<const PlyProperty*, ListSink>> lists_;  // a deque: columns point into it
 };
 

@@ -166,7 +166,9 @@ public:
     }
 
     [[noreturn]] void fail(const PlyProperty* property, const std::string& what) const {
-        const auto line = 1 + std::count(file_, here_, '\n');
+        // Old Macintosh files end their lines in CR alone.
+        const auto line =
+            1 + std::max(std::count(file_, here_, '\n'), std::count(file_, here_, '\r'));
         throw Error(ErrorCode::MalformedInput, "PLY body, line " + std::to_string(line) + " (" +
                                                    place.describe(property) + "): " + what);
     }

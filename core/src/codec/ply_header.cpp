@@ -13,7 +13,7 @@ namespace stipple {
 namespace {
 
 constexpr std::size_t kLongestHeader = std::size_t{1} << 20;
-constexpr std::size_t kMostProperties = 4096;
+constexpr std::size_t kMostProperties = 4096, kMostElements = 4096;
 
 /// The first name of each type is what is written.
 constexpr std::array<std::pair<std::string_view, PlyType>, 19> kTypeNames = {{
@@ -98,6 +98,7 @@ private:
         text = first == text.npos ? ""
                                   : text.substr(first, text.find_last_not_of(" \t\r") - first + 1);
         header_.comments.emplace_back(text);
+        std::ranges::replace(header_.comments.back(), '\r', ' ');  // in a comment, no end of a line
     }
 
     void take_format() {
@@ -134,6 +135,8 @@ private:
             header_.elements.end()) {
             fail("a second element " + in_quotes(element.name));
         }
+        if (header_.elements.size() == kMostElements)
+            fail("more than " + std::to_string(kMostElements) + " elements");
         header_.elements.push_back(std::move(element));
     }
 
