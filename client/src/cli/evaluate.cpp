@@ -71,12 +71,13 @@ void print(std::ostream& out, const proto::OutputCloud& cloud, const TextStyle& 
               blocks(backward.histogram, 20, style.unicode));
     print_row(out, style, "samples", with_separators(forward.samples),
               with_separators(backward.samples));
-    for (std::size_t i = 0; i < forward.attributes.size() && i < backward.attributes.size(); ++i) {
-        const auto mean = [](const AttributeError& a) {
-            return three_digits(a.mean) + " (max " + three_digits(a.max) + ")";
-        };
-        print_row(out, style, printable(forward.attributes[i].name), mean(forward.attributes[i]),
-                  mean(backward.attributes[i]));
+    const auto difference = [](const AttributeError& a) {
+        return three_digits(a.mean) + " (max " + three_digits(a.max) + ")";
+    };
+    for (const AttributeError& there : forward.attributes) {
+        const auto back = std::ranges::find(backward.attributes, there.name, &AttributeError::name);
+        print_row(out, style, printable(there.name), difference(there),
+                  back == backward.attributes.end() ? "" : difference(*back));
     }
     out << style.dim("input units, and percent of the diagonal, " + three_digits(error.diagonal))
         << '\n';

@@ -163,9 +163,7 @@ std::vector<AttributeError> attribute_errors(const AttributedSurface& from,
             known.push_back(differences[a][i]);
             around.push_back(areas[i]);
         }
-        errors.push_back(summarize(list[a].name, known, around, context));
-        constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
-        if (known.empty()) errors.back().max = errors.back().mean = errors.back().rms = kNone;
+        if (!known.empty()) errors.push_back(summarize(list[a].name, known, around, context));
     }
     return errors;
 }
