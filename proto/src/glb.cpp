@@ -6,6 +6,9 @@
 #include <bit>
 #include <cmath>
 #include <cstring>
+#include <string>
+#include <utility>
+#include <vector>
 
 // Follows: Khronos, glTF 2.0 (binary container, §4.4), EXT_meshopt_compression,
 // KHR_mesh_quantization, KHR_materials_unlit, EXT_structural_metadata.
@@ -229,7 +232,10 @@ LodTile decode_glb(std::span<const std::byte> bytes) try {
     tile.step = matrix.at(0);
     tile.offset = Vec3d(matrix.at(12), -matrix.at(14).get<double>(), matrix.at(13));
     tile.last = position.at("max");
-    for (const auto& [name, accessor] : attributes.items()) {
+    std::vector<std::pair<std::size_t, std::string>> in_order;  // as they were written
+    for (const auto& [name, accessor] : attributes.items()) in_order.emplace_back(accessor, name);
+    std::ranges::sort(in_order);
+    for (const auto& [accessor, name] : in_order) {
         TileStream& stream =
             tile.streams.emplace_back(read_stream(root, name, accessor, chunks.binary));
         const auto property = property_of(root, name);

@@ -44,6 +44,13 @@ void keep_within(PointCloud& cloud, const PointCloud& others) {
     for (Vec3f& p : cloud.positions) p = p.cwiseMax(low).cwiseMin(high);
 }
 
+/// Labels and the like are not averaged, though tiles give those of 32 bits back as floats.
+void keep_whole_numbers(const std::vector<CloudAttribute>& attributes, SimplifyOptions& options) {
+    for (const CloudAttribute& attribute : attributes)
+        if (!attribute.type.starts_with("float"))
+            options.reductions.try_emplace(attribute.name, Reduction::Nearest);
+}
+
 /// What the options say of attributes that the cloud lacks, as tiles may, is left out.
 void leave_out_missing(const PointCloud& cloud, SimplifyOptions& options) {
     const auto is_missing = [&cloud](const std::string& name) {
@@ -84,8 +91,8 @@ private:
     Candidate with_points(std::uint64_t points) {
         require_room(std::min(points, levels_.most_points(pyramid_.levels.back())));
         Candidate candidate{levels_.level_with(points), {}, {}};
-        const PointCloud& all = candidate.cut->cloud;
-        if (all.size() > points) candidate.trimmed = simplified(all, points);
+        if (candidate.cut->cloud.size() > points)
+            candidate.trimmed = simplified(*candidate.cut, points);
         encode(candidate);
         return candidate;
     }
@@ -182,9 +189,12 @@ private:
 
     // Clouds.
 
-    PointCloud simplified(const PointCloud& cloud, std::uint64_t points) const {
+    PointCloud simplified(const LevelCut& cut, std::uint64_t points) const {
+        const PointCloud& cloud = cut.cloud;
         SimplifyOptions options = job_.options.simplification;
         options.points = points;
+        if (options.method != Method::Random)
+            keep_whole_numbers(pyramid_.levels[cut.level].attributes, options);
         to_frame_of(cloud, options.particles);
         leave_out_missing(cloud, options);
         PointCloud result = simplify(cloud, options, context_);

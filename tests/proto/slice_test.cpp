@@ -457,6 +457,29 @@ TEST(Slice, IsCutFromTilesWhereThereIsNoPly) {
     EXPECT_EQ(refusal(draco, {.points = 100}), ErrorCode::InvalidArgument);
 }
 
+TEST(Slice, FromTilesBlendsNoLabelsAndHasTheOrderOfTheManifest) {
+    PointCloud cloud = test::sphere(6000);
+    const std::size_t n = cloud.size();
+    std::vector<std::int32_t> labels;
+    for (std::size_t i = 0; i < n; ++i) labels.push_back(i % 2 == 0 ? 7 : 1000);
+    cloud.attributes = {{"zone", labels, 1, Reduction::Nearest},
+                        {"heat", std::vector<float>(n, 0.5F)},
+                        {"area", std::vector<std::uint8_t>(n, 3), 1, Reduction::Nearest}};
+    const Pyramid pyramid(cloud, {3000, 6000}, {CloudFormat::Glb}, 1000, false, true);
+    for (const std::uint64_t points : {std::uint64_t{2000}, std::uint64_t{3000}}) {
+        const PointCloud slice = cloud_of(pyramid.slice({.points = points}));
+        ASSERT_EQ(slice.attributes.size(), 3U);
+        EXPECT_EQ(slice.attributes[0].name, "zone");
+        EXPECT_EQ(slice.attributes[1].name, "heat");
+        EXPECT_EQ(slice.attributes[2].name, "area");
+        std::visit(
+            [](const auto& values) {
+                for (const auto v : values) EXPECT_TRUE(v == 7 || v == 1000) << v;
+            },
+            slice.attributes[0].values);
+    }
+}
+
 TEST(Slice, OfAdditiveTilesTakesThoseOfCoarserLevelsToo) {
     const PointCloud cloud = test::sphere(10'000);
     const Pyramid pyramid(cloud, {600, 2'500, 10'000}, {CloudFormat::Glb}, 1'000, true);
