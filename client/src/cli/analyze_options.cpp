@@ -84,7 +84,9 @@ CommandReader add_analyze(CLI::App& app) {
         "  stipple analyze scan.ply analyzed.ply --k 24 --viewpoint 0,0,10\n"
         "  stipple analyze scan.ply analyzed.ply --feature-lines creases.ply");
     return {&command, [shared, &command]() -> Command {
-                require_options_of_formats(command, {shared->file.output});
+                std::vector<std::string> outputs = {shared->file.output};
+                if (!shared->feature_lines.empty()) outputs.push_back(shared->feature_lines);
+                require_options_of_formats(command, outputs);
                 return analyze_command(*shared);
             }};
 }

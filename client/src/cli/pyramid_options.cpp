@@ -62,6 +62,7 @@ void require_options_of_levels(const CLI::App& app, const std::vector<std::strin
         FormatOption{"--attribute-bits", {"drc"}},
         FormatOption{"--coding", {"drc"}},
         FormatOption{"--precision", {"drc", "glb", "stpc", "copc.laz"}},
+        FormatOption{"--base-bytes", {"glb"}},
         FormatOption{"--tile-bits", {"glb"}},
         FormatOption{"--tile-points", {"glb"}},
         FormatOption{"--tile-attributes", {"glb"}},

@@ -216,6 +216,7 @@ void require_options_of_formats(const CLI::App& command, const std::vector<std::
                                         FormatOption{"--precision", {".drc", ".laz", ".stpc"}},
                                         FormatOption{"--ply-encoding", {".ply"}},
                                         FormatOption{"--epsg", {".laz"}},
+                                        FormatOption{"--range", {".png", ".ply", ".drc"}},
                                         FormatOption{"--views", {".png"}},
                                         FormatOption{"--up", {".png"}}};
     std::set<std::string, std::less<>> given;
