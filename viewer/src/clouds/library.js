@@ -27,11 +27,11 @@ export class Library {
         }
     }
 
-    /** Of several looks at a time the last one counts: those before may still have what was removed since. */
+    /** Of several looks at a time the last one counts: those before may still have what was removed since, or not yet what was added. */
     refresh() {
         const look = Promise.all([listClouds(this.wanted.clouds), listJobs(this.wanted.results)]).then(([clouds, jobs]) => {
             if (look !== this.lastLook) {
-                return this.lastLook;
+                return this.lastLook ?? this.refresh();
             }
             this.clouds = clouds.items;
             this.jobs = jobs.items;
@@ -49,6 +49,7 @@ export class Library {
         if (!this.jobs.some(({ id }) => id === job.id)) {
             this.jobs = [job, ...this.jobs];
         }
+        this.lastLook = null;  // it may have begun before the job was there
         this.show();
     }
 
