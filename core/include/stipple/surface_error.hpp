@@ -71,7 +71,7 @@ struct DirectedError {
         cover_radius{};  ///< largest distance from a sample to the nearest point of the other
                          ///< cloud: a surface may bridge holes that points leave. Absent for
                          ///< clouds far apart and results of `simplify_within_error`
-    std::vector<AttributeError> attributes;  ///< for attributes that both clouds have
+    std::vector<AttributeError> attributes;  ///< of both clouds, where any values are known
 
     std::vector<Vec3f> positions;  ///< of the samples, relative to the reference's origin; like the
                                    ///< distances, empty unless kept
