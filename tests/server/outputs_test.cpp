@@ -302,10 +302,9 @@ TEST_F(TilesetTest, IsWrittenInATurnAndSentFromMemoryWithout) {
         }
     }
     expect_error(ErrorCode::Conflict, "not now", [&] {
-        outputs_.document("ada", id_, "tileset.json", {}, {.tileset = {.error_scale = 2}},
-                          []() -> std::shared_ptr<void> {
-                              throw Error(ErrorCode::Conflict, "not now");
-                          });
+        outputs_.document(
+            "ada", id_, "tileset.json", {}, {.tileset = {.error_scale = 2}},
+            []() -> std::shared_ptr<void> { throw Error(ErrorCode::Conflict, "not now"); });
     });
 }
 

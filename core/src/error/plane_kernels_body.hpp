@@ -72,8 +72,8 @@ struct Distances {
 /// Counts how many are at most t, and moves t between what is too low and too high: the number
 /// within a radius grows about as its square on a surface, so that a straight line through the last
 /// counts soon meets it. Where it does not, as where many are equal, both become distances that
-/// occur, of which one moves every time: there are as many tries as that takes, so that numbers that
-/// are none end it, too.
+/// occur, of which one moves every time: there are as many tries as that takes, so that numbers
+/// that are none end it, too.
 inline float kth_smallest(const Distances& distances, std::int32_t k, float t) noexcept {
     constexpr int kQuick = 8;  // tries
     const float infinity = __builtin_inff();

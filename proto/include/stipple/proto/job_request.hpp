@@ -166,7 +166,7 @@ JobRequest job_request_from_json(std::string_view json);
 /// One that was accepted before, as it is told of: fields of a later version are left out.
 /// @throws Error(Internal) for one that no version that is known wrote.
 JobRequest stored_request_from_json(std::string_view json);
-/// As `job_request_from_json` for the body of `POST /v1/evaluations`, where the type may be omitted.
+/// As `job_request_from_json`, for `POST /v1/evaluations`, where the type may be omitted.
 JobRequest evaluation_from_json(std::string_view json);
 /// As `job_request_from_json` for an object as `draco` is in requests.
 DracoEncodeOptions draco_options_from_json(std::string_view json);
