@@ -145,9 +145,11 @@ private:
 
     Candidate within_error(double bound) {
         std::optional<FileError> error;
+        bool in_format = true;  // whether the error counts what the format rounds
         for (std::size_t i = 0; i < pyramid_.levels.size(); ++i) {
             const OutputCloud& level = pyramid_.levels[i];
             error = levels_.error_of(level);
+            in_format = options_.format == CloudFormat::Ply;
             if (!error || error->max > bound) continue;
             if (levels_.tiled(level)) require_room(levels_.most_points(level));
             Candidate candidate{levels_.read_level(i), {}, {}};
@@ -158,14 +160,18 @@ private:
             require_room(candidate.cloud().size());
             encode(candidate);
             error->max += error_of_step(candidate.step).max;
+            in_format = true;
             if (error->max <= bound) return candidate;
         }
         if (levels_.most_points(pyramid_.levels.back()) == 0) levels_.refuse_empty_box();
-        throw Error(ErrorCode::InvalidArgument,
-                    "max_error " + number(bound) +
-                        (error ? ": expected at least " + number(error->max) +
-                                     ", that of the finest level in this format"
-                               : ": no error was measured here"));
+        throw Error(
+            ErrorCode::InvalidArgument,
+            "max_error " + number(bound) +
+                (!error      ? ": no error was measured here"
+                 : in_format ? ": expected at least " + number(error->max) +
+                                   ", that of the finest level in this format"
+                             : ": expected more than " + number(error->max) +
+                                   ", that of the finest level before this format rounds it"));
     }
 
     /// Of the finest level, and that may be returned.

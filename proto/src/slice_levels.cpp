@@ -216,7 +216,8 @@ PointCloud SliceLevels::read_ply(const OutputFile& file, std::uint64_t points) c
     if (detect_format(bytes) != CloudFormat::Ply)
         throw Error(ErrorCode::MalformedInput,
                     file.sha256 + ": expected PLY, as the manifest says");
-    PointCloud cloud = decode_cloud(bytes, DecodeLimits{.max_points = points}, context_);
+    const DecodeLimits limits{.max_points = points, .max_attributes = DecodeLimits::kAnyAttributes};
+    PointCloud cloud = decode_cloud(bytes, limits, context_);
     require_points(file, cloud.size(), points);
     return cloud;
 }

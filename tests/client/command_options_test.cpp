@@ -48,9 +48,18 @@ TEST(CommandLine, AnalyzeTakesNeighboursAndTheSignsOfNormals) {
     EXPECT_EQ(lines.feature_lines, "l.ply");
     EXPECT_EQ(lines.job.options.feature_lines->variation, 0.1);
     EXPECT_NE(refusal({"analyze", "i.ply", "o.ply", "--feature-variation", "0.1"}), "accepted");
+    EXPECT_EQ(refusal({"analyze", "i.ply", "o.ply", "--feature-lines", "l.ply",
+                       "--feature-variation", "2"}),
+              "--feature-variation 2: expected above 0, below 1/3");
     EXPECT_NE(refusal({"analyze", "i.ply", "o.ply", "--k", "2"}).find("k 2"), std::string::npos);
     EXPECT_NE(refusal({"analyze", "i.ply", "o.ply", "--viewpoint", "1,2"}).find("X,Y,Z"),
               std::string::npos);
+}
+
+TEST(CommandLine, SynthesizeRefusesWhatNoScanHas) {
+    EXPECT_EQ(refusal({"synthesize", "o.ply", "--points", "0"}),
+              "--points 0: expected 1..4294967295");
+    EXPECT_EQ(refusal({"synthesize", "o.ply", "--noise", "11"}), "--noise 11: expected 0..10 mm");
 }
 
 TEST(CommandLine, ACurveIsAtCountsOrAtSoMany) {

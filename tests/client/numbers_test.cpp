@@ -66,6 +66,9 @@ TEST(CommandLine, PointsAreCountedInThousandsAndMillionsToo) {
             refusal({"simplify", "i.ply", "o.ply", "--points=" + value}),
             "--points: " + value + ": expected points, as in 5000, 10k, 1.5M or 1e6 (see --help)");
     }
+    EXPECT_EQ(refusal({"simplify", "i.ply", "o.ply", "-n", "2%"}),
+              "--points: 2%: expected points, as in 5000, 10k, 1.5M or 1e6; a share of them is "
+              "--ratio 2% (see --help)");
 }
 
 TEST(CommandLine, ASharePerCentIsNotRounded) {

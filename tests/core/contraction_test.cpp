@@ -131,6 +131,19 @@ TEST(Contraction, ComesWithinThreePercentOfThePapersQueue) {
     }
 }
 
+TEST(Contraction, TakesFewRoundsWhereCostsGrowAlongACurve) {
+    std::vector<Vec3f> points;  // on a cone, ever farther from each other
+    for (int i = 0; i < 4'000; ++i) {
+        const double t = 1e-3 * i;
+        points.push_back(Vec3d(t * std::cos(2 * t), t * std::sin(2 * t), t).cast<float>());
+    }
+    int rounds = 0;
+    const std::uint64_t count = 10;
+    contract(points, {}, std::span(&count, 1), {}, [](ContractionSnapshot&&) {},
+             {.stop = {}, .progress = [&](double) { ++rounds; }});
+    EXPECT_LT(rounds, 400);
+}
+
 TEST(Contraction, EverySampleHasASurvivorAndEverySurvivorASample) {
     const auto points = test::sphere(3000, 0.01).positions;
     const std::vector<std::uint64_t> counts = {3000, 1000, 50, 1};

@@ -1,5 +1,6 @@
 #include "stipple/surface_attributes.hpp"
 
+#include "stipple/codec.hpp"
 #include "stipple/error.hpp"
 #include "support/expect_error.hpp"
 #include "support/support.hpp"
@@ -76,6 +77,22 @@ TEST(SurfaceAttributes, StandInThePlaceOfThoseThatWereThere) {
     EXPECT_GT(scalars(cloud, "density")[0], 8.0F);
     EXPECT_NE(find_attribute(cloud, "label"), nullptr);
     EXPECT_NEAR(std::abs(cloud.normals[0].z()), 1.0F, 1e-4F);
+}
+
+TEST(SurfaceAttributes, LeaveAnAttributeThatIsNamedAsANormalItsValues) {
+    for (const bool splats : {false, true}) {
+        PointCloud cloud = test::plane(500);
+        cloud.normals.clear();
+        cloud.attributes.push_back({"nx", std::vector<std::uint8_t>(cloud.size(), 7)});
+        if (splats)
+            add_splats(cloud, SplatAttributes::Normal);
+        else
+            add_surface_attributes(cloud);
+        const PointCloud read = decode_cloud(encode_ply(cloud));
+        EXPECT_EQ(read.normals.size(), cloud.size());
+        ASSERT_NE(find_attribute(read, "nx_2"), nullptr);
+        EXPECT_EQ(find_attribute(read, "nx_2")->values, cloud.attributes[0].values);
+    }
 }
 
 TEST(SurfaceAttributes, WithFeatureLinesHaveTheNumberOfEachPointsLine) {

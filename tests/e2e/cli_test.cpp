@@ -437,6 +437,28 @@ TEST_F(StippleCli, UsageErrorsExitWithTwoAndNameTheRemedy) {
     EXPECT_NE(many.err.find("1024"), std::string::npos) << many.err;
 }
 
+TEST_F(StippleCli, ReadsItsOwnFilesOfAnyNumberOfAttributes) {
+    PointCloud cloud = test::sphere(300);
+    for (int i = 0; i < 70; ++i)
+        cloud.attributes.push_back({"a" + std::to_string(i), std::vector<float>(300, 1.0F)});
+    write_cloud(cloud, folder_ / "in.ply");
+    for (const std::string command :
+         {"inspect in.ply", "convert in.ply out.drc", "simplify out.drc out.ply -n 50",
+          "evaluate in.ply out.ply", "pyramid in.ply levels --levels 50,300 --formats ply",
+          "slice levels out.ply -n 20"}) {
+        const Outcome outcome = stipple(command);
+        EXPECT_EQ(outcome.exit_code, 0) << command << ": " << outcome.err;
+    }
+}
+
+TEST_F(StippleCli, AFolderForScratchFilesThatIsNotThereIsNamed) {
+    synthesize("in.ply", 100);
+    const Outcome outcome = stipple("curve in.ply", "TMPDIR=/nowhere ");
+    EXPECT_EQ(outcome.exit_code, 1);
+    EXPECT_EQ(outcome.err,
+              "stipple: TMPDIR /nowhere: expected a folder that can be written; set it to one\n");
+}
+
 TEST_F(StippleCli, AServerThatIsNotThereIsNamedWithTheRemedy) {
     synthesize("in.ply", 100);
     const Outcome outcome = stipple("simplify in.ply out.ply -n 5 --server http://127.0.0.1:1");

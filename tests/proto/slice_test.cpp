@@ -424,6 +424,16 @@ TEST(Slice, CountsWhatItsFormatRounds) {
               ErrorCode::InvalidArgument);
 }
 
+TEST(Slice, TellsWhichErrorOfTheFinestLevelIsThatOfItsFormat) {
+    const Pyramid rough(source(), {200}, {CloudFormat::Ply});
+    const double max = rough.results.levels[0].error->error.max();
+    const auto told = [&](double bound) {
+        return refusal_text(rough, {.max_error = bound, .format = CloudFormat::Draco});
+    };
+    EXPECT_NE(told(max / 2).find("before this format rounds it"), std::string::npos);
+    EXPECT_NE(told(max).find("of the finest level in this format"), std::string::npos);
+}
+
 TEST(Slice, OfExactFloatsHasTheErrorOfItsLevel) {
     const PointCloud far = [] {  // whose Draco file has no grid: it would have too many steps
         PointCloud cloud = test::sphere(8'000);

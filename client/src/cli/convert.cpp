@@ -77,7 +77,7 @@ PointCloud read_input(const ConvertCommand& command, const RunContext& context,
                     command.input.string() +
                         ": not a progressive stream, which --points and --bytes need; "
                         "`stipple simplify` reduces any cloud");
-    return read_cloud(command.input, {}, context, &report);
+    return read_cloud(command.input, limits_here(), context, &report);
 }
 
 /// For a file that holds finite positions alone. @returns how many points go.

@@ -70,7 +70,7 @@ std::string table(const proto::Results& results, const TextStyle& style) {
 
 void run(const CurveCommand& command, const Session& session) {
     require_files({command.input}, {command.plot, command.common.json});
-    const ScratchFolder scratch(command.plot.empty() ? fs::temp_directory_path()
+    const ScratchFolder scratch(command.plot.empty() ? temporary_folder()
                                                      : folder_of(command.plot));
     ProgressDisplay display(session.terminal, !command.common.quiet);
     const JobExecution execution{command.server, command.common.threads, session.stop};

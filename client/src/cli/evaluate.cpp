@@ -237,7 +237,7 @@ void run(const EvaluateCommand& command, const Session& session) {
     for (const fs::path& candidate : command.candidates)
         std::get<proto::EvaluateJob>(request.job)
             .candidates.push_back(proto::sha256_of_file(candidate));
-    const ScratchFolder scratch(fs::temp_directory_path());
+    const ScratchFolder scratch(temporary_folder());
     ProgressDisplay display(session.terminal, !command.common.quiet);
     const proto::Results results = measure(command, request, scratch.path(), session, display);
     const auto measured = [](const proto::OutputCloud& cloud) { return cloud.error.has_value(); };

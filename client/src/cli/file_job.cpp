@@ -21,17 +21,10 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::ordered_json;
 
-/// With what a job adds to the most attributes that an input may have.
-PointCloud read_output(const fs::path& file, const RunContext& context) {
-    DecodeLimits limits;
-    limits.max_attributes = std::numeric_limits<decltype(limits.max_attributes)>::max();
-    return read_cloud(file, limits, context);
-}
-
 /// Jobs write PLY in little endian; another encoding of the same cloud is made of that.
 void change_encoding(const fs::path& file, const PlyEncodeOptions& options,
                      proto::OutputFile& output, const RunContext& context) {
-    write_cloud(read_output(file, context), file, options, {}, {}, context);
+    write_cloud(read_cloud(file, limits_here(), context), file, options, {}, {}, context);
     output.bytes = fs::file_size(file);
     output.sha256 = proto::sha256_of_file(file);
 }
@@ -128,7 +121,7 @@ PointCloud write_feature_lines(const AnalyzeCommand& command, const proto::Resul
                                const RunContext& context) {
     PointCloud lines;
     if (results.levels.size() > 1)
-        lines = read_output(folder / results.levels[1].files.front().href, context);
+        lines = read_cloud(folder / results.levels[1].files.front().href, limits_here(), context);
     write_cloud_into_place(lines, command.feature_lines, command.ply, command.job.output.draco, {},
                            context);
     json["feature_lines"] = {{"points", lines.size()}, {"file", command.feature_lines.string()}};

@@ -44,6 +44,18 @@ ScratchFolder::~ScratchFolder() {
     fs::remove_all(path_, ignored);
 }
 
+fs::path temporary_folder() {
+    std::error_code error;
+    fs::path folder = fs::temp_directory_path(error);
+    if (error) {
+        const char* const set = std::getenv("TMPDIR");
+        throw Error(ErrorCode::InvalidArgument,
+                    std::string("TMPDIR ") + (set == nullptr ? "/tmp" : set) +
+                        ": expected a folder that can be written; set it to one");
+    }
+    return folder;
+}
+
 void require_input(const fs::path& file) {
     if (file == "-")
         throw Error(ErrorCode::NotFound,

@@ -27,6 +27,13 @@ private:
     std::filesystem::path path_;
 };
 
+/// Where scratch folders of results without a place of their own stand: TMPDIR, else /tmp.
+/// @throws Error naming TMPDIR when there is no such folder.
+std::filesystem::path temporary_folder();
+/// What is read where nobody else waits: any number of attributes.
+inline constexpr DecodeLimits limits_here() {
+    return {.max_attributes = DecodeLimits::kAnyAttributes};
+}
 /// @throws Error(NotFound) when there is no such file, Error(InvalidArgument) when what is there is
 /// none, or cannot be reached.
 void require_input(const std::filesystem::path& file);

@@ -51,7 +51,7 @@ Findings look_at(const fs::path& file, const RunContext& context, ProgressDispla
     findings.bytes = fs::file_size(file);
     findings.sha256 = proto::sha256_of_file(file);
     PointCloud cloud =
-        read_cloud(file, {}, display.stage("decode", 0, 0.4, context), &findings.report);
+        read_cloud(file, limits_here(), display.stage("decode", 0, 0.4, context), &findings.report);
     const CleaningReport removed = clean(cloud, display.stage("clean", 0.4, 0.6, context));
     findings.statistics =
         proto::describe(cloud, findings.report, removed.non_finite, removed.duplicates);

@@ -1,5 +1,6 @@
 #include "cli/job_execution.hpp"
 
+#include "cli/files.hpp"
 #include "cli/text.hpp"
 #include "stipple/error.hpp"
 #include "stipple/proto/digest.hpp"
@@ -30,6 +31,7 @@ proto::Results execute_here(const proto::JobRequest& request, const fs::path& in
     for (const fs::path& candidate : execution.candidates)
         spec.candidate_files.push_back(candidate.string());
     spec.output_dir = folder.string();
+    spec.limits = limits_here();
     spec.threads = execution.threads;
     spec.max_file_bytes = most_bytes_of_a_file();
 

@@ -15,6 +15,7 @@ std::string option_of(std::string_view field) {
     if (field == "reductions") return "--reduce";
     if (field == "attribute_weights") return "--attribute-weight";
     if (field == "regions") return "--region";
+    if (field == "feature_lines.variation") return "--feature-variation";
     std::string name = "--" + std::string(field);
     std::replace(name.begin(), name.end(), '_', '-');
     return name;

@@ -85,9 +85,10 @@ inline CLI::Validator precision() {
 }
 
 /// `5000`, `10k`, `1.5M`, `1e6` as points.
-inline CLI::Validator point_count() {
+/// @param ratio  the option of the command that takes `10%`, if one does.
+inline CLI::Validator point_count(const char* ratio = nullptr) {
     return CLI::Validator(
-        [](std::string& text) -> std::string {
+        [ratio](std::string& text) -> std::string {
             if (whole_number()(text).empty()) return {};
             double value = 0;
             const char* const end = text.data() + text.size();
@@ -103,7 +104,10 @@ inline CLI::Validator point_count() {
             constexpr double kMost = 1e15, kRounding = 1e-6;
             if (error != std::errc() || !(points >= 1) || points > kMost ||
                 std::abs(points - std::round(points)) > kRounding)
-                return text + ": expected points, as in 5000, 10k, 1.5M or 1e6";
+                return text + ": expected points, as in 5000, 10k, 1.5M or 1e6" +
+                       (ratio != nullptr && unit == "%"
+                            ? std::string("; a share of them is ") + ratio + " " + text
+                            : "");
             text = std::to_string(std::llround(points));
             return {};
         },

@@ -139,7 +139,7 @@ std::vector<fs::path> publish_potree(const proto::Results& results, const fs::pa
                                      const fs::path& input, const fs::path& folder,
                                      const RunContext& context) {
     const PointCloud cloud =
-        read_cloud(scratch / results.levels.at(0).files.at(0).href, {}, context);
+        read_cloud(scratch / results.levels.at(0).files.at(0).href, limits_here(), context);
     proto::write_potree(cloud, scratch, {.name = printable(input.stem().string())}, context);
     for (const char* const name : kPotreeFiles) move_into_place(scratch / name, folder / name);
     return {kPotreeFiles.begin(), kPotreeFiles.end()};
@@ -299,7 +299,7 @@ void run(const PyramidCommand& command, const Session& session) {
     if (bucket) {
         access = bucket_access([](const char* name) { return std::getenv(name); });
         require_bucket(*bucket, *access);
-        staging.emplace(fs::temp_directory_path());
+        staging.emplace(temporary_folder());
     }
     const fs::path folder = bucket ? staging->path() : command.output_folder;
     const std::vector<fs::path> made = missing_folders(folder);

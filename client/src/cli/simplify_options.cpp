@@ -87,7 +87,7 @@ CommandReader add_simplify(CLI::App& app) {
     command
         .add_option("-n,--points", values.points, "exactly this many points: 5000, 10k, 1.5M, 1e6")
         ->type_name("N")
-        ->transform(point_count());
+        ->transform(point_count("--ratio"));
     command
         .add_option("-r,--ratio", values.ratio, "this fraction of the points, in (0, 1], or 10%")
         ->type_name("R")

@@ -17,6 +17,7 @@ struct Values {
 
 SynthesizeCommand synthesize_command(const Values& values) {
     format_of(values.output);
+    validate(values.options);
     return {values.output, values.options, draco_options(values.encoding),
             ply_options(values.encoding), values.common};
 }

@@ -8,6 +8,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <limits>
 #include <optional>
 #include <span>
 #include <string>
@@ -39,6 +40,8 @@ std::optional<CloudFormat> detect_format(std::span<const std::byte> head) noexce
 
 /// What a decoder accepts. Checked against what the header declares, before anything is allocated.
 struct DecodeLimits {
+    static constexpr unsigned kAnyAttributes = std::numeric_limits<unsigned>::max();
+
     std::uint64_t max_points = 200'000'000;
     unsigned max_attributes = 64;  ///< scalar properties beyond positions, normals and colours
     std::uint64_t max_memory_bytes = 0;  ///< the memory limit of this process, if the caller has

@@ -13,6 +13,9 @@ struct SyntheticScanOptions {
     double noise = 0.08;               ///< standard deviation along the normal, in mm, in 0..10
 };
 
+/// @throws Error(InvalidArgument) for an option out of range.
+void validate(const SyntheticScanOptions& options);
+
 /// A cloud like that of a laser scanner, for experiments without a scan: an ammonite on a stone
 /// plinth, 155 mm wide and 181 mm high, y up.
 ///
@@ -26,7 +29,7 @@ struct SyntheticScanOptions {
 /// arithmetic: every point has its own random generator, and sqrt is the only function of the
 /// system's mathematics library used.
 ///
-/// @throws Error(InvalidArgument) for an option out of range.
+/// @throws Error as `validate`.
 ///
 /// O(N), parallel, about 1 µs per point and thread.
 PointCloud synthetic_scan(const SyntheticScanOptions& options = {}, const RunContext& context = {});

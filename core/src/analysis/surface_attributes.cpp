@@ -3,6 +3,7 @@
 #include "base/first_touch.hpp"
 #include "base/parallel_for.hpp"
 #include "base/refuse.hpp"
+#include "cloud/attribute_name.hpp"
 #include "cloud/cloud_copy.hpp"
 #include "stipple/local_analysis.hpp"
 #include "stipple/normal_orientation.hpp"
@@ -11,10 +12,17 @@
 #include <algorithm>
 #include <span>
 #include <utility>
+#include <vector>
 
 namespace stipple {
 
 namespace {
+
+/// An attribute that has one of their names in PLY files, as `nx` alone may, gets another.
+void set_normals(PointCloud& cloud, std::vector<Vec3f> normals) {
+    cloud.normals = std::move(normals);
+    settle_names(cloud);
+}
 
 void add_scalars(PointCloud& cloud, const char* name, std::vector<float> values) {
     set_attribute(cloud, {name, std::move(values), 1, Reduction::Mean});
@@ -78,7 +86,7 @@ PointCloud add_surface_attributes(PointCloud& cloud, const SurfaceAttributeOptio
         orient_normals(cloud.positions, analysis.normals, {.viewpoint = options.viewpoint},
                        context.part(0.3, 0.6));
     }
-    cloud.normals = std::move(analysis.normals);
+    set_normals(cloud, std::move(analysis.normals));
     add_scalars(cloud, "variation", std::move(analysis.variation));
     add_scalars(cloud, "density", std::move(analysis.density));
     add_scalars(cloud, "anisotropy", std::move(analysis.anisotropy));
@@ -96,7 +104,7 @@ void add_splats(PointCloud& cloud, SplatAttributes attributes, const RunContext&
     const bool ellipses = attributes == SplatAttributes::Ellipse;
     Splats splats = measure_splats(cloud.positions, {normals, ellipses}, context.part(0, 0.7));
     if (normals) {
-        cloud.normals = std::move(splats.normals);
+        set_normals(cloud, std::move(splats.normals));
         orient_normals(cloud.positions, cloud.normals, {}, context.part(0.7, 1));
     }
     add_scalars(cloud, "radius", std::move(splats.radii));

@@ -413,16 +413,16 @@ Sample seen_sample(const Ammonite& ammonite, std::uint64_t i, std::uint64_t n, R
     }
 }
 
-void check(const SyntheticScanOptions& options) {
+}  // namespace
+
+void validate(const SyntheticScanOptions& options) {
     require(options.points >= 1 && options.points <= 0xffffffffULL, "points", options.points,
             "1..4294967295");
     require(options.noise >= 0 && options.noise <= 10, "noise", options.noise, "0..10 mm");
 }
 
-}  // namespace
-
 PointCloud synthetic_scan(const SyntheticScanOptions& options, const RunContext& context) {
-    check(options);
+    validate(options);
     const std::size_t n = options.points;
     const Ammonite ammonite(options.seed);
 

@@ -2,10 +2,10 @@
 // gives back is checked again, since a hostile file decides it.
 
 #include "base/in_quotes.hpp"
+#include "cloud/attribute_name.hpp"
 #include "cloud/box_of_most.hpp"
 #include "cloud/color_channel.hpp"
 #include "cloud/georeference.hpp"
-#include "codec/attribute_name.hpp"
 #include "codec/draco.hpp"
 #include "codec/draco_header.hpp"
 #include "codec/normal_scale.hpp"

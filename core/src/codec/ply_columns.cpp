@@ -1,9 +1,9 @@
 #include "codec/ply_columns.hpp"
 
 #include "base/first_touch.hpp"
+#include "cloud/attribute_name.hpp"
 #include "cloud/box_of_most.hpp"
 #include "cloud/georeference.hpp"
-#include "codec/attribute_name.hpp"
 #include "codec/normal_scale.hpp"
 
 #include <algorithm>

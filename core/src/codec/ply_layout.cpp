@@ -1,7 +1,7 @@
 #include "codec/ply_layout.hpp"
 
 #include "base/in_quotes.hpp"
-#include "codec/ply_names.hpp"
+#include "cloud/ply_names.hpp"
 #include "stipple/error.hpp"
 
 #include <algorithm>

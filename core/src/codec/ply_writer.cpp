@@ -3,9 +3,9 @@
 #include "base/in_quotes.hpp"
 #include "base/parallel_for.hpp"
 #include "base/refuse.hpp"
-#include "codec/attribute_name.hpp"
+#include "cloud/attribute_name.hpp"
+#include "cloud/ply_names.hpp"
 #include "codec/ply_header.hpp"
-#include "codec/ply_names.hpp"
 #include "stipple/codec.hpp"
 
 #include <algorithm>

@@ -14,7 +14,9 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
+#include <bit>
 #include <cmath>
+#include <cstdint>
 #include <functional>
 #include <limits>
 #include <new>
@@ -27,6 +29,8 @@
 // partner, and in a round all pairs below a quantile of the costs contract that are cheapest at
 // both of their ends, in parallel. Which pairs these are does not depend on the number of threads,
 // nor on how far the contraction goes: a round that would go too far contracts its cheapest first.
+// Where costs grow along a whole curve, only the pair at its end is cheapest at both of its ends.
+// So a round with few of those takes costs that are nearly the same for the same.
 
 namespace stipple {
 
@@ -36,7 +40,8 @@ constexpr Index kNone = ContractionGraph::kNone;
 constexpr std::size_t kBlock = 1024, kFilled = 1 << 17;
 constexpr unsigned kMaxNeighbors = 32;
 constexpr double kProgressToGraph = 0.35, kProgressToRounds = 0.45;
-constexpr float kUnknown = -1;  // a cost that has to be computed
+constexpr std::size_t kRoundsToHalve = 64;  // about as many as are bearable
+constexpr float kUnknown = -1;              // a cost that has to be computed
 constexpr float kIsolated = std::numeric_limits<float>::infinity();
 
 using Record = ContractionRecord;
@@ -51,6 +56,17 @@ std::uint64_t shuffled(Index a, Index b) noexcept {
     h *= 0x9E3779B97F4A7C15ULL;
     h ^= h >> 29U;
     return h * 0xBF58476D1CE4E5B9ULL;
+}
+
+/// How costs are compared where pairs are matched.
+enum class CompareCosts { Exactly, Coarsely };
+
+/// Coarsely, costs are the same that differ by less than a quarter at most.
+float compared(float cost, CompareCosts how) noexcept {
+    constexpr std::uint32_t kCompared = 0xFFE00000;  // sign, exponent and two bits of a float
+    return how == CompareCosts::Exactly
+               ? cost
+               : std::bit_cast<float>(std::bit_cast<std::uint32_t>(cost) & kCompared);
 }
 
 class Contraction {
@@ -104,9 +120,9 @@ private:
     void choose_partner(Index i, std::span<const Index> asked);
     void compact();
     float quantile_of_costs() const;
-    void propose(float limit);
-    bool wins(Index i, float limit) const;
-    std::vector<Index> match(float limit);
+    void propose(float limit, CompareCosts how);
+    bool wins(Index i, float limit, CompareCosts how) const;
+    std::vector<Index> match(float limit, CompareCosts how);
     void contract(Index winner);
     void contract(std::span<const Index> winners);
     void reconnect();
@@ -364,7 +380,8 @@ float Contraction::quantile_of_costs() const {
 }
 
 /// Every sample whose contraction costs at most `limit` asks its partner for it.
-void Contraction::propose(float limit) {
+void Contraction::propose(float limit, CompareCosts how) {
+    const auto cost_of = [&](Index i) { return compared(records()[i].cost, how); };
     for_live([&](Index i) {
         Record& self = records()[i];
         self.link = i;
@@ -372,38 +389,39 @@ void Contraction::propose(float limit) {
         const Index partner = list_of(i)[0];
         std::atomic_ref<Index> claim(records()[partner].claim);
         Index held = claim.load(std::memory_order_relaxed);
-        while (held == kNone ||
-               is_better(self.cost, i, partner, records()[held].cost, held, partner)) {
+        while (held == kNone || is_better(cost_of(i), i, partner, cost_of(held), held, partner)) {
             if (claim.compare_exchange_weak(held, i, std::memory_order_relaxed)) break;
         }
     });
 }
 
 /// Whether the contraction of i with its partner is the cheapest that either of them is part of.
-bool Contraction::wins(Index i, float limit) const {
-    const float cost = records()[i].cost;
-    if (!(cost <= limit) || cost == kIsolated) return false;
+bool Contraction::wins(Index i, float limit, CompareCosts how) const {
+    const auto cost_of = [&](Index of) { return compared(records()[of].cost, how); };
+    if (!(records()[i].cost <= limit) || records()[i].cost == kIsolated) return false;
+    const float cost = cost_of(i);
     const Index partner = list_of(i)[0];
     const Record& other = records()[partner];
     if (other.claim != i) return false;
     const Index asked = list_of(partner)[0];
     if (asked == i) {
         if (i > partner) return false;  // both asked: counted once
-    } else if (asked != kNone && is_better(other.cost, partner, asked, cost, i, partner)) {
+    } else if (asked != kNone && is_better(cost_of(partner), partner, asked, cost, i, partner)) {
         return false;
     }
     const Index claim = records()[i].claim;
     return claim == kNone || claim == partner ||
-           !is_better(records()[claim].cost, claim, i, cost, i, partner);
+           !is_better(cost_of(claim), claim, i, cost, i, partner);
 }
 
 /// One sample of each pair that contracts now, with its partner.
-std::vector<Index> Contraction::match(float limit) {
+std::vector<Index> Contraction::match(float limit, CompareCosts how) {
+    propose(limit, how);
     std::vector<std::vector<Index>> parts((slots_ + kBlock - 1) / kBlock);
     parallel_for_blocks(slots_, kBlock, context_, [&](std::size_t begin, std::size_t end) {
         std::vector<Index>& part = parts[begin / kBlock];
         for (auto i = static_cast<Index>(begin); i < end; ++i)
-            if (is_live(i) && wins(i, limit)) part.push_back(i);
+            if (is_live(i) && wins(i, limit, how)) part.push_back(i);
     });
     std::size_t count = 0;
     for (const auto& part : parts) count += part.size();
@@ -459,8 +477,11 @@ void Contraction::round(std::span<const std::uint64_t>& counts,
     std::ranges::fill(changed_, 0);
     if (2 * live_ <= slots_) compact();
     const float limit = quantile_of_costs();
-    propose(limit);
-    std::vector<Index> winners = match(limit);
+    std::vector<Index> winners = match(limit, CompareCosts::Exactly);
+    if (winners.size() < live_ / kRoundsToHalve) {
+        for_live([&](Index i) { records()[i].claim = kNone; });
+        winners = match(limit, CompareCosts::Coarsely);
+    }
     if (winners.empty()) return reconnect();
 
     if (options_.sequence != nullptr || live_ - winners.size() <= counts.front()) {

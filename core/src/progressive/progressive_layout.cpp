@@ -2,7 +2,7 @@
 
 #include "base/byte_writer.hpp"
 #include "base/in_words.hpp"
-#include "codec/attribute_name.hpp"
+#include "cloud/attribute_name.hpp"
 #include "stipple/error.hpp"
 
 #include <array>

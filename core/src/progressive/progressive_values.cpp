@@ -2,7 +2,7 @@
 
 #include "base/first_touch.hpp"
 #include "base/parallel_for.hpp"
-#include "codec/attribute_name.hpp"
+#include "cloud/attribute_name.hpp"
 #include "stipple/error.hpp"
 
 #include <algorithm>

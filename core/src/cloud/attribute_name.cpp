@@ -1,6 +1,6 @@
-#include "codec/attribute_name.hpp"
+#include "cloud/attribute_name.hpp"
 
-#include "codec/ply_names.hpp"
+#include "cloud/ply_names.hpp"
 
 #include <set>
 
