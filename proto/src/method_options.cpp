@@ -250,10 +250,11 @@ std::string percent_text(double part) {
 double part_of_diagonal(std::string_view text) {
     const auto part =
         text.ends_with('%') ? with_point_moved(text.substr(0, text.size() - 1), -2) : std::nullopt;
-    if (!part)
-        throw Error(ErrorCode::InvalidArgument,
-                    "max_error " + std::string(text.substr(0, 60)) +
-                        ": expected a distance in input units, or as in 0.1% of the diagonal");
+    if (!part || !(*part > 0))
+        throw Error(
+            ErrorCode::InvalidArgument,
+            "max_error " + std::string(text.substr(0, 60)) +
+                ": expected a distance in input units, or as in 0.1% of the diagonal, above 0");
     return *part;
 }
 

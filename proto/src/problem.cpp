@@ -63,7 +63,7 @@ Problem problem_of(const Kind& kind, int status, std::string detail) {
 /// Whether the same request may succeed later.
 bool is_retryable(const Problem& problem) noexcept {
     return problem.retry_after || problem.status == 408 || problem.status == 429 ||
-           problem.status == 503;
+           problem.status == 503 || problem.status == kStorageFullStatus;
 }
 
 }  // namespace

@@ -151,7 +151,8 @@ private:
             error = levels_.error_of(level);
             in_format = options_.format == CloudFormat::Ply;
             if (!error || error->max > bound) continue;
-            if (levels_.tiled(level)) require_room(levels_.most_points(level));
+            // Of tiles that meet a box, any number of points may lie outside.
+            if (levels_.tiled(level) && !options_.box) require_room(levels_.most_points(level));
             Candidate candidate{levels_.read_level(i), {}, {}};
             if (candidate.cloud().empty()) {  // the box may lie between the points of the level
                 if (i + 1 < pyramid_.levels.size()) continue;

@@ -13,6 +13,7 @@
 #include <csignal>
 #include <cstring>
 #include <filesystem>
+#include <fstream>
 #include <memory>
 #include <string>
 
@@ -161,6 +162,8 @@ void set_limits(const proto::JobSpec& spec) {
     }
     limit(RLIMIT_NOFILE, "RLIMIT_NOFILE", kOpenFiles, kOpenFiles);
     limit(RLIMIT_CORE, "RLIMIT_CORE", 0, 0);
+    // Where memory runs out the kernel ends a job, not the server; without /proc nothing is lost.
+    std::ofstream("/proc/self/oom_score_adj") << 1000;
 }
 
 void die_with(int parent) {

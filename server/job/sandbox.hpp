@@ -4,8 +4,8 @@
 
 namespace stipple::job {
 
-/// Memory, processor time, size of files, open files, no core dump. @throws Error(Internal) naming
-/// the limit.
+/// Memory, processor time, size of files, open files, no core dump; the first to be ended where the
+/// machine runs out of memory. @throws Error(Internal) naming the limit.
 void set_limits(const proto::JobSpec& spec);
 
 /// Dies with the process that started it. `parent` is its id as it said: when it has gone already,

@@ -1,5 +1,7 @@
 #include "log_text.hpp"
 
+#include <algorithm>
+
 namespace stipple::server {
 
 std::string log_text(std::string_view text) {
@@ -16,6 +18,15 @@ std::string log_text(std::string_view text) {
         }
     }
     return result + '"';
+}
+
+std::string log_name(std::string_view name) {
+    const auto is_plain = [](char c) {
+        return ('a' <= c && c <= 'z') || ('A' <= c && c <= 'Z') || ('0' <= c && c <= '9') ||
+               std::string_view("-_.@:").find(c) != std::string_view::npos;
+    };
+    if (name.empty()) return "-";
+    return std::ranges::all_of(name, is_plain) ? std::string(name) : log_text(name);
 }
 
 }  // namespace stipple::server

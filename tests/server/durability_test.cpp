@@ -128,7 +128,7 @@ TEST(Durability, KeepsWhatWasAcknowledgedWhenTheServiceIsKilledAtAnyMoment) {
         EXPECT_TRUE(status == proto::JobStatus::Accepted || status == proto::JobStatus::Successful);
     }
     for (const std::string& id : acknowledged.levels) {
-        const std::string file = service.results("ada", id).levels.at(0).files.at(0).sha256;
+        const std::string file = service.results("ada", id)->levels.at(0).files.at(0).sha256;
         EXPECT_TRUE(service.outputs().file("ada", id, file + ".ply", {}).size() > 0) << id;
     }
     for (const std::string& id : acknowledged.successes) {

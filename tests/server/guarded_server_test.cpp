@@ -25,7 +25,7 @@ public:
     Reply handle(Request&) override { return problem_reply(HttpError(404, "nothing is here")); }
     void answered(const Request&, int) override {}
     void served(const Request&, const Served&) override { throw std::runtime_error("served"); }
-    void refused(std::string_view, int, std::string_view) override { throw std::bad_alloc(); }
+    void refused(std::string_view, std::string_view, int, std::string_view) override { throw std::bad_alloc(); }
 };
 
 /// Computes for each request until it may end.
@@ -40,7 +40,7 @@ public:
     }
     void answered(const Request&, int) override {}
     void served(const Request&, const Served&) override {}
-    void refused(std::string_view, int, std::string_view) override {}
+    void refused(std::string_view, std::string_view, int, std::string_view) override {}
 
     std::atomic<bool> begun = false, may_end = false;
 };

@@ -12,5 +12,12 @@ TEST(LogText, KeepsATextInItsField) {
     EXPECT_EQ(log_text("a\nb\x1b[2J\x7f"), R"("a\x0ab\x1b[2J\x7f")");
 }
 
+TEST(LogText, LeavesANameOfOneWordAsItIs) {
+    EXPECT_EQ(log_name("lab-7.ada@example:x"), "lab-7.ada@example:x");
+    EXPECT_EQ(log_name("my org"), "\"my org\"");
+    EXPECT_EQ(log_name("a\nb"), R"("a\x0ab")");
+    EXPECT_EQ(log_name(""), "-");
+}
+
 }  // namespace
 }  // namespace stipple::server

@@ -7,6 +7,7 @@
 #include <brotli/decode.h>
 #include <zlib.h>
 #include <array>
+#include <barrier>
 #include <fstream>
 #include <thread>
 
@@ -249,6 +250,29 @@ TEST_F(OutputsTest, OfASharedStoreAreAsNewAsTheJobs) {
     jobs_->publish_level(lease, level_with(0, put_blob(*blobs_, "tile")));
     jobs_->succeed(lease, {});
     EXPECT_TRUE(outputs.results("ada", job)->complete);
+}
+
+TEST_F(OutputsTest, ReadAJobOnceForAllWhoAskAtATime) {
+    const std::string job =
+        jobs_->submit("ada", pyramid_request(put_cloud(*jobs_, "ada", "cloud")), {}, {})
+            .document.id;
+    const Lease lease = jobs_->claim({}, 60s).value();
+    proto::OutputCloud level = level_with(0, put_blob(*blobs_, "tile"));
+    level.files.resize(5'000, level.files[0]);
+    jobs_->publish_level(lease, level);
+    jobs_->succeed(lease, {});
+    std::array<std::shared_ptr<const proto::Results>, 8> results;
+    {
+        std::barrier start(results.size());
+        std::vector<std::jthread> asking;
+        for (auto& mine : results)
+            asking.emplace_back([&] {
+                start.arrive_and_wait();
+                mine = outputs_.results("ada", job);
+            });
+    }
+    for (const auto& each : results) EXPECT_EQ(each, results[0]);
+    EXPECT_EQ(results[0]->levels.at(0).files.size(), 5'000U);
 }
 
 /// A pyramid of a tile and one below it.

@@ -167,13 +167,13 @@ TEST_F(ServiceTest, ServesResultsWhileTheJobRuns) {
     const Lease lease = claim();
     const std::string file = put_blob(*blobs_, "level");
     jobs_->publish_level(lease, level_with(0, file));
-    const proto::Results results = service_.results("ada", job.id);
-    EXPECT_FALSE(results.complete);
-    EXPECT_EQ(results.levels.at(0).files.at(0).href,
+    const auto results = service_.results("ada", job.id);
+    EXPECT_FALSE(results->complete);
+    EXPECT_EQ(results->levels.at(0).files.at(0).href,
               "/v1/pyramids/" + job.id + "/" + file + ".ply");
     EXPECT_EQ(service_.outputs().file("ada", job.id, file + ".ply", {}).size(), 5U);
     jobs_->succeed(lease, {});
-    EXPECT_TRUE(service_.results("ada", job.id).complete);
+    EXPECT_TRUE(service_.results("ada", job.id)->complete);
 }
 
 TEST_F(ServiceTest, ServesNoBlobThatTheJobDoesNotList) {
@@ -230,6 +230,29 @@ TEST_F(ServiceTest, TellsEventsAsTheyHappenWithLinksToTheFiles) {
     EXPECT_TRUE(none.items.empty());
     EXPECT_TRUE(none.complete) << "nothing more will come";
     EXPECT_LT(steady_clock::now() - start, 1s);
+}
+
+TEST_F(ServiceTest, TellsLargeEventsOneByOneAndEachAlike) {
+    const JobDocument job = submit_simplify();
+    const Lease lease = claim();
+    proto::OutputCloud level = level_with(0, kMissing);
+    level.files.resize(10'000, level.files[0]);
+    for (unsigned i = 0; i < 2; ++i) {
+        level.level = i;
+        jobs_->publish_level(lease, level);
+    }
+    std::uint64_t after = 2;
+    for (unsigned i = 0; i < 2; ++i) {
+        const auto first = service_.events("ada", job.id, after, 60s, {}).items;
+        ASSERT_EQ(first.size(), 1U);
+        const auto told = std::get<proto::OutputCloud>(proto::job_report_from_json(first[0].data));
+        EXPECT_EQ(told.level, i);
+        EXPECT_EQ(told.files.back().href, "/v1/jobs/" + job.id + "/results/" + kMissing + ".ply");
+        EXPECT_EQ(service_.events("ada", job.id, after, 60s, {}).items[0].data, first[0].data);
+        EXPECT_TRUE(service_.has_events("ada", job.id, after));
+        after = first[0].id;
+    }
+    EXPECT_FALSE(service_.has_events("ada", job.id, after));
 }
 
 TEST_F(ServiceTest, DismissesAndThenRemovesAJob) {

@@ -23,6 +23,13 @@ Admin::Admin(Service& service, Metrics& metrics, std::function<unsigned()> conne
     : service_(service), metrics_(metrics), connections_(std::move(connections)) {}
 
 Reply Admin::handle(Request& request) {
+    request.id = request_id(request.headers.find("X-Request-Id").value_or(""));
+    Reply reply = answer(request);
+    reply.headers.set("X-Request-Id", request.id);
+    return reply;
+}
+
+Reply Admin::answer(Request& request) {
     try {
         if (request.method != "GET" && request.method != "HEAD") {
             Headers headers;
@@ -31,13 +38,14 @@ Reply Admin::handle(Request& request) {
                 proto::problem_from_status(405, request.method + ": this path allows GET, HEAD"),
                 std::move(headers));
         }
+        const bool is_known =
+            request.path == "/livez" || request.path == "/readyz" || request.path == "/metrics";
+        if (!is_known) throw HttpError(404, "no such path: expected /livez, /readyz or /metrics");
+        request.route = request.path;
         if (request.path == "/livez") return text_reply("alive\n");
         if (request.path == "/readyz") return ready();
-        if (request.path == "/metrics") {
-            return text_reply(metrics_.text(service_.counts(), connections_()),
-                              "text/plain; version=0.0.4; charset=utf-8");
-        }
-        throw HttpError(404, "no such path: expected /livez, /readyz or /metrics");
+        return text_reply(metrics_.text(service_.counts(), connections_()),
+                          "text/plain; version=0.0.4; charset=utf-8");
     } catch (...) {
         return failure_reply(std::current_exception(), request);
     }

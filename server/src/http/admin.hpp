@@ -20,9 +20,10 @@ public:
     Reply handle(Request& request) override;
     void answered(const Request&, int) override {}
     void served(const Request&, const Served&) override {}
-    void refused(std::string_view, int, std::string_view) override {}
+    void refused(std::string_view, std::string_view, int, std::string_view) override {}
 
 private:
+    Reply answer(Request& request);
     Reply ready();
 
     Service& service_;

@@ -236,15 +236,18 @@ void Api::answered(const Request& request, int status) {
 void Api::served(const Request& request, const Served& outcome) {
     metrics_.request_served(request.route, outcome);
     // The template, not the path: what others chose stays out of the log.
-    spdlog::info("http.served id={} tenant={} method={} route={} status={} bytes={} ms={:.1f}{}",
-                 request.id, request.tenant.empty() ? "-" : request.tenant, request.method,
-                 request.route.empty() ? "none" : request.route, outcome.status, outcome.bytes,
-                 1000 * outcome.seconds.count(), outcome.complete ? "" : " client=gone");
+    spdlog::info(
+        "http.served id={} address={} tenant={} method={} route={} status={} bytes={} ms={:.1f}{}",
+        request.id, request.remote_address, log_name(request.tenant), request.method,
+        request.route.empty() ? "none" : request.route, outcome.status, outcome.bytes,
+        1000 * outcome.seconds.count(), outcome.complete ? "" : " client=gone");
 }
 
-void Api::refused(std::string_view id, int status, std::string_view detail) {
+void Api::refused(std::string_view id, std::string_view address, int status,
+                  std::string_view detail) {
     metrics_.request_refused(std::to_string(status));
-    spdlog::debug("http.refused id={} status={} reason={}", id, status, log_text(detail));
+    spdlog::info("http.refused id={} address={} status={} reason={}", id, address, status,
+                 log_text(detail));
 }
 
 }  // namespace stipple::server::http

@@ -29,7 +29,8 @@ public:
     Reply handle(Request& request) override;
     void answered(const Request& request, int status) override;
     void served(const Request& request, const Served& outcome) override;
-    void refused(std::string_view id, int status, std::string_view detail) override;
+    void refused(std::string_view id, std::string_view address, int status,
+                 std::string_view detail) override;
 
 private:
     Reply answer(Request& request);

@@ -60,11 +60,18 @@ void grant_scope(ApiKeys::Grant& grant, const Json& scope) {
 ApiKeys::Grant read_grant(const Json& entry) {
     ApiKeys::Grant grant{.tenant = field(entry, "tenant", Json::value_t::string, "a name")};
     if (grant.tenant.empty()) throw invalid("tenant is empty: expected a name");
+    if (std::ranges::any_of(grant.tenant,
+                            [](char c) { return (c >= 0 && c < ' ') || c == '\x7f'; }))
+        throw invalid("tenant has control characters: expected a name without");
     const Json& scopes =
         field(entry, "scopes", Json::value_t::array, "a list of read, submit or admin");
     if (scopes.empty())
         throw invalid("scopes is empty: give read, submit or admin, or remove the entry");
     for (const Json& scope : scopes) grant_scope(grant, scope);
+    // One that is meant to restrict the key must not count for nothing.
+    for (const auto& [name, value] : entry.items())
+        if (name != "tenant" && name != "scopes" && name != "key_sha256")
+            throw invalid(name + ": no such field: expected tenant, key_sha256 and scopes");
     return grant;
 }
 

@@ -39,7 +39,8 @@ ClientSocket::ClientSocket(FileDescriptor fd, std::string address, const Patienc
       abort_(abort) {}
 
 void ClientSocket::begin_exchange() noexcept {
-    body_time_ = reply_time_ = patience_.grace;
+    body_time_ = patience_.silence;
+    reply_time_ = patience_.grace;
 }
 
 std::optional<std::string> ClientSocket::read_head() {
@@ -126,18 +127,15 @@ bool ClientSocket::peer_gone() const noexcept {
 }
 
 void ClientSocket::close_gently() noexcept {
+    constexpr auto kLongest = 30s, kSilence = 2s;
     ::shutdown(fd_.get(), SHUT_WR);
-    const auto deadline = Clock::now() + 1s;
+    const auto end = Clock::now() + kLongest;
     std::array<char, 16 * 1024> discarded;
-    constexpr std::size_t kMost = 16U << 20;
-    for (std::size_t bytes = 0; bytes < kMost && Clock::now() < deadline;) {
+    while (Clock::now() < end && !abort_.raised()) {
         const ssize_t n = ::recv(fd_.get(), discarded.data(), discarded.size(), MSG_DONTWAIT);
-        if (n > 0) {
-            bytes += static_cast<std::size_t>(n);
-            continue;
-        }
+        if (n > 0) continue;
         const bool later = n < 0 && (errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR);
-        if (!later || wait_for(POLLIN, deadline, false) != Waited::Ready) return;
+        if (!later || wait_for(POLLIN, Clock::now() + kSilence, false) != Waited::Ready) return;
     }
 }
 

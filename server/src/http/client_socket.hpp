@@ -13,10 +13,10 @@
 
 namespace stipple::server::http {
 
-/// How long we wait for the other side. A head has a deadline. A body, and a reply, may keep us
-/// waiting for `grace` at first and, for each of its bytes, for what that takes at the slowest
-/// rate; no more than `silence` of a sender, or `pause` of a reader, is saved up, whatever came
-/// before.
+/// How long we wait for the other side. A head has a deadline. A body may keep us waiting for
+/// `silence` at first, a reply for `grace`, and each of their bytes adds what it takes at the
+/// slowest rate; no more than `silence` of a sender, or `pause` of a reader, is saved up, whatever
+/// came before.
 struct Patience {
     std::chrono::milliseconds head{5'000};         ///< for a whole head, from its first byte on
     std::chrono::milliseconds keep_alive{10'000};  ///< between two requests
@@ -56,8 +56,9 @@ public:
     /// has cut it.
     bool peer_gone() const noexcept;
 
-    /// Ends our side and takes what still comes for a moment, so that our last words are not lost
-    /// to a reset.
+    /// Ends our side and takes what still comes, until the client ends its own, is silent for two
+    /// seconds, or half a minute has passed: a client that sends a whole body before it reads would
+    /// lose our last words to a reset.
     void close_gently() noexcept;
 
     /// Has the connection end by a reset, so that the client takes nothing for whole.

@@ -18,6 +18,7 @@ std::optional<std::uint64_t> parse_number(std::string_view text) {
 
 [[noreturn]] void refuse_range(std::uint64_t size) {
     Headers headers;
+    headers.add("Accept-Ranges", "bytes");
     headers.add("Content-Range", "bytes */" + std::to_string(size));
     throw HttpError(proto::problem_from_status(416, "the range begins after the last of " +
                                                         std::to_string(size) + " bytes"),

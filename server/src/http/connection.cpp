@@ -147,9 +147,7 @@ struct ContentSetter {
     }
     void operator()(const Stream& stream) const {
         const auto provide_all = [stream](std::size_t, httplib::DataSink& sink) {
-            stream([&sink](std::string_view piece) {
-                if (!sink.write(piece.data(), piece.size())) throw Disconnected();
-            });
+            write_all(stream, sink);
             sink.done();
             return true;
         };
@@ -160,7 +158,20 @@ struct ContentSetter {
         }
     }
 
+    void operator()(const SizedStream& sized) const {
+        provide(static_cast<std::size_t>(sized.length),
+                [stream = sized.write](std::size_t, std::size_t, httplib::DataSink& sink) {
+                    write_all(stream, sink);
+                    return true;
+                });
+    }
+
 private:
+    static void write_all(const Stream& stream, httplib::DataSink& sink) {
+        stream([&sink](std::string_view piece) {
+            if (!sink.write(piece.data(), piece.size())) throw Disconnected();
+        });
+    }
     void provide(std::size_t length, httplib::ContentProvider provider) const {
         // The library has no content of no bytes.
         if (length > 0) {
@@ -317,16 +328,16 @@ private:
 
 void refuse(ClientSocket& socket, Application& application, const HttpError& error,
             std::string_view head) {
-    socket.write_all(refusal(application, error.problem, given_id(head)));
+    socket.write_all(refusal(application, error.problem, socket.address(), given_id(head)));
     socket.close_gently();
 }
 
 }  // namespace
 
 std::string refusal(Application& application, const proto::Problem& problem,
-                    std::string_view id_given) {
+                    std::string_view address, std::string_view id_given) {
     const std::string id = request_id(id_given);
-    application.refused(id, problem.status, problem.detail);
+    application.refused(id, address, problem.status, problem.detail);
     Reply reply = problem_reply(HttpError(problem));
     reply.headers.set("X-Request-Id", id);
     const auto& body = std::get<std::string>(reply.content);

@@ -32,8 +32,10 @@ public:
     /// The reply was sent, as far as the client took it.
     virtual void served(const Request& request, const Served& outcome) = 0;
     /// A request refused before it was one: too slow, too large, malformed.
-    /// @param id  by which the reply names it, as `Request::id`.
-    virtual void refused(std::string_view id, int status, std::string_view detail) = 0;
+    /// @param id       by which the reply names it, as `Request::id`
+    /// @param address  as `Request::remote_address`
+    virtual void refused(std::string_view id, std::string_view address, int status,
+                         std::string_view detail) = 0;
 };
 
 /// Serves the requests of one connection, one after the other, until either side closes it.
@@ -43,6 +45,6 @@ void serve_connection(ClientSocket& socket, Application& application, const Stop
 /// A whole HTTP message that refuses with this problem, under the caller's id where it can be taken
 /// (`request_id`), and ends the connection. The application is told.
 std::string refusal(Application& application, const proto::Problem& problem,
-                    std::string_view id_given = {});
+                    std::string_view address, std::string_view id_given = {});
 
 }  // namespace stipple::server::http

@@ -177,9 +177,10 @@ void GuardedServer::accept_one() {
     }
     prepare(fd, options_.patience);
 
-    if (!leaves_descriptors(fd, false)) return turn_away(std::move(fd));
-    Accepted accepted{admit(sender_of(address)), std::move(fd)};
-    if (!accepted.place || !ensure_thread()) return turn_away(std::move(accepted.fd));
+    const std::string sender = sender_of(address);
+    if (!leaves_descriptors(fd, false)) return turn_away(std::move(fd), sender);
+    Accepted accepted{admit(sender), std::move(fd)};
+    if (!accepted.place || !ensure_thread()) return turn_away(std::move(accepted.fd), sender);
     const std::lock_guard lock(mutex_);
     waiting_.push_back(std::move(accepted));
     arrived_.notify_one();
@@ -222,11 +223,11 @@ GuardedServer::Place GuardedServer::admit(std::string address) {
     return {*this, std::move(address)};
 }
 
-void GuardedServer::turn_away(FileDescriptor fd) {
+void GuardedServer::turn_away(FileDescriptor fd, std::string_view address) {
     proto::Problem problem =
         proto::problem_from_status(503, "too many connections: try again in a second");
     problem.retry_after = 1;
-    const std::string words = refusal(application_, problem);
+    const std::string words = refusal(application_, problem, address);
     // A new connection's buffer takes so little at once; one that does not is not worth waiting
     // for.
     if (::send(fd.get(), words.data(), words.size(), MSG_NOSIGNAL | MSG_DONTWAIT) < 0) return;

@@ -87,7 +87,7 @@ private:
     Place admit(std::string address);
     bool leaves_descriptors(const FileDescriptor& newest, bool farewell) const noexcept;
     bool ensure_thread();
-    void turn_away(FileDescriptor fd);
+    void turn_away(FileDescriptor fd, std::string_view address);
     void serve_loop();
     void serve(Accepted accepted) noexcept;
     void leave(const std::string& address) noexcept;

@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <variant>
 
 namespace stipple::server::http {
 
@@ -115,7 +116,7 @@ Reply evaluate(Resources& resources, Request& request) {
         return reply;
     }
     Reply reply =
-        json_reply(200, proto::evaluation_json(resources.service.results(request.tenant, job.id)));
+        json_reply(200, proto::evaluation_json(*resources.service.results(request.tenant, job.id)));
     reply.headers.set("Cache-Control", "no-store");
     reply.headers.set("Link", "<" + resources.service.links().job(job.id) + ">; rel=\"via\"");
     return reply;
@@ -163,7 +164,7 @@ Reply follow_job(Resources& resources, Request& request) {
     const std::uint64_t after = first_wanted(request);
     const proto::JobDocument job = resources.service.job(request.tenant, request.path_value("id"));
     if (proto::is_final(job.status) &&
-        resources.service.events(request.tenant, job.id, after, 0ms, request.stop).items.empty()) {
+        !resources.service.has_events(request.tenant, job.id, after)) {
         Reply nothing_more;
         nothing_more.status = 204;  // after any other an EventSource asks again
         return nothing_more;
@@ -182,8 +183,11 @@ Reply get_results(Resources& resources, Request& request) {
     allow_query(request, {});
     const proto::JobDocument job = resources.service.job(request.tenant, request.path_value("id"));
     if (const auto problem = why_incomplete(job)) throw HttpError(*problem);
-    Reply reply =
-        json_reply(200, proto::to_json(resources.service.results(request.tenant, job.id)));
+    const auto results = resources.service.results(request.tenant, job.id);
+    // Of many tiles: made in a turn, and once.
+    if (std::holds_alternative<proto::PyramidJob>(results->request.job))
+        return document_reply(resources, request, "manifest.json");
+    Reply reply = json_reply(200, proto::to_json(*results));
     reply.headers.set("Cache-Control", "no-store");
     return reply;
 }

@@ -119,6 +119,10 @@ using FixedBytes = std::span<const std::byte>;
 /// Writes a stream piece by piece until it returns.
 using StreamWriter = std::function<void(std::string_view piece)>;  ///< @throws Disconnected
 using Stream = std::function<void(const StreamWriter& write)>;
+struct SizedStream {
+    Stream write;
+    std::uint64_t length = 0;  ///< what it writes, neither more nor less
+};
 
 /// The caller's own id when it can stand in a log, else one that no other request has.
 std::string request_id(std::string_view given);
@@ -127,7 +131,7 @@ struct Reply {
     int status = 200;
     Headers headers;
     std::string media_type;
-    std::variant<std::string, FixedBytes, StoredRange, Stream> content;
+    std::variant<std::string, FixedBytes, StoredRange, Stream, SizedStream> content;
     std::shared_ptr<void>
         permit;  ///< given back when the reply was sent: a place among those that may take long
 };

@@ -25,4 +25,18 @@ Reply output_reply(Resources& resources, const Request& request, const std::stri
     return reply;
 }
 
+std::shared_ptr<void> document_turn(Resources& resources, const Request& request) {
+    auto place = resources.documents.take(request);
+    if (request.client_gone()) throw Disconnected();
+    return place;
+}
+
+Reply document_reply(Resources& resources, const Request& request, const std::string& name,
+                     const DocumentOptions& options) {
+    StoredFile file = resources.service.outputs().document(
+        request.tenant, request.path_value("id"), name, accepted_file_codings(request), options,
+        [&] { return document_turn(resources, request); });
+    return file_reply(request, std::move(file), "application/json", "no-cache");
+}
+
 }  // namespace stipple::server::http

@@ -30,20 +30,6 @@ std::optional<CloudFormat> query_inline(const Request& request, CloudFormat form
     return format;
 }
 
-/// A document of a pyramid: it grows while the job runs.
-Reply document_reply(Resources& resources, const Request& request, const std::string& name,
-                     const DocumentOptions& options) {
-    const auto turn = [&] {
-        auto place = resources.documents.take(request);
-        if (request.client_gone()) throw Disconnected();
-        return place;
-    };
-    StoredFile file =
-        resources.service.outputs().document(request.tenant, request.path_value("id"), name,
-                                             accepted_file_codings(request), options, turn);
-    return file_reply(request, std::move(file), "application/json", "no-cache");
-}
-
 Reply tileset_reply(Resources& resources, const Request& request, const std::string& name) {
     allow_query(request, {"inline", "error", "errorScale"});
     DocumentOptions options{.inlined = query_inline(request, CloudFormat::Glb)};
@@ -138,16 +124,29 @@ proto::Slice cut(Resources& resources, const Request& request, const proto::Resu
 struct TarStream {
     Outputs& outputs;
     std::shared_ptr<const proto::Results> pyramid;
+    std::shared_ptr<const std::vector<proto::ExportFile>> files;  ///< of the pyramid
     std::chrono::sys_seconds modified;
+
+    static std::uint64_t bytes_of(const proto::ExportFile& file) {
+        return file.stored != nullptr ? file.stored->bytes : file.text.size();
+    }
+
+    std::uint64_t size() const {
+        std::uint64_t sum = tar_end().size();
+        for (const proto::ExportFile& file : *files) sum += tar_bytes(bytes_of(file));
+        return sum;
+    }
 
     void operator()(const StreamWriter& write) const {
         constexpr std::size_t kPieceBytes = 256 * 1024;
         std::vector<std::byte> piece(kPieceBytes);
-        for (const proto::ExportFile& file : proto::export_files(*pyramid)) {
-            const auto blob = file.stored ? outputs.open(file.stored->sha256) : nullptr;
-            const std::uint64_t size = blob ? blob->size() : file.text.size();
+        for (const proto::ExportFile& file : *files) {
+            const std::uint64_t size = bytes_of(file);
             write(tar_header(file.name, size, modified));
             if (!file.text.empty()) write(file.text);
+            const auto blob = file.stored != nullptr ? outputs.open(file.stored->sha256) : nullptr;
+            if (blob && blob->size() != size)
+                throw Error(ErrorCode::Internal, file.name + ": its bytes are not those listed");
             for (std::uint64_t at = 0; blob && at < size;) {
                 const std::size_t n = blob->read(at, piece);
                 if (n == 0) throw Error(ErrorCode::Internal, file.name + ": its bytes end early");
@@ -202,11 +201,19 @@ Reply get_pyramid_archive(Resources& resources, Request& request) {
     const std::string& id = request.path_value("id");
     auto pyramid = whole_pyramid(resources, request);
     const auto finished = time_of(resources.service.job(request.tenant, id).finished);
+    auto permit = resources.downloads.take(request);
+    TarStream tar{resources.service.outputs(), std::move(pyramid), {}, finished};
+    {
+        const auto turn = document_turn(resources, request);
+        tar.files = std::make_shared<const std::vector<proto::ExportFile>>(
+            proto::export_files(*tar.pyramid));
+    }
+    const std::uint64_t size = tar.size();
     Reply reply{.status = 200,
                 .headers = {},
                 .media_type = "application/x-tar",
-                .content = TarStream{resources.service.outputs(), std::move(pyramid), finished},
-                .permit = resources.downloads.take(request)};
+                .content = SizedStream{std::move(tar), size},
+                .permit = std::move(permit)};
     reply.headers.set("Content-Disposition", "attachment; filename=\"pyramid-" + id + ".tar\"");
     reply.headers.set("Cache-Control", "no-store");
     reply.headers.set("X-Content-Type-Options", "nosniff");

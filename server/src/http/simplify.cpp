@@ -88,8 +88,8 @@ void check_queue(Resources& resources) {
 /// @param place  that of the wait, held on while the reply is sent.
 Reply result_reply(Resources& resources, const Request& request, const proto::JobDocument& job,
                    std::shared_ptr<void> place) {
-    const proto::Results results = resources.service.results(request.tenant, job.id);
-    const proto::OutputCloud& cloud = results.levels.at(0);
+    const auto results = resources.service.results(request.tenant, job.id);
+    const proto::OutputCloud& cloud = results->levels.at(0);
     const proto::OutputFile& file = cloud.files.at(0);
     StoredFile stored = resources.service.outputs().file(
         request.tenant, job.id, file.sha256 + "." + std::string(to_string(file.format)), {});
@@ -126,6 +126,7 @@ Reply simplify(Resources& resources, Request& request) {
         return result_reply(resources, request, job, std::move(place));
     if (const auto problem = why_incomplete(job)) throw HttpError(*problem);
     Reply reply = json_reply(201, proto::to_json(job));
+    reply.headers.set("Cache-Control", "no-store");
     reply.headers.set("Location", resources.service.links().job(job.id));
     return reply;
 }

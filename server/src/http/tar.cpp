@@ -59,6 +59,10 @@ std::string tar_padding(std::uint64_t bytes) {
     return std::string((kBlock - bytes % kBlock) % kBlock, '\0');
 }
 
+std::uint64_t tar_bytes(std::uint64_t bytes) noexcept {
+    return (1 + (bytes + kBlock - 1) / kBlock) * kBlock;
+}
+
 std::string tar_end() {
     return std::string(2 * kBlock, '\0');
 }

@@ -17,6 +17,9 @@ std::string tar_header(std::string_view name, std::uint64_t bytes,
 /// The zeros after a file of so many bytes, up to the next 512.
 std::string tar_padding(std::uint64_t bytes);
 
+/// What a file of so many bytes takes: its header, itself, its padding.
+std::uint64_t tar_bytes(std::uint64_t bytes) noexcept;
+
 /// The end of an archive.
 std::string tar_end();
 

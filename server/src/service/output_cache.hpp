@@ -5,6 +5,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <unordered_map>
@@ -14,6 +15,11 @@ namespace stipple::server {
 
 /// The bytes of a small file, shared by those that send it.
 using Bytes = std::shared_ptr<const std::vector<std::byte>>;
+
+inline Bytes shared_bytes(std::string_view text) {
+    const auto bytes = std::as_bytes(std::span(text));
+    return std::make_shared<const std::vector<std::byte>>(bytes.begin(), bytes.end());
+}
 
 /// Small files by name, with what else is to be known of them: those asked for last, up to a number
 /// of bytes. Safe to call from any thread.

@@ -31,11 +31,6 @@ bool packs(CloudFormat format) noexcept {
     return format == CloudFormat::Ply || format == CloudFormat::Glb;
 }
 
-Bytes shared(std::string_view text) {
-    const auto bytes = std::as_bytes(std::span(text));
-    return std::make_shared<const std::vector<std::byte>>(bytes.begin(), bytes.end());
-}
-
 std::string document_key(const std::string& job_id, const std::string& name,
                          const DocumentOptions& options) {
     std::string key = job_id + "/" + name + proto::tileset_query(options.tileset);
@@ -132,6 +127,10 @@ std::shared_ptr<const Outputs::Job> Outputs::find(const std::string& tenant,
                                                   const std::string& id) {
     const std::string key = tenant + '\0' + id;
     if (auto job = remembered(key, tenant, id)) return job;
+    // Of several who ask at a time, the first reads it.
+    const auto mine = reading(key);
+    const std::lock_guard read(*mine);
+    if (auto job = remembered(key, tenant, id)) return job;
 
     const std::uint64_t version = jobs_.version();
     // The document first: where it is final, the results are its last.
@@ -146,6 +145,14 @@ std::shared_ptr<const Outputs::Job> Outputs::find(const std::string& tenant,
     recent_.insert_or_assign(key, job);
     forget_oldest();
     return job;
+}
+
+std::shared_ptr<std::mutex> Outputs::reading(const std::string& key) {
+    const std::lock_guard lock(recent_mutex_);
+    std::erase_if(reading_, [](const auto& entry) { return entry.second.expired(); });
+    auto mutex = reading_[key].lock();
+    if (!mutex) reading_[key] = mutex = std::make_shared<std::mutex>();
+    return mutex;
 }
 
 /// With the lock: until those that are left are few enough.
@@ -248,8 +255,12 @@ StoredFile Outputs::document(const std::string& tenant, const std::string& job_i
     const auto begin = [&] {
         if (turn && !mine) mine = turn();
     };
-    if (!job->is_final)
-        return stored(plain_document(*job, name, options, begin), Coding::Identity, true);
+    if (!job->is_final) {
+        OutputCache::File file = plain_document(*job, name, options, begin);
+        if (file.bytes->size() > kMaxCachedFile)
+            return {hold(*file.bytes), std::move(file.tag), Coding::Identity, true};
+        return stored(std::move(file), Coding::Identity, true);
+    }
 
     const std::string key = document_key(job_id, name, options);
     for (const Coding coding : accepted) {
@@ -290,7 +301,8 @@ OutputCache::File Outputs::plain_document(const Job& job, const std::string& nam
     std::optional<OutputCache::File> wanted;
     const auto add = [&](const std::string& its_name, std::string_view text) {
         if (!job.is_final && its_name != name) return;
-        OutputCache::File file{shared(text), proto::sha256_hex(std::as_bytes(std::span(text)))};
+        OutputCache::File file{shared_bytes(text),
+                               proto::sha256_hex(std::as_bytes(std::span(text)))};
         if (job.is_final) cache_.put(document_key(job.id, its_name, options), file);
         if (its_name == name) wanted = std::move(file);
     };

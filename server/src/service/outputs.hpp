@@ -88,6 +88,7 @@ private:
     std::shared_ptr<const Job> find(const std::string& tenant, const std::string& id);
     std::shared_ptr<const Job> remembered(const std::string& key, const std::string& tenant,
                                           const std::string& id);
+    std::shared_ptr<std::mutex> reading(const std::string& key);
     void forget_oldest();
     OutputCache::File plain_document(const Job& job, const std::string& name,
                                      const DocumentOptions& options,
@@ -100,8 +101,9 @@ private:
     const Links links_;
     const std::size_t max_files_;
     OutputCache cache_;
-    std::mutex recent_mutex_;  ///< for both below
+    std::mutex recent_mutex_;  ///< for all three below
     std::map<std::string, std::shared_ptr<const Job>, std::less<>> recent_;
+    std::map<std::string, std::weak_ptr<std::mutex>> reading_;  ///< held by who reads a job
     std::uint64_t uses_ = 0;
     Packer packer_;  ///< last: its threads tell the cache
 };

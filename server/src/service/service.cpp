@@ -13,6 +13,8 @@ namespace {
 using std::chrono::steady_clock;
 
 constexpr unsigned kMaxPage = 1000;
+constexpr std::size_t kLargeEvent = 1U << 16;
+constexpr std::size_t kLargeEventBytes = 32U << 20;  // kept in memory
 
 Error no_such(const char* what, const std::string& id) {
     return {ErrorCode::NotFound, std::string("no such ") + what + ": " + id};
@@ -48,7 +50,8 @@ Service::Service(Limits limits, JobStore& jobs, BlobStore& blobs, Links links)
       jobs_(jobs),
       blobs_(blobs),
       links_(std::move(links)),
-      outputs_(jobs, blobs, links_) {}
+      outputs_(jobs, blobs, links_),
+      large_events_(kLargeEventBytes) {}
 
 void Service::fill_links(proto::JobDocument& job) const {
     job.links = links_.of_job(job.id, is_pyramid(job.request));
@@ -70,12 +73,22 @@ proto::CloudDocument Service::document_of(CloudRow row) const {
             .links = std::move(links)};
 }
 
-/// Fills in the links of an event that tells of a level.
-void Service::fill_links(JobEvent& event, const proto::JobDocument& job) const {
+/// Fills in the links of an event that tells of a level. A level of many tiles takes a second and
+/// ten times its bytes: such are filled in one at a time, and once for all who follow the job.
+void Service::fill_links(JobEvent& event, const proto::JobDocument& job) {
     if (event.type != "level") return;
+    const bool large = event.data.size() > kLargeEvent;
+    const std::string key = job.id + '/' + std::to_string(event.id);
+    const auto lock = large ? std::unique_lock(filling_) : std::unique_lock<std::mutex>();
+    if (const auto known = large ? large_events_.find(key) : std::nullopt) {
+        event.data.assign(reinterpret_cast<const char*>(known->bytes->data()),
+                          known->bytes->size());
+        return;
+    }
     proto::JobReport report = proto::job_report_from_json(event.data);
     links_.fill(std::get<proto::OutputCloud>(report), job.id, is_pyramid(job.request));
     event.data = to_json(report);
+    if (large) large_events_.put(key, {shared_bytes(event.data), {}});
 }
 
 // Clouds.
@@ -205,7 +218,8 @@ Service::JobEvents Service::events(const std::string& tenant, const std::string&
         const std::uint64_t seen = jobs_.version();
         // The document first: once it is final, every event is there.
         const proto::JobDocument document = job(tenant, id);
-        JobEvents events{jobs_.events_after(tenant, id, after), is_final(document.status)};
+        JobEvents events{jobs_.events_after(tenant, id, after)};
+        events.complete = is_final(document.status) && events.items.empty();
         if (!events.items.empty() || events.complete || steady_clock::now() >= deadline ||
             stop.stop_requested()) {
             for (JobEvent& event : events.items) fill_links(event, document);
@@ -215,12 +229,17 @@ Service::JobEvents Service::events(const std::string& tenant, const std::string&
     }
 }
 
+bool Service::has_events(const std::string& tenant, const std::string& id, std::uint64_t after) {
+    return !jobs_.events_after(tenant, id, after).empty();
+}
+
 // Results.
 
-proto::Results Service::results(const std::string& tenant, const std::string& id) {
-    const auto results = outputs_.results(tenant, id);
+std::shared_ptr<const proto::Results> Service::results(const std::string& tenant,
+                                                       const std::string& id) {
+    auto results = outputs_.results(tenant, id);
     if (!results) throw no_such("job", id);
-    return *results;
+    return results;
 }
 
 void Service::check_ready() {

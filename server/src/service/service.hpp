@@ -1,5 +1,6 @@
 #pragma once
 
+#include "service/output_cache.hpp"
 #include "service/outputs.hpp"
 #include "store/blob_store.hpp"
 #include "store/job_store.hpp"
@@ -9,6 +10,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <span>
 #include <stop_token>
@@ -89,13 +91,14 @@ public:
     proto::JobDocument cancel(const std::string& tenant, const std::string& id);
     struct JobEvents {
         std::vector<JobEvent> items;
-        bool complete = false;  ///< the job has ended: there will be no others
+        bool complete = false;  ///< the job has ended, and these are none: there will be no others
     };
-    /// Events after `after`; waits up to `wait` for the first of them.
+    /// The next events after `after`; waits up to `wait` for the first of them.
     JobEvents events(const std::string& tenant, const std::string& id, std::uint64_t after,
                      std::chrono::milliseconds wait, std::stop_token stop);
+    bool has_events(const std::string& tenant, const std::string& id, std::uint64_t after);
     /// Also of a running job: what is there so far, `complete` false. Links filled.
-    proto::Results results(const std::string& tenant, const std::string& id);
+    std::shared_ptr<const proto::Results> results(const std::string& tenant, const std::string& id);
     /// The files of results, as they are sent.
     Outputs& outputs() noexcept { return outputs_; }
 
@@ -105,7 +108,7 @@ public:
 
 private:
     void fill_links(proto::JobDocument& job) const;
-    void fill_links(JobEvent& event, const proto::JobDocument& job) const;
+    void fill_links(JobEvent& event, const proto::JobDocument& job);
     proto::JobDocument with_links(proto::JobDocument job) const;
     proto::CloudDocument document_of(CloudRow row) const;
 
@@ -114,6 +117,8 @@ private:
     BlobStore& blobs_;
     const Links links_;
     Outputs outputs_;
+    std::mutex filling_;        ///< held while the links of a large event are filled in
+    OutputCache large_events_;  ///< with their links
 };
 
 }  // namespace stipple::server

@@ -118,6 +118,7 @@ public:
     /// Unfinished: dismissed. @throws Error(Conflict) for one that is final, which stays.
     virtual std::optional<proto::JobDocument> cancel(const std::string& tenant,
                                                      const std::string& id) = 0;
+    /// The next after `after`: at least one, if there is any, and no more once they take 1 MiB.
     virtual std::vector<JobEvent> events_after(const std::string& tenant, const std::string& id,
                                                std::uint64_t after) = 0;
     virtual std::optional<proto::Results> results(const std::string& tenant,

@@ -57,6 +57,7 @@ const std::string kListJobs =
     kSelectJob +
     "WHERE tenant = ?1 AND row < ?2 AND (?3 IS NULL OR type = ?3) AND (?4 IS NULL OR status = ?4) "
     "AND (?5 IS NULL OR input = ?5) ORDER BY row DESC LIMIT ?6";
+constexpr std::size_t kEventBytes = 1U << 20;
 constexpr int kJobRowColumn = 13;
 
 JobDocument document_of(const Rows& rows) {
@@ -421,7 +422,9 @@ std::vector<JobEvent> SqliteJobStore::events_after(const std::string& tenant, co
         "WHERE jobs.tenant = ?1 AND jobs.id = ?2 AND events.id > ?3 ORDER BY events.id",
         tenant, id, after);
     std::vector<JobEvent> events;
-    while (rows.next()) events.push_back({rows.count(0), rows.text(1), rows.text(2)});
+    for (std::size_t bytes = 0; bytes < kEventBytes && rows.next();
+         bytes += events.back().data.size())
+        events.push_back({rows.count(0), rows.text(1), rows.text(2)});
     return events;
 }
 

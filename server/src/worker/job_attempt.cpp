@@ -63,8 +63,8 @@ void JobAttempt::stop(Stop reason) {
 }
 
 void JobAttempt::run(JobRunner& runner) noexcept try {
-    spdlog::info("job.started id={} tenant={} type={} attempt={}", lease_.job_id, lease_.tenant,
-                 type_name(lease_.request), lease_.token);
+    spdlog::info("job.started id={} tenant={} type={} attempt={}", lease_.job_id,
+                 log_name(lease_.tenant), type_name(lease_.request), lease_.token);
     try {
         // Of its own: an attempt that lost its lease may still be ending.
         const ScratchFolder folder(options_.scratch /

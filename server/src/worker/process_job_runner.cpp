@@ -195,7 +195,8 @@ private:
 std::string describe_end(int status) {
     if (WIFSIGNALED(status)) {
         const int number = WTERMSIG(status);
-        return "signal " + std::to_string(number) + " (" + ::strsignal(number) + ")";
+        const char* const likely = number == SIGKILL ? ": memory may have run out" : "";
+        return "signal " + std::to_string(number) + " (" + ::strsignal(number) + ")" + likely;
     }
     return "exit status " + std::to_string(WEXITSTATUS(status)) + " without a final report";
 }
