@@ -162,9 +162,15 @@ TEST(CommandLine, SliceTakesOneBudgetAndABox) {
     EXPECT_EQ(parsed<SliceCommand>({"slice", "levels", "out.drc", "--max-error", "0.5%"})
                   .options.max_error_rel,
               0.005);
-    EXPECT_NE(refusal({"slice", "levels", "out.ply"}), "accepted");
-    EXPECT_NE(refusal({"slice", "levels", "out.ply", "--points", "1", "--bytes", "1"}), "accepted");
-    EXPECT_NE(refusal({"slice", "levels", "out.ply", "--points", "1", "--box", "1,2"}), "accepted");
+    EXPECT_EQ(refusal({"slice", "levels", "out.ply"}),
+              "how much of it? give --points N, --bytes B or --max-error E");
+    EXPECT_EQ(refusal({"slice", "levels", "out.ply", "--points", "1", "--bytes", "1"}),
+              "--points, --bytes and --max-error: give one of them");
+    for (const char* const box : {"1,2", "1 2 3 4 5 6", "1,2,3,4,5,six", "1,2,3,4,5,6,7"}) {
+        EXPECT_NE(
+            refusal({"slice", "levels", "out.ply", "--points", "1", "--box", box}).find("--box"),
+            std::string::npos);
+    }
     EXPECT_NE(refusal({"slice", "levels", "out.ply", "--points", "1", "--box", "1,0,0,0,1,1"})
                   .find("box"),
               std::string::npos);

@@ -130,7 +130,7 @@ TEST(CommandLine, WhatTheLibraryRefusesIsNamedAsTheOption) {
         refused({"-n", "5", "--attribute-weight", "heat=-1"}).starts_with("--attribute-weight"));
     EXPECT_TRUE(refused({"-n", "5", "-m", "particles", "--region", "sphere:0,0,0,0:4"})
                     .starts_with("--region[0]: radius 0"));
-    EXPECT_TRUE(refused({"--max-error", "0%"}).starts_with("--max-error 0: expected"));
+    EXPECT_TRUE(refused({"--max-error", "0%"}).starts_with("--max-error 0%: expected"));
 }
 
 TEST(CommandLine, MaxErrorNamesTheMethodsThatHaveIt) {

@@ -143,6 +143,21 @@ TEST(IterativeSimplification, DoesNotShrinkAPatchByMoreThanAPartOfItsSpacing) {
     EXPECT_GT(b.max.y(), 0.99);
 }
 
+TEST(IterativeSimplification, LeavesPointsOffAllSurfacesWhereTheyAre) {
+    PointCloud cloud = test::sphere(20'000, 0.001);
+    std::vector<Vec3f> strays;
+    for (const Vec3f& p : test::sphere(10).positions) strays.push_back(1'000 * p);
+    cloud.positions.insert(cloud.positions.end(), strays.begin(), strays.end());
+    for (const std::uint64_t count : {20'009ULL, 5'000ULL, 500ULL}) {
+        const PointCloud result = iterative_simplification(cloud, {.target_size = count});
+        for (const Vec3f& stray : strays) {
+            EXPECT_TRUE(std::ranges::any_of(result.positions, [&](const Vec3f& p) {
+                return (p - stray).norm() < 1e-2F;
+            })) << count;
+        }
+    }
+}
+
 TEST(IterativeSimplification, KeepsPointsOfALineOnIt) {
     const PointCloud cloud = test::line(500);
     const Vec3f direction = (cloud.positions.back() - cloud.positions.front()).normalized();

@@ -451,6 +451,27 @@ TEST_F(StippleCli, ReadsItsOwnFilesOfAnyNumberOfAttributes) {
     }
 }
 
+TEST_F(StippleCli, InspectTellsABoxThatHoldsAllPoints) {
+    PointCloud cloud = test::sphere(3'000);
+    cloud.origin = {467'123.456'78, 5'432'198.765'43, -412.3};
+    cloud.double_precision = true;
+    write_cloud(cloud, folder_ / "in.ply");
+    const std::string told = stipple("inspect in.ply").out;
+    std::string box;
+    for (const std::string row : {"\nfrom", "\nto"}) {
+        const auto at = told.find(row);
+        ASSERT_NE(at, told.npos) << told;
+        const auto begin = told.find_first_not_of(' ', at + row.size());
+        for (const char c : told.substr(begin, told.find('\n', begin) - begin))
+            if (c != ' ') box += c;
+        box += row == "\nfrom" ? "," : "";
+    }
+    EXPECT_LT(box.size(), 80U) << box;
+    ASSERT_EQ(stipple("pyramid in.ply levels --levels 3000 --formats ply").exit_code, 0);
+    const Outcome slice = stipple("slice levels out.ply -n 5000 --box=" + box);
+    EXPECT_EQ(read_cloud(folder_ / "out.ply").size(), 3'000U) << slice.err << box;
+}
+
 TEST_F(StippleCli, AFolderForScratchFilesThatIsNotThereIsNamed) {
     synthesize("in.ply", 100);
     const Outcome outcome = stipple("curve in.ply", "TMPDIR=/nowhere ");

@@ -319,6 +319,17 @@ TEST(Slice, TakesTheCoarsestLevelWithinAnErrorThatHasAPointInTheBox) {
     EXPECT_EQ(refusal(both(), {.max_error = 1.0, .box = Aabb{inner, inner}}), ErrorCode::NotFound);
 }
 
+TEST(Slice, WithinAnErrorCountsThePointsOfItsBoxNotOfItsTiles) {
+    const PointCloud cloud = test::sphere(8'000);
+    const Pyramid tiles(cloud, {8'000}, {CloudFormat::Glb});
+    const Vec3d place = cloud.positions[17].cast<double>();
+    const Aabb around{place - Vec3d::Constant(0.05), place + Vec3d::Constant(0.05)};
+    const Slice slice = tiles.slice({.max_error = 1.0, .box = around, .max_points = 1'000});
+    EXPECT_GT(slice.points, 0U);
+    EXPECT_LT(slice.points, 100U);
+    EXPECT_EQ(refusal(tiles, {.max_error = 1.0, .max_points = 1'000}), ErrorCode::TooLarge);
+}
+
 TEST(Slice, TakesAnErrorAsAPartOfTheDiagonal) {
     const double diagonal = both().results.source->bounds.diagonal();
     const double error = both().results.levels[2].error->error.max() + 1e-9;

@@ -241,7 +241,7 @@ TEST_F(ProcessJobRunner, TellsTheSignalThatKilledAChild) {
     };
     const auto outcome = run(long_job());
     EXPECT_EQ(outcome.kind, Kind::Crashed);
-    EXPECT_EQ(outcome.how, "signal 9 (Killed)");
+    EXPECT_EQ(outcome.how, "signal 9 (Killed): memory may have run out");
 }
 
 TEST_F(ProcessJobRunner, TellsTheStatusOfAChildThatEndedWithoutALastWord) {

@@ -22,12 +22,14 @@ std::vector<std::string> reversed(std::vector<std::string> arguments) {
 
 /// A refusal of the library begins with the field that it refuses: here that is an option.
 std::string naming_option(const CLI::App& app, const std::string& message) {
-    const std::string field =
-        message.substr(0, message.find_first_not_of("abcdefghijklmnopqrstuvwxyz_."));
-    const std::string option = option_of(field);
-    for (const CLI::App* const command : app.get_subcommands())
-        if (command->get_option_no_throw(option) != nullptr)
-            return option + message.substr(field.size());
+    for (const char* const letters :
+         {"abcdefghijklmnopqrstuvwxyz_.", "abcdefghijklmnopqrstuvwxyz_"}) {
+        const std::string field = message.substr(0, message.find_first_not_of(letters));
+        const std::string option = option_of(field);
+        for (const CLI::App* const command : app.get_subcommands())
+            if (command->get_option_no_throw(option) != nullptr)
+                return option + message.substr(field.size());
+    }
     return message;
 }
 

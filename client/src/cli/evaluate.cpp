@@ -12,6 +12,8 @@
 #include <array>
 #include <chrono>
 #include <cmath>
+#include <limits>
+#include <numeric>
 #include <ranges>
 #include <sstream>
 #include <utility>
@@ -83,49 +85,67 @@ void print(std::ostream& out, const proto::OutputCloud& cloud, const TextStyle& 
         << '\n';
 }
 
-/// A row for each candidate; what is least of a column is set in bold.
+/// A row for each candidate; what is least of a column is set in bold. Where lines of so many
+/// columns are too short the rms is left out, and names are cut.
 void print_table(std::ostream& out, const EvaluateCommand& command, const proto::Results& results,
-                 const TextStyle& style) {
+                 const TextStyle& style, std::size_t columns) {
     using Of = double (*)(const SurfaceError&);
-    constexpr std::array<std::pair<const char*, Of>, 3> kColumns = {{
-        {"mean", [](const SurfaceError& e) { return e.mean(); }},
-        {"rms", [](const SurfaceError& e) { return e.rms(); }},
-        {"max", [](const SurfaceError& e) { return e.max(); }},
-    }};
-    constexpr std::size_t kGap = 2;
+    struct Column {
+        std::vector<std::string> cells;
+        std::size_t width = 0;
+        Of of = nullptr;
+    };
+    constexpr std::size_t kGap = 2, kShortestName = 12;
     const auto& levels = results.levels;
+    const auto column = [](std::vector<std::string> cells, Of of = nullptr) {
+        const std::size_t width = std::ranges::max(cells | std::views::transform(display_width));
+        return Column{std::move(cells), width, of};
+    };
     std::vector<std::string> names = {"candidate"}, points = {"points"};
     for (std::size_t i = 0; i < levels.size(); ++i) {
         names.push_back(printable(command.candidates[i].filename().string()));
         points.push_back(with_separators(levels[i].points));
     }
-    std::vector<std::string> rows(names.size());
-    const auto widest = [](const std::vector<std::string>& cells) {
-        return std::ranges::max(cells | std::views::transform(display_width));
-    };
-    for (std::size_t i = 0; i < rows.size(); ++i)
-        rows[i] = in_left(names[i], widest(names)) + in_right(points[i], widest(points) + kGap);
-    for (const auto& [name, of] : kColumns) {
+    const auto figures = [&](const char* name, Of of) {
         std::vector<std::string> cells = {name};
-        double least = of(levels.front().error->error);
-        for (const proto::OutputCloud& cloud : levels) {
-            const SurfaceError& error = cloud.error->error;
-            cells.push_back(distance_text(of(error), error));
-            least = std::min(least, of(error));
-        }
-        const std::size_t width = widest(cells) + kGap;
+        for (const proto::OutputCloud& cloud : levels)
+            cells.push_back(distance_text(of(cloud.error->error), cloud.error->error));
+        return column(std::move(cells), of);
+    };
+    std::vector<Column> right = {column(std::move(points))};
+    right.push_back(figures("mean", [](const SurfaceError& e) { return e.mean(); }));
+    right.push_back(figures("rms", [](const SurfaceError& e) { return e.rms(); }));
+    right.push_back(figures("max", [](const SurfaceError& e) { return e.max(); }));
+    const auto width = [&] {
+        return std::accumulate(
+            right.begin(), right.end(), std::size_t{0},
+            [](std::size_t sum, const Column& c) { return sum + kGap + c.width; });
+    };
+    constexpr std::ptrdiff_t kRms = 2;
+    const Column all_names = column(names);
+    if (all_names.width + width() > columns) right.erase(right.begin() + kRms);
+    const std::size_t left = std::min(
+        all_names.width, std::max(kShortestName, columns > width() ? columns - width() : 0));
+
+    std::vector<std::string> rows(names.size());
+    for (std::size_t i = 0; i < rows.size(); ++i)
+        rows[i] = in_left(cut_amid(names[i], left, style.unicode), left);
+    for (const Column& c : right) {
+        double least = std::numeric_limits<double>::infinity();
+        for (const proto::OutputCloud& cloud : levels)
+            if (c.of != nullptr) least = std::min(least, c.of(cloud.error->error));
         for (std::size_t i = 0; i < rows.size(); ++i) {
-            const std::string text = in_right(cells[i], width);
-            const bool best = i > 0 && of(levels[i - 1].error->error) <= least;
+            const std::string text = in_right(c.cells[i], c.width + kGap);
+            const bool best = c.of != nullptr && i > 0 && c.of(levels[i - 1].error->error) <= least;
             rows[i] += best ? style.strong(text) : text;
         }
     }
     out << style.dim(rows.front()) << '\n';
     for (std::size_t i = 1; i < rows.size(); ++i) out << rows[i] << '\n';
-    out << style.dim(
-               "mean and rms from the reference to the candidate, max of both ways;\n"
-               "input units, and percent of the diagonal, " +
-               three_digits(levels.front().error->error.diagonal))
+    out << style.dim(std::string("mean") + (right.size() > kRms + 1 ? " and rms" : "") +
+                     " from the reference to the candidate, max of both ways;\n"
+                     "input units, and percent of the diagonal, " +
+                     three_digits(levels.front().error->error.diagonal))
         << '\n';
 }
 
@@ -141,7 +161,7 @@ void summarise(const EvaluateCommand& command, const proto::Results& results, do
     if (one)
         print(out, results.levels.front(), style);
     else
-        print_table(out, command, results, style);
+        print_table(out, command, results, style, terminal.output_columns());
     const auto& job = std::get<proto::EvaluateJob>(results.request.job);
     if (std::ranges::find(job.candidates, results.request.input) != job.candidates.end() &&
         job.options.measure.surface != ErrorSurface::Samples)

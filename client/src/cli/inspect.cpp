@@ -10,8 +10,11 @@
 #include "stipple/progressive_cloud.hpp"
 #include "stipple/proto/digest.hpp"
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <fstream>
 #include <span>
 #include <sstream>
@@ -82,8 +85,42 @@ std::string number(double value) {
     return text.data();
 }
 
+/// `-0.5` of `-0.500`.
+std::string without_zeros_at_end(std::string digits) {
+    if (digits.find('.') == digits.npos) return digits;
+    digits.erase(digits.find_last_not_of('0') + 1);
+    if (digits.ends_with('.')) digits.pop_back();
+    return digits == "-0" ? "0" : digits;
+}
+
 std::string triple(const Vec3d& v, const char* between) {
     return number(v.x()) + between + number(v.y()) + between + number(v.z());
+}
+
+/// A corner of the box, as many digits as show a millionth of its longest side, rounded outwards:
+/// pasted into another command, the box still has all points.
+std::string corner(const Aabb& box, bool upper) {
+    constexpr double kDigits = 6;
+    const double side = (box.max - box.min).maxCoeff(),
+                 shown = side > 0 ? side : std::max(box.max.cwiseAbs().maxCoeff(), 1e-300);
+    const int decimals =
+        static_cast<int>(std::clamp(kDigits - std::floor(std::log10(shown)), 0.0, 300.0));
+    std::string text;
+    for (int axis = 0; axis < 3; ++axis) {
+        const double v = upper ? box.max[axis] : box.min[axis], unit = std::pow(10.0, -decimals);
+        double rounded = (upper ? std::ceil(v / unit) : std::floor(v / unit)) * unit;
+        std::array<char, 700> digits{};
+        const auto print = [&] {
+            std::snprintf(digits.data(), digits.size(), "%.*f", decimals, rounded);
+            return std::strtod(digits.data(), nullptr);
+        };
+        if (const double told = print(); upper ? told < v : told > v) {
+            rounded += upper ? unit : -unit;
+            print();
+        }
+        text += (axis > 0 ? ", " : "") + without_zeros_at_end(digits.data());
+    }
+    return text;
 }
 
 std::string attribute_list(const std::vector<proto::CloudAttribute>& attributes) {
@@ -114,8 +151,8 @@ void print(std::ostream& out, const Findings& findings, const TextStyle& style) 
     if (!cloud.bounds.empty()) {
         print_row(out, style, "size",
                   triple(cloud.bounds.max - cloud.bounds.min, style.unicode ? " × " : " x "));
-        print_row(out, style, "from", triple(cloud.bounds.min, ", "));
-        print_row(out, style, "to", triple(cloud.bounds.max, ", "));
+        print_row(out, style, "from", corner(cloud.bounds, false));
+        print_row(out, style, "to", corner(cloud.bounds, true));
         print_row(out, style, "spacing", number(findings.spacing));
     }
     if (findings.report.faces > 0)

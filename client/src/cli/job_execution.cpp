@@ -49,7 +49,13 @@ proto::Results execute_here(const proto::JobRequest& request, const fs::path& in
     };
     RunContext context;
     context.stop = execution.stop;
-    proto::run_job(spec, collect, context);
+    try {
+        proto::run_job(spec, collect, context);
+    } catch (const proto::StorageFull&) {
+        // It names a file that is not there any more, in a folder that the user did not name.
+        throw Error(ErrorCode::Internal, folder.parent_path().string() +
+                                             ": no space is left on the disk of this folder");
+    }
     results.complete = true;
     return results;
 }

@@ -242,11 +242,14 @@ std::string level_table(const proto::Results& results, const TextStyle& style) {
     const bool is_known = std::ranges::any_of(
         results.levels, [](const auto& level) { return level.error && loaded_error(level); });
     if (is_known) {
-        add_column("mean error", [](const auto& level) {
+        // Of a Draco file it is the error of its level and what rounding adds at most; the largest
+        // is that at the samples which were measured.
+        const bool bounded = formats.contains(CloudFormat::Draco);
+        add_column(bounded ? "mean at most" : "mean error", [](const auto& level) {
             const auto error = loaded_error(level);
             return level.error && error ? distance_text(error->mean, level.error->error) : "";
         });
-        add_column("max", [](const auto& level) {
+        add_column(style.unicode ? "max ≥" : "max >=", [](const auto& level) {
             const auto error = loaded_error(level);
             return level.error && error ? three_digits(error->max) : "";
         });

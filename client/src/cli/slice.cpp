@@ -26,6 +26,11 @@ proto::Slice slice_here(const SliceCommand& command, const Session& session) {
     if (!fs::is_directory(folder, none))
         throw Error(ErrorCode::NotFound,
                     folder.string() + ": no such folder; the id of a job needs --server");
+    if (!fs::exists(folder / "manifest.json", none) && fs::exists(folder / "octree.bin", none))
+        throw Error(ErrorCode::InvalidArgument,
+                    folder.string() +
+                        ": a Potree folder, which has no levels: expected one that `stipple "
+                        "pyramid` writes without --layout potree");
     const proto::Results pyramid = read_manifest(folder);
     std::vector<fs::path> files;
     for (const proto::ExportFile& file : proto::export_files(pyramid))
@@ -85,8 +90,9 @@ void run(const SliceCommand& command, const Session& session) {
                   << " in " << readable_seconds(took.count()) << ' ' << style.dot() << ' '
                   << readable_bytes(bytes);
         if (slice.error_mean)
-            std::cerr << ' ' << style.dot() << " error: mean " << three_digits(*slice.error_mean)
-                      << ", max " << three_digits(*slice.error_max);
+            std::cerr << ' ' << style.dot() << " error: mean at most "
+                      << three_digits(*slice.error_mean) << ", max at least "
+                      << three_digits(*slice.error_max);
         std::cerr << '\n';
     }
     ordered_json figures;

@@ -15,23 +15,34 @@ namespace {
 struct Values {
     std::string pyramid, output, max_error;
     std::optional<std::uint64_t> points, bytes;
-    std::vector<double> box;
+    std::vector<std::string> box;
     EncodingValues encoding;
     ServerValues server;
     CommonOptions common;
 };
 
+Aabb box_of(const std::vector<std::string>& words) {
+    std::vector<double> b;
+    for (const std::string& word : words)
+        if (const auto value = finite_number(word)) b.push_back(*value);
+    if (b.size() != 6 || words.size() != 6)
+        throw UsageError("--box: expected six numbers, x0,y0,z0,x1,y1,z1");
+    return {Vec3d(b[0], b[1], b[2]), Vec3d(b[3], b[4], b[5])};
+}
+
 SliceCommand slice_command(const Values& values) {
+    const int budgets = int{values.points.has_value()} + int{values.bytes.has_value()} +
+                        int{!values.max_error.empty()};
+    if (budgets == 0)
+        throw UsageError("how much of it? give --points N, --bytes B or --max-error E");
+    if (budgets > 1) throw UsageError("--points, --bytes and --max-error: give one of them");
     SliceCommand command{
         values.pyramid, values.output, {}, server_options(values.server), values.common};
     proto::SliceOptions& options = command.options;
     options.points = values.points;
     options.bytes = values.bytes;
     set_max_error(values.max_error, options);
-    if (!values.box.empty()) {
-        const std::vector<double>& b = values.box;
-        options.box = Aabb{Vec3d(b[0], b[1], b[2]), Vec3d(b[3], b[4], b[5])};
-    }
+    if (!values.box.empty()) options.box = box_of(values.box);
     const std::string extension = extension_of(command.output);
     options.format =
         extension == ".glb" ? CloudFormat::Glb : format_of(values.output, ".ply, .drc or .glb");
@@ -65,15 +76,14 @@ CommandReader add_slice(CLI::App& app) {
         ->transform(byte_count());
     budget
         ->add_option("--max-error", values.max_error,
-                     "the coarsest level measured to be within this: input units, or 0.1% of the "
-                     "diagonal")
+                     "the coarsest level within this at the samples that were measured: input "
+                     "units, or 0.1% of the diagonal")
         ->type_name("E");
-    budget->require_option(1);
     command
         .add_option("--box", values.box,
                     "only points inside: x0,y0,z0,x1,y1,z1; scalars only with --tile-attributes")
         ->delimiter(',')
-        ->expected(6)
+        ->expected(1, 6)
         ->type_name("BOX");
     add_draco(command, values.encoding);
     add_server(command, values.server);

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cctype>
 #include <cstdlib>
+#include <vector>
 
 namespace stipple::cli {
 namespace {
@@ -16,6 +17,12 @@ std::string_view environment(const char* name) {
 
 bool is_interactive(int descriptor) {
     return ::isatty(descriptor) == 1 && environment("TERM") != "dumb";
+}
+
+unsigned columns_of(int descriptor) {
+    winsize size{};
+    const bool known = ::ioctl(descriptor, TIOCGWINSZ, &size) == 0 && size.ws_col > 0;
+    return known ? size.ws_col : 80;
 }
 
 std::string painted(bool color, std::string_view code, std::string_view text) {
@@ -51,9 +58,11 @@ Terminal::Terminal() : interactive_(is_interactive(STDERR_FILENO)) {
 }
 
 unsigned Terminal::columns() const {
-    winsize size{};
-    const bool known = ::ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0;
-    return known ? size.ws_col : 80;
+    return columns_of(STDERR_FILENO);
+}
+
+std::size_t Terminal::output_columns() const {
+    return is_interactive(STDOUT_FILENO) ? columns_of(STDOUT_FILENO) : std::string::npos;
 }
 
 unsigned display_width(std::string_view text) noexcept {
@@ -66,6 +75,17 @@ unsigned display_width(std::string_view text) noexcept {
         if (escape && c == 'm') escape = false;
     }
     return width;
+}
+
+std::string cut_amid(std::string_view text, std::size_t columns, bool unicode) {
+    std::vector<std::size_t> begins;  // of characters
+    for (std::size_t i = 0; i < text.size(); ++i)
+        if ((static_cast<unsigned char>(text[i]) & 0xC0U) != 0x80U) begins.push_back(i);
+    if (begins.size() <= columns) return std::string(text);
+    const std::size_t kept = columns > 0 ? columns - 1 : 0, at_end = kept - kept / 2;
+    const std::size_t tail = at_end > 0 ? begins[begins.size() - at_end] : text.size();
+    return std::string(text.substr(0, begins[kept / 2])) + (unicode ? "…" : "~") +
+           std::string(text.substr(tail));
 }
 
 std::string wrapped(std::string_view text, unsigned columns) {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <string>
 #include <string_view>
 
@@ -32,6 +33,8 @@ public:
     const TextStyle& output_style() const noexcept { return output_style_; }
     /// Columns as of now; 80 when nobody knows.
     unsigned columns() const;
+    /// Those behind standard output; without end where that is no terminal.
+    std::size_t output_columns() const;
 
 private:
     bool interactive_;
@@ -40,6 +43,8 @@ private:
 
 /// Columns that `text` takes: one for each code point, none for colours.
 unsigned display_width(std::string_view text) noexcept;
+/// `scan_o…5k.ply`: the beginning and the end, where the text has more than so many columns.
+std::string cut_amid(std::string_view text, std::size_t columns, bool unicode);
 /// Lines of at most so many columns, as far as there are spaces to break the text at.
 std::string wrapped(std::string_view text, unsigned columns);
 

@@ -49,13 +49,21 @@ std::string option_near(const CLI::App& command, const std::string& name) {
 }  // namespace
 
 void require_command(const CLI::App& app, const std::vector<std::string>& arguments) {
-    if (arguments.empty() || arguments.front().starts_with('-')) return;
+    if (arguments.empty()) return;
+    const std::string& first = arguments.front();
+    if (first.starts_with('-')) {
+        const bool is_short = first.size() > 1 && first[1] != '-';
+        if (is_short && app.get_option_no_throw(first.substr(0, 2)) == nullptr)
+            throw UsageError(first + ": give it after the command, as in: stipple COMMAND FILE " +
+                             first);
+        return;
+    }
     std::string names;
     for (const CLI::App* const command : app.get_subcommands({})) {
-        if (command->check_name(arguments.front())) return;
+        if (command->check_name(first)) return;
         names += (names.empty() ? "" : ", ") + command->get_name();
     }
-    throw UsageError(arguments.front() + ": no such command: expected one of " + names);
+    throw UsageError(first + ": no such command: expected one of " + names);
 }
 
 void require_known_options(const CLI::App& app, const std::vector<std::string>& arguments) {

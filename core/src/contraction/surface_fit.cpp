@@ -72,9 +72,24 @@ struct Group {
     std::array<Numbers, kNeighbors> neighbors;
     FitLanes::Floats reach_sq;  ///< of the farthest neighbour
     FitLanes::Floats
-        layered;       ///< 1 where the neighbours lie in two layers, else 0: nothing is asked
-    FitWishes wishes;  ///< each of eight input points, one for each point
+        layered;  ///< 1 where the neighbours lie in two layers, else 0: nothing is asked
+    std::array<bool, kWidth> apart;  ///< those of no surface: they ask nothing, and stay
+    FitWishes wishes;                ///< each of eight input points, one for each point
 };
+
+/// Whether a point is off all surfaces: the farther half of its neighbours lie together, seen from
+/// there. A surface through those and the point would be one of chance, and far from some of them.
+bool is_apart(const FitLanes& lanes, std::size_t lane, float reach_sq) {
+    constexpr float kTogether = 1.0F / 16;  // of the reach
+    const auto at = [&](std::size_t row) {
+        const FitLanes::Row& around = lanes.around[row];
+        return Vec3f(around.x[lane], around.y[lane], around.z[lane]);
+    };
+    const Vec3f farthest = at(kNeighbors - 1);
+    for (std::size_t row = kNeighbors / 2; row < kNeighbors - 1; ++row)
+        if (!((at(row) - farthest).squaredNorm() < kTogether * kTogether * reach_sq)) return false;
+    return true;
+}
 
 float sum(Float4 v) {
     return (v[0] + v[1]) + (v[2] + v[3]);
@@ -242,6 +257,7 @@ public:
         for (std::size_t l = 0; l < own; ++l) {
             for (std::size_t lane = 0; lane < task_.tree.points_in(leaves_[l]); ++lane) {
                 const Index point = task_.tree.leaf(leaves_[l]).index[lane];
+                if (groups_[l].apart[lane]) continue;
                 const Float4 move = moved[kWidth * l + lane];
                 points[point] +=
                     bounded(is_layered(groups_[l], lane) ? amid_members(point) - points[point]
@@ -324,6 +340,7 @@ private:
     void ask(std::size_t l, LeafQuery& query, Group& group, std::span<FitAnswers> answers) const {
         const PointTree::Leaf& leaf = task_.tree.leaf(l);
         for (Numbers& row : group.neighbors) row.fill(leaf.index[0]);
+        group.apart = {};
         FitLanes lanes{};
         FitLanes::Floats& reach_sq = group.reach_sq;
         reach_sq = {};
@@ -345,6 +362,7 @@ private:
                 set(lanes.around[row], lane, d);
                 reach_sq[lane] = std::max(reach_sq[lane], d.squaredNorm());
             }
+            group.apart[lane] = is_apart(lanes, lane, reach_sq[lane]);
         });
         const auto per_h = [&](std::size_t lane) { return kReach / std::sqrt(reach_sq[lane]); };
         for (std::size_t lane = 0; lane < task_.tree.points_in(l); ++lane)
@@ -356,7 +374,7 @@ private:
                 const auto list = task_.members.of(leaf.index[lane]);
                 const std::size_t count = std::min<std::size_t>(task_.options.asked, list.size());
                 lanes.per_h[lane] = 0;
-                if (a >= count || group.layered[lane] > 0) continue;
+                if (a >= count || group.layered[lane] > 0 || group.apart[lane]) continue;
                 // As evenly through the list as can be.
                 const Index member = list[(2 * a + 1) * list.size() / (2 * count)];
                 const Vec3f at = task_.scale * task_.input[member] - leaf.position(lane);

@@ -126,14 +126,19 @@ bool ClientSocket::peer_gone() const noexcept {
     return n == 0 || (n < 0 && errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR);
 }
 
-void ClientSocket::close_gently() noexcept {
+void ClientSocket::close_gently(std::uint64_t to_come) noexcept {
     constexpr auto kLongest = 30s, kSilence = 2s;
+    constexpr std::uint64_t kUnannounced = 16U << 20;
     ::shutdown(fd_.get(), SHUT_WR);
     const auto end = Clock::now() + kLongest;
+    const std::uint64_t most = std::max(to_come, kUnannounced);
     std::array<char, 16 * 1024> discarded;
-    while (Clock::now() < end && !abort_.raised()) {
+    for (std::uint64_t bytes = 0; bytes < most && Clock::now() < end && !abort_.raised();) {
         const ssize_t n = ::recv(fd_.get(), discarded.data(), discarded.size(), MSG_DONTWAIT);
-        if (n > 0) continue;
+        if (n > 0) {
+            bytes += static_cast<std::uint64_t>(n);
+            continue;
+        }
         const bool later = n < 0 && (errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR);
         if (!later || wait_for(POLLIN, Clock::now() + kSilence, false) != Waited::Ready) return;
     }

@@ -59,7 +59,8 @@ public:
     /// Ends our side and takes what still comes, until the client ends its own, is silent for two
     /// seconds, or half a minute has passed: a client that sends a whole body before it reads would
     /// lose our last words to a reset.
-    void close_gently() noexcept;
+    /// @param to_come  of the body, as announced; without, 16 MiB are taken at most.
+    void close_gently(std::uint64_t to_come = 0) noexcept;
 
     /// Has the connection end by a reset, so that the client takes nothing for whole.
     void end_by_reset() noexcept;

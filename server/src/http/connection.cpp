@@ -289,6 +289,9 @@ public:
         return !close_ && body_.finished();
     }
 
+    /// Of the body, if nobody read it all.
+    std::uint64_t left() const noexcept { return body_.left(); }
+
 private:
     Reply answer(const httplib::Request& parsed) {
         request_.method = parsed.method;
@@ -361,7 +364,8 @@ void serve_connection(ClientSocket& socket, Application& application, const Stop
             RequestHead head = parse_head(*text);
             const bool close =
                 head.wants_close || served == kMaxRequestsPerConnection || drain.raised();
-            if (!Exchange(std::move(head), socket, application, stop, close).run()) break;
+            Exchange exchange(std::move(head), socket, application, stop, close);
+            if (!exchange.run()) return socket.close_gently(exchange.left());
         }
         socket.close_gently();
     } catch (const HttpError& error) {

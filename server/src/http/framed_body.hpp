@@ -26,6 +26,9 @@ public:
     /// Whether nothing of it is left on the connection.
     bool finished() const noexcept { return finished_; }
 
+    /// What is still to come of an announced length.
+    std::uint64_t left() const noexcept { return length_ && !finished_ ? left_ : 0; }
+
 private:
     void begin_chunk();
     std::string read_line(std::size_t max_bytes);
