@@ -96,17 +96,15 @@ const report = new Report({
 const starter = new JobStarter({
     onJob: (job) => {
         library.add(job);
-        open(job);
-        look.forgetColor();
+        openNew(job);
     },
     onMap: (map) => {
         const { view: seenFrom } = stage;
-        look.forgetColor();
         if (!isPhone()) {
             look.open();  // its legend says what the colours are
         }
         library.add(map);
-        open(map, { how: { ...kAsNew, view: seenFrom } });  // what was looked at is what is asked about
+        openNew(map, { how: { ...kAsNew, view: seenFrom } });  // what was looked at is what is asked about
     },
     onCloudsChanged: () => library.refresh(),
     mapOf: (reference, candidate) => library.mapOf(reference, candidate),
@@ -127,10 +125,7 @@ const pointLabel = new PointLabel();
 const sheet = new Sheet();
 const intake = new Intake({
     shown: () => session,
-    onSent: (cloud) => {
-        look.forgetColor();
-        return openCloud(cloud);
-    },
+    onSent: (cloud) => openCloud(cloud, openNew),
     onChosen: openCloud,
     onAdded: () => library.refresh(),
 });
@@ -187,6 +182,12 @@ function open({ id, type }, { remembered = false, how = kAsNew } = {}) {
     comparison.setLeft(session, how);
     library.setCurrent(id);
     placeCloud();
+}
+
+/** In its own colours. A choice is forgotten only once it is in the address of what is left. */
+function openNew(result, options) {
+    open(result, options);
+    look.forgetColor();
 }
 
 function closeResult() {
@@ -263,10 +264,10 @@ function choose(index) {
 }
 
 /** The newest pyramid of a cloud, or a new one. */
-async function openCloud(cloud) {
+async function openCloud(cloud, show = open) {
     const known = library.pyramidOf(cloud.id);
     if (known) {
-        open(known);
+        show(known);
     } else {
         await starter.startPyramid(cloud);
     }
