@@ -223,7 +223,8 @@ export class Stage {
     /** The whole cloud, from where it is looked at best. */
     fit({ glide = true } = {}) {
         if (this.home) {
-            this.moveTo(new Vector3(), this.home.direction, this.fittingDistance(this.home.direction), glide);
+            const { target, distance } = this.fitting(this.home.direction);
+            this.moveTo(target, this.home.direction, distance, glide);
             this.isAtHome = !this.autoRotate;
         }
     }
@@ -231,13 +232,13 @@ export class Stage {
     /** For a finer level that reaches farther than what the camera was placed for. Nothing else moves it while levels come. */
     stepBack() {
         const away = this.camera.position.distanceTo(this.controls.target);
-        if (this.isAtHome && !this.glide && this.fittingDistance(this.home.direction) > kNotable * away) {
+        if (this.isAtHome && !this.glide && this.fitting(this.home.direction).distance > kNotable * away) {
             this.fit();
         }
     }
 
-    /** From how far the splats (but for strays) are seen between the cards, looking at the centre along `direction`. */
-    fittingDistance(direction) {
+    /** Where the splats (but for strays) are seen in the middle between the cards, along `direction`: the `target`, and how far from it. */
+    fitting(direction) {
         const [{ height, free }] = this.views();
         const perPixel = 2 * Math.tan(MathUtils.degToRad(kFieldOfView / 2)) / Math.max(1, height);
         const slopeX = 0.5 * free.width * perPixel / kMargin;
@@ -250,19 +251,21 @@ export class Stage {
         const radiusOf = position.count <= kFewPoints ? radiiOf(geometry, spacing, this.home.radius) : () => 0;
         const step = Math.ceil(position.count / kFittedPoints);
         const point = new Vector3();
-        const needed = [];
+        const splats = [];
         for (let i = 0; i < position.count; i += step) {
             point.fromBufferAttribute(position, i);
             if (this.home.box?.containsPoint(point) === false) {
                 continue;
             }
             point.sub(this.home.center);
+            const [x, y, depth] = [right, up, direction].map((axis) => point.dot(axis));
             const radius = this.look.splatSize * radiusOf(i);
-            const aside = Math.max((Math.abs(point.dot(right)) + radius) / slopeX, (Math.abs(point.dot(up)) + radius) / slopeY);
-            needed.push(point.dot(direction) + aside);
+            splats.push({ x, y, depth, radius, aside: Math.max((Math.abs(x) + radius) / slopeX, (Math.abs(y) + radius) / slopeY) });
         }
-        needed.sort((a, b) => a - b);
-        return Math.max(0.5 * this.home.radius, needed[Math.ceil(kFittedShare * (needed.length - 1))]);
+        const needed = Float64Array.from(splats, ({ depth, aside }) => depth + aside).sort();
+        const distance = Math.max(0.5 * this.home.radius, needed[Math.ceil(kFittedShare * (needed.length - 1))]);
+        const seen = splats.filter(({ depth, aside }) => depth + aside / kMargin <= distance);  // also in the margin
+        return { distance, target: right.multiplyScalar(middleOf(seen, 'x', distance)).addScaledVector(up, middleOf(seen, 'y', distance)) };
     }
 
     /** The same as at the pointer, in the middle of what is seen. */
@@ -480,6 +483,17 @@ export class Stage {
         this.camera.setViewOffset(width, height, shiftX, shiftY, width, height);
         this.camera.updateMatrixWorld();
     }
+}
+
+/** From where on an axis splats reach equally far to either side of a picture, which is not their middle: what is near looks larger. */
+function middleOf(splats, axis, distance) {
+    const farthest = (sign) => splats.reduce((most, { [axis]: at, depth, radius }) => {
+        const away = Math.max(kNearest * distance, distance - depth);
+        const slope = (sign * at + radius) / away;
+        return slope > most.slope ? { slope, away } : most;
+    }, { slope: -Infinity });
+    const [ahead, behind] = [farthest(1), farthest(-1)];
+    return (ahead.slope - behind.slope) / (1 / ahead.away + 1 / behind.away);
 }
 
 /** How far the splat of point i reaches. */
