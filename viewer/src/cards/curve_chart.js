@@ -4,7 +4,11 @@ import * as format from '../page/format.js';
 
 const kHeight = 250;
 const kEdges = { left: 62, right: 14, top: 22, bottom: 30 };
-const kSeries = [['largest', 'Largest'], ['mean', 'Mean']];
+/** Errors fall: above the start of the upper curve and below the end of the lower one there is nothing. */
+const kSeries = [
+    ['largest', 'Largest', ([[x, y]]) => ({ x: x + 10, y: y - 6 })],
+    ['mean', 'Mean', (places) => ({ x: places.at(-1)[0] - 10, y: places.at(-1)[1] + 14, 'text-anchor': 'end' })],
+];
 const kRoom = 0.06;  // above and below the curves, of their height
 
 export class CurveChart {
@@ -68,7 +72,7 @@ export class CurveChart {
                 svg('line', { class: 'grid', x1: this.x(count), x2: this.x(count), y1: top, y2: kHeight - bottom }),
                 tick({ x: this.x(count), y: kHeight - 10, 'text-anchor': 'middle' }, format.compactCount(count)),
             ]),
-            ...kSeries.flatMap(([name, title]) => this.curveOf(name, title)),
+            ...kSeries.flatMap((series) => this.curveOf(...series)),
         ];
         const line = svg('line', { class: 'guide', y1: top, y2: kHeight - bottom });
         const dots = kSeries.map(([name]) => svg('circle', { class: `dot ${name}`, r: 5 }));
@@ -83,7 +87,7 @@ export class CurveChart {
     }
 
     /** Of what is 0 a logarithm shows nothing. */
-    curveOf(name, title) {
+    curveOf(name, title, nameAt) {
         const shown = this.points.filter((point) => point[name] > 0).map((point) => [this.x(point.count), this.y(point[name])]);
         if (shown.length === 0) {
             return [];
@@ -91,7 +95,7 @@ export class CurveChart {
         return [
             svg('path', { class: `curve ${name}`, d: shown.map(([x, y], i) => `${i === 0 ? 'M' : 'L'}${x.toFixed(1)} ${y.toFixed(1)}`).join('') }),
             ...shown.map(([cx, cy]) => svg('circle', { class: `place ${name}`, cx, cy, r: 2 })),
-            svg('text', { class: `name ${name}`, x: shown[0][0] + 10, y: shown[0][1] - 6 }, title),
+            svg('text', { class: `name ${name}`, ...nameAt(shown) }, title),
         ];
     }
 }
