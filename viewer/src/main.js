@@ -147,7 +147,7 @@ function open({ id, type }, { remembered = false, how = kAsNew } = {}) {
     if (!remembered && isAnother) {
         history.pushState(null, '', addressOf({ id, type }));
     }
-    view.open();
+    view.open(id);
     pointLabel.hide();
     intake.setInviting(false);
     sheet.close();

@@ -10,13 +10,14 @@ export class ResultView {
         Object.assign(this, { library, hud, report, share, toolbar });
     }
 
-    /** Of another one, of which nothing is known yet. */
-    open() {
+    /** Of another one, of which nothing is known yet but its name, where it is listed. */
+    open(id) {
+        const listed = this.library.jobs.find((job) => job.id === id);
         this.report.hide();
         this.setHasPicture(false);
-        document.title = 'stipple';
+        document.title = listed ? pageTitleOf(listed) : 'stipple';
         document.documentElement.dataset.state = 'loading';
-        this.hud.open('Opening');
+        this.hud.open(listed ? titleOf(listed) : 'Opening');
     }
 
     close() {
@@ -29,7 +30,7 @@ export class ResultView {
 
     showJob(job) {
         byId.title.textContent = titleOf(job);
-        document.title = `${titleOf(job)} – stipple`;
+        document.title = pageTitleOf(job);
         this.hud.showJob(job);
     }
 
@@ -105,6 +106,8 @@ export class ResultView {
         }
     }
 }
+
+const pageTitleOf = (job) => `${titleOf(job)} – stipple`;
 
 /** Whether the tiles that are drawn do not keep to the bound that was asked for yet. */
 const isTooCoarse = ({ shown, bound }) =>
