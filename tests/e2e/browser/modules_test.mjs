@@ -400,3 +400,20 @@ test('An upload that is answered by a page ends', async () => {
     const { uploadCloud } = await moduleOf('api/upload.js');
     await assert.rejects(uploadCloud(new File(['ply'], 'a.ply')), { title: 'The server cannot be reached' });
 });
+
+test('A button says what it does until that is over, once at a time, also where it fails', async () => {
+    const { whileSaying } = await moduleOf('page/element.js');
+    const button = { textContent: 'Save' };
+    const asked = [];
+    const onclick = whileSaying('Saving', () => new Promise((...ends) => asked.push(ends)));
+    for (const [end, expected] of [[0, undefined], [1, 'failed']]) {
+        const first = onclick({ currentTarget: button });
+        const second = onclick({ currentTarget: button });
+        assert.equal(button.textContent, 'Saving');
+        asked.at(-1)[end]('failed');
+        assert.equal(await first.catch((error) => error), expected);
+        await second;
+        assert.equal(button.textContent, 'Save');
+    }
+    assert.equal(asked.length, 2);
+});

@@ -1,5 +1,5 @@
 import { byId, element } from '../page/element.js';
-import { getBytes } from './api.js';
+import { getBytes, pause } from './api.js';
 
 const kKeptMs = 60_000;
 
@@ -9,8 +9,10 @@ export async function download({ href, ply, format: extension }, { shown }) {
     save(new Blob([await (ply ? ply() : getBytes(href))]), name);
 }
 
-/** Saves what is on the stage, as it is seen. */
+/** Saves what is on the stage, as it is seen. The page shows that it does first: while a large picture is drawn it shows nothing else. */
 export async function savePicture(stage, { shown }) {
+    await new Promise(requestAnimationFrame);
+    await pause(0);
     save(await stage.picture(), fileNameOf(shown, 'png'));
 }
 

@@ -1,6 +1,6 @@
 import { confidenceOf, drawnErrorOf, meanErrorOf } from '../loading/level_error.js';
 import { fadeWhereCut } from '../page/cut_edges.js';
-import { actOnSecondClick, byId, element, exchange, setHidden } from '../page/element.js';
+import { actOnSecondClick, byId, element, exchange, setHidden, whileSaying } from '../page/element.js';
 import * as format from '../page/format.js';
 
 /** Of a bound, so that the slider's end at the coarsest level stands for its own error. */
@@ -177,7 +177,7 @@ export class Hud {
         // Of a level with a file the figures tell whether it was measured, of one without its mean, which is 0 for the input itself.
         const map = this.type === 'evaluate' ? [action('figures', 'Figures', 'Show the measurements', this.onFigures)]
             : (ply ? meanErrorOf(level) > 0 : error?.samples > 0)
-                ? [action('map', 'Error map', 'Measure and show its distance from the input everywhere', this.onMap)] : [];
+                ? [action('map', 'Error map', 'Measure and show its distance from the input everywhere', whileSaying(kStages.evaluate, this.onMap))] : [];
         this.showActions(...saved, ...map);
     }
 

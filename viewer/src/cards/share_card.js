@@ -1,5 +1,5 @@
 import { authorization } from '../api/api_key.js';
-import { byId, element, setHidden } from '../page/element.js';
+import { byId, element, setHidden, whileSaying } from '../page/element.js';
 import { showProblem } from '../page/notices.js';
 import { kPrograms, linesOf } from './program_lines.js';
 
@@ -12,7 +12,7 @@ export class ShareCard {
         this.onOpen = onOpen;
         byId.share.onclick = () => this.toggle();
         byId['share-link'].onclick = () => copy(linkOf(), byId['share-link']);
-        byId['share-picture'].onclick = onPicture;
+        byId['share-picture'].onclick = whileSaying('Saving', onPicture);
         byId['share-for'].onchange = () => this.showLines();
         byId['share-copy'].onclick = () => copy(byId['share-lines'].textContent, byId['share-copy']);
     }

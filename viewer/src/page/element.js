@@ -30,6 +30,25 @@ export function actOnSecondClick(button, act) {
     return () => ask(false);
 }
 
+/** For a button's `onclick`: it says what it does for as long as that takes, and does it once at a time. @param act  returns a promise */
+export function whileSaying(doing, act) {
+    let isBusy = false;
+    return async ({ currentTarget: button }) => {
+        if (isBusy) {
+            return;
+        }
+        const { textContent } = button;
+        isBusy = true;
+        button.textContent = doing;
+        try {
+            await act();
+        } finally {
+            isBusy = false;
+            button.textContent = textContent;
+        }
+    };
+}
+
 /** Puts other children in. Where one of the old had the focus, the new one with its id has it, or else the stage. */
 export function exchange(parent, ...children) {
     const focused = parent.contains(document.activeElement) ? document.activeElement.id : null;
