@@ -254,6 +254,9 @@ async function leaveIfGone() {
 /** Asks for a cloud where nothing is shown. */
 function invite() {
     intake.setInviting(session === null);
+    if (session === null) {
+        look.close();  // on a phone it would lie on the invitation
+    }
     placeCloud();
 }
 
