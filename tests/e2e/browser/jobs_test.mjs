@@ -6,7 +6,7 @@ import { readFileSync } from 'node:fs';
 
 import { broken, line, onePoint, ply, spherePoints, truncated } from './clouds.mjs';
 import {
-    browser, choose, cloudOf, differenceOf, kTorusPoints, litShare, manifestOf, rest, restingPicture, run, save, scale, server, settledPyramid, shows,
+    browser, choose, cloudOf, differenceOf, figure, kTorusPoints, litShare, manifestOf, rest, restingPicture, run, save, scale, server, settledPyramid, shows,
     startJob, torus, visit,
 } from './suite.mjs';
 
@@ -35,7 +35,7 @@ await run({
         await visit(page, `/?pyramid=${await startJob({ type: 'pyramid', input: cloud, formats: ['stpc'] })}`);
         await page.locator('#level').fill('2');
         await shows(page, kTorusPoints / 8);
-        const told = parseFloat(await page.locator('#error').innerText());
+        const told = await figure(page, 'error');
         const [download] = await Promise.all([page.waitForEvent('download'), page.locator('#files').getByText('Save PLY').click()]);
         assert.match(download.suggestedFilename(), /^torus-3750\.ply$/);
         const header = readFileSync(await download.path(), 'latin1').split('end_header')[0];
@@ -92,7 +92,7 @@ await run({
             await shows(page, levels.levels[1]);
             const share = differenceOf(picture, await restingPicture(page));
             assert.ok(share < 0.05, `${share} of the pixels differ`);  // by the bits of either
-            assert.ok(parseFloat(await page.locator('#error').innerText()) > 0);
+            assert.ok(await figure(page, 'error') > 0);
             await colorsStandForHeight();
             await page.keyboard.press('c');
             await page.locator('#right-label').getByText('30K points').waitFor();
@@ -258,7 +258,7 @@ await run({
         }
         await save(page, 'error-map-close');
         assert.ok(await litShare(page, { x: 700, y: 280, width: 100, height: 100 }) > 0.99);
-        assert.ok(parseFloat(await page.locator('#legend-high').innerText()) > 0);
+        assert.ok(await figure(page, 'legend-high') > 0);
         await page.keyboard.press('l');
     },
 
@@ -592,7 +592,6 @@ await run({
         const { levels } = await manifestOf(pyramid);
         await page.goto(`${browser.url}/?pyramid=${pyramid}&whole=10000`);
         await settledPyramid(page);
-        const figure = async (id) => parseFloat(await page.locator(`#${id}`).innerText());
         const moveBound = (end) => page.locator('#error-bound').evaluate((input, to) => {
             input.value = input[to];
             input.dispatchEvent(new Event('input'));
@@ -605,15 +604,15 @@ await run({
         }
         await page.locator('#points').getByText(' of ').waitFor();  // from far away coarse tiles are enough
         assert.equal(await page.locator('#error-bound-value').innerText(), 'by view');
-        const byView = await figure('error');
+        const byView = await figure(page, 'error');
         await moveBound('max');
         await shows(page, kTorusPoints);
-        const asked = await figure('error-bound-value');
+        const asked = await figure(page, 'error-bound-value');
         assert.ok(asked < byView, `${asked} of ${byView}`);
-        assert.ok(await figure('error') <= asked, `${await figure('error')} of ${asked}`);
+        assert.ok(await figure(page, 'error') <= asked, `${await figure(page, 'error')} of ${asked}`);
         await moveBound('min');
         await shows(page, levels[0].points);
-        assert.equal(await figure('error'), await figure('error-bound-value'));
+        assert.equal(await figure(page, 'error'), await figure(page, 'error-bound-value'));
     },
 });
 

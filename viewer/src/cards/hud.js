@@ -1,4 +1,4 @@
-import { confidenceOf, drawnErrorOf, meanErrorOf } from '../loading/level_error.js';
+import { confidenceOf, drawnErrorOf, errorText, meanErrorOf } from '../loading/level_error.js';
 import { fadeWhereCut } from '../page/cut_edges.js';
 import { actOnSecondClick, byId, element, exchange, setHidden, whileSaying } from '../page/element.js';
 import * as format from '../page/format.js';
@@ -128,7 +128,7 @@ export class Hud {
         const errors = levels.map(meanErrorOf).filter((error) => error >= 0);
         const [least, most] = [Math.min(...errors.filter((error) => error > 0)), Math.max(...errors)];
         const error = shown && drawnErrorOf(shown);
-        byId.error.textContent = error ? format.percent(error.mean) : '–';
+        byId.error.textContent = error ? errorText(error) : '–';
         byId['error-name'].textContent = shown?.tiles ? 'Error in view' : 'Error';
         byId['error-figure'].title = error ? this.errorTitle(shown, error) : '';
         const hasBounds = least < most && this.type !== 'evaluate';  // of candidates none is a finer one
@@ -141,11 +141,13 @@ export class Hud {
     }
 
     /** The largest is that of all points of an evaluation alone: else it is that of the samples that were measured. */
-    errorTitle(shown, { mean, max }) {
+    errorTitle(shown, { mean, max, isBound }) {
         const sure = shown.tiles ? undefined : confidenceOf(shown);
-        const ofMean = `Mean distance to the surface of the input ${format.percent(mean)}${sure > 0 ? ` \u00b1 ${format.percent(sure)}` : ''} of its diagonal`;
-        const ofLargest = max >= 0 ? `, largest ${this.type === 'evaluate' ? '' : 'at least '}${format.percent(max)}` : '';
-        return `${ofMean}${ofLargest}${shown.tiles ? '. For what is drawn: finer closer to the camera' : ''}`;
+        const measured = isBound ? shown.error.relative : { mean, max };
+        const ofMean = `Mean distance to the surface of the input ${format.percent(measured.mean)}${sure > 0 ? ` \u00b1 ${format.percent(sure)}` : ''} of its diagonal`;
+        const ofLargest = max >= 0 ? `, largest ${this.type === 'evaluate' ? '' : 'at least '}${format.percent(measured.max)}` : '';
+        const ofRounding = isBound && mean > measured.mean ? `; the file rounds places by up to ${format.percent(mean - measured.mean)} on average` : '';
+        return `${ofMean}${ofLargest}${ofRounding}${shown.tiles ? '. For what is drawn: finer closer to the camera' : ''}`;
     }
 
     /** Without a bound, of a level its own error. Of tiles there is none then: how fine they are is up to the view. */

@@ -1,4 +1,4 @@
-import { drawnErrorOf } from '../loading/level_error.js';
+import { drawnErrorOf, errorText } from '../loading/level_error.js';
 import { byId, element, setHidden } from '../page/element.js';
 import * as format from '../page/format.js';
 
@@ -128,5 +128,5 @@ function drawnOf({ drawn, points }) {
 function figuresOf(level, isMap) {
     const error = drawnErrorOf(level);
     const bytes = level.tiles ? [] : [format.bytes(level.file?.bytes ?? level.bytes)];
-    return [...(isMap ? [] : [drawnOf(level), ...bytes]), ...(error ? [`error ${format.percent(error.mean)}`] : [])];
+    return [...(isMap ? [] : [drawnOf(level), ...bytes]), ...(error ? [`error ${errorText(error)}`] : [])];
 }
