@@ -6,8 +6,8 @@ import { readFileSync } from 'node:fs';
 
 import { broken, line, onePoint, ply, spherePoints, truncated } from './clouds.mjs';
 import {
-    browser, choose, cloudOf, differenceOf, figure, kTorusPoints, litShare, manifestOf, rest, restingPicture, run, save, scale, server, settledPyramid, shows,
-    startJob, torus, visit,
+    browser, choose, cloudOf, differenceOf, figure, kTorusPoints, litShare, manifestOf, rest, restingPicture, run, save, scale, server, settledPyramid,
+    shows, startJob, torus, visit,
 } from './suite.mjs';
 
 const page = await browser.open('/', { scale });
