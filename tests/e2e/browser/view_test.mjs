@@ -203,6 +203,15 @@ await run({
         assert.ok(Math.abs(litInLight - lit) < 0.05, `${(100 * litInLight).toFixed(1)} % of the pixels`);
     },
 
+    async 'The cloud before has the colours that were chosen for it when one goes back'() {
+        await page.goBack();
+        await settledPyramid(page);
+        assert.equal(await page.locator('#color').inputValue(), 'x');
+        await page.goForward();
+        await settledPyramid(page, torusPyramid);
+        assert.equal(await page.locator('#color').inputValue(), 'clay');
+    },
+
     async 'Two levels are compared by a line that is moved, and side by side'() {
         await countTextures(page);
         await page.keyboard.press('c');
