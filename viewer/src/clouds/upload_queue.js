@@ -1,5 +1,6 @@
 import { mayPass } from '../api/api.js';
 import { uploadCloud } from '../api/upload.js';
+import { fadeWhereCut } from '../page/cut_edges.js';
 import { byId, element } from '../page/element.js';
 import * as format from '../page/format.js';
 import { showProblem } from '../page/notices.js';
@@ -18,6 +19,7 @@ export class UploadQueue {
         Object.assign(this, { onStart, onEnd, onProgress });
         this.waiting = [];
         this.isBusy = false;
+        fadeWhereCut(byId.uploads);
         addEventListener('beforeunload', (event) => this.isBusy && event.preventDefault());  // what is sent would be lost
     }
 
