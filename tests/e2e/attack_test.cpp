@@ -96,6 +96,16 @@ TEST(Attack, AnEndlessChunkedBodyIsCutOffAtTheLimit) {
     expect_well(server);
 }
 
+TEST(Attack, WhoSendsAllOfARefusedBodyBeforeReadingLearnsWhy) {
+    const StippledProcess server({"--max-upload", "8388608"});
+    RawConnection connection(server.port());
+    connection.send(kPost + "Content-Length: " + std::to_string(48 * kMebibyte) + "\r\n\r\nply\n");
+    EXPECT_EQ(pour(connection, std::string(kMebibyte, ' '), 47 * kMebibyte), 47 * kMebibyte);
+    connection.send(std::string(kMebibyte - 4, ' '));
+    EXPECT_EQ(connection.receive(kGenerous).status, 413);
+    expect_well(server);
+}
+
 TEST(Attack, FramesThatCanBeReadInTwoWaysAreRefused) {
     const StippledProcess server;
     EXPECT_EQ(status_for(server, kPost + "Content-Length: 3\r\nContent-Length: 3\r\n\r\nply"), 400);

@@ -220,6 +220,7 @@ TEST_F(ServedPyramid, IsExportedAsTheCommandLineWritesIt) {
     const HttpReply reply = get(".tar");
     ASSERT_EQ(reply.status, 200) << reply.body;
     EXPECT_EQ(reply.field("Content-Type"), "application/x-tar");
+    EXPECT_EQ(reply.field("Content-Length"), std::to_string(reply.body.size()));
     const fs::path exported = *folder_ / "exported";
     fs::create_directory(exported);
     std::ofstream(exported / "all.tar", std::ios::binary) << reply.body;
@@ -249,6 +250,14 @@ TEST_F(ServedPyramid, IsExportedToProxiesThatKnowNoChunks) {
     EXPECT_EQ(reply.field("Transfer-Encoding"), "");
     EXPECT_EQ(reply.field("Connection"), "close");
     EXPECT_TRUE(reply.body == get(".tar").body);
+}
+
+TEST_F(ServedPyramid, IsToldAsTheResultsOfItsJobToo) {
+    const HttpReply manifest = get("/manifest.json");
+    const HttpReply results = request(server_->port(), "GET", "/v1/jobs/" + id_ + "/results");
+    EXPECT_EQ(results.status, 200);
+    EXPECT_EQ(results.body, manifest.body);
+    EXPECT_EQ(results.field("ETag"), manifest.field("ETag"));
 }
 
 TEST_F(ServedPyramid, IsNotThereUnderAnotherName) {

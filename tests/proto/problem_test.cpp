@@ -65,6 +65,7 @@ TEST(Problem, SaysWhichCandidateItIsAbout) {
 TEST(Problem, OfAFullDiskHasATypeOfItsOwn) {
     const Problem full = problem_from(StorageFull("no space for scan.ply"));
     EXPECT_EQ(full.status, 507);
+    EXPECT_NE(to_json(full).find(R"("retryable":true)"), std::string::npos);
     EXPECT_EQ(full.type, std::string(kProblemBase) + "storage-full");
     EXPECT_EQ(full.detail, "storage full: no space for scan.ply");
     EXPECT_EQ(problem_from(Error(ErrorCode::NotFound, "gone")).status, 404);

@@ -371,6 +371,14 @@ TEST(ApiKeys, AreRefusedByWhatIsWrongAndWhere) {
         second(R"({"tenant": "den", "scopes": ["read"]})"),
         "entry 2 (tenant den): key_sha256 is missing: expected what `printf %s KEY | sha256sum` "
         "prints");
+    std::string expiring = entry("den", "two", R"(["read"])");
+    expiring.insert(1, R"("expires": "2020-01-01", )");
+    EXPECT_EQ(
+        second(expiring),
+        "entry 2 (tenant den): expires: no such field: expected tenant, key_sha256 and scopes");
+    EXPECT_NE(second(entry(R"(a\u001bb)", "two", R"(["read"])"))
+                  .find("tenant has control characters: expected a name without"),
+              std::string::npos);
     EXPECT_EQ(second("7").find("entry 2: expected {"), 0U);
     EXPECT_EQ(second("oops").find("is not JSON from line 2 on: expected a list"), 0U);
     EXPECT_EQ(refusal_of_keys("{}").find("has no key: expected a list"), 0U);
