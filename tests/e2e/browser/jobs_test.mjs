@@ -581,7 +581,7 @@ await run({
         await page.unrouteAll();
         browser.refusalsExpected = false;
         await shows(page, kTorusPoints);
-        await page.locator('#stage').dblclick({ position: { x: 640, y: 560 } });  // where only a part is seen
+        await page.locator('#stage').dblclick({ position: { x: 640, y: 530 } });  // where only a part is seen
         await page.waitForFunction((all) => parseInt(document.getElementById('points').innerText.replaceAll(',', ''), 10) < all, kTorusPoints);
     },
 
