@@ -9,7 +9,7 @@ namespace stipple::server {
 /// neither end the field nor the line.
 std::string log_text(std::string_view text);
 
-/// A name, as it is where it is one word of letters, digits and `-_.@:`, else as `log_text`; `-` for
+/// A name of one word, of letters, digits and `-_.@:`, as it is; any other as `log_text`; `-` for
 /// none.
 std::string log_name(std::string_view name);
 
