@@ -244,6 +244,18 @@ TEST_F(ProcessJobRunner, TellsTheSignalThatKilledAChild) {
     EXPECT_EQ(outcome.how, "signal 9 (Killed): memory may have run out");
 }
 
+TEST_F(ProcessJobRunner, HasTheKernelEndAJobFirstWhereMemoryRunsOut) {
+    int score = 0;
+    on_report_ = [&] {
+        for (const pid_t child : children()) {
+            std::ifstream("/proc/" + std::to_string(child) + "/oom_score_adj") >> score;
+            ::kill(child, SIGKILL);
+        }
+    };
+    run(long_job());
+    EXPECT_EQ(score, 1000);
+}
+
 TEST_F(ProcessJobRunner, TellsTheStatusOfAChildThatEndedWithoutALastWord) {
     const auto outcome = run(spec_for("x"), {}, script("exit 3"));
     EXPECT_EQ(outcome.kind, Kind::Crashed);

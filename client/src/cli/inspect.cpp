@@ -105,9 +105,10 @@ std::string corner(const Aabb& box, bool upper) {
                  shown = side > 0 ? side : std::max(box.max.cwiseAbs().maxCoeff(), 1e-300);
     const int decimals =
         static_cast<int>(std::clamp(kDigits - std::floor(std::log10(shown)), 0.0, 300.0));
+    const double unit = std::pow(10.0, -decimals);
     std::string text;
     for (int axis = 0; axis < 3; ++axis) {
-        const double v = upper ? box.max[axis] : box.min[axis], unit = std::pow(10.0, -decimals);
+        const double v = upper ? box.max[axis] : box.min[axis];
         double rounded = (upper ? std::ceil(v / unit) : std::floor(v / unit)) * unit;
         std::array<char, 700> digits{};
         const auto print = [&] {
