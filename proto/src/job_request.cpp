@@ -16,8 +16,13 @@ namespace stipple::proto {
 
 namespace {
 
-constexpr JsonRules kRequestRules{ErrorCode::InvalidArgument, 1 << 20, 8, UnknownFields::Refused};
-constexpr JsonRules kStoredRules{ErrorCode::Internal, 1 << 20, 8, UnknownFields::Ignored};
+constexpr JsonRules kRequestRules{.code = ErrorCode::InvalidArgument,
+                                  .max_bytes = kMaxRequestBytes,
+                                  .max_depth = 8,
+                                  .max_items = kMaxRequestItems,
+                                  .unknown_fields = UnknownFields::Refused};
+constexpr JsonRules kStoredRules{
+    .code = ErrorCode::Internal, .max_bytes = 1 << 20, .max_depth = 8};  // with all defaults
 
 /// Of a job that makes one file.
 OutputOptions read_output(JsonObject& object) {

@@ -113,6 +113,7 @@ std::uint64_t JsonValue::integer(std::uint64_t min, std::uint64_t max) const {
 
 std::vector<JsonValue> JsonValue::items() const {
     if (!value_->is_array()) refuse("a list");
+    require_few();
     std::vector<JsonValue> result;
     result.reserve(value_->size());
     for (std::size_t i = 0; i < value_->size(); ++i) {
@@ -123,11 +124,18 @@ std::vector<JsonValue> JsonValue::items() const {
 
 std::vector<std::pair<std::string, JsonValue>> JsonValue::members() const {
     if (!value_->is_object()) refuse("an object");
+    require_few();
     std::vector<std::pair<std::string, JsonValue>> result;
     for (const auto& [name, value] : value_->items()) {
         result.emplace_back(name, JsonValue(value, join(path_, name), *rules_));
     }
     return result;
+}
+
+void JsonValue::require_few() const {
+    if (value_->size() <= rules_->max_items) return;
+    throw Error(rules_->code, located(std::to_string(value_->size()) + " items: expected at most " +
+                                      std::to_string(rules_->max_items)));
 }
 
 JsonObject JsonValue::object() const {

@@ -29,6 +29,8 @@ struct JsonRules {
     ErrorCode code = ErrorCode::MalformedInput;
     std::size_t max_bytes = 64 << 20;
     int max_depth = 16;
+    std::size_t max_items =
+        std::numeric_limits<std::size_t>::max();  ///< of a list, or named freely
     UnknownFields unknown_fields = UnknownFields::Ignored;
 };
 
@@ -80,6 +82,7 @@ public:
 private:
     friend class JsonObject;
 
+    void require_few() const;
     /// `message` with the place before it, unless it begins with the field's name itself.
     std::string located(const std::string& message) const;
 

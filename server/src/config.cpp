@@ -3,6 +3,7 @@
 #include "stipple/error.hpp"
 #include "stipple/proto/byte_size.hpp"
 
+#include <arpa/inet.h>
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cctype>
@@ -26,7 +27,8 @@ constexpr std::uint64_t kLeastMemory = 100'000'000;
 struct Flags {
     std::string listen = "127.0.0.1:8080";
     std::string admin = "127.0.0.1:8081";
-    std::string data, api_keys;
+    std::string data;
+    std::optional<std::string> api_keys;
     Role role = Role::All;
     std::uint64_t retention_seconds = 7 * kDay;
     std::uint64_t cloud_retention_seconds = 30 * kDay;
@@ -192,7 +194,9 @@ void add_guards(CLI::App& serve, Flags& flags, ServerConfig& config) {
         ->check(within(1, 20'000));
     add(serve, "--min-rate", config.min_bytes_per_second, "bytes per second of the slowest client")
         ->check(within(1, 1 << 30));
-    add(serve, "--api-keys", flags.api_keys, "JSON file: a list of {tenant, key_sha256, scopes}");
+    add(serve, "--api-keys", flags.api_keys, "JSON file: a list of {tenant, key_sha256, scopes}")
+        ->check(expecting("the name of a file: without one, whoever asks would be served",
+                          [](const std::string& text) { return !text.empty(); }));
     serve.add_flag("--insecure-no-auth", config.insecure_no_auth,
                    "serve other machines without API keys");
     add(serve, "--cors-origin", config.cors_origins,
@@ -234,7 +238,7 @@ void finish(const Flags& flags, ServerConfig& config) {
     config.limits.cloud_retention =
         std::max(std::chrono::seconds(flags.cloud_retention_seconds), config.limits.retention);
     config.limits.max_wait = std::chrono::seconds(flags.max_wait_seconds);
-    if (!flags.api_keys.empty()) config.api_keys = flags.api_keys;
+    if (flags.api_keys) config.api_keys = *flags.api_keys;
     const std::uint64_t stacks = Limits::stacks_of(config.threads);
     if (config.limits.max_job_memory_bytes < stacks + kLeastMemory) {
         throw Error(ErrorCode::InvalidArgument,
@@ -284,7 +288,10 @@ ListenAddress parse_address(const std::string& text) {
 }
 
 bool is_loopback(const ListenAddress& address) {
-    return address.host == "localhost" || address.host == "::1" || address.host.starts_with("127.");
+    in_addr number{};
+    const bool is_number = ::inet_pton(AF_INET, address.host.c_str(), &number) == 1;
+    return address.host == "localhost" || address.host == "::1" ||
+           (is_number && address.host.starts_with("127."));
 }
 
 std::vector<std::string> parts_of(Role role) {

@@ -27,6 +27,17 @@ std::string pyramid_with(const std::string& fields) {
     return request_with("pyramid", fields);
 }
 
+/// `item` so many times, its `#` replaced by its number.
+std::string repeated(int times, const std::string& item) {
+    std::string list;
+    for (int i = 0; i < times; ++i) {
+        std::string one = item;
+        if (const auto at = one.find('#'); at != one.npos) one.replace(at, 1, std::to_string(i));
+        list += (i == 0 ? "" : ",") + one;
+    }
+    return list;
+}
+
 std::string refusal(const std::string& json) {
     return test::refusal(job_request_from_json, json, ErrorCode::InvalidArgument);
 }
@@ -356,8 +367,12 @@ TEST(JobRequest, ThatIsRefusedNamesFieldAndValueAndWhatIsExpected) {
         {R"({"type": "simplify")", "JSON: not well-formed at byte 20"},
         {simplify_with(R"("points": 1, "points": 2)"), "JSON: the field \"points\" is given twice"},
         {simplify_with(R"("ratio": 1e999)"), "JSON: a number is out of range"},
-        {std::string(100'000, '['), "JSON: nested more than 8 deep"},
-        {std::string((1 << 20) + 1, ' '), "JSON: 1048577 bytes: expected at most 1048576"},
+        {std::string(10'000, '['), "JSON: nested more than 8 deep"},
+        {std::string((64 << 10) + 1, ' '), "JSON: 65537 bytes: expected at most 65536"},
+        {simplify_with(R"("reductions": {)" + repeated(257, R"("a#": "mean")") + "}"),
+         "reductions: 257 items: expected at most 256"},
+        {simplify_with(R"("method": "particles", "regions": [)" + repeated(257, "{}") + "]"),
+         "regions: 257 items: expected at most 256"},
     };
     for (const auto& [json, expected] : cases) EXPECT_EQ(refusal(json), expected);
 }

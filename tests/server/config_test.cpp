@@ -99,6 +99,18 @@ TEST(Config, AFileWithAnUnknownFlagIsRefused) {
     EXPECT_EQ(refusal({"--config", file.c_str()}), "--config: serve.max-pionts: no such flag");
 }
 
+TEST(Config, AKeyFileHasAName) {
+    EXPECT_EQ(refusal({"--api-keys", ""}),
+              "--api-keys: : expected the name of a file: without one, whoever asks would be served");
+}
+
+TEST(Config, OnlyAnAddressOfThisMachineNeedsNoKeys) {
+    for (const char* const own : {"127.0.0.1", "127.1.2.3", "::1", "localhost"})
+        EXPECT_TRUE(is_loopback({own, 80})) << own;
+    for (const char* const others : {"127.example.org", "0.0.0.0", "10.0.0.1", "::"})
+        EXPECT_FALSE(is_loopback({others, 80})) << others;
+}
+
 TEST(Config, ASiteHasAScheme) {
     EXPECT_EQ(served({"--cors-origin", "https://example.org"}).cors_origins.size(), 1U);
     EXPECT_EQ(served({"--cors-origin", "*"}).cors_origins.size(), 1U);

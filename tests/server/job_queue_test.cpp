@@ -175,6 +175,7 @@ TEST_P(JobQueueContract, TakesNoWriteUnderALeaseThatAnotherHoldsNow) {
     EXPECT_FALSE(store_->fail(stale, kProblem));
     EXPECT_FALSE(store_->crashed(stale, "signal 9 (Killed)"));
     EXPECT_FALSE(store_->ran_out_of_room(stale, kProblem));
+    EXPECT_FALSE(store_->put_off(stale, kProblem));
     store_->still_no_room(0ms, kProblem);  // it waits for none
     EXPECT_FALSE(store_->release(stale));
 
@@ -183,6 +184,18 @@ TEST_P(JobQueueContract, TakesNoWriteUnderALeaseThatAnotherHoldsNow) {
     EXPECT_FALSE(store_->find_cloud("ada", job.request.input)->statistics);
     EXPECT_TRUE(store_->holds(good));
     EXPECT_TRUE(store_->succeed(good, {}));
+}
+
+TEST_P(JobQueueContract, FailsAJobThatIsPutOffForTheTenthTime) {
+    const JobDocument job = submit();
+    for (int i = 0; i < 9; ++i) {
+        EXPECT_TRUE(store_->put_off(claim(), kProblem));
+        EXPECT_EQ(find(job.id).message, "the service could not run it: waiting to try again");
+        store_->still_no_room(0ms, kProblem);  // it waits for none
+    }
+    EXPECT_TRUE(store_->put_off(claim(), kProblem));
+    EXPECT_EQ(find(job.id).status, JobStatus::Failed);
+    EXPECT_EQ(find(job.id).problem->detail, kProblem.detail);
 }
 
 TEST_P(JobQueueContract, FailsAJobThatWaitsForRoomForTooLong) {

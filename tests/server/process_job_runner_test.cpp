@@ -13,6 +13,7 @@
 #include <fstream>
 #include <optional>
 #include <string>
+#include <system_error>
 #include <thread>
 
 namespace stipple::server {
@@ -318,7 +319,7 @@ TEST_F(ProcessJobRunner, SaysWhichProgramCannotBeStarted) {
     try {
         run(spec_for("x"), {}, "/no/such/program");
         FAIL() << "no error";
-    } catch (const Error& error) {
+    } catch (const std::system_error& error) {
         EXPECT_NE(std::string(error.what()).find("/no/such/program"), std::string::npos);
     }
 }

@@ -245,10 +245,13 @@ TEST_F(ServiceTest, TellsLargeEventsOneByOneAndEachAlike) {
     for (unsigned i = 0; i < 2; ++i) {
         const auto first = service_.events("ada", job.id, after, 60s, {}).items;
         ASSERT_EQ(first.size(), 1U);
-        const auto told = std::get<proto::OutputCloud>(proto::job_report_from_json(first[0].data));
+        const auto told = std::get<proto::OutputCloud>(proto::job_report_from_json(first[0].text()));
         EXPECT_EQ(told.level, i);
         EXPECT_EQ(told.files.back().href, "/v1/jobs/" + job.id + "/results/" + kMissing + ".ply");
-        EXPECT_EQ(service_.events("ada", job.id, after, 60s, {}).items[0].data, first[0].data);
+        const auto again = service_.events("ada", job.id, after, 60s, {}).items;
+        EXPECT_EQ(again[0].text(), first[0].text());
+        EXPECT_EQ(again[0].shared, first[0].shared) << "the same bytes for all who follow";
+        EXPECT_NE(first[0].shared, nullptr);
         EXPECT_TRUE(service_.has_events("ada", job.id, after));
         after = first[0].id;
     }

@@ -6,6 +6,7 @@
 #include <spdlog/sinks/ostream_sink.h>
 #include <spdlog/spdlog.h>
 #include <atomic>
+#include <cerrno>
 #include <fstream>
 #include <sstream>
 #include <thread>
@@ -290,6 +291,21 @@ TEST_F(WorkerPoolTest, FinishesAJobThatFoundTheDiskFullWhenThereIsRoomAgain) {
     });
     EXPECT_EQ(job.status, JobStatus::Successful);
     EXPECT_EQ(attempts, 2);
+}
+
+TEST_F(WorkerPoolTest, TriesAJobAgainThatTheSystemRefusedToRun) {
+    int attempts = 0;
+    const JobDocument job = run([&](const auto&, const auto& report, std::stop_token) {
+        if (++attempts == 1) throw std::system_error(ENOENT, std::generic_category(), "program");
+        report(cost_report());
+        return Outcome{};
+    });
+    EXPECT_EQ(job.status, JobStatus::Successful);
+    EXPECT_EQ(attempts, 2);
+    const JobDocument full = run([&](const auto&, const auto&, std::stop_token) -> Outcome {
+        throw std::system_error(ENOSPC, std::generic_category(), "no more names");
+    });
+    EXPECT_EQ(full.problem->status, proto::kStorageFullStatus);
 }
 
 TEST_F(WorkerPoolTest, FailsAJobWhoseInputIsMissing) {

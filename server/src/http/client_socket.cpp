@@ -69,6 +69,16 @@ std::optional<std::string> ClientSocket::read_head() {
 }
 
 std::size_t ClientSocket::read_some(std::span<std::byte> out) {
+    // Byte by byte, as lines are read, each would cost two calls of the system.
+    constexpr std::size_t kFew = 512, kAhead = 4096;
+    if (received_.empty() && out.size() <= kFew) {
+        std::array<char, kAhead> ahead;
+        const auto begin = Clock::now();
+        const std::size_t came = receive(ahead, begin + body_time_, false);
+        body_time_ -= Clock::now() - begin;
+        if (came == 0) throw Disconnected();
+        received_.assign(ahead.data(), came);
+    }
     std::size_t n = std::min(out.size(), received_.size());
     if (n > 0) {
         std::memcpy(out.data(), received_.data(), n);

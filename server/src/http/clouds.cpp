@@ -29,6 +29,18 @@ std::optional<std::uint64_t> checked_length(const Request& request, const Limits
     return length;
 }
 
+/// Pieces of a body until there is enough to be worth a write: a chunk may have a single byte.
+std::size_t fill(RequestBody& body, std::span<std::byte> out) {
+    constexpr std::size_t kEnough = 64 << 10;
+    std::size_t filled = 0;
+    while (filled < std::min(kEnough, out.size())) {
+        const std::size_t n = body.read(out.subspan(filled));
+        if (n == 0) break;
+        filled += n;
+    }
+    return filled;
+}
+
 /// Of one tenant, so that no cache on the way gives it to another.
 Reply cloud_reply(int status, const proto::CloudDocument& cloud) {
     Reply reply = json_reply(status, proto::to_json(cloud));
@@ -46,7 +58,7 @@ Submission<proto::CloudDocument> receive_cloud(Resources& resources, Request& re
     const auto upload = resources.service.begin_upload();
     std::vector<std::byte> piece(kPieceBytes);
     std::vector<std::byte> head;
-    while (const std::size_t n = request.body->read(piece)) {
+    while (const std::size_t n = fill(*request.body, piece)) {
         const auto bytes = std::span(piece).first(n);
         if (head.size() < kUploadHeadBytes) {
             const auto wanted = bytes.first(std::min(n, kUploadHeadBytes - head.size()));

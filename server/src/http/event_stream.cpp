@@ -1,5 +1,6 @@
 #include "http/event_stream.hpp"
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 
 namespace stipple::server::http {
@@ -14,9 +15,16 @@ constexpr auto kLookAtClient = 1s;  ///< how soon a client that left is noticed
 
 }  // namespace
 
-std::string event_text(const JobEvent& event) {
-    return "id: " + std::to_string(event.id) + "\nevent: " + event.type + "\ndata: " + event.data +
-           "\n\n";
+void write_event(const JobEvent& event, const StreamWriter& write) {
+    constexpr std::size_t kPiece = 256 << 10;  // of a large one, since each is copied once more
+    const std::string head =
+        "id: " + std::to_string(event.id) + "\nevent: " + event.type + "\ndata: ";
+    std::string_view text = event.text();
+    if (text.size() <= kPiece) return write(head + std::string(text) + "\n\n");
+    write(head);
+    for (; !text.empty(); text.remove_prefix(std::min(kPiece, text.size())))
+        write(text.substr(0, kPiece));
+    write("\n\n");
 }
 
 bool is_last(const JobEvent& event) {
@@ -35,7 +43,7 @@ Stream event_stream(Service& service, const Request& request, const std::string&
         while (!stop.stop_requested()) {
             const auto events = service.events(tenant, job_id, last, kLookAtClient, stop);
             for (const JobEvent& event : events.items) {
-                write(event_text(event));
+                write_event(event, write);
                 last = event.id;
                 last_write = steady_clock::now();
                 if (is_last(event)) return;

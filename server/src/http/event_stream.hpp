@@ -5,7 +5,7 @@
 namespace stipple::server::http {
 
 /// One event as server-sent events write it.
-std::string event_text(const JobEvent& event);
+void write_event(const JobEvent& event, const StreamWriter& write);
 /// Whether nothing comes after it: a change to a final status.
 bool is_last(const JobEvent& event);
 

@@ -16,7 +16,6 @@ namespace {
 
 using namespace std::chrono_literals;
 
-constexpr std::size_t kMaxRequestBytes = 1 << 20;
 constexpr auto kLookAtClient = 1000ms;
 
 /// Only a request that says it is JSON: a form of another site cannot say so.
@@ -25,7 +24,7 @@ std::string read_json(const Request& request) {
     if (!equal_ignoring_case(trimmed(type.substr(0, type.find(';'))), "application/json")) {
         throw HttpError(415, "Content-Type is not application/json: send JSON with that type");
     }
-    return read_all(*request.body, kMaxRequestBytes);
+    return read_all(*request.body, proto::kMaxRequestBytes);
 }
 
 Reply job_reply(int status, const proto::JobDocument& job) {

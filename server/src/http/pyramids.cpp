@@ -120,34 +120,38 @@ proto::Slice cut(Resources& resources, const Request& request, const proto::Resu
     }
 }
 
-/// Sends the files of a pyramid one after the other.
-struct TarStream {
-    Outputs& outputs;
-    std::shared_ptr<const proto::Results> pyramid;
-    std::shared_ptr<const std::vector<proto::ExportFile>> files;  ///< of the pyramid
-    std::chrono::sys_seconds modified;
-
-    static std::uint64_t bytes_of(const proto::ExportFile& file) {
-        return file.stored != nullptr ? file.stored->bytes : file.text.size();
+/// Sends the files of a pyramid one after the other. A slow reader holds what names them, and
+/// nothing of what is in them.
+class TarStream {
+public:
+    TarStream(Outputs& outputs, const proto::Results& pyramid, std::chrono::sys_seconds modified)
+        : outputs_(outputs), modified_(modified) {
+        for (const proto::ExportFile& file : proto::export_files(pyramid)) {
+            if (file.stored != nullptr) {
+                files_.push_back({file.name, file.stored->bytes, file.stored->sha256, nullptr});
+            } else {
+                auto held = outputs.hold(std::as_bytes(std::span(file.text)));
+                files_.push_back({file.name, file.text.size(), {}, std::move(held)});
+            }
+        }
     }
 
     std::uint64_t size() const {
         std::uint64_t sum = tar_end().size();
-        for (const proto::ExportFile& file : *files) sum += tar_bytes(bytes_of(file));
+        for (const File& file : files_) sum += tar_bytes(file.bytes);
         return sum;
     }
 
     void operator()(const StreamWriter& write) const {
         constexpr std::size_t kPieceBytes = 256 * 1024;
         std::vector<std::byte> piece(kPieceBytes);
-        for (const proto::ExportFile& file : *files) {
-            const std::uint64_t size = bytes_of(file);
-            write(tar_header(file.name, size, modified));
-            if (!file.text.empty()) write(file.text);
-            const auto blob = file.stored != nullptr ? outputs.open(file.stored->sha256) : nullptr;
-            if (blob && blob->size() != size)
+        for (const File& file : files_) {
+            const std::uint64_t size = file.bytes;
+            write(tar_header(file.name, size, modified_));
+            const auto blob = file.held ? file.held : outputs_.open(file.sha256);
+            if (blob->size() != size)
                 throw Error(ErrorCode::Internal, file.name + ": its bytes are not those listed");
-            for (std::uint64_t at = 0; blob && at < size;) {
+            for (std::uint64_t at = 0; at < size;) {
                 const std::size_t n = blob->read(at, piece);
                 if (n == 0) throw Error(ErrorCode::Internal, file.name + ": its bytes end early");
                 write({reinterpret_cast<const char*>(piece.data()), n});
@@ -157,6 +161,18 @@ struct TarStream {
         }
         write(tar_end());
     }
+
+private:
+    struct File {
+        std::string name;
+        std::uint64_t bytes;
+        std::string sha256;                      ///< of a blob
+        std::shared_ptr<const BlobReader> held;  ///< instead
+    };
+
+    Outputs& outputs_;
+    std::vector<File> files_;
+    std::chrono::sys_seconds modified_;
 };
 
 /// Of `2026-11-21T17:00:00.000Z`.
@@ -199,15 +215,12 @@ Reply get_slice(Resources& resources, Request& request) {
 Reply get_pyramid_archive(Resources& resources, Request& request) {
     allow_query(request, {});
     const std::string& id = request.path_value("id");
-    auto pyramid = whole_pyramid(resources, request);
+    const auto pyramid = whole_pyramid(resources, request);
     const auto finished = time_of(resources.service.job(request.tenant, id).finished);
     auto permit = resources.downloads.take(request);
-    TarStream tar{resources.service.outputs(), std::move(pyramid), {}, finished};
-    {
-        const auto turn = document_turn(resources, request);
-        tar.files = std::make_shared<const std::vector<proto::ExportFile>>(
-            proto::export_files(*tar.pyramid));
-    }
+    auto turn = document_turn(resources, request);
+    TarStream tar(resources.service.outputs(), *pyramid, finished);
+    turn.reset();
     const std::uint64_t size = tar.size();
     Reply reply{.status = 200,
                 .headers = {},

@@ -5,6 +5,7 @@
 #include "stipple/proto/idempotency_key.hpp"
 
 #include <algorithm>
+#include <utility>
 
 namespace stipple::server {
 
@@ -81,14 +82,16 @@ void Service::fill_links(JobEvent& event, const proto::JobDocument& job) {
     const std::string key = job.id + '/' + std::to_string(event.id);
     const auto lock = large ? std::unique_lock(filling_) : std::unique_lock<std::mutex>();
     if (const auto known = large ? large_events_.find(key) : std::nullopt) {
-        event.data.assign(reinterpret_cast<const char*>(known->bytes->data()),
-                          known->bytes->size());
+        event.shared = known->bytes;
+        event.data = {};
         return;
     }
     proto::JobReport report = proto::job_report_from_json(event.data);
     links_.fill(std::get<proto::OutputCloud>(report), job.id, is_pyramid(job.request));
     event.data = to_json(report);
-    if (large) large_events_.put(key, {shared_bytes(event.data), {}});
+    if (!large) return;
+    event.shared = shared_bytes(std::exchange(event.data, {}));
+    large_events_.put(key, {event.shared, {}});
 }
 
 // Clouds.

@@ -47,6 +47,22 @@ std::string hash_of(const FileDescriptor& fd, const fs::path& file) {
     return hash.finish();
 }
 
+/// To another file system. Not by the standard library, which does not say that a disk is full.
+void copy_plain_file(const fs::path& from, const fs::path& to) {
+    const FileDescriptor in = open_file(from, O_RDONLY | O_NOFOLLOW | O_NONBLOCK);
+    if (!in) throw_errno("cannot open", from);
+    if (!S_ISREG(status_of(in, from).st_mode))
+        throw Error(ErrorCode::Internal, from.string() + ": not a plain file");
+    const FileDescriptor out = open_file(to, O_WRONLY | O_CREAT | O_EXCL);
+    if (!out) throw_errno("cannot create", to);
+    std::vector<std::byte> block(kBlock);
+    std::uint64_t offset = 0;
+    while (const std::size_t n = read_at(in, offset, block, from)) {
+        write_all(out, std::span(block).first(n), to);
+        offset += n;
+    }
+}
+
 /// Read-only, and as old as the commit.
 void protect(const FileDescriptor& fd, const fs::path& file) {
     if (::fchmod(fd.get(), 0440) != 0) throw_errno("cannot protect", file);
@@ -169,7 +185,10 @@ public:
     }
 
     void write(std::span<const std::byte> bytes) override {
-        store_.check_room();
+        if (size_ >= looked_at_) {
+            store_.check_room();
+            looked_at_ = size_ + kBlock;
+        }
         if (bytes.size() > max_bytes_ - size_) {
             throw Error(ErrorCode::TooLarge, "more than " + std::to_string(max_bytes_) +
                                                  " bytes: the limit for one upload; send fewer "
@@ -195,6 +214,7 @@ private:
     FileDescriptor fd_;
     proto::Sha256 hash_;
     std::uint64_t size_ = 0;
+    std::uint64_t looked_at_ = 0;  ///< size at which the room is looked at again
 };
 
 FileBlobStore::FileBlobStore(const fs::path& root, const std::vector<std::string>& unfinished)
@@ -250,7 +270,7 @@ FileDescriptor FileBlobStore::take_over(const fs::path& file,
     // Moved before it is looked at: whoever made it can no longer put another file in its place.
     if (::rename(file.c_str(), temporary.path().c_str()) != 0) {
         if (errno != EXDEV) throw_errno("cannot take over", file);
-        fs::copy(file, temporary.path(), fs::copy_options::copy_symlinks);
+        copy_plain_file(file, temporary.path());
         fs::remove(file);
     }
     FileDescriptor fd = open_file(temporary.path(), O_RDONLY | O_NOFOLLOW | O_NONBLOCK);
@@ -327,10 +347,11 @@ bool FileBlobStore::remove_older(const std::string& sha256, system_clock::time_p
     const std::lock_guard lock(names_);
     struct stat status {};
     if (::stat(file.c_str(), &status) != 0 || committed_at(status) >= time) return false;
-    if (::unlink(file.c_str()) != 0) throw_errno("cannot remove", file);
+    // Its packed copies first: nobody would look for those of a blob that is gone.
     for (const fs::directory_entry& entry : fs::directory_iterator(file.parent_path())) {
-        if (entry.path().stem() == sha256) fs::remove(entry.path());
+        if (entry.path().stem() == sha256 && entry.path() != file) fs::remove(entry.path());
     }
+    if (::unlink(file.c_str()) != 0) throw_errno("cannot remove", file);
     verified_.remove(sha256);
     return true;
 }
@@ -396,6 +417,12 @@ void FileBlobStore::check_room() const {
     const std::uint64_t free = std::uint64_t{disk.f_bavail} * disk.f_frsize;
     const std::uint64_t all = std::uint64_t{disk.f_blocks} * disk.f_frsize;
     const std::uint64_t reserve = std::min(kReserve, all / kShareOfSmallDisk);
+    constexpr std::uint64_t kFewFiles = 64;
+    const bool counts_files = disk.f_files > 0;  // not every file system does
+    if (counts_files &&
+        disk.f_favail < std::min<std::uint64_t>(kFewFiles, disk.f_files / kShareOfSmallDisk))
+        throw proto::StorageFull("no more files can be made in " + root_.string() +
+                                 ": the file system has no room for their names");
     if (free >= reserve) return;
     throw proto::StorageFull(std::to_string(free) + " bytes are free for " + root_.string() +
                              ": the last " + std::to_string(reserve) + " are kept for removals");

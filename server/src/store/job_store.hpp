@@ -4,6 +4,7 @@
 #include "stipple/proto/job_process.hpp"
 
 #include <chrono>
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <map>
@@ -46,6 +47,12 @@ struct JobEvent {
     std::uint64_t id = 0;  ///< per job, from 1
     std::string type;
     std::string data;
+    std::shared_ptr<const std::vector<std::byte>> shared{};  ///< instead of it, of a large one
+
+    std::string_view text() const noexcept {
+        if (!shared) return data;
+        return {reinterpret_cast<const char*>(shared->data()), shared->size()};
+    }
 };
 
 struct QueueLimits {
@@ -148,6 +155,9 @@ public:
     virtual bool crashed(const Lease& lease, const std::string& how) = 0;
     /// The disk was full. Back to the queue, or failed by the problem the third time.
     virtual bool ran_out_of_room(const Lease& lease, const proto::Problem& problem) = 0;
+    /// The system that it runs on failed, not the job. Back to the queue, or failed by the problem
+    /// the tenth time.
+    virtual bool put_off(const Lease& lease, const proto::Problem& problem) = 0;
     /// The disk has been full for so long that jobs which wait for room would have been tried
     /// again: counts as a try that ran out of it.
     virtual void still_no_room(std::chrono::milliseconds rest, const proto::Problem& problem) = 0;

@@ -219,6 +219,13 @@ bool SqliteJobStore::ran_out_of_room(const Lease& lease, const proto::Problem& p
     return write_leased(lease, [&](std::int64_t row) { requeue_without_room(row, problem); });
 }
 
+bool SqliteJobStore::put_off(const Lease& lease, const proto::Problem& problem) {
+    return write_leased(lease, [&](std::int64_t row) {
+        if (count_lost(row) >= kMostLost) return finish_failed(row, problem);
+        requeue(row, "the service could not run it: waiting to try again");
+    });
+}
+
 void SqliteJobStore::still_no_room(std::chrono::milliseconds rest, const proto::Problem& problem) {
     write([&] {
         std::vector<std::int64_t> waiting;

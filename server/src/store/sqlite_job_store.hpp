@@ -66,6 +66,7 @@ public:
     bool fail(const Lease& lease, const proto::Problem& problem) override;
     bool crashed(const Lease& lease, const std::string& how) override;
     bool ran_out_of_room(const Lease& lease, const proto::Problem& problem) override;
+    bool put_off(const Lease& lease, const proto::Problem& problem) override;
     void still_no_room(std::chrono::milliseconds rest, const proto::Problem& problem) override;
     bool release(const Lease& lease) override;
     bool holds(const Lease& lease) override;

@@ -6,7 +6,9 @@
 
 #include <spdlog/spdlog.h>
 #include <algorithm>
+#include <cerrno>
 #include <set>
+#include <system_error>
 #include <utility>
 #include <variant>
 
@@ -44,6 +46,15 @@ private:
 bool is_full(const proto::Problem& problem) noexcept {
     return problem.status == proto::kStorageFullStatus;
 }
+bool is_full(const std::system_error& fault) noexcept {
+    return fault.code() == std::errc::no_space_on_device ||
+           fault.code() == std::error_code(EDQUOT, std::generic_category());
+}
+
+proto::Problem broken_problem() {
+    return proto::problem_from(ErrorCode::Internal,
+                               "the service could not run the job; its log says why");
+}
 
 }  // namespace
 
@@ -70,6 +81,11 @@ void JobAttempt::run(JobRunner& runner) noexcept try {
         const ScratchFolder folder(options_.scratch /
                                    (lease_.job_id + '-' + std::to_string(lease_.token)));
         run_in(folder.path(), runner);
+    } catch (const std::system_error& fault) {
+        if (is_full(fault))
+            fail(storage_full_problem());
+        else
+            put_off(fault.what());
     } catch (const std::exception& error) {
         fail(problem_of(error));  // now that its files are gone, which made room
     }
@@ -114,10 +130,15 @@ void JobAttempt::on_report(const proto::JobReport& report) {
     if (stop_.stop_requested()) return;
     try {
         std::visit([this](const auto& what) { take(what); }, report);
+    } catch (const std::system_error& fault) {
+        if (is_full(fault))
+            problem_ = storage_full_problem();
+        else
+            fault_ = fault.what();
     } catch (const std::exception& error) {
         problem_ = problem_of(error);
     }
-    if (problem_) stop_.request_stop();
+    if (problem_ || fault_) stop_.request_stop();
 }
 
 proto::Problem JobAttempt::problem_of(const std::exception& failure) const {
@@ -130,11 +151,7 @@ proto::Problem JobAttempt::problem_of(const std::exception& failure) const {
 proto::Problem JobAttempt::for_caller(proto::Problem problem) const {
     if (problem.status < 500) return problem;
     spdlog::error("job.broken id={} error={}", lease_.job_id, log_text(problem.detail));
-    proto::Problem told =
-        is_full(problem)
-            ? storage_full_problem()
-            : proto::problem_from(ErrorCode::Internal,
-                                  "the service could not run the job; its log says why");
+    proto::Problem told = is_full(problem) ? storage_full_problem() : broken_problem();
     told.stage = std::move(problem.stage);
     return told;
 }
@@ -216,6 +233,8 @@ void JobAttempt::conclude(const JobRunner::Outcome& outcome) {
     if (reason == Stop::LeaseLost) {
         spdlog::info("job.stopped id={} reason=\"dismissed or given to another worker\"",
                      lease_.job_id);
+    } else if (fault_) {
+        put_off(*fault_);
     } else if (problem_) {
         fail(*problem_);
     } else if (cost_) {
@@ -240,11 +259,18 @@ void JobAttempt::fail(const proto::Problem& problem) {
         if (taken(jobs_.fail(lease_, problem))) log_failed(problem);
         return;
     }
-    ran_out_of_room_ = true;
+    needs_rest_ = true;
     if (taken(jobs_.ran_out_of_room(lease_, problem))) {
         spdlog::warn("job.ran_out_of_room id={}", lease_.job_id);
         log_if_failed();
     }
+}
+
+/// No fault of the job's: the system may take it a while later.
+void JobAttempt::put_off(const std::string& fault) {
+    needs_rest_ = true;
+    spdlog::error("job.put_off id={} error={}", lease_.job_id, log_text(fault));
+    if (taken(jobs_.put_off(lease_, broken_problem()))) log_if_failed();
 }
 
 void JobAttempt::log_failed(const proto::Problem& problem) const {

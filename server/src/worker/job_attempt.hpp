@@ -29,8 +29,9 @@ public:
     /// To the end, whatever it is: nothing is thrown.
     void run(JobRunner& runner) noexcept;
 
-    /// Once it has run: whether it found the disk full.
-    bool ran_out_of_room() const noexcept { return ran_out_of_room_; }
+    /// Once it has run: whether it found the disk full, or the system refused what it takes to run
+    /// a job. The next would meet the same.
+    bool needs_rest() const noexcept { return needs_rest_; }
 
     /// Ends it soon. Drained: handed back to the queue. LeaseLost: nothing more is written. Any
     /// thread; the first reason stands.
@@ -42,6 +43,7 @@ private:
                             const std::filesystem::path& output) const;
     void on_report(const proto::JobReport& report);
     proto::Problem problem_of(const std::exception& failure) const;
+    void put_off(const std::string& fault);
     proto::Problem for_caller(proto::Problem problem) const;
     void take(const proto::JobProgress& progress);
     void take(const proto::CloudStatistics& source);
@@ -74,7 +76,8 @@ private:
     std::map<std::string, std::uint64_t> adopted_;  ///< bytes of the files, by their hashes
     std::optional<proto::JobCost> cost_;
     std::optional<proto::Problem> problem_;
-    bool ran_out_of_room_ = false;
+    std::optional<std::string> fault_;  ///< of the system that it runs on
+    bool needs_rest_ = false;
 };
 
 }  // namespace stipple::server

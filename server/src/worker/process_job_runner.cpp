@@ -25,6 +25,7 @@
 #include <stop_token>
 #include <string>
 #include <string_view>
+#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -41,8 +42,8 @@ constexpr std::chrono::milliseconds kGrace{50};  // between SIGTERM and SIGKILL
 constexpr int kSpecDescriptor = 3;
 constexpr const char* kSpecPath = "/proc/self/fd/3";
 
-Error system_error(const std::string& what, int code = errno) {
-    return Error(ErrorCode::Internal, what + ": " + std::strerror(code));
+std::system_error system_error(const std::string& what, int code = errno) {
+    return {code, std::generic_category(), what};
 }
 
 /// The specification as a file that only the child can name and that is gone with it.

@@ -151,7 +151,7 @@ void WorkerPool::State::run(Lease lease, const std::stop_token& stop) {
         std::erase(running, attempt);
     }
     ended.notify_all();
-    if (attempt->ran_out_of_room()) pause(options.rest, stop);
+    if (attempt->needs_rest()) pause(options.rest, stop);
 }
 
 std::vector<std::shared_ptr<JobAttempt>> WorkerPool::State::attempts() {

@@ -41,8 +41,8 @@ struct WorkerPoolOptions {
     std::chrono::seconds lease{30};
     std::chrono::seconds drain{
         30};  ///< how long running jobs may go on when stopping; then they are handed back
-    std::chrono::milliseconds rest{
-        60'000};  ///< of a worker whose job found the disk full: there may be room by then
+    std::chrono::milliseconds rest{60'000};  ///< of a worker whose job found the disk full, or
+                                             ///< could not be run: it may go by then
     std::function<void(const proto::OutputCloud&)> on_level{};  ///< told of each published level
 };
 

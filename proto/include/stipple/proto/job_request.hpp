@@ -10,6 +10,7 @@
 #include "stipple/surface_attributes.hpp"
 
 #include <array>
+#include <cstddef>
 #include <optional>
 #include <span>
 #include <string>
@@ -161,6 +162,9 @@ std::string_view type_name(const JobRequest& request) noexcept;
 /// The same text for equal requests (defaults filled in, keys sorted), so that its hash identifies
 /// the work.
 std::string to_json(const JobRequest& request);
+/// Of the text of a request; and of its lists, and of what it says of attributes by name.
+inline constexpr std::size_t kMaxRequestBytes = 64 << 10, kMaxRequestItems = 256;
+
 /// Strict: @throws Error(InvalidArgument) naming the field, its value and what is expected.
 JobRequest job_request_from_json(std::string_view json);
 /// One that was accepted before, as it is told of: fields of a later version are left out.
