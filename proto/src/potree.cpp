@@ -1,6 +1,7 @@
 #include "stipple/proto/potree.hpp"
 
 #include "json_reader.hpp"
+#include "stipple/known_attributes.hpp"
 
 #include <algorithm>
 #include <array>
@@ -9,7 +10,9 @@
 #include <fstream>
 #include <functional>
 #include <span>
+#include <string_view>
 #include <type_traits>
+#include <utility>
 
 // Follows: Schütz, Ohrhallinger, Wimmer, Fast Out-of-Core Octree Generation for Massive Point
 // Clouds, 2020 (the format 2.0 of Potree), of the points of `SampledOctree`. A single chunk of
@@ -115,6 +118,23 @@ Aabb box_of(const SampledOctree& octree) {
     return {place(low), place(high)};
 }
 
+/// What viewers of Potree know of LAS under names of their own; their filters ask for these.
+std::string potree_name(const std::string& name) {
+    static constexpr std::array<std::pair<std::string_view, std::string_view>, 8> kKnown = {{
+        {"intensity", "intensity"},
+        {"classification", "classification"},
+        {"return_number", "return number"},
+        {"number_of_returns", "number of returns"},
+        {"point_source_id", "point source id"},
+        {"user_data", "user data"},
+        {"scan_angle", "scan angle"},
+        {"gps_time", "gps-time"},
+    }};
+    for (const auto& [known, theirs] : kKnown)
+        if (is_known_as(name, known)) return std::string(theirs);
+    return name;
+}
+
 std::vector<Column> columns_of(const PointCloud& cloud, const SampledOctree& octree) {
     std::vector<Column> columns;
     const std::span<const Index> order = octree.order();
@@ -155,7 +175,7 @@ std::vector<Column> columns_of(const PointCloud& cloud, const SampledOctree& oct
     for (const Attribute& attribute : cloud.attributes) {
         for (unsigned c = 0; c < attribute.components; ++c) {
             const std::string name = attribute.components == 1
-                                         ? attribute.name
+                                         ? potree_name(attribute.name)
                                          : attribute.name + "_" + std::to_string(c);
             std::visit(
                 [&](const auto& values) {

@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <limits>
 #include <string>
 #include <string_view>
@@ -100,6 +101,25 @@ SliceLevels::SliceLevels(const Results& pyramid, const SliceOptions& options,
     const Aabb& source = pyramid.source.value().bounds;
     center_ = 0.5 * (source.min + source.max);
     origin_ = pyramid.levels.front().origin.value_or(center_);
+    middle_of_most_ = middle_of_tiles(pyramid.levels.back()).value_or(center_);
+}
+
+/// Of tiles with about as many points each: what a few that lie far off hardly move.
+std::optional<Vec3d> SliceLevels::middle_of_tiles(const OutputCloud& level) const {
+    std::vector<Vec3d> middles;
+    for (const OutputFile& file : level.files) {
+        if (!file.tile) continue;
+        const Aabb box = box_of(*file.tile);
+        middles.push_back(0.5 * (box.min + box.max));
+    }
+    if (middles.empty()) return std::nullopt;
+    const auto median = middles.begin() + static_cast<std::ptrdiff_t>(middles.size() / 2);
+    Vec3d middle;
+    for (int axis = 0; axis < 3; ++axis) {
+        std::ranges::nth_element(middles, median, {}, [axis](const Vec3d& m) { return m[axis]; });
+        middle[axis] = (*median)[axis];
+    }
+    return middle;
 }
 
 bool SliceLevels::tiled(const OutputCloud& level) const {
@@ -136,10 +156,17 @@ Aabb SliceLevels::box_of(const LodTile& tile) const {
 Aabb SliceLevels::reach_of(const LodTile& tile) const {
     const Aabb &box = *options_.box, &source = pyramid_.source.value().bounds;
     const Aabb points = box_of(tile);
+    // Tiles are rounded in a frame about the middle, or about most points where a few lie far off:
+    // these have the bits of the grid, and their frame is no wider than 64 of it.
+    constexpr double kWidest = 64;
+    const double around_most = kWidest * std::ldexp(tile.step, static_cast<int>(tile.bits));
     Vec3d largest = Vec3d::Zero();  // of the numbers that were rounded to floats
-    for (const Vec3d& from : {center_, origin_})
-        for (const Vec3d& corner : {points.min, points.max})
-            largest = largest.cwiseMax((corner - from).cwiseAbs());
+    for (const Vec3d& corner : {points.min, points.max}) {
+        const Vec3d from_most =
+            ((corner - middle_of_most_).cwiseAbs().array() + around_most).matrix();
+        largest = largest.cwiseMax((corner - origin_).cwiseAbs())
+                      .cwiseMax((corner - center_).cwiseAbs().cwiseMin(from_most));
+    }
     constexpr double kFar = std::numeric_limits<double>::infinity(),
                      kFloat = 0x1p-23;  // twice: to the tile's frame, and to the cloud's
     const Vec3d off = (0.5 * tile.step + kFloat * largest.array()).matrix();

@@ -44,6 +44,7 @@ private:
     bool in_box(const OutputFile& file) const;
     Aabb box_of(const LodTile& tile) const;
     Aabb reach_of(const LodTile& tile) const;
+    std::optional<Vec3d> middle_of_tiles(const OutputCloud& level) const;
     template <typename Visit>
     void for_tiles(const OutputCloud& level, Visit&& visit) const;
     std::uint64_t bytes_of_point(const OutputCloud& level) const;
@@ -57,6 +58,7 @@ private:
     const FileReader& read_;
     const RunContext& context_;
     Vec3d center_;  ///< of the source's box: tiles are relative to it
+    Vec3d middle_of_most_;
     Vec3d origin_;  ///< of the source's positions
     std::vector<std::shared_ptr<const LevelCut>> cuts_;  ///< of the levels that were read
 };

@@ -2,6 +2,7 @@
 
 #include "cloud/ply_names.hpp"
 
+#include <cctype>
 #include <set>
 
 namespace stipple {
@@ -22,6 +23,21 @@ std::string attribute_name_of(std::string_view foreign) {
         if (is_allowed || name.empty() || name.back() != '_') name += is_allowed ? c : '_';
     }
     return any ? name.substr(0, kLongest) : std::string();
+}
+
+bool is_known_as(std::string_view name, std::string_view known) {
+    const auto plain = [](std::string_view text) {
+        std::string letters;
+        for (const unsigned char c : text)
+            if (c != '_' && c != ' ') letters += static_cast<char>(std::tolower(c));
+        return letters;
+    };
+    const std::string its = plain(name), wanted = plain(known);
+    return its == wanted || its == "scalar" + wanted;
+}
+
+Reduction reduction_of(std::string_view name, const AttributeValues& values) {
+    return is_known_as(name, "gps_time") ? Reduction::Nearest : default_reduction(values);
 }
 
 void settle_names(PointCloud& cloud) {

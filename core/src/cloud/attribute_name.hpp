@@ -1,5 +1,6 @@
 #pragma once
 
+#include "stipple/known_attributes.hpp"
 #include "stipple/point_cloud.hpp"
 
 #include <algorithm>
@@ -20,6 +21,10 @@ inline bool is_attribute_name(std::string_view name) noexcept {
 /// A name that an attribute may have, as close to a foreign one as can be: an underscore stands for
 /// what is no printable ASCII. Empty where nothing is left of it.
 std::string attribute_name_of(std::string_view foreign);
+
+/// `default_reduction` of what is read under a name: a time is that of a point, since between two
+/// flights over a place there was none.
+Reduction reduction_of(std::string_view name, const AttributeValues& values);
 
 /// Gives each attribute a name that is allowed, no other has, and no PLY file of the cloud needs
 /// for its coordinates, normals or colours: `red_2`.

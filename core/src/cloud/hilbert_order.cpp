@@ -4,6 +4,7 @@
 #include "base/first_touch.hpp"
 #include "base/large_memory.hpp"
 #include "base/parallel_for.hpp"
+#include "base/refuse.hpp"
 
 #include <algorithm>
 #include <array>
@@ -267,8 +268,10 @@ std::vector<Index> hilbert_order(std::span<const Vec3f> points, const RunContext
     // by itself.
     constexpr unsigned kBucketBits = 12;
     const Packing packing{static_cast<unsigned>(std::bit_width(n - 1))};
-    const Grid grid =
-        make_grid(box_of(points, context), n, curve, (packing.key_bits() + kBucketBits) / 3);
+    const FloatBox box = box_of(points, context);
+    if (!box.low.allFinite() || !box.high.allFinite())
+        refuse("positions: expected finite coordinates; remove the points that have others");
+    const Grid grid = make_grid(box, n, curve, (packing.key_bits() + kBucketBits) / 3);
     const unsigned bucket_bits = std::min(kBucketBits, 3 * grid.bits);
     const unsigned shift = 3 * grid.bits - bucket_bits;
     const std::size_t buckets = std::size_t{1} << bucket_bits;

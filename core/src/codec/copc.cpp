@@ -71,8 +71,14 @@ double power_of_ten(int exponent) {
 int find_exponent(const PointCloud& cloud, const Aabb& box, const CopcOptions& options,
                   const RunContext& context) {
     const double side = (box.max - box.min).maxCoeff();
-    float largest = 0;
-    for (const Vec3f& p : cloud.positions) largest = std::max(largest, p.cwiseAbs().maxCoeff());
+    // Of most: a few points that lie far off are known less well, but may lie on the grid, too.
+    const Aabb most = box_of_most(some_of(
+        cloud.size(), [&](std::size_t i) -> Vec3d { return cloud.positions[i].cast<double>(); }));
+    const auto largest =
+        static_cast<float>(most.min.cwiseAbs().cwiseMax(most.max.cwiseAbs()).maxCoeff());
+    const auto fits = [side](int exponent) {
+        return side / power_of_ten(exponent) < std::ldexp(0.5, kMostBits);
+    };
     if (options.precision) {
         const auto exponent_of = [](double half_step) {
             return static_cast<int>(std::floor(std::log10(2 * half_step)));
@@ -87,12 +93,16 @@ int find_exponent(const PointCloud& cloud, const Aabb& box, const CopcOptions& o
         return exponent_of(precision_left(left, rounding_of_reading(cloud), side));
     }
     if (!(side > 0)) return 0;  // any
-    const double unsure = std::ldexp(std::max(static_cast<double>(largest), side), -24);
+    const double unsure =
+        std::ldexp(std::max(static_cast<double>(largest), longest_side(most)), -24);
     // Where half a step is what is unsure, any coordinate so far from the origin lies on the grid.
     const double least = 2 * rounding_of(largest);
-    for (int e = static_cast<int>(std::floor(std::log10(side))); power_of_ten(e) > least; --e)
+    int e = static_cast<int>(std::floor(std::log10(side)));
+    for (; power_of_ten(e) > least && fits(e); --e)
         if (lie_on_grid(cloud, power_of_ten(e), context)) return e;
-    return static_cast<int>(std::floor(std::log10(unsure)));
+    e = static_cast<int>(std::floor(std::log10(unsure)));
+    while (!fits(e)) ++e;
+    return e;
 }
 
 /// Refuses a step that most points lie nearer than, since others lie so far off.

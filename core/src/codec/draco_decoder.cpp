@@ -276,8 +276,9 @@ AttributeValues read_values(const draco::PointCloud& geometry, int id) {
 
 void read_attribute(const draco::PointCloud& geometry, int id, PointCloud& cloud) {
     AttributeValues values = read_values(geometry, id);
-    const Reduction reduction = default_reduction(values);
-    cloud.attributes.push_back({name_of(geometry, id), std::move(values),
+    std::string name = name_of(geometry, id);
+    const Reduction reduction = reduction_of(name, values);
+    cloud.attributes.push_back({std::move(name), std::move(values),
                                 static_cast<unsigned>(geometry.attribute(id)->num_components()),
                                 reduction});
 }

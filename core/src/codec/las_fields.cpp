@@ -1,11 +1,11 @@
 #include "codec/las_fields.hpp"
 
 #include "base/in_quotes.hpp"
+#include "cloud/attribute_name.hpp"
 #include "stipple/error.hpp"
 
 #include <algorithm>
 #include <bit>
-#include <cctype>
 #include <cmath>
 #include <initializer_list>
 #include <limits>
@@ -31,17 +31,8 @@ LasExtraField extra_field(std::string name, const T* first, std::size_t stride) 
             reinterpret_cast<const std::byte*>(first)};
 }
 
-/// As programs name scalar fields: in any case, with or without underscores, and some with a word
-/// before.
 bool is_named(const Attribute& attribute, std::string_view name) {
-    const auto plain = [](std::string_view text) {
-        std::string letters;
-        for (const unsigned char c : text)
-            if (c != '_' && c != ' ') letters += static_cast<char>(std::tolower(c));
-        return letters;
-    };
-    const std::string its = plain(attribute.name), wanted = plain(name);
-    return attribute.components == 1 && (its == wanted || its == "scalar" + wanted);
+    return attribute.components == 1 && is_known_as(attribute.name, name);
 }
 
 /// The values of an attribute, where all are whole numbers that T can hold; else none.

@@ -67,7 +67,7 @@ void PlyDestination::allocate() {
         const PlyProperty& property = layout_.vertex->properties[i];
         if (layout_.roles[i].kind != PlyRole::Attribute || property.is_list()) continue;
         AttributeValues values = values_of(property.type, n);
-        const Reduction reduction = default_reduction(values);
+        const Reduction reduction = reduction_of(property.name, values);
         cloud_.attributes.push_back({property.name, std::move(values), 1, reduction});
     }
 }
@@ -155,7 +155,7 @@ void PlyDestination::keep_or_report(const PlyProperty& property, ListSink& list,
         report.skipped.push_back("vertex." + property.name);
         return;
     }
-    const Reduction reduction = default_reduction(list.values);
+    const Reduction reduction = reduction_of(property.name, list.values);
     cloud_.attributes.push_back(
         {property.name, std::move(list.values), static_cast<unsigned>(*list.length), reduction});
 }

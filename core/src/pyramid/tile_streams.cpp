@@ -1,5 +1,6 @@
 #include "pyramid/tile_streams.hpp"
 
+#include "cloud/attribute_name.hpp"
 #include "cloud/directions.hpp"
 #include "cloud/float4.hpp"
 #include "cloud/srgb.hpp"
@@ -311,7 +312,7 @@ Attribute read_attribute(const TileStream& stream, const std::vector<std::byte>&
             attribute.values = std::move(whole);
         }
     }
-    attribute.reduction = default_reduction(attribute.values);
+    attribute.reduction = reduction_of(attribute.name, attribute.values);
     return attribute;
 }
 
