@@ -310,7 +310,7 @@ proto::JobDocument Client::follow(const std::string& id,
         const char* const end = event.id.data() + event.id.size();
         if (std::from_chars(event.id.data(), end, number).ptr != end || number <= after) return;
         after = number;
-        on_event({number, event.type, event.data});
+        if (on_event) on_event({number, event.type, event.data});
         final = final || ends_the_job(event);
     };
     while (!final) {

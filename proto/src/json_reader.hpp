@@ -44,6 +44,7 @@ public:
         : value_(&value), path_(std::move(path)), rules_(&rules) {}
 
     bool is_text() const { return value_->is_string(); }
+    bool is(const Json& other) const { return *value_ == nlohmann::json(other); }
     std::string text() const;
     bool boolean() const;
     double number() const;

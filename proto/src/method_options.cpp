@@ -172,9 +172,17 @@ void add_own_options(Json& json, const SimplifyOptions& options) {
     }
 }
 
-void refuse_fields_of_other_methods(const JsonObject& object, Method method) {
+void refuse_fields_of_other_methods(JsonObject& object, Method method) {
     for (const MethodField& field : method_fields()) {
         if (field.has(method) || !object.has(field.name)) continue;
+        // Clients that fill in what the schema says have the defaults of all methods.
+        SimplifyOptions options;
+        options.method = field.methods.front();
+        Json defaults;
+        add_own_options(defaults, options);
+        const std::string name(field.name);
+        const auto usual = defaults.find(name);
+        if (usual != defaults.end() && object[name.c_str()].is(*usual)) continue;
         throw object.error(field.name, misplaced(field, method));
     }
 }

@@ -13,8 +13,8 @@ namespace stipple::proto {
 /// Those that only the method of `options` has.
 void take_own_options(JsonObject& object, SimplifyOptions& options);
 void add_own_options(Json& json, const SimplifyOptions& options);
-/// A better word than that the field is unknown.
-void refuse_fields_of_other_methods(const JsonObject& object, Method method);
+/// A better word than that the field is unknown. Takes those that have their defaults.
+void refuse_fields_of_other_methods(JsonObject& object, Method method);
 
 void take_particles(JsonObject& object, ParticleSimulationOptions& options);
 void add_particles(Json& json, const ParticleSimulationOptions& options);

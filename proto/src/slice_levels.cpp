@@ -159,7 +159,9 @@ Aabb SliceLevels::reach_of(const LodTile& tile) const {
     // Tiles are rounded in a frame about the middle, or about most points where a few lie far off:
     // these have the bits of the grid, and their frame is no wider than 64 of it.
     constexpr double kWidest = 64;
-    const double around_most = kWidest * std::ldexp(tile.step, static_cast<int>(tile.bits));
+    constexpr unsigned kBitsOfFloat = 24;
+    const unsigned bits = job_.tiles.precision ? kBitsOfFloat : job_.tiles.position_bits;
+    const double around_most = kWidest * std::ldexp(tile.step, static_cast<int>(bits));
     Vec3d largest = Vec3d::Zero();  // of the numbers that were rounded to floats
     for (const Vec3d& corner : {points.min, points.max}) {
         const Vec3d from_most =

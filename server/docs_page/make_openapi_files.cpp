@@ -251,7 +251,9 @@ private:
     std::string type_of(const YAML::Node& schema) {
         if (!schema || schema.IsNull()) return "bytes";
         if (schema["$ref"]) {
-            const std::string name = last_part(schema["$ref"].as<std::string>());
+            const auto reference = schema["$ref"].as<std::string>();
+            if (reference.find("/properties/") != reference.npos) return type_of(resolved(schema));
+            const std::string name = last_part(reference);
             return "<a href=\"#" + name + "\">" + name + "</a>";
         }
         if (schema["enum"])

@@ -227,6 +227,21 @@ TEST(Copc, RefusesWhatTheFormatCannotHold) {
     EXPECT_NE(refusal(cloud).find("not finite"), std::string::npos);
 }
 
+TEST(Copc, KeepsTheStepOfMostWhereAnotherPointLiesFarOff) {
+    PointCloud cloud;
+    cloud.origin = Vec3d(500'224, 5'400'064, 512);
+    cloud.double_precision = true;
+    for (int i = 0; i < 2000; ++i)
+        cloud.positions.emplace_back(static_cast<float>(i % 89) * 0.25F,
+                                     static_cast<float>(i / 89) * 0.5F, 7.01F);
+    cloud.positions.push_back((-cloud.origin).cast<float>());  // a return without coordinates
+    EXPECT_EQ(step_of(encode_copc(cloud)), 0.01);
+    EXPECT_EQ(step_of(encode_copc(cloud, {.precision = 0.005})), 0.01);
+    for (std::size_t i = 0; i < 2000; ++i)
+        cloud.positions[i].x() += 0.001F * static_cast<float>(i % 7);
+    EXPECT_EQ(step_of(encode_copc(cloud)), 0.01) << "2^30 steps are no wider";
+}
+
 TEST(Copc, RefusesAStepThatPointsAreNearerThanSinceAnotherLiesFarOff) {
     PointCloud cloud = test::sphere(2000);
     cloud.positions[7] = Vec3f(1e9F, 0, 0);

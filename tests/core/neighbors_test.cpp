@@ -170,5 +170,11 @@ TEST(MeanSpacing, OfALargeCloudIsThatOfAllItsPointsWithinOnePercent) {
     EXPECT_NEAR(mean_spacing(cloud.positions) / exact, 1.0, 0.01);
 }
 
+TEST(Neighbors, OfCoordinatesThatAreNotFiniteAreRefused) {
+    std::vector<Vec3f> points = test::sphere(200).positions;
+    points[7].y() = std::numeric_limits<float>::infinity();
+    EXPECT_THROW(k_nearest_neighbors(points, 8), Error);
+}
+
 }  // namespace
 }  // namespace stipple

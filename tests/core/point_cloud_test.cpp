@@ -1,10 +1,12 @@
 #include "stipple/point_cloud.hpp"
 
+#include "cloud/attribute_name.hpp"
 #include "stipple/error.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
 #include <cmath>
+#include <vector>
 
 namespace stipple {
 namespace {
@@ -64,6 +66,13 @@ TEST(PointCloud, FloatsAreAveragedAndIntegersAreNotUnlessToldTo) {
     EXPECT_EQ(default_reduction(std::vector<float>{}), Reduction::Mean);
     EXPECT_EQ(default_reduction(std::vector<double>{}), Reduction::Mean);
     EXPECT_EQ(default_reduction(std::vector<std::uint16_t>{}), Reduction::Nearest);
+}
+
+TEST(PointCloud, ATimeIsThatOfAPoint) {
+    for (const char* const name : {"gps_time", "GpsTime", "scalar_Gps_Time"})
+        EXPECT_EQ(reduction_of(name, std::vector<double>{}), Reduction::Nearest) << name;
+    for (const char* const name : {"intensity", "gps_time_2", "time"})
+        EXPECT_EQ(reduction_of(name, std::vector<double>{}), Reduction::Mean) << name;
 }
 
 }  // namespace

@@ -542,5 +542,21 @@ TEST(JobRequest, OfAPyramidHasOneFormForEqualRequests) {
     EXPECT_NE(to_json(job_request_from_json(pyramid_with(R"("levels": [5])"))), canonical);
 }
 
+TEST(JobRequest, TakesTheDefaultsOfOtherMethods) {
+    const char* const defaults =
+        R"("oversampling": 3, "k": 6.0, "placement": "optimal", "color_weight": 0,
+           "attribute_weights": {}, "representative": "nearest", "adaptivity": 0, "max_grading": 4,
+           "max_iterations": 40, "tolerance": 0.01, "regions": [])";
+    for (const char* const method :
+         {"multiphase", "hierarchical", "particles", "voxel", "random"}) {
+        const std::string chosen = R"("method": ")" + std::string(method) + R"(")";
+        EXPECT_EQ(
+            to_json(job_request_from_json(simplify_with(chosen + ", \"points\": 5, " + defaults))),
+            to_json(job_request_from_json(simplify_with(chosen + ", \"points\": 5"))));
+    }
+    EXPECT_EQ(refusal(simplify_with(R"("method": "voxel", "points": 5, "k": 7)")),
+              "k: belongs to multiphase and iterative, not to voxel");
+}
+
 }  // namespace
 }  // namespace stipple::proto

@@ -202,6 +202,17 @@ TEST(Potree, GivesNoAttributeTheNameOfAColumnOfLoaders) {
                                                "alpha_", "fine"}));
 }
 
+TEST(Potree, GivesTheFieldsOfLasTheNamesThatViewersFilterBy) {
+    PointCloud cloud = test::sphere(4);
+    for (const char* name : {"scalar_Classification", "GpsTime", "return_number", "scalar_Other"})
+        cloud.attributes.push_back({name, std::vector<float>(4, 1.0F)});
+    const Folder folder = written(cloud, {});
+    std::vector<std::string> names;
+    for (const json& attribute : folder.metadata["attributes"]) names.push_back(attribute["name"]);
+    EXPECT_EQ(names, (std::vector<std::string>{"position", "classification", "gps-time",
+                                               "return number", "scalar_Other"}));
+}
+
 TEST(Potree, TellsTheRangeOfFiniteValues) {
     PointCloud cloud = test::sphere(4);
     const float inf = std::numeric_limits<float>::infinity();

@@ -274,6 +274,27 @@ TEST(Slice, TakesNoMoreIntoAThinBoxBecauseAnotherAxisHasLargeCoordinates) {
     EXPECT_LE(points, within(1.01 * step));  // half a step to the grid, and half one beyond
 }
 
+TEST(Slice, TakesNoMoreIntoAThinBoxBecauseAPointLiesFarOff) {
+    PointCloud cloud = test::sphere(8'000);
+    for (Vec3f& p : cloud.positions) p *= 200;
+    cloud.origin = Vec3d(500'224, 5'400'064, 512);
+    cloud.positions.push_back((-cloud.origin).cast<float>());
+    const Pyramid tiles(cloud, {8'001}, {CloudFormat::Glb});
+    const double step = tiles.results.levels.front().files.front().tile->step;
+    Aabb slab = bounds(cloud);
+    slab.min.z() = 511.9;
+    slab.max.z() = 512.1;
+    const auto within = [&](double more) {
+        return std::ranges::count_if(cloud.positions, [&](const Vec3f& p) {
+            return std::abs(static_cast<double>(p.z())) <= 0.1 + more;
+        });
+    };
+    const auto points =
+        static_cast<std::ptrdiff_t>(tiles.slice({.points = 8'000, .box = slab}).points);
+    EXPECT_GE(points, within(0));
+    EXPECT_LE(points, within(1.01 * step));
+}
+
 TEST(Slice, FromTilesStandsInTheFrameOfTheSource) {
     PointCloud cloud = test::sphere(3'000);
     for (Vec3f& p : cloud.positions) p += Vec3f(0.3F, 0.2F, 0.1F);

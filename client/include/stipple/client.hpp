@@ -19,8 +19,8 @@
 namespace stipple {
 
 struct ClientOptions {
-    std::string api_key;   ///< sent as `Authorization: Bearer`; visible ASCII; empty: none
-    std::stop_token stop;  ///< ends a running call with `Cancelled`
+    std::string api_key{};   ///< sent as `Authorization: Bearer`; visible ASCII; empty: none
+    std::stop_token stop{};  ///< ends a running call with `Cancelled`
     std::chrono::seconds timeout{30};  ///< longest silence of the server within a call
 };
 

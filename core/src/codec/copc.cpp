@@ -77,7 +77,7 @@ int find_exponent(const PointCloud& cloud, const Aabb& box, const CopcOptions& o
     const auto largest =
         static_cast<float>(most.min.cwiseAbs().cwiseMax(most.max.cwiseAbs()).maxCoeff());
     const auto fits = [side](int exponent) {
-        return side / power_of_ten(exponent) < std::ldexp(0.5, kMostBits);
+        return side / power_of_ten(exponent) < std::ldexp(1.0, kMostBits) - 2;
     };
     if (options.precision) {
         const auto exponent_of = [](double half_step) {
