@@ -489,5 +489,13 @@ TEST(SurfaceError, RefusesWhatCannotBeCompared) {
     EXPECT_EQ(message(cloud, cloud, {.samples = 100}), "");
 }
 
+TEST(SurfaceError, OfTenThousandPointsIsTakenAtEachOfThem) {
+    for (const std::size_t n : {9'999U, 10'000U}) {
+        const PointCloud cloud = test::sphere(n);
+        const SurfaceError error = measure_error(cloud, test::sphere(2'000));
+        EXPECT_EQ(error.forward.samples, n < 10'000 ? 40'000 : n);
+    }
+}
+
 }  // namespace
 }  // namespace stipple

@@ -120,7 +120,7 @@ TEST(JobRequest, TakesACurveAtCountsOrSoMany) {
     EXPECT_EQ(to_json(job_request_from_json(to_json(many))), to_json(many));
     for (const char* const fields :
          {R"("count": 1)", R"("points": [])", R"("points": [5, 5])", R"("points": [5], "count": 2)",
-          R"("method": "voxel")", R"("ratio": 0.5)", R"("method": "particles", "k": 6)"})
+          R"("method": "voxel")", R"("ratio": 0.5)", R"("method": "particles", "k": 7)"})
         EXPECT_NE(refusal(request_with("curve", fields)), "") << fields;
 }
 
@@ -237,7 +237,7 @@ TEST(JobRequest, OfAPyramidTakesEveryMethodWithItsOwnOptions) {
     EXPECT_EQ(options.seed, 7U);
     EXPECT_EQ(to_json(job_request_from_json(to_json(particles))), to_json(particles));
     EXPECT_NE(refusal(pyramid_with(R"("method": "voxel", "voxel_size": 0.5)")), "");
-    EXPECT_EQ(refusal(pyramid_with(R"("method": "iterative", "representative": "nearest")")),
+    EXPECT_EQ(refusal(pyramid_with(R"("method": "iterative", "representative": "surface")")),
               "representative: belongs to hierarchical, incremental and voxel, not to iterative");
 }
 

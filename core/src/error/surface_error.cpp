@@ -78,12 +78,13 @@ bool is_finer(const Surface& one, const Surface& other) {
     return one.points.size() >= other.points.size();
 }
 
-/// Whether the samples are points of the cloud, and not places on its surface.
+/// Whether the samples are points of the cloud, and not places on its surface: fewer tell too
+/// little of it.
 /// @param finer  whether it is the finer of the two.
 bool at_points(const Surface& surface, bool finer, const SurfaceErrorOptions& options) {
     return options.surface == ErrorSurface::Samples ||
            (options.sampling == ErrorSampling::Points && finer &&
-            sample_count(surface, options) <= surface.points.size());
+            (options.samples > 0 ? options.samples : kEnoughPoints) <= surface.points.size());
 }
 
 /// Whether the largest distance is looked for beside the samples too.
