@@ -327,6 +327,19 @@ test('A share of points is two numbers where they differ as they are shown', asy
     assert.deepEqual([50_000, 70_000].map((past) => ago(new Date(now - past).toISOString(), now)), Array(2).fill('1 minute ago'));
 });
 
+test('Results are called by what was asked for, so that one is told from the next', async () => {
+    const { summaryOf } = await moduleOf('clouds/library.js');
+    const named = (type, request) => summaryOf({ type, request }).replaceAll('\u00a0', ' ');
+    const simplified = (target) => named('simplify', { ...target, method: 'voxel' });
+    assert.equal(simplified({ points: 2000 }), '2,000 points, voxel');
+    assert.equal(simplified({ ratio: 0.1 }), '10 % of the points, voxel');
+    assert.equal(simplified({ max_error: '0.1%' }), 'Within 0.1%, voxel');
+    const bounds = ['max_cluster_size', 'max_variation', 'voxel_size'];
+    assert.equal(new Set(bounds.map((bound) => simplified({ [bound]: 0.2 }))).size, bounds.length);
+    assert.equal(named('upsample', { points: 5000 }), '5,000 points');
+    assert.equal(named('upsample', { ratio: 4 }), '4 × the points');
+});
+
 test('Few whole numbers are categories: classes by their names, others by themselves, each with a colour of its own', async () => {
     const { categoriesOf } = await moduleOf('drawing/categories.js');
     const classes = categoriesOf('classification', [2, 6, 2, 5, 42]);

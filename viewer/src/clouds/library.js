@@ -206,8 +206,8 @@ function hasPicture({ type, request }) {
 /** What kind of result it is, in a few words. */
 export function summaryOf({ type, request, levels_ready: levels }, cloud) {
     switch (type) {
-        case 'simplify': return `${request.points ? pointsOf(request, cloud) : request.max_error ? `Within ${request.max_error}` : 'Simplified'}, ${request.method}`;
-        case 'upsample': return request.points ? format.compactPoints(request.points) : 'More points';
+        case 'simplify': return `${targetOf(request, cloud)}, ${request.method}`;
+        case 'upsample': return request.points ? format.compactPoints(request.points) : `${format.quantity(request.ratio)} × the points`;
         case 'analyze': return 'Analysis';
         case 'evaluate': return evaluationOf(request);
         case 'curve': return `Error by points, ${request.method}`;
@@ -220,6 +220,13 @@ export function summaryOf({ type, request, levels_ready: levels }, cloud) {
 function evaluationOf({ map, candidates, labels }) {
     const what = candidates.length === 1 ? labels[0] : `${candidates.length} clouds`;
     return map.length > 0 ? ['Error map', what].filter(Boolean).join(' of ') : ['Distances', what].filter(Boolean).join(' to ');
+}
+
+/** What was asked of a simplification, which tells it from others of its cloud: one of these. */
+function targetOf(request, cloud) {
+    const { points, ratio, max_error: error, max_cluster_size: size, max_variation: variation, voxel_size: side } = request;
+    return points ? pointsOf(request, cloud) : ratio ? `${format.percent(ratio)} of the points` : error ? `Within ${error}`
+        : size ? `Clusters of ${format.compactPoints(size)}` : side ? `Voxels of ${side}` : variation ? `Variation up to ${variation}` : 'Simplified';
 }
 
 /** As many as were asked for, or all there are. */
