@@ -421,8 +421,10 @@ await run({
     },
 
     async 'The form has a ratio to start with, empties what excludes each other, keeps the focus and marks what is missing'() {
-        await openForm('Simplify');
+        await openForm('Add points');
         const ratio = page.locator('[name=ratio]');
+        assert.equal(await ratio.inputValue(), '4');
+        await page.locator('#job-types').getByText('Simplify').click();
         assert.equal(await ratio.inputValue(), '0.1');
         await page.locator('[name=points]').fill('800');
         assert.equal(await ratio.inputValue(), '');

@@ -19,7 +19,7 @@ const kFirst = {
 
 /** What the page asks for where the contract leaves it open, or would make what it cannot show. */
 const kPresets = { format: 'drc', map: ['drc'] };
-const kPresetsOf = { simplify: { ratio: 0.1 } };
+const kPresetsOf = { simplify: { ratio: 0.1 }, upsample: { ratio: 4 } };
 
 /** Only one of these makes sense: filling it in empties the others. */
 const kOneOf = { simplify: ['points', 'ratio', 'max_error'], upsample: ['points', 'ratio'] };
