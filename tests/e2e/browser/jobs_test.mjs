@@ -328,6 +328,10 @@ await run({
         assert.equal((candidates ?? [candidate]).length, 1);
         assert.ok(files.some(({ format }) => format === 'drc'));
         await page.locator('#legend').getByText('Distance to input').waitFor();
+
+        await openForm('Analyse');
+        holds(await started(), { type: 'analyze' });
+        await page.locator('#legend').getByText('Variation').waitFor();  // what was found, though the cloud has colours
     },
 
     async 'One point and a line are shown'() {

@@ -3,6 +3,7 @@ import { byId, element, setHidden } from '../page/element.js';
 import * as format from '../page/format.js';
 
 const kDistance = 'distance';  // the attribute of an error map
+const kAnalyzed = ['line', 'variation'];  // what of an analysis is seen first: of its lines which, of its points how curved
 const kAlways = [['clay', 'Clay'], ['normal', 'Normals'], ['x', 'Position, x'], ['y', 'Position, y'], ['z', 'Position, z']];
 
 /** The card that says how the cloud is drawn, and the legend of the values that its colours stand for. */
@@ -61,7 +62,7 @@ export class LookCard {
         }
     }
 
-    /** As before a choice was made: an error map shows distances. */
+    /** As before a choice was made: an error map shows distances, an analysis what it found. */
     forgetColor() {
         this.by = null;
     }
@@ -69,7 +70,7 @@ export class LookCard {
     /** What the colours of a level stand for now. */
     colorOf(level) {
         const choices = this.choices(level).map(([value]) => value);
-        return [this.by, ...(isErrorMap(level) ? [kDistance] : [])].find((by) => choices.includes(by)) ?? choices[0];
+        return [this.by, ...(isErrorMap(level) ? [kDistance] : level.isAnalysis ? kAnalyzed : [])].find((by) => choices.includes(by)) ?? choices[0];
     }
 
     choices(level) {

@@ -71,13 +71,14 @@ export class LevelLoader {
             }
             const source = sourceOf(manifest, first + i);
             const hasEllipses = manifest.request.splats === 'ellipse';
+            const isAnalysis = manifest.request.type === 'analyze';
             if (!source) {
                 continue;  // figures alone, or files for other programs
             }
             const { file, attributes } = source;
             const ply = file ? null : () => getBytes(`v1/pyramids/${this.id}/slice?points=${entry.points}`);
             const bytes = source.files.reduce((sum, part) => sum + part.bytes, 0);
-            const level = { ...entry, source, file, bytes, attributes, ply, hasEllipses, state: 'listed' };
+            const level = { ...entry, source, file, bytes, attributes, ply, hasEllipses, isAnalysis, state: 'listed' };
             this.levels.push(level);
             if (this.levels.length > 1 && level.points > kMostWhole && level.files.some(({ format }) => format === 'glb')) {
                 level.isTiled = true;
