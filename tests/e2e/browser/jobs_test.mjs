@@ -452,13 +452,21 @@ await run({
             const small = await browser.open(`/?job=${given}&color=z`, { width, height, scale });
             await settledPyramid(small);
             await small.locator('#legend').waitFor();
-            await small.keyboard.press('c');
-            await small.keyboard.press('l');
-            const beyond = await small.evaluate(() => ['legend', 'legend-high', 'look-card', 'compare-with', 'points', 'level-name', 'title'].filter((id) => {
+            const beyond = (ids) => small.evaluate((names) => names.filter((id) => {
                 const { left, right, width: wide } = document.getElementById(id).getBoundingClientRect();
                 return wide > 0 && (left < 0 || right > innerWidth);
-            }));
-            assert.deepEqual(beyond, [], `${width} × ${height}`);
+            }), ids);
+            await small.locator('#grip').click();
+            assert.deepEqual(await beyond(['points', 'bytes', 'error', 'first-picture']), [], `${width} × ${height}, opened`);
+            await small.locator('#grip').click();
+            await small.keyboard.press('c');
+            await small.waitForFunction(() => document.querySelector('.compare-card').offsetWidth > 0);
+            assert.ok(await small.evaluate(() => {
+                const [choice, tools] = ['compare-with', 'tools'].map((id) => document.getElementById(id).getBoundingClientRect());
+                return choice.right <= tools.left || choice.top >= tools.bottom;
+            }), `${width} × ${height}: the tools lie on what is on the right`);
+            await small.keyboard.press('l');
+            assert.deepEqual(await beyond(['legend', 'legend-high', 'look-card', 'compare-with', 'left-label', 'level-name', 'title']), [], `${width} × ${height}`);
             await small.context().close();
         }
     },
