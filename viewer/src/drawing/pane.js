@@ -4,7 +4,7 @@ import { colorizeTile } from './coloring.js';
 import { ResolvePass } from './resolve_pass.js';
 import { kEllipseOverlap, largestRadiusOf } from './splat_materials.js';
 
-const kStep = 0.2;  // from one splat to the next of the same surface, spacings
+const kStep = 0.3;  // from one splat to the next of the same surface, spacings
 
 /** One level at a time on its part of the stage. */
 export class Pane {

@@ -1,5 +1,5 @@
 import {
-    DepthTexture, FloatType, GLSL3, HalfFloatType, LinearSRGBColorSpace, Mesh, NearestFilter, NoBlending, OrthographicCamera,
+    DepthTexture, FloatType, GLSL3, HalfFloatType, LinearSRGBColorSpace, MathUtils, Mesh, NearestFilter, NoBlending, OrthographicCamera,
     PlaneGeometry, RGBAFormat, Scene, ShaderMaterial, Vector2, WebGLRenderTarget,
 } from 'three';
 
@@ -14,23 +14,45 @@ const kFragmentShader = /* glsl */ `
     uniform float near, far;
     uniform float strength;
     uniform float stepHeight;      // up to which it draws no line, in units of the cloud
+    uniform float texelSize;       // in units of the cloud, at distance 1
     out vec4 result;
+
+    const int kAround = 8;
+    const float kPerLog = 0.693147;  // of the distance, a change of its logarithm
+    const float kMostTilt = 5.0;     // near a silhouette a step may be one to what is behind
 
     float logDistance(vec2 at) {
         float z = 2.0 * texture(depths, at).r - 1.0;
         return log2(2.0 * near * far / (far + near - z * (far - near)));
     }
 
+    vec2 towards(int i) {
+        float angle = 0.785398 * float(i);
+        return vec2(cos(angle), sin(angle)) * texel * reach;
+    }
+
+    // How much higher a step is along the view than across the surface. A slope goes on to the other side, as an edge does not.
+    float tilt(float ring[kAround]) {
+        vec4 slopes;
+        for (int i = 0; i < 4; i++) {
+            slopes[i] = min(abs(ring[i]), abs(ring[i + 4])) * kPerLog / (reach * texelSize);
+        }
+        vec4 squares = slopes * slopes;
+        return min(kMostTilt, sqrt(1.0 + max(squares.x + squares.z, squares.y + squares.w)));
+    }
+
     // Eye-dome lighting (Boucheny 2009): what lies behind its surroundings is darker. Two rings: lines and hollows.
     float shade(vec2 at) {
         float own = logDistance(at);
-        float rise = stepHeight / (exp2(own) * 0.693147);  // in logarithms
+        float ring[kAround];
         float sum = 0.0;
-        for (int i = 0; i < 8; i++) {
-            float angle = 0.785398 * float(i);
-            vec2 direction = vec2(cos(angle), sin(angle)) * texel * reach;
-            sum += clamp(own - logDistance(at + direction) - rise, 0.0, 0.008);
-            sum += 0.3 * clamp(own - logDistance(at + 5.0 * direction), 0.0, 0.025);
+        for (int i = 0; i < kAround; i++) {
+            ring[i] = own - logDistance(at + towards(i));
+        }
+        float rise = stepHeight * tilt(ring) / (exp2(own) * kPerLog);
+        for (int i = 0; i < kAround; i++) {
+            sum += clamp(ring[i] - rise, 0.0, 0.008);
+            sum += 0.3 * clamp(own - logDistance(at + 5.0 * towards(i)) - rise, 0.0, 0.025);
         }
         return max(0.4, exp(-strength * sum));
     }
@@ -81,6 +103,7 @@ export class ResolvePass {
             far: { value: 2 },
             strength: { value: kShading },
             stepHeight: { value: 0 },
+            texelSize: { value: 1 },
         };
         this.scene = new Scene();
         this.camera = new OrthographicCamera(-1, 1, 1, -1, 0, 1);
@@ -115,6 +138,7 @@ export class ResolvePass {
         this.uniforms.reach.value = reach;
         this.uniforms.strength.value = kShading * shading;
         this.uniforms.stepHeight.value = stepHeight;
+        this.uniforms.texelSize.value = 2 * Math.tan(MathUtils.degToRad(camera.fov / 2)) / this.target.height;
         this.uniforms.corner.value.set(Math.round(left * ratio), 0);
         renderer.setRenderTarget(null);
         renderer.setViewport(left, 0, width, height);
