@@ -100,8 +100,9 @@ TEST(Config, AFileWithAnUnknownFlagIsRefused) {
 }
 
 TEST(Config, AKeyFileHasAName) {
-    EXPECT_EQ(refusal({"--api-keys", ""}),
-              "--api-keys: : expected the name of a file: without one, whoever asks would be served");
+    EXPECT_EQ(
+        refusal({"--api-keys", ""}),
+        "--api-keys: : expected the name of a file: without one, whoever asks would be served");
 }
 
 TEST(Config, OnlyAnAddressOfThisMachineNeedsNoKeys) {

@@ -245,7 +245,8 @@ TEST_F(ServiceTest, TellsLargeEventsOneByOneAndEachAlike) {
     for (unsigned i = 0; i < 2; ++i) {
         const auto first = service_.events("ada", job.id, after, 60s, {}).items;
         ASSERT_EQ(first.size(), 1U);
-        const auto told = std::get<proto::OutputCloud>(proto::job_report_from_json(first[0].text()));
+        const auto told =
+            std::get<proto::OutputCloud>(proto::job_report_from_json(first[0].text()));
         EXPECT_EQ(told.level, i);
         EXPECT_EQ(told.files.back().href, "/v1/jobs/" + job.id + "/results/" + kMissing + ".ply");
         const auto again = service_.events("ada", job.id, after, 60s, {}).items;
