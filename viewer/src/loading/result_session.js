@@ -110,7 +110,8 @@ export class ResultSession {
         const { levels } = this.loader;
         if (levels[index]) {
             this.loader.ask(levels[index]);
-            this.stayAt({ chosen: index === levels.length - 1 ? null : index, bound: null });
+            const isFinest = index === levels.length - 1 && !levels[index].isAnalysis;
+            this.stayAt({ chosen: isFinest ? null : index, bound: null });
         }
     }
 
@@ -129,10 +130,11 @@ export class ResultSession {
         this.showBest();
     }
 
-    /** The level that was asked for, of those that are listed so far. */
+    /** The level that was asked for, of those that are listed so far; of an analysis its points, after which come the lines on them. */
     get wanted() {
         const { levels } = this.loader;
-        const level = this.bound === null ? levels[this.chosen] : levels.find((other) => meanErrorOf(other) <= this.bound);
+        const chosen = this.chosen ?? (levels[0]?.isAnalysis ? 0 : null);
+        const level = this.bound === null ? levels[chosen] : levels.find((other) => meanErrorOf(other) <= this.bound);
         return level ?? levels.at(-1);
     }
 
