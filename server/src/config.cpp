@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <cctype>
 #include <charconv>
+#include <cstdlib>
 #include <iostream>
 #include <map>
 #include <type_traits>
@@ -239,6 +240,11 @@ void finish(const Flags& flags, ServerConfig& config) {
         std::max(std::chrono::seconds(flags.cloud_retention_seconds), config.limits.retention);
     config.limits.max_wait = std::chrono::seconds(flags.max_wait_seconds);
     if (flags.api_keys) config.api_keys = *flags.api_keys;
+    // As of a variable in a file of settings that was forgotten: it is taken for none.
+    const char* const keys = std::getenv("STIPPLE_API_KEYS");
+    if (!config.api_keys && keys != nullptr && *keys == '\0')
+        throw Error(ErrorCode::InvalidArgument,
+                    "STIPPLE_API_KEYS is empty: expected the name of a file, or no such variable");
     const std::uint64_t stacks = Limits::stacks_of(config.threads);
     if (config.limits.max_job_memory_bytes < stacks + kLeastMemory) {
         throw Error(ErrorCode::InvalidArgument,

@@ -4,6 +4,7 @@
 #include "store_fixtures.hpp"
 
 #include <gtest/gtest.h>
+#include <cstdlib>
 #include <fstream>
 #include <sstream>
 #include <string>
@@ -103,6 +104,15 @@ TEST(Config, AKeyFileHasAName) {
     EXPECT_EQ(
         refusal({"--api-keys", ""}),
         "--api-keys: : expected the name of a file: without one, whoever asks would be served");
+}
+
+TEST(Config, AnEmptyVariableIsNoKeyFile) {
+    ::setenv("STIPPLE_API_KEYS", "", 1);
+    EXPECT_EQ(refusal({}),
+              "STIPPLE_API_KEYS is empty: expected the name of a file, or no such variable");
+    ::setenv("STIPPLE_API_KEYS", "keys.json", 1);
+    EXPECT_EQ(served({}).api_keys, "keys.json");
+    ::unsetenv("STIPPLE_API_KEYS");
 }
 
 TEST(Config, OnlyAnAddressOfThisMachineNeedsNoKeys) {
