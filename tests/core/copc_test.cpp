@@ -242,6 +242,13 @@ TEST(Copc, KeepsTheStepOfMostWhereAnotherPointLiesFarOff) {
     EXPECT_EQ(step_of(encode_copc(cloud)), 0.01) << "2^30 steps are no wider";
 }
 
+TEST(Copc, TakesPointsAtOnePlaceAndAnotherOne) {
+    PointCloud cloud;
+    cloud.positions.assign(1000, Vec3f(0, 0, 0));
+    cloud.positions.emplace_back(0.3F, 0, 0);
+    EXPECT_LE(step_of(encode_copc(cloud)), 1e-8);
+}
+
 TEST(Copc, RefusesAStepThatPointsAreNearerThanSinceAnotherLiesFarOff) {
     PointCloud cloud = test::sphere(2000);
     cloud.positions[7] = Vec3f(1e9F, 0, 0);

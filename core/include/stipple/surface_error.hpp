@@ -115,7 +115,7 @@ void validate(const SurfaceErrorOptions& options);
 /// With 0 samples: at `Points`, of 10,000 or more, the finer cloud's mean, root mean square,
 /// percentiles and histogram come from 40,000 of them, and the maximum from all: since a distance
 /// changes by no more than the way between two points, most need not be measured. On other clouds,
-/// and with other `sampling`, there are as many places as points, at least 40,000, and it is
+/// and with other `sampling`, there are as many places as points, at least 40,000, and the max is
 /// refined at 4,096 more around the farthest. With fewer samples than points, points that represent
 /// large areas are drawn more often; with fewer than 2,048 the largest distances are not refined.
 /// No point represents more than half the square about most of the points: a single far-off point

@@ -94,7 +94,8 @@ int find_exponent(const PointCloud& cloud, const Aabb& box, const CopcOptions& o
     }
     if (!(side > 0)) return 0;  // any
     const double unsure =
-        std::ldexp(std::max(static_cast<double>(largest), longest_side(most)), -24);
+        std::max(std::ldexp(std::max(static_cast<double>(largest), longest_side(most)), -24),
+                 std::ldexp(side, -static_cast<int>(kMostBits)));
     // Where half a step is what is unsure, any coordinate so far from the origin lies on the grid.
     const double least = 2 * rounding_of(largest);
     int e = static_cast<int>(std::floor(std::log10(side)));
