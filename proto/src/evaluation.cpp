@@ -106,7 +106,8 @@ double relative(double distance, const SurfaceError& error) noexcept {
 
 ErrorFigures error_figures(const SurfaceError& error, const SurfaceErrorOptions& options,
                            std::uint64_t reference_points, std::uint64_t candidate_points) {
-    ErrorFigures figures{error, options.sampling, options.surface};
+    ErrorFigures figures{error, sampling_of(options, reference_points, candidate_points),
+                         options.surface};
     for (DirectedError* const direction : {&figures.error.forward, &figures.error.backward}) {
         direction->positions.clear();
         direction->distances.clear();

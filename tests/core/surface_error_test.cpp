@@ -489,12 +489,17 @@ TEST(SurfaceError, RefusesWhatCannotBeCompared) {
     EXPECT_EQ(message(cloud, cloud, {.samples = 100}), "");
 }
 
-TEST(SurfaceError, OfTenThousandPointsIsTakenAtEachOfThem) {
-    for (const std::size_t n : {9'999U, 10'000U}) {
-        const PointCloud cloud = test::sphere(n);
-        const SurfaceError error = measure_error(cloud, test::sphere(2'000));
-        EXPECT_EQ(error.forward.samples, n < 10'000 ? 40'000 : n);
-    }
+TEST(SurfaceError, SaysWhatItsSamplesAre) {
+    const auto sampling = [](ErrorSampling asked, std::uint64_t samples, std::size_t points) {
+        return sampling_of({.sampling = asked, .samples = samples}, points, 500);
+    };
+    using enum ErrorSampling;
+    EXPECT_EQ(sampling(Points, 0, 40'000), Points);
+    EXPECT_EQ(sampling(Points, 0, 39'999), Surface);
+    EXPECT_EQ(sampling(Points, 2'000, 2'000), Points);
+    EXPECT_EQ(sampling(Points, 2'001, 2'000), Surface);
+    EXPECT_EQ(sampling(Particles, 0, 40'000), Particles);
+    EXPECT_EQ(sampling_of({.surface = ErrorSurface::Samples}, 10, 10), Points);
 }
 
 }  // namespace

@@ -12,7 +12,7 @@ namespace stipple {
 /// those that have tiles.
 ///
 /// From the source, at places on its surface that all levels share: one for 128 points of the
-/// level, at least 8,192 (32,768 for a source of fewer than 10,000 points), and more, up to
+/// level, at least 8,192 (32,768 for a source of fewer than 40,000 points), and more, up to
 /// 131,072, while these do not determine the mean to 1.6 %. To the source, at as many points of the
 /// level as `estimate_error` takes. The maximum is the largest distance met, a lower bound.
 ///

@@ -20,7 +20,7 @@ namespace stipple {
 enum class LodErrors {
     Rough,  ///< at 2,048 places per level: its mean to 4 to 8 %, the largest is seldom met
     Sure,   ///< at enough places to know the mean of a level to 1.6 %
-    Exact,  ///< at every point of the source (131,072 places for fewer than 10,000 points): the
+    Exact,  ///< at every point of the source (131,072 places for fewer than 40,000 points): the
             ///< mean of each single tile is known to a percent; takes three to six times as long
 };
 
@@ -130,7 +130,7 @@ struct LodTile : LodFigures {
 /// tile then refer to all points down to its level.
 ///
 /// Errors are measured on the decoded points. With `LodErrors::Sure`, at one place per 128 points
-/// of the level, at least 8,192 (32,768 for a source of fewer than 10,000 points), and at more, up
+/// of the level, at least 8,192 (32,768 for a source of fewer than 40,000 points), and at more, up
 /// to 131,072, if these do not determine the level's mean to 1.6 %: at about 8,000 to 20,000 for
 /// scans of surfaces, up to 40,000 for noisy ones and trees in LiDAR scans. A tile has the places
 /// in its cell, a few hundred; it reports how many, and how well they determine its mean. A tile

@@ -46,6 +46,11 @@ struct SurfaceErrorOptions {
     std::uint64_t seed = 0;     ///< for the random samples
 };
 
+/// What the samples of the finer of two clouds are: places on its surface where it has fewer points
+/// than they are to be.
+ErrorSampling sampling_of(const SurfaceErrorOptions& options, std::uint64_t reference_points,
+                          std::uint64_t candidate_points) noexcept;
+
 /// How much an attribute differs, over the samples, weighted by area like the distances.
 struct AttributeError {
     std::string name;  ///< `color` (CIEDE2000), `normal` (angle in radians), or the name of the
@@ -112,10 +117,10 @@ void validate(const SurfaceErrorOptions& options);
 /// 0.0002, or at most 0.004 with λ0 / λ1 at least 0.2. Up to 0.0008, or 0.016 and 0.05, it is
 /// between both, so that distances do not leap.
 ///
-/// With 0 samples: at `Points`, of 10,000 or more, the finer cloud's mean, root mean square,
-/// percentiles and histogram come from 40,000 of them, and the maximum from all: since a distance
-/// changes by no more than the way between two points, most need not be measured. On other clouds,
-/// and with other `sampling`, there are as many places as points, at least 40,000, and the max is
+/// With 0 samples: at `Points`, the finer cloud's mean, root mean square, percentiles and histogram
+/// come from 40,000 of its points, and the maximum from all of them: since a distance changes by no
+/// more than the way between two points, most need not be measured. On the other cloud, and on both
+/// with other `sampling`, there are as many places as points, at least 40,000, and the maximum is
 /// refined at 4,096 more around the farthest. With fewer samples than points, points that represent
 /// large areas are drawn more often; with fewer than 2,048 the largest distances are not refined.
 /// No point represents more than half the square about most of the points: a single far-off point

@@ -12,9 +12,6 @@
 
 namespace stipple {
 
-/// Of a cloud that is measured at its points: with fewer, places on its surface tell more.
-inline constexpr std::uint64_t kEnoughPoints = 10'000;
-
 /// The cloud Q of §4: places on a surface, each standing for a part of it. In an order in which
 /// neighbours follow each other.
 struct ErrorSamples {

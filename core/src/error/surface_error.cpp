@@ -43,6 +43,15 @@ void validate(const SurfaceErrorOptions& options) {
     require(options.samples <= kMostSamples, "samples", options.samples, "at most 2^31");
 }
 
+ErrorSampling sampling_of(const SurfaceErrorOptions& options, std::uint64_t reference_points,
+                          std::uint64_t candidate_points) noexcept {
+    if (options.surface == ErrorSurface::Samples) return ErrorSampling::Points;
+    if (options.sampling != ErrorSampling::Points) return options.sampling;
+    const std::uint64_t points = std::max(reference_points, candidate_points);
+    const std::uint64_t samples = options.samples > 0 ? options.samples : kEnough;
+    return samples <= points ? ErrorSampling::Points : ErrorSampling::Surface;
+}
+
 namespace {
 
 /// One of the two surfaces.
@@ -78,13 +87,12 @@ bool is_finer(const Surface& one, const Surface& other) {
     return one.points.size() >= other.points.size();
 }
 
-/// Whether the samples are points of the cloud, and not places on its surface: fewer tell too
-/// little of it.
+/// Whether the samples are points of the cloud, and not places on its surface.
 /// @param finer  whether it is the finer of the two.
 bool at_points(const Surface& surface, bool finer, const SurfaceErrorOptions& options) {
     return options.surface == ErrorSurface::Samples ||
            (options.sampling == ErrorSampling::Points && finer &&
-            (options.samples > 0 ? options.samples : kEnoughPoints) <= surface.points.size());
+            sample_count(surface, options) <= surface.points.size());
 }
 
 /// Whether the largest distance is looked for beside the samples too.
