@@ -101,7 +101,7 @@ SliceLevels::SliceLevels(const Results& pyramid, const SliceOptions& options,
     const Aabb& source = pyramid.source.value().bounds;
     center_ = 0.5 * (source.min + source.max);
     origin_ = pyramid.levels.front().origin.value_or(center_);
-    middle_of_most_ = middle_of_tiles(pyramid.levels.back()).value_or(center_);
+    if (options.box) middle_of_most_ = middle_of_tiles(pyramid.levels.back()).value_or(center_);
 }
 
 /// Of tiles with about as many points each: what a few that lie far off hardly move.

@@ -58,7 +58,7 @@ private:
     const FileReader& read_;
     const RunContext& context_;
     Vec3d center_;  ///< of the source's box: tiles are relative to it
-    Vec3d middle_of_most_;
+    Vec3d middle_of_most_;  ///< points, where there is a box
     Vec3d origin_;                                       ///< of the source's positions
     std::vector<std::shared_ptr<const LevelCut>> cuts_;  ///< of the levels that were read
 };

@@ -240,7 +240,7 @@ void finish(const Flags& flags, ServerConfig& config) {
         std::max(std::chrono::seconds(flags.cloud_retention_seconds), config.limits.retention);
     config.limits.max_wait = std::chrono::seconds(flags.max_wait_seconds);
     if (flags.api_keys) config.api_keys = *flags.api_keys;
-    // As of a variable in a file of settings that was forgotten: it is taken for none.
+    // CLI11 takes an empty variable for none; it may be that of a secret that was forgotten.
     const char* const keys = std::getenv("STIPPLE_API_KEYS");
     if (!config.api_keys && keys != nullptr && *keys == '\0')
         throw Error(ErrorCode::InvalidArgument,

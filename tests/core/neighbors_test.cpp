@@ -8,6 +8,7 @@
 
 #include <gtest/gtest.h>
 #include <cmath>
+#include <limits>
 #include <nanoflann.hpp>
 
 namespace stipple {
@@ -170,10 +171,12 @@ TEST(MeanSpacing, OfALargeCloudIsThatOfAllItsPointsWithinOnePercent) {
     EXPECT_NEAR(mean_spacing(cloud.positions) / exact, 1.0, 0.01);
 }
 
-TEST(Neighbors, OfCoordinatesThatAreNotFiniteAreRefused) {
+TEST(NearestNeighbors, RefuseAnInfiniteCoordinate) {
     std::vector<Vec3f> points = test::sphere(200).positions;
     points[7].y() = std::numeric_limits<float>::infinity();
-    EXPECT_THROW(k_nearest_neighbors(points, 8), Error);
+    test::expect_refused(
+        "positions: expected finite coordinates; remove the points that have others",
+        [&] { k_nearest_neighbors(points, 8); });
 }
 
 }  // namespace

@@ -90,9 +90,9 @@ bool is_finer(const Surface& one, const Surface& other) {
 /// Whether the samples are points of the cloud, and not places on its surface.
 /// @param finer  whether it is the finer of the two.
 bool at_points(const Surface& surface, bool finer, const SurfaceErrorOptions& options) {
+    const std::uint64_t points = surface.points.size();
     return options.surface == ErrorSurface::Samples ||
-           (options.sampling == ErrorSampling::Points && finer &&
-            sample_count(surface, options) <= surface.points.size());
+           (finer && sampling_of(options, points, points) == ErrorSampling::Points);
 }
 
 /// Whether the largest distance is looked for beside the samples too.

@@ -69,25 +69,25 @@ std::optional<std::string> ClientSocket::read_head() {
 }
 
 std::size_t ClientSocket::read_some(std::span<std::byte> out) {
+    const auto take = [this](std::span<char> to) {
+        const auto begin = Clock::now();
+        const std::size_t came = receive(to, begin + body_time_, false);
+        body_time_ -= Clock::now() - begin;
+        if (came == 0) throw Disconnected();
+        return came;
+    };
     // Byte by byte, as lines are read, each would cost two calls of the system.
     constexpr std::size_t kFew = 512, kAhead = 4096;
     if (received_.empty() && out.size() <= kFew) {
         std::array<char, kAhead> ahead;
-        const auto begin = Clock::now();
-        const std::size_t came = receive(ahead, begin + body_time_, false);
-        body_time_ -= Clock::now() - begin;
-        if (came == 0) throw Disconnected();
-        received_.assign(ahead.data(), came);
+        received_.assign(ahead.data(), take(ahead));
     }
     std::size_t n = std::min(out.size(), received_.size());
     if (n > 0) {
         std::memcpy(out.data(), received_.data(), n);
         received_.erase(0, n);
     } else {
-        const auto begin = Clock::now();
-        n = receive({reinterpret_cast<char*>(out.data()), out.size()}, begin + body_time_, false);
-        body_time_ -= Clock::now() - begin;
-        if (n == 0) throw Disconnected();
+        n = take({reinterpret_cast<char*>(out.data()), out.size()});
     }
     earn(body_time_, n, patience_.silence);
     return n;

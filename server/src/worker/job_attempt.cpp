@@ -81,13 +81,9 @@ void JobAttempt::run(JobRunner& runner) noexcept try {
         const ScratchFolder folder(options_.scratch /
                                    (lease_.job_id + '-' + std::to_string(lease_.token)));
         run_in(folder.path(), runner);
-    } catch (const std::system_error& fault) {
-        if (is_full(fault))
-            fail(storage_full_problem());
-        else
-            put_off(fault.what());
     } catch (const std::exception& error) {
-        fail(problem_of(error));  // now that its files are gone, which made room
+        note(error);
+        fault_ ? put_off(*fault_) : fail(*problem_);  // now that its files are gone: there is room
     }
 } catch (const std::exception& error) {
     // Not even the failure could be written: the lease runs out, and the job is tried again.
@@ -130,21 +126,25 @@ void JobAttempt::on_report(const proto::JobReport& report) {
     if (stop_.stop_requested()) return;
     try {
         std::visit([this](const auto& what) { take(what); }, report);
-    } catch (const std::system_error& fault) {
-        if (is_full(fault))
-            problem_ = storage_full_problem();
-        else
-            fault_ = fault.what();
     } catch (const std::exception& error) {
-        problem_ = problem_of(error);
+        note(error);
     }
     if (problem_ || fault_) stop_.request_stop();
 }
 
-proto::Problem JobAttempt::problem_of(const std::exception& failure) const {
+/// Of the service: as a fault of the system that it runs on, or as the problem of the job.
+void JobAttempt::note(const std::exception& failure) {
+    if (const auto* const fault = dynamic_cast<const std::system_error*>(&failure)) {
+        if (is_full(*fault))
+            problem_ = storage_full_problem();
+        else
+            fault_ = fault->what();
+        return;
+    }
     const auto* const error = dynamic_cast<const Error*>(&failure);
-    return for_caller(error != nullptr ? proto::problem_from(*error)
-                                       : proto::problem_from(ErrorCode::Internal, failure.what()));
+    problem_ =
+        for_caller(error != nullptr ? proto::problem_from(*error)
+                                    : proto::problem_from(ErrorCode::Internal, failure.what()));
 }
 
 /// What the caller can use: the words of a failure of the service itself may name folders.

@@ -42,8 +42,7 @@ private:
     proto::JobSpec spec_for(const std::vector<std::shared_ptr<const BlobReader>>& inputs,
                             const std::filesystem::path& output) const;
     void on_report(const proto::JobReport& report);
-    proto::Problem problem_of(const std::exception& failure) const;
-    void put_off(const std::string& fault);
+    void note(const std::exception& failure);
     proto::Problem for_caller(proto::Problem problem) const;
     void take(const proto::JobProgress& progress);
     void take(const proto::CloudStatistics& source);
@@ -54,6 +53,7 @@ private:
     void conclude(const JobRunner::Outcome& outcome);
     void succeed();
     void fail(const proto::Problem& problem);
+    void put_off(const std::string& fault);
     void log_failed(const proto::Problem& problem) const;
     void log_if_failed() const;
     void crash(const std::string& how);
