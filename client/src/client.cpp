@@ -60,7 +60,7 @@ HttpReply with_retries(
             const Seconds asked(reply.retry_after.value_or(delay.count()));
             if (!busy || attempt == attempts || asked > kLongestPause) return reply;
             pause(std::max(asked, delay), stop);
-        } catch (const ConnectionError&) {
+        } catch (const Unreachable&) {
             if (attempt == attempts) throw;
             pause(delay, stop);
         }
@@ -329,10 +329,10 @@ proto::JobDocument Client::follow(const std::string& id,
         try {
             expect_ok(with_retries(http.stop_token(), listen, got_on),
                       implementation_->where(path));
-        } catch (const ConnectionError& error) {
-            throw ConnectionError(std::string(error.what()) + " (job " + id +
-                                  " may go on there: its results will be at " +
-                                  implementation_->where("/v1/jobs/" + id + "/results") + ")");
+        } catch (const Unreachable& error) {
+            throw Unreachable(std::string(error.what()) + " (job " + id +
+                              " may go on there: its results will be at " +
+                              implementation_->where("/v1/jobs/" + id + "/results") + ")");
         }
         // A stream that ends with nothing new: the job is over, or the server is going down.
         if (!final && after == before) {

@@ -126,7 +126,7 @@ HttpReply HttpConnection::perform(const std::string& server_path, std::chrono::s
                                     what_happened(result.error(), timeout_ + extra_time) + ": " +
                                     remedy(result.error());
         if (is_of_tls(result.error())) throw Error(ErrorCode::InvalidArgument, message);
-        throw ConnectionError(message);
+        throw Unreachable(message);
     }
     return reply_of(*result);
 }

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "base_url.hpp"
-#include "stipple/error.hpp"
+#include "stipple/client_errors.hpp"
 
 #include <chrono>
 #include <cstdint>
@@ -26,12 +26,6 @@ struct HttpReply {
     /// The value of a field, whatever the case of its name; nothing when there is none.
     std::optional<std::string> field(std::string_view name) const;
     bool ok() const noexcept { return status >= 200 && status < 300; }
-};
-
-/// No answer came, or only a part of one: the one failure that trying again may mend.
-class ConnectionError : public Error {
-public:
-    explicit ConnectionError(const std::string& message) : Error(ErrorCode::Internal, message) {}
 };
 
 /// Sends requests to one server; a connection for each, so that calls of several threads do not

@@ -26,5 +26,11 @@ TEST(HttpConnection, RefusesAKeyThatWouldBeMoreThanItsHeader) {
         EXPECT_THROW(connect(key), Error) << key;
 }
 
+TEST(HttpConnection, TellsThatNobodyAnswersFromOtherFailures) {
+    const HttpConnection nobody(parse_base_url("http://127.0.0.1:1"), {}, std::chrono::seconds(1),
+                                {});
+    EXPECT_THROW((void)nobody.get("/v1/limits"), Unreachable);
+}
+
 }  // namespace
 }  // namespace stipple

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "stipple/error.hpp"
+#include "stipple/client_errors.hpp"
 #include "stipple/proto/job.hpp"
 #include "stipple/proto/results.hpp"
 #include "stipple/proto/slice.hpp"
@@ -37,13 +37,6 @@ struct CloudPage {
     std::optional<std::string> next;  ///< where the next page begins; absent on the last page
 };
 
-/// The server needs an API key, or does not know the one given.
-class Unauthorized : public Error {
-public:
-    explicit Unauthorized(const std::string& message)
-        : Error(ErrorCode::InvalidArgument, message) {}
-};
-
 /// A client of a `stippled` server over HTTP.
 ///
 ///     stipple::Client client("http://127.0.0.1:8080");
@@ -51,12 +44,12 @@ public:
 ///     const auto job = client.submit({cloud.id, stipple::proto::SimplifyJob{{.points = 5000}, {}}});
 ///     if (client.wait(job.id).status == stipple::proto::JobStatus::Successful) …
 ///
-/// Every call throws `Error`, with the code of the server's problem document or, if there was no
-/// answer, with a sentence that names the address and the remedy; and `Cancelled` when stopped. A
-/// call that may be repeated safely is tried up to four times, within seconds. `submit` is one of
-/// them, because it sends an idempotency key; the upload of a file is not. Redirects are never
-/// followed, so the API key goes only to the given address. Safe to call from several threads. The
-/// client makes the program ignore SIGPIPE, which would otherwise end it when a server closes a
+/// Every call throws `Error`, with the code of the server's problem document; `Unreachable` if there
+/// was no answer, with a sentence that names the address and the remedy; and `Cancelled` when
+/// stopped. A call that may be repeated safely is tried up to four times, within seconds. `submit`
+/// is one of them, because it sends an idempotency key; the upload of a file is not. Redirects are
+/// never followed, so the API key goes only to the given address. Safe to call from several threads.
+/// The client makes the program ignore SIGPIPE, which would otherwise end it when a server closes a
 /// connection early.
 class Client {
 public:
