@@ -372,6 +372,17 @@ void run_sql(const std::filesystem::path& file, const char* sql) {
     sqlite3_close(connection);
 }
 
+TEST(SqliteJobStore, SaysThatAnotherProcessHoldsIt) {
+    const TemporaryFolder folder;
+    const auto store = open_sqlite_job_store(folder / "jobs.sqlite");
+    sqlite3* other = nullptr;
+    ASSERT_EQ(sqlite3_open((folder / "jobs.sqlite").c_str(), &other), SQLITE_OK);
+    ASSERT_EQ(sqlite3_exec(other, "BEGIN IMMEDIATE", nullptr, nullptr, nullptr), SQLITE_OK);
+    EXPECT_THROW(put_cloud(*store, "ada", "cloud"), StoreBusy);
+    sqlite3_close(other);
+    EXPECT_NO_THROW(put_cloud(*store, "ada", "cloud"));
+}
+
 TEST(SqliteJobStore, KeepsACloudThatIsAskedFor) {
     const TemporaryFolder folder;
     const auto store = open_sqlite_job_store(folder / "jobs.sqlite");

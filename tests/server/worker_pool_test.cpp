@@ -296,12 +296,14 @@ TEST_F(WorkerPoolTest, FinishesAJobThatFoundTheDiskFullWhenThereIsRoomAgain) {
 TEST_F(WorkerPoolTest, TriesAJobAgainThatTheSystemRefusedToRun) {
     int attempts = 0;
     const JobDocument job = run([&](const auto&, const auto& report, std::stop_token) {
-        if (++attempts == 1) throw std::system_error(ENOENT, std::generic_category(), "program");
+        ++attempts;
+        if (attempts == 1) throw std::system_error(ENOENT, std::generic_category(), "program");
+        if (attempts == 2) throw StoreBusy("database is locked");
         report(cost_report());
         return Outcome{};
     });
     EXPECT_EQ(job.status, JobStatus::Successful);
-    EXPECT_EQ(attempts, 2);
+    EXPECT_EQ(attempts, 3);
     const JobDocument full = run([&](const auto&, const auto&, std::stop_token) -> Outcome {
         throw std::system_error(ENOSPC, std::generic_category(), "no more names");
     });

@@ -1,6 +1,7 @@
 #include "http/api.hpp"
 
 #include "log_text.hpp"
+#include "store/job_store.hpp"
 
 #include <spdlog/spdlog.h>
 #include <algorithm>
@@ -9,7 +10,7 @@ namespace stipple::server::http {
 
 namespace {
 
-constexpr double kQueueFullRetrySeconds = 5;
+constexpr double kRetrySeconds = 5;
 constexpr const char* kExposed =
     "ETag, Location, Link, Retry-After, Content-Length, Content-Range, Content-Encoding, "
     "X-Request-Id, Stipple-Points, Stipple-Level, Stipple-Error-Mean, Stipple-Error-Max, "
@@ -54,11 +55,17 @@ Reply error_reply(const Error& error, const Request& request) {
                                            "the server's disk is full: nothing was stored or "
                                            "removed; try again when its operator has freed space"));
         }
+        if (dynamic_cast<const StoreBusy*>(&error) != nullptr) {
+            proto::Problem busy = proto::problem_from_status(
+                503, "the server's database is held by another program: try again later");
+            busy.retry_after = kRetrySeconds;
+            return problem_reply(HttpError(std::move(busy)));
+        }
         return problem_reply(
             HttpError(500, "the server failed; its log says why, under request " + request.id));
     }
     proto::Problem problem = proto::problem_from(error.code(), detail);
-    if (error.code() == ErrorCode::QueueFull) problem.retry_after = kQueueFullRetrySeconds;
+    if (error.code() == ErrorCode::QueueFull) problem.retry_after = kRetrySeconds;
     return problem_reply(HttpError(std::move(problem)));
 }
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "stipple/error.hpp"
 #include "stipple/proto/job.hpp"
 #include "stipple/proto/job_process.hpp"
 
@@ -15,6 +16,13 @@
 #include <vector>
 
 namespace stipple::server {
+
+/// Another process held the store for longer than is waited for: nothing was written, and the same
+/// call may do it a while later.
+class StoreBusy : public Error {
+public:
+    explicit StoreBusy(const std::string& message) : Error(ErrorCode::Internal, message) {}
+};
 
 struct CloudRow {
     std::string tenant, id;

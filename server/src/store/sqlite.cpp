@@ -1,5 +1,7 @@
 #include "store/sqlite.hpp"
 
+#include "store/job_store.hpp"
+
 #include "stipple/proto/problem.hpp"
 
 #include <cassert>
@@ -25,6 +27,7 @@ std::string file_of(sqlite3* connection) {
     std::string text = "database " + file_of(connection) + ": " + sqlite3_errmsg(connection);
     if (cause != 0) text += ": " + std::generic_category().message(cause);
     if (full) throw proto::StorageFull(text);
+    if (code == SQLITE_BUSY) throw StoreBusy(text);
     throw Error(ErrorCode::Internal, text);
 }
 

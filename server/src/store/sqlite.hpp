@@ -43,7 +43,7 @@ private:
 enum class Access { Write, Read };
 
 /// A connection, for one thread at a time. All failures are Error(Internal) with the name of the
-/// file; proto::StorageFull when the disk is.
+/// file; proto::StorageFull when the disk is, StoreBusy when another holds it.
 class Connection {
 public:
     explicit Connection(const std::filesystem::path& file, Access access = Access::Write);

@@ -241,6 +241,7 @@ std::optional<CloudRow> SqliteJobStore::find_cloud(const std::string& tenant,
     try {
         write([&] { return note_use(tenant, id), true; });
     } catch (const proto::StorageFull&) {  // it can be read all the same
+    } catch (const StoreBusy&) {
     }
     return cloud;
 }

@@ -132,13 +132,18 @@ void JobAttempt::on_report(const proto::JobReport& report) {
     if (problem_ || fault_) stop_.request_stop();
 }
 
-/// Of the service: as a fault of the system that it runs on, or as the problem of the job.
+/// Of the service: as a fault of the system that it runs on, which may pass, or as the problem of
+/// the job.
 void JobAttempt::note(const std::exception& failure) {
     if (const auto* const fault = dynamic_cast<const std::system_error*>(&failure)) {
         if (is_full(*fault))
             problem_ = storage_full_problem();
         else
             fault_ = fault->what();
+        return;
+    }
+    if (const auto* const busy = dynamic_cast<const StoreBusy*>(&failure)) {
+        fault_ = busy->what();
         return;
     }
     const auto* const error = dynamic_cast<const Error*>(&failure);
