@@ -40,6 +40,7 @@ Json direction_json(const DirectedError& error, const SurfaceError& all) {
                  {"rms", error.rms}, {"mean_confidence", error.mean_confidence},
                  {"p50", error.p50}, {"p95", error.p95},
                  {"p99", error.p99}};
+    if (error.max_at) json["max_at"] = vector_json(*error.max_at);
     if (!error.histogram.empty()) json["histogram"] = error.histogram;
     json["samples"] = error.samples;
     json["not_converged"] = error.not_converged;
@@ -66,6 +67,7 @@ DirectedError read_direction(const JsonValue& value) {
     error.p50 = object["p50"].number();
     error.p95 = object["p95"].number();
     error.p99 = object["p99"].number();
+    if (const auto place = object.find("max_at")) error.max_at = read_vector(*place);
     if (const auto histogram = object.find("histogram"))
         error.histogram = histogram->list_of([](const JsonValue& bin) { return bin.number(); });
     error.samples = object["samples"].integer();

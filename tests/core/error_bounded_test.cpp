@@ -86,6 +86,7 @@ TEST_P(ErrorBounded, HoldsWhenMeasuredAgainWithFewPoints) {
     EXPECT_GT(found.error.max(), 0.1 * bound);
     EXPECT_GT(found.tries, 2U);
     EXPECT_LE(measured_again(cloud, found.cloud, ErrorSampling::Points), bound * 1.02);
+    EXPECT_LE(measure_error(cloud, found.cloud).max(), bound);
     EXPECT_LE(static_cast<double>(found.cloud.size()),
               1.3 * static_cast<double>(fewest_of_all(cloud, options)));
 }

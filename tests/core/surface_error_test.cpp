@@ -248,6 +248,20 @@ TEST(SurfaceError, SwapsItsDirectionsWithTheClouds) {
     EXPECT_EQ(ab.max(), std::max(ab.forward.max, ab.backward.max));
 }
 
+TEST(SurfaceError, TellsWhereItIsLargest) {
+    const Vec3d origin(5e6, 6e6, 100);
+    PointCloud plane = test::plane(5'000), dented = plane;
+    for (PointCloud* const cloud : {&plane, &dented}) cloud->origin = origin;
+    const Vec3f middle(0.3F, 0.6F, 0);
+    for (Vec3f& p : dented.positions) p.z() += 0.2F * std::exp(-100 * (p - middle).squaredNorm());
+    const Vec3d there = origin + middle.cast<double>();
+    for (const std::uint64_t samples : {0, 20'000}) {
+        const SurfaceError error = measure_error(plane, dented, {.samples = samples});
+        EXPECT_LT((error.forward.max_at.value() - there).norm(), 0.1);
+        EXPECT_LT((error.backward.max_at.value() - there - Vec3d(0, 0, 0.2)).norm(), 0.1);
+    }
+}
+
 TEST(SurfaceError, EndsWhereTheSamplesEnd) {
     const PointCloud whole = test::plane(20'000);
     PointCloud half;

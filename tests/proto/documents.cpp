@@ -127,6 +127,7 @@ LodTile tile() {
 
 DirectedError directed_error() {
     return {.max = 0.5,
+            .max_at = Vec3d(600'000.5, 1, -2),
             .mean = 0.125,
             .mean_confidence = 0.0625,
             .rms = 0.25,

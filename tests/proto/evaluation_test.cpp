@@ -105,7 +105,7 @@ TEST_F(Evaluation, HasTheFieldsThatMeasurementsRelyOn) {
     for (const char* way : {"forward", "backward"}) {
         const json& direction = found.at(way);
         for (const char* field : {"max", "mean", "rms", "mean_confidence", "p50", "p95", "p99",
-                                  "samples", "not_converged", "relative", "cover_radius"})
+                                  "samples", "not_converged", "relative", "cover_radius", "max_at"})
             EXPECT_TRUE(direction.contains(field)) << way << ' ' << field;
         double sum = 0;
         for (const json& share : direction.at("histogram")) sum += share.get<double>();

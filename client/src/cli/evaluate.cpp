@@ -81,6 +81,11 @@ void print(std::ostream& out, const proto::OutputCloud& cloud, const TextStyle& 
         print_row(out, style, printable(there.name), difference(there),
                   back == backward.attributes.end() ? "" : difference(*back));
     }
+    const bool is_forward = forward.max >= backward.max;
+    const DirectedError& larger = is_forward ? forward : backward;
+    if (larger.max_at)
+        out << "max at " << readable_place(*larger.max_at, larger.max)
+            << (is_forward ? ", on the reference" : ", on the candidate") << '\n';
     out << style.dim("input units, and percent of the diagonal, " + three_digits(error.diagonal))
         << '\n';
 }

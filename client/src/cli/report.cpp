@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <cmath>
 #include <csignal>
 #include <iomanip>
 #include <iostream>
@@ -43,14 +44,18 @@ std::string losses_line(const proto::CloudStatistics& source, const TextStyle& s
     return joined(losses, " " + std::string(style.dot()) + " ");
 }
 
-namespace {
-
-std::string readable_place(const Vec3d& place) {
+std::string readable_place(const Vec3d& place, double distance) {
+    const double unit = distance > 0 ? std::pow(10, std::floor(std::log10(distance / 100))) : 0;
     std::ostringstream text;
-    text << std::setprecision(9) << "(" << place.x() << ", " << place.y() << ", " << place.z()
-         << ")";
+    text << std::setprecision(9);
+    for (const double x : place)
+        text << (text.tellp() > 0 ? ", " : "(")
+             << (unit > 0 ? unit * std::round(x / unit) + 0.0 : x);  // no minus before a zero
+    text << ")";
     return text.str();
 }
+
+namespace {
 
 /// Why no point of a cloud could go.
 std::string whole_line(const proto::MeasuredBound& bound, std::uint64_t points) {
@@ -60,10 +65,11 @@ std::string whole_line(const proto::MeasuredBound& bound, std::uint64_t points) 
     const auto& [tried, place, distance] = *bound.too_far;
     const std::string off = three_digits(distance) + ", above the bound " + allowed;
     if (tried == points)
-        return kept + "the one at " + readable_place(place) + " is off their own surface by " +
-               off + ": the bound is below the noise";
-    return kept + "with " + with_separators(tried) + " the surface at " + readable_place(place) +
-           " is off by " + off + "; `stipple curve` shows the errors of other counts";
+        return kept + "the one at " + readable_place(place, distance) +
+               " is off their own surface by " + off + ": the bound is below the noise";
+    return kept + "with " + with_separators(tried) + " the surface at " +
+           readable_place(place, distance) + " is off by " + off +
+           "; `stipple curve` shows the errors of other counts";
 }
 
 }  // namespace

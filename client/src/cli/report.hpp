@@ -26,6 +26,8 @@ std::string losses_line(const proto::CloudStatistics& source, const TextStyle& s
 
 /// `0.0123 (0.012 %)`: input units, and percent of the diagonal of the reference.
 std::string distance_text(double distance, const SurfaceError& error);
+/// `(1.5, 2, -3)`: to a hundredth of a distance that was found there, with nine digits at most.
+std::string readable_place(const Vec3d& place, double distance);
 /// `error: mean 0.0123 ± 0.0011 (0.012 %) · max at least 0.5 (0.4 %) of the diagonal, at 200
 /// samples, each within 0.7 of a point`; of a whole cloud `error: none, no points were removed`.
 std::string error_line(const proto::ErrorFigures& figures, const TextStyle& style);

@@ -61,10 +61,10 @@ struct ErrorBoundedCloud {
 /// more places where distances are large or the candidate's surface is uneven. Then the result is
 /// measured independently: at random places of each surface, twice as many as the cloud has points,
 /// at least 200,000, but no more than 300,000 or a hundred per point of the result; at more of them
-/// around large distances; and at the points of the result. All must be within 97 % of the bound; otherwise the search
-/// continues from the result, in larger steps after 32 rounds. A maximum over samples is below that
-/// over the whole surface, so another measurement may find slightly more: the last 3 % are for
-/// this.
+/// around large distances; at the points of the result; and three times as `measure_error` does
+/// with no options. All must be within 97 % of the bound; otherwise the search continues from the
+/// result, in larger steps after 32 rounds. A maximum over samples is below that over the whole
+/// surface, so another measurement may find slightly more: the last 3 % are for this.
 ///
 /// Large distances are confirmed as `measure_error` does: places in clusters of points without a
 /// normal do not count as surface, and a distance is no larger than that of a nearby place plus the

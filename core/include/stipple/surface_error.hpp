@@ -63,6 +63,9 @@ struct AttributeError {
 /// Distances from one surface to another, in input units.
 struct DirectedError {
     double max = 0;
+    std::optional<Vec3d> max_at{};  ///< where: a place of the surface that the distance is from,
+                                    ///< not relative to an origin. Only of `measure_error`, and
+                                    ///< absent for clouds far apart
     double mean = 0;             ///< weighted by area
     double mean_confidence = 0;  ///< half width of the 95 % confidence interval of the mean; 0 for
                                  ///< a single sample, whose confidence is unknown

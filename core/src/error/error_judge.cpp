@@ -189,8 +189,32 @@ ErrorJudge::Finding ErrorJudge::measure(ErrorBoundedCloud& candidate) {
         append(finding.places, places_above(kMargin * bound_, again.forward));
         append(finding.places, places_above(kMargin * bound_, again.backward));
         finding.max = std::max(finding.max, again.max() / bound_);
+        if (finding.max <= kWithin) measure_as_usual(candidate.cloud, finding);
     }
     return finding;
+}
+
+void ErrorJudge::measure_as_usual(const PointCloud& candidate, Finding& finding) {
+    constexpr std::uint64_t kSeeds = 3;
+    if (!usual_meter_) usual_meter_.emplace(cloud_, SurfaceErrorOptions{}, quietly_);
+    for (std::uint64_t seed = 0; seed < kSeeds; ++seed) {
+        const SurfaceError error = usual_meter_->measure(candidate, 0, seed, quietly_);
+        for (const DirectedError* const direction : {&error.forward, &error.backward}) {
+            looks_ += direction->samples;
+            if (direction->max <= kMargin * bound_ || !direction->max_at) continue;
+            const Vec3f place = (*direction->max_at - cloud_.origin).cast<float>();
+            if (is_off_surface(place)) continue;
+            finding.places.push_back(place);
+            finding.max = std::max(finding.max, direction->max / bound_);
+        }
+    }
+}
+
+bool ErrorJudge::is_off_surface(const Vec3f& place) const {
+    constexpr float kSame = 1e-6F;
+    const Vec3f there = frame_.into(place, cloud_);
+    return std::ranges::any_of(off_surface_,
+                               [&](const Vec3f& point) { return (point - there).norm() <= kSame; });
 }
 
 ErrorJudge::Finding ErrorJudge::measured(ErrorBoundedCloud& candidate, std::uint64_t samples,

@@ -73,6 +73,10 @@ private:
     /// @param place, distance  as in the frame of the surfaces.
     void remember(std::uint64_t points, const Vec3f& place, double distance);
     Finding found_by_watch() const;
+    /// As one measures who sets no options, with a few seeds. Adds to what was found.
+    void measure_as_usual(const PointCloud& candidate, Finding& finding);
+    /// Whether a place of the cloud is one of its points that are not of its surface.
+    bool is_off_surface(const Vec3f& place) const;
     /// At so many places, and closer where distances are large. Keeps the figures.
     Finding measured(ErrorBoundedCloud& candidate, std::uint64_t samples, std::uint64_t seed);
     /// Points of a candidate may lie off its own surface, where no place is looked for. They are
@@ -99,6 +103,7 @@ private:
     bool careful_ = false;
     std::optional<ErrorWatch> watch_;
     std::optional<SurfaceErrorMeter> meter_;
+    std::optional<SurfaceErrorMeter> usual_meter_;
     unsigned tries_ = 0;
     std::uint64_t looks_ = 0;  ///< but for those of the watch that is
 };

@@ -199,9 +199,12 @@ DirectedError measure_direction(const Surface& from, const Surface& to, ErrorSam
             lengths[i] = static_cast<float>(distances[i] / frame.scale);
     });
     areas.resize(lengths.size());  // what was added stands for none
+    const Vec3f farthest =
+        places[static_cast<std::size_t>(std::ranges::max_element(lengths) - lengths.begin())];
     DirectedError error = summarize_distances(lengths, areas, options.histogram_bins, context);
     for (auto* const values : {&lengths, &areas}) values->resize(n);
     places.resize(n);
+    error.max_at = frame.center + farthest.cast<double>() / frame.scale;
     error.samples = n;
     error.cover_radius = all.cover / frame.scale;
     error.not_converged = static_cast<double>(all.failed) / static_cast<double>(n);

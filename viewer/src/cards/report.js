@@ -99,11 +99,18 @@ function evaluation({ levels, request }, name, nameOf) {
     const warnings = new Set(levels.flatMap(({ error }) => error.warnings ?? []));
     return [`Distances from ${name}`, [
         table(['Percent of the diagonal', ...kFigures.map(([, title]) => title)], figures),
+        ...levels.map(({ points, error }, i) => largestAt(error, levels.length > 1 && titleOf(format.points(points), i))).filter(Boolean).map(note),
         note(`The diagonal is ${format.quantity(levels[0].error.diagonal)}, in units of the cloud.`),
         ...(attributes.some(([, rows]) => rows.length > 0) ? [table(['Attributes', 'Mean', 'RMS', 'Largest'], attributes), note('Colours as CIEDE2000, normals in radians.')] : []),
         ...[...warnings].map((warning) => note(`Beware: ${warning}${/[.?!]$/.test(warning) ? '' : '.'}`)),
         ...levels.flatMap(({ pictures = [] }) => pictures.map(pictureOf)),
     ]];
+}
+
+/** Where a candidate is farthest off, as a sentence. @param title  of one of several */
+function largestAt({ forward, backward, diagonal }, title) {
+    const [side, { max_at: at }] = forward.max >= backward.max ? ['reference', forward] : ['candidate', backward];
+    return at && `${title ? `${title}: largest` : 'Largest'} at ${format.place(at, diagonal / 2)}, on the ${side}.`;
 }
 
 /** By the page, since an address in the page shows the server no key. */
