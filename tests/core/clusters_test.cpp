@@ -128,6 +128,15 @@ TEST(Reductions, RenormaliseNormals) {
     EXPECT_NEAR(normal.x(), std::sqrt(1.0F / 3.0F), 1e-6F);
 }
 
+TEST(Reductions, WeighNormalsOfAnyLengthAlike) {
+    PointCloud cloud = three_points();
+    cloud.normals = {{100, 0, 0}, {0, 0.01F, 0}, {0, 0, 0}};
+    const Vec3f normal =
+        representatives(cloud, one_cluster(3), Representative::Centroid).normals.front();
+    EXPECT_NEAR(normal.x(), std::sqrt(0.5F), 1e-6F);
+    EXPECT_NEAR(normal.y(), std::sqrt(0.5F), 1e-6F);
+}
+
 TEST(Reductions, TakeTheNearestNormalWhereNormalsCancel) {
     PointCloud cloud;
     cloud.positions = {{0, 0, 0}, {1, 0, 0}};

@@ -105,9 +105,34 @@ TEST(LodPyramid, ALevelIsWhatSimplifyGivesForItsCount) {
             if (of_level) continue;  // `IterativeLevels` have their own tests
             SimplifyOptions alone = options.simplification;
             alone.points = level.cloud.size();
+            if (method != Method::Random) alone.reductions["color"] = Reduction::Mean;
             EXPECT_EQ(encode_ply(level.cloud), encode_ply(simplify(cloud, alone)))
                 << to_string(method);
         }
+    }
+}
+
+TEST(LodPyramid, LevelsOfPointsHaveMeansOfColours) {
+    // Black and white: single points would be either, all of them together are one gray.
+    PointCloud cloud = test::sphere(4'000);
+    for (std::size_t i = 0; i < cloud.size(); ++i)
+        cloud.colors.push_back(i % 2 == 0 ? Rgba8{0, 0, 0, 255} : Rgba8{255, 255, 255, 255});
+    for (const Method method : {Method::Hierarchical, Method::Incremental, Method::Voxel}) {
+        LodPyramidOptions options;
+        options.simplification.method = method;
+        options.sizes = {40};
+        const PointCloud level = build(cloud, options).front().cloud;
+        unsigned gray = 0;  // but where a point stands for few, as in the corner of a voxel
+        for (std::size_t i = 0; i < level.size(); ++i) {
+            gray += std::abs(level.colors[i].r - 188) <= 30 ? 1 : 0;
+            EXPECT_NE(std::ranges::find(cloud.positions, level.positions[i]),
+                      cloud.positions.end());
+        }
+        EXPECT_GE(gray, 36U) << to_string(method);
+        options.simplification.reductions["color"] = Reduction::Nearest;
+        const PointCloud copied = build(cloud, options).front().cloud;
+        for (const Rgba8& color : copied.colors)
+            EXPECT_TRUE(color.r == 0 || color.r == 255) << to_string(method);
     }
 }
 

@@ -119,9 +119,62 @@ TEST(PlyColumns, TakesColoursOfFloatsAsSharesOrAs8BitsByWhatTheCloudHas) {
     EXPECT_EQ(colors_of("float", "0 0 0 0 0.5 1\n1 0 0 1.01 -1 0.25\n"), shares);
     EXPECT_EQ(colors_of("double", "0 0 0 0 127.6 255\n1 0 0 300 nan 64\n"), shares);
     EXPECT_EQ(colors_of("float", "0 0 0 0 0.5 1\n1 0 0 inf -inf 0.25\n"), shares);
+    EXPECT_EQ(colors_of("float", "0 0 0 0 32896 65535\n1 0 0 65535 0 16448\n"), shares);
     EXPECT_EQ(
         colors_of("float", "0 0 0 0 128 255 1\n1 0 0 255 0 64 0.5\n", "property float alpha\n"),
         (std::vector<Rgba8>{{0, 128, 255, 255}, {255, 0, 64, 128}}));
+}
+
+TEST(PlyColumns, TellsWhatFloatColoursHaveBeyond8Bits) {
+    const auto skipped = [](const std::string& rows) {
+        DecodeReport report;
+        decode(ascii("element vertex 2\n" + kXyz +
+                         "property float red\nproperty float green\nproperty float blue\n",
+                     rows),
+               &report);
+        return report.skipped;
+    };
+    EXPECT_TRUE(skipped("0 0 0 0 0.501961 1\n1 0 0 0.2 nan 0.00392157\n").empty());
+    EXPECT_TRUE(skipped("0 0 0 0 128 255\n1 0 0 1 2 3\n").empty());
+    for (const std::string rows : {"0 0 0 0 0.5 1\n1 0 0 0 0 0\n", "0 0 0 0 0 1.2\n1 0 0 0 0 0\n",
+                                   "0 0 0 0 128.5 255\n1 0 0 0 0 0\n"})
+        EXPECT_EQ(skipped(rows), std::vector<std::string>{"what float colours have beyond 8 bits"})
+            << rows;
+}
+
+TEST(PlyColumns, TakesAnExactNameBeforeOneInCapitals) {
+    const PointCloud cloud =
+        decode(ascii("element vertex 1\nproperty int X\nproperty int Y\nproperty int Z\n" + kXyz +
+                         "property uchar r\nproperty uchar g\nproperty uchar b\nproperty float A\n",
+                     "7 8 9 1 2 3 10 20 30 451.5\n"));
+    EXPECT_EQ(cloud.positions.at(0), Vec3f(1, 2, 3));
+    EXPECT_EQ(values<std::int32_t>(cloud, "X").at(0), 7);
+    EXPECT_EQ(cloud.colors.at(0), (Rgba8{10, 20, 30, 255}));
+    EXPECT_FALSE(cloud.has_alpha);
+    EXPECT_EQ(values<float>(cloud, "A").at(0), 451.5F) << "no alpha of r, g and b";
+}
+
+TEST(PlyColumns, KeepsWholeNumbersThatMayBeLabelsAsThoseOfPoints) {
+    const auto reduction_of = [](const std::string& type, const std::string& rows) {
+        return decode(ascii("element vertex 2\n" + kXyz + "property " + type + " s\n", rows))
+            .attributes.at(0)
+            .reduction;
+    };
+    for (const std::string type : {"float", "double", "int64", "uint64", "int"})
+        EXPECT_EQ(reduction_of(type, "0 0 0 2\n1 0 0 6\n"), Reduction::Nearest) << type;
+    for (const std::string type : {"float", "double"}) {
+        EXPECT_EQ(reduction_of(type, "0 0 0 2\n1 0 0 nan\n"), Reduction::Nearest) << type;
+        EXPECT_EQ(reduction_of(type, "0 0 0 2\n1 0 0 6.5\n"), Reduction::Mean) << type;
+    }
+}
+
+TEST(PlyColumns, LeavesOutNothingOfAnElementThatIsEmpty) {
+    DecodeReport report;
+    decode(ascii("element vertex 1\n" + kXyz +
+                     "element face 0\nproperty list uchar int vertex_indices\n",
+                 "0 0 0\n"),
+           &report);
+    EXPECT_TRUE(report.skipped.empty());
 }
 
 TEST(PlyColumns, ReadsCoordinatesColorsNormalsAndScalarsByTheirUsualNames) {

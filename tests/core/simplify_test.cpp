@@ -359,7 +359,8 @@ TEST_P(AnyMethod, NamesTheAttributesThereAreWhenAReductionNamesAnother) {
         EXPECT_EQ(message,
                   GetParam() == Method::Random
                       ? "reductions: random keeps points as they are"
-                      : "reductions: no attribute intensiti; the cloud has: height, label");
+                      : "reductions: no attribute intensiti; the cloud has: normal, color, "
+                        "height, label");
     }
 }
 

@@ -15,6 +15,7 @@
 #include <limits>
 #include <numeric>
 #include <ranges>
+#include <span>
 #include <sstream>
 #include <utility>
 #include <vector>
@@ -43,6 +44,10 @@ std::string blocks(const std::vector<double>& shares, std::size_t columns, bool 
     }
     return text;
 }
+
+/// What attributes are compared in.
+constexpr const char* kAttributeUnits =
+    "differences of color are CIEDE2000, of normal radians, else as they are";
 
 void print_row(std::ostream& out, const TextStyle& style, const std::string& name,
                const std::string& forward, const std::string& backward) {
@@ -88,70 +93,115 @@ void print(std::ostream& out, const proto::OutputCloud& cloud, const TextStyle& 
             << (is_forward ? ", on the reference" : ", on the candidate") << '\n';
     out << style.dim("input units, and percent of the diagonal, " + three_digits(error.diagonal))
         << '\n';
+    if (!forward.attributes.empty()) out << style.dim(kAttributeUnits) << '\n';
 }
 
-/// A row for each candidate; what is least of a column is set in bold. Where lines of so many
-/// columns are too short the rms is left out, and names are cut.
-void print_table(std::ostream& out, const EvaluateCommand& command, const proto::Results& results,
-                 const TextStyle& style, std::size_t columns) {
-    using Of = double (*)(const SurfaceError&);
-    struct Column {
-        std::vector<std::string> cells;
-        std::size_t width = 0;
-        Of of = nullptr;
-    };
-    constexpr std::size_t kGap = 2, kShortestName = 12;
-    const auto& levels = results.levels;
-    const auto column = [](std::vector<std::string> cells, Of of = nullptr) {
-        const std::size_t width = std::ranges::max(cells | std::views::transform(display_width));
-        return Column{std::move(cells), width, of};
-    };
-    std::vector<std::string> names = {"candidate"}, points = {"points"};
-    for (std::size_t i = 0; i < levels.size(); ++i) {
-        names.push_back(printable(command.candidates[i].filename().string()));
-        points.push_back(with_separators(levels[i].points));
-    }
-    const auto figures = [&](const char* name, Of of) {
-        std::vector<std::string> cells = {name};
-        for (const proto::OutputCloud& cloud : levels)
-            cells.push_back(distance_text(of(cloud.error->error), cloud.error->error));
-        return column(std::move(cells), of);
-    };
-    std::vector<Column> right = {column(std::move(points))};
-    right.push_back(figures("mean", [](const SurfaceError& e) { return e.mean(); }));
-    right.push_back(figures("rms", [](const SurfaceError& e) { return e.rms(); }));
-    right.push_back(figures("max", [](const SurfaceError& e) { return e.max(); }));
-    const auto width = [&] {
-        return std::accumulate(
-            right.begin(), right.end(), std::size_t{0},
-            [](std::size_t sum, const Column& c) { return sum + kGap + c.width; });
-    };
-    constexpr std::ptrdiff_t kRms = 2;
-    const Column all_names = column(names);
-    if (all_names.width + width() > columns) right.erase(right.begin() + kRms);
-    const std::size_t left = std::min(
-        all_names.width, std::max(kShortestName, columns > width() ? columns - width() : 0));
+/// A column of a table of candidates: its title, then a cell for each; where they are figures, the
+/// least is the best.
+struct Column {
+    std::vector<std::string> cells;
+    std::vector<double> figures{};
+    std::size_t width = 0;
 
-    std::vector<std::string> rows(names.size());
-    for (std::size_t i = 0; i < rows.size(); ++i)
-        rows[i] = in_left(cut_amid(names[i], left, style.unicode), left);
+    explicit Column(std::vector<std::string> cells_, std::vector<double> figures_ = {})
+        : cells(std::move(cells_)),
+          figures(std::move(figures_)),
+          width(std::ranges::max(cells | std::views::transform(display_width))) {}
+};
+
+constexpr std::size_t kGap = 2, kShortestName = 12;  // of columns, and the part of a name kept
+
+std::size_t width_of(std::span<const Column> columns) {
+    return std::accumulate(columns.begin(), columns.end(), std::size_t{0},
+                           [](std::size_t sum, const Column& c) { return sum + kGap + c.width; });
+}
+
+/// What is least of a column is set in bold. Names are cut where lines are too short.
+void print_columns(std::ostream& out, const Column& names, std::span<const Column> right,
+                   const TextStyle& style, std::size_t columns) {
+    const std::size_t width = width_of(right);
+    const std::size_t left =
+        std::min(names.width, std::max(kShortestName, columns > width ? columns - width : 0));
+    std::vector<std::string> rows;
+    for (const std::string& name : names.cells)
+        rows.push_back(in_left(cut_amid(name, left, style.unicode), left));
     for (const Column& c : right) {
-        double least = std::numeric_limits<double>::infinity();
-        for (const proto::OutputCloud& cloud : levels)
-            if (c.of != nullptr) least = std::min(least, c.of(cloud.error->error));
         for (std::size_t i = 0; i < rows.size(); ++i) {
             const std::string text = in_right(c.cells[i], c.width + kGap);
-            const bool best = c.of != nullptr && i > 0 && c.of(levels[i - 1].error->error) <= least;
+            const bool best =
+                i > 0 && !c.figures.empty() && c.figures[i - 1] <= std::ranges::min(c.figures);
             rows[i] += best ? style.strong(text) : text;
         }
     }
     out << style.dim(rows.front()) << '\n';
     for (std::size_t i = 1; i < rows.size(); ++i) out << rows[i] << '\n';
-    out << style.dim(std::string("mean") + (right.size() > kRms + 1 ? " and rms" : "") +
+}
+
+/// A column for the mean difference of each attribute of any candidate.
+std::vector<Column> attribute_columns(const std::vector<proto::OutputCloud>& levels) {
+    std::vector<std::string> names;
+    for (const proto::OutputCloud& cloud : levels)
+        for (const AttributeError& a : cloud.error->error.forward.attributes)
+            if (std::ranges::find(names, a.name) == names.end()) names.push_back(a.name);
+    std::vector<Column> columns;
+    for (const std::string& name : names) {
+        std::vector<std::string> cells = {printable(name)};
+        std::vector<double> means;
+        for (const proto::OutputCloud& cloud : levels) {
+            const auto& all = cloud.error->error.forward.attributes;
+            const auto found = std::ranges::find(all, name, &AttributeError::name);
+            const bool is_there = found != all.end();
+            cells.push_back(is_there ? three_digits(found->mean) : "");
+            means.push_back(is_there ? found->mean : std::numeric_limits<double>::infinity());
+        }
+        columns.emplace_back(std::move(cells), std::move(means));
+    }
+    return columns;
+}
+
+/// A row for each candidate. Where lines of so many columns are too short the rms is left out, and
+/// attributes go on in further tables.
+void print_table(std::ostream& out, const EvaluateCommand& command, const proto::Results& results,
+                 const TextStyle& style, std::size_t columns) {
+    const auto& levels = results.levels;
+    std::vector<std::string> files = {"candidate"}, points = {"points"};
+    for (std::size_t i = 0; i < levels.size(); ++i) {
+        files.push_back(printable(command.candidates[i].filename().string()));
+        points.push_back(with_separators(levels[i].points));
+    }
+    const Column names(std::move(files));
+    const auto figures = [&](const char* name, double (SurfaceError::*of)() const noexcept) {
+        std::vector<std::string> cells = {name};
+        std::vector<double> values;
+        for (const proto::OutputCloud& cloud : levels) {
+            values.push_back((cloud.error->error.*of)());
+            cells.push_back(distance_text(values.back(), cloud.error->error));
+        }
+        return Column(std::move(cells), std::move(values));
+    };
+    std::vector<Column> right = {Column(std::move(points)), figures("mean", &SurfaceError::mean),
+                                 figures("rms", &SurfaceError::rms),
+                                 figures("max", &SurfaceError::max)};
+    constexpr std::ptrdiff_t kRms = 2;
+    const bool has_rms = names.width + width_of(right) <= columns;
+    if (!has_rms) right.erase(right.begin() + kRms);
+    print_columns(out, names, right, style, columns);
+    out << style.dim(std::string("mean") + (has_rms ? " and rms" : "") +
                      " from the reference to the candidate, max of both ways;\n"
                      "input units, and percent of the diagonal, " +
                      three_digits(levels.front().error->error.diagonal))
         << '\n';
+
+    const std::vector<Column> attributes = attribute_columns(levels);
+    for (std::span<const Column> rest = attributes; !rest.empty();) {
+        std::size_t fitting = 1;
+        const std::size_t left = std::min(names.width, std::max(kShortestName, columns / 3));
+        while (fitting < rest.size() && left + width_of(rest.first(fitting + 1)) <= columns)
+            ++fitting;
+        print_columns(out, names, rest.first(fitting), style, columns);
+        rest = rest.subspan(fitting);
+    }
+    if (!attributes.empty()) out << style.dim(std::string("mean ") + kAttributeUnits) << '\n';
 }
 
 void summarise(const EvaluateCommand& command, const proto::Results& results, double seconds,

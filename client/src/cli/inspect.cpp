@@ -124,31 +124,41 @@ std::string corner(const Aabb& box, bool upper) {
     return text;
 }
 
-std::string attribute_list(const std::vector<proto::CloudAttribute>& attributes) {
+constexpr std::size_t kNameColumns = 12;  // in front of a value
+
+/// None is broken at the end of a line of so many columns.
+std::string attribute_list(const std::vector<proto::CloudAttribute>& attributes,
+                           std::size_t columns) {
     std::string list;
+    std::size_t used = kNameColumns;
     for (const proto::CloudAttribute& attribute : attributes) {
-        list += (list.empty() ? "" : ", ") + attribute.name + " " + attribute.type;
-        if (attribute.components > 1) list += "x" + std::to_string(attribute.components);
+        std::string text = printable(attribute.name + " " + attribute.type);
+        if (attribute.components > 1) text += "x" + std::to_string(attribute.components);
+        if (&attribute != &attributes.back()) text += ",";
+        const bool fits = used + 1 + display_width(text) <= columns;
+        if (!list.empty()) list += fits ? " " : "\n" + std::string(kNameColumns, ' ');
+        used = (fits && !list.empty() ? used + 1 : kNameColumns) + display_width(text);
+        list += text;
     }
-    return printable(list);
+    return list;
 }
 
 void print_row(std::ostream& out, const TextStyle& style, const std::string& name,
                const std::string& value) {
-    constexpr std::size_t kNameColumns = 12;
     if (value.empty()) return;
     const std::string gap(name.size() < kNameColumns ? kNameColumns - name.size() : 1, ' ');
     out << style.dim(name) << gap << value << '\n';
 }
 
-void print(std::ostream& out, const Findings& findings, const TextStyle& style) {
+void print(std::ostream& out, const Findings& findings, const TextStyle& style,
+           std::size_t columns) {
     const proto::CloudStatistics& cloud = findings.statistics;
     const std::string dot = " " + std::string(style.dot()) + " ";
     print_row(out, style, "points", style.strong(with_separators(cloud.points)));
     print_row(out, style, "encoding",
               std::string(to_string(findings.report.format)) + dot + printable(cloud.encoding) +
                   dot + readable_bytes(findings.bytes));
-    print_row(out, style, "attributes", attribute_list(cloud.attributes));
+    print_row(out, style, "attributes", attribute_list(cloud.attributes, columns));
     if (!cloud.bounds.empty()) {
         print_row(out, style, "size",
                   triple(cloud.bounds.max - cloud.bounds.min, style.unicode ? " × " : " x "));
@@ -181,7 +191,7 @@ void run(const InspectCommand& command, const Session& session) {
     const bool figures_alone = command.common.json == "-";
     if (!command.common.quiet && !figures_alone) {
         std::ostringstream out;
-        print(out, findings, session.terminal.output_style());
+        print(out, findings, session.terminal.output_style(), session.terminal.output_columns());
         write_out(out.str());
     }
     write_json(command.common.json, figures(command.input, findings));

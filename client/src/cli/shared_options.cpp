@@ -108,7 +108,9 @@ ServerOptions server_options(const ServerValues& values) {
 
 void add_reductions(CLI::App& command, std::vector<std::string>& reductions) {
     command
-        .add_option("--reduce", reductions, "mean, nearest, min, max or mode, for one attribute")
+        .add_option("--reduce", reductions,
+                    "mean, nearest, min, max or mode, for one attribute, or mean or nearest for "
+                    "color or normal; repeat for others")
         ->type_name("NAME=POLICY")
         ->allow_extra_args(false);
 }
@@ -129,7 +131,8 @@ void add_added_attributes(CLI::App& command, AddedValues& values) {
     add_no_error(command, values.no_error);
     command
         .add_option("--splats", values.splats,
-                    "splat attributes to write: none, radius, normal or ellipse")
+                    "splat attributes to write: none, radius, normal or ellipse; they replace "
+                    "those of IN of the same names")
         ->type_name("S")
         ->capture_default_str();
     command.add_flag("--source-index", values.source_index,

@@ -56,7 +56,9 @@ std::vector<std::uint64_t> lod_sizes(std::uint64_t points, const LodPyramidOptio
 /// there is one, yet still representing the cloud's points. With the other methods each level is
 /// what `simplify` makes of the cloud; particles move on one surface and are spread separately for
 /// each level, since parts without particles at first would stay bare if particles were split. The
-/// level of all points is the cloud itself; for nested levels, in their order.
+/// level of all points is the cloud itself; for nested levels, in their order. Colours of other
+/// levels are means of what their points stand for, also with methods that keep points, where they
+/// would speckle (but for `random`, nested levels, and a policy `Nearest` of `color`).
 ///
 /// Levels have more points where the surface bends, yet no holes where it is flat: on an evenly
 /// sampled surface no point is farther from a level than three times its spacing, except with

@@ -1,9 +1,14 @@
 #include "cloud/attribute_name.hpp"
 
 #include "cloud/ply_names.hpp"
+#include "cloud/whole_numbers.hpp"
 
+#include <algorithm>
 #include <cctype>
+#include <cmath>
 #include <set>
+#include <type_traits>
+#include <variant>
 
 namespace stipple {
 
@@ -37,7 +42,15 @@ bool is_known_as(std::string_view name, std::string_view known) {
 }
 
 Reduction reduction_of(std::string_view name, const AttributeValues& values) {
-    return is_known_as(name, "gps_time") ? Reduction::Nearest : default_reduction(values);
+    const auto may_be_labels = []<typename T>(const std::vector<T>& numbers) {
+        if constexpr (std::is_integral_v<T>)
+            return true;
+        else  // unknown ones may be among them
+            return std::ranges::all_of(numbers, [](T v) { return std::isnan(v) || is_whole(v); });
+    };
+    return is_known_as(name, "gps_time") || std::visit(may_be_labels, values)
+               ? Reduction::Nearest
+               : default_reduction(values);
 }
 
 void settle_names(PointCloud& cloud) {

@@ -22,8 +22,9 @@ inline bool is_attribute_name(std::string_view name) noexcept {
 /// what is no printable ASCII. Empty where nothing is left of it.
 std::string attribute_name_of(std::string_view foreign);
 
-/// `default_reduction` of what is read under a name: a time is that of a point, since between two
-/// flights over a place there was none.
+/// `default_reduction` of what is read under a name. A time is that of a point, since between two
+/// flights over a place there was none; and so are whole numbers, also where they are kept as
+/// floats: they may be labels.
 Reduction reduction_of(std::string_view name, const AttributeValues& values);
 
 /// Gives each attribute a name that is allowed, no other has, and no PLY file of the cloud needs

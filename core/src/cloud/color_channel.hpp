@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <concepts>
 #include <cstdint>
 #include <limits>
@@ -56,19 +57,21 @@ struct WideColors {
     void resize(std::size_t n) { values.resize(n, {kFull, kFull, kFull, kFull}); }
     /// Integers have 8 bits where none is above 255, and 8 bits in the upper ones of 16, as LAS
     /// prescribes, where all are multiples of 256; floats where one is above 2 and finite, as no
-    /// share of a colour is. Alpha alone may still be of the whole range.
+    /// share of a colour is, and 16 where one is above 1023. Alpha alone may still be of the whole
+    /// range.
     /// @param keeps_alpha  that of the colours stays, since it was no such channel.
     /// @returns whether nothing of them is lost.
     bool narrow(std::vector<Rgba8>& colors, bool keeps_alpha = false) const {
         const bool eight_bits = has_eight_bits();
         const bool upper_bits = !eight_bits && all_are_multiples_of(256);
+        const T divisor = eight_bits && any_above(T(1023)) ? T(257) : T(1);
         const auto narrowed = [&](T v) {
             if constexpr (std::is_integral_v<T>) {
                 if (upper_bits) return static_cast<std::uint8_t>(v / 256);
             }
             if (!eight_bits) return to_channel(v);
             constexpr T kRounding = std::is_integral_v<T> ? T(0) : T(0.5);
-            return v > 0 ? static_cast<std::uint8_t>(std::min<T>(v, 255) + kRounding)
+            return v > 0 ? static_cast<std::uint8_t>(std::min<T>(v / divisor, 255) + kRounding)
                          : std::uint8_t{0};
         };
         for (std::size_t i = 0; i < values.size(); ++i) {
@@ -78,6 +81,8 @@ struct WideColors {
             const std::uint8_t alpha = whole_alpha ? to_channel(a) : narrowed(a);
             colors[i] = {narrowed(r), narrowed(g), narrowed(b), keeps_alpha ? colors[i].a : alpha};
         }
+        if constexpr (!std::is_integral_v<T>)
+            return all_are_near_steps(eight_bits ? T(1) / divisor : T(255));
         return eight_bits || upper_bits || all_are_multiples_of(257);
     }
 
@@ -85,13 +90,26 @@ private:
     bool has_eight_bits() const {
         const auto largest = [](const Color& c) { return std::max({c[0], c[1], c[2]}); };
         const auto is_small = [&](const Color& c) { return !(largest(c) > T(255)); };
-        const auto is_large = [&](const Color& c) {
-            return std::ranges::any_of(std::span(c).template first<3>(), [](T v) {
-                return v > T(2) && v <= std::numeric_limits<T>::max();
+        return std::is_integral_v<T> ? std::ranges::all_of(values, is_small) : any_above(T(2));
+    }
+    /// Whether a channel is, and finite.
+    bool any_above(T bound) const {
+        return std::ranges::any_of(values, [bound](const Color& c) {
+            return std::ranges::any_of(std::span(c).template first<3>(), [bound](T v) {
+                return v > bound && v <= std::numeric_limits<T>::max();
             });
-        };
-        return std::is_integral_v<T> ? std::ranges::all_of(values, is_small)
-                                     : std::ranges::any_of(values, is_large);
+        });
+    }
+    /// Whether floats are those of 8 bits, times a factor, but for what rounding leaves.
+    bool all_are_near_steps(T factor) const {
+        constexpr T kRounding = T(0.01), kMost = T(255);
+        return std::ranges::all_of(values, [factor](const Color& c) {
+            return std::ranges::all_of(std::span(c).template first<3>(), [factor](T v) {
+                const T step = v * factor;
+                return !(std::abs(step - std::round(step)) > kRounding || step < -kRounding ||
+                         step > kMost + kRounding);
+            });
+        });
     }
     bool all_are_multiples_of(unsigned factor) const {
         if constexpr (!std::is_integral_v<T>)

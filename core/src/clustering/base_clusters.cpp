@@ -128,7 +128,7 @@ std::vector<Index> BaseClusters::in_samples(std::span<const Index> offsets) cons
 }
 
 LodLevel BaseClusters::level(const PointCloud& cloud, std::span<const Index> offsets,
-                             Representative kind, std::span<const Reduction> reductions,
+                             Representative kind, const Reductions& reductions,
                              const RunContext& context) const {
     const std::vector<Index> all = in_samples(offsets);
     const SampleSpan samples = std::as_const(*samples_).all();

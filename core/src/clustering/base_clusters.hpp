@@ -54,7 +54,7 @@ public:
     /// The level of their representatives, with its order along the base's curve.
     /// @param offsets  of clusters in the members.
     LodLevel level(const PointCloud& cloud, std::span<const Index> offsets, Representative kind,
-                   std::span<const Reduction> reductions, const RunContext& context) const;
+                   const Reductions& reductions, const RunContext& context) const;
     /// The points of such a level.
     LevelBase base_of(const LodLevel& level, std::span<const Index> offsets,
                       const RunContext& context) const;

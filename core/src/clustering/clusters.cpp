@@ -108,9 +108,23 @@ Vec3d surface_point(Gathered& gathered, std::span<const Index> members,
     return moments.centroid + frame.normal * height;
 }
 
+constexpr const char* kColor = "color";
+constexpr const char* kNormal = "normal";
+
 struct LinearColor {
     double r = 0, g = 0, b = 0, a = 0;
+
+    Rgba8 over(double weights, double count) const {
+        return {srgb_from_linear(r / weights), srgb_from_linear(g / weights),
+                srgb_from_linear(b / weights), static_cast<std::uint8_t>(std::lround(a / count))};
+    }
 };
+
+/// Of which a point nearest to each place is asked for.
+bool needs_nearest(const PointCloud& cloud, const Reductions& reductions) {
+    return !cloud.normals.empty() || !cloud.attributes.empty() ||
+           (!cloud.colors.empty() && reductions.color == Reduction::Nearest);
+}
 
 /// In linear light. Where alpha means something, each colour counts by it: that of a transparent
 /// point, which nobody sees, is not mixed into those that are seen.
@@ -120,26 +134,34 @@ Rgba8 mean_color(const PointCloud& cloud, std::span<const Index> members) {
                               return cloud.colors[i].a != 0;
                           });
     LinearColor sum;
+    if (!by_alpha) {
+        for (const Index i : members) {
+            const Rgba8& c = cloud.colors[i];
+            sum.r += static_cast<double>(linear[c.r]);
+            sum.g += static_cast<double>(linear[c.g]);
+            sum.b += static_cast<double>(linear[c.b]);
+            sum.a += c.a;
+        }
+        return sum.over(static_cast<double>(members.size()), static_cast<double>(members.size()));
+    }
     double weights = 0;
     for (const Index i : members) {
         const Rgba8& c = cloud.colors[i];
-        const double weight = by_alpha ? c.a : 1.0;
+        const double weight = c.a;
         weights += weight;
         sum.r += weight * static_cast<double>(linear[c.r]);
         sum.g += weight * static_cast<double>(linear[c.g]);
         sum.b += weight * static_cast<double>(linear[c.b]);
         sum.a += c.a;
     }
-    const double n = static_cast<double>(members.size());
-    return {srgb_from_linear(sum.r / weights), srgb_from_linear(sum.g / weights),
-            srgb_from_linear(sum.b / weights), static_cast<std::uint8_t>(std::lround(sum.a / n))};
+    return sum.over(weights, static_cast<double>(members.size()));
 }
 
 /// The mean direction; the normal of `fallback` where the directions cancel.
 Vec3f mean_normal(const std::vector<Vec3f>& normals, std::span<const Index> members,
                   Index fallback) {
     Vec3d sum = Vec3d::Zero();
-    for (const Index i : members) sum += normals[i].cast<double>();
+    for (const Index i : members) sum += normals[i].cast<double>().normalized();
     constexpr double kCancelled = 1e-12;
     if (!(sum.squaredNorm() > kCancelled)) return normals[fallback];
     return sum.normalized().cast<float>();
@@ -224,37 +246,52 @@ T reduced(const std::vector<T>& values, unsigned components, unsigned component,
 
 std::string attribute_names(const PointCloud& cloud) {
     std::string names;
-    for (const Attribute& attribute : cloud.attributes)
-        names += (names.empty() ? "" : ", ") + attribute.name;
+    const auto add = [&](const std::string& name) { names += (names.empty() ? "" : ", ") + name; };
+    if (!cloud.normals.empty()) add(kNormal);
+    if (!cloud.colors.empty()) add(kColor);
+    for (const Attribute& attribute : cloud.attributes) add(attribute.name);
     return names.empty() ? "none" : names;
+}
+
+/// The policy of colours or normals that is called by this name; null for another.
+Reduction* own_policy(const PointCloud& cloud, std::string_view name, Reductions& reductions) {
+    if (name == kNormal && !cloud.normals.empty()) return &reductions.normal;
+    if (name == kColor && !cloud.colors.empty()) return &reductions.color;
+    return nullptr;
 }
 
 }  // namespace
 
-std::vector<Reduction> reductions_for(const PointCloud& cloud,
-                                      const std::map<std::string, Reduction>& named,
-                                      Representative kind) {
-    std::vector<Reduction> result;
-    for (const Attribute& attribute : cloud.attributes) {
-        result.push_back(kind == Representative::Nearest ? Reduction::Nearest
-                                                         : attribute.reduction);
-    }
+Reductions reductions_for(const PointCloud& cloud, const std::map<std::string, Reduction>& named,
+                          Representative kind) {
+    Reductions result;
+    const bool copies = kind == Representative::Nearest;
+    if (copies) result.color = result.normal = Reduction::Nearest;
+    for (const Attribute& attribute : cloud.attributes)
+        result.attributes.push_back(copies ? Reduction::Nearest : attribute.reduction);
     for (const auto& [name, reduction] : named) {
-        const Attribute* attribute = find_attribute(cloud, name);
-        if (attribute == nullptr) {
+        if (const Attribute* const attribute = find_attribute(cloud, name)) {
+            const auto number = static_cast<std::size_t>(attribute - cloud.attributes.data());
+            result.attributes[number] = reduction;
+            continue;
+        }
+        Reduction* const own = own_policy(cloud, name, result);
+        if (own == nullptr) {
             throw Error(
                 ErrorCode::InvalidArgument,
                 "reductions: no attribute " + name + "; the cloud has: " + attribute_names(cloud));
         }
-        result[static_cast<std::size_t>(attribute - cloud.attributes.data())] = reduction;
+        if (reduction != Reduction::Mean && reduction != Reduction::Nearest)
+            throw Error(ErrorCode::InvalidArgument,
+                        "reductions: " + name + ": expected mean or nearest");
+        *own = reduction;
     }
     return result;
 }
 
 PointCloud merged_cloud(const PointCloud& cloud, std::vector<Vec3f> positions,
                         const MemberLists& lists, std::span<const Index> nearest,
-                        std::span<const Reduction> reductions, bool take_nearest,
-                        const RunContext& context) {
+                        const Reductions& reductions, const RunContext& context) {
     const std::size_t count = positions.size();
     PointCloud result;
     result.origin = cloud.origin;
@@ -276,15 +313,16 @@ PointCloud merged_cloud(const PointCloud& cloud, std::vector<Vec3f> positions,
     parallel_for_blocks(count, kClustersPerBlock, context, [&](std::size_t begin, std::size_t end) {
         if (!cloud.normals.empty()) {
             for (std::size_t i = begin; i < end; ++i) {
-                result.normals[i] = take_nearest
+                result.normals[i] = reductions.normal == Reduction::Nearest
                                         ? cloud.normals[nearest[i]]
                                         : mean_normal(cloud.normals, lists.of(i), nearest[i]);
             }
         }
         if (!cloud.colors.empty()) {
             for (std::size_t i = begin; i < end; ++i) {
-                result.colors[i] =
-                    take_nearest ? cloud.colors[nearest[i]] : mean_color(cloud, lists.of(i));
+                result.colors[i] = reductions.color == Reduction::Nearest
+                                       ? cloud.colors[nearest[i]]
+                                       : mean_color(cloud, lists.of(i));
             }
         }
         for (std::size_t a = 0; a < cloud.attributes.size(); ++a) {
@@ -298,7 +336,7 @@ PointCloud merged_cloud(const PointCloud& cloud, std::vector<Vec3f> positions,
                         for (unsigned c = 0; c < from.components; ++c) {
                             out[i * from.components + c] =
                                 reduced(values, from.components, c, lists.of(i), nearest[i],
-                                        reductions[a], buffer);
+                                        reductions.attributes[a], buffer);
                         }
                     }
                 },
@@ -312,12 +350,11 @@ PointCloud merged_cloud(const PointCloud& cloud, std::vector<Vec3f> positions,
                         const MemberLists& lists,
                         const std::map<std::string, Reduction>& reductions,
                         const RunContext& context) {
+    const Reductions of_each = reductions_for(cloud, reductions, Representative::Centroid);
     std::vector<Index> nearest;
-    if (!cloud.normals.empty() || !cloud.attributes.empty())
+    if (needs_nearest(cloud, of_each))
         nearest = nearest_members(cloud.positions, lists, positions, context);
-    return merged_cloud(cloud, std::move(positions), lists, nearest,
-                        reductions_for(cloud, reductions, Representative::Centroid), false,
-                        context);
+    return merged_cloud(cloud, std::move(positions), lists, nearest, of_each, context);
 }
 
 std::vector<Index> nearest_members(std::span<const Vec3f> points, const MemberLists& lists,
@@ -333,13 +370,13 @@ std::vector<Index> nearest_members(std::span<const Vec3f> points, const MemberLi
 }
 
 PointCloud representatives(const PointCloud& cloud, const MemberLists& clusters,
-                           Representative kind, std::span<const Reduction> reductions,
+                           Representative kind, const Reductions& reductions,
                            const RunContext& context) {
     const std::size_t count = clusters.size();
     const bool take_nearest = kind == Representative::Nearest;
-    const bool needs_nearest = take_nearest || !cloud.normals.empty() || !cloud.attributes.empty();
+    const bool with_nearest = take_nearest || needs_nearest(cloud, reductions);
     auto positions = made_in_blocks<std::vector<Vec3f>>(count, context);
-    auto nearest = made_in_blocks<std::vector<Index>>(needs_nearest ? count : 0, context);
+    auto nearest = made_in_blocks<std::vector<Index>>(with_nearest ? count : 0, context);
     parallel_for_blocks(count, kClustersPerBlock, context, [&](std::size_t begin, std::size_t end) {
         Gathered gathered(cloud.positions, clusters.ordered);
         for (std::size_t i = begin; i < end; ++i) {
@@ -349,14 +386,13 @@ PointCloud representatives(const PointCloud& cloud, const MemberLists& clusters,
                                      ? surface_point(gathered, members, moments)
                                      : moments.centroid;
             positions[i] = target.cast<float>();
-            if (!needs_nearest) continue;
+            if (!with_nearest) continue;
             const Near near = gathered.nearest_to(positions[i], members);
             nearest[i] = near.index;
             if (take_nearest) positions[i] = near.position;
         }
     });
-    return merged_cloud(cloud, std::move(positions), clusters, nearest, reductions, take_nearest,
-                        context);
+    return merged_cloud(cloud, std::move(positions), clusters, nearest, reductions, context);
 }
 
 PointCloud representatives(const PointCloud& cloud, const Clusters& clusters, Representative kind,

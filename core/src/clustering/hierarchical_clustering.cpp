@@ -50,8 +50,7 @@ PointCloud hierarchical_clustering(const PointCloud& cloud,
                                    const RunContext& context) {
     validate(cloud);
     check(options, cloud.size());
-    const std::vector<Reduction> reductions =
-        reductions_for(cloud, options.reductions, options.representative);
+    const Reductions reductions = reductions_for(cloud, options.reductions, options.representative);
     if (keeps_everything(options, cloud.size())) return copy_of(cloud, context);
     context.checkpoint(0.0);
     PointCloud result;

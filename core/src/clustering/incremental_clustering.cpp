@@ -240,8 +240,7 @@ PointCloud incremental_clustering(const PointCloud& cloud,
                                   const RunContext& context) {
     validate(cloud);
     check(options, cloud.size());
-    const std::vector<Reduction> reductions =
-        reductions_for(cloud, options.reductions, options.representative);
+    const Reductions reductions = reductions_for(cloud, options.reductions, options.representative);
     if (options.target_size && *options.target_size >= cloud.size()) return copy_of(cloud, context);
     const Clusters clusters =
         incremental_clusters(cloud.positions, options, context.part(0.0, 0.8));

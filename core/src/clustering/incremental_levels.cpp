@@ -96,7 +96,7 @@ private:
     bool has_curve_;
     const Plan& plan_;
     const IncrementalClusteringOptions& options_;
-    std::vector<Reduction> reductions_;
+    Reductions reductions_;
     const std::function<void(LodLevel&&)>& on_level_;
     std::map<std::uint64_t, LevelBase> bases_;  ///< by their points; those that are still needed
 };

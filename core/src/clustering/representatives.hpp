@@ -11,12 +11,19 @@
 
 namespace stipple {
 
-/// How each attribute of `cloud` is reduced: as `named` says; else with its point, where that is
-/// the representative, or as the attribute itself says.
-/// @throws Error(InvalidArgument) for a name that the cloud has not, naming those it has.
-std::vector<Reduction> reductions_for(const PointCloud& cloud,
-                                      const std::map<std::string, Reduction>& named,
-                                      Representative kind);
+/// How what many points carry becomes that of one.
+struct Reductions {
+    std::vector<Reduction> attributes{};                          ///< one for each of the cloud
+    Reduction color = Reduction::Mean, normal = Reduction::Mean;  ///< or `Nearest`
+};
+
+/// How the attributes of `cloud` are reduced: as `named` says, where `color` and `normal` are those
+/// of the cloud; else with its point, where that is the representative, or as the attribute itself
+/// says.
+/// @throws Error(InvalidArgument) for a name that the cloud has not, naming those it has; for a
+/// policy of colours or normals other than `Mean` and `Nearest`.
+Reductions reductions_for(const PointCloud& cloud, const std::map<std::string, Reduction>& named,
+                          Representative kind);
 
 /// Some of a cloud's points for each of many places, flat; a point may be in several lists, a list
 /// is never empty.
@@ -35,14 +42,11 @@ struct MemberLists {
 /// The cloud with a point at each of `positions`, whose attributes are those of the points listed
 /// for it, reduced.
 ///
-/// @param nearest  for each, the listed point nearest to it; empty when the cloud has neither
-/// normals nor attributes.
-/// @param reductions  one for each attribute of `cloud`.
-/// @param take_nearest  normals and colours are those of the nearest, too.
+/// @param nearest  for each, the listed point nearest to it; may be empty when the cloud has
+/// neither normals nor attributes, and its colours are means.
 PointCloud merged_cloud(const PointCloud& cloud, std::vector<Vec3f> positions,
                         const MemberLists& lists, std::span<const Index> nearest,
-                        std::span<const Reduction> reductions, bool take_nearest,
-                        const RunContext& context);
+                        const Reductions& reductions, const RunContext& context);
 
 /// The same for methods that place points freely: attributes are reduced by their own policy, or as
 /// `reductions` says by name.
@@ -56,9 +60,8 @@ std::vector<Index> nearest_members(std::span<const Vec3f> points, const MemberLi
                                    std::span<const Vec3f> positions, const RunContext& context);
 
 /// The cloud of representatives of clusters of its points.
-/// @param reductions  one for each attribute of `cloud`.
 PointCloud representatives(const PointCloud& cloud, const MemberLists& clusters,
-                           Representative kind, std::span<const Reduction> reductions,
+                           Representative kind, const Reductions& reductions,
                            const RunContext& context);
 
 }  // namespace stipple

@@ -233,8 +233,7 @@ PointCloud voxel_clustering(const PointCloud& cloud, const VoxelClusteringOption
                             const RunContext& context) {
     validate(cloud);
     check(options, cloud.size());
-    const std::vector<Reduction> reductions =
-        reductions_for(cloud, options.reductions, options.representative);
+    const Reductions reductions = reductions_for(cloud, options.reductions, options.representative);
     if (options.target_size && *options.target_size >= cloud.size()) return copy_of(cloud, context);
     context.checkpoint(0.0);
     Clusters clusters = voxel_clusters(cloud.positions, options, context);

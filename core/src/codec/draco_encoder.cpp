@@ -11,6 +11,7 @@
 #include "cloud/chain_order.hpp"
 #include "cloud/directions.hpp"
 #include "cloud/grid_step.hpp"
+#include "cloud/whole_numbers.hpp"
 #include "neighbors/gaps.hpp"
 #include "neighbors/point_tree.hpp"
 #include "stipple/codec.hpp"
@@ -287,13 +288,6 @@ bool can_be_entropy_coded(const std::vector<T>& values) {
     using Int32 = std::numeric_limits<std::int32_t>;
     return range < kWidest && std::int64_t{high} + range < Int32::max() &&
            std::int64_t{low} - range > Int32::min();
-}
-
-/// Whether all are whole numbers, as labels and counts that some programs write as floats:
-/// quantised they would be none any more.
-bool are_whole(const std::vector<float>& values) {
-    return std::ranges::all_of(values,
-                               [](float v) { return std::isfinite(v) && v == std::trunc(v); });
 }
 
 /// Whole numbers as integers, where Draco holds them.

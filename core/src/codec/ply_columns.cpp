@@ -42,9 +42,12 @@ PointCloud PlyDestination::finish(DecodeReport& report) {
     if (wide_ && !origin_) place_coordinates();
     if (!wide_colors_.values.empty() && !wide_colors_.narrow(cloud_.colors, alpha_apart_))
         report.skipped.emplace_back("lower 8 bits of 16-bit colours");
-    if (!float_colors_.values.empty()) float_colors_.narrow(cloud_.colors, alpha_apart_);
+    if (!float_colors_.values.empty() && !float_colors_.narrow(cloud_.colors, alpha_apart_))
+        report.skipped.emplace_back("what float colours have beyond 8 bits");
     cloud_.origin = origin_.value_or(Vec3d::Zero());
     cloud_.double_precision = wide_;
+    for (Attribute& attribute : cloud_.attributes)
+        attribute.reduction = reduction_of(attribute.name, attribute.values);
     for (auto& [property, sink] : lists_) keep_or_report(*property, sink, report);
     if (layout_.has(PlyRole::Normal)) scale_normals();
     settle_names(cloud_);
@@ -67,8 +70,7 @@ void PlyDestination::allocate() {
         const PlyProperty& property = layout_.vertex->properties[i];
         if (layout_.roles[i].kind != PlyRole::Attribute || property.is_list()) continue;
         AttributeValues values = values_of(property.type, n);
-        const Reduction reduction = reduction_of(property.name, values);
-        cloud_.attributes.push_back({property.name, std::move(values), 1, reduction});
+        cloud_.attributes.push_back({property.name, std::move(values)});
     }
 }
 

@@ -33,15 +33,27 @@ bool equals(std::string_view a, std::string_view b) {
 std::vector<PlyRole> assign_roles(const PlyElement& vertex) {
     std::vector<PlyRole> roles(vertex.properties.size());
     const auto index_of = [&](std::string_view name) -> std::optional<std::size_t> {
-        const auto found = std::ranges::find_if(vertex.properties, [&](const PlyProperty& p) {
-            return equals(p.name, name) && !p.is_list();
-        });
-        if (found == vertex.properties.end()) return std::nullopt;
-        return static_cast<std::size_t>(found - vertex.properties.begin());
+        std::optional<std::size_t> found;
+        for (std::size_t i = 0; i < vertex.properties.size(); ++i) {
+            const PlyProperty& p = vertex.properties[i];
+            if (p.is_list() || !equals(p.name, name)) continue;
+            if (p.name == name) return i;  // goes before those in capitals
+            if (!found) found = i;
+        }
+        return found;
+    };
+    const auto is_capital = [&](std::size_t i) {
+        const char first = vertex.properties[i].name.front();
+        return 'A' <= first && first <= 'Z';
     };
     const auto assign = [&](std::span<const std::string_view> names, PlyRole::Kind kind) {
         for (unsigned component = 0; component < names.size(); ++component) {
-            if (const auto index = index_of(names[component])) roles[*index] = {kind, component};
+            const auto index = index_of(names[component]);
+            if (!index) continue;
+            // Beside `r` an `A` is something else, as an amplitude.
+            const bool is_other = kind == PlyRole::Color && component == 3 &&
+                                  is_capital(*index) != is_capital(*index_of(names[0]));
+            if (!is_other) roles[*index] = {kind, component};
         }
     };
     // Of several families of names the first that is whole counts; the others are attributes like
@@ -133,7 +145,7 @@ void describe(const PlyLayout& layout, DecodeReport& report) {
     report.comments = layout.header.comments;
     report.skipped = layout.header.unknown_lines;
     for (const PlyElement& element : layout.header.elements) {
-        if (&element == layout.vertex) continue;
+        if (&element == layout.vertex || element.count == 0) continue;
         if (element.name == "face") report.faces = element.count;
         if (!element.has_list()) report.skipped.push_back(element.name);
         for (const PlyProperty& property : element.properties) {

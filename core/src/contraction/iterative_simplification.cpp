@@ -172,7 +172,7 @@ private:
             const auto reductions =
                 reductions_for(cloud_, options_.reductions, Representative::Nearest);
             return merged_cloud(cloud_, std::move(snapshot.positions), lists, snapshot.samples,
-                                reductions, true, context);
+                                reductions, context);
         }
         if (search_) {
             bound_displacement(snapshot.positions, cloud_.positions, *search_,

@@ -89,7 +89,7 @@ public:
         for (std::size_t i = 0; i < size; ++i) positions[i] = cloud_.positions[nearest[i]];
         return merged_cloud(cloud_, std::move(positions), clusters, nearest,
                             reductions_for(cloud_, options_.reductions, Representative::Nearest),
-                            true, context);
+                            context);
     }
 
 private:

@@ -483,7 +483,7 @@ void check_ranges(const ParticleSimulationOptions& options) {
 struct ParticleSimulator::Implementation {
     const PointCloud& cloud;
     ParticleSimulationOptions options;
-    std::vector<Reduction> reductions;
+    Reductions reductions;
     ParticleFrame frame;
     // Of points that do not all coincide.
     std::vector<Index> order;  ///< along a space-filling curve
@@ -568,7 +568,7 @@ PointCloud ParticleSimulator::run(std::uint64_t particles, const RunContext& con
     const Sources sources = of.sources_of(positions, context);
     PointCloud result =
         merged_cloud(of.cloud, std::move(positions), {sources.members.data(), sources.offsets},
-                     sources.nearest, of.reductions, false, context);
+                     sources.nearest, of.reductions, context);
     context.checkpoint(1.0);
     return result;
 }

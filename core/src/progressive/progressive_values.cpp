@@ -3,6 +3,7 @@
 #include "base/first_touch.hpp"
 #include "base/parallel_for.hpp"
 #include "cloud/attribute_name.hpp"
+#include "cloud/whole_numbers.hpp"
 #include "stipple/error.hpp"
 
 #include <algorithm>
@@ -128,10 +129,14 @@ std::vector<ProgressiveAttribute> describe_attributes(const PointCloud& cloud, u
         if (floats != nullptr && bits > 0 && !floats->empty() &&
             std::ranges::all_of(*floats, [](float v) { return std::isfinite(v); })) {
             const auto [least, most] = std::ranges::minmax(*floats);
-            to.bits = static_cast<std::uint8_t>(bits);
-            to.low = least;
             const double range = double{most} - double{least};
-            if (range > 0) to.step = range / static_cast<double>((std::uint64_t{1} << bits) - 1);
+            const auto most_steps = static_cast<double>((std::uint64_t{1} << bits) - 1);
+            const bool whole = are_whole(*floats);
+            if (!whole || range <= most_steps) {
+                to.bits = static_cast<std::uint8_t>(bits);
+                to.low = least;
+                if (range > 0) to.step = whole ? 1 : range / most_steps;
+            }
         }
         described.push_back(std::move(to));
     }

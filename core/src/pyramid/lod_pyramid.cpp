@@ -62,7 +62,7 @@ std::vector<LodLevel> cut_levels(const PointCloud& cloud, const LevelBase& base,
                                  const LodPyramidOptions& options, const RunContext& context) {
     if (sizes.empty()) return {};
     const Representative representative = options.simplification.hierarchical.representative;
-    const std::vector<Reduction> reductions =
+    const Reductions reductions =
         reductions_for(cloud, options.simplification.reductions, representative);
     const std::vector<std::uint64_t> finest_first(sizes.rbegin(), sizes.rend());
     constexpr double kCut = 0.6, kGathered = 0.7;
@@ -364,10 +364,22 @@ void build_in_turn(const PointCloud& cloud, const std::function<PointCloud()>& w
     if (made.size() < sizes.levels.size()) emitter.emit({.cloud = whole()});
 }
 
+/// Colours of levels are the means of the points that they stand for, also where a level keeps
+/// points: those of single points speckle where the cloud is seen from afar.
+LodPyramidOptions with_mean_colors(LodPyramidOptions options, const PointCloud& cloud) {
+    SimplifyOptions& method = options.simplification;
+    const bool copies = method.method == Method::Hierarchical ||
+                        method.method == Method::Incremental || method.method == Method::Voxel;
+    if (copies && !cloud.colors.empty() && find_attribute(cloud, "color") == nullptr)
+        method.reductions.emplace("color", Reduction::Mean);
+    return options;
+}
+
 void build(const PointCloud& cloud, const std::function<PointCloud()>& whole,
-           const LodPyramidOptions& options, const std::function<void(LodLevel&&)>& on_level,
+           const LodPyramidOptions& given, const std::function<void(LodLevel&&)>& on_level,
            const RunContext& context) {
     validate(cloud);
+    const LodPyramidOptions options = with_mean_colors(given, cloud);
     if (cloud.empty()) refuse("the cloud has no points: expected at least 1");
     Sizes sizes{.levels = lod_sizes(cloud.size(), options), .tries = {}};
     if (options.base_fits && options.sizes.empty())

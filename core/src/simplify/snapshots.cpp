@@ -19,7 +19,7 @@ void make_cuts(const PointCloud& cloud, const SimplifyOptions& options,
                std::span<const std::uint64_t> sizes,
                const std::function<void(PointCloud&&)>& on_cloud, const RunContext& context) {
     const Representative kind = options.hierarchical.representative;
-    const std::vector<Reduction> reductions = reductions_for(cloud, options.reductions, kind);
+    const Reductions reductions = reductions_for(cloud, options.reductions, kind);
     ClusterTree tree(cloud.positions);
     for (const std::uint64_t size : sizes) {
         const std::vector<Index> offsets = tree.cut(size, context).offsets;
