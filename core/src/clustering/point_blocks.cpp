@@ -106,7 +106,10 @@ void PointBlocks::approach(const Vec3f& q, float radius, Vicinity& vicinity) con
     constexpr float kRounding = 1.0001F;
     constexpr float kAhead = 3;        // radii: as far as looks to come may see
     constexpr std::size_t kMost = 32;  // groups that are worth it
-    if (kRounding * ((q - vicinity.center).lpNorm<1>() + radius) <= vicinity.radius) return;
+    // One that a wide look left behind, as among stray points, is too much for narrow ones.
+    const bool is_fit = vicinity.groups.size() <= kMost || vicinity.radius <= 2 * kAhead * radius;
+    if (is_fit && kRounding * ((q - vicinity.center).lpNorm<1>() + radius) <= vicinity.radius)
+        return;
     vicinity.center = q;
     for (const auto& [reach, most] :
          {std::pair(kAhead * radius, kMost), std::pair(radius, begins_.size())}) {

@@ -5,6 +5,8 @@
 #include "cloud/float4.hpp"
 #include "clustering/point_blocks.hpp"
 #include "clustering/surroundings.hpp"
+#include "neighbors/point_tree.hpp"
+#include "neighbors/tree_search.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -21,9 +23,9 @@ class Centroids {
 public:
     Centroids(const Regions& regions, std::span<const Index> chosen, const RunContext& context)
         : scale_(regions.scale),
-          blocks_(positions_of(regions, chosen, context), 16, 1.0F, context) {
-        first_look_ = blocks_.extent() / std::sqrt(static_cast<float>(chosen.size()));
-    }
+          positions_(positions_of(regions, chosen, context)),
+          blocks_(positions_, 16, 1.0F, context),
+          tree_(positions_, PointTree::Leaves::Quick, context) {}
 
     /// Some of them: numbers among the chosen regions and scaled positions, and behind those
     /// groups of four are filled up with what is infinitely far.
@@ -33,19 +35,24 @@ public:
         Surroundings found;  ///< without those that lie too far
     };
 
-    /// Finds every centroid that may be the closest to a point within `reach` of q.
-    void find_candidates(const Vec3f& q, float reach, Near& near) const {
-        float radius = std::max(2 * reach, first_look_);
-        float closest_sq = find(q, radius, near);
-        while (near.found.free_count == 0) {
-            constexpr float kNotZero = std::numeric_limits<float>::min();
-            radius = 2 * std::max(radius, kNotZero);
-            closest_sq = find(q, radius, near);
-        }
-        constexpr float kRounding = 1.0001F;
-        const float needed = kRounding * (std::sqrt(closest_sq) + 2 * reach);
-        if (needed > radius) find(q, needed, near);
+    /// Finds every centroid that may be the closest to a point within `reach` of q. For those of so
+    /// many points: false where they are too many to look at them all for each.
+    bool find_candidates(const Vec3f& q, float reach, std::size_t points, Near& near) const {
+        constexpr float kRounding = 1.0001F, kNotZero = std::numeric_limits<float>::min();
+        constexpr std::size_t kMany = 64, kForEach = 4;
+        const float needed =
+            std::max(kNotZero, kRounding * (std::sqrt(nearest_to(q).distance_sq) + 2 * reach));
+        near.found.look(blocks_, q, 0, needed, blocks_.samples().size);
+        if (near.found.free_count > kMany + kForEach * points) return false;
         write_out(needed * needed, near);
+        return true;
+    }
+
+    /// Of equally near ones the least.
+    Neighbor nearest_to(const Vec3f& q) const {
+        Neighbor nearest;
+        find_nearest(tree_, q, {&nearest, 1});
+        return nearest;
     }
 
     float scale() const noexcept { return scale_; }
@@ -59,15 +66,6 @@ private:
                 positions[i] = regions.regions[chosen[i]].centroid;
         });
         return positions;
-    }
-
-    /// Finds those within a radius. @return the least of their squared distances.
-    float find(const Vec3f& q, float radius, Near& near) const {
-        near.found.look(blocks_, q, 0, radius, blocks_.samples().size);
-        float least = std::numeric_limits<float>::infinity();
-        for (std::size_t i = 0; i < near.found.free_count; ++i)
-            least = std::min(least, near.found.free_sq[i]);
-        return least;
     }
 
     /// Numbers and positions of those found that are within the root of `limit_sq`.
@@ -89,8 +87,10 @@ private:
         while (near.number.size() % 4 != 0) add(0, Vec3f::Constant(kFar));
     }
 
-    float scale_, first_look_;
+    float scale_;
+    std::vector<Vec3f> positions_;
     PointBlocks blocks_;
+    PointTree tree_;
 };
 
 /// The number of the nearest; of equally near ones the least.
@@ -123,8 +123,11 @@ void join(std::span<const Vec3f> points, const Regions& regions, const Region& s
     float reach_sq = 0;
     for (Index at = stray.begin; at < stray.end; ++at)
         reach_sq = std::max(reach_sq, (position(at) - stray.centroid).squaredNorm());
-    centroids.find_candidates(stray.centroid, std::sqrt(reach_sq), near);
-    for (Index at = stray.begin; at < stray.end; ++at) cluster[at] = closest(position(at), near);
+    const bool is_narrow =
+        centroids.find_candidates(stray.centroid, std::sqrt(reach_sq), stray.size(), near);
+    for (Index at = stray.begin; at < stray.end; ++at)
+        cluster[at] =
+            is_narrow ? closest(position(at), near) : centroids.nearest_to(position(at)).index;
 }
 
 }  // namespace
