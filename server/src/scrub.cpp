@@ -12,6 +12,7 @@
 #include <iostream>
 #include <map>
 #include <string>
+#include <vector>
 
 namespace stipple::server {
 
@@ -20,6 +21,8 @@ int scrub(const ServerConfig& config) {
         throw Error(ErrorCode::NotFound,
                     "--data " + config.data.string() + ": no store there: nothing to compare");
     const auto locks = lock_parts_to_read(config.data, parts_of(Role::All));
+    const std::vector<std::string> damage = find_damage(database_in(config.data));
+    for (const std::string& what : damage) std::cout << "database: " << what << '\n';
     const auto blobs = open_file_blob_store(blobs_in(config.data), {});
     std::map<std::string, bool> ids;  // whether the database names it
     for (const std::string& id : blobs->older_than(std::chrono::system_clock::now()))
@@ -42,8 +45,9 @@ int scrub(const ServerConfig& config) {
         }
     }
     std::cout << whole << " files intact, " << bytes << " bytes; " << broken << " broken, "
-              << missing << " missing\n";
-    return broken + missing == 0 ? 0 : 1;
+              << missing << " missing; database " << (damage.empty() ? "intact" : "damaged")
+              << '\n';
+    return broken + missing + damage.size() == 0 ? 0 : 1;
 }
 
 }  // namespace stipple::server

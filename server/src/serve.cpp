@@ -25,6 +25,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr std::chrono::seconds kPatienceWithPacking{1};
+
 /// Written to by the signal handler, which may do little else. A handler rather than a blocked
 /// signal: what we spawn inherits no mask.
 std::atomic<int> signal_event = -1;
@@ -125,15 +127,16 @@ http::GuardedServerOptions admin_guard(const ServerConfig& config) {
     return options;
 }
 
-WorkerPoolOptions worker_options(const ServerConfig& config, Service& service) {
+WorkerPoolOptions worker_options(const ServerConfig& config, Service& service,
+                                 http::Metrics& metrics) {
     return {.workers = config.workers,
             .threads_per_job = config.threads,
             .scratch = scratch_in(config.data),
             .lease = std::chrono::seconds(30),
             .drain = config.drain_timeout,
-            .on_level = [&service](const proto::OutputCloud& level) {
-                service.outputs().announce(level);
-            }};
+            .on_level =
+                [&service](const proto::OutputCloud& level) { service.outputs().announce(level); },
+            .on_end = [&metrics](std::string_view outcome) { metrics.attempt_ended(outcome); }};
 }
 
 /// A server, with the flag of its address in front of what is wrong with that.
@@ -203,8 +206,11 @@ int serve(const ServerConfig& config) {
                                                .cloud_retention = config.limits.cloud_retention},
                             *jobs, *blobs);
     std::optional<WorkerPool> workers;
-    if (config.role != Role::Api)
-        workers.emplace(worker_options(config, service), config.limits, *jobs, *blobs, *runner);
+    if (config.role != Role::Api) {
+        metrics.expect_attempts(kAttemptOutcomes);
+        workers.emplace(worker_options(config, service, metrics), config.limits, *jobs, *blobs,
+                        *runner);
+    }
 
     // One line for people and scripts: with port 0 the only way to learn the addresses.
     std::cout << "stippled is ready: api="
@@ -220,7 +226,12 @@ int serve(const ServerConfig& config) {
     if (workers) workers->begin_drain();
     const bool all_served = !api_server || api_server->drain(config.drain_timeout);
     workers.reset();
+    const bool all_packed = service.outputs().end_packing(kPatienceWithPacking);
     spdlog::info("server.stopped requests_cut={}", !all_served);
+    if (!all_packed) {  // what it makes can be made again, and all else is on the disk
+        spdlog::shutdown();
+        ::_exit(0);
+    }
     return 0;
 }
 

@@ -217,7 +217,7 @@ TEST(Client, AFinishedJobIsLeftByADismissalAndGoneOnceItIsRemoved) {
 TEST(Client, ARunningJobIsGoneSoonAfterItIsDismissed) {
     const test::StippledProcess server;
     const test::TemporaryFolder folder;
-    write_cloud(test::sphere(1'500'000, 0.01), folder / "big.ply");
+    write_cloud(test::sphere(3'000'000, 0.01), folder / "big.ply");
     Client client(server.url());
     const auto cloud = client.upload(folder / "big.ply");
     const auto job = client.submit(pyramid_request(cloud.id));

@@ -216,6 +216,43 @@ TEST(Stippled, ScrubTellsOfFilesThatAreMissingAndChangesNothing) {
     EXPECT_FALSE(fs::exists(server.data() / "api.lock"));
 }
 
+TEST(Stippled, ScrubTellsOfADamagedDatabase) {
+    StippledProcess server;
+    EXPECT_EQ(server.stop(), 0);
+    const std::string scrub = "scrub --data " + server.data().string();
+    EXPECT_NE(said_by_stippled(scrub).find("database intact"), std::string::npos);
+    std::fstream file(server.data() / "stipple.sqlite",
+                      std::ios::binary | std::ios::in | std::ios::out);
+    constexpr std::streamoff kPage = 4096;
+    file.seekp(kPage);  // behind the header, which tells what the file is
+    for (std::streamoff i = 0; i < kPage; ++i) file.put('\xA5');
+    file.close();
+    const std::string said = said_by_stippled(scrub);
+    EXPECT_NE(said.find("database"), said.npos) << said;
+    EXPECT_EQ(said.find("database intact"), said.npos) << said;
+    EXPECT_EQ(said.find("status 0"), said.npos) << said;
+}
+
+TEST(Stippled, JobsWaitWhileTheirFilesAreAway) {
+    const TemporaryFolder scans;
+    const StippledProcess server;
+    Client client(server.url());
+    const std::string cloud = client.upload(write_sphere(scans, 1000, "scan.ply")).id;
+    fs::rename(server.data() / "blobs", server.data() / "away");  // as a disk that is not mounted
+    fs::create_directory(server.data() / "blobs");
+    const auto job = client.submit({cloud, proto::SimplifyJob{{.points = 100}, {}}});
+    using std::chrono::steady_clock;
+    for (const auto end = steady_clock::now() + 20s; steady_clock::now() < end;) {
+        if (client.job(job.id).message.starts_with("the service could not")) break;
+        std::this_thread::sleep_for(20ms);
+    }
+    EXPECT_EQ(client.job(job.id).status, proto::JobStatus::Accepted);
+    EXPECT_NE(test::request(server.admin_port(), "GET", "/metrics")
+                  .body.find("stipple_job_attempts_total{outcome=\"put_off\"} 1\n"),
+              std::string::npos);
+    client.dismiss(job.id);
+}
+
 TEST(Stippled, MayOpenTheFilesThatItsConnectionsNeed) {
     rlimit before{};
     ASSERT_EQ(::getrlimit(RLIMIT_NOFILE, &before), 0);

@@ -1,5 +1,7 @@
 #include "job_store_contract.hpp"
 
+#include "store/store_fault.hpp"
+
 #include <sqlite3.h>
 #include <algorithm>
 #include <set>
@@ -378,7 +380,7 @@ TEST(SqliteJobStore, SaysThatAnotherProcessHoldsIt) {
     sqlite3* other = nullptr;
     ASSERT_EQ(sqlite3_open((folder / "jobs.sqlite").c_str(), &other), SQLITE_OK);
     ASSERT_EQ(sqlite3_exec(other, "BEGIN IMMEDIATE", nullptr, nullptr, nullptr), SQLITE_OK);
-    EXPECT_THROW(put_cloud(*store, "ada", "cloud"), StoreBusy);
+    EXPECT_THROW(put_cloud(*store, "ada", "cloud"), StoreFault);
     sqlite3_close(other);
     EXPECT_NO_THROW(put_cloud(*store, "ada", "cloud"));
 }

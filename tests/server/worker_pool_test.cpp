@@ -1,6 +1,7 @@
 #include "worker/worker_pool.hpp"
 
 #include "store/sqlite.hpp"
+#include "store/store_fault.hpp"
 #include "store_fixtures.hpp"
 
 #include <spdlog/sinks/ostream_sink.h>
@@ -298,7 +299,7 @@ TEST_F(WorkerPoolTest, TriesAJobAgainThatTheSystemRefusedToRun) {
     const JobDocument job = run([&](const auto&, const auto& report, std::stop_token) {
         ++attempts;
         if (attempts == 1) throw std::system_error(ENOENT, std::generic_category(), "program");
-        if (attempts == 2) throw StoreBusy("database is locked");
+        if (attempts == 2) throw StoreFault("database is locked");
         report(cost_report());
         return Outcome{};
     });

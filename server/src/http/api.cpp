@@ -1,7 +1,7 @@
 #include "http/api.hpp"
 
 #include "log_text.hpp"
-#include "store/job_store.hpp"
+#include "store/store_fault.hpp"
 
 #include <spdlog/spdlog.h>
 #include <algorithm>
@@ -55,11 +55,14 @@ Reply error_reply(const Error& error, const Request& request) {
                                            "the server's disk is full: nothing was stored or "
                                            "removed; try again when its operator has freed space"));
         }
-        if (dynamic_cast<const StoreBusy*>(&error) != nullptr) {
-            proto::Problem busy = proto::problem_from_status(
-                503, "the server's database is held by another program: try again later");
-            busy.retry_after = kRetrySeconds;
-            return problem_reply(HttpError(std::move(busy)));
+        if (dynamic_cast<const StoreFault*>(&error) != nullptr) {
+            proto::Problem fault = proto::problem_from_status(
+                503,
+                "the server's store does not answer: try again later; its log says why, under "
+                "request " +
+                    request.id);
+            fault.retry_after = kRetrySeconds;
+            return problem_reply(HttpError(std::move(fault)));
         }
         return problem_reply(
             HttpError(500, "the server failed; its log says why, under request " + request.id));

@@ -49,6 +49,11 @@ struct Metrics::Series {
                                                          .Name("stipple_jobs_ended_total")
                                                          .Help("Ended jobs, by outcome")
                                                          .Register(registry);
+    prometheus::Family<prometheus::Counter>& attempts =
+        BuildCounter()
+            .Name("stipple_job_attempts_total")
+            .Help("Attempts at jobs that ended in this process, by outcome")
+            .Register(registry);
     std::mutex counting;  ///< those: of two scrapes at a time
     prometheus::Gauge& oldest = BuildGauge()
                                     .Name("stipple_queue_oldest_seconds")
@@ -90,6 +95,15 @@ void Metrics::request_served(std::string_view route, const Served& outcome) {
 
 void Metrics::request_refused(std::string_view reason) {
     series_->refused.Add({{"reason", std::string(reason)}}).Increment();
+}
+
+void Metrics::attempt_ended(std::string_view outcome) {
+    series_->attempts.Add({{"outcome", std::string(outcome)}}).Increment();
+}
+
+void Metrics::expect_attempts(std::span<const std::string_view> outcomes) {
+    for (const std::string_view outcome : outcomes)
+        series_->attempts.Add({{"outcome", std::string(outcome)}});
 }
 
 std::string Metrics::text(const JobStore::Counts& queue, unsigned connections) {

@@ -5,6 +5,7 @@
 
 #include <functional>
 #include <memory>
+#include <span>
 #include <string>
 #include <string_view>
 
@@ -19,6 +20,9 @@ public:
     void request_answered(std::string_view method, std::string_view route, int status);
     void request_served(std::string_view route, const Served& outcome);
     void request_refused(std::string_view reason);
+    void attempt_ended(std::string_view outcome);
+    /// Where jobs run: these are told from the start, as alerts need them.
+    void expect_attempts(std::span<const std::string_view> outcomes);
 
     /// The text exposition; the queue and the connections as they are now.
     std::string text(const JobStore::Counts& queue, unsigned connections);

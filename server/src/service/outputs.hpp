@@ -55,6 +55,9 @@ public:
     /// @param max_files  that the jobs list which are remembered: some 3 kB each
     Outputs(JobStore& jobs, BlobStore& blobs, Links links, std::size_t max_files = 200'000);
 
+    /// Asks the packing of files to end. Whether it has within so long.
+    bool end_packing(std::chrono::milliseconds patience) { return packer_.end(patience); }
+
     /// What a job made so far, with the links of its files; null when there is no such job.
     std::shared_ptr<const proto::Results> results(const std::string& tenant, const std::string& id);
 

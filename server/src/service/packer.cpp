@@ -18,17 +18,26 @@ constexpr int kLowestPriority = 19;
 
 Packer::Packer(BlobStore& blobs, std::function<void(const std::string&, const Packing&)> on_packed)
     : blobs_(blobs), on_packed_(std::move(on_packed)) {
-    quick_thread_ = std::jthread(
-        [this] { run(quick_, [this](const std::string& sha256) { pack_quickly(sha256); }); });
+    quick_thread_ = std::jthread([this] {
+        run(quick_, [this](const std::string& sha256) { pack_quickly(sha256); });
+        tell_end();
+    });
     best_thread_ = std::jthread([this] {
         // Of this thread alone, as Linux has it.
         ::setpriority(PRIO_PROCESS, static_cast<id_t>(::gettid()), kLowestPriority);
         run(best_, [this](const std::string& sha256) { pack_best(sha256); });
+        tell_end();
     });
 }
 
 Packer::~Packer() {
     stop_.request_stop();
+}
+
+bool Packer::end(std::chrono::milliseconds patience) {
+    stop_.request_stop();
+    std::unique_lock lock(mutex_);
+    return ended_.wait_for(lock, patience, [this] { return running_ == 0; });
 }
 
 void Packer::want(const std::string& sha256) {
@@ -64,6 +73,12 @@ void Packer::run(Queue& queue, const std::function<void(const std::string&)>& wo
         const std::lock_guard lock(mutex_);
         queue.known.erase(sha256);
     }
+}
+
+void Packer::tell_end() {
+    const std::lock_guard lock(mutex_);
+    --running_;
+    ended_.notify_all();
 }
 
 void Packer::pack_quickly(const std::string& sha256) {

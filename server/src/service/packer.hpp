@@ -3,6 +3,7 @@
 #include "store/blob_store.hpp"
 #include "store/packing.hpp"
 
+#include <chrono>
 #include <condition_variable>
 #include <deque>
 #include <functional>
@@ -25,6 +26,10 @@ public:
            std::function<void(const std::string& sha256, const Packing& packing)> on_packed);
     ~Packer();
 
+    /// Asks its threads to end. Whether they have within so long: one of the lowest priority may
+    /// not see for minutes that it is to, where others have work.
+    bool end(std::chrono::milliseconds patience);
+
     /// Asks for the copies of a blob that are not there; returns at once.
     void want(const std::string& sha256);
 
@@ -36,6 +41,7 @@ private:
     };
     void put(Queue& queue, const std::string& sha256);
     void run(Queue& queue, const std::function<void(const std::string&)>& work);
+    void tell_end();
     void pack_quickly(const std::string& sha256);
     void pack_best(const std::string& sha256);
     void make(const std::string& sha256, const Packing& packing);
@@ -46,6 +52,8 @@ private:
     std::mutex mutex_;  ///< for the queues
     std::condition_variable_any arrived_;
     Queue quick_, best_;
+    unsigned running_ = 2;           ///< threads
+    std::condition_variable ended_;  ///< one fewer
     std::jthread quick_thread_, best_thread_;
 };
 

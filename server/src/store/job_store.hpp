@@ -1,6 +1,5 @@
 #pragma once
 
-#include "stipple/error.hpp"
 #include "stipple/proto/job.hpp"
 #include "stipple/proto/job_process.hpp"
 
@@ -16,13 +15,6 @@
 #include <vector>
 
 namespace stipple::server {
-
-/// Another process held the store for longer than is waited for: nothing was written, and the same
-/// call may do it a while later.
-class StoreBusy : public Error {
-public:
-    explicit StoreBusy(const std::string& message) : Error(ErrorCode::Internal, message) {}
-};
 
 struct CloudRow {
     std::string tenant, id;
@@ -202,5 +194,8 @@ std::unique_ptr<JobStore> open_sqlite_job_store(const std::filesystem::path& fil
 /// `referenced_blobs` of a store that no process writes to, its disk may be read-only. Nothing is
 /// changed.
 std::vector<std::string> read_referenced_blobs(const std::filesystem::path& file);
+
+/// What is wrong with the pages of such a store, a line each; nothing when it is intact.
+std::vector<std::string> find_damage(const std::filesystem::path& file);
 
 }  // namespace stipple::server

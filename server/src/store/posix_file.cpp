@@ -1,5 +1,7 @@
 #include "store/posix_file.hpp"
 
+#include "store/store_fault.hpp"
+
 #include "stipple/proto/problem.hpp"
 
 #include <fcntl.h>
@@ -20,7 +22,7 @@ void throw_errno(std::string_view what, const std::filesystem::path& file) {
     const std::string reason = std::generic_category().message(code);
     const std::string failure = std::string(what) + ' ' + file.string() + ": " + reason;
     if (full) throw proto::StorageFull(failure);
-    throw Error(ErrorCode::Internal, failure);
+    throw StoreFault(failure);
 }
 
 FileDescriptor open_file(const std::filesystem::path& file, int flags, unsigned mode) {

@@ -39,7 +39,7 @@ inline FileIdentity identity_of(const struct stat& status) noexcept {
             status.st_ctim.tv_nsec};
 }
 
-/// Throws Error(Internal) for `errno`; proto::StorageFull when the disk or the quota is.
+/// Throws StoreFault for `errno`; proto::StorageFull when the disk or the quota is.
 [[noreturn]] void throw_errno(std::string_view what, const std::filesystem::path& file);
 
 /// `open(2)`, never inherited by a child. Invalid, with `errno`, when it fails.

@@ -1,6 +1,6 @@
 #include "store/sqlite.hpp"
 
-#include "store/job_store.hpp"
+#include "store/store_fault.hpp"
 
 #include "stipple/proto/problem.hpp"
 
@@ -27,7 +27,7 @@ std::string file_of(sqlite3* connection) {
     std::string text = "database " + file_of(connection) + ": " + sqlite3_errmsg(connection);
     if (cause != 0) text += ": " + std::generic_category().message(cause);
     if (full) throw proto::StorageFull(text);
-    if (code == SQLITE_BUSY) throw StoreBusy(text);
+    if (code == SQLITE_BUSY || cause != 0) throw StoreFault(text);
     throw Error(ErrorCode::Internal, text);
 }
 
@@ -85,9 +85,11 @@ Connection::Connection(const std::filesystem::path& file, Access access) {
         sqlite3_open_v2(name.c_str(), &connection, flags | SQLITE_OPEN_NOMUTEX, nullptr);
     connection_.reset(connection);
     if (result != SQLITE_OK) {
-        throw Error(ErrorCode::Internal,
-                    "cannot open " + file.string() + ": " +
-                        (connection ? sqlite3_errmsg(connection) : sqlite3_errstr(result)));
+        std::string text = "cannot open " + file.string() + ": " +
+                           (connection ? sqlite3_errmsg(connection) : sqlite3_errstr(result));
+        if (const int cause = connection ? sqlite3_system_errno(connection) : 0; cause != 0)
+            text += ": " + std::generic_category().message(cause);
+        throw Error(ErrorCode::Internal, text);
     }
     sqlite3_busy_timeout(connection, 10'000);
 }

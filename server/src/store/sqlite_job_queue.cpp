@@ -1,9 +1,11 @@
 #include "store/sqlite_job_store.hpp"
 
+#include "log_text.hpp"
 #include "store/sqlite_schema.hpp"
 
 #include "stipple/error.hpp"
 
+#include <spdlog/spdlog.h>
 #include <algorithm>
 #include <chrono>
 
@@ -57,6 +59,7 @@ std::optional<Lease> SqliteJobStore::claim(const QueueLimits& limits,
                 // Its request was written by another version. It must not stand in the way of all
                 // others.
                 finish_failed(*row, proto::problem_from(ErrorCode::Internal, error.what()));
+                log_decided(*row);
             }
         }
         return std::nullopt;
@@ -116,11 +119,15 @@ std::uint64_t SqliteJobStore::count_lost(std::int64_t row) {
 
 /// A job may be what takes its workers down, as by the memory that all of a machine share.
 void SqliteJobStore::requeue_lost(std::int64_t row, const std::string& message) {
-    if (count_lost(row) < kMostLost) return requeue(row, message);
-    finish_failed(row,
-                  proto::problem_from(ErrorCode::Internal,
-                                      "its worker was lost in " + std::to_string(kMostLost) +
-                                          " attempts: it may need more memory than is available"));
+    if (count_lost(row) < kMostLost) {
+        requeue(row, message);
+    } else {
+        finish_failed(
+            row, proto::problem_from(ErrorCode::Internal,
+                                     "its worker was lost in " + std::to_string(kMostLost) +
+                                         " attempts: it may need more memory than is available"));
+    }
+    log_decided(row);
 }
 
 bool SqliteJobStore::renew(const Lease& lease, std::chrono::seconds lease_time) {
@@ -235,7 +242,10 @@ void SqliteJobStore::still_no_room(std::chrono::milliseconds rest, const proto::
                 kWaitsForRoom, now_ms() - rest.count());
             while (rows.next()) waiting.push_back(rows.integer(0));
         }
-        for (const std::int64_t row : waiting) requeue_without_room(row, problem);
+        for (const std::int64_t row : waiting) {
+            requeue_without_room(row, problem);
+            log_decided(row);
+        }
         return waiting.size();
     });
 }
@@ -295,6 +305,15 @@ proto::JobDocument SqliteJobStore::dismissed(std::int64_t row) {
 void SqliteJobStore::finish_failed(std::int64_t row, const proto::Problem& problem) {
     writer_.run("UPDATE jobs SET problem = ?1 WHERE row = ?2", to_json(problem), row);
     finish(row, JobStatus::Failed, problem.detail);
+}
+
+/// What no attempt at the job can tell of.
+void SqliteJobStore::log_decided(std::int64_t row) {
+    Rows rows = writer_.query("SELECT id, status, message FROM jobs WHERE row = ?1", row);
+    rows.next();
+    const bool failed = rows.text(1) == to_string(JobStatus::Failed);
+    spdlog::log(failed ? spdlog::level::err : spdlog::level::warn, "job.{} id={} reason={}",
+                failed ? "failed" : "requeued", rows.text(0), log_text(rows.text(2)));
 }
 
 // Housekeeping.
@@ -364,6 +383,16 @@ std::vector<std::string> read_referenced_blobs(const std::filesystem::path& file
     sqlite::Connection connection(file, sqlite::Access::Read);
     sqlite::check_schema(connection);
     return blobs_named_by(connection);
+}
+
+std::vector<std::string> find_damage(const std::filesystem::path& file) {
+    constexpr std::string_view kIntact = "ok";
+    sqlite::Connection connection(file, sqlite::Access::Read);
+    std::vector<std::string> damage;
+    Rows rows = connection.query("PRAGMA quick_check");
+    while (rows.next())
+        if (rows.text(0) != kIntact) damage.push_back(rows.text(0));
+    return damage;
 }
 
 }  // namespace stipple::server

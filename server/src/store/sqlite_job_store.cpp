@@ -3,6 +3,7 @@
 #include "store/cursor.hpp"
 #include "store/posix_file.hpp"
 #include "store/sqlite_schema.hpp"
+#include "store/store_fault.hpp"
 
 #include "stipple/error.hpp"
 #include "stipple/proto/digest.hpp"
@@ -241,7 +242,7 @@ std::optional<CloudRow> SqliteJobStore::find_cloud(const std::string& tenant,
     try {
         write([&] { return note_use(tenant, id), true; });
     } catch (const proto::StorageFull&) {  // it can be read all the same
-    } catch (const StoreBusy&) {
+    } catch (const StoreFault&) {
     }
     return cloud;
 }

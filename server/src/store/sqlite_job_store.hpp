@@ -106,6 +106,7 @@ private:
     void finish(std::int64_t row, proto::JobStatus status, const std::string& message);
     proto::JobDocument dismissed(std::int64_t row);
     void finish_failed(std::int64_t row, const proto::Problem& problem);
+    void log_decided(std::int64_t row);
 
     void look_out_for_others(const std::stop_token& stop);
 

@@ -1,6 +1,7 @@
 #include "worker/job_attempt.hpp"
 
 #include "log_text.hpp"
+#include "store/store_fault.hpp"
 
 #include "stipple/error.hpp"
 
@@ -94,8 +95,7 @@ void JobAttempt::run_in(const fs::path& folder, JobRunner& runner) {
     std::vector<std::shared_ptr<const BlobReader>> inputs;
     for (const std::string& id : proto::inputs_of(lease_.request)) {
         inputs.push_back(blobs_.open(id));
-        if (!inputs.back())
-            throw Error(ErrorCode::Internal, "input " + id + ": its bytes are missing");
+        if (!inputs.back()) throw StoreFault("input " + id + ": its bytes are missing");
     }
     output_ = folder / "output";
     conclude(runner.run(
@@ -142,8 +142,8 @@ void JobAttempt::note(const std::exception& failure) {
             fault_ = fault->what();
         return;
     }
-    if (const auto* const busy = dynamic_cast<const StoreBusy*>(&failure)) {
-        fault_ = busy->what();
+    if (const auto* const fault = dynamic_cast<const StoreFault*>(&failure)) {
+        fault_ = fault->what();
         return;
     }
     const auto* const error = dynamic_cast<const Error*>(&failure);
@@ -236,6 +236,7 @@ proto::OutputCloud JobAttempt::adopt_files(proto::OutputCloud level) {
 void JobAttempt::conclude(const JobRunner::Outcome& outcome) {
     const Stop reason = reason_;
     if (reason == Stop::LeaseLost) {
+        tell("lost");
         spdlog::info("job.stopped id={} reason=\"dismissed or given to another worker\"",
                      lease_.job_id);
     } else if (fault_) {
@@ -251,8 +252,13 @@ void JobAttempt::conclude(const JobRunner::Outcome& outcome) {
     }
 }
 
+void JobAttempt::tell(std::string_view outcome) const {
+    if (options_.on_end) options_.on_end(outcome);
+}
+
 void JobAttempt::succeed() {
     if (!taken(jobs_.succeed(lease_, *cost_))) return;
+    tell("successful");
     const auto ms = std::chrono::duration_cast<std::chrono::milliseconds>(
         std::chrono::steady_clock::now() - started_);
     spdlog::info("job.succeeded id={} type={} bytes={} ms={}", lease_.job_id,
@@ -261,10 +267,13 @@ void JobAttempt::succeed() {
 
 void JobAttempt::fail(const proto::Problem& problem) {
     if (!is_full(problem)) {
-        if (taken(jobs_.fail(lease_, problem))) log_failed(problem);
+        if (!taken(jobs_.fail(lease_, problem))) return;
+        tell(problem.status < 500 ? "failed" : "broken");
+        log_failed(problem);
         return;
     }
     needs_rest_ = true;
+    tell("no_room");
     if (taken(jobs_.ran_out_of_room(lease_, problem))) {
         spdlog::warn("job.ran_out_of_room id={}", lease_.job_id);
         log_if_failed();
@@ -274,6 +283,7 @@ void JobAttempt::fail(const proto::Problem& problem) {
 /// No fault of the job's: the system may take it a while later.
 void JobAttempt::put_off(const std::string& fault) {
     needs_rest_ = true;
+    tell("put_off");
     spdlog::error("job.put_off id={} error={}", lease_.job_id, log_text(fault));
     if (taken(jobs_.put_off(lease_, broken_problem()))) log_if_failed();
 }
@@ -292,12 +302,15 @@ void JobAttempt::log_if_failed() const {
 
 void JobAttempt::crash(const std::string& how) {
     if (!taken(jobs_.crashed(lease_, how))) return;
+    tell("crashed");
     spdlog::warn("job.crashed id={} how={}", lease_.job_id, log_text(how));
     log_if_failed();
 }
 
 void JobAttempt::hand_back() {
-    if (taken(jobs_.release(lease_))) spdlog::info("job.released id={}", lease_.job_id);
+    if (!taken(jobs_.release(lease_))) return;
+    tell("released");
+    spdlog::info("job.released id={}", lease_.job_id);
 }
 
 bool JobAttempt::taken(bool written) {

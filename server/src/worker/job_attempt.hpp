@@ -54,6 +54,7 @@ private:
     void succeed();
     void fail(const proto::Problem& problem);
     void put_off(const std::string& fault);
+    void tell(std::string_view outcome) const;
     void log_failed(const proto::Problem& problem) const;
     void log_if_failed() const;
     void crash(const std::string& how);

@@ -2,11 +2,13 @@
 
 #include "service/service.hpp"
 
+#include <array>
 #include <chrono>
 #include <filesystem>
 #include <functional>
 #include <memory>
 #include <stop_token>
+#include <string_view>
 
 namespace stipple::server {
 
@@ -34,6 +36,12 @@ public:
 /// SIGKILL on stop.
 std::unique_ptr<JobRunner> make_process_job_runner(const std::filesystem::path& program);
 
+/// How an attempt at a job may end. `failed` is by its request or its files, `broken` by the
+/// service, `released` by a worker that stops, `lost` where the job was dismissed or given to
+/// another; after `crashed`, `no_room` and `put_off` it may be tried again.
+inline constexpr std::array<std::string_view, 8> kAttemptOutcomes = {
+    "successful", "failed", "broken", "crashed", "no_room", "put_off", "released", "lost"};
+
 struct WorkerPoolOptions {
     unsigned workers = 1;           ///< jobs at a time
     unsigned threads_per_job = 0;   ///< 0: all
@@ -44,6 +52,7 @@ struct WorkerPoolOptions {
     std::chrono::milliseconds rest{60'000};  ///< of a worker whose job found the disk full, or
                                              ///< could not be run: it may go by then
     std::function<void(const proto::OutputCloud&)> on_level{};  ///< told of each published level
+    std::function<void(std::string_view)> on_end{};  ///< told the outcome of each attempt
 };
 
 /// Claims, spawns, watches, publishes. Starts in the constructor; the destructor drains. Learns
