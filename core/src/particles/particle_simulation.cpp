@@ -356,7 +356,8 @@ struct Sources {
 
 /// Of the points nearest to a place those that lie on the side of a thin wall on which the nearest
 /// of all does: across from it they lie above or below its tangent plane rather than beside it, and
-/// their normals look the other way. In the same order.
+/// their normals look the other way; where those of nearly all beside it do, its own is the wrong
+/// one. In the same order.
 std::span<Neighbor> on_one_side(std::span<Neighbor> found, const PointCloud& cloud) {
     constexpr std::size_t kForPlane = 6;
     constexpr float kBeside = 0.7F;  // the sine of the steepest way
@@ -368,11 +369,24 @@ std::span<Neighbor> on_one_side(std::span<Neighbor> found, const PointCloud& clo
         offsets[i - 1] = (cloud.positions[found[i].index] - from).cast<double>();
     if (count < 4) return found;
     const Vec3f normal = normal_from(std::span(offsets).first(count - 1)).cast<float>();
-    const auto is_across = [&](const Neighbor& neighbor) {
+    const auto is_steep = [&](const Neighbor& neighbor) {
         const Vec3f way = cloud.positions[neighbor.index] - from;
-        if (std::abs(normal.dot(way)) > kBeside * way.norm()) return true;
+        return std::abs(normal.dot(way)) > kBeside * way.norm();
+    };
+    const auto looks_away = [&](const Neighbor& neighbor) {
         return !cloud.normals.empty() &&
                cloud.normals[neighbor.index].dot(cloud.normals[nearest]) < 0;
+    };
+    std::size_t beside = 0, away = 0;
+    for (const Neighbor& neighbor : found.subspan(1)) {
+        if (is_steep(neighbor)) continue;
+        ++beside;
+        away += looks_away(neighbor) ? 1 : 0;
+    }
+    constexpr std::size_t kEnough = 5;
+    const bool is_wrong = beside >= kEnough && 8 * away >= 7 * beside;
+    const auto is_across = [&](const Neighbor& neighbor) {
+        return is_steep(neighbor) || looks_away(neighbor) != is_wrong;
     };
     const auto others = std::ranges::stable_partition(
         found, [&](const Neighbor& neighbor) { return !is_across(neighbor); });
