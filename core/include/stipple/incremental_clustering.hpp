@@ -55,8 +55,10 @@ struct IncrementalClusteringOptions {
 /// @throws Error(InvalidArgument) for an empty cloud, an option out of range or an incomplete
 /// combination of options.
 ///
-/// Expected O(N log N), parallel from 4,096 clusters on; 50 bytes per point and 200 per cluster
-/// beyond the cloud.
+/// Expected O(N log N), parallel from 4,096 clusters on, but more where spacings differ by orders of
+/// magnitude within what a cluster may reach: 600,000 points of which one in a hundred is 100,000
+/// radii off take 30 times as long as without. 50 bytes per point and 200 per cluster beyond the
+/// cloud.
 PointCloud incremental_clustering(const PointCloud& cloud,
                                   const IncrementalClusteringOptions& options,
                                   const RunContext& context = {});
