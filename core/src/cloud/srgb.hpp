@@ -41,7 +41,8 @@ inline std::uint8_t srgb_from_linear(double v) {
         }
         return s;
     }();
-    std::size_t code = steps.first[static_cast<std::size_t>(std::clamp(v, 0.0, 1.0) * kParts)];
+    const double part = v > 0 ? std::min(v, 1.0) : 0.0;
+    std::size_t code = steps.first[static_cast<std::size_t>(part * kParts)];
     while (code < steps.ends.size() && v >= steps.ends[code]) ++code;
     return static_cast<std::uint8_t>(code);
 }

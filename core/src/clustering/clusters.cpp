@@ -120,7 +120,7 @@ struct LinearColor {
     }
 };
 
-/// Of which a point nearest to each place is asked for.
+/// Whether anything is that of the point nearest to a place, or may fall back on it.
 bool needs_nearest(const PointCloud& cloud, const Reductions& reductions) {
     return !cloud.normals.empty() || !cloud.attributes.empty() ||
            (!cloud.colors.empty() && reductions.color == Reduction::Nearest);

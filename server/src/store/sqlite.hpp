@@ -43,8 +43,8 @@ private:
 enum class Access { Write, Read };
 
 /// A connection, for one thread at a time. All failures are Error(Internal) with the name of the
-/// file; proto::StorageFull when the disk is, StoreFault when another
-/// holds it or the system refuses.
+/// file; proto::StorageFull when the disk is, StoreFault when another process holds it or the
+/// system refuses.
 class Connection {
 public:
     explicit Connection(const std::filesystem::path& file, Access access = Access::Write);
