@@ -31,6 +31,42 @@ await run({
         await colorsStandForHeight();
     },
 
+    async 'Levels are shown while a job runs, and its stream goes on from there'() {
+        const levels = [2000, 8000, kTorusPoints];
+        const pyramid = await startJob({ type: 'pyramid', input: cloud, formats: ['drc', 'stpc'], levels });
+        let isRunning = true;
+        const asked = [];
+        const changed = (change) => async (route) => {
+            const response = await route.fetch();
+            const json = await response.json();
+            await route.fulfill({ response, json: isRunning ? { ...json, ...change(json) } : json });
+        };
+        await page.route(`**/v1/jobs/${pyramid}`, changed(() => ({ status: 'running', levels_ready: 2 })));
+        await page.route(`**/v1/pyramids/${pyramid}/manifest.json*`, changed(({ levels: all }) => ({ complete: false, levels: all.slice(0, 2) })));
+        await page.route(({ pathname }) => /\.(drc|stpc)$/.test(pathname), async (route) => {
+            asked.push(route.request().url().split('.').at(-1));
+            await route.continue();
+        });
+        await visitOnly(`/?pyramid=${pyramid}`);
+        await shows(page, levels[1]);
+        assert.equal(await page.locator('#level-name').innerText(), '2 of 2+');
+        await page.evaluate(() => {
+            globalThis.seen = [];
+            new MutationObserver(() => globalThis.seen.push(parseInt(document.getElementById('points').textContent.replaceAll(',', ''), 10)))
+                .observe(document.getElementById('points'), { childList: true });
+        });
+        isRunning = false;
+        await settledPyramid(page);
+        await shows(page, kTorusPoints);
+        const seen = await page.evaluate(() => globalThis.seen);
+        assert.ok(seen.every((points, i) => points >= (seen[i - 1] ?? levels[1])), `shown were ${seen}`);
+        assert.deepEqual(asked, ['drc', 'stpc']);  // the coarsest comes in the manifest
+        await page.unrouteAll({ behavior: 'wait' });
+        await page.locator('#level').fill('2');
+        await shows(page, levels[1]);
+        await colorsStandForHeight();
+    },
+
     async 'What is shown of a stream is saved as a cloud, whose measured error is the one that is told'() {
         await visit(page, `/?pyramid=${await startJob({ type: 'pyramid', input: cloud, formats: ['stpc'] })}`);
         await page.locator('#level').fill('2');

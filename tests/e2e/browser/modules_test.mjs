@@ -257,6 +257,20 @@ test('Tiles of a group without content are chosen as if they stood in its place'
     }
 });
 
+test('A stream stands for the levels that have not come before it', async () => {
+    globalThis.location = new URL('http://host/?whole=1000');
+    const { isByTiles, kMostPoints, withStream } = await moduleOf('loading/level_plan.js');
+    const level = (number, points, ...formats) => ({ level: number, points, files: formats.map((format) => ({ format })) });
+    const coarse = level(0, 500, 'drc', 'glb'), fine = level(1, 900, 'drc', 'glb', 'stpc'), large = level(1, 2000, 'drc', 'glb', 'glb', 'stpc');
+    assert.deepEqual([coarse, fine, large, level(0, 2000, 'glb'), level(1, 2000, 'drc')].map(isByTiles), [false, false, true, false, false]);
+    assert.equal(withStream([coarse, fine], true), fine);
+    assert.equal(withStream([fine], false), fine);
+    assert.equal(withStream([coarse], true), undefined);  // it comes with the last one
+    const untiled = level(1, kMostPoints + 1, 'drc', 'stpc');
+    assert.equal(withStream([untiled], true), untiled);  // as far as a browser's memory goes
+    assert.equal(withStream([untiled], false), undefined);
+});
+
 test('The error of tiles is the mean over their surface, and the largest of any', async () => {
     const { errorOfTiles, treeOf } = await moduleOf('loading/tile_tree.js');
     const tile = (points, spacing, error, refine = 'REPLACE') => treeOf({

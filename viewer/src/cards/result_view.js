@@ -46,7 +46,7 @@ export class ResultView {
         this.setHasPicture(Boolean(shown));
         if (shown) {
             // That of a stream is a batch, which no manifest knows.
-            const level = loader.stream || (session.chosen === null && bound === null) ? null : shown.level;
+            const level = shown.decoder || (session.chosen === null && bound === null) ? null : shown.level;
             this.share.show({ id, type, level, formats: [...new Set(manifest.levels.flatMap(({ files }) => files.map((file) => file.format)))] });
         }
         if (job && isFinal(job)) {

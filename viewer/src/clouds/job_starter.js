@@ -2,7 +2,7 @@ import { isFinal, mayPass, removeCloud, startEvaluation, startJob } from '../api
 import { fileNameOf } from '../api/download.js';
 import { followJob } from '../api/job_follower.js';
 import { uploadCloud } from '../api/upload.js';
-import { kMostWhole } from '../loading/level_loader.js';
+import { kMostWhole } from '../loading/level_plan.js';
 import * as format from '../page/format.js';
 import { showProblem } from '../page/notices.js';
 import { inputOf } from './library.js';

@@ -4,6 +4,7 @@ import { getBytes, persist, readBytes } from '../api/api.js';
 import { plyOf } from '../decoding/ply_cloud.js';
 import { ProgressiveDecoder } from '../decoding/progressive_cloud.js';
 import { middleOf, sourceOf, withSurface } from './level_files.js';
+import { isByTiles, kMostPoints, withStream } from './level_plan.js';
 import { TileStream } from './tile_stream.js';
 
 /** Attributes of results with `splats: ellipse`. */
@@ -21,16 +22,10 @@ const kBetweenFrames = 20;
 /** The first batches of a stream are too few points to look at. */
 const kFirstOfStream = 1_000;
 
-/** Of levels with more points than this only the tiles are loaded that the camera asks for; the address can have another number. */
-export const kMostWhole = Number(new URLSearchParams(location.search).get('whole')) || 500_000;
-
-/** Where there are no tiles, finer levels than this wait until they are asked for: a browser's memory is not a server's. */
-const kMostPoints = 8_000_000;
-
 /**
  * Brings the levels of one pyramid in, coarsest first. While one is decoded the next one is under way. `update` may be called
- * again whenever the manifest has grown. Where there is a progressive stream, its batches stand for the levels: they are shown
- * as the bytes come. While the server cannot be reached, it is asked again: `onLost` is told.
+ * again whenever the manifest has grown. Where there is a progressive stream, its batches stand for the levels that have not come
+ * before it: they are shown as the bytes come. While the server cannot be reached, it is asked again: `onLost` is told.
  *
  * What has no file that can be drawn is not among the `levels`. One that is there is its entry of the manifest with its `source` and `file` (see level_files.js), `attributes` (each can `read` its
  * values), `state` (`listed`, `loading`, `ready`, `large`, `failed`), `arrived` (the bytes of it that are there, while it loads) and, once ready, `geometry`: position, surface (see
@@ -56,37 +51,15 @@ export class LevelLoader {
     }
 
     update(manifest) {
-        const hasStream = manifest.request.formats?.includes('stpc');
-        const entries = manifest.levels.slice(this.known);
         const first = this.known;
+        const entries = manifest.levels.slice(first);
         this.known += entries.length;
-        for (const [i, entry] of entries.entries()) {
-            const stream = entry.files.find((file) => file.format === 'stpc');
-            if (stream) {
-                this.stream = { file: stream, entry, bounds: manifest.source.bounds };
-                this.follow(this.stream);
-            }
-            if (hasStream) {
-                continue;
-            }
-            const source = sourceOf(manifest, first + i);
-            const hasEllipses = manifest.request.splats === 'ellipse';
-            const isAnalysis = manifest.request.type === 'analyze';
-            if (!source) {
-                continue;  // figures alone, or files for other programs
-            }
-            const { file, attributes } = source;
-            const ply = file ? null : () => getBytes(`v1/pyramids/${this.id}/slice?points=${entry.points}`);
-            const bytes = source.files.reduce((sum, part) => sum + part.bytes, 0);
-            const level = { ...entry, source, file, bytes, attributes, ply, hasEllipses, isAnalysis, state: 'listed' };
-            this.levels.push(level);
-            if (this.levels.length > 1 && level.points > kMostWhole && level.files.some(({ format }) => format === 'glb')) {
-                level.isTiled = true;
-            } else if (level.points > kMostPoints) {
-                level.state = 'large';
-            } else {
-                this.load(level);
-            }
+        const entry = withStream(entries, this.levels.length === 0);
+        if (entry) {
+            this.stream = { file: entry.files.find(({ format }) => format === 'stpc'), entry, bounds: manifest.source.bounds, before: [...this.levels], levels: [] };
+            this.follow(this.stream);
+        } else {
+            entries.forEach((_, i) => this.list(manifest, first + i));
         }
         if (manifest.complete) {
             this.streamTiles(manifest);
@@ -96,8 +69,30 @@ export class LevelLoader {
         }
     }
 
-    /** Shows a stream batch by batch, as far as a browser's memory goes. */
-    async follow({ file, entry, bounds }) {
+    list(manifest, number) {
+        const source = sourceOf(manifest, number);
+        if (!source) {
+            return;  // figures alone, or files for other programs
+        }
+        const entry = manifest.levels[number];
+        const hasEllipses = manifest.request.splats === 'ellipse';
+        const isAnalysis = manifest.request.type === 'analyze';
+        const { file, attributes } = source;
+        const ply = file ? null : () => getBytes(`v1/pyramids/${this.id}/slice?points=${entry.points}`);
+        const bytes = source.files.reduce((sum, part) => sum + part.bytes, 0);
+        const level = { ...entry, source, file, bytes, attributes, ply, hasEllipses, isAnalysis, state: 'listed' };
+        this.levels.push(level);
+        if (isByTiles(level)) {
+            level.isTiled = true;
+        } else if (level.points > kMostPoints) {
+            level.state = 'large';
+        } else {
+            this.load(level);
+        }
+    }
+
+    /** Shows a stream batch by batch, as far as a browser's memory goes. What has been shown before it stays until there is more. */
+    async follow({ file, entry, bounds, before, levels }) {
         const decoder = new ProgressiveDecoder();
         const diagonal = Math.hypot(...bounds.max.map((high, axis) => high - bounds.min[axis]));
         let looked = performance.now();
@@ -117,24 +112,26 @@ export class LevelLoader {
                 decoder.feed(part);
                 rest = rest.subarray(part.length);
                 await pause();
-                if (this.levels.length === 0 && decoder.total > 0) {
-                    this.levels.push(...levelsOf(decoder, entry, diagonal));
+                if (levels.length === 0 && decoder.total > 0) {
+                    levels.push(...levelsOf(decoder, entry, diagonal, before));
+                    this.levels.push(...levels);
                 }
-                this.levels.forEach((level) => { level.arrived = Math.min(decoder.taken, level.bytes); });
+                levels.forEach((level) => { level.arrived = Math.min(decoder.taken, level.bytes); });
                 this.onBytes();
-                const level = this.levels.find(({ bytes, state }) => bytes === decoder.taken && state !== 'ready');
+                const level = levels.find(({ bytes, state }) => bytes === decoder.taken && state !== 'ready');
                 if (level) {
                     level.decoder = decoder;
                     await this.show(level, await withSurface(await geometryOf(decoder, pause), level, this.signal));
                 }
             }
-            return decoder.taken >= this.levels.at(-1)?.bytes;
+            return decoder.taken >= levels.at(-1)?.bytes;
         };
         this.isFollowing = true;
+        await this.decoding;  // of what is on its way, which is less
         try {
             await persist(() => readBytes(file.href, decoder.taken, take, this.signal), this.patience);
         } catch (error) {
-            const [next = entry, ...others] = this.levels.filter(({ state }) => state === 'loading');
+            const [next = entry, ...others] = levels.filter(({ state }) => state === 'loading');
             others.forEach((level) => { level.state = 'failed'; });  // for the same reason
             this.fail(next, error);
         }
@@ -168,8 +165,8 @@ export class LevelLoader {
         if (level.state !== 'large' && level.state !== 'failed') {
             return;
         }
-        if (this.stream) {
-            this.levels.filter(({ state }) => state === 'failed').forEach((failed) => { failed.state = 'loading'; });
+        if (level.decoder) {
+            this.stream.levels.filter(({ state }) => state === 'failed').forEach((failed) => { failed.state = 'loading'; });
             this.follow(this.stream);
         } else {
             this.load(level);
@@ -261,13 +258,16 @@ export class LevelLoader {
     }
 }
 
-/** A level for each batch of a stream that is worth a look, with the `decoder` that has its points: another one where it was asked for again. */
-function levelsOf(decoder, entry, diagonal) {
-    const least = Math.min(kFirstOfStream, decoder.total);
+/**
+ * A level for each batch of a stream that is worth a look, with the `decoder` that has its points: another one where it was asked for again.
+ * @param before  the levels that have come before it
+ */
+function levelsOf(decoder, entry, diagonal, before) {
+    const least = Math.max(Math.min(kFirstOfStream, decoder.total), ...before.map(({ points }) => points + 1));
     return decoder.batches.filter(({ points }) => points >= least && points <= kMostPoints).map((batch, number) => {
         const level = {
             ...entry,
-            level: number,
+            level: before.length + number,
             points: batch.points,
             bytes: batch.bytes,
             files: batch.points === entry.points ? entry.files : [],
