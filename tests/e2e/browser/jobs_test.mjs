@@ -635,6 +635,24 @@ await run({
         await page.waitForFunction((all) => parseInt(document.getElementById('points').innerText.replaceAll(',', ''), 10) < all, kTorusPoints);
     },
 
+    async 'A large cloud is drawn from its tiles though there is a stream, which is offered as a file'() {
+        const pyramid = await startJob({
+            type: 'pyramid', input: cloud, base_points: 3000, formats: ['drc', 'glb', 'stpc'], tiles: { max_points: 2000 },
+        });
+        const asked = [];
+        await page.route('**/*.stpc', async (route) => {
+            asked.push(route.request().url());
+            await route.continue();
+        });
+        await page.goto(`${browser.url}/?pyramid=${pyramid}&whole=10000`);
+        await settledPyramid(page);
+        await page.locator('#activity').getByText('by view').waitFor();
+        assert.deepEqual(asked, []);
+        const names = await page.locator('#files button').allInnerTexts();
+        assert.deepEqual(names.filter((name) => name.startsWith('Save')).map((name) => name.split(',')[0]), ['Save Draco', 'Save stream']);
+        await page.unrouteAll();
+    },
+
     async 'A bound of the error holds for the tiles that are drawn, and its slider goes from the coarsest level to the finest'() {
         const pyramid = await startJob({
             type: 'pyramid', input: cloud, base_points: 3000, formats: ['drc', 'glb'], tiles: { max_points: 2000 },

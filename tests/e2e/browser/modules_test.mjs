@@ -257,7 +257,7 @@ test('Tiles of a group without content are chosen as if they stood in its place'
     }
 });
 
-test('A stream stands for the levels that have not come before it', async () => {
+test('A stream stands for the levels that have not come before it, but not where tiles show a large one by view', async () => {
     globalThis.location = new URL('http://host/?whole=1000');
     const { isByTiles, kMostPoints, withStream } = await moduleOf('loading/level_plan.js');
     const level = (number, points, ...formats) => ({ level: number, points, files: formats.map((format) => ({ format })) });
@@ -266,6 +266,7 @@ test('A stream stands for the levels that have not come before it', async () => 
     assert.equal(withStream([coarse, fine], true), fine);
     assert.equal(withStream([fine], false), fine);
     assert.equal(withStream([coarse], true), undefined);  // it comes with the last one
+    assert.equal(withStream([coarse, large], true), undefined);
     const untiled = level(1, kMostPoints + 1, 'drc', 'stpc');
     assert.equal(withStream([untiled], true), untiled);  // as far as a browser's memory goes
     assert.equal(withStream([untiled], false), undefined);

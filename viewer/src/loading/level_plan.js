@@ -10,9 +10,9 @@ export const kMostPoints = 8_000_000;
 export const isByTiles = ({ level, points, files }) => level > 0 && points > kMostWhole && files.some(({ format }) => format === 'glb');
 
 /**
- * The level whose stream is followed in place of all that are new, or undefined: where coarser ones have been
- * shown, it goes on from there. One too large for that waits like them.
+ * The level whose stream is followed in place of all that are new, or undefined: a stream is whole or nothing, so that it is for clouds
+ * that are loaded as a whole. Where coarser levels have been shown, it goes on from there; one too large for that waits like them.
  * @param entries  of the manifest that are new; @param isFirst  whether nothing is shown before
  */
 export const withStream = (entries, isFirst) => entries.find((entry) =>
-    entry.files.some(({ format }) => format === 'stpc') && (isFirst || entry.points <= kMostPoints));
+    entry.files.some(({ format }) => format === 'stpc') && !isByTiles(entry) && (isFirst || entry.points <= kMostPoints));
