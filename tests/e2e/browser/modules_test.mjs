@@ -353,7 +353,7 @@ test('Results are called by what was asked for, so that one is told from the nex
     assert.equal(new Set(bounds.map((bound) => simplified({ [bound]: 0.2 }))).size, bounds.length);
     assert.equal(named('upsample', { points: 5000 }), '5,000 points');
     assert.equal(named('upsample', { ratio: 4 }), '4 × the points');
-});
+    const built = (...formats) => summaryOf({ type: 'pyramid', levels_ready: 5, request: { formats, method: 'voxel' } });
 
 test('Few whole numbers are categories: classes by their names, others by themselves, each with a colour of its own', async () => {
     const { categoriesOf } = await moduleOf('drawing/categories.js');

@@ -212,9 +212,14 @@ export function summaryOf({ type, request, levels_ready: levels }, cloud) {
         case 'evaluate': return evaluationOf(request);
         case 'curve': return `Error by points, ${request.method}`;
         case 'pyramid':
-            return request.formats.includes('stpc') ? 'Stream' : request.formats.join() === 'copc.laz' ? 'COPC'
-                : `${levels} ${levels === 1 ? 'level' : 'levels'}, ${request.method}`;
+            return levelsOf(request, `${levels} ${levels === 1 ? 'level' : 'levels'}`);
     }
+}
+
+/** A stream goes on from levels, where there are any. */
+function levelsOf({ formats, method }, levels) {
+    const others = formats.filter((kind) => kind !== 'copc.laz');
+    return others.length === 0 ? 'COPC' : others.join() === 'stpc' ? 'Stream' : `${levels}, ${others.includes('stpc') ? 'stream' : method}`;
 }
 
 function evaluationOf({ map, candidates, labels }) {
