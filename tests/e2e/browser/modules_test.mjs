@@ -354,6 +354,9 @@ test('Results are called by what was asked for, so that one is told from the nex
     assert.equal(named('upsample', { points: 5000 }), '5,000 points');
     assert.equal(named('upsample', { ratio: 4 }), '4 × the points');
     const built = (...formats) => summaryOf({ type: 'pyramid', levels_ready: 5, request: { formats, method: 'voxel' } });
+    assert.deepEqual([built('stpc', 'copc.laz'), built('drc', 'stpc'), built('drc', 'glb'), built('copc.laz')],
+        ['Stream', '5 levels, stream', '5 levels, voxel', 'COPC']);
+});
 
 test('Few whole numbers are categories: classes by their names, others by themselves, each with a colour of its own', async () => {
     const { categoriesOf } = await moduleOf('drawing/categories.js');
@@ -383,6 +386,16 @@ test('The lines for other programs name the result, and are complete', async () 
                 assert.doesNotThrow(() => new AsyncFunction('viewer', 'scene', 'camera', 'renderer', lines.replace(/^import .*$/gm, '')), name);
             }
         }
+    }
+    const { linesFor: forCesium } = kPrograms.find(({ name }) => name === 'Cesium');
+    for (const isPlaced of [false, true]) {
+        const lines = forCesium({ ...result, isPlaced });
+        const [imports] = lines.split('\n');
+        assert.equal(lines.includes('modelMatrix'), !isPlaced);
+        for (const [name] of imports.matchAll(/\b[CT]\w+/g)) {
+            assert.ok(lines.slice(imports.length).includes(`${name}.`), `${name} is imported for nothing`);
+        }
+        assert.doesNotThrow(() => new AsyncFunction('viewer', lines.replace(/^import .*$/gm, '')));
     }
     const { linesFor } = kPrograms.find(({ name }) => name === 'curl');
     assert.match(linesFor({ ...result, collection: 'jobs', manifest: 'results', hasKey: true }), /Bearer \$/);

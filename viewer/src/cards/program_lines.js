@@ -5,10 +5,16 @@ const kTiles = 'glb';
 const tilesetOf = ({ server, id }) => `${server}/v1/pyramids/${id}/tileset.json`;
 const manifestOf = ({ server, id, collection, manifest }) => `${server}/v1/${collection}/${id}/${manifest}`;
 
+/** Of what says itself where on the globe it is, as with tiles.epsg, this would put it elsewhere. */
+const kPlacing = `// Where on the globe
+tileset.modelMatrix = Transforms.eastNorthUpToFixedFrame(
+    Cartesian3.fromDegrees(8.55, 47.37));
+`;
+
 /** The finest level, or one that was chosen. */
 const levelOf = ({ level }) => (level === null ? 'levels.at(-1)' : `levels[${level}]`);
 
-/** Of a result `{server, id, collection, manifest, level, hasKey}`. */
+/** Of a result `{server, id, collection, manifest, level, hasKey, isPlaced}`. */
 export function linesOf({ linesFor, showsKey }, result) {
     const note = result.hasKey && !showsKey ? '// This server wants a key with each request: Authorization: Bearer KEY\n' : '';
     return note + linesFor(result);
@@ -17,14 +23,11 @@ export function linesOf({ linesFor, showsKey }, result) {
 /** Each with a `name`, the format of files that it `needs`, if any, `linesFor` a result, and whether these `showsKey` where one is needed. */
 export const kPrograms = [{
     name: 'Cesium', needs: kTiles,
-    linesFor: (result) => `import { Cartesian3, Cesium3DTileset, Transforms } from 'cesium';
+    linesFor: (result) => `import { ${result.isPlaced ? '' : 'Cartesian3, '}Cesium3DTileset${result.isPlaced ? '' : ', Transforms'} } from 'cesium';
 const tileset = await Cesium3DTileset.fromUrl(
     '${tilesetOf(result)}',
     { pointCloudShading: { attenuation: true, maximumAttenuation: 32, geometricErrorScale: 2 } });
-// Only without tiles.epsg or tiles.transform: where on the globe
-tileset.modelMatrix = Transforms.eastNorthUpToFixedFrame(
-    Cartesian3.fromDegrees(8.55, 47.37));
-viewer.scene.primitives.add(tileset);`,
+${result.isPlaced ? '' : kPlacing}viewer.scene.primitives.add(tileset);`,
 }, {
     name: 'three.js, tiles', needs: kTiles,
     linesFor: (result) => `import { TilesRenderer } from '3d-tiles-renderer';

@@ -47,7 +47,8 @@ export class ResultView {
         if (shown) {
             // That of a stream is a batch, which no manifest knows.
             const level = shown.decoder || (session.chosen === null && bound === null) ? null : shown.level;
-            this.share.show({ id, type, level, formats: [...new Set(manifest.levels.flatMap(({ files }) => files.map((file) => file.format)))] });
+            const formats = [...new Set(manifest.levels.flatMap(({ files }) => files.map((file) => file.format)))];
+            this.share.show({ id, type, level, formats, isPlaced: kPlaces.some((place) => place in (manifest.request.tiles ?? {})) });
         }
         if (job && isFinal(job)) {
             const large = loader.levels.find(({ state }) => state === 'large');
@@ -106,6 +107,9 @@ export class ResultView {
         }
     }
 }
+
+/** How a pyramid was told where on the globe it is. */
+const kPlaces = ['epsg', 'transform'];
 
 const pageTitleOf = (job) => `${titleOf(job)} – stipple`;
 

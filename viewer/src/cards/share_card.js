@@ -35,15 +35,15 @@ export class ShareCard {
         }
     }
 
-    /** @param id  of the result; @param type  of its job; @param level  that was chosen, or null; @param formats  of its files */
-    show({ id, type, level, formats }) {
-        const shownAs = JSON.stringify([id, type, level, formats]);
+    /** @param id  of the result; @param type  of its job; @param level  that was chosen, or null; @param formats  of its files; @param isPlaced  on the globe */
+    show({ id, type, level, formats, isPlaced }) {
+        const shownAs = JSON.stringify([id, type, level, formats, isPlaced]);
         if (shownAs === this.shownAs) {
             return;
         }
         this.shownAs = shownAs;
         this.result = {
-            server: new URL('.', document.baseURI).href.replace(/\/$/, ''), id, level,
+            server: new URL('.', document.baseURI).href.replace(/\/$/, ''), id, level, isPlaced,
             collection: type === 'pyramid' ? 'pyramids' : 'jobs', manifest: type === 'pyramid' ? 'manifest.json' : 'results',
             hasKey: Object.keys(authorization()).length > 0,
         };
