@@ -392,6 +392,7 @@ test('The lines for other programs name the result, and are complete', async () 
         const lines = forCesium({ ...result, isPlaced });
         const [imports] = lines.split('\n');
         assert.equal(lines.includes('modelMatrix'), !isPlaced);
+        assert.ok(lines.includes('/0123abcd/tileset.json?error=spacing\''), lines);
         for (const [name] of imports.matchAll(/\b[CT]\w+/g)) {
             assert.ok(lines.slice(imports.length).includes(`${name}.`), `${name} is imported for nothing`);
         }

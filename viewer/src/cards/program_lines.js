@@ -22,11 +22,13 @@ export function linesOf({ linesFor, showsKey }, result) {
 
 /** Each with a `name`, the format of files that it `needs`, if any, `linesFor` a result, and whether these `showsKey` where one is needed. */
 export const kPrograms = [{
+    // It draws points as large as the error of their tile: that of leaves and twigs, many spacings, would make boxes of them.
     name: 'Cesium', needs: kTiles,
     linesFor: (result) => `import { ${result.isPlaced ? '' : 'Cartesian3, '}Cesium3DTileset${result.isPlaced ? '' : ', Transforms'} } from 'cesium';
 const tileset = await Cesium3DTileset.fromUrl(
-    '${tilesetOf(result)}',
-    { pointCloudShading: { attenuation: true, maximumAttenuation: 32, geometricErrorScale: 2 } });
+    '${tilesetOf(result)}?error=spacing', {
+        maximumScreenSpaceError: 4,
+        pointCloudShading: { attenuation: true, maximumAttenuation: 32, geometricErrorScale: 3 } });
 ${result.isPlaced ? '' : kPlacing}viewer.scene.primitives.add(tileset);`,
 }, {
     name: 'three.js, tiles', needs: kTiles,
