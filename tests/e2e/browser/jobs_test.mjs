@@ -258,6 +258,14 @@ await run({
         const cut = await page.locator('#title, #activity, #files').evaluateAll((parts) =>
             parts.filter(({ clientWidth, scrollWidth }) => scrollWidth > clientWidth).map(({ id }) => id));
         assert.deepEqual(cut, []);
+        const { width, height } = page.viewportSize();
+        for (const narrow of [1000, 880]) {
+            await page.setViewportSize({ width: narrow, height: 650 });
+            const seen = await page.locator('#title, .activity, #files').evaluateAll((parts) => Object.fromEntries(parts.map((part) =>
+                [part.id || part.className, [part.clientWidth, part.scrollWidth, part.firstElementChild?.offsetLeft - part.offsetLeft]])));
+            assert.ok(seen.title[1] <= seen.title[0] && seen.activity[0] > 100 && seen.files[2] >= 0, JSON.stringify(seen));
+        }
+        await page.setViewportSize({ width, height });
     },
 
     async 'Splats that were measured as ellipses cover what round ones do'() {
