@@ -92,6 +92,14 @@ const report = new Report({
     onDownload: (file) => download(file, session).catch(showProblem),
     onSimplify: (points) => starter.startAsCurve(session.job, points),
     onPyramid: () => starter.startPyramid(library.cloudOf(session.job) ?? { id: inputOf(session.job), name: session.job.input_name }),
+    onPlace: (candidate, place) => {
+        report.hide();
+        choose(candidate);
+        if (stage.home) {
+            stage.lookAt(place);
+            pointLabel.show({ place }, stage.home.radius, () => null);
+        }
+    },
 });
 const starter = new JobStarter({
     onJob: (job) => {

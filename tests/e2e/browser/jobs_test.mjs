@@ -197,7 +197,8 @@ await run({
     async 'Maps of several candidates are told apart by what these are called'() {
         const candidates = await Promise.all([2000, 500].map(async (points) =>
             (await manifestOf(await startJob({ type: 'simplify', input: cloud, points, format: 'drc' }))).levels[0].files[0].sha256));
-        await visit(page, `/?job=${await startJob({ type: 'evaluate', reference: cloud, candidates, labels: ['fine', 'coarse'], map: ['drc'] })}`);
+        const evaluation = await startJob({ type: 'evaluate', reference: cloud, candidates, labels: ['fine', 'coarse'], map: ['drc'] });
+        await visit(page, `/?job=${evaluation}`);
         await page.locator('#activity').getByText('Error map of 2 clouds, coarse').waitFor();
         await page.keyboard.press('c');
         await page.locator('#left-label').getByText(/^Error map of fine · error/).waitFor();
@@ -206,6 +207,29 @@ await run({
         await page.locator('#right-label').getByText(/^Error map of fine · error/).waitFor();
         await save(page, 'two-maps');
         await page.keyboard.press('c');
+        // As newer servers tell it.
+        const [, coarse] = (await manifestOf(evaluation)).levels;
+        const at = [-0.98, -0.98, 0.2];
+        await page.route(`**/v1/jobs/${evaluation}/results`, async (route) => {
+            const response = await route.fetch();
+            const { levels, ...manifest } = await response.json();
+            levels.forEach(({ error }) => Object.assign(error.backward, { max_at: at, max: 2 * error.forward.max }));
+            await route.fulfill({ response, json: { ...manifest, levels } });
+        });
+        await page.goto(`${browser.url}/?job=${evaluation}`);
+        await settledPyramid(page);
+        await page.locator('#action-figures').click();
+        const lines = page.locator('#report .note', { hasText: 'argest at' });
+        assert.deepEqual(await lines.allInnerTexts(), ['fine, 2,000 points', `coarse, ${coarse.points} points`].map((title) =>
+            `${title}: largest at \u22120.9800  \u22120.9800  0.2000, on the candidate.`));
+        await save(page, 'largest');
+        await lines.nth(1).getByRole('button').click();
+        await page.waitForFunction(() => document.getElementById('report').hidden && document.getElementById('level').value === '2');
+        await page.locator('#point').getByText('\u22120.9800').waitFor();
+        await rest(page);
+        await save(page, 'largest-place');
+        await page.unrouteAll();
+        await page.locator('#fit').click();
     },
 
     async 'The curve of the error is read by keys and by a pointer, as a table too, and a cloud of that many points is made'() {

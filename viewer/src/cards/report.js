@@ -10,10 +10,10 @@ const kFigures = [['mean', 'Mean'], ['max', 'Largest'], ['rms', 'RMS'], ['p95', 
 export class Report {
     /**
      * @param onDownload  told a file that is to be saved; @param onSimplify  told how many points, by a curve
-     * @param onPyramid  asked for one that can be looked at
+     * @param onPyramid  asked for one that can be looked at; @param onPlace  told a place to look at, and of which candidate
      */
-    constructor({ onDownload, onSimplify, onPyramid }) {
-        Object.assign(this, { onDownload, onSimplify, onPyramid });
+    constructor({ onDownload, onSimplify, onPyramid, onPlace }) {
+        Object.assign(this, { onDownload, onSimplify, onPyramid, onPlace });
         byId['report-close'].onclick = () => this.hide();
     }
 
@@ -40,7 +40,7 @@ export class Report {
         }
         this.hide();
         this.shownAs = shownAs;
-        const [title, content] = job.type === 'evaluate' ? evaluation(manifest, name, nameOf)
+        const [title, content] = job.type === 'evaluate' ? evaluation(manifest, name, nameOf, canClose ? this.onPlace : null)
             : job.type === 'curve' ? this.curve(manifest, name) : this.files(manifest);
         byId['report-title'].textContent = title;
         byId['report-content'].replaceChildren(...content);
@@ -85,7 +85,8 @@ export class Report {
     }
 }
 
-function evaluation({ levels, request }, name, nameOf) {
+/** @param onPlace  of a result with pictures */
+function evaluation({ levels, request }, name, nameOf, onPlace) {
     const titleOf = (points, i) => {
         const called = request.labels[i] ?? nameOf(request.candidates[i]);
         return called?.includes(points) ? called : [called, points].filter(Boolean).join(', ');
@@ -99,7 +100,8 @@ function evaluation({ levels, request }, name, nameOf) {
     const warnings = new Set(levels.flatMap(({ error }) => error.warnings ?? []));
     return [`Distances from ${name}`, [
         table(['Percent of the diagonal', ...kFigures.map(([, title]) => title)], figures),
-        ...levels.map(({ points, error }, i) => largestAt(error, levels.length > 1 && titleOf(format.points(points), i))).filter(Boolean).map(note),
+        ...levels.map(({ points, error }, i) =>
+            largestAt(error, levels.length > 1 && titleOf(format.points(points), i), onPlace && ((place) => onPlace(i, place)))).filter(Boolean),
         note(`The diagonal is ${format.quantity(levels[0].error.diagonal)}, in units of the cloud.`),
         ...(attributes.some(([, rows]) => rows.length > 0) ? [table(['Attributes', 'Mean', 'RMS', 'Largest'], attributes), note('Colours as CIEDE2000, normals in radians.')] : []),
         ...[...warnings].map((warning) => note(`Beware: ${warning}${/[.?!]$/.test(warning) ? '' : '.'}`)),
@@ -107,10 +109,17 @@ function evaluation({ levels, request }, name, nameOf) {
     ]];
 }
 
-/** Where a candidate is farthest off, as a sentence. @param title  of one of several */
-function largestAt({ forward, backward, diagonal }, title) {
+/** Where a candidate is farthest off, as a sentence. @param title  of one of several; @param onPlace  where it can be looked at */
+function largestAt({ forward, backward, diagonal }, title, onPlace) {
     const [side, { max_at: at }] = forward.max >= backward.max ? ['reference', forward] : ['candidate', backward];
-    return at && `${title ? `${title}: largest` : 'Largest'} at ${format.place(at, diagonal / 2)}, on the ${side}.`;
+    if (!at) {
+        return null;  // the clouds are far apart, or an older server measured
+    }
+    const place = element(onPlace ? 'button' : 'span', { className: 'place', textContent: format.place(at, diagonal / 2) });
+    if (onPlace) {
+        Object.assign(place, { title: 'Look at it', onclick: () => onPlace(at) });
+    }
+    return element('p', { className: 'note' }, `${title ? `${title}: largest` : 'Largest'} at `, place, `, on the ${side}.`);
 }
 
 /** By the page, since an address in the page shows the server no key. */

@@ -23,6 +23,7 @@ const kFarOff = 3;             // ... where the whole is so many times as long a
 const kAround = 0.1;           // of the side of most: what is likely to be theirs, too
 const kNearest = 2e-3;         // radii of a cloud from the camera to what it turns around, ...
 const kFarthest = 100;         // ... where the cloud is a dot
+const kClose = 0.6;            // radii of a cloud to a place of it that is looked at
 const kLongestFrameS = 1;      // of rotation: a page that was hidden does not jump far
 const kMostSamples = 36e6;     // of pictures at rest, 12 bytes each
 const kSlack = 1.05;           // of the size of a cloud, for its splats
@@ -285,6 +286,17 @@ export class Stage {
             const { center, origin = [0, 0, 0] } = this.home;
             this.onPoint({ ...hit, level: view.pane.level, place: hit.place.clone().add(center).toArray().map((x, axis) => x + origin[axis]) });
         }
+    }
+
+    /** Comes close to a place of the file, from where the camera is, or from the other side of the cloud where it would lie behind. */
+    lookAt(place) {
+        const { center, origin = [0, 0, 0], radius } = this.home;
+        const target = new Vector3(...place.map((x, axis) => x - origin[axis])).sub(center);
+        const direction = this.camera.position.clone().sub(this.controls.target).normalize();
+        const outward = target.clone().normalize();
+        direction.addScaledVector(outward, Math.max(0, -2 * direction.dot(outward)));
+        this.moveTo(target, direction, kClose * radius, true);
+        this.isAtHome = false;
     }
 
     /** The nearest point drawn within a few pixels of a place in a view: `place`, relative to the centre, `geometry` and `index`. */
