@@ -397,5 +397,26 @@ TEST(Simplify, ARequestedReductionStandsInsteadOfTheDefault) {
                 1.0F, 0.01F);
 }
 
+TEST(Simplify, TakesAPolicyOfColoursAndNormals) {
+    PointCloud cloud = test::sphere(1'000);
+    cloud.colors.assign(cloud.size(), {0, 0, 0, 255});
+    for (std::size_t i = 0; i < cloud.size(); i += 2) cloud.colors[i] = {255, 255, 255, 255};
+    SimplifyOptions options;
+    options.method = Method::Hierarchical;
+    options.points = 10;
+    const auto is_gray = [](const Rgba8& c) { return c.r > 0 && c.r < 255; };
+    EXPECT_TRUE(std::ranges::none_of(simplify(cloud, options).colors, is_gray));
+    options.reductions["color"] = Reduction::Mean;
+    EXPECT_TRUE(std::ranges::all_of(simplify(cloud, options).colors, is_gray));
+    options.method = Method::Multiphase;
+    options.reductions["color"] = Reduction::Nearest;
+    EXPECT_TRUE(std::ranges::none_of(simplify(cloud, options).colors, is_gray));
+    options.reductions["color"] = Reduction::Max;
+    EXPECT_EQ(refusal(cloud, options),
+              "reductions: color by min, max or mode: expected mean or nearest");
+    options.reductions = {{"normal", Reduction::Mean}};
+    EXPECT_EQ(refusal(cloud, options), "reductions: no attribute normal; the cloud has: color");
+}
+
 }  // namespace
 }  // namespace stipple

@@ -283,7 +283,7 @@ Reductions reductions_for(const PointCloud& cloud, const std::map<std::string, R
         }
         if (reduction != Reduction::Mean && reduction != Reduction::Nearest)
             throw Error(ErrorCode::InvalidArgument,
-                        "reductions: " + name + ": expected mean or nearest");
+                        "reductions: " + name + " by min, max or mode: expected mean or nearest");
         *own = reduction;
     }
     return result;
