@@ -113,11 +113,6 @@ constexpr const char* kNormal = "normal";
 
 struct LinearColor {
     double r = 0, g = 0, b = 0, a = 0;
-
-    Rgba8 over(double weights, double count) const {
-        return {srgb_from_linear(r / weights), srgb_from_linear(g / weights),
-                srgb_from_linear(b / weights), static_cast<std::uint8_t>(std::lround(a / count))};
-    }
 };
 
 /// Whether anything is that of the point nearest to a place, or may fall back on it.
@@ -134,27 +129,19 @@ Rgba8 mean_color(const PointCloud& cloud, std::span<const Index> members) {
                               return cloud.colors[i].a != 0;
                           });
     LinearColor sum;
-    if (!by_alpha) {
-        for (const Index i : members) {
-            const Rgba8& c = cloud.colors[i];
-            sum.r += static_cast<double>(linear[c.r]);
-            sum.g += static_cast<double>(linear[c.g]);
-            sum.b += static_cast<double>(linear[c.b]);
-            sum.a += c.a;
-        }
-        return sum.over(static_cast<double>(members.size()), static_cast<double>(members.size()));
-    }
     double weights = 0;
     for (const Index i : members) {
         const Rgba8& c = cloud.colors[i];
-        const double weight = c.a;
+        const double weight = by_alpha ? c.a : 1.0;
         weights += weight;
         sum.r += weight * static_cast<double>(linear[c.r]);
         sum.g += weight * static_cast<double>(linear[c.g]);
         sum.b += weight * static_cast<double>(linear[c.b]);
         sum.a += c.a;
     }
-    return sum.over(weights, static_cast<double>(members.size()));
+    const double n = static_cast<double>(members.size());
+    return {srgb_from_linear(sum.r / weights), srgb_from_linear(sum.g / weights),
+            srgb_from_linear(sum.b / weights), static_cast<std::uint8_t>(std::lround(sum.a / n))};
 }
 
 /// The mean direction; the normal of `fallback` where the directions cancel.

@@ -93,11 +93,10 @@ DirectedError estimate_direction(const ErrorSamples& samples, const ErrorFrame& 
 
 SurfaceErrorOptions quick_options(std::uint64_t reference_points, std::uint64_t candidate_points) {
     constexpr std::uint64_t kLeast = 160, kMost = 800, kPart = 750;
-    constexpr std::uint64_t kMany = 40'000;  // of which `measure_error` takes points themselves
     const std::uint64_t points = std::max(reference_points, candidate_points);
     SurfaceErrorOptions options;
     options.samples = std::clamp(points / kPart, kLeast, kMost);
-    options.sampling = points < kMany ? ErrorSampling::Surface : ErrorSampling::Points;
+    options.sampling = points < kEnoughSamples ? ErrorSampling::Surface : ErrorSampling::Points;
     options.histogram_bins = 1;
     return options;
 }

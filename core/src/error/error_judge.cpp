@@ -203,7 +203,7 @@ void ErrorJudge::measure_as_usual(const PointCloud& candidate, Finding& finding)
             looks_ += direction->samples;
             if (direction->max <= kMargin * bound_ || !direction->max_at) continue;
             const Vec3f place = (*direction->max_at - cloud_.origin).cast<float>();
-            if (is_off_surface(place)) continue;
+            if (is_off_surface(place)) continue;  // and hides what is less far
             finding.places.push_back(place);
             finding.max = std::max(finding.max, direction->max / bound_);
         }

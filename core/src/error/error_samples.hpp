@@ -12,6 +12,10 @@
 
 namespace stipple {
 
+/// Samples that tell the mean and its like. A cloud of at least so many points is measured at
+/// points of it, one of fewer at places of its surface.
+inline constexpr std::uint64_t kEnoughSamples = 40'000;
+
 /// The cloud Q of §4: places on a surface, each standing for a part of it. In an order in which
 /// neighbours follow each other.
 struct ErrorSamples {

@@ -26,12 +26,6 @@
 
 namespace stipple {
 
-namespace {
-
-constexpr std::uint64_t kEnough = 40'000;  // samples, for the mean and its like
-
-}  // namespace
-
 void validate(const SurfaceErrorOptions& options) {
     require(options.k >= 6 && options.k <= 64, "k", options.k, "6..64");
     if (options.max_iterations == 0) refuse("max_iterations 0: expected at least 1");
@@ -48,7 +42,7 @@ ErrorSampling sampling_of(const SurfaceErrorOptions& options, std::uint64_t refe
     if (options.surface == ErrorSurface::Samples) return ErrorSampling::Points;
     if (options.sampling != ErrorSampling::Points) return options.sampling;
     const std::uint64_t points = std::max(reference_points, candidate_points);
-    const std::uint64_t samples = options.samples > 0 ? options.samples : kEnough;
+    const std::uint64_t samples = options.samples > 0 ? options.samples : kEnoughSamples;
     return samples <= points ? ErrorSampling::Points : ErrorSampling::Surface;
 }
 
@@ -71,7 +65,7 @@ struct Surface : FramedSurface {
 PointTree::Leaves leaves_of(const PointCloud& cloud, const SurfaceErrorOptions& options) {
     return leaves_for(cloud.size(), options.samples > 0    ? options.samples
                                     : options.keep_samples ? cloud.size()
-                                                           : kEnough);
+                                                           : kEnoughSamples);
 }
 
 std::uint64_t sample_count(const Surface& surface, const SurfaceErrorOptions& options) {
@@ -80,7 +74,8 @@ std::uint64_t sample_count(const Surface& surface, const SurfaceErrorOptions& op
     // Particles through a few points crowd, which takes long to come to rest.
     constexpr std::uint64_t kEnoughOfEach = 64;
     const bool crowd = options.sampling == ErrorSampling::Particles;
-    return std::max(points, crowd ? std::min(kEnough, kEnoughOfEach * points) : kEnough);
+    return std::max(points,
+                    crowd ? std::min(kEnoughSamples, kEnoughOfEach * points) : kEnoughSamples);
 }
 
 bool is_finer(const Surface& one, const Surface& other) {
@@ -106,7 +101,7 @@ ErrorSamples take_samples(const Surface& surface, bool finer, const SurfaceError
     if (at_points(surface, finer, options)) {
         if (options.keep_samples || options.surface == ErrorSurface::Samples)
             return take_points(surface.lone_points, count, options.seed, context);
-        return take_points_by_area(surface.lone_points, searches(options) ? kEnough : count,
+        return take_points_by_area(surface.lone_points, searches(options) ? kEnoughSamples : count,
                                    options.seed, context);
     }
     if (options.sampling == ErrorSampling::Particles)

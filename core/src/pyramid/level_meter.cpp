@@ -18,8 +18,6 @@ namespace stipple {
 
 namespace {
 
-constexpr std::uint64_t kMany = 40'000;  // points of a source
-
 constexpr unsigned kGlance = 1;    // rounds that tell which rounding is much too coarse
 constexpr unsigned kRough = 2;     // of rough errors
 constexpr unsigned kSome = 4;      // that tell two roundings of the same points apart
@@ -58,7 +56,7 @@ LevelMeter::LevelMeter(std::vector<Vec3f>&& source, LodErrors errors, const RunC
     context.checkpoint(0.5);
     const std::vector<Vec3f>& points = made->points;
     spacing_ = median_gap(made->tree);
-    const bool is_small = points.size() < kMany;
+    const bool is_small = points.size() < kEnoughSamples;
     const unsigned likely = std::max(kMostly, rounds_for(points.size()));
     draw(errors_ == LodErrors::Rough ? kRough
          : is_small                  ? kOfSmall
@@ -116,13 +114,14 @@ void LevelMeter::measure_at_some(MeasuredLevel& level, const RunContext& context
 /// No more places than points of which they are drawn.
 unsigned LevelMeter::most_rounds() const noexcept {
     const std::uint64_t points = source().size();
-    if (points < kMany) return SampleRounds::kMostRounds;
+    if (points < kEnoughSamples) return SampleRounds::kMostRounds;
     return static_cast<unsigned>(
         std::min<std::uint64_t>(SampleRounds::kMostRounds, points / SampleRounds::kRound));
 }
 
 unsigned LevelMeter::least_rounds(std::uint64_t points) const {
-    return source().size() < kMany ? kOfSmall : std::min(most_rounds(), rounds_for(points));
+    return source().size() < kEnoughSamples ? kOfSmall
+                                            : std::min(most_rounds(), rounds_for(points));
 }
 
 void LevelMeter::measure_well(MeasuredLevel& level, const RunContext& context) {
@@ -215,7 +214,7 @@ void LevelMeter::draw(unsigned rounds, const RunContext& context) {
                         seed = places_.rounds() * SampleRounds::kRound;
     const auto source = surface(context);
     const LonePoints& points = lone_points(context);
-    if (source->points.size() >= kMany) {
+    if (source->points.size() >= kEnoughSamples) {
         places_.add(draw_points_by_area(points, count, seed, context), rounds);
     } else {
         places_.add(take_surface(points, source->finder, count, seed, context), rounds);
