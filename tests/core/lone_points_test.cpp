@@ -1,6 +1,7 @@
-#include "error/lone_points.hpp"
+#include "analysis/lone_points.hpp"
 
 #include "error/error_samples.hpp"
+#include "error/foot_distance.hpp"
 #include "stipple/surface_error.hpp"
 #include "support/support.hpp"
 
@@ -8,7 +9,7 @@
 #include <algorithm>
 #include <random>
 
-// Points off every surface (core/src/error/lone_points.hpp): what they weigh and how far they are.
+// Points off every surface (core/src/analysis/lone_points.hpp): what they weigh and how far they are.
 
 namespace stipple {
 namespace {
@@ -72,8 +73,8 @@ TEST(LonePoints, AreWhereTheirLikeAre) {
     EXPECT_EQ(distance_of(far, 0), 0.01);
     EXPECT_EQ(distance_of(far, 401), 20);
     const Scene scene(ground_and_strays(40));
-    EXPECT_EQ(scene.points.distance(scene.cloud.positions[kGround], far), 0.01);
-    EXPECT_EQ(scene.points.distance(scene.cloud.positions[0], far), 20);
+    EXPECT_EQ(distance_of(far, scene.points, scene.cloud.positions[kGround]), 0.01);
+    EXPECT_EQ(distance_of(far, scene.points, scene.cloud.positions[0]), 20);
 }
 
 TEST(SurfaceError, IsNotDecidedByStrays) {

@@ -15,6 +15,7 @@
 #include <cmath>
 #include <cstdint>
 #include <numbers>
+#include <random>
 #include <ranges>
 #include <set>
 #include <string_view>
@@ -455,6 +456,27 @@ TEST(ParticleSimulation, StrayPointsDoNotMoveTheOthers) {
         if (p.norm() < 1.5F) near.push_back(p);
     EXPECT_GT(near.size(), 2'900U);
     EXPECT_LT(spacing_of(near).variation, 0.06);
+}
+
+TEST(ParticleSimulation, StrayPointsHaveNoMoreParticlesThanOthers) {
+    constexpr std::size_t kPoints = 10'000;
+    for (const std::size_t strays : {20U, 100U}) {
+        for (const float reach : {2.0F, 20.0F}) {
+            PointCloud cloud = test::sphere(kPoints);
+            std::mt19937 random(3);
+            std::normal_distribution<float> along(0, reach);
+            for (std::size_t i = 0; i < strays; ++i)
+                cloud.positions.push_back({along(random), along(random), along(random)});
+            for (const std::uint64_t count : {std::uint64_t{2'500}, std::uint64_t{25'000}}) {
+                const auto result = particle_simulation(cloud, {.target_size = count});
+                const auto far = count_within(
+                    result.positions, [](const Vec3f& p) { return std::abs(p.norm() - 1) > 0.1F; });
+                const double due = static_cast<double>(strays * count) / kPoints;
+                EXPECT_LT(static_cast<double>(far), 4.1 * due)  // some had nearly all
+                    << strays << " strays, " << reach << ", " << count;
+            }
+        }
+    }
 }
 
 TEST(ParticleSimulation, SpacesARealScanAsEvenlyAsPoissonDisks) {

@@ -4,6 +4,7 @@
 #include "cloud/boxed_cloud.hpp"
 #include "error/error_samples.hpp"
 #include "error/far_clouds.hpp"
+#include "error/foot_distance.hpp"
 #include "error/local_surface.hpp"
 #include "stipple/surface_error.hpp"
 

@@ -1,7 +1,7 @@
 #pragma once
 
+#include "analysis/lone_points.hpp"
 #include "error/foot_finder.hpp"
-#include "error/lone_points.hpp"
 #include "neighbors/point_tree.hpp"
 #include "stipple/point_cloud.hpp"
 #include "stipple/run_context.hpp"

@@ -2,6 +2,7 @@
 
 #include "base/parallel_for.hpp"
 #include "error/error_samples.hpp"
+#include "error/foot_distance.hpp"
 #include "error/worst_samples.hpp"
 #include "neighbors/tree_search.hpp"
 
@@ -63,7 +64,7 @@ void measure_points(const LonePoints& all, const FootFinder& surface, std::span<
         std::span(measured.places).subspan(before),
         [&](std::size_t i, const Foot& foot) {
             double& distance = measured.distances[before + i];
-            distance = all.distance(measured.places[before + i], foot);
+            distance = distance_of(foot, all, measured.places[before + i]);
             found[i] = known_of(points[i], foot, distance);
         },
         context);
@@ -140,7 +141,7 @@ void add_places_once(const FootFinder& from, const LonePoints& points, const Foo
     to.find(
         places,
         [&](std::size_t i, const Foot& foot) {
-            measured.distances[before + i] = points.distance(places[i], foot);
+            measured.distances[before + i] = distance_of(foot, points, places[i]);
         },
         context);
     confirm_worst(measured.places, measured.distances, to, &from, from.points(), points.tree(),

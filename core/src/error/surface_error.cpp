@@ -10,6 +10,7 @@
 #include "error/error_samples.hpp"
 #include "error/far_clouds.hpp"
 #include "error/farthest_places.hpp"
+#include "error/foot_distance.hpp"
 #include "error/foot_finder.hpp"
 #include "error/framed_surface.hpp"
 #include "error/worst_samples.hpp"
@@ -153,7 +154,7 @@ MeasuredSamples measure_samples(const Surface& from, const Surface& to, ErrorSam
     const auto found = [&](std::size_t i, const Foot& foot) {
         for (double most = cover; most < foot.to_sample;)
             if (cover.compare_exchange_weak(most, foot.to_sample)) break;
-        distances[i] = from.lone_points.distance(places[i], foot);
+        distances[i] = distance_of(foot, from.lone_points, places[i]);
         if (options.attributes) all.feet[i] = foot.point.cast<float>();
         if (!known.empty()) known[i] = known_of(samples.numbers[i], foot, distances[i]);
         if (!foot.converged && !foot.beyond) ++failed;

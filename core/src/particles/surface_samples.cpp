@@ -1,10 +1,12 @@
 #include "particles/surface_samples.hpp"
 
+#include "analysis/lone_points.hpp"
 #include "base/first_touch.hpp"
 #include "base/parallel_for.hpp"
 #include "base/symmetric_eigen.hpp"
 #include "cloud/box_of_most.hpp"
 #include "neighbors/nearest_lists.hpp"
+#include "neighbors/point_tree.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -52,6 +54,25 @@ void analyze(SurfaceSamples& s, std::size_t i, float radius) {
     const float sided = radius > 0 ? offset / radius : 0.0F;
     plane.outer =
         kInside * radius * std::clamp((kOneSided - sided) / (kOneSided - kTwoSided), 0.0F, 1.0F);
+}
+
+/// A sample that lies alone, as stray returns of a scanner do, stands for little more than most do
+/// and for no surface around it: else some twenty would have more particles than all others.
+void confine(SurfaceSamples& s, std::size_t i, const LonePoints& lone_points) {
+    constexpr std::size_t kAround = 8;
+    constexpr float kMost = 4;  // times what most stand for: among trees many lie alone
+    const std::span<const Index> near = s.neighbors_of(i);
+    const Vec3f& p = s.positions[i];
+    double sum = 0;
+    for (const Index j : near.first(std::min(near.size(), kAround)))
+        sum += static_cast<double>((s.positions[j] - p).squaredNorm());
+    const auto mean_sq = static_cast<float>(sum / (kAround + 1));
+    const auto [area, doubtful_sq] = lone_points.area_of(p, mean_sq);
+    const float most = doubtful_sq == 0 ? kMost * area : area;
+    if (!(most < mean_sq)) return;
+    TangentPlane& plane = s.planes[i];
+    plane.radius *= std::sqrt(most / mean_sq);
+    plane.outer = std::min(plane.outer, kInside * plane.radius);
 }
 
 }  // namespace
@@ -102,10 +123,13 @@ SurfaceSamples sample_surface(const PointCloud& cloud, std::vector<Index> points
     NearestLists found = nearest_lists(s.positions, kSampleNeighbors, context);
     s.neighbors = std::move(found.indices);
     s.neighbor_count = found.each;  // no more than there are others
+    const PointTree tree(s.positions, PointTree::Leaves::Given, context);
+    const LonePoints lone_points(s.positions, tree);
     parallel_for_blocks(n, kBlock, context, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {
             const std::span<const Index> near = s.neighbors_of(i);
             analyze(s, i, near.empty() ? 0.0F : (s.positions[near.back()] - s.positions[i]).norm());
+            confine(s, i, lone_points);
         }
     });
     return s;

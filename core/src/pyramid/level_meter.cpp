@@ -3,6 +3,7 @@
 #include "base/distance_statistics.hpp"
 #include "error/error_estimate.hpp"
 #include "error/error_samples.hpp"
+#include "error/foot_distance.hpp"
 #include "error/foot_finder.hpp"
 #include "neighbors/gaps.hpp"
 

@@ -1,8 +1,8 @@
 #pragma once
 
+#include "analysis/lone_points.hpp"
 #include "error/error_frame.hpp"
 #include "error/framed_surface.hpp"
-#include "error/lone_points.hpp"
 #include "error/sample_rounds.hpp"
 #include "neighbors/point_tree.hpp"
 #include "stipple/lod_tiles.hpp"

@@ -1,4 +1,4 @@
-#include "error/lone_points.hpp"
+#include "analysis/lone_points.hpp"
 
 #include "cloud/box_of_most.hpp"
 #include "neighbors/tree_search.hpp"
@@ -116,11 +116,9 @@ LonePoints::Area LonePoints::area_of(const Vec3f& point, float mean_sq) const {
     return {std::min(mean_sq, largest_), usual_area_};
 }
 
-double LonePoints::distance(const Vec3f& place, const Foot& foot) const {
-    if (distance_of(foot, usual_area_) == foot.distance) return foot.distance;  // most are
+LonePoints::Area LonePoints::area_of(const Vec3f& point) const {
     Nearest room;
-    return distance_of(
-        foot, area_of(place, mean_of_squares(find_nearest(tree_, place, room))).doubtful_sq);
+    return area_of(point, mean_of_squares(find_nearest(tree_, point, room)));
 }
 
 }  // namespace stipple

@@ -1,11 +1,9 @@
 #pragma once
 
-#include "error/foot_finder.hpp"
 #include "neighbors/point_tree.hpp"
 #include "stipple/neighbors.hpp"
 #include "stipple/point_cloud.hpp"
 
-#include <algorithm>
 #include <span>
 
 namespace stipple {
@@ -16,14 +14,6 @@ namespace stipple {
 ///
 /// @param nearest  the point itself, which comes first, and the eight nearest to it, by distance.
 bool lies_alone(std::span<const Neighbor> nearest, std::span<const Vec3f> points) noexcept;
-
-/// The distance of a foot; where that is doubtful, no more than that of the nearest sample.
-/// @param doubtful_sq  the squared distance above which it is: 0 for a point that lies alone, since
-/// there is no surface around it, infinite where points are close together.
-inline double distance_of(const Foot& foot, float doubtful_sq) noexcept {
-    return foot.distance * foot.distance > doubtful_sq ? std::min(foot.distance, foot.to_sample)
-                                                       : foot.distance;
-}
 
 /// What about the points of a cloud is usual, and which of them lie alone, as stray returns of a
 /// scanner do: at least so many times as far from their neighbours as most are, and off a part
@@ -52,16 +42,15 @@ public:
     /// square about most of them: a stray one far off would stand for more than all others.
     struct Area {
         float area;
-        float doubtful_sq;  ///< of a foot, for `distance_of`
+        float doubtful_sq;  ///< squared distance above which a foot is doubtful, for `distance_of`
     };
     /// @param mean_sq  that mean.
     Area area_of(const Vec3f& point, float mean_sq) const;
+    Area area_of(const Vec3f& point) const;
+    /// What most points have.
+    float usual_area() const noexcept { return usual_area_; }
     /// No area is above this.
     float largest() const noexcept { return largest_; }
-
-    /// How far a place of this cloud's surface is from another, by its foot there: where its points
-    /// are far apart, as `distance_of`.
-    double distance(const Vec3f& place, const Foot& foot) const;
 
 private:
     std::span<const Vec3f> points_;
