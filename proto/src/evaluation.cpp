@@ -51,9 +51,11 @@ Json direction_json(const DirectedError& error, const SurfaceError& all) {
                         {"p99", part(error.p99)}};
     if (error.attributes.empty()) return json;
     json["attributes"] = Json::array();
-    for (const AttributeError& a : error.attributes)
-        json["attributes"].push_back(
-            {{"name", a.name}, {"max", a.max}, {"mean", a.mean}, {"rms", a.rms}});
+    for (const AttributeError& a : error.attributes) {
+        Json& attribute = json["attributes"].emplace_back(
+            Json{{"name", a.name}, {"max", a.max}, {"mean", a.mean}, {"rms", a.rms}});
+        add(attribute, "differing", a.differing);
+    }
     return json;
 }
 
@@ -79,6 +81,7 @@ DirectedError read_direction(const JsonValue& value) {
             JsonObject fields = item.object();
             AttributeError attribute{fields["name"].text(), fields["max"].number(),
                                      fields["mean"].number(), fields["rms"].number()};
+            take(fields, "differing", attribute.differing);
             fields.finish();
             return attribute;
         });

@@ -71,11 +71,29 @@ TEST(AttributeErrors, AreKnownForKnownDifferences) {
         EXPECT_NEAR(attribute(d, "heat").mean, 0.5, 0.01);
         EXPECT_NEAR(attribute(d, "label").max, 4, 1e-6);
         EXPECT_NEAR(attribute(d, "label").rms, 4, 1e-6);
+        EXPECT_EQ(attribute(d, "label").differing, 1);
+        EXPECT_FALSE(attribute(d, "heat").differing);
     }
     const SurfaceError same = measure_error(a, a, {.samples = 2000, .attributes = true});
     EXPECT_LT(attribute(same.forward, "color").max, 1e-3);
     EXPECT_LT(attribute(same.forward, "heat").mean, 0.01);
     EXPECT_TRUE(measure_error(a, b, {.samples = 100}).forward.attributes.empty());
+}
+
+TEST(AttributeErrors, TellWhereLabelsDiffer) {
+    PointCloud a = test::plane(4000), b = a;
+    const auto label = [](PointCloud& cloud, float border) {
+        std::vector<std::int32_t> labels;
+        for (const Vec3f& p : cloud.positions) labels.push_back(p.x() < border ? 2 : 600);
+        cloud.attributes = {{"label", labels, 1, Reduction::Nearest}};
+    };
+    const auto [low, high] =
+        std::ranges::minmax(a.positions, {}, [](const Vec3f& p) { return p.x(); });
+    label(a, low.x() + 0.5F * (high.x() - low.x()));
+    label(b, low.x() + 0.7F * (high.x() - low.x()));
+    const SurfaceError error = measure_error(a, b, {.attributes = true});
+    for (const DirectedError& d : {error.forward, error.backward})
+        EXPECT_NEAR(attribute(d, "label").differing.value(), 0.2, 0.02);
 }
 
 TEST(AttributeErrors, LeaveOutWhatIsNoNumberAmongNeighbours) {

@@ -49,55 +49,7 @@ std::string blocks(const std::vector<double>& shares, std::size_t columns, bool 
 constexpr const char* kAttributeUnits =
     "differences of color are CIEDE2000, of normal radians, else as they are";
 
-void print_row(std::ostream& out, const TextStyle& style, const std::string& name,
-               const std::string& forward, const std::string& backward) {
-    out << style.dim(in_left(name, 10)) << in_right(forward, 24) << in_right(backward, 24) << '\n';
-}
-
-/// All that is known of one candidate, in both directions.
-void print(std::ostream& out, const proto::OutputCloud& cloud, const TextStyle& style) {
-    const SurfaceError& error = cloud.error->error;
-    const DirectedError &forward = error.forward, &backward = error.backward;
-    print_row(out, style, "", "reference to candidate", "candidate to reference");
-    const auto row = [&](const char* name, double DirectedError::*field) {
-        print_row(out, style, name, distance_text(forward.*field, error),
-                  distance_text(backward.*field, error));
-    };
-    row("mean", &DirectedError::mean);
-    row("rms", &DirectedError::rms);
-    row("p50", &DirectedError::p50);
-    row("p95", &DirectedError::p95);
-    row("p99", &DirectedError::p99);
-    row("max", &DirectedError::max);
-    const auto cover = [&](const DirectedError& direction) {
-        return direction.cover_radius ? distance_text(*direction.cover_radius, error) : "";
-    };
-    if (forward.cover_radius || backward.cover_radius)
-        print_row(out, style, "to a point", cover(forward), cover(backward));
-    print_row(out, style, "0 .. max", blocks(forward.histogram, 20, style.unicode),
-              blocks(backward.histogram, 20, style.unicode));
-    print_row(out, style, "samples", with_separators(forward.samples),
-              with_separators(backward.samples));
-    const auto difference = [](const AttributeError& a) {
-        return three_digits(a.mean) + " (max " + three_digits(a.max) + ")";
-    };
-    for (const AttributeError& there : forward.attributes) {
-        const auto back = std::ranges::find(backward.attributes, there.name, &AttributeError::name);
-        print_row(out, style, printable(there.name), difference(there),
-                  back == backward.attributes.end() ? "" : difference(*back));
-    }
-    const bool is_forward = forward.max >= backward.max;
-    const DirectedError& larger = is_forward ? forward : backward;
-    if (larger.max_at)
-        out << "max at " << readable_place(*larger.max_at, larger.max)
-            << (is_forward ? ", on the reference" : ", on the candidate") << '\n';
-    out << style.dim("input units, and percent of the diagonal, " + three_digits(error.diagonal))
-        << '\n';
-    if (!forward.attributes.empty()) out << style.dim(kAttributeUnits) << '\n';
-}
-
-/// A column of a table of candidates: its title, then a cell for each; where they are figures, the
-/// least is the best.
+/// A column of a table: its title, then its cells; where they are figures, the least is the best.
 struct Column {
     std::vector<std::string> cells;
     std::vector<double> figures{};
@@ -135,6 +87,56 @@ void print_columns(std::ostream& out, const Column& names, std::span<const Colum
     }
     out << style.dim(rows.front()) << '\n';
     for (std::size_t i = 1; i < rows.size(); ++i) out << rows[i] << '\n';
+}
+
+/// All that is known of one candidate, in both directions.
+void print(std::ostream& out, const proto::OutputCloud& cloud, const TextStyle& style,
+           std::size_t columns) {
+    const SurfaceError& error = cloud.error->error;
+    const DirectedError &forward = error.forward, &backward = error.backward;
+    std::vector<std::string> names = {""}, there = {"reference to candidate"},
+                             back = {"candidate to reference"};
+    const auto row = [&](std::string name, std::string of_forward, std::string of_backward) {
+        names.push_back(std::move(name));
+        there.push_back(std::move(of_forward));
+        back.push_back(std::move(of_backward));
+    };
+    const auto figure = [&](const char* name, double DirectedError::*field) {
+        row(name, distance_text(forward.*field, error), distance_text(backward.*field, error));
+    };
+    figure("mean", &DirectedError::mean);
+    figure("rms", &DirectedError::rms);
+    figure("p50", &DirectedError::p50);
+    figure("p95", &DirectedError::p95);
+    figure("p99", &DirectedError::p99);
+    figure("max", &DirectedError::max);
+    const auto cover = [&](const DirectedError& direction) {
+        return direction.cover_radius ? distance_text(*direction.cover_radius, error) : "";
+    };
+    if (forward.cover_radius || backward.cover_radius)
+        row("to a point", cover(forward), cover(backward));
+    row("0 .. max", blocks(forward.histogram, 20, style.unicode),
+        blocks(backward.histogram, 20, style.unicode));
+    row("samples", with_separators(forward.samples), with_separators(backward.samples));
+    const auto difference = [](const AttributeError& a) {
+        const std::string text = three_digits(a.mean) + " (max " + three_digits(a.max) + ")";
+        return a.differing ? text + ", " + three_digits(100 * *a.differing) + " % differ" : text;
+    };
+    for (const AttributeError& a : forward.attributes) {
+        const auto of_back = std::ranges::find(backward.attributes, a.name, &AttributeError::name);
+        row(printable(a.name), difference(a),
+            of_back == backward.attributes.end() ? "" : difference(*of_back));
+    }
+    const std::array right = {Column(std::move(there)), Column(std::move(back))};
+    print_columns(out, Column(std::move(names)), right, style, columns);
+    const bool is_forward = forward.max >= backward.max;
+    const DirectedError& larger = is_forward ? forward : backward;
+    if (larger.max_at && larger.max > 0)
+        out << "max at " << readable_place(*larger.max_at, larger.max)
+            << (is_forward ? ", on the reference" : ", on the candidate") << '\n';
+    out << style.dim("input units, and percent of the diagonal, " + three_digits(error.diagonal))
+        << '\n';
+    if (!forward.attributes.empty()) out << style.dim(kAttributeUnits) << '\n';
 }
 
 /// A column for the mean difference of each attribute of any candidate.
@@ -214,7 +216,7 @@ void summarise(const EvaluateCommand& command, const proto::Results& results, do
                              : counted(results.levels.size(), "candidate")))
         << " in " << readable_seconds(seconds) << '\n';
     if (one)
-        print(out, results.levels.front(), style);
+        print(out, results.levels.front(), style, terminal.output_columns());
     else
         print_table(out, command, results, style, terminal.output_columns());
     const auto& job = std::get<proto::EvaluateJob>(results.request.job);

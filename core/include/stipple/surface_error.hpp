@@ -58,6 +58,8 @@ struct AttributeError {
     double max = 0;
     double mean = 0;
     double rms = 0;
+    std::optional<double> differing{};  ///< fraction of the area where the value is another one, as
+                                        ///< of labels; absent for what is averaged
 };
 
 /// Distances from one surface to another, in input units.

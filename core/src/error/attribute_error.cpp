@@ -88,6 +88,16 @@ std::vector<Comparison> comparisons(const PointCloud& a, const PointCloud& b) {
     return list;
 }
 
+/// The fraction of the weight of values that are not 0.
+double part_above_zero(std::span<const float> values, std::span<const float> weights) {
+    double total = 0, above = 0;
+    for (std::size_t i = 0; i < values.size(); ++i) {
+        total += static_cast<double>(weights[i]);
+        above += values[i] > 0 ? static_cast<double>(weights[i]) : 0.0;
+    }
+    return above / total;
+}
+
 /// The points that make up a value somewhere, and their weights, which add up to 1.
 struct Blend {
     std::vector<Neighbor> room;
@@ -163,7 +173,10 @@ std::vector<AttributeError> attribute_errors(const AttributedSurface& from,
             known.push_back(differences[a][i]);
             around.push_back(areas[i]);
         }
-        if (!known.empty()) errors.push_back(summarize(list[a].name, known, around, context));
+        if (known.empty()) continue;
+        AttributeError& error =
+            errors.emplace_back(summarize(list[a].name, known, around, context));
+        if (!list[a].averaged) error.differing = part_above_zero(known, around);
     }
     return errors;
 }
