@@ -91,6 +91,16 @@ TEST(SurfaceError, OfACoarseSphereIsTheBiasOfTheLinearBasis) {
     EXPECT_LT(quadratic.backward.mean, 0.05 * bias);
 }
 
+TEST(SurfaceError, OfTwoSpheresWithTheQuadraticBasisIsTheDifferenceEverywhere) {
+    for (const std::size_t n : {20'000U, 50'000U}) {
+        const SurfaceError error = measure_error(sphere(n), scaled(sphere(n), 1.001F),
+                                                 {.surface = ErrorSurface::Quadratic});
+        EXPECT_NEAR(error.forward.mean, 1e-3, 1e-5) << n;
+        EXPECT_LT(error.max(), 1.05e-3) << n;
+        EXPECT_LT(error.forward.not_converged, 1e-3) << n;
+    }
+}
+
 TEST(SurfaceError, IsTheSameFromParticlesAndFromRandomPlaces) {
     const PointCloud fine = sphere(3000), coarse = scaled(sphere(1000), 1.01F);
     SurfaceErrorOptions options = {
