@@ -184,7 +184,11 @@ private:
         return file;
     }
     [[noreturn]] void fail(const char* why) const {
-        throw Error(ErrorCode::Internal, destination_.string() + ": " + why);
+        std::error_code none;
+        const fs::path folder = destination_.parent_path();
+        const bool has_folder = folder.empty() || fs::is_directory(folder, none);
+        throw Error(has_folder ? ErrorCode::Internal : ErrorCode::NotFound,
+                    destination_.string() + ": " + (has_folder ? why : "no such folder"));
     }
 
     fs::path destination_, partial_;

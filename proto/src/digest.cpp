@@ -70,7 +70,9 @@ std::string sha256_hex(std::span<const std::byte> bytes) {
 
 std::string sha256_of_file(const std::filesystem::path& file) {
     const auto fail = [&file] {
-        return Error(ErrorCode::Internal, file.string() + ": " + std::strerror(errno));
+        const bool is_missing = errno == ENOENT || errno == ENOTDIR;
+        return Error(is_missing ? ErrorCode::NotFound : ErrorCode::Internal,
+                     file.string() + ": " + std::strerror(errno));
     };
     const std::unique_ptr<std::FILE, int (*)(std::FILE*)> in(std::fopen(file.c_str(), "rbe"),
                                                              &std::fclose);

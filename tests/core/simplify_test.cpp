@@ -4,12 +4,14 @@
 #include "stipple/cleaning.hpp"
 #include "stipple/error.hpp"
 #include "stipple/surface_attributes.hpp"
+#include "support/expect_error.hpp"
 #include "support/support.hpp"
 
 #include <gtest/gtest.h>
 #include <chrono>
 #include <cmath>
 #include <functional>
+#include <limits>
 #include <numeric>
 #include <thread>
 
@@ -361,6 +363,17 @@ TEST_P(AnyMethod, NamesTheAttributesThereAreWhenAReductionNamesAnother) {
                       ? "reductions: random keeps points as they are"
                       : "reductions: no attribute intensiti; the cloud has: normal, color, "
                         "height, label");
+    }
+}
+
+TEST_P(AnyMethod, RefusesACloudThatWasNotCleaned) {
+    constexpr float kNaN = std::numeric_limits<float>::quiet_NaN(),
+                    kInfinity = std::numeric_limits<float>::infinity();
+    for (const float bad : {kNaN, kInfinity, -kInfinity}) {
+        PointCloud cloud = test::sphere(2'000);
+        for (std::size_t i = 0; i < cloud.size(); i += 7) cloud.positions[i].y() = bad;
+        test::expect_error(ErrorCode::InvalidArgument, "positions: expected finite coordinates",
+                           [&] { simplify(cloud, {.method = GetParam(), .points = 200}); });
     }
 }
 

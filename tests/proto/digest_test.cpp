@@ -46,7 +46,7 @@ TEST(Sha256, OfAMissingFileNamesTheFile) {
         sha256_of_file("/no/such/file");
         FAIL() << "no error";
     } catch (const Error& error) {
-        EXPECT_EQ(error.code(), ErrorCode::Internal);
+        EXPECT_EQ(error.code(), ErrorCode::NotFound);
         EXPECT_NE(std::string(error.what()).find("/no/such/file"), std::string::npos);
     }
 }

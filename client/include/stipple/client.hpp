@@ -55,7 +55,7 @@ class Client {
 public:
     using ByteProgress = std::function<void(std::uint64_t done, std::uint64_t total)>;
 
-    /// @param base_url  `http://HOST[:PORT]` or `https://…`.
+    /// @param base_url  `http://HOST[:PORT][/PATH]` or `https://…`.
     /// @throws Error(InvalidArgument) for another form.
     ///
     /// Does not connect yet.
@@ -64,7 +64,7 @@ public:
     Client(Client&&) noexcept;
     Client& operator=(Client&&) noexcept;
 
-    /// Sends a PLY or Draco file and its name, streamed from disk; sends nothing if the server has
+    /// Sends a PLY, Draco or `.stpc` file and its name, streamed from disk; sends nothing if the server has
     /// these bytes already.
     proto::CloudDocument upload(const std::filesystem::path& file,
                                 const ByteProgress& progress = {});
@@ -78,12 +78,14 @@ public:
     /// The document once the job has ended; waits by long polls, for as long as it takes.
     proto::JobDocument wait(const std::string& id);
     /// Follows a job until it has ended, and returns its document. Events lost with a connection
-    /// are requested again.
+    /// are requested again; a server that was there is waited for longer than by other calls, a
+    /// minute: it may start anew.
     /// @param after  only events with a larger id.
     proto::JobDocument follow(const std::string& id,
                               const std::function<void(const ClientEvent&)>& on_event,
                               std::uint64_t after = 0);
     /// The results of a job, or its results so far (`complete` false).
+    /// @throws Error(Conflict) if it was dismissed.
     proto::Results results(const std::string& id);
     /// Downloads a file of a result to `destination`, completely and with the right hash, or not at
     /// all.

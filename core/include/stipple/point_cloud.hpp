@@ -89,6 +89,11 @@ void validate(const PointCloud& cloud);
 /// @throws Error(MalformedInput) below 1e-15 or above 1e15.
 void require_squares(double diagonal);
 
+/// Checks what computations rely on, as `clean` leaves it: `validate`, and that all positions are
+/// finite. O(N).
+/// @throws Error(InvalidArgument) naming what is wrong.
+void require_cleaned(const PointCloud& cloud);
+
 /// Bounds of the finite positions, in the unit of the input, origin added. O(N).
 Aabb bounds(const PointCloud& cloud);
 

@@ -229,7 +229,7 @@ std::vector<Index> find_outliers(std::span<const Vec3f> points, const OutlierOpt
 
 std::size_t remove_outliers(PointCloud& cloud, const OutlierOptions& options,
                             const RunContext& context) {
-    validate(cloud);
+    require_cleaned(cloud);
     const std::vector<std::uint8_t> marks = marks_of_outliers(cloud.positions, options, context);
     const std::size_t before = cloud.size();
     if (std::ranges::find(marks, std::uint8_t{1}) != marks.end())

@@ -10,6 +10,7 @@
 #include <array>
 #include <bit>
 #include <cstdint>
+#include <limits>
 #include <utility>
 
 // Follows: C. Hamilton, Compact Hilbert Indices, 2006 (entry point and direction of the subcubes),
@@ -248,7 +249,13 @@ private:
 FloatBox box_of(std::span<const Vec3f> points, const RunContext& context) {
     std::vector<FloatBox> boxes((points.size() + kBlock - 1) / kBlock);
     parallel_for_blocks(points.size(), kBlock, context, [&](std::size_t begin, std::size_t end) {
-        for (std::size_t i = begin; i < end; ++i) boxes[begin / kBlock].add(points[i]);
+        FloatBox& box = boxes[begin / kBlock];
+        Vec3f zeros = Vec3f::Zero();  // of finite numbers, which a box does not tell from others
+        for (std::size_t i = begin; i < end; ++i) {
+            box.add(points[i]);
+            zeros += 0.0F * points[i];
+        }
+        if (!zeros.allFinite()) box.high.setConstant(std::numeric_limits<float>::infinity());
     });
     FloatBox all;
     for (const FloatBox& box : boxes) {

@@ -132,6 +132,15 @@ std::optional<Aabb> finite_bounds(const PointCloud& cloud) {
     return extent.box(cloud.origin);
 }
 
+void require_cleaned(const PointCloud& cloud) {
+    validate(cloud);
+    if (!finite_bounds(cloud)) {
+        throw Error(ErrorCode::InvalidArgument,
+                    "positions: expected finite coordinates; remove the points that have others "
+                    "(`clean`)");
+    }
+}
+
 PointCloud subset(const PointCloud& cloud, std::span<const Index> indices) {
     return subset(cloud, indices, {});
 }

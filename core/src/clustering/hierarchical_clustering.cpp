@@ -48,7 +48,7 @@ bool keeps_everything(const HierarchicalClusteringOptions& options, std::size_t 
 PointCloud hierarchical_clustering(const PointCloud& cloud,
                                    const HierarchicalClusteringOptions& options,
                                    const RunContext& context) {
-    validate(cloud);
+    require_cleaned(cloud);
     check(options, cloud.size());
     const Reductions reductions = reductions_for(cloud, options.reductions, options.representative);
     if (keeps_everything(options, cloud.size())) return copy_of(cloud, context);

@@ -238,7 +238,7 @@ Clusters incremental_clusters(std::span<const Vec3f> points,
 PointCloud incremental_clustering(const PointCloud& cloud,
                                   const IncrementalClusteringOptions& options,
                                   const RunContext& context) {
-    validate(cloud);
+    require_cleaned(cloud);
     check(options, cloud.size());
     const Reductions reductions = reductions_for(cloud, options.reductions, options.representative);
     if (options.target_size && *options.target_size >= cloud.size()) return copy_of(cloud, context);

@@ -77,7 +77,7 @@ public:
           slots_(made_in_blocks<std::vector<Slot>>(std::bit_ceil(2 * expected + 16), context)) {}
 
     Index number_of(std::uint64_t key) {
-        if (2 * count_ >= slots_.size()) grow();
+        if (count_ >= slots_.size() / 2) grow();
         Slot& slot = find(key);
         if (slot.number == kEmpty) slot = {key, count_++};
         return slot.number;
@@ -231,7 +231,7 @@ Clusters voxel_clusters(std::span<const Vec3f> points, const VoxelClusteringOpti
 
 PointCloud voxel_clustering(const PointCloud& cloud, const VoxelClusteringOptions& options,
                             const RunContext& context) {
-    validate(cloud);
+    require_cleaned(cloud);
     check(options, cloud.size());
     const Reductions reductions = reductions_for(cloud, options.reductions, options.representative);
     if (options.target_size && *options.target_size >= cloud.size()) return copy_of(cloud, context);

@@ -461,9 +461,8 @@ std::vector<std::byte> encode_copc(const PointCloud& cloud, const CopcOptions& o
     if (cloud.empty())
         throw Error(ErrorCode::InvalidArgument, "the cloud has no points: expected at least 1");
     if (!std::ranges::all_of(cloud.positions, [](const Vec3f& p) { return p.allFinite(); }))
-        throw Error(
-            ErrorCode::InvalidArgument,
-            "a position is not finite: clean the cloud first, as `simplify` with ratio 1 does");
+        throw Error(ErrorCode::InvalidArgument,
+                    "a position is not finite: remove such points (`clean`; jobs and commands do)");
     const LasFields fields(cloud);
     const SampledOctree octree(cloud, cube_of(cloud, options, context), options.octree,
                                context.part(0, 0.5));

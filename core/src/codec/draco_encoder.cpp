@@ -59,8 +59,8 @@ void require_finite(const Vectors& vectors, const char* what) {
     const auto found = std::ranges::find_if(vectors, [](const Vec3f& v) { return !v.allFinite(); });
     if (found == vectors.end()) return;
     refuse(what, " of point ", found - vectors.begin(),
-           " is not finite, which Draco cannot quantise: clean the cloud first, as `simplify` with "
-           "ratio 1 does");
+           " is not finite, which Draco cannot quantise: remove such points (`clean`; jobs and "
+           "commands do)");
 }
 
 /// The longest side of the box of the positions, and the largest coordinate: what the error of a

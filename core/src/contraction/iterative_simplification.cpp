@@ -195,7 +195,7 @@ private:
 PointCloud iterative_simplification(const PointCloud& cloud,
                                     const IterativeSimplificationOptions& options,
                                     const RunContext& context) {
-    validate(cloud);
+    require_cleaned(cloud);
     if (options.target_size == 0) {
         refuse("target_size 0: expected at least 1");
     }

@@ -121,7 +121,7 @@ private:
 
 PointCloud multiphase(const PointCloud& cloud, const MultiphaseOptions& options,
                       const RunContext& context) {
-    validate(cloud);
+    require_cleaned(cloud);
     const std::uint64_t size = options.contraction.target_size;
     if (size == 0) refuse("target_size 0: expected at least 1");
     const std::span sizes(&size, 1);

@@ -64,6 +64,7 @@ void check_count(std::uint64_t particles) {
 }
 
 void check(const ParticleSimulationOptions& options, const PointCloud& cloud) {
+    require_cleaned(cloud);
     if (cloud.empty()) refuse("the cloud has no points: expected at least 1");
     check_ranges(options);
     check_attributes(options.regions, cloud);

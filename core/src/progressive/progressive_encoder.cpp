@@ -49,8 +49,7 @@ void check(const PointCloud& cloud, const ProgressiveOptions& options) {
             options.coarseness, "a finite number of at least 0");
     for (const Vec3f& p : cloud.positions) {
         if (!p.allFinite())
-            refuse(
-                "a position is not finite: clean the cloud first, as `simplify` with ratio 1 does");
+            refuse("a position is not finite: remove such points (`clean`; jobs and commands do)");
     }
 }
 

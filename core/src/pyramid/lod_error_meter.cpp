@@ -17,7 +17,7 @@ struct LodErrorMeter::State {
 
 LodErrorMeter::LodErrorMeter(const PointCloud& source, const RunContext& context)
     : state_(std::make_unique<State>()) {
-    validate(source);
+    require_cleaned(source);
     if (source.empty()) refuse("the cloud has no points: expected at least 1");
     State& state = *state_;
     state.box = bounds(source);

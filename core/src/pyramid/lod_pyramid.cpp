@@ -378,7 +378,7 @@ LodPyramidOptions with_mean_colors(LodPyramidOptions options, const PointCloud& 
 void build(const PointCloud& cloud, const std::function<PointCloud()>& whole,
            const LodPyramidOptions& given, const std::function<void(LodLevel&&)>& on_level,
            const RunContext& context) {
-    validate(cloud);
+    require_cleaned(cloud);
     const LodPyramidOptions options = with_mean_colors(given, cloud);
     if (cloud.empty()) refuse("the cloud has no points: expected at least 1");
     Sizes sizes{.levels = lod_sizes(cloud.size(), options), .tries = {}};

@@ -39,9 +39,10 @@ bool has_bounds(const SimplifyOptions& options) {
 std::string expected_targets(Method method) {
     switch (method) {
         case Method::Hierarchical:
-            return "exactly one of points, ratio, max_error, or max_cluster_size and max_variation";
+            return "exactly one of points, ratio, max_error, or max_cluster_size and/or "
+                   "max_variation";
         case Method::Incremental:
-            return "exactly one of points, ratio, or max_cluster_size and max_variation";
+            return "exactly one of points, ratio, or max_cluster_size and/or max_variation";
         case Method::Voxel:
             return "exactly one of points, ratio and voxel_size";
         case Method::Random:
@@ -141,7 +142,7 @@ void validate(const SimplifyOptions& options) {
 PointCloud simplify(const PointCloud& cloud, const SimplifyOptions& options,
                     const RunContext& context) {
     validate(options);
-    validate(cloud);
+    require_cleaned(cloud);
     if (cloud.empty()) refuse("the cloud has no points: expected at least 1");
     if (options.max_error || options.max_error_rel)
         return simplify_within_error(cloud, options, context).cloud;
@@ -189,7 +190,7 @@ void validate(const UpsampleOptions& options) {
 PointCloud upsample(const PointCloud& cloud, const UpsampleOptions& options,
                     const RunContext& context) {
     validate(options);
-    validate(cloud);
+    require_cleaned(cloud);
     if (cloud.empty()) refuse("the cloud has no points: expected at least 1");
     ParticleSimulationOptions particles = options.particles;
     particles.target_size = options.points ? *options.points : scaled(cloud.size(), *options.ratio);

@@ -28,7 +28,7 @@ private:
 };
 
 std::string sha256_hex(std::span<const std::byte> bytes);
-/// @throws Error(Internal) when the file cannot be read.
+/// @throws Error(NotFound) for a missing file; Error(Internal) when it cannot be read.
 std::string sha256_of_file(const std::filesystem::path& file);
 /// Whether `text` is 64 lower-case hexadecimal digits.
 bool is_sha256(std::string_view text) noexcept;
