@@ -64,6 +64,28 @@ TEST(ClientSocket, TakesNoSilenceForWhatWasSentBefore) {
     EXPECT_EQ(received, bytes.size());
 }
 
+TEST(ClientSocket, ForgivesOneEmptyLineAndWaitsNoLongerForMore) {
+    const auto send = [](const Connection& connection, std::string_view bytes) {
+        ASSERT_EQ(::send(connection.client.get(), bytes.data(), bytes.size(), MSG_NOSIGNAL),
+                  static_cast<ssize_t>(bytes.size()));
+    };
+    Waiting forgiving;
+    send(forgiving.connection, "\r\nGET / HTTP/1.1\r\nHost: h\r\n\r\n");
+    EXPECT_EQ(forgiving.socket.read_head(), "GET / HTTP/1.1\r\nHost: h");
+
+    Connection connection;
+    const Patience patience{.head = 300ms, .keep_alive = 300ms};
+    const StopEvent drain, abort;
+    ClientSocket socket(std::move(connection.server), "127.0.0.1", patience, drain, abort);
+    const std::jthread lines([&](const std::stop_token& stop) {
+        while (!stop.stop_requested()) {
+            if (::send(connection.client.get(), "\r\n", 2, MSG_NOSIGNAL) != 2) return;
+            std::this_thread::sleep_for(20ms);
+        }
+    });
+    EXPECT_EQ(socket.read_head(), "") << "no request: it is answered as such";
+}
+
 TEST(ClientSocket, LeavesAReaderThatTakesNoMore) {
     Waiting waiting;
     const std::jthread reader([&client = waiting.connection.client] {

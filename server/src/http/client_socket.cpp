@@ -44,12 +44,20 @@ void ClientSocket::begin_exchange() noexcept {
 }
 
 std::optional<std::string> ClientSocket::read_head() {
-    auto deadline = Clock::now() + (received_.empty() ? patience_.keep_alive : patience_.head);
+    auto deadline = Clock::now() + patience_.keep_alive;
+    bool has_begun = false, is_forgiven = false;
     std::size_t searched = 0;
     std::array<char, kReceiveBytes> piece;
     while (true) {
-        // An empty line before the request line is forgiven (RFC 9112 §2.2).
-        while (searched == 0 && received_.starts_with("\r\n")) received_.erase(0, 2);
+        // One empty line before the request line is forgiven (RFC 9112 §2.2).
+        if (!is_forgiven && received_.starts_with("\r\n")) {
+            received_.erase(0, 2);
+            is_forgiven = true;
+        }
+        if (!has_begun && !received_.empty()) {
+            has_begun = true;
+            deadline = Clock::now() + patience_.head;
+        }
         const auto end = received_.find("\r\n\r\n", searched);
         check_head_size(std::string_view(received_).substr(0, end));
         if (end != received_.npos) {
@@ -59,12 +67,10 @@ std::optional<std::string> ClientSocket::read_head() {
         }
         searched = received_.size() < 3 ? 0 : received_.size() - 3;
 
-        const bool nothing_yet = received_.empty();
-        const std::size_t n = receive(piece, deadline, nothing_yet);
-        if (n == 0 && nothing_yet) return std::nullopt;
+        const std::size_t n = receive(piece, deadline, !has_begun);
+        if (n == 0 && !has_begun) return std::nullopt;
         if (n == 0) throw Disconnected();
         received_.append(piece.data(), n);
-        if (nothing_yet) deadline = Clock::now() + patience_.head;
     }
 }
 

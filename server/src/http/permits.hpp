@@ -54,18 +54,33 @@ public:
     /// soon: the thread is that of the sender's own connection.
     /// @throws HttpError(503) with `Retry-After` when there is none then.
     std::shared_ptr<void> take(const Request& request) {
+        auto place = std::make_shared<Place>(request);
         std::unique_lock lock(mutex_);
         const auto is_free = [&] { return !what_is_full(request); };
         if (!freed_.wait_for(lock, patience_, is_free)) throw refusal(*what_is_full(request));
-        ++taken_;
-        ++of_address_[request.remote_address];
-        ++of_tenant_[request.tenant];
-        return {this, [address = request.remote_address, tenant = request.tenant](
-                          Permits* permits) { permits->give_back(address, tenant); }};
+        // What may throw comes first: a place that is taken is always given back.
+        unsigned& of_address = of_address_[request.remote_address];
+        unsigned& of_tenant = of_tenant_[request.tenant];
+        ++taken_, ++of_address, ++of_tenant;
+        place->permits = this;
+        return place;
     }
 
 private:
     using Taken = std::map<std::string, unsigned, std::less<>>;
+
+    struct Place {
+        std::string address, tenant;
+        Permits* permits = nullptr;  ///< once it is taken
+
+        explicit Place(const Request& request)
+            : address(request.remote_address), tenant(request.tenant) {}
+        Place(const Place&) = delete;
+        Place& operator=(const Place&) = delete;
+        ~Place() {
+            if (permits != nullptr) permits->give_back(address, tenant);
+        }
+    };
 
     /// Who has as many places as they may, in words.
     std::optional<std::string> what_is_full(const Request& request) const {

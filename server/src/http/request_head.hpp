@@ -13,7 +13,7 @@ namespace stipple::server::http {
 /// What a head may be at most.
 inline constexpr std::size_t kMaxHeadBytes = 64 * 1024;
 inline constexpr std::size_t kMaxHeaderFields = 100;
-inline constexpr std::size_t kMaxTargetBytes = 2 * 1024;
+inline constexpr std::size_t kMaxTargetBytes = 4 * 1024;
 
 /// The head of a request, read strictly: what two readers could understand in two ways is refused,
 /// for a proxy before us may be the other reader.
