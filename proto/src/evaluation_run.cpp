@@ -87,18 +87,28 @@ private:
                            .files = {},
                            .attributes = attributes_of(cloud)};
         candidate.samples.p99 = error.forward.p99;
+        candidate.samples.max = error.forward.max;
         candidate.samples.positions = std::move(error.forward.positions);
         candidate.samples.distances = std::move(error.forward.distances);
         candidate.level.error = error_figures(error, options, reference_points, cloud.size());
         return candidate;
     }
 
+    /// What 99 % of all distances do not exceed; where they are but what rounding makes of 0, all.
+    static double most_of(const std::vector<Candidate>& candidates) {
+        constexpr double kRounding = 1e-6;  // of the diagonal
+        double p99 = 0, max = 0;
+        for (const Candidate& candidate : candidates) {
+            p99 = std::max(p99, candidate.samples.p99);
+            max = std::max(max, candidate.samples.max);
+        }
+        return p99 > kRounding * candidates.front().level.error->error.diagonal ? p99 : max;
+    }
+
     /// Maps and pictures of all candidates, in the same colours.
     void show(std::vector<Candidate>& candidates, const Vec3d& origin) {
         const Stopwatch watch(run_.cost().encode_seconds);
-        double p99 = 0;
-        for (const Candidate& candidate : candidates) p99 = std::max(p99, candidate.samples.p99);
-        const double range = job_.options.range.value_or(round_up(p99));
+        const double range = job_.options.range.value_or(round_up(most_of(candidates)));
         std::vector<PointCloud> maps;
         for (Candidate& candidate : candidates) {
             candidate.level.error->range = range;

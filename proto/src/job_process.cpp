@@ -6,7 +6,7 @@ namespace stipple::proto {
 
 namespace {
 
-constexpr JsonRules kReportRules{.max_bytes = 16 << 20, .max_depth = 12};
+constexpr JsonRules kReportRules{.max_bytes = kMaxReportBytes, .max_depth = 12};
 
 Json statistics_json(const CloudStatistics& statistics) {
     Json json;

@@ -16,6 +16,19 @@ namespace stipple::proto {
 
 namespace {
 
+/// Those of a job that names none: the others are of the finest level alone.
+constexpr std::span kUsualFormats = std::span(kPyramidFormats).first(3);
+
+}  // namespace
+
+bool makes(const PyramidJob& job, CloudFormat format) {
+    const std::span<const CloudFormat> formats =
+        job.output.formats.empty() ? kUsualFormats : std::span(job.output.formats);
+    return std::ranges::find(formats, format) != formats.end();
+}
+
+namespace {
+
 constexpr JsonRules kRequestRules{.code = ErrorCode::InvalidArgument,
                                   .max_bytes = kMaxRequestBytes,
                                   .max_depth = 8,
@@ -205,19 +218,10 @@ void add_options(Json& json, const CurveJob& job) {
     add_outliers(json, job.outliers);
 }
 
-/// Those of a job that names none: the others are of the finest level alone.
-constexpr std::span kUsualFormats = std::span(kPyramidFormats).first(3);
-
-bool wants(const PyramidJob& job, CloudFormat format) {
-    const std::span<const CloudFormat> formats =
-        job.output.formats.empty() ? kUsualFormats : std::span(job.output.formats);
-    return std::ranges::find(formats, format) != formats.end();
-}
-
 /// Whether any of its files has points on a grid.
 bool has_grid(const PyramidJob& job) {
-    return wants(job, CloudFormat::Glb) || wants(job, CloudFormat::Progressive) ||
-           wants(job, CloudFormat::Copc);
+    return makes(job, CloudFormat::Glb) || makes(job, CloudFormat::Progressive) ||
+           makes(job, CloudFormat::Copc);
 }
 
 std::array<double, 16> read_transform(const JsonValue& value) {
@@ -327,7 +331,7 @@ PyramidJob read_pyramid(JsonObject& object) {
         job.output.formats = read_formats(*formats, kPyramidFormats);
         if (job.output.formats.empty()) formats->refuse("at least one format");
     }
-    if (job.base_bytes && !wants(job, CloudFormat::Glb))
+    if (job.base_bytes && !makes(job, CloudFormat::Glb))
         throw object.error("base_bytes", "is the size of a glb: expected glb among the formats");
     if (const auto draco = object.find("draco")) job.output.draco = read_draco(*draco);
     if (const auto tiles = object.find("tiles")) read_tiles(*tiles, job);
@@ -357,7 +361,7 @@ void add_options(Json& json, const PyramidJob& job) {
     json["error"] = job.error;
     json["formats"] = Json::array();
     for (const CloudFormat format : kPyramidFormats)
-        if (wants(job, format)) json["formats"].push_back(to_string(format));
+        if (makes(job, format)) json["formats"].push_back(to_string(format));
     json["draco"] = draco_json(job.output.draco);
     if (has_grid(job)) json["tiles"] = tiles_json(job);
     add_outliers(json, job.outliers);
@@ -380,6 +384,11 @@ DracoEncodeOptions read_draco(const JsonValue& value) {
     }
     if (const auto coding = object.find("coding"))
         options.coding = coding->named(draco_coding_from_name);
+    // Before the work that it would end.
+    if (options.coding == DracoCoding::KdTree && !options.precision && options.position_bits == 0)
+        throw object.error("coding",
+                           "kd-tree holds no unquantised positions: expected sequential, "
+                           "or other position_bits than 0");
     object.finish();
     return options;
 }
@@ -437,6 +446,11 @@ std::vector<std::string> inputs_of(const JobRequest& request) {
     return inputs;
 }
 
+std::string input_field(const JobRequest& request, std::size_t i) {
+    if (i > 0) return "candidates[" + std::to_string(i - 1) + "]";
+    return std::holds_alternative<EvaluateJob>(request.job) ? "reference" : "input";
+}
+
 Json request_json(const JobRequest& request) {
     const bool compares = std::holds_alternative<EvaluateJob>(request.job);
     Json json = {{compares ? "reference" : "input", request.input}};
@@ -476,6 +490,7 @@ JobRequest read_request(const JsonValue& value) {
     JsonObject object = value.object();
     const JsonValue type = object["type"];
     if (type.text() == "evaluate") return read_evaluation(object);
+    if (std::ranges::find(kJobTypes, type.text()) == kJobTypes.end()) type.refuse(kAnyJobType);
     JobRequest request;
     request.input = read_id(object["input"]);
     if (type.text() == "simplify") {
@@ -486,10 +501,8 @@ JobRequest read_request(const JsonValue& value) {
         request.job = read_upsample(object);
     } else if (type.text() == "analyze") {
         request.job = read_analyze(object);
-    } else if (type.text() == "curve") {
-        request.job = read_curve(object);
     } else {
-        type.refuse(kAnyJobType);
+        request.job = read_curve(object);
     }
     object.finish();
     return request;

@@ -41,6 +41,10 @@ public:
         }
         if (event == Event::object_start) keys_.emplace_back();
         if (event == Event::object_end) keys_.pop_back();
+        // The text of an error ends at a NUL.
+        const bool is_text = event == Event::key || (event == Event::value && parsed.is_string());
+        if (is_text && parsed.get_ref<const std::string&>().find('\0') != std::string::npos)
+            throw Error(rules_.code, "JSON: " + shown(parsed) + ": expected text without NUL");
         if (event == Event::key && !keys_.back().insert(parsed.get<std::string>()).second) {
             throw Error(rules_.code, "JSON: the field " + shown(parsed) + " is given twice");
         }
@@ -67,11 +71,13 @@ json parse(std::string_view text, const JsonRules& rules) {
     }
 }
 
-std::string expected_integer(std::uint64_t min, std::uint64_t max) {
-    if (max == std::numeric_limits<std::uint64_t>::max()) {
-        return "an integer of at least " + std::to_string(min);
-    }
-    return "an integer of " + std::to_string(min) + " to " + std::to_string(max);
+/// Limits that are those of the machine are not told: what is read has limits of its own.
+std::string expected_integer(std::uint64_t min, std::uint64_t max, bool is_whole) {
+    const bool has_limit = max != std::numeric_limits<std::uint64_t>::max() &&
+                           max != std::numeric_limits<std::uint32_t>::max();
+    if (has_limit) return "an integer of " + std::to_string(min) + " to " + std::to_string(max);
+    if (is_whole) return "at most " + std::to_string(max);
+    return min > 0 ? "an integer of at least " + std::to_string(min) : "a whole number";
 }
 
 /// The whole number that a JSON number is, in whichever form it was written.
@@ -107,7 +113,8 @@ double JsonValue::number() const {
 
 std::uint64_t JsonValue::integer(std::uint64_t min, std::uint64_t max) const {
     const std::optional<std::uint64_t> number = whole(*value_);
-    if (!number || *number < min || *number > max) refuse(expected_integer(min, max));
+    if (!number || *number < min || *number > max)
+        refuse(expected_integer(min, max, number && *number > max));
     return *number;
 }
 

@@ -1,8 +1,10 @@
 #include "stipple/proto/results.hpp"
 
 #include "json_parts.hpp"
+#include "stipple/error.hpp"
 
 #include <algorithm>
+#include <string>
 
 namespace stipple::proto {
 
@@ -35,21 +37,22 @@ void require_text(const JsonValue& value, std::string_view expected) {
     if (value.text() != expected) value.refuse(expected);
 }
 
-/// A tile's parent stands before it, as all who read a pyramid rely on.
-void require_parents_first(const Results& results, const JsonValue& levels) {
+}  // namespace
+
+void require_parents_first(std::span<const OutputCloud> levels) {
     std::size_t tiles = 0;
-    for (const OutputCloud& level : results.levels) {
+    for (const OutputCloud& level : levels) {
         for (const OutputFile& file : level.files) {
             if (!file.tile) continue;
-            if (file.tile->parent && *file.tile->parent >= tiles)
-                levels.refuse("the parent of tile " + std::to_string(tiles) + " before it, not " +
-                              std::to_string(*file.tile->parent));
+            if (file.tile->parent && *file.tile->parent >= tiles) {
+                throw Error(ErrorCode::MalformedInput,
+                            "levels: expected the parent of tile " + std::to_string(tiles) +
+                                " before it, not " + std::to_string(*file.tile->parent));
+            }
             ++tiles;
         }
     }
 }
-
-}  // namespace
 
 Json cost_json(const JobCost& cost) {
     return {{"seconds",
@@ -158,9 +161,8 @@ Results results_from_json(std::string_view text) {
     if (const auto source = object.find("source")) {
         results.source = read_source(*source, results.request);
     }
-    const JsonValue levels = object["levels"];
-    results.levels = levels.list_of(read_level);
-    require_parents_first(results, levels);
+    results.levels = object["levels"].list_of(read_level);
+    require_parents_first(results.levels);
     if (const auto cost = object.find("cost")) results.cost = read_cost(*cost);
     if (const auto problem = object.find("problem")) results.problem = read_problem(*problem);
     object.finish();

@@ -98,6 +98,12 @@ SliceLevels::SliceLevels(const Results& pyramid, const SliceOptions& options,
       read_(read),
       context_(context),
       cuts_(pyramid.levels.size()) {
+    for (const OutputCloud& level : pyramid.levels) {
+        if (tiled(level) || find_ply(level) != nullptr) continue;
+        throw Error(ErrorCode::InvalidArgument,
+                    "this pyramid has neither PLY levels nor tiles: make it with one of the "
+                    "formats ply and glb to cut clouds from it");
+    }
     const Aabb& source = pyramid.source.value().bounds;
     center_ = 0.5 * (source.min + source.max);
     origin_ = pyramid.levels.front().origin.value_or(center_);
@@ -228,13 +234,9 @@ std::shared_ptr<const LevelCut> SliceLevels::read_level(std::size_t number) cons
     LevelCut cut{number, {}, error_of(level)};
     if (tiled(level)) {
         read_tiles(level, cut.cloud);
-    } else if (const OutputFile* const ply = find_ply(level)) {
-        cut.cloud = read_ply(*ply, level.points);
-        if (options_.box) cut.cloud = points_in(std::move(cut.cloud), *options_.box, *options_.box);
     } else {
-        throw Error(ErrorCode::InvalidArgument,
-                    "this pyramid has neither PLY levels nor tiles: make it with one of the "
-                    "formats ply and glb to cut clouds from it");
+        cut.cloud = read_ply(*find_ply(level), level.points);
+        if (options_.box) cut.cloud = points_in(std::move(cut.cloud), *options_.box, *options_.box);
     }
     return std::make_shared<const LevelCut>(std::move(cut));
 }

@@ -22,6 +22,7 @@ struct LevelCut {
 class SliceLevels {
 public:
     /// All are kept by reference.
+    /// @throws Error(InvalidArgument) for a pyramid whose files are of no format that is read.
     SliceLevels(const Results& pyramid, const SliceOptions& options, const FileReader& read,
                 const RunContext& context);
 
@@ -57,9 +58,9 @@ private:
     const SliceOptions& options_;
     const FileReader& read_;
     const RunContext& context_;
-    Vec3d center_;  ///< of the source's box: tiles are relative to it
+    Vec3d center_;          ///< of the source's box: tiles are relative to it
     Vec3d middle_of_most_;  ///< points, where there is a box
-    Vec3d origin_;                                       ///< of the source's positions
+    Vec3d origin_;          ///< of the source's positions
     std::vector<std::shared_ptr<const LevelCut>> cuts_;  ///< of the levels that were read
 };
 

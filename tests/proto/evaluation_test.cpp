@@ -131,6 +131,17 @@ TEST_F(Evaluation, OfAPlaneThatIsLiftedIsTheWay) {
     EXPECT_NEAR(found.at("rms").get<double>(), 0.03, 2e-4);
 }
 
+TEST_F(Evaluation, AMapOfASmallDentReachesItsDepth) {
+    PointCloud dented = test::plane(20'000, 2);
+    for (Vec3f& p : dented.positions)
+        if ((p - Vec3f(0.5F, 0.5F, 0)).norm() < 0.04F) p.z() -= 0.001F;
+    EvaluateJob job;
+    job.output.formats = {CloudFormat::Ply};
+    const json found = figures(test::plane(20'000), dented, job);
+    EXPECT_LT(found.at("forward").at("p99").get<double>(), 1e-6);
+    EXPECT_NEAR(found.at("range").get<double>(), found.at("max").get<double>(), 5e-4);
+}
+
 TEST_F(Evaluation, SwapsItsDirectionsWithTheClouds) {
     const PointCloud a = test::sphere(3000), b = scaled(test::sphere(1000), 1.05F);
     const json there = figures(a, b), back = figures(b, a);

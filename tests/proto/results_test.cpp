@@ -76,7 +76,7 @@ TEST(Results, ThatAreMalformedAreRefusedByThePathOfTheField) {
     auto json = nlohmann::json::parse(to_json(test::pyramid_results()));
     json["levels"][1]["files"][1]["bytes"] = "many";
     EXPECT_EQ(test::refusal(results_from_json, json.dump(), ErrorCode::MalformedInput),
-              "levels[1].files[1].bytes: \"many\": expected an integer of at least 0");
+              "levels[1].files[1].bytes: \"many\": expected a whole number");
 }
 
 TEST(Results, WhoseFilesHaveNoHashAreRefused) {
@@ -119,6 +119,37 @@ TEST(JobSpec, TravelsAsTheGoldenFileSays) {
     const std::string text = to_json(test::job_spec());
     EXPECT_EQ(text, golden("job_spec.json"));
     EXPECT_EQ(to_json(job_spec_from_json(text)), text);
+}
+
+TEST(JobReport, OfALevelOfTheMostTilesIsRead) {
+    OutputCloud level;
+    level.level = 20;
+    level.points = 4'000'000'000;
+    level.bounds = {Vec3d::Constant(-1e7 / 3), Vec3d::Constant(1e7 / 3)};
+    for (std::uint32_t i = 0; i < LodTiler::kMostTiles; ++i) {
+        // As long as they come: floats have nine digits, doubles seventeen.
+        const double number = -1e-7 / (3.0 + i), figure = static_cast<float>(-number);
+        LodTile tile;
+        tile.parent = LodTiler::kMostTiles;
+        tile.level = level.level;
+        tile.points = 65'536;
+        tile.bits = 16;
+        tile.offset = Vec3d::Constant(number);
+        tile.step = -number;
+        tile.last = {65'535, 65'535, 65'535};
+        tile.error = {.mean = figure,
+                      .max = figure,
+                      .p99 = figure,
+                      .mean_confidence = figure,
+                      .samples = 131'072};
+        tile.spacing = tile.cover_radius = figure;
+        level.files.push_back({CloudFormat::Glb, 1'000'000, std::string(64, 'a'),
+                               "level-20-" + std::string(5, '9') + ".glb", tile});
+    }
+    const std::string line = to_json(JobReport(level));
+    EXPECT_LT(line.size(), kMaxReportBytes);
+    const auto read = std::get<OutputCloud>(job_report_from_json(line));
+    EXPECT_EQ(read.files.size(), LodTiler::kMostTiles);
 }
 
 TEST(JobReport, TravelsOnOneLineForEachOfItsKinds) {

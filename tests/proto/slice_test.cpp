@@ -292,6 +292,14 @@ TEST(Slice, RefusalsTellTheValueAndTheLimitHoweverSmall) {
     EXPECT_TRUE(bytes.ends_with(", for 1 point")) << bytes;
 }
 
+TEST(Slice, RefusesAPyramidOfOtherFormatsBeforeItAsksForAnotherBound) {
+    Pyramid pyramid = both();
+    for (OutputCloud& level : pyramid.results.levels)
+        for (OutputFile& file : level.files) file = {CloudFormat::Draco, 1, "", ""};
+    const std::string error = refusal_text(pyramid, {.max_error = 1e-9});
+    EXPECT_TRUE(error.starts_with("this pyramid has neither PLY levels nor tiles")) << error;
+}
+
 TEST(Slice, RefusesWhatCannotBe) {
     EXPECT_EQ(refusal(both(), {}), ErrorCode::InvalidArgument);
     EXPECT_EQ(refusal(both(), {.points = 1, .bytes = 1}), ErrorCode::InvalidArgument);

@@ -160,6 +160,10 @@ TEST_F(ServiceTest, LinksAJobToWhatBelongsToIt) {
     const JobDocument pyramid = submit_pyramid();
     EXPECT_EQ(href(pyramid, "pyramid"), "/v1/pyramids/" + pyramid.id + "/manifest.json");
     EXPECT_EQ(href(pyramid, "viewer"), "/?pyramid=" + pyramid.id);
+    EXPECT_EQ(href(pyramid, "tileset"), "/v1/pyramids/" + pyramid.id + "/tileset.json");
+    proto::JobRequest whole = pyramid_request(upload(kPly).id);
+    std::get<proto::PyramidJob>(whole.job).output.formats = {CloudFormat::Draco};
+    EXPECT_EQ(href(service_.submit("ada", whole, {}).document, "tileset"), "") << "has no tiles";
 }
 
 TEST_F(ServiceTest, ServesResultsWhileTheJobRuns) {

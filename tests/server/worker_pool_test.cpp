@@ -226,6 +226,30 @@ TEST_F(WorkerPoolTest, FailsAJobWhoseFileHasAnotherHashThanReported) {
     EXPECT_EQ(job.levels_ready, 0U);
 }
 
+TEST_F(WorkerPoolTest, FailsAJobThatReportsATileBeforeItsParent) {
+    const auto tiled = [](const JobSpec& spec, unsigned level,
+                          std::optional<std::uint32_t> parent) {
+        proto::OutputCloud made = make_level(spec, level, "level " + std::to_string(level));
+        made.files[0].tile.emplace();
+        made.files[0].tile->parent = parent;
+        return made;
+    };
+    const auto status_after = [&](unsigned second, std::uint32_t parent) {
+        const JobDocument job = run([&](const JobSpec& spec, const auto& report, std::stop_token) {
+            report(tiled(spec, 1, std::nullopt));
+            report(tiled(spec, second, parent));
+            report(cost_report());
+            return Outcome{};
+        });
+        return job.status;
+    };
+    EXPECT_EQ(status_after(2, 0), JobStatus::Successful);
+    EXPECT_EQ(status_after(2, 1), JobStatus::Failed) << "its own parent";
+    EXPECT_EQ(status_after(2, 9), JobStatus::Failed);
+    EXPECT_EQ(status_after(0, 0), JobStatus::Failed) << "listed before the tile that came first";
+    EXPECT_EQ(status_after(1, 0), JobStatus::Failed) << "in the place of that tile";
+}
+
 TEST_F(WorkerPoolTest, TakesNoFileFromOutsideTheFolderOfTheJob) {
     std::ofstream(folder_ / "secret") << "secret";
     const std::string secret = (folder_ / "secret").string();
@@ -277,6 +301,7 @@ TEST_F(WorkerPoolTest, SaysOfAFullDiskThatItIsFullAndNoMore) {
     EXPECT_EQ(job.problem->detail, "storage full: the operator must free space");
     EXPECT_EQ(job.problem->status, proto::kStorageFullStatus);
     EXPECT_EQ(job.problem->stage, "encode");
+    EXPECT_EQ(job.stage, "encode");
     const JobDocument broken =
         run([&](const auto&, const auto&, std::stop_token) -> Outcome { throw failure; });
     EXPECT_EQ(broken.problem->detail, job.problem->detail);

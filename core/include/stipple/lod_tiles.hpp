@@ -142,6 +142,9 @@ struct LodTile : LodFigures {
 /// source.
 class LodTiler {
 public:
+    static constexpr std::uint32_t kMostTiles =
+        28'000;  ///< of a pyramid, whose list would else be too long to pass on
+
     /// @param source  a cleaned cloud of at least one point; not needed afterwards.
     LodTiler(const PointCloud& source, const LodTileOptions& options,
              const RunContext& context = {});

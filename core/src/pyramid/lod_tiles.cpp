@@ -25,7 +25,6 @@ namespace {
 
 constexpr std::uint32_t kMostPoints = 65'536;  // a tile is sorted without a look at the stop token
 constexpr std::size_t kBlock = 8'192;
-constexpr std::uint32_t kMostTiles = 28'000;  // whose manifest has 16 MB
 
 void check_order(std::span<const Index> order, const PointCloud& level) {
     require(order.empty() || order.size() == level.size(), "points of an order", order.size(),
@@ -288,7 +287,7 @@ LodTiler::LodTiler(const PointCloud& source, const LodTileOptions& options,
                    const RunContext& context)
     : state_(std::make_unique<State>()) {
     validate(options);
-    validate(source);
+    require_cleaned(source);
     if (source.empty()) refuse("the cloud has no points: expected at least 1");
     State& state = *state_;
     state.options = options;
@@ -385,13 +384,14 @@ std::vector<LodTile> LodTiler::add_level(const PointCloud& cloud, bool whole,
     const std::vector<TileTree::Part> parts =
         cut_level(state.tree, level.points, order, state.had,
                   {state.options.max_points, static_cast<float>(kMostSteps * grid.step)}, context);
-    if (state.tree.part_count() > kMostTiles) {
+    if (state.tree.part_count() > LodTiler::kMostTiles) {
         throw Error(ErrorCode::TooLarge,
                     "the pyramid has " + std::to_string(state.tree.part_count()) +
                         " tiles or more, with max_points " +
                         std::to_string(state.options.max_points) + " and position_bits " +
                         std::to_string(grid.bits) + ": expected at most " +
-                        std::to_string(kMostTiles) + "; allow more points per tile, or fewer bits");
+                        std::to_string(LodTiler::kMostTiles) +
+                        "; allow more points per tile, or fewer bits");
     }
     context.checkpoint(0.5);
     std::vector<LodTile> tiles(parts.size());

@@ -1,6 +1,7 @@
 #include "service/links.hpp"
 
 #include <utility>
+#include <variant>
 
 namespace stipple::server {
 namespace {
@@ -16,14 +17,16 @@ std::vector<proto::Link> Links::of_cloud(const std::string& id, CloudFormat form
             {"content", cloud(id) + "/content", std::string(media_type(format))}};
 }
 
-std::vector<proto::Link> Links::of_job(const std::string& id, bool pyramid) const {
+std::vector<proto::Link> Links::of_job(const std::string& id,
+                                       const proto::JobRequest& request) const {
     std::vector<proto::Link> links = {{"self", job(id), kJson},
                                       {"events", job(id) + "/events", "text/event-stream"},
                                       {"results", job(id) + "/results", kJson}};
-    if (pyramid) {
+    if (const auto* const pyramid = std::get_if<proto::PyramidJob>(&request.job)) {
         const std::string folder = prefix_ + "/v1/pyramids/" + id;
         links.push_back({"pyramid", folder + "/manifest.json", kJson});
-        links.push_back({"tileset", folder + "/tileset.json", kJson});
+        if (makes(*pyramid, CloudFormat::Glb))
+            links.push_back({"tileset", folder + "/tileset.json", kJson});
         links.push_back({"viewer", prefix_ + "/?pyramid=" + id, "text/html"});
     }
     return links;

@@ -24,7 +24,7 @@ public:
     std::string job(const std::string& id) const { return prefix_ + "/v1/jobs/" + id; }
 
     std::vector<proto::Link> of_cloud(const std::string& id, CloudFormat format) const;
-    std::vector<proto::Link> of_job(const std::string& id, bool pyramid) const;
+    std::vector<proto::Link> of_job(const std::string& id, const proto::JobRequest& request) const;
 
     /// Fills in where the files of a level are served.
     void fill(proto::OutputCloud& level, const std::string& job_id, bool pyramid) const;

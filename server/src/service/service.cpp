@@ -55,7 +55,7 @@ Service::Service(Limits limits, JobStore& jobs, BlobStore& blobs, Links links)
       large_events_(kLargeEventBytes) {}
 
 void Service::fill_links(proto::JobDocument& job) const {
-    job.links = links_.of_job(job.id, is_pyramid(job.request));
+    job.links = links_.of_job(job.id, job.request);
 }
 
 proto::JobDocument Service::with_links(proto::JobDocument job) const {

@@ -33,7 +33,7 @@ public:
     virtual std::uint64_t size() const noexcept = 0;
     /// Fills `out` from `offset`; returns how many bytes there were. Any thread.
     virtual std::size_t read(std::uint64_t offset, std::span<std::byte> out) const = 0;
-    /// Where the bytes lie as a local file.
+    /// Where the bytes lie as a local file; of bytes that are held there is none.
     virtual std::filesystem::path path() const = 0;
 };
 

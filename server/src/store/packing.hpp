@@ -30,7 +30,7 @@ inline constexpr Packing kBestBrotli{Coding::Brotli, 11, "br11"};  ///< about 0.
 inline constexpr std::size_t kMaxPackedSource = 4U << 20;
 
 /// The packed bytes, the same for the same input; nothing when they do not pay (5 % less is asked
-/// for), or when stopped, which Brotli's best heeds within a second.
+/// for), or when Brotli is stopped, whose best heeds that within a second.
 std::optional<std::vector<std::byte>> pack(std::span<const std::byte> bytes, const Packing& packing,
                                            std::stop_token stop = {});
 

@@ -303,7 +303,8 @@ proto::JobDocument SqliteJobStore::dismissed(std::int64_t row) {
 }
 
 void SqliteJobStore::finish_failed(std::int64_t row, const proto::Problem& problem) {
-    writer_.run("UPDATE jobs SET problem = ?1 WHERE row = ?2", to_json(problem), row);
+    writer_.run("UPDATE jobs SET problem = ?1, stage = coalesce(?2, stage) WHERE row = ?3",
+                to_json(problem), problem.stage, row);
     finish(row, JobStatus::Failed, problem.detail);
 }
 
@@ -371,8 +372,9 @@ std::uint64_t SqliteJobStore::remove_expired_clouds(std::chrono::seconds retenti
 }
 
 std::vector<std::string> SqliteJobStore::referenced_blobs() {
-    const std::lock_guard lock(reader_mutex_);
-    return blobs_named_by(reader_);
+    // Of many results this takes seconds, for which no other reader is to wait.
+    sqlite::Connection connection(writer_.file());
+    return blobs_named_by(connection);
 }
 
 void SqliteJobStore::probe() {

@@ -308,12 +308,13 @@ void SqliteJobStore::check_queue(const std::string& tenant, const QueueLimits& l
 
 /// Whether a job of the tenant's made such a cloud. Its tiles and pictures are none that can be
 /// read.
-void SqliteJobStore::require_made_cloud(const std::string& tenant, const std::string& id) {
+void SqliteJobStore::require_made_cloud(const std::string& tenant, const std::string& id,
+                                        const std::string& field) {
     Rows made = writer_.query(
         "SELECT jobs.row FROM jobs JOIN outputs ON outputs.job = jobs.row "
         "WHERE tenant = ?1 AND sha256 = ?2 LIMIT 1",
         tenant, id);
-    if (!made.next()) throw Error(ErrorCode::NotFound, "input " + id + ": no such cloud");
+    if (!made.next()) throw Error(ErrorCode::NotFound, field + " " + id + ": no such cloud");
     Rows level = writer_.query("SELECT body FROM levels WHERE job = ?1 AND instr(body, ?2) > 0",
                                made.integer(0), id);
     std::optional<CloudFormat> format;  // none of a picture
@@ -326,16 +327,18 @@ void SqliteJobStore::require_made_cloud(const std::string& tenant, const std::st
         format == CloudFormat::Progressive)
         return;
     throw Error(ErrorCode::UnsupportedFormat,
-                "input " + id + ": a " + (format ? std::string(to_string(*format)) : "png") +
+                field + " " + id + ": a " + (format ? std::string(to_string(*format)) : "png") +
                     " file that a job made: expected a cloud, or a result as ply, drc or stpc");
 }
 
 std::int64_t SqliteJobStore::insert_job(const std::string& tenant, const proto::JobRequest& request,
                                         const std::string& canonical) {
-    for (const std::string& id : proto::inputs_of(request)) {
+    const std::vector<std::string> inputs = proto::inputs_of(request);
+    for (std::size_t i = 0; i < inputs.size(); ++i) {
+        const std::string& id = inputs[i];
         Rows cloud =
             writer_.query("SELECT 1 FROM clouds WHERE tenant = ?1 AND id = ?2", tenant, id);
-        if (!cloud.next()) require_made_cloud(tenant, id);
+        if (!cloud.next()) require_made_cloud(tenant, id, proto::input_field(request, i));
         note_use(tenant, id);
     }
     writer_.run(
@@ -460,6 +463,7 @@ std::optional<proto::Results> SqliteJobStore::results(const std::string& tenant,
     if (cost) results.cost = std::get<proto::JobCost>(proto::job_report_from_json(*cost));
     for (const std::string& level : levels)
         results.levels.push_back(std::get<proto::OutputCloud>(proto::job_report_from_json(level)));
+    require_parents_first(results.levels);
     return results;
 }
 

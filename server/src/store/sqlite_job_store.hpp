@@ -99,7 +99,8 @@ private:
     void requeue(std::int64_t row, const std::string& message);
     void requeue_expired();
     void requeue_without_room(std::int64_t row, const proto::Problem& problem);
-    void require_made_cloud(const std::string& tenant, const std::string& id);
+    void require_made_cloud(const std::string& tenant, const std::string& id,
+                            const std::string& field);
     void note_use(const std::string& tenant, const std::string& cloud);
     void requeue_lost(std::int64_t row, const std::string& message);
     std::uint64_t count_lost(std::int64_t row);

@@ -112,9 +112,13 @@ CREATE TABLE turns (
 ) STRICT, WITHOUT ROWID;
 )sql";
 
+// Whether a job needs a cloud is asked for each that is removed.
+constexpr const char* kUnfinishedJobs =
+    "CREATE INDEX jobs_unfinished ON jobs (tenant) WHERE status IN ('accepted', 'running')";
+
 /// Step n leads from schema n to n + 1. Steps that were released are never changed.
-constexpr std::array kSteps = {kFirstSchema, kNamesOfClouds, kCountsOfEnds, kUseOfClouds,
-                               kTurnsOfTenants};
+constexpr std::array kSteps = {kFirstSchema, kNamesOfClouds,  kCountsOfEnds,
+                               kUseOfClouds, kTurnsOfTenants, kUnfinishedJobs};
 /// The first schema of a database that says whose it is.
 constexpr std::size_t kFirstNamed = 3;
 

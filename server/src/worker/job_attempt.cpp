@@ -185,12 +185,29 @@ void JobAttempt::take(const proto::Problem& problem) {
     problem_ = for_caller(problem);
 }
 
-/// The job process worked on foreign bytes: nothing it says of its files is believed.
+// The job process worked on foreign bytes: nothing it says of its files is believed.
+
+/// Tiles are numbered level by level, each after its parent (`require_parents_first`).
+void JobAttempt::check_tiles(const proto::OutputCloud& level) {
+    for (const proto::OutputFile& file : level.files) {
+        if (!file.tile) continue;
+        const bool in_order = level.level >= next_tiled_level_;
+        if (!in_order || (file.tile->parent && *file.tile->parent >= tiles_)) {
+            throw Error(ErrorCode::Internal, "the job reported tile " + std::to_string(tiles_) +
+                                                 " of level " + std::to_string(level.level) +
+                                                 " before its parent");
+        }
+        ++tiles_;
+    }
+    next_tiled_level_ = std::max(next_tiled_level_, level.level + 1);
+}
+
 proto::OutputCloud JobAttempt::adopt_files(proto::OutputCloud level) {
     if (level.level >= kMaxLevels) {
         throw Error(ErrorCode::Internal, "the job reported level " + std::to_string(level.level) +
                                              ": expected fewer than " + std::to_string(kMaxLevels));
     }
+    check_tiles(level);
     std::vector<fs::path> paths;
     std::vector<std::string> hashes;  // that these are said to have
     std::set<fs::path> listed;

@@ -49,6 +49,7 @@ private:
     void take(const proto::OutputCloud& reported);
     void take(const proto::JobCost& cost);
     void take(const proto::Problem& problem);
+    void check_tiles(const proto::OutputCloud& level);
     proto::OutputCloud adopt_files(proto::OutputCloud level);
     void conclude(const JobRunner::Outcome& outcome);
     void succeed();
@@ -75,6 +76,8 @@ private:
     std::filesystem::path output_;
     std::uint64_t output_bytes_ = 0;
     std::map<std::string, std::uint64_t> adopted_;  ///< bytes of the files, by their hashes
+    std::size_t tiles_ = 0;                         ///< of the levels so far
+    unsigned next_tiled_level_ = 0;                 ///< the least that the next may be
     std::optional<proto::JobCost> cost_;
     std::optional<proto::Problem> problem_;
     std::optional<std::string> fault_;  ///< of the system that it runs on

@@ -36,7 +36,6 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using Outcome = JobRunner::Outcome;
 
-constexpr std::size_t kMaxLineBytes = 16 << 20;  // a level of as many tiles as a pyramid may have
 constexpr std::size_t kMaxOutputBytes = 64 << 20;
 constexpr std::chrono::milliseconds kGrace{50};  // between SIGTERM and SIGKILL
 constexpr int kSpecDescriptor = 3;
@@ -181,7 +180,7 @@ public:
             line_.clear();
         }
         line_ += rest;
-        if (line_.size() > kMaxLineBytes || total_ > kMaxOutputBytes) {
+        if (line_.size() > proto::kMaxReportBytes || total_ > kMaxOutputBytes) {
             throw Error(ErrorCode::MalformedInput, "more output than a job may write");
         }
         return true;

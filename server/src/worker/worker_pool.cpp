@@ -12,6 +12,7 @@
 #include <condition_variable>
 #include <mutex>
 #include <thread>
+#include <utility>
 #include <vector>
 
 namespace stipple::server {
@@ -162,6 +163,7 @@ std::vector<std::shared_ptr<JobAttempt>> WorkerPool::State::attempts() {
 void WorkerPool::State::keep_leases(const std::stop_token& stop) {
     const steady_clock::duration renewal = steady_clock::duration(options.lease) / 3;
     steady_clock::time_point renewed_at = steady_clock::now();
+    bool has_failed = false;  // as it was said
     while (!stop.stop_requested()) {
         const std::uint64_t seen = jobs.version();
         const steady_clock::time_point now = steady_clock::now();
@@ -174,8 +176,10 @@ void WorkerPool::State::keep_leases(const std::stop_token& stop) {
                 for (const auto& attempt : attempts())
                     if (!jobs.holds(attempt->lease())) attempt->stop(JobAttempt::Stop::LeaseLost);
             }
+            has_failed = false;
         } catch (const std::exception& error) {
-            spdlog::error("lease.failed error={}", log_text(error.what()));
+            if (!std::exchange(has_failed, true))
+                spdlog::error("lease.failed error={}", log_text(error.what()));
             stop_before_others_may_claim(now - renewed_at);
         }
         pause(kLookPeriod, stop);

@@ -2,6 +2,7 @@
 
 #include "stipple/proto/results.hpp"
 
+#include <cstddef>
 #include <cstdint>
 #include <string>
 #include <string_view>
@@ -42,6 +43,8 @@ struct JobProgress {
 ///     {"problem": {…}}    the last line of a failure
 using JobReport = std::variant<JobProgress, CloudStatistics, OutputCloud, JobCost, Problem>;
 std::string to_json(const JobReport& report);  ///< one line, without line break
+/// Of a line: a level of as many tiles as a pyramid may have fits.
+inline constexpr std::size_t kMaxReportBytes = 16 << 20;
 JobReport job_report_from_json(std::string_view json);
 
 }  // namespace stipple::proto

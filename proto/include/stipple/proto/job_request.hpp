@@ -150,6 +150,10 @@ struct JobRequest {
 };
 /// All ids in a request, the input first.
 std::vector<std::string> inputs_of(const JobRequest& request);
+/// The field that holds the i-th of them: `input`, `reference`, `candidates[0]`.
+std::string input_field(const JobRequest& request, std::size_t i);
+/// Whether the job has files of a format: those it names, or drc, ply and glb if it names none.
+bool makes(const PyramidJob& job, CloudFormat format);
 /// The requirement that `PyramidJob::transform` violates; empty if it is valid.
 std::string_view transform_expected(const std::array<double, 16>& transform) noexcept;
 

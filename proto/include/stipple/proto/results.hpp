@@ -7,6 +7,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -128,6 +129,9 @@ std::optional<Method> method_of(const JobRequest& request) noexcept;
 /// is measured at its own places, and with few of them a finer tile's error can be larger by chance; the published
 /// error never increases from a tile to those below it, along any path.
 void raise_tile_errors(Results& pyramid);
+/// Whoever reads a pyramid relies on a tile's parent being listed before it.
+/// @throws Error(MalformedInput) naming the tile that has another.
+void require_parents_first(std::span<const OutputCloud> levels);
 std::string to_json(const Results& results);
 /// The result of an evaluation: the reply to `POST /v1/evaluations` and the figures of `stipple evaluate`. For one
 /// candidate: its error with `candidate` {id, points} and `files`; for several: {"candidates": [the same for each]}. In
