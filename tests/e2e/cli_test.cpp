@@ -317,6 +317,19 @@ TEST_F(StippleCli, ConvertLeavesOutOfAStreamWhatStandsAtOnePlaceAndSaysSo) {
     EXPECT_EQ(read_cloud(folder_ / "out.stpc").size(), 2U);
 }
 
+TEST_F(StippleCli, ReadsAStreamOfMoreAttributesThanAServerTakes) {
+    PointCloud cloud = test::sphere(50);
+    for (int i = 0; i < 70; ++i)
+        cloud.attributes.push_back({"a" + std::to_string(i), std::vector<float>(50, 0.5F)});
+    write_cloud(cloud, folder_ / "in.ply");
+    ASSERT_EQ(stipple("convert in.ply out.stpc").exit_code, 0);
+    EXPECT_EQ(stipple("inspect out.stpc").exit_code, 0);
+    const Outcome outcome = stipple("convert out.stpc back.ply");
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+    const DecodeLimits any{.max_attributes = DecodeLimits::kAnyAttributes};
+    EXPECT_EQ(read_cloud(folder_ / "back.ply", any).attributes.size(), 70U);
+}
+
 TEST_F(StippleCli, ConvertTellsHowManyPointsTheWholeOfACutStreamHas) {
     synthesize("in.ply", 3000);
     ASSERT_EQ(stipple("convert in.ply in.stpc").exit_code, 0);

@@ -45,7 +45,7 @@ PointCloud read_stream(const ConvertCommand& command, const RunContext& context,
     constexpr std::size_t kPiece = std::size_t{1} << 16U;
     constexpr auto kAll = std::numeric_limits<std::uint64_t>::max();
     std::ifstream file(command.input, std::ios::binary);
-    ProgressiveDecoder decoder({}, command.points.value_or(kAll));
+    ProgressiveDecoder decoder(limits_here(), command.points.value_or(kAll));
     std::vector<char> piece(kPiece);
     for (std::uint64_t left = command.bytes.value_or(kAll); left > 0 && !decoder.done();) {
         file.read(piece.data(),
@@ -66,7 +66,7 @@ PointCloud read_stream(const ConvertCommand& command, const RunContext& context,
               .faces = 0,
               .skipped = {},
               .comments = {}};
-    return decoder.cloud();
+    return decoder.cloud(context);
 }
 
 PointCloud read_input(const ConvertCommand& command, const RunContext& context,

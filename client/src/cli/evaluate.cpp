@@ -226,6 +226,16 @@ void summarise(const EvaluateCommand& command, const proto::Results& results, do
                    "a cloud compared with itself: its surface between the points is not known\n"
                    "more precisely than this; --basis samples uses the points alone")
             << '\n';
+    const auto lies_on_candidate = [](const proto::OutputCloud& cloud) {
+        constexpr double kMuch = 2;
+        const SurfaceError& error = cloud.error->error;
+        return error.backward.max > kMuch * error.forward.max;
+    };
+    if (!command.maps.empty() && std::ranges::any_of(results.levels, lies_on_candidate))
+        out << style.dim(
+                   "a map shows the reference, and the largest distance lies on a candidate:\n"
+                   "swap the clouds to see it")
+            << '\n';
     write_out(out.str());
     for (std::size_t i = 0; i < results.levels.size(); ++i)
         print_warnings(*results.levels[i].error, command.candidates[i], terminal);

@@ -39,7 +39,7 @@ struct Findings {
 std::vector<ProgressiveBatch> batches_of(const fs::path& file) {
     constexpr std::size_t kPiece = 4096;
     std::ifstream stream(file, std::ios::binary);
-    ProgressiveDecoder decoder({}, 1);
+    ProgressiveDecoder decoder(limits_here(), 1);
     std::vector<char> piece(kPiece);
     while (decoder.batches().empty() && stream) {
         stream.read(piece.data(), kPiece);

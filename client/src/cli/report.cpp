@@ -135,8 +135,11 @@ std::string error_line(const proto::ErrorFigures& figures, const TextStyle& styl
     if (error.forward.samples == 0) return "error: none, no points were removed";
     const std::string dot = " " + std::string(style.dot()) + " ";
     const DirectedError& forward = error.forward;
-    std::string line = "error: mean " + three_digits(error.mean());
-    if (forward.mean_confidence > 0)
+    // Where few of the samples met an error at all no interval holds.
+    const bool is_rough = 2 * forward.mean_confidence > error.mean();
+    std::string line =
+        std::string("error: mean ") + (is_rough ? "about " : "") + three_digits(error.mean());
+    if (forward.mean_confidence > 0 && !is_rough)
         line += " " + std::string(style.plus_minus()) + " " + two_digits(forward.mean_confidence);
     line += " (" + three_digits(100 * proto::relative(error.mean(), error)) + " %)" + dot +
             "max at least " + distance_text(error.max(), error) + " of the diagonal, at " +

@@ -94,17 +94,18 @@ function evaluation({ levels, request }, name, nameOf, onPlace) {
     const groupsOf = (rowsOf) => levels.map(({ points, error }, i) =>
         [titleOf(format.points(points), i),
             kDirections.flatMap(([direction, title]) => rowsOf(error[direction], title))]);
-    const figures = groupsOf(({ relative }, title) => [[title, ...kFigures.map(([figure]) => asPercent(relative[figure]))]]);
+    const figures = groupsOf((direction, title) => [[`${title}, %`, ...kFigures.map(([figure]) => asPercent(direction.relative[figure]))],
+        ['in units of the cloud', ...kFigures.map(([figure]) => format.quantity(direction[figure]))]]);
     const haveLabels = levels.some(({ error }) => kDirections.some(([direction]) => error[direction].attributes?.some(({ differing }) => differing !== undefined)));
     const attributes = groupsOf(({ attributes = [] }, title) => attributes.map(({ name: attribute, mean, rms, max, differing }) =>
         [`${attribute}, ${title.toLowerCase()}`, ...[mean, rms, max].map(format.quantity),
             ...(haveLabels ? [differing === undefined ? '' : asPercent(differing)] : [])]));
     const warnings = new Set(levels.flatMap(({ error }) => error.warnings ?? []));
     return [`Distances from ${name}`, [
-        table(['Percent of the diagonal', ...kFigures.map(([, title]) => title)], figures),
+        table(['Distance, and percent of the diagonal', ...kFigures.map(([, title]) => title)], figures),
         ...levels.map(({ points, error }, i) =>
             largestAt(error, levels.length > 1 && titleOf(format.points(points), i), onPlace && ((place) => onPlace(i, place)))).filter(Boolean),
-        note(`The diagonal is ${format.quantity(levels[0].error.diagonal)}, in units of the cloud.`),
+        note(`The diagonal is ${format.quantity(levels[0].error.diagonal)}.`),
         ...(attributes.some(([, rows]) => rows.length > 0) ? [table(['Attributes', 'Mean', 'RMS', 'Largest', ...(haveLabels ? ['Differing'] : [])], attributes), note('Colours as CIEDE2000, normals in radians.')] : []),
         ...[...warnings].map((warning) => note(`Beware: ${warning}${/[.?!]$/.test(warning) ? '' : '.'}`)),
         ...levels.flatMap(({ pictures = [] }) => pictures.map(pictureOf)),
