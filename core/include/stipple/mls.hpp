@@ -46,8 +46,8 @@ struct MlsProjection {
 /// Neighbours and the adaptive h are those of r.
 ///
 /// The degree is lowered for a point with fewer neighbours than coefficients, or if g(0, 0) would
-/// lie beyond the heights of all neighbours. Terms that the neighbours do not determine are
-/// dropped, higher ones first.
+/// lie beyond one and a half times the heights of all neighbours. Terms that the neighbours do not
+/// determine are dropped, higher ones first.
 ///
 /// On a sphere of curvature kappa, a plane or a linear g lies inside by about h^2 kappa / 2;
 /// degrees 2 and 3 by an order h^2 less.

@@ -178,7 +178,9 @@ MlsHeight fit_polynomial(const MlsNeighborhood& around, const Vec3d& n, const Ve
         around.columns(), trial_of(plane, e1, e2, h), degree, A.front().data(), b.data());
     const std::size_t terms = term_count(degree);
     substitute(A, factorise(A, terms), std::span(b).first(terms));
-    if (!(std::abs(b[0]) <= highest)) return fit_polynomial(around, n, q, h, degree - 1);
+    // In a gap of what is curved the surface lies higher than all points around, but not much.
+    constexpr double kBeyond = 1.5;
+    if (!(std::abs(b[0]) <= kBeyond * highest)) return fit_polynomial(around, n, q, h, degree - 1);
     return {b[0], (n - (b[1] * e1 + b[2] * e2) / h).normalized()};
 }
 

@@ -5,12 +5,6 @@
 
 namespace stipple {
 
-namespace {
-
-constexpr unsigned kToAndFro = 6;  // steps; most end after three
-
-}  // namespace
-
 QuadraticFoot::QuadraticFoot(std::span<const Vec3f> points, const PointTree& tree,
                              const FootFinder::Options& options)
     : points_(points), options_(options), search_(tree, options.k, 2 * std::size_t{options.k}) {}
@@ -43,12 +37,8 @@ Foot QuadraticFoot::find(const Vec3d& q, const Foot& linear) {
         foot.normal = g.normal;
         foot.distance = std::abs(height);
         foot.converged = (foot.point - x).norm() <= options_.tolerance * foot.h;
-        // Between two neighbourhoods whose feet are in each other's some go to and fro.
-        if (!foot.converged && i >= kToAndFro) foot.point = 0.5 * (x + foot.point);
     }
-    if (foot.converged) return foot;
-    // By then it is nearer to where it would end than the linear foot, but for one that runs away.
-    return std::abs(foot.distance - linear.distance) <= foot.h ? foot : linear;
+    return foot.converged ? foot : linear;
 }
 
 }  // namespace stipple
