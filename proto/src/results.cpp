@@ -142,7 +142,7 @@ std::string evaluation_json(const Results& results) {
             json["candidates"].push_back(candidate(i));
     }
     json["reference"] = {{"id", results.request.input},
-                         {"points", results.source ? results.source->points : 0}};
+                         {"points", results.source ? results.source->remaining() : 0}};
     if (!results.levels.empty() && !results.levels.front().pictures.empty())
         json["pictures"] = pictures_json(results.levels.front());
     return to_text(json);

@@ -117,6 +117,15 @@ TEST_F(Evaluation, HasTheFieldsThatMeasurementsRelyOn) {
     EXPECT_FALSE(found.contains("warnings"));
 }
 
+TEST_F(Evaluation, CountsThePointsOfBothCloudsWithoutDuplicates) {
+    PointCloud reference = test::sphere(3000), candidate = test::sphere(2000);
+    for (PointCloud* const cloud : {&reference, &candidate})
+        for (std::size_t i = 0; i < 100; ++i) cloud->positions.push_back(cloud->positions[i]);
+    const json found = figures(reference, candidate);
+    EXPECT_EQ(found.at("reference").at("points"), 3000);
+    EXPECT_EQ(found.at("candidate").at("points"), 2000);
+}
+
 TEST_F(Evaluation, OfALargerSphereIsTheDifferenceOfTheRadii) {
     // Both lie inside their spheres, by 1.2 / N of the squared radius or less.
     const json found = figures(test::sphere(5000), scaled(test::sphere(5000), 1.1F));

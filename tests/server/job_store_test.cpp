@@ -424,8 +424,8 @@ TEST(SqliteJobStore, BringsADatabaseOfAnOlderVersionUpToDate) {
     run_sql(folder / "jobs.sqlite",  // as it was then
             "DROP INDEX clouds_by_use; ALTER TABLE clouds DROP COLUMN used; "
             "ALTER TABLE clouds DROP COLUMN name; ALTER TABLE jobs DROP COLUMN lost; "
-            "DROP TABLE ended; DROP TABLE turns; PRAGMA application_id = 0; "
-            "PRAGMA user_version = 1");
+            "DROP TABLE ended; DROP TABLE turns; DROP INDEX jobs_unfinished; "
+            "PRAGMA application_id = 0; PRAGMA user_version = 1");
     const auto store = open_sqlite_job_store(folder / "jobs.sqlite");
     EXPECT_EQ(store->find_cloud("ada", cloud)->name, std::nullopt);
     EXPECT_EQ(store->remove_expired_clouds(1h), 0U) << "its time begins now";
@@ -445,7 +445,7 @@ TEST(SqliteJobStore, CountsOnInADatabaseThatCountedNothing) {
     run_sql(folder / "jobs.sqlite",  // as it was then
             "DROP INDEX clouds_by_use; ALTER TABLE clouds DROP COLUMN used; "
             "ALTER TABLE jobs DROP COLUMN lost; DROP TABLE ended; DROP TABLE turns; "
-            "PRAGMA application_id = 0; PRAGMA user_version = 2");
+            "DROP INDEX jobs_unfinished; PRAGMA application_id = 0; PRAGMA user_version = 2");
     const auto store = open_sqlite_job_store(folder / "jobs.sqlite");
     store->claim({}, 60s);
     store->recover();

@@ -211,7 +211,7 @@ void summarise(const EvaluateCommand& command, const proto::Results& results, do
     const TextStyle& style = terminal.output_style();
     const bool one = results.levels.size() == 1;
     std::ostringstream out;
-    out << style.strong(counted(results.source->points, "point") + " against " +
+    out << style.strong(counted(results.source->remaining(), "point") + " against " +
                         (one ? counted(results.levels.front().points, "point")
                              : counted(results.levels.size(), "candidate")))
         << " in " << readable_seconds(seconds) << '\n';

@@ -102,11 +102,11 @@ function evaluation({ levels, request }, name, nameOf, onPlace) {
             ...(haveLabels ? [differing === undefined ? '' : asPercent(differing)] : [])]));
     const warnings = new Set(levels.flatMap(({ error }) => error.warnings ?? []));
     return [`Distances from ${name}`, [
-        table(['Distance, and percent of the diagonal', ...kFigures.map(([, title]) => title)], figures),
+        table(['Distances', ...kFigures.map(([, title]) => title)], figures),
         ...levels.map(({ points, error }, i) =>
             largestAt(error, levels.length > 1 && titleOf(format.points(points), i), onPlace && ((place) => onPlace(i, place)))).filter(Boolean),
-        note(`The diagonal is ${format.quantity(levels[0].error.diagonal)}.`),
-        ...(attributes.some(([, rows]) => rows.length > 0) ? [table(['Attributes', 'Mean', 'RMS', 'Largest', ...(haveLabels ? ['Differing'] : [])], attributes), note('Colours as CIEDE2000, normals in radians.')] : []),
+        note(`Percent of the diagonal, which is ${format.quantity(levels[0].error.diagonal)}.`),
+        ...(attributes.some(([, rows]) => rows.length > 0) ? [table(['Attributes', 'Mean', 'RMS', 'Largest', ...(haveLabels ? ['Differing, %'] : [])], attributes), note('Colours as CIEDE2000, normals in radians.')] : []),
         ...[...warnings].map((warning) => note(`Beware: ${warning}${/[.?!]$/.test(warning) ? '' : '.'}`)),
         ...levels.flatMap(({ pictures = [] }) => pictures.map(pictureOf)),
     ]];
@@ -114,9 +114,9 @@ function evaluation({ levels, request }, name, nameOf, onPlace) {
 
 /** Where a candidate is farthest off, as a sentence. @param title  of one of several; @param onPlace  where it can be looked at */
 function largestAt({ forward, backward, diagonal }, title, onPlace) {
-    const [side, { max_at: at }] = forward.max >= backward.max ? ['reference', forward] : ['candidate', backward];
-    if (!at) {
-        return null;  // the clouds are far apart, or an older server measured
+    const [side, { max, max_at: at }] = forward.max >= backward.max ? ['reference', forward] : ['candidate', backward];
+    if (!at || max === 0) {
+        return null;  // of clouds far apart, or by an older server
     }
     const place = element(onPlace ? 'button' : 'span', { className: 'place', textContent: format.place(at, diagonal / 2) });
     if (onPlace) {

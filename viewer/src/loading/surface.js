@@ -44,6 +44,7 @@ async function ask(message, buffers, signal) {
             self.worker.postMessage({ id, ...message }, buffers);
         });
     } finally {
+        self.waiting.delete(id);  // also what could not be sent
         signal?.removeEventListener('abort', giveUp);
     }
 }

@@ -67,6 +67,7 @@ struct CloudStatistics {
 
     /// What was removed, of all kinds.
     std::uint64_t removed() const noexcept { return non_finite + duplicates + outliers.value_or(0); }
+    std::uint64_t remaining() const noexcept { return points - removed(); }
 };
 struct CloudDocument {
     std::string id;
