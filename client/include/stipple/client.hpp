@@ -64,8 +64,8 @@ public:
     Client(Client&&) noexcept;
     Client& operator=(Client&&) noexcept;
 
-    /// Sends a PLY, Draco or `.stpc` file and its name, streamed from disk; sends nothing if the server has
-    /// these bytes already.
+    /// Sends a PLY, Draco or `.stpc` file and its name, streamed from disk; sends nothing if the
+    /// server has these bytes already.
     proto::CloudDocument upload(const std::filesystem::path& file,
                                 const ByteProgress& progress = {});
     proto::CloudDocument cloud(const std::string& id);

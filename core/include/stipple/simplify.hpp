@@ -65,7 +65,8 @@ void validate(const SimplifyOptions& options);
 /// Simplifies a cleaned cloud (`clean`) by any method. The result has exactly the requested number
 /// of points, or is the cloud itself if the target is not below its count; every attribute of the
 /// input survives. Time and memory are those of the method.
-/// @throws Error(InvalidArgument) for options out of range or a cloud without points.
+/// @throws Error(InvalidArgument) for options out of range, a cloud without points, or one that was
+/// not cleaned.
 PointCloud simplify(const PointCloud& cloud, const SimplifyOptions& options,
                     const RunContext& context = {});
 

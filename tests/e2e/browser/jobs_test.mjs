@@ -6,7 +6,7 @@ import { readFileSync } from 'node:fs';
 
 import { broken, line, onePoint, ply, spherePoints, truncated } from './clouds.mjs';
 import {
-    browser, choose, cloudOf, differenceOf, figure, kTorusPoints, litShare, manifestOf, rest, restingPicture, run, save, scale, server, settledPyramid,
+    browser, choose, clickOnceMore, cloudOf, differenceOf, figure, kTorusPoints, litShare, manifestOf, rest, restingPicture, run, save, scale, server, settledPyramid,
     shows, startJob, torus, visit,
 } from './suite.mjs';
 
@@ -548,7 +548,7 @@ await run({
         const remove = page.locator('#files').getByRole('button').last();
         await remove.click();
         assert.ok((await idsOf('jobs')).includes(job));
-        await remove.click();
+        await clickOnceMore(remove);
         const next = await settledPyramid(page, job);
         assert.ok(!(await idsOf('jobs')).includes(job));
         assert.equal(next, (await listOf('jobs')).find(({ status }) => status === 'successful').id);
@@ -557,7 +557,7 @@ await run({
         await page.getByRole('button', { name: 'Process' }).first().click();
         await page.locator('#job-remove').click();
         assert.deepEqual(await idsOf('clouds'), before);
-        await page.locator('#job-remove').click();
+        await clickOnceMore(page.locator('#job-remove'));
         await page.waitForFunction((count) => document.querySelectorAll('#clouds > li').length === count, before.length - 1);
         assert.deepEqual(await idsOf('clouds'), before.slice(1));
     },
@@ -573,7 +573,7 @@ await run({
         });
         const remove = page.locator('#files').getByRole('button').last();
         await remove.click();
-        await remove.click();
+        await clickOnceMore(remove);
         await page.waitForFunction((id) => !document.querySelector(`[data-result="${id}"]`), gone);
         assert.equal(await settledPyramid(page), next);
         assert.equal(new URL(page.url()).searchParams.get('job'), next);
@@ -585,7 +585,7 @@ await run({
         await page.route(({ pathname }) => pathname === '/v1/jobs', (route) => route.fulfill({ json: { items: [] } }));
         const remove = page.locator('#files').getByRole('button').last();
         await remove.click();
-        await remove.click();
+        await clickOnceMore(remove);
         await page.getByText('Drop a point cloud here').waitFor();
         await page.keyboard.press('c');
         assert.equal(await page.locator('#compare').isEnabled(), false);
