@@ -33,7 +33,8 @@ constexpr JsonRules kRequestRules{.code = ErrorCode::InvalidArgument,
                                   .max_bytes = kMaxRequestBytes,
                                   .max_depth = 8,
                                   .max_items = kMaxRequestItems,
-                                  .unknown_fields = UnknownFields::Refused};
+                                  .unknown_fields = UnknownFields::Refused,
+                                  .allows_nul = false};
 constexpr JsonRules kStoredRules{
     .code = ErrorCode::Internal, .max_bytes = 1 << 20, .max_depth = 8};  // with all defaults
 

@@ -41,9 +41,9 @@ public:
         }
         if (event == Event::object_start) keys_.emplace_back();
         if (event == Event::object_end) keys_.pop_back();
-        // The text of an error ends at a NUL.
         const bool is_text = event == Event::key || (event == Event::value && parsed.is_string());
-        if (is_text && parsed.get_ref<const std::string&>().find('\0') != std::string::npos)
+        if (!rules_.allows_nul && is_text &&
+            parsed.get_ref<const std::string&>().find('\0') != std::string::npos)
             throw Error(rules_.code, "JSON: " + shown(parsed) + ": expected text without NUL");
         if (event == Event::key && !keys_.back().insert(parsed.get<std::string>()).second) {
             throw Error(rules_.code, "JSON: the field " + shown(parsed) + " is given twice");

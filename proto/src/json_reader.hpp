@@ -32,6 +32,7 @@ struct JsonRules {
     std::size_t max_items =
         std::numeric_limits<std::size_t>::max();  ///< of a list, or named freely
     UnknownFields unknown_fields = UnknownFields::Ignored;
+    bool allows_nul = true;  ///< in texts and names: that of an error would end there
 };
 
 class JsonObject;

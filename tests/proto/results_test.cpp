@@ -155,7 +155,7 @@ TEST(JobReport, OfALevelOfTheMostTilesIsRead) {
 TEST(JobReport, TravelsOnOneLineForEachOfItsKinds) {
     const JobReport progress = JobProgress{"decode", 12.5};
     CloudStatistics source = test::statistics();
-    source.comments = {"two\nlines"};
+    source.comments = {"two\nlines", std::string("a\0b", 3)};
     const std::vector<JobReport> reports = {progress, source, test::output_cloud(),
                                             test::job_cost(),
                                             problem_from(ErrorCode::TooLarge, "too large")};
