@@ -86,6 +86,18 @@ TEST(ClientSocket, ForgivesOneEmptyLineAndWaitsNoLongerForMore) {
     EXPECT_EQ(socket.read_head(), "") << "no request: it is answered as such";
 }
 
+TEST(ClientSocket, SeesTheEndOfAClientBehindWhatNobodyHasRead) {
+    Waiting waiting;
+    EXPECT_FALSE(waiting.socket.peer_gone());
+    ASSERT_EQ(::send(waiting.connection.client.get(), "\r\n", 2, MSG_NOSIGNAL), 2);
+    EXPECT_FALSE(waiting.socket.peer_gone());
+    waiting.connection.client = FileDescriptor();
+    const auto end = std::chrono::steady_clock::now() + 10s;
+    while (!waiting.socket.peer_gone() && std::chrono::steady_clock::now() < end)
+        std::this_thread::sleep_for(1ms);
+    EXPECT_TRUE(waiting.socket.peer_gone());
+}
+
 TEST(ClientSocket, LeavesAReaderThatTakesNoMore) {
     Waiting waiting;
     const std::jthread reader([&client = waiting.connection.client] {

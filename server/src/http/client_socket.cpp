@@ -137,9 +137,9 @@ void ClientSocket::wait_until_writable() {
 
 bool ClientSocket::peer_gone() const noexcept {
     if (abort_.raised()) return true;
-    char byte = 0;
-    const ssize_t n = ::recv(fd_.get(), &byte, 1, MSG_PEEK | MSG_DONTWAIT);
-    return n == 0 || (n < 0 && errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR);
+    // The end of what it sends is seen behind bytes that nobody has read, too.
+    pollfd polled{fd_.get(), POLLRDHUP, 0};
+    return ::poll(&polled, 1, 0) > 0 && polled.revents != 0;
 }
 
 void ClientSocket::close_gently(std::uint64_t to_come) noexcept {
