@@ -165,6 +165,26 @@ TEST_P(JobStoreContract, PagesThroughJobsNewestFirstWhileMoreAreAdded) {
     EXPECT_EQ(seen, expected);
 }
 
+TEST_P(JobStoreContract, EndsAPageOfLongRequestsEarly) {
+    const std::string cloud = put_cloud(*store_, "ada", "cloud");
+    proto::SimplifyJob job;
+    job.options.points = 10;
+    job.options.reductions[std::string(60'000, 'w')] = Reduction::Mean;
+    std::vector<std::string> expected;
+    for (int i = 0; i < 40; ++i)
+        expected.insert(expected.begin(),
+                        store_->submit("ada", {cloud, job}, {}, limits_).document.id);
+    std::vector<std::string> seen;
+    std::optional<std::string> cursor;
+    do {
+        const Page<JobDocument> page = store_->list_jobs("ada", {}, 1000, cursor);
+        EXPECT_LE(page.items.size(), 20U) << "more than a megabyte";
+        for (const JobDocument& document : page.items) seen.push_back(document.id);
+        cursor = page.next;
+    } while (cursor);
+    EXPECT_EQ(seen, expected);
+}
+
 TEST_P(JobStoreContract, PagesThroughClouds) {
     std::set<std::string> expected;
     for (const char* text : {"a", "b", "c"}) expected.insert(put_cloud(*store_, "ada", text));

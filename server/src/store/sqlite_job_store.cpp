@@ -58,7 +58,6 @@ const std::string kListJobs =
     kSelectJob +
     "WHERE tenant = ?1 AND row < ?2 AND (?3 IS NULL OR type = ?3) AND (?4 IS NULL OR status = ?4) "
     "AND (?5 IS NULL OR input = ?5) ORDER BY row DESC LIMIT ?6";
-constexpr std::size_t kEventBytes = 1U << 20;
 constexpr int kJobRowColumn = 13;
 
 JobDocument document_of(const Rows& rows) {
@@ -103,6 +102,10 @@ CloudRow cloud_of(const Rows& rows) {
     return cloud;
 }
 
+/// A page or a batch of events ends after so many bytes: a request may have 64 KiB, and a page a
+/// thousand of them.
+constexpr std::size_t kPageBytes = 1U << 20;
+
 /// Reads one row more than a page holds, to know whether another page follows. What a later version
 /// wrote and this one cannot read is left out: it hides nothing else.
 template <typename ItemOf>
@@ -110,12 +113,14 @@ auto read_page(Rows& rows, unsigned limit, std::string_view listing, int row_col
                ItemOf item_of) {
     Page<decltype(item_of(rows))> page;
     std::int64_t last_row = 0;
+    std::size_t bytes = 0;
     while (rows.next()) {
-        if (page.items.size() == limit) {
+        if (page.items.size() == limit || bytes >= kPageBytes) {
             page.next = encode_cursor(listing, last_row);
             break;
         }
         last_row = rows.integer(row_column);
+        bytes += rows.bytes();
         try {
             page.items.push_back(item_of(rows));
         } catch (const Error&) {
@@ -427,7 +432,7 @@ std::vector<JobEvent> SqliteJobStore::events_after(const std::string& tenant, co
         "WHERE jobs.tenant = ?1 AND jobs.id = ?2 AND events.id > ?3 ORDER BY events.id",
         tenant, id, after);
     std::vector<JobEvent> events;
-    for (std::size_t bytes = 0; bytes < kEventBytes && rows.next();
+    for (std::size_t bytes = 0; bytes < kPageBytes && rows.next();
          bytes += events.back().data.size())
         events.push_back({rows.count(0), rows.text(1), rows.text(2)});
     return events;
