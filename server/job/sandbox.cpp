@@ -9,6 +9,7 @@
 #include <sys/prctl.h>
 #include <sys/resource.h>
 #include <unistd.h>
+#include <algorithm>
 #include <cerrno>
 #include <csignal>
 #include <cstring>
@@ -35,7 +36,6 @@ constexpr bool kSanitized = false;
 #endif
 
 constexpr rlim_t kOpenFiles = 64;
-constexpr int kHeaps = 8;
 
 Error system_error(const std::string& what, int code) {
     return Error(ErrorCode::Internal, what + ": " + std::strerror(code));
@@ -62,6 +62,14 @@ std::uint64_t mapped_bytes(const proto::JobSpec& spec) {
     for (const std::string& file : spec.candidate_files)
         largest_candidate = std::max(largest_candidate, size_of(file));
     return size_of(spec.input_file) + largest_candidate;
+}
+
+/// Every heap of malloc reserves 64 MiB of address space: with one a core they would use up the
+/// limit on a large machine. They may have a quarter of it.
+int heaps_within(std::uint64_t memory) {
+    constexpr std::uint64_t kReserved = 64ULL << 20, kMost = 8;
+    if (memory == 0) return kMost;
+    return static_cast<int>(std::clamp<std::uint64_t>(memory / (4 * kReserved), 1, kMost));
 }
 
 class Filter {
@@ -145,9 +153,7 @@ void allow_signals_to_itself(Filter& filter) {
 }  // namespace
 
 void set_limits(const proto::JobSpec& spec) {
-    // Every heap of malloc reserves 64 MiB of address space: with one a core they would use up the
-    // limit on a large machine.
-    ::mallopt(M_ARENA_MAX, kHeaps);
+    ::mallopt(M_ARENA_MAX, heaps_within(spec.max_memory_bytes));
     if (spec.max_memory_bytes != 0 && !kSanitized) {
         const rlim_t bytes = spec.max_memory_bytes + mapped_bytes(spec);
         limit(RLIMIT_AS, "RLIMIT_AS", bytes, bytes);

@@ -162,9 +162,9 @@ void add_limits(CLI::App& serve, Flags& flags, Limits& limits) {
         ->check(within(1, kMostCount));
     add(serve, "--max-attributes", limits.decode.max_attributes, "attributes per cloud")
         ->check(within(0, kMostCount));
-    make_size(
-        add(serve, "--max-memory", limits.max_job_memory_bytes, "memory per job, at least 100MB"),
-        kLeastMemory, "100MB");
+    make_size(add(serve, "--max-memory", limits.max_job_memory_bytes,
+                  "memory per job, at least 100MB and the stacks\nof its threads, 4 MiB each"),
+              kLeastMemory, "100MB");
     add(serve, "--max-cpu-seconds", limits.max_job_cpu_seconds,
         "processor seconds per job, at least 1")
         ->check(within(1, kYear));
@@ -248,8 +248,9 @@ void finish(const Flags& flags, ServerConfig& config) {
     const std::uint64_t stacks = Limits::stacks_of(config.threads);
     if (config.limits.max_job_memory_bytes < stacks + kLeastMemory) {
         throw Error(ErrorCode::InvalidArgument,
-                    "--threads " + std::to_string(config.threads) + ": their stacks take " +
-                        std::to_string(stacks) +
+                    "--threads " + std::to_string(config.threads) +
+                        (config.threads == 0 ? " (one per processor)" : "") +
+                        ": their stacks take " + std::to_string(stacks) +
                         " bytes of the job's memory: expected fewer, or "
                         "--max-memory of at least " +
                         std::to_string(stacks + kLeastMemory));

@@ -66,6 +66,8 @@ TEST(Config, WhatWouldOnlyBreakTheServerIsRefused) {
         {{"--drain-timeout", "10000000000"}, "--drain-timeout: 10000000000: expected 0..86400"},
         {{"--threads", "1025"}, "--threads: 1025: expected 0..1024"},
         {{"--threads", "1024"}, "--threads 1024: their stacks take"},
+        {{"--threads", "64", "--max-memory", "300MB"}, "--threads 64: their stacks take"},
+        {{"--max-memory", "100MB"}, "--threads 0 (one per processor): their stacks take"},
         {{"--host-name", "http://a b/"}, "--host-name: http://a b/: expected a domain"},
         {{"--host-name", "example.org:8080"}, ": expected a domain"}};
     for (const auto& [flags, words] : refused) {

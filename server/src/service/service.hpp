@@ -37,12 +37,12 @@ struct Limits {
     /// a file of 33 bytes that asks for everything is stopped before it has taken all of it.
     std::uint64_t memory_for(std::uint64_t input_bytes, unsigned threads) const noexcept {
         constexpr std::uint64_t kBase = 1ULL << 30;
-        if (threads == 0) threads = std::thread::hardware_concurrency();
         return std::min(max_job_memory_bytes, kBase + 1024 * input_bytes + stacks_of(threads));
     }
-    /// What the stacks of so many threads of a job take.
-    static constexpr std::uint64_t stacks_of(unsigned threads) noexcept {
+    /// What the stacks of so many threads of a job take; 0: one thread per processor.
+    static std::uint64_t stacks_of(unsigned threads) noexcept {
         constexpr std::uint64_t kStack = (4ULL << 20) + (64ULL << 10);  // TBB's, and what guards it
+        if (threads == 0) threads = std::thread::hardware_concurrency();
         return threads * kStack;
     }
 };
