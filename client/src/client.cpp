@@ -24,7 +24,7 @@ namespace fs = std::filesystem;
 using nlohmann::json;
 using Seconds = std::chrono::duration<double>;
 
-constexpr std::chrono::seconds kLongPoll{20};
+constexpr std::chrono::seconds kLongPoll{20}, kPauseWithoutStream{2};
 
 /// Waits, and wakes up with `Cancelled` when asked to stop.
 void pause(Seconds time, const std::stop_token& stop) {
@@ -331,8 +331,15 @@ proto::JobDocument Client::follow(const std::string& id,
         std::uint64_t seen = after;
         const auto got_on = [&] { return std::exchange(seen, after) != after; };
         try {
-            expect_ok(with_retries(http.stop_token(), listen, got_on),
-                      implementation_->where(path));
+            HttpReply reply = with_retries(http.stop_token(), listen, got_on);
+            if (reply.status == 429 || reply.status == 503) {
+                // Its places for streams are taken, as by many clients of one machine: the job goes
+                // on, and tells the rest once there is a place or it has ended.
+                if (proto::is_final(job(id).status)) break;
+                pause(kPauseWithoutStream, http.stop_token());
+                continue;
+            }
+            expect_ok(std::move(reply), implementation_->where(path));
         } catch (const Unreachable& error) {
             throw Unreachable(std::string(error.what()) + " (job " + id +
                               " may go on there: its results will be at " +

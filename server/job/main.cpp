@@ -1,9 +1,8 @@
 // stipple-job: does one job in a process of its own, so that a hostile or huge cloud ends this
 // process and nothing else.
 //
-// SIGTERM has its default effect on purpose: the process holds nothing but memory and a scratch
-// folder of its starter, so to end on the spot, even deep inside a decoder, is the quickest and the
-// safest way to stop.
+// The process holds nothing but memory and a scratch folder of its starter, so SIGKILL, which ends
+// it on the spot, even deep inside a decoder, is the quickest and the safest way to stop.
 
 #include "last_words.hpp"
 #include "sandbox.hpp"

@@ -16,6 +16,7 @@
 #include <chrono>
 #include <cmath>
 #include <fstream>
+#include <list>
 #include <thread>
 
 namespace stipple {
@@ -199,6 +200,29 @@ TEST(Client, WhatIsNoStippledServerIsSaidToBeNone) {
     expect_told([&] { client.results("0"); });
 }
 
+TEST(Client, FollowsAJobToItsEndWithoutAPlaceForItsEvents) {
+    const test::StippledProcess server({"--max-connections", "32", "--workers", "1"});
+    const test::TemporaryFolder folder;
+    write_cloud(test::sphere(200'000, 0.01), folder / "in.ply");
+    Client client(server.url());
+    proto::SimplifyJob job;
+    job.options.method = Method::Particles;
+    job.options.points = 50'000;
+    const proto::JobRequest request{client.upload(folder / "in.ply").id, job};
+    const std::string first = client.submit(request).id, second = client.submit(request).id;
+    std::list<test::RawConnection> listeners;
+    int status = 200;
+    while (status == 200) {
+        test::RawConnection& listener = listeners.emplace_back(server.port());
+        ASSERT_TRUE(listener.send("GET /v1/jobs/" + second +
+                                  "/events HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"));
+        status = listener.receive(60s, false).status;
+    }
+    ASSERT_TRUE(status == 429 || status == 503) << status;
+    listeners.pop_back();
+    EXPECT_EQ(client.follow(first, {}).status, proto::JobStatus::Successful);
+}
+
 TEST(Client, AFinishedJobIsLeftByADismissalAndGoneOnceItIsRemoved) {
     const test::StippledProcess server;
     const test::TemporaryFolder folder;
@@ -226,15 +250,7 @@ TEST(Client, ARunningJobIsGoneSoonAfterItIsDismissed) {
     client.dismiss(job.id);
     EXPECT_EQ(client.job(job.id).status, proto::JobStatus::Dismissed);
     const auto started = std::chrono::steady_clock::now();
-    const auto job_processes = [&] {
-        std::size_t count = 0;
-        for (const auto& thread :
-             fs::directory_iterator("/proc/" + std::to_string(server.pid()) + "/task")) {
-            std::ifstream in(thread.path() / "children");
-            for (pid_t pid = 0; in >> pid;) ++count;
-        }
-        return count;
-    };
+    const auto job_processes = [&] { return test::children_of(server.pid()).size(); };
     while (job_processes() > 0 && std::chrono::steady_clock::now() - started < 20s)
         std::this_thread::sleep_for(1ms);
     const std::chrono::duration<double, std::milli> took =

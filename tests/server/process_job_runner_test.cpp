@@ -1,6 +1,7 @@
 // The real stipple-job under the real runner.
 
 #include "stipple/proto/digest.hpp"
+#include "support/stippled_process.hpp"
 #include "support/support.hpp"
 #include "worker/worker_pool.hpp"
 
@@ -24,14 +25,8 @@ using namespace std::chrono_literals;
 using Clock = std::chrono::steady_clock;
 using Kind = JobRunner::Outcome::Kind;
 
-/// The processes that this one started and that were not reaped.
 std::vector<pid_t> children() {
-    std::vector<pid_t> result;
-    for (const auto& thread : fs::directory_iterator("/proc/self/task")) {
-        std::ifstream in(thread.path() / "children");
-        for (pid_t pid = 0; in >> pid;) result.push_back(pid);
-    }
-    return result;
+    return test::children_of(::getpid());
 }
 
 class ProcessJobRunner : public testing::Test {
@@ -243,6 +238,19 @@ TEST_F(ProcessJobRunner, TellsTheSignalThatKilledAChild) {
     const auto outcome = run(long_job());
     EXPECT_EQ(outcome.kind, Kind::Crashed);
     EXPECT_EQ(outcome.how, "signal 9 (Killed): memory may have run out");
+}
+
+TEST_F(ProcessJobRunner, LeavesWhatASupervisorSendsToAllProcessesToTheServer) {
+    bool sent = false;
+    on_report_ = [&] {
+        for (const pid_t child : children())
+            for (const int number : {SIGTERM, SIGINT, SIGHUP})
+                sent = ::kill(child, number) == 0 || sent;
+    };
+    const auto outcome = run(spec_for(sphere_file(200'000)));
+    EXPECT_TRUE(sent);
+    EXPECT_EQ(outcome.kind, Kind::Finished) << outcome.how;
+    EXPECT_TRUE(succeeded());
 }
 
 TEST_F(ProcessJobRunner, HasTheKernelEndAJobFirstWhereMemoryRunsOut) {

@@ -65,6 +65,16 @@ std::optional<std::string> join_chunks(const std::string& bytes, std::size_t& us
 
 }  // namespace
 
+std::vector<pid_t> children_of(pid_t pid) {
+    std::vector<pid_t> children;
+    const std::filesystem::path threads = "/proc/" + std::to_string(pid) + "/task";
+    for (const auto& thread : std::filesystem::directory_iterator(threads)) {
+        std::ifstream in(thread.path() / "children");
+        for (pid_t child = 0; in >> child;) children.push_back(child);
+    }
+    return children;
+}
+
 StippledProcess::StippledProcess(std::vector<std::string> arguments)
     : arguments_(std::move(arguments)) {
     start();

@@ -15,6 +15,9 @@
 
 namespace stipple::test {
 
+/// The processes that a process started and has not reaped.
+std::vector<pid_t> children_of(pid_t pid);
+
 /// A real `stippled` on free ports of 127.0.0.1 and a data folder of its own; killed at the end.
 class StippledProcess {
 public:

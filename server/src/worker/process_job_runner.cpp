@@ -37,7 +37,6 @@ using Clock = std::chrono::steady_clock;
 using Outcome = JobRunner::Outcome;
 
 constexpr std::size_t kMaxOutputBytes = 64 << 20;
-constexpr std::chrono::milliseconds kGrace{50};  // between SIGTERM and SIGKILL
 constexpr int kSpecDescriptor = 3;
 constexpr const char* kSpecPath = "/proc/self/fd/3";
 
@@ -77,12 +76,10 @@ public:
     Child(const Child&) = delete;
     Child& operator=(const Child&) = delete;
 
-    void signal(int number) const noexcept { ::kill(-pid_, number); }
-
     /// Kills what still runs and returns the wait status. A process that is ending by itself
     /// already keeps its own status.
     int end() noexcept {
-        signal(SIGKILL);
+        ::kill(-pid_, SIGKILL);
         int status = 0;
         while (::waitpid(pid_, &status, 0) < 0 && errno == EINTR) {
         }
@@ -109,12 +106,15 @@ private:
 class SpawnAttributes {
 public:
     SpawnAttributes() {
-        sigset_t none, all;
-        ::sigemptyset(&none);
+        // What a supervisor or a terminal sends to all processes of the service is for the server,
+        // which decides what becomes of the job.
+        sigset_t blocked, all;
+        ::sigemptyset(&blocked);
+        for (const int number : {SIGTERM, SIGINT, SIGHUP}) ::sigaddset(&blocked, number);
         ::sigfillset(&all);
         ::posix_spawnattr_init(&attributes_);
         ::posix_spawnattr_setpgroup(&attributes_, 0);
-        ::posix_spawnattr_setsigmask(&attributes_, &none);
+        ::posix_spawnattr_setsigmask(&attributes_, &blocked);
         ::posix_spawnattr_setsigdefault(&attributes_, &all);
         ::posix_spawnattr_setflags(
             &attributes_, POSIX_SPAWN_SETPGROUP | POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF);
@@ -273,22 +273,6 @@ Wake wait_for(const LineReader& lines, const StopEvent& stopped,
     }
 }
 
-/// Asks for an end and leaves a moment for it; `Child::end` does not ask.
-void ask_to_end(const Child& child, LineReader& lines) {
-    child.signal(SIGTERM);
-    const auto deadline = Clock::now() + kGrace;
-    pollfd output = {lines.descriptor(), POLLIN, 0};
-    for (auto left = kGrace; left.count() > 0;
-         left = std::chrono::duration_cast<std::chrono::milliseconds>(deadline - Clock::now())) {
-        if (::poll(&output, 1, static_cast<int>(left.count())) <= 0) continue;
-        try {
-            if (!lines.read([](std::string_view) {})) return;
-        } catch (const Error&) {
-            return;  // it talks on: no more patience
-        }
-    }
-}
-
 Outcome ProcessJobRunner::watch(Child& child, LineReader& lines, const StopEvent& stopped,
                                 const proto::JobSpec& spec,
                                 const std::function<void(const proto::JobReport&)>& report) {
@@ -302,7 +286,6 @@ Outcome ProcessJobRunner::watch(Child& child, LineReader& lines, const StopEvent
     for (;;) {
         const Wake wake = wait_for(lines, stopped, deadline);
         if (wake == Wake::Stop) {
-            ask_to_end(child, lines);
             child.end();
             return {Outcome::Kind::Stopped, {}};
         }

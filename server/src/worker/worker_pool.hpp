@@ -32,8 +32,8 @@ public:
                         std::stop_token stop) = 0;
 };
 
-/// Spawns `program` (stipple-job) for each job, in a process group of its own; SIGTERM, then
-/// SIGKILL on stop.
+/// Spawns `program` (stipple-job) for each job, in a process group of its own, deaf to all signals
+/// but the SIGKILL of a stop: those that end the service are for the server alone.
 std::unique_ptr<JobRunner> make_process_job_runner(const std::filesystem::path& program);
 
 /// How an attempt at a job may end. `failed` is by its request or its files, `broken` by the
