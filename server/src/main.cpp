@@ -10,9 +10,12 @@
 
 int main(int argc, char** argv) {
     using namespace stipple::server;
+    constexpr int kRuntimeFailure = 1, kUsageFailure = 2;
+    int failure = kUsageFailure;
     try {
         const auto command = parse_command_line(argc, argv);
         if (!command) return 0;
+        failure = kRuntimeFailure;
         switch (command->kind) {
             case Command::Kind::Serve:
                 return serve(command->config);
@@ -24,5 +27,5 @@ int main(int argc, char** argv) {
     } catch (const std::exception& error) {
         std::cerr << "stippled: " << error.what() << '\n';
     }
-    return 1;
+    return failure;
 }

@@ -10,6 +10,7 @@
 #include <sys/mount.h>
 #include <sys/resource.h>
 #include <sys/socket.h>
+#include <sys/wait.h>
 #include <unistd.h>
 #include <csignal>
 #include <cstdlib>
@@ -264,6 +265,41 @@ TEST(Stippled, MayOpenTheFilesThatItsConnectionsNeed) {
     rlimit raised{};
     ASSERT_EQ(::prlimit(server.pid(), RLIMIT_NOFILE, nullptr, &raised), 0);
     EXPECT_GE(raised.rlim_cur, 1600U);
+}
+
+TEST(Stippled, FinishesItsJobWhenAllItsProcessesAreTold) {
+    const TemporaryFolder scans;
+    StippledProcess server({"--threads", "1"});
+    std::string job;
+    {
+        Client client(server.url());
+        const auto cloud = client.upload(write_sphere(scans, 400'000, "scan.ply"));
+        job = client.submit(simplify_to(cloud.id, 100'000)).id;
+    }
+    while (test::children_of(server.pid()).empty()) std::this_thread::sleep_for(1ms);
+    for (const pid_t child : test::children_of(server.pid())) ::kill(child, SIGTERM);
+    ::kill(server.pid(), SIGTERM);  // and once more, as `timeout` does it
+    EXPECT_EQ(server.stop(), 0);
+    server.restart();
+    Client client(server.url());
+    EXPECT_EQ(client.job(job).status, proto::JobStatus::Successful) << "within its last seconds";
+}
+
+TEST(Stippled, SaysByItsStatusWhatWasWrong) {
+    const auto status_of = [](const std::string& arguments) {
+        const std::string command =
+            test::program("stippled").string() + " " + arguments + " 2> /dev/null";
+        const int status = std::system(command.c_str());
+        return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+    };
+    const TemporaryFolder data;
+    const StippledProcess server;
+    const std::string taken = "127.0.0.1:" + std::to_string(server.port());
+    EXPECT_EQ(status_of("serve --nonsense"), 2);
+    EXPECT_EQ(status_of("serve --threads 5000"), 2);
+    EXPECT_EQ(status_of("serve --admin 127.0.0.1:0 --listen " + taken + " --data " +
+                        data.path().string()),
+              1);
 }
 
 TEST(Stippled, EndsInOrderWhenItsTerminalIsClosed) {
