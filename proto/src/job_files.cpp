@@ -34,7 +34,7 @@ namespace {
 class OutputDescriptor {
 public:
     explicit OutputDescriptor(const fs::path& file)
-        : fd_(::open(file.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644)) {}
+        : fd_(::open(file.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666)) {}
     ~OutputDescriptor() { close(); }
     OutputDescriptor(const OutputDescriptor&) = delete;
     OutputDescriptor& operator=(const OutputDescriptor&) = delete;

@@ -10,6 +10,12 @@ TEST(CommandLine, DashIsStandardOutputForTheFigures) {
     EXPECT_EQ(parsed<InspectCommand>({"inspect", "in.ply", "--json", "-"}).common.json, "-");
 }
 
+TEST(CommandLine, RepeatsUnexpectedWordsInTheirOrder) {
+    EXPECT_EQ(refusal({"inspect", "in.ply", "b", "-c", "d"}),
+              "these were not expected: b -c d (see --help)");
+    EXPECT_EQ(refusal({"inspect", "in.ply", "b"}), "not expected: b (see --help)");
+}
+
 TEST(CommandLine, RefusesWhatCannotBeDoneByNameAndValue) {
     EXPECT_NE(refusal({"simplify", "i.ply", "o.ply"}).find("--points"), std::string::npos);
     EXPECT_NE(refusal({"simplify", "i.ply", "o.xyz", "-n", "5"}).find("o.xyz"), std::string::npos);

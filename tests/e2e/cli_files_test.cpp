@@ -4,12 +4,19 @@
 #include "support/stipple_cli.hpp"
 #include "support/support.hpp"
 
+#include <fcntl.h>
 #include <gtest/gtest.h>
+#include <sys/file.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
 #include <algorithm>
+#include <chrono>
+#include <csignal>
 #include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <thread>
 
 namespace stipple {
 namespace {
@@ -280,6 +287,57 @@ TEST_F(StippleCli, AnInterruptLeavesNothingBehind) {
         stipple("pyramid in.ply levels --threads 1", "timeout --preserve-status -s HUP 0.3 ");
     EXPECT_EQ(closed.exit_code, 129);
     EXPECT_EQ(files(), std::vector<std::string>{"in.ply"});
+}
+
+TEST_F(StippleCli, DiesOfTheSignalThatStoppedItSoThatAShellStopsItsScript) {
+    synthesize("in.ply", 1'000'000);
+    const std::string in = folder_ / "in.ply", levels = folder_ / "levels";
+    const pid_t child = ::fork();
+    ASSERT_GE(child, 0);
+    if (child == 0) {
+        const std::string stipple = test::program("stipple");
+        ::execl(stipple.c_str(), "stipple", "pyramid", in.c_str(), levels.c_str(), "--quiet",
+                nullptr);
+        ::_exit(1);
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(300));
+    ::kill(child, SIGINT);
+    int status = 0;
+    ASSERT_EQ(::waitpid(child, &status, 0), child);
+    ASSERT_TRUE(WIFSIGNALED(status)) << WEXITSTATUS(status);
+    EXPECT_EQ(WTERMSIG(status), SIGINT);
+    EXPECT_EQ(files(), std::vector<std::string>{"in.ply"});
+}
+
+TEST_F(StippleCli, MakesFilesAsTheUsersMaskSays) {
+    synthesize("in.ply", 1000);
+    ASSERT_EQ(stipple("simplify in.ply out.ply -n 10", "umask 002; ").exit_code, 0);
+    ASSERT_EQ(stipple("pyramid in.ply levels", "umask 002; ").exit_code, 0);
+    for (const auto& entry : fs::recursive_directory_iterator(folder_.path())) {
+        if (!entry.is_regular_file() || entry.path().filename() == "in.ply") continue;
+        EXPECT_EQ(entry.status().permissions(), fs::perms(0664)) << entry.path();
+    }
+}
+
+TEST_F(StippleCli, RemovesWhatAKilledRunLeftAndNothingElse) {
+    synthesize("in.ply", 1000);
+    const auto make = [&](const std::string& name, bool old) {
+        fs::create_directory(folder_ / name);
+        std::ofstream(folder_ / name / "level-0.ply") << "half";
+        if (old)
+            fs::last_write_time(folder_ / name,
+                                fs::file_time_type::clock::now() - std::chrono::hours(2));
+    };
+    make(".stipple-killed", true);
+    make(".stipple-is-mine", true);
+    make(".stipple-fresh1", false);
+    make(".stipple-in-use", true);
+    const int in_use = ::open((folder_ / ".stipple-in-use").c_str(), O_RDONLY | O_DIRECTORY);
+    ASSERT_EQ(::flock(in_use, LOCK_EX | LOCK_NB), 0);
+    EXPECT_EQ(stipple("simplify in.ply out.ply -n 10").exit_code, 0);
+    EXPECT_EQ(files(), (std::vector<std::string>{".stipple-fresh1", ".stipple-in-use",
+                                                 ".stipple-is-mine", "in.ply", "out.ply"}));
+    ::close(in_use);
 }
 
 }  // namespace

@@ -38,6 +38,13 @@ std::string one_line(std::string text) {
     return text;
 }
 
+/// In the order given, which the library turns round.
+std::string not_expected(const std::vector<std::string>& words) {
+    std::string text = words.size() == 1 ? "not expected:" : "these were not expected:";
+    for (const std::string& word : words) text += ' ' + word;
+    return text;
+}
+
 }  // namespace
 
 Command parse_command_line(const std::vector<std::string>& words) {
@@ -69,7 +76,9 @@ Command parse_command_line(const std::vector<std::string>& words) {
         return InfoCommand{std::string(version.what()) + "\n"};
     } catch (const CLI::ParseError& error) {
         require_known_options(app, arguments);
-        throw UsageError(one_line(error.what()) + " (see --help)");
+        const std::vector<std::string> unexpected = app.remaining(true);
+        throw UsageError((unexpected.empty() ? one_line(error.what()) : not_expected(unexpected)) +
+                         " (see --help)");
     } catch (const Error& error) {  // an option that the library refuses
         throw UsageError(naming_option(app, error.what()));
     }

@@ -1,10 +1,14 @@
 #include "cli/files.hpp"
 
+#include <fcntl.h>
+#include <sys/file.h>
+#include <sys/stat.h>
 #include <unistd.h>
 #include <algorithm>
 #include <cctype>
 #include <cerrno>
 #include <cstdlib>
+#include <ctime>
 #include <fstream>
 #include <system_error>
 
@@ -13,6 +17,8 @@ namespace stipple::cli {
 namespace fs = std::filesystem;
 
 namespace {
+
+constexpr std::string_view kScratchPrefix = ".stipple-", kScratchName = ".stipple-XXXXXX";
 
 /// Also of places where nothing is yet.
 bool is_same(const fs::path& a, const fs::path& b) {
@@ -23,6 +29,36 @@ bool is_same(const fs::path& a, const fs::path& b) {
            fs::weakly_canonical(fs::absolute(without_links(b)), error);
 }
 
+/// As held on an open folder; the end of a process gives it back, however that came.
+bool lock(int folder) noexcept {
+    return folder >= 0 && ::flock(folder, LOCK_EX | LOCK_NB) == 0;
+}
+
+int open_folder(const fs::path& folder) noexcept {
+    return ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
+}
+
+/// Of this user, and old enough that whoever made it has locked it since.
+bool is_abandoned(int folder) noexcept {
+    constexpr std::time_t kHour = 3600;
+    struct stat status {};
+    return ::fstat(folder, &status) == 0 && status.st_uid == ::geteuid() &&
+           status.st_mtime + kHour < std::time(nullptr) && lock(folder);
+}
+
+/// Removes what runs that were killed have left beside a result.
+void remove_abandoned(const fs::path& parent) {
+    std::error_code ignored;
+    for (fs::directory_iterator entry(parent, ignored), end; entry != end;
+         entry.increment(ignored)) {
+        const std::string name = entry->path().filename().string();
+        if (name.size() != kScratchName.size() || !name.starts_with(kScratchPrefix)) continue;
+        const int folder = open_folder(entry->path());
+        if (is_abandoned(folder)) fs::remove_all(entry->path(), ignored);
+        if (folder >= 0) ::close(folder);
+    }
+}
+
 std::string text_of(int code) {
     return std::generic_category().message(code);
 }
@@ -30,18 +66,22 @@ std::string text_of(int code) {
 }  // namespace
 
 ScratchFolder::ScratchFolder(const fs::path& parent) {
-    std::string name = (parent / ".stipple-XXXXXX").string();
+    remove_abandoned(parent);
+    std::string name = (parent / kScratchName).string();
     if (::mkdtemp(name.data()) == nullptr) {
         const int code = errno;
         throw Error(ErrorCode::InvalidArgument,
                     parent.string() + ": cannot write there: " + text_of(code));
     }
     path_ = name;
+    lock_ = open_folder(path_);
+    lock(lock_);  // where the file system has no locks nothing is removed
 }
 
 ScratchFolder::~ScratchFolder() {
     std::error_code ignored;
     fs::remove_all(path_, ignored);
+    if (lock_ >= 0) ::close(lock_);
 }
 
 fs::path temporary_folder() {

@@ -13,7 +13,7 @@
 namespace stipple::cli {
 
 /// A folder beside or in the one where results will stand, so that moving them there is one step;
-/// gone in the end.
+/// gone in the end. One that a killed run has left goes with the next of the same place.
 class ScratchFolder {
 public:
     /// @throws Error naming `parent` when nothing can be written there.
@@ -25,6 +25,7 @@ public:
 
 private:
     std::filesystem::path path_;
+    int lock_ = -1;  ///< held while it is in use
 };
 
 /// Where scratch folders of results without a place of their own stand: TMPDIR, else /tmp.

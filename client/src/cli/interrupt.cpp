@@ -23,6 +23,16 @@ sigset_t watched_signals() {
 
 }  // namespace
 
+void die_of(int signal) {
+    std::signal(signal, SIG_DFL);
+    sigset_t one;
+    sigemptyset(&one);
+    sigaddset(&one, signal);
+    ::pthread_sigmask(SIG_UNBLOCK, &one, nullptr);
+    std::raise(signal);
+    ::_exit(128 + signal);  // the first process of a container dies of none
+}
+
 InterruptWatch::InterruptWatch() {
     const sigset_t signals = watched_signals();
     ::pthread_sigmask(SIG_BLOCK, &signals, nullptr);
@@ -49,7 +59,7 @@ void InterruptWatch::watch() {
             first = now;
             source_.request_stop();
         } else if (now - first > kSameWish) {
-            ::_exit(128 + signal);
+            die_of(signal);
         }
     }
 }

@@ -6,6 +6,10 @@
 
 namespace stipple::cli {
 
+/// Ends this process as the signal does by default: a shell whose command died of Ctrl-C stops its
+/// script, but goes on after one that ended with a status, whatever it is.
+[[noreturn]] void die_of(int signal);
+
 /// Turns Ctrl-C (and SIGTERM) into a request to stop, so that everything is left tidy. A second one
 /// ends the program at once. Make it before any other thread: they inherit that these signals are
 /// blocked.
