@@ -133,6 +133,7 @@ const pointLabel = new PointLabel();
 const sheet = new Sheet();
 const intake = new Intake({
     shown: () => session,
+    listed: (id) => library.clouds.find((cloud) => cloud.id === id),
     onSent: (cloud) => openCloud(cloud, openNew),
     onChosen: openCloud,
     onAdded: () => library.refresh(),
@@ -201,6 +202,7 @@ function openNew(result, options) {
 function closeResult() {
     comparison.end();
     view.close();
+    sheet.show('half');  // without a result there is nothing to fold
     session.close();
     session = null;
     comparison.setLeft(null);

@@ -376,8 +376,10 @@ await run({
         await page.locator('[name=density]').fill('3');
         browser.refusalsExpected = true;
         await page.locator('#job-start').click();
-        await page.locator('#job-problem').getByText('radius').waitFor();  // in the words of the server
+        await page.locator('#job-problem').getByText('region 1, sphere, radius').waitFor();  // what is missing, in the words of the server
         browser.refusalsExpected = false;
+        assert.equal(await page.evaluate(() => document.activeElement.name), 'radius');
+        assert.equal(await page.locator('[name=radius]').getAttribute('aria-invalid'), 'true');
         await page.locator('[name=radius]').fill('0.5');
         const request = await started();
         holds(request, { method: 'particles', points: 900, format: 'drc' });
@@ -431,6 +433,7 @@ await run({
         browser.refusalsExpected = true;
         await choose(page, { name: 'notes.txt', buffer: Buffer.from('hello') });
         await page.getByText('notes.txt was not accepted').waitFor();
+        assert.equal(await page.locator('.notice p').innerText(), 'The file is neither PLY, Draco nor a progressive stream.');
         const before = await idsOf('clouds');
         await choose(page, { name: 'cut.ply', buffer: truncated() });
         await page.locator('.notice').getByText('the file is cut short').waitFor();
@@ -505,7 +508,7 @@ await run({
         await page.locator('[name=points]').fill('');
         browser.refusalsExpected = true;
         await page.locator('#job-start').press('Enter');
-        await page.locator('#job-problem').getByText('Expected exactly one of points, ratio and max_error').waitFor();
+        await page.locator('#job-problem').getByText('Expected exactly one of points, ratio and max error').waitFor();
         browser.refusalsExpected = false;
         assert.equal(await page.evaluate(() => document.activeElement.id), 'job-start');
         assert.equal(await ratio.getAttribute('aria-invalid'), 'true');

@@ -1,6 +1,6 @@
 // What of the viewer needs no browser. Exits 0 or 1.
 //
-//     node modules_test.mjs --viewer viewer
+//     node modules_test.mjs --viewer viewer [--modules viewer/node_modules]
 import assert from 'node:assert/strict';
 import { resolve } from 'node:path';
 import { test } from 'node:test';
@@ -9,8 +9,15 @@ import { parseArgs } from 'node:util';
 
 import { spherePoints } from './clouds.mjs';
 
-const { values: options } = parseArgs({ options: { viewer: { type: 'string' } }, strict: false });
+const { values: options } = parseArgs({ options: { viewer: { type: 'string' }, modules: { type: 'string' } }, strict: false });
 const moduleOf = (name) => import(pathToFileURL(resolve(options.viewer, 'src', name)));
+
+/** As build.mjs puts them into the page. */
+async function shippedForms() {
+    const { jobForms } = await import(pathToFileURL(resolve(options.viewer, 'job_forms.mjs')));
+    return jobForms(resolve(options.viewer, '../openapi.yaml'), resolve(options.modules ?? resolve(options.viewer, 'node_modules')));
+}
+
 const floatOf = (value) => Buffer.from(Float32Array.of(value).buffer);
 
 test('Estimated normals of a sphere point along its radius', async () => {
@@ -408,6 +415,55 @@ test('The address of another result says nothing of the one before, and keeps th
     assert.equal(readAddress().chosen, 1);
     assert.equal(addressOf({ id: 'def', type: 'simplify' }), 'http://host/scans/?whole=1000&job=def#there');
     assert.equal(addressOf(null), 'http://host/scans/?whole=1000#there');
+});
+
+test('No form says what the contract says of other methods alone', async () => {
+    const { worded } = await moduleOf('clouds/job_fields.js');
+    const allOf = (fields) => fields.flatMap((field) => [field, ...allOf(field.fields ?? [])]);
+    const forms = await shippedForms();
+    const all = forms.flatMap((form) => [form, ...allOf(form.fields)]).map(({ description }) => description);
+    assert.ok(all.some((description) => description.includes('another method is refused')), 'the contract says so no more');
+    for (const description of all) {
+        assert.doesNotMatch(worded(description), /another method|unless it has its default|Give either|  |`/);
+    }
+});
+
+test('A field for numbers takes what is one alone', async () => {
+    globalThis.document = { createElement: () => ({ append(...children) { this.children = children; } }) };
+    const { fieldOf } = await moduleOf('clouds/job_fields.js');
+    const takes = (field, text) => {
+        const [, { pattern }] = fieldOf({ name: 'a', description: '', ...field }, {}).row.children;
+        return new RegExp(`^(?:${pattern})$`, 'v').test(text);
+    };
+    const fields = [[{ kind: 'quantity' }, ''], [{ kind: 'list', of: 'number' }, ''], [{ kind: 'list', of: 'number' }, '1, '],
+        [{ kind: 'map', of: { kind: 'number' } }, 'height: '], [{ kind: 'map', of: { kind: 'number' } }, 'height: 1, class: ']];
+    for (const [field, before] of fields) {
+        for (const number of ['1', '-0.5', '.5', '1.', '+2e-3', '1E6']) {
+            assert.ok(takes(field, before + number), `${field.kind} ${before}${number}`);
+        }
+        for (const other of ['1e', '--', '.', '-', '1.2.3', 'e5', '1e999', 'x']) {
+            assert.ok(!takes(field, before + other), `${field.kind} ${before}${other}`);
+        }
+    }
+    assert.ok(takes({ kind: 'quantity' }, '0.1 %') && !takes({ kind: 'quantity' }, '%'));
+});
+
+test('A message of the server is told in the words of the form, with the field that it begins with', async () => {
+    const { wordedProblem } = await moduleOf('clouds/job_fields.js');
+    const fields = (await shippedForms()).find(({ type }) => type === 'pyramid').fields;
+    const told = {
+        'max_displacement -1: expected a finite number above 0': ['max displacement -1: expected a finite number above 0', 'max_displacement'],
+        'tiles.max_points: -3: expected an integer': ['tiles, max points: -3: expected an integer', 'tiles/max_points'],
+        'regions[0].sphere.radius: missing: this field is required': ['region 1, sphere, radius: missing: this field is required', 'regions/0/sphere/radius'],
+        'attribute_weights.my_points: -1: expected 0 or more': ['attribute weights, my_points: -1: expected 0 or more', 'attribute_weights/my_points'],
+        'k: belongs to multiphase': ['neighbours (k): belongs to multiphase', 'k'],
+        'expected one of base_points and my_points': ['expected one of base points and my_points', ''],
+        'Connection lost; trying again': ['Connection lost; trying again', ''],
+        'my_points: unknown field': ['my_points: unknown field', ''],
+    };
+    for (const [message, [text, path]] of Object.entries(told)) {
+        assert.deepEqual(wordedProblem(message, fields), { text, path: path.split('/').filter(Boolean) });
+    }
 });
 
 /** As far as modules ask for them. */

@@ -153,6 +153,19 @@ await run({
         await page.unrouteAll();
     },
 
+    async 'Several files are counted, and one that was there under another name is told'() {
+        const before = await settledPyramid(page);
+        await page.locator('#file').setInputFiles([610, 620].map((points) => ({ name: `${points}.ply`, buffer: line(points), mimeType: 'application/octet-stream' })));
+        await page.getByText('2 clouds were added').waitFor();
+        const last = await settledPyramid(page, before);
+        await shows(page, 620);
+        await page.locator('#clouds').getByText('610.ply').waitFor();
+        await choose(page, { name: 'another.ply', buffer: line(610) });
+        await page.getByText('another.ply is the same cloud as 610.ply').waitFor();
+        await settledPyramid(page, last);
+        await shows(page, 610);
+    },
+
     async 'Files wait for each other, are called off, and are sent again after an outage'() {
         browser.refusalsExpected = true;
         const before = await settledPyramid(page);

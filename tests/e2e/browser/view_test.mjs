@@ -352,6 +352,37 @@ await run({
         assert.equal(await phone.evaluate(() => document.documentElement.scrollWidth), 390);
         await phone.locator('#grip').click();
         await phone.getByText('Add a point cloud').waitFor();
+        await phone.context().close();
+    },
+
+    async 'On a phone the card is folded to its title by a button or a swipe, and unfolded by the grip'() {
+        const phone = await browser.open('/', { width: 320, height: 568, scale });
+        await settledPyramid(phone);
+        const [grip, figures] = [phone.locator('#grip'), phone.locator('.figures')];
+        const top = async () => (await phone.locator('#dock').boundingBox()).y;
+        const swipe = async (distance) => {
+            const { x, y, width, height } = await grip.boundingBox();
+            await phone.mouse.move(x + width / 2, y + height / 2);
+            await phone.mouse.down();
+            await phone.mouse.move(x + width / 2, y + height / 2 + distance);
+            await phone.mouse.up();
+        };
+        const before = await top();
+        await phone.getByRole('button', { name: 'Hide level and figures' }).press('Enter');
+        assert.ok(await top() > before + 150, `${before} to ${await top()}`);
+        assert.equal(await figures.isVisible(), false);
+        assert.equal(await phone.locator('#title').isVisible(), true);
+        assert.equal(await phone.evaluate(() => document.activeElement.ariaLabel), 'Show level and figures');
+        await phone.keyboard.press('Enter');
+        assert.equal(await top(), before);
+        await swipe(60);
+        assert.equal(await figures.isVisible(), false);
+        await swipe(-60);
+        assert.equal(await figures.isVisible(), true);
+        assert.equal(await phone.locator('#library').isVisible(), false);
+        await swipe(-60);
+        assert.equal(await grip.getAttribute('aria-expanded'), 'true');
+        await phone.context().close();
     },
 
     async 'Splats of slopes that are seen from the side lie on them, as smaller ones do'() {

@@ -128,5 +128,5 @@ function drawnOf({ drawn, points }) {
 function figuresOf(level, isMap) {
     const error = drawnErrorOf(level);
     const bytes = level.tiles ? [] : [format.bytes(level.file?.bytes ?? level.bytes)];
-    return [...(isMap ? [] : [drawnOf(level), ...bytes]), ...(error ? [`error ${errorText(error)}`] : [])];
+    return [...(isMap ? [] : [drawnOf(level), ...bytes]), ...(error ? [`error\u00a0${errorText(error)}`] : [])];
 }

@@ -3,6 +3,8 @@ import { element } from '../page/element.js';
 
 const kSeparator = /\s*,\s*/;
 const kUnknownNames = 'name: value, …';
+/** As the server reads it: finite, too. */
+const kNumber = '[+\\-]?(\\d+\\.?\\d*|\\.\\d+)([eE][+\\-]?\\d{1,2})?';
 
 /**
  * A field: `row`, which goes into the form, and `value()`: what was filled in, or undefined where that is nothing, or what the server does anyway.
@@ -24,10 +26,34 @@ const kTitles = { k: 'neighbours (k)', epsg: 'EPSG code' };
 export const titleOf = ({ name }) => kTitles[name] ?? name.replaceAll('_', ' ');
 
 /** What the form has no need to say: it shows no field of another method, and only one for candidates. */
-const kOfContract = / ?(?:A field of another method is refused|Give either `candidate` or `candidates`)\./;
+const kOfContract = / ?(?:A field of another method is refused[^.]*|Give either `candidate` or `candidates`)\./;
+
+const kWireName = /\b[a-z]+(?:_[a-z]+)+\b/g;
 
 /** A description of the API in the words of the form. */
 export const worded = (text) => text.replace(kOfContract, '').replace(/`(\w+)`|\b([a-z]+(?:_[a-z]+)+)\b/g, (_, quoted, plain) => titleOf({ name: quoted ?? plain }));
+
+/** What a message of the server begins with: a field, or a part of one, as in `tiles.max_points: -3: expected` and `max_error -1: expected`. */
+const kPlace = /^[a-z]\w*(?:\[\d+\]|\.\w+)*(?=(?: \S+)?: )/;
+
+/**
+ * A message of the server in the words of a form with these fields: its `text`, and `path`: the name of the field that it begins with and what
+ * leads on from there to a part of it, a name or a number each; empty where it begins with none.
+ */
+export function wordedProblem(message, fields) {
+    const [place = ''] = kPlace.exec(message) ?? [];
+    const path = place.match(/\w+/g) ?? [];
+    const known = namesOf(fields);
+    const titled = (name) => (known.includes(name) ? titleOf({ name }) : name);
+    if (!fields.some(({ name }) => name === path[0])) {
+        return { text: message.replace(kWireName, titled), path: [] };
+    }
+    const where = place.replace(/s?\[(\d+)\]/g, (_, i) => ` ${Number(i) + 1}`).replaceAll('.', ', ').replace(/\w+/g, titled);
+    return { text: where + message.slice(place.length).replace(kWireName, titled), path };
+}
+
+/** Also of the fields inside them. */
+const namesOf = (fields) => fields.flatMap(({ name, fields: inner = [] }) => [name, ...namesOf(inner)]);
 
 function singleOf(field, context) {
     const input = inputOf(field, context);
@@ -119,15 +145,10 @@ function inputOf(field, { attributes }) {
             return select;
         }
         case 'boolean': return element('input', { name, type: 'checkbox', checked: (preset ?? standard) === true });
-        case 'quantity': return text('0.05 or 0.1%', ' *[\\d.eE+\\-]+ *%? *');
+        case 'quantity': return text('0.05 or 0.1%', ` *${kNumber} *%? *`);
         case 'text': return text('');
         case 'list': return listInput(field, text);
-        case 'map': {
-            const example = field.of.kind === 'choice' ? field.of.choices.at(-1) : '0.5';
-            return text(attributes?.length > 0 ? attributes.map((attribute) => `${attribute}: ${example}`).join(', ') : kUnknownNames,
-                ` *[^:,]+: *${field.of.kind === 'choice' ? `(${field.of.choices.join('|')})` : '[\\d.eE+\\-]+'} *(, *[^:,]+: *${
-                    field.of.kind === 'choice' ? `(${field.of.choices.join('|')})` : '[\\d.eE+\\-]+'} *)*`);
-        }
+        case 'map': return mapInput(field, attributes, text);
         default: return element('input', {
             name, type: 'number', step: kind === 'integer' ? '1' : 'any', placeholder: standard ?? '', value: preset ?? '',
             min: minimum ?? exclusiveMinimum ?? '', max: maximum ?? exclusiveMaximum ?? '',
@@ -135,12 +156,19 @@ function inputOf(field, { attributes }) {
     }
 }
 
+/** A word or a number for each of some attributes. */
+function mapInput({ of }, attributes, text) {
+    const [example, value] = of.kind === 'choice' ? [of.choices.at(-1), of.choices.join('|')] : ['0.5', kNumber];
+    const pair = ` *[^:,]+: *(${value}) *`;
+    return text(attributes?.length > 0 ? attributes.map((attribute) => `${attribute}: ${example}`).join(', ') : kUnknownNames, `${pair}(,${pair})*`);
+}
+
 /** Numbers or words, with commas between; as many as are asked for. */
 function listInput({ of, minItems = 1, maxItems = '' }, text) {
     if (of === 'text') {
         return text('one, another, …');
     }
-    const number = of === 'integer' ? '\\d+' : '[\\d.eE+\\-]+';
+    const number = of === 'integer' ? '\\d+' : kNumber;
     const isFixed = minItems === maxItems;
     return text(isFixed ? `${minItems} numbers, separated by commas` : of === 'integer' ? '1000, 10000, …' : '0.1, 0.2, …',
         ` *${number}( *, *${number}){${minItems - 1},${maxItems === '' ? '' : maxItems - 1}} *`, { inputMode: isFixed ? 'text' : 'numeric' });

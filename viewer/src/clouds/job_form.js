@@ -1,5 +1,5 @@
 import { actOnSecondClick, byId, element } from '../page/element.js';
-import { fieldOf, titleOf, valuesOf, worded } from './job_fields.js';
+import { fieldOf, valuesOf, worded, wordedProblem } from './job_fields.js';
 
 /* global JOB_FORMS: the types of jobs and their fields, from openapi.yaml by build.mjs */
 const kTitles = { pyramid: 'Pyramid', simplify: 'Simplify', evaluate: 'Compare', upsample: 'Add points', analyze: 'Analyse', curve: 'Curve' };
@@ -24,6 +24,9 @@ const kPresetsOf = { simplify: { ratio: 0.1 }, upsample: { ratio: 4 } };
 /** Only one of these makes sense: filling it in empties the others. */
 const kOneOf = { simplify: ['points', 'ratio', 'max_error'], upsample: ['points', 'ratio'] };
 
+/** What the server calls the fields of which there has to be one. */
+const kTarget = /^target: /;
+
 const kLongestLabel = 50;  // characters, of up to 4 bytes: the server takes 200
 
 /** The dialog that asks for the parameters of a job. */
@@ -33,6 +36,7 @@ export class JobForm {
      * @param onRemove  told the cloud
      */
     constructor({ onStart, onRemove }) {
+        this.marked = [];  // inputs of what is wrong
         byId['job-types'].replaceChildren(...JOB_FORMS.map(({ type }) => {
             const button = element('button', { type: 'button', textContent: kTitles[type] });
             button.dataset.type = type;
@@ -48,12 +52,7 @@ export class JobForm {
             event.preventDefault();
             this.start(onStart);
         };
-        // What is wrong is shown also where it was folded away.
-        byId['job-form'].addEventListener('invalid', ({ target }) => {
-            for (let fold = target.closest('details'); fold; fold = fold.parentElement.closest('details')) {
-                fold.open = true;
-            }
-        }, true);
+        byId['job-form'].addEventListener('invalid', ({ target }) => unfold(target), true);
         byId['job-close'].onclick = () => byId['job-dialog'].close();
         this.keep = actOnSecondClick(byId['job-remove'], () => {
             byId['job-dialog'].close();
@@ -78,8 +77,7 @@ export class JobForm {
             byId['job-dialog'].close();
             focusOn(byId.results.querySelector('[aria-current=true]'), byId.stage);
         } catch (error) {
-            this.tell(error.message.replace(/^target: e/, 'E'));  // of several fields, none of which is called so
-            this.markTarget(/^target:/.test(error.message));
+            this.explain(error.message);
         }
         this.isStarting = false;
         byId['job-start'].ariaBusy = 'false';
@@ -98,15 +96,37 @@ export class JobForm {
         }
     }
 
-    markTarget(isWrong) {
-        for (const name of kOneOf[this.form.type] ?? []) {
-            byId['job-form'].elements[name].ariaInvalid = String(isWrong);
+    /** Why a job was refused, at the field that the message begins with. */
+    explain(message) {
+        const { text, path } = wordedProblem(message.replace(kTarget, ''), this.fields);
+        this.tell(text);
+        if (kTarget.test(message)) {
+            this.mark((kOneOf[this.form.type] ?? []).map((name) => byId['job-form'].elements[name]));
+        } else if (path.length > 0) {
+            const input = this.inputAt(path);
+            this.mark([input]);
+            unfold(input);
+            input.focus();
         }
+    }
+
+    /** Of a field, or of the part of it that a path leads to. */
+    inputAt(path) {
+        const { row } = this.parts[this.fields.findIndex(({ name }) => name === path[0])];
+        const inputs = [...row.querySelectorAll('input, select')];
+        const named = inputs.filter(({ name }) => name === path.at(-1));
+        return named[path.find((part) => /^\d+$/.test(part)) ?? 0] ?? named[0] ?? inputs[0] ?? row.querySelector('button');
+    }
+
+    mark(inputs) {
+        this.marked.forEach((input) => { input.ariaInvalid = null; });
+        inputs.forEach((input) => { input.ariaInvalid = 'true'; });
+        this.marked = inputs;
     }
 
     tell(problem) {
         if (problem === '') {
-            this.markTarget(false);
+            this.mark([]);
         }
         byId['job-problem'].textContent = problem;
         byId['job-problem'].hidden = problem === '';
@@ -157,6 +177,13 @@ export class JobForm {
             row.hidden = !isOf(method, this.fields[i].description);
             row.querySelectorAll('input, select').forEach((input) => { input.disabled = row.hidden; });
         });
+    }
+}
+
+/** What is wrong is shown also where it was folded away. */
+function unfold(input) {
+    for (let fold = input.closest('details'); fold; fold = fold.parentElement.closest('details')) {
+        fold.open = true;
     }
 }
 

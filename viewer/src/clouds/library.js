@@ -156,7 +156,7 @@ export class Library {
 
     row(id, name, note, isAlarm) {
         return element('button', { id, className: 'row' }, element('span', { className: 'row-text' },
-            element('span', { className: 'row-name', textContent: name, title: name }),
+            element('span', { className: 'row-name', dir: 'auto', textContent: name, title: name }),
             element('span', { className: isAlarm ? 'row-note alarm' : 'row-note', textContent: note, title: note })));
     }
 }

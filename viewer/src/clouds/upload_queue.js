@@ -12,7 +12,7 @@ const kFirstRateMs = 700;  // ... once there is one to speak of
 /** Files on their way to the server, one after the other. Each is a row below the button that adds them, and can be called off there. */
 export class UploadQueue {
     /**
-     * @param onStart  told when the first of several files sets out; @param onEnd  when none is left: the last cloud, if any, and how many there are
+     * @param onStart  told when the first of several files sets out; @param onEnd  when none is left: the clouds
      * @param onProgress  told the `name` and a `note` of what is being sent
      */
     constructor({ onStart, onEnd, onProgress }) {
@@ -42,7 +42,7 @@ export class UploadQueue {
         upload.note = element('span', { className: 'row-note', textContent: `Waiting, ${format.bytes(file.size)}` });
         upload.bar = element('progress', { max: 1, value: 0, ariaLabel: `Upload of ${file.name}`, hidden: true });
         upload.row = element('li', {}, element('span', { className: 'row-text' },
-            element('span', { className: 'row-name', textContent: file.name, title: file.name }), upload.note, upload.bar), cancel);
+            element('span', { className: 'row-name', dir: 'auto', textContent: file.name, title: file.name }), upload.note, upload.bar), cancel);
         byId.uploads.append(upload.row);
         return upload;
     }
@@ -68,7 +68,7 @@ export class UploadQueue {
         }
         this.isBusy = false;
         byId['upload-told'].textContent = '';
-        this.onEnd({ cloud: clouds.at(-1) ?? null, count: clouds.length });
+        this.onEnd(clouds);
     }
 
     /** What became of files that are not there, in one notice. */
@@ -77,9 +77,9 @@ export class UploadQueue {
         const action = lost.length > 0 ? { action: { name: 'Try again', act: () => this.add(lost) } } : {};
         const what = lost.length === refused.length ? 'sent' : 'accepted';
         if (refused.length === 1) {
-            return showProblem(refused[0].error, `${refused[0].file.name} was not ${what}`, action);
+            return showProblem({ message: reasonOf(refused[0]) }, `${refused[0].file.name} was not ${what}`, action);
         }
-        const message = refused.map(({ file, error }) => `${file.name}: ${error.message}`).join('\n');
+        const message = refused.map((one) => `${one.file.name}: ${reasonOf(one)}`).join('\n');
         return showProblem({ message }, `${refused.length} files were not ${what}`, action);
     }
 
@@ -107,6 +107,9 @@ export class UploadQueue {
         });
     }
 }
+
+/** Of a file that is in no format that the server knows its first bytes tell a person nothing. */
+const reasonOf = ({ error }) => error.message.replace(/^(neither [^:]*): the file starts with .*/s, 'The file is $1.');
 
 /** How long the rest of a file will take, by how fast the last of it went. */
 class Rate {

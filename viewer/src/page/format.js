@@ -23,7 +23,7 @@ export function bytes(n) {
         n /= 1000;
         unit += 1;
     }
-    return `${unit === 0 || n >= 99.95 ? Math.round(n) : n.toFixed(1)} ${units[unit]}`;
+    return `${unit === 0 || n >= 99.95 ? Math.round(n) : n.toFixed(1)}\u00a0${units[unit]}`;
 }
 
 const kTiny = 1e-5;
@@ -32,8 +32,8 @@ const withMinus = (text) => text.replaceAll('-', '\u2212');
 
 /** `12.3 of 62.0 MB` */
 export function bytesOf(part, all) {
-    const [[n, unit], whole] = [bytes(part).split(' '), bytes(all)];
-    return whole.endsWith(` ${unit}`) ? `${n} of ${whole}` : `${n} ${unit} of ${whole}`;
+    const [[n, unit], whole] = [bytes(part).split('\u00a0'), bytes(all)];
+    return whole.endsWith(`\u00a0${unit}`) ? `${n} of ${whole}` : `${n}\u00a0${unit} of ${whole}`;
 }
 
 /** With three significant digits, and a minus sign as wide as a digit. */

@@ -25,9 +25,9 @@ export function showMissing(error) {
     }
 }
 
-/** Tells of something that can be acted upon, by a button with a name. It goes after a while, unless someone is about to press it. */
-export function offer(title, name, act) {
-    const notice = noticeOf(element('strong', { textContent: title }), { name, act });
+/** Tells of something, and where it can be acted upon, offers that by a button. It goes after a while, unless someone is about to press it. */
+export function tell(title, action = null) {
+    const notice = noticeOf(element('strong', { textContent: title }), action);
     const remove = show(notice);
     passing.add(notice);
     let waiting = null;
