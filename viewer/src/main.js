@@ -202,7 +202,7 @@ function openNew(result, options) {
 function closeResult() {
     comparison.end();
     view.close();
-    sheet.show('half');  // without a result there is nothing to fold
+    sheet.unfold();
     session.close();
     session = null;
     comparison.setLeft(null);

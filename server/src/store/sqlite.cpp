@@ -69,6 +69,14 @@ std::string Rows::text(int column) const {
     return bytes ? std::string(bytes, size) : std::string();
 }
 
+std::size_t Rows::text_bytes() const {
+    std::size_t bytes = 0;
+    for (int column = 0; column < sqlite3_data_count(statement_); ++column)
+        if (sqlite3_column_type(statement_, column) == SQLITE_TEXT)  // the size of a number is none
+            bytes += static_cast<std::size_t>(sqlite3_column_bytes(statement_, column));
+    return bytes;
+}
+
 std::optional<std::string> Rows::maybe_text(int column) const {
     if (is_null(column)) return std::nullopt;
     return text(column);

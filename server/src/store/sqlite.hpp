@@ -32,13 +32,8 @@ public:
         return sqlite3_column_type(statement_, column) == SQLITE_NULL;
     }
     std::string text(int column) const;
-    /// Of the row's texts and numbers.
-    std::size_t bytes() const {
-        std::size_t bytes = 0;
-        for (int column = 0; column < sqlite3_data_count(statement_); ++column)
-            bytes += static_cast<std::size_t>(sqlite3_column_bytes(statement_, column));
-        return bytes;
-    }
+    /// Of all texts of the row.
+    std::size_t text_bytes() const;
     std::optional<std::string> maybe_text(int column) const;
 
 private:

@@ -120,7 +120,7 @@ auto read_page(Rows& rows, unsigned limit, std::string_view listing, int row_col
             break;
         }
         last_row = rows.integer(row_column);
-        bytes += rows.bytes();
+        bytes += rows.text_bytes();
         try {
             page.items.push_back(item_of(rows));
         } catch (const Error&) {

@@ -53,6 +53,13 @@ export class Sheet {
         byId.grip.ariaLabel = isFolded ? 'Show level and figures' : `${this.isOpen ? 'Hide' : 'Show'} clouds and results`;
     }
 
+    /** Where there is no card any more. */
+    unfold() {
+        if (this.state === 'folded') {
+            this.show('half');
+        }
+    }
+
     /** The focus goes to the grip. */
     close() {
         if (this.isOpen) {
