@@ -18,7 +18,9 @@ namespace fs = std::filesystem;
 
 namespace {
 
-constexpr std::string_view kScratchPrefix = ".stipple-", kScratchName = ".stipple-XXXXXX";
+/// `mkdtemp` puts letters and digits for each X.
+constexpr std::string_view kScratchName = ".stipple-XXXXXX";
+constexpr std::string_view kScratchPrefix = kScratchName.substr(0, kScratchName.find('X'));
 
 /// Also of places where nothing is yet.
 bool is_same(const fs::path& a, const fs::path& b) {
